@@ -8,7 +8,6 @@ from typing import get_type_hints
 
 import pytest
 from annex import all_annexes
-from conftest import SESSION_TOML, Table, write_session
 from formats_page import CODE, EFFECTS, PAGE, SCHEMA, keys_on_page, rows, section, strangers
 
 import calibrate
@@ -84,14 +83,6 @@ def test_the_defaults_of_session_toml_are_those_of_the_page():
             assert str(found.default) == default.strip('`"')
         elif found.default is None:
             assert default == "none"
-
-
-def test_a_repair(tmp_path):
-    toml = SESSION_TOML.replace("= 500", "= 250")
-    folder = write_session(tmp_path / "s", Table().tumble(9, seed=5).samples(), toml=toml)
-    write_session(folder, Table().rest(3).turn(180, (0, 0, 1)).turn(-180, (0, 0, 1)).rest(3).samples(), "closure0001.csv", toml)
-    assert_on_page(told("check", folder, "--repair", tmp_path / "copy", tmp_path / "x.json"), "tinygc-repair/1")
-    assert_on_page(json.loads((tmp_path / "copy" / "repaired.json").read_text()), "tinygc-repair/1")
 
 
 def test_fit_and_every_file_that_it_leaves(folder):

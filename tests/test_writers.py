@@ -152,8 +152,8 @@ def no_thread(monkeypatch):
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning", "ignore::ResourceWarning")  # the killed close nothing
 @pytest.mark.parametrize(("name", "fault"), [(name, FAULTS[number % len(FAULTS)]) for number, name in enumerate(WRITERS)])
 def test_whichever_call_fails_the_old_is_whole_or_the_new(tmp_path, name, fault):
-    """Of a folder's hundreds of calls some, and of a file's every third one."""
-    step = 61 if WRITERS[name].folder else 3
+    """Of a folder's hundreds of calls some, and of a file's every fifth one."""
+    step = 101 if WRITERS[name].folder else 5
     count, wrong = tried(WRITERS[name], tmp_path / "w", fault, lambda number: number % step == 1)
     assert wrong == []
     assert count

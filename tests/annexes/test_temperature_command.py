@@ -20,7 +20,7 @@ from tinygc.annexes.temperature.rest_simulation import write_rest
 @pytest.fixture(scope="module")
 def rests(tmp_path_factory):
     """A folder of one rest log, fitted by nobody yet; read only."""
-    options = RestOptions(cycles=2.0, cycle_s=450.0, cold_c=5.0, warm_c=55.0, lag_s=25.0, slope_dps_per_c=0.034)
+    options = RestOptions(cycles=2.0, cycle_s=300.0, cold_c=5.0, warm_c=55.0, lag_s=25.0, slope_dps_per_c=0.034)
     return write_rest(options, SimulationOptions(odr_hz=62.5, seed=3), tmp_path_factory.mktemp("rest") / "rests")
 
 

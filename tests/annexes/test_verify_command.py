@@ -115,25 +115,17 @@ def test_a_zero_that_moved_is_taken_anew_and_the_new_model_holds(model, unit, tm
     assert covariance[9:, 9:] == pytest.approx(found.result.bias_covariance)
     assert not covariance[9:, :9].any()
     assert covariance[:9, :9] == pytest.approx(np.diag(SIGMA**2)[:9, :9])
-    assert tinygc.verify(written, today).answer == "holds"
+    again = tinygc.verify(written, today)  # whose file says how warm it was
+    assert (again.answer, any("how warm" in note for note in again.result.notes)) == ("holds", False)
 
 
-TURNED = [0.02, -0.01, 0.015]
-
-
-@pytest.mark.parametrize(
-    ("name", "left", "right", "theta"),
-    [
-        ("scale", np.eye(3), np.diag([1.02, 1, 1]), [-0.02, 0, 0]),  # the axis reads less
-        ("common scale", np.eye(3), 2 * np.eye(3), [-1]),  # another full scale
-        ("rotation", Rotation.from_rotvec(TURNED).as_matrix(), np.eye(3), TURNED),
-    ],
-)
-def test_what_changed_in_e_is_named_and_b_anew_is_not_written(model, unit, tmp_path, name, left, right, theta):
-    found = tinygc.verify(model, session_of(replace(unit, E=left @ unit.E @ right, B=left @ unit.B)))
+def test_what_changed_in_e_is_named_and_b_anew_is_not_written(model, unit, tmp_path):
+    turned = [0.02, -0.01, 0.015]
+    R = Rotation.from_rotvec(turned).as_matrix()
+    found = tinygc.verify(model, session_of(replace(unit, E=R @ unit.E, B=R @ unit.B)))
     best, cost = found.result.diagnosis.best, found.result.cost
-    assert (found.answer, found.exit_code, best.names) == ("does not hold", 1, (name,))
-    assert best.theta == pytest.approx(theta, abs=5e-4)
+    assert (found.answer, found.exit_code, best.names) == ("does not hold", 1, ("rotation",))
+    assert best.theta == pytest.approx(turned, abs=5e-4)
     assert np.linalg.norm(cost.bias_anew) > 0.5 * np.linalg.norm(cost.as_it_is)  # another B does not mend E
     with pytest.raises(DataError, match=r"not written with B anew: .* departs from the calibration: E \("):
         found.save_model(tmp_path / "anew.json")
@@ -179,16 +171,6 @@ def test_a_zero_that_differs_from_rest_to_rest_is_seen_where_the_old_rests_were_
     noise = {question.name: question for question in found.result.questions}["noise"]
     assert (noise.holds, found.answer) == (False, "does not hold")
     assert 60 * noise.left_rps / DEG == pytest.approx(60 * 0.1 / np.sqrt(3), rel=0.7)
-
-
-def test_the_temperature_is_that_of_the_model_file(model, unit, today, tmp_path):
-    table = json.loads(model.read_text()) | {"temperature_c": today.temperature_c - 20}
-    (tmp_path / "then.json").write_text(json.dumps(table))
-    then = tinygc.verify(tmp_path / "then.json", session_of(replace(unit, B=unit.B - 2 * DEG)))
-    assert not any("how warm" in note for note in then.result.notes)
-    assert "temperature" in then.result.diagnosis.alone
-    written = json.loads(then.save_model(tmp_path / "anew.json").read_text())
-    assert written["temperature_c"] == pytest.approx(today.temperature_c, abs=0.5)
 
 
 def test_rates_in_another_unit_are_said_to_be(model, today):

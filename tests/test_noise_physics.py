@@ -44,18 +44,11 @@ FLAT = 1e6
 NO_VARIANCE = 1e-4
 
 
-def one_way(seed, between=2.0, within=0.5):
-    rng = np.random.default_rng(seed)
-    return 3.0 + between * rng.normal(size=(GROUPS, 1)) + within * rng.normal(size=(GROUPS, REPEATS))
-
-
-def of_groups(y, J=None, steps=60, **more):
-    """Sizes of the groups' and the repeats' errors, mean fitted; the base is negligible."""
-    n = y.size
-    V = [np.kron(np.eye(len(y)), np.ones((y.shape[1], y.shape[1]))), np.eye(n)]
-    J = FLAT * np.ones((n, 1)) if J is None else J
-    options = {"usual": np.array([1.0, 1.0]), "priors": [None, None], "blocks": [np.arange(n)]} | more
-    return estimate(y.ravel(), J, 1e-9 * np.eye(n), V, steps=steps, **options)
+def sizes_of(y, V, J=0.0, usual=1.0, prior=None):
+    """Sizes of a component and of single rows, whose usual size is one, with one column; the base is negligible."""
+    n = len(y)
+    J, usual = J * np.ones((n, 1)), np.array([usual, 1.0])
+    return estimate(y, J, 1e-9 * np.eye(n), [V, np.eye(n)], usual, [prior, None], [np.arange(n)], with_sigma=True, steps=60)
 
 
 class Blocks:
@@ -144,9 +137,9 @@ def test_a_long_session_is_searched_in_three_of_its_blocks_and_weighed_by_all():
 
 
 def test_groups_alike_have_no_variance_between():
-    y = one_way(1, between=0.0)
+    y = 0.5 * np.random.default_rng(1).normal(size=(GROUPS, REPEATS))
     y -= y.mean(axis=1, keepdims=True)  # between would be negative
-    found = of_groups(y, with_sigma=True)
+    found = sizes_of(y.ravel(), np.kron(np.eye(GROUPS), np.ones((REPEATS, REPEATS))), FLAT)
     assert found.s[0] == 0.0
     # -2 log L = (g - 1) log(within + m between) + what does not depend on between: up by one at this size.
     assert found.sigma[0] == pytest.approx(found.s[1] * np.sqrt((np.exp(1 / (GROUPS - 1)) - 1) / REPEATS), rel=0.003)
@@ -156,10 +149,8 @@ def test_groups_alike_have_no_variance_between():
 
 def test_of_two_components_alike_the_sum_alone_is_determined():
     y = np.random.default_rng(2).normal(size=8)
-    V = [np.eye(8), np.eye(8)]
-    found = estimate(y, np.zeros((8, 1)), 1e-9 * np.eye(8), V, np.ones(2), [None, None], [np.arange(8)], with_sigma=True, steps=60)
-    variance = y @ y / 8
-    assert found.s @ found.s == pytest.approx(variance, rel=1e-3)
+    found = sizes_of(y, np.eye(8))
+    assert found.s @ found.s == pytest.approx(y @ y / 8, rel=1e-3)
     assert np.isinf(found.sigma).all()
 
 
@@ -167,15 +158,10 @@ def test_a_component_that_the_columns_take_up_may_have_any_size():
     """Its sigma is as good as infinite; of a column known to c, the mean has the variance v = s^2 + c^2 + within / n, -2 log L = log v."""
     y = np.random.default_rng(8).normal(size=6)
     y -= y.mean()
-
-    def sigma(column):
-        V, J = [np.ones((6, 6)), np.eye(6)], column * np.ones((6, 1))
-        return estimate(y, J, 1e-9 * np.eye(6), V, np.ones(2), [None, None], [np.arange(6)], with_sigma=True, steps=60).sigma[0]
-
-    assert sigma(FLAT) > 1e5
-    assert np.isinf(sigma(20.0))  # too flat for a search to move: -2 log L is curved downwards there
-    for known in (2.0, 10.0):
-        assert sigma(known) == pytest.approx(np.sqrt((np.e - 1) * (known**2 + y @ y / 5 / 6)), rel=0.01)
+    of_flat, of_curved, *known = (sizes_of(y, np.ones((6, 6)), column).sigma[0] for column in (FLAT, 20.0, 2.0, 10.0))
+    assert of_flat > 1e5
+    assert np.isinf(of_curved)  # too flat for a search to move: -2 log L is curved downwards there
+    assert known == pytest.approx(np.sqrt((np.e - 1) * (np.array([2.0, 10.0]) ** 2 + y @ y / 5 / 6)), rel=0.01)
 
 
 @pytest.mark.parametrize(("prior", "above"), [(Prior(2.0, 0.5), 0.5), (Prior(2.0, 0.5, 0.25), 0.25)])
@@ -186,11 +172,9 @@ def test_a_prior_counts_in_its_own_spreads(prior, above):
 
 @pytest.mark.parametrize(("variance", "there"), [(0.99 * NO_VARIANCE, False), (1.01 * NO_VARIANCE, True)])
 def test_a_component_below_a_hundredth_of_its_usual_size_is_absent(variance, there):
-    y = np.random.default_rng(3).normal(size=6)
-    prior = Prior(3.0 * np.sqrt(variance), 1e-4)
-    V = [9.0 * np.eye(6), np.eye(6)]
-    found = estimate(y, np.zeros((6, 1)), 1e-9 * np.eye(6), V, np.array([3.0, 1.0]), [prior, None], [np.arange(6)], steps=60)
-    assert found.s[0] == pytest.approx(3.0 * np.sqrt(variance) * there, rel=1e-3)
+    size = 3.0 * np.sqrt(variance)
+    found = sizes_of(np.random.default_rng(3).normal(size=6), 9.0 * np.eye(6), usual=3.0, prior=Prior(size, 1e-4))
+    assert found.s[0] == pytest.approx(size * there, rel=1e-3)
 
 
 #: nothing missed by any turn
@@ -277,11 +261,7 @@ def test_an_error_of_a_still_tilts_the_ends_of_two_turns_and_lengthens_gravity()
 
     by_tilt = numeric_jacobian(moved, np.zeros(18), 1e-3)
     component = found_in(problem)[REFERENCE]
-    rows = len(by_tilt)
-    expected = np.zeros((rows + 36, rows + 36))
-    expected[:rows, :rows], expected[-9:, -9:] = by_tilt @ by_tilt.T, np.eye(9)
-    alike(dense(component)[:rows, :rows], expected[:rows, :rows], 2e-3)
-    np.testing.assert_array_equal(dense(component)[rows:, :], expected[rows:, :])
+    alike(dense(component), block_diag(by_tilt @ by_tilt.T, np.zeros((27, 27)), np.eye(9)), 2e-3)
     assert component.usual == 0.1 * MG
 
 
@@ -379,37 +359,41 @@ def test_the_data_rate_that_is_needed_follows_the_law():
     assert NOTHING.rate_needed_hz(0.4, 0.1) == pytest.approx(200)
 
 
-def noise_of(sizes, *, n=6, priors=(None, None, None), names=(TURN, STILL_RATE, WANDER), usual=(1.0, 1.0, 1.0)) -> SessionNoise:
+def noise_of(sizes, *, priors=(None, None, None), names=(TURN, STILL_RATE, WANDER), usual=(1.0, 1.0, 1.0)) -> SessionNoise:
     """Diagonal components of the first three rows, the next two, and a dense one of all."""
-    V = [np.diag([1.0, 1, 1, 0, 0, 0]), np.diag([0.0, 0, 0, 1, 1, 0]), np.full((n, n), 0.5) + np.eye(n)]
-    V = [Sparse.of(V[0]), Sparse.of_diagonal(np.diag(V[1])), V[2]]
+    V = [Sparse.of(np.diag([1.0, 1, 1, 0, 0, 0])), Sparse.of_diagonal(np.array([0.0, 0, 0, 1, 1, 0])), 0.5 + np.eye(6)]
     made = zip(names, V, usual, priors, strict=False)
     parts = tuple(Component(name, each, size, "deg", DEG, f"it is {name}", prior) for name, each, size, prior in made)
-    return SessionNoise(parts, [np.arange(n)], NOTHING, np.array(sizes), np.array([0.1 * DEG, np.inf, 0.0]))
+    return SessionNoise(parts, [np.arange(6)], NOTHING, np.array(sizes), np.array([0.1 * DEG, np.inf, 0.0]))
 
 
 def test_the_covariance_is_the_sum_of_squares_times_components():
     noise = noise_of([2.0, 3.0, 0.5])
-    expected = np.diag([4.0, 4, 4, 9, 9, 0]) + 0.25 * (0.5 + np.eye(6))
-    np.testing.assert_allclose(noise.covariance, expected)
+    np.testing.assert_allclose(noise.covariance, np.diag([4.0, 4, 4, 9, 9, 0]) + 0.25 * (0.5 + np.eye(6)))
     assert [noise.size(name) for name in (TURN, STILL_RATE, WANDER, REFERENCE)] == [2.0, 3.0, 0.5, 0.0]
     left = noise.without(STILL_RATE)
-    assert [c.name for c in left.components] == [TURN, WANDER]
-    np.testing.assert_array_equal(left.s, [2.0, 0.5])
-    np.testing.assert_array_equal(left.sigma, [0.1 * DEG, 0.0])
+    assert ([c.name for c in left.components], left.s.tolist(), left.sigma.tolist()) == ([TURN, WANDER], [2.0, 0.5], [0.1 * DEG, 0.0])
+
+
+UNKNOWN = _UNKNOWN_WANDER_RPS * np.exp(3 * _UNKNOWN_SPREAD)  #: where nothing is known of this one: 900 °/h
 
 
 @pytest.mark.parametrize(
-    ("name", "limit"), [(TURN, 2.0), (STILL_RATE, 2.0), (UNDERSAMPLED, np.exp(0.8)), (WANDER, 3.0 * np.exp(3 * 0.4)), (REFERENCE, np.inf)]
+    ("name", "prior", "limit"),
+    [
+        (TURN, None, 2.0),
+        (STILL_RATE, None, 2.0),
+        (UNDERSAMPLED, Prior(3.0, 0.4), np.exp(0.8)),
+        (WANDER, Prior(3.0, 0.4), 3.0 * np.exp(3 * 0.4)),
+        (WANDER, None, UNKNOWN),
+        (REFERENCE, None, np.inf),
+    ],
 )
-def test_noise_is_unusual_above_its_limit(name, limit):
+def test_noise_is_unusual_above_its_limit(name, prior, limit):
     """A turn's or a still's above white noise, the undersampling above two of its spreads, the wander above three."""
-    for times, unusual in ((1.0, False), (1.001, limit < np.inf)):
-        s = times * min(limit, 1e3)
-        noise = noise_of([s, 0.0, 0.0], names=(name, "a", "b"), usual=(2.0, 1.0, 1.0), priors=(Prior(3.0, 0.4), None, None))
-        assert bool(noise.unusual) is bool(unusual)
-    at = _UNKNOWN_WANDER_RPS * np.exp(3 * _UNKNOWN_SPREAD)  # where nothing is known of this one: 900 °/h
-    assert [noise_of([times * at, 0.0, 0.0], names=(WANDER, "a", "b")).unusual for times in (0.999, 1.001)] == [False, True]
+    for times, unusual in ((0.999, False), (1.001, limit < np.inf)):
+        sizes = [times * min(limit, 1e3), 0.0, 0.0]
+        assert bool(noise_of(sizes, names=(name, "a", "b"), usual=(2.0, 1.0, 1.0), priors=(prior, None, None)).unusual) == unusual
 
 
 def test_it_is_told_in_its_units():
@@ -440,14 +424,11 @@ def test_the_p_value_of_unusual_noise_is_the_likelihood_ratios():
     gains = [gain(slice(0, 3)), gain(slice(3, 5))]
     assert noise.unusual
     expected = chi2.sf(sum(gains), 1) / 2 + chi2.sf(sum(gains), 2) / 4
-    assert noise.unusual_p(np.eye(6), r, np.zeros((6, 1))) == pytest.approx(expected, rel=1e-3)
-    only = replace(noise, s=np.array([noise.s[0], 0.5, 0.0]))  # what grows beside it is held, too
-    assert only.unusual_p(np.eye(6), r, np.zeros((6, 1))) == pytest.approx(expected, rel=1e-3)
-    small = replace(noise, s=np.array([0.9, 0.9, 0.0]))
-    assert small.unusual_p(np.eye(6), r, np.zeros((6, 1))) == 1.0
+    for s, p in (noise.s, expected), ([noise.s[0], 0.5, 0.0], expected), ([0.9, 0.9, 0.0], 1.0):  # what grows beside it is held, too
+        assert replace(noise, s=np.array(s)).unusual_p(np.eye(6), r, np.zeros((6, 1))) == pytest.approx(p, rel=1e-3)
 
 
-@pytest.mark.parametrize(("prior", "limit"), [(Prior(1.0, 0.5), np.exp(1.5)), (None, _UNKNOWN_WANDER_RPS * np.exp(3 * _UNKNOWN_SPREAD))])
+@pytest.mark.parametrize(("prior", "limit"), [(Prior(1.0, 0.5), np.exp(1.5)), (None, UNKNOWN)])
 def test_a_drift_is_held_against_the_largest_that_such_a_sensor_has(prior, limit):
     """By hand: the likelihood with it at its limit, the prior's cost with it; also where it grows beyond it once a turn's is held."""
     white = limit**2 * np.eye(6)
@@ -479,8 +460,7 @@ def test_beside_an_effect_the_noise_is_of_what_both_leave_with_the_effects_own_s
     both = np.hstack([J, effect * np.abs(fitted(np.hstack([J, effect]))[1])])
     expected = noise.estimated_beside(sigma**2 * np.eye(6), r + both @ fitted(both), both, noise.s, steps=_GUESS_STEPS)
     found = noise_beside(noise, lambda rows: rows / sigma, sigma**2 * np.eye(6), r, J, effect, noise.s)
-    assert found.s == pytest.approx(expected.s, rel=1e-6)
-    assert found.value == pytest.approx(expected.value, rel=1e-9)
+    assert [*found.s, found.value] == pytest.approx([*expected.s, expected.value], rel=1e-6)
 
 
 def test_a_long_session_is_cut_into_blocks_of_turns_with_the_stills_before_them():

@@ -26,7 +26,7 @@ from tinygc.estimation.requirements import (
 from tinygc.estimation.requirements import conformity as conformities
 from tinygc.estimation.sources import Source
 from tinygc.estimation.verdict import JudgedFit, decide
-from tinygc.models.linear import MATRIX, field_jacobian, field_quantities
+from tinygc.models.linear import field_jacobian, field_quantities
 
 INF = float("inf")
 BETWEEN = (-2.0, 3.0)
@@ -75,41 +75,37 @@ def test_the_guard_band_scales_with_r_and_with_students_k():
 
 @pytest.mark.parametrize("freedom", [INF, 3.0])
 def test_a_largest_risk_is_kept_on_both_sides(freedom):
-    law = stats.norm() if freedom == INF else stats.t(freedom)
-    away = 0.1 * law.ppf(0.95)
-
-    def at(value):
-        return conformity(value, Rule(GUARDED, risk=0.05), (-INF, 3.0), freedom=freedom)
-
-    inside, outside = at(3 - away - TINY), at(3 + away + TINY)
-    assert (inside.answer, outside.answer) == ("pass", "fail")
-    assert inside.risk == pytest.approx(0.05, abs=1e-6)
-    assert outside.risk == pytest.approx(0.05, abs=1e-6)
-    assert at(3 - away + 1e-6).answer == at(3 + away - 1e-6).answer == "not decided"
-    assert inside.band == pytest.approx(away)
+    away = 0.1 * (stats.norm() if freedom == INF else stats.t(freedom)).ppf(0.95)
+    risk = pytest.approx(0.05, abs=1e-6)
+    for beyond, expected in ((TINY, [("pass", risk), ("fail", risk)]), (-1e-6, [("not decided", None)] * 2)):
+        at = [conformity(3 + side * (away + beyond), Rule(GUARDED, risk=0.05), (-INF, 3.0), freedom=freedom) for side in (-1, 1)]
+        assert [(each.answer, each.risk) for each in at] == expected
+        assert at[0].band == pytest.approx(away)
 
 
 def test_simple_acceptance_passes_up_to_the_limit_and_says_the_risk():
-    at = conformity(3.0, Rule())
-    assert (at.answer, at.risk) == ("pass", pytest.approx(0.5))
-    above = conformity(3.1, Rule())
-    assert (above.answer, above.risk) == ("fail", pytest.approx(stats.norm.cdf(-1)))
-    assert "risk that this FAIL is wrong: 16 %" in above.words
-    assert conformity(2.9, Rule(GUARDED)).value_words == "2.90 mdps ± 0.20 mdps (k = 1.96)"
+    for value, answer, risk in ((3.0, "pass", 0.5), (3.1, "fail", stats.norm.cdf(-1))):
+        at = conformity(value, Rule())
+        assert (at.answer, at.risk) == (answer, pytest.approx(risk))
+    assert "risk that this FAIL is wrong: 16 %" in at.words
+
+
+def test_a_conformity_is_told_with_what_it_stands_on():
+    found = conformity(2.9, Rule(GUARDED))
+    assert found.value_words == "2.90 mdps ± 0.20 mdps (k = 1.96)"
+    assert found.risk_words == "a PASS would be wrong with p = 0.16, a FAIL with p = 0.84"
     assert conformity(2.9, Rule(), sigma=0.0).value_words == "2.90 mdps"
-    assert conformity(2.9, Rule(GUARDED)).risk_words == "a PASS would be wrong with p = 0.16, a FAIL with p = 0.84"
     table = conformity(2.9, Rule(GUARDED), freedom=9.0).to_json()
-    expected = {"value": 2.9, "standard_uncertainty": 0.1, "degrees_of_freedom": 9, "lower": -2.0, "upper": 3.0}
     k = stats.t(9).ppf(0.975)
-    expected |= {"guard_band": 0.1 * k, "test_uncertainty_ratio": 5 / (0.2 * k), "conformity_probability": stats.t(9).cdf(1.0)}
+    expected = {"value": 2.9, "standard_uncertainty": 0.1, "degrees_of_freedom": 9, "lower": -2.0, "upper": 3.0, "guard_band": 0.1 * k}
+    expected |= {"test_uncertainty_ratio": 5 / (0.2 * k), "conformity_probability": stats.t(9).cdf(1.0)}
     assert {key: table[key] for key in expected} == pytest.approx(expected)
 
 
 def test_a_least_ratio_leaves_a_poor_measurement_undecided():
     ratio = 5 / (2 * GUARD)
     assert conformity(0, Rule()).ratio == pytest.approx(ratio, rel=1e-6)
-    assert conformity(0, Rule(least_ratio=ratio * 0.999)).answer == "pass"
-    assert conformity(0, Rule(least_ratio=ratio * 1.001)).answer == "not decided"
+    assert [conformity(0, Rule(least_ratio=ratio * share)).answer for share in (0.999, 1.001)] == ["pass", "not decided"]
     assert conformity(0, Rule(), limits=(-INF, 3)).ratio is None
 
 
@@ -150,20 +146,21 @@ def test_a_closure_of_one_segment_or_of_nothing_has_no_uncertainty():
     assert np.isnan(none.sigma)
 
 
+def closed(value, limits, **rule):
+    """A closure that is known to a tenth, with nine degrees of freedom."""
+    return Conformity(Measured("closure_deg", "closure", "°", value, 0.1 * value, 9.0, relative=True), limits, Rule(GUARDED, **rule))
+
+
 def test_a_closure_is_decided_by_its_logarithm():
-    m = Measured("closure_deg", "closure", "°", 2.0, 0.2, 9.0, relative=True)
-    found, law = Conformity(m, (-INF, 2.5), Rule(GUARDED)), stats.t(9)
+    found, law = closed(2.0, (-INF, 2.5)), stats.t(9)
+    factor = np.exp(0.1 * law.ppf(0.975))
     assert found.probability == pytest.approx(law.cdf(np.log(2.5 / 2) / 0.1))
-    most = 2.5 * np.exp(-0.1 * law.ppf(0.975))
-    assert found.acceptance == pytest.approx((0.0, most))
-    assert found.band == pytest.approx(2.5 - most)
-    least = 2.5**2 / most
-    for value, answer in ((most + TINY, "not decided"), (least + TINY, "fail")):
-        at = Measured("closure_deg", "closure", "°", value, 0.1 * value, 9.0, relative=True)
-        assert Conformity(at, (-INF, 2.5), Rule(GUARDED)).answer == answer
-    two = Conformity(m, (1.5, 2.5), Rule(GUARDED, risk=0.05))
+    assert (*found.acceptance, found.band) == pytest.approx((0.0, 2.5 / factor, 2.5 - 2.5 / factor))
+    assert closed(1.8, (1.5, INF)).band == pytest.approx(1.5 * (factor - 1))
+    for value, answer in ((2.5 / factor + TINY, "not decided"), (2.5 * factor + TINY, "fail")):
+        assert closed(value, (-INF, 2.5)).answer == answer
+    two = closed(2.0, (1.5, 2.5), risk=0.05)
     assert two.probability == pytest.approx(law.cdf(np.log(2.5 / 2) / 0.1) - law.cdf(np.log(1.5 / 2) / 0.1))
-    assert Conformity(m, (1.5, INF), Rule(GUARDED)).band == pytest.approx(1.5 * (np.exp(0.1 * law.ppf(0.975)) - 1))
 
 
 @pytest.mark.parametrize("error", [(0.2, -0.1, 0.3), (0.0, 0.0, 0.0)])
@@ -196,41 +193,42 @@ def test_a_guard_band_of_a_closure_run_is_that_of_its_distribution():
     m = run_measured("a", error, floor)
     assert m.value == pytest.approx(0.09 / np.sqrt(3))
     law = stats.ncx2(3, 81)  # of 3 RMSE^2 / floor^2
-    passes, fails = (float(np.sqrt(law.ppf(share) / 3) * 0.01) for share in (0.975, 0.025))
-    for limit, answer in (
-        (passes * 1.001, "pass"),
-        (passes * 0.999, "not decided"),
-        (fails * 1.001, "not decided"),
-        (fails * 0.999, "fail"),
+    passes, fails = np.sqrt(law.ppf([0.975, 0.025]) / 3) * 0.01
+    for limits, answer in (
+        ((-INF, passes * 1.001), "pass"),
+        ((-INF, passes * 0.999), "not decided"),
+        ((-INF, fails * 1.001), "not decided"),
+        ((-INF, fails * 0.999), "fail"),
+        ((0.04, 0.08), "pass"),
+        ((0.09, INF), "fail"),
     ):
-        assert Conformity(m, (-INF, limit), Rule(GUARDED)).answer == answer
-    within = Conformity(m, (-INF, 0.08), Rule(GUARDED))
-    at = run_measured("a", error * within.acceptance[1] / m.value, floor)
-    assert Conformity(at, (-INF, 0.08), Rule()).probability == pytest.approx(0.975, abs=1e-5)
-    assert within.band == pytest.approx(0.08 - within.acceptance[1])
-    above = Conformity(m, (0.04, INF), Rule(GUARDED))
-    at = run_measured("a", error * above.acceptance[0] / m.value, floor)
-    assert Conformity(at, (0.04, INF), Rule()).probability == pytest.approx(0.975, abs=1e-5)
-    assert Conformity(m, (0.04, 0.08), Rule(GUARDED)).answer == "pass"
-    assert Conformity(m, (0.09, INF), Rule(GUARDED)).answer == "fail"
+        assert Conformity(m, limits, Rule(GUARDED)).answer == answer
+    for limits, limit, end in (((-INF, 0.08), 0.08, 1), ((0.04, INF), 0.04, 0)):
+        found = Conformity(m, limits, Rule(GUARDED))
+        at = run_measured("a", error * found.acceptance[end] / m.value, floor)
+        assert Conformity(at, limits, Rule()).probability == pytest.approx(0.975, abs=1e-5)
+        assert found.band == pytest.approx(abs(limit - found.acceptance[end]))
 
 
 def test_a_closure_run_below_its_limit_does_not_fail_because_noise_is_above_it():
-    m = run_measured("a", np.full(3, 1e-3) * DEG, np.full(3, 0.03) * DEG)
-    assert Conformity(m, (-INF, 0.003), Rule(GUARDED, risk=0.05)).answer == "not decided"
-    assert Conformity(m, (-INF, 0.003), Rule(GUARDED)).band == pytest.approx(0.003)
+    def run(size, limit, **rule):
+        m = run_measured("a", np.full(3, size) * DEG, np.full(3, 0.03) * DEG)
+        return m, Conformity(m, (-INF, limit), Rule(**rule))
 
-    def band(sigmas):
-        return Conformity(m, (-INF, 1.0), Rule(GUARDED, guard=sigmas / m.factor))
+    assert run(1e-3, 0.003, kind=GUARDED, risk=0.05)[1].answer == "not decided"
+    m, found = run(1e-3, 0.003, kind=GUARDED)
+    assert found.band == pytest.approx(0.003)
+    four, more = (run(1e-3, 1.0, kind=GUARDED, guard=sigmas / m.factor)[1] for sigmas in (4.0, 4.9))
+    assert 1 - run(four.acceptance[1], 1.0)[1].probability == pytest.approx(stats.norm.sf(4), rel=0.01)
+    assert more.band == pytest.approx(four.band + 0.9 * m.sigma)  # beyond four sigmas the band is linear
 
-    at = run_measured("a", np.full(3, band(4.0).acceptance[1]) * DEG, np.full(3, 0.03) * DEG)
-    assert 1 - Conformity(at, (-INF, 1.0), Rule()).probability == pytest.approx(stats.norm.sf(4), rel=0.01)
-    assert band(4.9).band == pytest.approx(band(4.0).band + 0.9 * m.sigma)  # beyond four sigmas the band is linear
+
+STILL = np.r_[np.eye(3).ravel(), np.zeros(3)]
 
 
 def vector_and_sources():
     rng = np.random.default_rng(4)
-    vector = np.concatenate([np.eye(3).ravel() + 0.01 * rng.normal(size=9), 0.01 * rng.normal(size=3)])
+    vector = STILL + 0.01 * rng.normal(size=12)
     roots = rng.normal(size=(2, 12, 12)) * 1e-5
     return vector, [Source("one", "A", 5.0, roots[0] @ roots[0].T), Source("two", "B", INF, roots[1] @ roots[1].T)]
 
@@ -273,16 +271,12 @@ def test_sources_count_only_where_they_are_those_of_this_covariance():
 
 
 def test_the_attitude_after_a_minute_at_rest_is_the_bias_integrated():
-    covariance = np.zeros((12, 12))
-    covariance[9:, 9:] = np.diag([1.0, 4.0, 1.0]) * 1e-10
-    vector = np.concatenate([np.eye(3).ravel(), np.zeros(3)])
-    found = attitude_measured(vector, [Source("all", "A", INF, covariance)])
-    assert found.value == pytest.approx(1.959964 * 2e-5 * 60 / DEG, rel=1e-4)
-    few = np.zeros((12, 12))
-    few[10, 10] = 4e-10  # all of the worst axis, of another none
-    told = attitude_measured(vector, [Source("few", "A", 4.0, few), Source("many", "B", INF, covariance - few)])
-    assert told.value == pytest.approx(stats.t(4).ppf(0.975) * 2e-5 * 60 / DEG, rel=1e-4)
-    assert told.observed
+    """Of the worst axis alone, and with the degrees of freedom of its source."""
+    of_two, few = np.diag([*np.zeros(9), 1e-10, 0, 1e-10]), np.diag([*np.zeros(10), 4e-10, 0])
+    for freedom, k in ((INF, 1.959964), (4.0, stats.t(4).ppf(0.975))):
+        found = attitude_measured(STILL, [Source("few", "A", freedom, few), Source("many", "B", INF, of_two)])
+        assert found.value == pytest.approx(k * 2e-5 * 60 / DEG, rel=1e-4)
+        assert found.observed
 
 
 def test_the_attitude_is_an_uncertainty_itself_without_guard_band_and_risk():
@@ -295,25 +289,21 @@ def test_the_attitude_is_an_uncertainty_itself_without_guard_band_and_risk():
             assert found.to_json()["conformity_probability"] is None
     unobserved = attitude_measured(vector, sources, ("B_y",))
     assert conformities(Requirements({"attitude_60s_deg": (0.0, 1e6)}, Rule()), [unobserved])[0].answer == "not decided"
-    still = np.concatenate([np.eye(3).ravel(), np.zeros(3)])
-    assert attitude_measured(still, sources, ("E_xx",)).observed  # at rest without a bias E does not count
+    assert attitude_measured(STILL, sources, ("E_xx",)).observed  # at rest without a bias E does not count
 
 
 def test_an_accelerometer_that_was_given_has_no_uncertainty_and_what_is_not_observed_says_so():
     rows = [("bias", "mg", np.array([1.0, 2.0, 3.0]), None, ["bias x", "bias y", "bias z"])]
     found = accelerometer_measured(SimpleNamespace(errors=lambda: rows, unobserved=("bias y",), freedoms=np.full(9, np.inf)))
     assert [(each.key, each.value, each.observed) for each in found] == [
-        ("accel_bias_x_mg", 1.0, True),
-        ("accel_bias_y_mg", 2.0, False),
-        ("accel_bias_z_mg", 3.0, True),
+        (f"accel_bias_{axis}_mg", value, axis != "y") for axis, value in zip("xyz", (1.0, 2.0, 3.0), strict=True)
     ]
     assert np.isnan(found[0].sigma)
 
 
 def judged(**known):
     angles = np.full((40, 2), 1e-3 / np.sqrt(2)) * (1 + 0.2 * (-1) ** np.arange(40))[:, None]
-    vector = np.concatenate([np.eye(3).ravel() * 1.001, np.zeros(3)])
-    figures = {"angles": angles, "numbers": list(range(40)), "vector": vector, "floor_rms": 1e-3, "closure_p": 0.5}
+    figures = {"angles": angles, "numbers": list(range(40)), "vector": STILL * 1.001, "floor_rms": 1e-3, "closure_p": 0.5}
     figures |= {"closure_freedom": 68, "run_errors": [], "run_p": [], "run_losses": [], "covariance": np.diag(np.full(12, 1e-8))}
     return JudgedFit(**figures | known)
 
@@ -322,33 +312,35 @@ def required(rule=SIMPLE, **limits):
     return Requirements(limits, Rule(rule), "a data sheet", "session.toml")
 
 
+def of_scale(ppm, **limits):
+    return required(gyro_scale_factor_error_x_ppm=(-ppm, ppm), **limits)
+
+
 def test_a_requirement_of_the_closure_is_decided_by_its_rule_and_a_limit_takes_its_place():
     size = closure_measured(judged().angles, range(40))
     near = size.value + 0.5 * size.expanded
-    found = decide(judged(), [], None, requirements=required(GUARDED, closure_deg=(-INF, near)))
-    assert (found.answer, found.by_limit) == ("not decided", True)
-    assert decide(judged(), [], None, requirements=required(closure_deg=(-INF, near))).answer == "pass"
-    assert "Requirements of session.toml. Guard bands" in found.rule
-    limited = decide(judged(), [], near, requirements=required(GUARDED, closure_deg=(-INF, near)))
-    assert limited.answer == "pass"
-    assert "Requirements" not in limited.rule
-    assert decide(judged(), [], None, requirements=required(GUARDED, closure_deg=(-INF, size.value / 2))).answer == "fail"
+    for rule, most, limit, answer in (
+        (GUARDED, near, None, "not decided"),
+        (SIMPLE, near, None, "pass"),
+        (GUARDED, near, near, "pass"),
+        (GUARDED, size.value / 2, None, "fail"),
+    ):
+        found = decide(judged(), [], limit, requirements=required(rule, closure_deg=(-INF, most)))
+        assert (found.answer, found.by_limit) == (answer, True)
+        assert ("Requirements of session.toml" in found.rule) == (limit is None)
 
 
-def test_a_requirement_of_a_sensor_error_counts_beside_the_noise():
-    tight = required(gyro_scale_factor_error_x_ppm=(-500.0, 500.0))
-    found = decide(judged(), [], None, requirements=tight)
-    assert found.answer == "fail"
-    assert decide(judged(closure_p=1e-6), [], None, requirements=required(gyro_scale_factor_error_x_ppm=(-2e3, 2e3))).answer == "fail"
-    assert decide(judged(), [], None, requirements=required(gyro_scale_factor_error_x_ppm=(-2e3, 2e3))).answer == "pass"
-    unknown = judged(unobserved=("E_xx",))
-    assert decide(unknown, [], None, requirements=required(gyro_scale_factor_error_x_ppm=(-2e3, 2e3))).answer == "not decided"
+@pytest.mark.parametrize(
+    ("known", "ppm", "answer"),
+    [({}, 500.0, "fail"), ({}, 2e3, "pass"), ({"closure_p": 1e-6}, 2e3, "fail"), ({"unobserved": ("E_xx",)}, 2e3, "not decided")],
+)
+def test_a_requirement_of_a_sensor_error_counts_beside_the_noise(known, ppm, answer):
+    assert decide(judged(**known), [], None, requirements=of_scale(ppm)).answer == answer
 
 
 def test_a_value_beyond_its_limits_is_no_reason_against_the_calibration_itself():
-    tight = required(gyro_scale_factor_error_x_ppm=(-500.0, 500.0), closure_deg=(-INF, 1e-6))
-    assert decide(judged(), [], None, requirements=tight).unsound == []
-    found = decide(judged(closure_p=1e-6), [], None, requirements=required(gyro_scale_factor_error_x_ppm=(-500.0, 500.0)))
+    assert decide(judged(), [], None, requirements=of_scale(500.0, closure_deg=(-INF, 1e-6))).unsound == []
+    found = decide(judged(closure_p=1e-6), [], None, requirements=of_scale(500.0))
     assert [text[:31] for text in found.unsound] == ["closure of the fitted segments,"]
     run = {"run_errors": [np.full(3, 1e-3)], "run_p": [1e-6], "run_losses": [""]}
     assert [text[:5] for text in decide(judged(**run), ["c.csv"], None).unsound] == ["c.csv"]
@@ -370,16 +362,10 @@ def test_a_file_of_requirements(tmp_path):
     rule = 'rule = "guard band"\nguard = 0.5\nreference = "RX-12"\n'
     limits = "[closure_deg]\nupper = 1\n[gyro_bias_mdps]\nlower = -9\n[gyro_bias_y_mdps]\nupper = 3\n"
     found = read_requirements(written(tmp_path, rule + limits))
-    assert found.rule == Rule(GUARDED, 0.5)
-    assert found.reference == "RX-12"
-    assert found.limits == {
-        "closure_deg": (-INF, 1.0),
-        "gyro_bias_x_mdps": (-9.0, INF),
-        "gyro_bias_y_mdps": (-INF, 3.0),
-        "gyro_bias_z_mdps": (-9.0, INF),
-    }
+    assert (found.rule, found.reference) == (Rule(GUARDED, 0.5), "RX-12")
+    of_bias = {"gyro_bias_x_mdps": (-9.0, INF), "gyro_bias_y_mdps": (-INF, 3.0), "gyro_bias_z_mdps": (-9.0, INF)}
+    assert found.limits == {"closure_deg": (-INF, 1.0)} | of_bias
     assert {key for keys in GROUPS.values() for key in keys} < set(QUANTITIES)
-    assert slice(0, 9) == MATRIX
 
 
 @pytest.mark.parametrize(
@@ -410,10 +396,8 @@ def test_what_is_no_requirement_is_refused_in_one_line(tmp_path, text, says):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("angle", [0.0, 1e-3, 1.0, 3.0])
+@pytest.mark.parametrize("angle", [0.0, 1e-3, 3.0])
 def test_body_frames_are_apart_by_the_angle_of_the_turn_between_them(angle):
     begin = Rotation.from_rotvec([0.4, -0.2, 0.9])
-    triads = [
-        SimpleNamespace(calibration=SimpleNamespace(frame=q.as_matrix())) for q in (begin, Rotation.from_rotvec([0, 0, angle]) * begin)
-    ]
-    assert _frame_angle(*triads) == pytest.approx(angle, abs=1e-7)
+    frames = (begin.as_matrix(), (Rotation.from_rotvec([0, 0, angle]) * begin).as_matrix())
+    assert _frame_angle(*(SimpleNamespace(calibration=SimpleNamespace(frame=q)) for q in frames)) == pytest.approx(angle, abs=1e-7)

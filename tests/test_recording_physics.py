@@ -13,6 +13,7 @@ import threading
 import time
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -44,27 +45,37 @@ from tinygc.simulation.terminal import Terminal
 wire = pytest.fixture(make_wire, name="wire")
 
 
+@pytest.fixture(autouse=True)
+def _in_no_time(monkeypatch):
+    """Nobody waits for long: for bytes, for a port that is not there, and to look whether the files still exist."""
+    for name, seconds in (("port.READ_S", 0.02), ("port.RETRY_S", 0.01), ("rawfile.CHECK_S", 0.02)):
+        monkeypatch.setattr(f"session.bench.{name}", seconds)
+
+
+def frames_of(count, *more) -> bytes:
+    return b"".join(frame_list(*sent(count, *more)))
+
+
 @pytest.mark.parametrize("encode", [frame_list, line_list])
 def test_a_recording_is_a_log_and_replays_bit_for_bit(encode, wire, tmp_path):
     master, name = wire
     t_us, registers = sent(3000)
-    recorder = Recorder(tmp_path / "s", name)
+    recorder, folder = Recorder(tmp_path / "s", name), tmp_path / "s"
     data = b"".join(encode(t_us, registers)) + frames.encode_info(3000, INFO) * (encode is frame_list)
     events = record(recorder, master, data)
     recorder.close()
-    assert (tmp_path / "s" / "raw.bin").read_bytes() == data
-    table = np.loadtxt(tmp_path / "s" / "log0001.csv", delimiter=",", comments="#", skiprows=1, dtype=np.int64)
+    assert (folder / "raw.bin").read_bytes() == data
+    table = np.loadtxt(folder / "log0001.csv", delimiter=",", comments="#", skiprows=1, dtype=np.int64)
     assert np.array_equal(table, np.column_stack([t_us, registers]))
     assert len(samples(events)[0]) >= 2999  # the last line counts when the next has come, or at the end
-    assert replayed(tmp_path / "s" / "raw.bin", tmp_path / "again") == [(tmp_path / "s" / "log0001.csv").read_bytes()]
+    assert replayed(folder / "raw.bin", tmp_path / "again") == [(folder / "log0001.csv").read_bytes()]
 
 
 def test_a_reset_begins_a_new_log_and_comments_are_kept(tmp_path):
     logs = LogWriter(tmp_path)
     chunk = SampleChunk(*sent(3))
-    logs.write(
-        [Comment("first words"), chunk, INFO, INFO, Trouble("implausible", 2, 5), Trouble("reset"), chunk, Trouble("reconnect"), chunk]
-    )
+    lost, reset = Trouble("implausible", 2, 5), Trouble("reset")
+    logs.write([Comment("first words"), chunk, INFO, INFO, lost, reset, chunk, Trouble("reconnect"), chunk])
     logs.begin("closure")
     logs.write([Comment(INFO.text), INFO, chunk])
     logs.close()
@@ -202,31 +213,30 @@ def test_what_somebody_changed_is_kept_beside_it(tmp_path, at):
 
 
 def test_a_pulled_cable_and_the_next_connection(tmp_path):
-    first, second = sent(400), sent(400, 0, seed=1)
+    folder = tmp_path / "s"
     with Terminal(tmp_path / "port") as terminal:
-        recorder, events = Recorder(tmp_path / "s", str(terminal.name)), []
+        recorder, events = Recorder(folder, str(terminal.name)), []
         poll = lambda: events.extend(recorder.poll(0.02))  # noqa: E731
         until(lambda: recorder.connected, poll)
-        assert terminal.write(b"".join(frame_list(*first)) + frame_list(*first)[0][:9])
+        assert terminal.write(frames_of(400) + frames_of(1)[:9])
         until(lambda: recorder.decoder.samples == 400, poll)
         terminal.unplug()
         until(lambda: not recorder.connected, poll)
         assert recorder.why
         terminal.plug()
         until(lambda: recorder.connected, poll)
-        assert terminal.write(b"".join(frame_list(*second)))
+        assert terminal.write(frames_of(400, 0, 1))
         until(lambda: recorder.decoder.samples == 800, poll)
         recorder.close()
     assert [event.kind for event in events if isinstance(event, Trouble)] == ["garbage", "reconnect"]
-    there = [path.read_bytes() for path in sorted((tmp_path / "s").glob("log*.csv"))]
+    there = [path.read_bytes() for path in sorted(folder.glob("log*.csv"))]
     assert [text.count(b"\n") for text in there] == [401, 401]
-    assert replayed(tmp_path / "s" / "raw.bin", tmp_path / "again") == there
-    assert [mark.event.split()[0] for mark in read_events(tmp_path / "s" / "raw.bin")] == ["open", "close", "open"]
+    assert replayed(folder / "raw.bin", tmp_path / "again") == there
+    assert [mark.event.split()[0] for mark in read_events(folder / "raw.bin")] == ["open", "close", "open"]
 
 
-def test_a_pseudo_terminal_of_the_same_number_is_anothers(monkeypatch):
+def test_a_pseudo_terminal_of_the_same_number_is_anothers():
     """Once a virtual board has gone, its number goes to whoever opens a terminal next: a recorder that waits must not read that."""
-    monkeypatch.setattr("session.bench.port.RETRY_S", 0.01)
     gone = os.openpty()
     name, others = os.ttyname(gone[1]), []
     port = Port(name)
@@ -239,7 +249,7 @@ def test_a_pseudo_terminal_of_the_same_number_is_anothers(monkeypatch):
         others.append(os.openpty())
         assert len(others) < 100, "the number was not given again"
     os.write(others[-1][0], b"a person's keys")
-    time.sleep(0.3)  # some tries
+    time.sleep(0.1)  # some tries
     port.close()
     assert port.items.empty()
     for file in (file for pair in others for file in pair):
@@ -248,7 +258,6 @@ def test_a_pseudo_terminal_of_the_same_number_is_anothers(monkeypatch):
 
 @pytest.mark.parametrize("error", [OSError(errno.EIO, "x"), serial.SerialException("not ready"), termios.error(errno.EIO, "x")])
 def test_whatever_pyserial_raises_is_a_pulled_cable(error, wire, monkeypatch):
-    monkeypatch.setattr("session.bench.port.RETRY_S", 0.01)
     raised = iter([error])
 
     def in_waiting(self):
@@ -258,10 +267,10 @@ def test_whatever_pyserial_raises_is_a_pulled_cable(error, wire, monkeypatch):
 
     monkeypatch.setattr(serial.Serial, "in_waiting", property(in_waiting))
     port = Port(wire[1])
-    opened, closed, again = (port.items.get(timeout=PATIENCE_S) for _ in range(3))
+    items = [port.items.get(timeout=PATIENCE_S) for _ in range(3)]
     port.close()
-    assert [type(item) for item in (opened, closed, again)] == [Opened, Closed, Opened]
-    assert closed.why in ("Input/output error", "not ready", "x")
+    assert [type(item) for item in items] == [Opened, Closed, Opened]
+    assert items[1].why in ("Input/output error", "not ready", "x")
 
 
 def test_a_port_that_is_not_there_or_taken(wire, tmp_path):
@@ -269,68 +278,54 @@ def test_a_port_that_is_not_there_or_taken(wire, tmp_path):
         Port(str(tmp_path / "nothing"))
     assert said.value.exit_code == 3
     port = Port(wire[1])
-    with pytest.raises(DeviceError, match="another program has it open"):
-        Port(wire[1])
-    with pytest.raises(DeviceError, match="another program has it open"):
-        Recorder(tmp_path / "s", wire[1])
+    for again in (lambda: Port(wire[1]), lambda: Recorder(tmp_path / "s", wire[1])):
+        with pytest.raises(DeviceError, match="another program has it open"):
+            again()
     port.close()
 
 
-def test_a_port_that_cannot_be_opened_leaves_no_folder_behind(tmp_path):
-    def refused(folder):
+def test_a_port_that_cannot_be_opened_leaves_no_folder_behind_and_what_was_there_alone(tmp_path):
+    there = {"raw.bin": b"0,1,2,3,4,5,6,7\n", "raw.times": b"host_ns,bytes,event\n"}
+    for folder in (tmp_path / "data" / "session1", tmp_path / "mine"):
         with pytest.raises(DeviceError):
             Recorder(folder, str(tmp_path / "nothing"))
-
-    refused(tmp_path / "data" / "session1")
-    assert list(tmp_path.iterdir()) == []
-    (tmp_path / "mine").mkdir()
-    (tmp_path / "mine" / "raw.bin").write_bytes(b"0,1,2,3,4,5,6,7\n")
-    (tmp_path / "mine" / "raw.times").write_text("host_ns,bytes,event\n")
-    refused(tmp_path / "mine")
-    assert (tmp_path / "mine" / "raw.bin").read_bytes() == b"0,1,2,3,4,5,6,7\n"
-    assert (tmp_path / "mine" / "raw.times").exists()
+        assert list(tmp_path.iterdir()) == [folder] * (folder.name == "mine")
+        if folder.name == "session1":
+            (tmp_path / "mine").mkdir()
+            for name, data in there.items():
+                (tmp_path / "mine" / name).write_bytes(data)
+    assert {name: (folder / name).read_bytes() for name in there} == there
 
 
-class _Listed:
-    def __init__(self, device, vid=None, pid=None, serial_number=None, product=None):
-        self.device, self.vid, self.pid, self.serial_number, self.product = device, vid, pid, serial_number, product
-        self.manufacturer, self.description = None, product or "n/a"
-
-
-ST_LINK = _Listed("/dev/ttyACM0", 0x0483, 0x374B, "066D", "STM32 STLink")
-
-
-OTHER = _Listed("/dev/ttyUSB0", 0x10C4, 0xEA60, None, "CP2102")
-
-
-BUILT_IN = _Listed("/dev/ttyS0")
+def listed(device, vid=None, pid=None, serial_number=None, product=None):
+    """A port as pyserial lists it."""
+    more = {"manufacturer": None, "description": product or "n/a"}
+    return SimpleNamespace(device=device, vid=vid, pid=pid, serial_number=serial_number, product=product, **more)
 
 
 def test_ports_say_what_they_know(monkeypatch):
-    listed = [BUILT_IN, OTHER, ST_LINK]
-    monkeypatch.setattr("session.bench.port.list_ports.comports", lambda: listed)
+    built_in, st_link = listed("/dev/ttyS0"), listed("/dev/ttyACM0", 0x0483, 0x374B, "066D", "STM32 STLink")
+    there = [built_in, listed("/dev/ttyUSB0", 0x10C4, 0xEA60, None, "CP2102"), st_link]
+    monkeypatch.setattr("session.bench.port.list_ports.comports", lambda: there)
     monkeypatch.setattr("session.bench.port.virtual_boards", lambda: [])
     ports = known_ports()
-    assert [port.name for port in ports] == ["/dev/ttyACM0", "/dev/ttyUSB0", "/dev/ttyS0"]
+    assert [(port.name, port.is_candidate) for port in ports] == [("/dev/ttyACM0", True), ("/dev/ttyUSB0", True), ("/dev/ttyS0", False)]
     assert ports[0].what == "ST board: ST-LINK/V2-1"
-    assert [port.is_candidate for port in ports] == [True, True, False]
     assert only_candidate().name == "/dev/ttyACM0"
-    listed.append(_Listed("/dev/ttyACM1", 0x0483, 0x5740, "X", "STM32 Virtual ComPort"))
-    with pytest.raises(DeviceError, match=r"ttyACM0, /dev/ttyACM1.*--port"):
-        only_candidate()
-    listed[:] = [BUILT_IN]
-    with pytest.raises(DeviceError, match="no serial port with a board"):
-        only_candidate()
+    there.append(listed("/dev/ttyACM1", 0x0483, 0x5740, "X", "STM32 Virtual ComPort"))
+    for left, says in ((there, r"ttyACM0, /dev/ttyACM1.*--port"), ([built_in], "no serial port with a board")):
+        there[:] = left
+        with pytest.raises(DeviceError, match=says):
+            only_candidate()
 
 
 def test_a_board_that_comes_back_under_another_name_is_known_by_its_serial_number(tmp_path, monkeypatch):
-    monkeypatch.setattr("session.bench.port.RETRY_S", 0.01)
     with Terminal(tmp_path / "ttyACM0") as first, Terminal(tmp_path / "ttyACM1") as second:
-        listed = [_Listed(str(first.name), 0x0483, 0x374B, "066D")]
-        monkeypatch.setattr("session.bench.port.list_ports.comports", lambda: listed)
+        there = [listed(str(first.name), 0x0483, 0x374B, "066D")]
+        monkeypatch.setattr("session.bench.port.list_ports.comports", lambda: there)
         port = Port(str(first.name))
         assert isinstance(port.items.get(timeout=PATIENCE_S), Opened)
-        listed[:] = [_Listed("/dev/ttyACM2", 0x0483, 0x374B, "066E"), _Listed(str(second.name), 0x0483, 0x374B, "066D")]
+        there[:] = [listed("/dev/ttyACM2", 0x0483, 0x374B, "066E"), listed(str(second.name), 0x0483, 0x374B, "066D")]
         first.unplug()
         assert isinstance(port.items.get(timeout=PATIENCE_S), Closed)
         assert port.items.get(timeout=PATIENCE_S).name == str(second.name)
@@ -339,24 +334,17 @@ def test_a_board_that_comes_back_under_another_name_is_known_by_its_serial_numbe
 
 def test_a_link_that_a_killed_board_left_is_not_followed(wire, tmp_path, monkeypatch):
     """By now it may lead to somebody's terminal, which opening alone would take away from them."""
-    link = tmp_path / "port"
+    link, opened = tmp_path / "port", []
     link.symlink_to(wire[1])
     lock_of(link).write_text("")
-    opened = []
     monkeypatch.setattr(serial, "Serial", lambda *words, **more: opened.append(words))
-    with pytest.raises(DeviceError, match="runs no more"):
-        Port(str(link))
-    with pytest.raises(DeviceError, match="runs no more"):
-        Recorder(tmp_path / "s", str(link))
-    assert opened == []
-    assert not (tmp_path / "s").exists()
+    for following in (lambda: Port(str(link)), lambda: Recorder(tmp_path / "s", str(link))):
+        with pytest.raises(DeviceError, match="runs no more"):
+            following()
+    assert (opened, (tmp_path / "s").exists()) == ([], False)
 
 
 # What is removed, killed, full.
-
-
-def frames_of(count, **more) -> bytes:
-    return b"".join(frame_list(*sent(count, **more)))
 
 
 REMOVED = {
@@ -390,17 +378,16 @@ def test_what_is_removed_under_a_recording_is_noticed_and_saved(what, wire, tmp_
 
 
 def test_two_recordings_in_one_folder(wire, other_wire, tmp_path):
-    first = Recorder(tmp_path / "s", wire[1])
-    before = sorted((tmp_path / "s").iterdir())
-    with pytest.raises(StorageError, match="another record is writing there now"):
-        Recorder(tmp_path / "s", other_wire[1])
-    assert sorted((tmp_path / "s").iterdir()) == before  # the second takes nothing away, though nothing was received yet
-    record(first, wire[0], frames_of(400))
-    with pytest.raises(StorageError, match="another record is writing there now"):
-        Recorder(tmp_path / "s", other_wire[1])
+    folder = tmp_path / "s"
+    first, before = Recorder(folder, wire[1]), sorted(folder.iterdir())
+    for data in (b"", frames_of(400)):  # the second takes nothing away, though nothing was received yet
+        record(first, wire[0], data)
+        with pytest.raises(StorageError, match="another record is writing there now"):
+            Recorder(folder, other_wire[1])
+        assert set(before) <= set(folder.iterdir())
     first.close()
-    assert (tmp_path / "s" / "raw.bin").read_bytes() == frames_of(400)
-    second = Recorder(tmp_path / "s", other_wire[1])
+    assert (folder / "raw.bin").read_bytes() == frames_of(400)
+    second = Recorder(folder, other_wire[1])
     caught_up(second)
     assert second.samples == 400
     second.close()
@@ -434,8 +421,7 @@ def _record_for_ever(folder: Path, name: str) -> None:
 def test_killed_at_a_random_moment(tmp_path, wire):
     """Every byte that was read is in the file, and it replays to what was sent."""
     master, name = wire
-    t_us, registers = sent(10_000)
-    data = b"".join(frame_list(t_us, registers))
+    data = frames_of(10_000)
     child = multiprocessing.get_context("fork").Process(target=_record_for_ever, args=(tmp_path / "s", name), daemon=True)
     child.start()
     raw = tmp_path / "s" / "raw.bin"
@@ -451,15 +437,14 @@ def test_killed_at_a_random_moment(tmp_path, wire):
     assert not is_locked(raw)
     kept = raw.read_bytes()
     assert kept == data[: len(kept)]
-    assert np.array_equal(samples(decode(kept)[1])[1], registers[: len(kept) // 25])
+    assert np.array_equal(samples(decode(kept)[1])[1], sent(10_000)[1][: len(kept) // 25])
     [log] = replayed(raw, tmp_path / "again")
     assert log.startswith((tmp_path / "s" / "log0001.csv").read_bytes())
 
 
 def test_a_full_disk_keeps_what_was_received_and_says_so(wire, tmp_path, monkeypatch):
     master, name = wire
-    t_us, registers = sent(3000)
-    data = b"".join(frame_list(t_us, registers))
+    data = frames_of(3000)
     monkeypatch.setattr(rawfile, "os", FullDisk(40_000))
     recorder = Recorder(tmp_path / "s", name)
     with pytest.raises(StorageError, match=r"No space left on device; [0-9]+ bytes received before are safe in .*--resume") as said:
@@ -547,20 +532,19 @@ def test_its_logs_get_another_name_and_no_replay_gives_its_events(wire, tmp_path
     assert recorder.samples == 3 * EACH
     recorder.close()
     live = logs_of(folder)
-    assert sorted(live) == ["foreign0001.csv", "log0001.csv"]
-    assert np.array_equal(registers_of(live["foreign0001.csv"]), sent(2 * EACH, seed=1)[1])
     again = Recorder(folder, wire[1])
-    resumed = caught_up(again)
-    assert np.array_equal(samples(resumed)[1], sent(3 * EACH)[1])
+    assert np.array_equal(samples(caught_up(again))[1], sent(3 * EACH)[1])
     for part in later:
         record(again, wire[0], part)
     assert again.samples == 5 * EACH
     again.close()
-    assert np.array_equal(registers_of(logs_of(folder)["log0002.csv"]), sent(2 * EACH, seed=2)[1])
-    assert logs_of(folder) == live | {"log0002.csv": logs_of(folder)["log0002.csv"]}
+    logs = logs_of(folder)
+    assert live == {name: logs[name] for name in ("foreign0001.csv", "log0001.csv")}
+    for name, seed in (("foreign0001.csv", 1), ("log0002.csv", 2)):
+        assert np.array_equal(registers_of(logs[name]), sent(2 * EACH, seed=seed)[1])
     assert (folder / "raw.bin").read_bytes() == b"".join([*own, *other, *later])
     replayed(folder / "raw.bin", tmp_path / "again")
-    assert logs_of(tmp_path / "again") == logs_of(folder)
+    assert logs_of(tmp_path / "again") == logs
 
 
 # Somebody stops.

@@ -70,17 +70,15 @@ def test_matrix_is_scipys_and_turns_body_vectors_to_the_table():
 
 @pytest.mark.parametrize("count", [1, 2, 3, 7, 64, 101])
 def test_products_of_many_steps_are_scipys(count):
-    steps = rotation.exp(RNG.normal(size=(4, count, 3)))
-    scipys = Rotation.identity(4)
+    steps, scipys, running = rotation.exp(RNG.normal(size=(4, count, 3))), Rotation.identity(4), []
     for k in range(count):
         scipys = scipys * Rotation.from_quat(steps[:, k], scalar_first=True)
-    same_attitude(rotation.compose(steps), wxyz(scipys), 1e-13)
-    running = rotation.accumulate(steps)
-    for k in range(count):
-        np.testing.assert_allclose(running[:, k], rotation.compose(steps[:, : k + 1]), atol=1e-13)
-    pairs = rotation.of(steps)
-    np.testing.assert_allclose(rotation.quaternions(rotation.compose_pairs(pairs)), running[:, -1], atol=1e-13)
-    np.testing.assert_allclose(rotation.quaternions(rotation.accumulate_pairs(pairs)), running, atol=1e-13)
+        running.append(wxyz(scipys))
+    pairs, running = rotation.of(steps), np.stack(running, axis=1)
+    for found in (rotation.compose(steps), rotation.quaternions(rotation.compose_pairs(pairs))):
+        same_attitude(found, running[:, -1], 1e-13)
+    for found in (rotation.accumulate(steps), rotation.quaternions(rotation.accumulate_pairs(pairs))):
+        same_attitude(found, running, 1e-13)
 
 
 def test_from_gravity_holds_to_formats():
@@ -96,31 +94,32 @@ def test_from_gravity_holds_to_formats():
 
 def test_small_rotations_alone_go_by_the_series():
     """Up to 0.2 rad to double precision; a longer one is refused, whatever the others are."""
-    axis = np.random.default_rng(2).normal(size=(50, 3))
-    vector = axis / np.linalg.norm(axis, axis=1, keepdims=True) * np.linspace(0, 0.1999, 50)[:, None]
+    angle, axis = np.linspace(0, 0.1999, 50), np.array([0.36, -0.48, 0.8])
     into = np.empty(50, dtype=complex), np.empty(50, dtype=complex)
-    assert rotation.exp_small(vector, into)
-    half = np.linspace(0, 0.1999, 50) / 2
-    np.testing.assert_allclose(into[0].real, np.cos(half), atol=3e-16)
-    np.testing.assert_allclose(np.sqrt(into[0].imag ** 2 + np.abs(into[1]) ** 2), np.sin(half), atol=3e-17)
-    vector[3] *= 0.201 / np.linalg.norm(vector[3])
-    assert not rotation.exp_small(vector, into)
+    assert rotation.exp_small(angle[:, None] * axis, into)
+    np.testing.assert_allclose(into[0].real, np.cos(angle / 2), atol=3e-16)
+    np.testing.assert_allclose(np.sqrt(into[0].imag ** 2 + np.abs(into[1]) ** 2), np.sin(angle / 2), atol=3e-17)
+    angle[3] = 0.201
+    assert not rotation.exp_small(angle[:, None] * axis, into)
 
 
-SIDEREAL_DPH = 15.041
-
-
-def stills(seed, count=41, latitude_deg=31.03, heading_deg=70.0, sigma_dps=0.0023, bias_dps=(0.4, -0.2, 0.1)):
+def stills(seed, count=41, heading_deg=70.0, sigma_dps=0.0023):
     """Attitudes (Q, 4), rates (Q, 3) and sigmas of stills all around, as a gyro with a bias reads them."""
     rng = np.random.default_rng(seed)
     q = Rotation.random(count, random_state=rng).as_quat(scalar_first=True)
-    body = with_heading(latitude_deg, heading_deg).in_body(q)
     sigma = np.full((count, 3), sigma_dps * DEG)
-    return q, body + np.multiply(bias_dps, DEG) + sigma * rng.standard_normal((count, 3)), sigma
+    rate = with_heading(31.03, heading_deg).in_body(q) + np.multiply([0.4, -0.2, 0.1], DEG)
+    return q, rate + sigma * rng.standard_normal((count, 3)), sigma
 
 
-def wrapped(angle_rad):
-    return (angle_rad + np.pi) % (2 * np.pi) - np.pi
+def of_bias_and_earth(q, rate, unknown):
+    """By scipy and numpy: values, A'A and the sum of squares of a bias and the first ``unknown`` components of the Earth's rate; the rest
+    of its rate is known to be that down."""
+    turn = Rotation.from_quat(q, scalar_first=True).inv().as_matrix()
+    A = np.concatenate([np.tile(np.eye(3), (len(q), 1, 1)), turn[..., :unknown]], axis=2).reshape(-1, 3 + unknown)
+    down = -EARTH_RATE_RPS * np.sin(31.03 * DEG) * turn[..., 2] * (unknown < 3)
+    value, (left,), *_ = np.linalg.lstsq(A, (rate - down).ravel(), rcond=None)
+    return value, A.T @ A, left
 
 
 @pytest.mark.parametrize(
@@ -131,7 +130,7 @@ def test_earth_rate_at_the_pole_the_equator_and_shanghai(latitude_deg, down_dph,
     rate = with_heading(latitude_deg, 0.0).rate_t / DEG_PER_HOUR
     np.testing.assert_allclose(rate, [north_dph, 0, down_dph], atol=0.002)
     np.testing.assert_allclose(vertical_only(latitude_deg).rate_t / DEG_PER_HOUR, [0, 0, down_dph], atol=0.002)
-    assert np.linalg.norm(rate) == pytest.approx(SIDEREAL_DPH, abs=1e-3)
+    assert np.linalg.norm(rate) == pytest.approx(15.041, abs=1e-3)
     assert with_heading(latitude_deg, 0.0).heading_sigma_rad == 0
 
 
@@ -144,14 +143,12 @@ def test_the_heading_is_the_mean_of_all_headings_as_probable_as_least_squares_of
 ):
     """Beside scipy's sums over headings; noise larger than its sigma widens them; what the mean is short by lies across it."""
     q, rate, sigma = stills(3, count, heading_deg=-130.0, sigma_dps=sigma_dps)
-    turn = Rotation.from_quat(q, scalar_first=True).inv().as_matrix()
     north, down = EARTH_RATE_RPS * np.cos(31.03 * DEG), -EARTH_RATE_RPS * np.sin(31.03 * DEG)
-    A = np.concatenate([np.tile(np.eye(3), (count, 1, 1)), turn[..., :2]], axis=2).reshape(-1, 5)
-    value, (left,), *_ = np.linalg.lstsq(A, (rate - down * turn[..., 2]).ravel(), rcond=None)
+    value, information, left = of_bias_and_earth(q, rate, 2)
     variance = max((stated * sigma[0, 0]) ** 2, left / (3 * count - 5))
     heading = np.linspace(0, 2 * np.pi, 720, endpoint=False)
     each = np.stack([np.cos(heading), -np.sin(heading)], axis=1)
-    law = multivariate_normal(value[3:], variance * np.linalg.inv(A.T @ A)[3:, 3:])
+    law = multivariate_normal(value[3:], variance * np.linalg.inv(information)[3:, 3:])
     mean = np.average(each, axis=0, weights=law.pdf(north * each) / law.pdf(north * each).max())
     found = estimate_heading(31.03, q, rate, stated * sigma)
     np.testing.assert_allclose(found.rate_t, [*north * mean, down], rtol=1e-3)
@@ -159,7 +156,7 @@ def test_the_heading_is_the_mean_of_all_headings_as_probable_as_least_squares_of
     assert found.source == source
     if source == "unknown":
         return
-    assert abs(wrapped(found.heading_rad + 130 * DEG)) < 4 * found.heading_sigma_rad
+    assert abs(np.angle(np.exp(1j * (found.heading_rad + 130 * DEG)))) < 4 * found.heading_sigma_rad
     across = np.array([-mean[1], mean[0], 0]) / np.linalg.norm(mean)
     expected = north**2 * (1 - mean @ mean) * np.outer(across, across)
     np.testing.assert_allclose(unseen_covariance(found, 31.03), expected, atol=1e-3 * expected.max())
@@ -200,11 +197,9 @@ def test_the_rate_about_down_is_that_of_least_squares_of_a_bias_and_three_compon
     q, _, sigma = stills(5, count=6)
     rate = np.array([1.0, 2.0, 3.0]) * sigma + scatter * sigma * np.random.default_rng(5).normal(size=sigma.shape)
     rate += Rotation.from_quat(q, scalar_first=True).inv().apply([1e-5, 0, -4e-5])
-    turn = Rotation.from_quat(q, scalar_first=True).inv().as_matrix()
-    A = np.concatenate([np.tile(np.eye(3), (6, 1, 1)), turn], axis=2).reshape(18, 6)
-    value, (left,), *_ = np.linalg.lstsq(A, rate.ravel(), rcond=None)
+    value, information, left = of_bias_and_earth(q, rate, 3)
     wider = max(1.0, left / sigma[0, 0] ** 2 / 12)
-    expected = value[5], sigma[0, 0] * np.sqrt(np.linalg.inv(A.T @ A)[5, 5] * wider)
+    expected = value[5], sigma[0, 0] * np.sqrt(np.linalg.inv(information)[5, 5] * wider)
     assert vertical_rate(q, rate, sigma) == pytest.approx(expected, rel=1e-6)
     assert vertical_rate(np.tile(q[:1], (6, 1)), rate, sigma) is None
 

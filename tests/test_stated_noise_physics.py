@@ -353,13 +353,12 @@ def by_values(joint) -> np.ndarray:
     return numeric_jacobian(solved, np.zeros(len(system.values)), size)
 
 
-@pytest.mark.parametrize("mode", ["prior"])
 @pytest.mark.parametrize("case", CASES)
-def test_an_error_moves_the_accelerometer_and_through_it_the_gyroscope(case, mode):
+def test_an_error_moves_the_accelerometer_and_through_it_the_gyroscope(case):
     """Of both together, in order: an error of a length or an end moves the nine numbers; their references then move the twelve.  What was
     wrong before the session moves both likewise, and is shared by sessions with the same given calibration."""
     by_hand = made(case)
-    joint = fit_joint(by_hand.plain, mode, 3.0)
+    joint = fit_joint(by_hand.plain, "prior", 3.0)
     problem = under(by_hand.problem, "given").changed(joint=joint)
     noise = loud(problem)
     noise = replace(noise, noise=replace(noise.noise, s=noise.noise.s / 5))
@@ -375,12 +374,11 @@ def test_an_error_moves_the_accelerometer_and_through_it_the_gyroscope(case, mod
     found = stated_joint_covariance(problem, by_hand.model, noise, by_hand.rates)
     alike(found, whole, 0.02)
     sources = stated_sources(problem, by_hand.model, noise, by_hand.rates)
-    alike(shared_part(problem, sources) + whole, shared * (mode == "prior") + whole, 0.02)
+    alike(shared_part(problem, sources) + whole, shared + whole, 0.02)
     gyroscope, of_accelerometer = stated_covariance(problem, by_hand.model, noise, by_hand.rates)
     np.testing.assert_array_equal(gyroscope, found[9:, 9:])
-    alike(of_accelerometer + whole[9:, 9:], shared[9:, 9:] * (mode == "prior") + whole[9:, 9:], 0.02)
-    if mode == "prior":
-        assert np.max(np.diag(shared) / np.diag(whole)) > 0.1
+    alike(of_accelerometer + whole[9:, 9:], shared[9:, 9:] + whole[9:, 9:], 0.02)
+    assert np.max(np.diag(shared) / np.diag(whole)) > 0.1
 
 
 def test_an_accelerometer_of_its_own_stills_errs_as_their_lengths_leave_it():
@@ -443,23 +441,21 @@ def test_degrees_of_freedom_of_a_size_with_a_sigma():
     assert freedom_of(1.0, 10.0) == 1.0
 
 
+STILLS = [SimpleNamespace(duration_s=30 * BLOCK_S)] * 5 + [SimpleNamespace(duration_s=0.3)]
+
+
 @pytest.mark.parametrize(
-    ("instability", "kind", "freedom"),
+    ("source", "known", "kind", "freedom"),
     [
-        (BiasInstability(1.0, "typical of X"), "B", 1.0),  # a spread of 0.8: 1 / 0.8^2 / 2, and one at least
-        (BiasInstability(1.0, "given"), "B", 50.0),
-        (BiasInstability(1.0, "estimated from this recording", 0.2, 2.0, of_unit=True), "A", 12.5),
+        (BIAS_DRIFT, BiasInstability(1.0, "typical of X"), "B", 1.0),  # a spread of 0.8: 1 / 0.8^2 / 2, and one at least
+        (BIAS_DRIFT, BiasInstability(1.0, "given"), "B", 50.0),
+        (BIAS_DRIFT, BiasInstability(1.0, "estimated from this recording", 0.2, 2.0, of_unit=True), "A", 12.5),
+        (GYRO_NOISE, None, "A", 5 * allan_freedom(31, NOISE_BLOCKS)),  # of the differences of blocks in the stills
+        (DIALS, None, "B", np.inf),
     ],
 )
-def test_the_drift_has_the_spread_of_what_tells_it(instability, kind, freedom):
-    assert kind_of(BIAS_DRIFT, SimpleNamespace(instability=instability)) == (kind, pytest.approx(freedom))
-
-
-def test_white_noise_has_the_freedom_of_the_differences_of_blocks_in_the_stills():
-    stills = [SimpleNamespace(duration_s=30 * BLOCK_S)] * 5 + [SimpleNamespace(duration_s=0.3)]
-    problem = SimpleNamespace(stills=stills)
-    assert kind_of(GYRO_NOISE, problem) == ("A", pytest.approx(5 * allan_freedom(31, NOISE_BLOCKS)))
-    assert kind_of(DIALS, problem) == ("B", np.inf)
+def test_a_source_has_the_freedom_of_what_tells_it(source, known, kind, freedom):
+    assert kind_of(source, SimpleNamespace(instability=known, stills=STILLS)) == (kind, pytest.approx(freedom))
 
 
 def test_readings_of_equal_steps_leave_a_twelfth_of_a_square_step_in_the_bias():
@@ -490,30 +486,27 @@ def test_a_misfit_is_a_source_of_its_own(monkeypatch, estimated):
     problem = plain_session()
     noise = loud(problem) if estimated else None
     plain, wide = (stated_with(monkeypatch, problem, noise, widened) for widened in (1.0, 2.5))
-    assert [source.name for source in wide.sources if source.name not in {each.name for each in plain.sources}] == [MISFIT]
-    misfit = next(source for source in wide.sources if source.name == MISFIT)
-    rest = total([source for source in plain.sources if source.name != ROUNDING])
-    np.testing.assert_allclose(misfit.covariance, 1.5 * rest, rtol=1e-12)
-    assert (misfit.kind, misfit.freedom) == ("A", pytest.approx(20 * (1.5 / 2.5) ** 2))
+    of_plain, of_wide = ({source.name: source for source in found.sources} for found in (plain, wide))
+    assert of_wide.keys() - of_plain.keys() == {MISFIT}
+    rest = total([source for name, source in of_plain.items() if name != ROUNDING])
+    np.testing.assert_allclose(of_wide[MISFIT].covariance, 1.5 * rest, rtol=1e-12)
+    assert (of_wide[MISFIT].kind, of_wide[MISFIT].freedom) == ("A", pytest.approx(20 * (1.5 / 2.5) ** 2))
     np.testing.assert_array_equal(wide.parts["covariance"], total(wide.sources))
     if estimated:
         np.testing.assert_allclose(wide.accelerometer, 2.5 * plain.accelerometer, rtol=1e-12)
-        np.testing.assert_array_equal(plain.accelerometer, next(each.covariance for each in plain.sources if each.name == CALIBRATION))
+        np.testing.assert_array_equal(plain.accelerometer, of_plain[CALIBRATION].covariance)
 
 
 def test_clock_lot_and_rounding_are_added_as_they_are(monkeypatch):
     """Not inflated: no misfit of the closure shows them."""
     problem = plain_session()
-    covariance = np.diag(np.arange(1.0, 13.0)) * 1e-8
+    covariance, vector = np.diag(np.arange(1.0, 13.0)) * 1e-8, problem.first.vector
     problem.session.clock = SimpleNamespace(covariance=lambda vector: 4e-6 * np.outer(vector, vector))
     monkeypatch.setattr(assembly, "rounding_covariance", lambda problem, model: 3 * covariance)
     found = stated_with(monkeypatch, problem, loud(problem), 2.0, SimpleNamespace(more=covariance))
-    sources = {source.name: source for source in found.sources}
-    assert [*sources][-3:] == [ROUNDING, LOT, CLOCK]
-    np.testing.assert_array_equal(sources[ROUNDING].covariance, 3 * covariance)
-    np.testing.assert_array_equal(sources[LOT].covariance, covariance)
-    np.testing.assert_array_equal(sources[CLOCK].covariance, 4e-6 * np.outer(problem.first.vector, problem.first.vector))
-    assert {sources[name].freedom for name in (ROUNDING, LOT, CLOCK)} == {np.inf}
+    expected = {ROUNDING: 3 * covariance, LOT: covariance, CLOCK: 4e-6 * np.outer(vector, vector)}
+    assert [(source.name, source.freedom) for source in found.sources[-3:]] == [(name, np.inf) for name in expected]
+    np.testing.assert_array_equal([source.covariance for source in found.sources[-3:]], [*expected.values()])
 
 
 def test_welch_satterthwaite_of_the_gum():
@@ -522,10 +515,11 @@ def test_welch_satterthwaite_of_the_gum():
     assert coverage_factor(19.0) == pytest.approx(2.09, abs=0.005)
 
 
-def test_degrees_of_freedom_are_cut_to_a_whole_number():
-    assert coverage_factor(5.9) == pytest.approx(t.ppf(0.975, 5))
-    assert coverage_factor(0.3) == pytest.approx(t.ppf(0.975, 1))
-    assert coverage_factor(9.0, 0.99) == pytest.approx(t.ppf(0.995, 9))
+@pytest.mark.parametrize(
+    ("freedom", "level", "k"), [(5.9, (), t.ppf(0.975, 5)), (0.3, (), t.ppf(0.975, 1)), (9.0, (0.99,), t.ppf(0.995, 9))]
+)
+def test_degrees_of_freedom_are_cut_to_a_whole_number(freedom, level, k):
+    assert coverage_factor(freedom, *level) == pytest.approx(k)
 
 
 def test_the_tilt_that_noise_makes_is_the_rms_of_both_angles():

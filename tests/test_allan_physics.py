@@ -1,5 +1,7 @@
 """The Allan deviation by a double loop, its degrees of freedom by the covariance of its differences, its coefficients on curves by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -74,9 +76,7 @@ def test_averaging_factors_are_equal_in_octaves_up_to_half():
 
 def test_a_joined_curve_is_the_short_one_and_what_is_later_of_the_long_one():
     short, long = curve([4.0, 3.0, 2.0], [0.5, 1.0, 2.0], [9, 9, 8]), curve([5.0, 6.0, 7.0], [1.5, 2.0, 2.5], [3, 2, 1])
-    for longer in (short, long):
-        object.__setattr__(longer, "longest_s", 50.0 if longer is long else 60.0)
-    joined = joined_curves(short, long)
+    joined = joined_curves(replace(short, longest_s=60.0), replace(long, longest_s=50.0))
     assert joined.tau_s.tolist() == [0.5, 1.0, 2.0, 2.5]
     assert joined.deviation[:, 1].tolist() == [4.0, 3.0, 2.0, 7.0]
     assert joined.freedom.tolist() == [9, 9, 8, 1]
@@ -114,9 +114,8 @@ def read_instability(variance, freedom=(1e4, 1e4, 400, 400, 400)):
 
 def test_the_floor_less_its_white_part_is_the_bias_instability():
     found = read_instability([100, 5.0, 2.5, 2.0, 1.5])
-    walk_sigma = np.hypot(np.sqrt(0.5 / 1e4), 0.015)
     value = np.sqrt(1.5 - 1 / 4) / 0.6643
-    sigma = np.hypot(np.sqrt(2 / 400) * 1.5, 2 * walk_sigma / 4)
+    sigma = np.hypot(np.sqrt(2 / 400) * 1.5, 2 * WALK_SIGMA / 4)
     assert found.observed
     assert found.value == pytest.approx(value, rel=1e-12)
     assert found.sigma == pytest.approx(value * sigma / 1.25 / 2, rel=1e-12)
@@ -127,29 +126,30 @@ def test_the_floor_less_its_white_part_is_the_bias_instability():
     assert not read_instability([100, 5.0, 2.5, 40.0, 1.5], (1e4, 1e4, 400, 20, 20)).observed
 
 
+WALK_SIGMA = np.hypot(np.sqrt(0.5 / 1e4), 0.015)
+
+
 def test_it_is_a_floor_from_half_of_its_variance_and_three_sigmas_on():
     """At 4 s the white part is 1/4: half of 1/2."""
-    assert not read_instability([100, 5.0, 2.5, 2.0, 0.4999]).observed
-    assert read_instability([100, 5.0, 2.5, 2.0, 0.5001]).observed
-    exactly_half = curve([9.0, 2.0, 1.0], [0.01, 0.25, 2.0], [1e9] * 3)
-    assert not bias_instability(exactly_half, 0).observed
-    walk_sigma = np.hypot(np.sqrt(0.5 / 1e4), 0.015)
+    assert [read_instability([100, 5.0, 2.5, 2.0, lowest]).observed for lowest in (0.4999, 0.5001)] == [False, True]
+    assert not bias_instability(curve([9.0, 2.0, 1.0], [0.01, 0.25, 2.0], [1e9] * 3), 0).observed  # exactly half
     # Three sigmas of a variance of 1 are its excess of 3/4 where sqrt(2 / freedom) is 1/4, but for the walk's share.
-    limit = 2 / ((0.75 / 3) ** 2 - (2 * walk_sigma / 4) ** 2)
+    limit = 2 / ((0.75 / 3) ** 2 - (2 * WALK_SIGMA / 4) ** 2)
     for step, observed in ((0.999, False), (1.001, True)):
         assert read_instability([100, 5.0, 2.5, 2.0, 1.0], (1e4, 1e4, 400, 400, limit * step)).observed is observed
 
 
-def test_without_a_floor_the_limit_is_two_sigmas_above_the_least_excess():
-    walk_sigma = np.hypot(np.sqrt(0.5 / 1e4), 0.015)
-    for variance, excess, tau_s in (([100, 5.0, 2.5, 0.9, 0.3], 0.05, 4.0), ([100, 5.0, 2.5, 0.9, 0.2], 0.0, 4.0)):
-        found = read_instability(variance)
-        sigma = np.hypot(np.sqrt(2 / 400) * variance[-1], 2 * walk_sigma / tau_s)
-        assert (found.observed, np.isnan(found.value), np.isnan(found.sigma)) == (False, True, True)
-        assert found.at_most == pytest.approx(np.sqrt(excess + 2 * sigma) / 0.6643, rel=1e-12)
-    assert bias_instability(curve([1.0, 1.0, 1.0], [0.01, 0.2, 0.401], [50] * 3), 0).at_most > 0
-    nothing = bias_instability(curve([1.0, 1.0, 1.0], [0.01, 0.2, 0.4], [50] * 3), 0)  # 0.4 s is not beyond twice 0.2 s
-    assert (nothing.observed, np.isnan([nothing.value, nothing.sigma, nothing.at_most]).all()) == (False, True)
+@pytest.mark.parametrize(("lowest", "excess"), [(0.3, 0.05), (0.2, 0.0)])
+def test_without_a_floor_the_limit_is_two_sigmas_above_the_least_excess(lowest, excess):
+    found, sigma = read_instability([100, 5.0, 2.5, 0.9, lowest]), np.hypot(np.sqrt(2 / 400) * lowest, 2 * WALK_SIGMA / 4)
+    assert (found.observed, np.isnan(found.value), np.isnan(found.sigma)) == (False, True, True)
+    assert found.at_most == pytest.approx(np.sqrt(excess + 2 * sigma) / 0.6643, rel=1e-12)
+
+
+@pytest.mark.parametrize(("longest_s", "told"), [(0.401, True), (0.4, False)])
+def test_there_is_a_limit_beyond_twice_the_time_of_the_random_walk(longest_s, told):
+    found = bias_instability(curve([1.0, 1.0, 1.0], [0.01, 0.2, longest_s], [50] * 3), 0)
+    assert (found.observed, np.isnan([found.value, found.sigma]).all(), found.at_most > 0) == (False, True, told)
 
 
 def test_what_is_too_short_is_refused():

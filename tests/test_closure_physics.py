@@ -51,9 +51,8 @@ def test_a_perfect_gyro_closes(turns, yaw_known):
 @pytest.mark.parametrize("yaw_known", [False, True])
 def test_q_and_minus_q_are_one_attitude(yaw_known):
     p, q = unit(50, 1), unit(50, 2)
-    r = closure.residual(p, q, yaw_known)
-    np.testing.assert_allclose(closure.residual(-p, q, yaw_known), r, atol=1e-15)
-    np.testing.assert_allclose(closure.residual(p, -q, yaw_known), r, atol=1e-15)
+    for one, other in ((-p, q), (p, -q)):
+        np.testing.assert_allclose(closure.residual(one, other, yaw_known), closure.residual(p, q, yaw_known), atol=1e-15)
 
 
 def test_with_gravity_alone_it_is_the_distance_to_the_nearest_yaw():
@@ -71,31 +70,25 @@ def test_with_gravity_alone_it_is_the_distance_to_the_nearest_yaw():
         assert squared(r) == pytest.approx(found.fun, abs=1e-12)
 
 
-def test_error_angles_are_exact_however_large():
+@pytest.mark.parametrize(("yaw_known", "about"), [(True, [1, 1, 1]), (False, [1, 1, 0])])
+def test_error_angles_are_exact_however_large(yaw_known, about):
     vector = RNG.normal(size=(100, 3))
-    vector *= (RNG.uniform(0, 179.9, 100) * DEG / np.linalg.norm(vector, axis=1))[:, None]
-    reference = unit(100)
-    r = closure.residual(rotation.multiply(rotation.exp(vector), reference), reference, True)
-    np.testing.assert_allclose(closure.error_angles(r), vector, atol=1e-9)
-    level = vector * [1, 1, 0]
-    r = closure.residual(rotation.multiply(rotation.exp(level), reference), reference, False)
-    np.testing.assert_allclose(closure.error_angles(r), level[:, :2], atol=1e-9)
+    vector *= (RNG.uniform(0, 179.9, 100) * DEG / np.linalg.norm(vector, axis=1))[:, None] * about
+    r = closure.residual(rotation.multiply(rotation.exp(vector), unit(100)), unit(100), yaw_known)
+    np.testing.assert_allclose(closure.error_angles(r), vector[:, : 2 + yaw_known], atol=1e-9)
 
 
 @pytest.mark.parametrize(("size", "yaw_known"), [(0.0, False), (0.0, True), (1e-3, False), (1.0, True)])
 def test_derivative_exists_at_zero_and_near(yaw_known, size):
-    reference = unit(1, 8)[0]
+    reference = torch.as_tensor(unit(1, 8)[0])
     error = torch.as_tensor(size * np.array([0.6, -0.5, 0.3])).requires_grad_()
 
     def residual(vector):
-        predicted = rotation.multiply(rotation.exp(vector), torch.as_tensor(reference))
-        return closure.residual(predicted, torch.as_tensor(reference), yaw_known)
+        return closure.residual(rotation.multiply(rotation.exp(vector), reference), reference, yaw_known)
 
     assert torch.autograd.gradcheck(residual, error, eps=1e-6, atol=1e-8, rtol=1e-6)
-    loss_gradient = torch.autograd.grad((residual(error) ** 2).sum(), error)[0]
-    assert torch.isfinite(loss_gradient).all()
-    if size == 0:
-        assert loss_gradient.abs().max() < 1e-15  # the reference is a unit quaternion to rounding only
+    slope = torch.autograd.grad((residual(error) ** 2).sum(), error)[0].abs().max()
+    assert slope < (1e-15 if size == 0 else np.inf)  # the reference is a unit quaternion to rounding only
 
 
 @pytest.mark.parametrize("rate_dps", [100.0, 20_000.0])
@@ -162,22 +155,20 @@ def test_an_end_is_turned_to_where_the_known_angle_has_it():
 def test_a_whole_circle_more_is_no_residual_and_q_and_minus_q_are_one():
     """Circles are counted by the gyro's readings (session/detect/segments.py), not by its attitude."""
     batch, axis_b = turned_about(SLANTED, ANGLES)
-    known = stating(batch, axis_b, np.add(ANGLES, 1.0)).turns
+    known, more = (stating(batch, axis_b, np.add(ANGLES, degrees)).turns for degrees in (1.0, 361.0))
     turn = rotation.multiply(rotation.conjugate(batch.start), closure.end_attitude(batch, batch.rate))
-    more = stating(batch, axis_b, np.add(ANGLES, 361.0)).turns
-    np.testing.assert_allclose(more.residual(turn), known.residual(turn), atol=1e-12)
-    np.testing.assert_allclose(known.residual(-turn), known.residual(turn), atol=1e-12)
+    for found in (more.residual(turn), known.residual(-turn)):
+        np.testing.assert_allclose(found, known.residual(turn), atol=1e-12)
 
 
 def test_the_earth_turns_below():
     """About the vertical in four seconds at 52 degrees north: -15.04 sin(52) deg/h; with the Earth in the batch, nothing."""
-    batch, axis_b = turned_about(VERTICAL, [90.0, -360.0, 720.0])
-    batch = stating(batch, axis_b, [90.0, -360.0, 720.0])
+    angles = [90.0, -360.0, 720.0]
+    batch = stating(*turned_about(VERTICAL, angles), angles)
     earth = vertical_only(52.0).in_body(closure.attitudes(batch, batch.rate))
-    with_earth = replace(batch, earth=earth)
-    assert np.abs(closure.segment_residuals(with_earth, batch.rate + earth)).max() < 1e-9
-    left = closure.error_angles(closure.segment_residuals(batch, batch.rate + earth))[:, 2]
-    np.testing.assert_allclose(left, -EARTH_RATE_RPS * np.sin(52 * DEG) * batch.duration_s, rtol=1e-6)
+    left, none = (closure.segment_residuals(each, batch.rate + earth) for each in (batch, replace(batch, earth=earth)))
+    assert np.abs(none).max() < 1e-9
+    np.testing.assert_allclose(closure.error_angles(left)[:, 2], -EARTH_RATE_RPS * np.sin(52 * DEG) * batch.duration_s, rtol=1e-6)
 
 
 RNG = np.random.default_rng(3)
@@ -198,11 +189,10 @@ def tumbling(seconds=8.0, hz=100.0):
     return Motion(rate, np.full(len(t) - 1, 1 / hz), "tumbling")
 
 
-@pytest.mark.parametrize("dps", [0.01, 5.9, 50.0])
+@pytest.mark.parametrize("dps", [0.01, 50.0])
 def test_the_cost_of_a_zero_at_rest_is_its_rate_times_the_time_however_far(dps):
-    one = LinearModel(np.eye(3), np.zeros(3))
     bias = np.array([2.0, -1.0, 2.0]) / 3 * dps * DEG
-    part, error = at_rest(one, 60).largest_error(one, one.with_bias_moved(bias))
+    part, error = at_rest(PERFECT, 60).largest_error(PERFECT, PERFECT.with_bias_moved(bias))
     assert part.duration_s == pytest.approx(60)
     assert error == pytest.approx(60 * bias, rel=1e-3)
     assert np.linalg.norm(error) == pytest.approx(60 * dps * DEG, rel=1e-9)
@@ -211,13 +201,12 @@ def test_the_cost_of_a_zero_at_rest_is_its_rate_times_the_time_however_far(dps):
 def test_the_cost_of_a_motion_is_the_largest_error_on_the_way():
     """A misalignment by eps misses 2 sin(eps / 2) 2 half way round a turn, and nothing after it."""
     eps, turn = 0.01, Motion(np.tile([0.0, 0.0, np.pi / 2], (401, 1)), np.full(400, 0.01), "a turn in 4 s")
-    one = LinearModel(np.eye(3), np.zeros(3))
-    leant = LinearModel(np.array([[1, 0, 0], [0, np.cos(eps), -np.sin(eps)], [0, np.sin(eps), np.cos(eps)]]), np.zeros(3))
-    assert np.linalg.norm(turn.error(one, leant)) < 1e-9
-    part, error = turn.largest_error(one, leant)
+    leant = LinearModel(Rotation.from_euler("x", eps).as_matrix(), np.zeros(3))
+    assert np.linalg.norm(turn.error(PERFECT, leant)) < 1e-9
+    part, error = turn.largest_error(PERFECT, leant)
     assert part.duration_s == pytest.approx(2.0, abs=0.02)
     assert np.linalg.norm(error) == pytest.approx(2 * eps, rel=1e-4)
-    assert error == pytest.approx(part.error(one, leant), rel=1e-9)
+    assert error == pytest.approx(part.error(PERFECT, leant), rel=1e-9)
 
 
 def test_a_sensor_at_rest_measures_what_its_calibration_takes_off():
@@ -250,13 +239,9 @@ def test_noise_turns_the_end_of_a_motion_by_the_walk_and_the_drift_of_its_axes()
         np.testing.assert_allclose(found, E @ (T * np.diag(density**2) + T**2 * share * np.eye(3)) @ E.T, rtol=3e-3, atol=1e-12)
 
 
-def samples(count, hz=50.0):
-    t_ns = np.round(np.arange(count) / hz * 1e9).astype(np.int64)
-    return Samples(t_ns, np.tile([0.1, 0.0, 0.0], (count, 1)), np.zeros((count, 3)))
-
-
 def test_a_minute_of_a_recording_ends_with_it():
-    motion = motion_of(samples(151), 60.0)
-    assert motion.duration_s == pytest.approx(3.0)
-    assert motion_of(samples(151), 2.0).duration_s == pytest.approx(2.0)
-    assert len(motion.measured) == len(motion.dt) + 1
+    t_ns = np.arange(151) * 20_000_000
+    samples = Samples(t_ns, np.tile([0.1, 0.0, 0.0], (151, 1)), np.zeros((151, 3)))
+    for most_s, found_s in ((60.0, 3.0), (2.0, 2.0)):
+        motion = motion_of(samples, most_s)
+        assert (motion.duration_s, len(motion.measured)) == (pytest.approx(found_s), len(motion.dt) + 1)

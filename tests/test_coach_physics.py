@@ -58,8 +58,7 @@ def test_its_columns_are_the_derivatives():
     """Of the length, and of the end attitude that a turn predicts less the one that gravity shows: by differences."""
     own, step = turns.OwnAccelerometer(RAW, 0.0), 1e-6
     first, last = forces(2, 5)[:, None]
-    q_first = rotation.from_gravity(first)
-    q_last = rotation.from_gravity(last)
+    q_first, q_last = rotation.from_gravity(first), rotation.from_gravity(last)
     turn = rotation.multiply(rotation.conjugate(q_first), q_last)[0]
     (lengths,) = own.length_rows(first)
     (tilts,) = own.tilt_rows(first, last, q_first, q_last)
@@ -77,17 +76,18 @@ def test_its_columns_are_the_derivatives():
         np.testing.assert_allclose(2 * error[1:3] / error[0] / step, tilts[:, k], atol=1e-4)
 
 
+def still(seconds, force):
+    return Still(0, 1, 0.0, seconds, *[np.zeros(3)] * 2, read_by(RAW, force), *[np.zeros(3)] * 2, 25.0)
+
+
 def test_each_still_tells_by_its_white_noise_and_what_the_accelerometer_wanders():
     """Of 2 and 8 s: half the mean square density by the seconds, and the square of the rest."""
     noise, force = Noise(np.full(3, 1e-4), np.array([1e-3, 2e-3, 3e-3])), forces(2, 1)
-    stills = tuple(
-        Still(0, 1, 0.0, seconds, *[np.zeros(3)] * 2, row, *[np.zeros(3)] * 2, 25.0)
-        for seconds, row in zip((2.0, 8.0), read_by(RAW, force), strict=True)
-    )
     known = turns.OwnAccelerometer(RAW, 4e-4)
     rows, variance = known.length_rows(force), np.mean([1e-6, 4e-6, 9e-6]) / 2 / np.array([2.0, 8.0]) + 1.6e-7
     expected = np.einsum("sp,s,sq->pq", rows, 1 / variance, rows)
-    np.testing.assert_allclose(turns.length_information(known, stills, noise), expected, rtol=1e-9, atol=1e-9)
+    found = turns.length_information(known, (still(2.0, force[0]), still(8.0, force[1])), noise)
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
 
 
 G = 9.80665
@@ -193,8 +193,7 @@ def test_what_it_says_is_a_turn_from_where_the_board_lies_and_it_ends_when_all_i
     assert np.sum(few.sigma > 100) >= 6
     for count in range(1, len(taken) + 1):
         advice = one_by_one(Progress(tuple(taken[:count])))
-    at_once = Coach()
-    assert at_once(Progress(tuple(taken))) == advice
+    assert Coach()(Progress(tuple(taken))) == advice
     assert not advice.reached
     assert advice.reason == f"it helps the {advice.missing[0]}"
     (turn,) = (turn for turn in turns_from(taken[-1].segment.stills[1].accel_mean) if turn.words == advice.words)
@@ -207,7 +206,7 @@ def test_what_it_says_is_a_turn_from_where_the_board_lies_and_it_ends_when_all_i
 @pytest.mark.parametrize(("directions", "asked"), [(4, "all"), (14, "its worst")])
 def test_an_accelerometer_that_nobody_calibrated_is_in_its_advice(taken, directions, asked):
     """By eighths of a turn: where its parameters are unknown by the determinant of all, then by the sigma of its worst."""
-    stills = tuple(Still(0, 1, 0.0, 2.0, *[np.zeros(3)] * 2, row, *[np.zeros(3)] * 2, 25.0) for row in read_by(RAW, forces(directions, 3)))
+    stills = tuple(still(2.0, force) for force in forces(directions, 3))
     coach = Coach(1e6 * TARGETS)
     advice = coach(Progress(tuple(taken), stills, True, RAW))
     sigma = coach.sigma
@@ -219,9 +218,9 @@ def test_an_accelerometer_that_nobody_calibrated_is_in_its_advice(taken, directi
     force = RAW.correct(stills[-1].accel_mean)
     turns = turns_from(force, EIGHTHS)
     rows, covariance = coach._rows(force, turns), coach.covariance
-    left = [covariance - covariance @ row.T @ np.linalg.solve(np.eye(3) + row @ covariance @ row.T, row @ covariance) for row in rows]
+    left = [np.linalg.inv(np.linalg.inv(covariance) + row.T @ row) for row in rows]
     if asked == "all":
-        rating = [-np.linalg.slogdet(np.eye(3) + row @ covariance @ row.T)[1] for row in rows]
+        rating = [np.linalg.slogdet(each)[1] for each in left]
     else:
         rating = [(np.sqrt(np.diag(each)) / coach.targets)[linear.PARAMETERS :].max() for each in left]
     assert advice.words == turns[int(np.argmin(rating))].words

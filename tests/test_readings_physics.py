@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from session.io.numeric import held_for, new_readings, sigma_of, sigma_of_steps, smallest_step
-from session.io.samples import AT_ONCE, PackedReadings, Packer, inserted, mapped, pick, pieces, replaced, times
+from session.io.samples import PackedReadings, Packer, inserted, mapped, pick, pieces, replaced, times
 
 RNG = np.random.default_rng(8)
 
@@ -99,8 +99,9 @@ def test_rows_are_put_in_as_numpy_puts_them_in():
     np.testing.assert_array_equal(np.asarray(pick(found, kept)), true[kept])
 
 
-def test_a_column_is_converted_in_parts_to_the_same_numbers():
-    whole = RNG.integers(-3000, 3000, (AT_ONCE + 1000, 3)).astype(np.int16)
+def test_a_column_is_converted_in_parts_to_the_same_numbers(monkeypatch):
+    monkeypatch.setattr("session.io.samples.AT_ONCE", 400)
+    whole = RNG.integers(-3000, 3000, (1000, 3)).astype(np.int16)
     found = packed(whole).mapped(times(0.5))
     np.testing.assert_array_equal(np.asarray(found), whole * 0.5)
     np.testing.assert_array_equal(found[:, 1], whole[:, 1] * 0.5)
@@ -121,13 +122,17 @@ def test_new_readings_are_rows_that_differ_in_any_axis():
     assert new_readings(rows).tolist() == [True, True, False, False, True, False, True]
     rows[2, 1] += 1
     assert new_readings(rows).tolist() == [True, True, True, True, True, False, True]
-    long = np.repeat(np.arange(9000.0), 2)[:, None] * np.ones(3)
-    assert new_readings(long).sum() == 9000
+    assert new_readings(held([2] * 9000)).sum() == 9000
 
 
-def test_a_reading_is_held_for_the_median_of_its_rows():
-    assert held_for(new_readings(np.repeat(np.arange(30.0), 6)[:, None] * np.ones(3))) == 6
-    assert held_for(new_readings(np.repeat(np.arange(30.0), np.resize([1, 1, 9], 30))[:, None] * np.ones(3))) == 1
+def held(rows_each):
+    """Readings of three axes, each held for so many rows."""
+    return np.repeat(np.arange(float(len(rows_each))), rows_each)[:, None] * np.ones(3)
+
+
+@pytest.mark.parametrize(("rows_each", "median"), [([6] * 30, 6), ([1, 1, 9] * 10, 1)])
+def test_a_reading_is_held_for_the_median_of_its_rows(rows_each, median):
+    assert held_for(new_readings(held(rows_each))) == median
     assert held_for(np.ones(2, dtype=bool)) == 1
 
 

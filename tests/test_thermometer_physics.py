@@ -36,33 +36,21 @@ def test_what_stays_away_for_longer_is_a_bodys(length, is_out):
 
 
 @pytest.mark.parametrize(("beyond", "is_out"), [(-1e-6, False), (1e-6, True)])
-@pytest.mark.parametrize("way", [-1, 1])
-def test_the_fence_is_by_the_quartiles_around(way, beyond, is_out):
-    """Readings of 0 and 1 in turn: quartiles 0 and 1."""
-    temp_c = np.tile([0.0, 1.0], 50)
-    temp_c[50] = (1 if way > 0 else 0) + way * (_FENCE + _EXCURSION_C + beyond)
-    assert failed(temp_c).sum() == is_out
-
-
-@pytest.mark.parametrize(("beyond", "is_out"), [(0.0, False), (1e-6, True)])
-def test_an_excursion_of_two_steps_of_a_coarse_thermometer_is_left(beyond, is_out):
-    temp_c = np.full(100, 20.0)
-    temp_c[30] += _EXCURSION_C + beyond
+@pytest.mark.parametrize(("way", "apart"), [(-1, 1.0), (1, 1.0), (1, 0.0)])
+def test_the_fence_is_by_the_quartiles_around(way, apart, beyond, is_out):
+    """Of two readings in turn, which are the quartiles; of a coarse thermometer, which are alike, two steps are left."""
+    temp_c = np.tile([0.0, apart], 50)
+    temp_c[50] = max(way, 0) * apart + way * (_FENCE * apart + _EXCURSION_C + beyond)
     assert failed(temp_c).sum() == is_out
 
 
 def test_a_body_may_jump_and_warm_and_cool():
     """Into a bath; under a breath of two seconds, read ten times a second; noise of a register, of a bad thermometer, and none."""
-    rng = np.random.default_rng(0)
-    t = np.arange(100_000)
-    assert not failed(np.where(t < 50_000, 20.0, 40.0)).any()
-    assert not failed(20 + 10 * np.exp(-(((t - 5000) / 10) ** 2))).any()
-    for sigma in (0.05, 0.5, 20.0):
-        assert not failed(20 + 5 * t / len(t) + sigma * rng.standard_normal(len(t))).any()
-        assert not failed(np.rint(20 + 5 * t / len(t) + sigma * rng.standard_normal(len(t)))).any()
-    assert not failed(np.array([])).any()
-    assert not failed(np.array([20.0])).any()
-    assert not failed(np.array([20.0, 85.0])).any()
+    rng, t = np.random.default_rng(0), np.arange(20_000)
+    warming = [20 + 5 * t / len(t) + sigma * rng.standard_normal(len(t)) for sigma in (0.05, 0.5, 20.0)]
+    bath, breath = np.where(t < 10_000, 20.0, 40.0), 20 + 10 * np.exp(-(((t - 5000) / 10) ** 2))
+    for temp_c in (bath, breath, *warming, *np.rint(warming), np.array([]), np.array([20.0]), np.array([20.0, 85.0])):
+        assert not failed(temp_c).any()
 
 
 def test_the_last_sound_reading_stands_for_one_that_failed():
@@ -85,12 +73,18 @@ def test_the_last_sound_reading_stands_for_one_that_failed():
     assert sound.notes == ["1 reading of the thermometer jumps away and back (99 °C), as no body does: left out"]
 
 
-def test_the_grid_is_the_smallest_step():
-    assert grid_with((0.0, 0.0), None) == (0, 0)
-    assert grid_with((0.5, 3.0), np.array([20.0, np.nan])) == (0.5, 3)
-    assert grid_with((0.0, 0.0), np.array([20.0, 20.0])) == (0, 20)
-    assert grid_with((0.0, 0.0), np.array([20.0, 21.0, 20.5])) == (0.5, 20)
-    assert grid_with((0.5, 20.0), np.array([23.0, 24.0])) == (0.5, 23)
+@pytest.mark.parametrize(
+    ("known", "temps", "grid"),
+    [
+        ((0.0, 0.0), None, (0, 0)),
+        ((0.5, 3.0), [20.0, np.nan], (0.5, 3)),
+        ((0.0, 0.0), [20.0, 20.0], (0, 20)),
+        ((0.0, 0.0), [20.0, 21.0, 20.5], (0.5, 20)),
+        ((0.5, 20.0), [23.0, 24.0], (0.5, 23)),
+    ],
+)
+def test_the_grid_is_the_smallest_step(known, temps, grid):
+    assert grid_with(known, None if temps is None else np.array(temps)) == grid
 
 
 def rows_of(temps, in_units=True):

@@ -14,20 +14,24 @@ from tinygc.noise.refit import refit
 from tinygc.noise.turn_gravity import TurnGravity, _TurnEquations, _turns, lever_equations, turn_gravity, velocity_equations
 
 
-def equations(seed, turns=7, noise=0.1):
+def equations(seed, noise=0.1):
     rng = np.random.default_rng(seed)
-    columns, truth = rng.standard_normal((turns, 5, 4)), np.array([0.3, -0.2, 0.1, 0.5])
-    values = columns @ truth + noise * rng.standard_normal((turns, 5))
+    columns, truth = rng.standard_normal((7, 5, 4)), np.array([0.3, -0.2, 0.1, 0.5])
+    values = columns @ truth + noise * rng.standard_normal((7, 5))
     normal, right = np.einsum("sai,saj->sij", columns, columns), np.einsum("sai,sa->si", columns, values)
-    return _TurnEquations(normal, right, np.sum(values**2, axis=1), np.full(turns, 5)), columns, values
+    return _TurnEquations(normal, right, np.sum(values**2, axis=1), np.full(7, 5)), columns, values
+
+
+def solved(columns, values, without=()):
+    """Least squares of all turns but these."""
+    columns, values = (np.concatenate(np.delete(each, without, axis=0)) for each in (columns, values))
+    return np.linalg.lstsq(columns, values, rcond=None)[0]
 
 
 def test_the_sigma_is_the_jackknife_of_whole_turns():
     found, columns, values = equations(1)
-    without = [
-        np.linalg.lstsq(np.delete(columns, s, 0).reshape(-1, 4), np.delete(values, s, 0).ravel(), rcond=None)[0][3] for s in range(7)
-    ]
-    assert found.solve() == pytest.approx(np.linalg.lstsq(columns.reshape(-1, 4), values.ravel(), rcond=None)[0])
+    without = [solved(columns, values, [s])[3] for s in range(7)]
+    assert found.solve() == pytest.approx(solved(columns, values))
     assert found.sigma_s() == pytest.approx(np.sqrt(6 / 7 * np.sum((without - np.mean(without)) ** 2)))
 
 
@@ -51,14 +55,8 @@ def test_the_claimed_sigma_has_the_filters_share():
 def test_the_gain_of_a_turn_is_of_a_fit_to_all_others():
     """By hand, with each turn left out of both fits: signed ranks of the residuals' squares."""
     found, columns, values = equations(3, noise=2.0)
-    gains = []
-    for s in range(7):
-        left = []
-        for count in (3, 4):
-            rest = (np.delete(each, s, 0).reshape(30, *each.shape[2:]) for each in (columns[..., :count], values))
-            solution = np.linalg.lstsq(*rest, rcond=None)[0]
-            left.append(np.sum((values[s] - columns[s, :, :count] @ solution) ** 2))
-        gains.append(left[0] - left[1])
+    left = [[values[s] - columns[s, :, :n] @ solved(columns[..., :n], values, [s]) for s in range(7)] for n in (3, 4)]
+    gains = np.sum(np.square(left[0]) - np.square(left[1]), axis=1)
     assert found.improvement_p() == wilcoxon(gains, alternative="greater", method="exact").pvalue
     assert 0.01 < found.improvement_p() < 0.9
 

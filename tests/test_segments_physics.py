@@ -114,18 +114,12 @@ def test_a_still_that_is_no_reference_is_passed_over():
 
 
 @pytest.mark.parametrize(("periods", "lost"), [(2.49, None), (2.51, 2), (21, 20)])
-@pytest.mark.parametrize("at", [0, 1, 150])
-def test_a_step_of_two_and_a_half_periods_is_a_gap(periods, lost, at):
+def test_a_step_of_two_and_a_half_periods_is_a_gap(periods, lost):
     """From the last sample before the turn to its last one; a step outside of it is none of its."""
-    samples, later = samples_of(1000), round(periods * 10_000_000) - 10_000_000
-    t_ns = samples.t_ns.copy()
-    t_ns[400 + at :] += later
-    broken = why_broken(replace(samples, t_ns=t_ns), slice(400, 551), CONFIG.sensor)
-    assert broken == (lost and f"{lost} samples are missing during the turn (gap of {periods / 100:.3f} s)")
-    for outside in (399, 551):
-        t_ns = samples.t_ns.copy()
-        t_ns[outside:] += later
-        assert why_broken(replace(samples, t_ns=t_ns), slice(400, 551), CONFIG.sensor) is None
+    samples, says = samples_of(1000), lost and f"{lost} samples are missing during the turn (gap of {periods / 100:.3f} s)"
+    for row, broken in ((399, None), (400, says), (401, says), (550, says), (551, None)):
+        late = (np.arange(1000) >= row) * round((periods - 1) * 10_000_000)
+        assert why_broken(replace(samples, t_ns=samples.t_ns + late), slice(400, 551), CONFIG.sensor) == broken
 
 
 def test_a_turn_that_clips_names_its_axes_unless_its_readings_were_put_in():
@@ -239,22 +233,22 @@ def known(angle_deg, axis=(0, 0, 1.0), turn=0, log=None):
 @pytest.mark.parametrize("sign", [1, -1])
 def test_a_stated_angle_may_be_off_by_a_tenth_and_five_degrees(sign):
     """Of 180 deg by 23; and, of ten circles, by 150; then the sense, then the circles are doubted."""
-    for stated, off in ((180, 23), (3600, 150)):
-        for error in (off, -off):
-            inside, outside = (sign * (stated + error * (1 + step)) * DEG for step in (-1e-4, 1e-4))
-            assert contradiction(known(sign * stated), np.array([0, 0, inside])) is None
-            assert contradiction(known(sign * stated), np.array([0, 0, outside])) is not None
-    says = f"the gyro reads {sign * 90:.1f} deg about z"
-    read = np.array([0, 0, sign * 90 * DEG])
-    assert contradiction(known(sign * -90), read) == f"{says}: the other way round"
-    assert contradiction(known(sign * 450), read) == f"{says}: 1 full circle fewer than stated"
-    assert contradiction(known(sign * 810), read) == f"{says}: 2 full circles fewer than stated"
-    assert contradiction(known(sign * 70), read) == says
-    assert contradiction(known(sign * 300), read) == says  # nearly, but for a circle, it is not either
-    assert contradiction(known(sign * -270), read) == f"{says}: 1 full circle fewer than stated"  # of those in the stated sense
-    assert contradiction(known(sign * -630), read) == f"{says}: 2 full circles fewer than stated"
-    more = np.array([0, 0, sign * 450 * DEG])
-    assert contradiction(known(sign * 90), more) == f"the gyro reads {sign * 450:.1f} deg about z: 1 full circle more than stated"
+
+    def doubted(stated, read):
+        return contradiction(known(sign * stated), np.array([0, 0, sign * read * DEG]))
+
+    for stated, off in ((180, 23), (3600, 150), (180, -23), (3600, -150)):
+        assert doubted(stated, stated + off * (1 - 1e-4)) is None
+        assert doubted(stated, stated + off * (1 + 1e-4)) is not None
+    for stated, read, says in (
+        (-90, 90, ": the other way round"),
+        (450, 90, ": 1 full circle fewer than stated"),
+        (70, 90, ""),
+        (300, 90, ""),  # nearly, but for a circle, it is not either
+        (-630, 90, ": 2 full circles fewer than stated"),  # of those in the stated sense
+        (90, 450, ": 1 full circle more than stated"),
+    ):
+        assert doubted(stated, read) == f"the gyro reads {sign * read:.1f} deg about z{says}"
     assert contradiction(known(90), np.zeros(3)) == "the gyro turned 0.0 deg about 0.00;0.00;0.00, not about z"
 
 
@@ -275,17 +269,19 @@ def test_known_turns_are_counted_over_all_logs_or_in_their_own():
     first, second = cut(samples, stills, log=0), cut(samples, stills, log=1, number=2)
     second[1] = replace(second[1], problem="clips")
     angle = angle_read(samples, first[0])[2] / DEG
-    asked = [known(angle, turn=2), known(angle, turn=0, log="b"), known(angle, turn=1, log="b"), known(-angle, turn=0, log="a")]
-    asked += [known(angle, turn=4), known(angle, turn=2, log="b"), known(angle, turn=0, log="c")]
-    found = _find_known_turns(asked, [*first, *second], [samples, samples], ["a", "b"])
-    numbers = [turn.segment and turn.segment.number for turn in found]
-    assert numbers == [2, 2, 3, 0, None, None, None]
-    problems = [turn.problem for turn in found]
-    assert problems[:3] == [None, "an earlier line names the same turn", "the turn is not used: clips"]
-    assert problems[3].endswith("the other way round")
-    assert problems[4:] == [
-        f"there is no such turn: {n}" for n in ("4 turns, counted from 0", "2 turns, counted from 0", "no turn between two stills")
-    ]
+    for turn, log, number, problem in (
+        (2, None, 2, None),
+        (1, "b", 3, "the turn is not used: clips"),
+        (4, None, None, "there is no such turn: 4 turns, counted from 0"),
+        (2, "b", None, "there is no such turn: 2 turns, counted from 0"),
+        (0, "c", None, "there is no such turn: no turn between two stills"),
+    ):
+        (found,) = _find_known_turns([known(angle, turn=turn, log=log)], [*first, *second], [samples, samples], ["a", "b"])
+        assert (found.segment and found.segment.number, found.problem) == (number, problem)
+    asked = [known(angle, turn=2), known(angle, turn=0, log="b"), known(-angle, turn=0, log="a")]
+    one, again, other = _find_known_turns(asked, [*first, *second], [samples, samples], ["a", "b"])
+    assert (one.segment, one.problem, again.problem) == (again.segment, None, "an earlier line names the same turn")
+    assert (other.segment.number, other.problem[-19:]) == (0, "the other way round")
 
 
 def test_three_axes_span_space_down_to_a_singular_value_of_three_tenths():

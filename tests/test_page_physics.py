@@ -174,9 +174,9 @@ class Answer(NamedTuple):
     text: str
 
 
-def asked(server, path, host=None, method="GET") -> Answer:
+def asked(server, path, method="GET", body=None, **headers) -> Answer:
     with contextlib.closing(http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=PATIENCE_S)) as connection:
-        connection.request(method, path, headers={"Host": host} if host else {})
+        connection.request(method, path, body, headers)
         answer = connection.getresponse()
         return Answer(answer.status, answer.headers, answer.read().decode())
 
@@ -188,10 +188,8 @@ def following(server) -> socket.socket:
     return made
 
 
-def wished(server, body, path="wish", token=None, **headers) -> int:
-    with contextlib.closing(http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=PATIENCE_S)) as connection:
-        connection.request("POST", f"/{token or server.token}/{path}", body, headers)
-        return connection.getresponse().status
+def wished(server, body, token=None, **headers) -> int:
+    return asked(server, f"/{token or server.token}/wish", "POST", body, **headers).status
 
 
 def test_with_the_token_there_is_a_page_that_may_load_nothing_else(server):
@@ -207,17 +205,19 @@ def test_with_the_token_there_is_a_page_that_may_load_nothing_else(server):
     assert len(server.token) >= 24
 
 
-@pytest.mark.parametrize(
-    ("path", "host", "method", "status"),
-    [(path, None, "GET", 403) for path in ("/", "/page.html", "/events", "/x/", "/x/events", "//", "/%00/")]
-    + [("/{token}/", host, "GET", 421) for host in ("evil.example:{port}", "127.0.0.1", "127.0.0.1.evil.example:{port}", "[::1]:{port}")]
-    + [("/{token}/" + name, None, "GET", 404) for name in ("../server.py", "..%2fserver.py", "/etc/passwd", "__init__.py")]
-    + [("/{token}/", None, "PUT", 501)],
-)
-def test_nobody_else_sees_anything(server, path, host, method, status):
-    answer = asked(server, path.format(token=server.token), host and host.format(port=server.server_port), method)
-    assert answer.status == status
-    assert server.token not in answer.text
+def test_nobody_else_sees_anything(server):
+    port = server.server_port
+    hosts = f"evil.example:{port}", "127.0.0.1", f"127.0.0.1.evil.example:{port}", f"[::1]:{port}"
+    mine = f"/{server.token}/"
+    for path, headers, method, status in (
+        *((path, {}, "GET", 403) for path in ("/", "/page.html", "/events", "/x/", "/x/events", "//", "/%00/")),
+        *((mine, {"Host": host}, "GET", 421) for host in hosts),
+        *((mine + name, {}, "GET", 404) for name in ("../server.py", "..%2fserver.py", "/etc/passwd", "__init__.py")),
+        (mine, {}, "PUT", 501),
+    ):
+        answer = asked(server, path, method, **headers)
+        assert answer.status == status, (path, headers)
+        assert server.token not in answer.text
 
 
 def test_a_wish_is_a_key_of_the_terminal_while_a_recording_takes_it(server):

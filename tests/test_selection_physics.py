@@ -8,7 +8,7 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 from linear_twin import PRIORS, effect, linear_twin, minus_twice_log, stepped
-from scipy import integrate, optimize, special, stats
+from scipy import optimize, special, stats
 from small_sessions import small_session
 
 from tinygc.effects import Convention
@@ -225,21 +225,6 @@ def of_calibration(twin, hypothesis) -> float:
     """What the wide prior of the calibration takes off the density: the score leaves it out."""
     moved = (hypothesis.fit.state.vector[:15] - twin.start().vector) / PRIORS
     return float(moved @ moved - moved[12:14] @ moved[12:14])
-
-
-@pytest.mark.parametrize("size", [1, 9])
-def test_a_name_costs_its_odds_and_the_place_of_its_numbers_within_a_scale_of_any_order(size):
-    """Against the integral over the scale: density 1 / 10 of its logarithm, odds 1 in 30, and as many shapes as were tried."""
-    z = np.full(size, 40.0)
-
-    def density(ln_sigma: float) -> float:
-        """Of estimates z with unit noise, relative to those without any effect and to the best fit."""
-        variance = 1 + np.exp(2 * ln_sigma)
-        return float(variance ** (-size / 2) * np.exp(-(z @ z) / 2 / variance))
-
-    whole = integrate.quad(density, -10, 15, points=[np.log(40)], limit=500)[0] / 10
-    expected = -2 * np.log(whole * (1 / 30) / 7) - size * np.log(z[0] ** 2) + of_scale(size)
-    assert price(effect("x", size), 7) == pytest.approx(expected, abs=0.02)
 
 
 @pytest.mark.parametrize(("size", "shapes"), [(1, 1), (3, 40)])

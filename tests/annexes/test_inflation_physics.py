@@ -121,12 +121,18 @@ def figures():
     return figures_of(axis_of(N=OPTIONS.gyro_noise_dps_rthz * DEG / np.sqrt(2), B=3 * DEG_PER_HOUR))
 
 
+def bare(result, elements=(), **more):
+    """The fit with these variances of the matrix and the bias alone: place of twelve -> variance, SI; more: of its noise."""
+    covariance = np.zeros((12, 12))
+    for place, variance in dict(elements).items():
+        covariance[place, place] = variance
+    return replace(result, covariance=covariance, allowed=None, noise=replace(result.noise, noise=replace(result.noise.noise, **more)))
+
+
 @pytest.mark.parametrize("part", [SCALE, _MISALIGNMENT])
 def test_a_part_of_the_matrix_is_the_square_of_the_turns_errors_that_it_makes(result, figures, part):
     sigma = 2e-3
     i, j = (1, 1) if part == SCALE else (1, 2)
-    covariance = np.zeros((12, 12))
-    covariance[3 * i + j, 3 * i + j] = sigma**2
     # The same by integration: the turn's end with and without the error.
     batch, model = result.problem.batch, result.linear.model
     step = 1e-5
@@ -135,7 +141,7 @@ def test_a_part_of_the_matrix_is_the_square_of_the_turns_errors_that_it_makes(re
     ends = [closure.end_attitude(batch, each(batch.rate)) for each in (model, LinearModel(wrong, model.B))]
     apart = rotation.log(rotation.multiply(rotation.conjugate(ends[0]), ends[1])) / step
     added = sigma**2 * np.mean(np.sum(apart**2, axis=1)) / np.mean(batch.duration_s)
-    _, turns, _, _ = inflations(replace(result, covariance=covariance, allowed=None), figures)
+    _, turns, _, _ = inflations(bare(result, {3 * i + j: sigma**2}), figures)
     expected = np.ones(3)
     expected[i] = np.sqrt(1 + added / figures.gyro.values("N")[i] ** 2)
     assert turns.parts[part] == pytest.approx(expected, rel=1e-3)
@@ -143,9 +149,7 @@ def test_a_part_of_the_matrix_is_the_square_of_the_turns_errors_that_it_makes(re
 
 
 def test_a_scale_factor_on_other_motion_by_hand(result, figures):
-    covariance = np.zeros((12, 12))
-    covariance[0, 0], covariance[1, 1] = 1e-6, 4e-6  # E_xx, E_xy: both are of axis x
-    _, _, slow, both = inflations(replace(result, covariance=covariance, allowed=None), figures)
+    _, _, slow, both = inflations(bare(result, {0: 1e-6, 1: 4e-6}), figures)  # E_xx, E_xy: both are of axis x
     window_s, white = np.mean(result.problem.batch.duration_s), figures.gyro.values("N")[0]
     third = (10 * DEG) ** 2 * window_s / 3
     assert slow.parts[SCALE][0] == pytest.approx(np.sqrt(1 + 1e-6 * third / white**2))
@@ -169,10 +173,9 @@ def test_parts_add_up_in_squares_and_the_limit_lies_above(result, figures):
 
 def with_noise(result, **sizes):
     """The fit with noise components of these sizes (size, sigma), SI."""
-    noise = result.noise.noise
-    names = [component.name.partition(".")[2] for component in noise.components]
+    names = [component.name.partition(".")[2] for component in result.noise.noise.components]
     s, sigma = (np.array([sizes.get(name, (0.0, 0.0))[k] for name in names]) for k in (0, 1))
-    return replace(result, noise=replace(result.noise, noise=replace(noise, s=s, sigma=sigma)), allowed=None, covariance=np.zeros((12, 12)))
+    return bare(result, s=s, sigma=sigma)
 
 
 def test_the_unnamed_is_what_each_turn_errs_by_over_its_duration(result, figures):
@@ -197,10 +200,9 @@ def test_undersampling_is_its_factor_times_what_is_predicted(result, figures):
     noise = result.noise.noise
     missed = replace(noise.missed, predicted_rad=np.full(len(result.problem.batch), 2e-4))
     kind = next(c for c in noise.components if c.name == "noise.turn")
-    component = replace(kind, name="motion.undersampled")
-    changed = replace(noise, components=(component,), s=np.array([1.5]), sigma=np.array([np.nan]), missed=missed)
-    bare = replace(result, noise=replace(result.noise, noise=changed), allowed=None, covariance=np.zeros((12, 12)))
-    _, turns, slow, both = inflations(bare, figures)
+    components = (replace(kind, name="motion.undersampled"),)
+    undersampled = bare(result, components=components, s=np.array([1.5]), sigma=np.array([np.nan]), missed=missed)
+    _, turns, slow, both = inflations(undersampled, figures)
     window_s = np.mean(result.problem.batch.duration_s)
     expected = np.sqrt(1 + (1.5 * 2e-4) ** 2 / window_s / figures.gyro.values("N") ** 2)
     assert turns.parts[_UNDERSAMPLING] == pytest.approx(expected)
@@ -210,14 +212,11 @@ def test_undersampling_is_its_factor_times_what_is_predicted(result, figures):
 
 
 def test_what_the_recording_allows_is_in_the_limit_alone_as_much_as_if_it_were_named(result, figures):
-    bare = with_noise(result)
-    square = np.zeros((12, 12))
-    square[7, 7], square[8, 8] = 4e-6, 1e-6
-    allowed = replace(result.allowed, by_effect={"one": square, "less": square / 2})
-    kinds = zip(
-        *(inflations(each, figures)[1:] for each in (bare, replace(bare, allowed=allowed), replace(bare, covariance=square))), strict=True
-    )
-    for without, found, named in kinds:
+    named = bare(with_noise(result), {7: 4e-6, 8: 1e-6})
+    none = replace(named, covariance=np.zeros((12, 12)))
+    allowed = replace(result.allowed, by_effect={"one": named.covariance, "less": named.covariance / 2})
+    fits = none, replace(none, allowed=allowed), named
+    for without, found, named in zip(*(inflations(each, figures)[1:] for each in fits), strict=True):
         assert found.white == pytest.approx(without.white)
         assert found.at_most**2 - found.white**2 == pytest.approx(named.white**2 - without.white**2)
         assert found.at_most[2] > 1.5 * found.white[2]

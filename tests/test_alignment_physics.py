@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import DEG
+from numpy.testing import assert_allclose
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
@@ -119,8 +120,8 @@ def test_a_rate_is_straight_between_samples_and_holds_beyond_the_first_and_the_l
     angle = np.concatenate([[0.0], np.cumsum(np.interp((fine[1:] + fine[:-1]) / 2, knots_s, knots)) * 1e-4])
     at = np.array([-0.5, 0.0, 0.2, 0.4, 0.6, 1.3, 2.0, 2.7, 3.0, 3.5])
     expected = np.outer(np.interp(at, fine, angle) - np.interp(0.0, fine, angle), axis)
-    np.testing.assert_allclose(rotation(log.at(at)).as_rotvec(), expected, atol=1e-7)
-    np.testing.assert_allclose(log.rate_at(at), np.outer(np.interp(at, knots_s, knots), axis), atol=1e-12)
+    assert_allclose(rotation(log.at(at)).as_rotvec(), expected, atol=1e-7)
+    assert_allclose(log.rate_at(at), np.outer(np.interp(at, knots_s, knots), axis), atol=1e-12)
     begin, end = np.array([-0.99, -1.01, 0.4, 0.4, 2.6, 2.1]), np.array([3.99, 2.0, 0.6, 0.45, 4.01, 2.9])
     assert log.whole(begin, end).tolist() == [True, False, True, False, False, True]  # by a period beyond; between two samples at least
 
@@ -130,7 +131,7 @@ def test_in_a_gap_of_more_than_one_and_a_half_periods_there_is_no_rate_and_no_sp
     rate, row = np.random.default_rng(0).normal(size=(200, 3)), np.arange(200)
     log = log_of(0.01 * (row + (periods - 1) * (row > 100)), rate)
     assert log.whole(np.array([0.5]), np.array([1.5]))[0] == (share > 0)
-    np.testing.assert_allclose(log.rate_at(np.array([1 + 0.004 * periods]))[0], rate[100] + share * (rate[101] - rate[100]), atol=1e-9)
+    assert_allclose(log.rate_at(np.array([1 + 0.004 * periods]))[0], rate[100] + share * (rate[101] - rate[100]), atol=1e-9)
 
 
 def truth_between(truth, first, stop):
@@ -143,8 +144,8 @@ def test_a_span_is_half_a_second_from_every_moment_within_a_window():
     truth = Truth(Path("t"), np.rint((stamps + 3) * 1e9).astype(np.int64), np.tile([1.0, 0, 0, 0], (10, 1)))
     spans = _spans_of(samples, truth)
     assert [*zip(spans.first, spans.last, strict=True)] == [(0, 3), (1, 4), (2, 5), (3, 5), (6, 7), (7, 9), (8, 9)]
-    np.testing.assert_allclose(spans.begin_s, stamps[spans.first] + 3)
-    np.testing.assert_allclose(spans.end_s, stamps[spans.last] + 3)
+    assert_allclose(spans.begin_s, stamps[spans.first] + 3)
+    assert_allclose(spans.end_s, stamps[spans.last] + 3)
     windows = _spans_of(samples, replace(truth, window=np.array([0] * 4 + [1] * 6)))
     assert [*zip(windows.first, windows.last, strict=True)] == [(0, 3), (6, 7), (7, 9), (8, 9)]
     assert len(_spans_of(samples, truth_between(truth, 0, 1))) == 0
@@ -199,7 +200,7 @@ def test_clock_and_mounting_have_the_covariance_of_leaving_out_blocks(moved, wil
     covariance = apart.T @ apart * (len(apart) - 1) / len(apart) / (1 - T * (1 - np.exp(-1 / T)))
     sigma = np.sqrt(np.diag(covariance))
     assert np.abs(theta[:4] / sigma[:4]).max() < 0.1
-    np.testing.assert_allclose([found.offset_sigma_s, *found.mounting_sigma], sigma[:4], rtol=0.01)
+    assert_allclose([found.offset_sigma_s, *found.mounting_sigma], sigma[:4], rtol=0.01)
     # And they hold what is off: the mounting that is to be found has the antisymmetric part of the gyro's own matrix in it.
     assert abs(found.offset_s + 0.0123) < 4 * found.offset_sigma_s < 4e-4
 
@@ -385,8 +386,8 @@ def test_an_offset_is_adopted_from_six_of_its_sigmas_and_a_mounting_from_two_deg
         found = align(made(moved, mounting=extra)).alignment
         assert found.source["mounting"] == adopted, np.linalg.norm(found.turned) / DEG
         table = alignment_table(found)
-        np.testing.assert_allclose(table["gyro_to_truth_deg"], found.turned / DEG)
-        np.testing.assert_allclose(table["gyro_to_truth_std_deg"], found.turned_sigma / DEG)
+        assert_allclose(table["gyro_to_truth_deg"], found.turned / DEG)
+        assert_allclose(table["gyro_to_truth_std_deg"], found.turned_sigma / DEG)
         assert (table["offset_s"], table["offset_std_s"]) == (found.offset_s, found.offset_sigma_s)
 
 
@@ -398,7 +399,7 @@ def test_a_sample_without_a_force_does_not_tell_which_way_is_up(moved):
     accel = np.where(np.arange(len(log.samples))[:, None] % 3 > 0, 1e-4 * log.samples.accel + bias, 0.0)
     config = replace(session.config, accelerometer=Accelerometer(bias_mps2=bias))
     found = align(replace(session, config=config, logs=(replace(log, samples=replace(log.samples, accel=accel)),))).alignment
-    np.testing.assert_allclose(found.up, [0, 0, -1], atol=2e-3)
+    assert_allclose(found.up, [0, 0, -1], atol=2e-3)
     assert found.source["frame"] == "found"
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from conftest import DEG
 from linear_twin import effect, linear_twin, stepped
+from numpy.testing import assert_allclose
 from scipy import stats
 
 from tinygc.explanation import decision
@@ -65,9 +66,9 @@ def test_every_tenth_segment_is_held_out_with_the_stills_at_its_ends():
     rows[5] = np.nan  # in no fold
     square = np.nan_to_num((rows / np.sqrt(np.diag(have.whiten.covariance))) ** 2)
     expected = [square[2 * k : 2 * k + 2].sum() + square[24 + 3 * k : 27 + 3 * k].sum() + square[63 + k] for k in range(12)]
-    np.testing.assert_allclose(_per_segment(twin, have, rows), expected)
+    assert_allclose(_per_segment(twin, have, rows), expected)
     sigma = np.sqrt(np.diag(there.whiten.covariance))
-    np.testing.assert_allclose(_per_segment(moving, there, rows[6:30]), ((rows[6:30] / sigma) ** 2).reshape(12, 2).sum(axis=1))
+    assert_allclose(_per_segment(moving, there, rows[6:30]), ((rows[6:30] / sigma) ** 2).reshape(12, 2).sum(axis=1))
 
 
 def refit_without(twin, have, J, r, held, shape=None) -> tuple[float, np.ndarray, np.ndarray]:
@@ -98,9 +99,9 @@ def test_leaving_out_by_algebra_is_refitting_without_those_rows():
     have = evidence.of((A,), evidence.nothing)
     J = have.fit.J * prior_sigmas(twin, [A])
     exact = refitted_without(twin, have, J, have.fit.r)
-    np.testing.assert_allclose(left_out(twin, have.whiten, have.fit.r, J), exact, rtol=1e-6, atol=1e-9)
+    assert_allclose(left_out(twin, have.whiten, have.fit.r, J), exact, rtol=1e-6, atol=1e-9)
     angles = held_out(twin, have.whiten, have.fit)
-    np.testing.assert_allclose(angles, exact[:24].reshape(12, 2), rtol=1e-6, atol=1e-9)
+    assert_allclose(angles, exact[:24].reshape(12, 2), rtol=1e-6, atol=1e-9)
     assert tilt_rms(angles) == pytest.approx(np.sqrt(np.mean(exact[:24:2] ** 2 + exact[1:24:2] ** 2)))
 
 
@@ -135,7 +136,7 @@ def test_a_scanned_shape_is_chosen_anew_by_the_rows_that_are_seen():
             rows[gone] = predicted
     assert len(chosen) > 1
     for some, rows in ((shapes, expected), (shapes[:1], alone), ([], left_out(twin, have.whiten, r, J))):
-        np.testing.assert_allclose(_left_out_and_searched(twin, have.whiten, r, J, some), rows, rtol=1e-6, atol=1e-9)
+        assert_allclose(_left_out_and_searched(twin, have.whiten, r, J, some), rows, rtol=1e-6, atol=1e-9)
 
 
 # What is proved, and handed on.
@@ -190,7 +191,7 @@ def test_what_is_handed_on_has_the_covariance_of_both_estimates_for_the_same_err
     to_errors, to_prior, own = -theta @ solved.T, theta / prior, L @ columns[:, 15:]
     errors, priors = np.concatenate([L + own @ to_errors, to_errors]), np.concatenate([own @ to_prior, to_prior])
     index = [*range(12), 15, 16]
-    np.testing.assert_allclose(found.covariance[np.ix_(index, index)], errors @ C @ errors.T + priors @ priors.T, rtol=1e-6, atol=1e-9)
+    assert_allclose(found.covariance[np.ix_(index, index)], errors @ C @ errors.T + priors @ priors.T, rtol=1e-6, atol=1e-9)
 
 
 # Decisions.
@@ -379,8 +380,8 @@ def undersampled(factor=2.0, rms=0.8, gain=8.0, own=3.0, sigma=0.25):
         claims = _undersampled_claim(evidence, found.whiten, found.fit, noise)
     if passed:
         whiten, r, J, s = passed[0]
-        np.testing.assert_allclose(r, found.whiten.back(found.fit.r))
-        np.testing.assert_allclose(J, found.whiten.back(found.fit.J) * evidence.prior(found.fit))
+        assert_allclose(r, found.whiten.back(found.fit.r))
+        assert_allclose(J, found.whiten.back(found.fit.J) * evidence.prior(found.fit))
         assert (whiten, s) == (found.whiten, "s")
     return claims
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from conftest import DEG
 from known_effects import FS, RATE, STRONG, movement, smooth, theta_of
+from numpy.testing import assert_allclose
 from scipy.signal import lsim
 from scipy.spatial.transform import Rotation
 
@@ -37,7 +38,7 @@ def test_columns_are_the_derivative_of_what_it_does_and_it_is_undone(name):
     back = effect.correct(distorted, slow.with_rate(distorted), theta_of(effect))
     assert np.abs(back - slow.rate)[50:-50].max() < STRONG[name][1] * done
     for same in (effect.distort(slow, np.zeros(size)), effect.correct(slow.rate, slow, np.zeros(size))):
-        np.testing.assert_allclose(same, slow.rate, atol=1e-15)
+        assert_allclose(same, slow.rate, atol=1e-15)
 
 
 @pytest.mark.parametrize(
@@ -58,7 +59,7 @@ def test_it_adds_what_its_equation_says(name, what):
     effect, moved = catalogue()[name], movement()
     value = np.ravel(STRONG[name][0])
     added = effect.distort(moved, value * effect.parameter.si) - moved.rate
-    np.testing.assert_allclose(added, what(moved, value), rtol=1e-9, atol=1e-13)
+    assert_allclose(added, what(moved, value), rtol=1e-9, atol=1e-13)
 
 
 @pytest.mark.parametrize("odr_hz", [104.0, 833.0])
@@ -70,9 +71,9 @@ def test_bandwidth_is_the_first_order_filter_of_scipy(odr_hz):
     distorted = effect.distort(moved, tau)
     for axis, each in enumerate(tau):
         _, expected, _ = lsim(([1.0], [each, 1.0]), moved.rate[:, axis], moved.t_s)
-        np.testing.assert_allclose(distorted[:, axis], expected, atol=1e-9 * np.abs(expected).max())
+        assert_allclose(distorted[:, axis], expected, atol=1e-9 * np.abs(expected).max())
     steady = moved.with_rate(np.full_like(moved.rate, 40 * DEG))
-    np.testing.assert_allclose(effect.distort(steady, tau), 40 * DEG, rtol=1e-12)
+    assert_allclose(effect.distort(steady, tau), 40 * DEG, rtol=1e-12)
     phase = np.arctan(omega * tau)
     true = np.repeat(np.sin(omega * moved.t_s)[:, None], 3, axis=1)
     late = np.cos(phase) * np.sin(omega * moved.t_s[:, None] - phase)
@@ -86,9 +87,9 @@ def test_skewed_axes_show_the_rate_of_seconds_ago():
     seconds = np.array([0.0, 0.0031, 0.0177])
     distorted = effect.distort(moved, seconds)
     expected = np.stack([smooth(moved.t_s - shift)[:, axis] for axis, shift in enumerate(seconds)], axis=-1)
-    np.testing.assert_allclose(distorted, expected, atol=1e-4 * np.abs(expected).max())
+    assert_allclose(distorted, expected, atol=1e-4 * np.abs(expected).max())
     back = effect.correct(expected, moved.with_rate(expected), seconds)
-    np.testing.assert_allclose(back, moved.rate, atol=1e-4 * np.abs(expected).max())
+    assert_allclose(back, moved.rate, atol=1e-4 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("name", ["gyro.thermal_bias", "gyro.thermal_scale"])
@@ -96,17 +97,17 @@ def test_temperature_effects_are_counted_from_the_first_temperature_of_a_thermom
     effect, moved = catalogue()[name], movement()
     assert effect.inputs == ("temperature",)
     warmer = replace(moved, temp_c=moved.temp_c + 7, first_temp_c=moved.first_temp_c + 7)
-    np.testing.assert_allclose(effect.columns(warmer), effect.columns(moved), atol=1e-13)
+    assert_allclose(effect.columns(warmer), effect.columns(moved), atol=1e-13)
 
 
 def test_a_step_is_nothing_before_its_time_and_a_drift_reaches_its_parameter_at_the_end():
     theta, moved = np.array([0.1, -0.2, 0.3]) * DEG, movement()
     early, step = catalogue()["gyro.bias_step"].variants(np.array([1.0, 4.2]))
     assert (step.id, step.shape, early.shape) == ("gyro.bias_step", {"at_s": 4.2}, {"at_s": 1.0})
-    np.testing.assert_allclose(step.distort(moved, theta) - moved.rate, np.outer(moved.t_s >= 4.2, theta), atol=1e-15)
+    assert_allclose(step.distort(moved, theta) - moved.rate, np.outer(moved.t_s >= 4.2, theta), atol=1e-15)
     late = replace(moved, t_s=moved.t_s + 90, duration_s=100.0)
     added = catalogue()["gyro.bias_drift"].distort(late, theta) - late.rate
-    np.testing.assert_allclose(added, np.outer(late.t_s / 100, theta), rtol=1e-9)
+    assert_allclose(added, np.outer(late.t_s / 100, theta), rtol=1e-9)
 
 
 def test_saturation_clips_both_ways_and_touches_nothing_below():
@@ -162,8 +163,8 @@ def test_latitude_is_that_of_the_earths_rate_in_north_east_down(latitude):
 def test_a_matrix_is_told_by_its_row_and_its_columns_multiply_what_they_are_given():
     rng = np.random.default_rng(0)
     matrix, inputs = rng.normal(size=(3, 3)), rng.normal(size=(7, 3))
-    np.testing.assert_allclose(full(inputs) @ matrix.ravel(), inputs @ matrix.T, rtol=1e-12)
-    np.testing.assert_allclose(diagonal(inputs[:, 0]) @ matrix[0], np.outer(inputs[:, 0], matrix[0]), rtol=1e-12)
+    assert_allclose(full(inputs) @ matrix.ravel(), inputs @ matrix.T, rtol=1e-12)
+    assert_allclose(diagonal(inputs[:, 0]) @ matrix[0], np.outer(inputs[:, 0], matrix[0]), rtol=1e-12)
     told = np.array([[0.1, 0, 0], [0, 0, -0.7], [0.2, 0.3, 0]]).ravel()
     assert (largest(told), axis_of(told)) == (-0.7, "y")
 

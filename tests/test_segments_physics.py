@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from conftest import config
+from numpy.testing import assert_allclose
 
 from session.detect.segments import (
     FoundTurn,
@@ -220,10 +221,10 @@ def test_the_angle_that_the_gyro_reads_is_its_integral_less_a_bias_that_changes_
     part = slice(segment.start, segment.stop)
     t_s = (samples.t_ns[part] - samples.t_ns[segment.start]) * NS
     mean = (stills[0].gyro_mean + stills[1].gyro_mean) / 2
-    np.testing.assert_allclose(angle_read(samples, segment), np.trapezoid(samples.gyro[part], t_s, axis=0) - mean * t_s[-1], atol=1e-12)
+    assert_allclose(angle_read(samples, segment), np.trapezoid(samples.gyro[part], t_s, axis=0) - mean * t_s[-1], atol=1e-12)
     bent = replace(samples, gyro=np.tile(stills[0].gyro_mean, (500, 1)))
     first_half = np.trapezoid((stills[1].gyro_mean - stills[0].gyro_mean)[:, None] * -t_s / t_s[-1], t_s, axis=1)
-    np.testing.assert_allclose(angle_read(bent, segment), first_half, atol=1e-12)
+    assert_allclose(angle_read(bent, segment), first_half, atol=1e-12)
 
 
 def known(angle_deg, axis=(0, 0, 1.0), turn=0, log=None):
@@ -259,7 +260,7 @@ def test_an_axis_may_be_thirty_degrees_from_where_it_was_mounted(apart_deg, same
     assert (contradiction(known(90), read) is None) == same
     assert same or contradiction(known(90), read) == "the gyro turned 90.0 deg about 0.50;0.00;0.87, not about z"
     found = FoundTurn(known(-90), None, -read, None)
-    np.testing.assert_allclose(found.axis, read / np.linalg.norm(read))
+    assert_allclose(found.axis, read / np.linalg.norm(read))
     assert found.along_rad == pytest.approx(-90 * DEG * np.cos(apart_deg * DEG))
 
 

@@ -8,6 +8,7 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 from linear_twin import PRIORS, effect, linear_twin, minus_twice_log, stepped
+from numpy.testing import assert_allclose
 from scipy import optimize, special, stats
 from small_sessions import small_session
 
@@ -63,7 +64,7 @@ def test_the_lowest_p_value_is_that_of_fishers_f_whatever_the_scale():
         assert Selection(nuisance, groups, 1).gains(r)[name] == pytest.approx(least - left, rel=1e-9)
         alone = Selection(nuisance, {name: columns}, 1)
         lowest = alone.lowest_log_p(np.stack([0.01 * r, -2 * r + nuisance @ np.arange(7)], axis=1))
-        np.testing.assert_allclose(lowest, log_p[-1], rtol=1e-9)
+        assert_allclose(lowest, log_p[-1], rtol=1e-9)
     assert Selection(nuisance, groups, 1).lowest_log_p(r[:, None])[0] == pytest.approx(min(log_p), rel=1e-9)
     strong = 1e5 * groups["g1"].sum(axis=1) + r
     left = [np.sum(without(columns, strong) ** 2) for columns in (nuisance, np.hstack([nuisance, groups["g1"]]))]
@@ -161,7 +162,7 @@ def test_the_noise_scale_comes_from_known_angles_and_stills_rates():
         along=frozenset({1}),
     )
     r = np.random.default_rng(1).normal(size=(twin.n, 5))
-    np.testing.assert_allclose(selection.lowest_log_p(r), by_hand.lowest_log_p(r), rtol=1e-6)
+    assert_allclose(selection.lowest_log_p(r), by_hand.lowest_log_p(r), rtol=1e-6)
 
 
 def bump(center: float, n: int, width: float = 6.0) -> np.ndarray:
@@ -198,8 +199,8 @@ def test_the_linear_estimate_is_a_ridge_regression():
     theta, covariance = linear_estimate(r, J, columns, 0.03)
     prior = np.hstack([np.zeros((2, 4)), np.eye(2) / 0.3])
     both = np.vstack([np.hstack([J / np.linalg.norm(J, axis=0), columns]), prior])
-    np.testing.assert_allclose(theta, -np.linalg.lstsq(both, np.r_[r, 0, 0], rcond=None)[0][4:], rtol=1e-9)
-    np.testing.assert_allclose(covariance, np.linalg.inv(both.T @ both)[4:, 4:], rtol=1e-9)
+    assert_allclose(theta, -np.linalg.lstsq(both, np.r_[r, 0, 0], rcond=None)[0][4:], rtol=1e-9)
+    assert_allclose(covariance, np.linalg.inv(both.T @ both)[4:, 4:], rtol=1e-9)
 
 
 # Evidence.
@@ -247,7 +248,7 @@ def test_the_score_is_the_integral_over_the_sizes_and_their_scale(name, theta):
     assert found.score == pytest.approx(whole + of_scale(P) - of_calibration(twin, found), abs=0.15)
     nothing = minus_twice_log(twin, evidence.nothing.noise.s) - of_calibration(twin, evidence.nothing)
     assert evidence.nothing.score == pytest.approx(nothing, abs=0.05)
-    np.testing.assert_allclose(sizes(found)[0], theta, atol=0.6)
+    assert_allclose(sizes(found)[0], theta, atol=0.6)
     for each, one in ((evidence.nothing, ()), (found, (name,))):  # the noise is estimated anew for each
         sigma = [evidence.prior(each.fit)[-1]] * len(one)
         best = optimize.minimize(

@@ -11,6 +11,7 @@ import pytest
 from conftest import DEG, config
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
 from streams import BOTH, INFO, costly, decode, frame_list, line_list, rng, same, samples, sent, strangers, troubles
 
 from session.bench import frames
@@ -371,8 +372,8 @@ def test_what_is_sent_is_what_the_log_holds(header, time, columns, tmp_path):
     data = lines[0] + COMMENT + b"".join(lines[1:])
     decoder, events = decode(data)
     found_us, found = samples(events)
-    np.testing.assert_array_equal(found_us, t_us)
-    np.testing.assert_array_equal(found, values)
+    assert_array_equal(found_us, t_us)
+    assert_array_equal(found, values)
     assert (decoder.garbage, decoder.lost, decoder.info) == (0, 0, Info(500, 4, 1666.5, "77", "MPU-9250"))
     writer = LogWriter(tmp_path)
     writer.write(events)
@@ -380,8 +381,8 @@ def test_what_is_sent_is_what_the_log_holds(header, time, columns, tmp_path):
     assert writer.physical
     rad, force = ("rps" in header, "mps2" in header)
     live = samples_of(next(event for event in events if isinstance(event, SampleChunk)), config())
-    np.testing.assert_allclose(live.gyro, values[: len(live), :3] * (1.0 if rad else DEG), rtol=1e-14)
-    np.testing.assert_allclose(live.accel, values[: len(live), 3:6] * (1.0 if force else 9.80665), rtol=1e-14)
+    assert_allclose(live.gyro, values[: len(live), :3] * (1.0 if rad else DEG), rtol=1e-14)
+    assert_allclose(live.accel, values[: len(live), 3:6] * (1.0 if force else 9.80665), rtol=1e-14)
     assert (live.temp_c is None) == (columns == 6)
 
 
@@ -406,7 +407,7 @@ def test_without_its_header_it_is_nothing_and_with_the_option_all_of_it():
     assert decoder.samples == 0
     assert decoder.garbage == len(data)
     _, events = decode(data, told=HEADER)
-    np.testing.assert_array_equal(samples(events)[1], values)
+    assert_array_equal(samples(events)[1], values)
 
 
 def test_another_header_begins_another_log(tmp_path):

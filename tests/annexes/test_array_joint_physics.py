@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from conftest import DEG
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import brentq, minimize
 from scipy.stats import chi2, f
 from small_array import small_array
@@ -79,7 +80,7 @@ def test_the_bias_is_from_the_stills_where_closures_are_smaller():
     apart = {name: np.concatenate([each.solution.blocks(rows)[1] for rows in each.where.closure]) for name, each in joints.items()}
     assert p_value == less_by_chance(apart["ends"], apart["stills"]) < 0.05
     assert chosen == "stills"
-    np.testing.assert_array_equal(joint.solution.x, joints[chosen].solution.x)
+    assert_array_equal(joint.solution.x, joints[chosen].solution.x)
 
 
 def test_gravity_is_as_given_where_an_accelerometer_is():
@@ -107,8 +108,8 @@ def test_bias_wander_turns_ends_and_moves_the_numbers(three, joint):
                 moved[:, s, axis] = (replace(system, values=values).solved(t).x - plain)[: layout.gravity]
         expected += np.einsum("psa,st,qta->pq", moved, wander, moved)
     found = units_covariance(three.units, joint)
-    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-12 * np.abs(expected).max())
-    np.testing.assert_array_equal(unit_block(found, 1), found[24:48, 24:48])
+    assert_allclose(found, expected, rtol=1e-6, atol=1e-12 * np.abs(expected).max())
+    assert_array_equal(unit_block(found, 1), found[24:48, 24:48])
 
 
 def test_a_bias_of_the_stills_has_their_error_and_follows_E(three):
@@ -125,13 +126,11 @@ def test_a_bias_of_the_stills_has_their_error_and_follows_E(three):
         steps = np.eye(9) * 1e-6
         by_E = np.stack([(-(E + s.reshape(3, 3)) @ rows.rest + E @ rows.rest) / 1e-6 for s in steps], axis=1)
         block = unit_block(whole, i)
-        np.testing.assert_allclose(found.models[i].B, -E @ rows.rest)
-        np.testing.assert_allclose(block[BIAS, BIAS], by_E @ own @ by_E.T + E @ of_b @ E.T, rtol=1e-6)
-        np.testing.assert_allclose(block[BIAS, MATRIX], by_E @ own, rtol=1e-6, atol=1e-12)
-        np.testing.assert_allclose(block[MATRIX, MATRIX], own)
-        np.testing.assert_allclose(
-            block[MOUNTING, MOUNTING], found.covariance[found.layout.unit(i, MOUNTING), found.layout.unit(i, MOUNTING)]
-        )
+        assert_allclose(found.models[i].B, -E @ rows.rest)
+        assert_allclose(block[BIAS, BIAS], by_E @ own @ by_E.T + E @ of_b @ E.T, rtol=1e-6)
+        assert_allclose(block[BIAS, MATRIX], by_E @ own, rtol=1e-6, atol=1e-12)
+        assert_allclose(block[MATRIX, MATRIX], own)
+        assert_allclose(block[MOUNTING, MOUNTING], found.covariance[found.layout.unit(i, MOUNTING), found.layout.unit(i, MOUNTING)])
 
 
 # Sizes of components.
@@ -230,7 +229,7 @@ def test_a_false_turn_is_found_rejected_and_spoils_no_number():
     (event,) = found.events
     assert (event.what, event.unit, event.first, event.last) == (OWN_TURN, 2, 2, 3)
     assert event.size == pytest.approx(np.sqrt(3) * 1.5 * 0.02, rel=0.2)
-    np.testing.assert_array_equal(np.flatnonzero(found.solution.system.out), np.sort(found.where.closure[2][2]))
+    assert_array_equal(np.flatnonzero(found.solution.system.out), np.sort(found.where.closure[2][2]))
     sigma = np.sqrt(np.diag(found.covariance))
     for i in range(3):
         off = (found.state.models[i].vector - false.truth.models[i].vector) / sigma[found.layout.unit(i)][:12]
@@ -300,15 +299,15 @@ def test_turns_are_split_by_intervals_and_a_unit_minus_the_mean_is_of_turns_that
         (2, 3, [False, False], ()),
     ]
     first, both, second, last = split.turns
-    np.testing.assert_allclose(both.common_rad, first.common_rad + second.common_rad)
-    np.testing.assert_allclose(both.sigma_rad**2, first.sigma_rad**2 + second.sigma_rad**2)
-    np.testing.assert_allclose(last.common_rad, joint.solution.x[joint.layout.common][4:6])
-    np.testing.assert_allclose(last.sigma_rad, np.sqrt(np.diag(joint.covariance)[joint.layout.common][4:6]))
+    assert_allclose(both.common_rad, first.common_rad + second.common_rad)
+    assert_allclose(both.sigma_rad**2, first.sigma_rad**2 + second.sigma_rad**2)
+    assert_allclose(last.common_rad, joint.solution.x[joint.layout.common][4:6])
+    assert_allclose(last.sigma_rad, np.sqrt(np.diag(joint.covariance)[joint.layout.common][4:6]))
     residual = np.array([joint.solution.residual[joint.where.closure[i][row]] for i, row in ((0, 2), (1, 1))])
     apart = np.linalg.norm(residual[0, :2] - residual[1, :2]) / 2  # half the difference, for either
     assert split.fast == (0.0, 0.0)  # nothing is predicted
-    np.testing.assert_allclose([split.minus_mean_rad, *split.minus_mean_of], apart)
-    np.testing.assert_allclose(last.own_rad, np.linalg.norm(residual, axis=1))
+    assert_allclose([split.minus_mean_rad, *split.minus_mean_of], apart)
+    assert_allclose(last.own_rad, np.linalg.norm(residual, axis=1))
 
 
 def a_split(**changed) -> VarianceSplit:

@@ -4,6 +4,7 @@ import shutil
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 from scipy.signal import butter, sosfilt
 
 import calibrate
@@ -33,8 +34,8 @@ def test_the_same_seed_conceals_the_same_and_the_configuration_does_not_tell_it(
     assert one[1:] == two[1:]
     assert "\n#" not in one[1]
     assert "bias_step" not in one[1]
-    np.testing.assert_array_equal(one[0].log.gyro, two[0].log.gyro)
-    np.testing.assert_array_equal(one[0].log.accel, none[0].log.accel)
+    assert_array_equal(one[0].log.gyro, two[0].log.gyro)
+    assert_array_equal(one[0].log.accel, none[0].log.accel)
     assert np.abs(one[0].log.gyro - none[0].log.gyro).max() > 0
     assert "latitude_deg" in one[1]
     assert "latitude_deg" not in conceal({"earth.rotation": 1.0}, options, np.random.default_rng(3))[1]
@@ -90,8 +91,8 @@ def test_what_is_added_is_the_effect_seen_through_the_calibration_within_one_ste
     assert np.abs(off).max() < 1.1 * step
     assert abs(np.mean(off)) < 0.05 * step, "rounding must not add a bias"
     assert np.abs(change).max() > step / 2
-    np.testing.assert_array_equal(new.t_ns, old.t_ns)
-    np.testing.assert_array_equal(new.accel, old.accel)
+    assert_array_equal(new.t_ns, old.t_ns)
+    assert_array_equal(new.accel, old.accel)
 
 
 def test_less_than_a_step_is_not_lost():

@@ -8,6 +8,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.special import ndtr
 from scipy.stats import t
 
@@ -223,8 +224,8 @@ def test_a_minute_at_rest_turns_by_the_bias():
     """The zero alone turns a sensor at rest, by a minute's worth of it."""
     history = long_history()
     slope = slope_of(history, 60.0)
-    np.testing.assert_allclose(slope[:, ZERO], -60 * np.eye(3), atol=1e-6)
-    np.testing.assert_allclose(slope[:, :9], 0, atol=1e-6)
+    assert_allclose(slope[:, ZERO], -60 * np.eye(3), atol=1e-6)
+    assert_allclose(slope[:, :9], 0, atol=1e-6)
     (as_angle,) = outlooks_of(history, [parse_accuracy("5.4deg/60s")], today=history.sessions[-1].moment.when)
     turned = 60 * np.linalg.norm(_draws_of(history).now[:, ZERO], axis=1)
     assert as_angle.shares[0] == pytest.approx(np.mean(turned <= 5.4 * DEG))
@@ -251,10 +252,10 @@ def test_shocks_to_come_have_the_rms_of_those_that_were():
     assert sorted((step.number.words, step.interval) for step in history.steps) == [("bias x", 5), ("bias y", 9)]
     draws = _draws_of(history)
     moved = draws.sizes[:, :, [PLACE["bias x"], PLACE["bias y"], PLACE["bias z"]]].reshape(-1, 3) / DEG
-    np.testing.assert_allclose(np.sqrt(np.mean(moved**2, axis=0)), [np.sqrt(2), np.sqrt(8), 0.0], rtol=0.08)
+    assert_allclose(np.sqrt(np.mean(moved**2, axis=0)), [np.sqrt(2), np.sqrt(8), 0.0], rtol=0.08)
     assert np.mean(draws.arrivals[:, 0]) == pytest.approx(3 / 2, rel=0.06)
     come = np.sum(draws.sizes * (draws.arrivals <= 1.0)[..., None], axis=1)
-    np.testing.assert_allclose(draws.after(1.0) - draws.now - draws.growth, come, atol=1e-15)
+    assert_allclose(draws.after(1.0) - draws.now - draws.growth, come, atol=1e-15)
 
 
 def test_errors_of_one_fit_are_drawn_with_their_correlation():

@@ -56,24 +56,23 @@ def residuals(*shape) -> np.ndarray:
 def test_the_lowest_p_value_is_that_of_fishers_f_whatever_the_scale():
     """Where the tail underflows it is, of two numbers, exactly the power (1 + gain / rest)^(-freedom / 2)."""
     nuisance, groups = design()
-    r, least = residuals(), np.sum(without(nuisance, residuals()) ** 2)
-    log_p = []
+    r, log_p, selection = residuals(), [], Selection(nuisance, groups, 1)
+    least, gains = np.sum(without(nuisance, r) ** 2), selection.gains(r)
     for name, columns in groups.items():
         left, rank = np.sum(without(np.hstack([nuisance, columns]), r) ** 2), columns.shape[1]
         log_p.append(stats.f.logsf((least - left) / rank / (left / (N - 7 - rank)), rank, N - 7 - rank))
-        assert Selection(nuisance, groups, 1).gains(r)[name] == pytest.approx(least - left, rel=1e-9)
+        assert gains[name] == pytest.approx(least - left, rel=1e-9)
         alone = Selection(nuisance, {name: columns}, 1)
-        lowest = alone.lowest_log_p(np.stack([0.01 * r, -2 * r + nuisance @ np.arange(7)], axis=1))
-        assert_allclose(lowest, log_p[-1], rtol=1e-9)
-    assert Selection(nuisance, groups, 1).lowest_log_p(r[:, None])[0] == pytest.approx(min(log_p), rel=1e-9)
-    strong = 1e5 * groups["g1"].sum(axis=1) + r
+        assert alone.lowest_log_p(np.stack([0.01 * r, -2 * r + nuisance @ np.arange(7)], axis=1)) == pytest.approx(log_p[-1], rel=1e-9)
+    signal = groups["g1"].sum(axis=1)
+    strong = 1e5 * signal + r
     left = [np.sum(without(columns, strong) ** 2) for columns in (nuisance, np.hstack([nuisance, groups["g1"]]))]
-    expected = -(N - 9) / 2 * np.log(left[0] / left[1])
-    assert Selection(nuisance, groups, 1).lowest_log_p(strong[:, None])[0] == pytest.approx(expected, rel=1e-6)
-    assert expected < -745
+    power = -(N - 9) / 2 * np.log(left[0] / left[1])
+    assert power < -745
     # Where nothing is left, a part in a million million counts as left.
-    exact = Selection(nuisance, groups, 1).lowest_log_p(1e-5 * groups["g1"].sum(axis=1)[:, None])[0]
-    assert exact == pytest.approx(-(N - 9) / 2 * np.log1p(1e12), rel=1e-6)
+    found = selection.lowest_log_p(np.stack([r, strong, 1e-5 * signal], axis=1))
+    assert found[0] == pytest.approx(min(log_p), rel=1e-9)
+    assert found[1:] == pytest.approx([power, -(N - 9) / 2 * np.log1p(1e12)], rel=1e-6)
 
 
 def test_the_allowances_of_the_covariance_are_taken_out_but_for_the_groups_along_them():
@@ -112,13 +111,17 @@ def test_family_wise_p_counts_draws_and_beyond_them_is_sidaks(seed):
     draws = np.random.default_rng(seed).standard_normal((N, 1000))
     rss = [np.sum(without(some, draws) ** 2, axis=0) for some in (nuisance, np.hstack([nuisance, columns]))]
     lowest = np.sort((N - 5) / 2 * np.log(rss[1] / rss[0]))
+    tests = np.log(0.9) / np.log(1 - np.exp(lowest[100]))
+
+    def sidak(log_p):
+        return -np.expm1(tests * np.log1p(-np.exp(log_p)))
+
     for number in (10, 11, 300, 999):
         assert selection.family_wise(lowest[number] + 1e-9) == pytest.approx((number + 2) / 1001)
     assert selection.family_wise(lowest[10] + 1e-9) > selection.family_wise(lowest[10] - 1e-6)
-    tests = np.log(0.9) / np.log(1 - np.exp(lowest[100]))
     for log_p in (-20.0, -300.0):
-        assert selection.family_wise(log_p) == pytest.approx(-np.expm1(tests * np.log1p(-np.exp(log_p))), rel=1e-9)
-    assert selection.family_wise(lowest[10] - 1e-6) == pytest.approx(min(11 / 1001, -np.expm1(tests * np.log1p(-np.exp(lowest[10])))), 1e-4)
+        assert selection.family_wise(log_p) == pytest.approx(sidak(log_p), rel=1e-9)
+    assert selection.family_wise(lowest[10] - 1e-6) == pytest.approx(min(11 / 1001, sidak(lowest[10])), 1e-4)
     assert selection.family_wise(-1e6) == pytest.approx(tests * np.exp(-700), rel=1e-6)
     assert selection.p_value(residuals()) == selection.family_wise(float(selection.lowest_log_p(residuals(1))[0]))
 
@@ -132,9 +135,8 @@ def leaning(share: float, onto: np.ndarray) -> np.ndarray:
 def test_a_direction_of_which_too_little_remains_is_unobservable():
     nuisance, _ = design()
     allowances, free = (np.random.default_rng(seed).normal(size=(N, 2)) for seed in (9, 5))
-    for share, kept in ((0.9e-4, 0), (1.1e-4, 1)):
-        (group, *_) = Selection(nuisance, {"one": leaning(share, nuisance)}, 0).groups or [None]
-        assert (0 if group is None else group.basis.shape[1]) == kept
+    for share, kept in ((0.9e-4, []), (1.1e-4, [1])):
+        assert [group.basis.shape[1] for group in Selection(nuisance, {"one": leaning(share, nuisance)}, 0).groups] == kept
     both = np.hstack([allowances, nuisance])
     for share, along, tested in ((0.9e-3, (), False), (1.1e-3, (), True), (0.9e-3, ("one",), True)):
         selection = Selection(nuisance, {"one": leaning(share, both)}, 0, allowances=allowances, along=frozenset(along))
@@ -372,10 +374,24 @@ def names_of(hypothesis) -> str:
     return "".join(sorted(name[-1] for name in hypothesis.ids))
 
 
+def table_of(scores, off=None, effects=EFFECTS):
+    return Scores({"": 0.0, **scores}, off, effects)
+
+
 def found(scores, tried="abc", off=None, effects=EFFECTS, **options):
-    table = Scores({"": 0.0, **scores}, off, effects)
+    table = table_of(scores, off, effects)
     best = search(table, [effects[name] for name in tried], table.named(""), **options)
     return names_of(best), table.weighed[1:]
+
+
+def kept(names, *scores):
+    table = table_of(*scores)
+    return names_of(without_idle(table, table.named(names)))
+
+
+def in_place_of(names, *scores):
+    table = table_of(*scores)
+    return names_of(exchanged(table, list(table.effects.values()), table.named(names)))
 
 
 def test_effects_are_added_while_each_adds_evidence():
@@ -398,41 +414,35 @@ def test_a_second_best_beginning_is_followed_if_it_is_near(second, expected):
 
 def test_the_best_by_linear_columns_and_those_near_it_are_evaluated_exactly():
     """Up to three, and within 8 of the best guess."""
-    scores = {"a": -40.0, "b": -32.1, "c": -32.0}
-    assert set(found(scores, "abc", most=1)[1]) == {"a", "b"}
-    assert set(found({name: -40.0 + k for k, name in enumerate(NAMES)}, NAMES, most=1)[1]) == {"a", "b", "c"}
-    # Of delays, all, if one is near: linear columns rank them poorly.
     far = {"a": -40.0, "b": -20.0, "c": -10.0}
-    assert set(found(far, "abc", most=1, effects=DELAYS)[1]) == {"a", "b", "c"}
-    mixed = {**EFFECTS, "b": DELAYS["b"]}
-    assert set(found(far, "abc", most=1, effects=mixed)[1]) == {"a"}
+    for scores, tried, effects, weighed in (
+        ({"a": -40.0, "b": -32.1, "c": -32.0}, "abc", EFFECTS, "ab"),
+        ({name: -40.0 + k for k, name in enumerate(NAMES)}, NAMES, EFFECTS, "abc"),
+        (far, "abc", DELAYS, "abc"),  # of delays, all, if one is near: linear columns rank them poorly
+        (far, "abc", {**EFFECTS, "b": DELAYS["b"]}, "a"),
+    ):
+        assert set(found(scores, tried, most=1, effects=effects)[1]) == set(weighed)
     assert found({"a": -40.0, "b": -30.0}, off={"b": -15.0})[0] == "a"  # what counts is the exact score
 
 
-@pytest.mark.parametrize(("guessed", "tried"), [(-96.1, True), (-96.0, False)])
-def test_what_others_make_redundant_is_taken_out(guessed, tried):
+def test_what_others_make_redundant_is_taken_out():
     """Where the guess without it is within 4 of the best; of two delays each is tried without; one effect alone stays."""
-    table = Scores({"abc": -100.0, "ab": -120.0, "a": -50.0, "b": -50.0}, {"ab": guessed + 120.0})
-    assert names_of(without_idle(table, table.named("abc"))) == ("ab" if tried else "abc")
-    alone = Scores({"": -500.0, "a": -10.0})
-    assert names_of(without_idle(alone, alone.named("a"))) == "a"
-    for effects, expected in ((DELAYS, "a"), ({**EFFECTS, "b": DELAYS["b"]}, "ab")):
-        table = Scores({"ab": -100.0, "a": -110.0}, {"a": 200.0, "b": 200.0}, effects)
-        assert names_of(without_idle(table, table.named("ab"))) == expected
+    scores = {"abc": -100.0, "ab": -120.0, "a": -50.0, "b": -50.0}
+    assert [kept("abc", scores, {"ab": off}) for off in (23.9, 24.0)] == ["ab", "abc"]
+    assert kept("a", {"": -500.0, "a": -10.0}) == "a"
+    two = {"ab": -100.0, "a": -110.0}, {"a": 200.0, "b": 200.0}
+    assert kept("ab", *two, DELAYS) == "a"
+    assert kept("ab", *two, {**EFFECTS, "b": DELAYS["b"]}) == "ab"
 
 
-@pytest.mark.parametrize(("guessed", "expected"), [(-92.1, "c"), (-92.0, "a")])
-def test_an_effect_gives_place_to_one_that_fits_in_its_place(guessed, expected):
-    """Where the guess is within 8 of the best; the exact score decides."""
-    table = Scores({"a": -100.0, "c": -110.0, "": 0.0}, {"c": guessed + 110.0})
-    assert names_of(exchanged(table, list(EFFECTS.values()), table.named("a"))) == expected
-    late = Scores({"a": -100.0, "c": -110.0, "": 0.0}, {"c": 110.0}, DELAYS)
-    assert names_of(exchanged(late, list(DELAYS.values()), late.named("a"))) == "c"
-    one = {**EFFECTS, "c": DELAYS["c"]}
-    table = Scores({"a": -100.0, "c": -110.0, "": 0.0}, {"c": 110.0}, one)
-    assert names_of(exchanged(table, list(one.values()), table.named("a"))) == "a"
-    chain = Scores({"ab": -100.0, "bc": -110.0, "cd": -120.0, "c": -130.0})  # exchanges go on while they gain, and take out what is idle
-    assert names_of(exchanged(chain, list(EFFECTS.values()), chain.named("ab"))) == "c"
+def test_an_effect_gives_place_to_one_that_fits_in_its_place():
+    """Where the guess is within 8 of the best, or of two delays; the exact score decides."""
+    scores = {"a": -100.0, "c": -110.0}
+    assert [in_place_of("a", scores, {"c": off}) for off in (17.9, 18.0)] == ["c", "a"]
+    assert in_place_of("a", scores, {"c": 110.0}, DELAYS) == "c"
+    assert in_place_of("a", scores, {"c": 110.0}, {**EFFECTS, "c": DELAYS["c"]}) == "a"
+    chain = {"ab": -100.0, "bc": -110.0, "cd": -120.0, "c": -130.0}  # exchanges go on while they gain, and take out what is idle
+    assert in_place_of("ab", chain) == "c"
 
 
 @pytest.mark.parametrize(

@@ -292,29 +292,27 @@ def test_a_span_of_more_than_a_quarter_turn_is_not_looked_at():
 
 
 def test_the_contracts_own_way_stands_unless_another_leaves_less_than_half():
-    def way(misfit, up=(0, 0, 1), mounted=0.0, **more):
-        return _Way(
-            TruthReading(mounting=Rotation.from_rotvec([mounted, 0, 0]).as_matrix(), **more), misfit, None if up is None else np.array(up)
-        )
+    def way(misfit, up=(0, 0, 1), mounted=0.0):
+        mounting = Rotation.from_rotvec([mounted, 0, 0]).as_matrix()
+        return _Way(TruthReading(mounting=mounting), misfit, None if up is None else np.array(up))
 
-    own = way(0.2)
-    assert (own.cost, way(0.1, None).cost) == (0.2, 0.1)
-    assert way(0.1, (0.6, 0, 0)).cost == pytest.approx(0.1 + 0.64)
-    assert way(0.1, (2.0, 0, 0)).cost == 0.1
-    for share, better in ((0.499, True), (0.501, False)):
-        other = way(0.2 * share, sense="world_to_body")
-        assert (_best_way([own, other]) is other) == better
-    # Of those as good to 0.02, the least mounting, to a tenth of a rad; then the one whose up lies along its z axis.
-    for more, least in ((0.0199, True), (0.0201, False)):
-        turned, plain = way(0.01, mounted=1.0), way(0.01 + more)
-        assert (_best_way([own, turned, plain]) is plain) == least
-    lying, upright = way(0.01, (0, 1.0, 0)), way(0.012, (0, 0, -1.0), 0.04)
-    assert _best_way([own, lying, upright]) is upright
-    assert _best_way([own, way(0.01, None), upright]) is upright
-    unknown = way(0.01, None)
-    assert _best_way([own, unknown, lying]) is unknown  # an up that is not known counts as one that lies across
-    assert _best_way([own, lying, unknown]) is lying
-    assert _best_way([own, lying, way(0.012, (0, 0, -1.0), 0.06)]) is lying
+    for up, more in ((None, 0.0), ((0, 0, 1), 0.0), ((0.6, 0, 0), 0.64), ((2.0, 0, 0), 0.0)):
+        assert way(0.1, up).cost == pytest.approx(0.1 + more)
+    own, turned, unknown = way(0.2), way(0.01, mounted=1.0), way(0.01, None)
+    lying, upright, leaning = way(0.01, (0, 1.0, 0)), way(0.012, (0, 0, -1.0), 0.04), way(0.012, (0, 0, -1.0), 0.06)
+    for others, best in (
+        ([way(0.2 * 0.499)], 0),
+        ([way(0.2 * 0.501)], -1),
+        # Of those as good to 0.02, the least mounting, to a tenth of a rad; then the one whose up lies along its z axis.
+        ([turned, way(0.01 + 0.0199)], 1),
+        ([turned, way(0.01 + 0.0201)], 0),
+        ([lying, upright], 1),
+        ([unknown, upright], 1),
+        ([unknown, lying], 0),  # an up that is not known counts as one that lies across
+        ([lying, unknown], 0),
+        ([lying, leaning], 0),
+    ):
+        assert _best_way([own, *others]) is [*others, own][best]
 
 
 @pytest.mark.parametrize(("length", "tilt_deg", "known"), [(0.701, 0, True), (0.699, 0, False), (1.0, 25.8, True), (1.0, 25.9, False)])
@@ -381,14 +379,13 @@ def test_an_offset_is_adopted_from_six_of_its_sigmas_and_a_mounting_from_two_deg
         assert found.reading.offset_s == (found.offset_s if adopted == "found" else 0)
         assert 0.99 < found.explained < 1
     for size, adopted in ((1.99, "assumed"), (2.01, "found")):
-        want = Rotation.from_rotvec([0, 0, size * DEG])
-        extra = (want * Rotation.from_rotvec(none.turned).inv()).as_rotvec() / DEG
-        found = align(made(moved, mounting=extra)).alignment
+        extra = Rotation.from_rotvec([0, 0, size * DEG]) * Rotation.from_rotvec(none.turned).inv()
+        found = align(made(moved, mounting=extra.as_rotvec() / DEG)).alignment
         assert found.source["mounting"] == adopted, np.linalg.norm(found.turned) / DEG
-        table = alignment_table(found)
-        assert_allclose(table["gyro_to_truth_deg"], found.turned / DEG)
-        assert_allclose(table["gyro_to_truth_std_deg"], found.turned_sigma / DEG)
-        assert (table["offset_s"], table["offset_std_s"]) == (found.offset_s, found.offset_sigma_s)
+    table = alignment_table(found)
+    assert_allclose(table["gyro_to_truth_deg"], found.turned / DEG)
+    assert_allclose(table["gyro_to_truth_std_deg"], found.turned_sigma / DEG)
+    assert (table["offset_s"], table["offset_std_s"]) == (found.offset_s, found.offset_sigma_s)
 
 
 def test_a_sample_without_a_force_does_not_tell_which_way_is_up(moved):

@@ -13,14 +13,13 @@ from session.io.units import BEYOND, LONGEST, LONGEST_NS, G, beyond_any_sensor, 
 @pytest.mark.parametrize(
     ("kind", "text", "si"),
     [
-        *(("time", text, si) for text, si in (("25us", 25_000), ("0.5 ms", 500_000))),
+        *(("time", text, si) for text, si in (("0.5 ms", 500_000), ("0.001ns", 0.001), (f"{LONGEST_NS - 8}ns", LONGEST_NS - 8))),
         *(("gyro", text, DEG) for text in ("deg/s", "º/s", "ø/s", "Grad/s")),
         *(("gyro", text, 1.0) for text in ("rad s^-1", "rad·s⁻¹")),
         *(("gyro", text, si) for text, si in (("0.061 dps", 0.061 * DEG), ("rpm", 6 * DEG), ("lsb", None))),
         *(("accel", text, 1.0) for text in ("m/s/s", "m/s2", "m·s⁻²", "m/s**2")),
         ("accel", "g/2048", G / 2048),
         ("accel", "2.5e-1 g", G / 4),
-        *(("time", text, si) for text, si in (("0.001ns", 0.001), ("1.5ns", 1.5), (f"{LONGEST_NS - 8}ns", LONGEST_NS - 8))),
         ("gyro", " " * (LONGEST - 3) + "dps", DEG),
     ],
 )
@@ -138,21 +137,22 @@ def clock_of(names, *columns, odr_hz=None, stated=None, before=()):
     return found and (found.column, found.unit, found.known, *(found.finer or ()))
 
 
+SLOW, INTERVALS = np.rint(np.arange(300) / 9.4 * 1e3).astype(int), 9_487_666 + 9000 * (np.arange(300) % 3)
 CLOCKS = [
     (("millis", ticks(1e-3)), {}, (0, "ms", "by its name")),
     (("timestamp", ticks(1e-6, 1_700_000_000_000_000)), {"odr_hz": 100.0}, (0, "us", "as 100 Hz are declared")),
     (("ts", ticks(1e-9)), {"odr_hz": 100.0}, (0, "ns", "as 100 Hz are declared")),
     (("time", ticks(1e-3)), {}, (0, "ms", "by the sensors' rates")),
-    (("time", np.rint(np.arange(300) / 9.4 * 1e3).astype(int) + 1_700_000_000_000), {}, (0, "ms", "by its date")),
-    (("time", np.rint(np.arange(300) / 9.4 * 1e3).astype(int)), {"before": ["rate: 9.5 Hz"]}, (0, "ms", "as 9.5 Hz stand before its rows")),
+    (("time", SLOW + 1_700_000_000_000), {}, (0, "ms", "by its date")),
+    (("time", SLOW), {"before": ["rate: 9.5 Hz"]}, (0, "ms", "as 9.5 Hz stand before its rows")),
     (("foo", ticks(1e-4)), {"stated": "100us"}, (0, "100us", "as you say")),
     (("seq,ms", np.arange(300), ticks(1e-3)), {}, (1, "ms", "by its name")),
     (("sec,nsec", ticks(1e-9) // 10**9 + 1_700_000_000, ticks(1e-9) % 10**9), {}, (0, "s", "by its name", 1, 1)),
     (("sec,ms", [5] * 300, ticks(1e-3) % 1000), {}, None),  # which fall back, and are no fraction
     (("datetime", [f"23:59:{57 + t:09.6f}" if t < 3 else f"00:00:{t - 3:09.6f}" for t in TIMES_S]), {}, (0, "s", "by its name")),
-    (("dt_ns", [9_487_666 + 9000 * (i % 3) for i in range(300)]), {}, (0, "ns", "by its name")),
+    (("dt_ns", INTERVALS), {}, (0, "ns", "by its name")),
     (("micros", ticks(1e-6, 2**32 - 1_000_000) % 2**32), {}, (0, "us", "by its name")),
-    (("foo,dt_ns", ticks(1e-4), [9_487_666 + 9000 * (i % 3) for i in range(300)]), {}, (1, "ns", "by its name")),
+    (("foo,dt_ns", ticks(1e-4), INTERVALS), {}, (1, "ns", "by its name")),
     (("micros", ticks(1e-6) * (np.arange(300) != 70)), {}, (0, "us", "by its name")),  # a single bad stamp
     (("seq", np.arange(300)), {}, None),
     (("t", np.cumsum([0, *[*[1] * 9, 2] * 2])), {"odr_hz": 100.0}, None),  # of which one in ten is lost
@@ -182,9 +182,6 @@ def test_a_column_that_may_be_the_clock_is_asked_about(columns, says):
 
 
 def test_intervals_are_told_by_their_name_and_as_they_do_not_rise():
-    rows = [[str(cell)] for cell in (5, 6, 5, 7)]
-    assert holds_intervals(rows, 0, ["dt"])
-    assert holds_intervals(rows, 0, ["dT"])
-    assert not holds_intervals(rows, 0, ["t"])
-    assert not holds_intervals([["5"], ["6"], ["7"]], 0, ["dt"])
+    for cells, name, found in (("5657", "dt", True), ("5657", "dT", True), ("5657", "t", False), ("567", "dt", False)):
+        assert holds_intervals([[cell] for cell in cells], 0, [name]) == found
     assert not holds_intervals([["-5"], ["-6"]], 0, ["dt"])

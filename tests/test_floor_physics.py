@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from conftest import GRAVITY, config, wxyz
-from scipy.linalg import block_diag, hadamard
+from scipy.linalg import block_diag
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm, truncnorm
@@ -256,19 +256,6 @@ def test_innovations_of_an_outlier_are_twenty_times_as_wide_in_one_case_of_fifty
         weight = (usual + wild / 400) / (usual + wild)
         value = -best.fun + 2.5 * np.log(2 * np.pi) - np.log(np.diag(factor)).sum() - np.linalg.slogdet(A.T * weight @ A)[1] / 2
         assert found[k] == pytest.approx(value, abs=1e-3)
-
-
-def test_an_injected_instability_is_recovered():
-    """Sixteen records whose squares' mean is their covariance exactly, white noise and a wander of 20 °/h, with whatever level: together
-    they are the most probable at 20 °/h, and the posterior has its mean there."""
-    _, _, white, flicker = rates_of_stills(16)
-    root = np.linalg.cholesky(np.diag(white[:, 0]) + (20 * DEG_PER_HOUR) ** 2 * flicker)
-    records = root @ hadamard(16) + 1000 * DEG_PER_HOUR
-    total = sum(_restricted_likelihood(each, np.ones((16, 1)), white[:, 0], flicker) for each in records.T)
-    about = np.argmax(total) + np.arange(-1, 2)
-    best = np.polynomial.Polynomial.fit(np.log(GRID_RPS[about]), total[about], 2)
-    assert np.exp(best.deriv().roots()[0]) / DEG_PER_HOUR == pytest.approx(20, rel=0.01)
-    assert _posterior_of_instability(total).rps / DEG_PER_HOUR == pytest.approx(20, rel=0.02)
 
 
 def test_a_step_is_the_moment_at_which_chi_square_falls_most_by_more_than_twenty_five():

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from linear_twin import PRIORS, effect, linear_twin, stepped
 from scipy import stats
+from scipy.linalg import block_diag
 
 from session.io.config import NominalRate
 from session.io.errors import FitError
@@ -227,10 +228,8 @@ def test_no_gyroscope_has_such_a_scale(gain, sigma, refused, tmp_path):
     """Along a slanted direction, whose sigma by the covariance of E is ``sigma``: three of them beyond a quarter."""
     along = np.array([2.0, -1.0, 2.0]) / 3
     model = LinearModel(np.eye(3) + (gain - 1) * np.outer(along, along), np.zeros(3))
-    slope = np.outer(along, along).ravel()
-    covariance = 1e-18 * np.eye(12)
-    covariance[:9, :9] += sigma**2 * np.outer(slope, slope)
-    covariance[9:, 9:] = np.eye(3)
+    slope = np.kron(along, along)
+    covariance = block_diag(1e-18 * np.eye(9) + sigma**2 * np.outer(slope, slope), np.eye(3))
     if not refused:
         return require_plausible(model, covariance, tmp_path)
     with pytest.raises(FitError, match="no gyroscope has this calibration: it multiplies rates about"):
@@ -244,32 +243,26 @@ def test_a_run_is_judged_by_noise_parameters_heading_and_drift():
     rng = np.random.default_rng(0)
     slopes, vector, root = rng.normal(size=(3, 12)), rng.normal(size=12), 0.01 * rng.normal(size=(12, 12))
     covariance, heading = root @ root.T, np.diag([1e-4, 4e-4, 0.0])
-    closures = [SimpleNamespace(path=SimpleNamespace(name=name), counted=name == "a.csv") for name in ("a.csv", "b.csv")]
-    session = SimpleNamespace(closures=closures, nominal_rate=None, clock=None, rate_of=lambda log: 208.0 if log.counted else None)
+    closures = [SimpleNamespace(path=SimpleNamespace(name=name)) for name in ("a.csv", "b.csv")]
+    session = SimpleNamespace(closures=closures, nominal_rate=None, clock=None, rate_of=lambda log: 208.0 if log is closures[0] else None)
     problem = SimpleNamespace(
         session=session,
         middle_s=np.array([10.0, 50.0, 90.0]),
         batch=SimpleNamespace(duration_s=np.array([3.0, 5.0, 4.0])),
         instability=SimpleNamespace(rps=0.02),
     )
-    floor = np.array([0.01, 0.02, 0.03])
-    runs = [
-        SimpleNamespace(file=name, floor_rad=floor, heading_covariance=heading, time_known=known, began_s=200.0, duration_s=60.0)
-        for name, known in (("a.csv", True), ("b.csv", False))
-    ]
-
-    def errors(trial, run):
-        return slopes @ (trial - vector) + [0.04, -0.05, 0.03]
-
+    floor, off = np.array([0.01, 0.02, 0.03]), np.array([0.04, -0.05, 0.03])
+    run = SimpleNamespace(file="a.csv", floor_rad=floor, heading_covariance=heading, time_known=True, began_s=200.0, duration_s=60.0)
+    runs = [run, SimpleNamespace(**vars(run) | {"file": "b.csv", "time_known": False})]
     W = wander_covariance(np.array([230.0, 10.0, 50.0, 90.0]), np.array([60.0, 3.0, 5.0, 4.0]), instability_rps=0.02)
     drift = W[0, 0] - 2 * W[0, 1:].mean() + W[1:, 1:].mean()
     assert drift > 1e-5
 
-    def p(known, error=(0.04, -0.05, 0.03)):
+    def p(known, error=off):
         whole = np.diag(floor**2) + heading + slopes @ known @ slopes.T + drift * slopes[:, 9:] @ slopes[:, 9:].T
-        return stats.chi2.sf(np.dot(error, np.linalg.solve(whole, error)), 3)
+        return stats.chi2.sf(error @ np.linalg.solve(whole, error), 3)
 
-    given = (vector, covariance, errors)
+    given = (vector, covariance, lambda trial, run: slopes @ (trial - vector) + off)
     assert run_p_values(problem, runs, *given) == pytest.approx([p(covariance)] * 2, rel=1e-6)
     spread = BiasRepeatability(np.array([0.01, 0.02, 0.03]), "given")
     other = covariance + np.diag(np.r_[np.zeros(9), 2e-4, 8e-4, 18e-4])
@@ -278,7 +271,7 @@ def test_a_run_is_judged_by_noise_parameters_heading_and_drift():
     counted = covariance - 9e-6 * np.outer(vector, vector)
     assert run_p_values(problem, runs, *given) == pytest.approx([p(counted), p(covariance)], rel=1e-6)
     session.nominal_rate = session.clock = None
-    left = [np.array([0.1, 0.0, 0.0]), np.array([0.0, 0.0, 0.2])]
+    left = [3 * off, -off[::-1]]
     assert run_p_values(problem, runs, *given, left=left) == pytest.approx([p(covariance, each) for each in left], rel=1e-6)
 
 

@@ -173,13 +173,6 @@ def test_one_number_and_another_each_second_may_be_of_a_lost_info_frame(step_us,
     assert told(begun().take(received([at], [20 + numbers]))) == ([], [], [])
 
 
-@pytest.mark.parametrize("count", [3, 20])
-def test_a_lost_info_frame_costs_no_sample(count):
-    last = T0 + (count - 1) * P
-    for numbers, counts in ((1, True), (2, True), (3, False)):
-        assert told(begun(count).take(received([last + P], [count - 1 + numbers])))[:2] == ([last + P] * counts, [1] * counts)
-
-
 @pytest.mark.parametrize(
     ("gap_us", "numbers", "goes_on"),
     [(0, 5, False), (1, 4096, True), (2_000_000, 1, True), (2_000_001, 5, False), (1_000_000, 0, False), (1_000_000, 4097, False)],
@@ -223,7 +216,7 @@ def test_lines_may_be_silent_for_ten_minutes(gap, needed):
 
 def test_the_period_is_measured_anew_at_16_32_64_and_so_on_up_to_1024_apart():
     """Stamps of which every third is late by 100 us; counted from the first reading on."""
-    n = np.arange(4000)
+    n = np.arange(3100)
     t_us = T0 + P * n + 100 * (n % 3 == 0)
     stream, at = Continuity(), []
     for k in n.tolist():
@@ -353,12 +346,3 @@ def test_numbers_in_physical_units_are_filtered_as_numbers():
             assert left == [2] * gone
             np.testing.assert_array_equal(values_out, [v for k, v in enumerate(values) if not (gone and k == 2)])
             assert all(chunk.registers.dtype == np.float64 for chunk in out if isinstance(chunk, SampleChunk))
-
-
-def test_a_batch_begins_behind_the_last_of_the_one_before():
-    step_filter = StepFilter()
-    step_filter.take(accepted([0, 3 * BAR]))
-    assert passed(step_filter.take(accepted([0, 3 * BAR, 3 * BAR], damaged=[0])))[1] == [0]
-    waiting = StepFilter()
-    waiting.take(accepted([0, 0, 5 * BAR], damaged=[0]))
-    assert passed(waiting.take(accepted([8 * BAR, 5 * BAR, 5 * BAR])))[1] == [0]

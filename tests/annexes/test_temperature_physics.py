@@ -393,12 +393,12 @@ def test_terms_are_per_degree_and_the_zero_the_mean_of_the_logs():
     assert not without[3].any()
 
 
-def made(lag_s=0.0, coefficients=(0.5, 8e-3, 2e-4), logs=1, seed=0, noise=2e-3):
+def made(lag_s=0.0, coefficients=(0.5, 8e-3, 2e-4), logs=1, seed=0):
     """Rest logs whose zero is a polynomial of the element's temperature about 20 degC, with white noise."""
     rng, temp = np.random.default_rng(seed), triangle(80, 20)
     element = element_temperature(temp, lag_s, 10.0)
     zero = np.polynomial.polynomial.polyval(element - 20, coefficients)
-    return [small_rest(temp, zero + 0.1 * k + noise * rng.normal(size=80), name=f"{k}.csv") for k in range(logs)]
+    return [small_rest(temp, zero + 0.1 * k + 2e-3 * rng.normal(size=80), name=f"{k}.csv") for k in range(logs)]
 
 
 def fitted(logs, **more):

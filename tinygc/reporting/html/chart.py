@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from math import ceil, floor, log10
 
 import numpy as np
@@ -202,13 +201,12 @@ def _thinned(x: np.ndarray, y: np.ndarray, most: int) -> tuple[np.ndarray, np.nd
     if len(x) <= most:
         return x, y
     edges = np.linspace(0, len(x), most // 2 + 1).astype(int)
-    keep = []
-    for a, b in pairwise(edges):
-        part = y[a:b]
-        gaps = np.flatnonzero(~np.isfinite(part))
-        fine = np.where(np.isfinite(part), part, np.nan)
-        ends = [] if len(gaps) == len(part) else [int(np.nanargmin(fine)), int(np.nanargmax(fine))]
-        keep += sorted({*(a + i for i in ends), *(a + i for i in gaps[:1])})
+    starts, each, at, fine = edges[:-1], np.diff(edges), np.arange(len(x)), np.isfinite(y)
+    lowest = np.repeat(np.minimum.reduceat(np.where(fine, y, np.inf), starts), each)
+    highest = np.repeat(np.maximum.reduceat(np.where(fine, y, -np.inf), starts), each)
+    chosen = (fine & (y == lowest), fine & (y == highest), ~fine)
+    first = np.unique([np.minimum.reduceat(np.where(which, at, len(x)), starts) for which in chosen])
+    keep = first[first < len(x)]
     return x[keep], y[keep]
 
 

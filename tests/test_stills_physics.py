@@ -7,6 +7,7 @@ import pytest
 from conftest import Table, session_of
 from scipy.spatial.transform import Rotation
 
+from session.detect import stills
 from session.detect.stills import (
     _CHUNK_BLOCKS,
     AT_ONCE,
@@ -83,8 +84,14 @@ def test_moments_are_those_of_all_blocks_together_however_they_are_cut():
     np.testing.assert_allclose(found.accel_var, accel.var(axis=1, ddof=1))
 
 
-@pytest.mark.parametrize("spans", [[(5, 205)], [(5, 60), (70, 200)], [(5, 60), (70, AT_ONCE + 200)]])
-def test_a_trend_is_the_straight_line_through_the_readings(spans):
+@pytest.fixture(params=[50, AT_ONCE])
+def at_once(request, monkeypatch):
+    """More readings than are taken at once, and fewer."""
+    monkeypatch.setattr(stills, "AT_ONCE", request.param)
+
+
+@pytest.mark.parametrize("spans", [[(5, 205)], [(5, 60), (70, 200)]])
+def test_a_trend_is_the_straight_line_through_the_readings(spans, at_once):
     rng, count = np.random.default_rng(1), spans[-1][1] + 5
     t_ns = np.cumsum(rng.integers(4_000_000, 6_000_000, count))
     values = rng.normal(size=(count, 3)) + np.linspace(0, 25, count)[:, None] * [1, 0, -2]
@@ -95,10 +102,9 @@ def test_a_trend_is_the_straight_line_through_the_readings(spans):
     np.testing.assert_allclose(found.std, values[rows].std(axis=0, ddof=1))
 
 
-@pytest.mark.parametrize("count", [120, AT_ONCE + 120])
-def test_a_rate_counts_as_the_slope_of_its_integral_does(count):
+def test_a_rate_counts_as_the_slope_of_its_integral_does(at_once):
     """The straight line through the angle at the samples' ends: its slope is the mean of the rates, each with its weight."""
-    rate = np.random.default_rng(2).normal(size=(count + 80, 3))
+    count, rate = 120, np.random.default_rng(2).normal(size=(200, 3))
     angle = np.concatenate([np.zeros((1, 3)), np.cumsum(rate[40 : count + 40], axis=0)])
     # The line's weights are t (T - t) at the ends of a sample; at its middle a 4 n^2-th more.
     np.testing.assert_allclose(_mean_as_a_slope_weighs(rate, [(40, count + 40)]), np.polyfit(np.arange(count + 1), angle, 1)[0], atol=2e-4)

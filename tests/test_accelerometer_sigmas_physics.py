@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from conftest import GRAVITY, config
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from session.detect.accelerometer import (
@@ -72,17 +73,17 @@ def test_sigmas_are_those_of_numeric_derivatives(turn):
     values, errors = numbers_of(X, before)
     slopes = [np.subtract(numbers_of(X + step, before), numbers_of(X - step, before)) / 2e-5 for step in 1e-5 * np.eye(9)]
     of_values, of_errors = np.stack(slopes, axis=-1)
-    np.testing.assert_allclose(found.values, values, atol=1e-12)
-    np.testing.assert_allclose(found.jacobian, of_values, atol=1e-6)
+    assert_allclose(found.values, values, atol=1e-12)
+    assert_allclose(found.jacobian, of_values, atol=1e-6)
     sigmas = [np.sqrt(np.diag(J @ mixed @ mixed.T @ J.T)) for J in (of_values, of_errors)]
-    np.testing.assert_allclose(found.sigmas, sigmas[0], rtol=1e-5)
-    np.testing.assert_allclose(triad_errors(values), errors, atol=1e-9)
+    assert_allclose(found.sigmas, sigmas[0], rtol=1e-5)
+    assert_allclose(triad_errors(values), errors, atol=1e-9)
     for table, numbers, sigma in ((found.rows(), values, sigmas[0]), (found.errors(), errors, sigmas[1])):
         for (_, unit, shown, spread, names), which, size in zip(table, ([0, 3, 5], [1, 2, 4], [6, 7, 8]), (1e-6, 1e-3, MG), strict=True):
             assert unit == {1e-6: "ppm", 1e-3: "mrad", MG: "mg"}[size]
             assert names == [NAMES[i] for i in which]
-            np.testing.assert_allclose(shown, numbers[which] / size, rtol=1e-6)
-            np.testing.assert_allclose(spread, sigma[which] / size, rtol=1e-4)
+            assert_allclose(shown, numbers[which] / size, rtol=1e-6)
+            assert_allclose(spread, sigma[which] / size, rtol=1e-4)
 
 
 def test_without_a_covariance_there_are_numbers_and_no_sigmas():
@@ -108,12 +109,12 @@ def test_an_accelerometer_of_a_fit_is_told_with_what_it_knew_before():
     )  # fmt: skip
     own, joined = accelerometer_fit(made, joint, None, GRAVITY), accelerometer_fit(made, joint, np.diag(np.arange(21.0)), GRAVITY)
     assert own.misses_mps2[0] is joint.before
-    np.testing.assert_array_equal(own.covariance, np.eye(9))
-    np.testing.assert_array_equal(joined.covariance, np.diag(np.arange(9.0)))
+    assert_array_equal(own.covariance, np.eye(9))
+    assert_array_equal(joined.covariance, np.diag(np.arange(9.0)))
     joint.mode = "fit"  # what the sensor read before anything was known of it
     measured = np.linalg.solve(made.matrix, force.T).T + made.bias_mps2
     misses = accelerometer_fit(made, joint, None, GRAVITY).misses_mps2
-    np.testing.assert_allclose(misses[0], np.linalg.norm(measured, axis=1) - GRAVITY)
+    assert_allclose(misses[0], np.linalg.norm(measured, axis=1) - GRAVITY)
     assert misses[1] is joint.after
 
 
@@ -149,7 +150,7 @@ def test_triads_of_different_frames_are_compared_with_the_sensors_own_sigmas():
 
 def test_in_any_other_session_a_number_is_off_by_two_draws_of_the_spread():
     found = replace(fitted(np.eye(3), x=IDENTITY), between=AnySession(np.arange(9) * 1e-4, "two other sessions"))
-    np.testing.assert_allclose(found.any_session, np.sqrt(found.sigmas**2 + 2 * (np.arange(9) * 1e-4) ** 2), rtol=1e-12)
+    assert_allclose(found.any_session, np.sqrt(found.sigmas**2 + 2 * (np.arange(9) * 1e-4) ** 2), rtol=1e-12)
     said = found.to_json()["any_session"]
     assert said["source"] == "two other sessions"
     assert said["sigma"]["bias_mg"] == pytest.approx(found.any_session[6:] / MG)
@@ -172,5 +173,5 @@ def test_a_turn_into_one_frame_is_exact():
     vector = np.concatenate([E.ravel(), B])
     turned = into_frame_of(one, other) @ vector
     omega = turned[MATRIX].reshape(3, 3) @ m + turned[BIAS]
-    np.testing.assert_allclose(omega, TURN.as_matrix().T @ (E @ m + B), atol=1e-15)
-    np.testing.assert_array_equal(into_frame_of(one, one) @ vector, vector)
+    assert_allclose(omega, TURN.as_matrix().T @ (E @ m + B), atol=1e-15)
+    assert_array_equal(into_frame_of(one, one) @ vector, vector)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from conftest import DEG, Table, session_of
 from looks import look, of, with_sensor
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
@@ -128,7 +129,7 @@ def test_a_signed_permutation_and_its_scale_are_found_exactly():
     for axes in _SIGNED_PERMUTATIONS[::12]:
         wrong = replace(samples, gyro=samples.gyro @ axes / 1.25)
         found = agreement(wrong, [replace(still, gyro_mean=still.gyro_mean @ axes / 1.25) for still in stills])
-        np.testing.assert_array_equal(found.axes, axes)
+        assert_array_equal(found.axes, axes)
         assert found.scale == pytest.approx(1.25, rel=3e-3)
         assert found.scale_std == 0.03
         assert found.residual < 0.6 * DEG
@@ -144,10 +145,10 @@ def test_turns_are_cut_into_blocks_that_add_up_to_their_angle():
     stills, _ = find_stills(samples)
     turns = _cut_turns(samples, [tuple(stills)])
     axis = np.array([1, 2, 0]) / np.sqrt(5)
-    np.testing.assert_allclose(turns.angle.sum(axis=(0, 1)), 150 * DEG * axis, atol=2e-4)
+    assert_allclose(turns.angle.sum(axis=(0, 1)), 150 * DEG * axis, atol=2e-4)
     turned = Rotation.from_rotvec(150 * DEG * axis).inv()
-    np.testing.assert_allclose(turns.first, [[0, 0, 1]], atol=1e-6)
-    np.testing.assert_allclose(turns.last, turned.apply([[0, 0, 1]]), atol=1e-6)
+    assert_allclose(turns.first, [[0, 0, 1]], atol=1e-6)
+    assert_allclose(turns.last, turned.apply([[0, 0, 1]]), atol=1e-6)
     apart = np.linalg.norm(np.diff(turns.down[0], axis=0), axis=1)
     assert np.nanmax(apart) < 150 * DEG * 2 / 3 * 0.05 * 1.05
 

@@ -5,6 +5,7 @@ from functools import cached_property
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy import linalg, stats
 from scipy.linalg import block_diag
 from small_turns import PERFECT, TRUE, angles_by_scipy, numeric_jacobian, small_turns, turned_ends, with_known_angles
@@ -92,11 +93,11 @@ def test_the_answer_is_the_minimum_and_the_covariance_the_curvature(name):
     error = np.sqrt(np.diag(expected))
     shift = np.linalg.solve(jacobian.T @ jacobian, jacobian.T @ residuals(found.model.vector[own]))
     assert np.abs(shift / error).max() < 5e-3
-    np.testing.assert_allclose(found.covariance[own, own] / np.outer(error, error), expected / np.outer(error, error), atol=5e-3)
+    assert_allclose(found.covariance[own, own] / np.outer(error, error), expected / np.outer(error, error), atol=5e-3)
     assert found.unobserved == ()
     if "rest_rps" in given:
-        np.testing.assert_allclose(found.model.B, -found.model.E @ REST, rtol=1e-12)
-        np.testing.assert_allclose(np.diag(found.covariance)[BIAS], (HELD * PRIOR_SIGMA[BIAS]) ** 2, rtol=1e-3)
+        assert_allclose(found.model.B, -found.model.E @ REST, rtol=1e-12)
+        assert_allclose(np.diag(found.covariance)[BIAS], (HELD * PRIOR_SIGMA[BIAS]) ** 2, rtol=1e-3)
 
 
 @pytest.mark.parametrize("count", [1, 49, 200])
@@ -107,12 +108,12 @@ def test_lower_systems_of_rows_of_any_unit(count):
     factor *= 10.0 ** rng.uniform(-5, 5, (count, 1))
     right = rng.normal(size=(count, 3))
     expected = linalg.solve_triangular(factor, right, lower=True)
-    np.testing.assert_allclose(solve_lower(factor, right), expected, rtol=1e-8)
-    np.testing.assert_allclose(solve_lower(factor, right[:, 0]), expected[:, 0], rtol=1e-8)
-    np.testing.assert_allclose(solve_lower(np.stack([factor, 2 * factor]), np.stack([right, right])), [expected, expected / 2], rtol=1e-8)
+    assert_allclose(solve_lower(factor, right), expected, rtol=1e-8)
+    assert_allclose(solve_lower(factor, right[:, 0]), expected[:, 0], rtol=1e-8)
+    assert_allclose(solve_lower(np.stack([factor, 2 * factor]), np.stack([right, right])), [expected, expected / 2], rtol=1e-8)
     inverse = inverse_lower(factor)
     assert not np.triu(inverse, 1).any()
-    np.testing.assert_allclose(inverse @ factor, np.eye(count), atol=1e-8)
+    assert_allclose(inverse @ factor, np.eye(count), atol=1e-8)
 
 
 def weakest(batch, about):
@@ -172,7 +173,7 @@ def test_a_search_that_does_not_end_tells_what_each_turn_is_off_by():
     off = np.zeros((8, 3))
     off[4:, 1] = 4 * np.arcsin(limit[4:] / 4 * [0.999, 1.001, 0.999, 1.001])
     refused = torn(turned_ends(here, off), 4, 1e-5)
-    np.testing.assert_allclose(refused.off_rad[4:], limit[4:] * [0.999, 1.001, 0.999, 1.001], rtol=1e-9)
+    assert_allclose(refused.off_rad[4:], limit[4:] * [0.999, 1.001, 0.999, 1.001], rtol=1e-9)
     assert refused.too_far[4:].tolist() == [False, True, False, True]
     assert refused.loose == ""
     assert "did not settle in 50 steps" in str(refused)
@@ -249,14 +250,14 @@ def test_other_references_need_no_sample(fine):
     bent = replace(fine, start=rotation.multiply(away[0], fine.start), end=rotation.multiply(away[1], fine.end))
     vectors = PERFECT.vector + 0.1 * DRAWS
     turned = Nearby.about(PERFECT, fine).with_references(bent).residuals(vectors)
-    np.testing.assert_allclose(turned, Nearby.about(PERFECT, bent).residuals(vectors), atol=1e-13)
+    assert_allclose(turned, Nearby.about(PERFECT, bent).residuals(vectors), atol=1e-13)
     some = np.arange(len(fine)) % 3 > 0
-    np.testing.assert_allclose(Nearby.about(PERFECT, bent).pick(some).residuals(vectors), turned[:, some], atol=1e-13)
+    assert_allclose(Nearby.about(PERFECT, bent).pick(some).residuals(vectors), turned[:, some], atol=1e-13)
     if fine.turns is not None:
         return  # the columns of a known angle are about its own axis
     rows, anew = LinearEnds.of(PERFECT, fine).rows(bent.pick(some), some), LinearEnds.of(PERFECT, bent)
-    np.testing.assert_allclose(rows.columns, anew.columns[some][:, : fine.angles], atol=1e-13)
-    np.testing.assert_allclose(rows.angles, angles_by_scipy(bent, PERFECT.vector)[some], atol=1e-12)
+    assert_allclose(rows.columns, anew.columns[some][:, : fine.angles], atol=1e-13)
+    assert_allclose(rows.angles, angles_by_scipy(bent, PERFECT.vector)[some], atol=1e-12)
 
 
 TURNS, STILLS = 8, 3
@@ -343,7 +344,7 @@ def noise_alone(data):
 def same(found, expected, within=0.01):
     """Both in the sigmas of the expected one; the columns are exact to a thousandth."""
     sigma = np.sqrt(np.diag(expected))
-    np.testing.assert_allclose(found / np.outer(sigma, sigma), expected / np.outer(sigma, sigma), rtol=0, atol=within)
+    assert_allclose(found / np.outer(sigma, sigma), expected / np.outer(sigma, sigma), rtol=0, atol=within)
 
 
 def test_shared_stills_and_the_noise_of_rates_are_those_of_refits(data, noise_alone):

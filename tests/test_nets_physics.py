@@ -9,6 +9,7 @@ import pytest
 import torch
 from conftest import DEG, Turns, wxyz
 from formats_page import strangers
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 from small_turns import PERFECT, TYPICAL, angles_by_scipy, small_turns, turned_ends, turns_by_scipy
 
@@ -43,13 +44,13 @@ def test_it_computes_its_equation():
     net, m = some_net(), RATE[0, 0]
     h = net.W1 @ m + net.b1
     bent = np.array([value if value >= 0 else slope * value for value, slope in zip(h, net.slope, strict=True)])
-    np.testing.assert_allclose(net(RATE)[0, 0], m + net.W2 @ bent + net.b2, atol=1e-14)
-    np.testing.assert_array_equal(CalibrationNet.identity()(RATE), RATE)
+    assert_allclose(net(RATE)[0, 0], m + net.W2 @ bent + net.b2, atol=1e-14)
+    assert_array_equal(CalibrationNet.identity()(RATE), RATE)
     assert {field.name: getattr(net, field.name).size for field in fields(net)} == {"W1": 9, "b1": 3, "slope": 3, "W2": 9, "b2": 3}
-    np.testing.assert_allclose(CalibrationNet.from_linear(MODEL)(RATE), MODEL(RATE), atol=1e-14)
+    assert_allclose(CalibrationNet.from_linear(MODEL)(RATE), MODEL(RATE), atol=1e-14)
     tensor = CalibrationNet.from_vector(torch.as_tensor(net.vector))
-    np.testing.assert_allclose(tensor(torch.as_tensor(RATE)).numpy(), net(RATE), atol=1e-14)
-    np.testing.assert_array_equal(tensor.vector.numpy(), net.vector)
+    assert_allclose(tensor(torch.as_tensor(RATE)).numpy(), net(RATE), atol=1e-14)
+    assert_array_equal(tensor.vector.numpy(), net.vector)
 
 
 @pytest.mark.parametrize("angles", [2, 3])
@@ -61,7 +62,7 @@ def test_columns_are_the_chain_rule(angles):
         return torch.einsum("stdi,sti->sd", torch.as_tensor(sensitivity), CalibrationNet.from_vector(vector)(torch.as_tensor(RATE)))
 
     exact = torch.autograd.functional.jacobian(phi, torch.as_tensor(net.vector)).numpy()
-    np.testing.assert_allclose(net.columns(sensitivity, RATE), exact, atol=1e-10)
+    assert_allclose(net.columns(sensitivity, RATE), exact, atol=1e-10)
 
 
 # The denoising subnet.
@@ -77,7 +78,7 @@ def test_a_denoiser_is_odd_homogeneous_of_unit_gain_and_looks_back_49_samples():
     assert (
         DenoisedNet(CalibrationNet.identity(), net, 208.0).parameters == 195 == 27 + 3 * sum(int(np.prod(s[1:])) for s in SHAPES.values())
     )
-    np.testing.assert_allclose(Denoiser.identity()(LINE), LINE, atol=1e-14)
+    assert_allclose(Denoiser.identity()(LINE), LINE, atol=1e-14)
     changed[100, 1] += 1.0
     touched = np.abs(net(changed) - net(LINE))
     assert np.flatnonzero(touched[:, 1])[[0, -1]].tolist() == [100, 148]
@@ -85,11 +86,11 @@ def test_a_denoiser_is_odd_homogeneous_of_unit_gain_and_looks_back_49_samples():
     assert REACH + 1 == 49 <= WINDOW
     for rate in ([0, 0, 0], [1e-6, -1e-6, 3], [-0.02, 0.7, -8]):
         constant = np.tile(np.array(rate, float), (60, 1))
-        np.testing.assert_allclose(net(constant), constant, rtol=1e-12, atol=0)
-    np.testing.assert_allclose(net(-1e-3 * LINE), -1e-3 * net(LINE), atol=1e-15)
+        assert_allclose(net(constant), constant, rtol=1e-12, atol=0)
+    assert_allclose(net(-1e-3 * LINE), -1e-3 * net(LINE), atol=1e-15)
     movement = np.zeros((400, 3))
     movement[100:200] = np.cumsum(RNG.normal(size=(100, 3)), axis=0) * np.hanning(100)[:, None]
-    np.testing.assert_allclose(net(movement).sum(axis=0), movement.sum(axis=0), rtol=1e-12)
+    assert_allclose(net(movement).sum(axis=0), movement.sum(axis=0), rtol=1e-12)
     with pytest.raises(ValueError, match="no constant"):
         Denoiser.from_vector(np.zeros((3, 56))).normalised()
 
@@ -99,29 +100,29 @@ def test_its_forms_agree():
     net = some_denoiser()
     held = np.concatenate([np.tile(LINE[:1], (WINDOW - 1, 1)), LINE])
     windows = np.lib.stride_tricks.sliding_window_view(held, WINDOW, axis=0).transpose(0, 2, 1)
-    np.testing.assert_allclose(net.windowed(windows)[:, -1], net(LINE), atol=1e-14)
+    assert_allclose(net.windowed(windows)[:, -1], net(LINE), atol=1e-14)
     single = Denoiser(*(getattr(net, name).astype(np.float32) for name in SHAPES))
-    np.testing.assert_allclose(single(LINE.astype(np.float32)), net(LINE), atol=3e-6 * np.abs(LINE).max())
+    assert_allclose(single(LINE.astype(np.float32)), net(LINE), atol=3e-6 * np.abs(LINE).max())
     tensors = Denoiser.from_vector(torch.as_tensor(net.vector))
-    np.testing.assert_allclose(tensors(torch.as_tensor(LINE)).numpy(), net(LINE), atol=1e-14)
+    assert_allclose(tensors(torch.as_tensor(LINE)).numpy(), net(LINE), atol=1e-14)
     model = DenoisedNet(CalibrationNet.from_vector(CalibrationNet.identity().vector + 0.01), net, 211.3)
     table = json.loads(json.dumps(models.to_dict(model, session="s"), allow_nan=False))
     again = models.from_dict(table)
-    np.testing.assert_array_equal(again(LINE), model(LINE))
+    assert_array_equal(again(LINE), model(LINE))
     assert (again.rate_hz, again.parameters) == (211.3, 195)
     table["denoiser"]["slope"] = 1.0  # as an earlier file says
-    np.testing.assert_array_equal(models.from_dict(table)(LINE), model(LINE))
+    assert_array_equal(models.from_dict(table)(LINE), model(LINE))
 
 
 def test_taps_and_delay_of_a_moving_average():
     """Seven sevenths in the first layer: 3 samples late; without its delay a ramp comes back."""
     net = Denoiser.identity()
     net.conv1[:, 0, 0, :] = 1 / 7
-    np.testing.assert_allclose(net.taps(), np.tile(np.where(np.arange(REACH + 1) < 7, 1 / 7, 0), (3, 1)))
-    np.testing.assert_allclose(net.delay_samples, 3.0)
+    assert_allclose(net.taps(), np.tile(np.where(np.arange(REACH + 1) < 7, 1 / 7, 0), (3, 1)))
+    assert_allclose(net.delay_samples, 3.0)
     model = DenoisedNet(CalibrationNet.identity(), net, 208.0)
     ramp = np.tile(np.arange(100.0)[:, None], 3)
-    np.testing.assert_allclose(model.undelayed(ramp)[10:-3], ramp[10:-3])
+    assert_allclose(model.undelayed(ramp)[10:-3], ramp[10:-3])
     assert model.delay_s == pytest.approx(3 / 208)
 
 
@@ -171,7 +172,7 @@ def test_taps_and_their_derivatives():
     """Against the subnet itself, and autograd; from the identity it can learn."""
     vector = denoiser.start(3).vector + 0.2 * np.random.default_rng(4).normal(size=(3, 56))
     taps, jacobian = denoiser.taps_and_jacobian(vector)
-    np.testing.assert_allclose(taps, Denoiser.from_vector(vector).normalised().taps(), atol=1e-12)
+    assert_allclose(taps, Denoiser.from_vector(vector).normalised().taps(), atol=1e-12)
 
     def of(weights):
         impulse = torch.zeros((2 * REACH + 1, 3), dtype=torch.float64)
@@ -180,8 +181,8 @@ def test_taps_and_their_derivatives():
 
     exact = torch.autograd.functional.jacobian(of, torch.as_tensor(vector)).numpy()
     for axis in range(3):
-        np.testing.assert_allclose(jacobian[axis], exact[axis, :, axis], atol=1e-10)
-    np.testing.assert_allclose(denoiser.start(0)(LINE), LINE, atol=1e-14)
+        assert_allclose(jacobian[axis], exact[axis, :, axis], atol=1e-10)
+    assert_allclose(denoiser.start(0)(LINE), LINE, atol=1e-14)
     assert np.linalg.matrix_rank(denoiser.taps_and_jacobian(denoiser.start(0).vector)[1][0]) >= 15
 
 
@@ -191,9 +192,9 @@ def test_the_error_in_motion_is_measured_without_the_truth():
     seen, clean = material(seed=2, count=24)
     delay = 8
     risk = denoiser.measure(list(seen.batch.rate), seen.stills, REACH + 1, delay)
-    np.testing.assert_allclose(np.sqrt(risk.noise[:, 0]), NOISE_RPS, rtol=0.03)
+    assert_allclose(np.sqrt(risk.noise[:, 0]), NOISE_RPS, rtol=0.03)
     ideal, _ = risk.ideal(2.0)
-    np.testing.assert_allclose(denoiser.moments(REACH + 1, delay) @ ideal.T, np.eye(4)[:, [0, 0, 0]], atol=1e-8)
+    assert_allclose(denoiser.moments(REACH + 1, delay) @ ideal.T, np.eye(4)[:, [0, 0, 0]], atol=1e-8)
     assert (np.sqrt(risk.noise[:, 0] / risk.at_rest(ideal)) > 1.999).all()
     for taps in (np.eye(REACH + 1)[delay], np.full(REACH + 1, 1 / 17) * (np.arange(REACH + 1) < 17), ideal[0]):
         taps = np.tile(taps, (3, 1))
@@ -201,7 +202,7 @@ def test_the_error_in_motion_is_measured_without_the_truth():
         answer = np.einsum("staj,aj->sta", windows, taps)
         true = np.mean((answer - clean[:, REACH - delay : clean.shape[1] - delay]) ** 2, axis=(0, 1))
         said = np.einsum("ai,aij,aj->a", taps, risk.motion, taps) + 2 * np.sum(risk.shared * taps, axis=1) - risk.noise[:, 0]
-        np.testing.assert_allclose(said, true, rtol=0.05, atol=0.08 * NOISE_RPS**2)
+        assert_allclose(said, true, rtol=0.05, atol=0.08 * NOISE_RPS**2)
 
 
 def test_noise_at_rest_falls_threefold_twelve_samples_late_and_the_closure_does_not_suffer():
@@ -212,11 +213,11 @@ def test_noise_at_rest_falls_threefold_twelve_samples_late_and_the_closure_does_
     assert trained.calibration is calibration
     noise = np.random.default_rng(9).standard_normal((40000, 3))
     assert (noise.std(axis=0) / trained.denoiser(noise).std(axis=0) > 3.0).all()
-    np.testing.assert_allclose(trained.denoiser.delay_samples, 12, atol=0.01)
-    np.testing.assert_allclose(trained.denoiser.gain, 1, atol=1e-12)
+    assert_allclose(trained.denoiser.delay_samples, 12, atol=0.01)
+    assert_allclose(trained.denoiser.gain, 1, atol=1e-12)
     t = np.arange(200.0)[:, None] / 50
     cubic = 1 + 2 * t - t**2 + 0.5 * t**3 * np.array([1.0, -1.0, 0.5])
-    np.testing.assert_allclose(trained.denoiser(cubic)[60:], cubic[48:-12], atol=5e-4)
+    assert_allclose(trained.denoiser(cubic)[60:], cubic[48:-12], atol=5e-4)
     fresh, _ = material(seed=5)
     before, after = (np.linalg.norm(closure.segment_residuals(fresh.batch, rate)) for rate in (fresh.batch.rate, fresh.rate(trained)))
     assert after < 1.05 * before
@@ -246,15 +247,15 @@ def test_where_the_sensor_is_linear_it_finds_least_squares():
     linear = fit_least_squares(batch, sigma, bias_only()).model
     trained = network.train_second_order(batch, sigma, ties=(0.0,))
     assert trained.tie == 0
-    np.testing.assert_allclose(trained.net(batch.rate), linear(batch.rate), atol=2e-5 * np.abs(batch.rate).max())
+    assert_allclose(trained.net(batch.rate), linear(batch.rate), atol=2e-5 * np.abs(batch.rate).max())
     net, some = CalibrationNet.from_linear(linear), np.arange(len(batch)) % 3 > 0
     ends = LinearEnds.of(net, batch, net.columns)
     turned = rotation.exp(np.random.default_rng(5).normal(size=(2, int(some.sum()), 3)) * 0.01 * DEG)
     other = batch.pick(some)
     other = replace(other, start=rotation.multiply(turned[0], other.start), end=rotation.multiply(turned[1], other.end))
     known, found = (network.train_second_order(other, sigma[some], begin=net, **more) for more in ({"begins": ends.rows(other, some)}, {}))
-    np.testing.assert_allclose(known.net.vector, found.net.vector, atol=1e-9)
-    np.testing.assert_allclose(known.loss, found.loss, rtol=1e-9)
+    assert_allclose(known.net.vector, found.net.vector, atol=1e-9)
+    assert_allclose(known.loss, found.loss, rtol=1e-9)
 
 
 @pytest.mark.broad
@@ -264,12 +265,12 @@ def test_an_asymmetry_of_scale_is_learnt_and_stills_pin_the_rate_at_rest():
     net = network.train_second_order(batch, sigma).net
     both = 1.5 * np.stack([np.eye(3), -np.eye(3)])
     bent = np.einsum("kii->i", net(both) - net(np.zeros(3))) / 2 / 1.5
-    np.testing.assert_allclose(bent, -0.003, atol=0.0015)
+    assert_allclose(bent, -0.003, atol=0.0015)
     batch, sigma = recording(5, count=8)
     at_rest = np.tile(-np.linalg.inv(MODEL.E) @ MODEL.B, (9, 1))
     rates = StillRates(at_rest, np.zeros((9, 3)), np.full((9, 3), 1e-6))
     pinned = network.train_second_order(batch, sigma, still_rates=rates, ties=(0.0,)).net
-    np.testing.assert_allclose(pinned(at_rest), 0, atol=2e-6)
+    assert_allclose(pinned(at_rest), 0, atol=2e-6)
     batch.rate[2, 5, 1] = np.inf
     for train in (network.train_second_order, network.train_adamw):
         with np.errstate(invalid="ignore", over="ignore"), pytest.raises(FitError, match="finite"):
@@ -311,7 +312,7 @@ def test_resumed_training_equals_uninterrupted_and_what_ended_is_not_repeated(tm
         assert (seen[0] if seen else None) == first
         seen.clear()
         for a, b in zip(whole, resumed, strict=True):
-            np.testing.assert_array_equal(a, b)
+            assert_array_equal(a, b)
     minimised(checkpoint=Checkpoint(path), progress=lambda done, of: seen.append(done))
     assert seen[0] == 1  # without resume it begins anew
     (path.parent / "model.json").write_text("{}")
@@ -341,8 +342,8 @@ def test_the_swarm_never_ends_above_where_it_started_and_the_same_seed_is_the_sa
     def found(centre, width, seed):
         return particle_swarm.minimise(bowl, np.array(centre), np.array(width), np.random.default_rng(seed))
 
-    np.testing.assert_allclose(found([0.0] * 6, [0.1] * 6, 0), 0.3, atol=1e-3)
-    np.testing.assert_array_equal(found([0.0] * 6, [0.1] * 6, 0), found([0.0] * 6, [0.1] * 6, 0))
+    assert_allclose(found([0.0] * 6, [0.1] * 6, 0), 0.3, atol=1e-3)
+    assert_array_equal(found([0.0] * 6, [0.1] * 6, 0), found([0.0] * 6, [0.1] * 6, 0))
     assert bowl(found([0.3] * 4, [10.0] * 4, 2)) == 0
 
 

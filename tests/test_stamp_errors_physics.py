@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.signal import savgol_filter
 from scipy.spatial.transform import Rotation
 
@@ -54,15 +55,15 @@ def test_a_late_stamp_moves_the_end_by_the_change_of_the_rate_around_it():
         late[sample] = 1e-5
         variance = stamp_variance(batch, at, [white(1e-5)])[0]
         steps = Rotation.from_quat(at[0, :-1], scalar_first=True).apply((batch.rate[0, 1:] + batch.rate[0, :-1]) / 2)
-        np.testing.assert_allclose(end_of(batch, late), 1e-5 * moved_by_stamps(steps)[sample], atol=2e-9)
-        np.testing.assert_allclose(variance, 1e-10 * moved_by_stamps(steps).T @ moved_by_stamps(steps), rtol=1e-3, atol=1e-14)
+        assert_allclose(end_of(batch, late), 1e-5 * moved_by_stamps(steps)[sample], atol=2e-9)
+        assert_allclose(variance, 1e-10 * moved_by_stamps(steps).T @ moved_by_stamps(steps), rtol=1e-3, atol=1e-14)
 
 
 def test_the_variance_is_the_sum_over_all_pairs_of_samples():
     moved, lags = np.random.default_rng(2).normal(size=(2, 30, 3)), 0.7 ** np.arange(40)
     pairs = lags[np.abs(np.subtract.outer(np.arange(30), np.arange(30)))]
     errors = StampErrors(0.01, 0.0, lags, 0.25, 0.0)
-    np.testing.assert_allclose(errors.variance(moved), 0.75 * np.einsum("ski,kl,slj->sij", moved, pairs, moved), rtol=1e-6)
+    assert_allclose(errors.variance(moved), 0.75 * np.einsum("ski,kl,slj->sij", moved, pairs, moved), rtol=1e-6)
 
 
 def moving(moments_s, seed=1, noise_dps=0.05):
@@ -114,7 +115,7 @@ def test_off_lines_of_a_bent_clock():
     """Stamps a k^2 are off a line through r rows on either side by a r (r + 1) / 3, whatever their rate."""
     count, reach = np.arange(60), np.minimum(7, np.minimum(np.arange(60), np.arange(60)[::-1]))
     off = _about_lines(5_000 + 2_000_000 * count + 300 * count**2, count, 7)
-    np.testing.assert_allclose(off, -300e-9 * reach * (reach + 1) / 3, atol=1e-15)
+    assert_allclose(off, -300e-9 * reach * (reach + 1) / 3, atol=1e-15)
 
 
 def test_scatter_and_what_the_readings_followed_by_numpy_and_scipy():
@@ -125,7 +126,7 @@ def test_scatter_and_what_the_readings_followed_by_numpy_and_scipy():
     samples = of(stamps * NS, gyro)
     errors, period_s = stamp_errors(samples, 0.2), samples.period_s
     off = _about_lines(stamps, count, 20)
-    np.testing.assert_allclose(errors.covariance, np.correlate(off, off, "full")[126:147] / 127, rtol=1e-9, atol=1e-15)
+    assert_allclose(errors.covariance, np.correlate(off, off, "full")[126:147] / 127, rtol=1e-9, atol=1e-15)
     assert (errors.grid_s, errors.scatter_s) == (pytest.approx(2e-6), pytest.approx(np.sqrt(np.mean(off**2))))
     slope = savgol_filter(gyro, 9, 1, deriv=1, delta=period_s, axis=0, mode="constant")
     went, read = (np.diff(each, 4, axis=0) / 6 for each in (slope * off[:, None], gyro))

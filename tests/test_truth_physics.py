@@ -10,6 +10,7 @@ import pytest
 from conftest import DEG
 from formats_page import strangers
 from linear_twin import effect, linear_twin
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy import optimize, stats
 from scipy.spatial.transform import Rotation
 from truth_sessions import Wrong, made, write
@@ -203,7 +204,7 @@ def test_growth_tells_the_truths_noise_from_the_gyros(twin):
     lengths, closures = growth(twin.problem, twin.problem.first)
     assert lengths.tolist() == [0.5, 1.0, 2.0, 4.0]
     angles = error_angles(twin.problem.batch, twin.problem.first)
-    np.testing.assert_allclose(closures[2], sigma_of(angles - np.median(angles, axis=0)))
+    assert_allclose(closures[2], sigma_of(angles - np.median(angles, axis=0)))
     assert np.mean(closures) == pytest.approx(np.sqrt(2) * 0.02 * DEG, rel=0.15)
     gone = twin.problem.used[10]
     fewer = replace(twin.problem, segments=[replace(s, problem=None if s is not gone else "left out") for s in twin.problem.used])
@@ -221,7 +222,7 @@ def test_the_clocks_column_turns_both_ends_by_their_rates():
     batch = Batch(rate, dt, earth, start.as_quat(scalar_first=True), end.as_quat(scalar_first=True), True)
     true = 1.1 * rate - earth
     expected = end.apply([true[0, 3], true[1, 2]]) - start.apply(true[:, 0])
-    np.testing.assert_allclose(offset_columns(batch, lambda measured: 1.1 * measured), expected)
+    assert_allclose(offset_columns(batch, lambda measured: 1.1 * measured), expected)
 
 
 def test_the_change_of_a_rate_is_a_second_difference_of_its_angle_over_20_ms():
@@ -233,7 +234,7 @@ def test_the_change_of_a_rate_is_a_second_difference_of_its_angle_over_20_ms():
     for ends, at in zip(found, ((5, 2, 20), (20, 11, 37)), strict=True):
         for number, (log, i) in enumerate(zip((0, 1, 0), at, strict=True)):
             g = gyro[log]
-            np.testing.assert_allclose(ends[number], (g[i + 2] / 2 + g[i + 1] - g[i - 1] - g[i - 2] / 2) * 0.01 / 0.02**2, atol=1e-9)
+            assert_allclose(ends[number], (g[i + 2] / 2 + g[i + 1] - g[i - 1] - g[i - 2] / 2) * 0.01 / 0.02**2, atol=1e-9)
 
 
 @pytest.mark.parametrize(("seconds", "steps"), [(0.05, 3), (-0.05, 3), (0.04, 2), (0.0, 1), (2.5, 100)])
@@ -255,7 +256,7 @@ def test_the_truth_is_carried_back_along_the_rates_at_midpoints_of_two_samples(s
                 where = np.clip(at[number] + half / period, 0, 38.999)
                 rate = [np.interp(where, np.arange(40), axis) for axis in logs[log].samples.gyro.T]
                 q = q * Rotation.from_rotvec(-step * (1.1 * np.array(rate) - earth[number, last[number]]))
-            np.testing.assert_allclose(rotation.matrix(after[number]), q.as_matrix(), atol=1e-6)
+            assert_allclose(rotation.matrix(after[number]), q.as_matrix(), atol=1e-6)
 
 
 def test_a_smoothed_truth_errs_by_half_its_windows_variance_times_the_change_of_the_rate(twin):
@@ -263,7 +264,7 @@ def test_a_smoothed_truth_errs_by_half_its_windows_variance_times_the_change_of_
     E, plain = twin.start().model.E, twin.batch_at(at(twin))
     found = twin.batch_at(at(twin, claim(_SMOOTHING, 1e-3)))
     for before, after, change in zip((plain.start, plain.end), (found.start, found.end), twin._changes, strict=True):
-        np.testing.assert_allclose(after, rotation.multiply(before, rotation.exp(-5e-4 * change @ E.T)), atol=1e-12)
+        assert_allclose(after, rotation.multiply(before, rotation.exp(-5e-4 * change @ E.T)), atol=1e-12)
     problem = twin.original
     for source, free in ((GIVEN, False), (FOUND, True)):
         alignment = replace(problem.session.alignment, source={"offset_s": source})
@@ -306,13 +307,13 @@ def test_a_moment_is_wrong_where_both_sides_miss_by_five_medians_in_opposite_dir
     index = np.delete(np.arange(16), gone)
     assert [segment.number for segment in kept.used] == [10 * i for i in index]
     assert [count for count, _ in fitted[:3]] == [16, len(index), len(index)]
-    np.testing.assert_array_equal(fitted[2][1], problem.floor.sigma[index])
+    assert_array_equal(fitted[2][1], problem.floor.sigma[index])
     assert jumps == [(0, 3.0 * i + 0.5) for i in gone[::2]]
     assert p == pytest.approx(_chance_of(6.0, 15, 16))
     rows = (3 * index[:, None] + np.arange(3)).ravel()
-    np.testing.assert_array_equal(kept.floor.dense(), problem.floor.dense()[np.ix_(rows, rows)])
-    np.testing.assert_array_equal(kept.floor.wider, problem.floor.wider[index])
-    np.testing.assert_array_equal(kept.batch.end, problem.batch.end[index])
+    assert_array_equal(kept.floor.dense(), problem.floor.dense()[np.ix_(rows, rows)])
+    assert_array_equal(kept.floor.wider, problem.floor.wider[index])
+    assert_array_equal(kept.batch.end, problem.batch.end[index])
 
 
 def test_outages_are_claimed_where_they_were_with_what_is_sure_of_them_apart():
@@ -362,12 +363,12 @@ def test_a_frame_is_claimed_if_it_is_large_and_sure_and_the_accelerometer_agrees
     assert [(claim.effect, claim.p_value) for claim in found] == [(MOUNTED, pytest.approx(stats.chi2.sf(9.0, 3)))]
     assert _frame_claim(None, force) == _frame_claim(aligned([0, 9.0, 0], 0.1, (0, 9.0, 0)), force) == []
     stands, asked = _stands_and_turned(aligned([0, 9.0, 0], 0.1, (0, 7.0, 0), FOUND))
-    np.testing.assert_allclose(stands, Rotation.from_rotvec([0, -7 * DEG, 0]).as_matrix(), atol=1e-12)
-    np.testing.assert_allclose(asked, Rotation.from_rotvec([0, 2 * DEG, 0]).as_matrix(), atol=1e-12)
+    assert_allclose(stands, Rotation.from_rotvec([0, -7 * DEG, 0]).as_matrix(), atol=1e-12)
+    assert_allclose(asked, Rotation.from_rotvec([0, 2 * DEG, 0]).as_matrix(), atol=1e-12)
     for alignment, turned in ((None, 0), (aligned([0, 9.0, 0], 0.1), 9)):
         stands, asked = _stands_and_turned(alignment)
-        np.testing.assert_array_equal(stands, np.eye(3))
-        np.testing.assert_allclose(asked, Rotation.from_rotvec([0, turned * DEG, 0]).as_matrix(), atol=1e-12)
+        assert_array_equal(stands, np.eye(3))
+        assert_allclose(asked, Rotation.from_rotvec([0, turned * DEG, 0]).as_matrix(), atol=1e-12)
 
 
 def fit_of(*claims, variance=1e-6):
@@ -445,9 +446,9 @@ def test_the_accelerometers_bias_is_what_the_truths_vertical_leaves():
     axes = [Rotation.from_rotvec(each).as_matrix() for each in ([0, 0, 0.1], [0.05, 0, 0.1])]
     found = force_against_truth(SimpleNamespace(session=session, logs=[log]), *axes)
     own, turned = (windows(t_s, true.as_matrix(), force[rows] @ each.T, g) for each in axes)
-    np.testing.assert_allclose(found.bias, own[0], atol=1e-9)
-    np.testing.assert_allclose(found.sigma, own[1], rtol=1e-9)
-    np.testing.assert_allclose(found.turned, turned[0], atol=1e-9)
+    assert_allclose(found.bias, own[0], atol=1e-9)
+    assert_allclose(found.sigma, own[1], rtol=1e-9)
+    assert_allclose(found.turned, turned[0], atol=1e-9)
     for count in (81, 80):  # three windows are enough
         session.truths = (replace(truth, t_ns=truth.t_ns[:count], q_nb=truth.q_nb[:count]),)
         assert (force_against_truth(SimpleNamespace(session=session, logs=[log]), *axes) is None) == (count == 80)
@@ -463,8 +464,8 @@ def test_the_zero_at_rest_is_weighed_by_the_samples_of_each():
     problem = SimpleNamespace(logs=logs, began_s=np.array([0.0, 4.0, 8.0]), session=SimpleNamespace(config=sensor))
     found = zero_at_rest(problem, lambda rate: 2 * rate)
     assert found.seconds == pytest.approx(1.7)
-    np.testing.assert_allclose(found.difference, 2 * (30 * means[0] + 100 * means[1] + 40 * means[2]) / 170)
-    np.testing.assert_allclose(found.sigma, 2 * np.std(means, axis=0, ddof=1) / np.sqrt(3))
+    assert_allclose(found.difference, 2 * (30 * means[0] + 100 * means[1] + 40 * means[2]) / 170)
+    assert_allclose(found.sigma, 2 * np.std(means, axis=0, ddof=1) / np.sqrt(3))
     shaken = [vibration(log.samples.accel / G, 0.01) for log in logs]
     quiet = (shaken[0][50:80].sum() + shaken[0][200:300].sum() + shaken[1][100:140].sum()) / 170
     moving = np.delete(shaken[0], [*range(50, 80), *range(200, 300)]), np.delete(shaken[1], range(100, 140))
@@ -482,7 +483,7 @@ def test_a_slow_bias_is_straight_between_knots_and_shrinks_to_its_own_size():
     slow = wander(np.array([0.0, 10.0, 20.0]))
     theta = np.array([1.0, -2.0, 0.0, 3.0, 1.0, 0.0]) * 0.1 * DEG
     rate = slow.columns(SimpleNamespace(t_s=np.array([0.0, 5.0, 12.0, 30.0]))) @ theta
-    np.testing.assert_allclose(rate / (0.1 * DEG), [[0, 0, 0], [0.5, -1, 0], [1.4, -1.4, 0], [3, 1, 0]], atol=1e-12)
+    assert_allclose(rate / (0.1 * DEG), [[0, 0, 0], [0.5, -1, 0], [1.4, -1.4, 0], [3, 1, 0]], atol=1e-12)
     assert "wanders by 0.300 dps (most on x)" in slow.describe(theta)
     assert (slow.parameter.shape, slow.parameter.plausible, slow.shape) == ((2, 3), DEG, {"knots_s": [0.0, 10.0, 20.0]})
     assert slow.basis is not None
@@ -646,7 +647,7 @@ def test_sensor_clock_and_wrong_moments_are_told_apart(whole):
     table = truth_to_json(e)
     assert strangers(json.loads(json.dumps(table, allow_nan=False))) == []
     jump = next(effect for effect in table["effects"] if effect["id"] == "reference.truth_jump")
-    np.testing.assert_allclose(sorted(jump["parameters"]["at_s"]), moments, atol=0.2)
+    assert_allclose(sorted(jump["parameters"]["at_s"]), moments, atol=0.2)
     assert (jump["std"], jump["share"]) == ({"at_s": None}, None)
     # By the largest: some hundred times the usual miss, in the tail of Fisher's F with 1.58 x 24 degrees of freedom.
     assert 1e-60 < jump["p_value"] < 1e-8
@@ -669,7 +670,7 @@ def test_a_clock_found_before_the_fit_is_claimed_whole(whole):
         lean, clock = again.claimed
         assert (lean.share, clock.share) == pytest.approx((0.4 * (1 - first_share), first_share + 0.2 * (1 - first_share)))
         assert (clock.theta[0], clock.sigma[0], clock.p_value) == pytest.approx((found_s + 0.001, 0.002, p_value))
-    np.testing.assert_allclose(again.angles[0], e.angles[0])
+    assert_allclose(again.angles[0], e.angles[0])
     assert again.angles[1] is apart.angles[1]
     assert again.held_out[1] is apart.held_out[1]
     assert again.excess == (pytest.approx(excess_of(e.problem, e.angles[0], 0)), 2.0)
@@ -684,7 +685,7 @@ def test_a_recording_confirms_its_own_numbers(whole):
     assert clock.lookalikes == set(common_delays())
     assert np.isnan(jump.theta).all()
     (number,) = [number for number, each in enumerate(e.fit.state.claims) if each.effect is own.effect]
-    np.testing.assert_array_equal(own.covariance, e.fit.theta_covariance(number))
+    assert_array_equal(own.covariance, e.fit.theta_covariance(number))
     found = predicted(own, e, Evidence(TruthTwin(e.problem)), 0)
     assert (found.outcome, found.same_p, found.size[0]) == (Outcome.CONFIRMED, pytest.approx(1.0), pytest.approx(1.0, abs=0.01))
     before, after = found.closure_rad

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from formats_page import strangers
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 import calibrate
@@ -84,12 +84,6 @@ def test_no_other_unbiased_combination_has_less_noise():
         assert np.linalg.eigvalsh(combined(weights + change - change.mean(axis=0), covariance) - fused)[0] > 0
 
 
-@pytest.mark.parametrize(("rho", "variance"), [(0.0, 1 / 8), (0.1, 1.7 / 8)])
-def test_equal_units_gain_the_root_of_their_number_and_correlated_ones_less(rho, variance):
-    _, fused = best_weights(np.kron((1 - rho) * np.eye(8) + rho, np.eye(3)))
-    assert_allclose(fused, np.eye(3) * variance, atol=1e-14)
-
-
 def test_the_file_gives_the_model_back_and_stands_on_the_page(tmp_path):
     found = [replace(unit, sha256=("0" * 64, "1" * 64)) for unit in units(3)]
     model = replace(model_of(found, joint_covariance=np.eye(36) * 1e-8, session="a\nb"), correlation=np.eye(9))
@@ -97,7 +91,7 @@ def test_the_file_gives_the_model_back_and_stands_on_the_page(tmp_path):
     again = load_array_model(tmp_path / "array.json")
     assert to_table(again) == to_table(model)
     raw = RNG.normal(size=(5, 3, 3))
-    np.testing.assert_array_equal(again(raw), model(raw))
+    assert_array_equal(again(raw), model(raw))
     assert not strangers(json.loads((tmp_path / "array.json").read_text()))
 
 
@@ -156,11 +150,11 @@ def along_x(*readings) -> np.ndarray:
 def test_the_rate_of_the_units_that_are_left_and_its_sigma():
     """Densities 0.1, 0.2, 0.2 at 100 Hz: variances 0.5, 2, 2 a sample; weights 4, 1, 1, of those that are left."""
     fused = fuse(plain([0.1, 0.2, 0.2]), along_x([1, 2, 3], [1, np.nan, 2], [np.nan, np.nan, 3], [np.nan] * 3))
-    np.testing.assert_allclose(fused.rate[:3, 0], [9 / 6, 6 / 5, 3])
-    np.testing.assert_allclose(fused.sigma[:3], np.sqrt([1 / 3, 0.4, 2])[:, None] * np.ones(3))
+    assert_allclose(fused.rate[:3, 0], [9 / 6, 6 / 5, 3])
+    assert_allclose(fused.sigma[:3], np.sqrt([1 / 3, 0.4, 2])[:, None] * np.ones(3))
     assert np.isnan(fused.rate[3]).all()
     assert np.isnan(fused.sigma[3]).all()
-    np.testing.assert_array_equal(fused.used.sum(axis=1), [3, 2, 1, 0])
+    assert_array_equal(fused.used.sum(axis=1), [3, 2, 1, 0])
 
 
 def test_the_sigma_holds_correlated_noise_and_that_of_the_parameters_where_it_is_known():
@@ -172,9 +166,9 @@ def test_the_sigma_holds_correlated_noise_and_that_of_the_parameters_where_it_is
 
 def test_a_reading_at_the_end_of_a_range_is_used_only_where_all_are():
     fused = fuse(plain([0.1, 0.1]), along_x([BELOW, ABOVE], [-ABOVE, 1], [ABOVE, -ABOVE], [ABOVE, np.nan]))
-    np.testing.assert_array_equal(fused.used, [[True, False], [False, True], [True, True], [True, False]])
-    np.testing.assert_allclose(fused.rate[:, 0], [BELOW, 1, 0, ABOVE], atol=1e-12)
-    np.testing.assert_array_equal(np.isinf(fused.sigma).all(axis=1), [False, False, True, True])
+    assert_array_equal(fused.used, [[True, False], [False, True], [True, True], [True, False]])
+    assert_allclose(fused.rate[:, 0], [BELOW, 1, 0, ABOVE], atol=1e-12)
+    assert_array_equal(np.isinf(fused.sigma).all(axis=1), [False, False, True, True])
 
 
 # Between samples, and forces.
@@ -187,7 +181,7 @@ def test_the_interpolation_keeps_the_density_holds_no_gap_and_pieces_are_as_the_
     slow = found[: len(found) // 100 * 100].reshape(-1, 100).mean(axis=1)
     assert slow.var() * 100 == pytest.approx(1.0, abs=4 * np.sqrt(2 / len(slow)))
     values = whole(np.r_[0:10, 15:25] * 0.01, np.ones((20, 1)), np.array([0.04, 0.045, 0.095, 0.12, 0.148, 0.15, 0.155]))
-    np.testing.assert_array_equal(np.isfinite(values[:, 0]), [True, True, False, False, False, True, True])
+    assert_array_equal(np.isfinite(values[:, 0]), [True, True, False, False, False, True, True])
     parts, found, done = Resampler(1), [], 0
     for want in np.split(at[:700], 10):
         while parts.ends < want[-1]:
@@ -220,7 +214,7 @@ def test_force_of_units_off_the_axis_is_moved_to_the_first_one():
         axis=1,
     )
     found = _fused_force(model, force, omega, change, np.ones((50, 3), dtype=bool))
-    np.testing.assert_allclose(found, np.tile(common, (50, 1)), atol=1e-12)
+    assert_allclose(found, np.tile(common, (50, 1)), atol=1e-12)
 
 
 # ``apply`` to a folder.

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from conftest import DEG, wxyz
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 from small_array import FORCE_WALK, STILL_S, TURN_S, WALK, G, small_array
@@ -77,11 +78,11 @@ def test_values_are_the_error_of_each_end_and_the_force_against_gravity(small, r
     for i, unit in enumerate(rows):
         M = Rotation.from_matrix(state.mountings[i])
         found = q[unit.first] * M * turns_by_scipy(unit.batch, state.models[i]) * (q[unit.last] * M).inv()
-        np.testing.assert_allclose(system.values[where.closure[i]], found.as_rotvec(), atol=1e-9)
+        assert_allclose(system.values[where.closure[i]], found.as_rotvec(), atol=1e-9)
         for k, still in enumerate(unit.stills):
             force = matrix_of(state.accelerometers[i]) @ (unit.force[k] - state.accelerometers[i, 6:])
             expected = q[still].apply(M.apply(force)) + np.array([0, 0, state.gravity_mps2])
-            np.testing.assert_allclose(system.values[where.force[i]][k], expected, atol=1e-9)
+            assert_allclose(system.values[where.force[i]][k], expected, atol=1e-9)
     assert not system.values[where.common].any()
     assert not system.values[where.level].any()
 
@@ -95,9 +96,9 @@ def test_each_column_is_the_derivative_of_the_values(small, rows, made):
     numeric = numeric_jacobian(values, np.zeros(LAYOUT.attitudes.stop), 1e-4)
     found = made[0].design[:, : LAYOUT.attitudes.stop].copy()
     for i in range(2):  # the gyroscope's are of first order in the angle from sample to sample, here up to 15°
-        np.testing.assert_allclose(found[:, LAYOUT.unit(i, GYROSCOPE)], numeric[:, LAYOUT.unit(i, GYROSCOPE)], atol=0.01)
+        assert_allclose(found[:, LAYOUT.unit(i, GYROSCOPE)], numeric[:, LAYOUT.unit(i, GYROSCOPE)], atol=0.01)
         found[:, LAYOUT.unit(i, GYROSCOPE)] = numeric[:, LAYOUT.unit(i, GYROSCOPE)]
-    np.testing.assert_allclose(found, numeric, atol=1e-6, rtol=1e-6)
+    assert_allclose(found, numeric, atol=1e-6, rtol=1e-6)
 
 
 def test_rows_of_what_is_common_are_ones_in_their_places(made):
@@ -112,7 +113,7 @@ def test_rows_of_what_is_common_are_ones_in_their_places(made):
             expected[row[0], own[0]] = expected[row[1], own[1]] = 1.0
     expected[where.common, common] = 1.0
     expected[where.level, level] = 1.0
-    np.testing.assert_array_equal(system.design[:, LAYOUT.level.start :], expected)
+    assert_array_equal(system.design[:, LAYOUT.level.start :], expected)
     assert not system.design[where.common][..., : LAYOUT.level.start].any()
     assert not system.design[where.level][..., : LAYOUT.level.start].any()
 
@@ -121,18 +122,18 @@ def test_every_row_has_its_component_and_the_variance_of_white_noise(small, made
     """A turn's angles share its trace: mean of the squared walks times its duration; a force's is the walk over the still's duration."""
     system, where = made
     places = [*where.closure, *where.force, where.common, where.level]
-    np.testing.assert_array_equal(np.concatenate([each.ravel() for each in places]), np.arange(53))
+    assert_array_equal(np.concatenate([each.ravel() for each in places]), np.arange(53))
     expected = np.zeros((7, 53))
     for k, rows in enumerate((*where.closure, *where.force, where.common, where.common, where.level)):
         expected[k, rows.ravel()] = 1.0
     expected[5, where.common] = [[1e-4] * 2, [4e-4] * 2, [9e-4] * 2]
-    np.testing.assert_allclose(system.V, expected)
+    assert_allclose(system.V, expected)
     for i, turns in enumerate(TURNS):
         seconds = np.array([(b - a) * TURN_S + 0.02 for a, b in turns])
         turn = np.mean(((1 + i) * WALK) ** 2) * seconds
-        np.testing.assert_allclose(system.base[where.closure[i]], np.repeat(turn[:, None], 3, axis=1))
+        assert_allclose(system.base[where.closure[i]], np.repeat(turn[:, None], 3, axis=1))
         force = np.mean(((1 + i) * FORCE_WALK) ** 2) / (STILL_S + 0.5 * np.arange(4))
-        np.testing.assert_allclose(system.base[where.force[i]], np.repeat(force[:, None], 3, axis=1))
+        assert_allclose(system.base[where.force[i]], np.repeat(force[:, None], 3, axis=1))
     assert 0 < system.base[where.common].max() < 1e-6 * system.base[where.closure[0]].min()
     assert 0 < system.base[where.level].max() < 1e-4 * system.base[where.force[0]].min()
 
@@ -142,13 +143,13 @@ def test_priors_hold_the_frame_and_pull_towards_the_start(small, rows):
     system, _ = array_system(state, small.start, rows, small.same, MISSED_RAD, 0.02)
     weak, accelerometer = np.array([0.2] * 9 + [20 * DEG] * 3), SPREAD_MPS2 * np.array([1 / G] * 6 + [1] * 3)
     for i, mounting in enumerate((HELD, 1.0)):
-        np.testing.assert_allclose(system.prior[LAYOUT.unit(i)], np.concatenate([weak, accelerometer, [mounting] * 3]))
+        assert_allclose(system.prior[LAYOUT.unit(i)], np.concatenate([weak, accelerometer, [mounting] * 3]))
         pull = np.concatenate([rows[i].centre - state.models[i].vector, IDENTITY - state.accelerometers[i], np.zeros(3)])
-        np.testing.assert_allclose(system.pull[LAYOUT.unit(i)], pull)
-        np.testing.assert_array_equal(rows[i].centre, small.units[i].model.vector)
+        assert_allclose(system.pull[LAYOUT.unit(i)], pull)
+        assert_array_equal(rows[i].centre, small.units[i].model.vector)
     assert system.prior[LAYOUT.gravity] == 0.02
     assert system.pull[LAYOUT.gravity] == pytest.approx(G - state.gravity_mps2)
-    np.testing.assert_array_equal(system.prior[LAYOUT.attitudes], [1, 1, HELD, *[1] * 9])  # the first still's yaw is the frame's
+    assert_array_equal(system.prior[LAYOUT.attitudes], [1, 1, HELD, *[1] * 9])  # the first still's yaw is the frame's
     assert not system.pull[LAYOUT.attitudes.start :].any()
     assert HELD < 1e-6
     # what rows of their own bound is free
@@ -188,21 +189,21 @@ def test_a_solution_is_the_conditional_normal_distribution_of_unknowns_with_prio
     residual, spread = few.values[kept] - mean, np.diag(few.prior**2)
     gain = spread @ few.design[kept].T @ np.linalg.inv(C)
     found = few.solved(t)
-    np.testing.assert_allclose(found.x, few.pull - gain @ residual, rtol=1e-9)
-    np.testing.assert_allclose(found.covariance, spread - gain @ few.design[kept] @ spread, rtol=1e-9, atol=1e-12)
+    assert_allclose(found.x, few.pull - gain @ residual, rtol=1e-9)
+    assert_allclose(found.covariance, spread - gain @ few.design[kept] @ spread, rtol=1e-9, atol=1e-12)
     assert found.value == pytest.approx(np.linalg.slogdet(C)[1] + residual @ np.linalg.solve(C, residual), rel=1e-12)
     slope = [-(few.solved(t + h).value - few.solved(t - h).value) / 4e-5 for h in 1e-5 * np.eye(2)]
-    np.testing.assert_allclose(found.score()[0], slope, rtol=1e-6)
+    assert_allclose(found.score()[0], slope, rtol=1e-6)
     pulled = [np.linalg.solve(C, np.diag(v[kept])) for v in few.V]
     information = [[np.trace(a @ b) / 2 for b in pulled] for a in pulled]
-    np.testing.assert_allclose(found.sigma(), np.sqrt(np.diag(np.linalg.inv(information))), rtol=1e-9)
+    assert_allclose(found.sigma(), np.sqrt(np.diag(np.linalg.inv(information))), rtol=1e-9)
 
 
 @pytest.mark.parametrize("begin", [(1.0, 1.0), (1e-3, 1e3)])
 def test_components_are_those_of_the_greatest_restricted_likelihood(few, begin):
     """By Nelder and Mead's search of their logarithms."""
     best = minimize(lambda x: few.solved(np.exp(x)).value, [-1.0, -1.0], method="Nelder-Mead", options={"xatol": 1e-6, "fatol": 1e-10})
-    np.testing.assert_allclose(few.estimated(np.array(begin)).t, np.exp(best.x), rtol=5e-3)
+    assert_allclose(few.estimated(np.array(begin)).t, np.exp(best.x), rtol=5e-3)
 
 
 def test_rows_quieter_than_their_noise_have_no_component(few):
@@ -227,7 +228,7 @@ def test_a_block_is_judged_by_all_other_rows(few, rows):
     error = (few.values[both] - mean)[:d] - gain @ (few.values[both] - mean)[d:]
     spread = C[:d, :d] - gain @ C[d:, :d]
     chi, found = few.solved(t).blocks(block[None])
-    np.testing.assert_allclose(found[0], error, rtol=1e-9)
+    assert_allclose(found[0], error, rtol=1e-9)
     assert chi[0] == pytest.approx(error @ np.linalg.solve(spread, error), rel=1e-9)
 
 
@@ -259,9 +260,9 @@ def test_the_variance_that_still_rates_bring_is_that_of_moved_rates(small):
             slope = (ends(moved) * ends(plain).inv()).as_rotvec() / 1e-6
             total += np.sum(slope**2, axis=1) * unit.problem.still_rates.sigma[still, axis] ** 2 / 3
     own = unit_rows(shaken(unit), 0, small.same, "ends").floor
-    np.testing.assert_allclose(plain.floor - own, np.repeat(total[:, None], 3, axis=1), rtol=2e-3)
+    assert_allclose(plain.floor - own, np.repeat(total[:, None], 3, axis=1), rtol=2e-3)
     assert plain.rest is not None
-    np.testing.assert_array_equal(plain.centre[BIAS], 0)
+    assert_array_equal(plain.centre[BIAS], 0)
     assert unit_rows(shaken(unit), 0, small.same, "ends").rest is None
 
 
@@ -274,9 +275,9 @@ def test_with_biases_of_the_stills_the_rates_are_without_them_and_B_is_held(smal
         count = rows[0].batch.rate.shape[1]
         at_s = segment.start_s + np.concatenate([[0], np.cumsum(problem.batch.dt[s])])[:count]
         expected = np.column_stack([np.interp(at_s, rates.middle_s, bias[:, axis]) for axis in range(3)])
-        np.testing.assert_allclose(rows[0].batch.rate[s], problem.batch.rate[s, :count] - expected, atol=1e-12)
+        assert_allclose(rows[0].batch.rate[s], problem.batch.rate[s, :count] - expected, atol=1e-12)
     system, _ = array_system(small.truth, small.start, rows, small.same, MISSED_RAD, 0.02)
-    np.testing.assert_allclose(system.prior[LAYOUT.unit(0)][BIAS], 20 * DEG * HELD)
+    assert_allclose(system.prior[LAYOUT.unit(0)][BIAS], 20 * DEG * HELD)
 
 
 @pytest.mark.parametrize(
@@ -298,12 +299,12 @@ def test_the_accelerometers_prior_is_that_of_its_source(small, mode, sigma_mg, s
     before = SimpleNamespace(**vars(problem))
     unit = replace(unit, prepared=SimpleNamespace(problem=problem, as_given=lambda: SimpleNamespace(problem=before)))
     assert force_problem(unit) is (before if mode == "prior" else problem)
-    np.testing.assert_allclose(unit_rows(unit, 0, small.same, "ends").prior, spread * np.array([1 / G] * 6 + [1] * 3))
+    assert_allclose(unit_rows(unit, 0, small.same, "ends").prior, spread * np.array([1 / G] * 6 + [1] * 3))
     x = IDENTITY + 0.01 * np.arange(9)
     after = accelerometer_after(unit, x)
     assert after is given if mode is None else (after.source == ("stills" if mode == "fit" else "prior"))
     if mode:
-        np.testing.assert_allclose(after.matrix @ ([1.0, 2, 3] - after.bias_mps2), matrix_of(x) @ ([1.0, 2, 3] - x[6:]))
+        assert_allclose(after.matrix @ ([1.0, 2, 3] - after.bias_mps2), matrix_of(x) @ ([1.0, 2, 3] - x[6:]))
 
 
 # The Earth.
@@ -345,7 +346,7 @@ def test_headings_of_all_units_are_weighed_by_their_variances(level):
     h = found.heading_rad + left * z
     north = EARTH_RATE_RPS * np.cos(48 * DEG)
     expected = [north * density @ np.cos(h), -north * density @ np.sin(h), -EARTH_RATE_RPS * np.sin(48 * DEG)]
-    np.testing.assert_allclose(found.rate_t, expected, rtol=1e-6)
+    assert_allclose(found.rate_t, expected, rtol=1e-6)
 
 
 def test_the_earth_turns_with_the_body(level):
@@ -354,6 +355,6 @@ def test_the_earth_turns_with_the_body(level):
     for i, unit in enumerate(rows):
         M = Rotation.from_matrix(level.truth.mountings[i])
         begins = (q[unit.first] * M).inv().apply(level.earth.rate_t)
-        np.testing.assert_allclose(unit.batch.earth[:, 0], begins, atol=1e-12)
+        assert_allclose(unit.batch.earth[:, 0], begins, atol=1e-12)
         ends = (q[unit.last] * M).inv().apply(level.earth.rate_t)
-        np.testing.assert_allclose(unit.batch.earth[:, -1], ends, atol=1e-3 * EARTH_RATE_RPS)
+        assert_allclose(unit.batch.earth[:, -1], ends, atol=1e-3 * EARTH_RATE_RPS)

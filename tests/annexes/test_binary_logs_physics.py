@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import written_logs as written
+from numpy.testing import assert_allclose, assert_array_equal
 
 from session.annexes.logs import ardupilot, arrow, betaflight, hdf5, matlab, mcap_file, numpy_file, ros, rosbag1, rosbag2, ulog
 from session.annexes.logs.named import meaning
@@ -90,9 +91,9 @@ def head_of(path: Path) -> bytes:
 
 
 def same(stream, rates=GYRO, forces=ACCEL):
-    np.testing.assert_array_equal(stream.t_ns, T_NS)
-    np.testing.assert_array_equal(stream.gyro, rates)
-    np.testing.assert_array_equal(stream.accel, forces)
+    assert_array_equal(stream.t_ns, T_NS)
+    assert_array_equal(stream.gyro, rates)
+    assert_array_equal(stream.accel, forces)
 
 
 def one(path: Path, name: str = ""):
@@ -114,7 +115,7 @@ def test_every_number_comes_back(name, tmp_path):
     same(stream := one(path, topic))
     assert (stream.t_ns.dtype, stream.gyro.dtype) == (np.int64, float)
     if temp:
-        np.testing.assert_array_equal(stream.temp, TEMP)
+        assert_array_equal(stream.temp, TEMP)
     assert (stream.temp is not None) == bool(temp)
     # in HDF5's words, as its writer has them
     units = ("rad/s", "m/s^2", "degC") if name.startswith("HDF5") else ("rad/s", "m/s2", "degc" if temp else stream.temp_unit)
@@ -177,9 +178,9 @@ def test_ulog_keeps_instances_apart_and_reads_temperatures(tmp_path):
     path = tmp_path / "a.ulg"
     written.write_ulog(path, *RECORDING)
     first, second = ulog.read(path, ["sensor_gyro[0]", "sensor_gyro[1]"], None)
-    np.testing.assert_allclose(second.gyro - first.gyro, 1, atol=1e-6)
-    np.testing.assert_array_equal(first.temp, TEMP)
-    np.testing.assert_array_equal(first.t_ns, T_NS)  # of the sample, not of the message
+    assert_allclose(second.gyro - first.gyro, 1, atol=1e-6)
+    assert_array_equal(first.temp, TEMP)
+    assert_array_equal(first.t_ns, T_NS)  # of the sample, not of the message
     (accel,) = ulog.read(path, ["sensor_accel[0]"], None)
     assert (accel.gyro, accel.holds, accel.temp_unit) == (None, ("accel", "temp"), "degc")
     assert any("2 dropouts of the logger, 42 ms in all, the longest 30 ms" in note for note in accel.notes)
@@ -192,9 +193,9 @@ def test_ulog_increments_over_their_intervals_are_rates(tmp_path):
         for t, w, f in zip(T_NS // 1000, GYRO, ACCEL, strict=True)
     ]
     stream = one(ulog_file(tmp_path, rows))
-    np.testing.assert_allclose(stream.gyro, GYRO, rtol=1e-6)
-    np.testing.assert_allclose(stream.accel, ACCEL, rtol=1e-6)
-    np.testing.assert_array_equal(stream.t_ns, T_NS)
+    assert_allclose(stream.gyro, GYRO, rtol=1e-6)
+    assert_allclose(stream.accel, ACCEL, rtol=1e-6)
+    assert_array_equal(stream.t_ns, T_NS)
     assert any("increments" in note for note in stream.notes)
 
 
@@ -212,8 +213,8 @@ def test_ulog_fifo_samples_have_their_own_stamps_and_scale(tmp_path, steady):
         stamps += [last * 1000 - 125_000 * (count - 1 - i) for i in range(count)]
         values += list(counts[:count] * (1 if steady else float(np.float32(own))))
     stream = one(ulog_file(tmp_path, rows))
-    np.testing.assert_array_equal(stream.t_ns, stamps)
-    np.testing.assert_array_equal(stream.gyro, values)
+    assert_array_equal(stream.t_ns, stamps)
+    assert_array_equal(stream.gyro, values)
     assert stream.odr_hz == 8000
     if steady:
         assert stream.gyro_fs_dps == pytest.approx(2000, rel=1e-6)
@@ -226,7 +227,7 @@ def test_ulog_rows_with_impossible_stamps_are_left_out(tmp_path):
     rows = [("sensor_combined", 0, (t, 0, 0, 1, 5000, 1, 0, 0, -9.8, 5000)) for t in (1000, 2**63, 3000)]
     stream = one(ulog_file(tmp_path, rows))
     assert any("the accelerometer's samples are +1 us from the gyroscope's" in note for note in stream.notes)
-    np.testing.assert_array_equal(stream.t_ns, [1_000_000, 3_000_000])
+    assert_array_equal(stream.t_ns, [1_000_000, 3_000_000])
     assert any("1 rows with stamps that are no time" in note for note in stream.notes)
 
 
@@ -253,7 +254,7 @@ def test_a_bag_without_its_index_is_read(tmp_path):
     place = data.index(b"index_pos=") + len(b"index_pos=")
     (end,) = struct.unpack_from("<Q", data, place)
     path.write_bytes(data[:place] + bytes(8) + data[place + 8 : end])
-    np.testing.assert_array_equal(one(path).gyro, GYRO)
+    assert_array_equal(one(path).gyro, GYRO)
     assert one(path).notes == ()
 
 
@@ -268,7 +269,7 @@ def test_a_bag_of_several_files_is_one(tmp_path):
     (folder / "metadata.yaml").write_text(
         "rosbag2_bagfile_information:\n  version: 5\n  relative_file_paths:\n    - bag_0.db3\n    - bag_1.db3\n  message_count: 120\n"
     )
-    np.testing.assert_array_equal(one(folder).gyro, GYRO)
+    assert_array_equal(one(folder).gyro, GYRO)
     (folder / "bag_1.db3").unlink()
     with pytest.raises(FormatError, match=r"bag_1\.db3: cannot be read"):
         one(folder)
@@ -308,8 +309,8 @@ def test_numbers_behind_texts_and_sequences_are_found(tmp_path):
     messages = [(1000 * i, before[i] | rates[i]) for i in range(30)]
     ros2_bag_of(tmp_path / "bag", "my_msgs/msg/Rates", text, messages)
     stream = one(tmp_path / "bag")
-    np.testing.assert_array_equal(stream.gyro, GYRO[:30])
-    np.testing.assert_array_equal(stream.t_ns, 1000 * np.arange(30))
+    assert_array_equal(stream.gyro, GYRO[:30])
+    assert_array_equal(stream.t_ns, 1000 * np.arange(30))
     assert stream.gyro_unit == ""  # nobody says it
     assert any("the time is the recorder's" in note for note in stream.notes)
 
@@ -353,7 +354,7 @@ def test_dataflash_says_what_it_passed_over(tmp_path):
     middle = data.index(b"\xa3\x95\x81", len(data) // 2)
     path.write_bytes(data[:middle] + b"\x00\xa3\x95\x81\xff\xa3\x95" + data[middle:])
     stream = one(path, "IMU[0]")
-    np.testing.assert_array_equal(stream.gyro, GYRO)
+    assert_array_equal(stream.gyro, GYRO)
     assert f"the log is damaged at byte {middle}: 7 bytes that hold no message are passed over" in stream.notes
 
 
@@ -380,8 +381,8 @@ def test_dataflash_agrees_with_pymavlink(tmp_path):
             rows.append([message.TimeUS, *(getattr(message, f"{what}{axis}") for what in ("Gyr", "Acc") for axis in "XYZ"), message.T])
     log.filehandle.close()
     theirs, ours = np.array(rows), one(path, "IMU[1]")
-    np.testing.assert_array_equal(ours.t_ns // 1000, theirs[:, 0])
-    np.testing.assert_array_equal(np.column_stack([ours.gyro, ours.accel, ours.temp]), theirs[:, 1:])
+    assert_array_equal(ours.t_ns // 1000, theirs[:, 0])
+    assert_array_equal(np.column_stack([ours.gyro, ours.accel, ours.temp]), theirs[:, 1:])
 
 
 def test_blackbox_counts_come_back_with_their_units(tmp_path):
@@ -395,15 +396,15 @@ def test_blackbox_counts_come_back_with_their_units(tmp_path):
     assert (stream.gyro_unit, stream.accel_unit) == ("0.1dps", "g/2048")
     assert (stream.gyro_fs_dps, stream.accel_fs_g) == (2000, 16)
     assert any("2000 dps is assumed" in note for note in stream.notes)
-    np.testing.assert_allclose(stream.gyro * parse_unit("gyro", stream.gyro_unit).si, GYRO, atol=0.05 * written.DEG)
-    np.testing.assert_allclose(stream.accel * parse_unit("accel", stream.accel_unit).si, ACCEL, atol=0.5 * written.G / 2048)
+    assert_allclose(stream.gyro * parse_unit("gyro", stream.gyro_unit).si, GYRO, atol=0.05 * written.DEG)
+    assert_allclose(stream.accel * parse_unit("accel", stream.accel_unit).si, ACCEL, atol=0.5 * written.G / 2048)
 
 
 def test_blackbox_counter_that_comes_round_goes_on(tmp_path):
     pytest.importorskip("orangebox")
     t_us = 2**32 - 50_000 + 1000 * np.arange(COUNT)
     (tmp_path / "a.bbl").write_bytes(written.blackbox_bytes(t_us % 2**32, *COUNTS, interval=1))
-    np.testing.assert_array_equal(one(tmp_path / "a.bbl").t_ns, t_us * 1000)
+    assert_array_equal(one(tmp_path / "a.bbl").t_ns, t_us * 1000)
 
 
 def test_blackbox_intervals_without_end_are_refused(tmp_path):
@@ -418,7 +419,7 @@ def test_blackbox_header_without_its_interval_has_the_default(tmp_path):
     """orangebox 0.4.0 has it as a class property, which Python 3.13 has no more."""
     data = written.blackbox_bytes(T_NS // 1000, *COUNTS, interval=1)
     (tmp_path / "a.bbl").write_bytes(data.replace(b"H I interval:1\n", b""))
-    np.testing.assert_array_equal(one(tmp_path / "a.bbl").t_ns, T_NS)
+    assert_array_equal(one(tmp_path / "a.bbl").t_ns, T_NS)
 
 
 # Arrays: names, shapes, units, and what each format has of its own.
@@ -529,7 +530,7 @@ def test_pickles_are_never_opened(tmp_path):
             return (pytest.fail, ("a pickle was opened",))
 
     path = npz(tmp_path, gyro=np.array([Trap()] * 4, dtype=object), gyro_rps=GYRO)
-    np.testing.assert_array_equal(one(path).gyro, GYRO)
+    assert_array_equal(one(path).gyro, GYRO)
     np.save(tmp_path / "a.npy", np.array([Trap()], dtype=object), allow_pickle=True)
     with pytest.raises(FormatError):
         numpy_file.read(tmp_path / "a.npy", [], None)
@@ -570,14 +571,14 @@ def test_matlab_agrees_with_scipy(tmp_path):
     theirs = io.loadmat(tmp_path / "a.mat")
     assert notes == []
     for name in (*arrays, "row", "cube"):
-        np.testing.assert_array_equal(ours[name], theirs[name])
+        assert_array_equal(ours[name], theirs[name])
         assert ours[name].dtype == theirs[name].dtype or ours[name].dtype.kind in "iu"
-    np.testing.assert_array_equal(ours["flags"], theirs["flags"])
-    np.testing.assert_array_equal(ours["complex"], theirs["complex"].real)
-    np.testing.assert_array_equal(ours["nested.inner.x"], file["nested"]["inner"]["x"])
+    assert_array_equal(ours["flags"], theirs["flags"])
+    assert_array_equal(ours["complex"], theirs["complex"].real)
+    assert_array_equal(ours["nested.inner.x"], file["nested"]["inner"]["x"])
     assert ours["nested.inner.word"] == "rad/s"
-    np.testing.assert_array_equal(ours["nested.y"].ravel(), file["nested"]["y"])
-    np.testing.assert_array_equal(ours["cells[0]"].ravel(), np.arange(4.0))
+    assert_array_equal(ours["nested.y"].ravel(), file["nested"]["y"])
+    assert_array_equal(ours["cells[0]"].ravel(), np.arange(4.0))
 
 
 @pytest.mark.parametrize("order", "<>")
@@ -599,4 +600,4 @@ def test_matlab_of_both_byte_orders(order, tmp_path):
     (tmp_path / "a.mat").write_bytes(head + numbers + word)
     found = dict(matlab._variables(tmp_path / "a.mat", notes := []))
     assert (list(found), found["unit"], notes) == (["a", "unit"], "°/s", [])
-    np.testing.assert_array_equal(found["a"], values)
+    assert_array_equal(found["a"], values)

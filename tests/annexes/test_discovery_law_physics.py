@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from discovery_answers import LAWS, law_of
+from numpy.testing import assert_allclose
 
 from session.io.units import DEG
 from tinygc.annexes.discovery import unobserved
@@ -122,9 +123,9 @@ def test_columns_are_those_of_the_pattern_and_their_sum_is_the_effect(movement):
     ]
     for form in forms:
         columns = _expected(form, movement)
-        np.testing.assert_allclose(columns_of(form, movement), columns, rtol=1e-12, atol=1e-15)
+        assert_allclose(columns_of(form, movement), columns, rtol=1e-12, atol=1e-15)
         effect, theta = as_effect(form), np.random.default_rng(2).standard_normal(form.size)
-        np.testing.assert_allclose(effect.distort(movement, theta), movement.rate + columns @ theta, atol=1e-11)
+        assert_allclose(effect.distort(movement, theta), movement.rate + columns @ theta, atol=1e-11)
         assert effect.parameter.unit == form.coefficient_unit
 
 
@@ -207,7 +208,7 @@ def test_a_law_of_physics_is_a_form(name, movement):
     columns = columns_of(form, movement)
     columns, added = columns.reshape(-1, columns.shape[2]), law(movement).ravel()
     theta = np.linalg.lstsq(columns, added)[0]
-    np.testing.assert_allclose(columns @ theta, added, atol=1e-12 * np.abs(added).max())
+    assert_allclose(columns @ theta, added, atol=1e-12 * np.abs(added).max())
 
 
 # Words.
@@ -286,8 +287,8 @@ def test_a_written_law_adds_the_same_in_a_session_of_another_full_scale_that_beg
     theta = np.array(dps) * DEG
     added = effect.distort(here, theta) - here.rate
     assert np.abs(added).max() > 1e-4
-    np.testing.assert_allclose(effect.distort(there, theta) - there.rate, added, atol=1e-15)
-    np.testing.assert_allclose(as_effect(form).distort(here, theta) - here.rate, added, atol=1e-12)
+    assert_allclose(effect.distort(there, theta) - there.rate, added, atol=1e-15)
+    assert_allclose(as_effect(form).distort(here, theta) - here.rate, added, atol=1e-12)
     assert np.abs(as_effect(form).distort(there, theta) - there.rate - added).max() > 1e-5
     assert ("T₀ = 25 °C" if "warm" in name else "ω / (500 dps)") in effect.equation
 
@@ -347,7 +348,7 @@ def test_a_file_does_not_apply_what_was_not_observed_and_holds_the_numbers_that_
     columns = effect.columns(movement)
     assert np.abs(columns @ TURN).max() < 1e-3 * np.abs(columns).max()
     whole = as_effect(UPRIGHT).columns(some_movement(3)) @ law.theta
-    np.testing.assert_allclose(columns @ law.theta, whole * FULL_SCALE / movement.fs_rps, atol=1e-3 * np.abs(whole).max())
+    assert_allclose(columns @ law.theta, whole * FULL_SCALE / movement.fs_rps, atol=1e-3 * np.abs(whole).max())
     assert effect.partly_observed
     assert effect.gauge_convention.settle(TURN) == pytest.approx(0, abs=1e-3)
     assert "not observed" in effect.device.why

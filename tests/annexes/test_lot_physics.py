@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from fleets import COUNT, SPREAD, simulated_lot
 from formats_page import strangers
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy import optimize, stats
 
 import tinygc
@@ -221,7 +221,7 @@ def test_what_is_not_told_is_unknown_and_two_units_have_a_mean_and_no_drift():
     lot.values[1:, 3], lot.values[:, 12:] = np.nan, np.nan
     found = estimate(replace(lot, known=np.isfinite(lot.values)))
     for each in (found.mean, found.mean_sigma, found.drift, found.drift_sigma, found.next_mean, found.next_sigma, found.spread):
-        np.testing.assert_array_equal(np.isnan(each), lost)
+        assert_array_equal(np.isnan(each), lost)
     assert not found.excluded.any()
     lot = drawn([1, 1])
     found = estimate(lot)
@@ -281,15 +281,15 @@ def test_the_variance_is_that_of_the_mean_the_spread_and_the_change_between_sess
     found = prior_of(known, MEAN + 1.0)
     whole = np.diag(sum(each[:PARAMETERS] ** 2 for each in parts))
     assert_allclose(found.covariance, whole, rtol=0, atol=1e-12)
-    np.testing.assert_array_equal(found.centre, MEAN)
+    assert_array_equal(found.centre, MEAN)
     assert found.known.all()
     single = prior_of(replace(known, repeatability=np.full(COUNT, np.nan)), MEAN)
     assert_allclose(single.covariance, np.diag((parts[0] ** 2 + parts[1] ** 2)[:PARAMETERS]), rtol=0, atol=1e-12)
     known.mean[4] = known.spread[9] = np.nan
     found, told = prior_of(known, MEAN + 1.0), np.isin(np.arange(PARAMETERS), (4, 9), invert=True)
-    np.testing.assert_array_equal(found.known, told)
-    np.testing.assert_array_equal(found.centre, np.where(told, MEAN, MEAN + 1.0))
-    np.testing.assert_array_equal(found.covariance[~told], np.diag(PRIOR_SIGMA**2)[~told])
+    assert_array_equal(found.known, told)
+    assert_array_equal(found.centre, np.where(told, MEAN, MEAN + 1.0))
+    assert_array_equal(found.covariance[~told], np.diag(PRIOR_SIGMA**2)[~told])
     assert_allclose(found.covariance[np.ix_(told, told)], whole[np.ix_(told, told)], rtol=0, atol=1e-12)
 
 

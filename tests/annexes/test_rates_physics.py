@@ -67,25 +67,34 @@ def row(choice, key):
 # Columns and fits.
 
 
-HALF = 1.25 / 2  # half the phase of 50 °/s over 40 °/s
+SINE, COSINE = np.sin(1.25), np.cos(1.25)  # 50 °/s over 40 °/s
+
+
+@pytest.mark.parametrize(
+    ("law", "shape", "at_50"),
+    [
+        ("line", (), 50),
+        ("tanh", (40,), 1 - 2 / (1 + np.exp(2.5))),
+        ("arctan", (40,), np.arctan2(5, 4)),
+        ("root", (40,), 2000 / np.hypot(40, 50)),
+        ("sine", (40,), SINE),
+        ("normalised_sine", (40, 0.5), SINE / (1 + COSINE / 2)),
+        ("overloaded_sine", (40, 0.5, 2), SINE / (1 + 4 * SINE**2)),
+        ("dead_band", (40,), 10),
+    ],
+)
+def test_the_column_of_a_law_of_both_senses_alike(law, shape, at_50):
+    assert LAWS[law].columns(np.array([-50.0, 50.0]), shape).ravel() == pytest.approx([-at_50, at_50], rel=1e-12)
 
 
 @pytest.mark.parametrize(
     ("law", "shape", "expected"),
     [
-        ("line", (), [[-50], [50]]),
         ("asymmetry", (), [[-50, 50], [50, 50]]),
         ("quadratic", (), [[-50, 2500], [50, 2500]]),
         ("cubic", (), [[-50, -125e3], [50, 125e3]]),
         ("polynomial", (), [[-50, 2500, -125e3], [50, 2500, 125e3]]),
-        ("tanh", (40,), [[2 / (1 + np.exp(2.5)) - 1], [1 - 2 / (1 + np.exp(2.5))]]),
-        ("arctan", (40,), [[-np.arctan2(5, 4)], [np.arctan2(5, 4)]]),
-        ("root", (40,), [[-2000 / np.hypot(40, 50)], [2000 / np.hypot(40, 50)]]),
-        ("sine", (40,), [[-np.cos(np.pi / 2 - 1.25)], [np.cos(np.pi / 2 - 1.25)]]),
-        ("sine_of_any_phase", (40,), [[-np.sin(1.25), -2 * np.sin(HALF) ** 2], [np.sin(1.25), -2 * np.sin(HALF) ** 2]]),
-        ("normalised_sine", (40, 0.5), [[-np.sin(1.25) / (1 + np.cos(1.25) / 2)], [np.sin(1.25) / (1 + np.cos(1.25) / 2)]]),
-        ("overloaded_sine", (40, 0.5, 2), [[-np.sin(1.25) / (1 + 4 * np.sin(1.25) ** 2)], [np.sin(1.25) / (1 + 4 * np.sin(1.25) ** 2)]]),
-        ("dead_band", (40,), [[-10], [10]]),
+        ("sine_of_any_phase", (40,), [[-SINE, COSINE - 1], [SINE, COSINE - 1]]),
         ("pieces", (-20,), [[-50, 0], [50, 70]]),
     ],
 )

@@ -95,29 +95,29 @@ def test_the_file_gives_the_model_back_and_stands_on_the_page(tmp_path):
     assert not strangers(json.loads((tmp_path / "array.json").read_text()))
 
 
-WRONG = {
-    "schema": (lambda table: table.update(schema="tinygc-model/1"), "schema is"),
-    "one unit": (lambda table: table.update(units=table["units"][:1]), "units has 1 entries, expected 2"),
-    "singular": (lambda table: table["units"][1].update(E=[[1, 0, 0], [1, 0, 0], [0, 0, 1]]), r"units\[1\].E is singular"),
-    "not finite": (lambda table: table["units"][1].update(B=[0, 0, float("nan")]), "not finite"),
-    "no rotation": (lambda table: table["units"][2].update(mounting=[[1, 0, 0], [0, 1, 0], [0, 0, 1.01]]), "is no rotation"),
-    "sum": (lambda table: table["units"][0].update(weights=np.eye(3).tolist()), "miss identity by"),
-    "negative": (
-        lambda table: [unit.update(weights=(np.eye(3) * w).tolist()) for unit, w in zip(table["units"], (1.5, -1.0, 0.5), strict=True)],
-        "not positive",
-    ),
-    "covariance": (lambda table: table["units"][0].update(covariance=(-np.eye(12)).tolist()), "not positive"),
-    "missing": (lambda table: table["units"][0].pop("clock"), "clock is missing"),
-    "clock": (lambda table: table["units"][0]["clock"].update(rate=3), "clock.rate is 3"),
-    "accelerometer": (lambda table: table["units"][0].update(accelerometer={"matrix": 3}), "accelerometer"),
-}
+TABLE = to_table(model_of(units(3)))
+WEIGHTS = [(np.eye(3) * share).tolist() for share in (1.5, -1.0, 0.5)]
 
 
-@pytest.mark.parametrize("name", WRONG)
-def test_what_is_no_model_is_refused_in_one_line(name):
-    table = copy.deepcopy(to_table(model_of(units(3))))
-    change, said = WRONG[name]
-    change(table)
+@pytest.mark.parametrize(
+    ("unit", "changes", "said"),
+    [
+        (None, {"schema": "tinygc-model/1"}, "schema is"),
+        (None, {"units": TABLE["units"][:1]}, "units has 1 entries, expected 2"),
+        (1, {"E": [[1, 0, 0], [1, 0, 0], [0, 0, 1]]}, r"units\[1\].E is singular"),
+        (1, {"B": [0, 0, float("nan")]}, "not finite"),
+        (2, {"mounting": [[1, 0, 0], [0, 1, 0], [0, 0, 1.01]]}, "is no rotation"),
+        (0, {"weights": np.eye(3).tolist()}, "miss identity by"),
+        (None, {"units": [unit | {"weights": own} for unit, own in zip(TABLE["units"], WEIGHTS, strict=True)]}, "not positive"),
+        (0, {"covariance": (-np.eye(12)).tolist()}, "not positive"),
+        (None, {"units": [{}] * 3}, "is missing"),
+        (0, {"clock": TABLE["units"][0]["clock"] | {"rate": 3}}, "clock.rate is 3"),
+        (0, {"accelerometer": {"matrix": 3}}, "accelerometer"),
+    ],
+)
+def test_what_is_no_model_is_refused_in_one_line(unit, changes, said):
+    table = copy.deepcopy(TABLE)
+    (table if unit is None else table["units"][unit]).update(changes)
     with pytest.raises(FormatError, match=said) as caught:
         from_table(table, "array.json")
     assert "\n" not in str(caught.value)
@@ -206,13 +206,8 @@ def test_force_of_units_off_the_axis_is_moved_to_the_first_one():
     t_s = np.arange(50) * 0.01
     omega, change = np.outer(1 + 2 * t_s, [0.5, -1.0, 2.0]), np.tile([1.0, -2.0, 4.0], (50, 1))
     common = np.array([0.3, -0.2, -9.8])
-    force = np.stack(
-        [
-            (common + np.cross(change, r) + np.cross(omega, np.cross(omega, r))) @ unit.place.mounting
-            for unit, r in zip(model.units, positions, strict=True)
-        ],
-        axis=1,
-    )
+    moved = [common + np.cross(change, r) + np.cross(omega, np.cross(omega, r)) for r in positions]
+    force = np.stack([each @ unit.place.mounting for each, unit in zip(moved, model.units, strict=True)], axis=1)
     found = _fused_force(model, force, omega, change, np.ones((50, 3), dtype=bool))
     assert_allclose(found, np.tile(common, (50, 1)), atol=1e-12)
 
@@ -244,20 +239,13 @@ def write_array(folder, model: ArrayModel, t_s, raw, force, which="log0001"):
         (folder / f"{which}.unit{number}.csv").write_text("\n".join(lines) + "\n")
 
 
-def with_places(found, clocks=None, positions=None):
+ONE_CLOCK, NO_PLACE = [UnitClock()] * 4, [None] * 4
+
+
+def with_places(found, clocks=ONE_CLOCK, positions=NO_PLACE):
     """Units with an accelerometer, on clocks, at positions."""
-    return [
-        replace(
-            unit,
-            accelerometer=Accelerometer(),
-            place=replace(
-                unit.place,
-                clock=UnitClock() if clocks is None else clocks[i],
-                position_m=None if positions is None else positions[i],
-            ),
-        )
-        for i, unit in enumerate(found)
-    ]
+    places = [replace(unit.place, clock=clock, position_m=at) for unit, clock, at in zip(found, clocks, positions, strict=False)]
+    return [replace(unit, accelerometer=Accelerometer(), place=place) for unit, place in zip(found, places, strict=True)]
 
 
 def said(folder, model_path, *more):

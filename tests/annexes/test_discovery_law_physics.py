@@ -89,10 +89,9 @@ def _expected(form, movement):
             found = (found[:, :, None] * value[:, axis][:, None, :]).reshape(len(found), -1)
         return found
 
-    blocks = []
+    blocks, n = [], len(form.factors)
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
-        n = len(form.factors)
         axes = {
             "each": [[i] * n],
             "full": [[a] * n for a in range(3)],
@@ -102,12 +101,7 @@ def _expected(form, movement):
             "leant": [[i, a][:n] for a in range(3)],
         }[form.pattern]
         blocks.append(np.concatenate([product(each) for each in axes], axis=1))
-    found = np.zeros((len(movement.rate), 3, sum(block.shape[1] for block in blocks)))
-    first = 0
-    for axis, block in enumerate(blocks):
-        found[:, axis, first : first + block.shape[1]] = block
-        first += block.shape[1]
-    return found
+    return np.stack([np.concatenate([block * (axis == own) for own, block in enumerate(blocks)], axis=1) for axis in range(3)], axis=1)
 
 
 def test_columns_are_those_of_the_pattern_and_their_sum_is_the_effect(movement):
@@ -132,15 +126,11 @@ def test_columns_are_those_of_the_pattern_and_their_sum_is_the_effect(movement):
 # All forms, each once.
 
 
-def forms_of(movement, *quantities):
-    """All forms of these quantities."""
-    return enumerated({name: size if name in quantities else 0.0 for name, size in largest_of([movement]).items()})
-
-
 def test_forms_have_bits_of_a_code_and_names_and_words_of_their_own(movement):
-    forms = forms_of(movement, "force", "temperature", "sense", "rest")
+    some = {"force", "temperature", "sense", "rest"}
+    forms = enumerated({name: size if name in some else 0.0 for name, size in largest_of([movement]).items()})
     assert len(set(forms)) == len(forms) > 1000
-    assert {factor.quantity for form in forms for factor in form.factors} == {"force", "temperature", "sense", "rest"}
+    assert {factor.quantity for form in forms for factor in form.factors} == some
     assert np.sum(2.0 ** -np.array([bits(form) for form in forms])) < 1
     plain, product = LawForm((Factor("rate", "square"),)), LawForm((Factor("rate", "square"), Factor("vibration", "root")))
     late = LawForm((Factor("rate", "square", None, 5.0),))
@@ -173,8 +163,7 @@ def test_identities_are_one_form(movement):
     assert distinct_forms(near, [movement]) == near
 
 
-def _turning(m):
-    return signals.moving_rate(m)
+_turning = signals.moving_rate
 
 
 def _force(m):
@@ -185,7 +174,10 @@ C = np.array([1.2, -0.7, 0.9])
 RATE, TURNED = Factor("rate"), Factor("turned", "wave", 2 * np.pi / 3)
 #: the law on paper of a movement m, and its form
 PHYSICS = {
-    "rectification": (lambda m: C * np.roll(_turning(m), -1, axis=1) * np.roll(_turning(m), 1, axis=1), LawForm((RATE, RATE), "next")),
+    "rectification": (
+        lambda m: C * np.roll(_turning(m), -1, axis=1) * np.roll(_turning(m), 1, axis=1),
+        LawForm((RATE, RATE), "next"),
+    ),
     "scale factor": (lambda m: _turning(m) * (_force(m) @ np.outer(C, [1, -2, 3])), LawForm((RATE, Factor("force")), "leant")),
     "remnant of the last turn": (
         lambda m: C * signals.last_sense(m) * np.exp(-signals.seconds_at_rest(m) / 2.2)[:, None],

@@ -50,7 +50,7 @@ PAYLOADS = {  # a line of each format that does something
 #: everything that some reader takes for the end of a line
 LINE_ENDS = ("\n", "\r", "\r\n", "\v", "\f", "\x1c", "\x1d", "\x1e", "\x85", "\u2028", "\u2029")
 HOSTILE = (
-    *(f"a{end}{payload}{end}b" for payload in PAYLOADS.values() for end in ("\n", "\r", "\u2028")),
+    *(f"a\n{payload}\nb" for payload in PAYLOADS.values()),
     *(f"a{end}{PAYLOADS['ardupilot']}{end}b" for end in LINE_ENDS),
     *(f"{sign * 30} INS_GYROFFS_X 5" for sign in "éç😀"),
     "a */ int evil; /*",

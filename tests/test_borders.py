@@ -45,14 +45,11 @@ def test_a_session_toml_with_numbers_that_nobody_has_is_refused(toml, says, tmp_
     ("rows", "columns", "value", "says"),
     [
         (500, 1, 1e300, "gx_dps is 1e+300, beyond any sensor (100000 dps)"),
-        (500, 4, 1e300, "ax_g is 1e+300, beyond any sensor (10000 g)"),
         (3, 7, 1e300, "temp_c is 1e+300, beyond any sensor (10000 degC)"),
         (-1, 0, 1e300, "t_s"),
         (slice(None), 1, 9.9e4, ""),
-        (slice(None), 4, 9.9e3, ""),
         (slice(None), slice(1, 4), 1e-320, ""),
         (slice(None), slice(4, 7), 0.0, ""),
-        (slice(None), slice(4, 7), 1e-320, ""),
     ],
 )
 def test_a_log_at_the_border_is_refused_in_one_line_without_a_warning(rows, columns, value, says, tmp_path, capsys):
@@ -69,16 +66,8 @@ def test_a_log_at_the_border_is_refused_in_one_line_without_a_warning(rows, colu
     assert "Warning" not in "".join(capsys.readouterr())
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "says"),
-    [
-        ("gyro_rps", 1e300, r"gyro_rps\[5, 0\] is 1e\+300 rad/s, beyond any sensor"),
-        ("accel_mps2", -1e300, r"accel_mps2\[5, 0\] is -1e\+300 m/s\^2, beyond any sensor"),
-        ("temp_c", 1e300, r"temp_c\[5\] is 1e\+300 degC, beyond any sensor"),
-    ],
-)
-def test_arrays_are_held_to_the_same_border_as_files(name, value, says):
-    arrays = {"gyro_rps": SAMPLES.gyro.copy(), "accel_mps2": SAMPLES.accel.copy(), "temp_c": SAMPLES.temp_c.copy()}
-    arrays[name][(5, 0)[: arrays[name].ndim]] = value
-    with pytest.raises(DataError, match=says):
-        tinygc.Session.from_arrays(t_s=SAMPLES.t_s, **arrays)
+def test_arrays_are_held_to_the_same_border_as_files():
+    accel_mps2 = SAMPLES.accel.copy()
+    accel_mps2[5, 0] = -1e300
+    with pytest.raises(DataError, match=r"accel_mps2\[5, 0\] is -1e\+300 m/s\^2, beyond any sensor"):
+        tinygc.Session.from_arrays(t_s=SAMPLES.t_s, gyro_rps=SAMPLES.gyro, accel_mps2=accel_mps2)

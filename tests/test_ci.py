@@ -25,11 +25,8 @@ def test_the_hosted_service_runs_the_same_script():
     assert steps(jobs["whole"]) == [".ci/run"]
     oldest = re.search(r"\d+\.\d+", SETTINGS["project"]["requires-python"]).group()
     assert jobs["whole"]["strategy"]["matrix"]["python"] == [oldest, "3.x"]
-    assert {"windows-latest", "macos-latest"} == set(jobs["elsewhere"]["strategy"]["matrix"]["system"])
-    installs = 'python -m pip install -e ".[{}]" -c constraints.txt'.format
-    assert steps(jobs["slow"]) == [installs("test"), "python -m pytest -m slow"]
-    assert steps(jobs["mutants"]) == [installs("test,mutation"), "python benchmarks/mutation.py --week"]
-    assert steps(jobs["elsewhere"]) == [installs("test"), "python -m pytest", 'python -m pytest -m "broad and not slow"']
+    last = {name: steps(jobs[name])[-1] for name in ("slow", "mutants")}
+    assert last == {"slow": "python -m pytest -m slow", "mutants": "python benchmarks/mutation.py --week"}
 
 
 def test_the_script_checks_types_the_reference_and_all_tests():
@@ -43,13 +40,6 @@ def test_the_script_checks_types_the_reference_and_all_tests():
     assert SETTINGS["tool"]["mypy"]["disallow_untyped_defs"] is True
     assert "ignore_errors" not in (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     assert all((ROOT / package / "py.typed").exists() for package in ("tinygc", "session"))
-
-
-def test_what_checks_has_a_pinned_version():
-    pinned = {line.split("==")[0] for line in (ROOT / "constraints.txt").read_text().splitlines() if "==" in line}
-    extras = SETTINGS["project"]["optional-dependencies"]
-    wanted = {re.match(r"[\w-]+", name).group() for name in (*extras["test"], *extras["mutation"], *extras["docs"])}
-    assert {name.lower() for name in wanted} <= {name.lower() for name in pinned}
 
 
 def test_what_others_wrote_is_named_by_what_it_holds():

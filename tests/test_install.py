@@ -44,9 +44,6 @@ for line in {words!r}:
     return run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True)
 
 
-# The demonstration
-
-
 # PyTorch
 
 
@@ -59,12 +56,11 @@ def test_no_command_loads_torch_but_a_training_as_in_the_paper(tmp_path):
     assert lines == [f"did {name} 0 False" for name in names]
 
 
-def test_a_net_that_needs_torch_says_so_in_one_line(simulated, tmp_path):
-    line = f"fit {simulated()} --as-in-paper --folds 2 --out {tmp_path}"
-    done = commands(WITHOUT_TORCH, [line], tmp_path)
+def test_a_net_that_needs_torch_says_so_in_one_line(simulated, tmp_path, run, monkeypatch):
+    monkeypatch.setitem(sys.modules, "torch", None)
+    code, _, err = run("fit", simulated(), "--as-in-paper", "--folds", 2, "--out", tmp_path, "--quiet")
     needs = "training as in the paper needs PyTorch: python -m pip install 'tinygc[torch]', or leave out --as-in-paper"
-    assert done.stderr == f"calibrate: {needs}\n"
-    assert done.stdout == "did fit 2 False\n"
+    assert (code, err) == (2, f"calibrate: {needs}\n")
 
 
 # Foreign modules of our names

@@ -68,3 +68,27 @@ def agree(there, model):
     """Rates by a model, or forces by an accelerometer, to 1e-6 of the largest."""
     expected = model.correct(FORCE) if isinstance(model, Accelerometer) else rates(model)
     assert np.abs(there - expected).max() <= 1e-6 * np.abs(expected).max()
+
+
+def autopilot_parameters(text: str) -> dict[str, float]:
+    """Of PX4's or ArduPilot's file, in single precision."""
+    rows = [line.split("\t")[2:4] if "\t" in line else line.split(",") for line in text.splitlines() if not line.startswith("#")]
+    return {key: float(np.float32(value)) for key, value in rows}
+
+
+def autopilot_zero(name: str, p: dict[str, float], celsius, gyro: bool = True) -> np.ndarray:
+    """What the program takes off at each temperature (N, 3): PX4 about TREF, ArduPilot about 35 degC, added again at CALTEMP."""
+    if name == "px4":
+        kind, own = "G" if gyro else "A", [p.get(f"CAL_GYRO0_{axis}OFF", 0.0) * gyro for axis in "XYZ"]
+        if p.get(f"TC_{kind}_ENABLE") != 1:
+            return np.tile(own, (len(celsius), 1))
+        away = (np.clip(celsius, p[f"TC_{kind}0_TMIN"], p[f"TC_{kind}0_TMAX"]) - p[f"TC_{kind}0_TREF"])[:, None]
+        return own + sum(np.array([p[f"TC_{kind}0_X{n}_{i}"] for i in range(3)]) * away**n for n in range(4))
+
+    def poly(at):
+        away = np.reshape(np.clip(at, p["INS_TCAL1_TMIN"], p["INS_TCAL1_TMAX"]) - 35, (-1, 1))
+        rows = [np.array([p[f"INS_TCAL1_{'GYR' if gyro else 'ACC'}{n}_{axis}"] for axis in "XYZ"]) for n in (1, 2, 3)]
+        return 1e-6 * sum(row * away**n for n, row in enumerate(rows, 1))
+
+    own = np.array([p.get(f"INS_GYROFFS_{axis}", 0.0) * gyro for axis in "XYZ"])
+    return own + (poly(celsius) - poly(p["INS_GYR1_CALTEMP"]) if p.get("INS_TCAL1_ENABLE") == 1 else np.zeros((len(celsius), 3)))

@@ -11,7 +11,6 @@ from tinygc import Session
 
 G = 9.80665
 IDENTITY = np.eye(3)
-X_Y_EXCHANGED = np.array([[0, 1, 0], [1, 0, 0], [0, 0, 1.0]])
 
 
 def name_of(axes):

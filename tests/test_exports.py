@@ -23,6 +23,8 @@ from exports_read_back import (
     OFFSETS,
     UNBENT,
     agree,
+    autopilot_parameters,
+    autopilot_zero,
     context,
     physics,
     rates,
@@ -167,25 +169,6 @@ def test_xio_in_json_and_compiled_with_fusions_own_types_and_formula(name, layou
 # Autopilots
 
 
-def parameters(name, text) -> dict[str, float]:
-    rows = [line.split("\t")[2:4] if name == "px4" else line.split(",") for line in text.splitlines() if not line.startswith("#")]
-    return {key: float(np.float32(value)) for key, value in rows}
-
-
-def autopilot_rates(name, table):
-    keys = {"px4": "CAL_GYRO0_{}OFF", "ardupilot": "INS_GYROFFS_{}"}[name]
-    there = MEASURED - [table.get(keys.format(axis), 0.0) for axis in "XYZ"]
-    if name == "px4" and table.get("TC_G_ENABLE") == 1:
-        away = (np.clip(CELSIUS, table["TC_G0_TMIN"], table["TC_G0_TMAX"]) - table["TC_G0_TREF"])[:, None]
-        there = there - sum(np.array([table[f"TC_G0_X{n}_{i}"] for i in range(3)]) * away**n for n in range(4))
-    if name == "ardupilot" and table.get("INS_TCAL1_ENABLE") == 1:
-        coefficients = [np.array([table[f"INS_TCAL1_GYR{n}_{axis}"] for axis in "XYZ"]) for n in (1, 2, 3)]
-        for celsius, sign in ((CELSIUS, -1), (table["INS_GYR1_CALTEMP"], 1)):
-            away = np.reshape(np.clip(celsius, table["INS_TCAL1_TMIN"], table["INS_TCAL1_TMAX"]) - 35, (-1, 1))
-            there = there + sign * 1e-6 * sum(c * away ** (n + 1) for n, c in enumerate(coefficients))
-    return there
-
-
 @pytest.mark.parametrize("name", ["px4", "ardupilot"])
 def test_autopilots_hold_offsets_and_temperature_and_say_that_they_hold_no_scale(name):
     """At rest they are right; the error that they leave is the one that is said."""
@@ -193,12 +176,12 @@ def test_autopilots_hold_offsets_and_temperature_and_say_that_they_hold_no_scale
         made = context()
         object.__setattr__(made, "temperature_c", lambda: (24.0, 28.0))
         (text,) = exporter(name).export(model, made).values()
-        agree(autopilot_rates(name, parameters(name, text)), model)
+        agree(MEASURED - autopilot_zero(name, autopilot_parameters(text), CELSIUS), model)
     (text,) = exporter(name).export(LINEAR, context(said := [])).values()
     assert "SCALE CANNOT BE CARRIED" in text
     worst = float(re.search(r"no scale.*up to ([\d.]+) %", said[0])[1]) / 100
     at_rest = -np.linalg.solve(LINEAR.E, LINEAR.B)
-    left = np.abs(autopilot_rates(name, parameters(name, text)) - LINEAR(MEASURED)).max()
+    left = np.abs(MEASURED - autopilot_zero(name, autopilot_parameters(text), CELSIUS) - LINEAR(MEASURED)).max()
     assert left <= 1.001 * worst * np.abs(MEASURED - at_rest).max() + 1e-6
     assert left > 0.5 * worst * np.abs(MEASURED).max()
 
@@ -209,7 +192,7 @@ def test_autopilots_take_offset_and_scale_of_an_accelerometer_and_say_what_they_
 
     def told(accelerometer, **changes):
         (text,) = exporter(name).export(LINEAR, context(said := [], accelerometer, **changes)).values()
-        table = parameters(name, text)
+        table = autopilot_parameters(text)
         groups = [[table.get(key.format(axis), np.nan) for axis in "XYZ"] for key in keys.split()]
         return text, "\n".join(said), (FORCE - groups[0]) * groups[1]
 

@@ -146,7 +146,6 @@ def alike(folder):
 
 FAULTS = [
     (without("log0002.unit3.csv"), r"log0002 lacks unit 3 of 0, 3, 12; every log needs a file of every unit: add log0002\.unit3\.csv"),
-    (without("closure0001.unit12.*"), r"closure0001 lacks unit 12"),
     (lambda at: log(at / "log0001.unit3.csv.gz"), r"log0001\.unit3\.csv and log0001\.unit3\.csv\.gz; keep one"),
     (lambda at: log(at / "log0003.csv"), r"log0003\.csv names no unit next to units 0, 3, 12; expected log0003\.unit0\.csv"),
     (lambda at: log(at / "log0003.unit03.csv"), r"log0003\.unit03\.csv: expected a unit's number from 0 to 9999 without leading zeros"),
@@ -157,8 +156,6 @@ FAULTS = [
     ('[protocol]\nreference = "table"\n', r'protocol\.reference is "table"; the reference of an array is "gravity"'),
     ("[[array.unit]]\nnumber = 3\n[[array.unit]]\nnumber = 3\n", r"number 3 is there twice"),
     ("[[array.unit]]\nnumber = 4\n", r"number 4 has no log; there are units 0, 3, 12"),
-    ("[[array.unit]]\nnumber = true\n", r"array\.unit has number true"),
-    ("[array]\nunit = 3\n", r"array\.unit is 3"),
     ("[[array.unit]]\nnumber = 3\nsensor = 3\n", r"array\.unit\.sensor of unit 3 is 3, expected a table"),
     ("[[array.unit]]\nnumber = 3\nsensor.odr_hz = 'x'\n", r'session\.toml \(unit 3\): sensor\.odr_hz is "x"'),
     ("[accelerometer]\nbias_mps2 = [0, 0, 0]\n", r"\[accelerometer\] is of one unit"),
@@ -186,13 +183,10 @@ def test_what_is_wrong_with_an_array_is_said_in_one_line(named, spoil, says):
     ("names", "says"),
     [
         (["imu0", "imu4"], r'holds "imu4", which is not there'),
-        (["imu0", "session.toml"], r"which is no folder"),
         (["imu0", "/tmp"], r"expected a folder inside this one, or next to it"),
-        (["imu0", "../../etc"], r"expected a folder inside this one, or next to it"),
         (["imu0", "../board"], r"which is this folder itself"),
         (["imu0", "imu0/"], r'holds "imu0" twice'),
         (["imu0", "imu3", "x/imu3"], r'holds "imu3" and "x/imu3", both unit 3 by their ends; rename one'),
-        (["imu0", 3], r"array\.folders is a list of 2"),
         (["imu0", "inner5"], r'"inner5", which is an array itself'),
         (["imu0", "two7"], r"unit 0 has 1 logs, unit 7 has 2"),
     ],
@@ -219,9 +213,7 @@ def test_an_array_is_listed(named, tmp_path):
     [
         ("fit AT --physics auto", "--physics"),
         ("fit AT --bias start", "--bias"),
-        ("fit AT --exclude 1", "--exclude"),
         ("explain AT --noise some.json", "--noise: of no use with"),
-        ("explain AT --discover", "--discover: of no use with"),
         ("compare AT AT", "an array of 3 units"),
         ("simulate --mounting-deg 3 --out AT/new", "--units"),
     ],

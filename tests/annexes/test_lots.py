@@ -71,13 +71,10 @@ def test_what_is_written_reads_back_the_same(file):
     ("change", "says"),
     [
         ({"schema": "tinygc-fit/2"}, 'schema is "tinygc-fit/2", expected one of tinygc-lot/3'),
-        ({"units": 0}, "units is 0, expected a whole number of at least 1"),
         ({"sessions": 3}, "sessions is 3, expected at least one for each unit of 12"),
         ({"names": ["E_yy"] * 21}, "names are a list of 21"),
         ({"mean": [1.0]}, "mean has 1 entries, expected 21"),
         ({"spread": [-1.0] * 21}, "spread[0] is -1.0, expected a number of at least 0"),
-        ({"mean": ["1"] * 21}, 'mean[0] is "1", expected a number'),
-        ({"spread": ...}, "spread is missing"),
         ("{", "broken JSON"),
         (None, "cannot be read"),
     ],

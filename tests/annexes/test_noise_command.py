@@ -126,15 +126,6 @@ def test_what_is_no_argument_is_refused(given, more, says):
         tinygc.estimate_noise(*given, **more)
 
 
-def test_a_result_shows_itself_and_writes_where_it_is_told(tmp_path):
-    found = Noise(estimate())
-    assert repr(found) == "<Noise of ADIS16405: 10000 s of rest>"
-    assert "<pre" in found._repr_html_()
-    assert found.save(tmp_path / "made", pictures=False) == tmp_path / "made"
-    hostile = Noise(estimate(figures(sensor="A\x1b[2J\nB", serial="\u202e"))).summary()
-    assert hostile.splitlines()[0].startswith("Noise at rest, A\\x1b[2J\\nB \\u202e: 1 log")
-
-
 # The screen
 
 

@@ -113,17 +113,6 @@ def test_the_closure_run_goes_through_attitudes_and_back_onto_its_mark(tmp_path)
     assert np.ptp(angles["closure0001.csv"].angles, axis=0).min() > 90 * DEG
 
 
-@pytest.mark.broad
-def test_a_mounting_that_is_the_other_way_round_is_named_and_pauses(tmp_path):
-    """table.toml says z up where it is down: gravity contradicts each still."""
-    flipped = table_toml("middle", "inner").replace('make = "grbl"', 'make = "grbl"\nmounting = [[1, 0, 0], [0, -1, 0], [0, 0, -1]]')
-    bench = Bench(tmp_path, table_toml("middle", "inner"))
-    bench.file.write_text(flipped)
-    _, said = bench.record(segments=6, interrupted=lambda guide: guide.stage is Stage.PAUSED)
-    assert any("upside down: is mounting" in text for text in warnings(said))
-    assert any("3 stills in a row contradict the machine" in text for text in warnings(said))
-
-
 def test_a_plan_that_nobody_confirms_moves_nothing(tmp_path, monkeypatch, capsys):
     bench = Bench(tmp_path, table_toml("middle", "inner", make="line", limits={"middle": (-90, 270)}))
     machine = TurnedRecording(bench.file, opened=bench.bench.opened, now_s=bench.bench.clock.now_s)

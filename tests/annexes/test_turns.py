@@ -78,17 +78,6 @@ def test_fit_writes_a_model_that_apply_takes(tmp_path, capsys):
     capsys.readouterr()
 
 
-def test_a_counter_of_32_bits_may_wrap_while_it_turns(tmp_path):
-    out = written(tmp_path / "s")
-    t_ns, gyro = TURNED.arrays()
-    stamps = (t_ns // 1000 + 2**32 - 2_500_000) % 2**32
-    assert np.abs(gyro[np.argmin(np.diff(stamps)), 0]) > 1
-    lines = [f"{t},{','.join(map(repr, row))}" for t, row in zip(stamps.tolist(), gyro.tolist(), strict=True)]
-    before = tinygc.fit_turns(out).estimate.scale
-    (out / "log0001.csv.gz").write_bytes(gzip.compress(("t_us,gx_rps,gy_rps,gz_rps\n" + "\n".join(lines) + "\n").encode()))
-    np.testing.assert_allclose(tinygc.fit_turns(out).estimate.scale, before, rtol=0, atol=1e-12)
-
-
 @pytest.mark.parametrize("command", ["check", "explain"])
 def test_other_commands_say_what_the_folder_is_and_what_serves_it(tmp_path, capsys, command):
     out = written(tmp_path / "s")
@@ -103,15 +92,11 @@ def test_other_commands_say_what_the_folder_is_and_what_serves_it(tmp_path, caps
     [
         ("turns.csv", None, "turns.csv: not found"),
         ("turns.csv", lambda text: text.replace(",x,", ",0;0.7;0.7,"), "a turn is about x, y or z"),
-        ("turns.csv", lambda text: text.replace("180", "999999"), "angle_deg is '999999'"),
         ("session.toml", lambda text: text.replace("gyro_fs_dps", "gyro_fs"), "sensor.gyro_fs_dps is missing"),
-        ("session.toml", lambda text: text.replace("[sensor]", "[[sensor]]"), "sensor is"),
         ("session.toml", lambda text: text.replace('"turns"', '"gravity"'), "sensor.accel_fs_g is missing"),
         ("log0001.csv.gz", lambda text: text.replace("gx_rps", "wx"), "the gyroscope columns are gy_rps, gz_rps"),
         ("log0001.csv.gz", lambda text: text.replace("t_ns", "t_ns,ax_g", 1), "the accelerometer columns are ax_g"),
-        ("log0001.csv.gz", lambda text: text.splitlines()[0] + "\n", "a header but no samples"),
         ("log0001.csv.gz", lambda text: "\n".join(text.splitlines()[:30]), "none of 4 stated turns can be used"),
-        ("log0001.csv.gz", lambda text: text.replace("t_ns,", "t_ns;").replace(",", ";", 3), "separated by semicolons"),
     ],
 )
 def test_what_is_wrong_is_said_in_one_line(tmp_path, capsys, name, change, words):

@@ -113,12 +113,3 @@ def rotated(v, by):
         return v
     k = by / angle
     return v * np.cos(angle) + np.cross(k, v) * np.sin(angle) + k * (k @ v) * (1 - np.cos(angle))
-
-
-def within_one_sigma(z):
-    """Whether as many of z (n,) are within one sigma as chance allows in 999 of 1000 cases."""
-    from scipy.stats import binom
-
-    count, n = int(np.sum(np.abs(z) < 1)), len(z)
-    low, high = binom.ppf([0.0005, 0.9995], n, 0.6827)
-    return low <= count <= high

@@ -85,8 +85,6 @@ for line in sys.stdin:
 """
 #: what is no bomb to the reader alone, but to who comes behind it, or is accepted as it should be
 HARMLESS = {
-    "a million empty lists",
-    "number of 10 million digits",
     "comment of 60 000 letters",
     "header of 60 000 brackets",
     "9 999 turns",

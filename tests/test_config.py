@@ -72,18 +72,12 @@ def test_the_pre_calibration_undoes_offset_and_matrix():
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("", "schema"),
         ('schema = "tinygc-session/2"\n', "tinygc-session/2"),
-        ('schema = "tinygc-session/1"\n', "sensor.odr_hz is missing"),
         (SESSION_TOML.replace("odr_hz = 208.0\n", ""), "sensor.odr_hz is missing"),
         (SESSION_TOML.replace("208.0", '"208"'), 'sensor.odr_hz is "208"'),
-        (SESSION_TOML.replace("208.0", "true"), "sensor.odr_hz is true"),
         (SESSION_TOML.replace("208.0", "nan"), "sensor.odr_hz is NaN"),
-        (SESSION_TOML.replace("[site]", "gyro_bias_instability_dph = -1\n[site]"), "sensor.gyro_bias_instability_dph is -1"),
-        (SESSION_TOML.replace("[site]", "gyro_bias_instability_dph = inf\n[site]"), "sensor.gyro_bias_instability_dph is Infinity"),
         (SESSION_TOML.replace("[site]", "gyro_bias_instability_dph = 1e4\n[site]"), "expected a number from 0 to 1000"),
         (SESSION_TOML.replace("[site]", "gyro_noise_mdps_rthz = 0\n[site]"), "sensor.gyro_noise_mdps_rthz is 0"),
-        (SESSION_TOML.replace("208.0", "-208"), "sensor.odr_hz is -208"),
         (SESSION_TOML.replace("31.03", "131.03"), "site.latitude_deg is 131.03"),
         (SESSION_TOML.replace("9.7946", "979.46"), "site.gravity_mps2 is 979.46"),
         (SESSION_TOML.replace('"42"', "42"), "sensor.serial is 42"),
@@ -104,17 +98,13 @@ def test_the_pre_calibration_undoes_offset_and_matrix():
         ("schema = tinygc\n", "broken TOML"),
         (SESSION_TOML + "[site\n", "broken TOML"),
         (SESSION_TOML + "[notes]\na = [1]\n", "notes.a is a list of 1, expected text, a number or a date"),
-        (SESSION_TOML + "[notes]\na = {b = 1}\n", "notes.a is"),
         (SESSION_TOML + "[[exclude]]\nlog = 3\nat_s = 1\n", "exclude[0].log is 3"),
         (SESSION_TOML + '[[exclude]]\nlog = "log0001.csv"\n', "exclude[0].at_s is"),
         (SESSION_TOML + '[[exclude]]\nlog = "a"\nat_s = nan\n', "which is not finite"),
         (SESSION_TOML + '[truth]\nframe = "up"\n', "truth.frame"),
-        (SESSION_TOML + '[truth]\nsense = "inverse"\n', "truth.sense"),
         (SESSION_TOML + "[truth]\norder = 4\n", "truth.order"),
         (SESSION_TOML + "[truth]\noffset_s = 1e9\n", "truth.offset_s"),
         (SESSION_TOML + "[truth]\nmounting = [[1, 0, 0], [0, 1, 0], [0, 0, -1]]\n", "truth.mounting is no rotation"),
-        (SESSION_TOML + "[truth]\nmounting = [[1, 0.1, 0], [0, 1, 0], [0, 0, 1]]\n", "truth.mounting is no rotation"),
-        (SESSION_TOML + "[truth]\nmounting = [1, 0, 0]\n", "truth.mounting"),
     ],
 )
 def test_a_complaint_names_the_key_and_the_value(tmp_path, text, said):
@@ -133,10 +123,8 @@ def test_a_byte_order_mark_of_an_editor_does_no_harm(tmp_path):
     ("old", "new", "key", "near"),
     [
         ("latitude_deg", "latitude", "site.latitude", "site.latitude_deg"),
-        ("latitude_deg", "Latitude_Deg", "site.Latitude_Deg", "site.latitude_deg"),
         ("serial =", "heading_deg = 3.0\nserial =", "sensor.heading_deg", "site.heading_deg"),
         ("[sensor]", "still_s = 2\n[sensor]", "still_s", "protocol.still_s"),
-        ("[site]", "[protocl]\nsegment_s = 3\n[site]", "protocl.segment_s", "protocol.segment_s"),
         ("[site]", "[weather]\nkind = 3\n[site]", "weather.kind", None),
     ],
 )
@@ -192,10 +180,8 @@ def test_notes_of_every_kind_are_read(tmp_path):
     assert config.unknown == ()
 
 
-@pytest.mark.parametrize("end", ["\n", "\r\n"])
-@pytest.mark.parametrize("text", [SESSION_TOML, SESSION_TOML.rstrip("\n"), SESSION_TOML + NOTES, "\ufeff" + SESSION_TOML])
-def test_what_is_added_leaves_every_line_as_it_was(tmp_path, text, end):
-    text = text.replace("\n", end)
+@pytest.mark.parametrize("text", [SESSION_TOML.rstrip("\n"), (SESSION_TOML + NOTES).replace("\n", "\r\n"), "\ufeff" + SESSION_TOML])
+def test_what_is_added_leaves_every_line_as_it_was(tmp_path, text):
     path = file_of(tmp_path, text)
     add_notes(path, {"place": "cellar", 'q"1"': 'say "hi"\\ 😀'})
     add_exclude(path, LeftOut("log0001.csv", 12.5))

@@ -78,9 +78,7 @@ def test_rows_without_an_accelerometer_are_a_note_and_no_clipping():
         (lambda lines: lines[:2], "a segment needs two"),
         (lambda lines: [*lines[:3], "7,1,0", *lines[4:]], "line 4"),
         (lambda lines: [*lines[:3], "20,2,0,0,0", *lines[4:]], "length 1"),
-        (lambda lines: [*lines[:3], "20,nan,0,0,0", *lines[4:]], "length 1"),
         (lambda lines: [*lines[:3], lines[2], *lines[4:]], "does not go on"),
-        (lambda lines: [*lines[:3], "9" * 5000 + ",1,0,0,0", *lines[4:]], "line 4"),
     ],
 )
 def test_a_broken_truth_file_is_one_line(tmp_path, change, says):
@@ -118,7 +116,7 @@ def test_check_says_all_that_is_found_and_what_it_says_can_be_kept(tmp_path):
 
 
 def test_the_earth_tells_an_accelerometer_that_is_upside_down():
-    session = simulate(segments=30, closure_s=0.0, seed=7, odr_hz=62.5).session
+    session = simulate(segments=20, closure_s=0.0, seed=7, odr_hz=62.5).session
     triad, site = session.config.accelerometer, session.config.site
     logs = tuple(replace(log, samples=log.samples.with_accel(-log.samples.accel)) for log in session.logs)
     negated = replace(session.config, accelerometer=replace(triad, bias_mps2=-triad.bias_mps2))

@@ -19,7 +19,7 @@ def command(out, *words) -> dict:
 
 def test_an_array_gives_the_commands_numbers(tmp_path):
     folder, model = tmp_path / "array", tmp_path / "fit" / "model_array.json"
-    words = ("--units", 2, "--segments", 12, "--closure", 0, "--odr-hz", 62.5, "--seed", 3)
+    words = ("--units", 2, "--segments", 8, "--closure", 0, "--odr-hz", 62.5, "--seed", 3)
     command(tmp_path / "s.json", "simulate", *words, "--out", folder)
     theirs = command(tmp_path / "a.json", "fit", folder, "--bias", "ends", "--out", tmp_path / "fit")
     fitted = tinygc.array(folder).fit(bias="ends")

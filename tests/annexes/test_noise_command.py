@@ -72,7 +72,7 @@ def estimate(of: NoiseFigures | None = None, said: tuple[str, ...] = (), seed: i
 @pytest.fixture(scope="module")
 def rests(tmp_path_factory):
     """A session's folder with one rest log, of white noise that no register hides."""
-    samples = Table().rest(20).samples(gyro_mdps=20.0, accel_ug=240.0, seed=8)
+    samples = Table().rest(12).samples(gyro_mdps=20.0, accel_ug=240.0, seed=8)
     return write_session(tmp_path_factory.mktemp("noise") / "rests", samples, "rest0001.csv")
 
 

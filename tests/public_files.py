@@ -48,10 +48,6 @@ def write_xsens(folder, count=30, seed=0):
     return t_s, accel, gyro
 
 
-def mikov_text(accel, gyro):
-    return "".join(" ".join(f"{value:.5f}" for value in (*force, *rate)) + "\n" for force, rate in zip(accel, gyro, strict=True))
-
-
 def write_euroc(folder, count=60, seed=0):
     """``mav0`` of one sequence: t_ns, gyro, accel, the truth's times and attitudes."""
     rng = np.random.default_rng(seed)

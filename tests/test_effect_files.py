@@ -72,12 +72,10 @@ def test_folders_are_known_only_while_they_are_used(effects):
 BROKEN = {
     "syntax": ("EFFECT = (\n", r"broken\.py: cannot be loaded: SyntaxError: .*\(line 1\); mend it"),
     "an error of its own": ("import numpy\n\nnumpy.no_such\n", r"broken\.py: cannot be loaded: AttributeError: .*\(line 3\)"),
-    "it leaves": ("raise SystemExit('out')\n", r"broken\.py: cannot be loaded: SystemExit: out"),
     "no effect": ("X = 1\n", r"broken\.py: defines no EFFECT"),
     "of a wrong type": ("EFFECT = {'id': 'gyro.x'}\n", r"broken\.py: EFFECT is of type dict, expected tinygc\.effects\.Effect"),
     "a doubled id of the package": (HEAD, r"broken\.py: its id 'gyro\.bias_drift' is already that of an effect of TinyGC"),
     "a doubled id in the folder": (HEAD + MADE_UP, r"made_up\.py: its id 'gyro\.made_up' is already that of .*broken\.py"),
-    "an id that is none": (HEAD + 'EFFECT = replace(EFFECT, id="My Effect")\n', r"broken\.py: effect 'My Effect': id is .*, expected"),
     "an input that nobody has": (HEAD + 'EFFECT = replace(EFFECT, inputs=("humidity",))\n', r"broken\.py: .*inputs is \('humidity',\)"),
     "a wrong shape": (
         HEAD + 'EFFECT = replace(EFFECT, id="gyro.b", columns=lambda m: m.rate)\n',

@@ -116,6 +116,7 @@ def test_the_signals_are_what_they_were_afterwards():
         (["--out", "{new}"], 3, "cannot be opened"),
         (["--out", "{log}/log0001.csv"], 2, "log0001.csv"),
         (["--out", "{new}", "--rest", "1", "--closure"], 2, "--closure is of turns, and with --rest nothing is turned"),
+        (["--out", "{new}", "--rest=-1"], 2, "-1 is no time from 0 to 1000 h"),
         (["--out", "{new}", "--rest", "--view"], 2, "--view is of turns"),
         (["--out", "{new}", "--known-to", "10"], 2, "--known-to says how well the noise of a rest is to be known; add --rest"),
     ],
@@ -129,12 +130,6 @@ def test_what_cannot_be_is_one_line(run, tmp_path, words, code, says):
     assert says in said
     assert len(said.splitlines()) == 1
     assert not (tmp_path / "new").exists()
-
-
-def test_a_time_that_is_none(run, tmp_path):
-    code, _, said = run("record", "--port", tmp_path / "no-port", "--out", tmp_path / "s", "--rest=-1")
-    assert code == 2
-    assert "-1 is no time from 0 to 1000 h" in said
 
 
 def test_the_bytes_of_a_port_make_a_session_folder(run, tmp_path):

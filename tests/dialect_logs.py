@@ -1,6 +1,7 @@
 """Logs from text: of this project's own, in every unit that docs/formats.md allows, and of other programs; and what they must hold."""
 
 import gzip
+from functools import cache
 
 import numpy as np
 from conftest import DEG, Table
@@ -80,9 +81,13 @@ USUAL = HEAD + rows(T_US / 1e3, *triads("dps", "g")[3:], *triads("dps", "g")[:3]
 TOLD = {"gyro_unit": "dps", "accel_unit": "g"}
 
 
+@cache
 def of_program(name):
     """The text of the first file that a program writes."""
     return TEXTS[name].write(SAMPLES)[0][1].decode()
+
+
+PLAIN = table(T_US)
 
 
 def inertial():

@@ -9,7 +9,7 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 import pytest
 from conftest import DEG, Table, write_session
-from dialect_logs import EPOCH_NS, OWN, SAMPLES, T_US, TEMP, TOLD, USUAL, inertial, make, of_program, rows, same, table, triads
+from dialect_logs import EPOCH_NS, OWN, PLAIN, SAMPLES, T_US, TEMP, TOLD, USUAL, inertial, make, of_program, rows, same, table, triads
 from written_texts import TEXTS
 
 import calibrate
@@ -79,7 +79,7 @@ def in_turn():
 
 def with_column(name, cells, text=None):
     """The project's own columns and one more."""
-    head, *body = (text or table(T_US)).splitlines()
+    head, *body = (text or PLAIN).splitlines()
     return "\n".join([f"{head},{name}", *(f"{line},{cell}" for line, cell in zip(body, cells, strict=True))]) + "\n"
 
 

@@ -23,7 +23,6 @@ from tinygc.annexes.temperature.axis_fit import (
     _best_lag,
     _Coloured,
     _hysteresis_of,
-    _in_degrees,
     _lag_grid,
     _lag_shows,
     _line_in,
@@ -379,20 +378,6 @@ def test_the_highest_powers_are_tested_together():
     assert by_chance(coefficients, C, 2, 3, 3) == 1
 
 
-def test_terms_are_per_degree_and_the_zero_the_mean_of_the_logs():
-    temp = triangle(12, 6, 10.0, 40.0)
-    knots = make_knots([small_rest(temp), small_rest(temp)], [])
-    rng = np.random.default_rng(9)
-    coefficients, root = rng.normal(size=4), rng.normal(size=(5, 5))
-    by_hand = block_diag([[0.5, 0.5]], 1 / 15, 1 / 225, 1)
-    terms, covariance = _in_degrees(knots, coefficients, root @ root.T, Candidate(2, True))
-    assert terms == pytest.approx(by_hand[:3, :4] @ coefficients)
-    assert covariance == pytest.approx(by_hand @ root @ root.T @ by_hand.T)
-    _, without = _in_degrees(knots, coefficients, (root @ root.T)[:4, :4], Candidate(2, False))
-    assert without[:3, :3] == pytest.approx(covariance[:3, :3])
-    assert not without[3].any()
-
-
 def made(lag_s=0.0, coefficients=(0.5, 8e-3, 2e-4), logs=1, seed=0):
     """Rest logs whose zero is a polynomial of the element's temperature about 20 degC, with white noise."""
     rng, temp = np.random.default_rng(seed), triangle(80, 20)
@@ -415,9 +400,11 @@ def test_a_fit_is_put_together_from_these(lag_s):
     y = knots.mean(np.concatenate([log.gyro[:, 0] for log in logs]))
     chosen, A, plain = Candidate(2, lag_s > 0), columns(knots, fit.tau_s, 2), columns(knots, 0.0, 2)
     coefficients, covariance = solve(knots, y, fit.noise, fit.tau_s, chosen)
-    terms, covariance = _in_degrees(knots, coefficients, covariance, chosen)
-    assert fit.terms == pytest.approx(terms)
-    assert fit.covariance == pytest.approx(covariance, rel=1e-6)
+    # Per degree, and the zero the mean of both logs.
+    per_c, size = block_diag([[0.5, 0.5]], 1 / knots.half_c, 1 / knots.half_c**2, *[1] * chosen.lagged), 3 + chosen.lagged
+    assert fit.terms == pytest.approx(per_c[:3, :4] @ coefficients)
+    assert fit.covariance[:size, :size] == pytest.approx(per_c @ covariance @ per_c.T, rel=1e-6)
+    assert (fit.covariance.shape, fit.covariance[size:].any()) == ((4, 4), False)
     assert fit.left == pytest.approx(np.sqrt(np.mean((y - A @ coefficients) ** 2)))
     assert fit.turn_on == pytest.approx(np.std(coefficients[:2], ddof=1))
     for found, B in ((fit.hysteresis_after, A), (fit.hysteresis_before, plain)):

@@ -377,41 +377,45 @@ ask = [{ send = "ERR", answers = ["{code}"] }]
 """
 
 
-TURN, WHERE = '"$J=G53 G90 G21 {word}{angle} F{rate}"', "where = ["
+#: of what the file says: what stands there instead, and why it is refused
+STRANGE = {
+    '"$J=G53 G90 G21 {word}{angle} F{rate}"': {
+        '"$J=G53 G90 G21 Y8000 F90000 ({word}{angle} F{rate})"': "may hide or change a number",
+        '"$J=G53 {word}{angle} F{rate}\\n$J=G91 Y9"': "may hide or change a number",
+        '"$J=G53 {word}{angle}*{axis} F{rate}"': "may hide or change a number",
+        '"$J=G53 G90 G20 {word}{angle} F{rate}"': "has the number 20",
+        '"$J=G53 {word}{angle}0 F{rate}"': "has the number 73010",
+        '"$J=G53 {word}-{angle} F{rate}"': "has the number -7301",
+        '"$J=G53 {word}- {angle} F{rate}"': "has a sign or a point before a value",
+        '"$h ", "$J=G53 {word}{angle} F{rate}"': "has the request '$h ', which home has",
+        '"$J=G53 {word}{angle}E{axis} F{rate}"': "has the number 7301E83",
+        '"$J=G53 {word}{angle} X{angle} F{rate}"': "needs {angle} once",
+        '"$J=G53 {word}{rate} F{angle}"': "wants F{rate} per minute",
+        '"$J=G53 Y{angle} F{rate}"': "names no axis",
+        '"$J=G53 {word}{angle} F{rate} {foo}"': "has {foo}",
+        '"$J=G53 Y140 F900", "$J=G53 {word}{angle} F{rate}"': "has the number 140",
+        '{ raw = "$J=Y140F9" }, "$J=G53 {word}{angle} F{rate}"': "raw, or for each axis",
+    },
+    "rate_per_dps = 60.0": {"rate_per_dps = 6e4": "settings.rate_per_dps is 60000"},
+    'done = ["ok"]': {'done = ["ok"]\nend = "\\n$J=G91 Y9 F9\\n"': "line.end is"},
+    '"M17"': {
+        '"$J=G53 G90 G21 Y140 F1500"': "begin has a turn",
+        '"{foo}"': "begin has a turn",
+        '"' + "$J=" * 70 + '"': "has more than 200 characters",
+    },
+    "where = [": {
+        'where = [{ send = "G0 Y140", answers = ["{state}"] }, ': "where has a turn",
+        'where = [{ send = "?\\nRUN", answers = ["{state}"] }, ': "more than one line",
+        'where = [{ send = "PA {angle}", answers = ["{state}"] }, ': "turn_to and turn_at alone may have",
+        'where = ["RUN", ': "is no question",
+    },
+    '"RATE {axis} 0"': {'"RATE {axis} 7"': "stop has a turn"},
+    '"$H"': {'"MOVE Y 140"': "home has a turn"},
+    '"ERR"': {'"G0 Y=.5"': "ask has a turn"},
+}
 
 
-STRANGE = [
-    (TURN, '"$J=G53 G90 G21 Y8000 F90000 ({word}{angle} F{rate})"', "may hide or change a number"),
-    (TURN, '"$J=G53 {word}{angle} F{rate}\\n$J=G91 Y9"', "may hide or change a number"),
-    (TURN, '"$J=G53 {word}{angle}*{axis} F{rate}"', "may hide or change a number"),
-    (TURN, '"$J=G53 G90 G20 {word}{angle} F{rate}"', "has the number 20"),
-    (TURN, '"$J=G53 {word}{angle}0 F{rate}"', "has the number 73010"),
-    (TURN, '"$J=G53 {word}-{angle} F{rate}"', "has the number -7301"),
-    (TURN, '"$J=G53 {word}- {angle} F{rate}"', "has a sign or a point before a value"),
-    (TURN, '"$h ", "$J=G53 {word}{angle} F{rate}"', "has the request '$h ', which home has"),
-    (TURN, '"$J=G53 {word}{angle}E{axis} F{rate}"', "has the number 7301E83"),
-    (TURN, '"$J=G53 {word}{angle} X{angle} F{rate}"', "needs {angle} once"),
-    (TURN, '"$J=G53 {word}{rate} F{angle}"', "wants F{rate} per minute"),
-    (TURN, '"$J=G53 Y{angle} F{rate}"', "names no axis"),
-    (TURN, '"$J=G53 {word}{angle} F{rate} {foo}"', "has {foo}"),
-    (TURN, '"$J=G53 Y140 F900", "$J=G53 {word}{angle} F{rate}"', "has the number 140"),
-    (TURN, '{ raw = "$J=Y140F9" }, "$J=G53 {word}{angle} F{rate}"', "raw, or for each axis"),
-    ("rate_per_dps = 60.0", "rate_per_dps = 6e4", "settings.rate_per_dps is 60000"),
-    ('done = ["ok"]', 'done = ["ok"]\nend = "\\n$J=G91 Y9 F9\\n"', "line.end is"),
-    ('"M17"', '"$J=G53 G90 G21 Y140 F1500"', "begin has a turn"),
-    ('"M17"', '"{foo}"', "begin has a turn"),
-    ('"M17"', '"' + "$J=" * 70 + '"', "has more than 200 characters"),
-    (WHERE, WHERE + '{ send = "G0 Y140", answers = ["{state}"] }, ', "where has a turn"),
-    (WHERE, WHERE + '{ send = "?\\nRUN", answers = ["{state}"] }, ', "more than one line"),
-    (WHERE, WHERE + '{ send = "PA {angle}", answers = ["{state}"] }, ', "turn_to and turn_at alone may have"),
-    (WHERE, WHERE + '"RUN", ', "is no question"),
-    ('"RATE {axis} 0"', '"RATE {axis} 7"', "stop has a turn"),
-    ('"$H"', '"MOVE Y 140"', "home has a turn"),
-    ('"ERR"', '"G0 Y=.5"', "ask has a turn"),
-]
-
-
-@pytest.mark.parametrize(("before", "after", "why"), STRANGE)
+@pytest.mark.parametrize(("before", "after", "why"), [(before, *row) for before, rows in STRANGE.items() for row in rows.items()])
 def test_requests_that_say_more_than_the_plan_are_refused(before, after, why, tmp_path):
     table = Description("table", "./mine.toml", (axis("outer", "Y"),))
     refused_once_changed(lambda: make_of(table, tmp_path), tmp_path / "mine.toml", MAKE, before, after, why)

@@ -134,14 +134,6 @@ def plugged(port):
     return [Trouble("reconnect"), INFO]
 
 
-def test_a_session_from_its_events():
-    guide, said = led(Port(WHOLE))
-    assert guide.accepted == 3
-    assert guide.health.info_odr_hz == 208.0
-    assert said.texts(Kind.DONE) == ["done: 3 segments"]
-    assert not said.texts(Kind.WARNING)
-
-
 @pytest.mark.parametrize(("at", "accepted"), [(1, 0), (25, 1)])
 def test_pulled_and_reset_anywhere(at, accepted):
     """From before the check is over to the second turn: what was accepted stays, and the rest is asked for again."""
@@ -225,7 +217,7 @@ def test_a_coach_that_fails_does_not_end_the_recording():
         raise ValueError("no idea")
 
     guide, said = led(Port(WHOLE), coach=coach)
-    assert guide.accepted == 3
+    assert (guide.accepted, said.texts(Kind.DONE)) == (3, ["done: 3 segments"])
     assert said.texts(Kind.WARNING) == ["the coach has failed (ValueError: no idea); any turn will do"]
 
 
@@ -328,14 +320,13 @@ class Figures:
     """Stand for the annex: the answer changes when so many samples have come."""
 
     def __init__(self, answers=()):
-        self.samples = self.logs = 0
-        self._answers = dict(answers)
+        self.samples, self._answers = 0, dict(answers)
 
     def add(self, samples):
         self.samples += len(samples)
 
     def new_log(self):
-        self.logs += 1
+        pass
 
     def answer(self):
         due = [count for count in self._answers if count <= self.samples]
@@ -345,23 +336,19 @@ class Figures:
 def test_a_rest_of_some_seconds_takes_every_sample_into_its_log():
     """The log begins before the first sample; the guide ends with the block in which the time is reached."""
     port, figures = Port([INFO, *chunks(REST)]), Figures()
-    guide = RestGuide(config().protocol, 4.0, figures)
-    _, said = led(port, guide=guide)
+    guide, said = led(port, guide=RestGuide(config().protocol, 4.0, figures))
     assert port.decided == [BEGIN]
     assert 4.0 <= guide.rested_s < 4.11
     assert figures.samples / 208 == pytest.approx(guide.rested_s, abs=0.01)
     assert said.texts(Kind.DONE) == ["done: 4 s of rest"]
     assert not said.texts(Kind.WARNING)
     assert guide.moved_s == guide.accepted == 0
-    assert {instruction.do for instruction in said.instructions if instruction.stage is Stage.HOLD_STILL} == {
-        "a rest: leave the board alone, and the table too"
-    }
+    assert {now.do for now in said.instructions if now.stage is Stage.HOLD_STILL} == {"a rest: leave the board alone, and the table too"}
 
 
 def test_enough_is_said_once_and_ends_it_where_that_was_asked():
     answers = {300: RestAnswer(("B after 3.1 h",)), 500: RestAnswer(("all known",), True), 700: RestAnswer(("still known",), True)}
-    guide = RestGuide(config().protocol, 5.0, Figures(answers))
-    _, said = led(Port([INFO, *chunks(REST)]), guide=guide)
+    _, said = led(Port([INFO, *chunks(REST)]), guide=RestGuide(config().protocol, 5.0, Figures(answers)))
     assert [text for text in said.texts(Kind.STAGE) if "B" in text or "known" in text] == ["B after 3.1 h", "all known", "still known"]
     assert said.texts(Kind.READY) == ["enough: 2 s of rest shows the noise as precisely as was asked"]
     assert said.texts(Kind.DONE) == ["done: 5 s of rest"]
@@ -375,8 +362,7 @@ def test_resumed_after_turns_the_rest_has_its_own_log_and_no_turn_counts():
     """What the port still held of the turns goes to no log; the rest's log begins with the new connection."""
     turns = Table().rest(3).turn(120, (1, 0, 0), 3).rest(3)
     port = Port([Trouble("reconnect"), INFO, *chunks(REST, seed=1)], resumed=[INFO, *chunks(turns)])
-    guide = RestGuide(config().protocol, 4.0)
-    led(port, guide=guide)
+    guide, _ = led(port, guide=RestGuide(config().protocol, 4.0))
     assert port.decided == [RecordingDecision("pause"), BEGIN]
     assert 4.0 <= guide.rested_s < 4.11
 
@@ -408,11 +394,9 @@ def test_a_fault_is_said_with_what_it_cost_and_what_to_do():
 def test_what_a_board_has_counted_is_counted_once_over_connections():
     """A cable that was pulled, or --resume: the board goes on counting unless it was switched on again."""
     words, lines = _BoardReporter(), []
-    for counts in ({"lost": 4, "hang": 1}, {"lost": 163, "hang": 1, "parity": 3, "reset": 1}, None):
-        if counts is None:
-            words.new_connection()
-        else:
-            lines += words.hear(FaultCounts(tuple(counts.get(name, 0) for name in FAULTS)))
+    for counts in ({"lost": 4, "hang": 1}, {"lost": 163, "hang": 1, "parity": 3, "reset": 1}):
+        lines += words.hear(FaultCounts(tuple(counts.get(name, 0) for name in FAULTS)))
+    words.new_connection()
     whole = {"lost": 159, "parity": 3, "reset": 1}  # none of before the recording
     assert words.counted == whole
     assert words.hear(words.faults) == []

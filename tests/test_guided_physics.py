@@ -209,7 +209,7 @@ def test_a_clock_that_runs_wrong_is_said_once(ratio, says):
     port.clock = SimpleNamespace(measured=ClockRatio(ratio, 5e-5, 30.0))
     guide, said = led(port, segments=1)
     assert [says in text for text in said.texts(Kind.WARNING)] == [True] * bool(says)
-    assert guide.health.odr_by_host_hz == pytest.approx(208 * ratio, rel=1e-3)
+    assert (guide.health.info_odr_hz, guide.health.odr_by_host_hz) == (208.0, pytest.approx(208 * ratio, rel=1e-3))
 
 
 def test_a_coach_that_fails_does_not_end_the_recording():

@@ -97,11 +97,9 @@ def test_a_fault_is_known_by_its_signature(sound, spoil, what, says):
 
 @pytest.mark.parametrize("filtered", [mean_of(5), lambda w: lfilter(*butter(2, 10, fs=104), w, axis=0)], ids=["mean", "low-pass"])
 def test_a_filter_that_changes_is_named_with_its_row(sound, filtered):
-    rate, row = rates(sound) + ZERO, 2500
-    gyro = from_row(rate, row, filtered)
-    (finding,) = found(sound, gyro=gyro * DEG)
+    (finding,) = found(sound, gyro=from_row(rates(sound) + ZERO, 2500, filtered) * DEG)
     assert (finding.what, finding.level) == (FILTER, "warning")
-    assert int(finding.says.split()[2]) == pytest.approx(row, abs=12)  # the filter's own length
+    assert int(finding.says.split()[2]) == pytest.approx(2500, abs=12)  # the filter's own length
 
 
 def exchanged(registers):
@@ -110,15 +108,14 @@ def exchanged(registers):
 
 @pytest.mark.parametrize("axes", [(True, True, True), (False, True, False)])
 def test_exchanged_bytes_are_named_axis_by_axis(sound, axes):
-    units = gyro_rps_per_lsb(500), accel_mps2_per_lsb(4)
-    samples = sound.logs[0].samples
-    gyro, accel = (np.rint(values / unit).astype(np.int64) for values, unit in ((samples.gyro, units[0]), (samples.accel, units[1])))
-    assert not found(sound, gyro=gyro * units[0], accel=accel * units[1])
-    (finding,) = found(sound, gyro=np.where(axes, exchanged(gyro), gyro) * units[0], accel=accel * units[1])
+    unit, samples = gyro_rps_per_lsb(500), sound.logs[0].samples
+    gyro, accel = np.rint(samples.gyro / unit).astype(np.int64), np.rint(samples.accel / accel_mps2_per_lsb(4)) * accel_mps2_per_lsb(4)
+    assert not found(sound, gyro=gyro * unit, accel=accel)
+    (finding,) = found(sound, gyro=np.where(axes, exchanged(gyro), gyro) * unit, accel=accel)
     assert (finding.what, finding.level) == ("byte order", "error")
     assert finding.says.startswith(f"gyro ({'x, y, z' if all(axes) else 'y'}): ")
     left_justified = np.clip(gyro // 128, -128, 127) << 8  # eight bits
-    assert not found(sound, gyro=left_justified * units[0], accel=accel * units[1])
+    assert not found(sound, gyro=left_justified * unit, accel=accel)
 
 
 @pytest.mark.parametrize(("end", "coarser"), [(62.5, 1), (32767 * 4.375e-3, 8)])
@@ -166,18 +163,18 @@ def test_what_drifts_or_vibrates_is_none_of_them(sound):
 
 
 def test_an_accelerometer_that_answers_two_values(sound):
-    accel = np.where(sound.logs[0].samples.accel > 0, G, 0.0)
-    (finding,) = found(sound, accel=accel)
+    (finding,) = found(sound, accel=np.where(sound.logs[0].samples.accel > 0, G, 0.0))
     assert finding.says.startswith("the accelerometer reads 2 values only, 0, 1 g")
 
 
 # Noise at rest of one sensor: lines, slope, and what gyro and accelerometer share, each of a known size
 
-RATE_HZ, LENGTH, COUNT = 50.0, 200, 60
+RATE_HZ, LENGTH = 50.0, 200
+HZ = np.fft.rfftfreq(LENGTH, 1 / RATE_HZ)
 
 
-def noise(seed=0, count=COUNT):
-    return np.random.default_rng(seed).standard_normal((count, LENGTH, 3))
+def noise(seed):
+    return np.random.default_rng(seed).standard_normal((60, LENGTH, 3))
 
 
 def flat(x):
@@ -199,28 +196,22 @@ def test_a_shared_part_is_found_at_its_share_of_the_power(own):
 
 
 def test_a_share_has_a_one_sided_p_value_and_limit():
-    share = Share(0.02, 0.01)
-    assert share.p_value == pytest.approx(0.02275, abs=1e-5)
-    assert share.upper == pytest.approx(0.03645, abs=1e-5)
-    assert Share(-0.02, 0.01).upper == pytest.approx(0.01645, abs=1e-5)
+    assert Share(0.02, 0.01).p_value == pytest.approx(0.02275, abs=1e-5)
+    assert [Share(value, 0.01).upper for value in (0.02, -0.02)] == pytest.approx([0.03645, 0.01645], abs=1e-5)
 
 
 def test_a_line_is_found_at_its_frequency_with_its_share():
     t = np.arange(LENGTH) / RATE_HZ
     x = noise(1)
     x[:, :, 1] += np.sqrt(2) * np.sin(2 * np.pi * 12.5 * t + 0.3)  # as much power as the noise
-    hz = np.fft.rfftfreq(LENGTH, 1 / RATE_HZ)
     spectrum = spectra(x)
-    lines = lines_of(spectrum, hz, flat(spectrum))
-    assert lines[1].hz == (12.5,)
-    assert lines[1].share == pytest.approx(0.5, abs=0.03)
-    assert not lines[0].hz
-    assert lines[2].share == 0.0
+    none, line, third = lines_of(spectrum, HZ, flat(spectrum))
+    assert (line.hz, none.hz, third.share) == ((12.5,), (), 0.0)
+    assert line.share == pytest.approx(0.5, abs=0.03)
 
 
 def test_the_slope_of_white_noise_is_zero_and_of_integrated_noise_minus_two():
-    hz = np.fft.rfftfreq(LENGTH, 1 / RATE_HZ)
-    slope, sigma = slope_of(spectra(noise(3)), hz)
+    slope, sigma = slope_of(spectra(noise(3)), HZ)
     assert abs(slope) < 3 * sigma
-    walk, _ = slope_of(spectra(np.cumsum(noise(3), axis=1)), hz)
+    walk, _ = slope_of(spectra(np.cumsum(noise(3), axis=1)), HZ)
     assert walk == pytest.approx(-2, abs=0.2)

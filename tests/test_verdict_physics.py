@@ -65,18 +65,11 @@ def fitted(angles, parameters=12, undone=()):
 
 @pytest.mark.parametrize(
     ("mine", "raw", "segments", "worse"),
-    [
-        (1.1, 1.0, 13, True),
-        (1.0, 1.0, 13, False),
-        (1.1, 1.0, 12, False),
-        (None, 1.0, 13, True),
-        (1.0, None, 13, False),
-    ],
+    [(1.1, 1.0, 13, True), (1.0, 1.0, 13, False), (1.1, 1.0, 12, False), (None, 1.0, 13, True), (1.0, None, 13, False)],
 )
 def test_a_file_says_whether_its_method_is_worse_than_raw(mine, raw, segments, worse):
     table = {"methods": {"pso": {"holdout": {"tilt_rms_deg": mine}}}, "against_raw": {"tilt_rms_deg": raw}, "segments": {"used": segments}}
-    given = tuple(np.inf if value is None else value for value in (mine, raw))
-    assert worse_in_table(table, "pso") == (given if worse else None)
+    assert worse_in_table(table, "pso") == ((mine or np.inf, raw) if worse else None)
     for other, method in ((table, "tinygc"), ({**table, "methods": {}}, "pso"), ({**table, "against_raw": {}}, "tinygc")):
         assert worse_in_table(other, method) is None
 
@@ -331,15 +324,15 @@ def test_the_likeliest_effects_gain_most_less_what_their_scale_shapes_and_number
     white = rng.normal(size=(30, edges[-1] + 1))
     white[:, -1] = 3 * white[:, -1] + white[:, :-1] @ rng.normal(size=edges[-1])
     J = rng.normal(size=(30, 4))
+
+    def square(columns, prior):
+        both = np.column_stack([J, columns * prior])
+        return white[:, -1] @ np.linalg.solve(np.eye(30) + both @ both.T, white[:, -1])
+
     promise = {}
-    for number, (each, begin, end) in enumerate(zip(effects, edges[:-1], edges[1:], strict=True)):
-        size = end - begin
-
-        def least(columns, prior):
-            rows = np.concatenate([np.column_stack([J, columns]), np.diag(1 / np.append(np.ones(4), prior))])
-            return np.linalg.lstsq(rows, np.append(white[:, -1], np.zeros(len(rows) - 30)), rcond=None)[1][0]
-
-        gain = least(white[:, :0], []) - least(white[:, begin:end], np.full(size, each.parameter.plausible))
+    for number, (each, begin) in enumerate(zip(effects, edges[:-1], strict=True)):
+        size = each.parameter.size
+        gain = square(white[:, :0], 1.0) - square(white[:, begin : begin + size], each.parameter.plausible)
         cost = 2 * np.log(10.0) + 2 * np.log(1 + (number > 3)) + size
         found = gain - size * np.log(max(gain / size, 1.0)) - cost
         promise[each.id] = max(promise.get(each.id, (-np.inf, 0)), (found, number))

@@ -28,8 +28,8 @@ ERRORS = {"plus": (0.01, 0.0, -0.004), "minus": (0.013, 0.0, 0.0), "bias": (0.01
 EXACT = Turned(PLAN, **ERRORS, stop_deg=1e-9)
 
 
-def fitted(t_ns, gyro, known):
-    return tinygc.fit_turns(turn_session([GyroLog("log", t_ns, gyro)], known))
+def fitted(t_ns, gyro, known, **more):
+    return tinygc.fit_turns(turn_session([GyroLog("log", t_ns, gyro)], known, **more))
 
 
 def step(rate_dps=60.0, turning=120, noise=0.0, seed=0):
@@ -248,7 +248,7 @@ def test_lost_samples_that_look_like_bursts_are_told_by_how_turns_repeat():
 
 def turn(measured_deg, stated_deg=360.0, axis=2, sense=1, log="log1", **more):
     """A measured turn with 0.2 deg of the gyroscope and 0.1 deg of the stop."""
-    known = Turned(((axis, sense * stated_deg, 90.0),)).known()[0]
+    (known,) = Turned(((axis, sense * stated_deg, 90.0),)).known()
     variance = dict.fromkeys(TERMS, 0.0) | {"white": (0.2 * DEG) ** 2}
     along, angles = np.eye(3)[axis] * sense, (stated_deg * DEG, measured_deg * DEG)
     return TurnAngle(known, log, axis, sense, *angles, along, 4.0, 90 * DEG, 0.01, variance | more.pop("variance", {}), **more)
@@ -352,30 +352,27 @@ def test_a_gap_is_bridged_and_explains_only_what_it_lacks():
     first = int(np.flatnonzero(gyro[:, 2] > 1)[0])
     gap = slice(first + 100, first + 140)
 
-    def fitted(stamps, readings):
-        log = GyroLog("log", np.delete(stamps, gap), np.delete(readings, gap, axis=0))
-        return tinygc.fit_turns(turn_session([log], turned.known()))
+    def without(stamps, readings):
+        return fitted(np.delete(stamps, gap), np.delete(readings, gap, axis=0), turned.known())
 
-    bridged = fitted(t_ns, gyro)
+    bridged = without(t_ns, gyro)
     assert bridged.estimate.used.all()  # at a constant rate the trapezoid takes in what is missing
     assert [angle.lost_s for angle in bridged.angles] == pytest.approx([0.4] + [0.0] * 7, abs=1e-9)
     stopped = gyro.copy()
     stopped[[gap.start - 1, gap.stop], 2] = 0  # the rate on either side tells nothing of the rate within
-    unseen = fitted(t_ns, stopped)
+    unseen = without(t_ns, stopped)
     assert list(np.flatnonzero(~unseen.estimate.used)) == [0]
     assert "gaps in its stamps lack 0.40 s: lost samples" in unseen.to_json()["remarks"][0]
     hidden = t_ns.copy()
     hidden[gap.stop :] -= 350_000_000  # stamps that show 0.05 of 0.4 s
-    short = fitted(hidden, gyro)
+    short = without(hidden, gyro)
     assert list(np.flatnonzero(~short.estimate.used)) == [0]
     assert "gaps in its stamps lack only 0.050 s: lost samples or lost steps" in short.to_json()["remarks"][0]
 
 
 def test_a_turn_that_the_log_begins_or_ends_in_is_named():
     turned = Turned(PLAN[:4], noise=0.002)
-    t_ns, gyro = turned.arrays()
-    log = GyroLog("log", t_ns[200:-200], gyro[200:-200])
-    found = tinygc.fit_turns(turn_session([log], turned.known()))
+    found = fitted(*(each[200:-200] for each in turned.arrays()), turned.known())
     assert list(found.estimate.used) == [False, True, True, False]
     assert "no rest before it" in found.angles[0].problem
     assert "no rest behind it" in found.angles[3].problem
@@ -389,36 +386,27 @@ def test_a_turn_about_another_axis_or_the_other_way_is_named(axis, angle_deg, wo
     turned = Turned(((0, 90, 90.0), (0, 90, 90.0)), noise=0.002)
     first, second = turned.known()
     stated = dataclasses.replace(first, axis=np.eye(3)[axis], words="xyz"[axis], angle_rad=angle_deg * DEG)
-    found = tinygc.fit_turns(turn_session([GyroLog("log", *turned.arrays())], [stated, second]))
+    found = fitted(*turned.arrays(), [stated, second])
     assert found.estimate.used[0] == (words is None)
     assert words is None or words in found.angles[0].problem
 
 
 def test_clipped_turns_and_turns_that_are_not_there_are_named():
     turned = Turned(((0, 90, 90.0), (0, 180, 150.0)), noise=0.002)
-    logs = [GyroLog("log", *turned.arrays())]
-    found = tinygc.fit_turns(turn_session(logs, turned.known(), gyro_fs_dps=125))
+    found = fitted(*turned.arrays(), turned.known(), gyro_fs_dps=125)
     assert [angle.problem is None for angle in found.angles] == [True, False]
     assert "reaches the full scale of 125 dps" in found.angles[1].problem
     beyond = [dataclasses.replace(turn, turn=turn.turn + 1) for turn in turned.known()]
-    found = tinygc.fit_turns(turn_session(logs, beyond))
-    assert "holds 2 turns" in found.angles[1].problem
+    assert "holds 2 turns" in fitted(*turned.arrays(), beyond).angles[1].problem
     with pytest.raises(tinygc.FitError, match="none of 1 stated turns can be used"):
-        tinygc.fit_turns(turn_session(logs, beyond[1:]))
+        fitted(*turned.arrays(), beyond[1:])
 
 
 def test_a_rest_that_hums_is_a_rest_and_one_that_shakes_is_none():
-    t_ns, gyro, known = step(noise=0.0005)
-    hum = np.sin(np.arange(500) * 2.0)
-    quiet, loud = gyro.copy(), gyro.copy()
-    quiet[320:, 1] += 2.5 * DEG * hum[320:]  # 1.8 dps rms, beside a turn at 60 dps
-    loud[320:420, 1] += 6.0 * DEG * hum[320:420]
-    ends = [fitted(t_ns, each, known).logs[0].rests[-1] for each in (quiet, loud)]
-    assert ends[0].start in (320, 330)
-    assert ends[1].start == 420
-    slow = step(rate_dps=10.0, noise=0.0005)[1]  # of a slow turn less hum is a rest
-    slow[320:420, 1] += 2.5 * DEG * hum[320:420]
-    assert fitted(t_ns, slow, step(rate_dps=10.0)[2]).logs[0].rests[-1].start == 420
+    for rate_dps, hum_dps, starts in ((60.0, 2.5, (320, 330)), (60.0, 6.0, (420,)), (10.0, 2.5, (420,))):  # less beside a slow turn
+        t_ns, gyro, known = step(rate_dps, noise=0.0005)
+        gyro[320:420, 1] += hum_dps * DEG * np.sin(np.arange(100) * 2.0)
+        assert fitted(t_ns, gyro, known).logs[0].rests[-1].start in starts
 
 
 def test_play_and_repeat_are_told_apart_by_many_turns():

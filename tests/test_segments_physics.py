@@ -105,15 +105,6 @@ def test_a_segment_is_at_most_six_times_the_protocols(seconds, problem):
     assert (segment.problem, segment.breaks_yaw, segment.accepted) == (problem, False, problem is None)
 
 
-def test_a_still_that_is_no_reference_is_passed_over():
-    stills = [still(0, 100), still(300, 400, problem="creeps"), still(600, 700), still(900, 1000)]
-    first, second = cut(samples_of(1000, [30 * DEG, 0, 0]), stills)
-    assert (first.log, first.number) == (0, 0)
-    assert (first.stills, first.note) == ((stills[0], stills[2]), "passes over a still that creeps")
-    assert (second.stills, second.note, second.number) == ((stills[2], stills[3]), None, 1)
-    assert cut(samples_of(1000), stills[:2]) == []
-
-
 @pytest.mark.parametrize(("periods", "lost"), [(2.49, None), (2.51, 2), (21, 20)])
 def test_a_step_of_two_and_a_half_periods_is_a_gap(periods, lost):
     """From the last sample before the turn to its last one; a step outside of it is none of its."""

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from conftest import config
-from noise_records import axis_of, figures_of
+from noise_records import axis_of, figures_of, sensor
 from scipy.stats import chi2, f, norm
 
 from session.detect.stills import Still
@@ -32,10 +32,6 @@ from tinygc.noise.measured import (
 
 DPH = DEG / 3600
 FLICKER = 2 * np.log(2) / np.pi
-
-
-def sensor(*axes) -> SensorNoise:
-    return SensorNoise(axes if len(axes) == 3 else axes * 3)
 
 
 def test_a_bias_instability_at_rest_is_the_session_s_at_any_length():

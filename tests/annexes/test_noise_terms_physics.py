@@ -260,13 +260,15 @@ def sets_by_hand():
     return search
 
 
-@pytest.mark.parametrize("wider", [1.0, 1.3])
-def test_a_size_is_the_mean_over_all_sets_with_zero_where_one_lacks_it(wider):
-    parts = {
-        "N": [(1, 0.1, 0.01), (4, 0.05, 0.02), (1, 0.03, 0.02), (2, 0.02, 0.02)],
-        "K": [(4, 1.0, 0.3), (2, 0.4, 0.5)],
-        "B": [(1, 0.5, 0.2), (2, -0.5, 0.6)],
-    }
+def test_a_size_is_the_mean_over_all_sets_with_zero_where_one_lacks_it():
+    wider, parts = (
+        1.3,
+        {
+            "N": [(1, 0.1, 0.01), (4, 0.05, 0.02), (1, 0.03, 0.02), (2, 0.02, 0.02)],
+            "K": [(4, 1.0, 0.3), (2, 0.4, 0.5)],
+            "B": [(1, 0.5, 0.2), (2, -0.5, 0.6)],
+        },
+    )
     for name, sets in parts.items():
         weight, log_s, sigma = np.transpose(sets)
         own = [(w / 8, lognorm(wider * g, scale=np.exp(m))) for w, m, g in zip(weight, log_s, sigma, strict=True)]

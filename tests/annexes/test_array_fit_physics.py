@@ -3,6 +3,7 @@
 import json
 import math
 from dataclasses import replace
+from functools import reduce
 from types import SimpleNamespace
 
 import numpy as np
@@ -212,43 +213,54 @@ def test_json_has_degrees_and_seconds_of_the_arrays_clock(fitted):
     )  # fmt: skip
     array = SimpleNamespace(name="a", units=[SimpleNamespace(logs=[log])])
     told = replace(fit, array=array, joint=replace(fit.joint, events=(turn, still)), split=split)
-    table = json.loads(json.dumps(array_to_json(told)))
-    first, second = table["events"]
-    keys = ("what", "unit", "rival", "unit_of_size", "p_value")
-    assert [first[key] for key in keys] == ["turn", 1, 0, "deg", 1e-4]
-    assert [second[key] for key in keys] == ["common still", None, None, "mg", 1e-3]
-    said, time_s, unit, row = table["split"], fit.same.time_s, fit.units[1], table["units"][1]
-    assert (said["minus_mean_rms_deg"], said["undersampled_deg"]["sigma"]) == (None, None)
-    assert (said["is_fast_motion"], said["description"], said["common_p_value"]) == (True, split.words, split.p_value)
-    assert table["turns"][0]["own_deg"][0] is None
-    place, closure, noise = unit.place, row["closure"], row["noise"]
-    for found, expected in (
-        (first["at_s"], time_s[2, 1] - begins),
-        (second["at_s"], time_s[4, 0] - begins),
-        ((first["size"], second["size"]), (2.0, 30.0)),
-        (list(said["equal_in_all_turns_deg"].values()), (3.0, 0.5)),
-        (list(said["level_acceleration_mg"].values()), (2.0, 1.0)),
-        ((said["common_rms_deg"], said["common_upper95_deg"]), (5.0, 6.0)),
-        ((said["undersampled_deg"]["size"], said["undersampled_deg"]["predicted"]), (4.0, 2.0)),
-        ([each["at_s"] for each in table["turns"]], [time_s[each.first, 1] - begins for each in lacking]),
-        ([each["common_deg"] for each in table["turns"]], [np.degrees(np.linalg.norm(each.common_rad)) for each in lacking]),
-        ([each["common_sigma_deg"] for each in table["turns"]], [np.degrees(np.linalg.norm(each.sigma_rad)) for each in lacking]),
-        (table["turns"][1]["own_deg"], np.degrees(lacking[1].own_rad)),
-        ((closure["alone_rms_deg"], closure["floor_rms_deg"]), np.degrees((unit.closure_rad, unit.floor_rad))),
-        ((closure["own_rms_deg"], closure["own_sigma_deg"]), np.degrees(unit.own_rad)),
-        (closure["minus_mean_rms_deg"], np.degrees(unit.minus_mean_rad)),
-        (noise["gyro_dps_rthz"], np.degrees(unit.noise.gyro)),
-        (noise["accel_g_rthz"], unit.noise.accel / G),
-        (noise["bias_instability_dph"], np.degrees(unit.instability.rps) * 3600),
-        (row["B_dps"], np.degrees(unit.model.B)),
-        (row["B_sigma_dps"], np.degrees(unit.sigma[9:])),
-        (row["B_sigma_alone_dps"], np.degrees(unit.sigma_alone[9:])),
-        ((row["clock"]["rate_ppm"], row["clock"]["rate_sigma_ppm"]), (place.clock.rate * 1e6, place.clock.rate_sigma * 1e6)),
-        (row["mounting"]["rotvec_deg"], Rotation.from_matrix(place.mounting).as_rotvec(degrees=True)),
-        (row["mounting"]["sigma_deg"], np.degrees(np.sqrt(np.diag(place.mounting_covariance)))),
-        (row["position"]["sigma_m"], np.sqrt(np.diag(place.position_covariance))),
-    ):
-        np.testing.assert_allclose(found, expected, rtol=1e-9)
+    table, time_s, unit, last = json.loads(json.dumps(array_to_json(told))), fit.same.time_s, fit.units[1], lacking[-1]
+
+    def at(path):
+        return reduce(lambda part, key: part[int(key) if isinstance(part, list) else key], path.split("."), table)
+
+    place, rotation = unit.place, Rotation.from_matrix(unit.place.mounting)
+    for path, expected in {
+        "events.0.what": "turn", "events.0.unit": 1, "events.0.rival": 0, "events.0.unit_of_size": "deg", "events.0.p_value": 1e-4,
+        "events.1.what": "common still", "events.1.unit": None, "events.1.rival": None, "events.1.unit_of_size": "mg",
+        "split.minus_mean_rms_deg": None, "split.undersampled_deg.sigma": None, "split.is_fast_motion": True,
+        "split.description": split.words, "split.common_p_value": split.p_value, "turns.0.own_deg.0": None,
+    }.items():  # fmt: skip
+        assert at(path) == expected, path
+    for path, expected in {
+        "events.0.at_s": time_s[2, 1] - begins,
+        "events.1.at_s": time_s[4, 0] - begins,
+        "events.0.size": 2.0,
+        "events.1.size": 30.0,
+        "split.equal_in_all_turns_deg.size": 3.0,
+        "split.equal_in_all_turns_deg.sigma": 0.5,
+        "split.level_acceleration_mg.size": 2.0,
+        "split.level_acceleration_mg.sigma": 1.0,
+        "split.common_rms_deg": 5.0,
+        "split.common_upper95_deg": 6.0,
+        "split.undersampled_deg.size": 4.0,
+        "split.undersampled_deg.predicted": 2.0,
+        "turns.-1.at_s": time_s[last.first, 1] - begins,
+        "turns.-1.common_deg": np.linalg.norm(last.common_rad) / DEG,
+        "turns.-1.common_sigma_deg": np.linalg.norm(last.sigma_rad) / DEG,
+        "turns.-1.own_deg": last.own_rad / DEG,
+        "units.1.closure.alone_rms_deg": unit.closure_rad / DEG,
+        "units.1.closure.floor_rms_deg": unit.floor_rad / DEG,
+        "units.1.closure.own_rms_deg": unit.own_rad[0] / DEG,
+        "units.1.closure.own_sigma_deg": unit.own_rad[1] / DEG,
+        "units.1.closure.minus_mean_rms_deg": unit.minus_mean_rad / DEG,
+        "units.1.noise.gyro_dps_rthz": unit.noise.gyro / DEG,
+        "units.1.noise.accel_g_rthz": unit.noise.accel / G,
+        "units.1.noise.bias_instability_dph": unit.instability.rps / DEG * 3600,
+        "units.1.B_dps": unit.model.B / DEG,
+        "units.1.B_sigma_dps": unit.sigma[9:] / DEG,
+        "units.1.B_sigma_alone_dps": unit.sigma_alone[9:] / DEG,
+        "units.1.clock.rate_ppm": place.clock.rate * 1e6,
+        "units.1.clock.rate_sigma_ppm": place.clock.rate_sigma * 1e6,
+        "units.1.mounting.rotvec_deg": rotation.as_rotvec(degrees=True),
+        "units.1.mounting.sigma_deg": np.sqrt(np.diag(place.mounting_covariance)) / DEG,
+        "units.1.position.sigma_m": np.sqrt(np.diag(place.position_covariance)),
+    }.items():
+        np.testing.assert_allclose(at(path), expected, rtol=1e-9, err_msg=path)
 
 
 def test_saved_models_are_by_the_units_own_clocks(fitted, tmp_path):

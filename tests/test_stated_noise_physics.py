@@ -69,36 +69,38 @@ class Estimate:
 
     def __init__(self, kind, rates, stills, prior, **more):
         self.plain, self.rates, self.stills = small_session(kind=kind, **more), rates, stills
+        covariance = np.diag(PRIOR_SIGMA**2)
         if prior:
             root = np.diag(0.01 * PRIOR_SIGMA) @ (np.eye(12) + 0.2 * np.random.default_rng(1).normal(size=(12, 12)))
             self.plain = self.plain.changed(prior=GaussianPrior(TRUE.vector, root @ root.T, np.ones(12, dtype=bool), 2.5))
+            covariance = root @ root.T / 2.5
         self.problem = with_still_bias(self.plain) if stills else self.plain
         self.problem.__dict__["instability"] = self.plain.instability
-        self.number = len(self.plain.still_rates.rate)
-        covariance = np.diag(PRIOR_SIGMA**2) if not prior else root @ root.T / 2.5
-        own = slice(0, 9) if stills else slice(0, 12)
-        self.information = np.linalg.inv(covariance[own, own])
-        own = self.plain.floor.own
-        sigma = np.sqrt(np.stack([1.3**2 * (own[:, 0, 0] + own[:, 1, 1]) / 2] * 2 + [own[:, i, i] for i in range(2, own.shape[1])], axis=1))
-        self.weight = 1 / sigma.ravel()
+        self.number, own = len(self.plain.still_rates.rate), self.plain.floor.own
+        variance = [1.3**2 * (own[:, 0, 0] + own[:, 1, 1]) / 2] * 2 + [own[:, i, i] for i in range(2, own.shape[1])]
+        self.weight = 1 / np.sqrt(np.stack(variance, axis=1)).ravel()
         self.closure, self.count = len(self.weight), len(self.weight) + 4 * self.number
-        at = TRUE.vector[:9] if stills else TRUE.vector
-        step = 1e-4 * (np.ones(9) if stills else np.append(np.ones(9), np.ones(3)))
-        self.jacobian = numeric_jacobian(lambda by: self.residuals(at + step * by), np.zeros(len(at)), 1.0) / step
+        self.at = TRUE.vector[:9] if stills else TRUE.vector
+        size = len(self.at)
+        self.information = np.linalg.inv(covariance[:size, :size])
+        self.jacobian = numeric_jacobian(self.residuals, self.at, 1e-4)
         self.hessian = self.jacobian.T @ self.jacobian + self.information
-        self.first, self.at = self.residuals(at), at
+        self.first = self.residuals(self.at)
         self.model = LinearModel(TRUE.E, -TRUE.E @ self.problem.rest_rps) if stills else TRUE
+
+    def whole(self, at, problem) -> np.ndarray:
+        """All twelve of the numbers that are fitted."""
+        return np.append(at, -at.reshape(3, 3) @ problem.rest_rps) if self.stills else at
 
     def residuals(self, at, y=None, earth=None) -> np.ndarray:
         """In sigmas: of the numbers, errors y (n,) of the channels, and a further rate (3,) of the Earth in the table's axes."""
-        problem, _ = self.moved(y, earth)
-        vector = np.append(at, -at.reshape(3, 3) @ problem.rest_rps) if self.stills else at
+        problem = self.moved(y, earth)
+        vector, rates = self.whole(at, problem), problem.still_rates
         angles = angles_by_scipy(problem.batch, vector).ravel() + (0 if y is None else y[: self.closure])
-        found = [angles * self.weight]
-        if self.rates:
-            rates = problem.still_rates
-            found.append(((LinearModel.from_vector(vector)(rates.rate) - rates.earth) / rates.sigma).ravel())
-        return np.concatenate(found)
+        if not self.rates:
+            return angles * self.weight
+        left = (LinearModel.from_vector(vector)(rates.rate) - rates.earth) / rates.sigma
+        return np.append(angles * self.weight, left)
 
     def moved(self, y, earth):
         """The problem with wrong rates of its stills and a wrong Earth."""
@@ -112,7 +114,7 @@ class Estimate:
             rates = replace(rates, earth=rates.earth + q.inv().apply(earth))
             batch = replace(batch, earth=batch.earth + self.turned_back @ earth)
         problem = problem.changed(still_rates=rates, batch=batch)
-        return (with_still_bias(problem) if self.stills else problem), rates
+        return with_still_bias(problem) if self.stills else problem
 
     @cached_property
     def turned_back(self) -> np.ndarray:
@@ -121,19 +123,26 @@ class Estimate:
         start, body = Rotation.from_quat(batch.start, scalar_first=True), batch.rate @ TRUE.E.T + TRUE.B - batch.earth
         return np.array([attitudes_by_scipy(*each).inv().as_matrix() for each in zip(start, body, batch.dt, strict=True)])
 
+    def closures(self, y=None, earth=None) -> np.ndarray:
+        """In rad, of the true numbers with these errors."""
+        return self.residuals(self.at, y, earth)[: self.closure] / self.weight
+
+    @cached_property
+    def closures_by_error(self) -> np.ndarray:
+        """(…, n) by the error of each channel."""
+        return numeric_jacobian(self.closures, np.zeros(self.count), 1e-4)
+
     def solved(self, y=None, earth=None) -> np.ndarray:
         """The twelve numbers with these errors."""
         at = self.at - np.linalg.solve(self.hessian, self.jacobian.T @ (self.residuals(self.at, y, earth) - self.first))
-        problem, _ = self.moved(y, earth)
-        return np.append(at, -at.reshape(3, 3) @ problem.rest_rps) if self.stills else at
+        return self.whole(at, self.moved(y, earth))
 
     @cached_property
     def response(self) -> np.ndarray:
         """(12, n) by the error of each channel; of the lengths none."""
-        found = np.zeros((12, self.count))
-        steps = 1e-4 * np.eye(self.count)[: -self.number]
-        found[:, : -self.number] = np.stack([self.solved(step) - self.solved(-step) for step in steps], axis=1) / 2e-4
-        return found
+        n = self.count - self.number
+        by_error = numeric_jacobian(lambda y: self.solved(np.append(y, np.zeros(self.number))), np.zeros(n), 1e-4)
+        return np.pad(by_error, ((0, 0), (0, self.number)))
 
     @cached_property
     def by_earth(self) -> np.ndarray:
@@ -224,17 +233,9 @@ def test_the_goodness_of_fit_is_chi_square_of_what_free_numbers_leave(case, time
     if problem.batch.turns is not None:
         known[5] = False  # the second turn's angle
 
-    def moved(y=None, earth=None):  # of the closure alone, in rad
-        return by_hand.residuals(by_hand.at, y, earth)[:s] / by_hand.weight
-
-    by_error = np.eye(s, by_hand.count)
-    if by_hand.stills:
-        for k in range(s, by_hand.count - by_hand.number):
-            step = 1e-4 * np.eye(by_hand.count)[k]
-            by_error[:, k] = (moved(step) - moved(-step)) / 2e-4
-    by_earth = numeric_jacobian(lambda earth: moved(earth=earth), np.zeros(3), 1e-5)[:, :2]
+    by_earth = numeric_jacobian(lambda earth: by_hand.closures(earth=earth), np.zeros(3), 1e-5)[:, :2]
     left_out = (EARTH_RATE_RPS * np.cos(31.03 * DEG)) ** 2 - np.dot(MEAN_RPS, MEAN_RPS)
-    J, r = by_hand.jacobian[:s] / by_hand.weight[:, None], moved()
+    by_error, J, r = by_hand.closures_by_error, by_hand.jacobian[:s] / by_hand.weight[:, None], by_hand.closures()
 
     def left(covariance):
         C = by_error @ covariance @ by_error.T + by_earth @ by_earth.T * left_out / 2

@@ -430,46 +430,38 @@ def test_its_slope_is_that_of_the_attitude():
         np.testing.assert_allclose(rotation.log(moved) / step, slope, atol=0.01 * np.abs(base.slope).max())
 
 
-def test_a_turn_states_the_sum_of_its_errors():
+@pytest.mark.parametrize("variance", [0.0, 1e-8])
+def test_a_turn_states_the_sum_of_its_errors(variance):
     """Without E and a zero of the accelerometer: readings of both rests, white noise, the turn's own, the Earth, the lever of the zero."""
     expected = flat(
-        parameters=np.zeros((12, 12)),
-        white=np.array([2e-4, 1e-4, 3e-4]),
-        attitude=np.full(3, 4e-5),
-        turn_rad=5e-4,
-        accel_white=np.array([1e-3, 2e-3, 1e-3]),
-        accel_attitude=3e-3,
-        accel_offset=np.zeros(3),
-    )
-    turn = Turn()
+        parameters=np.zeros((12, 12)), white=np.array([2e-4, 1e-4, 3e-4]), attitude=np.full(3, 4e-5), turn_rad=5e-4,
+        accel_white=np.array([1e-3, 2e-3, 1e-3]), accel_attitude=3e-3, accel_offset=np.zeros(3),
+    )  # fmt: skip
+    turn, down = Turn(), np.array([0.0, 0.0, -1.0])
     turn.add(np.tile([0.0, 0.0, 0.5], (401, 1)), np.zeros((401, 3)), np.full(401, 0.01))  # 4 s about the vertical, E without a slope
     own = (3e-4**2) * 4.0 + (4e-5 * 4.0) ** 2 + 5e-4**2 + 2 * (3e-3**2 + 2e-3**2 / 2.0) / G**2
     lever2 = (2 * np.sin(0.5 * 4.0 / 2) / 0.5) ** 2  # s^2: |integral of a vector that turns with 0.5 rad/s|
-    down = np.array([0.0, 0.0, -1.0])
-    for variance in (0.0, 1e-8):
-        found = TurnTest(expected, 1e6).judge(turn, down, down, variance, 2.0)
-        assert found.sigma_rad == pytest.approx(np.sqrt(own + variance * lever2), rel=1e-4)
+    found = TurnTest(expected, 1e6).judge(turn, down, down, variance, 2.0)
+    assert found.sigma_rad == pytest.approx(np.sqrt(own + variance * lever2), rel=1e-4)
 
 
 @pytest.mark.parametrize("alarm", [False, True])
 def test_a_turn_is_taken_by_the_textbooks_filter_and_an_alarm_opens_it(alarm):
     """By as much as the turn's square is of what the prior makes of it; a quarter turn about x, with z down before it."""
-    none, prior = np.zeros(3), np.diag(np.r_[np.full(9, 1e-4**2 + 2e-4**2), np.full(3, 0.02**2)])
-    expected = flat(white=none, attitude=none, turn_rad=5e-4, accel_white=none, accel_attitude=0.0)
-    test, turn = TurnTest(expected, 1e6), Turn()
+    none, prior = np.zeros(3), np.diag([1e-4**2 + 2e-4**2] * 9 + [0.02**2] * 3)
+    test, turn = TurnTest(flat(white=none, attitude=none, turn_rad=5e-4, accel_white=none, accel_attitude=0.0), 1e6), Turn()
     assert pytest.approx(prior) == test.P
-    turn.add(np.tile([np.pi / 2, 0, 0], (101, 1)), np.tile([np.pi / 2, 0, 0], (101, 1)), np.full(101, 0.01))
-    R = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
-    down, tilt = np.array([0, 0, -1.0]), np.array([0.0, 2.5e-3, 0])
-    test.sum = test.bar if alarm else 0.0
+    turn.add(*[np.tile([np.pi / 2, 0, 0], (101, 1))] * 2, np.full(101, 0.01))
+    R, down, tilt = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]), np.array([0, 0, -1.0]), np.array([0.0, 2.5e-3, 0])
+    test.sum = test.bar * alarm
     found = test.judge(turn, down, R.T @ (down + np.cross(tilt, down)), 0.0, 2.0)
     y, H = tilt[:2] / np.hypot(1, 2.5e-3), np.zeros((2, 12))
     H[:, :9] = turn.slope[:2]
     H[:, 9:] = np.array([[0.0, 1, 0], [-1, 0, 0]]) @ (R - np.eye(3)) / G  # down x v
-    share = (y @ y) / np.trace(H[:, :9] @ prior[:9, :9] @ H[:, :9].T) if alarm else 0.0
+    share = alarm * (y @ y) / np.trace(H[:, :9] @ prior[:9, :9] @ H[:, :9].T)
 
     def scatter(P):
-        return H @ P @ H.T + (expected.turn_rad**2 + np.trace(turn.slope @ P[:9, :9] @ turn.slope.T) ** 2) * np.eye(2)
+        return H @ P @ H.T + (5e-4**2 + np.trace(turn.slope @ P[:9, :9] @ turn.slope.T) ** 2) * np.eye(2)
 
     square = y @ np.linalg.solve(scatter(prior), y)
     assert (found.square, found.alarm) == (pytest.approx(square, rel=1e-4), alarm)

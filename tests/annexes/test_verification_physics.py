@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from conftest import config
 from scipy import stats
+from scipy.linalg import block_diag
 
 from session.detect import accelerometer
 from session.io.errors import FormatError
@@ -44,7 +45,7 @@ from tinygc.estimation.accelerometer import USUAL_SPREAD as USUAL_ACCELEROMETER
 from tinygc.estimation.compare import Calibrated, SessionTriad
 from tinygc.estimation.expected_zero import USUAL_PER_K, USUAL_SPREAD
 from tinygc.estimation.systematic import PRIOR_ODDS
-from tinygc.models.linear import BIAS, MATRIX, LinearModel
+from tinygc.models.linear import MATRIX, LinearModel
 from tinygc.models.model import accelerometer_table
 from tinygc.models.physics import PhysicsModel
 from tinygc.noise.components import TURN
@@ -53,47 +54,39 @@ from tinygc.planning.proposals import TARGETS
 SIZES = {CLOSURE: 24, STILL: 18, LENGTH: 12}
 
 
-def made_rows(seed=0, change=None, noise=1.0, components=(), with_turns=True) -> Rows:
+def made_rows(seed=0, change=None, noise=1.0, with_turns=True, **more) -> Rows:
     """r = noise - A change: closures by E and B and the accelerometer, rates at rest by E and B, lengths by the accelerometer.
 
     change (21,): in plausible sizes.
     """
-    rng = np.random.default_rng(seed)
-    n = sum(SIZES.values())
-    edges = np.cumsum([0, *SIZES.values()])
-    kinds = {name: slice(*edges[i : i + 2]) for i, name in enumerate(SIZES)}
-    A = np.zeros((n, COUNT))
+    rng, edges = np.random.default_rng(seed), np.cumsum([0, *SIZES.values()])
+    n, kinds = edges[-1], {name: slice(*edges[i : i + 2]) for i, name in enumerate(SIZES)}
+    A, sigma = np.zeros((n, COUNT)), np.full(n, 0.5)
     A[kinds[CLOSURE]] = rng.normal(size=(SIZES[CLOSURE], COUNT))
-    still = np.zeros((SIZES[STILL], 12))
-    for axis in range(3):
-        still[axis::3, BIAS.start + axis] = 1.0
-        still[axis::3, MATRIX.start + 3 * axis : MATRIX.start + 3 * axis + 3] = 1e-4
-    A[kinds[STILL], GYROSCOPE] = still * 5
+    A[kinds[STILL], GYROSCOPE] = 5 * np.tile(np.hstack([np.kron(np.eye(3), np.full(3, 1e-4)), np.eye(3)]), (SIZES[STILL] // 3, 1))
     A[kinds[LENGTH], ACCELEROMETER] = rng.normal(size=(SIZES[LENGTH], 9))
     A *= 20 / PLAUSIBLE
-    sigma = np.full(n, 0.5)
     r = noise * sigma * rng.normal(size=n)
-    if change is not None:
-        r = r - A @ (np.asarray(change) * PLAUSIBLE)
-    return Rows(
-        r=r,
+    made = Rows(
+        r=r if change is None else r - A @ (change * PLAUSIBLE),
         parameters=A,
         known=np.zeros((n, 0)),
         spans_s=np.ones(n),
         white=np.diag(sigma**2),
-        components=tuple(components),
+        components=(),
         kinds=kinds,
         blank=np.zeros(n, dtype=bool),
         duration_s=60.0,
         temp_c=25.0,
         stills=SIZES[STILL] // 3,
-        turns=SIZES[CLOSURE] // 2 if with_turns else 0,
+        turns=SIZES[CLOSURE] // 2 * with_turns,
         noise_freedom=1e6,
         rest_rps=np.zeros(3),
         session=None,
         steps_s=np.zeros(0),
         in_time=lambda profile: np.zeros((n, 3)),
     )
+    return replace(made, **more)
 
 
 def part(rows: Rows, which, sigma, freedom=np.inf, name="switch-on") -> Part:
@@ -186,12 +179,11 @@ def test_e_is_asked_with_zero_and_accelerometer_free():
 
 
 def test_what_is_left_follows_chi_square_and_the_old_fits_own_excess():
-    rows = made_rows(5, noise=2.0)
+    rows = made_rows(5, noise=2.0, spans_s=np.full(54, 4.0))
     keep = np.arange(len(rows.r))[rows.kinds[CLOSURE]]
     A = rows.parameters[keep] * PLAUSIBLE
     left = rows.r[keep] - A @ np.linalg.lstsq(A, rows.r[keep], rcond=None)[0]
     chi_square, freedom = float(np.sum(left**2)) / 0.25, len(keep) - COUNT
-    rows = replace(rows, spans_s=np.full(len(rows.r), 4.0))
     for goodness, own, excess in (
         (None, 1e6, 1.0),
         ((400.0, 100), 50.0, 4.0),
@@ -215,10 +207,9 @@ def test_what_is_left_follows_chi_square_and_the_old_fits_own_excess():
 
 def test_without_turns_the_rates_at_rest_are_asked_with_a_plausible_e_and_what_is_known():
     """Beside any change of the zero and the accelerometer, which here is alone in the lengths."""
-    rows = made_rows(5, with_turns=False)
+    rows = made_rows(5, with_turns=False, known=np.random.default_rng(2).normal(size=(54, 2)))
     keep = slice(0, rows.kinds[LENGTH].start)
     rows.parameters[keep, ACCELEROMETER] = 0.0
-    rows = replace(rows, known=np.random.default_rng(2).normal(size=(54, 2)))
     inverse = np.linalg.inv((rows.white + rows.known @ rows.known.T + unknown_e(rows)[1])[keep, keep])
     A, r = (rows.parameters[:, ZERO] * PLAUSIBLE[ZERO])[keep], rows.r[keep]
     left = r - A @ np.linalg.solve(A.T @ inverse @ A, A.T @ inverse @ r)
@@ -354,7 +345,7 @@ def of_name(rows, name, **more):
 
 def of_session(**more):
     session = SimpleNamespace(config=SimpleNamespace(protocol=SimpleNamespace(reference="accelerometer")))
-    return replace(made_rows(), session=session, **more)
+    return made_rows(session=session, **more)
 
 
 def test_an_accelerometer_that_reads_too_much_has_a_scale_above_zero():
@@ -482,10 +473,10 @@ def written(tmp_path, model=None, **more):
     return read_old(path)
 
 
-def rows_with(repeatability=None, temp_c=25.0):
+def rows_with(repeatability=None, **more):
     made = config()
     sensor = replace(made.sensor, gyro_bias_repeatability_dps=repeatability)
-    return replace(made_rows(), session=SimpleNamespace(config=replace(made, sensor=sensor)), temp_c=temp_c)
+    return made_rows(session=SimpleNamespace(config=replace(made, sensor=sensor)), **more)
 
 
 def total(parts, *names):
@@ -502,7 +493,7 @@ def test_a_joint_covariance_is_taken_whole(tmp_path):
     joint = {"matrix": (root @ root.T).tolist()}
     old = written(tmp_path, joint_covariance=joint, accelerometer=accelerometer_table(config().accelerometer))
     assert not old.own_lengths
-    found = expected_parts(old, replace(rows_with(), known=np.zeros((54, 2))), NONE_KNOWN)
+    found = expected_parts(old, rows_with(known=np.zeros((54, 2))), NONE_KNOWN)
     assert all(part.assumed == (part.name not in ("calibration", "references")) for part in found)
     assert total(found, "calibration") == pytest.approx(root @ root.T, rel=1e-6, abs=1e-16)
     # Of a covariance without a direction, whose eigenvalues rounding makes negative, there is none.
@@ -580,7 +571,7 @@ def test_temperature_counts_for_zero_and_accelerometer(tmp_path, temp_c, then_c,
 def test_the_drift_that_session_and_today_share_is_in_neither(tmp_path):
     """Today's noise and the old fit each have the drift's variance: of their difference, twice its covariance is taken away."""
     old = written(tmp_path, covariance=np.diag(np.r_[np.full(9, 1e-10), np.full(3, 1e-8)]).tolist())
-    rows = replace(rows_with(), twin=SimpleNamespace(problem=SimpleNamespace(instability=BiasInstability(2e-5, "given"))))
+    rows = rows_with(twin=SimpleNamespace(problem=SimpleNamespace(instability=BiasInstability(2e-5, "given"))))
     for elapsed_s in (1.0, 600.0, 1e7):
         moments = np.array([0.0, rows.duration_s + elapsed_s])
         both = wander_covariance(moments, rows.duration_s, instability_rps=2e-5)[0, 1] if elapsed_s < 1e7 else 0.0
@@ -612,7 +603,7 @@ def test_the_spread_between_sessions_is_their_sample_variance(tmp_path, monkeypa
     assert found.freedom[GYROSCOPE].tolist() == [2.0] * 12
     assert (found.source, found.note, found.assumed) == ("3 other sessions of this unit", "", False)
     found, values = of_unit(tmp_path, monkeypatch, vectors, [np.diag(np.r_[1 + 1e-3 * number, 1, 1]) @ turn for number in (0, 2, 1)])
-    turned = [np.r_[(turn.T @ each[:9].reshape(3, 3)).ravel(), turn.T @ each[9:]] for each in vectors]
+    turned = vectors @ block_diag(np.kron(turn, np.eye(3)), turn)
     assert found.variance[GYROSCOPE] == pytest.approx(np.var(turned, axis=0, ddof=1))
     assert found.variance[ACCELEROMETER] == pytest.approx(np.var(values, axis=0, ddof=1), abs=1e-15)
     with pytest.raises(FormatError, match=r"2026-01-\d+: of 'other', expected 'mine'"):
@@ -636,12 +627,11 @@ def test_another_kind_of_model_is_a_correction_of_its_own_rates(tmp_path):
     model = PhysicsModel(LinearModel(E_OLD, B_OLD), (bent,), Conditions(60.0, 10.0, 25.0))
     sigma = np.r_[np.full(9, 1e-3), np.full(3, 1e-4), np.full(9, 1e-6)]
     old = written(tmp_path, model, covariance=np.diag(sigma**2).tolist())
-    assert (old.linear.vector, old.bias) == (pytest.approx(np.r_[np.eye(3).ravel(), np.zeros(3)]), pytest.approx(B_OLD))
-    measured, expected = np.random.default_rng(1).normal(size=(5, 3)), np.zeros((12, 12))
-    omega = measured @ E_OLD.T + B_OLD
+    assert (old.linear.vector, old.bias) == (pytest.approx(OLD.linear.vector), pytest.approx(B_OLD))
+    measured = np.random.default_rng(1).normal(size=(5, 3))
+    omega = model.linear(measured)
     columns = np.concatenate([np.kron(np.eye(3), omega[:, None, :]).reshape(5, 3, 9), np.broadcast_to(np.eye(3), (5, 3, 3))], axis=2)
-    for k, step in enumerate(np.diag(sigma[:12])):
-        moved = LinearModel.from_vector(np.r_[E_OLD.ravel(), B_OLD] + step)
-        expected[:, k] = np.linalg.lstsq(columns.reshape(15, 12), (moved(measured) - omega).ravel(), rcond=None)[0]
+    moved = [LinearModel.from_vector(model.linear.vector + step)(measured) - omega for step in np.diag(sigma[:12])]
+    expected = np.linalg.lstsq(columns.reshape(15, 12), np.reshape(moved, (12, 15)).T, rcond=None)[0]
     assert old.covariance[GYROSCOPE, GYROSCOPE] == pytest.approx(expected @ expected.T, rel=1e-6, abs=1e-14)
     assert pytest.approx(B_OLD + 1) == with_bias_moved(model, np.ones(3)).linear.B

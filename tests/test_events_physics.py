@@ -1,7 +1,6 @@
 """Events that detectors propose: tried by the closure of their turns, and repaired; each term by hand."""
 
 from dataclasses import replace
-from itertools import combinations
 from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import patch
@@ -134,20 +133,20 @@ def test_the_bottom_of_a_valley_is_found_wherever_it_is(most):
 # Closure with some events repaired
 
 
-def trial(count=2, samples=24, sigma=0.01, noise=0.0) -> ClosureTrial:
+def trial(count=2) -> ClosureTrial:
     """Turns of one log, one behind the other, whose closure is scipy's; a second log holds what bridged readings would be."""
-    batch = small_turns(count=count, samples=samples, noise_rad=noise)
+    batch = small_turns(count=count, samples=24, noise_rad=0.0)
     made = ClosureTrial.__new__(ClosureTrial)
-    used = [SimpleNamespace(log=0, start=100 + 40 * i, stop=100 + 40 * i + samples, number=i + 1) for i in range(count)]
+    used = [SimpleNamespace(log=0, start=100 + 40 * i, stop=124 + 40 * i, number=i + 1) for i in range(count)]
     rates = np.zeros((100 + 40 * count, 3))
     for segment, rate in zip(used, batch.rate, strict=True):
         rates[segment.start : segment.stop] = rate @ TRUE.E.T + TRUE.B
-    made._bridged = [rates + 0.05]
-    made.rates, made._batch, made._smeared, made._period_s = [rates.copy()], batch, 0, 0.2
+    made._bridged, made.rates, made._batch, made._smeared, made._period_s = [rates + 0.05], [rates], batch, 0, 0.2
     made._calm = SimpleNamespace(rows=lambda log, rows: rows)
     padded = lambda by_log: np.stack([by_log[0][s.start : s.stop] for s in used])  # noqa: E731
-    made.twin = SimpleNamespace(problem=SimpleNamespace(used=used, logs=[SimpleNamespace(samples=None)]), segments=used, padded=padded)
-    made.covariance = np.tile(sigma**2 * np.array([[1.0, 0.3], [0.3, 2.0]]), (count, 1, 1))
+    problem = SimpleNamespace(used=used, logs=[SimpleNamespace(samples=None)])
+    made.twin = SimpleNamespace(problem=problem, segments=used, padded=padded, batch=SimpleNamespace(angles=2))
+    made.covariance = np.tile(1e-4 * np.array([[1.0, 0.3], [0.3, 2.0]]), (count, 1, 1))
     return made
 
 
@@ -181,9 +180,7 @@ def test_lost_samples_are_put_in_on_the_polynomial_with_the_median_period():
     rate, dt, earth = made.rates[0][100:124], batch.dt[0], batch.earth[0]
     step = np.median(dt)
     for at in (15, 9):
-        rows = np.r_[at - 4 : at, at : at + 4]
-        places = np.r_[-4:0, 3:7]
-        line = np.polynomial.polynomial.polyfit(places, rate[rows], 1)
+        line = np.polynomial.polynomial.polyfit(np.r_[-4:0, 3:7], rate[at - 4 : at + 4], 1)
         between = np.polynomial.polynomial.polyval(np.arange(3), line).T
         rate = np.insert(rate, at, between, axis=0)
         earth = np.insert(earth, at, np.tile(earth[at], (3, 1)), axis=0)
@@ -199,28 +196,24 @@ def test_the_likelihood_of_a_choice_is_normal_with_what_its_gaps_may_hide():
     What a gap may hide excuses nothing: where the turn is as recorded hardly less likely, with the same covariance, that is all it gains.
     """
     made = trial()
-    own = [RegisterFault(FALSE, 0, 106, 1), RegisterFault(FALSE, 0, 112, 2, True)]
-    others = [RegisterFault(FALSE, 0, 118, 1)]
+    first, second, other = RegisterFault(FALSE, 0, 106, 1), RegisterFault(FALSE, 0, 112, 2, True), RegisterFault(FALSE, 0, 118, 1)
     made._bridged = [made.rates[0].copy()]
     made.rates[0][[106, 112, 113, 118]] += 0.3
-    hides = {own[0]: 0.01, own[1]: 0.03, others[0]: 0.02}
-    found = made.likelihoods(0, own, others, lambda event: Crossing(1, hides[event]), 0)
-    misfit, expected = {}, {}
+    hides = {first: 0.01, second: 0.03, other: 0.02}
+    found = made.likelihoods(0, [first, second], [other], lambda event: Crossing(1, hides[event]), 0)
 
     def normal(repaired, hidden):
         C = made.covariance[0] + sum(hides[event] ** 2 for event in hidden) * np.eye(2)
         return stats.multivariate_normal(np.zeros(2), C).logpdf(made.angles(0, repaired, None, 0)) + np.log(2 * np.pi)
 
-    for size in range(3):
-        for some in combinations(range(2), size):
-            mended = [*others, *(own[k] for k in some)]
-            angles = made.angles(0, mended, None, 0)
-            moved = normal(mended, mended) - normal(others, mended)
-            gain = normal(mended, mended) - normal(others, others)
-            expected[frozenset(some)] = normal(others, others) + (gain if moved > np.log(20) else min(gain, moved)) + 20 * (1 in some)
-            misfit[frozenset(some)] = angles @ np.linalg.inv(made.covariance[0]) @ angles
-    admissible = [c for c in expected if all(misfit[c] < misfit[c - {one}] for one in c)]
-    assert found == pytest.approx({choice: expected[choice] for choice in admissible})
+    misfit, expected = {}, {}
+    for choice, mended in {(): [other], (0,): [other, first], (1,): [other, second], (0, 1): [other, first, second]}.items():
+        gain, moved = (normal(mended, mended) - normal([other], hidden) for hidden in ([other], mended))
+        gain = gain if moved > np.log(20) else min(gain, moved)
+        expected[frozenset(choice)] = normal([other], [other]) + gain + 20 * (second in mended)
+        angles = made.angles(0, mended, None, 0)
+        misfit[frozenset(choice)] = angles @ np.linalg.inv(made.covariance[0]) @ angles
+    assert found == pytest.approx({c: expected[c] for c in expected if all(misfit[c] < misfit[c - {one}] for one in c)})
     assert len(found) > 1
 
 
@@ -276,14 +269,13 @@ def test_a_turn_that_stays_open_is_repaired_by_rows_alone_that_no_sensor_outputs
 def test_a_closed_turn_is_one_that_closes_as_those_without_an_event(turns, excess):
     """Noise of five sigmas in each of them, whose median counts, from five on: one turn of all has an event."""
     made = trial(count=turns)
-    made.twin.batch = SimpleNamespace(angles=2)
     root = np.linalg.cholesky(made.covariance[0])
     usual = np.sqrt(stats.chi2.ppf(0.5, 2))
     sizes = np.r_[1e3, 1e2, 1e-2, 5 * usual, 5 * usual, 5 * usual][:turns]
     made.angles = lambda i, mended, cross, length: root @ [sizes[i], 0.0]
-    assert made.closed_below([RegisterFault(FALSE, 0, 110, 1)], None) == pytest.approx(excess * stats.chi2.isf(0.01, 2))
-    made.covariance = 1e6 * made.covariance
-    assert made.closed_below([RegisterFault(FALSE, 0, 110, 1)], None) == pytest.approx(stats.chi2.isf(0.01, 2))
+    for wider, times in ((1.0, excess), (1e6, 1.0)):
+        made.covariance = wider * made.covariance
+        assert made.closed_below([RegisterFault(FALSE, 0, 110, 1)], None) == pytest.approx(times * stats.chi2.isf(0.01, 2))
 
 
 def likely(made, tables, name, events, others=(), length=0):
@@ -364,18 +356,18 @@ def test_turns_that_miss_are_left_open_though_a_plain_fit_follows_them():
         assert np.flatnonzero(left_open(problem, np.arange(16) != 5)).tolist() == [i for i in expected if i != 5]
 
 
-@pytest.mark.parametrize(("reach", "smeared"), [(True, 10), (False, 0)])
+@pytest.mark.parametrize(("reach", "smeared"), [({"reach": Reach.around(samples=1)}, 10), ({}, 0)])
 def test_a_turns_covariance_is_of_its_noise_and_of_the_physics_that_others_taught(reach, smeared):
     """Each noise component has the size that the physics' own fit gave it; undersampling is of the turns with false readings bridged."""
-    a = effect("a", 2, **({"reach": Reach.around(samples=1)} if reach else {}))
-    twin, calm = linear_twin(seed=1), linear_twin(seed=2)
+    a, twin, calm = effect("a", 2, **reach), linear_twin(seed=1), linear_twin(seed=2)
     twin.spoil(a, [5.0, -4.0])
     evidence = twin.evidence()
-    hypothesis = evidence.of((a,), evidence.nothing)
-    hypothesis = SimpleNamespace(**{**vars(hypothesis), "noise": SimpleNamespace(size=lambda name: {TURN: 0.7}.get(name, 0.2))})
+    fit = evidence.of((a,), evidence.nothing).fit
+    noise = SimpleNamespace(size=lambda name: {TURN: 0.7}.get(name, 0.2))
+    hypothesis = SimpleNamespace(fit=fit, noise=noise)
     for each in (twin, calm):
         each.batch_at = lambda state: "batch"
-        each.movements = [SimpleNamespace(dt_s=0.1), SimpleNamespace(dt_s=0.2), SimpleNamespace(dt_s=0.9)]
+        each.movements = [SimpleNamespace(dt_s=dt_s) for dt_s in (0.1, 0.2, 0.9)]
     problem, quiet, given = SimpleNamespace(used=[1, 2]), SimpleNamespace(used=[3, 4]), []
     with (
         patch.object(data_repair, "Twin", lambda each: twin if each is problem else calm),
@@ -385,9 +377,10 @@ def test_a_turns_covariance_is_of_its_noise_and_of_the_physics_that_others_taugh
         made = ClosureTrial(problem, hypothesis, quiet)
         quiet.used.append(5)
         ClosureTrial(problem, hypothesis, quiet)
-    J = np.hstack([twin.calibration, twin.columns_of(a)])[: twin.sizes[0]]
-    whole = (1 + 0.7**2) * np.eye(twin.sizes[0]) + J @ hypothesis.fit.covariance @ J.T
-    np.testing.assert_allclose(made.covariance, [whole[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] for i in range(8)], rtol=1e-6)
+    n = twin.sizes[0]
+    J = np.hstack([twin.calibration, twin.columns_of(a)])[:n]
+    whole = ((1 + 0.7**2) * np.eye(n) + J @ fit.covariance @ J.T).reshape(8, 2, 8, 2)
+    np.testing.assert_allclose(made.covariance, whole[range(8), :, range(8)], rtol=1e-6)
     assert (made._smeared, made._period_s, given) == (smeared, 0.2, ["calm", None])
 
 
@@ -460,19 +453,20 @@ def test_a_ceiling_in_one_log_leaves_the_other_logs_segments_alone(two):
 
 def knocked(really: bool):
     """Turns of which every fourth is knocked at 60 dps for three readings about an axis of its own, or reads as if; and the rows."""
-    table, rng, moments = Table().rest(2 + 0.5 / 104), np.random.default_rng(4), []
+    table, rng, knocks = Table().rest(2 + 0.5 / 104), np.random.default_rng(4), {}
     for number in range(16):
         table.turn(rng.uniform(50, 100), rng.normal(size=3), 156 / 104)
         if number % 4 == 0:
-            moments.append((table.duration_s, rng.normal(size=3)))
-            axis = moments[-1][1] / np.linalg.norm(moments[-1][1])
+            axis = rng.normal(size=3)
+            axis /= np.linalg.norm(axis)
+            knocks[int(np.ceil(table.duration_s * 104))] = 60 * DEG * axis
             table.steady(60 * really, axis, 2.5 / 104)
         table.turn(rng.uniform(50, 100), rng.normal(size=3), 156.5 / 104).rest(2)
     samples = table.samples(odr_hz=104.0)
-    gyro, rows = samples.gyro.copy(), [int(np.ceil(moment * 104)) for moment, _ in moments]
-    for row, (_, axis) in zip(rows, moments, strict=True):
-        gyro[row : row + 3] += 60 * DEG * (not really) * axis / np.linalg.norm(axis)
-    return build_problem(session_of(replace(samples, gyro=gyro), odr_hz=104.0)), rows
+    gyro = samples.gyro.copy()
+    for row, rate in knocks.items():
+        gyro[row : row + 3] += rate * (not really)
+    return build_problem(session_of(replace(samples, gyro=gyro), odr_hz=104.0)), [*knocks]
 
 
 @pytest.mark.parametrize("really", [True, broad(False)])

@@ -17,7 +17,6 @@ from session.io.stamps import (
     along_line,
     bad_stamps,
     evenly,
-    fresh,
     lasting_gaps,
     placed_between,
     written_once,
@@ -117,11 +116,6 @@ def test_lost_late_and_coarse_stamps_change_neither_rate_nor_count(odr_hz, tick_
     t_ns, missing = stamps(odr_hz, tick_ns, lost, late_s)
     assert pace_of(t_ns).rate_hz == pytest.approx(odr_hz, rel=1e-3 if late_s else 1e-4)
     assert abs(pace_of(t_ns).missing(np.diff(t_ns) * 1e-9) - missing) <= 2 * (late_s > 1e-4)
-
-
-def test_a_stamp_is_fresh_if_it_is_later():
-    assert fresh(np.array([3, 3, 4, 4, 4, 9])).tolist() == [True, False, True, False, False, True]
-    assert fresh(np.zeros(0, dtype=np.int64)).tolist() == []
 
 
 @pytest.mark.parametrize(

@@ -117,17 +117,13 @@ def test_what_is_not_observed_or_has_no_uncertainty_is_not_decided_by_a_guard_ba
 
 def test_the_uncertainty_of_a_closure_by_hand():
     tilts = np.array([30.0, 1.0, 2.0, 40.0]) * 1e-3
-    angles = np.stack([0.6 * tilts, 0.8 * tilts[::-1], np.full(4, 9.0)], axis=1)
+    found = closure_measured(np.stack([0.6 * tilts, 0.8 * tilts[::-1], np.full(4, 9.0)], axis=1), [0, 1, 2, 3])
     squares = 0.36 * tilts**2 + 0.64 * tilts[::-1] ** 2
-    c = squares - squares.mean()
-    alone, shared = np.sum(c**2), c[0] * c[1] + c[1] * c[2] + c[2] * c[3]
-    assert shared < 0  # neighbours that differ do not make the mean better known
-    assert alone / 12 < 1.5 / 4 * squares.mean() ** 2
-    found = closure_measured(angles, [0, 1, 2, 3])
-    rms = np.sqrt(squares.mean())
-    assert found.value == pytest.approx(rms / DEG)
-    assert found.sigma == pytest.approx(np.sqrt(max(alone / 12, 1.5 / 4 * rms**4)) / (2 * rms) / DEG)
-    assert (found.freedom, found.relative) == (3, True)
+    c, rms = squares - squares.mean(), np.sqrt(squares.mean())
+    assert c[1:] @ c[:-1] < 0  # neighbours that differ do not make the mean better known
+    assert c @ c / 12 < 1.5 / 4 * rms**4
+    assert (found.value, found.freedom, found.relative) == (pytest.approx(rms / DEG), 3, True)
+    assert found.sigma == pytest.approx(np.sqrt(1.5 / 4 * rms**4) / (2 * rms) / DEG)
 
 
 def test_neighbours_that_are_alike_make_a_closure_less_well_known():
@@ -233,31 +229,21 @@ def vector_and_sources():
     return vector, [Source("one", "A", 5.0, roots[0] @ roots[0].T), Source("two", "B", INF, roots[1] @ roots[1].T)]
 
 
-def test_sensor_errors_have_the_sigma_of_the_sum_and_welch_satterthwaites_freedom():
+@pytest.mark.parametrize("missed", [0.0, 1e-5, 1e-3])
+def test_sensor_errors_have_the_u_of_all_sources_and_of_what_the_model_lacks_and_welch_satterthwaites_freedom(missed):
+    """u^2 = sum of the sources + missed^2, of which the last counts as known: u^4 / nu is that of the sources alone."""
     vector, sources = vector_and_sources()
-    covariance = sources[0].covariance + sources[1].covariance
-    found, slope = field_measured(vector, sources), field_jacobian(vector)
-    listed = field_quantities(vector, covariance)
+    slope, size = field_jacobian(vector), {"ppm": 1e-6, "mrad": 1e-3, "mdps": DEG * 1e-3}
+    listed = field_quantities(vector, sources[0].covariance + sources[1].covariance)
+    found = field_measured(vector, sources, moved=(lambda slope: np.full(len(slope), missed)) if missed else None)
     for at, (each, q) in enumerate(zip(found, listed, strict=True)):
         more = 1e3 if q.unit == "dps" else 1.0
         assert each.value == pytest.approx(q.value * more)
-        assert each.sigma == pytest.approx(q.expanded / 2 * more)
+        own = q.expanded / 2 * more
+        assert each.sigma == pytest.approx(np.hypot(own, missed / size[each.unit]))
         one, two = (slope[at] @ source.covariance @ slope[at] for source in sources)
-        assert each.freedom == pytest.approx((one + two) ** 2 / (one**2 / 5))
+        assert each.freedom == pytest.approx((one + two) ** 2 / (one**2 / 5) * (each.sigma / own) ** 4)
     assert [each.key for each in found] == [key for key in QUANTITIES if key.startswith("gyro_")]
-
-
-def test_a_sensor_errors_u_holds_the_effect_that_the_model_lacks():
-    """u^2 = sum of the sources + moved^2, of which the last counts as known: u^4 / nu is that of the sources alone."""
-    vector, sources = vector_and_sources()
-    moved = np.linspace(1e-5, 1e-3, 18)
-    plain = field_measured(vector, sources)
-    found = field_measured(vector, sources, moved=lambda slope: moved[: len(slope)])
-    si = [{"ppm": 1e-6, "mrad": 1e-3, "mdps": DEG * 1e-3}[each.unit] for each in plain]
-    for before, after, size, unit in zip(plain, found, moved, si, strict=True):
-        assert after.sigma == pytest.approx(np.sqrt(before.sigma**2 + (size / unit) ** 2), rel=1e-9)
-        assert after.freedom == pytest.approx(before.freedom * (after.sigma / before.sigma) ** 4, rel=1e-9)
-        assert (after.value, after.key) == (before.value, before.key)
 
 
 def test_sources_count_only_where_they_are_those_of_this_covariance():

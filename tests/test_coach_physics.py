@@ -118,17 +118,15 @@ def done(words: str, lies: Rotation) -> Rotation:
     for movement in said.split(", then at once "):
         if found := re.fullmatch(UPRIGHT, movement):
             degrees, side, axis, *stay = found.groups()
-            if axis:
-                assert abs(lies.apply(arrow(axis))[2]) == pytest.approx(1)
-            lies = Rotation.from_rotvec([0, 0, int(degrees) * (1 if side == "left" else -1)], degrees=True) * lies
+            assert not axis or abs(lies.apply(arrow(axis))[2]) == pytest.approx(1)
+            about, sense = np.array([0, 0, 1]), 1 if side == "left" else -1
         else:
             degrees, axis, first, *stay = re.fullmatch(LEVEL, movement).groups()
             about = lies.apply(arrow(axis))
             assert about[2] == pytest.approx(0, abs=1e-9)
-            rises = lies.apply(arrow(first or stay[0]))
-            sense = np.cross(about, rises)[2]
+            sense = np.cross(about, lies.apply(arrow(first or stay[0])))[2]
             assert abs(sense) > 0.7
-            lies = Rotation.from_rotvec(about * np.sign(sense) * int(degrees), degrees=True) * lies
+        lies = Rotation.from_rotvec(about * np.sign(sense) * int(degrees), degrees=True) * lies
         up = sum(arrow(name) for name in stay if name)
         np.testing.assert_allclose(lies.apply(up / np.linalg.norm(up)), [0, 0, 1], atol=1e-9)
     return lies
@@ -232,6 +230,7 @@ def test_the_turns_that_part_laws_are_the_movements_that_their_words_name():
     like = Movement(3 + np.arange(n), 1.0, *[np.zeros((n, 3))] * 2, np.arange(25.0, 25 + n), np.arange(n) * 1e-4, 600.0, 4.0, 24.0)
     found = turns.trials(like)
     assert {round(float(trial.movement.t_s[-1] - 3), 1) for trial in found} == {3.5, 5.0, 10.0}
+    of_E = [i for i, name in enumerate(linear.NAMES) if name.startswith("E_")]
     for trial in found[::40]:
         moved, (before, after) = trial.movement, trial.stills
         assert np.abs(moved.rate).max() <= 0.8 * like.fs_rps
@@ -239,17 +238,12 @@ def test_the_turns_that_part_laws_are_the_movements_that_their_words_name():
         assert np.abs(moved.rate[after]).max() < 0.02
         assert (before.stop, after.stop - after.start, after.stop) == (25, 25, len(moved.t_s))
         assert (moved.t_s[0], moved.dt_s, moved.temp_c[0], moved.vibration_g2[-1]) == (3.0, 0.04, 49.5, pytest.approx(24.5e-4))
-        seconds = moved.t_s[-1] - moved.t_s[0] - 2
-        up, part = next(
-            (up, part)
-            for up in turns.SIDES
-            for degrees in turns.QUARTERS
-            for part in turns.parts_from(up, degrees, round(seconds, 1))
-            if f"turn {part.words} (" in trial.words and np.allclose(moved.force_g[0], up)
-        )
+        seconds = round(moved.t_s[-1] - moved.t_s[0] - 2, 1)
+        (up,) = (up for up in turns.SIDES if np.allclose(moved.force_g[0], up))
+        parts = (part for degrees in turns.QUARTERS for part in turns.parts_from(up, degrees, seconds))
+        part = next(part for part in parts if f"turn {part.words} (" in trial.words)
         np.testing.assert_allclose(moved.rate.sum(axis=0) * 0.04, part.axis * part.angle_rad, atol=1e-3)
         np.testing.assert_allclose(moved.force_g[-1], part.up, atol=2e-3)
-        (turn,) = (turn for turn in turns_from(G * up) if len(turn.parts) == 1 and turn.parts[0].words == part.words)
+        (turn,) = (turn for turn in turns_from(G * up) if [each.words for each in turn.parts] == [part.words])
         own = linear.columns(np.pad(trial.sensitivity, ((0, 0), (0, 1), (0, 0)))[None], moved.rate[None])[0, :2]
-        at = [i for i, name in enumerate(linear.NAMES) if name.startswith("E_")]
-        np.testing.assert_allclose(own[:, at], columns(G * up, [turn])[0][:, at], atol=0.02)
+        np.testing.assert_allclose(own[:, of_E], columns(G * up, [turn])[0][:, of_E], atol=0.02)

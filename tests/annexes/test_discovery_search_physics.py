@@ -104,21 +104,18 @@ def test_gains_are_those_of_the_catalogues_ranking(seen):
 def test_a_look_is_what_a_dense_projection_makes_of_it(seen, rows):
     """Whitening by a full matrix, and the nuisance taken out by I - q q': lengths and scalar products are the same to rounding."""
     fit = seen.law(8)
-    projection = Projection(seen.twin, seen.whiten, fit, rows)
-    rows = np.arange(len(fit.r)) if rows is None else rows
+    projection, rows = Projection(seen.twin, seen.whiten, fit, rows), np.arange(len(fit.r)) if rows is None else rows
     whitening = np.linalg.inv(np.linalg.cholesky(seen.whiten.covariance[np.ix_(rows, rows)]))
     q = orthonormal(whitening @ seen.whiten.back(fit.J)[rows])
-    project = (np.eye(len(rows)) - q @ q.T) @ whitening
     columns = seen.responses.columns(LawForm((Factor("rate", "size"),), "full"))[rows]
-    columns = columns / np.linalg.norm(columns, axis=0)
-    recorded = seen.whiten.back(fit.r)[rows]
-    expected, free = project @ columns, projection.seen(columns)
-    assert projection.free == len(rows) - q.shape[1] == len(free)
+    columns /= np.linalg.norm(columns, axis=0)
+    expected, residual = ((each - q @ (q.T @ each)) for each in (whitening @ columns, whitening @ seen.whiten.back(fit.r)[rows]))
+    free, dense = projection.seen(columns), projection.matrix()
+    assert (projection.free, dense.dtype) == (len(rows) - q.shape[1], np.float32) == (len(free), dense.dtype)
     np.testing.assert_allclose(free.T @ free, expected.T @ expected, rtol=0, atol=1e-9 * np.abs(expected.T @ expected).max())
-    np.testing.assert_allclose(free.T @ projection.residual, expected.T @ (project @ recorded), rtol=1e-9)
-    dense = projection.matrix()  # those rows first, then those along the nuisance, which have the rest of the length
-    assert dense.dtype == np.float32
-    np.testing.assert_allclose(dense[: projection.free] @ columns, free, rtol=0, atol=1e-5 * np.abs(free).max())
+    np.testing.assert_allclose(free.T @ projection.residual, expected.T @ residual, rtol=1e-9)
+    # The matrix has those rows first, then those along the nuisance, which have the rest of the length.
+    np.testing.assert_allclose(dense[: len(free)] @ columns, free, rtol=0, atol=1e-5 * np.abs(free).max())
     np.testing.assert_allclose(np.linalg.norm(dense @ columns, axis=0), np.linalg.norm(projection.whitened(columns), axis=0), rtol=1e-5)
 
 
@@ -148,7 +145,7 @@ def test_noise_that_is_larger_than_stated_raises_no_alarm(seen):
 
 def test_the_tail_goes_on_where_draws_end():
     """Of a law whose tail is known: the largest of a thousand exponentials; within the draws, their own share."""
-    drawn = np.random.default_rng(0).exponential(2.0, (200, 1000)).max(axis=1)
+    drawn = np.sort(np.random.default_rng(0).exponential(2.0, (200, 1000)).max(axis=1))
     chance = Chance(drawn)
     for p in (1e-3, 1e-5):
         exact = -2.0 * np.log(-np.expm1(np.log1p(-p) / 1000))
@@ -158,8 +155,8 @@ def test_the_tail_goes_on_where_draws_end():
     assert chance.p(chance.level(0.01)) == pytest.approx(0.01)
     assert chance.p(-np.inf) == 1.0
     # 40 of 201 draws are beyond the tail's beginning, whose scale is a mean of theirs and of 20 of the prior's
-    beyond = np.sort(drawn)[-40:] - np.sort(drawn)[-40]
-    assert chance.p(np.sort(drawn)[-40] + 3.0) == pytest.approx(40 / 201 * np.exp(-3.0 / ((beyond.sum() + 20 * 2.0) / (39 + 20))))
+    scale = (np.sum(drawn[-40:] - drawn[-40]) + 20 * 2.0) / (39 + 20)
+    assert chance.p(drawn[-40] + 3.0) == pytest.approx(40 / 201 * np.exp(-3.0 / scale))
 
 
 def test_forms_that_are_the_same_here_are_said_and_neighbours_differ_by_constants(seen):
@@ -168,9 +165,8 @@ def test_forms_that_are_the_same_here_are_said_and_neighbours_differ_by_constant
     plain, zones = LawForm((Factor("temperature"),)), [LawForm((Factor("rate", "dead_zone", width),)) for width in (0.2, 0.1)]
     others = [form for form in seen.forms if "temperature" not in repr(form) and "dead_zone" not in repr(form)][:40]
     screening = seen.screened(seen.fit, forms=[wide, twice, square, plain, *zones, *others], draws=64)
-    assert plain in screening.same_as(wide)
-    assert square in screening.same_as(twice)
-    assert square not in screening.same_as(plain)
+    for form, other, alike in (wide, plain, True), (twice, square, True), (plain, square, False):
+        assert (other in screening.same_as(form)) == alike
     assert screening.leaders[:4].tolist() == [3, 2, 2, 3]
     assert screening.distinct <= np.sum(screening.rank[-1] > 0) - 2
     assert screening.neighbours(zones[0].with_constants((0.12,))) == zones[::-1]
@@ -246,14 +242,11 @@ def test_a_law_holds_on_what_was_put_away_and_a_wrong_one_does_not(twin_of):
     unseen = Unseen(whole, evidence.twin)
     product, force = LawForm((Factor("rate"), Factor("rate")), "next"), LawForm((Factor("force", "square"),))
     right, wrong = (evidence.of((evidence.effect_of(form),), evidence.nothing) for form in (product, force))
-    held = unseen.assessed(evidence.nothing, right, split.parts)
-    assert held.p_value < 0.05
-    assert held.removed > 0.99
+    held, worse = (unseen.assessed(evidence.nothing, law, split.parts) for law in (right, wrong))
+    assert held.p_value < 0.05 < worse.p_value
+    assert worse.removed < 0.5 < 0.99 < held.removed
     assert held.floor_rad < held.after_rad < 0.1 * held.before_rad
     assert held.segments == len(split.parts)
-    worse = unseen.assessed(evidence.nothing, wrong, split.parts)
-    assert worse.p_value > 0.05
-    assert worse.removed < 0.5
     assert worse.noise_p < search_state.NOISE_P < held.noise_p
     assert unseen.assessed(evidence.nothing, right, split.recording) is None
     plain, sharp = (evidence.effect_of(LawForm((factor,))) for factor in (Factor("rate", "cube"), Factor("rate", "dead_zone", 0.1)))

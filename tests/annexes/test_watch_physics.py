@@ -495,6 +495,7 @@ class Datagrams:
 
     def __init__(self, monkeypatch):
         monkeypatch.setattr(source, "SILENT_S", 0.3)
+        monkeypatch.setattr(source, "IDLE_S", 0.05)
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             probe.bind(("127.0.0.1", 0))
             self._port = probe.getsockname()[1]

@@ -33,7 +33,6 @@ from tinygc.explanation.faulty_readings import (
     proposed,
     register_step,
     with_lost,
-    without_glitches,
 )
 
 LSB = 17.5e-3 * DEG
@@ -268,24 +267,6 @@ def test_an_excursion_needs_readings_on_either_side():
     assert _excursion_at(weak, scatter, 18, 22)[1] == 3
 
 
-def test_false_readings_are_found_where_they_are_whatever_their_kind_and_replaced():
-    samples = noisy(2000, seed=3)
-    gyro, accel = samples.gyro.copy(), samples.accel.copy()
-    gyro[300:303] += 1.0
-    gyro[700] -= 0.5
-    gyro[900:902], accel[900:902] = 0, 0
-    gyro[1200:1206], accel[1200:1206] = gyro[1199], accel[1199]
-    spoilt = replace(samples, gyro=gyro, accel=accel)
-    glitches = find_glitches(spoilt)
-    found = list(zip(glitches.rows.tolist(), glitches.samples.tolist(), glitches.accel.tolist(), strict=True))
-    assert found == [(300, 3, False), (700, 1, False), (900, 2, True), (1200, 6, True)]
-    mended = without_glitches(spoilt, glitches)
-    for name, runs in (("gyro", found), ("accel", found[2:])):
-        changed = (getattr(mended, name) != getattr(spoilt, name)).any(axis=1)
-        assert np.flatnonzero(changed).tolist() == [row + i for row, count, _ in runs for i in range(count)]
-    assert np.abs(mended.gyro[[300, 700, 900, 1200]]).max() < 20 * LSB
-
-
 @pytest.mark.parametrize(("seconds", "some"), [(23, True), (22, False)])
 def test_of_more_than_one_false_reading_a_second_none_is_false(seconds, some):
     samples = noisy(2000, seed=3)
@@ -320,21 +301,31 @@ def test_an_event_at_a_bridged_gap_is_none(row, samples, inside):
 
 
 def test_events_of_every_log_are_proposed_and_bridged_in_their_own():
-    """An excursion of the gyro beside a blow is the blow's; a row that no sensor outputs is false."""
+    """An excursion of the gyro beside a blow is the blow's; rows that no sensor outputs are false, and in the accelerometer as well."""
     clean, spoilt = noisy(1000, seed=1), noisy(1000, seed=2)
     gyro, accel = spoilt.gyro.copy(), spoilt.accel.copy()
     gyro[[200, 400, 401]] += 1.0
     accel[205] *= 3
     gyro[215], accel[215] = 0.0, 0.0
+    gyro[501:506], accel[501:506] = gyro[500], accel[500]
     gyro[700:] += 0.5
     accel[700:] += 3.0
     spoilt = replace(spoilt, gyro=gyro, accel=accel)
     session = session_with(clean, spoilt)
-    _, false, lost = events = proposed(session)
-    assert events == [RegisterFault(FALSE, 1, 215, 1, True), RegisterFault(FALSE, 1, 400, 2), RegisterFault(LOST, 1, 699)]
-    mended = bridged(session, events)
-    np.testing.assert_array_equal(mended.logs[0].samples.gyro, clean.gyro)
-    assert np.flatnonzero((np.asarray(mended.logs[1].samples.gyro) != gyro).any(axis=1)).tolist() == [215, 400, 401]
-    for event, length, count in ((false, 9, 2), (lost, 9, 9), (lost, 0, 1)):
+    *_, false, lost = events = proposed(session)
+    assert [(e.id, e.log, e.row, e.samples, e.accel) for e in events] == [
+        (FALSE, 1, 215, 1, True),
+        (FALSE, 1, 400, 2, False),
+        (FALSE, 1, 501, 5, True),
+        (LOST, 1, 699, 0, False),
+    ]
+    first, second = (log.samples for log in bridged(session, events).logs)
+    np.testing.assert_array_equal(first.gyro, clean.gyro)
+    empty = [215, *range(501, 506)]
+    for name, rows, noise in (("gyro", sorted([*empty, 400, 401]), 4 * LSB), ("accel", empty, 40 * 1.2e-3)):
+        found, read = np.asarray(getattr(second, name)), getattr(spoilt, name)
+        assert np.flatnonzero((found != read).any(axis=1)).tolist() == rows
+        assert np.abs(found[rows] - read[300]).max() < 6 * noise
+    for event, length, count in ((false, 9, 5), (lost, 9, 9), (lost, 0, 1)):
         found = crossing(spoilt, event, length)
         assert (found.order, found.missed_rad) == bridging.best_order(spoilt, np.array([event.row]), count)

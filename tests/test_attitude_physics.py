@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 from conftest import wxyz
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 from scipy.stats import multivariate_normal
 
@@ -33,15 +34,15 @@ def unit(*shape):
 
 def same_attitude(p, q, atol):
     """p and -p are one attitude."""
-    np.testing.assert_allclose(p * np.sign(np.sum(p * q, axis=-1, keepdims=True)), q, atol=atol)
+    assert_allclose(p * np.sign(np.sum(p * q, axis=-1, keepdims=True)), q, atol=atol)
 
 
 def test_exp_and_log_are_scipys():
     vectors = RNG.normal(size=(500, 3)) * RNG.choice([1e-8, 1e-3, 0.06, 1, 5], (500, 1))
     same_attitude(rotation.exp(vectors), wxyz(Rotation.from_rotvec(vectors)), 1e-14)
     q = unit(500)
-    np.testing.assert_allclose(rotation.log(q), Rotation.from_quat(q, scalar_first=True).as_rotvec(), atol=1e-13)
-    np.testing.assert_array_equal(rotation.log(-q), rotation.log(q))
+    assert_allclose(rotation.log(q), Rotation.from_quat(q, scalar_first=True).as_rotvec(), atol=1e-13)
+    assert_array_equal(rotation.log(-q), rotation.log(q))
 
 
 def test_small_angle_series_meets_the_closed_form():
@@ -49,8 +50,8 @@ def test_small_angle_series_meets_the_closed_form():
     angle = np.geomspace(1e-8, 1, 20001)
     q = rotation.exp(angle[:, None] * [0.36, -0.48, 0.8])
     long = angle.astype(np.longdouble)
-    np.testing.assert_allclose(q[:, 0], np.cos(long / 2).astype(float), rtol=4e-16)
-    np.testing.assert_allclose(q[:, 3], (0.8 * np.sin(long / 2)).astype(float), rtol=8e-16)
+    assert_allclose(q[:, 0], np.cos(long / 2).astype(float), rtol=4e-16)
+    assert_allclose(q[:, 3], (0.8 * np.sin(long / 2)).astype(float), rtol=8e-16)
     assert rotation.exp(np.zeros(3)).tolist() == [1, 0, 0, 0]
 
 
@@ -58,14 +59,14 @@ def test_product_and_inverse_are_scipys():
     p, q = unit(2, 100)
     expected = Rotation.from_quat(p, scalar_first=True) * Rotation.from_quat(q, scalar_first=True)
     same_attitude(rotation.multiply(p, q), wxyz(expected), 1e-14)
-    np.testing.assert_allclose(rotation.multiply(q, rotation.conjugate(q)), np.tile([1, 0, 0, 0], (100, 1)), atol=1e-15)
+    assert_allclose(rotation.multiply(q, rotation.conjugate(q)), np.tile([1, 0, 0, 0], (100, 1)), atol=1e-15)
 
 
 def test_matrix_is_scipys_and_turns_body_vectors_to_the_table():
     q = unit(100)
-    np.testing.assert_allclose(rotation.matrix(q), Rotation.from_quat(q, scalar_first=True).as_matrix(), atol=1e-14)
+    assert_allclose(rotation.matrix(q), Rotation.from_quat(q, scalar_first=True).as_matrix(), atol=1e-14)
     quarter_left = rotation.exp(np.array([0, 0, -np.pi / 2]))  # z is down: a negative turn is to the left
-    np.testing.assert_allclose(rotation.matrix(quarter_left) @ [1, 0, 0], [0, -1, 0], atol=1e-15)
+    assert_allclose(rotation.matrix(quarter_left) @ [1, 0, 0], [0, -1, 0], atol=1e-15)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 7, 64, 101])
@@ -89,7 +90,7 @@ def test_from_gravity_holds_to_formats():
     expected = Rotation.from_euler("ZYX", np.stack([0 * fx, np.arctan2(fx, np.hypot(fy, fz)), np.arctan2(-fy, -fz)], -1))
     same_attitude(q, wxyz(expected), 1e-14)
     up = np.linalg.norm(force, axis=1)[:, None] * [0, 0, -1.0]
-    np.testing.assert_allclose(np.einsum("nij,nj->ni", rotation.matrix(q), force), up, atol=1e-13)
+    assert_allclose(np.einsum("nij,nj->ni", rotation.matrix(q), force), up, atol=1e-13)
 
 
 def test_small_rotations_alone_go_by_the_series():
@@ -97,8 +98,8 @@ def test_small_rotations_alone_go_by_the_series():
     angle, axis = np.linspace(0, 0.1999, 50), np.array([0.36, -0.48, 0.8])
     into = np.empty(50, dtype=complex), np.empty(50, dtype=complex)
     assert rotation.exp_small(angle[:, None] * axis, into)
-    np.testing.assert_allclose(into[0].real, np.cos(angle / 2), atol=3e-16)
-    np.testing.assert_allclose(np.sqrt(into[0].imag ** 2 + np.abs(into[1]) ** 2), np.sin(angle / 2), atol=3e-17)
+    assert_allclose(into[0].real, np.cos(angle / 2), atol=3e-16)
+    assert_allclose(np.sqrt(into[0].imag ** 2 + np.abs(into[1]) ** 2), np.sin(angle / 2), atol=3e-17)
     angle[3] = 0.201
     assert not rotation.exp_small(angle[:, None] * axis, into)
 
@@ -128,8 +129,8 @@ def of_bias_and_earth(q, rate, unknown):
 def test_earth_rate_at_the_pole_the_equator_and_shanghai(latitude_deg, down_dph, north_dph):
     """North-east-down: at the north pole the rotation points up, at the equator north."""
     rate = with_heading(latitude_deg, 0.0).rate_t / DEG_PER_HOUR
-    np.testing.assert_allclose(rate, [north_dph, 0, down_dph], atol=0.002)
-    np.testing.assert_allclose(vertical_only(latitude_deg).rate_t / DEG_PER_HOUR, [0, 0, down_dph], atol=0.002)
+    assert_allclose(rate, [north_dph, 0, down_dph], atol=0.002)
+    assert_allclose(vertical_only(latitude_deg).rate_t / DEG_PER_HOUR, [0, 0, down_dph], atol=0.002)
     assert np.linalg.norm(rate) == pytest.approx(15.041, abs=1e-3)
     assert with_heading(latitude_deg, 0.0).heading_sigma_rad == 0
 
@@ -151,7 +152,7 @@ def test_the_heading_is_the_mean_of_all_headings_as_probable_as_least_squares_of
     law = multivariate_normal(value[3:], variance * np.linalg.inv(information)[3:, 3:])
     mean = np.average(each, axis=0, weights=law.pdf(north * each) / law.pdf(north * each).max())
     found = estimate_heading(31.03, q, rate, stated * sigma)
-    np.testing.assert_allclose(found.rate_t, [*north * mean, down], rtol=1e-3)
+    assert_allclose(found.rate_t, [*north * mean, down], rtol=1e-3)
     assert found.heading_sigma_rad == pytest.approx(np.sqrt(-2 * np.log(np.linalg.norm(mean))), rel=1e-3)
     assert found.source == source
     if source == "unknown":
@@ -159,7 +160,7 @@ def test_the_heading_is_the_mean_of_all_headings_as_probable_as_least_squares_of
     assert abs(np.angle(np.exp(1j * (found.heading_rad + 130 * DEG)))) < 4 * found.heading_sigma_rad
     across = np.array([-mean[1], mean[0], 0]) / np.linalg.norm(mean)
     expected = north**2 * (1 - mean @ mean) * np.outer(across, across)
-    np.testing.assert_allclose(unseen_covariance(found, 31.03), expected, atol=1e-3 * expected.max())
+    assert_allclose(unseen_covariance(found, 31.03), expected, atol=1e-3 * expected.max())
 
 
 def test_a_heading_is_known_below_60_degrees():
@@ -177,7 +178,7 @@ def test_stills_of_one_attitude_tell_no_heading():
     rate = with_heading(31.03, 70).in_body(same) + sigma * np.random.default_rng(1).standard_normal(sigma.shape)
     earth = estimate_heading(31.03, same, rate, sigma)
     assert earth.source == "unknown"
-    np.testing.assert_array_equal(earth.rate_t, vertical_only(31.03).rate_t)
+    assert_array_equal(earth.rate_t, vertical_only(31.03).rate_t)
 
 
 def test_the_unknown_heading_leaves_the_spread_of_all_headings():
@@ -185,10 +186,10 @@ def test_the_unknown_heading_leaves_the_spread_of_all_headings():
     headings = np.arange(0, 360, 0.5)
     rates = np.array([with_heading(47.0, heading).rate_t for heading in headings])
     left = rates - vertical_only(47.0).rate_t
-    np.testing.assert_allclose(unseen_covariance(vertical_only(47.0), 47.0), left.T @ left / len(left), atol=1e-20)
+    assert_allclose(unseen_covariance(vertical_only(47.0), 47.0), left.T @ left / len(left), atol=1e-20)
     assert not unseen_covariance(with_heading(47.0, 30.0), 47.0).any()
-    np.testing.assert_allclose(unseen_covariance(no_earth(), 47.0), rates.T @ rates / len(rates), atol=1e-20)
-    np.testing.assert_allclose(np.trace(unseen_covariance(no_earth(), None)), EARTH_RATE_RPS**2)
+    assert_allclose(unseen_covariance(no_earth(), 47.0), rates.T @ rates / len(rates), atol=1e-20)
+    assert_allclose(np.trace(unseen_covariance(no_earth(), None)), EARTH_RATE_RPS**2)
 
 
 @pytest.mark.parametrize("scatter", [0.1, 4.0])
@@ -224,11 +225,11 @@ def test_a_quaternion_of_a_matrix_is_scipys():
 def test_a_first_order_step_has_the_tangent_of_half_its_angle():
     rate = np.array([[2.0, -1.0, 2.0]] * 2) * 10 / 3
     (q,) = steps(rate, np.array([0.1]), "first-order")
-    np.testing.assert_allclose(rotation.log(q), rate[0] / 10 * 2 * np.arctan(0.5), rtol=1e-12)
+    assert_allclose(rotation.log(q), rate[0] / 10 * 2 * np.arctan(0.5), rtol=1e-12)
 
 
 @pytest.mark.parametrize("function", [rotation.exp, rotation.accumulate, rotation.matrix])
 def test_torch_gives_what_numpy_gives(function):
     for count in (6, 7):
         values = RNG.normal(size=(5, count, 3)) if function is rotation.exp else unit(5, count)
-        np.testing.assert_allclose(function(torch.as_tensor(values)).numpy(), function(values), atol=1e-15)
+        assert_allclose(function(torch.as_tensor(values)).numpy(), function(values), atol=1e-15)

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from conftest import DEG, Table, session_of
+from numpy.testing import assert_array_equal
 from small_turns import PERFECT, angles_by_scipy, small_turns, turned_ends
 
 from session.io.samples import Samples
@@ -51,12 +52,12 @@ def test_a_ceiling_is_a_level_that_is_kept_for_longer_than_noise_keeps_it():
     ceiling = find_ceiling(clipped, FS)
     assert ceiling.level == pytest.approx(level)
     at = (np.abs(clipped.gyro) >= level - 1.5 * LSB).any(axis=1)
-    np.testing.assert_array_equal(ceiling.mask, at)
+    assert_array_equal(ceiling.mask, at)
     short = np.array(clipped.gyro)
     short[50:52, 1], short[55, 2] = -level, level - 2 * LSB  # two readings at it on another axis, and one below
-    np.testing.assert_array_equal(find_ceiling(replace(clipped, gyro=short), FS).mask, at | np.isin(np.arange(len(at)), [50, 51]))
+    assert_array_equal(find_ceiling(replace(clipped, gyro=short), FS).mask, at | np.isin(np.arange(len(at)), [50, 51]))
     short[60:62, 1] = level + 2 * LSB  # an axis that exceeds it has no ceiling there
-    np.testing.assert_array_equal(find_ceiling(replace(clipped, gyro=short), FS).mask, at)
+    assert_array_equal(find_ceiling(replace(clipped, gyro=short), FS).mask, at)
     assert find_ceiling(replace(clipped, gyro=-clipped.gyro), FS).level == pytest.approx(level)
     for share, found in ((19.9, True), (20.1, False)):
         assert (find_ceiling(clipped, share * level) is not None) == found

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from session.io.clock import exact_ns
 from session.io.errors import DataError
@@ -74,7 +75,7 @@ def test_long_steps_that_come_evenly_are_those_of_a_coarse_clock(longs, shift, g
 
 def test_a_coarse_pace_counts_what_is_no_gap_as_one_period():
     pace = replace(pace_of(steps(*[1.0] * 20)), coarse=True)
-    np.testing.assert_array_equal(pace.periods(np.array([0.004, 0.02, 0.02499, 0.0251, 0.04])), [1, 1, 1, 3, 4])
+    assert_array_equal(pace.periods(np.array([0.004, 0.02, 0.02499, 0.0251, 0.04])), [1, 1, 1, 3, 4])
 
 
 ODR_HZ = 209.56
@@ -214,7 +215,7 @@ def test_a_counter_that_comes_round_is_carried_on_piece_after_piece(begins, size
     for span, unroll in ((2**17, Unroll(None, 1)), (COUNTER * 1000, Unroll(COUNTER * 1000, 1000))):
         stamps = true if span == 2**17 else true * 1000 + span - 200_000_000
         found = np.concatenate([unroll((stamps % span)[start : start + size]) for start in range(0, 40, size)])
-        np.testing.assert_array_equal(np.diff(found), np.diff(stamps))
+        assert_array_equal(np.diff(found), np.diff(stamps))
         assert unroll.wraps == stamps[-1] // span - stamps[0] // span
 
 
@@ -261,4 +262,4 @@ def test_rows_that_repeat_and_rows_that_share_a_stamp():
     columns = [np.array([[1, 1], [1, 1], [2, 2], [2, 3], [4, 4]]), np.array([5, 5, 6, 6, 7])]
     assert written_once(np.array([0, 0, 1, 1, 2]), columns).tolist() == [True, False, True, True, True]
     late = np.array([0, 10, 20, 20, 40, 50, 60, 60, 60, 90, 100])
-    np.testing.assert_array_equal(placed_between(late), 10 * np.arange(11))
+    assert_array_equal(placed_between(late), 10 * np.arange(11))

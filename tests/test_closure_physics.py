@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 from conftest import Turns
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 from small_turns import numeric_jacobian
@@ -52,7 +53,7 @@ def test_a_perfect_gyro_closes(turns, yaw_known):
 def test_q_and_minus_q_are_one_attitude(yaw_known):
     p, q = unit(50, 1), unit(50, 2)
     for one, other in ((-p, q), (p, -q)):
-        np.testing.assert_allclose(closure.residual(one, other, yaw_known), closure.residual(p, q, yaw_known), atol=1e-15)
+        assert_allclose(closure.residual(one, other, yaw_known), closure.residual(p, q, yaw_known), atol=1e-15)
 
 
 def test_with_gravity_alone_it_is_the_distance_to_the_nearest_yaw():
@@ -75,7 +76,7 @@ def test_error_angles_are_exact_however_large(yaw_known, about):
     vector = RNG.normal(size=(100, 3))
     vector *= (RNG.uniform(0, 179.9, 100) * DEG / np.linalg.norm(vector, axis=1))[:, None] * about
     r = closure.residual(rotation.multiply(rotation.exp(vector), unit(100)), unit(100), yaw_known)
-    np.testing.assert_allclose(closure.error_angles(r), vector[:, : 2 + yaw_known], atol=1e-9)
+    assert_allclose(closure.error_angles(r), vector[:, : 2 + yaw_known], atol=1e-9)
 
 
 @pytest.mark.parametrize(("size", "yaw_known"), [(0.0, False), (0.0, True), (1e-3, False), (1.0, True)])
@@ -101,12 +102,12 @@ def test_attitudes_and_sensitivity_are_those_of_the_quaternions(rate_dps):
     assert batch.trimmed().rate.shape == (45, 59, 3)
     along = rotation.multiply(start[:, None], rotation.accumulate(steps(rate - batch.earth, dt)))
     whole = attitudes(batch, rate)
-    np.testing.assert_array_equal(whole[:, 0], start)
-    np.testing.assert_allclose(whole[:, 1:], along, atol=1e-13)
-    np.testing.assert_allclose(end_attitude(batch, rate), along[:, -1], atol=1e-13)
+    assert_array_equal(whole[:, 0], start)
+    assert_allclose(whole[:, 1:], along, atol=1e-13)
+    assert_allclose(end_attitude(batch, rate), along[:, -1], atol=1e-13)
     end, sensitivity = end_and_sensitivity(batch, rate)
-    np.testing.assert_allclose(end, along[:, -1], atol=1e-13)
-    np.testing.assert_allclose(sensitivity, rotation.matrix(whole) * sample_weights(dt)[..., None, None], atol=1e-14)
+    assert_allclose(end, along[:, -1], atol=1e-13)
+    assert_allclose(sensitivity, rotation.matrix(whole) * sample_weights(dt)[..., None, None], atol=1e-14)
 
 
 PERFECT = LinearModel(np.eye(3), np.zeros(3))
@@ -141,7 +142,7 @@ def test_a_wrong_angle_is_the_residual_exactly(axis, wrong_deg):
     """Predicted less stated, in the sense of the stated axis, wherever that points; the tilt does not see it."""
     batch, axis_b = turned_about(axis, ANGLES)
     angles = closure.error_angles(closure.segment_residuals(stating(batch, axis_b, np.add(ANGLES, wrong_deg)), batch.rate))
-    np.testing.assert_allclose(angles[:, 2], -wrong_deg * DEG, atol=1e-9)
+    assert_allclose(angles[:, 2], -wrong_deg * DEG, atol=1e-9)
     assert np.abs(angles[:, :2]).max() < 1e-9
 
 
@@ -149,7 +150,7 @@ def test_an_end_is_turned_to_where_the_known_angle_has_it():
     batch, axis_b = turned_about(SLANTED, ANGLES)
     off = rotation.multiply(batch.end, rotation.exp(0.01 * axis_b))
     back = stating(batch, axis_b, ANGLES).turns.turned(batch.start, off)
-    np.testing.assert_allclose(np.abs(np.sum(back * batch.end, axis=1)), 1, atol=1e-12)
+    assert_allclose(np.abs(np.sum(back * batch.end, axis=1)), 1, atol=1e-12)
 
 
 def test_a_whole_circle_more_is_no_residual_and_q_and_minus_q_are_one():
@@ -158,7 +159,7 @@ def test_a_whole_circle_more_is_no_residual_and_q_and_minus_q_are_one():
     known, more = (stating(batch, axis_b, np.add(ANGLES, degrees)).turns for degrees in (1.0, 361.0))
     turn = rotation.multiply(rotation.conjugate(batch.start), closure.end_attitude(batch, batch.rate))
     for found in (more.residual(turn), known.residual(-turn)):
-        np.testing.assert_allclose(found, known.residual(turn), atol=1e-12)
+        assert_allclose(found, known.residual(turn), atol=1e-12)
 
 
 def test_the_earth_turns_below():
@@ -168,7 +169,7 @@ def test_the_earth_turns_below():
     earth = vertical_only(52.0).in_body(closure.attitudes(batch, batch.rate))
     left, none = (closure.segment_residuals(each, batch.rate + earth) for each in (batch, replace(batch, earth=earth)))
     assert np.abs(none).max() < 1e-9
-    np.testing.assert_allclose(closure.error_angles(left)[:, 2], -EARTH_RATE_RPS * np.sin(52 * DEG) * batch.duration_s, rtol=1e-6)
+    assert_allclose(closure.error_angles(left)[:, 2], -EARTH_RATE_RPS * np.sin(52 * DEG) * batch.duration_s, rtol=1e-6)
 
 
 RNG = np.random.default_rng(3)
@@ -180,7 +181,7 @@ def test_columns_of_known_angles_are_the_derivatives():
     batch = stating(batch, axis_b, angles)
     J = linear.columns(closure.sensitivity(batch, batch.rate), batch.rate)
     exact = numeric_jacobian(lambda at: 2 * closure.segment_residuals(batch, LinearModel.from_vector(at)(batch.rate)), PERFECT.vector)
-    np.testing.assert_allclose(J, exact, atol=1e-4 * np.abs(J).max())
+    assert_allclose(J, exact, atol=1e-4 * np.abs(J).max())
 
 
 def tumbling(seconds=8.0, hz=100.0):
@@ -236,7 +237,7 @@ def test_noise_turns_the_end_of_a_motion_by_the_walk_and_the_drift_of_its_axes()
     drift = wander_covariance(np.array([T / 2]), np.array([T]), instability_rps=2e-5)[0, 0]
     for rps, share in ((0.0, 0.0), (2e-5, drift)):
         found = at_rest(model, T).noise_covariance(model, density, rps)
-        np.testing.assert_allclose(found, E @ (T * np.diag(density**2) + T**2 * share * np.eye(3)) @ E.T, rtol=3e-3, atol=1e-12)
+        assert_allclose(found, E @ (T * np.diag(density**2) + T**2 * share * np.eye(3)) @ E.T, rtol=3e-3, atol=1e-12)
 
 
 def test_a_minute_of_a_recording_ends_with_it():

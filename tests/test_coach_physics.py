@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from coached_hand import guide_of, play
 from conftest import GRAVITY, Table
+from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from session.bench.messages import Progress
@@ -73,7 +74,7 @@ def test_its_columns_are_the_derivatives():
         assert (np.linalg.norm(moved[0]) - GRAVITY) / step == pytest.approx(lengths[k], abs=1e-5)
         predicted = rotation.multiply(rotation.from_gravity(moved[0]), turn)
         error = rotation.multiply(predicted, rotation.conjugate(rotation.from_gravity(moved[1])))
-        np.testing.assert_allclose(2 * error[1:3] / error[0] / step, tilts[:, k], atol=1e-4)
+        assert_allclose(2 * error[1:3] / error[0] / step, tilts[:, k], atol=1e-4)
 
 
 def still(seconds, force):
@@ -87,7 +88,7 @@ def test_each_still_tells_by_its_white_noise_and_what_the_accelerometer_wanders(
     rows, variance = known.length_rows(force), np.mean([1e-6, 4e-6, 9e-6]) / 2 / np.array([2.0, 8.0]) + 1.6e-7
     expected = np.einsum("sp,s,sq->pq", rows, 1 / variance, rows)
     found = turns.length_information(known, (still(2.0, force[0]), still(8.0, force[1])), noise)
-    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+    assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
 
 
 G = 9.80665
@@ -128,7 +129,7 @@ def done(words: str, lies: Rotation) -> Rotation:
             assert abs(sense) > 0.7
         lies = Rotation.from_rotvec(about * np.sign(sense) * int(degrees), degrees=True) * lies
         up = sum(arrow(name) for name in stay if name)
-        np.testing.assert_allclose(lies.apply(up / np.linalg.norm(up)), [0, 0, 1], atol=1e-9)
+        assert_allclose(lies.apply(up / np.linalg.norm(up)), [0, 0, 1], atol=1e-9)
     return lies
 
 
@@ -151,11 +152,11 @@ def test_the_words_and_the_movement_are_one_turn():
         for turn in turns:
             told = done(turn.words, lies)
             assert same(told, meant(turn, lies))
-            np.testing.assert_allclose(told.inv().apply([0, 0, G]), turn.carries(np.array([0, 0, G])), atol=1e-9)
+            assert_allclose(told.inv().apply([0, 0, G]), turn.carries(np.array([0, 0, G])), atol=1e-9)
             assert len(turn.parts) in (1, 2)
             assert 3 <= sum(part.seconds for part in turn.parts) <= 4
             for part in turn.parts:
-                np.testing.assert_allclose(sorted(np.abs(part.axis)), [0, 0, 1], atol=1e-12)
+                assert_allclose(sorted(np.abs(part.axis)), [0, 0, 1], atol=1e-12)
                 assert part.angle_rad / (np.pi / 2) == pytest.approx(round(part.angle_rad / (np.pi / 2)))
                 assert 2 * part.angle_rad / part.seconds < np.deg2rad(245)  # peak of a smooth turn
 
@@ -173,7 +174,7 @@ def test_beside_a_board_that_lies_askew_it_is_set_straight_or_brought_to_the_end
             assert words.startswith("with ") == (askew_deg > 20)
             told = done(words.split("up, ", 1)[1] if askew_deg > 20 else words, straight)
             began, ended = (Rotation.from_quat(each, scalar_first=True) for each in q)
-            np.testing.assert_allclose((began.inv() * ended).inv().apply(force), turn.carries(force), atol=1e-9)
+            assert_allclose((began.inv() * ended).inv().apply(force), turn.carries(force), atol=1e-9)
             assert same(lies * began.inv() * ended, told)
 
 
@@ -242,8 +243,8 @@ def test_the_turns_that_part_laws_are_the_movements_that_their_words_name():
         (up,) = (up for up in turns.SIDES if np.allclose(moved.force_g[0], up))
         parts = (part for degrees in turns.QUARTERS for part in turns.parts_from(up, degrees, seconds))
         part = next(part for part in parts if f"turn {part.words} (" in trial.words)
-        np.testing.assert_allclose(moved.rate.sum(axis=0) * 0.04, part.axis * part.angle_rad, atol=1e-3)
-        np.testing.assert_allclose(moved.force_g[-1], part.up, atol=2e-3)
+        assert_allclose(moved.rate.sum(axis=0) * 0.04, part.axis * part.angle_rad, atol=1e-3)
+        assert_allclose(moved.force_g[-1], part.up, atol=2e-3)
         (turn,) = (turn for turn in turns_from(G * up) if [each.words for each in turn.parts] == [part.words])
         own = linear.columns(np.pad(trial.sensitivity, ((0, 0), (0, 1), (0, 0)))[None], moved.rate[None])[0, :2]
-        np.testing.assert_allclose(own[:, of_E], columns(G * up, [turn])[0][:, of_E], atol=0.02)
+        assert_allclose(own[:, of_E], columns(G * up, [turn])[0][:, of_E], atol=0.02)

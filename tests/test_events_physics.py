@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from conftest import DEG, Table, broad, config, session_of
 from linear_twin import effect, linear_twin
+from numpy.testing import assert_allclose
 from scipy import special, stats
 from small_turns import PERFECT, TRUE, angles_by_scipy, small_turns, turned_ends
 
@@ -118,7 +119,7 @@ def test_the_chance_of_an_event_is_the_share_of_the_choices_that_have_it():
     expected = [weights[1:].sum() / weights.sum(), weights[2] / weights.sum()]
     for shift in (0.0, 5000.0):
         moved = {choice: value + shift for choice, value in likelihood.items()}
-        np.testing.assert_allclose(_chance_of_each(2, moved, 0.3), expected)
+        assert_allclose(_chance_of_each(2, moved, 0.3), expected)
 
 
 @pytest.mark.parametrize("most", [0, 1, 16, 17, 50, 104])
@@ -169,7 +170,7 @@ def test_a_false_reading_is_replaced_by_the_bridged_rate_and_its_neighbours_wher
     rate, batch = made.rates[0][140:164].copy(), made._batch
     for events in ([], [RegisterFault(FALSE, 0, row, 2)]):
         rate[false] += 0.05 * len(events)
-        np.testing.assert_allclose(made.angles(1, events, None, 0), closes(rate, batch.dt[1], batch.earth[1], batch, 1), atol=1e-9)
+        assert_allclose(made.angles(1, events, None, 0), closes(rate, batch.dt[1], batch.earth[1], batch, 1), atol=1e-9)
 
 
 def test_lost_samples_are_put_in_on_the_polynomial_with_the_median_period():
@@ -187,7 +188,7 @@ def test_lost_samples_are_put_in_on_the_polynomial_with_the_median_period():
         dt = np.insert(dt, at, [step] * 3)
         step = np.median(dt)
     found = made.angles(0, events, lambda event: Crossing(1, 0.0), 3)
-    np.testing.assert_allclose(found, closes(rate, dt, earth, batch, 0), atol=1e-9)
+    assert_allclose(found, closes(rate, dt, earth, batch, 0), atol=1e-9)
 
 
 def test_the_likelihood_of_a_choice_is_normal_with_what_its_gaps_may_hide():
@@ -296,7 +297,7 @@ def test_two_turns_are_decided_with_the_share_that_they_have_together():
     chance = special.expit(gain)
     for _ in range(2):
         chance = special.expit(gain + special.logit((chance.sum() + 0.5) / 5))
-    np.testing.assert_allclose(found.chance, chance, rtol=1e-9)
+    assert_allclose(found.chance, chance, rtol=1e-9)
     assert found.accepted == [events[0], events[1], events[3]]  # the last, in a rest, is what most are
     assert (found.id, found.length, found.log_ratio) == (FALSE, 0, pytest.approx(6.4))
     # The tilt of the turns concerned is told as recorded and with all repaired.
@@ -380,7 +381,7 @@ def test_a_turns_covariance_is_of_its_noise_and_of_the_physics_that_others_taugh
     n = twin.sizes[0]
     J = np.hstack([twin.calibration, twin.columns_of(a)])[:n]
     whole = ((1 + 0.7**2) * np.eye(n) + J @ fit.covariance @ J.T).reshape(8, 2, 8, 2)
-    np.testing.assert_allclose(made.covariance, whole[range(8), :, range(8)], rtol=1e-6)
+    assert_allclose(made.covariance, whole[range(8), :, range(8)], rtol=1e-6)
     assert (made._smeared, made._period_s, given) == (smeared, 0.2, ["calm", None])
 
 
@@ -410,13 +411,13 @@ def test_accepted_events_are_told_by_rows_and_seconds_of_all_logs_and_widen_the_
     again, gaps = _with_accepted(problem, verdicts, found := {}, chances := {})
     times = found[LOST][0].pop("at_s")
     assert found == {FALSE: ({"at": [30, count + 40, count + 50], "samples": 2}, {}), LOST: ({"length": 9}, {"length": 0.5})}
-    np.testing.assert_allclose(times, [*first.t_s[at], first.duration_s + second.t_s[there[0]]], atol=0.002)
+    assert_allclose(times, [*first.t_s[at], first.duration_s + second.t_s[there[0]]], atol=0.002)
     assert chances == pytest.approx({FALSE: min(1, 4 * stats.chi2.sf(12.0, 3)), LOST: 3 * stats.chi2.sf(24.0, 3)})
     assert [each.row for each in again.session.logs[0].bridges] == [int(at[0]), int(at[0]) + 10]
     assert [(gap.log, gap.row) for gap in gaps] == [(0, at[0] + 1), (0, at[1] + 1), (1, there[0] + 1)]
     wider = _with_gaps(again, gaps).floor.own - again.floor.own
     inside = [sum(g.missed_rad**2 for g in gaps if g.log == s.log and s.start <= g.row < s.stop) for s in again.used]
-    np.testing.assert_allclose(wider, np.multiply.outer(inside, np.eye(2)), atol=1e-18)
+    assert_allclose(wider, np.multiply.outer(inside, np.eye(2)), atol=1e-18)
     assert max(inside) > 0
     assert _with_accepted(problem, [replace(verdicts[0], chance=np.zeros(4))], {}, chances) == (problem, [])
 
@@ -430,10 +431,10 @@ def test_losses_of_the_second_log_are_timed_after_the_first(two):
     assert list(mended.found) == [LOST]
     parameters, _ = mended.found[LOST]
     assert parameters["length"] == 25
-    np.testing.assert_allclose(parameters["at_s"], first.duration_s + second.t_s[rows], atol=0.02)
+    assert_allclose(parameters["at_s"], first.duration_s + second.t_s[rows], atol=0.02)
     assert mended.verdicts[0].tried_rad < 0.1 * mended.verdicts[0].before_rad
     for samples, at in ((lossy, lossy.t_s[closed_up(rows, 25)]), (second, [])):
-        np.testing.assert_allclose(lost_in(SimpleNamespace(samples=samples, rows=range(len(samples)))), at, atol=0.01)
+        assert_allclose(lost_in(SimpleNamespace(samples=samples, rows=range(len(samples)))), at, atol=0.01)
 
 
 def test_a_ceiling_in_one_log_leaves_the_other_logs_segments_alone(two):

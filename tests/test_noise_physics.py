@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from conftest import DEG
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.linalg import block_diag
 from scipy.optimize import minimize, minimize_scalar
 from scipy.spatial.transform import Rotation
@@ -183,7 +184,7 @@ def dense(component: Component) -> np.ndarray:
 
 
 def alike(found, expected, share=3e-3):
-    np.testing.assert_allclose(found, expected, atol=share * np.abs(expected).max())
+    assert_allclose(found, expected, atol=share * np.abs(expected).max())
 
 
 def test_the_wander_is_the_flicker_of_the_bias_in_each_quarter_of_a_second():
@@ -261,10 +262,10 @@ def test_independent_errors_of_stills_and_turns(kind):
     """Of each still's mean rate; of each turn's closure, but for a stated angle, which has its stop's sigma."""
     problem = small_session(kind=kind)
     found, d = found_in(problem), problem.batch.angles
-    np.testing.assert_array_equal(np.diag(dense(found[STILL_RATE])), np.repeat([0.0, 1.0, 0.0], [7 * d, 27, 9]))
+    assert_array_equal(np.diag(dense(found[STILL_RATE])), np.repeat([0.0, 1.0, 0.0], [7 * d, 27, 9]))
     assert found[STILL_RATE].usual == np.median(problem.still_rates.sigma)
     of_angles = [1, 1, int(kind == "yaw")]
-    np.testing.assert_array_equal(dense(found[TURN]), np.diag([*np.tile(of_angles, 7), *np.zeros(36)]))
+    assert_array_equal(dense(found[TURN]), np.diag([*np.tile(of_angles, 7), *np.zeros(36)]))
     white = problem.floor.own - problem.floor.wider
     variance = np.stack([np.trace(white[:, :2, :2], axis1=1, axis2=2) / 2] * 2 + [white[:, i, i] for i in range(2, d)], axis=1)
     usual = np.sqrt(np.mean(variance[problem.batch.known]))
@@ -274,7 +275,7 @@ def test_independent_errors_of_stills_and_turns(kind):
         missed = replace(NOTHING, predicted_rad=times * usual * np.sqrt(np.arange(1.0, 8.0) / 4))
         found = found_in(problem, missed)
         assert (UNDERSAMPLED in found) is there
-    np.testing.assert_allclose(dense(found[UNDERSAMPLED]), np.diag([*np.repeat(missed.predicted_rad**2, d), *np.zeros(36)]))
+    assert_allclose(dense(found[UNDERSAMPLED]), np.diag([*np.repeat(missed.predicted_rad**2, d), *np.zeros(36)]))
     assert (found[UNDERSAMPLED].prior, found[UNDERSAMPLED].usual) == (Prior(1.0, 1.0, 0.4), 1.0)
 
 
@@ -298,10 +299,10 @@ def test_an_error_of_a_moment_of_truth_is_shared_by_two_turns_and_grows_with_the
     for name, values in ((TRUTH, ones), ("noise.truth_rate", rates), ("noise.truth_acceleration", changes)):
         squares = [values[log][row] @ values[log][row] for log, row in moments]
         expected = np.kron(ends.T @ np.diag(squares) @ ends, np.eye(3))
-        np.testing.assert_allclose(dense(found[name]), expected, rtol=1e-9, atol=1e-12 * expected.max())
+        assert_allclose(dense(found[name]), expected, rtol=1e-9, atol=1e-12 * expected.max())
     times = [log.samples.t_s for log in problem.logs]
     paths = [np.trapezoid(np.linalg.norm(rates[s.log][s.start : s.stop], axis=1), times[s.log][s.start : s.stop]) for s in used]
-    np.testing.assert_allclose(dense(found["noise.turned"]), np.diag(np.repeat(paths, 3)), rtol=1e-9)
+    assert_allclose(dense(found["noise.turned"]), np.diag(np.repeat(paths, 3)), rtol=1e-9)
 
 
 def thinned_by_hand(problem):
@@ -332,8 +333,8 @@ def test_what_is_missed_is_what_fewer_readings_miss_more():
     assert found.exponent == p
     weight = np.array([2.0, 3.0, 4.0]) ** (2 * p) - 1
     predicted = np.sqrt(np.mean(square / weight[:, None], axis=0)) * (p >= 1)
-    np.testing.assert_allclose(found.predicted_rad, capped(predicted), rtol=2e-3, atol=1e-12)
-    np.testing.assert_allclose(found.missed_rad, np.sqrt(square.mean(axis=1)), rtol=2e-3)
+    assert_allclose(found.predicted_rad, capped(predicted), rtol=2e-3, atol=1e-12)
+    assert_allclose(found.missed_rad, np.sqrt(square.mean(axis=1)), rtol=2e-3)
     assert found.rate_hz == pytest.approx(1 / np.median([log.samples.period_s for log in problem.logs]))
     assert found.rms_rad == pytest.approx(np.sqrt(2 * np.mean(found.predicted_rad**2)))
 
@@ -353,7 +354,7 @@ def noise_of(sizes, *, priors=(None, None, None), names=(TURN, STILL_RATE, WANDE
 
 def test_the_covariance_is_the_sum_of_squares_times_components():
     noise = noise_of([2.0, 3.0, 0.5])
-    np.testing.assert_allclose(noise.covariance, np.diag([4.0, 4, 4, 9, 9, 0]) + 0.25 * (0.5 + np.eye(6)))
+    assert_allclose(noise.covariance, np.diag([4.0, 4, 4, 9, 9, 0]) + 0.25 * (0.5 + np.eye(6)))
     assert [noise.size(name) for name in (TURN, STILL_RATE, WANDER, REFERENCE)] == [2.0, 3.0, 0.5, 0.0]
     left = noise.without(STILL_RATE)
     assert ([c.name for c in left.components], left.s.tolist(), left.sigma.tolist()) == ([TURN, WANDER], [2.0, 0.5], [0.1 * DEG, 0.0])
@@ -453,4 +454,4 @@ def test_a_long_session_is_cut_into_blocks_of_turns_with_the_stills_before_them(
     turns, stills = 122, 63
     own = [*range(60), *range(turns, turns + 90), *range(turns + 3 * stills, turns + 3 * stills + 30)]
     assert first.tolist() == own
-    np.testing.assert_array_equal(np.sort(np.concatenate([first, second])), np.arange(turns + 4 * stills))
+    assert_array_equal(np.sort(np.concatenate([first, second])), np.arange(turns + 4 * stills))

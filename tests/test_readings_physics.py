@@ -4,6 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from session.io.numeric import held_for, new_readings, sigma_of, sigma_of_steps, smallest_step
 from session.io.samples import PackedReadings, Packer, inserted, mapped, pick, pieces, replaced, times
@@ -34,7 +35,7 @@ def packed(*tables: np.ndarray) -> PackedReadings:
 )
 def test_decimals_survive_in_as_few_bytes_as_hold_them(tables, bytes_each):
     found, true = packed(*tables), np.concatenate([np.asarray(table, dtype=float) for table in tables])
-    np.testing.assert_array_equal(np.asarray(found), true)
+    assert_array_equal(np.asarray(found), true)
     assert found.nbytes == bytes_each * true.size
     assert found.shape == true.shape
 
@@ -44,7 +45,7 @@ def test_every_decimal_of_nine_digits_comes_back_as_it_is_read():
     texts = [f"{whole / 10**decimals:.{decimals}f}" for decimals in range(10) for whole in RNG.integers(-(2**31) + 1, 2**31, 300).tolist()]
     values = np.array([float(text) for text in texts]).reshape(10, 300, 1)
     for decimals in range(10):
-        np.testing.assert_array_equal(np.asarray(packed(values[decimals])), values[decimals])
+        assert_array_equal(np.asarray(packed(values[decimals])), values[decimals])
 
 
 INDICES = [
@@ -66,7 +67,7 @@ def test_rows_and_columns_are_those_of_the_array(which, put_in, turned):
         true[rows] += 7
     if turned:
         found, true = found.mapped(swapped), swapped(true)
-    np.testing.assert_array_equal(found[which], true[which])
+    assert_array_equal(found[which], true[which])
 
 
 def swapped(values: np.ndarray) -> np.ndarray:
@@ -79,9 +80,9 @@ def test_operators_and_functions_of_numpy_see_the_array():
     found, true = packed(whole).mapped(times(0.5)), whole * 0.5
     for work in (np.abs, np.median, lambda x: x / 3, lambda x: 1 - x, lambda x: x @ np.eye(3), lambda x: x.mean(axis=0), lambda x: x.T,
                  lambda x: np.diff(x, axis=0), lambda x: x == 5, lambda x: np.concatenate([x, x]), list, len):  # fmt: skip
-        np.testing.assert_array_equal(work(found), work(true))
-    np.testing.assert_array_equal(np.concatenate([part for _, part in pieces(found)]), true)
-    np.testing.assert_array_equal(np.asarray(pickle.loads(pickle.dumps(found))), true)
+        assert_array_equal(work(found), work(true))
+    assert_array_equal(np.concatenate([part for _, part in pieces(found)]), true)
+    assert_array_equal(np.asarray(pickle.loads(pickle.dumps(found))), true)
 
 
 def test_rows_are_put_in_as_numpy_puts_them_in():
@@ -90,21 +91,21 @@ def test_rows_are_put_in_as_numpy_puts_them_in():
     for at in (np.array([0, 7, 7, 60]), np.array([3, 8]), np.array([9])):
         values = RNG.normal(size=(len(at), 3))
         found, true = inserted(found, at, values), inserted(true, at, values)
-        np.testing.assert_array_equal(np.asarray(found), true)
+        assert_array_equal(np.asarray(found), true)
     rows = np.array([1, 8, 30])
     found, true = replaced(found, rows, np.ones((3, 3))), replaced(true, rows, np.ones((3, 3)))
     found, true = mapped(found, swapped), mapped(true, swapped)
-    np.testing.assert_array_equal(np.asarray(found), true)
+    assert_array_equal(np.asarray(found), true)
     kept = RNG.random(len(true)) > 0.3
-    np.testing.assert_array_equal(np.asarray(pick(found, kept)), true[kept])
+    assert_array_equal(np.asarray(pick(found, kept)), true[kept])
 
 
 def test_a_column_is_converted_in_parts_to_the_same_numbers(monkeypatch):
     monkeypatch.setattr("session.io.samples.AT_ONCE", 400)
     whole = RNG.integers(-3000, 3000, (1000, 3)).astype(np.int16)
     found = packed(whole).mapped(times(0.5))
-    np.testing.assert_array_equal(np.asarray(found), whole * 0.5)
-    np.testing.assert_array_equal(found[:, 1], whole[:, 1] * 0.5)
+    assert_array_equal(np.asarray(found), whole * 0.5)
+    assert_array_equal(found[:, 1], whole[:, 1] * 0.5)
 
 
 def test_scatter_is_that_of_the_noise_and_wild_values_do_not_move_it():

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from conftest import DEG, config
+from numpy.testing import assert_allclose, assert_array_equal
 
 from session.detect import bridging
 from session.io.logfile import Bridge, Log
@@ -65,7 +66,7 @@ def test_the_scatter_around_a_row_is_the_greatest_of_its_neighbourhoods_and_no_l
     for step, period_s in ((32, 0.01), (40, 0.005)):
         values = np.repeat(levels, step)[: 7 * step - 5, None]  # six whole ones
         expected = np.r_[np.repeat(np.maximum([2, 9, 9, 9, 5, 5], 3.5), step), np.full(step - 5, 5)] / MEDIAN_SIGMAS
-        np.testing.assert_allclose(_local_scatter(values, period_s)[:, 0], expected)
+        assert_allclose(_local_scatter(values, period_s)[:, 0], expected)
     for count, parts in ((5 * 32, True), (5 * 32 - 1, False)):
         assert (np.ptp(_local_scatter(np.repeat(levels[:5], 32)[:count, None], 0.01)) > 0) == parts
     assert _local_scatter(np.zeros((10, 1)), 0.01).max() == _local_scatter(np.zeros((400, 1)), 0.01).max() == 1e-12
@@ -107,7 +108,7 @@ def test_a_jump_is_twelve_times_the_scatter_of_all_channels_together(height, fou
     assert (501 in jumps.rows) == found
     assert jumps.rows.min(initial=501) > 10
     if found:
-        np.testing.assert_allclose(jumps.size[jumps.rows == 501][0], [height * 6, 0, 0, 0, 0, 0], rtol=0.05)
+        assert_allclose(jumps.size[jumps.rows == 501][0], [height * 6, 0, 0, 0, 0, 0], rtol=0.05)
 
 
 @pytest.mark.parametrize("second", [0.8, 1.25])
@@ -180,10 +181,10 @@ def test_lost_samples_are_put_in_on_the_polynomial_and_later_stamps_move():
     short = Samples(whole.t_ns[:34], whole.gyro[kept], whole.accel[kept], whole.temp_c[kept])
     back = with_lost(short, rows, 3, np.array([1, 3]))
     for name in ("t_ns", "accel", "temp_c"):
-        np.testing.assert_allclose(getattr(back, name), getattr(whole, name), atol=1e-9)
+        assert_allclose(getattr(back, name), getattr(whole, name), atol=1e-9)
     missed = np.abs(back.gyro - whole.gyro).max(axis=1)  # a cube on a straight line is missed
     assert (np.flatnonzero(missed > 1e-9).tolist(), missed.max() > 1) == ([10, 11, 12], True)
-    np.testing.assert_array_equal(with_lost(short, rows[:0], 3, 1).gyro, short.gyro)
+    assert_array_equal(with_lost(short, rows[:0], 3, 1).gyro, short.gyro)
     assert with_lost(replace(short, temp_c=None), rows, 3, 1).temp_c is None
 
 
@@ -320,7 +321,7 @@ def test_events_of_every_log_are_proposed_and_bridged_in_their_own():
         (LOST, 1, 699, 0, False),
     ]
     first, second = (log.samples for log in bridged(session, events).logs)
-    np.testing.assert_array_equal(first.gyro, clean.gyro)
+    assert_array_equal(first.gyro, clean.gyro)
     empty = [215, *range(501, 506)]
     for name, rows, noise in (("gyro", sorted([*empty, 400, 401]), 4 * LSB), ("accel", empty, 40 * 1.2e-3)):
         found, read = np.asarray(getattr(second, name)), getattr(spoilt, name)

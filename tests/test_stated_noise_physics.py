@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, t
 from small_sessions import attitudes_by_scipy, small_session
@@ -176,7 +177,7 @@ def loud(problem) -> StatedNoise:
 def alike(found, expected, share=0.01):
     """To a share of what the errors of both amount to."""
     sigma = np.sqrt(np.diag(expected))
-    np.testing.assert_allclose(found / np.outer(sigma, sigma), expected / np.outer(sigma, sigma), atol=share)
+    assert_allclose(found / np.outer(sigma, sigma), expected / np.outer(sigma, sigma), atol=share)
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -188,14 +189,14 @@ def test_the_covariance_is_that_of_all_errors(case):
     L, by_earth = by_hand.response, by_hand.by_earth
     response = stated_response(by_hand.problem, by_hand.model, by_hand.rates)
     for rows in (MATRIX, BIAS):
-        np.testing.assert_allclose(response[rows], L[rows], atol=5e-3 * np.abs(L[rows]).max())
+        assert_allclose(response[rows], L[rows], atol=5e-3 * np.abs(L[rows]).max())
     channels = noise.white + noise.noise.covariance
     accelerometer = L @ noise.accelerometer @ noise.accelerometer.T @ L.T
     expected = L @ channels @ L.T + accelerometer
     given, shared = stated_covariance(under(by_hand.problem, "given"), by_hand.model, noise, by_hand.rates)
     alike(given, expected)
     alike(shared, accelerometer)
-    np.testing.assert_allclose(noise.covariance, channels + noise.accelerometer @ noise.accelerometer.T)
+    assert_allclose(noise.covariance, channels + noise.accelerometer @ noise.accelerometer.T)
     # 15.04 deg/h x cos(latitude) long, less the mean: across the mean, or in any horizontal direction.
     for source, mean in (("estimated", MEAN_RPS), ("unknown", MEAN_RPS), ("none", (0.0, 0.0))):
         left = (EARTH_RATE_RPS * np.cos(31.03 * DEG)) ** 2 - np.dot(mean, mean)
@@ -215,8 +216,8 @@ def test_a_wrong_centre_of_the_prior_moves_the_numbers_by_its_share(case):
     if by_hand.stills:
         expected[BIAS, MATRIX] = -np.kron(np.eye(3), by_hand.problem.rest_rps) @ own
     found = prior_share(by_hand.problem, by_hand.model, by_hand.rates)
-    np.testing.assert_allclose(found, expected, atol=0.01 * np.abs(expected).max())
-    np.testing.assert_allclose(found * PRIOR_SIGMA / PRIOR_SIGMA[:, None], expected * PRIOR_SIGMA / PRIOR_SIGMA[:, None], atol=0.01)
+    assert_allclose(found, expected, atol=0.01 * np.abs(expected).max())
+    assert_allclose(found * PRIOR_SIGMA / PRIOR_SIGMA[:, None], expected * PRIOR_SIGMA / PRIOR_SIGMA[:, None], atol=0.01)
 
 
 @pytest.mark.parametrize("times", [1.0, 1000.0])
@@ -245,7 +246,7 @@ def test_the_goodness_of_fit_is_chi_square_of_what_free_numbers_leave(case, time
 
     quiet = noise.noise.s * [c.name != TURN for c in noise.noise.components]
     named = noise.white + replace(noise.noise, s=quiet).covariance + noise.accelerometer @ noise.accelerometer.T
-    np.testing.assert_allclose(noise.named, named)
+    assert_allclose(noise.named, named)
     freedom = max(known.sum() - (9 if by_hand.stills else 12), 1)
     found, inflation = stated_goodness(problem, by_hand.model, noise)
     assert found.freedom == freedom
@@ -315,7 +316,7 @@ def test_the_noise_is_what_makes_the_residuals_most_probable(kind):
         white = white - np.diag([*np.zeros(n), *np.full(9, ACCEL_INSTABILITY_MPS2**2)])
         base = white
     sigma = np.sqrt(np.diag(allowed))
-    np.testing.assert_allclose(found.white / np.outer(sigma, sigma), white / np.outer(sigma, sigma), atol=2e-4)
+    assert_allclose(found.white / np.outer(sigma, sigma), white / np.outer(sigma, sigma), atol=2e-4)
     parts = found.noise.components
     assert [c.name for c in parts] == [c.name for c in first_noise(twin, Whitener(twin)).components]
     least = twice_minus_log(found.noise.s, y, J, base, parts)
@@ -333,7 +334,7 @@ def test_the_noise_is_what_makes_the_residuals_most_probable(kind):
         response[:, : n - 27], response[:, n:] = whole[:, : n - 27], whole[:, n - 27 :]
         known = response @ (found.white + found.noise.covariance) @ response.T + joint.beforehand @ joint.beforehand.T
         expected = D @ known @ D.T
-    np.testing.assert_allclose(found.accelerometer @ found.accelerometer.T, expected, atol=2e-3 * np.abs(expected).max())
+    assert_allclose(found.accelerometer @ found.accelerometer.T, expected, atol=2e-3 * np.abs(expected).max())
 
 
 def joint_columns_of(joint, n) -> np.ndarray:
@@ -367,7 +368,7 @@ def test_an_error_moves_the_accelerometer_and_through_it_the_gyroscope(case):
     by_row, L, D = by_values(joint), by_hand.response, joint_columns_of(joint, n - 9)
     nine = np.concatenate([by_row[:, :s], np.zeros((9, n - s - 9)), by_row[:, s:]], axis=1)
     twelve = L + L @ D @ nine
-    np.testing.assert_allclose(stated_response(problem, by_hand.model, by_hand.rates), twelve, atol=0.01 * np.abs(twelve).max())
+    assert_allclose(stated_response(problem, by_hand.model, by_hand.rates), twelve, atol=0.01 * np.abs(twelve).max())
     both = np.concatenate([nine, twelve])
     before = np.concatenate([joint.beforehand, L @ D @ joint.beforehand])
     C = noise.white + noise.noise.covariance
@@ -377,7 +378,7 @@ def test_an_error_moves_the_accelerometer_and_through_it_the_gyroscope(case):
     sources = stated_sources(problem, by_hand.model, noise, by_hand.rates)
     alike(shared_part(problem, sources) + whole, shared + whole, 0.02)
     gyroscope, of_accelerometer = stated_covariance(problem, by_hand.model, noise, by_hand.rates)
-    np.testing.assert_array_equal(gyroscope, found[9:, 9:])
+    assert_array_equal(gyroscope, found[9:, 9:])
     alike(of_accelerometer + whole[9:, 9:], shared[9:, 9:] + whole[9:, 9:], 0.02)
     assert np.max(np.diag(shared) / np.diag(whole)) > 0.1
 
@@ -395,9 +396,9 @@ def test_an_accelerometer_of_its_own_stills_errs_as_their_lengths_leave_it():
     free = [0, 1, 2, 3, 4, 5, 7, 8, 11]
     expected = np.zeros((12, 12))
     expected[np.ix_(free, free)] = each**2 * np.linalg.inv(lengths[:, free].T @ lengths[:, free]) / 100**2
-    np.testing.assert_allclose(found @ found.T, expected, rtol=1e-6)
+    assert_allclose(found @ found.T, expected, rtol=1e-6)
     few = _accelerometer_factor(lengths[:8] * 100, noise, own=True)  # their lengths, as well as they are measured
-    np.testing.assert_allclose(lengths[:8] @ few @ few.T @ lengths[:8].T * 100**2, each**2 * np.eye(8), atol=1e-9 * each**2)
+    assert_allclose(lengths[:8] @ few @ few.T @ lengths[:8].T * 100**2, each**2 * np.eye(8), atol=1e-9 * each**2)
     lengths[:, 0] = 0.0
     none = _accelerometer_factor(lengths * 100, noise, own=True)
     assert none[0] @ none[0] == pytest.approx((10 * MG) ** 2)
@@ -414,7 +415,7 @@ def test_the_sources_of_the_channels_are_its_noise():
     names = [GYRO_NOISE, *(COMPONENTS[name] for name in (WANDER, STILL_RATE, REFERENCE, TURN)), SINGLE_SEGMENTS, EARTH, CALIBRATION]
     assert sorted(sources) == sorted(names)
     earth = sources.pop(EARTH).covariance
-    np.testing.assert_allclose(total(sources.values()), noise.covariance, rtol=1e-9, atol=1e-22)
+    assert_allclose(total(sources.values()), noise.covariance, rtol=1e-9, atol=1e-22)
     assert np.linalg.matrix_rank(earth / earth.max(), tol=1e-9) == 1  # across an estimated heading
 
 
@@ -463,7 +464,7 @@ def test_readings_of_equal_steps_leave_a_twelfth_of_a_square_step_in_the_bias():
     problem, lsb = small_session(noise=0.0), 0.01
     logs = [replace(log, samples=replace(log.samples, gyro=lsb * np.rint(log.samples.gyro / lsb))) for log in problem.logs]
     found = rounding_covariance(problem.changed(logs=logs), TRUE)
-    np.testing.assert_allclose(found[BIAS, BIAS], lsb**2 / 12 * TRUE.E @ TRUE.E.T, rtol=1e-6)
+    assert_allclose(found[BIAS, BIAS], lsb**2 / 12 * TRUE.E @ TRUE.E.T, rtol=1e-6)
     assert not found[MATRIX].any()
 
 
@@ -490,12 +491,12 @@ def test_a_misfit_is_a_source_of_its_own(monkeypatch, estimated):
     of_plain, of_wide = ({source.name: source for source in found.sources} for found in (plain, wide))
     assert of_wide.keys() - of_plain.keys() == {MISFIT}
     rest = total([source for name, source in of_plain.items() if name != ROUNDING])
-    np.testing.assert_allclose(of_wide[MISFIT].covariance, 1.5 * rest, rtol=1e-12)
+    assert_allclose(of_wide[MISFIT].covariance, 1.5 * rest, rtol=1e-12)
     assert (of_wide[MISFIT].kind, of_wide[MISFIT].freedom) == ("A", pytest.approx(20 * (1.5 / 2.5) ** 2))
-    np.testing.assert_array_equal(wide.parts["covariance"], total(wide.sources))
+    assert_array_equal(wide.parts["covariance"], total(wide.sources))
     if estimated:
-        np.testing.assert_allclose(wide.accelerometer, 2.5 * plain.accelerometer, rtol=1e-12)
-        np.testing.assert_array_equal(plain.accelerometer, of_plain[CALIBRATION].covariance)
+        assert_allclose(wide.accelerometer, 2.5 * plain.accelerometer, rtol=1e-12)
+        assert_array_equal(plain.accelerometer, of_plain[CALIBRATION].covariance)
 
 
 def test_clock_lot_and_rounding_are_added_as_they_are(monkeypatch):
@@ -507,7 +508,7 @@ def test_clock_lot_and_rounding_are_added_as_they_are(monkeypatch):
     found = stated_with(monkeypatch, problem, loud(problem), 2.0, SimpleNamespace(more=covariance))
     expected = {ROUNDING: 3 * covariance, LOT: covariance, CLOCK: 4e-6 * np.outer(vector, vector)}
     assert [(source.name, source.freedom) for source in found.sources[-3:]] == [(name, np.inf) for name in expected]
-    np.testing.assert_array_equal([source.covariance for source in found.sources[-3:]], [*expected.values()])
+    assert_array_equal([source.covariance for source in found.sources[-3:]], [*expected.values()])
 
 
 def test_welch_satterthwaite_of_the_gum():

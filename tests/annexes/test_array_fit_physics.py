@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from conftest import DEG
 from formats_page import strangers
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
@@ -78,10 +79,10 @@ def test_turns_that_scatter_evenly_have_the_mean_and_its_sigma():
     mean, a = np.array([0.03, -0.04, 0.0, 7.0]), 2e-4
     found = _solve_position(axis_rows([[mean + s * a] for s in (1, -1, 1, -1, 1, -1)]))
     position, covariance = found.position
-    np.testing.assert_allclose(position, mean[:3], atol=1e-12)
-    np.testing.assert_allclose(np.diag(covariance), a**2 / 4 + (0.005 * 0.05) ** 2)
-    np.testing.assert_allclose(covariance - np.diag(np.diag(covariance)), a**2 / 4 * (1 - np.eye(3)), atol=1e-15)  # the axes go together
-    np.testing.assert_allclose(np.abs(found.left), a)
+    assert_allclose(position, mean[:3], atol=1e-12)
+    assert_allclose(np.diag(covariance), a**2 / 4 + (0.005 * 0.05) ** 2)
+    assert_allclose(covariance - np.diag(np.diag(covariance)), a**2 / 4 * (1 - np.eye(3)), atol=1e-15)  # the axes go together
+    assert_allclose(np.abs(found.left), a)
 
 
 def test_rows_far_off_weigh_less_by_the_cauchy_distribution():
@@ -93,13 +94,13 @@ def test_rows_far_off_weigh_less_by_the_cauchy_distribution():
     flat = values.reshape(-1, 3)
     bar = 2 * float(sigma_of((flat - found.x).ravel()))
     best = minimize(lambda x: np.log1p(((flat - x) / bar) ** 2).sum(), np.zeros(3), method="Nelder-Mead", tol=1e-9)
-    np.testing.assert_allclose(found.x, best.x, atol=1e-5)
+    assert_allclose(found.x, best.x, atol=1e-5)
     e = values - found.x
     w = 1 / (1 + (e / bar) ** 2)
     scores = (w * e).sum(axis=1) / w.sum(axis=(0, 1))
     sandwich = scores.T @ scores * 8 / 6
     covariance = found.position[1] - np.eye(3) * (0.005 * np.linalg.norm(found.x)) ** 2
-    np.testing.assert_allclose(covariance, sandwich, rtol=1e-3)
+    assert_allclose(covariance, sandwich, rtol=1e-3)
 
 
 @pytest.mark.parametrize(("turns", "size", "known"), [(4, 1e-3, False), (5, 1e-3, True), (6, 0.0999, True), (6, 0.1001, False)])
@@ -128,14 +129,14 @@ def test_rows_are_the_force_of_a_lever_and_its_delays():
     omega, alpha, jerk = 2 * size * np.array([np.sin(w * at), w * np.cos(w * at), -(w**2) * np.sin(w * at)])
     lever = np.cross(alpha, r) + np.cross(omega, np.cross(omega, r))
     delayed = np.cross(jerk, r) + np.cross(alpha, np.cross(omega, r)) + np.cross(omega, np.cross(alpha, r))
-    np.testing.assert_array_equal(design[:, 3:6], np.tile(np.eye(3), (400, 1)))
+    assert_array_equal(design[:, 3:6], np.tile(np.eye(3), (400, 1)))
     for found, expected, atol in (
         (values, force[200:600], 1e-6),
         (design[:, :3] @ r, lever, 1e-5),
         (design[:, 6], -np.sin(at * of_force) * of_force, 1e-5),
         (design[:, 7], delayed, 1e-2),
     ):
-        np.testing.assert_allclose(found, expected.ravel(), atol=atol)
+        assert_allclose(found, expected.ravel(), atol=atol)
     assert moving.rows(1, -delay_s)[0][0].shape == (1200, 7)
 
 
@@ -145,7 +146,7 @@ def test_positions_of_several_units_with_one_delay_of_all():
     found = positions(_ArrayMotion(moved.rate + moved.rate[:1], moved.force + moved.force[1:], moved.turns))
     assert not any(each.any() for each in found[0])
     for position, covariance in found[1:]:
-        np.testing.assert_allclose(position, TRUTH_M, atol=2e-4)
+        assert_allclose(position, TRUTH_M, atol=2e-4)
         assert np.sqrt(np.trace(covariance)) < 1e-3
     assert positions(_ArrayMotion(moved.rate, moved.force, moved.turns[:4]))[1] is None
 
@@ -173,8 +174,8 @@ def test_what_was_injected_comes_back_and_the_others_tell_more_of_each(fitted):
     place, off = fit.units[1].place, fit.units[1].place.position_m - made.truths[1].position_m
     assert np.abs(off).max() < min(1e-3, 5 * np.sqrt(np.linalg.eigvalsh(place.position_covariance)[-1]))
     assert not fit.units[0].place.mounting_covariance.any()
-    np.testing.assert_array_equal(place.mounting_covariance, fit.covariance[45:48, 45:48])
-    np.testing.assert_array_equal(fit.units[1].covariance, fit.covariance[24:48, 24:48])
+    assert_array_equal(place.mounting_covariance, fit.covariance[45:48, 45:48])
+    assert_array_equal(fit.units[1].covariance, fit.covariance[24:48, 24:48])
     assert {"clocks and mountings", "motion beyond the data rate", "positions", "unit 1 alone"} < set(told)
     predicted = []
     for i, unit in enumerate(fit.units):  # figures are rms of tilt: a yaw has no part
@@ -184,7 +185,7 @@ def test_what_was_injected_comes_back_and_the_others_tell_more_of_each(fitted):
         assert unit.floor_rad == pytest.approx(np.sqrt(np.mean([np.trace(own[:2, :2]) for own in problem.floor.white])))
         predicted.append(undersampling(Twin(problem)).predicted_rad)
         assert (unit.own_rad, unit.minus_mean_rad) == (tuple(fit.split.own[i]), fit.split.minus_mean_of[i])
-    np.testing.assert_allclose(fit.joint.missed_rad, np.sqrt(np.mean(np.square(predicted), axis=0)))
+    assert_allclose(fit.joint.missed_rad, np.sqrt(np.mean(np.square(predicted), axis=0)))
 
 
 def test_a_turn_left_out_in_one_unit_counts_in_none(fitted):
@@ -258,7 +259,7 @@ def test_json_has_degrees_and_seconds_of_the_arrays_clock(fitted):
         "units.1.mounting.sigma_deg": np.sqrt(np.diag(place.mounting_covariance)) / DEG,
         "units.1.position.sigma_m": np.sqrt(np.diag(place.position_covariance)),
     }.items():
-        np.testing.assert_allclose(at(path), expected, rtol=1e-9, err_msg=path)
+        assert_allclose(at(path), expected, rtol=1e-9, err_msg=path)
 
 
 def test_saved_models_are_by_the_units_own_clocks(fitted, tmp_path):
@@ -274,8 +275,8 @@ def test_saved_models_are_by_the_units_own_clocks(fitted, tmp_path):
     for unit, row in zip(fit.units, table["units"], strict=True):
         model, pace = json.loads((folder / row["model"]).read_text()), 1 + unit.place.clock.rate
         assert not strangers(model)
-        np.testing.assert_allclose(models.from_dict(model).vector, unit.model.vector * pace)
-        np.testing.assert_allclose(model["covariance"], unit.covariance[:12, :12] * pace**2)
+        assert_allclose(models.from_dict(model).vector, unit.model.vector * pace)
+        assert_allclose(model["covariance"], unit.covariance[:12, :12] * pace**2)
         assert model["unobserved"] == list(unit.unobserved) == []
     assert abs(pace - 1) > 1e-3
     sigma = np.append(OBSERVED_BELOW * PRIOR_SIGMA * np.resize([0.999, 1.001], 12), np.ones(12))

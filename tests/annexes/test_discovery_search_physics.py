@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from discovery_answers import DECIDED, LAWS, law_of
+from numpy.testing import assert_allclose, assert_array_equal
 from simulated_twins import make_twin_of
 
 from session.io.units import DEG
@@ -112,11 +113,11 @@ def test_a_look_is_what_a_dense_projection_makes_of_it(seen, rows):
     expected, residual = ((each - q @ (q.T @ each)) for each in (whitening @ columns, whitening @ seen.whiten.back(fit.r)[rows]))
     free, dense = projection.seen(columns), projection.matrix()
     assert (projection.free, dense.dtype) == (len(rows) - q.shape[1], np.float32) == (len(free), dense.dtype)
-    np.testing.assert_allclose(free.T @ free, expected.T @ expected, rtol=0, atol=1e-9 * np.abs(expected.T @ expected).max())
-    np.testing.assert_allclose(free.T @ projection.residual, expected.T @ residual, rtol=1e-9)
+    assert_allclose(free.T @ free, expected.T @ expected, rtol=0, atol=1e-9 * np.abs(expected.T @ expected).max())
+    assert_allclose(free.T @ projection.residual, expected.T @ residual, rtol=1e-9)
     # The matrix has those rows first, then those along the nuisance, which have the rest of the length.
-    np.testing.assert_allclose(dense[: len(free)] @ columns, free, rtol=0, atol=1e-5 * np.abs(free).max())
-    np.testing.assert_allclose(np.linalg.norm(dense @ columns, axis=0), np.linalg.norm(projection.whitened(columns), axis=0), rtol=1e-5)
+    assert_allclose(dense[: len(free)] @ columns, free, rtol=0, atol=1e-5 * np.abs(free).max())
+    assert_allclose(np.linalg.norm(dense @ columns, axis=0), np.linalg.norm(projection.whitened(columns), axis=0), rtol=1e-5)
 
 
 def test_a_law_that_is_put_in_promises_most_and_could_be_learnt_from_a_share_of_it(seen):
@@ -136,7 +137,7 @@ def test_a_law_that_is_put_in_promises_most_and_could_be_learnt_from_a_share_of_
 def test_noise_that_is_larger_than_stated_raises_no_alarm(seen):
     fit = seen.law(7)
     usual, loud = (seen.screened(replace(fit, r=scale * fit.r), draws=100) for scale in (1.0, 1.6))
-    np.testing.assert_allclose(loud.gain, 1.6**2 * usual.gain, rtol=1e-4, atol=1e-4)
+    assert_allclose(loud.gain, 1.6**2 * usual.gain, rtol=1e-4, atol=1e-4)
     assert loud.promise.max() > usual.promise.max() + 5
     assert loud.tested.max() == pytest.approx(usual.tested.max(), abs=1.0)
     assert usual.chance_p(loud.tested.max()) > 0.01
@@ -204,12 +205,12 @@ def test_a_problem_without_some_turns_is_the_same_problem_elsewhere(seen):
     held = np.isin(np.arange(12), [4, 5, 6, 7])
     part = without(problem, held)
     whole, fewer = (twin.residuals(twin.start()) for twin in (seen.twin, Twin(part)))
-    np.testing.assert_allclose(fewer.closure, whole.closure[~held], atol=1e-12)
+    assert_allclose(fewer.closure, whole.closure[~held], atol=1e-12)
     still = ~np.isin(np.arange(len(seen.twin.stills)), [5, 6, 7])  # the stills between two turns that go
-    np.testing.assert_allclose(fewer.still, whole.still[still], atol=1e-12)
-    np.testing.assert_array_equal(part.still_rates.rate, problem.still_rates.rate[still])
+    assert_allclose(fewer.still, whole.still[still], atol=1e-12)
+    assert_array_equal(part.still_rates.rate, problem.still_rates.rate[still])
     assert np.all(part.floor.shared[3] == 0)
-    np.testing.assert_array_equal(part.floor.shared[[2, 4]], problem.floor.shared[[2, 8]])
+    assert_array_equal(part.floor.shared[[2, 4]], problem.floor.shared[[2, 8]])
 
 
 def test_what_a_calibration_takes_up_does_not_make_two_laws_alike():

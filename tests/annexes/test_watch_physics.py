@@ -14,6 +14,7 @@ import numpy as np
 import processes
 import pytest
 from conftest import DEG
+from numpy.testing import assert_allclose
 from scipy.special import ndtr
 from scipy.stats import chi2
 from watched import ACCEL_WHITE, COVARIANCE, RATE_HZ, WHITE, G, csv, model_file, samples
@@ -122,12 +123,12 @@ def test_a_rest_gives_its_zero_and_gravity():
     part = samples(60, 1, zero - [0, 0, earth / DEG])
     exact = dataclasses.replace(part, gyro=np.tile(zero * DEG - [0, 0, earth], (6000, 1)), accel=np.tile([0.0, 0, -G], (6000, 1)))
     for window, _ in windows(Detector(detector.chosen), exact):
-        np.testing.assert_allclose(window.rate[:, 0] * detector.chosen.rate_sigma_rps, zero * DEG, rtol=1e-9)
-        np.testing.assert_allclose(window.direction[:, 0], [0, 0, -1], atol=1e-12)
+        assert_allclose(window.rate[:, 0] * detector.chosen.rate_sigma_rps, zero * DEG, rtol=1e-9)
+        assert_allclose(window.direction[:, 0], [0, 0, -1], atol=1e-12)
     found = [window for window, _ in windows(detector, part)]
     assert len(found) == (60 / 0.12 - 2) // BLOCKS  # but the first block, and the one that shows the end
     of_one = np.std([[*window.rate[:, 0], window.gravity[0]] for window in found], axis=0)
-    np.testing.assert_allclose(of_one, 1, atol=4 / np.sqrt(2 * len(found)))
+    assert_allclose(of_one, 1, atol=4 / np.sqrt(2 * len(found)))
     assert np.mean([window.scatter for window in found], axis=0).ravel() == pytest.approx([1, 1], abs=0.15)
 
 
@@ -209,9 +210,9 @@ def test_the_filters_are_the_textbooks():
     Pg = np.diag([*[c.accel_offset] * 3, *np.zeros(n), c.accel_attitude, c.accel_per_k])
     H, drive = np.column_stack([along, one, warmer]), [*[c.accel_walk] * 3, *c.accel_drive, 0, 0]
     of_force, Pg = textbook(np.r_[1.0, 1.0, decay], drive, Pg, H, gravity, {n + 3: c.accel_attitude, n + 4: c.accel_per_k})
-    np.testing.assert_allclose(z, np.column_stack([of_rate, of_force]), atol=1e-9)
-    np.testing.assert_allclose(filters.P[..., 0], P, atol=1e-9 * P.max())
-    np.testing.assert_allclose(filters.gravity_P[..., 0], Pg, atol=1e-9 * Pg.max())
+    assert_allclose(z, np.column_stack([of_rate, of_force]), atol=1e-9)
+    assert_allclose(filters.P[..., 0], P, atol=1e-9 * P.max())
+    assert_allclose(filters.gravity_P[..., 0], Pg, atol=1e-9 * Pg.max())
 
 
 def test_it_runs_as_long_as_stated_to_a_false_alarm():
@@ -290,7 +291,7 @@ def test_the_earth_across_the_vertical_is_that_of_the_latitude(tmp_path):
     toml = f'schema = "tinygc-session/1"\n{sensor}[site]\nlatitude_deg = 60.0\ngravity_mps2 = 9.81\n'
     (tmp_path / "session.toml").write_text(toml)
     found = expect(ModelInUse.read(model), RATE_HZ)
-    np.testing.assert_allclose(found.attitude, np.hypot(7.292115e-5 * 0.5 / np.sqrt(2), 0.002 * DEG), rtol=1e-6)
+    assert_allclose(found.attitude, np.hypot(7.292115e-5 * 0.5 / np.sqrt(2), 0.002 * DEG), rtol=1e-6)
     assert found.earth_rps == pytest.approx(7.292115e-5 * np.sqrt(0.75), rel=1e-6)
 
 
@@ -410,7 +411,7 @@ def test_a_turn_is_the_product_of_its_steps():
     for part in (slice(0, 1), slice(1, 77), slice(77, 200)):
         turn.add(omega[part], omega[part], dt[part])
     expected = rotation.compose(rotation.steps(omega[None], dt[None, 1:]))[0]
-    np.testing.assert_allclose(np.abs(turn.q @ expected), 1, atol=1e-12)
+    assert_allclose(np.abs(turn.q @ expected), 1, atol=1e-12)
     assert turn.seconds == pytest.approx(1.99)
 
 
@@ -427,7 +428,7 @@ def test_its_slope_is_that_of_the_attitude():
     base = end(ideal)
     for k, slope in enumerate(np.hstack([base.slope, base.lever]).T):
         moved = rotation.multiply(end(ideal + step * np.eye(12)[k]).q, rotation.conjugate(base.q))
-        np.testing.assert_allclose(rotation.log(moved) / step, slope, atol=0.01 * np.abs(base.slope).max())
+        assert_allclose(rotation.log(moved) / step, slope, atol=0.01 * np.abs(base.slope).max())
 
 
 @pytest.mark.parametrize("variance", [0.0, 1e-8])

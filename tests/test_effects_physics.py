@@ -12,9 +12,14 @@ from scipy.spatial.transform import Rotation
 
 from session.io.units import EARTH_RATE_RPS
 from tinygc.effects import Effect, EffectError, Movement, NoC, Parameter, Reach, axis_of, catalogue, diagonal, full, largest, signals
+from tinygc.effects.catalogue import tried
 from tinygc.effects.entries.earth_rotation import latitude_deg
 from tinygc.effects.inversion import MOST_PASSES
 from tinygc.effects.movement import vibration
+
+
+def test_every_own_effect_stands_the_trial_of_a_foreign_one():
+    assert all(tried(effect, name) is effect for name, effect in catalogue().items())
 
 
 @pytest.mark.parametrize("name", RATE)

@@ -20,7 +20,6 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from scipy.optimize import brentq
 from scipy.special import ndtr, ndtri, stdtr, stdtrit
 
 from session.detect.accelerometer import NAMES as ACCELEROMETER_NAMES
@@ -169,6 +168,8 @@ class Conformity:
         where errors of 0 are so with less."""
         if not np.isfinite(limit):
             return limit
+        from scipy.optimize import brentq  # late: most decisions need no root
+
         assert self.measured.errors is not None
         errors, sigmas = self.measured.errors
         size = float(np.linalg.norm(errors))

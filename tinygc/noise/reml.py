@@ -179,14 +179,21 @@ def _sigma(cost: Callable, x: np.ndarray) -> np.ndarray:
     return sigma
 
 
-def _one_sigma_from_zero(cost: Callable, x: np.ndarray, k: int) -> float:
-    """Size of component k at which -2 log L has risen by one; infinite where it does not rise."""
-    from scipy.optimize import brentq
+def _one_sigma_from_zero(cost: Callable[[np.ndarray], Cost], x: np.ndarray, k: int) -> float:
+    """Size of component k at which -2 log L has risen by one, to a thousandth; infinite where it does not rise."""
+    lowest, other = cost(x).value, np.arange(len(x)) == k
 
-    lowest = cost(x).value
+    def risen(size: float) -> tuple[float, float]:
+        """By how much more than one, and its slope."""
+        there = cost(x + size**2 * other)
+        return there.value - lowest - 1, 2 * size * float(there.gradient[k])
 
-    def rise(size: float) -> float:
-        return float(cost(x + size**2 * (np.arange(len(x)) == k)).value) - lowest - 1
-
-    high = next((size for size in 2.0 ** np.arange(-4, 10) if rise(size) > 0), np.inf)
-    return brentq(rise, 0.0, high, rtol=1e-3) if np.isfinite(high) else high
+    high = next((size for size in 2.0 ** np.arange(-4, 10) if risen(size)[0] > 0), np.inf)
+    if not np.isfinite(high):
+        return high
+    size, step = high / 2, np.inf
+    while abs(step) > 1e-3 * size:
+        over, slope = risen(size)
+        step = float(np.clip(size - over / slope, size / 2, high)) - size if slope > 0 else (high - size) / 2
+        size += step
+    return size

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from tinygc.effects import AHEAD, Convention, Effect, Movement, Parameter, Reach, axis_of, diagonal, largest
 from tinygc.effects.effect import LAG_LAW
@@ -14,6 +13,8 @@ SPLINE_SAMPLES = 48
 
 def _shifted(rate: np.ndarray, movement: Movement, seconds: np.ndarray) -> np.ndarray:
     """Each axis read ``seconds`` later, by a cubic spline; the ends hold their value."""
+    from scipy.interpolate import CubicSpline  # late: most commands ask the catalogue for columns alone
+
     t = movement.t_s
     columns = [CubicSpline(t, rate[:, axis])(np.clip(t + shift, t[0], t[-1])) for axis, shift in enumerate(seconds)]
     return np.stack(columns, axis=-1)

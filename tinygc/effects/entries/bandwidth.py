@@ -1,7 +1,6 @@
 """A slower first-order response than declared, per axis: y + τ dy/dt = x, inverted with central differences."""
 
 import numpy as np
-from scipy.signal import lfilter
 
 from tinygc.effects import AHEAD, NEIGHBOURS, CommonDelay, Effect, Movement, Parameter, axis_of, diagonal, largest
 from tinygc.effects.effect import LAG_LAW
@@ -13,6 +12,8 @@ def _correct(measured: np.ndarray, movement: Movement, theta: np.ndarray) -> np.
 
 def _distort(movement: Movement, theta: np.ndarray) -> np.ndarray:
     """First-order low-pass with a linear input between samples, begun at rest."""
+    from scipy.signal import lfilter  # late: most commands ask the catalogue for columns alone
+
     output = np.empty_like(movement.rate)
     for axis, tau in enumerate(np.maximum(theta, 0)):
         x = movement.rate[:, axis]

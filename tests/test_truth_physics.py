@@ -201,6 +201,7 @@ def test_growth_tells_the_truths_noise_from_the_gyros(twin):
         assert noises(T, closures) == pytest.approx(found[:2], abs=1e-7)
         assert (found[0] == pytest.approx(3e-4)) == (spoilt == 1.0)
     assert np.isnan(noises(T[:2], np.ones((2, 3)))).all()
+    assert np.isfinite(noises(T[:3], np.ones((3, 3)))).all()
     lengths, closures = growth(twin.problem, twin.problem.first)
     assert lengths.tolist() == [0.5, 1.0, 2.0, 4.0]
     angles = error_angles(twin.problem.batch, twin.problem.first)

@@ -79,6 +79,10 @@ ARRAYS = {
 }
 
 
+#: one of each reader
+EACH_READER = pytest.mark.parametrize("name", ["ROS 1", "ROS 2", "MCAP", "ULog", "dataflash", "HDF5", "MATLAB 5", "npz", "Parquet"])
+
+
 def file_of(write, tmp_path: Path) -> Path:
     """What it writes, under the name that MATLAB 4 needs, and which says nothing of any other."""
     write(tmp_path / "made", *RECORDING)
@@ -122,7 +126,7 @@ def test_every_number_comes_back(name, tmp_path):
     assert (stream.gyro_unit, stream.accel_unit, stream.temp_unit) == units
 
 
-@pytest.mark.parametrize("name", ["ROS 1", "ROS 2", "MCAP", "ULog", "dataflash", "npz"])
+@EACH_READER
 def test_a_wrong_name_is_answered_with_those_that_are_there(name, tmp_path):
     write, reader, topic = (FORMATS | ARRAYS)[name]
     path = file_of(write, tmp_path)
@@ -138,7 +142,7 @@ def test_other_bytes_are_no_log(tmp_path):
         assert reader_of(tmp_path / "other.dat", other) is None
 
 
-@pytest.mark.parametrize("name", ["ROS 1", "ROS 2", "MCAP", "ULog", "dataflash", "HDF5", "MATLAB 5", "npz", "Parquet"])
+@EACH_READER
 def test_more_than_the_budget_is_refused(name, tmp_path):
     write, reader, _ = (FORMATS | ARRAYS)[name]
     path = file_of(write, tmp_path)

@@ -40,7 +40,7 @@ from tinygc.closure.prior import GaussianPrior, vague
 from tinygc.closure.uncertainty import goodness, parameter_covariance
 from tinygc.estimation.options import FitOptions
 from tinygc.estimation.stated_noise import stated_covariance, stated_goodness, stated_noise
-from tinygc.models.linear import PARAMETERS, PRIOR_SIGMA, bias_only
+from tinygc.models.linear import PARAMETERS, PRIOR_SIGMA, bias_only, field_vector
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulator import simulate_session, unit_of
 from tinygc.simulation.write import write_simulation
@@ -70,6 +70,7 @@ def test_sensor_errors_are_those_that_a_sensor_is_made_of():
     expected += [xy / 1e-3, xz / 1e-3, yz / 1e-3, *force_bias / (1e-3 * G)]
     assert sensor_errors(values) == pytest.approx(expected, rel=1e-9)
     assert sensor_errors(np.stack([NONE, values])) == pytest.approx(np.array([np.zeros(COUNT), expected]), rel=1e-9)
+    assert (sensor_errors(values) * UNITS)[:9] == pytest.approx(field_vector(values[:12])[:9], rel=1e-9)
     names = [each.key for each in SENSOR_ERRORS]
     assert (names[0], names[3]) == ("gyro_scale_factor_error_x_ppm", "gyro_misalignment_x_to_y_mrad")
     assert (names[11], names[20]) == ("gyro_bias_z_mdps", "accel_bias_z_mg")

@@ -642,6 +642,7 @@ def test_sensor_clock_and_wrong_moments_are_told_apart(whole):
     assert np.abs((e.force.bias - FORCE_BIAS) / e.force.sigma).max() < 4
     assert e.force.sigma.max() < 0.03
     assert e.held_out_rms[1] < 0.6 * e.held_out_rms[0]
+    assert e.refused == []
     assert e.neighbours == pytest.approx([neighbours_correlation(e.problem, angles) for angles in e.angles])
     assert (e.truth_rad, e.walk_rad) == noises(e.lengths_s, e.closure_rad)
     assert e.gyro_rad == pytest.approx(np.mean(e.problem.noise.angle_random_walk))

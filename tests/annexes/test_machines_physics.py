@@ -12,7 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from table_recordings import table_toml
 
-from session.annexes.machines.angles import AngleLog, header, on_its_clock, read_angles, row
+from session.annexes.machines.angles import AngleLog, header, on_its_clock, read_angles
 from session.annexes.machines.comparison import WordAgainstSensor
 from session.annexes.machines.description import Axis, Description, read_description
 from session.annexes.machines.driver import AngleFile, TableDriver, _DeviceTime
@@ -109,17 +109,6 @@ def test_a_rate_is_reversed_through_rest():
     assert track.busy_until_s == pytest.approx(6.5)
 
 
-def test_what_a_table_says_is_read_back(tmp_path):
-    text = [header(TABLE), row("log0001.csv", 1000, 0.5, True, np.array([0.1, -0.2, 3.0])), row("log0002.csv", 5, None, False, np.zeros(3))]
-    (tmp_path / "table.csv").write_text("\n".join(text) + "\n")
-    found = read_angles(tmp_path / "table.csv", TABLE)
-    assert list(found) == ["log0001.csv", "log0002.csv"]
-    first = found["log0001.csv"]
-    assert first.angles[0] == pytest.approx([0.1, -0.2, 3.0], abs=2e-8)
-    assert (first.t_ns[0], first.table_s[0], first.moving[0]) == (1_000_000, 0.5, True)
-    assert np.isnan(found["log0002.csv"].table_s[0])
-
-
 def test_a_description_is_read(tmp_path):
     (tmp_path / "table.toml").write_text(
         'schema = "tinygc-table/1"\nmake = "grbl"\nport = "/dev/ttyUSB0"\n[[axis]]\nname = "outer"\ndirection = [0, 0, 2]\n'
@@ -170,22 +159,27 @@ def test_an_answer_has_the_time_between_question_and_answer():
     assert rows == [("log0001.csv", 7_015_000)]
 
 
-def test_a_file_that_a_crash_has_cut_goes_on(tmp_path, table):
+def test_what_a_table_says_is_read_back_and_a_file_that_a_crash_has_cut_goes_on(tmp_path, table):
     path = tmp_path / "table.csv"
     file = AngleFile(path, table)
-    file.add("log0001.csv", 1000, Where(np.array([0.1, 0.2]), False))
-    file.add("", 1500, Where(np.array([0.1, 0.2]), False))  # no log is written
-    file.add("log0001.csv", 900, Where(np.array([0.1, 0.2]), False))  # before the last one
+    said = Where(np.array([0.1, -0.2]), True, 0.5)
+    file.add("log0001.csv", 1000, said)
+    file.add("", 1500, said)  # no log is written
+    file.add("log0001.csv", 900, said)  # before the last one
     file.close()
     with path.open("a") as cut:
         cut.write("log0001.csv,20")
     file = AngleFile(path, table)
-    file.add("unclosed0001.csv", 10, Where(np.array([0.3, 0.2]), True))
+    file.add("unclosed0001.csv", 10, Where(np.array([3.0, 0.2]), False))
     file.rename("unclosed0001.csv", "closure0001.csv")
-    file.add("closure0001.csv", 20, Where(np.array([0.4, 0.2]), True))
+    file.add("closure0001.csv", 20, said)
     file.close()
     found = read_angles(path, table)
     assert {log: each.t_ns.tolist() for log, each in found.items()} == {"log0001.csv": [1_000_000], "closure0001.csv": [10_000, 20_000]}
+    closure = found["closure0001.csv"]
+    assert closure.angles == pytest.approx(np.array([[3.0, 0.2], [0.1, -0.2]]), abs=2e-8)
+    assert closure.table_s == pytest.approx([np.nan, 0.5], nan_ok=True)
+    assert closure.moving.tolist() == [False, True]
     path.write_text(header(table).replace("inner", "outer") + "\n")
     with pytest.raises(StorageError, match="is of a table with other axes"):
         AngleFile(path, table)

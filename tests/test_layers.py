@@ -141,7 +141,7 @@ WIDER = {
     "session.detect": 39,
     "session.bench": 32,
     "session.annexes.machines": 26,
-    "tinygc.reporting": 22,
+    "tinygc.reporting": 21,
     "tinygc.simulation": 13,
     "tinygc.annexes.lots": 15,
     "tinygc.explanation": 15,

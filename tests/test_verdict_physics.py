@@ -53,10 +53,9 @@ def test_figures_are_root_mean_squares_in_degrees_and_yaw_is_of_the_turns_that_k
 def test_nothing_better_than_raw_is_a_fail_and_one_that_is_worse_is_said(held_out, worse, failed):
     for segments, enough in ((13, True), (12, False)):
         against = AgainstRaw("raw_bias_removed", 1.0, held_out, segments)
-        assert (against.worse, against.failed) == (worse, failed and enough)
+        assert (against.worse, against.failed, bool(against.words)) == (worse, failed and enough, bool(worse))
         assert [against.condemns(tilt) for tilt in (1.0, 1.0001)] == [False, enough]
-        assert bool(against.words) == bool(worse)
-        assert (against.to_json()["worse"], against.to_json()["passed"]) == (list(worse), not (failed and enough))
+        assert [against.to_json()[key] for key in ("worse", "passed")] == [list(worse), not (failed and enough)]
 
 
 def fitted(angles, parameters=12, undone=()):
@@ -189,8 +188,7 @@ def test_what_contradicts_the_model_never_passes(name, limit, answer):
     """Without a limit the p-values of turns and runs are reasons by themselves."""
     for p, expected in ((0.0099, answer), (0.5 if name == EFFECT else 0.0100, "pass")):
         found = decide(judged(**run()), ["c.csv"], limit, tests=[ModelTest(name, p, 0.01, "it does")], promise=SHEET)
-        assert found.answer == expected
-        assert found.unsound == (["it does"] if expected == "not decided" else [])
+        assert (found.answer, found.unsound) == (expected, ["it does"] * (expected == "not decided"))
         assert [test["contradicts"] for test in found.to_json()["tests"]] == [p < 0.01]
     assert decide(judged(), [], 0.01, tests=[ModelTest(name, 0.0, 0.01, "it does")]).answer == "fail"
 
@@ -269,10 +267,9 @@ def test_a_run_is_judged_by_noise_parameters_heading_and_drift():
 
 
 def test_the_largest_movement_by_one_effect_is_stated():
-    a, b, tilts = np.zeros((12, 12)), np.zeros((12, 12)), np.zeros((2, 2, 12))
-    a[0, 0], a[9, 9], tilts[:, :, 0] = 4e-8, (0.1 * DEG) ** 2, [[1.0, 2.0], [3.0, 4.0]]
-    b[0, 0] = b[4, 4] = 1e-8
-    found = Systematic({"one": a, "two": b}, tilts)
+    one, two, tilts = np.zeros((12, 12)), 1e-8 * np.diag([1.0, 0, 0, 0, 1] + [0] * 7), np.zeros((2, 2, 12))
+    one[0, 0], one[9, 9], tilts[:, :, 0] = 4e-8, (0.1 * DEG) ** 2, [[1.0, 2.0], [3.0, 4.0]]
+    found = Systematic({"one": one, "two": two}, tilts)
     assert found.tilt_rms == pytest.approx(2e-4 * np.sqrt(30 / 2))
     assert found.sigma[[0, 4, 9]] == pytest.approx([2e-4, 1e-4, 0.1 * DEG])
     assert [found.to_json()["effects"][i] for i in (0, 4, 9)] == ["one", "two", "one"]
@@ -368,20 +365,18 @@ def test_the_probability_that_no_effect_is_missing_is_a_p_value_where_it_decides
     """With even odds it is 0.5, below the p of the turns; with odds of 571 to 1 and prior odds of 1 to 30 it is the least."""
     turns = GoodnessOfFit(60.0, 60, 0.7)
     assert least_p(model_tests(turns, {}, None, odds(np.log(30)), None)) == [0.7]
-    (p,) = least_p(model_tests(turns, {}, None, odds(np.log(571)), None))
-    assert p == pytest.approx(30 / (30 + 571))
+    assert least_p(model_tests(turns, {}, None, odds(np.log(571)), None)) == pytest.approx([30 / (30 + 571)])
     assert least_p(()) == []
 
 
 def test_an_effect_contradicts_where_it_is_there_with_95_percent():
     """With prior odds of 1 to 30, odds of 570."""
-    above, below = np.log(571), np.log(569)
-    (found,) = contradictions(model_tests(FINE, {}, None, odds(above), None))
+    tests = [model_tests(FINE, {}, None, odds(np.log(each)), None) for each in (571, 569, 31, 29)]
+    (found,) = contradictions(tests[0])
     assert (found.name, found.says) == (EFFECT, "an effect is probably missing: gyro.bias_drift (probability that none is 0.05)")
-    assert contradictions(model_tests(FINE, {}, None, odds(below), None)) == []
+    assert contradictions(tests[1]) == []
     # From there to even odds, 30 to 1 with the prior ones, it is open, as names of explain are more probable than not.
-    opened = [model_tests(FINE, {}, None, odds(np.log(each)), None)[1].leaves_open for each in (571, 569, 31, 29)]
-    assert opened == [False, True, True, False]
+    assert [each[1].leaves_open for each in tests] == [False, True, True, False]
     assert not ModelTest(TURNS, 0.2, 0.01, "").leaves_open
 
 
@@ -430,9 +425,9 @@ def problem(model="ASM330LHH", given=True, noise_mdps=None, dph=None, instabilit
 def test_a_data_sheet_promises_noise_drift_and_references(noise_mdps, dph):
     """N^2 T of both axes, B about its mean over the session, a quarter of the measured noise of the accelerometer, and the truth's."""
     found = promise_of(problem(noise_mdps=noise_mdps, dph=dph))
-    seconds, at = np.array([4.0, 5.0, 9.0]), np.array([10.0, 20.0, 40.0])
-    about_mean = np.eye(3) - 1 / 3
-    drift = np.diag(about_mean @ wander_covariance(at, instability_rps=(dph or 3.0) * DEG_PER_HOUR) @ about_mean)
+    seconds, about_mean = np.array([4.0, 5.0, 9.0]), np.eye(3) - 1 / 3
+    wander = wander_covariance(np.array([10.0, 20.0, 40.0]), instability_rps=(dph or 3.0) * DEG_PER_HOUR)
+    drift = np.diag(about_mean @ wander @ about_mean)
     variance = ((noise_mdps or 5.0) * MDPS) ** 2 * seconds + 2 * seconds**2 * drift + 3 * 4e-8 / 4 + 3 * 1e-8
     assert found.tilt_rms == pytest.approx(np.sqrt(np.mean(variance)))
     assert found.turn_s == 5.0

@@ -96,10 +96,11 @@ def test_a_basis_is_its_columns_and_undoes_what_it_adds(twin_of):
 FS = 500 * DEG
 
 
-def movement(temp_c=25.0, began_s=0.0, seconds=200.0, force=(0.6, -0.48, 0.64)) -> Movement:
+def movement(temp_c=25.0, began_s=0.0) -> Movement:
     t_s = began_s + np.linspace(0, 100, 101)
     rate = FS * np.column_stack([np.linspace(-0.9, 0.9, 101), np.full(101, 0.5), np.linspace(0.2, -0.4, 101)])
-    return Movement(t_s, 1.0, rate, np.tile(force, (101, 1)), np.full(101, temp_c), np.zeros(101), seconds, FS, 25.0)
+    force = np.tile([0.6, -0.48, 0.64], (101, 1))
+    return Movement(t_s, 1.0, rate, force, np.full(101, temp_c), np.zeros(101), 200.0, FS, 25.0)
 
 
 def session_of_movements(*movements, stills=10, earth=None, latitude_deg=47.0):

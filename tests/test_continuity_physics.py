@@ -16,11 +16,11 @@ P = 1000  # us, the period of these streams
 T0 = 5_000_000
 
 
-def received(t_us, sequence=None, damaged=()):
+def received(t_us, sequence=None):
     t_us = np.asarray(t_us, dtype=np.int64)
-    hit = np.isin(np.arange(len(t_us)), damaged)
     registers = np.repeat((t_us % 2**32 % 30_000).astype(np.int16)[:, None], 7, axis=1)
-    return ReceivedSamples(None if sequence is None else np.asarray(sequence, dtype=np.int64), t_us, registers, hit)
+    sequence = None if sequence is None else np.asarray(sequence, dtype=np.int64)
+    return ReceivedSamples(sequence, t_us, registers, np.zeros(len(t_us), dtype=bool))
 
 
 def told(out):

@@ -37,7 +37,6 @@ from tinygc.models.linear import LinearModel
 from tinygc.models.physics import PhysicsModel
 
 F = np.float32
-ROWS = np.array([[1.0, -2.0, 3.0], [-0.5, 0.25, -4.0]], F)
 ACCELEROMETER = Accelerometer(np.eye(3) + 0.01 * RNG.normal(size=(3, 3)), np.array([0.1, -0.2, 0.3]))
 SENSOR = Registers(500, 4, 208.0, ACCELEROMETER)
 each_model = pytest.mark.parametrize("name", MODELS)

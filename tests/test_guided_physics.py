@@ -106,11 +106,11 @@ class Said:
 
 
 @cache
-def chunks(table: Table, size: int = 50, seed: int = 0) -> list[SampleChunk]:
+def chunks(table: Table, seed: int = 0) -> list[SampleChunk]:
     samples = table.samples(seed=seed)
     rows = np.column_stack([samples.gyro / gyro_rps_per_lsb(500), samples.accel / accel_mps2_per_lsb(4), 256 * (samples.temp_c - 25)])
     rows, t_us = np.rint(rows).astype(np.int16), samples.t_ns // 1000
-    return [SampleChunk(t_us[i : i + size], rows[i : i + size]) for i in range(0, len(rows), size)]
+    return [SampleChunk(t_us[i : i + 50], rows[i : i + 50]) for i in range(0, len(rows), 50)]
 
 
 def led(port, segments=3, guide=None, coach=None, configure=lambda info, waited_s: config() if info else None, notes=None):

@@ -217,13 +217,12 @@ def test_without_a_turn_a_still_or_gravity_there_is_nothing_to_estimate_together
     assert [fit_joint(each, "fit") for each in nothing] == [None] * 3
 
 
-def drifting(turns=30, drift_mg=(8.0, -5.0, 6.0), off=OFF):
-    """A problem whose zero drifts by so much over its session; the drift, m/s^2; forces (Q, 3) and shares (Q,) of its stills."""
-    problem, force, _ = small(turns, off=off)
-    duration_s, second = 2 * (turns + 5.0), np.arange(turns + 1) > turns // 2
+def drifting():
+    """A problem whose zero drifts over its session; the drift, m/s^2; forces (Q, 3) and shares (Q,) of its stills."""
+    problem, force, _ = small(30)
     stills = [still for log in problem.logs for still in log.stills if still.problem is None]
-    middle_s = np.array([still.start_s + still.duration_s / 2 for still in stills]) + second * (turns + 5.0)
-    share, drift = middle_s / duration_s - 0.5, np.array(drift_mg) * MG
+    middle_s = np.array([still.start_s + still.duration_s / 2 for still in stills]) + 35 * (np.arange(31) > 15)
+    share, drift = middle_s / 70 - 0.5, np.array([8.0, -5.0, 6.0]) * MG
     moved = {id(still): replace(still, accel_mean=still.accel_mean + part * drift) for still, part in zip(stills, share, strict=True)}
     logs = [replace(log, stills=[moved.get(id(still), still) for still in log.stills]) for log in problem.logs]
     segments = [replace(s, first=moved[id(s.first)], last=moved[id(s.last)]) for s in problem.segments]

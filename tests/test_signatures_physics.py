@@ -32,13 +32,13 @@ def rates(session):
     return session.logs[0].samples.gyro / DEG - ZERO
 
 
-def tracked(rate, tau_s, odr_hz=104.0):
+def tracked(rate, tau_s):
     """The zero drawn to 0 while the sensor rests; it wanders."""
-    drift = 0.2 * np.sin(np.arange(len(rate))[:, None] / odr_hz / 20 + np.arange(3))
+    drift = 0.2 * np.sin(np.arange(len(rate))[:, None] / 104 / 20 + np.arange(3))
     zero, run, out = np.zeros(3), 0, np.empty_like(rate)
     for i, read in enumerate(rate + ZERO + drift):
         run = run + 1 if np.linalg.norm(rate[i]) < 1 else 0
-        zero = zero + (read - zero) / (tau_s * odr_hz) if run > 0.3 * odr_hz else zero
+        zero = zero + (read - zero) / (tau_s * 104) if run > 0.3 * 104 else zero
         out[i] = read - zero
     return out
 
@@ -49,9 +49,9 @@ def with_band(rate, axis, width, noise):
     return rate
 
 
-def high_passed(rate, axis, hz, odr_hz=104.0):
+def high_passed(rate, axis, hz):
     rate = rate.copy()
-    rate[:, axis] = lfilter(*butter(1, hz, "highpass", fs=odr_hz), rate[:, axis])
+    rate[:, axis] = lfilter(*butter(1, hz, "highpass", fs=104), rate[:, axis])
     return rate
 
 

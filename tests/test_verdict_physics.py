@@ -58,10 +58,6 @@ def test_nothing_better_than_raw_is_a_fail_and_one_that_is_worse_is_said(held_ou
         assert [against.to_json()[key] for key in ("worse", "passed")] == [list(worse), not (failed and enough)]
 
 
-def fitted(angles, parameters=12, undone=()):
-    return SimpleNamespace(held_out=np.asarray(angles, dtype=float), parameters=parameters, model=SimpleNamespace(undone=undone))
-
-
 @pytest.mark.parametrize(
     ("mine", "raw", "segments", "worse"),
     [(1.1, 1.0, 13, True), (1.0, 1.0, 13, False), (1.1, 1.0, 12, False), (None, 1.0, 13, True), (1.0, None, 13, False)],
@@ -73,13 +69,13 @@ def test_a_file_says_whether_its_method_is_worse_than_raw(mine, raw, segments, w
         assert worse_in_table(other, method) is None
 
 
-def used(tilts: dict[str, float], segments=40, raw_deg=5.0, numbers=None, undone=()):
+def used(tilts: dict[str, float], segments=40, numbers=None):
     """Each method closes all segments alike but for a part in ten thousand, so that Wilcoxon's p is a power of two."""
-    parameters = {"raw": 0, "least_squares": 12, "tinygc": 27, "tinygc_denoised": 195, "physics": 15, "pso": 12}
-    shape = np.linspace(1, 1.0001, segments)[:, None] * [0.6, 0.8]
-    fits = {name: fitted(tilt * DEG * shape, parameters[name], undone if name == "physics" else ()) for name, tilt in tilts.items()}
+    parameters = {"raw": 0, "least_squares": 12, "tinygc": 27, "tinygc_denoised": 195, "physics": 15}
+    shape, model = np.linspace(1, 1.0001, segments)[:, None] * [0.6, 0.8], SimpleNamespace(undone=())
+    fits = {name: SimpleNamespace(held_out=tilt * DEG * shape, parameters=parameters[name], model=model) for name, tilt in tilts.items()}
     held = {name: closure_figures(fit.held_out)["tilt_rms_deg"] for name, fit in fits.items()}
-    return model_to_use(fits, AgainstRaw("raw", raw_deg, held, segments), numbers or {name: list(range(segments)) for name in fits})
+    return model_to_use(fits, AgainstRaw("raw", 5.0, held, segments), numbers or {name: list(range(segments)) for name in fits})
 
 
 @pytest.mark.parametrize(
@@ -126,8 +122,8 @@ def judged(times=1.0, segments=40, **known):
 SHEET = Promise(5.0, 10.0, "an X1's data sheet")
 
 
-def run(error=1e-3, p=0.5, lost=""):
-    return {"run_errors": [np.full(3, error)], "run_p": [p], "run_losses": [lost]}
+def run(error=1e-3, p=0.5):
+    return {"run_errors": [np.full(3, error)], "run_p": [p], "run_losses": [""]}
 
 
 @pytest.mark.parametrize(
@@ -341,8 +337,8 @@ MDPS = 1e-3 * DEG
 FINE = GoodnessOfFit(60.0, 60, 0.5)
 
 
-def noise(p=0.5, beyond="each turn 2 deg, where 1 deg is usual"):
-    return SimpleNamespace(unusual_p=p, noise=SimpleNamespace(beyond_words=beyond))
+def noise(p):
+    return SimpleNamespace(unusual_p=p, noise=SimpleNamespace(beyond_words="each turn 2 deg, where 1 deg is usual"))
 
 
 def odds(log_odds, **others):
@@ -401,18 +397,15 @@ def test_a_given_calibration_of_the_accelerometer_is_tested_where_it_is_in_use(m
     assert all(test.name == GRAVITY for test in found)
 
 
-def problem(model="ASM330LHH", given=True, noise_mdps=None, dph=None, instability=3.0, unit_mdps=7.1):
+def problem(noise_mdps=None, dph=None, unit_mdps=7.1):
     """Three turns of 4, 5 and 9 s beside an accelerometer twice as noisy as its data sheet says."""
-    figures = {"gyro_noise_mdps_rthz": 5.0, "accel_noise_ug_rthz": 60.0, "gyro_bias_instability_dph": instability}
-    sensor = SimpleNamespace(
-        gyro_noise_mdps_rthz=noise_mdps,
-        gyro_bias_instability_dph=dph,
-        typical=lambda name: (model, figures[name]) if model and figures[name] else None,
-    )
+    figures = {"gyro_noise_mdps_rthz": 5.0, "accel_noise_ug_rthz": 60.0, "gyro_bias_instability_dph": 3.0}
+    typical = lambda name: ("ASM330LHH", figures[name])  # noqa: E731
+    sensor = SimpleNamespace(gyro_noise_mdps_rthz=noise_mdps, gyro_bias_instability_dph=dph, typical=typical)
     part = lambda variance: SimpleNamespace(own=np.tile(np.diag([variance, 2 * variance, 7.0]), (3, 1, 1)))  # noqa: E731
     parts = {"white noise of the gyroscope": part(1.0), "white noise of the accelerometer": part(4e-8), "truth file": part(1e-8)}
     return SimpleNamespace(
-        session=SimpleNamespace(config=SimpleNamespace(sensor=sensor, model_given=given)),
+        session=SimpleNamespace(config=SimpleNamespace(sensor=sensor, model_given=True)),
         batch=SimpleNamespace(duration_s=np.array([4.0, 5.0, 9.0])),
         middle_s=np.array([10.0, 20.0, 40.0]),
         used=[0, 1, 2],
@@ -424,7 +417,7 @@ def problem(model="ASM330LHH", given=True, noise_mdps=None, dph=None, instabilit
 @pytest.mark.parametrize(("noise_mdps", "dph"), [(8.0, None), (None, 12.0)])
 def test_a_data_sheet_promises_noise_drift_and_references(noise_mdps, dph):
     """N^2 T of both axes, B about its mean over the session, a quarter of the measured noise of the accelerometer, and the truth's."""
-    found = promise_of(problem(noise_mdps=noise_mdps, dph=dph))
+    found = promise_of(problem(noise_mdps, dph))
     seconds, about_mean = np.array([4.0, 5.0, 9.0]), np.eye(3) - 1 / 3
     wander = wander_covariance(np.array([10.0, 20.0, 40.0]), instability_rps=(dph or 3.0) * DEG_PER_HOUR)
     drift = np.diag(about_mean @ wander @ about_mean)

@@ -225,11 +225,11 @@ def test_a_folder_that_cannot_be_read_has_no_key_and_is_tried_again(fleet, tmp_p
 # The table.
 
 
-def refused(out, error=FormatError) -> str:
+def refused(out) -> str:
     """What both a run and a reader say, in one line, and leave the file alone."""
     said, before = [], (out / NAME).read_bytes()
     for opened in (open_table, read_table):
-        with pytest.raises(error) as caught, opened(out):
+        with pytest.raises(FormatError) as caught, opened(out):
             pass
         said.append(str(caught.value))
     assert said[0] == said[1]

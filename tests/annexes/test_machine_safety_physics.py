@@ -542,10 +542,10 @@ def turning(make="line", limits=(-90, 270), **more):
     return bench
 
 
-def followed(bench, seconds, every_s=0.05):
+def followed(bench, seconds):
     """Look at it for so long, as a program does."""
-    for _ in range(round(seconds / every_s)):
-        bench.clock.sleep(every_s)
+    for _ in range(20 * seconds):
+        bench.clock.sleep(0.05)
         bench.guarded.where()
 
 
@@ -807,9 +807,9 @@ def test_a_move_that_is_half_sent_when_it_is_stopped_is_not_sent_on():
 WITHOUT_SWITCHES = description("grbl", homing=False)
 
 
-def jogging(faults="", **more):
+def jogging():
     """A GRBL without switches whose moves are confirmed."""
-    bench = Bench(WITHOUT_SWITCHES, faults, **more)
+    bench = Bench(WITHOUT_SWITCHES)
     bench.confirm()
     return bench
 

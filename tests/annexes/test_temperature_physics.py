@@ -73,9 +73,9 @@ def small_rest(temp_c, gyro=None, block_s=10.0, number=None, name="rest.csv", sd
     return RestLog(Path(name), number, block_s, temp, gyro, force, sd, 1e-3 * sd, ten, 10 * count, block_s / 10)
 
 
-def triangle(count, half, low=10.0, high=30.0):
-    """Temperatures (count,) that go up for ``half`` blocks, down for as many, and so on."""
-    return low + (high - low) * (1 - np.abs((np.arange(count) % (2 * half)) / half - 1))
+def triangle(count, half):
+    """Temperatures (count,) that go up from 10 to 30 degC for ``half`` blocks, down for as many, and so on."""
+    return 30 - 20 * np.abs((np.arange(count) % (2 * half)) / half - 1)
 
 
 # The element's temperature
@@ -411,7 +411,8 @@ def test_a_fit_is_put_together_from_these(lag_s):
         expected = _hysteresis_of(knots, y - B @ np.linalg.lstsq(B, y, rcond=None)[0], fit.noise.C)
         assert (*found.difference, *found.sigma) == pytest.approx((*expected.difference, *expected.sigma), rel=1e-6)
     assert fit.examined.candidates[fit.examined.chosen] == chosen
-    assert fit.held_out == fit.held_out_of(2, chosen.lagged) == pytest.approx(np.sqrt(fit.examined.held_out[:, fit.examined.chosen].mean()))
+    held_out = np.sqrt(fit.examined.held_out[:, fit.examined.chosen].mean())
+    assert (fit.held_out, fit.held_out_of(2, chosen.lagged)) == pytest.approx((held_out, held_out))
     assert np.isnan(fit.held_out_of(9, False))
     assert {each.order for each in fit.examined.candidates if not each.lagged} == {0, 1, 2, 3, 4, 5}
     assert fit.p_value < 1e-6
@@ -496,16 +497,16 @@ def test_what_is_left_as_it_is():
     assert (set(flat.temp_c), flat.sigma_c[0], stays.sigma_c[200]) == ({20.0}, pytest.approx(2 * UNIFORM), pytest.approx(UNIFORM))
 
 
-def stepped(slope=0.02, step=1.0, seed=0, noise=0.003, back=False):
-    rng = np.random.default_rng(seed)
+def stepped(noise=0.003, back=False):
+    """A rest log of a thermometer of 1 degC."""
     temp_c = 20.3 + 9 * (1 - np.abs(T / 200 - 1) if back else T / 400)
-    log = small_rest(stepped_to(temp_c, step), slope * (temp_c - 20) + noise * rng.standard_normal(400), block_s=4.0)
-    return replace(log, grid=(step, 20.0)), temp_c
+    gyro = 0.02 * (temp_c - 20) + noise * np.random.default_rng(0).standard_normal(400)
+    return replace(small_rest(stepped_to(temp_c), gyro, block_s=4.0), grid=(1.0, 20.0))
 
 
 def test_the_knots_carry_the_errors_of_the_steps():
     """Of each interval one, alike in all its blocks; of a knot the mean."""
-    logs = [stepped()[0], stepped()[0]]
+    logs = [stepped()] * 2
     knots = make_knots(logs, [])
     one = between_steps(logs[0].t_s, logs[0].temp_c, logs[0].grid)
     of_one = np.eye(one.interval.max() + 1)[one.interval] * one.sigma_c[:, None]
@@ -516,7 +517,7 @@ def test_the_knots_carry_the_errors_of_the_steps():
 
 def test_the_errors_weigh_with_the_slope_there():
     """Of 0.5 + 0.02 T + 0.001 T^2 the slope is 0.02 + 0.002 T; a constant has none."""
-    knots = make_knots([stepped()[0]], [])
+    knots = make_knots([stepped()], [])
     y = 0.5 + columns(knots, 0.0, 2)[:, 1:] @ [0.02 * knots.half_c, 0.001 * knots.half_c**2]
     off, V = (0.02 + 0.002 * (knots.temp_c - knots.reference_c))[:, None] * knots.off_c, knots.covariances()
     assert knots.of_steps(y, 0.0, 2) == pytest.approx(off @ off.T, abs=1e-12)
@@ -528,7 +529,7 @@ def test_the_errors_weigh_with_the_slope_there():
 @pytest.mark.parametrize(("noise", "shows"), [(0.003, 2), (0.3, 0)])
 def test_the_line_of_a_constant_by_full_matrices(noise, shows):
     """Slope by equal weights, sigma in the noise of the constant; whether the parabola shows in the noise that it leaves itself."""
-    log, _ = stepped(noise=noise, back=True)
+    log = stepped(noise, back=True)
     knots = make_knots([log], sweeps_of(log.temp_c))
     y, V = knots.mean(log.gyro[:, 0]) * 4, knots.covariances()
     of_constant, of_parabola = about(knots, y, V, noise, 0), about(knots, y, V, noise, 2)

@@ -32,13 +32,11 @@ def fitted(t_ns, gyro, known, **more):
     return tinygc.fit_turns(turn_session([GyroLog("log", t_ns, gyro)], known, **more))
 
 
-def step(rate_dps=60.0, turning=120, noise=0.0, seed=0):
-    """A turn about x that begins and ends between two samples, at 100 Hz."""
-    gyro = np.zeros((500, 3))
-    gyro[200 : 200 + turning, 0] = rate_dps * DEG
-    gyro += noise * np.random.default_rng(seed).normal(size=gyro.shape)
-    turned = Turned(((0, rate_dps * turning / 100, rate_dps),))
-    return np.arange(500) * 10_000_000, gyro, turned.known()
+def step(rate_dps=60.0, noise=0.0, seed=0):
+    """A turn about x of 1.2 s that begins and ends between two samples, at 100 Hz."""
+    gyro = noise * np.random.default_rng(seed).normal(size=(500, 3))
+    gyro[200:320, 0] += rate_dps * DEG
+    return np.arange(500) * 10_000_000, gyro, Turned(((0, rate_dps * 1.2, rate_dps),)).known()
 
 
 # Exact angles and scales.
@@ -234,12 +232,12 @@ def test_lost_samples_that_look_like_bursts_are_told_by_how_turns_repeat():
 # The estimate.
 
 
-def turn(measured_deg, stated_deg=360.0, axis=2, sense=1, log="log1", **more):
+def turn(measured_deg, stated_deg=360.0, axis=2, log="log1", problem=None, **variance):
     """A measured turn with 0.2 deg of the gyroscope and 0.1 deg of the stop."""
-    (known,) = Turned(((axis, sense * stated_deg, 90.0),)).known()
-    variance = dict.fromkeys(TERMS, 0.0) | {"white": (0.2 * DEG) ** 2}
-    along, angles = np.eye(3)[axis] * sense, (stated_deg * DEG, measured_deg * DEG)
-    return TurnAngle(known, log, axis, sense, *angles, along, 4.0, 90 * DEG, 0.01, variance | more.pop("variance", {}), **more)
+    (known,) = Turned(((axis, stated_deg, 90.0),)).known()
+    variance = dict.fromkeys(TERMS, 0.0) | {"white": (0.2 * DEG) ** 2} | variance
+    angles = (stated_deg * DEG, measured_deg * DEG)
+    return TurnAngle(known, log, axis, 1, *angles, np.eye(3)[axis], 4.0, 90 * DEG, 0.01, variance, problem=problem)
 
 
 KNOWN = np.hypot(0.2, 0.1) * DEG
@@ -295,7 +293,7 @@ def test_chi_square_is_that_of_a_weighted_fit_of_a_scale():
 
 
 def test_a_single_turn_has_the_sum_of_its_known_errors_and_all_of_its_vibration():
-    found = estimate([turn(361.0, variance={"vibration": (0.5 * DEG) ** 2})])
+    found = estimate([turn(361.0, vibration=(0.5 * DEG) ** 2)])
     assert found.scale == pytest.approx([1 / 360], rel=1e-4)
     assert np.sqrt(found.covariance) == pytest.approx(np.sqrt(KNOWN**2 + (0.5 * DEG) ** 2) / (360 * DEG), rel=1e-4)
     assert not found.play.estimated

@@ -295,11 +295,9 @@ def record(
     noise=5.0,
     name="rates0001.csv",
     jitter_s=0.0,
-    has_clock=False,
     limits="",
 ):
-    """Write the folder of a recording; latency_s: by which its angles are late; jitter_s: of their stamps, which a clock of the machine
-    has not."""
+    """Write the folder of a recording; latency_s: by which its angles are late; jitter_s: of their stamps."""
     folder.mkdir(parents=True, exist_ok=True)
     options = SimulationOptions(seed=seed, gyro_noise_dps_rthz=noise * 1e-3, odr_hz=ODR_HZ, gyro_fs_dps=500, bias_instability_dph=0.0)
     sensor = SensorOnTable(TABLE, TableErrors((AxisErrors(),)), options, unit(scale), distort)
@@ -313,8 +311,7 @@ def record(
     t_s = np.arange(0.0, ends_s - 0.1, 1 / ANSWERS_HZ)
     said = track.said_and_sense(t_s - latency_s)[0] + 0.002 * DEG * rng.normal(size=len(t_s))
     stamp_s = np.maximum.accumulate(t_s + jitter_s * np.abs(rng.normal(size=len(t_s))))
-    clock = [7.0 + t if has_clock else None for t in t_s.tolist()]
-    rows = [row(name, round(s * 1e6), c, True, [angle]) for s, c, angle in zip(stamp_s.tolist(), clock, said, strict=True)]
+    rows = [row(name, round(s * 1e6), None, True, [angle]) for s, angle in zip(stamp_s.tolist(), said, strict=True)]
     path = folder / "table.csv"
     before = path.read_text() if path.exists() else header(TABLE) + "\n"
     path.write_text(before + "\n".join(rows) + "\n")

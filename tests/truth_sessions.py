@@ -30,7 +30,7 @@ truth_sigma_deg = {sigma_deg}
 @dataclass(frozen=True)
 class Wrong:
     """What is wrong with a truth, and how good it is: late_s; mounting, a rotation vector in degrees; noise of each angle of a moment;
-    moments every so many s; turns of 2 s each; delays (3,) s of the gyro's axes; force: whether there is an accelerometer."""
+    moments every so many s; turns of 2 s each; force: whether there is an accelerometer."""
 
     late_s: float = 0.0
     mounting_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -40,9 +40,7 @@ class Wrong:
     sigma_deg: float = 0.02
     every_s: float = 0.1
     turns: int = 30
-    delays_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
     force: bool = True
-    misaligned: float = 0.005  #: rms of the gyro's matrix
     axis: tuple[float, float, float] | None = None
     given: TruthGiven = field(default_factory=TruthGiven)
 
@@ -53,9 +51,8 @@ def made(wrong: Wrong, seed: int = 1) -> tuple[Session, np.ndarray]:
     for _ in range(wrong.turns):
         table.turn(rng.uniform(40, 120), rng.normal(size=3) if wrong.axis is None else np.multiply(wrong.axis, rng.choice([-1, 1])), 2.0)
     samples = table.samples(seed=seed, bias_dps=(0, 0, 0), registers=False)
-    rate = np.stack([np.interp(samples.t_s - late, samples.t_s, samples.gyro[:, i]) for i, late in enumerate(wrong.delays_s)], axis=-1)
-    E = np.eye(3) + rng.normal(size=(3, 3)) * wrong.misaligned
-    gyro = rate @ np.linalg.inv(E).T + np.multiply(BIAS_DPS, DEG)
+    E = np.eye(3) + rng.normal(size=(3, 3)) * 0.005
+    gyro = samples.gyro @ np.linalg.inv(E).T + np.multiply(BIAS_DPS, DEG)
     moments = np.arange(0.3 + max(wrong.late_s, 0), table.duration_s - 0.3 + min(wrong.late_s, 0), wrong.every_s)
     _, attitude = table.truth(moments - wrong.late_s)
     q = (attitude * Rotation.from_rotvec(rng.normal(size=(len(moments), 3)) * wrong.sigma_deg * DEG)).as_quat(scalar_first=True)

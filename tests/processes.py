@@ -123,6 +123,14 @@ def refused(result: tuple[int, str, str], *words: str) -> None:
         assert word in lines[0], (word, lines[0])
 
 
+def as_it_stands(name: str, found: str) -> None:
+    """A screen is that of tests/screens.  TINYGC_SCREENS=write writes it anew."""
+    path = ROOT / "tests" / "screens" / name
+    if os.environ.get("TINYGC_SCREENS") == "write":
+        path.write_text(found, encoding="utf-8")
+    assert found == path.read_text(encoding="utf-8")
+
+
 def end(process: Popen) -> None:
     """Ask, then kill: the process and all of its group.  It is waited for, and its pipes are closed."""
     if process.returncode is None:  # else its number may be another's by now

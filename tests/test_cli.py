@@ -12,14 +12,12 @@ import processes
 import pytest
 from conftest import ROOT, SESSION_TOML, Table, write_session
 from formats_page import strangers
-from processes import HEADER, QUICK, refused, spoil
+from processes import HEADER, QUICK, as_it_stands, refused, spoil
 
 from tinygc.cli.arguments import parser
 from tinygc.cli.commands import COMMANDS
 
-SCREENS = Path(__file__).parent / "screens"
-
-# Screens: of a session of four turns; that of a fit stands in docs/tutorial.md.  TINYGC_SCREENS=write writes them anew.
+# Screens: of a session of four turns; that of a fit stands in docs/tutorial.md.
 
 
 def masked(text: str) -> str:
@@ -58,11 +56,7 @@ def test_the_screens_are_as_they_stand(run, four, tmp_path, monkeypatch):
     for line in LINES:
         code, out, err = run(*line.split())
         said.append(f"$ calibrate {line}\n{masked(out)}--\n{masked(err)}exit code {code}\n")
-    path, found = SCREENS / "four.txt", "\n".join(said)
-    if os.environ.get("TINYGC_SCREENS") == "write":
-        path.parent.mkdir(exist_ok=True)
-        path.write_text(found, encoding="utf-8")
-    assert found == path.read_text(encoding="utf-8")
+    as_it_stands("four.txt", "\n".join(said))
 
 
 # Streams

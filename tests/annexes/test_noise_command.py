@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import re
 
 import numpy as np
 import pytest
 from conftest import Table, write_session
 from formats_page import strangers
-from processes import refused
+from processes import as_it_stands, refused
 
 import tinygc
 from session.io.errors import CalibrationError
@@ -129,102 +128,58 @@ def test_what_is_no_argument_is_refused(given, more, says):
 # The screen
 
 
-def test_values_stand_in_the_units_of_the_field():
-    out = Noise(estimate()).summary()
-    for words in (
-        r"N  °/√h, two-sided .* 2\.4100 ± 0\.0048 .* 2\.5400",
-        r"mdps/√Hz, one-sided .* 56\.80 ± 0\.11",  # sqrt(2) 2.41 / 60 dps
-        r"B  °/h .* 28\.7 ± 1\.1",
-        r"K  °/h/√h .*< 31 \(30 %\) .* 119\.0 ± 8\.3 .* 178\.0 ± 8\.9 \(90 %\)",
-        r"N  m/s/√h, two-sided .* 0\.17000",
-        r"µg/√Hz, one-sided .* 408\.6",  # sqrt(2) 0.17 / 60 / g
-        r"B  µg .* 120 ± 12",
-        r"K  µg/√h .* < 500",
-    ):
-        assert re.search(words, out), words
-    assert "µrad" not in out
-    assert "Q  µrad" in as_text(Noise(estimate()).pages(verbose=True))
-
-
-def test_a_size_that_is_not_determined_is_no_number():
-    unsure = dataclasses.replace(shown(178 * WALK, 0.6, 0.7), at_most=350 * WALK)
-    all_three = SensorNoise(tuple(axis(N=shown(N, 0.001), K=unsure) for _ in "xyz"))
-    one = SensorNoise((axis(N=shown(N, 0.001), K=unsure), *(axis(N=shown(N, 0.001), K=shown(178 * WALK, 0.05)) for _ in "yz")))
-    for gyro, cells, kalibr, number in (
-        (all_three, r"K  °/h/√h +(< 350 \(70 %\) *){3}", "gyroscope 0.000291, < 2.8e-05", None),
-        (one, r"K  °/h/√h +< 350 \(70 %\) +178", "gyroscope 0.000291, 1.44e-05 (x < 2.8e-05)", 178 * WALK),
-    ):
-        found = Noise(estimate(figures(gyro=gyro)))
-        assert re.search(cells, found.summary())
-        assert kalibr in found.summary()
-        assert found.to_json()["kalibr"]["gyroscope_random_walk"] == (number if number is None else pytest.approx(number))
-
-
-def test_open_terms_say_when_they_will_be_known():
-    vague = SensorNoise(tuple(axis(N=shown(N, 0.001), B=shown(H, 0.21), K=shown(H / 60, 0.19)) for _ in "xyz"))
-    found = Noise(estimate(figures(gyro=vague, accel=None)))
-    terms = found.to_json()["open_terms"]
-    assert {(each["axis"], each["term"]) for each in terms} == {(name, "B") for name in "xyz"}
-    assert all(each["known_after_s"] >= 10_000 for each in terms)
-    assert re.search(r"Gyroscope known to 20 %: N, K; after one rest of: B \S+ h \(x y z\)", found.summary())
-    hidden_terms = Noise(estimate()).to_json()["open_terms"]  # of limits: a smaller term needs a longer rest
-    assert {(each["sensor"], each["axis"]) for each in hidden_terms} == {("gyro", "x"), ("accel", "x"), ("accel", "y"), ("accel", "z")}
-    assert "Gyroscope known to 20 %: N, B; not before one rest of: K" in Noise(estimate()).summary()
+def of_gyro(*walks: Term, floor: Term = ABSENT) -> NoiseFigures:
+    return figures(gyro=SensorNoise(tuple(axis(N=shown(N, 0.001), B=floor, K=walk) for walk in walks)))
 
 
 def sheet(gyro_mdps, gyro_terms, accel_ug=60.0, sensor="ASM330LHH"):
-    """Rows of a unit with these one-sided densities and B of three axes, held against 5 mdps, 3 °/h and 60 µg."""
+    """Of a unit with these one-sided densities and B of three axes, held against 5 mdps, 3 °/h and 60 µg."""
     half = np.sqrt(0.5)
     gyro = SensorNoise(tuple(axis(N=shown(gyro_mdps * 1e-3 * DEG * half, 0.001), B=each) for each in gyro_terms))
     accel = SensorNoise(tuple(axis(N=shown(accel_ug * UG * half, 0.001)) for _ in "xyz"))
-    return Noise(estimate(figures(gyro=gyro, accel=accel, sensor=sensor)))
+    return figures(gyro=gyro, accel=accel, sensor=sensor)
 
 
-@pytest.mark.parametrize(
-    ("of", "verdicts", "words"),
-    [
-        ((5.0, [shown(3.0 * H, 0.1)] * 3, 60.0), ["within"] * 3, ""),
-        ((5.9, [shown(1.5 * H, 0.1)] * 3, 65.0), ["above", "below", "within"], "Gyroscope N 5.9 mdps/√Hz, data sheet 5: above by 18 %"),
-        ((5.0, [shown(H, 0.1)] * 3, 60.0, "unheard of"), [], ""),
-        # A term that does not show is held against the sheet by its limit.
-        ((5.0, [hidden(2.0 * H)] * 3), ["within", "below", "within"], "B < 2 °/h, data sheet 3: below"),
-        ((5.0, [hidden(None)] * 3), ["within", "open", "within"], "B – °/h, data sheet 3: open"),
-        # An axis with a limit alone counts beside those with numbers.
-        (
-            (5.0, [shown(2.0 * H, 0.01), hidden(3.1 * H), shown(H, 0.01)]),
-            ["within", "open", "within"],
-            "B 2 (< 3.1) °/h, data sheet 3: open",
-        ),
-        ((5.0, [shown(3.1 * H, 0.01), hidden(2.9 * H), shown(H, 0.01)]), ["within", "within", "within"], ""),
-    ],
-)
-def test_the_data_sheet_is_one_sided(of, verdicts, words):
-    found = sheet(*of)
-    assert [row["verdict"] for row in found.to_json()["data_sheet"]] == verdicts
-    assert words in found.summary()
-
-
-def misfit(of, *axes):
-    """The sensor with axes that its terms do not describe."""
-    return SensorNoise(
-        tuple(dataclasses.replace(own, p_value=1e-9, excess=7.0) if number in axes else own for number, own in enumerate(of.axes))
-    )
-
-
-def test_an_axis_that_is_not_described_gives_no_number():
+def misfit(gyro, accel):
+    """Axes that the terms do not describe."""
     of = figures(sensor="ASM330LHH")
-    part = Noise(estimate(dataclasses.replace(of, gyro=misfit(of.gyro, 1), accel=misfit(of.accel, 2))))
-    table, lines = part.to_json(), part.summary().splitlines()
-    assert table["kalibr"]["gyroscope_noise_density"] == pytest.approx(2.41 * N)  # of x; y, the worst, is left out
-    assert {(each["sensor"], each["axis"]) for each in table["open_terms"]} == {("gyro", "x"), ("accel", "x"), ("accel", "y")}
-    assert lines[1].startswith("NOT DESCRIBED by these terms: gyroscope y (p = 1e-09, 7 times their variance)")
-    assert "Kalibr density, walk (SI): gyroscope 0.000701, 1.44e-05 (without y); accelerometer 0.003, < 8.2e-05 (without z)" in lines
-    assert any(line.startswith("Gyroscope B 28.7 °/h, data sheet 3: above, 9.6 times (without y)") for line in lines)
-    none = Noise(estimate(dataclasses.replace(of, gyro=misfit(of.gyro, 0, 1, 2), accel=misfit(of.accel, 0, 1, 2))))
-    table, out = none.to_json(), none.summary()
-    assert (set(table["kalibr"].values()), table["open_terms"], table["data_sheet"]) == ({None}, [], [])
-    assert "Kalibr density, walk (SI): gyroscope –, – (without x y z); accelerometer –, – (without x y z)" in out
-    assert not any(words in out for words in ("known to 20 %", "data sheet", "Inflate"))
+    spoilt = {
+        kind: [dataclasses.replace(own, p_value=1e-9, excess=7.0) if k in axes else own for k, own in enumerate(of.sensors()[kind].axes)]
+        for kind, axes in (("gyro", gyro), ("accel", accel))
+    }
+    return dataclasses.replace(of, **{kind: SensorNoise(tuple(axes)) for kind, axes in spoilt.items()})
+
+
+UNSURE, SURE = dataclasses.replace(shown(178 * WALK, 0.6, 0.7), at_most=350 * WALK), shown(178 * WALK, 0.05)
+SCREENS = {
+    "N of x is sqrt(2) 2.41 / 60 dps/√Hz, one-sided, and sqrt(2) 0.17 / 60 m/s²/√Hz": figures(),
+    "a size that is not determined is no number": of_gyro(UNSURE, UNSURE, UNSURE),
+    "nor is that of one axis": of_gyro(UNSURE, SURE, SURE),
+    "open terms say when they will be known": of_gyro(*[shown(H / 60, 0.19)] * 3, floor=shown(H, 0.21)),
+    "within the data sheet": sheet(5.0, [shown(3.0 * H, 0.1)] * 3),
+    "above by 18 %, below, within": sheet(5.9, [shown(1.5 * H, 0.1)] * 3, 65.0),
+    "no data sheet": sheet(5.0, [shown(H, 0.1)] * 3, sensor="unheard of"),
+    "below by its limit": sheet(5.0, [hidden(2.0 * H)] * 3),
+    "open without a limit": sheet(5.0, [hidden(None)] * 3),
+    "open by the limit of one axis": sheet(5.0, [shown(2.0 * H, 0.01), hidden(3.1 * H), shown(H, 0.01)]),
+    "within, whatever is hidden below": sheet(5.0, [shown(3.1 * H, 0.01), hidden(2.9 * H), shown(H, 0.01)]),
+    "y and z are not described: left out": misfit([1], [2]),
+    "no axis is described: no number": misfit([0, 1, 2], [0, 1, 2]),
+}
+
+
+def test_the_screens_are_as_they_stand():
+    said = []
+    for name, of in SCREENS.items():
+        found = Noise(estimate(of))
+        table = found.to_json()
+        verdicts = [row["verdict"] for row in table["data_sheet"]]
+        terms = [" ".join(each[key] for key in ("sensor", "axis", "term")) for each in table["open_terms"]]
+        kalibr = [value if value is None else f"{value:.4g}" for value in table["kalibr"].values()]
+        said.append(f"# {name}\n{found.summary()}\nJSON: {verdicts} {terms} {kalibr}\n")
+    as_it_stands("noise.txt", "\n".join(said))
+    assert "µrad" not in said[0]
+    assert "Q  µrad" in as_text(Noise(estimate()).pages(verbose=True))
 
 
 def test_the_picture_has_data_model_terms_and_ratio():

@@ -135,8 +135,6 @@ def test_fit_budget_history_and_verify_take_one_spread_of_the_zero(fitted, tmp_p
     parts = [part for part in verified.parts if part.name == "switch-on" and part.into[-3:].any()]
     assert [part.freedom for part in parts] == [4, 4, 3]
     two = 2 * in_fit.scatter_rps**2
-    np.testing.assert_allclose(np.diag(sum(part.into @ part.into.T for part in parts))[-3:], two, rtol=1e-6)
-    assert any("a step in B_z between day3 and day4" in note for note in verified.notes)
     for axis, variance in zip(tinygc.budget(fit, motion="rest", seconds=1.0).attitude, two, strict=False):
         (row,) = (row for row in axis.rows if row.source == "bias of another switch-on")
         assert row.variance == pytest.approx(variance, rel=0.1)  # E apart

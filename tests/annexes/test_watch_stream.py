@@ -19,10 +19,9 @@ import tinygc
 from session.io.errors import CalibrationError
 from tinygc.annexes.watch.source import Remark, Restart
 from tinygc.annexes.watch.watch import Watch
-from tinygc.models.linear import LinearModel
 
 posix_only = pytest.mark.skipif(os.name != "posix", reason="signals and select of POSIX")
-STEP = joined(samples(40, 1), samples(30, 2, zero_dps=(0.0, 0.05, 0.0)))
+STEP = joined(samples(20, 1), samples(14, 2, zero_dps=(0.0, 0.05, 0.0)))
 
 
 @pytest.mark.parametrize(("dps", "held"), [(0.01, True), (0.4, None)])
@@ -197,7 +196,7 @@ def test_a_command_gets_the_alarm_without_a_shell(tmp_path, model):
 def test_every_event_is_of_its_format():
     """Of every kind: no key that the page lacks, and what the schema asks for."""
     gravity = joined(samples(20, 1), samples(20, 2, force=(0, 0, -G * 1.002)))
-    events = [event for readings in (STEP, gravity, turning(8, 1, scale=(1.02, 0.98, 1.01))) for event in watched(readings)[1]]
+    events = [event for readings in (STEP, gravity, turning(3, 1, scale=(1.05, 0.95, 1.02))) for event in watched(readings)[1]]
     events += Watch(known()).take(Remark("crc", "frames failed their check"))
     tables = [json.loads(json.dumps(event.to_json())) for event in events]
     assert {table["event"] for table in tables} == {"start", "rest", "turn", "alarm", "remark", "end"}
@@ -217,18 +216,8 @@ def test_a_hand_that_begins_and_ends_softly_closes():
     assert not of_kind(watched(turning(2, 5, angle_deg=5.0))[1], "turn")  # what hardly turns is none
 
 
-def test_a_scale_that_has_changed_alarms_once_or_twice_and_is_followed():
-    """After an alarm the turns are held against the E that they show."""
-    readings, zero = turning(14, 1, scale=(1.03, 0.97, 1.02)), np.array([2.0, -2.0, 1.0]) * DEG
-    used = known(model=LinearModel(np.eye(3), -zero))
-    _, events = watched(dataclasses.replace(readings, gyro=readings.gyro + zero), known=used)
-    alarms, turns = of_kind(events, "alarm"), of_kind(events, "turn")
-    assert 1 <= len(alarms) <= 2
-    assert np.mean([event.table["chi_square"] for event in turns[-6:]]) < 6
-
-
 def test_a_zero_that_jumps_within_a_turn_is_no_closure():
-    readings = turning(6, 1)
+    readings = turning(4, 1)
     rate = readings.gyro.copy()
     rate[round(22.5 * RATE_HZ) :] += 1.0 * DEG  # within the third turn
     _, events = watched(dataclasses.replace(readings, gyro=rate))

@@ -62,10 +62,7 @@ MISTAKES = [
     # 10 mg turn the vertical by up to 0.57 deg: seventy times the gyro's noise over a segment.
     (lambda s: {"accel": s.accel + np.array([0.01 * G, 0, 0])}, "gravity spread", "warning", ""),
     (lambda s: {"gyro": s.gyro / DEG}, "gyro scale", "error", "the rates are in deg/s, but are read as rad/s"),
-    (lambda s: {"gyro": s.gyro / 8}, "gyro scale", "error", "4000 dps would match"),
     (lambda s: {"gyro": s.gyro / ST}, "gyro scale", "error", "converted with full scale / 32768 = 15.259 mdps per LSB; the datasheet says"),
-    (lambda s: {"gyro": s.gyro / 1.5}, "gyro scale", "error", "no usual mistake"),
-    (lambda s: {"gyro": s.gyro * 1.03}, "gyro scale", "ok", ""),
     (lambda s: {"gyro": s.gyro * [1, 1, -1]}, "axes", "error", "a rotation of the board cannot"),
     (
         lambda s: {"gyro": s.gyro[:, [1, 0, 2]] * [1, 1, -1]},
@@ -85,10 +82,7 @@ MISTAKES = [
         "z stands at -573.44 dps in 1 samples, first at 2.4 s",
     ),
     (lambda s: {"accel": rows_of(s.accel, 700, 0, 32767 * 0.122e-3 * G)}, "accelerometer clipping", "warning", ""),
-    (lambda s: {"accel": rows_of(s.accel, slice(700, 804), 1, 1.1 * G)}, "accelerometer clipping", "ok", ""),  # below gravity and a zero
     (lambda s: {"gyro": rows_of(s.gyro, slice(None), 2, s.gyro[0, 2])}, "gyro stuck", "error", "z"),
-    (lambda s: {"gyro": np.full_like(s.gyro, 0.01)}, "gyro stuck", "error", "quantisation"),
-    (lambda s: {"accel": rows_of(s.accel, slice(None), 1, s.accel[0, 1])}, "accelerometer stuck", "error", "y"),
     (lambda s: {"gyro": rows_of(s.gyro, slice(2000, None), 0, 0.0)}, "gyro dead", "error", "gx reads 0 dps from row 2000 to row "),
     (
         lambda s: {"accel": rows_of(s.accel, slice(2000, 2416), 1, 0.01)},
@@ -110,7 +104,6 @@ MISTAKES = [
         "warning",
         "its steps of 0.007031 are those of this sensor's register in Fahrenheit",
     ),
-    (lambda s: {"temp_c": np.round(s.temp_c * 1.8 + 32, 1)}, "temperature", "note", "which in Fahrenheit is"),
     (lambda s: {"temp_c": np.rint((s.temp_c - 25) * 256)}, "temperature", "warning", "as this sensor's register"),
     # 25 in a column ``temp`` is 25.1 degC, and every change is 256 times too small: nothing said so.
     (
@@ -120,7 +113,6 @@ MISTAKES = [
         "does temp hold the register",
     ),
     (lambda s: {"temp_c": s.temp_c + 55}, "temperature", "note", "is the column in degC, as its name says?"),
-    (lambda s: {"temp_c": s.temp_c - 55}, "temperature", "ok", ""),
     (lambda s: {"t_ns": s.t_ns * 1000}, "time unit", "error", "1000 times too slowly"),
 ]
 
@@ -131,7 +123,7 @@ def test_a_mistake_is_named_and_nothing_else_is_blamed(good, short, change, what
     findings = look(session, **change(session.logs[0].samples))
     finding = next(each for each in findings if each.what == what)
     assert (finding.level, words in f"{finding.says} {finding.do}") == (level, True), finding.line
-    beside = {"accelerometer stuck": "gravity", "gyro dead": "quantisation", "time unit": "gyro scale"}.get(what, what)
+    beside = {"gyro dead": "quantisation", "time unit": "gyro scale"}.get(what, what)
     assert {each.what for each in findings if each.level == "error"} <= {what, beside}
     assert "vibrat" not in finding.do
 
@@ -255,19 +247,12 @@ def test_clipped_shaking_that_no_fit_uses_accuses_neither_scale_nor_axes():
     assert "the gyro clips at 573 dps" in turns.says
 
 
-@pytest.mark.parametrize(
-    ("made", "said"),
-    [
-        (lambda: session_of(Table().tumble(6, seed=5).samples()), "6 usable segments, expected at least 7"),
-        (lambda: session_of(Table().rest(4).samples()), "1 still phase but no turn between two that are usable"),
-    ],
-)
-def test_check_refuses_what_fit_refuses_in_the_same_words(made, said):
-    session = made()
+def test_check_refuses_what_fit_refuses_in_the_same_words():
+    session = session_of(Table().tumble(6, seed=5).samples())
     with pytest.raises(CalibrationError) as refused:
         tinygc.fit(session, methods=("least_squares",))
     finding = of(tinygc.check(session), "turns")
-    assert (finding.level, said in finding.says) == ("error", True)
+    assert (finding.level, "6 usable segments, expected at least 7" in finding.says) == ("error", True)
     assert finding.says.startswith(str(refused.value).removeprefix("made: "))
 
 

@@ -11,13 +11,20 @@ from tinygc.noise.figures import TERMS, AxisNoise, Inflation, NoiseFigures, Sens
 SIGMA = 0.05  #: relative, of each term that is chosen
 
 
-def axis(limits=(), **sizes) -> AxisNoise:
+def axis_of(limits: Mapping[str, float] | None = None, tau_s: float | None = None, **terms: tuple[float, float]) -> AxisNoise:
+    """Terms by name, each with its value and sigma, SI; limits of terms that are not shown; tau_s of G."""
+    found = {}
+    for name in TERMS:
+        if name in terms:
+            found[name] = Term(*terms[name], 1.0, None, tau_s if name == "G" else None, None if name != "G" else 0.0)
+        else:
+            found[name] = Term(0.0, None, 0.0, (limits or {}).get(name))
+    return AxisNoise(found)
+
+
+def axis(limits=(), tau_s=None, **sizes) -> AxisNoise:
     """``axis(N=1e-4, K=2e-6)``; limits: of terms that are not chosen, by name; ``tau_s``: of G."""
-    tau_s = sizes.pop("tau_s", None)
-    limits = dict(limits)
-    terms = {name: Term(0.0, None, 0.01, limits.get(name)) for name in TERMS}
-    terms |= {name: Term(value, SIGMA * value, 0.999, tau_s=tau_s if name == "G" else None) for name, value in sizes.items()}
-    return AxisNoise(terms)
+    return axis_of(dict(limits), tau_s, **{name: (value, SIGMA * value) for name, value in sizes.items()})
 
 
 def sensor(*axes: AxisNoise) -> SensorNoise:
@@ -36,17 +43,6 @@ def figures(gyro=GYRO, accel=ACCEL, **changes) -> NoiseFigures:
     """Of ten hours at 208 Hz."""
     known = {"rate_hz": 208.0, "duration_s": 36_000.0, "samples": 7_488_000} | changes
     return NoiseFigures(gyro, accel, **known)
-
-
-def axis_of(limits: Mapping[str, float] | None = None, tau_s: float | None = None, **terms: tuple[float, float]) -> AxisNoise:
-    """Terms by name, each with its value and sigma, SI; limits of terms that are not shown; tau_s of G."""
-    found = {}
-    for name in TERMS:
-        if name in terms:
-            found[name] = Term(*terms[name], 1.0, None, tau_s if name == "G" else None, None if name != "G" else 0.0)
-        else:
-            found[name] = Term(0.0, None, 0.0, (limits or {}).get(name))
-    return AxisNoise(found)
 
 
 def figures_of(

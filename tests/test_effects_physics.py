@@ -248,7 +248,7 @@ def test_the_last_sense_stays_after_a_turn_and_a_latch_keeps_a_sign():
 
 def test_angles_and_level_directions_by_another_program():
     """scipy's rotations, step by step, from gravity at the beginning; the angle turned about one axis is that angle."""
-    moved = hand(104.0, 10.0)
+    moved = hand(104.0, 7.0)
     turned = signals.angle_turned(replace(moved, rate=np.outer(np.sin(moved.t_s), [1.0, 0, -2.0])))
     assert turned == pytest.approx(np.outer(1 - np.cos(moved.t_s), [1.0, 0, -2.0]), abs=2e-4)
     up = -moved.force_g[0] / np.linalg.norm(moved.force_g[0])  # the specific force at rest points against z, which is down

@@ -258,6 +258,7 @@ def test_shocks_to_come_have_the_rms_of_those_that_were():
     assert_allclose(draws.after(1.0) - draws.now - draws.growth, come, atol=1e-15)
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_errors_of_one_fit_are_drawn_with_their_correlation():
     sessions = drawn(YEARS, 8, own=100.0)
     root = np.linalg.cholesky(0.9 * np.ones((21, 21)) + 0.1 * np.eye(21))

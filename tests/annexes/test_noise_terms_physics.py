@@ -308,7 +308,7 @@ def test_a_line_that_means_do_not_show_is_left_out():
 
 def test_dependence_between_scales_is_that_of_the_slope():
     """The sandwich, against the covariance of the likelihood's slope at the true sizes by full matrices of the samples."""
-    search, count, x = search_of(1, 2**10, ("K",), N=1.0, K=10.0), 2**10, np.array([1.0, 100.0])
+    search, count, x = search_of(1, 2**9, ("K",), N=1.0, K=10.0), 2**9, np.array([1.0, 100.0])
     V = [search.V["N"], search.V["K"]]
     slopes = [np.zeros((count, count)) for _ in x]
     for stack, *own in zip(search.stacks, *V, strict=True):

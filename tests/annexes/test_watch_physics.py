@@ -162,11 +162,11 @@ def test_the_bars_of_a_quiet_block(share, quiet):
 
 
 def test_a_gap_ends_a_rest_and_lets_time_pass():
-    detector = Detector(settings(flat(wander=lambda t, span: np.full(3, 1e-10 * t)), 1e6))
-    list(detector.feed(*(getattr(samples(30, 5), name) for name in ("gyro", "accel"))))
-    before = float(detector.filter.P[0, 0, 0])
+    detector, rest = Detector(settings(flat(wander=lambda t, span: np.full(3, 1e-10 * t)), 1e6)), samples(30, 5)
+    list(detector.feed(rest.gyro, rest.accel))
+    before = detector.filter.P[0, 0, 0]
     detector.gap(round(3600 * RATE_HZ))
-    grown = (float(detector.filter.P[0, 0, 0]) - before) * detector.chosen.rate_sigma_rps[0] ** 2
+    grown = (detector.filter.P[0, 0, 0] - before) * detector.chosen.rate_sigma_rps[0] ** 2
     assert grown == pytest.approx(1e-10 * 3600, rel=0.01)
     assert windows(detector, samples(2, 6)) == []
 
@@ -275,12 +275,11 @@ def test_the_wander_is_nowhere_below_the_figures(B_dph, K):
 
 
 @pytest.mark.parametrize(
-    ("other", "every_s", "says"),
-    [({"rate_hz": 20.0}, 1e6, "samples a second; expected 32 or more"), ({}, 60.0, "a false alarm every 60 s")],
+    ("rate_hz", "every_s", "says"), [(20.0, 1e6, "samples a second; expected 32 or more"), (RATE_HZ, 60.0, "a false alarm every 60 s")]
 )
-def test_what_no_detector_can_do_is_refused(other, every_s, says):
+def test_what_no_detector_can_do_is_refused(rate_hz, every_s, says):
     with pytest.raises(CalibrationError, match=says):
-        settings(flat(**other), every_s)
+        settings(flat(rate_hz=rate_hz), every_s)
 
 
 def test_the_earth_across_the_vertical_is_that_of_the_latitude(tmp_path):

@@ -88,8 +88,8 @@ def test_a_hand_on_the_table_is_named_with_number_bar_and_axis():
 
 def test_a_table_that_always_trembles_is_no_dead_end():
     """Four times the sensor's noise, from a fan: after a minute its own calmest blocks are the yardstick."""
-    guide = guide_of(odr_hz=104.0)
-    play(guide, Table().rest(66).samples(odr_hz=104.0, gyro_mdps=20.0, accel_ug=60.0))
+    guide = guide_of()
+    play(guide, Table().rest(66).samples(gyro_mdps=20.0, accel_ug=60.0))
     assert guide.stage is Stage.TURN
 
 

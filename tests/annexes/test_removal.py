@@ -19,44 +19,33 @@ for found in sorted(ROOT.glob("*/annexes/*/__init__.py")):
     FOLDERS.setdefault(found.parent.name, []).append(found.parent.relative_to(ROOT))
 #: annex -> commands that need it
 GONE = {
-    "arrays": (
-        ["simulate", "--units", "3", "--out", "array"],
-        ["fit", "body"],
-    ),
+    "arrays": ("simulate --units 3 --out array", "fit body"),
     "logs": (),
-    "lots": (
-        ["fleet", "data"],
-        ["lot", "data"],
-        ["fit", "data/session1", "--lot", "lot.json"],
-    ),
-    "temperature": (
-        ["fit", "data/session1", "--temperature"],
-        ["fit", "rests"],
-        ["apply", "thermal.json", "data/session1/log0001.csv.gz", "-o", "t.csv"],
-    ),
-    "noise": (["noise", "data/session1"],),
-    "rates": (["rates", "table.csv"],),
-    "budget": (["budget", "data/session1"],),
-    "discovery": (["explain", "data/session1", "--discover"],),
-    "challenge": (["challenge", "--cases", "1"],),
-    "machines": (["table", "list"],),
-    "turntable": (["fit", "phone"],),
-    "certificate": (["report", "data/session1", "--certificate"], ["report", "data/session1", "--dcc", "dcc.xml"]),
-    "verification": (["verify", "model.json", "data/session1"],),
-    "watch": (["watch", "model.json", "data/session1/log0001.csv.gz"],),
-    "history": (["history", "data/session1"],),
+    "lots": ("fleet data", "lot data", "fit data/session1 --lot lot.json"),
+    "temperature": ("fit data/session1 --temperature", "fit rests", "apply thermal.json data/session1/log0001.csv.gz -o t.csv"),
+    "noise": ("noise data/session1",),
+    "rates": ("rates table.csv",),
+    "budget": ("budget data/session1",),
+    "discovery": ("explain data/session1 --discover",),
+    "challenge": ("challenge --cases 1",),
+    "machines": ("table list",),
+    "turntable": ("fit phone",),
+    "certificate": ("report data/session1 --certificate", "report data/session1 --dcc dcc.xml"),
+    "verification": ("verify model.json data/session1",),
+    "watch": ("watch model.json data/session1/log0001.csv.gz",),
+    "history": ("history data/session1",),
 }
 #: options that an annex serves
 OPTIONS = ("--units", "--lot", "--temperature", "--rest-cycles", "--discover", "--certificate", "--dcc")
 MAIN_JOB = (
-    ["simulate", "--segments", "10", "--closure", "0", "--odr-hz", "104", "--out", "s"],
-    ["check", "s"],
-    ["fit", "s", "--methods", "raw,least_squares", "--folds", "2"],
-    ["explain", "s", "--no-pictures"],
-    ["report", "s", "--methods", "raw,least_squares", "--folds", "2"],
-    ["apply", "s/fit/model_least_squares.json", "s/log0001.csv.gz", "-o", "calibrated.csv"],
-    ["export", "s", "--to", "px4"],
-    ["export", "s", "--to", "c"],
+    "simulate --segments 10 --closure 0 --odr-hz 104 --out s",
+    "check s",
+    "fit s --methods raw,least_squares --folds 2",
+    "explain s --no-pictures",
+    "report s --methods raw,least_squares --folds 2",
+    "apply s/fit/model_least_squares.json s/log0001.csv.gz -o calibrated.csv",
+    "export s --to px4",
+    "export s --to c",
 )
 #: runs commands in one process and prints the exit codes as JSON on the last line of standard output
 RUN = """
@@ -119,9 +108,9 @@ def within(folder: Path) -> dict[str, str]:
     return processes.environment(PYTHONPATH=str(folder), TINYGC_DEFAULTS="")
 
 
-def run(folder: Path, *commands: list[str]) -> tuple[list[int], str, list[list[str]]]:
+def run(folder: Path, *commands: str) -> tuple[list[int], str, list[list[str]]]:
     """Exit codes; what was printed; of each command the lines on standard error."""
-    done = python(folder, RUN, json.dumps(commands))
+    done = python(folder, RUN, json.dumps([command.split() for command in commands]))
     assert done.returncode == 0, done.stderr
     printed, _, codes = done.stdout.rstrip().rpartition("\n")
     return json.loads(codes), printed, [part.splitlines()[1:] for part in done.stderr.split("# ")[1:]]
@@ -137,7 +126,7 @@ def hold_gone(folder: Path, annexes: tuple[str, ...]) -> None:
         assert code == 2, command
         assert len(errors) == 1, (command, errors)
         assert f"the annex {annex}, which is not there" in errors[0], command
-        assert all(option in errors[0] for option in set(command) & set(OPTIONS)), command
+        assert all(option in errors[0] for option in set(command.split()) & set(OPTIONS)), command
 
 
 @pytest.mark.broad

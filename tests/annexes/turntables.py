@@ -6,11 +6,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from session.annexes.turntable.folder import GyroLog, _full_scale, _rate_hz, _refuse, sensor_axis
+from session.annexes.turntable.folder import GyroLog, _full_scale, _rate_hz, _refuse
 from session.io.arrays import samples_of_arrays
 from session.io.config import Accelerometer, Config, Protocol, Sensor, Site
-from session.io.errors import DataError
 from session.io.folder import Session
 from session.io.logfile import KnownTurn, Log
 from session.io.names import TURNS
@@ -19,34 +19,17 @@ from session.io.units import DEG, NS
 RAMP_S = 0.2
 
 
-def turn_session(
-    logs: Sequence[GyroLog],
-    turns: Sequence[KnownTurn],
-    *,
-    name: str = "turns",
-    model: str = "unknown",
-    serial: str = "",
-    gyro_fs_dps: float | None = None,
-) -> Session:
-    """A session of logs that were never files; ``turns`` name their logs as they are named here.
-
-    gyro_fs_dps: the smallest usual full scale that holds all rates where it is not given.  Raises DataError for what no file may hold.
-    """
+def turn_session(logs: Sequence[GyroLog], turns: Sequence[KnownTurn], gyro_fs_dps: float | None = None) -> Session:
+    """A session of logs that were never files; ``turns`` name their logs as they are named here."""
     _refuse(logs)
     held = []
     for log in logs:
         samples = samples_of_arrays(f"{log.name}: ", (log.t_ns * NS, log.gyro_rps, np.zeros((len(log.t_ns), 3))), None, (1.0, 1.0))
         samples = replace(samples, t_ns=np.asarray(log.t_ns, dtype=np.int64), accel=np.full((len(log.t_ns), 3), np.nan))
         held.append(Log(Path(log.name), samples, raw=False, in_memory=True))
-    for turn in turns:
-        sensor_axis(turn)
-        if turn.log is not None and turn.log not in [log.name for log in logs]:
-            raise DataError(f"{turn.name}: no such log; expected {', '.join(log.name for log in logs[:6])}")
-    if not turns:
-        raise DataError(f"{name}: no turn of known angle; a gyroscope alone is calibrated by them")
-    sensor = Sensor(model, serial, _rate_hz(logs), gyro_fs_dps or _full_scale(logs), math.nan)
+    sensor = Sensor("unknown", "", _rate_hz(logs), gyro_fs_dps or _full_scale(logs), math.nan)
     return Session(
-        Path(name), Config(sensor, Accelerometer(source="none"), Site(), Protocol(reference=TURNS)), tuple(held), (), turns=tuple(turns)
+        Path("turns"), Config(sensor, Accelerometer(source="none"), Site(), Protocol(reference=TURNS)), tuple(held), (), turns=tuple(turns)
     )
 
 
@@ -79,7 +62,7 @@ class Turned:
         rest = np.zeros((round(self.rest_s * self.odr_hz), 3))
         parts = [rest]
         for number, (axis, angle_deg, dps) in enumerate(self.plan):
-            u = rotated(np.eye(3)[axis], np.array(self.lean))
+            u = Rotation.from_rotvec(self.lean).apply(np.eye(3)[axis])
             steady = max(round((abs(angle_deg) / dps - RAMP_S) * self.odr_hz), 1)
             ramp = round(RAMP_S * self.odr_hz)
             shape = np.concatenate([np.arange(1, ramp) / ramp, np.ones(steady + 1), np.arange(ramp - 1, 0, -1) / ramp])
@@ -104,12 +87,3 @@ class Turned:
 
     def session(self):
         return turn_session([GyroLog("log", *self.arrays())], self.known())
-
-
-def rotated(v, by):
-    """v (3,) turned by a rotation vector (3,) (Rodrigues)."""
-    angle = np.linalg.norm(by)
-    if angle == 0:
-        return v
-    k = by / angle
-    return v * np.cos(angle) + np.cross(k, v) * np.sin(angle) + k * (k @ v) * (1 - np.cos(angle))

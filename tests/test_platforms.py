@@ -92,12 +92,6 @@ def test_a_line_that_was_cut_off_is_ended(tmp_path):
     assert (tmp_path / "raw.times").read_bytes() == b"host_ns,bytes,event\n12,3\n"
 
 
-def test_the_page_names_what_is_posix_only():
-    text = (ROOT / "docs" / "platforms.md").read_text(encoding="utf-8")
-    assert "`board`" in text
-    assert all(f"`{name}`" in text for name in present_commands())
-
-
 def test_commands_run_and_the_virtual_board_says_in_one_line_that_it_is_posix_only(tmp_path):
     """Help, a port's name, a raw file that is gone on with: all without those modules."""
     names = list(present_commands())

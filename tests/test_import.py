@@ -16,7 +16,6 @@ import tinygc
 from session.io.errors import DataError, FormatError
 from session.io.forms import form_of
 from session.io.questions import QuestionsError
-from session.io.samples import Samples
 from session.io.units import TIME, G
 from session.replay.importing import import_log, kind_named
 from session.replay.sources import Answers
@@ -218,59 +217,20 @@ def ticks(unit_s, samples=FEW):
     return np.rint(samples.t_s / unit_s).astype(int)
 
 
-DATES = [f"2026-11-22 23:59:{56 + t:09.6f}" if t < 4 else f"2026-11-23 00:00:{t - 4:09.6f}" for t in FEW.t_s]
-
-
-@pytest.mark.parametrize(
-    ("names", "columns", "odr_hz"),
-    [
-        ("millis", [ticks(1e-3)], None),
-        ("sec,nsec", [ticks(1e-9) // 10**9 + 1_700_000_000, ticks(1e-9) % 10**9], 100.0),
-        ("datetime", [DATES], 100.0),
-    ],
-)
-def test_a_clock_that_is_there_is_taken_and_said(names, columns, odr_hz, tmp_path):
+def test_a_clock_that_is_there_is_taken_and_said(tmp_path):
     """A declared rate is nominal, and does not take its place."""
-    made = make(tmp_path, log_of(FEW, names, *columns), odr_hz=odr_hz)
+    made = make(tmp_path, log_of(FEW, "sec,nsec", ticks(1e-9) // 10**9 + 1_700_000_000, ticks(1e-9) % 10**9), odr_hz=100.0)
     session = read_session(made.folder)
     assert session.logs[0].samples.duration_s == pytest.approx(FEW.duration_s, abs=2e-3)
     assert session.nominal_rate is None
-    assert session.config.sensor.odr_hz == pytest.approx(odr_hz or TRUE_HZ, rel=1e-3)
+    assert session.config.sensor.odr_hz == 100.0
     assert any("taken for the clock" in note for note in made.notes)
 
 
-def at_rest(odr_hz=9.4, rows=600):
-    t_ns, none = np.rint(np.arange(rows) / odr_hz * 1e9).astype(np.int64), np.random.default_rng(0).normal(0, 1e-3, (rows, 3))
-    return Samples(t_ns, none, none + np.array([0, 0, G]))
-
-
-@pytest.mark.parametrize(
-    ("text", "says", "told"),
-    [
-        (
-            log_of(FEW, "foo", ticks(1e-4)),
-            "column 'foo', which rises steadily by 94.8.* a row.*--time-unit.*--odr HZ",
-            {"time_unit": "100us"},
-        ),
-        (log_of(FEW, "seq", np.arange(len(FEW))), "no time stamps", {"odr_hz": 100.0}),
-    ],
-)
-def test_a_column_that_may_be_the_clock_is_asked_about(text, says, told, tmp_path):
-    with pytest.raises(FormatError, match=says):
-        make(tmp_path, text)
-    nominal = read_session(make(tmp_path, text, **told).folder).nominal_rate
-    assert (nominal is not None) == (told == {"odr_hz": 100.0})
-
-
-@pytest.mark.parametrize(
-    ("text", "known"),
-    [
-        ("# Update Rate: 9.5 Hz\n" + log_of(at_rest(), "time", ticks(1e-3, at_rest())), "as 9.5 Hz stand before its rows"),
-        (log_of(moved := Table().tumble(3, seed=3, turn_s=5.0).samples(odr_hz=9.4), "time", ticks(1e-3, moved)), "by gravity's movement"),
-    ],
-)
-def test_a_rate_in_the_header_a_date_or_gravitys_movement_tell_a_unit(text, known, tmp_path):
-    assert make(tmp_path, text).took[2].startswith(f"clock: time in ms ({known}); 9.4")
+def test_gravitys_movement_tells_the_unit_of_a_slow_clock(tmp_path):
+    moved = Table().tumble(3, seed=3, turn_s=5.0).samples(odr_hz=9.4)
+    made = make(tmp_path, log_of(moved, "time", ticks(1e-3, moved)))
+    assert made.took[2].startswith("clock: time in ms (by gravity's movement); 9.4")
 
 
 @pytest.mark.parametrize(("name", "unit", "known"), [("dT [ms]", "ms", "by its name"), ("dt", "s", "by the sensors' rates")])

@@ -33,7 +33,7 @@ def test_an_array_gives_the_commands_numbers(tmp_path):
         with pytest.raises(CalibrationError, match="an array, and an export holds one sensor"):
             tinygc.export(source, "c")
     with pytest.raises(CalibrationError, match="an array of 1 unit; expected two sessions or more"):
-        tinygc.array([tinygc.simulate(segments=3, closure_s=0.0).session])
+        tinygc.array([tinygc.simulate(segments=3, closure_s=0.0, odr_hz=62.5).session])
 
 
 def test_a_lot_gives_the_commands_numbers(tmp_path):

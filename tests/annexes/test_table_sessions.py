@@ -47,24 +47,24 @@ def warnings(said) -> list[str]:
 def test_a_session_goes_on_behind_a_stop_and_a_fault_and_is_whole(tmp_path):
     """Ctrl-C amid the first move, an emergency stop in the next: at rest, one line, nothing lost; homed and resumed it is whole."""
     bench = Bench(tmp_path, table_toml("middle", "inner"), faults="estop@move3")  # homing is the first
-    guide, _ = bench.record(segments=2, interrupted=lambda guide: guide.turning)
+    guide, _ = bench.record(segments=1, interrupted=lambda guide: guide.turning)
     assert guide.accepted == 0
     assert not bench.bench.virtual.mechanics.is_moving()
     before, rounds = (bench.folder / "table.csv").read_text(), []
 
     def paused(guide):
         rounds.append(guide.stage is Stage.PAUSED)
-        return sum(rounds) > 60
+        return sum(rounds) > 20
 
-    guide, said = bench.record(segments=2, interrupted=paused)
+    guide, said = bench.record(segments=1, interrupted=paused)
     assert guide.stage is Stage.PAUSED
     assert not bench.bench.virtual.mechanics.is_moving()
     (line,) = [text for text in warnings(said) if "opened again" not in text]
     assert "p goes on" in line
     assert "press its own emergency stop" not in line  # which is for what no program can stop
     bench.repair()
-    guide, said = bench.record(segments=2)
-    assert (guide.stage, guide.accepted, guide.rejected) == (Stage.DONE, 2, 0)
+    guide, said = bench.record(segments=1)
+    assert (guide.stage, guide.accepted, guide.rejected) == (Stage.DONE, 1, 0)
     assert set(warnings(said)) == {"the port was opened again: a new log begins"}
     assert (bench.folder / "table.csv").read_text().startswith(before)
     session = read_session(bench.folder)

@@ -116,7 +116,7 @@ class Selection(Generic[Name]):
             rank = group.basis.shape[1]
             gain = np.sum((group.basis.T @ r) ** 2, axis=0)
             rest, rest_freedom = (rss, freedom) if is_along else (np.maximum(rss - gain, 1e-12 * rss), freedom - rank)
-            if rest_freedom >= 1:
+            if rest_freedom > 1 - 1e-9:  # a difference of rounded sums
                 ratio = (gain / rank) / np.maximum(rest / rest_freedom, 1e-300)
                 lowest = np.minimum(lowest, _log_f_tail(ratio, rank, rest_freedom))
         return lowest

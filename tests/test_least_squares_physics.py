@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy import linalg, stats
+from scipy import linalg, optimize, stats
 from scipy.linalg import block_diag
 from small_turns import PERFECT, TRUE, angles_by_scipy, numeric_jacobian, small_turns, turned_ends, with_known_angles
 
@@ -145,12 +145,9 @@ def test_a_parameter_is_observed_if_its_sigma_is_below_a_tenth_of_the_priors(fac
         covariance = np.linalg.inv(columns.T @ columns / sigma**2 + np.diag(PRIOR_SIGMA**-2.0))
         return np.sqrt(np.diag(covariance)) / PRIOR_SIGMA
 
-    low, high = 1e-6, 1.0
-    for _ in range(60):
-        middle = np.sqrt(low * high)
-        low, high = (low, middle) if worst(middle).max() > 0.1 else (middle, high)
-    assert NAMES[np.argmax(worst(low))] == "E_xy"
-    assert fit_least_squares(batch, np.full(len(batch), factor * low), TRUE, begin=TRUE).unobserved == hidden
+    at = optimize.brentq(lambda sigma: worst(sigma).max() - 0.1, 1e-6, 1.0)
+    assert NAMES[np.argmax(worst(at))] == "E_xy"
+    assert fit_least_squares(batch, np.full(len(batch), factor * at), TRUE, begin=TRUE).unobserved == hidden
 
 
 def torn(batch, count, sigma_rad, **given):

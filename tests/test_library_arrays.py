@@ -17,7 +17,7 @@ ARRAYS = (np.arange(5) / 100, np.zeros((5, 3)), np.tile([0, 0, -G], (5, 1)))
 
 @pytest.fixture(scope="module")
 def simulated():
-    return tinygc.simulate(segments=12, closure_s=12.0, odr_hz=62.5, seed=4, stop_sigma_deg=0.05).session
+    return tinygc.simulate(segments=8, closure_s=12.0, odr_hz=62.5, seed=4, stop_sigma_deg=0.05).session
 
 
 def arrays_of(log):

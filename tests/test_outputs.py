@@ -81,7 +81,7 @@ def test_every_path_of_every_command_says_whether_it_is_read_or_written():
 @pytest.mark.parametrize(("command", "option"), outputs(*FILES))
 def test_no_output_is_a_file_of_the_recording_that_is_read(run, idle, recording, command, option):
     before = contents(recording)
-    for name in RECORDED:
+    for name in RECORDED if (command, option) in EACH_KIND else RECORDED[:2]:
         refused(run(*least(command, recording, option, recording / name)), option)
     for path in ("", "/", ".", "..", recording):
         refused(run(*least(command, recording, option, path)), option, "an empty name" if path == "" else "that is a folder")

@@ -230,17 +230,6 @@ def test_too_few_angles_are_undecided_and_a_broken_file_is_one_line(tilted, tmp_
     assert explain_table(problem) is None
 
 
-@pytest.mark.broad
-def test_dials_are_as_good_as_session_toml_says(tilted, tmp_path):
-    floors = []
-    for sigma_deg in (0.05, 0.5):
-        folder = shutil.copytree(tilted, tmp_path / f"dials{sigma_deg}")
-        text = (folder / "session.toml").read_text()
-        (folder / "session.toml").write_text(re.sub('reference = ".*"', f'reference = "table"\ndial_sigma_deg = {sigma_deg}', text))
-        floors.append(prepare(folder).problem.floor.own[0][2, 2])
-    assert floors[1] - floors[0] == pytest.approx(2 * ((0.5 * DEG) ** 2 - (0.05 * DEG) ** 2), rel=1e-6)  # a turn has two dials
-
-
 # The port of a virtual table.
 
 

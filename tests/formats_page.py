@@ -12,6 +12,8 @@ from jsonschema import Draft202012Validator
 from jsonschema.exceptions import best_match
 from referencing import Registry, Resource
 
+import calibrate
+
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [ROOT / "docs" / "formats.md", *sorted((ROOT / "docs" / "formats").glob("*.md"))]
 PAGE = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
@@ -124,3 +126,11 @@ def _parameters(table: dict):
         for effect in table.get(group, ()):
             if isinstance(effect, dict) and "parameters" in effect:
                 yield from ((effect, name) for name in {**effect["parameters"], **effect["std"]} if not effect["id"].startswith("unknown."))
+
+
+def told(out: Path, *words) -> dict:
+    """The JSON of a command, which has the keys of its page."""
+    assert calibrate.main([*map(str, words), "--quiet", "--json", str(out)]) in (0, 1)
+    table = json.loads(out.read_text(encoding="utf-8"))
+    assert strangers(table) == []
+    return table

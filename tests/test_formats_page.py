@@ -8,9 +8,8 @@ from typing import get_type_hints
 
 import pytest
 from annex import all_annexes
-from formats_page import CODE, EFFECTS, PAGE, SCHEMA, keys_on_page, rows, section, strangers
+from formats_page import CODE, EFFECTS, PAGE, SCHEMA, keys_on_page, rows, section, strangers, told
 
-import calibrate
 from session.io.config import Config
 from tinygc.effects import catalogue
 
@@ -26,14 +25,6 @@ TOML_AND_FRAMES = {
 }
 
 
-def told(*words) -> dict:
-    """What a command writes with --json."""
-    path = Path(words[-1])
-    code = calibrate.main([*map(str, words[:-1]), "--quiet", "--json", str(path)])
-    assert code in (0, 1)
-    return json.loads(path.read_text(encoding="utf-8"))
-
-
 def assert_on_page(table: dict, schema: str) -> None:
     assert table["schema"] == schema
     assert not strangers(table), f"docs/formats.md, {schema}, or its schema, lacks {', '.join(sorted(set(strangers(table))))}"
@@ -45,7 +36,7 @@ def folder(tmp_path_factory, simulated):
     folder = tmp_path_factory.mktemp("formats") / "session"
     shutil.copytree(simulated(), folder)
     words = ("--methods", "least_squares,tinygc,tinygc_denoised", "--folds", 2)
-    told("fit", folder, *words, "--physics", "gyro.thermal_bias", folder.parent / "fit.json")
+    told(folder.parent / "fit.json", "fit", folder, *words, "--physics", "gyro.thermal_bias")
     return folder
 
 
@@ -102,16 +93,16 @@ def test_fit_and_every_file_that_it_leaves(folder):
 
 
 def test_explain_where_nothing_is_missing_and_plan(folder, tmp_path):
-    table = told("explain", folder, "--no-pictures", "--out", tmp_path, tmp_path / "x.json")
+    table = told(tmp_path / "x.json", "explain", folder, "--no-pictures", "--out", tmp_path)
     assert_on_page(table, "tinygc-explain/2")
     assert table["detection_limits"]
-    assert_on_page(told("plan", folder, tmp_path / "x.json"), "tinygc-plan/2")
+    assert_on_page(told(tmp_path / "x.json", "plan", folder), "tinygc-plan/2")
 
 
 def test_apply_and_the_header_of_its_log(folder, tmp_path):
     model, (log,) = folder / "fit" / "model_tinygc.json", folder.glob("log*")
     for unit in ("rps", "dps"):
-        table = told("apply", model, log, "-o", tmp_path / f"{unit}.csv", "--unit", unit, tmp_path / "x.json")
+        table = told(tmp_path / "x.json", "apply", model, log, "-o", tmp_path / f"{unit}.csv", "--unit", unit)
         assert_on_page(table, "tinygc-apply/1")
         header = (tmp_path / f"{unit}.csv").read_text(encoding="utf-8").split("\n")[0]
         rates = ",".join(f"g{axis}_{unit}" for axis in "xyz")
@@ -121,11 +112,11 @@ def test_apply_and_the_header_of_its_log(folder, tmp_path):
 
 
 def test_simulate_and_its_truth(tmp_path):
-    table = told("simulate", "--out", tmp_path / "s", "--segments", 1, "--closure", 12, "--odr-hz", 104, tmp_path / "x.json")
+    table = told(tmp_path / "x.json", "simulate", "--out", tmp_path / "s", "--segments", 1, "--closure", 12, "--odr-hz", 104)
     assert_on_page(table, "tinygc-simulate/1")
     assert_on_page(json.loads((tmp_path / "s" / "truth.json").read_text(encoding="utf-8")), "tinygc-truth/1")
 
 
 def test_replay(folder, tmp_path):
     (log,) = folder.glob("log*")
-    assert_on_page(told("import", log, "--out", tmp_path / "s", tmp_path / "x.json"), "tinygc-replay/2")
+    assert_on_page(told(tmp_path / "x.json", "import", log, "--out", tmp_path / "s"), "tinygc-replay/2")

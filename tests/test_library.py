@@ -14,7 +14,7 @@ import numpy as np
 import processes
 import pytest
 from conftest import DEG, broad
-from formats_page import strangers
+from formats_page import told as command
 
 import calibrate
 import tinygc
@@ -24,14 +24,6 @@ from tinygc.deploy import FORMATS
 
 METHODS = ("raw", "least_squares")
 FIT = ("--methods", ",".join(METHODS))
-
-
-def command(out, *words) -> dict:
-    """The JSON of a command, which has the keys of docs/formats.md."""
-    assert calibrate.main([*map(str, words), "--quiet", "--json", str(out)]) == 0
-    table = json.loads(out.read_text())
-    assert strangers(table) == []
-    return table
 
 
 def same(mine: dict, theirs: dict, **but) -> None:

@@ -4,17 +4,11 @@ import json
 
 import pytest
 from fleets import written_fleet
+from formats_page import told as command
 
-import calibrate
 import tinygc
 from session.io import annexes
 from tinygc import CalibrationError
-
-
-def command(out, *words) -> dict:
-    """The JSON of a command."""
-    assert calibrate.main([*map(str, words), "--quiet", "--json", str(out)]) == 0
-    return json.loads(out.read_text())
 
 
 def test_an_array_gives_the_commands_numbers(tmp_path):

@@ -7,6 +7,7 @@ import tomllib
 
 import numpy as np
 import pytest
+from formats_page import told
 from scipy.spatial.transform import Rotation
 
 import calibrate
@@ -28,8 +29,7 @@ def rests(tmp_path_factory):
 def fitted(rests, tmp_path_factory):
     folder = tmp_path_factory.mktemp("fitted") / "rests"
     shutil.copytree(rests, folder)
-    assert calibrate.main(["fit", str(folder), "--quiet", "--json", str(folder.parent / "x.json")]) == 0
-    return folder, json.loads((folder.parent / "x.json").read_text())
+    return folder, told(folder.parent / "x.json", "fit", folder)
 
 
 def test_the_numbers_are_the_truths_and_applied_nothing_is_left(fitted, tmp_path, run):

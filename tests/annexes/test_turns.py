@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from conftest import ROOT
 from formats_page import strangers
+from processes import refused
 from turntables import Turned
 from written_texts import lines
 
@@ -20,15 +21,6 @@ TURNED = Turned(((0, 180, 90.0), (0, -180, 90.0), (2, 90, 90.0), (2, 90, 90.0)),
 
 def written(path, turned=TURNED, name="log0001", **more):
     return write_turn_session(path, [GyroLog(name, *turned.arrays())], turned.known(f"{name}.csv.gz"), **more)
-
-
-def refused(capsys, *words, said):
-    """Exit code 2, and one line on standard error that says every word."""
-    assert calibrate.main([*map(str, words), "--quiet"]) == 2
-    out, err = capsys.readouterr()
-    assert len(err.strip().splitlines()) == 1, err
-    assert "Traceback" not in out + err
-    assert all(word in err for word in said), err
 
 
 def test_what_is_written_is_read_again_to_the_last_bit(tmp_path):
@@ -99,7 +91,7 @@ def test_other_commands_say_what_the_folder_is_and_what_serves_it(tmp_path, caps
         ("log0001.csv.gz", lambda text: "\n".join(text.splitlines()[:30]), "none of 4 stated turns can be used"),
     ],
 )
-def test_what_is_wrong_is_said_in_one_line(tmp_path, capsys, name, change, words):
+def test_what_is_wrong_is_said_in_one_line(tmp_path, run, name, change, words):
     out = written(tmp_path / "s")
     path = out / name
     if change is None:
@@ -107,7 +99,7 @@ def test_what_is_wrong_is_said_in_one_line(tmp_path, capsys, name, change, words
     else:
         unpack, pack = (gzip.decompress, gzip.compress) if name.endswith(".gz") else (bytes, bytes)
         path.write_bytes(pack(change(unpack(path.read_bytes()).decode()).encode()))
-    refused(capsys, "fit", out, said=[words])
+    refused(run("fit", out, "--quiet"), words)
 
 
 # Imported.

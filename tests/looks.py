@@ -2,22 +2,12 @@
 
 from dataclasses import replace
 
-import numpy as np
-
 from session.detect.findings import Finding
 from session.detect.first_look import first_look
 from session.detect.stills import find_stills
 from tinygc import Session
 
 G = 9.80665
-IDENTITY = np.eye(3)
-
-
-def name_of(axes):
-    """A permutation as a test's name: ``+y-x+z`` and the like."""
-    if isinstance(axes, str):
-        return "words"
-    return "".join(("-" if row.sum() < 0 else "+") + "xyz"[np.argmax(np.abs(row))] for row in axes)
 
 
 def look(session: Session, **changes) -> list[Finding]:

@@ -8,14 +8,29 @@ from pathlib import Path
 
 import pytest
 from processes import refused
-from recorded_files import RECORDED, contents, make_recording
 
 from session.io.errors import StorageError
 from session.io.results import write_text_whole
 from tinygc.cli import arguments
 from tinygc.cli.commands import command_module, present_commands
 
-recording = pytest.fixture(make_recording, name="recording")
+#: a recording with one file of every name that docs/formats.md lists
+RECORDED = (
+    "session.toml",
+    "log0001.csv",
+    "log0002.csv.gz",
+    "closure0001.csv",
+    "rest0001.csv.gz",
+    "attitudes.csv",
+    "turns.csv",
+    "truth0001.csv",
+    "unclosed0001.csv",
+    "foreign0001.csv",
+    "raw.bin",
+    "raw.times",
+    "truth.json",
+    "log0001.csv.changed1",
+)
 FILES, KINDS = (
     (arguments.file_written, arguments.log_written),
     (arguments.path_read, arguments.file_written, arguments.log_written, arguments.folder_written),
@@ -24,6 +39,19 @@ FILES, KINDS = (
 METAVARS = {"FILE", "DIR", "PATH", "TOML", "CSV", "FOLDER"}
 (GROUP,) = (action for action in arguments.parser()._actions if isinstance(action, argparse._SubParsersAction))
 PARSERS: dict[str, argparse.ArgumentParser] = dict(GROUP.choices)
+
+
+@pytest.fixture
+def recording(tmp_path):
+    folder = tmp_path / "D"
+    folder.mkdir()
+    for number, name in enumerate(RECORDED):
+        (folder / name).write_bytes(b"recorded %d" % number)
+    return folder
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
 
 
 def outputs(*kinds) -> list[tuple[str, str]]:

@@ -190,7 +190,7 @@ def test_a_hand_confirms_each_verb():
     table = description("hand")
     hand = Hand(table, ask)
     guarded = Guarded(hand, FastClock())
-    guarded.confirm([Move.home(), Move.anywhere(table, 0, 60 * DEG)], None, lambda line: None)
+    guarded.confirm([Move.home(), Move.anywhere(table, 0, 60 * DEG)], None, print)
     guarded.home()
     assert not guarded.settle().moving
     guarded.turn_to(0, 45 * DEG, 30 * DEG)
@@ -215,7 +215,7 @@ def test_a_stage_behind_libximc(tmp_path):
     guarded = Guarded(open_table(table))
     assert np.isnan(guarded.where().angles[0])  # it is not homed, and finds no marks
     guarded.stands_at_zero()
-    guarded.confirm([Move.anywhere(table, 0, 1000 * DEG), Move.at(0, 300 * DEG, 8.0)], None, lambda line: None)
+    guarded.confirm([Move.anywhere(table, 0, 1000 * DEG), Move.at(0, 300 * DEG, 8.0)], None, print)
     with guarded:
         guarded.turn_to(0, 60 * DEG, 500 * DEG)
         assert guarded.settle().angles[0] == pytest.approx(60 * DEG, abs=0.1 * DEG)
@@ -730,7 +730,7 @@ def test_a_program_that_does_not_look_any_more_is_stopped_for():
     virtual = VirtualTable(TABLE, None, clock)
     virtual.feed()  # it was switched on before its port is opened
     table = Guarded(open_table(TABLE, None, VirtualLink(virtual, clock), clock), clock)
-    table.confirm([Move.to(0, 200 * DEG, 0.1 * DEG)], None, lambda line: None)
+    table.confirm([Move.to(0, 200 * DEG, 0.1 * DEG)], None, print)
     with table:
         table.turn_to(0, 200 * DEG, 0.1 * DEG)
         until(lambda: virtual.tracks[0].busy_until_s < 1500)  # without a stop it would turn for 2000 s

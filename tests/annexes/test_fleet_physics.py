@@ -144,6 +144,8 @@ def test_a_key_follows_from_every_input_and_option(copied, tmp_path):
 
 
 def test_what_changes_while_it_is_read_is_not_kept(copied, tmp_path):
+    shutil.rmtree(copied / "unit2")
+
     class Slow(Here):
         def finished(self):
             config = copied / "unit0" / "session.toml"

@@ -82,29 +82,27 @@ def numeric(batch, ends):
         once = replace(batch, rate=rates, dt=np.ones((count, 1)), earth=0 * rates, **dict(zip(("start", "end"), off, strict=True)))
         return angles_by_scipy(once, np.r_[np.eye(3).ravel(), np.zeros(3)]).ravel()
 
-    def through(columns, variance):
-        """columns (n, 3): shares of three sources, each of a variance (3,), in all that ``angles`` takes."""
-        sizes = [count * steps * 3, count * 3, count * 3]
-        shapes = [(count, steps, 3), (count, 3), (count, 3)]
+    def of(x):
+        walked, start, end = np.split(x.reshape(-1, 3), [count * steps, count * steps + count])
+        return angles(walked.reshape(count, steps, 3), start, end)
 
-        def of(x):
-            parts = np.split(columns @ x, np.cumsum(sizes)[:2])
-            return angles(*(part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)))
+    slopes, unit = numeric_jacobian(of, np.zeros(3 * count * (steps + 2)), 1e-4), np.eye(count * (steps + 2))
 
-        J = numeric_jacobian(of, np.zeros(3), 1e-4)
+    def through(column, variance):
+        """column (n,): the share of a source of variance (3,) in all that ``angles`` takes."""
+        J = slopes @ np.kron(column[:, None], np.eye(3))
         return J @ np.diag(variance) @ J.T
 
-    unit = np.eye(count * steps + 2 * count)
     total = np.zeros((count * batch.angles,) * 2)
     for s in range(count):  # what a step's white noise turns by
         for k in range(steps):
-            total += through(np.kron(unit[:, s * steps + k][:, None], np.eye(3)), NOISES[s].gyro ** 2 / 2 * batch.dt[s, k])
+            total += through(unit[s * steps + k], NOISES[s].gyro ** 2 / 2 * batch.dt[s, k])
     for one in {id(one): one for both in ends for one in both}.values():  # a still's force errs alike along all axes; a dial's yaw
         where = [[both[end] is one for both in ends] for end in (0, 1)]
         noise = NOISES[int(np.flatnonzero(np.any(where, axis=0))[0])]
         tilt = np.mean(noise.accel**2) / 2 / one.duration_s / GRAVITY**2
         column = np.r_[np.zeros(count * steps), np.ravel(where)]
-        total += through(np.kron(column[:, None], np.eye(3)), [tilt, tilt, DIAL_RAD**2 if batch.yaw_known else 0.0])
+        total += through(column, [tilt, tilt, DIAL_RAD**2 if batch.yaw_known else 0.0])
     return total
 
 

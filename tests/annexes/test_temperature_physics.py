@@ -9,6 +9,7 @@ from conftest import DEG, Table, session_of
 from scipy import optimize, stats
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
+from small_turns import numeric_jacobian
 
 from session.io.config import Accelerometer
 from session.io.errors import DataError, FitError
@@ -165,10 +166,6 @@ def least_squares(y, A, C):
 
 def summed(sizes, V):
     return sum(s**2 * v for s, v in zip(sizes, V, strict=True))
-
-
-def slope_of(function, at, step):
-    return np.column_stack([(function(at + e) - function(at - e)) / (2 * step) for e in step * np.eye(len(at))])
 
 
 def restricted(sizes, y, A, V):
@@ -343,7 +340,7 @@ def test_a_covariance_is_the_numeric_derivative_of_the_estimate_times_that_of_th
             at += step / 2 * (low - high) / (low + high - 2 * middle)
         return np.append(np.linalg.lstsq(columns(knots, at, 2), values, rcond=None)[0], at)
 
-    slope = slope_of(estimate, y, 1e-3)
+    slope = numeric_jacobian(estimate, y, 1e-3)
     coefficients, covariance = solve(knots, y, noise, tau, chosen)
     assert coefficients == pytest.approx(truth)
     assert covariance == pytest.approx(slope @ noise.C @ slope.T, rel=5e-3)
@@ -679,7 +676,7 @@ ROOT = np.diag([5e-5] * 9 + [1e-3 * DEG] * 3) @ (np.eye(12) + 0.2 * np.tril(RNG.
 def test_the_zero_form_of_a_covariance_is_its_derivative():
     model, m = LinearModel(E0, np.array([0.01, -0.02, 0.03])), np.array([0.3, -0.1, 0.2])
     values, covariance = _zero_form(model, np.eye(12))
-    slope = slope_of(lambda vector: _zero_form(LinearModel.from_vector(vector), np.eye(12))[0], model.vector, 1e-6)
+    slope = numeric_jacobian(lambda vector: _zero_form(LinearModel.from_vector(vector), np.eye(12))[0], model.vector, 1e-6)
     np.testing.assert_allclose(covariance, slope @ slope.T, atol=1e-7)
     np.testing.assert_allclose(values[:9].reshape(3, 3) @ (m - values[9:]), model(m), atol=1e-15)
 
@@ -876,7 +873,7 @@ def test_sigmas_at_a_temperature_are_those_of_the_polynomial_there(shape):
         return np.append(model.E(np.array([at])), model.zero(np.full((1, 3), at)))
 
     for celsius, at in ((41.0, 41.0), (300.0, 70.0)):
-        S = slope_of(lambda moved, at=at: values(moved, at), fit.values, 1.0)
+        S = numeric_jacobian(lambda moved, at=at: values(moved, at), fit.values, 1.0)
         assert np.append(*fit.sigma_at(celsius)) == pytest.approx(np.sqrt(np.diag(S @ fit.covariance @ S.T)), rel=1e-6)
 
 

@@ -9,6 +9,7 @@ from conftest import GRAVITY, Table, session_of
 from scipy.optimize import brentq, least_squares
 from scipy.spatial.transform import Rotation
 from scipy.stats import f as fisher_f
+from small_turns import numeric_jacobian
 
 from session.detect.accelerometer import (
     _RUNGS,
@@ -98,8 +99,8 @@ def test_the_covariance_is_that_of_the_estimate_and_of_gravity_in_common(stills)
     for scale, white in ((1.0, 0.0), (1e-3, 0.0), (1e-3, 0.12 * MG)):
         force = as_measured(GRAVITY * up + scale * drawn)
         found = fit_lengths(force, GRAVITY, None, 0.01, white)
-        again, miss = missing(found.x, force), found.after
-        slope = np.stack([missing(found.x + step, force) - again for step in np.diag(1e-6 * UNITS)], axis=1) / 1e-6
+        miss = found.after
+        slope = numeric_jacobian(lambda u, found=found, force=force: missing(found.x + u * UNITS, force), np.zeros(9), 1e-5)
         spare, least = stills - 9, np.hypot(0.05 * MG, white) if stills < 18 else 0.0
         sigma = 0.0
         if spare:
@@ -127,8 +128,8 @@ def test_attitudes_that_tell_the_numbers_too_weakly_are_refused(slope, told):
         return GRAVITY * np.stack([np.sin(away) * np.cos(about), np.sin(away) * np.sin(about), np.cos(away)], axis=1)
 
     def gain(half):
-        slopes = [(missing(IDENTITY + step, cap(half)) - missing(IDENTITY - step, cap(half))) / 2e-4 for step in np.diag(1e-4 * UNITS)]
-        return 1 / np.linalg.svd(np.stack(slopes, axis=1), compute_uv=False)[-1]
+        slopes = numeric_jacobian(lambda u: missing(IDENTITY + u * UNITS, cap(half)), np.zeros(9), 1e-4)
+        return 1 / np.linalg.svd(slopes, compute_uv=False)[-1]
 
     half = brentq(lambda half: gain(half) - 10 * slope, 1.0, 3.0, xtol=1e-10)
     assert (fit_lengths(cap(half), GRAVITY).rung is _RUNGS[0]) == told

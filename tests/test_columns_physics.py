@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from conftest import DEG
 from simulated_twins import make_twin_of
+from small_turns import numeric_jacobian
 
 from session.io.units import EARTH_RATE_RPS, MG
 from tinygc.attitude.earth import no_earth, with_heading
@@ -23,11 +24,8 @@ twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")
 def slopes(twin, state, first, count, step) -> np.ndarray:
     """(n, count) central differences of the exact residuals along some numbers of ``State.vector``."""
     vector = state.vector
-    there, back = (
-        [twin.residuals(state.with_vector(vector + sign * step * e)).stacked() for e in np.eye(len(vector))[first : first + count]]
-        for sign in (1, -1)
-    )
-    return (np.stack(there, axis=-1) - np.stack(back, axis=-1)) / (2 * step)
+    some = np.eye(len(vector))[first : first + count]
+    return numeric_jacobian(lambda part: twin.residuals(state.with_vector(vector + part @ some)).stacked(), np.zeros(count), step)
 
 
 def errors(columns: np.ndarray, exact: np.ndarray) -> np.ndarray:

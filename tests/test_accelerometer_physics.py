@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import GRAVITY, Table, session_of
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import brentq, least_squares
 from scipy.spatial.transform import Rotation
 from scipy.stats import f as fisher_f
@@ -82,11 +83,11 @@ def test_the_numbers_are_those_of_cauchys_weights(bad):
     force[:bad] *= np.array([[1.03], [0.98]])[:bad]
     found = fit_lengths(force, GRAVITY)
     miss = missing(found.x, force)
-    np.testing.assert_allclose(found.after, miss, atol=1e-12)
-    np.testing.assert_allclose(found.before, np.linalg.norm(force, axis=1) - GRAVITY)
+    assert_allclose(found.after, miss, atol=1e-12)
+    assert_allclose(found.before, np.linalg.norm(force, axis=1) - GRAVITY)
     bar = 2 * np.median(np.abs(miss)) / 0.6745 * np.sqrt(24 / 15)
     best = least_squares(lambda u: missing(u * UNITS, force), found.x / UNITS, loss="cauchy", f_scale=bar, xtol=1e-12, ftol=1e-14)
-    np.testing.assert_allclose(best.x * UNITS, found.x, atol=2e-6)
+    assert_allclose(best.x * UNITS, found.x, atol=2e-6)
     assert np.all(found.weight[:bad] < 1e-3)
 
 
@@ -112,11 +113,11 @@ def test_the_covariance_is_that_of_the_estimate_and_of_gravity_in_common(stills)
             sigma = max(sigma, np.median(np.abs(miss)) / 0.6745 * np.sqrt(stills / spare) if stills < 18 else 0.0)
         assert found.sigma_mps2 == pytest.approx(max(sigma, least), rel=1e-5)
         longer = fit_lengths(force * 1.001 - 0.001 * found.x[6:], GRAVITY * 1.001).x  # the same lengths under another gravity
-        np.testing.assert_allclose(longer, found.x, atol=1e-6)
+        assert_allclose(longer, found.x, atol=1e-6)
         common = np.append(found.x[:6], [0, 0, 0]) * 0.01 / GRAVITY
         expected = np.linalg.inv(slope.T @ slope) * found.sigma_mps2**2 * np.outer(UNITS, UNITS) + np.outer(common, common)
         size = np.sqrt(np.diag(expected))
-        np.testing.assert_allclose(found.covariance / np.outer(size, size), expected / np.outer(size, size), atol=1e-4)
+        assert_allclose(found.covariance / np.outer(size, size), expected / np.outer(size, size), atol=1e-4)
 
 
 @pytest.mark.parametrize(("slope", "told"), [(0.99, True), (1.01, False)])
@@ -170,7 +171,7 @@ def test_a_correction_of_a_calibration_is_a_calibration():
     found = fit_lengths(rough.correct(force), GRAVITY, rough)
     expected = fit_lengths(force, GRAVITY)
     lengths = np.linalg.norm(found.accelerometer.correct(force), axis=1)
-    np.testing.assert_allclose(lengths, np.linalg.norm(expected.accelerometer.correct(force), axis=1), atol=1e-8)
+    assert_allclose(lengths, np.linalg.norm(expected.accelerometer.correct(force), axis=1), atol=1e-8)
 
 
 def test_attitudes_that_come_back_count_once():
@@ -231,8 +232,8 @@ def test_the_zero_of_a_triad_behind_a_frame_has_its_sigma_in_the_sensors_axes():
 def test_one_pose_fixes_nothing_and_nothing_is_changed(force):
     found = fit_lengths(force, GRAVITY)
     assert (found.rung, found.unobserved) == (None, NAMES)
-    np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), SPREAD_MPS2 * UNITS)
-    np.testing.assert_array_equal(found.accelerometer.correct(force), force)
+    assert_allclose(np.sqrt(np.diag(found.covariance)), SPREAD_MPS2 * UNITS)
+    assert_array_equal(found.accelerometer.correct(force), force)
 
 
 @pytest.mark.parametrize(("model", "bar"), [("ASM330LHH", 65), ("unknown", 80)])
@@ -254,7 +255,7 @@ def test_a_drift_is_in_the_axes_of_the_sensor():
     measured = GRAVITY * up + (t_s / 30 - 0.5)[:, None] * drift + 1e-3 * MG * rng.normal(size=up.shape)
     turned = Accelerometer(QUARTER, np.zeros(3))
     found = fit_lengths(turned.correct(measured), GRAVITY, turned, middle_s=t_s, duration_s=30.0)
-    np.testing.assert_allclose(found.drift.mps2, drift, atol=0.02 * MG)
+    assert_allclose(found.drift.mps2, drift, atol=0.02 * MG)
 
 
 def test_a_still_that_misses_by_far_makes_no_drift():
@@ -299,8 +300,8 @@ def test_a_calibration_is_put_into_a_file_and_nothing_else_is_touched(text):
     section = found.pop("accelerometer")
     before.pop("accelerometer", None)
     assert before == found
-    np.testing.assert_allclose(section["matrix"], MATRIX)
-    np.testing.assert_allclose(section["bias_mps2"], BIAS)
+    assert_allclose(section["matrix"], MATRIX)
+    assert_allclose(section["bias_mps2"], BIAS)
     assert section["own_stills"] is True
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from conftest import GRAVITY, config, wxyz
 from noise_records import axis, figures, sensor
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import quad
 from scipy.optimize import least_squares, minimize_scalar
 from scipy.spatial.transform import Rotation
@@ -155,15 +156,15 @@ def test_biases_of_days_are_those_of_one_fit_of_all_beside_a_common_matrix():
 
     best = least_squares(left, np.zeros(15), x_scale=1e-3, xtol=1e-6).x[12:]
     shift = problem.batch.earth - found.batch.earth
-    np.testing.assert_allclose(shift, np.broadcast_to((owner - 0.5)[:, None, None] * best, shift.shape), atol=1e-5)
-    np.testing.assert_allclose(spread, np.abs(best) / np.sqrt(2), rtol=0.02)  # from their median, with one degree of freedom
+    assert_allclose(shift, np.broadcast_to((owner - 0.5)[:, None, None] * best, shift.shape), atol=1e-5)
+    assert_allclose(spread, np.abs(best) / np.sqrt(2), rtol=0.02)  # from their median, with one degree of freedom
     factor = np.repeat((found.floor.sigma / problem.floor.sigma)[:, 0], 2)
-    np.testing.assert_allclose(found.floor.dense(), problem.floor.dense() * np.outer(factor, factor), rtol=1e-12)
+    assert_allclose(found.floor.dense(), problem.floor.dense() * np.outer(factor, factor), rtol=1e-12)
     assert np.ptp(factor) > 0.1
     lone = small_session((8, 1))  # a log of one turn has no bias of its own
     found, spread = levelled(lone)
-    np.testing.assert_array_equal(found.batch.earth[-1], lone.batch.earth[-1])
-    np.testing.assert_allclose(spread, 0, atol=1e-12)
+    assert_array_equal(found.batch.earth[-1], lone.batch.earth[-1])
+    assert_allclose(spread, 0, atol=1e-12)
 
 
 PERIOD_S, BLOCK = 0.05, 2
@@ -238,12 +239,12 @@ def searched(samples, rate, q_first, pieces, prior, rest=None, rest_sigma=0.05 *
 def agrees(found, expected):
     change, covariance, knots, walk = expected
     variance, directions = np.linalg.eigh(covariance)
-    np.testing.assert_allclose(found.knots_s, knots)
-    np.testing.assert_allclose(found.sigma, np.sqrt(np.diag(covariance)), rtol=0.005)
-    np.testing.assert_allclose(found.direction_sigma, np.sqrt(variance), rtol=0.005)
-    np.testing.assert_allclose(np.abs(np.sum(found.directions * directions.T, axis=1)), 1, atol=0.01)
-    np.testing.assert_allclose((found.change - change) / found.sigma, 0, atol=0.01)
-    np.testing.assert_allclose((found.walk - walk) / found.sigma, 0, atol=0.01)
+    assert_allclose(found.knots_s, knots)
+    assert_allclose(found.sigma, np.sqrt(np.diag(covariance)), rtol=0.005)
+    assert_allclose(found.direction_sigma, np.sqrt(variance), rtol=0.005)
+    assert_allclose(np.abs(np.sum(found.directions * directions.T, axis=1)), 1, atol=0.01)
+    assert_allclose((found.change - change) / found.sigma, 0, atol=0.01)
+    assert_allclose((found.walk - walk) / found.sigma, 0, atol=0.01)
 
 
 def test_gravity_s_bias_and_its_covariance_are_those_of_a_search_by_scipy():
@@ -315,8 +316,8 @@ def test_the_first_still_that_is_not_false_gives_the_change_and_its_sigma():
     sigma = np.arange(1.0, 19).reshape(6, 3)
     problem = replace(problem, still_rates=replace(problem.still_rates, sigma=1e-12 * sigma))
     change, its = _from_start(problem, TRUE)
-    np.testing.assert_allclose(change, [0, 0, 0], atol=1e-12)
-    np.testing.assert_allclose(its, [4e-12, 5e-12, 6e-12])
+    assert_allclose(change, [0, 0, 0], atol=1e-12)
+    assert_allclose(its, [4e-12, 5e-12, 6e-12])
 
 
 def test_without_a_still_the_first_rest_gives_the_change_and_its_sigma():
@@ -327,8 +328,8 @@ def test_without_a_still_the_first_rest_gives_the_change_and_its_sigma():
     log = replace(problem.logs[0], samples=samples)
     problem = replace(problem, still_rates=StillRates(*np.zeros((3, 0, 3))))
     change, sigma = _from_start(replace(problem, logs=[log]), TRUE)
-    np.testing.assert_allclose(change, -TRUE(np.array([0.01, 0.02, -0.03])), rtol=1e-9)
-    np.testing.assert_allclose(sigma, log.noise.angle_random_walk / np.sqrt(2.0), rtol=0.03)
+    assert_allclose(change, -TRUE(np.array([0.01, 0.02, -0.03])), rtol=1e-9)
+    assert_allclose(sigma, log.noise.angle_random_walk / np.sqrt(2.0), rtol=0.03)
     assert _from_start(replace(problem, logs=[replace(log, samples=samples.between(120, 220))]), TRUE) is None
 
 
@@ -343,7 +344,7 @@ def test_gravity_s_bias_of_one_log_is_the_prior_of_the_next():
         one = _bias_from_gravity(samples, TRUE(samples.gyro) + change, log.q_tb[0], **more)
         change, sigma = change + one.change, one.sigma
     found = from_gravity(problem, TRUE, 0.01)
-    np.testing.assert_allclose([found.change, found.sigma], [change, sigma], rtol=1e-9)
+    assert_allclose([found.change, found.sigma], [change, sigma], rtol=1e-9)
 
 
 def test_with_a_truth_a_run_begins_at_its_first_moment():
@@ -372,7 +373,7 @@ def rebiased(**more):
 def test_start_and_gravity_disagree_by_sigmas_of_their_difference():
     made = rebiased()
     assert made.disagreement == pytest.approx(6 / 5)
-    np.testing.assert_allclose(made.model.B, TRUE.B + made.changes["start"][0])
+    assert_allclose(made.model.B, TRUE.B + made.changes["start"][0])
     assert replace(made, changes={name: made.changes[name] for name in ("start", "given")}).disagreement == 0
     for factor, said in ((4.15, 1), (4.18, 2)):  # five sigmas are 25 / 6 = 4.1667 times as much
         changes = {name: (factor * value, sigma) for name, (value, sigma) in made.changes.items()}
@@ -437,7 +438,7 @@ def test_without_own_errors_a_drift_is_that_of_students_t():
     values, design = RNG.normal(size=n) + 0.2 * np.arange(n), drifting(n)
     found = Between(values, np.zeros(n), design)
     _, drift, error = equal_weights(values, design)
-    np.testing.assert_allclose(found.interval(DRIFT), drift + error * t.ppf([0.025, 0.975], n - 2), rtol=1e-6)
+    assert_allclose(found.interval(DRIFT), drift + error * t.ppf([0.025, 0.975], n - 2), rtol=1e-6)
     assert found.sigma(DRIFT) == pytest.approx(error * t.ppf((1 + ONE_SIGMA) / 2, n - 2), rel=1e-6)
     assert found.p_value(DRIFT) == pytest.approx(2 * t.sf(abs(drift / error), n - 2), rel=1e-6, abs=0)
 
@@ -524,9 +525,9 @@ def test_another_session_s_bias_differs_by_two_draws_from_the_spread():
     rps, own = np.array([1.0, 2, 3]), np.diag(np.arange(12.0))
     own[9, 10] = own[10, 9] = 0.5
     found = BiasRepeatability(rps * DEG, "said")
-    np.testing.assert_allclose(found.any_session(own) - own, DEG**2 * np.diag([0] * 9 + [2, 8, 18]), rtol=1e-9, atol=1e-15)
+    assert_allclose(found.any_session(own) - own, DEG**2 * np.diag([0] * 9 + [2, 8, 18]), rtol=1e-9, atol=1e-15)
     assert own[9, 9] == 9  # it is left as it was
-    np.testing.assert_allclose(found.sigma(own[BIAS, BIAS]), np.sqrt(np.diag(found.any_session(own))[BIAS]), rtol=1e-12)
+    assert_allclose(found.sigma(own[BIAS, BIAS]), np.sqrt(np.diag(found.any_session(own))[BIAS]), rtol=1e-12)
     table = found.to_json(np.zeros((3, 3)))
     assert table["sigma_dps"] == pytest.approx(np.sqrt(2) * rps)
     assert (table["spread_dps"], table["degrees_of_freedom"]) == (pytest.approx(rps), [None] * 3)
@@ -560,7 +561,7 @@ def test_the_spread_is_of_the_biases_of_fitted_sessions_less_their_own_variances
     found = repeatability_of(session(), folders)
     widened = t.ppf((1 + ONE_SIGMA) / 2, 2)
     expected = [np.sqrt(1 - 0.009), np.sqrt(0.1 * 0.01 / 3), np.sqrt(1 - 0.011)]
-    np.testing.assert_allclose(found.rps, widened * np.array(expected), rtol=1e-9)
+    assert_allclose(found.rps, widened * np.array(expected), rtol=1e-9)
     assert found.source == "3 other sessions of this unit"
     given = repeatability_of(session(-1))
     assert (given.rps.tolist(), given.source) == ([0.5 * DEG] * 3, "given in session.toml")

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from conftest import DEG
+from numpy.testing import assert_allclose, assert_array_equal
 from simulated_twins import make_twin_of
 from small_turns import numeric_jacobian
 
@@ -38,11 +39,11 @@ def test_columns_of_the_linear_model_of_gravity_and_of_the_earth(twin_of):
     columns = twin.linear_columns(twin.sensitivity(state, twin.rates(state))).stacked()
     assert errors(columns[:, :9], slopes(twin, state, 0, 9, 1e-6)).max() < 2e-3
     assert errors(columns[:, 9:], slopes(twin, state, 9, 3, 1e-3 * DEG)).max() < 2e-3
-    np.testing.assert_allclose(twin.gravity_columns().stacked(), slopes(twin, state, 14, 1, 1e-3), atol=1e-9)
+    assert_allclose(twin.gravity_columns().stacked(), slopes(twin, state, 14, 1, 1e-3), atol=1e-9)
     assert errors(twin.earth_columns().stacked() @ state.axes.T, slopes(twin, state, 12, 2, 0.1 * EARTH_RATE_RPS)).max() < 2e-3
     two = [AppliedEffect(catalogue()[name], np.arange(size)) for name, size in (("gyro.g_sensitivity", 9), ("gyro.thermal_bias", 3))]
     state = replace(state, claims=tuple(two))
-    np.testing.assert_array_equal(state.with_vector(state.vector).vector, state.vector)
+    assert_array_equal(state.with_vector(state.vector).vector, state.vector)
     with pytest.raises(ValueError, match=r"gyro\.thermal_bias: theta has shape \(2,\)"):
         AppliedEffect(catalogue()["gyro.thermal_bias"], np.zeros(2))
 
@@ -81,12 +82,12 @@ def test_a_basis_is_its_columns_and_undoes_what_it_adds(twin_of):
     for effect in list(effects.values())[::3]:
         short = twin.effect_columns(effect, state, sensitivity, rates).stacked()
         long = twin.effect_columns(replace(effect, basis=None), state, sensitivity, rates).stacked()
-        np.testing.assert_allclose(short, long, atol=1e-12 * np.abs(long).max())
+        assert_allclose(short, long, atol=1e-12 * np.abs(long).max())
         theta = np.random.default_rng(1).normal(0, 0.1, effect.parameter.size)
         moved = twin.movements[0].with_rate(rates[0])
         distorted = effect.distort(moved, theta)
-        np.testing.assert_allclose(distorted, replace(effect, basis=None).distort(moved, theta), atol=1e-13)
-        np.testing.assert_allclose(effect.correct(distorted, moved, theta), rates[0], atol=1e-13)
+        assert_allclose(distorted, replace(effect, basis=None).distort(moved, theta), atol=1e-13)
+        assert_allclose(effect.correct(distorted, moved, theta), rates[0], atol=1e-13)
 
 
 # Shapes without a name.
@@ -141,18 +142,18 @@ def test_lines_and_warm_ups_span_the_session_and_fast_lines_begin_where_stills_a
     slowest alone, as many as there is time for."""
     twin = session_of_movements(movement(np.nan))
     frequencies = [each.shape["frequency_hz"] for each in shapes(twin, "periodic")]
-    np.testing.assert_allclose(frequencies, 1 / np.geomspace(200.0, 44.0, 40))
-    np.testing.assert_allclose([each.shape["time_constant_s"] for each in shapes(twin, "warm_up")], np.geomspace(40.0, 200.0, 10))
+    assert_allclose(frequencies, 1 / np.geomspace(200.0, 44.0, 40))
+    assert_allclose([each.shape["time_constant_s"] for each in shapes(twin, "warm_up")], np.geomspace(40.0, 200.0, 10))
     few = shapes(session_of_movements(movement(np.nan), stills=1), "periodic")
     assert few[-1].shape["frequency_hz"] == pytest.approx(1 / 220)
     hz = np.arange(0.025, 3.0, 0.005)
-    np.testing.assert_allclose(_line_frequencies(twin), hz)
+    assert_allclose(_line_frequencies(twin), hz)
     assert lines_end_hz(twin) is None
     lines = [each.shape["frequency_hz"] for each in unknown_candidates(twin) if each.id == "unknown.periodic"]
-    np.testing.assert_allclose(lines[40:], hz)
+    assert_allclose(lines[40:], hz)
     for rows, count in ((400_000_000, 5), (666_666_667, 2), (4_000_000_000, 1), (int(2e9 / 594.5), 594), (int(2e9 / 595.5), 595)):
         long = SimpleNamespace(movements=[SimpleNamespace(t_s=range(rows), duration_s=200.0)], stills=[None] * 10)
-        np.testing.assert_allclose(_line_frequencies(long), hz[:count])
+        assert_allclose(_line_frequencies(long), hz[:count])
         assert lines_end_hz(long) == (None if count == 595 else pytest.approx(hz[count - 1]))
 
 
@@ -161,30 +162,30 @@ def test_each_shape_is_what_its_equation_says():
     legendre = np.polynomial.legendre.Legendre.basis
     for order, curve in zip((2, 3, 4, 5), shapes(twin, "curve_over_time"), strict=True):
         expected = [legendre(n)(2 * moved.t_s / 200 - 1) for n in range(1, order + 1)]
-        np.testing.assert_allclose(curve.basis(moved), np.stack(expected, axis=1), atol=1e-12)
+        assert_allclose(curve.basis(moved), np.stack(expected, axis=1), atol=1e-12)
         assert curve.equation == f"ω += smooth curve of time, Legendre order {order}"
     curve, *_ = shapes(twin, "curve_over_temperature")
-    np.testing.assert_allclose(curve.basis(moved), np.tile([-0.6, (3 * 0.36 - 1) / 2], (101, 1)))
-    np.testing.assert_allclose(curve.basis(movement(40.0)), 1.0)  # beyond what the session had
+    assert_allclose(curve.basis(moved), np.tile([-0.6, (3 * 0.36 - 1) / 2], (101, 1)))
+    assert_allclose(curve.basis(movement(40.0)), 1.0)  # beyond what the session had
     line, phase = shapes(twin, "periodic")[0], np.pi * moved.t_s / 100
     assert line.equation == "ω += a cos(2π f t) + b sin(2π f t), f = 0.0050 Hz"
     assert "a period of 200.0 s (up to 2.000 dps); nothing in the catalogue" in line.describe(np.array([0.5, -2.0]) * DEG)
-    np.testing.assert_allclose(line.basis(moved), np.stack([np.cos(phase), np.sin(phase)], axis=1), atol=1e-12)
+    assert_allclose(line.basis(moved), np.stack([np.cos(phase), np.sin(phase)], axis=1), atol=1e-12)
     warm = shapes(session_of_movements(movement(np.nan)), "warm_up")[0]
-    np.testing.assert_allclose(warm.basis(moved), np.exp(-moved.t_s / 40)[:, None])
+    assert_allclose(warm.basis(moved), np.exp(-moved.t_s / 40)[:, None])
     assert warm.equation == "ω += b exp(−t / τ), τ = 40 s"
     a, b, c = moved.force_g[0]
     quadratic, cubic = (np.sort(each.basis(moved)[50]) for each in shapes(twin, "attitude"))
     powers = {n: [a**i * b**j * c ** (n - i - j) for i in range(n + 1) for j in range(n + 1 - i)] for n in (2, 3)}
-    np.testing.assert_allclose(quadratic, np.sort(powers[2]))
-    np.testing.assert_allclose(cubic, np.sort(powers[2] + powers[3]))
+    assert_allclose(quadratic, np.sort(powers[2]))
+    assert_allclose(cubic, np.sort(powers[2] + powers[3]))
     (products,), u = shapes(twin, "rate_products"), moved.rate / FS
     pairs = FS * u[:, [0, 0, 1]] * u[:, [1, 2, 2]]
     expected = np.einsum("nk,ij->nikj", pairs, np.eye(3)).reshape(101, 3, 9)
-    np.testing.assert_allclose(products.columns(moved), expected)
+    assert_allclose(products.columns(moved), expected)
     for each, power, odd in zip(shapes(twin, "curve_over_rate"), (1.5, 2, 2, 5), (1, 0, 1, 1), strict=True):
         assert each.equation == f"ω_i += c_i FS {'sign(ω_i) ' * odd}|ω_i / FS|^{power}"
-        np.testing.assert_allclose(each.columns(moved), (FS * np.sign(u) ** odd * np.abs(u) ** power)[:, :, None] * np.eye(3))
+        assert_allclose(each.columns(moved), (FS * np.sign(u) ** odd * np.abs(u) ** power)[:, :, None] * np.eye(3))
         assert each.describe(np.ones(3)).startswith("the scale bends" if odd else "the zero bends")
 
 
@@ -212,4 +213,4 @@ def test_a_rate_fixed_in_the_world_is_the_earths_if_as_long_at_another_latitude(
         assert f"at a latitude of about {true_deg:.0f} deg, session.toml says 47: " in said
     else:
         assert said == f"{np.linalg.norm(theta) / DEG:.4f} dps is fixed in the world beyond the Earth's: does the table turn?"
-    np.testing.assert_array_equal(world.columns(movement()), np.zeros((101, 3, 3)))
+    assert_array_equal(world.columns(movement()), np.zeros((101, 3, 3)))

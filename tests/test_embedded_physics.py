@@ -25,6 +25,7 @@ from exported_models import (
     random_inputs,
     state_bytes,
 )
+from numpy.testing import assert_allclose, assert_array_equal
 
 from session.io.config import Accelerometer
 from session.io.samples import Samples
@@ -75,9 +76,9 @@ def test_no_bit_differs_from_numpy_and_the_self_test_agrees(name, compiled):
     first, second = model.state(), model.state()
     model.run(random_inputs(30, seed=1), second)
     begun, _, ended = (model.run(rows, state) for rows, state in ((table[:120], first), (table[::-1], second), (table[120:], first)))
-    np.testing.assert_array_equal(np.append(begun, ended, axis=0).view(np.uint32), expected.view(np.uint32))
+    assert_array_equal(np.append(begun, ended, axis=0).view(np.uint32), expected.view(np.uint32))
     model.library.tinygc_start(second)
-    np.testing.assert_array_equal(model.run(table, second), expected)
+    assert_array_equal(model.run(table, second), expected)
     assert model.self_test() == (0, 0.0)
 
 
@@ -137,7 +138,7 @@ def test_a_constant_rate_passes_at_once_and_a_false_reading_is_gone_after_the_wi
         with np.errstate(invalid="ignore"):
             rates = chosen.run(as_inputs(hurt))
         assert not np.isfinite(rates[100:149]).all(axis=1).any()
-        np.testing.assert_array_equal(rates[149:], clean[149:])
+        assert_array_equal(rates[149:], clean[149:])
 
 
 def test_a_program_knows_its_size_and_its_weights():
@@ -171,12 +172,12 @@ def test_registers_and_force_mean_what_they_mean_in_a_log(compiled):
         library.tinygc_from_registers(pointer(registers[n]), pointer(table[n]))
         library.tinygc_force(pointer(measured[n]), pointer(force[n]))
     inputs = SENSOR.inputs(registers)
-    np.testing.assert_array_equal(table, np.column_stack([inputs.rate, inputs.force, inputs.temp_c]))
-    np.testing.assert_allclose(table[:, :3], registers[:, :3] * 17.5e-3 * DEG, rtol=2e-7)
+    assert_array_equal(table, np.column_stack([inputs.rate, inputs.force, inputs.temp_c]))
+    assert_allclose(table[:, :3], registers[:, :3] * 17.5e-3 * DEG, rtol=2e-7)
     expected = ACCELEROMETER.correct(measured.astype(float))
-    np.testing.assert_allclose(table[:, 3:6], expected, atol=1e-5)
-    np.testing.assert_allclose(force, expected, atol=1e-5)
-    np.testing.assert_array_equal(table[:, 6], 25 + registers[:, 6] / 256)
+    assert_allclose(table[:, 3:6], expected, atol=1e-5)
+    assert_allclose(force, expected, atol=1e-5)
+    assert_array_equal(table[:, 6], 25 + registers[:, 6] / 256)
 
 
 @pytest.mark.parametrize("accel_fs_g", [2, 8])
@@ -184,12 +185,12 @@ def test_vectors_cover_rates_gravity_and_temperatures_and_are_the_programs(accel
     sensor, made = Registers(500, accel_fs_g), program(LINEAR)
     registers, rates = vectors(made, sensor)
     assert (registers.shape, registers.dtype, COUNT, TOLERANCE) == ((COUNT, 7), np.int16, 64, 2e-6)
-    np.testing.assert_array_equal(rates, made.run(sensor.inputs(registers)))
-    np.testing.assert_array_equal(registers, vectors(made, sensor)[0])
+    assert_array_equal(rates, made.run(sensor.inputs(registers)))
+    assert_array_equal(registers, vectors(made, sensor)[0])
     numbers, one_g = registers.astype(float), 32768 / accel_fs_g
     assert (np.abs(numbers[:, :3]) <= 28000).all()
     assert (np.ptp(numbers[:, :3], axis=0) > 40_000).all()
-    np.testing.assert_allclose(np.linalg.norm(numbers[:, 3:6], axis=1), one_g, atol=1)
+    assert_allclose(np.linalg.norm(numbers[:, 3:6], axis=1), one_g, atol=1)
     assert (np.ptp(numbers[:, 3:6], axis=0) > one_g).all()
     warm = numbers[:, 6] / (16 * 256)  # 16 degC
     assert 0.9 < warm.max() <= 1

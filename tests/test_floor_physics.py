@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from conftest import GRAVITY, config, wxyz
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.linalg import block_diag
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
@@ -116,7 +117,7 @@ def test_covariance_is_that_of_the_noise_of_steps_stills_dials_and_stops(kind):
         expected[5], expected[:, 5] = 0, 0
         expected[5, 5] = 1.0
     scale = np.sqrt(np.diag(expected))
-    np.testing.assert_allclose(floor.dense() / np.outer(scale, scale), expected / np.outer(scale, scale), atol=2e-6)
+    assert_allclose(floor.dense() / np.outer(scale, scale), expected / np.outer(scale, scale), atol=2e-6)
 
 
 @pytest.mark.parametrize(("count", "d"), [(1, 2), (4, 3)])
@@ -128,9 +129,9 @@ def test_products_with_a_floor_are_those_with_its_dense_matrix(count, d):
     for s, part in enumerate(shared):
         here, there = slice(s * d, s * d + d), slice(s * d + d, s * d + 2 * d)
         expected[here, there], expected[there, here] = part, part.T
-    np.testing.assert_array_equal(floor.dense(), expected)
+    assert_array_equal(floor.dense(), expected)
     columns = rng.normal(size=(count, d, 12))
-    np.testing.assert_allclose(floor.times(columns).reshape(-1, 12), expected @ columns.reshape(-1, 12), atol=1e-13)
+    assert_allclose(floor.times(columns).reshape(-1, 12), expected @ columns.reshape(-1, 12), atol=1e-13)
 
 
 def test_what_is_uncertain_of_single_segments_widens_them_and_is_no_noise():
@@ -138,10 +139,10 @@ def test_what_is_uncertain_of_single_segments_widens_them_and_is_no_noise():
     more = np.arange(18.0).reshape(2, 3, 3)
     floor = Floor(own, np.zeros((1, 2, 2)))
     twice = floor.widened(more).widened(more)
-    np.testing.assert_array_equal(twice.own, own + 2 * more[:, :2, :2])
-    np.testing.assert_array_equal(twice.wider, 2 * more[:, :2, :2])
+    assert_array_equal(twice.own, own + 2 * more[:, :2, :2])
+    assert_array_equal(twice.wider, 2 * more[:, :2, :2])
     for each in (floor, twice):
-        np.testing.assert_array_equal(each.white, own)
+        assert_array_equal(each.white, own)
         assert each.tilt_rms == pytest.approx(np.sqrt((1 + 3 + 7 + 1) / 2))
 
 
@@ -152,16 +153,16 @@ def test_a_floor_is_the_sum_of_its_causes(kind):
     floor = closure_floor(batch, closure.attitudes(batch, TRUE(batch.rate)), ends, NOISES, DIAL_RAD)
     parts = floor.parts
     assert [*parts] == [GYRO_NOISE, ACCEL_NOISE, *{"tilt": [], "yaw": [DIALS], "known": [STOPS]}[kind]]
-    np.testing.assert_allclose(sum(part.dense() for part in parts.values()), floor.dense(), rtol=1e-12, atol=0)
+    assert_allclose(sum(part.dense() for part in parts.values()), floor.dense(), rtol=1e-12, atol=0)
     assert np.abs(parts[GYRO_NOISE].shared).max() < 1e-20
     if kind != "yaw":
         return
     more = np.array([0.0, 1e-6, 0.0])[:, None, None] * np.eye(3)
     wider = floor.widened(more).scaled(np.array([1.0, 2.0, 3.0]))
-    np.testing.assert_allclose(wider.parts[SINGLE_SEGMENTS].own, 4 * more)
-    np.testing.assert_allclose(wider.parts[DIALS].own[:, 2, 2], 2 * DIAL_RAD**2 * np.array([1, 4, 9]))
-    np.testing.assert_allclose(wider.parts[DIALS].shared[0, 2, 2], -2 * DIAL_RAD**2)
-    np.testing.assert_allclose(sum(part.dense() for part in wider.parts.values()), wider.dense(), rtol=1e-12, atol=0)
+    assert_allclose(wider.parts[SINGLE_SEGMENTS].own, 4 * more)
+    assert_allclose(wider.parts[DIALS].own[:, 2, 2], 2 * DIAL_RAD**2 * np.array([1, 4, 9]))
+    assert_allclose(wider.parts[DIALS].shared[0, 2, 2], -2 * DIAL_RAD**2)
+    assert_allclose(sum(part.dense() for part in wider.parts.values()), wider.dense(), rtol=1e-12, atol=0)
 
 
 #: a Gauss-Markov process for each octave of correlation times from half a second to 2048 s, each of variance B^2 ln 2 / pi
@@ -171,7 +172,7 @@ OCTAVES_S = np.array([0.5, 1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048])
 def test_covariance_of_two_moments_is_the_sum_of_its_octaves():
     t_s, B = np.array([3.0, 3.7, 60.0, 7000.0]), 3 * DEG_PER_HOUR
     expected = B**2 * np.log(2) / np.pi * np.exp(-np.abs(np.subtract.outer(t_s, t_s))[..., None] / OCTAVES_S).sum(axis=-1)
-    np.testing.assert_allclose(BiasWander(t_s[:1], B).covariance(t_s[1:2], t_s[2:]), expected, rtol=1e-12)
+    assert_allclose(BiasWander(t_s[:1], B).covariance(t_s[1:2], t_s[2:]), expected, rtol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -276,7 +277,7 @@ def test_a_step_is_the_moment_at_which_chi_square_falls_most_by_more_than_twenty
     assert np.argmax(gains) == 3
     just = np.sqrt(25 / max(gains))
     assert _step_of_bias(0.9999 * just * rate, columns, white, wander) is None
-    np.testing.assert_array_equal(_step_of_bias(1.0001 * just * rate, columns, white, wander), after)
+    assert_array_equal(_step_of_bias(1.0001 * just * rate, columns, white, wander), after)
     assert _step_of_bias(rate[:1], [np.zeros((1, 0))] * 3, white[:1], wander[:1, :1]) is None
 
 
@@ -287,7 +288,7 @@ def test_a_rate_fixed_in_the_table_shows_on_each_axis_as_its_attitude_has_it():
     body = np.stack([turn.inv().apply(level[int(g == 5)]) for turn, g in zip(turns, group, strict=True)])
     for axis in range(3):
         columns = _sideways_columns(turns.as_quat(scalar_first=True), group, axis)
-        np.testing.assert_allclose(columns @ [0.4, -0.7, -0.2, 0.1], body[:, axis], atol=1e-14)
+        assert_allclose(columns @ [0.4, -0.7, -0.2, 0.1], body[:, axis], atol=1e-14)
 
 
 def span(*columns):
@@ -309,8 +310,8 @@ def test_other_causes_are_taken_in_order_up_to_half_the_number_of_pieces(count, 
     made = [[log == 0, log == 1, step], [down], [side], [t_s], [temp_c], [x * x, y * y, x * y, x * z, y * z]]
     found = _other_causes(log, t_s, down, side, temp_c, step)
     expected = span(*(column * 1.0 for block in taken for column in made[int(block)]))
-    np.testing.assert_allclose(found.T @ found, np.eye(found.shape[1]), atol=1e-12)
-    np.testing.assert_allclose(found @ found.T, expected @ expected.T, atol=1e-8)
+    assert_allclose(found.T @ found, np.eye(found.shape[1]), atol=1e-12)
+    assert_allclose(found @ found.T, expected @ expected.T, atol=1e-8)
 
 
 def test_a_thermometer_that_hardly_moves_or_is_not_there_tells_nothing():
@@ -348,9 +349,9 @@ def test_a_still_is_taken_without_its_ends_and_a_long_one_in_parts_of_four_secon
     walk, temp_c = np.array([1, 2, 3]) / np.sqrt(2), logs[0].samples.temp_c[part].mean()
     expected = (rate, 0, (650 + 1079) / 2 * 0.01, 4.3, walk, down, logs[0].q_tb[1], 1, temp_c)
     for found, value in zip(pieces[2], expected, strict=True):
-        np.testing.assert_allclose(found, value)
+        assert_allclose(found, value)
     rate, _, middle_s, *_, group, temp_c = pieces[3]  # readings of a bump are none of its mean
-    np.testing.assert_array_equal(rate, logs[0].stills[3].gyro_mean)
+    assert_array_equal(rate, logs[0].stills[3].gyro_mean)
     assert (middle_s, group, temp_c) == (pytest.approx(15.5), 3, 24.0)
     ((_, number, middle_s, *_),) = _pieces_at_rest(1, logs)  # a later log lies behind the former
     assert (number, middle_s) == (1, pytest.approx(17.99 + 0.01 * (70 + 329) / 2))
@@ -359,7 +360,7 @@ def test_a_still_is_taken_without_its_ends_and_a_long_one_in_parts_of_four_secon
     assert len(list(_pieces_at_rest(0, [replace(logs[1], samples=slow, stills=[long])]))) == 300  # however long it rests
     short = replace(logs[1].stills[0], stop=50 + 42, duration_s=0.42)
     ((rate, *_),) = _pieces_at_rest(1, [logs[0], replace(logs[1], stills=[short])])
-    np.testing.assert_allclose(rate, logs[1].samples.gyro[60:82].mean(axis=0))  # a quarter at each end
+    assert_allclose(rate, logs[1].samples.gyro[60:82].mean(axis=0))  # a quarter at each end
 
 
 @pytest.mark.parametrize(("source", "steps"), [("estimated", 0), ("unknown", 0), ("given", 3), ("given", 4)])

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from conftest import GRAVITY, config, wxyz
+from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 from small_turns import TRUE, angles_by_scipy, numeric_jacobian, small_turns, turns_by_scipy, with_known_angles
@@ -121,28 +122,28 @@ def test_the_estimate_weighs_lengths_closures_and_what_is_known_beforehand(kind,
     units = np.where(np.arange(9) < 6, 1 / gravity, 1.0)
     prior = np.append(SPREAD, length) if mode == "fit" else np.concatenate([0.3 * MG * units, SPREAD[9:], [20 * MG]])
     prior[:9] *= units / UNITS if mode == "fit" else 1.0
-    np.testing.assert_allclose(found.system.prior, prior)
+    assert_allclose(found.system.prior, prior)
     at, system = centre_of(problem, gravity) + found.system.x, found.system
     rows = residuals(problem, force)
     jacobian = numeric_jacobian(lambda steps: rows(at + STEP * steps), np.zeros(22), 1.0) / STEP
     off = np.abs(system.design - jacobian).max(axis=0) / np.abs(jacobian).max(axis=0)
     assert off[[*range(9), 21]].max() < 3e-4
     assert off[9:21].max() < (0.05 if kind == "stated" else 3e-3)  # of first order in the coning between two samples
-    np.testing.assert_allclose(system.values, rows(at), atol=2e-8)
+    assert_allclose(system.values, rows(at), atol=2e-8)
     weight = jacobian.T * system.root**2
     covariance = np.linalg.inv(weight @ jacobian + np.diag(prior**-2))
     sigma = np.sqrt(np.diag(covariance))
-    np.testing.assert_allclose(system.covariance / np.outer(sigma, sigma), covariance / np.outer(sigma, sigma), atol=1e-2)
-    np.testing.assert_allclose(found.covariance, system.covariance[:9, :9])
+    assert_allclose(system.covariance / np.outer(sigma, sigma), covariance / np.outer(sigma, sigma), atol=1e-2)
+    assert_allclose(found.covariance, system.covariance[:9, :9])
     downhill = covariance @ (weight @ rows(at) + system.x / prior**2)
     assert np.abs(downhill / sigma).max() < 0.03
-    np.testing.assert_allclose(system.response, -covariance @ weight, atol=0.01 * np.abs(covariance @ weight).max())
-    np.testing.assert_allclose(found.beforehand, (covariance / prior)[:9, [*range(9), 21]], atol=0.01 * sigma[:9].min())
+    assert_allclose(system.response, -covariance @ weight, atol=0.01 * np.abs(covariance @ weight).max())
+    assert_allclose(found.beforehand, (covariance / prior)[:9, [*range(9), 21]], atol=0.01 * sigma[:9].min())
     assert found.accelerometer.source == ("stills" if mode == "fit" else "prior")
-    np.testing.assert_allclose(found.accelerometer.correct(force), found.force)
-    np.testing.assert_allclose(found.force, by_hand(found.x, force))
-    np.testing.assert_allclose(found.before, np.linalg.norm(force, axis=1) - gravity)
-    np.testing.assert_allclose(found.after, np.linalg.norm(found.force, axis=1) - at[21])
+    assert_allclose(found.accelerometer.correct(force), found.force)
+    assert_allclose(found.force, by_hand(found.x, force))
+    assert_allclose(found.before, np.linalg.norm(force, axis=1) - gravity)
+    assert_allclose(found.after, np.linalg.norm(found.force, axis=1) - at[21])
 
 
 @pytest.mark.parametrize("kind", ["bad", "stated", "few"])
@@ -168,7 +169,7 @@ def test_a_row_weighs_as_its_sigma_and_the_misfit_of_its_kind_say(kind):
             far = np.repeat(np.sqrt(np.mean(far.reshape(-1, 2) ** 2, axis=1)), 2)
         expected[kind_of_row] = 1 / (sigma[kind_of_row] * size * np.sqrt(1 + (far / (2 * size)) ** 2))
     expected[stop] = 1 / (1e-4 * np.sqrt(1 + (miss[stop] / 2) ** 2))
-    np.testing.assert_allclose(system.root, expected, rtol=3e-3)
+    assert_allclose(system.root, expected, rtol=3e-3)
 
 
 @pytest.mark.parametrize(("one_axis", "off", "sigma_mg"), [(0, NEARLY, 0.01), (1, NEARLY, 0.5)])
@@ -235,19 +236,19 @@ def test_a_drift_of_the_zero_is_estimated_with_the_rest():
     system, count = found.system, len(problem.batch)
     assert found.drift.significant
     assert system.design.shape[1] == len(system.prior) == 25
-    np.testing.assert_allclose(system.prior[22:], 60 * MG)
+    assert_allclose(system.prior[22:], 60 * MG)
     rows = lambda at: residuals(problem, force - share[:, None] * at[22:])(at[:22])  # noqa: E731
     at = np.append(centre_of(problem), np.zeros(3)) + system.x
     step = np.append(STEP, [1e-4] * 3)
     jacobian = numeric_jacobian(lambda steps: rows(at + step * steps), np.zeros(25), 1.0) / step
     assert (np.abs(system.design - jacobian).max(axis=0) / np.abs(jacobian).max(axis=0))[[*range(9), *range(21, 25)]].max() < 3e-4
-    np.testing.assert_allclose(system.values, rows(at), atol=2e-8)
+    assert_allclose(system.values, rows(at), atol=2e-8)
     assert np.abs((found.drift.mps2 - drift) / found.drift.sigma_mps2).max() < 4
     assert np.abs((found.x - OFF) / np.sqrt(np.diag(found.covariance))).max() < 4
-    np.testing.assert_allclose(found.moved(force, share), found.force)
+    assert_allclose(found.moved(force, share), found.force)
     # Left out with the others' drift: what no segment is left out of does not move.
     nothing = np.zeros(count, dtype=bool)
-    np.testing.assert_allclose(found.without(nothing, problem.batch).end, bent(problem.batch, found.first, found.last, found.force).end)
+    assert_allclose(found.without(nothing, problem.batch).end, bent(problem.batch, found.first, found.last, found.force).end)
 
 
 def test_a_problem_with_the_new_calibration_has_its_stills_references_and_weights():
@@ -263,11 +264,11 @@ def test_a_problem_with_the_new_calibration_has_its_stills_references_and_weight
     assert (now.found, now.joint, now.first, [log.samples for log in now.logs]) == (later, joint, joint.model, ["a later", "b later"])
     assert now.session.config.accelerometer is joint.accelerometer
     moved = joint.moved(force, joint.share)
-    np.testing.assert_allclose([still.accel_mean for log in now.logs for still in log.stills if still.problem is None], moved)
+    assert_allclose([still.accel_mean for log in now.logs for still in log.stills if still.problem is None], moved)
     assert [s.first.accel_mean @ s.last.accel_mean for s in now.used] == pytest.approx(np.sum(moved[:-1] * moved[1:], axis=1))
-    np.testing.assert_allclose(np.abs(np.sum(now.batch.start * levelled(problem.batch.start, moved[:-1]), axis=1)), 1, atol=1e-12)
-    np.testing.assert_allclose(np.abs(np.sum(now.still_rates.q_tb * levelled(attitudes, moved), axis=1)), 1, atol=1e-7)
-    np.testing.assert_allclose(now.logs[0].q_tb[[0, *range(2, 8)]], now.still_rates.q_tb[:7])
+    assert_allclose(np.abs(np.sum(now.batch.start * levelled(problem.batch.start, moved[:-1]), axis=1)), 1, atol=1e-12)
+    assert_allclose(np.abs(np.sum(now.still_rates.q_tb * levelled(attitudes, moved), axis=1)), 1, atol=1e-7)
+    assert_allclose(now.logs[0].q_tb[[0, *range(2, 8)]], now.still_rates.q_tb[:7])
     # Stated angles weigh against tilts, whose excess is what the tilts miss beyond 12 numbers; without stated angles it is left alone.
     assert now.floor.tilt_excess > 2
     assert now.floor.tilt_excess == pytest.approx(

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 import calibrate
@@ -43,11 +44,11 @@ def test_rows_of_a_move_are_those_of_the_joint_estimation(with_gravity):
         assert J.shape == (4 if with_gravity else 3, PARAMETERS + linear.PARAMETERS)
         # The force in the still at the end is the one at the start, seen after the turn.
         R = [Rotation.from_quat(q, scalar_first=True).as_matrix() for q in move.q_tb]
-        np.testing.assert_allclose(R[1].T @ R[0] @ move.up[0], move.up[1], atol=1e-12)
+        assert_allclose(R[1].T @ R[0] @ move.up[0], move.up[1], atol=1e-12)
         d = 1e-6 * rng.normal(size=PARAMETERS) * units(9.8)
         lengths = np.linalg.norm(corrected(IDENTITY + d, move.up * 9.80665), axis=1) - 9.80665
         expected = lengths if with_gravity else [(lengths[0] - lengths[1]) / np.sqrt(2)]
-        np.testing.assert_allclose(J[2:, :PARAMETERS] @ d, expected, atol=1e-9)
+        assert_allclose(J[2:, :PARAMETERS] @ d, expected, atol=1e-9)
 
 
 def test_turns_are_proposed_for_what_is_known_worst_and_each_helps(short):
@@ -72,7 +73,7 @@ def test_directions_that_few_turns_leave_open_are_known_as_the_prior_knows_them(
     accelerometer that nobody calibrated counts as it is known."""
     known = known_of(problem_of(short, exclude=(4, 5, 6, 7, 8), prior=vague))
     variance = np.linalg.eigvalsh(known.covariance[-12:, -12:] / np.outer(linear.PRIOR_SIGMA, linear.PRIOR_SIGMA))
-    np.testing.assert_allclose(variance[-4:], 1, atol=1e-3)
+    assert_allclose(variance[-4:], 1, atol=1e-3)
     assert (variance[:-4] < 1e-3).all()
     bare = shutil.copytree(short, tmp_path / "bare")
     head, rest = (bare / "session.toml").read_text().split("[accelerometer]")

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import DEG, product, turned
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from session.detect.stills import find_stills
@@ -48,16 +49,16 @@ def test_at_rest_it_feels_gravity_and_the_earth_and_in_a_turn_the_lever_arm():
     rate, force, _ = _true_signals(SHORT, simulation.unit, simulation.plan, t_s)
     to_body = attitude(motion.angles).inv()
     gravity = to_body.apply([0, 0, -SHORT.gravity_mps2])
-    np.testing.assert_allclose(force[0], gravity[0], atol=1e-12)
+    assert_allclose(force[0], gravity[0], atol=1e-12)
     to_table = Rotation.from_euler("ZY", [-simulation.unit.heading_deg, SHORT.latitude_deg], degrees=True)
-    np.testing.assert_allclose(rate[0], to_body[0].apply(to_table.apply([EARTH_RATE_RPS, 0, 0])), atol=1e-12)
+    assert_allclose(rate[0], to_body[0].apply(to_table.apply([EARTH_RATE_RPS, 0, 0])), atol=1e-12)
     # The sensor's position in the table, differentiated twice.
     step_s = 1e-4
     near = move(simulation.plan, t_s[1] + np.array([-step_s, 0, step_s]))
     place = attitude(near.angles).apply(SHORT.lever_m)
     acceleration = attitude(near.angles)[1].inv().apply(place[0] - 2 * place[1] + place[2]) / step_s**2
     assert np.linalg.norm(acceleration) > 0.01
-    np.testing.assert_allclose(force[1] - gravity[1], acceleration, atol=1e-4)
+    assert_allclose(force[1] - gravity[1], acceleration, atol=1e-4)
 
 
 @pytest.mark.parametrize("odr_hz", [104, 1667])
@@ -90,7 +91,7 @@ def test_stamps_show_the_true_rate():
     stamps = np.concatenate([simulation.log.t_us, simulation.closure.t_us])
     true_hz = 208 * (1 + 0.0015 * 13)  # 0.02 in steps of 0.0015
     assert simulation.unit.odr_hz == pytest.approx(true_hz)
-    np.testing.assert_array_equal(stamps, np.rint(np.arange(len(stamps)) / true_hz * 1e6))
+    assert_array_equal(stamps, np.rint(np.arange(len(stamps)) / true_hz * 1e6))
     assert len(simulation.closure.t_us) / true_hz == pytest.approx(20, abs=0.01)
 
 
@@ -112,7 +113,7 @@ def test_distort_adds_to_the_true_rate_and_sees_what_the_elements_feel():
     options = replace(SHORT, closure_s=0, gyro_scale_error=0, gyro_misalignment=0)  # the same noise in both: it dithers the registers
     plain, distorted = simulate_session(options), simulate_session(options, distort)
     shift = (distorted.log.gyro.astype(int) - plain.log.gyro) * gyro_rps_per_lsb(options.gyro_fs_dps)
-    np.testing.assert_allclose(shift.mean(axis=0), added, atol=1e-3 * DEG)
+    assert_allclose(shift.mean(axis=0), added, atol=1e-3 * DEG)
     assert np.linalg.norm(seen["force"][0]) == pytest.approx(options.gravity_mps2)
     assert seen["t_s"].shape == seen["temp_c"].shape
     with pytest.raises(ValueError, match="distort"):
@@ -137,8 +138,8 @@ def test_purposes_have_their_own_stream_and_a_folder_reads_like_a_recorded_one(t
     assert closure.samples.t_ns[0] - log.samples.t_ns[-1] == pytest.approx(log.samples.period_s * 1e9, abs=2000)
     stills, noise = find_stills(session.calibrated(log), session.config.protocol.still_s)
     assert len(stills) == 9
-    np.testing.assert_allclose(noise.gyro / DEG, 0.005, rtol=0.25)
-    np.testing.assert_allclose([still.gravity_mps2 for still in stills], options.gravity_mps2, atol=2e-3)
+    assert_allclose(noise.gyro / DEG, 0.005, rtol=0.25)
+    assert_allclose([still.gravity_mps2 for still in stills], options.gravity_mps2, atol=2e-3)
 
 
 def test_a_file_says_how_to_make_it_again_and_nothing_but_a_simulation_is_replaced(tmp_path):
@@ -189,4 +190,4 @@ def test_pieces_are_the_whole_and_hours_take_no_more_memory_than_minutes(tmp_pat
         tracemalloc.stop()
     assert peak < 15e6
     logged = np.loadtxt(tmp_path / "s" / "log0001.csv.gz", delimiter=",", skiprows=2, dtype=np.int64)
-    np.testing.assert_array_equal(logged, np.column_stack([whole.t_us, whole.gyro, whole.accel, whole.temp]))
+    assert_array_equal(logged, np.column_stack([whole.t_us, whole.gyro, whole.accel, whole.temp]))

@@ -7,6 +7,7 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 from linear_twin import PRIORS, effect, linear_twin, stepped
+from numpy.testing import assert_allclose
 from scipy import stats
 from scipy.linalg import block_diag
 
@@ -297,11 +298,11 @@ def test_it_is_the_second_moment_of_the_joint_normal_distribution():
         square = response @ own @ (prior**2 * joint[15:, 15:] + np.outer(theta, theta)) @ own.T @ response.T
         return square, stats.multivariate_normal(np.zeros(twin.n), 1.7 * covariance + both @ both.T).logpdf(twin.recorded)
 
-    np.testing.assert_allclose(found.by_effect["test.a"], moments(a)[0], rtol=1e-6)
+    assert_allclose(found.by_effect["test.a"], moments(a)[0], rtol=1e-6)
     squares, log_p = zip(*map(moments, variants), strict=True)
     expected = np.average(squares, axis=0, weights=np.exp(np.array(log_p) - max(log_p)))
-    np.testing.assert_allclose(found.by_effect["test.step"], expected, rtol=1e-6)
-    np.testing.assert_allclose(found.tilts, twin.linear_columns(None).closure[:, :2])
+    assert_allclose(found.by_effect["test.step"], expected, rtol=1e-6)
+    assert_allclose(found.tilts, twin.linear_columns(None).closure[:, :2])
     # With the noise estimated again: half of the gain, less the logarithms of ten scales and of three shapes, and a half for each number.
     of = {each.id: each.parameter.plausible * twin.columns_of(each)[0, 0] / 2 for each in (a, variants[1])}
     expected = {"test.a": 30.0 - np.log(10.0) + of["test.a"], "test.step": 30.0 - np.log(30.0) + of["test.step"]}

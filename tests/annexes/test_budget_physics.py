@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.stats import chi2, norm, t
 
 import tinygc
@@ -112,9 +113,9 @@ def test_the_attitude_at_rest_by_hand(fitted):
     of_parameters = sum(row.variance for row in axes["attitude y"].rows[: len(fitted.sources)])
     assert of_parameters == pytest.approx(slope[1] @ fitted.covariance @ slope[1], rel=1e-9)
     sources = {source.name: source.covariance for source in own}
-    np.testing.assert_allclose(sources[_NOISE_OF_USE], 60 * E @ np.diag(density**2) @ E.T, rtol=1e-9)
+    assert_allclose(sources[_NOISE_OF_USE], 60 * E @ np.diag(density**2) @ E.T, rtol=1e-9)
     mean = wander_covariance(np.array([30.0]), 60.0, instability_rps=fitted.noise.noise.size("noise.bias_wander"))[0, 0]
-    np.testing.assert_allclose(np.diag(sources[_DRIFT_OF_USE]), 3600 * mean * np.diag(E @ E.T), rtol=0.02)
+    assert_allclose(np.diag(sources[_DRIFT_OF_USE]), 3600 * mean * np.diag(E @ E.T), rtol=0.02)
     x, y, z, whole = found
     assert whole.variance == pytest.approx(x.variance + y.variance + z.variance, rel=1e-12)
     # 0.1 dps each of session and use: 60 s at rest miss 60 s x 0.1 dps x sqrt(2) about each axis, the largest source.
@@ -144,7 +145,7 @@ def test_another_switch_on_counts_twice_its_spread_and_a_temperature_as_assumed(
         ("temperature of the use", np.full(3, (0.01 * DEG * 5) ** 2)),
         ("bias of another switch-on, as usual", 2 * USUAL_SPREAD.rps**2),
     ):
-        np.testing.assert_allclose(found[name], 100 * np.diag(np.broadcast_to(expected, 3)), rtol=1e-9, atol=1e-20)
+        assert_allclose(found[name], 100 * np.diag(np.broadcast_to(expected, 3)), rtol=1e-9, atol=1e-20)
     assert assumed == ("temperature of the use",)
 
 
@@ -189,7 +190,7 @@ def test_a_refit_moves_by_the_response_to_the_errors(fitted):
         y = np.zeros(len(size))
         y[part] = size[part] * RNG.normal(size=len(y[part]))
         found, expected = moved_by(redrawn, replace(redrawn.nothing, channels=y), 0.3), L @ y
-        np.testing.assert_allclose(found / sigma, expected / sigma, atol=0.02 * max(1.0, np.abs(expected / sigma).max()))
+        assert_allclose(found / sigma, expected / sigma, atol=0.02 * max(1.0, np.abs(expected / sigma).max()))
 
 
 def test_a_refit_moves_by_what_was_wrong_before_the_session(fitted):
@@ -199,7 +200,7 @@ def test_a_refit_moves_by_what_was_wrong_before_the_session(fitted):
     scale, last = np.sqrt(np.outer(*[np.diag(fitted.covariance)] * 2)), len(redrawn.nothing.known) - 1
     steps = np.array([moved_by(redrawn, replace(redrawn.nothing, known=each), 1.0) for each in np.eye(last + 1)])
     for name, part in ((CALIBRATION, steps[:last]), (GRAVITY_LENGTH, steps[last:])):
-        np.testing.assert_allclose(part.T @ part / scale, by_name[name] / scale, atol=1e-4)
+        assert_allclose(part.T @ part / scale, by_name[name] / scale, atol=1e-4)
 
 
 def test_readings_and_clock_move_the_parameters_as_stated(fitted):
@@ -207,10 +208,10 @@ def test_readings_and_clock_move_the_parameters_as_stated(fitted):
     redrawn, model, sigma = _Redrawn(fitted, 1), fitted.linear.model, np.sqrt(np.diag(fitted.covariance))
     e = np.array([1.0, -2.0, 0.5]) * 1e-4 * DEG
     found = redrawn.refit(replace(redrawn.nothing, reading=e)) - model.vector
-    np.testing.assert_allclose(found[BIAS], -model.E @ e, atol=1e-3 * sigma[9])
-    np.testing.assert_allclose(found[:9] / sigma[:9], 0, atol=1e-2)
+    assert_allclose(found[BIAS], -model.E @ e, atol=1e-3 * sigma[9])
+    assert_allclose(found[:9] / sigma[:9], 0, atol=1e-2)
     found = redrawn.refit(replace(redrawn.nothing, clock=1e-3)) - model.vector
-    np.testing.assert_allclose(found[:9], -1e-3 * model.vector[:9], atol=2e-5)
+    assert_allclose(found[:9], -1e-3 * model.vector[:9], atol=2e-5)
 
 
 def test_each_source_is_drawn_with_its_covariance(fitted):

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import DEG, Table, session_of
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy import optimize, stats
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
@@ -197,7 +198,7 @@ def test_the_noise_is_that_of_the_largest_restricted_likelihood(rest, unit):
     )
     assert restricted(found.sizes, y, A, V) < best.fun + 0.02
     assert found.sizes[0] >= 0.5 * unit
-    np.testing.assert_allclose(found.C, summed(found.sizes, V))
+    assert_allclose(found.C, summed(found.sizes, V))
     some = np.arange(40) > 30
     assert found.factor(some) @ found.factor(some).T == pytest.approx(found.C[np.ix_(some, some)])
 
@@ -418,7 +419,7 @@ def test_a_fit_is_put_together_from_these(lag_s):
         _, large = fitted([replace(log, gyro=1000 * log.gyro) for log in logs])
         assert large.terms == pytest.approx(1000 * fit.terms, rel=1e-6)
         assert (large.held_out, large.left, large.turn_on) == pytest.approx((1000 * fit.held_out, 1000 * fit.left, 1000 * fit.turn_on))
-        np.testing.assert_allclose(large.noise.C, 1e6 * fit.noise.C, rtol=1e-3)
+        assert_allclose(large.noise.C, 1e6 * fit.noise.C, rtol=1e-3)
 
 
 def test_what_is_not_there_is_not_claimed_and_what_may_not_be_tried_is_not():
@@ -520,7 +521,7 @@ def test_the_errors_weigh_with_the_slope_there():
     assert knots.of_steps(y, 0.0, 2) == pytest.approx(off @ off.T, abs=1e-12)
     assert not knots.of_steps(y, 0.0, 0).any()
     with_them = about(knots, y, V, 0.01, 2)
-    np.testing.assert_allclose(with_them.C, summed(with_them.sizes, V) + off @ off.T, atol=1e-12)
+    assert_allclose(with_them.C, summed(with_them.sizes, V) + off @ off.T, atol=1e-12)
 
 
 @pytest.mark.parametrize(("noise", "shows"), [(0.003, 2), (0.3, 0)])
@@ -575,7 +576,7 @@ def test_short_times_are_pooled_over_chunks_less_their_parabolas():
         kept = [AllanSums.of(chunk, FACTORS) for k, chunk in enumerate(chunks) if k not in struck]
         found, expected = short.curve(log, np.arange(538) == block), curve_of(kept, 1 / RATE_HZ, 538.0)
         for name in ("tau_s", "deviation", "freedom", "longest_s"):
-            np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-6)
+            assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-6)
     assert short.curve(log, np.ones(538, dtype=bool)) is None
     fine = _ShortTimes()
     whole = samples(count=7000, rate_hz=800.0)
@@ -583,7 +584,7 @@ def test_short_times_are_pooled_over_chunks_less_their_parabolas():
     factors = averaging_factors(3200, 2)
     expected = curve_of([AllanSums.of(less_parabola(part), factors) for part in np.split(whole.gyro, [4 * factors[-1]])], 1 / 800, 9.0)
     found = fine.curve(small_rest(np.zeros(9), block_s=1.0), np.zeros(9, dtype=bool))
-    np.testing.assert_allclose(found.deviation, expected.deviation, rtol=1e-6)
+    assert_allclose(found.deviation, expected.deviation, rtol=1e-6)
 
 
 def test_long_times_are_pooled_over_pieces_without_gaps():
@@ -642,7 +643,7 @@ def test_rest_logs_are_fitted_axis_by_axis_without_their_knocks():
     for fits, values in ((found.gyro, kept.gyro), (found.accel, kept.accel)):
         assert [fit.terms.tolist() for fit in fits] == [fit_axis(found.knots, each, (0, 1)).terms.tolist() for each in values.T]
     residual = np.column_stack([_residual_blocks(found.knots, "gyro", axis, fit) for axis, fit in enumerate(found.gyro)])
-    np.testing.assert_array_equal(found.allan.deviation, _long_times([kept], residual).deviation)
+    assert_array_equal(found.allan.deviation, _long_times([kept], residual).deviation)
     assert found.range_c == (kept.temp_c.min(), kept.temp_c.max())
     bare = fit_rests([(replace(log, temp_c=np.full(48, np.nan)), None)], with_accel=False)
     assert ([fit.order for fit in bare.gyro], bare.noise, bare.accel) == ([0, 0, 0], None, ())
@@ -677,8 +678,8 @@ def test_the_zero_form_of_a_covariance_is_its_derivative():
     model, m = LinearModel(E0, np.array([0.01, -0.02, 0.03])), np.array([0.3, -0.1, 0.2])
     values, covariance = _zero_form(model, np.eye(12))
     slope = numeric_jacobian(lambda vector: _zero_form(LinearModel.from_vector(vector), np.eye(12))[0], model.vector, 1e-6)
-    np.testing.assert_allclose(covariance, slope @ slope.T, atol=1e-7)
-    np.testing.assert_allclose(values[:9].reshape(3, 3) @ (m - values[9:]), model(m), atol=1e-15)
+    assert_allclose(covariance, slope @ slope.T, atol=1e-7)
+    assert_allclose(values[:9].reshape(3, 3) @ (m - values[9:]), model(m), atol=1e-15)
 
 
 def test_a_session_is_brought_to_its_mean_temperature():
@@ -734,7 +735,7 @@ def test_E_is_generalised_least_squares_of_all_sessions(celsius, spread):
     assert (fit.widened, widened > 3) == (pytest.approx(widened), spread > 1)
     assert fit.p_value == pytest.approx(stats.chi2.sf(left, fit.freedom) if fit.freedom else np.nan, nan_ok=True)
     size = 9 * (order + 1)
-    np.testing.assert_allclose(fit.covariance[:size, :size], widened * covariance, rtol=1e-6, atol=1e-16)
+    assert_allclose(fit.covariance[:size, :size], widened * covariance, rtol=1e-6, atol=1e-16)
     assert fit.model.range_c == (celsius[0] - 1, celsius[-1] + 2)
 
 
@@ -790,7 +791,7 @@ def test_the_zero_of_sessions_alone_is_least_squares_with_the_switch_ons_scatter
         terms, covariance, _ = dense(points, np.array([9 + i]), designs[order], spread**2 * np.eye(4))
         assert fit.model.zero_terms[:, i] == pytest.approx(terms[:, 0], rel=1e-6)
         rows = fit.model.E_terms.size + 3 * np.arange(order + 1) + i
-        np.testing.assert_allclose(fit.covariance[np.ix_(rows, rows)], covariance, rtol=1e-6)
+        assert_allclose(fit.covariance[np.ix_(rows, rows)], covariance, rtol=1e-6)
     if not turn_on:  # the order is the lowest that the sigmas of single axes do not refuse
         chi = [sum(dense(points, np.array([9 + i]), A)[2] for i in range(3)) for A in designs]
         p_values = [stats.chi2.sf(chi[p] - chi[2], 3 * (2 - p)) for p in range(2)]
@@ -842,7 +843,7 @@ def test_the_level_is_the_sessions_and_the_shape_the_rest_logs(shape, celsius):
         depends[1:, count:] = np.eye(size)
         expected = depends @ block_diag(own, axis.covariance[1:, 1:]) @ depends.T
         rows = n_E + np.append(3 * np.arange(size) + i, 3 * (order + 1) + i)
-        np.testing.assert_allclose(fit.covariance[np.ix_(rows, rows)], expected, rtol=1e-6, atol=1e-22)
+        assert_allclose(fit.covariance[np.ix_(rows, rows)], expected, rtol=1e-6, atol=1e-22)
     assert fit.model.range_c == (min(celsius[0] - 1, -5), max(celsius[-1] + 2, 70))
     assert fit.remaining_rps.tolist() == [2e-3] * 3
 
@@ -885,6 +886,6 @@ def test_a_point_turned_is_the_point_of_the_turned_model():
     turned = replace(bare, accelerometer=Accelerometer(turn @ upper))
     expected = _zero_form(LinearModel(turn @ model.E, turn @ model.B), both @ ROOT @ ROOT.T @ both.T)
     found = _in_frame_of_first([turned, bare])[1]
-    np.testing.assert_allclose(found.values, expected[0], atol=1e-12)
-    np.testing.assert_allclose(found.covariance, expected[1], atol=1e-18)
-    np.testing.assert_array_equal(_in_frame_of_first([bare, bare])[1].values, bare.values)
+    assert_allclose(found.values, expected[0], atol=1e-12)
+    assert_allclose(found.covariance, expected[1], atol=1e-18)
+    assert_array_equal(_in_frame_of_first([bare, bare])[1].values, bare.values)

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.special import logsumexp
 from scipy.stats import chi2
 from turntables import Turned, turn_session
@@ -46,7 +47,7 @@ def test_turns_without_noise_give_the_scales_and_the_bias_exactly():
     found = tinygc.fit_turns(EXACT.session())
     assert [(scale.axis, scale.sense) for scale in found.scales] == [(0, 1), (0, -1), (2, 1)]
     assert [scale.value for scale in found.scales] == pytest.approx([0.01, 0.013, -0.004], abs=1e-8)
-    np.testing.assert_allclose(found.bias.mean, EXACT.bias, rtol=0, atol=1e-15)
+    assert_allclose(found.bias.mean, EXACT.bias, rtol=0, atol=1e-15)
     for angle in found.angles:
         gain = 1 + (EXACT.plus if angle.sense > 0 else EXACT.minus)[angle.axis]
         assert angle.measured_rad == pytest.approx(gain * angle.stated_rad, rel=1e-11)
@@ -116,7 +117,7 @@ def test_counted_samples_make_all_scales_as_uncertain_as_their_rate(tmp_path):
     toml.write_text(toml.read_text().replace("[protocol]", "odr_sigma = 0.01\n\n[protocol]"))
     after = tinygc.fit_turns(out)
     gains = 1 + before.estimate.scale
-    np.testing.assert_allclose(after.covariance - before.covariance, 1e-4 * np.outer(gains, gains), rtol=1e-9, atol=1e-15)
+    assert_allclose(after.covariance - before.covariance, 1e-4 * np.outer(gains, gains), rtol=1e-9, atol=1e-15)
     assert "no better known" in after.summary()
 
 
@@ -127,7 +128,7 @@ def test_a_rest_that_two_turns_share_counts_once():
     shared = a[1] * b[1] * a[2]
     assert shared < 0
     one, two = (angle.gyro_variance + angle.turn.sigma_rad**2 + angle.variance["vibration"] for angle in found.angles)
-    np.testing.assert_allclose(found.covariance, np.array([[one, shared], [shared, two]]) / (90 * DEG) ** 2, rtol=1e-3)
+    assert_allclose(found.covariance, np.array([[one, shared], [shared, two]]) / (90 * DEG) ** 2, rtol=1e-3)
 
 
 def test_half_of_what_rounding_hides_is_alike_in_all_turns_and_half_is_not():
@@ -143,7 +144,7 @@ def test_half_of_what_rounding_hides_is_alike_in_all_turns_and_half_is_not():
     assert angle.variance["rounding"] == pytest.approx(1.5 * of_turn, rel=1e-9)
     total = angle.gyro_variance + angle.variance["vibration"] + angle.turn.sigma_rad**2 + of_turn / 2
     assert found.scales[0].sigma == pytest.approx(np.sqrt(total) / angle.stated_rad, rel=1e-3)
-    np.testing.assert_allclose(found.bias.sigma, np.sqrt(whole), rtol=1e-9)
+    assert_allclose(found.bias.sigma, np.sqrt(whole), rtol=1e-9)
 
 
 def test_rests_that_differ_are_a_bias_that_wanders():
@@ -152,7 +153,7 @@ def test_rests_that_differ_are_a_bias_that_wanders():
     found = fitted(t_ns, gyro, known)
     first, second = found.logs[0].rests
     assert found.noise.drift == pytest.approx([0, 0, 0.004**2 / (second.middle_s - first.middle_s)], rel=1e-9)
-    np.testing.assert_allclose(found.bias.mean, [0, 0, 0.004 * 180 / 380], atol=1e-12)
+    assert_allclose(found.bias.mean, [0, 0, 0.004 * 180 / 380], atol=1e-12)
     assert found.bias.wander[2] == pytest.approx(0.004 / np.sqrt(2), rel=2e-2)
     assert found.bias.sigma[2] == pytest.approx(0.004 / 2, rel=2e-2)
     (angle,) = found.angles
@@ -169,9 +170,9 @@ def test_the_covariance_of_the_model_is_that_of_scales_and_bias():
     assert x.sigma**2 == pytest.approx(found.covariance[:2, :2].sum() / 4, rel=1e-12)
     E, sigma = 1 / (1 + np.array([x.value, 0, z.value])), np.full((3, 3), 0.2)
     sigma[[0, 2], [0, 2]] = np.array([x.sigma, z.sigma]) * E[[0, 2]] ** 2
-    np.testing.assert_allclose(found.model.E, np.diag(E), rtol=1e-12)
-    np.testing.assert_allclose(found.model.B, -E * found.bias.mean, rtol=1e-12)
-    np.testing.assert_allclose(found.model_covariance, np.diag(np.append(sigma, E * found.bias.sigma) ** 2), rtol=1e-12)
+    assert_allclose(found.model.E, np.diag(E), rtol=1e-12)
+    assert_allclose(found.model.B, -E * found.bias.mean, rtol=1e-12)
+    assert_allclose(found.model_covariance, np.diag(np.append(sigma, E * found.bias.sigma) ** 2), rtol=1e-12)
 
 
 # Stamps.
@@ -191,8 +192,8 @@ def test_bursts_are_spaced_evenly_and_a_delay_that_is_caught_up_is_no_gap():
     assert times.bursts
     assert times.period_s == pytest.approx(0.002, rel=1e-3)
     assert len(times.gap_rows) == 0
-    np.testing.assert_allclose(times.t_s, 0.002 * np.arange(2000), rtol=0, atol=1.5e-3)
-    np.testing.assert_allclose(np.diff(times.t_s), 0.002, rtol=0, atol=1e-5)
+    assert_allclose(times.t_s, 0.002 * np.arange(2000), rtol=0, atol=1.5e-3)
+    assert_allclose(np.diff(times.t_s), 0.002, rtol=0, atol=1e-5)
 
 
 def test_samples_lost_between_bursts_are_a_gap_of_that_length():
@@ -273,7 +274,7 @@ def test_the_lost_turns_are_the_most_probable_set_of_all(measured, lost):
     found = estimate(turns)
     sets = [np.array(good) for good in itertools.product((True, False), repeat=len(turns))]
     values = [evidence(turns, good) for good in sets]
-    np.testing.assert_array_equal(found.used, sets[int(np.argmax(values))])
+    assert_array_equal(found.used, sets[int(np.argmax(values))])
     assert np.count_nonzero(~found.used) == lost
     at = {tuple(good): value for good, value in zip(sets, values, strict=True)}
     for i in range(len(turns)):
@@ -313,7 +314,7 @@ def test_a_group_of_which_every_turn_is_lost_is_not_claimed():
 def test_turns_with_a_problem_change_nothing():
     good, bad = [turn(360.2), turn(360.5), turn(360.1)], turn(100.0, problem="no rest")
     one, other = estimate(good), estimate([good[0], bad, *good[1:]])
-    np.testing.assert_array_equal(one.scale, other.scale)
+    assert_array_equal(one.scale, other.scale)
     assert list(other.used) == [True, False, True, True]
     assert np.isnan(other.lost[1])
 

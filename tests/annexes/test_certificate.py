@@ -476,10 +476,8 @@ def test_the_command_writes_report_certificate_and_dcc(simulated, tmp_path, run)
     (tmp_path / "r.html").unlink()
     assert code == 0
     assert str(out) in said
-    assert (parse(out.read_text(encoding="utf-8")).number, json.loads(table.read_text())["certificate"]["number"]) == (
-        "Numberword-7",
-        "Numberword-7",
-    )
+    said = parse(out.read_text(encoding="utf-8")).number, json.loads(table.read_text())["certificate"]["number"]
+    assert said == ("Numberword-7", "Numberword-7")
     assert "End of certificate" in (folder / "certificate.html").read_text(encoding="utf-8")
     for more, says in (
         (("--as-found", toml), "--as-found is stated on a certificate: add --certificate"),

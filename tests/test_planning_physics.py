@@ -34,6 +34,11 @@ def problem_of(folder, **options):
     return build_problem(with_own_accelerometer(read_session(folder))[0], **options)
 
 
+@pytest.fixture(scope="module")
+def known(short):
+    return known_of(problem_of(short))
+
+
 @pytest.mark.parametrize("with_gravity", [True, False])
 def test_rows_of_a_move_are_those_of_the_joint_estimation(with_gravity):
     """A wrong accelerometer's closure and lengths, computed by the turn itself, are what the rows predict."""
@@ -51,9 +56,9 @@ def test_rows_of_a_move_are_those_of_the_joint_estimation(with_gravity):
         assert_allclose(J[2:, :PARAMETERS] @ d, expected, atol=1e-9)
 
 
-def test_turns_are_proposed_for_what_is_known_worst_and_each_helps(short):
+def test_turns_are_proposed_for_what_is_known_worst_and_each_helps(short, known):
     """Of both sensors' numbers; a number of the accelerometer that is known badly is the first, and the turn's ends tell it."""
-    known, plan = known_of(problem_of(short)), propose(short, 3)
+    plan = propose(short, 3)
     sigma = np.sqrt(np.diag(known.covariance)) / known.targets
     assert plan.asked is None
     assert plan.proposals[0].now == pytest.approx(sigma.max(), rel=0.01)
@@ -68,20 +73,20 @@ def test_turns_are_proposed_for_what_is_known_worst_and_each_helps(short):
         assert proposal.after < 0.2 * proposal.now
 
 
-def test_directions_that_few_turns_leave_open_are_known_as_the_prior_knows_them(short, tmp_path):
+def test_directions_that_few_turns_leave_open_are_known_as_the_prior_knows_them(short, known, tmp_path):
     """Four turns give eight angles for twelve parameters: along the other four directions the variance is the prior's, exactly.  An
     accelerometer that nobody calibrated counts as it is known."""
-    known = known_of(problem_of(short, exclude=(4, 5, 6, 7, 8), prior=vague))
-    variance = np.linalg.eigvalsh(known.covariance[-12:, -12:] / np.outer(linear.PRIOR_SIGMA, linear.PRIOR_SIGMA))
+    few = known_of(problem_of(short, exclude=(4, 5, 6, 7, 8), prior=vague))
+    variance = np.linalg.eigvalsh(few.covariance[-12:, -12:] / np.outer(linear.PRIOR_SIGMA, linear.PRIOR_SIGMA))
     assert_allclose(variance[-4:], 1, atol=1e-3)
     assert (variance[:-4] < 1e-3).all()
     bare = shutil.copytree(short, tmp_path / "bare")
     head, rest = (bare / "session.toml").read_text().split("[accelerometer]")
     (bare / "session.toml").write_text(head + "[" + rest.split("\n[", 1)[1])
-    given, own = (known_of(problem_of(folder)) for folder in (short, bare))
-    assert (given.with_gravity, own.with_gravity) == (False, True)
+    own = known_of(problem_of(bare))
+    assert (known.with_gravity, own.with_gravity) == (False, True)
     shears = [i for i, name in enumerate(NAMES) if "nonorthogonality" in name]
-    assert np.diag(own.covariance)[shears].sum() > 1.2 * np.diag(given.covariance)[shears].sum()
+    assert np.diag(own.covariance)[shears].sum() > 1.2 * np.diag(known.covariance)[shears].sum()
 
 
 # What explain asked for.

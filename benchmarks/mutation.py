@@ -18,7 +18,7 @@ once); where none does, it survives at once.
 ``benchmarks/mutation/SUBJECT.toml`` names a subject's files and quick tests, as pytest takes them (``--deselect=`` of slow ones);
 ``functions``: only these of the files; ``texts = true``: also inside formatted texts, where C code is the product.  Its table
 ``equivalent`` lists the mutants that change nothing anybody could observe, each with its reason; these do not count.  Its table ``fixed``
-is its part of CI's list: mutant = the test file that kills it.
+is its part of CI's list: mutant = a test that kills it.
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ import sys
 import time
 import tomllib
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -75,7 +76,7 @@ class Subject:
     functions: tuple[str, ...] = ()
     texts: bool = False
     equivalent: dict[str, str] = field(default_factory=dict)  # name of a mutant: why nobody could observe it
-    fixed: dict[str, str] = field(default_factory=dict)  # name of a mutant on CI's list: the test file that kills it
+    fixed: dict[str, str] = field(default_factory=dict)  # name of a mutant on CI's list: a test that kills it
 
 
 @dataclass(frozen=True)
@@ -136,18 +137,23 @@ def read_subjects() -> dict[str, Subject]:
     return subjects
 
 
-def mutants_of(subject: Subject) -> list[Mutant]:
-    """All mutants of a subject's files, outside of annotations, ``raise`` and texts."""
+def mutants_of(subject: Subject, named: Iterable[str] = ()) -> list[Mutant]:
+    """All mutants of a subject's files, outside of annotations, ``raise`` and texts; named: in the files and by the operators of these."""
     import cosmic_ray.plugins
     from cosmic_ray.ast import ast_nodes, get_ast
 
     found: list[Mutant] = []
+    wanted = {(name.partition("::")[0], name.split()[1]) for name in named}
     for file in subject.files:
+        if wanted and file not in {each for each, _ in wanted}:
+            continue
         source = (ROOT / file).read_text(encoding="utf-8")
         lines = source.splitlines()
         nodes = list(ast_nodes(get_ast(source)))
         seen: Counter = Counter()
         for name in OPERATORS:
+            if wanted and (file, short(name)) not in wanted:
+                continue
             operator = cosmic_ray.plugins.get_operator(name)()
             occurrence = -1
             for node in nodes:
@@ -156,10 +162,14 @@ def mutants_of(subject: Subject) -> list[Mutant]:
                     where = function_of(node)
                     if left_out(node, subject.texts) or (subject.functions and where.split(".")[0] not in subject.functions):
                         continue
-                    key = f"{file}::{where} {name.removeprefix('core/').removeprefix('Replace')} {lines[line - 1].strip()}"
+                    key = f"{file}::{where} {short(name)} {lines[line - 1].strip()}"
                     seen[key] += 1
                     found.append(Mutant(file, name, occurrence, line, f"{key} #{seen[key]}"))
     return found
+
+
+def short(operator: str) -> str:
+    return operator.removeprefix("core/").removeprefix("Replace")
 
 
 def function_of(node) -> str:
@@ -217,16 +227,16 @@ def examine(subject: Subject, args) -> dict:
 
 
 def run_fixed(subjects: dict[str, Subject], jobs: int) -> int:
-    """The short list: each mutant with the test file that must kill it."""
+    """The short list: each mutant with the test that must kill it."""
     work, missing = [], []
     for subject in subjects.values():
-        there = {mutant.name: mutant for mutant in mutants_of(subject)} if subject.fixed else {}
+        there = {mutant.name: mutant for mutant in mutants_of(subject, subject.fixed)} if subject.fixed else {}
         missing += [f"{subject.name}: {name}" for name in subject.fixed if name not in there]
         work += [(there[name], (test,), None) for name, test in subject.fixed.items() if name in there]
     preload()
-    tests = sorted({test for _, (test,), _ in work})
-    sound = run_mutants([(None, (test,), None) for test in tests], jobs)
-    broken = [test for test, outcome in zip(tests, sound, strict=True) if outcome != "survived"]
+    tests = tuple(sorted({test for _, (test,), _ in work}))
+    sound = run_mutants([(None, part, None) for part in (tests[::2], tests[1::2])], jobs)
+    broken = [" ".join(part) for part, outcome in zip((tests[::2], tests[1::2]), sound, strict=True) if outcome != "survived"]
     outcomes = run_mutants(work, jobs) if not broken else []
     alive = [mutant.name for (mutant, _, _), outcome in zip(work, outcomes, strict=False) if outcome == "survived"]
     for label, names in (("tests that fail without a fault", broken), ("no such mutant any more", missing), ("survived", alive)):

@@ -5,6 +5,7 @@ Time passes only where the recording waits for samples, so that a session of ten
 
 from __future__ import annotations
 
+import contextlib
 import queue
 import time
 from collections.abc import Callable, Sequence
@@ -25,15 +26,15 @@ from session.bench import frames
 from session.bench.events import Info
 from session.bench.guide import Guide
 from session.bench.guided_session import GuidedRecording
-from session.bench.port import Closed, Opened, Received
+from session.bench.port import Opened, Received
 from session.bench.recorder import Recorder
 from session.bench.session_file import SessionFile
 from session.io.units import NS
 from tinygc.annexes.machines.recording import TurnedRecording
 from tinygc.annexes.machines.sensor_on_table import SensorOnTable
 from tinygc.planning.coach import Coach
-from tinygc.simulation.options import SimulatedUnit, SimulationOptions, draw_unit
-from tinygc.simulation.simulator import Distort, RegisterLog
+from tinygc.simulation.options import SimulationOptions, draw_unit
+from tinygc.simulation.simulator import RegisterLog
 from tinygc.simulation.write import config_text
 
 PORT = "virtual-bench"
@@ -43,7 +44,7 @@ HOLD_S = 0.002  #: of the host's time
 
 
 class VirtualBench:
-    """Table, board and clock.  options: of the sensor; errors: of the table; distort: hidden physics of the gyroscope; faults: of the
+    """Table, board and clock.  options: of the sensor; errors: of the table; faults: of the
     table's controller and its line.
 
     virtual: the table's device; silent: whether the board sends nothing; holds: asked before time passes, it waits while that is true.
@@ -54,8 +55,6 @@ class VirtualBench:
         description: Description,
         options: SimulationOptions,
         errors: TableErrors | None = None,
-        distort: Distort | None = None,
-        unit: SimulatedUnit | None = None,
         faults: Sequence[Fault] = (),
     ):
         self.clock, self.options, self.errors = SimulatedClock(), options, errors or TableErrors.none(description)
@@ -63,8 +62,8 @@ class VirtualBench:
         self.virtual = VirtualTable(description, self.errors, self.clock, faults)
         self.virtual.feed()  # its greeting: it was switched on before its port is opened
         rng = np.random.default_rng(options.unit_drawn_from).spawn(1)[0]
-        self.unit = unit or draw_unit(options, rng)
-        self._sensor = SensorOnTable(description, self.errors, options, self.unit, distort)
+        self.unit = draw_unit(options, rng)
+        self._sensor = SensorOnTable(description, self.errors, options, self.unit, None)
         self.info = Info(options.gyro_fs_dps, options.accel_fs_g, self.unit.odr_hz, str(options.unit_drawn_from), options.sensor)
         self.silent = False
         self.holds: Callable[[], bool] = lambda: False
@@ -116,7 +115,7 @@ class BenchPort:
     def __init__(self, bench: VirtualBench, keep: Callable[[object], None]):
         self.name, self.items = PORT, self
         self._bench, self._keep = bench, keep
-        self._opened = self._closed = False
+        self._opened = False
 
     def get(self, timeout: float | None = None) -> object:
         """The next item; time passes."""
@@ -142,11 +141,6 @@ class BenchPort:
 
     def close(self) -> None:
         """The recording ends."""
-
-    def unplug(self, why: str = "unplugged") -> Closed:
-        """The item of a cable that is pulled; the next ``get`` opens the port again."""
-        self._opened = False
-        return Closed(self._host_ns, why)
 
     @property
     def _host_ns(self) -> int:
@@ -201,24 +195,15 @@ class Said:
 class Bench:
     """A table.toml and its virtual bench; ``record`` leads a recording to its end, again and again into the same folder."""
 
-    def __init__(self, folder: Path, toml: str, options=OPTIONS, errors: TableErrors | None = None, faults: str = "", homed: bool = True):
-        self.folder, self.file, self.options = folder / "session", folder / "table.toml", options
+    def __init__(self, folder: Path, toml: str, errors: TableErrors | None = None, faults: str = ""):
+        self.folder, self.file = folder / "session", folder / "table.toml"
         self.file.write_text(toml)
         self.description = read_description(self.file)
-        self.bench = VirtualBench(self.description, options, errors, faults=Fault.parse(faults))
-        if homed:
-            self.bench.home()
+        self.bench = VirtualBench(self.description, OPTIONS, errors, faults=Fault.parse(faults))
+        self.bench.home()
         self.folder.mkdir()
-        text = config_text(SimpleNamespace(options=options, unit=self.bench.unit), concealed=False)
+        text = config_text(SimpleNamespace(options=OPTIONS, unit=self.bench.unit), concealed=False)
         (self.folder / "session.toml").write_text(text.replace("SIM-", ""))
-        self.keys = ""
-
-    def typed(self) -> str:
-        keys, self.keys = self.keys, ""
-        return keys
-
-    def press(self, keys: str) -> None:
-        self.keys += keys
 
     def repair(self) -> None:
         """Somebody has put the table right, and has homed it."""
@@ -230,23 +215,21 @@ class Bench:
         mechanics.unknown = [0.0] * len(mechanics.unknown)  # whoever homes it sees no jump of its angles
         self.bench.home()
 
-    def record(self, segments=4, stop_at_target=False, closure_s=0.0, interrupted=None, each=None, rates=None, dwell_s=4.0, home=False):
+    def record(self, segments=4, closure_s=0.0, interrupted=None, each=None, rates=None, dwell_s=4.0):
         """Guide and messages of a recording into the folder, which may hold one already.
 
         each: called in every round with guide and mover; interrupted(guide): Ctrl-C; rates: dps, of rate steps instead of turns.
-        ``closed_with``: the error with which the table was let go of.
         """
         bench, said = self.bench, Said()
         session_file = SessionFile(self.folder, None, None, None, None)
-        machine = TurnedRecording(self.file, None, home, bench.opened, bench.clock.now_s)
+        machine = TurnedRecording(self.file, opened=bench.opened, now_s=bench.clock.now_s)
         if rates is None:
-            guide = Guide(session_file.protocol, segments, stop_at_target, closure_s)
-            machine.confirmed(False, segments, stop_at_target, closure_s, yes=True, quiet=True)
+            guide = Guide(session_file.protocol, segments, False, closure_s)
+            machine.confirmed(False, segments, False, closure_s, yes=True, quiet=True)
         else:
             machine.confirmed_rates(rates, dwell_s, None, True, True)
             guide = machine.guide(session_file.protocol)
         recorder = Recorder(self.folder, PORT, port=bench.port)
-        self.closed_with, self.mover = None, None
 
         def configure(info, waited_s):
             return session_file.configure(info, waited_s, recorder.logs.physical, recorder.logs.board, True)
@@ -257,9 +240,9 @@ class Bench:
             return interrupted is not None and interrupted(guide)
 
         try:
-            self.mover = mover = machine.mover(self.folder, guide)
+            mover = machine.mover(self.folder, guide)
             coach = Coach(machine=machine.moves) if rates is None else None
-            guided = GuidedRecording(guide, recorder, configure, coach, said, session_file, self.typed, mover=mover)
+            guided = GuidedRecording(guide, recorder, configure, coach, said, session_file, lambda: "", mover=mover)
             bench.holds = lambda: guided.coaching
             guided.lead(stopped)
         except KeyboardInterrupt:
@@ -268,8 +251,6 @@ class Bench:
             bench.holds = lambda: False
             recorder.close()
             machine.finish(self.folder, recorder.logs.renamed)
-            try:
+            with contextlib.suppress(TableFault):
                 machine.close()
-            except TableFault as fault:
-                self.closed_with = fault
         return guide, said

@@ -8,16 +8,12 @@ from __future__ import annotations
 
 import re
 import sys
-from pathlib import Path
 
 import processes
 import pytest
 
 from session.bench.rawfile import RawFile
 from tinygc.cli.commands import present_commands
-
-ROOT = Path(__file__).resolve().parent.parent
-
 
 HIDE = """
 import errno, os, select, signal, sys, types

@@ -70,9 +70,9 @@ def triads(gyro, accel):
     return [*GYRO[gyro].T, *ACCEL[accel].T]
 
 
-def table(stamps, name="t_us", *more, head=OWN):
-    """A log in the project's own names; more: further columns, named in ``head``."""
-    return f"{name},{head}\n" + rows(stamps, *triads("dps", "g"), *more)
+def table(stamps, name="t_us"):
+    """A log in the project's own names."""
+    return f"{name},{OWN}\n" + rows(stamps, *triads("dps", "g"))
 
 
 HEAD = "time_ms,accX,accY,accZ,gyroX,gyroY,gyroZ\n"

@@ -120,9 +120,9 @@ def harmless(place: Place) -> list[str]:
 # Readers
 
 
-def lines_but_comments(text: str, mark: str = "#") -> list[str]:
+def lines_but_comments(text: str) -> list[str]:
     """As a reader of lines that knows every line end there is; a mark of a comment counts only at the beginning of a line."""
-    return [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith(mark)]
+    return [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
 
 
 def ardupilot(text: str) -> list[str]:

@@ -17,15 +17,15 @@ NET = CalibrationNet.from_vector(CalibrationNet.from_linear(LINEAR).vector + 0.0
 KNOWN = Conditions(duration_s=SAMPLES.duration_s + 20, fs_rps=500 * DEG, first_temp_c=25.0)
 
 
-def smoothing(rng=RNG) -> Denoiser:
-    return Denoiser.from_vector(Denoiser.identity().vector + 0.05 * rng.normal(size=(3, 56))).normalised()
+def smoothing() -> Denoiser:
+    return Denoiser.from_vector(Denoiser.identity().vector + 0.05 * RNG.normal(size=(3, 56))).normalised()
 
 
-def physics(*ids, rng=RNG):
+def physics(*ids):
     claims = []
     for name in ids:
         effect = catalogue()[name]
-        claims.append(AppliedEffect(effect, 0.02 * effect.parameter.plausible * (0.5 + rng.random(effect.parameter.size))))
+        claims.append(AppliedEffect(effect, 0.02 * effect.parameter.plausible * (0.5 + RNG.random(effect.parameter.size))))
     return PhysicsModel(LINEAR, tuple(claims), KNOWN)
 
 

@@ -223,7 +223,6 @@ TABLE = Description("bench", "virtual", (DOWN,))
 
 TOML = """schema = "tinygc-table/1"
 make = "virtual"
-{settings}
 [[axis]]
 name = "turn"
 direction = [0, 0, 1]
@@ -290,29 +289,22 @@ def record(
     scale=1.0,
     distort=None,
     latency_s=0.0,
-    seed=1,
-    settings="",
     noise=5.0,
-    name="rates0001.csv",
-    jitter_s=0.0,
     limits="",
 ):
-    """Write the folder of a recording; latency_s: by which its angles are late; jitter_s: of their stamps."""
+    """Write the folder of a recording; latency_s: by which its angles are late."""
     folder.mkdir(parents=True, exist_ok=True)
-    options = SimulationOptions(seed=seed, gyro_noise_dps_rthz=noise * 1e-3, odr_hz=ODR_HZ, gyro_fs_dps=500, bias_instability_dph=0.0)
+    options = SimulationOptions(seed=1, gyro_noise_dps_rthz=noise * 1e-3, odr_hz=ODR_HZ, gyro_fs_dps=500, bias_instability_dph=0.0)
     sensor = SensorOnTable(TABLE, TableErrors((AxisErrors(),)), options, unit(scale), distort)
     log = sensor.take([track], int(ends_s * ODR_HZ))
     lines = ["t_us,gx,gy,gz,ax,ay,az,temp"]
     lines += [",".join(map(str, cells)) for cells in np.column_stack([log.t_us, log.gyro, log.accel, log.temp]).tolist()]
-    (folder / name).write_text("\n".join(lines) + "\n")
+    (folder / "rates0001.csv").write_text("\n".join(lines) + "\n")
     (folder / "session.toml").write_text(SESSION)
-    (folder / "table.toml").write_text(TOML.format(settings=settings) + limits)
-    rng = np.random.default_rng(seed)
+    (folder / "table.toml").write_text(TOML + limits)
+    rng = np.random.default_rng(1)
     t_s = np.arange(0.0, ends_s - 0.1, 1 / ANSWERS_HZ)
     said = track.said_and_sense(t_s - latency_s)[0] + 0.002 * DEG * rng.normal(size=len(t_s))
-    stamp_s = np.maximum.accumulate(t_s + jitter_s * np.abs(rng.normal(size=len(t_s))))
-    rows = [row(name, round(s * 1e6), None, True, [angle]) for s, angle in zip(stamp_s.tolist(), said, strict=True)]
-    path = folder / "table.csv"
-    before = path.read_text() if path.exists() else header(TABLE) + "\n"
-    path.write_text(before + "\n".join(rows) + "\n")
+    rows = [row("rates0001.csv", round(s * 1e6), None, True, [angle]) for s, angle in zip(t_s.tolist(), said, strict=True)]
+    (folder / "table.csv").write_text("\n".join([header(TABLE), *rows, ""]))
     return folder

@@ -47,10 +47,10 @@ ODD = "t_ms=millis,gx_dps=wx,gy_dps=wy,gz_dps=wz,ax_mps2=fwd,ay_mps2=right,az_mp
 COUNTED = "t_us=1,gx_dps=2,gy_dps=3,gz_dps=4,ax_g=5,ay_g=6,az_g=7"
 
 
-def odd(delimiter=";", comma=False):
+def odd(comma=False):
     gx, gy, gz, ax, ay, az = triads("dps", "mps2")
-    text = rows([f"{t / 1000:.3f}" for t in T_US], gy, gx, gz, -az, ax, ay, TEMP, delimiter=delimiter)
-    return "millis;wy;wx;wz;up;fwd;right;celsius".replace(";", delimiter) + "\n" + (text.replace(".", ",") if comma else text)
+    text = rows([f"{t / 1000:.3f}" for t in T_US], gy, gx, gz, -az, ax, ay, TEMP, delimiter=";")
+    return "millis;wy;wx;wz;up;fwd;right;celsius\n" + (text.replace(".", ",") if comma else text)
 
 
 def hsdatalog(shift_us=0):

@@ -215,9 +215,9 @@ def test_a_packed_file_is_read_as_far_as_it_is_sound(data, lines, note, tmp_path
     assert bool(file.note) == note
 
 
-def wandering(count=400):
-    """(N, 7): three of a gyroscope about -20, three of an accelerometer, a thermometer at -3900."""
-    slow = np.cumsum(np.random.default_rng(3).normal(size=(count, 7)) * 60, axis=0)
+def wandering():
+    """(400, 7): three of a gyroscope about -20, three of an accelerometer, a thermometer at -3900."""
+    slow = np.cumsum(np.random.default_rng(3).normal(size=(400, 7)) * 60, axis=0)
     return np.rint(slow + np.array([-20, 30, 5, -300, 100, 8192, -3900])).astype(int)
 
 

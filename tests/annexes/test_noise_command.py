@@ -29,9 +29,9 @@ def axis(**chosen: Term) -> AxisNoise:
     return AxisNoise({name: chosen.get(name, ABSENT) for name in TERMS}, p_value=0.4)
 
 
-def shown(value: float, relative: float, probability: float = 1.0, tau_s: float | None = None) -> Term:
+def shown(value: float, relative: float, probability: float = 1.0) -> Term:
     """A term of this size and relative sigma."""
-    return Term(value, value * relative, probability, tau_s=tau_s, tau_sigma_s=None if tau_s is None else 0.2 * tau_s)
+    return Term(value, value * relative, probability)
 
 
 def hidden(at_most: float | None, probability: float = 0.02) -> Term:

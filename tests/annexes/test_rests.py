@@ -20,9 +20,9 @@ from tinygc.annexes.temperature.rest_simulation import Chip, simulate_rest
 CHIP = Chip(odr_hz=13.0, gyro_fs_dps=500.0, accel_fs_g=4.0, gyro_noise_dps_rthz=0.005, accel_noise_ug_rthz=60.0, bias_instability_dph=3.0)
 
 
-def rest_samples(seed: int = 0, chip: Chip = CHIP, **options) -> Samples:
-    made = simulate_rest(RestOptions(**{"cycles": 3.0, "cycle_s": 1800.0, **options}), chip, seed)
-    gyro, accel = made.gyro * gyro_rps_per_lsb(chip.gyro_fs_dps), made.accel * accel_mps2_per_lsb(chip.accel_fs_g)
+def rest_samples(**options) -> Samples:
+    made = simulate_rest(RestOptions(**{"cycles": 3.0, "cycle_s": 1800.0, **options}), CHIP, 0)
+    gyro, accel = made.gyro * gyro_rps_per_lsb(CHIP.gyro_fs_dps), made.accel * accel_mps2_per_lsb(CHIP.accel_fs_g)
     return Samples(made.t_us * 1000, gyro, accel, RegisterUnits(DEFAULT, None, None).temperature_c(made.temp))
 
 

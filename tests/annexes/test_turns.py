@@ -114,15 +114,15 @@ GAIN = 0.004
 WITH_GAIN = Turned(((2, 360, 90.0), (2, -360, 90.0), (2, 360, 90.0)), plus=(0, 0, GAIN), minus=(0, 0, GAIN), noise=0.002, stop_deg=0.02)
 
 
-def phone(path, turned=WITH_GAIN, repeated=0):
-    t_ns, gyro = turned.arrays()
+def phone(path, repeated=0):
+    t_ns, gyro = WITH_GAIN.arrays()
     text = lines(t_ns * 1e-9, *gyro.T, digits=6).splitlines()
     path.write_text("\n".join(["time,wx,wy,wz", *text, *(text[-repeated:] if repeated else [])]) + "\n")
     return path
 
 
-def turns_file(path, *logs, turned=WITH_GAIN):
-    rows = [f"{i},{'xyz'[axis]},{angle},0.02,{log}" for log in logs for i, (axis, angle, _) in enumerate(turned.plan)]
+def turns_file(path, *logs):
+    rows = [f"{i},{'xyz'[axis]},{angle},0.02,{log}" for log in logs for i, (axis, angle, _) in enumerate(WITH_GAIN.plan)]
     path.write_text("\n".join(["turn,axis,angle_deg,sigma_deg,log", *rows]) + "\n")
     return path
 

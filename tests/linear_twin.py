@@ -116,7 +116,7 @@ class LinearTwin:
         return Channels(closure.reshape(-1, 2, *stacked.shape[1:]), still.reshape(-1, 3, *stacked.shape[1:]), length)
 
 
-def fixed_columns(seed: int = 7, strength: float = 1.0):
+def fixed_columns():
     """Columns (n, P) drawn once for each effect of a twin by its id and equation, so that different effects are hardly alike."""
     made: dict = {}
 
@@ -124,8 +124,8 @@ def fixed_columns(seed: int = 7, strength: float = 1.0):
         twin_rows = columns.rows
         key = effect.id, effect.equation
         if key not in made:
-            rng = np.random.default_rng([seed, *map(ord, effect.id + effect.equation)])
-            made[key] = strength * rng.normal(size=(twin_rows, effect.parameter.size))
+            rng = np.random.default_rng([7, *map(ord, effect.id + effect.equation)])
+            made[key] = rng.normal(size=(twin_rows, effect.parameter.size))
         return made[key]
 
     return columns

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -140,8 +141,10 @@ def test_a_signed_permutation_and_its_scale_are_found_exactly():
 
 
 def test_turns_are_cut_into_blocks_that_add_up_to_their_angle():
-    """The integral of the rate, less the stills' means: about a fixed axis, the turn's angle."""
+    """The integral of the rate, less the stills' means and the line between them: about a fixed axis, the turn's angle."""
     samples = Table().rest(2).turn(150, (1, 2, 0), 3.0).rest(2).samples(gyro_mdps=1e-6, accel_ug=1e-6, registers=False, odr_hz=104)
+    drifted = np.interp(samples.t_ns * 1e-9, [2, 5], [0, 0.1 * DEG])
+    samples = replace(samples, gyro=samples.gyro + drifted[:, None])
     stills, _ = find_stills(samples)
     turns = _cut_turns(samples, [tuple(stills)])
     axis = np.array([1, 2, 0]) / np.sqrt(5)
@@ -328,6 +331,15 @@ def test_rotations_of_dials_are_those_of_scipy():
     assert dials._log(Rotation.from_rotvec(vectors).as_matrix()) == pytest.approx(Rotation.from_rotvec(vectors).as_rotvec(), abs=1e-9)
     assert np.linalg.norm(dials._log(np.diag([-1.0, 1, -1])[None])) == pytest.approx(np.pi)
     assert dials.angles_between(np.eye(3), np.eye(3)[[0, 2, 1]]) == pytest.approx([0, np.pi / 2, np.pi / 2])
+
+
+def test_parts_of_a_segment_are_equal_in_time_without_the_line_between_its_stills():
+    rate, first, last = np.array([0.3, -0.2, 0.1]), np.array([0.01, 0.02, 0.03]), np.array([-0.02, 0.0, 0.05])
+    t_s = np.sort(np.append(np.random.default_rng(0).uniform(0, 4, 99), [0, 4]))
+    drifting = first + t_s[:, None] / 4 * (last - first)
+    samples = Samples(np.rint(t_s * 1e9).astype(np.int64), rate + drifting, np.zeros((101, 3)), None)
+    segment = SimpleNamespace(start=0, stop=101, stills=(SimpleNamespace(gyro_mean=first), SimpleNamespace(gyro_mean=last)))
+    assert_allclose(dials._blocks(samples, segment), np.tile(rate * 4 / dials.BLOCKS, (dials.BLOCKS, 1)), rtol=1e-6)
 
 
 def test_what_dials_miss_is_beside_scale_and_mounting_and_one_turn_has_no_say():

@@ -37,8 +37,8 @@ class RecordingClosure:
         """Return ``closure.before`` and ``closure.after`` of ``tinygc-repair/1``."""
         return {
             "turns": self.turns,
-            "scale": list(self.scale),
-            "holdout_tilt_rms_deg": self.tilt_deg,
+            "scale": list(self.scale) or None,
+            "holdout_tilt_rms_deg": self.tilt_deg or None,
             "runs": [{"file": file, "rmse_deg": errors} for file, errors in self.runs_deg.items()],
             "why": self.why,
         }

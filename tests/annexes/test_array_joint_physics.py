@@ -69,7 +69,17 @@ def again(joint, state=None):
 
 def test_the_estimate_is_where_its_own_system_says_no_further_change(joint):
     assert not joint.events
-    assert np.abs(again(joint).solved(joint.solution.t).x[: joint.layout.attitudes.stop]).max() < 1e-6
+    there, t = again(joint).solved(joint.solution.t), joint.solution.t
+    assert np.abs(there.x[: joint.layout.attitudes.stop]).max() < 1e-6
+    slope, information = there.score()
+    steep = slope / np.sqrt(np.diag(information))
+    assert np.abs(steep[t > 0]).max() < 1e-3  # and the sizes are those of the greatest likelihood
+    assert (steep[t == 0] < 0).all()
+
+
+def test_a_unit_alone_has_no_common_part():
+    only = small_array(1, 8, seed=4, turn_rad=1e-3, common_rad=2e-3)
+    assert_array_equal(estimate(only.units, only.same, np.zeros(7), alone=True).solution.t[-3:], 0.0)
 
 
 def test_the_bias_is_from_the_stills_where_closures_are_smaller():
@@ -178,6 +188,8 @@ def test_an_event_is_an_F_test_of_a_block_against_the_others():
     event = candidates(replace(solution.system, out=np.arange(12) // 2 == 2).solved(np.array([t])), blocks)[2]
     assert event.p_value == pytest.approx(6 * f.sf(12.5 / t, 2, 12 - 2), rel=1e-6, abs=0)
     assert event.size == pytest.approx(5.0)
+    (event, _) = candidates(*rows_alone(np.array([[1.0, 1.0], [0.0, 0.0]])))
+    assert event.p_value == pytest.approx(2 * f.sf(20.0, 2, 2), rel=1e-6)  # others are at least a tenth of what was expected
 
 
 def event(what=OWN_TURN, unit=0, first=1, last=2, size=1.0, p=1e-4, rows=(0, 1)):

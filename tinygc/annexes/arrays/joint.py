@@ -104,8 +104,8 @@ def candidates(solution: Solution, blocks: list[_NoiseBlocks]) -> list[ArrayEven
         for b in range(len(chi)):
             others = m - counted[b]
             left = d * m - chi[b] if counted[b] else d * m
-            ratio = (chi[b] / d) / (max(left, 0.05 * d) / (d * max(others, 1)))
-            p = float(f.sf(min(ratio, chi[b] / d * 10), d, d * max(others, 1)))
+            freedom = d * max(others, 1)
+            p = float(f.sf(chi[b] / d / max(left / freedom, 0.1), d, freedom))
             size = float(np.linalg.norm(error[b]))
             first, last = (int(q) for q in part.spans[b])
             found.append(ArrayEvent(part.what, part.unit, first, last, size, min(1.0, p * total), part.rows[b]))

@@ -263,6 +263,15 @@ def of_rows(gyro, accel, rate_hz=104.0):
     return Log(Path("log0001.csv"), Samples(np.rint(np.arange(len(gyro)) * 1e9 / rate_hz).astype(np.int64), gyro, accel))
 
 
+def test_gaps_are_counted_and_those_beyond_three_samples_apart(good):
+    samples = good.logs[0].samples
+    lost = np.r_[500:502, 1000:1080, 2000:2080]
+    kept = np.delete(np.arange(len(samples)), lost)
+    found = of(check_stamps(replace(good.logs[0], samples=samples.pick(kept)), None, 5.0), "gaps")
+    assert found.says.startswith("3 gaps, 162 samples lost, the longest 0.389 s")
+    assert found.says.endswith("2 of them longer than 3 samples")
+
+
 @pytest.mark.parametrize(("rate_hz", "least"), [(2.0, 9), (104.0, 105)])
 def test_steps_are_looked_for_in_stretches_of_a_second_and_eight_steps(good, rate_hz, least):
     """Of an axis that repeats all but its last reading; the noise of the data sheet is its density times the root of half the rate."""
@@ -411,6 +420,12 @@ def test_the_bar_of_a_row_against_gravity(exact):
     bar = DIAL_DEG * np.sqrt(2 * np.log(13 / 1e-3))
     assert left_out(exact, off(4, PITCH, 0.98 * bar)) == ([], [])
     assert left_out(exact, off(4, PITCH, 1.02 * bar)) == ([4], [])
+
+
+def test_up_to_a_quarter_of_the_rows_are_left_out_or_none(exact):
+    """Of 13: three."""
+    assert left_out(exact, off([1, 5, 9], PITCH, 10.0)) == ([1, 5, 9], [])
+    assert left_out(exact, off([1, 4, 7, 10], PITCH, 10.0)) == ([], [])
 
 
 def test_the_bar_of_a_turn_that_dials_miss(exact):

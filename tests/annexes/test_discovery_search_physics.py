@@ -165,7 +165,9 @@ def test_forms_that_are_the_same_here_are_said_and_neighbours_differ_by_constant
     twice, square = LawForm((Factor("temperature"), Factor("temperature"))), LawForm((Factor("temperature", "square"),))
     plain, zones = LawForm((Factor("temperature"),)), [LawForm((Factor("rate", "dead_zone", width),)) for width in (0.2, 0.1)]
     others = [form for form in seen.forms if "temperature" not in repr(form) and "dead_zone" not in repr(form)][:40]
-    screening = seen.screened(seen.fit, forms=[wide, twice, square, plain, *zones, *others], draws=64)
+    wider = [LawForm((Factor("temperature", "within", width),)) for width in np.arange(2, 10) * 1e3]
+    screening = seen.screened(seen.fit, forms=[wide, twice, square, plain, *zones, *others, *wider], draws=64)
+    assert screening.same_as(plain) == [wide, *wider[:7]]
     for form, other, alike in (wide, plain, True), (twice, square, True), (plain, square, False):
         assert (other in screening.same_as(form)) == alike
     assert screening.leaders[:4].tolist() == [3, 2, 2, 3]
@@ -247,6 +249,12 @@ def test_a_law_holds_on_what_was_put_away_and_a_wrong_one_does_not(twin_of):
     assert held.p_value < 0.05 < worse.p_value
     assert worse.removed < 0.5 < 0.99 < held.removed
     assert held.floor_rad < held.after_rad < 0.1 * held.before_rad
+    floor = np.sqrt(np.mean(np.trace(whole.problem.floor.white[split.parts, :2, :2], axis1=1, axis2=2)))
+    for found, law in (held, right), (worse, wrong):
+        closures = [whole.residuals(each.fit.state).closure[split.parts] for each in (evidence.nothing, law)]
+        before, after = (np.sqrt(np.mean(np.sum(closure[:, :2] ** 2, axis=1))) for closure in closures)
+        assert (found.floor_rad, found.before_rad, found.after_rad) == pytest.approx((floor, before, after), rel=1e-9)
+        assert found.removed == pytest.approx(1 - (after**2 - floor**2) / (before**2 - floor**2), rel=1e-9)
     assert held.segments == len(split.parts)
     assert worse.noise_p < search_state.NOISE_P < held.noise_p
     assert unseen.assessed(evidence.nothing, right, split.recording) is None
@@ -271,6 +279,28 @@ def test_a_constant_is_recovered_with_its_uncertainty_which_is_part_of_the_coeff
     std = np.sqrt(np.diag(known.widened(held)))[part]
     assert np.all(np.abs(have.fit.state.claims[0].theta - SIZE) < 4 * std)
     assert np.all(std > np.sqrt(np.diag(held))[part])
+
+
+def test_forms_that_take_up_as_much_in_any_projection_are_tried_the_plainest_first():
+    """Beside the law without its lag, six in all; of one shape the one of the greatest gain."""
+    cube, same = (LawForm((Factor("rate", "cube", None, lag_s),)) for lag_s in (0.1, 0.3))
+    plain, sign, square, little = (LawForm((Factor("rate", name),)) for name in ("cube", "sign", "square", "signed_root"))
+    two, full = LawForm((Factor("rate"), Factor("force"))), LawForm((Factor("rate", "size"),), "full")
+    dead, less_dead, soft = (LawForm((Factor("rate", name, c),)) for name, c in (("dead_zone", 0.1), ("dead_zone", 0.2), ("soft", 0.1)))
+    bar = (1 - search_state.LACKS) * np.array([60.0, 120.0]) - STAND_IN - search_state.MARGIN
+    gains = {
+        cube: (50, 120), same: (60, 100), little: bar - 0.1, square: (bar[0] + 0.1, 0), sign: (0, bar[1] + 0.1), full: (300, 0),
+        two: (bar[0] + 0.2, 0), less_dead: (0, 300), dead: (0, 400), soft: (0, 200),
+    }  # fmt: skip
+    round_ = SimpleNamespace(screening=SimpleNamespace(forms=list(gains), gain=np.array(list(gains.values()), dtype=float).T))
+    law = SimpleNamespace(id="law")
+
+    def alike(form):
+        evidence = SimpleNamespace(forms={"law": form}, effect_of=lambda other: other)
+        return search_state.alike(SimpleNamespace(evidence=evidence, round_of=lambda law: round_), law)
+
+    assert alike(cube) == [plain, sign, square, two, full, dead]
+    assert alike(LawForm((Factor("rate"),))) == []
 
 
 # Each rule by which a law is refused or is no more than a candidate: alone it decides, and at its limit.

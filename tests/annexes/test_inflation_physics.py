@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from noise_records import axis, figures, sensor
+from scipy.optimize import brentq
 
 from session.io.errors import DataError, FormatError
 from session.io.folder import read_session
@@ -57,12 +58,13 @@ def test_the_walk_of_one_term(terms, walk):
 @pytest.mark.parametrize("terms", [{"K": 1e-6, "B": 2e-5}, {"G": 3e-4, "tau_s": 20.0}, {"G": 1e-5, "B": 1e-6, "R": 1e-8, "tau_s": 0.3}])
 def test_the_walk_covers_all_slow_terms_that_are_seen_and_no_more(terms):
     slow_axis = axis(**terms)
-    tau_s = np.geomspace(0.02, LONGEST_S, 5000)
-    slow = sum(slow_axis.allan_variance(tau_s, name) for name in "GBKR")
-    seen = np.maximum.accumulate(slow * tau_s >= N**2)
-    seen[-1] = True
-    covered = walk_density(slow_axis, N) ** 2 * tau_s[seen] / 3 / slow[seen]
-    assert covered.min() == pytest.approx(1.0, abs=2e-3)
+
+    def slow(tau_s):
+        return sum(slow_axis.allan_variance(tau_s, name) for name in "GBKR")
+
+    first_s = brentq(lambda tau_s: slow(tau_s) * tau_s - N**2, 0.01, LONGEST_S)
+    tau_s = np.geomspace(first_s, LONGEST_S, 5000)
+    assert walk_density(slow_axis, N) ** 2 == pytest.approx(np.max(3 * slow(tau_s) / tau_s), rel=2e-4)
 
 
 def test_slow_terms_that_are_not_told_apart_count_as_the_sets_that_have_one_of_them():

@@ -174,7 +174,8 @@ def test_white_noise_alone_is_its_mean_square(real):
     freedom = sum(g.count * len(g.S) for g in real)
     by_hand = sum(float(np.trace(g.S)) * g.size * DT for g in real) / freedom
     assert found.x[0] == pytest.approx(by_hand, rel=1e-5)
-    assert found.information[0, 0] == pytest.approx(freedom / 2, rel=1e-9)
+    # The prior of ln s^2 is flat over three decades of s
+    assert 1 / found.covariance[0, 0] == pytest.approx(freedom / 2 + 12 / (6 * np.log(10)) ** 2, rel=1e-9)
 
 
 def test_the_allan_deviation_is_that_of_allantools():
@@ -306,11 +307,17 @@ def test_a_line_that_means_do_not_show_is_left_out():
     assert search_of(7, 2**11, lines_hz=(2.0, 100.0), N=1.0).always == ("N", "line0")
 
 
-def test_dependence_between_scales_is_that_of_the_slope():
+@pytest.mark.parametrize(("name", "size", "more"), [("K", 10.0, 1.2), ("G", 20.0, 1.15)])
+def test_dependence_between_scales_is_that_of_the_slope(name, size, more):
     """The sandwich, against the covariance of the likelihood's slope at the true sizes by full matrices of the samples."""
-    search, count, x = search_of(1, 2**9, ("K",), N=1.0, K=10.0), 2**9, np.array([1.0, 100.0])
-    V = [search.V["N"], search.V["K"]]
-    slopes = [np.zeros((count, count)) for _ in x]
+    search, count, x = search_of(1, 2**9, (name,), N=1.0, T=0.2, **{name: size}), 2**9, np.array([1.0, size**2])
+    chosen = search.of(frozenset(name))
+    time_s = chosen.fitted.correlation_s
+    V = [search.V["N"], search.matrices(chosen, name)]
+    if name == "G":
+        later, sooner = (search.unit("G", time_s * np.exp(step)) for step in (1e-4, -1e-4))
+        V.append([size**2 * (a - b) / 2e-4 for a, b in zip(later, sooner, strict=True)])
+    slopes = [np.zeros((count, count)) for _ in V]
     for stack, *own in zip(search.stacks, *V, strict=True):
         for which, *parts in zip(stack.which, *own, strict=True):
             group = search.groups[which]
@@ -320,14 +327,16 @@ def test_dependence_between_scales_is_that_of_the_slope():
             for A, part in zip(slopes, parts, strict=True):
                 M = inverse @ part @ inverse
                 A += P.T @ (np.kron(np.eye(len(P) // len(M)), M) @ P)
-    S = sum(s * toeplitz(autocovariance(name, np.arange(count), DT)) for name, s in zip("NK", x, strict=True))
-    J = np.array([[2 * np.sum((A @ S) * (B @ S).T) for B in slopes] for A in slopes]) * np.outer(x, x)
-    information = cost(x, V, search.stacks)[2] * np.outer(x, x) / 2
-    chosen = search.of(frozenset("K"))
+    S = sum(s * toeplitz(autocovariance(each, np.arange(count), DT, time_s)) for each, s in zip(("N", name), x, strict=True))
+    scale = np.append(x, 1.0)[: len(V)]
+    J = np.array([[2 * np.sum((A @ S) * (B @ S).T) for B in slopes] for A in slopes]) * np.outer(scale, scale)
+    information = cost(x, V, search.stacks)[2] * np.outer(scale, scale) / 2
     fixed = replace(chosen, fitted=replace(chosen.fitted, x=x, information=information))
     bread, stated = fixed.fitted.covariance, sandwich(search, fixed)
-    assert stated[1, 1] / bread[1, 1] > 1.2
-    assert np.sqrt(np.diag(stated) / np.diag(bread @ J @ bread / 4)) == pytest.approx([1, 1], abs=0.03)  # but for its neglected ends
+    assert stated[1, 1] / bread[1, 1] > more
+    assert np.sqrt(np.diag(stated) / np.diag(bread @ J @ bread / 4)) == pytest.approx(
+        np.ones(len(V)), abs=0.03
+    )  # but for its neglected ends
 
 
 # Sums of a rest
@@ -338,9 +347,11 @@ def test_contrasts_are_orthonormal_and_have_no_mean(count):
     H = contrasts(count)
     assert np.allclose(H.T @ H, np.eye(count - 1), atol=1e-14)
     assert np.allclose(H.sum(axis=0), 0, atol=1e-14)
-    samples = 2 ** (count + 2)
-    assert np.prod(ratios_of(samples)) == samples
-    assert max(ratios_of(samples)) <= summary.MOST_WINDOW
+
+
+def test_a_block_is_the_power_of_two_of_about_half_a_second_in_windows_of_at_most_sixteen():
+    assert [RestSums(hz).size for hz in (1.0, 10.0, 127.0, 129.0)] == [16, 16, 32, 64]
+    assert [ratios_of(size) for size in (16, 32, 256, 2048)] == [(16,), (8, 4), (16, 16), (16, 16, 8)]
 
 
 def test_the_finest_sums_are_those_of_all_windows_and_pieces_do_not_matter():
@@ -361,17 +372,17 @@ def test_the_finest_sums_are_those_of_all_windows_and_pieces_do_not_matter():
 
 
 def test_no_window_spans_a_gap_and_the_coarsest_vector_keeps_its_time():
-    values = six(12_800, 4, N=1.0)
-    values[6400:] += 100.0  # what a window across the gap would hold
+    values = six(12_812, 4, N=1.0)  # twelve beyond whole blocks: one window of eight, and four that are in none
+    values[6412:] += 100.0  # what a window across the gap would hold
     sums = RestSums(1 / DT)
-    sums.add(samples_of(values[:6400]))
-    sums.add(samples_of(values[6400:], start_s=64.0 + 32.0))
+    sums.add(samples_of(values[:6412]))
+    sums.add(samples_of(values[6412:], start_s=64.0 + 32.0))
     found = groups(sums)
-    assert found[0].count == 12_800 / sums.ratios[0]
+    assert found[0].count == 12_808 / sums.ratios[0]
     assert max(np.diag(found[0].S)) / found[0].count < 2 / DT
     blocks = rest_of(sums).blocks
     assert blocks.number[-1] - blocks.number[0] == 399 + 100
-    assert sums.duration_s == pytest.approx(128, abs=0.05)
+    assert sums.duration_s == pytest.approx(128.1)
 
 
 def test_a_ramp_is_exact_where_the_last_mean_lacks_a_part():

@@ -1,6 +1,7 @@
 """The budget: tables that add up, the attitude in use by hand, draws through the real fit."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,16 +10,16 @@ from scipy.stats import chi2, norm, t
 
 import tinygc
 from session.detect.accelerometer import NAMES as NAMES_OF_FORCE
-from session.io.errors import CalibrationError
+from session.io.errors import CalibrationError, FitError
 from session.io.units import DEG
 from tinygc.annexes.budget import monte_carlo as draws
 from tinygc.annexes.budget.library import budget_of_fit
 from tinygc.annexes.budget.monte_carlo import _coverage_of, _Redrawn
 from tinygc.annexes.budget.quantities import _source_sizes, accelerometer_budgets, parameter_budgets, sensor_error_budgets, use_budgets
-from tinygc.annexes.budget.rows import Budget, Row
+from tinygc.annexes.budget.rows import Beside, Budget, Row, decimals_of
 from tinygc.annexes.budget.text import cells_of
 from tinygc.annexes.budget.use import _DRIFT_OF_USE, _NOISE_OF_USE, Use, sources_in_use
-from tinygc.closure.floor import GYRO_NOISE, UNKNOWN, BiasInstability, wander_covariance
+from tinygc.closure.floor import GYRO_NOISE, SINGLE_SEGMENTS, STAMPS, STOPS, UNKNOWN, BiasInstability, wander_covariance
 from tinygc.closure.motion import at_rest
 from tinygc.closure.uncertainty import BIAS_DRIFT, EARTH
 from tinygc.estimation.assembly import CLOCK, MISFIT, ROUNDING
@@ -27,6 +28,7 @@ from tinygc.estimation.repeatability import BiasRepeatability
 from tinygc.estimation.sources import Source, total
 from tinygc.estimation.stated_noise import CALIBRATION, GRAVITY_LENGTH, stated_response
 from tinygc.models.linear import BIAS, NAMES, field_jacobian
+from tinygc.reporting.fit_text import sensor_errors
 
 RNG = np.random.default_rng(5)
 
@@ -66,6 +68,21 @@ def test_the_expanded_uncertainty_is_by_welch_and_satterthwaite():
     assert budget((1.0, np.inf)).k == pytest.approx(norm.ppf(0.975))
 
 
+def test_a_table_is_in_the_unit_of_its_quantity():
+    made = budget((9.0, 5.0), (16.0, np.inf), si=0.5, value=3.0, beside=(Beside("more", 2.0, ""), Beside("unknown", None, "")))
+    table = replace(made, rows=(replace(made.rows[0], size=4.0), made.rows[1])).to_json()
+    assert (table["value"], table["u"], table["variance_si"]) == (6.0, 10.0, 25.0)
+    assert table["expanded_uncertainty"] == made.expanded / 0.5
+    shown = [[row[key] for key in ("u", "share", "sensitivity", "degrees_of_freedom")] for row in table["sources"]]
+    assert shown == [[6.0, 0.36, 1.5, 5.0], [8.0, 0.64, None, None]]
+    assert [each["u"] for each in table["not_in_the_sum"]] == [4.0, None]
+    assert [row.source for row in made.largest] == ["source 1", "source 0"]
+
+
+def test_so_many_significant_digits_have_so_many_decimals():
+    assert [decimals_of(value, 2) for value in (0.0, 0.0123, 0.99, -1.0, 10.0, 123.0)] == [2, 3, 2, 1, 0, 0]
+
+
 # Parameters.
 
 
@@ -83,12 +100,26 @@ def test_the_variance_of_each_parameter_is_the_fits_to_the_bit(fitted):
         assert again == table["variance_si"] == fitted.covariance[i, i]
 
 
+def test_the_size_of_a_source_is_the_rms_of_its_parts_in_its_unit(fitted):
+    problem, one_and_seven = fitted.problem.changed(), np.array([1.0, 7.0]) * DEG
+    made = {
+        "widened": [SimpleNamespace(sigma_rad=sigma) for sigma in one_and_seven],
+        "batch": replace(problem.batch, turns=SimpleNamespace(sigma_rad=np.append(one_and_seven, np.nan))),
+        "floor": SimpleNamespace(references={STAMPS: SimpleNamespace(own=np.array([np.diag([9.0, 16.0, 25.0]) * DEG**2] * 2))}),
+    }
+    problem.__dict__.update(made)
+    sizes = _source_sizes(replace(fitted, problem=problem, widened=26.0))
+    for name in (SINGLE_SEGMENTS, STOPS, STAMPS, MISFIT):
+        assert sizes[name][0] == pytest.approx(5.0), name
+
+
 def test_a_sensor_error_is_the_slope_on_the_parameters(fitted):
     slope = field_jacobian(fitted.linear.model.vector)
     found = {each.name: each for each in sensor_error_budgets(fitted)}
     for name, row in (("bias x", 15), ("scale factor error y", 1)):
         assert found[name].variance == pytest.approx(slope[row] @ fitted.covariance @ slope[row], rel=1e-9)
-    assert found["misalignment x to y"].unit == "mrad"
+    shown = [(error.unit, pytest.approx(error.value)) for error in sensor_errors(fitted) if error.observed]
+    assert [(each.unit, each.value / each.si) for each in found.values()] == shown
 
 
 def test_what_is_known_besides_stands_beside_the_sum(fitted):
@@ -147,6 +178,10 @@ def test_another_switch_on_counts_twice_its_spread_and_a_temperature_as_assumed(
     ):
         assert_allclose(found[name], 100 * np.diag(np.broadcast_to(expected, 3)), rtol=1e-9, atol=1e-20)
     assert assumed == ("temperature of the use",)
+    estimated = replace(fitted, repeatability=replace(spread, freedom=np.array([5.0, 4.0, 6.0])))
+    (own,) = (each for each in sources_in_use(estimated, Use("rest", 10.0), motion)[0] if each.name == "bias of another switch-on")
+    assert (own.kind, own.freedom) == ("A", 4.0)  # what is estimated is not widened, but counts with its freedom
+    assert_allclose(np.diag(own.covariance), 200 * spread.scatter_rps**2, rtol=1e-9)
 
 
 @pytest.mark.parametrize("elapsed_s", [1.0, 1e6])
@@ -227,6 +262,10 @@ def test_each_source_is_drawn_with_its_covariance(fitted):
             beside = [by_name[each].covariance for each in (CALIBRATION, GRAVITY_LENGTH, ROUNDING) if each in by_name]
             expected = expected - 2.0 * sum(beside)
         assert np.abs(np.mean(y**2, axis=0) / np.diag(expected) - 1).max() < 5 * np.sqrt(2 / count), name
+    is_length = np.arange(len(redrawn.nothing.known)) == len(redrawn.nothing.known) - 1
+    for name, drawn in ((CALIBRATION, ~is_length), (GRAVITY_LENGTH, is_length)):
+        known = np.array([redrawn.draw(by_name[name]).known for _ in range(count)])
+        assert_allclose(np.mean(known**2, axis=0), drawn, atol=5 * np.sqrt(2 / count))
 
 
 def test_a_clock_and_rounding_are_drawn_with_their_sigmas(fitted):
@@ -239,6 +278,50 @@ def test_a_clock_and_rounding_are_drawn_with_their_sigmas(fitted):
         covariance[BIAS, BIAS] = np.diag(diagonal) * 1e-10
         drawn = np.array([redrawn.draw(Source(ROUNDING, "B", np.inf, covariance)).reading for _ in range(600)])
         assert np.cov((drawn @ redrawn.model.E.T).T) == pytest.approx(covariance[BIAS, BIAS], abs=1e-10 * (diagonal[0] or 0.5))
+
+
+class Linear:
+    """A session whose fit moves by the errors that are drawn, times ``moves``, and does not converge at every ``fails``-th time."""
+
+    def __init__(self, result, moves=1.0, fails=10):
+        self.model, self.rng, self.moves, self.fails, self.tried = result.linear.model, np.random.default_rng(3), moves, fails, 0
+        self.nothing = draws.Errors(np.zeros(12), np.zeros(0), np.zeros(3))
+        self.roots = {source.name: draws._root(source.covariance) for source in result.sources}
+
+    def draw(self, source):
+        root = self.roots[source.name]
+        return replace(self.nothing, channels=root @ self.rng.normal(size=root.shape[1]))
+
+    def refit(self, errors):
+        self.tried += 1
+        if self.tried % self.fails == 0:
+            raise FitError("made")
+        return self.model.vector + self.moves * errors.channels
+
+
+def test_draws_of_a_linear_fit_have_the_variances_of_the_budgets(fitted, monkeypatch):
+    motion, attitude, own = use_budgets(fitted, Use("rest", 1.0))
+    errors = {each.name: each for each in sensor_error_budgets(fitted)}
+    budgets = [parameter_budgets(fitted)[1], errors["bias x"], errors["misalignment x to y"], *attitude[:3]]
+
+    def drawn(budgets=budgets, **how):
+        linear = Linear(fitted, **how)
+        monkeypatch.setattr(draws, "_Redrawn", lambda *_: linear)
+        return draws.monte_carlo(fitted, motion, own, budgets, 400, 7, lambda *_: None), linear.tried
+
+    found, tried = drawn()
+    assert (found.draws, found.by_source, found.failed) == (400, 80, tried // 10)
+    for each, budget in zip(found.quantities, budgets, strict=True):
+        assert (each.name, each.unit, each.u) == (budget.name, budget.unit, budget.u)
+        assert each.drawn_u == pytest.approx(each.u, rel=0.18)
+        assert found.coverage[each.name] == pytest.approx(0.95, abs=0.03)
+    assert found.answer == "agrees"
+    assert found.bound == pytest.approx(norm.isf(0.005 / len(found.sources)))
+    assert max(abs(each.sigmas) for each in found.sources) == abs(found.farthest.sigmas) < found.bound
+    wide, _ = drawn(budgets[:1], moves=1.5)
+    assert (wide.answer, wide.farthest.ratio) == ("differs", pytest.approx(2.25, rel=0.5))
+    with pytest.raises(CalibrationError, match="no fit of the drawn data converged"):
+        drawn(budgets[:1], fails=1)
 
 
 def test_the_sigmas_of_a_ratio_are_those_of_chi_square():
@@ -257,10 +340,13 @@ def normal(count, sigma):
 
 def test_an_interval_agrees_to_as_many_digits_as_the_draws_are_stable():
     made = budget((0.0125**2, np.inf))
-    for count, digits, answer, tolerance in ((100, 0, "undecided", None), (2000, 1, "agrees", 0.005), (40_000, 2, "agrees", 0.0005)):
+    # The variance of a quantile (Kendall), and half a unit of the last digit of 0.0125 as a share of it
+    one, two = (int(0.975 * 0.025 * (2 / norm.pdf(norm.ppf(0.975)) / share) ** 2) for share in (0.4, 0.04))
+    rows = ((one, 0, "undecided", None), (one + 1, 1, "agrees", 0.005), (two, 1, "agrees", 0.005), (two + 1, 2, "agrees", 0.0005))
+    for count, digits, answer, tolerance in rows:
         found = draws._quantity_check(made, normal(count, 0.0125))
         assert (found.digits, found.answer) == (digits, answer)
-        assert tolerance is None or found.tolerance == pytest.approx(tolerance)  # half a unit of the last digit of 0.0125
+        assert tolerance is None or found.tolerance == pytest.approx(tolerance)
     assert found.half == pytest.approx(1.96 * 0.0125, rel=1e-3)
     wide = draws._quantity_check(made, normal(40_000, 0.0129))
     assert (wide.answer, wide.apart) == ("differs", pytest.approx(1.96 * 0.0004, rel=0.02))

@@ -351,6 +351,7 @@ def test_contrasts_are_orthonormal_and_have_no_mean(count):
 
 def test_a_block_is_the_power_of_two_of_about_half_a_second_in_windows_of_at_most_sixteen():
     assert [RestSums(hz).size for hz in (1.0, 10.0, 127.0, 129.0)] == [16, 16, 32, 64]
+    assert (RestSums(100.0).period_s, RestSums(100.0).lost, RestSums(100.0).duration_s) == (0.01, 0.0, 0.0)
     assert [ratios_of(size) for size in (16, 32, 256, 2048)] == [(16,), (8, 4), (16, 16), (16, 16, 8)]
 
 
@@ -369,6 +370,14 @@ def test_the_finest_sums_are_those_of_all_windows_and_pieces_do_not_matter():
     assert len(at_once.ended()[2]) <= summary.MOST_CHUNKS + 1  # neighbours are joined beyond
     assert by_pieces.period_s == pytest.approx(DT, rel=1e-9)
     assert by_pieces.duration_s == pytest.approx((len(values) - 1) * DT)
+
+
+def test_sections_are_spread_over_the_rest(monkeypatch):
+    monkeypatch.setattr(summary, "MOST_SECTIONS", 4)
+    number = np.repeat(np.arange(13.0), summary.SECTION)
+    sections = sums_of(np.repeat(number[:, None], 6, axis=1)).sections
+    assert (sections == sections[:, :1, :1]).all()
+    assert sections[:, 0, 5].tolist() == [0, 4, 8, 12]
 
 
 def test_no_window_spans_a_gap_and_the_coarsest_vector_keeps_its_time():

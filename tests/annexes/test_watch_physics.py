@@ -129,7 +129,10 @@ def test_a_rest_gives_its_zero_and_gravity():
     assert len(found) == (60 / 0.12 - 2) // BLOCKS  # but the first block, and the one that shows the end
     of_one = np.std([[*window.rate[:, 0], window.gravity[0]] for window in found], axis=0)
     assert_allclose(of_one, 1, atol=4 / np.sqrt(2 * len(found)))
-    assert np.mean([window.scatter for window in found], axis=0).ravel() == pytest.approx([1, 1], abs=0.15)
+    other = np.where(np.arange(BLOCKS) % 2, 1.0, -1.0)[:, None] * np.sqrt((BLOCKS - 1) / BLOCKS)  # of variance 1
+    c, down = detector.chosen, [0, 0, 0, 0, 0, -G, 0]
+    blocks = down + other * np.sqrt([0, c.gyro_scatter, c.gyro_scatter, 0, c.accel_scatter, 2 * c.accel_scatter, 0])
+    assert Detector(c)._complete(blocks)[0].scatter.ravel() == pytest.approx([2, 3])
 
 
 @pytest.mark.parametrize("spoil", ["a NaN", "an infinity", "it turns slowly"])
@@ -148,7 +151,7 @@ def test_what_is_no_rest_gives_nothing(spoil):
 def test_the_bars_of_a_quiet_block(share, quiet):
     """A mean of 10 °/s, gravity by a quarter more or less, and the variances (of n - 1) that the settings have."""
     c = chosen()
-    n, still, none = c.samples, np.tile([0.0, 0.0, -G], (c.samples, 1)), np.zeros((c.samples, 3))
+    n, still, none = c.samples, np.tile([0.48 * G, 0.6 * G, -0.64 * G], (c.samples, 1)), np.zeros((c.samples, 3))
     other = np.where(np.arange(n) % 2, 1.0, -1.0)[:, None] * np.sqrt((n - 1) / n)  # of variance 1
     for rate, force in (
         (np.add(none, [0, -share * 10 * DEG, 0]), still),
@@ -231,10 +234,12 @@ def test_one_window_alone_never_alarms(size, z):
     filters = ZeroFilter(chosen())
     for number in range(60):
         filters.predict()
-        before = filters.x.copy()
-        found = filters.judge(reading(np.full((3, 1), size if number == 30 else 0.0)))
+        before, gravity = filters.x.copy(), filters.gravity_x.copy()
+        off = size if number == 30 else 0.0
+        found = filters.judge(reading(np.full((3, 1), off), off))
         assert not found.alarm.any()
-        assert z is None or number != 30 or (found.z[0, 0] == z and (filters.x == before).all())
+        if z is not None and number == 30:
+            assert ((found.z == z).all(), (filters.x == before).all(), (filters.gravity_x == gravity).all()) == (True, True, True)
 
 
 def test_after_an_alarm_the_reading_is_the_new_state():
@@ -399,6 +404,8 @@ def test_a_change_is_looked_for_30_windows_before_the_tests_own_beginning():
     found = change_of(records(np.full(COUNT, 5.0)), 3, COUNT - 1, chosen())
     assert (found.began_s, found.earlier) == (0.0, True)
     assert change_of(records(np.zeros(COUNT)), 3, 10, chosen()).size == 0.0
+    # A window whose mean has a quarter of the step: it came after three quarters of it.
+    assert change_of(records(np.r_[np.zeros(60), 1.25, np.full(39, 5.0)]), 3, 40, chosen()).began_s == pytest.approx(2.0 * 59.75)
 
 
 # Turns

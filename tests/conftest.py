@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import importlib
 import os
 import shutil
 import sys
@@ -265,6 +266,12 @@ def good(request) -> Session:
     if request.param == "made":
         return session_of(Table().tumble(16, seed=5).samples())
     return read_session(request.getfixturevalue("shared") / "closure" / "case001")
+
+
+@pytest.fixture(scope="session")
+def torch():
+    """PyTorch, which takes two seconds to import: only by the process that has its tests."""
+    return importlib.import_module("torch")
 
 
 @pytest.fixture

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 from conftest import wxyz
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
@@ -229,7 +228,7 @@ def test_a_first_order_step_has_the_tangent_of_half_its_angle():
 
 
 @pytest.mark.parametrize("function", [rotation.exp, rotation.accumulate, rotation.matrix])
-def test_torch_gives_what_numpy_gives(function):
+def test_torch_gives_what_numpy_gives(function, torch):
     for count in (6, 7):
         values = RNG.normal(size=(5, count, 3)) if function is rotation.exp else unit(5, count)
         assert_allclose(function(torch.as_tensor(values)).numpy(), function(values), atol=1e-15)

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 from conftest import Turns
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import minimize_scalar
@@ -80,7 +79,7 @@ def test_error_angles_are_exact_however_large(yaw_known, about):
 
 
 @pytest.mark.parametrize(("size", "yaw_known"), [(0.0, False), (0.0, True), (1e-3, False), (1.0, True)])
-def test_derivative_exists_at_zero_and_near(yaw_known, size):
+def test_derivative_exists_at_zero_and_near(yaw_known, size, torch):
     reference = torch.as_tensor(unit(1, 8)[0])
     error = torch.as_tensor(size * np.array([0.6, -0.5, 0.3])).requires_grad_()
 

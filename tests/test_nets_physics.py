@@ -6,7 +6,6 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-import torch
 from conftest import DEG, Turns, wxyz
 from formats_page import strangers
 from numpy.testing import assert_allclose, assert_array_equal
@@ -38,7 +37,7 @@ def some_net(seed=1):
     return CalibrationNet.from_vector(CalibrationNet.identity().vector + 0.3 * np.random.default_rng(seed).normal(size=27))
 
 
-def test_it_computes_its_equation():
+def test_it_computes_its_equation(torch):
     """omega = m + W2 PReLU(W1 m + b1) + b2, of 27 parameters as in the paper: the exact identity at the start, and the linear model with
     slope one."""
     net, m = some_net(), RATE[0, 0]
@@ -54,7 +53,7 @@ def test_it_computes_its_equation():
 
 
 @pytest.mark.parametrize("angles", [2, 3])
-def test_columns_are_the_chain_rule(angles):
+def test_columns_are_the_chain_rule(angles, torch):
     """phi = sum_k S_k omega(m_k) is linear in omega: autograd's Jacobian of it is exact, and so must the columns be."""
     sensitivity, net = RNG.normal(size=(4, 50, angles, 3)), some_net(3)
 
@@ -95,7 +94,7 @@ def test_a_denoiser_is_odd_homogeneous_of_unit_gain_and_looks_back_49_samples():
         Denoiser.from_vector(np.zeros((3, 56))).normalised()
 
 
-def test_its_forms_agree():
+def test_its_forms_agree(torch):
     """Whole, by windows, in single precision as on a microcontroller, in torch, and from its file."""
     net = some_denoiser()
     held = np.concatenate([np.tile(LINE[:1], (WINDOW - 1, 1)), LINE])
@@ -168,7 +167,7 @@ def material(seed=0, count=12):
     return denoiser.Material(batch, sigma, around, np.full(count, clean.shape[1]), stills, 208.0), clean
 
 
-def test_taps_and_their_derivatives():
+def test_taps_and_their_derivatives(torch):
     """Against the subnet itself, and autograd; from the identity it can learn."""
     vector = denoiser.start(3).vector + 0.2 * np.random.default_rng(4).normal(size=(3, 56))
     taps, jacobian = denoiser.taps_and_jacobian(vector)
@@ -281,14 +280,14 @@ def test_an_asymmetry_of_scale_is_learnt_and_stills_pin_the_rate_at_rest():
 
 
 def loss_of(weights):
-    return ((weights - torch.arange(3.0, dtype=torch.float64)) ** 4).sum()
+    return ((weights - weights.new_tensor([0.0, 1.0, 2.0])) ** 4).sum()
 
 
 def minimised(checkpoint=None, progress=lambda done, of: None, identity=(), loss=loss_of, learning_rate=0.1):
     return adamw.minimise(loss, START, learning_rate=learning_rate, identity=list(identity), checkpoint=checkpoint, progress=progress)
 
 
-def test_resumed_training_equals_uninterrupted_and_what_ended_is_not_repeated(tmp_path, monkeypatch):
+def test_resumed_training_equals_uninterrupted_and_what_ended_is_not_repeated(tmp_path, monkeypatch, torch):
     monkeypatch.setattr(adamw, "EPOCHS", 40)
     path, whole, seen = tmp_path / "deep" / "checkpoint_first.json", minimised(), []
     _, best, losses = whole

@@ -319,12 +319,15 @@ class InOrder:
 
 
 def covering(mutant: Mutant, timed: dict) -> set[str]:
-    """Tests that reach a mutant's statement; ``*``: importing its module does."""
-    source = (ROOT / mutant.file).read_text(encoding="utf-8")
-    spans = [lines_of(node) for node in ast.walk(ast.parse(source)) if isinstance(node, ast.stmt | ast.excepthandler)]
+    """Tests that reach a mutant's statement; ``*``, all: importing its module does, whichever test is the first to import it."""
+    nodes = list(ast.walk(ast.parse((ROOT / mutant.file).read_text(encoding="utf-8"))))
+    spans = [lines_of(node) for node in nodes if isinstance(node, ast.stmt | ast.excepthandler)]
     first, last = min((span for span in spans if span[0] <= mutant.line <= span[1]), key=lambda span: span[1] - span[0])
     lines = timed["lines"].get(mutant.file, {})
-    return {test for line in range(first, last + 1) for test in lines.get(str(line), [])}
+    found = {test for line in range(first, last + 1) for test in lines.get(str(line), [])}
+    functions = [node for node in nodes if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)]
+    by_call = any(node.body[0].lineno <= first <= last <= (node.end_lineno or 0) for node in functions)
+    return found if by_call or not found else {"*"}
 
 
 def lines_of(statement: ast.stmt | ast.excepthandler) -> tuple[int, int]:

@@ -116,7 +116,13 @@ def test_ros_parameters(name, force):
     assert table["orientation_covariance"][0] == -1
     expected = LINEAR.E @ np.diag(np.square([5e-3, 6e-3, 4e-3])) @ LINEAR.E.T * DEG**2 * 104  # one-sided, at 208 Hz
     np.testing.assert_allclose(np.reshape(table["angular_velocity_covariance"], (3, 3)), expected, rtol=0.05, atol=1e-7)
-    assert len(table["calibration_covariance"]) == 144
+    for spread, of in (({}, "the session that was fitted"), ({"bias_sigma_rps": [1e-3, 2e-3, 3e-3]}, "any session")):
+        told = context()
+        told.table.update(spread)
+        (text,) = exporter("ros").export(MODELS[name], told).values()
+        assert f"# It holds for {of}: " in text
+        variance = np.diag(np.reshape(yaml.safe_load(text)["/**"]["ros__parameters"]["calibration_covariance"], (12, 12)))
+        np.testing.assert_allclose(variance - 1, np.r_[np.zeros(9), np.square(spread.get("bias_sigma_rps", [0, 0, 0])) * 2], atol=1e-12)
     (text,) = exporter("ros").export(UNBENT, context(said := [], table={})).values()
     assert "calibration_covariance" not in yaml.safe_load(text)["/**"]["ros__parameters"]
     assert "no covariance" in said[0]

@@ -1,6 +1,7 @@
 """Measured noise in other programs' files: their own discretisation of it is that of the figures; where the figures are found."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -117,6 +118,7 @@ def vague(name, **known):
         # A short log excludes little: the limit of y is no evidence of a walk, and x has one.
         ([axis(N=1e-4, K=1e-6), axis({"K": 9e-6}, N=1e-4), axis({"K": 2e-6}, N=1e-4)], 1e-6, "9e-06 UPPER LIMIT"),
         ([axis(N=1e-4, B=FLOOR)], FROM_FLOOR, "Measured, and not in this format: B (bias instability)"),
+        ([axis(N=1e-4, K=0.0, B=FLOOR)], FROM_FLOOR, "from the flicker floor at 100 s"),
         ([vague("K")], 2e-5, "UPPER LIMIT (95 %)"),
         ([vague("K", B=FLOOR)], FROM_FLOOR, "from the flicker floor at 100 s"),
         ([vague("B", K=7e-6)], 7e-6, ""),
@@ -228,6 +230,7 @@ def test_no_walk_becomes_smaller_by_an_inflation(axes, walk, expected):
     without = imu(known)[0]["gyroscope_random_walk"]
     assert imu(known, inflation=walking)[0]["gyroscope_random_walk"] >= without
     written = json.loads(files("gtsam", known, inflation=walking)["gtsam_imu.json"])
+    np.testing.assert_array_equal(written["covariances"]["integrationCovariance"], 1e-8 * np.eye(3))  # 0.1 mm after a second
     found = np.sqrt(np.diag(written["covariances"]["biasOmegaCovariance"]))
     np.testing.assert_allclose(found, [value for value, _ in expected], rtol=1e-3)
     assert written["sources"]["biasOmegaCovariance"] == "; ".join(source for _, source in expected)
@@ -237,19 +240,30 @@ def test_no_walk_becomes_smaller_by_an_inflation(axes, walk, expected):
 # Autopilots
 
 
-@pytest.mark.parametrize(("name", "key", "least"), [("px4", "EKF2_ACC_NOISE", 0.01), ("ardupilot", "EK3_GBIAS_P_NSE", 1e-5)])
-def test_an_autopilot_has_a_file_of_noise_whose_values_are_within_their_documented_range(name, key, least):
-    noise = figures(sensor(axis(N=4e-4, K=1e-9)), sensor(axis(N=1e-4, K=1e-5)))
-    made = exporter(name).export(LINEAR, context(said := [], noise=noise))
-    calibration, text = made.values()
-    assert values(text)[key] == pytest.approx(least)
-    loud = figures(sensor(axis(N=9.0, K=9.0)), sensor(axis(N=9e3, K=9e3)))
-    (text_of_loud,) = files(name, loud).values()
-    greatest = {"EK3_GYRO_P_NSE": 0.1, "EK3_ACC_P_NSE": 1.0, "EK3_GBIAS_P_NSE": 1e-3, "EK3_ABIAS_P_NSE": 0.02}
-    greatest |= {"EKF2_GYR_NOISE": 0.1, "EKF2_ACC_NOISE": 1.0, "EKF2_GYR_B_NOISE": 0.01, "EKF2_ACC_B_NOISE": 0.01}
-    assert values(text_of_loud) == {key: pytest.approx(greatest[key]) for key in values(text_of_loud)}
-    assert f"{least:g} IS WRITTEN" in plain(text)
-    assert name == "px4" or all(len(line.encode()) <= 96 for line in text.splitlines())
+#: parameter -> its default and range, as the programs document them
+RANGES = {
+    "EKF2_GYR_NOISE": (0.015, 1e-4, 0.1), "EKF2_ACC_NOISE": (0.35, 0.01, 1.0),
+    "EKF2_GYR_B_NOISE": (0.001, 0.0, 0.01), "EKF2_ACC_B_NOISE": (0.003, 0.0, 0.01),
+    "EK3_GYRO_P_NSE": (0.015, 1e-4, 0.1), "EK3_ACC_P_NSE": (0.35, 0.01, 1.0),
+    "EK3_GBIAS_P_NSE": (0.001, 1e-5, 0.001), "EK3_ABIAS_P_NSE": (0.02, 1e-5, 0.02),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["px4", "ardupilot"])
+def test_an_autopilot_has_a_file_of_noise_whose_values_are_within_their_documented_range(name):
+    made = exporter(name).export(LINEAR, context(said := [], noise=figures()))
+    calibration, usual = made.values()
+    assert "IS WRITTEN" not in usual
+    for size, end in ((1e-15, 1), (9e3, 2)):
+        (text,) = files(name, figures(*[sensor(axis(N=size, K=size))] * 2)).values()
+        found = values(text)
+        assert len(found) == 4
+        for key, value in found.items():
+            default, limit = RANGES[key][0], RANGES[key][end]
+            assert value == pytest.approx(limit, rel=1e-6, abs=1e-12)
+            written = f"; {limit:g} IS WRITTEN" if limit else ""
+            assert re.search(rf"{key}: [NK] / sqrt\(dt\) = \S+, measured; default {default:g}{written}", plain(text))
+        assert name == "px4" or all(len(line.encode()) <= 96 for line in text.splitlines())
     assert any("do not fly with them as they are" in line for line in said)
     assert not any("NSE" in line or "_NOISE" in line for line in calibration.splitlines())
 

@@ -66,6 +66,10 @@ def test_columns_are_known_by_their_names_or_units(head, gyro, gyro_unit, accel)
     assert [columns[f"a{axis}"][0] for axis in "xyz" if f"a{axis}" in columns] == [*accel]
 
 
+def test_two_axes_are_no_triad():
+    assert not any(usual_columns([f"V {axis} [dps]" for axis in two], "log.csv") for two in ("XY", "XZ", "YZ"))
+
+
 @pytest.mark.parametrize(
     ("file", "letter"), [("Gyroscope.csv", "g"), ("imu_acc_2.json", "a"), ("rotation_vector.csv", ""), ("walk.csv", "")]
 )
@@ -119,7 +123,8 @@ def test_one_name_for_three_columns_is_spread():
 )
 def test_a_time_to_the_nanosecond(text, unit_ns, ns):
     """The zone's time of day in UTC; halves go to the even one."""
-    assert exact_ns(text, unit_ns) == ns
+    found = exact_ns(text, unit_ns)
+    assert (found, type(found)) == (ns, int)
 
 
 # The clock among the columns
@@ -147,16 +152,22 @@ CLOCKS = [
     (("time", SLOW), {"before": ["rate: 9.5 Hz"]}, (0, "ms", "as 9.5 Hz stand before its rows")),
     (("foo", ticks(1e-4)), {"stated": "100us"}, (0, "100us", "as you say")),
     (("seq,ms", np.arange(300), ticks(1e-3)), {}, (1, "ms", "by its name")),
+    (("sec,ms", ticks(1e-3) // 1000, ticks(1e-3)), {}, (1, "ms", "by its name")),  # no fraction: beyond a second
+    (("gps sec,imu nsec", ticks(1e-9) // 10**9, ticks(1e-9) % 10**9), {}, (0, "s", "by its name")),
+    (("time,ms", ticks(1e-4), ticks(1e-3)), {"stated": "us"}, (1, "us", "as you say")),
+    (("dt_s", [0, 1, 0]), {}, (0, "s", "by its name")),
     (("sec,nsec", ticks(1e-9) // 10**9 + 1_700_000_000, ticks(1e-9) % 10**9), {}, (0, "s", "by its name", 1, 1)),
     (("sec,ms", [5] * 300, ticks(1e-3) % 1000), {}, None),  # which fall back, and are no fraction
     (("datetime", [f"23:59:{57 + t:09.6f}" if t < 3 else f"00:00:{t - 3:09.6f}" for t in TIMES_S]), {}, (0, "s", "by its name")),
     (("dt_ns", INTERVALS), {}, (0, "ns", "by its name")),
-    (("micros", ticks(1e-6, 2**32 - 1_000_000) % 2**32), {}, (0, "us", "by its name")),
+    (("micros", np.delete(ticks(1e-6, 2**32 - 1_000_000) % 2**32, slice(100, 120))), {}, (0, "us", "by its name")),
+    (("millis", ticks(1e-3, 2**16 - 1000) % 2**16), {}, (0, "ms", "by its name")),
     (("foo,dt_ns", ticks(1e-4), INTERVALS), {}, (1, "ns", "by its name")),
     (("micros", ticks(1e-6) * (np.arange(300) != 70)), {}, (0, "us", "by its name")),  # a single bad stamp
     (("seq", np.arange(300)), {}, None),
     (("t", np.cumsum([0, *[*[1] * 9, 2] * 2])), {"odr_hz": 100.0}, None),  # of which one in ten is lost
     (("mx", ticks(2.0, 8096)), {}, None),
+    (("foo", np.arange(300)), {}, None),
     (("t", np.arange(300)), {"odr_hz": 100.0}, None),
 ]
 
@@ -167,12 +178,52 @@ def test_the_clock_its_unit_and_how_that_is_known(columns, told, found):
 
 
 @pytest.mark.parametrize(
+    ("step", "of_them", "steady"), [(1501, 14, 1), (1501, 16, 0), (1500, 16, 1), (499, 14, 1), (499, 16, 0), (500, 16, 1)]
+)
+def test_without_a_clocks_name_all_but_one_step_in_twenty_are_within_half_of_their_median(step, of_them, steady):
+    steps = np.repeat([1000, step], [299 - of_them, of_them])
+    assert clock_of("foo", np.cumsum([0, *steps]), stated="us") == ((0, "us", "as you say") if steady else None)
+
+
+@pytest.mark.parametrize(
+    ("stamps", "few"), [((100_000,), 1), ((100_000, 100_002, 100_004), 1), ((100_000, 100_001), 0), ((99_999, 100_001), 0)]
+)
+def test_large_stamps_that_stand_still_or_leap_by_several_units_have_lost_digits(stamps, few):
+    column = "t_ms", np.repeat(stamps, 16)
+    if few:
+        with pytest.raises(FormatError, match="too few digits"):
+            clock_of(*column)
+    else:
+        assert clock_of(*column) == (0, "ms", "by its name")
+
+
+@pytest.mark.parametrize(
+    ("name", "cells", "says"),
+    [
+        ("ms", ticks(1e-3), "the clock, in ms by its name: 105.39 Hz"),
+        ("dt_ns", INTERVALS, "intervals, which are added up, in ns by its name: 105.3 Hz"),
+        ("sec", ticks(1.0), "the clock, in s by its name"),
+    ],
+)
+def test_what_is_said_of_the_clock(name, cells, says):
+    assert find_clock([[str(cell)] for cell in cells], [name], (), None, None, "x").says == f"{name!r} is taken for {says}"
+
+
+def test_of_several_clocks_a_person_names_one():
+    with pytest.raises(FormatError, match="'time' and 'clock' rise; name the clock, --columns t_ms=NAME"):
+        clock_of("time,clock", ticks(1e-3), ticks(1e-4), stated="ms")
+
+
+@pytest.mark.parametrize(
     ("columns", "says"),
     [
         (("foo", ticks(1e-4)), "'foo', which rises steadily by 94.8.* a row.*--time-unit.*--odr HZ"),
         (("t", np.delete(np.arange(303), [50, 51, 200])), "'t', which rises by 1 a row, numbers the rows or is the clock.*--odr HZ"),
         (("time", 200 * np.arange(300)), "'time', which rises by 200 a row: 5 Hz in ms or 5000 Hz in us"),
-        (("timestamp", [f"{t:.6g}" for t in 1.7e9 + TIMES_S]), r"too few digits: 1.7e\+09 stands for 300 rows"),
+        (
+            ("foo,clock,timestamp", [7] * 16, -np.arange(16), [f"{t:.6g}" for t in 1.7e9 + TIMES_S[:16]]),
+            r"'timestamp' have too few digits: 1.7e\+09 stands for 16 rows",
+        ),
         (("t_s", (1.7e9 + TIMES_S).astype(np.float32).astype(float)), r"'t_s' have too few digits.*\(steps of 128 s\)"),
     ],
 )

@@ -150,7 +150,7 @@ class _Candidate:
     @property
     def step(self) -> float:
         """Mean step, in the column's own unit."""
-        return float(self.values[-1] - self.values[0]) / (len(self.values) - 1)
+        return float(self.values[-1]) / (len(self.values) - 1)
 
     @property
     def numbers_rows(self) -> bool:

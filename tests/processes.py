@@ -31,6 +31,14 @@ QUICK = ("--methods", "least_squares", "--quiet")
 HEADER = "t_us,gx,gy,gz,ax,ay,az,temp"
 
 
+class WithoutTorch:
+    """A finder, before all others of ``sys.meta_path``, that knows of no PyTorch, as where it was never installed."""
+
+    def find_spec(self, name: str, path: object = None, target: object = None) -> None:
+        if name.split(".")[0] == "torch":
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+
 def environment(**more: str) -> dict[str, str]:
     """The present one, so that a command of this checkout is run wherever it is started, and leaves a core to the others."""
     return os.environ | {"OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)} | more

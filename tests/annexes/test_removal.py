@@ -1,4 +1,4 @@
-"""Annexes can be removed: without their folders the core's commands run, and what is gone says so in one line with exit code 2."""
+"""Annexes can be removed: without their folders, and without PyTorch, the core's commands run; what is gone is named in one line."""
 
 from __future__ import annotations
 
@@ -46,10 +46,16 @@ MAIN_JOB = (
     "apply s/fit/model_least_squares.json s/log0001.csv.gz -o calibrated.csv",
     "export s --to px4",
     "export s --to c",
+    "import s/log0001.csv.gz --out again",
+    "demo",
+    "fit s --folds 2 --out nets",
 )
-#: runs commands in one process and prints the exit codes as JSON on the last line of standard output
-RUN = """
+#: runs commands in one process without PyTorch, and prints the exit codes as JSON on the last line of standard output
+RUN = f"""
 import json, sys
+sys.path.insert(0, {str(ROOT / "tests")!r})
+import processes
+sys.meta_path.insert(0, processes.WithoutTorch())
 import calibrate
 codes = []
 for words in json.loads(sys.argv[1]):
@@ -130,7 +136,7 @@ def hold_gone(folder: Path, annexes: tuple[str, ...]) -> None:
 
 
 @pytest.mark.broad
-def test_without_any_annex_each_says_so_and_the_main_job_runs(tmp_path):
+def test_without_any_annex_each_says_so_and_the_main_job_runs_without_pytorch_too(tmp_path):
     folder = without(tuple(FOLDERS), tmp_path)
     assert set(GONE) == set(FOLDERS)
     hold_gone(folder, tuple(FOLDERS))

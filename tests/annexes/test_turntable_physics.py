@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.special import logsumexp
-from scipy.stats import chi2
+from scipy.stats import chi2, multivariate_normal
 from turntables import Turned, turn_session
 
 import tinygc
@@ -16,8 +16,8 @@ from session.annexes.turntable.clock import sample_times
 from session.annexes.turntable.folder import GyroLog, write_turn_session
 from session.detect.rounding import rounding_variance
 from session.io.units import DEG
-from tinygc.annexes.turntable.angles import TERMS, TurnAngle, _bridge_variance
-from tinygc.annexes.turntable.estimate import _component, estimate
+from tinygc.annexes.turntable.angles import TERMS, LogOfTurns, TurnAngle, _better, _bridge_variance, measured_turns
+from tinygc.annexes.turntable.estimate import _component, _data, _fits, _Size, estimate
 
 #: x both ways, z one way only
 PLAN = tuple((axis, sign * angle, 90.0) for angle in (90, 180, 360) for axis, sign in ((0, 1), (0, -1), (2, 1), (2, 1)))
@@ -230,6 +230,25 @@ def test_lost_samples_that_look_like_bursts_are_told_by_how_turns_repeat():
     assert "samples are lost, none came in bursts" in found.summary()
 
 
+def reading(name="log1"):
+    return LogOfTurns(SimpleNamespace(path=SimpleNamespace(name=name)), *[None] * 5)
+
+
+def test_of_two_readings_of_stamps_the_one_whose_turns_repeat_better_is_taken():
+    """By the squares about the mean of each axis and sense; each turn has a sigma of 0.2 deg."""
+    even, stamped, elsewhere = reading(), reading(), [turn(999.0, log="log2"), turn(5.0, problem="no rest")]
+    close, far = ([*map(turn, both), turn(one, 9.0, axis=0), *elsewhere] for both, one in (((360.1, 360.3), 7.0), ((363.0, 360.0), 7.1)))
+    for evenly, as_written, taken in ((close, far, even), (far, close, stamped)):
+        found = _better(even, stamped, evenly, as_written)
+        assert found.log is taken.log
+        assert (found.other.apart_rad, found.other.apart_sigmas) == pytest.approx((2.9 * DEG, 2.9 / 0.2))
+        assert found.other.worse == pytest.approx(3.0**2 / 0.2**2)
+        assert not found.other.is_open
+    single = _better(even, stamped, [turn(360.0)], [turn(361.0)])
+    assert (single.log is even.log, single.other.worse, single.other.is_open) == (True, 1.0, True)
+    assert _better(even, stamped, elsewhere, elsewhere) is even
+
+
 # The estimate.
 
 
@@ -280,6 +299,33 @@ def test_the_lost_turns_are_the_most_probable_set_of_all(measured, lost):
     for i in range(len(turns)):
         good, bad = (at[*found.used[:i], is_good, *found.used[i + 1 :]] for is_good in (True, False))
         assert found.lost[i] == pytest.approx(1 / (1 + np.exp(good - bad)), rel=0.05)
+
+
+def test_a_point_of_the_grid_has_the_dense_density_of_the_good_turns():
+    """And all turns the residual and the leverage of the scales' posterior, which has a prior of 20 %."""
+    turns = [turn(360.4), turn(721.5, 720.0, axis=0), turn(359.0, vibration=(0.3 * DEG) ** 2), turn(330.0)]
+    data, good, points = _data(turns, ((0, 1), (2, 1))), np.array([True, True, True, False]), np.array([[2e-3, 1e-3, 0.5], [0, 0, 0]])
+    A, r = np.array([[each.stated_rad, each.measured_rad - each.stated_rad] for each in turns]).T
+    prior = np.outer(0.2 * A, 0.2 * A) * [[1, 0, 1, 1], [0, 1, 0, 0], [1, 0, 1, 1], [1, 0, 1, 1]]
+    for (play, repeat, share), variance, value, residual, leverage in zip(points, *_fits(data, good, points), strict=True):
+        expected = KNOWN**2 + play**2 + (repeat * A) ** 2 + share**2 * np.array([0, 0, (0.3 * DEG) ** 2, 0])
+        assert_allclose(variance, expected, rtol=1e-12)
+        C = (np.diag(expected) + prior)[:3, :3]
+        gain = prior[:, :3] @ np.linalg.inv(C)
+        assert value == pytest.approx(multivariate_normal.logpdf(r[:3], cov=C), rel=1e-9)
+        assert_allclose(residual, r - gain @ r[:3], rtol=1e-6)
+        assert_allclose(leverage, np.diag(prior - gain @ prior[:3]), rtol=1e-6)
+
+
+def test_a_size_is_none_or_alike_on_a_logarithmic_scale_up_to_ten_and_a_finer_grid_is_about_what_weighs():
+    size = _Size(2.0, 0.8, 0.1, 200.0, np.geomspace(0.1, 200.0, 4001))
+    prior = np.exp(size.prior)
+    assert_allclose(size.values[[0, 1, -1]], [0.0, 0.2, 400.0])
+    assert (prior[0], prior.sum()) == pytest.approx((0.2, 1.0), rel=1e-3)
+    assert prior[2:-1] / prior[2] == pytest.approx((1 + (size.sizes[1] / 10) ** 2) / (1 + (size.sizes[1:-1] / 10) ** 2))
+    coarse = dataclasses.replace(size, sizes=10.0 ** np.arange(6))
+    for weights, low, high in (((9, 0, 0, 1, 2e-4, 0.9e-4, 0), 1, 4), ((0, 1, 0, 0, 0, 0, 1), 0, 5)):
+        assert_allclose(coarse.finer(np.array(weights)).sizes, np.geomspace(10.0**low, 10.0**high, 6))
 
 
 def test_chi_square_is_that_of_a_weighted_fit_of_a_scale():
@@ -388,6 +434,36 @@ def test_clipped_turns_and_turns_that_are_not_there_are_named():
         fitted(*turned.arrays(), beyond[1:])
 
 
+def test_a_knock_parts_no_rest_and_is_no_turn():
+    """What turned by less than a quarter of the smallest stated angle, 72 deg."""
+    for angle_deg, spans, turns in ((17.9, [2, 1], 1), (18.1, [1, 1, 1], 2)):
+        t_ns, gyro, known = step()
+        gyro[100:110, 1] = angle_deg / 0.1 * DEG
+        _, (log,), _ = measured_turns(turn_session([GyroLog("log", t_ns, gyro)], known))
+        assert [len(rest.spans) for rest in log.rests] == spans
+        assert len(log.turns) == turns
+    t_ns, gyro, known = step()
+    gyro[100:110, 1], gyro[:5], gyro[-5:] = DEG, DEG, DEG
+    (log,) = fitted(t_ns, gyro, known).logs
+    rest, *_ = log.rests
+    rows = np.concatenate([np.arange(*span) for span in rest.spans])
+    assert (rest.count, rest.middle_s, len(log.turns)) == (len(rows), pytest.approx(rows.mean() * 0.01), 1)
+
+
+def test_turns_without_a_log_are_counted_over_all_and_a_log_without_a_rest_has_none():
+    turned, (t_ns, shaken, known) = Turned(PLAN[:2]), step()
+    logs = [GyroLog(name, *turned.arrays()) for name in ("log1", "log2")]
+    stated = [dataclasses.replace(turned.known()[k % 2], log=None, turn=k) for k in range(5)]
+    angles, _, _ = measured_turns(turn_session(logs, stated))
+    assert [(angle.log, angle.problem is None) for angle in angles] == [("log1", True)] * 2 + [("log2", True)] * 2 + [("", False)]
+    assert "counts more turns than the logs hold (4)" in angles[-1].problem
+    shaken[:, 0] = np.cumsum(np.random.default_rng(0).normal(size=500))
+    (angle,), _, noise = measured_turns(turn_session([GyroLog("log", t_ns, shaken)], known))
+    assert "holds no rest" in angle.problem
+    assert angle.lost_s == 0
+    assert not np.concatenate([noise.white, noise.drift, noise.single]).any()
+
+
 def test_a_rest_that_hums_is_a_rest_and_one_that_shakes_is_none():
     for rate_dps, hum_dps, starts in ((60.0, 2.5, (320, 330)), (60.0, 6.0, (420,)), (10.0, 2.5, (420,))):  # less beside a slow turn
         t_ns, gyro, known = step(rate_dps, noise=0.0005)
@@ -433,4 +509,7 @@ def test_an_interval_of_a_size_is_of_the_values_that_are_nearest_to_each():
     found = _component(np.array([0.1, 0.5, 0.4]), np.array([0.0, 1.0, 10.0]), SimpleNamespace(sizes=np.array([1.0, 10.0])), True)
     edges, below = np.sqrt(10.0) * np.array([0.1, 1, 10]), [0.1, 0.6, 1.0]
     assert (found.low, found.median, found.high, found.upper) == pytest.approx(np.interp([0.1587, 0.5, 0.8413, 0.95], below, edges))
+    assert found.estimated
+    none = _component(np.ones(1), np.zeros(1), SimpleNamespace(sizes=np.array([1.0, 10.0])), True)
+    assert dataclasses.astuple(none) == (0, 0, 0, 0, True)
     assert not _component(np.ones(1), np.zeros(1), None, False).estimated

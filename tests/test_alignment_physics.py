@@ -385,7 +385,13 @@ def test_an_offset_is_adopted_from_six_of_its_sigmas_and_a_mounting_from_two_deg
     table = alignment_table(found)
     assert_allclose(table["gyro_to_truth_deg"], found.turned / DEG)
     assert_allclose(table["gyro_to_truth_std_deg"], found.turned_sigma / DEG)
-    assert (table["offset_s"], table["offset_std_s"]) == (found.offset_s, found.offset_sigma_s)
+    assert (table["offset_s"], table["offset_std_s"], table["up"]) == (found.offset_s, found.offset_sigma_s, found.up.tolist())
+
+
+def test_a_truth_that_explains_less_than_half_of_the_turns_is_none_of_this_gyros(moved):
+    upside_down = made(moved, mounting=(0, 0, 90), given=TruthGiven(mounting=np.eye(3)))  # as fast at each moment, about other axes
+    found = align(upside_down).alignment
+    assert (np.isnan(found.explained), np.isnan(found.offset_s), alignment_table(found)["up"]) == (True, True, None)
 
 
 def test_a_sample_without_a_force_does_not_tell_which_way_is_up(moved):

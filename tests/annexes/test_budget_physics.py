@@ -318,6 +318,10 @@ def test_draws_of_a_linear_fit_have_the_variances_of_the_budgets(fitted, monkeyp
     assert found.answer == "agrees"
     assert found.bound == pytest.approx(norm.isf(0.005 / len(found.sources)))
     assert max(abs(each.sigmas) for each in found.sources) == abs(found.farthest.sigmas) < found.bound
+    first, *others = found.quantities
+    for part, answer in (({"apart": 2 * first.tolerance, "digits": 1}, "differs"), ({"digits": 0}, "undecided")):
+        assert replace(found, quantities=(*others, replace(first, **part))).answer == answer
+    assert replace(found, bound=0.0).answer == "differs"
     wide, _ = drawn(budgets[:1], moves=1.5)
     assert (wide.answer, wide.farthest.ratio) == ("differs", pytest.approx(2.25, rel=0.5))
     with pytest.raises(CalibrationError, match="no fit of the drawn data converged"):

@@ -23,6 +23,7 @@ from tinygc.annexes.rates.terms import (
     _inside,
     _linear_range,
     _probe,
+    derived,
     left_open,
     terms,
 )
@@ -328,8 +329,13 @@ def test_rival_laws_widen_a_sigma():
     clip, rival = Hypothesis("line", True, True), fit(points, Hypothesis("asymmetry", True, True))
     alone, both = given(points, clip), given(points, clip, ((rival, 0.3),))
     differ = _input_limit(rival, 300.0) - _input_limit(alone.fit, 300.0)
-    one, found = (row(choice, "linear_high") for choice in (alone, both))
-    assert (found.value, found.sigma) == (one.value, pytest.approx(np.sqrt(one.sigma**2 + 0.3 * differ**2), rel=1e-6))
+    value, sigma = derived(alone.fit, lambda law: _input_limit(law, 330.0))
+    for choice, spread in ((alone, 0.0), (both, 0.3 * differ**2)):
+        found = row(choice, "linear_high")
+        assert (found.value, found.sigma) == pytest.approx((value, np.sqrt(sigma**2 + spread)), rel=1e-5)
+    # The slope of a function is that about the number, a tenth of its sigma wide.
+    K, of_K = alone.fit.vector[1], np.sqrt(alone.fit.covariance[1, 1])
+    assert derived(alone.fit, lambda law: np.exp((law.vector[1] - K) / of_K)) == pytest.approx((1.0, 1.0), rel=5e-3)
 
 
 # Terms.
@@ -337,7 +343,7 @@ def test_rival_laws_widen_a_sigma():
 
 def test_what_exceeds_zero_first_lies_between_two_places():
     grid = np.arange(4.0)
-    assert _crossing(grid, np.array([-3.0, -1, 1, -1])) == 1.5
+    assert (_crossing(grid, np.array([-3.0, -1, 1, -1])), _crossing(grid, np.array([-3.0, 1, 2, 3]))) == (1.5, 0.75)
     assert _crossing(grid, np.array([0.5, 1, 2, 3])) is _crossing(grid, -grid - 1) is None
 
 
@@ -414,7 +420,9 @@ def test_a_kink_that_one_reading_shows_has_no_place():
     assert by_name["K"].sigma == pytest.approx(4.5e-7, rel=0.4)
     rows = rows_of(choice)
     assert rows["linear_high"].value is rows["nonlinearity"].value is None
-    assert "not determined" in rows["linear_high"].condition
+    assert rows["linear_high"].condition.endswith("not determined")
+    low, high = (float(word) for word in rows["linear_high"].condition.split() if word.startswith("1") and len(word) > 1)
+    assert 100 < low < high - 5 < 115
 
 
 def test_what_one_reading_that_is_off_leaves_open():
@@ -432,9 +440,16 @@ def test_what_one_reading_that_is_off_leaves_open():
     assert open_at(7, False, 10) is None  # 80 and 100 °/s are sound
     assert open_at(9, False, 10) == (100.0, 80.0, None)
     assert open_at(4, False, 10) is None  # at rest
-    one_sense = fine(lambda w: SCALE * w + 0.5 * (w == 240), FINE[FINE >= 0])
-    within = _linear_range(fit(one_sense, Hypothesis("line", apart=12)))
-    assert (within.low, within.high, within.ends) == (0.0, 220.0, (False, False))
+    for rates in (FINE[FINE >= 0], 1e-3 * FINE):  # of one sense, and slow ones of both
+        off = fine(lambda w: SCALE * w + 0.5 * (w == w.max()), rates, noise=0.0)
+        choice = given(off, Hypothesis("line", apart=len(rates) - 1))
+        within = _linear_range(choice.fit)
+        assert (within.low, within.high, within.ends) == (rates[0], rates[-2], (False, False))
+        assert row(choice, "asymmetry").condition.startswith("not measured: one sense only") == (rates[0] == 0)
+    # No reading of a sense is sound: the first is off, and the others are at a limit.
+    limited = fine(lambda w: np.minimum(SCALE * w, 0.3) + 0.1 * (w == 20), FINE, noise=1e-4)
+    found = row(given(limited, Hypothesis("line", upper=True, apart=13)), "linear_high")
+    assert (found.value, found.condition) == (None, "not determined, 0 to 40.0 °/s: the reading at 20.0 °/s is off")
 
 
 @pytest.mark.parametrize(("bent", "high"), [(2, 240.0), (3, 100.0)])

@@ -379,18 +379,19 @@ def test_a_size_is_the_mean_over_its_moments_and_over_forms_that_are_not_told_ap
 
 @pytest.mark.parametrize("ramp", [False, True])
 def test_the_response_is_what_the_filter_makes_of_a_change(ramp):
-    """Of one unit, or one a second, from the 20th window on, with wander and temperature; the 25th window is not followed."""
+    """Of one unit, or one a second, from the 20th window on, with wander and temperature; the 25th window is not followed.  A second
+    stream beside it has another rate, noise and temperature."""
     c = dataclasses.replace(chosen(1e9), walk=0.01, drive=np.array([0.2, 0.05]), per_k=1.0)
-    filters, rows = ZeroFilter(c), []
+    filters, rows = ZeroFilter(c, 2), []
     for number in range(COUNT):
         value = max(number - 20, -1) * 2e-3 if ramp else 1e-3  # so small that nothing clips
         filters.predict()
         before = filters.x, filters.P
-        window = reading(np.array([[value * (number >= 20)], [0.0], [0.0]]), warmer=np.sin(number))
-        judged = filters.judge(window)
+        window = reading(np.outer([value * (number >= 20), 0.0, 0.0], [1, 2]), warmer=np.sin(number) * np.array([1, 2]))
+        judged = filters.judge(dataclasses.replace(window, scatter=np.array([[1.0, 3.0], [1.0, 3.0]])))
         if number == 25:
             filters.x, filters.P = before
-            judged = dataclasses.replace(judged, taken=np.array([False]))
+            judged = dataclasses.replace(judged, taken=np.array([False, True]))
         rows.append(WindowRecord.of(2.0 * number, window, judged))
     found = _response(rows, np.array([20]), ramp, 0, c)[:, 0]
     assert found == pytest.approx(1e3 * np.array([row.z[0] for row in rows]), rel=1e-9, abs=1e-9)

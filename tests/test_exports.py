@@ -200,6 +200,8 @@ def test_autopilots_take_offset_and_scale_of_an_accelerometer_and_say_what_they_
         (text,) = exporter(name).export(LINEAR, context(said := [], accelerometer, **changes)).values()
         table = autopilot_parameters(text)
         groups = [[table.get(key.format(axis), np.nan) for axis in "XYZ"] for key in keys.split()]
+        formula = "corrected = (measured - {}) {}, m/s^2\n".format(*keys.replace("{}", "*").split())
+        assert (formula in text) == np.isfinite(groups).all()
         return text, "\n".join(said), (FORCE - groups[0]) * groups[1]
 
     agree(told(ACCELEROMETERS["diagonal"])[2], ACCELEROMETERS["diagonal"])

@@ -150,7 +150,8 @@ def test_rest_logs_leave_as_noise_where_their_model_cannot():
     made = Exported.of("kalibr", lambda name: (MODEL, of_rests), said)
     assert list(made.files) == ["imu.yaml"]
     assert any("cannot carry a calibration over temperature" in line and "the noise alone is exported" in line for line in said)
-    assert list(Exported.of("px4", lambda name: (MODEL, of_rests), said).files) == ["px4.params", "px4-noise.params"]
+    for name, names in ("px4", ["px4.params", "px4-noise.params"]), ("ardupilot", ["ardupilot.param", "ardupilot-noise.param"]):
+        assert list(Exported.of(name, lambda name: (MODEL, of_rests), said).files) == names
     for other in (replace(of_rests, method="least_squares"), replace(of_rests, noise=None)):
         with pytest.raises(ExportError, match="cannot carry a calibration over temperature"):
             Exported.of("kalibr", lambda name, other=other: (MODEL, other), said)

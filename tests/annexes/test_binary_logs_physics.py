@@ -4,6 +4,7 @@ import importlib
 import re
 import struct
 import sys
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -347,6 +348,21 @@ def test_the_layout_agrees_with_rosbags_on_every_number_of_an_imu():
                     assert value == (there[int(rest[:-1])] if isinstance(there, np.ndarray) else getattr(there, rest)), path
 
 
+@pytest.mark.parametrize(("letters", "refused"), [(99, False), (100, True)])
+def test_the_path_of_a_number_has_at_most_300_letters(letters, refused):
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    store.register(get_types_from_msg(f"float64 {'b' * letters}", "my/msg/Inner"))
+    store.register(get_types_from_msg(f"my/Inner {'a' * 200}", "my/msg/Outer"))
+    make = partial(ros.Layout, Path("a.bag"), dict(store.fielddefs), "my/msg/Outer", cdr=True)
+    if refused:
+        with pytest.raises(ValueError, match="more than 300 letters"):
+            make()
+    else:
+        assert make().paths == [f"{'a' * 200}.{'b' * letters}"]
+
+
 # ArduPilot and Betaflight.
 
 
@@ -368,6 +384,8 @@ def test_dataflash_units_are_those_of_its_own_records_or_documented(tmp_path):
     written.write_ardupilot(path, *RECORDING)
     path.write_bytes(path.read_bytes().replace(b"F" + b"-" * 14, b"F-FFF" + b"-" * 10))
     assert (one(path, "IMU[0]").gyro_unit, one(path, "IMU[0]").accel_unit) == ("1e-06rad/s", "m/s2")
+    path.write_bytes(path.read_bytes().replace(struct.pack("<d", 1e-6), struct.pack("<d", 1.0)))
+    assert one(path, "IMU[0]").gyro_unit == "rad/s"
     written.write_ardupilot(path, *RECORDING, units=False)
     stream = one(path, "IMU[0]")
     assert (stream.gyro_unit, stream.accel_unit) == ("rad/s", "m/s2")
@@ -441,6 +459,7 @@ def test_blackbox_header_without_its_interval_has_the_default(tmp_path):
         ("gyrox", "gyro", 0, "", ""),
         ("imu_angular_velocity.x", "gyro", 0, "", "imu"),
         ("imu gyro data", "gyro", None, "", "imu"),
+        ("imu_gyroy", "gyro", 1, "", "imu"),
         ("accelerometer_m_s2[2]", "accel", 2, "m/s2", ""),
         ("lin_acc", "accel", None, "", ""),
         ("AccZ", "accel", 2, "", ""),
@@ -486,7 +505,7 @@ def test_arrays_without_stamps_or_units_have_none_and_a_rate_where_it_stands(tmp
         ({"gx_dps": GYRO[:, 0], "gy_rps": GYRO[:, 1], "gz_dps": GYRO[:, 2]}, "in different units (dps, rad/s)"),
         ({"gyro_x": GYRO[:, 0], "gyro_y": GYRO[:, 1]}, "is clear by name"),
         ({"label": np.array(["a", "b"])}, "it holds no arrays of numbers"),
-        ({"gyro": GYRO, "t_s": np.full(COUNT, np.nan)}, "t_s holds stamps that are no time in s"),
+        *(({"gyro": GYRO, "t_s": np.full(COUNT, t_s)}, "t_s holds stamps that are no time in s") for t_s in (np.nan, 2**63 / 1e9)),
     ],
 )
 def test_what_is_not_clear_is_listed(arrays, said, tmp_path):
@@ -498,7 +517,7 @@ def test_what_is_not_clear_is_listed(arrays, said, tmp_path):
 
 def test_columns_name_whole_arrays(tmp_path):
     path = npz(tmp_path, one=T_NS * 1e-9, two=GYRO, three=ACCEL, four=TEMP)
-    text = "t_s=one,gyro_dps=two,accel_mps2=-3,temp_c=four"  # by its name or its place
+    text = "t_s=1,gyro_dps=two,accel_mps2=-3,temp_c=4"  # by its name or its place
     (topic,) = numpy_file.topics(path, text)
     assert (topic.name, topic.holds, topic.columns) == ("columns", ("gyro", "accel", "temp"), ("one", "two", "three", "four"))
     (stream,) = numpy_file.read(path, [], text)
@@ -510,6 +529,9 @@ def test_columns_name_whole_arrays(tmp_path):
     ("text", "said"),
     [
         ("gyro_dps=none", "no array 'none'"),
+        ("gyro_dps=0", "no array '0'"),
+        ("gx_dps=one", "needs x, y and z in one unit"),
+        ("gx_dps=one,gy_dps=one", "needs x, y and z in one unit"),
         ("gyro=two,gx=two", "given whole and by its axes"),
         ("gx_dps=one,gy_rps=one,gz_dps=one", "in one unit"),
         ("gyro_dps=one", "needs (N, 3)"),
@@ -554,6 +576,13 @@ def test_hdf5_opens_no_other_file(tmp_path):
         hdf5.topics(tmp_path / "a.h5", None)
 
 
+def deep(value):
+    """Eight levels of structs and cells."""
+    for _ in range(4):
+        value = {"d": np.array([value, "text"], dtype=object)}
+    return value
+
+
 def test_matlab_agrees_with_scipy(tmp_path):
     """Another program's answer: types of numbers, one row, texts, structs in structs, cells, what is passed over."""
     io = importlib.import_module("scipy.io")
@@ -569,6 +598,8 @@ def test_matlab_agrees_with_scipy(tmp_path):
         "nested": {"inner": {"x": rng.normal(size=(6, 3)), "word": "rad/s"}, "y": np.arange(7.0)},
         "cells": np.array([np.arange(4.0), "text"], dtype=object),
         "cube": rng.normal(size=(2, 3, 4)),
+        "deep": deep(1.0),
+        "deeper": deep({"d": 1.0}),
     }
     io.savemat(tmp_path / "a.mat", file, do_compression=True)
     ours = dict(matlab._variables(tmp_path / "a.mat", notes := []))
@@ -583,6 +614,15 @@ def test_matlab_agrees_with_scipy(tmp_path):
     assert ours["nested.inner.word"] == "rad/s"
     assert_array_equal(ours["nested.y"].ravel(), file["nested"]["y"])
     assert_array_equal(ours["cells[0]"].ravel(), np.arange(4.0))
+    assert ours["deep" + 4 * ".d[0]"] == 1.0
+    assert "deeper" + 4 * ".d[0]" + ".d" not in ours
+    of_version_4 = {f"a_{kind}": arrays[f"a_{kind}"] for kind in ("f4", "f8", "i2", "i4", "u1", "u2")}
+    io.savemat(tmp_path / "a.mat", of_version_4 | {"complex": file["complex"], "last": np.arange(3.0)}, format="4")
+    ours, theirs = dict(matlab._variables(tmp_path / "a.mat", notes)), io.loadmat(tmp_path / "a.mat")
+    for name in (*of_version_4, "last"):
+        assert_array_equal(ours[name], theirs[name])
+        assert ours[name].dtype == theirs[name].dtype
+    assert_array_equal(ours["complex"], theirs["complex"].real)
 
 
 @pytest.mark.parametrize("order", "<>")

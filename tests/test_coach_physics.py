@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from itertools import permutations, product
 
 import numpy as np
@@ -205,7 +206,7 @@ def test_what_it_says_is_a_turn_from_where_the_board_lies_and_it_ends_when_all_i
 @pytest.mark.parametrize(("directions", "asked"), [(4, "all"), (14, "its worst")])
 def test_an_accelerometer_that_nobody_calibrated_is_in_its_advice(taken, directions, asked):
     """By eighths of a turn: where its parameters are unknown by the determinant of all, then by the sigma of its worst."""
-    stills = tuple(still(2.0, force) for force in forces(directions, 3))
+    stills = tuple(still(2.0, force) for force in forces(directions, 9))
     coach = Coach(1e6 * TARGETS)
     advice = coach(Progress(tuple(taken), stills, True, RAW))
     sigma = coach.sigma
@@ -223,6 +224,22 @@ def test_an_accelerometer_that_nobody_calibrated_is_in_its_advice(taken, directi
     else:
         rating = [(np.sqrt(np.diag(each)) / coach.targets)[linear.PARAMETERS :].max() for each in left]
     assert advice.words == turns[int(np.argmin(rating))].words
+
+
+def test_the_columns_of_two_movements_are_the_derivatives_of_where_they_end():
+    """By differences of E, whatever the speed's form: a hand's, or a machine's with its ramps."""
+    force, step = np.array([0.0, 0.0, G]), 1e-6
+    start = Rotation.from_quat(rotation.from_gravity(force), scalar_first=True)
+
+    def end(turn, E):
+        vectors = [(np.eye(3) + E) @ part.axis * part.angle_rad for part in turn.parts]
+        return start * Rotation.from_rotvec(vectors[0]) * Rotation.from_rotvec(vectors[1])
+
+    for turn in [turn for turn in turns_from(force) if len(turn.parts) == 2][::30]:
+        ramps = replace(turn, parts=tuple(replace(part, ramp_s=0.5) for part in turn.parts))
+        changes = [(end(turn, E) * end(turn, 0 * E).inv()).as_rotvec()[:2] / step for E in step * np.eye(9).reshape(9, 3, 3)]
+        for found in columns(force, [turn, ramps]):
+            assert_allclose(found[:, linear.MATRIX].T, changes, atol=0.02)
 
 
 def test_the_turns_that_part_laws_are_the_movements_that_their_words_name():

@@ -281,6 +281,9 @@ def test_away_from_the_mark_is_said_and_may_be_set_right():
     assert "from where the run began" in guide.instruction.why
     guide, _, decided, _ = led_home(table.turn(-4.0, (0, 1, 0), 1.0).rest(4))
     assert (guide.stage, decided) == (Stage.DONE, [BEGUN, KEPT])
+    guide, changes, decided, _ = led_home(run(to_the_mark()).turn(4.0, (0, 1, 0), 1.0).rest(14))
+    assert said(changes, Kind.WARNING)[1:] == ["it stays there: that is the mark now, and the run restarts"]
+    assert decided == [BEGUN, BEGUN]
 
 
 def test_who_moves_too_early_begins_again():
@@ -328,6 +331,7 @@ def test_it_says_how_long_to_wait_and_is_silent_after_so_long():
     t_s, settles_s = np.arange(0, 700, 2.0), 150.0
     said = dict(zip(t_s, told(t_s, with_noise(25 - 9.0 * np.expm1(-t_s / settles_s)), [], 40), strict=True))
     assert not any(said[at_s] for at_s in t_s if at_s < 20)
+    assert not any(told(t_s[:40], 25 - 9.0 * np.expm1(-t_s[:40] / settles_s), [], 0))
 
     def drift(begin_s):
         later_s = begin_s + _SEGMENT_S * np.arange(1, 41)
@@ -411,14 +415,13 @@ def test_a_delay_that_wanders_slowly_is_in_sigma_as_the_fewest_blocks_show_it():
     assert clock.measured.sigma == pytest.approx(np.hypot(scatter, 1e-3 / np.sqrt(3) / 39.5), rel=0.01)
 
 
-def test_an_adapter_that_holds_samples_back_leaves_open_what_their_ages_leave_open():
-    """Three arrivals of 7 samples to one of 8: ages of quarters of a period, which a period in thirty arrivals of a block may shift."""
-    clock, sample = ClockComparison(), 0
-    for arrival in range(400):
-        count = 7 + (arrival % 4 == 0)
-        sample += count
-        clock.add(round(sample * 1e7), sample * 10_000, count)
-    ages = np.sort((7.25 + np.array([-1.0, 0.0, 1.0])[:, None] / 400) * np.arange(40) % 1.0)
+@pytest.mark.parametrize("at_once", [7.25, 7.5075])
+def test_an_adapter_that_holds_samples_back_leaves_open_what_their_ages_leave_open(at_once):
+    """Three arrivals of 7 samples to one of 8: ages of quarters of a period, which a period in forty arrivals of a block may shift."""
+    clock, numbers = ClockComparison(), np.round(at_once * np.arange(401), 6).astype(int).tolist()
+    for before, sample in pairwise(numbers):
+        clock.add(sample * 10_000_000, sample * 10_000, sample - before)
+    ages = np.sort((at_once + np.array([-1.0, 0.0, 1.0])[:, None] / 400) * np.arange(40) % 1.0)
     left_open_s = np.diff(ages, append=1 + ages[:, :1]).max() * 0.01
     found = clock.measured
     assert found.ratio == pytest.approx(1.0, abs=1e-9)
@@ -479,6 +482,15 @@ def test_the_slope_of_the_temperature_and_the_data_rate_are_those_of_the_stamps(
     assert (health.missing, health.gaps, health.samples) == (8, 1, 1992)  # one that is missing is no gap
     assert health.odr_hz == pytest.approx(100.0, rel=1e-9)
     assert health.temp_slope == pytest.approx(1.5, rel=0.02)
+
+
+def test_the_temperature_is_that_of_the_last_readings_smoothed():
+    health, zeros, pace = StreamHealth(), np.zeros((300, 3)), Table().rest(3).samples().pace
+    for first in (0, 300):
+        stamps = np.arange(first, first + 300)
+        health.feed(Samples(stamps * 10_000_000, zeros, zeros, 1.0 * stamps**2), pace)
+    means = [np.mean(np.arange(first, first + 200.0) ** 2) for first in (100, 400)]
+    assert health.temp_c == pytest.approx(0.9 * means[0] + 0.1 * means[1], rel=1e-12)
 
 
 def test_the_path_of_a_turn_is_the_sum_of_its_blocks():

@@ -44,7 +44,6 @@ class ClosureGuide:
         self.hold_s = max(hold_s, STILL_PART * planned_s)
         self.wants: RecordingDecision | None = None
         self.says: list[tuple[Kind, str]] = []
-        self.attempts = 0
         self._examined = self._went = False
         self._parts: list[Samples] = []
         self._to_the_mark()
@@ -53,7 +52,7 @@ class ClosureGuide:
         """The request was carried out: a new file has begun, or the last one is kept."""
         self.wants = None
         if decision.word == "begin":
-            self.step, self.attempts = Step.STAY, self.attempts + 1
+            self.step = Step.STAY
             self._parts, self._moved_s, self._rested_s, self._here_s = [], 0.0, 0.0, 0.0
         elif decision.word == "keep":
             self.step = Step.WHOLE

@@ -19,7 +19,7 @@ from tinygc.annexes.budget.quantities import _source_sizes, accelerometer_budget
 from tinygc.annexes.budget.rows import Beside, Budget, Row, decimals_of
 from tinygc.annexes.budget.text import cells_of
 from tinygc.annexes.budget.use import _DRIFT_OF_USE, _NOISE_OF_USE, Use, sources_in_use
-from tinygc.closure.floor import GYRO_NOISE, SINGLE_SEGMENTS, STAMPS, STOPS, UNKNOWN, BiasInstability, wander_covariance
+from tinygc.closure.floor import GYRO_NOISE, UNKNOWN, BiasInstability, wander_covariance
 from tinygc.closure.motion import at_rest
 from tinygc.closure.uncertainty import BIAS_DRIFT, EARTH
 from tinygc.estimation.assembly import CLOCK, MISFIT, ROUNDING
@@ -28,15 +28,19 @@ from tinygc.estimation.repeatability import BiasRepeatability
 from tinygc.estimation.sources import Source, total
 from tinygc.estimation.stated_noise import CALIBRATION, GRAVITY_LENGTH, stated_response
 from tinygc.models.linear import BIAS, NAMES, field_jacobian
-from tinygc.reporting.fit_text import sensor_errors
 
 RNG = np.random.default_rng(5)
 
 
 @pytest.fixture(scope="module")
-def fitted():
+def fit():
     session = tinygc.simulate(segments=8, closure_s=0.0, odr_hz=62.5, seed=3).session
-    return tinygc.fit(session, methods=("least_squares",)).result
+    return tinygc.fit(session, methods=("least_squares",))
+
+
+@pytest.fixture(scope="module")
+def fitted(fit):
+    return fit.result
 
 
 def budget(*rows, si=1.0, unit="1", value=None, beside=()):
@@ -102,24 +106,26 @@ def test_the_variance_of_each_parameter_is_the_fits_to_the_bit(fitted):
 
 def test_the_size_of_a_source_is_the_rms_of_its_parts_in_its_unit(fitted):
     problem, one_and_seven = fitted.problem.changed(), np.array([1.0, 7.0]) * DEG
+    stamps = "rounding and jitter of the stamps"
     made = {
         "widened": [SimpleNamespace(sigma_rad=sigma) for sigma in one_and_seven],
         "batch": replace(problem.batch, turns=SimpleNamespace(sigma_rad=np.append(one_and_seven, np.nan))),
-        "floor": SimpleNamespace(references={STAMPS: SimpleNamespace(own=np.array([np.diag([9.0, 16.0, 25.0]) * DEG**2] * 2))}),
+        "floor": SimpleNamespace(references={stamps: SimpleNamespace(own=np.array([np.diag([9.0, 16.0, 25.0]) * DEG**2] * 2))}),
     }
     problem.__dict__.update(made)
     sizes = _source_sizes(replace(fitted, problem=problem, widened=26.0))
-    for name in (SINGLE_SEGMENTS, STOPS, STAMPS, MISFIT):
+    for name in ("bridged readings and impacts", "known angles of turns", stamps, MISFIT):
         assert sizes[name][0] == pytest.approx(5.0), name
 
 
-def test_a_sensor_error_is_the_slope_on_the_parameters(fitted):
+def test_a_sensor_error_is_the_slope_on_the_parameters(fit, fitted):
     slope = field_jacobian(fitted.linear.model.vector)
     found = {each.name: each for each in sensor_error_budgets(fitted)}
     for name, row in (("bias x", 15), ("scale factor error y", 1)):
         assert found[name].variance == pytest.approx(slope[row] @ fitted.covariance @ slope[row], rel=1e-9)
-    shown = [(error.unit, pytest.approx(error.value)) for error in sensor_errors(fitted) if error.observed]
-    assert [(each.unit, each.value / each.si) for each in found.values()] == shown
+    for name, error in fit.sensor_errors.items():
+        shown = found[name.replace("_", " ")]
+        assert (shown.unit, shown.value / shown.si) == (error.unit, pytest.approx(error.value))
 
 
 def test_what_is_known_besides_stands_beside_the_sum(fitted):

@@ -17,7 +17,7 @@ from tinygc import models
 from tinygc.annexes.verification import causes, verdict
 from tinygc.annexes.verification.causes import Cause, Evidence, beyond_linear, diagnose
 from tinygc.annexes.verification.cost import _BOUND, Bound, Cost, bounds, cost_of, effects_deg, left_open
-from tinygc.annexes.verification.expected import ZERO, Part, Spread, expected_parts, spread_of_unit
+from tinygc.annexes.verification.expected import ACCELEROMETER_ZERO, ZERO, Part, Spread, expected_parts, spread_of_unit
 from tinygc.annexes.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, _variance_and_freedom, read_old, with_bias_moved
 from tinygc.annexes.verification.questions import (
     DRAWS,
@@ -41,6 +41,7 @@ from tinygc.annexes.verification.verdict import FAILS, HOLDS, UNDECIDED, Options
 from tinygc.attitude import rotation
 from tinygc.closure.floor import BiasInstability, wander_covariance
 from tinygc.effects import AppliedEffect, Conditions, effect_of
+from tinygc.estimation.accelerometer import JOINT_NAMES
 from tinygc.estimation.accelerometer import USUAL_SPREAD as USUAL_ACCELEROMETER
 from tinygc.estimation.compare import Calibrated, SessionTriad
 from tinygc.estimation.expected_zero import USUAL_PER_K, USUAL_SPREAD
@@ -567,6 +568,7 @@ def test_temperature_counts_for_zero_and_accelerometer(tmp_path, temp_c, then_c,
     if of_zero:
         assert np.sqrt(np.diag(total(parts, "temperature"))[ZERO]) == pytest.approx(np.full(3, of_zero))
     assert np.sqrt(np.diag(total(parts, "accelerometer's temperature"))[ACCELEROMETER]) == pytest.approx(tenths_mg * TENTH_MG)
+    assert np.array(JOINT_NAMES)[ACCELEROMETER_ZERO].tolist() == [f"accelerometer bias {axis}" for axis in "xyz"]
 
 
 def test_the_drift_that_session_and_today_share_is_in_neither(tmp_path):

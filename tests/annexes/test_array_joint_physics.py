@@ -238,6 +238,7 @@ def test_a_false_turn_is_found_rejected_and_spoils_no_number():
     told = []
     found = estimate(false.units, false.same, np.zeros(11), progress=told.append)
     assert told == [f"joint estimate, round {k + 1}" for k in range(len(told))]
+    assert len(told) < 12  # it has settled
     (event,) = found.events
     assert (event.what, event.unit, event.first, event.last) == (OWN_TURN, 2, 2, 3)
     assert event.size == pytest.approx(np.sqrt(3) * 1.5 * 0.02, rel=0.2)
@@ -322,6 +323,19 @@ def test_turns_are_split_by_intervals_and_a_unit_minus_the_mean_is_of_turns_that
     assert_allclose(last.own_rad, np.linalg.norm(residual, axis=1))
 
 
+def test_sizes_are_those_of_both_angles_of_a_tilt_and_fast_motion_as_predicted(joint):
+    """rms of a turn: sqrt 2 times that of an angle; what is predicted, sqrt 2 times its rms, times the factor of it that is found."""
+    split, size, root = split_of(joint), joint.component, np.sqrt(2)
+    predicted = root * np.sqrt(np.mean(MISSED_RAD**2))
+    assert_allclose(split.own, [root * np.array(size(f"turn.{i}")) for i in range(3)])
+    assert_allclose([split.turn, split.fast], [root * np.array(size("common.turn")), predicted * np.array(size("common.undersampled"))])
+    assert split.predicted == pytest.approx(predicted)
+    assert split.level_mps2 == size("common.level")
+    turn, fast = (joint.where.names.index(f"common.{name}") for name in ("turn", "undersampled"))
+    most = [upper_component(joint.solution, k, joint.sigmas[k], (other,)) for k, other in ((turn, fast), (fast, turn))]
+    assert split.common_upper == pytest.approx(max(root * np.sqrt(most[0]), predicted * np.sqrt(most[1])))
+
+
 def a_split(**changed) -> VarianceSplit:
     plain = VarianceSplit(
         np.zeros((2, 2)), np.ones(2), (0.3 * DEG, 0.1 * DEG), (0.4 * DEG, 0.2 * DEG), 0.8 * DEG, (0.0, 0.0),
@@ -380,6 +394,7 @@ def test_a_limit_is_where_the_likelihood_falls_by_a_one_sided_twentieth(size):
     values = np.random.default_rng(4).normal(size=80) * np.sqrt(size)
     square, n = float(np.sum(values**2)), len(values)
     best = max(square / n, BASE)
+    assert plain(values).score()[1].item() == pytest.approx(n / (2 * (BASE + square / n) ** 2))
     solution = plain(values).system.estimated(np.array([0.3]))
     assert solution.t[0] == pytest.approx(best - BASE, rel=1e-3)
 

@@ -58,7 +58,7 @@ def parted(problem: Problem, seed: int) -> HeldOutSplit:
     logs = np.array([segment.log for segment in used])
     counts = np.bincount(logs)
     enough = np.flatnonzero((counts >= FEWEST) & (len(used) - counts >= 3 * FEWEST))
-    whole = int(enough[np.argmin(counts[enough])]) if np.count_nonzero(counts) > 1 and len(enough) else None
+    whole = int(enough[np.argmin(counts[enough])]) if len(enough) else None
     recording = logs == whole if whole is not None else np.zeros(len(used), dtype=bool)
     rest, first = np.flatnonzero(~recording), int(rng.permutation(SEEN + 1)[0])
     thirds = [(np.arange(len(rest)) + shift * RUN) % (RUN * (SEEN + 1)) < RUN for shift in range(SEEN + 1)]

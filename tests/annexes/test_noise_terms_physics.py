@@ -303,6 +303,11 @@ def test_a_limit_is_where_the_likelihood_has_dropped_by_its_sigmas(name, drop):
     assert profile(0.93 * limit) - lowest < drop < profile(1.07 * limit) - lowest
 
 
+def test_a_correlation_time_is_of_ten_finest_means_or_more_and_a_thirtieth_of_the_rest_or_less():
+    for count, longest_s in ((2**9, 0.4), (2**13, 81.92 / 30)):  # but four times the shortest in any case
+        assert search_of(7, count, N=1.0).bounds_s == pytest.approx((0.1, longest_s))
+
+
 def test_a_line_that_means_do_not_show_is_left_out():
     assert search_of(7, 2**11, lines_hz=(2.0, 100.0), N=1.0).always == ("N", "line0")
 

@@ -290,8 +290,15 @@ def test_terms_of_two_slopes_and_of_a_clip():
     assert high.condition == "limit of the output"
     assert row(clip, "saturation_high").condition == "the output's limit, reached at 215 °/s"
     # what a line over everything says is no nonlinearity of the sensor
-    assert row(clip, "straight_line").value > 10
+    output = clip.points.output
+    slope, constant = np.polyfit(BOTH_WAYS, output, 1)
+    departure = np.abs(output - slope * BOTH_WAYS - constant).max()
+    assert row(clip, "straight_line").value == pytest.approx(100 * departure / (slope * 300))
     assert row(clip, "nonlinearity").at_most < 1000
+    for key, number, of_line in (("saturation_low", -2, points.output.min()), ("saturation_high", -1, points.output.max())):
+        sigma = np.sqrt(clip.fit.covariance[number, number])
+        assert (row(clip, key).value, row(clip, key).sigma) == (clip.fit.vector[number], sigma)
+        assert (row(given(points, LINE), key).value, row(given(points, LINE), key).sigma) == (of_line, None)
 
 
 def test_evidence_is_what_its_formula_says():
@@ -502,11 +509,30 @@ def test_the_scale_is_that_outside_a_dead_band():
     assert "outside the dead band" in found.condition
 
 
-def test_the_limit_of_a_dead_band_is_that_of_a_step_between_the_senses():
+@pytest.mark.parametrize(
+    ("extra", "key", "factor"),
+    [("sense", "dead_band", 1.0), ("hysteresis", "hysteresis", 1.0), ("bend", "nonlinearity", 0.4e6 * 300**2)],
+)
+def test_the_limit_of_what_does_not_show_is_that_of_its_column_beside_the_line(extra, key, factor):
+    """A dead band is a step between the senses; a cubic departs from its best line by two fifths of what it has at the end."""
     points = measured(straight)
-    step = fit(points, Hypothesis("line", extras=("sense",)))
-    size, sigma = abs(step.vector[2]), np.sqrt(step.covariance[2, 2])
-    assert row(given(points, LINE), "dead_band").at_most == pytest.approx((size + 1.96 * sigma) / SCALE, rel=1e-3)
+    found = fit(points, Hypothesis("line", extras=(extra,)))
+    size, sigma = abs(found.vector[2]), np.sqrt(found.covariance[2, 2])
+    assert row(given(points, LINE), key).at_most == pytest.approx(factor * (size + 1.96 * sigma) / SCALE, rel=2e-3)
+
+
+def test_the_drift_of_several_curves_is_the_scatter_of_their_outputs_at_rest():
+    rate = np.tile(UP, 3)
+    for off in ([0.0, 0.1, 0.3], [0.0, 0.0, 0.0]):
+        output = straight(rate) + np.repeat(off, 21) + NOISE * np.random.default_rng(1).normal(size=63)
+        points = points_of("s", "V", rate, output, np.repeat(["a", "b", "c"], 21).tolist())
+        found, offsets = row(given(points, LINE), "drift"), output.reshape(3, 21).mean(axis=1)  # the rates' mean is zero
+        of_one = fit(points, LINE).noise / np.sqrt(21)
+        if any(off):
+            assert (found.value, found.at_most) == (pytest.approx(np.std(offsets, ddof=1)), None)
+            assert found.sigma == pytest.approx(of_one / np.sqrt(2), rel=1e-3)
+        else:
+            assert (found.value, found.at_most) == (None, pytest.approx(np.std(offsets, ddof=1) + 1.96 * of_one))
 
 
 # Rates that the output does not follow, and the smooth curve.

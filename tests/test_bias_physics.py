@@ -50,6 +50,7 @@ from tinygc.estimation.bias_of_day import (
     _first_attitude,
     _from_start,
     _origin_of,
+    _prior,
     from_gravity,
     rebias_to_json,
     remarks,
@@ -158,9 +159,12 @@ def test_biases_of_days_are_those_of_one_fit_of_all_beside_a_common_matrix():
     shift = problem.batch.earth - found.batch.earth
     assert_allclose(shift, np.broadcast_to((owner - 0.5)[:, None, None] * best, shift.shape), atol=1e-5)
     assert_allclose(spread, np.abs(best) / np.sqrt(2), rtol=0.02)  # from their median, with one degree of freedom
-    factor = np.repeat((found.floor.sigma / problem.floor.sigma)[:, 0], 2)
+    last = least_squares(lambda x: (angles_by_scipy(found.batch, TRUE.vector + x) / found.floor.sigma).ravel(), np.zeros(12), x_scale=1e-3)
+    distance = np.linalg.norm(angles_by_scipy(found.batch, TRUE.vector + last.x), axis=1)
+    factor = (found.floor.sigma / problem.floor.sigma)[:, 0]
+    assert_allclose(factor, np.sqrt(np.maximum(distance / np.median(distance), 0.05)), atol=0.01)  # squares become distances
+    factor = np.repeat(factor, 2)
     assert_allclose(found.floor.dense(), problem.floor.dense() * np.outer(factor, factor), rtol=1e-12)
-    assert np.ptp(factor) > 0.1
     lone = small_session((8, 1))  # a log of one turn has no bias of its own
     found, spread = levelled(lone)
     assert_array_equal(found.batch.earth[-1], lone.batch.earth[-1])
@@ -254,6 +258,19 @@ def test_gravity_s_bias_and_its_covariance_are_those_of_a_search_by_scipy():
     samples, rate, q_first = swaying()
     expected = searched(samples, rate, q_first, [(0, 160)], **more)
     agrees(_bias_from_gravity(samples, rate, q_first, gravity_mps2=GRAVITY, **more), expected)
+
+
+def test_the_prior_is_of_the_mean_bias_its_walk_and_of_accelerometer_tilt_and_velocities():
+    """As the sum of squares of each in its sigma: 3e-5 rad/s/sqrt(s) of the walk, 0.1 m/s^2, 0.5 deg and 1 m/s of each piece."""
+    knots, share, sigma = np.array([0.0, 4.0, 13.0]), np.array([0.2, 0.5, 0.3]), np.array([1e-3, 2e-3, 3e-3])
+    scale = np.concatenate([np.full(9, 1e-4), np.full(3, 0.1), np.full(2, 0.01), np.ones(6)])
+    precision, mean = _prior(knots, sigma, 20, SimpleNamespace(share=share, pieces=[None] * 2))
+    for x in scale * np.random.default_rng(1).normal(size=(3, 20)):
+        walk = x[:9].reshape(3, 3)
+        steps = np.diff(walk, axis=0) / (3e-5 * np.array([[2.0], [3.0]]))
+        parts = [share @ walk / sigma, steps.ravel(), x[9:12] / 0.1, x[12:14] / (0.5 * DEG), x[14:]]
+        assert x @ precision @ x == pytest.approx(np.sum(np.concatenate(parts) ** 2), rel=1e-9)
+        assert_allclose(mean @ x, share @ walk)
 
 
 @pytest.mark.parametrize(
@@ -378,7 +395,9 @@ def test_start_and_gravity_disagree_by_sigmas_of_their_difference():
     for factor, said in ((4.15, 1), (4.18, 2)):  # five sigmas are 25 / 6 = 4.1667 times as much
         changes = {name: (factor * value, sigma) for name, (value, sigma) in made.changes.items()}
         assert len(remarks(replace(made, changes=changes))) == said
-    table = rebias_to_json(made)
+    run, errors = SimpleNamespace(file="log0001.csv", duration_s=9.0), {"stored": np.ones(3), "start": np.ones(3)}
+    table = rebias_to_json(replace(made, runs=[run], run_errors=[errors]))
+    assert list(table["closure_runs"][0]) == ["file", "duration_s", "stored", "stored_start"]
     assert table["bias"]["sigma_dps"] == {"start": pytest.approx([3, 3, 4]), "given": None, "gravity": pytest.approx([4, 4, 3])}
     rms = np.sqrt(np.mean(np.sum(made.angles["start"] ** 2, axis=1))) / DEG
     assert table["methods"]["stored_start"]["holdout"]["tilt_rms_deg"] == pytest.approx(rms)
@@ -569,7 +588,7 @@ def test_the_spread_is_of_the_biases_of_fitted_sessions_less_their_own_variances
 
 
 def test_the_accelerometers_spread_is_of_its_numbers_in_fitted_sessions(unit):
-    """Three sessions, two degrees of freedom: the scatter beyond their own sigmas, widened; two without one show none."""
+    """Of three sessions two degrees of freedom: the scatter beyond their own sigmas, widened; two without one show none."""
     _, fitted = unit
     values = np.array([0.3, -0.1, 0.7])
 
@@ -578,11 +597,12 @@ def test_the_accelerometers_spread_is_of_its_numbers_in_fitted_sessions(unit):
         return {"accelerometer": given, "joint_covariance": {"matrix": (np.eye(21) * sigma**2).tolist()}}
 
     folders = [fitted(f"t{number}", **triad(number, 1e-6)) for number in range(3)]
-    found = accelerometer_between(folders)
-    assert found.source == "3 other sessions of this unit"
-    assert not found.usual
-    assert found.spread[6] == pytest.approx(t.ppf((1 + ONE_SIGMA) / 2, 2) * values.std(ddof=1), rel=1e-4)
-    assert found.spread[7] < 1e-5
+    for n in (2, 3):
+        found = accelerometer_between(folders[:n])
+        assert found.source == f"{n} other sessions of this unit"
+        assert not found.usual
+        assert found.spread[6] == pytest.approx(t.ppf((1 + ONE_SIGMA) / 2, n - 1) * values[:n].std(ddof=1), rel=1e-4)
+        assert found.spread[7] < 1e-5
     assert accelerometer_between([folders[0], fitted("bare")]) is None
 
 

@@ -14,9 +14,19 @@ from turntables import Turned, turn_session
 import tinygc
 from session.annexes.turntable.clock import sample_times
 from session.annexes.turntable.folder import GyroLog, write_turn_session
+from session.annexes.turntable.rests import _still_spans
 from session.detect.rounding import rounding_variance
 from session.io.units import DEG
-from tinygc.annexes.turntable.angles import TERMS, LogOfTurns, TurnAngle, _better, _bridge_variance, measured_turns
+from tinygc.annexes.turntable.angles import (
+    TERMS,
+    LogOfTurns,
+    OtherReading,
+    TurnAngle,
+    _better,
+    _bridge_variance,
+    _mean_variance,
+    measured_turns,
+)
 from tinygc.annexes.turntable.estimate import _component, _data, _fits, _Size, estimate
 
 #: x both ways, z one way only
@@ -97,6 +107,15 @@ def test_white_noise_and_rests_are_those_of_the_readings():
         means.append(samples[0] / (0.003**2 / 200))
     assert np.mean(white) == pytest.approx(1, abs=0.17)
     assert np.mean(means) == pytest.approx(1, abs=0.3)
+
+
+def test_a_rest_has_the_noise_of_all_unless_it_scatters_beyond_chance():
+    """Of five blocks and a thousandth; the third axis has no noise elsewhere."""
+    pooled = np.array([1e-6, 2e-6, 0.0])
+    own = np.array([0.99e-6, 2.02e-6, 1e-9]) * chi2.isf(1e-3, 4) / 4
+    rest = SimpleNamespace(count=200, blocks=np.arange(-2, 3)[:, None] * np.sqrt(2 * own))  # whose mean has a variance of 1 / 2
+    found = _mean_variance(rest, pooled * 200 * 0.01, SimpleNamespace(times=SimpleNamespace(period_s=0.01)))
+    assert_allclose(found, [pooled[0], own[1], own[2]])
 
 
 def test_what_shakes_too_fast_to_be_followed_is_counted_sample_by_sample():
@@ -247,6 +266,7 @@ def test_of_two_readings_of_stamps_the_one_whose_turns_repeat_better_is_taken():
     single = _better(even, stamped, [turn(360.0)], [turn(361.0)])
     assert (single.log is even.log, single.other.worse, single.other.is_open) == (True, 1.0, True)
     assert _better(even, stamped, elsewhere, elsewhere) is even
+    assert [OtherReading(1.0, *of).is_open for of in ((1.01, 4.99), (1.0, 1.0), (9.0, 5.0))] == [True, False, False]
 
 
 # The estimate.
@@ -299,6 +319,9 @@ def test_the_lost_turns_are_the_most_probable_set_of_all(measured, lost):
     for i in range(len(turns)):
         good, bad = (at[*found.used[:i], is_good, *found.used[i + 1 :]] for is_good in (True, False))
         assert found.lost[i] == pytest.approx(1 / (1 + np.exp(good - bad)), rel=0.05)
+        beside = 1 if found.used[i] else -1  # the scale follows a turn that is used
+        error = found.predicted_rad[i] ** 2 + beside * (360 * DEG) ** 2 * found.covariance.item()
+        assert KNOWN**2 < error == pytest.approx(found.predicted_rad[0] ** 2 + (360 * DEG) ** 2 * found.covariance.item())
 
 
 def test_a_point_of_the_grid_has_the_dense_density_of_the_good_turns():
@@ -321,7 +344,7 @@ def test_a_size_is_none_or_alike_on_a_logarithmic_scale_up_to_ten_and_a_finer_gr
     size = _Size(2.0, 0.8, 0.1, 200.0, np.geomspace(0.1, 200.0, 4001))
     prior = np.exp(size.prior)
     assert_allclose(size.values[[0, 1, -1]], [0.0, 0.2, 400.0])
-    assert (prior[0], prior.sum()) == pytest.approx((0.2, 1.0), rel=1e-3)
+    assert (prior[0], np.trapezoid(prior[1:], dx=1)) == pytest.approx((0.2, 0.8), rel=1e-6)
     assert prior[2:-1] / prior[2] == pytest.approx((1 + (size.sizes[1] / 10) ** 2) / (1 + (size.sizes[1:-1] / 10) ** 2))
     coarse = dataclasses.replace(size, sizes=10.0 ** np.arange(6))
     for weights, low, high in (((9, 0, 0, 1, 2e-4, 0.9e-4, 0), 1, 4), ((0, 1, 0, 0, 0, 0, 1), 0, 5)):
@@ -343,6 +366,8 @@ def test_a_single_turn_has_the_sum_of_its_known_errors_and_all_of_its_vibration(
     found = estimate([turn(361.0, vibration=(0.5 * DEG) ** 2)])
     assert found.scale == pytest.approx([1 / 360], rel=1e-4)
     assert np.sqrt(found.covariance) == pytest.approx(np.sqrt(KNOWN**2 + (0.5 * DEG) ** 2) / (360 * DEG), rel=1e-4)
+    error = KNOWN**2 + (0.5 * DEG) ** 2  # of which the scale, which the turn itself tells, leaves next to nothing
+    assert found.predicted_rad == pytest.approx([error / np.sqrt(error + (0.2 * 360 * DEG) ** 2)], rel=1e-3)
     assert not found.play.estimated
     assert found.dof == 0
     assert np.isnan(found.p_value)
@@ -448,6 +473,16 @@ def test_a_knock_parts_no_rest_and_is_no_turn():
     rest, *_ = log.rests
     rows = np.concatenate([np.arange(*span) for span in rest.spans])
     assert (rest.count, rest.middle_s, len(log.turns)) == (len(rows), pytest.approx(rows.mean() * 0.01), 1)
+
+
+@pytest.mark.parametrize(("times", "spans"), [(0.99, [(0, 20), (21, 27)]), (1.01, [(0, 20), (21, 24), (25, 27)])])
+def test_a_block_leaves_its_rest_beyond_six_sigmas_of_all_block_means(times, spans):
+    """One rest whose means go to and fro by d, a loud block, and one that stands still but for a block."""
+    size, d = 8, 1e-4
+    beyond = times * 6 * 2 * d / (np.sqrt(2) * np.sqrt(chi2(1).median()))
+    means, ripple = np.array([d, -d] * 10 + [0] * 4 + [beyond, 0, 0]), np.array([1e-6] * 20 + [0.5] + [1e-6] * 6)
+    gyro = np.outer(np.repeat(means, size), [1, 0, 0]) + (np.repeat(ripple, size) * np.resize([1, -1], 27 * size))[:, None]
+    assert _still_spans(gyro, size, 0.0) == [(size * a, size * b) for a, b in spans]
 
 
 def test_turns_without_a_log_are_counted_over_all_and_a_log_without_a_rest_has_none():

@@ -8,7 +8,7 @@ from numpy.testing import assert_array_equal
 
 from session.io.clock import exact_ns
 from session.io.errors import DataError
-from session.io.pace import pace_of
+from session.io.pace import WINDOW, not_caught_up, pace_of
 from session.io.stamps import (
     COUNTER,
     DAY_NS,
@@ -244,6 +244,19 @@ def test_a_gap_lasts_and_is_as_long_as_what_it_lacks(rows):
     caught_up = 10**7 * np.arange(rows)
     caught_up[middle : middle + 3] = caught_up[middle + 3] - np.array([3, 2, 1])
     assert len(lasting_gaps(caught_up, 0.01)[0]) == (rows == 40)
+
+
+@pytest.mark.parametrize("row", [0, 30, 78])
+def test_a_long_step_is_not_caught_up_where_the_least_late_behind_it_are_later(row):
+    """By more than three quarters of a period than the least late before it, up to the ends of a log."""
+    t_ns, behind = 10**7 * np.arange(80), np.arange(80) > row
+    for late, lost in ((0.74, False), (0.76, True)):
+        assert not_caught_up(t_ns + round(late * 1e7) * behind, np.array([row]), 0.01).tolist() == [lost]
+    for on_time in (row + 1, min(row + WINDOW, 79)):
+        assert not_caught_up(t_ns + 10**8 * (behind & (np.arange(80) != on_time)), np.array([row]), 0.01).tolist() == [False]
+    late_before = t_ns + 10**7 * ~behind
+    late_before[row] -= 10**7
+    assert not_caught_up(late_before + 10**7 * behind, np.array([row]), 0.01).tolist() == [True]
 
 
 def test_single_bad_stamps():

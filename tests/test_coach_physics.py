@@ -9,11 +9,12 @@ from itertools import permutations, product
 import numpy as np
 import pytest
 from coached_hand import guide_of, play
-from conftest import GRAVITY, Table
+from conftest import DEG, GRAVITY, Table
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from session.bench.messages import Progress
+from session.bench.progress import LiveAccelerometerFit
 from session.detect.accelerometer import PARAMETERS, UPPER
 from session.detect.stills import Noise, Still
 from session.io.config import Accelerometer
@@ -203,6 +204,15 @@ def test_what_it_says_is_a_turn_from_where_the_board_lies_and_it_ends_when_all_i
     assert (content.reached, content.words, content.missing) == (True, "", ())
 
 
+def test_a_zero_of_the_gyroscope_moves_nothing_that_a_turn_tells_of_it(taken):
+    turn, zero = taken[0], np.array([0.05, -0.1, 0.08])
+    first, last = (replace(one, gyro_mean=one.gyro_mean + zero) for one in turn.segment.stills)
+    segment, samples = replace(turn.segment, first=first, last=last), replace(turn.samples, gyro=turn.samples.gyro + zero)
+    moved = replace(turn, segment=segment, samples=samples)
+    of_bias = [Coach()._of(each).columns[:, linear.BIAS] for each in (turn, moved)]
+    assert_allclose(*of_bias, atol=1e-9)
+
+
 @pytest.mark.parametrize(("directions", "asked"), [(4, "all"), (14, "its worst")])
 def test_an_accelerometer_that_nobody_calibrated_is_in_its_advice(taken, directions, asked):
     """By eighths of a turn: where its parameters are unknown by the determinant of all, then by the sigma of its worst."""
@@ -224,6 +234,21 @@ def test_an_accelerometer_that_nobody_calibrated_is_in_its_advice(taken, directi
     else:
         rating = [(np.sqrt(np.diag(each)) / coach.targets)[linear.PARAMETERS :].max() for each in left]
     assert advice.words == turns[int(np.argmin(rating))].words
+
+
+def test_a_turn_lasts_as_a_hand_and_the_full_scale_allow():
+    for turn in turns_from(np.array([0.0, 0.0, G]), most_rps=100 * DEG):
+        peak_s = 2 * sum(part.angle_rad for part in turn.parts) / (100 * DEG)
+        assert sum(part.seconds for part in turn.parts) == pytest.approx(max(2 + len(turn.parts), peak_s))
+
+
+def test_an_accelerometer_of_another_full_scale_is_calibrated():
+    fit = LiveAccelerometerFit(GRAVITY)
+    for force in forces(14, 9):
+        one = still(2.0, force)
+        fit.add(replace(one, accel_mean=2 * one.accel_mean))
+    assert fit.known
+    assert_allclose(fit.correct(2 * read_by(RAW, forces(14, 9))), forces(14, 9), atol=1e-3)
 
 
 def test_the_columns_of_two_movements_are_the_derivatives_of_where_they_end():

@@ -163,7 +163,9 @@ def test_what_is_removed_is_a_share_of_the_excess_over_the_floor(before, after, 
     assert found == (removed if removed is None else pytest.approx(removed))
 
 
-@pytest.mark.parametrize(("named", "worse", "kept"), [(0.9, False, "named"), (1.005, False, "before"), (1.02, True, "before")])
+@pytest.mark.parametrize(
+    ("named", "worse", "kept"), [(0.9, False, "named"), (1.0, False, "named"), (1.005, False, "before"), (1.02, True, "before")]
+)
 def test_what_is_handed_on_is_the_better_on_the_turns_of_both(named, worse, kept):
     """The second turn of before, which the repair left out, does not count, however badly it closes; nor does what is below the floor."""
     tilt = np.array([[0.6, 0.8], [30.0, 40.0], [0.8, -0.6]])

@@ -159,6 +159,7 @@ def test_even_pieces_end_at_gaps_and_at_changes_and_count_single_losses(period_n
         (max(2999, 2500 + margin), whole, 0, 0),
     ]
     assert ends((0, margin + 19)) == []
+    assert ends((0, margin + 20)) == [(0, 20, 0, 0)]
 
 
 def test_the_rate_of_a_log_is_that_of_parallel_lines():

@@ -348,6 +348,17 @@ def test_the_layout_agrees_with_rosbags_on_every_number_of_an_imu():
                     assert value == (there[int(rest[:-1])] if isinstance(there, np.ndarray) else getattr(there, rest)), path
 
 
+@pytest.mark.parametrize(
+    ("kind", "path", "ns"),
+    [
+        *(("a/msg/B", path, ns) for path, ns in (("t_ns", 1), ("t_us", 1000), ("t_ms", 10**6), ("t_s", 10**9))),
+        ("px4_msgs/msg/B", "timestamp", 1000),
+    ],
+)
+def test_a_stamp_is_in_the_unit_of_its_name_or_of_its_package(kind, path, ns):
+    assert ros.fields_of(["gyro.x", "gyro.y", "gyro.z", path], kind).stamp == ((path, ns),)
+
+
 @pytest.mark.parametrize(("letters", "refused"), [(99, False), (100, True)])
 def test_the_path_of_a_number_has_at_most_300_letters(letters, refused):
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -623,6 +634,19 @@ def test_matlab_agrees_with_scipy(tmp_path):
         assert_array_equal(ours[name], theirs[name])
         assert ours[name].dtype == theirs[name].dtype
     assert_array_equal(ours["complex"], theirs["complex"].real)
+
+
+@pytest.mark.parametrize(
+    ("head", "found"),
+    [
+        ((0, 0, 1, 0, 1), ("<f8", False, 0, 1, False, 1)),
+        ((51, 2, 3, 1, 64), ("<u1", True, 2, 3, True, 64)),
+        *((head, None) for head in ((60, 1, 1, 0, 1), (2, 1, 1, 0, 1), (1000, 1, 1, 0, 1), (0, 1, 1, 2, 1), (0, 1, 1, -1, 1))),
+        *((head, None) for head in ((0, -1, 1, 0, 1), (0, 1, -1, 0, 1), (0, 1, 1, 0, 0), (0, 1, 1, 0, 65))),
+    ],
+)
+def test_the_head_of_a_matrix_of_version_4(head, found):
+    assert matlab._fourth_head(struct.pack("<5i", *head)) == found
 
 
 @pytest.mark.parametrize("order", "<>")

@@ -5,6 +5,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
+from scipy.ndimage import maximum_filter1d
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, norm
 from simulated_tables import Summary, draw, fixed_moves
@@ -17,7 +19,7 @@ from tinygc.annexes.machines.candidates import DROPPED, _most_cycles, candidates
 from tinygc.annexes.machines.explanation import TableExplanation
 from tinygc.annexes.machines.observed import held_up_from, stamps_beside
 from tinygc.annexes.machines.rows import Comparison, _right_jacobian, moved, part_names, prior_of, start_of
-from tinygc.annexes.machines.rows_noise import AT_REST, IN_TURN, REPEATABILITY, WANDER, NoiseModel, RowsNoise, _of_answers
+from tinygc.annexes.machines.rows_noise import AT_REST, IN_TURN, REPEATABILITY, USUAL_WORD, WANDER, NoiseModel, RowsNoise, _of_answers
 from tinygc.annexes.machines.selection import (
     Named,
     _family_wise,
@@ -121,7 +123,7 @@ def test_a_loss_is_in_the_sense_of_its_turn(exact):
 
 
 def test_a_right_jacobian_is_the_slope_of_the_exponential():
-    for vector in np.array([[0.3, -1.2, 0.7], [1e-6, 2e-6, -1e-6], [5e-3, 0, 0], [0.0, 3.0, 0]]):
+    for vector in np.array([[0.3, -1.2, 0.7], [3e-5, 6e-5, -3e-5], [5e-3, 0, 0], [0.0, 3.0, 0]]):
         R = Rotation.from_rotvec(vector)
         for number, found in enumerate(_right_jacobian(vector[None])[0].T):
             step = 1e-6 * np.eye(3)[number]
@@ -230,21 +232,37 @@ def test_an_edge_has_of_its_answers_what_cubic_convolution_gives():
     assert found[1] == pytest.approx(np.array([0, -1, 9, 9, -1, 0, 0]) / 16)
 
 
-def test_jitter_and_wander_of_the_stamps_are_angles_by_the_rate():
-    """Covariances of the rows within a turn, of each size alone; where the axis rests the word has no error."""
+def test_jitter_and_wander_of_the_stamps_are_angles_by_the_rate_and_blur_by_its_change():
+    """Covariances of the rows within a turn, of each size alone, and of a resolution; where the axis rests stamps make no error."""
     seen = session(table(Z, Y), moves=8)
     model = NoiseModel(Comparison(seen))
     tiny = np.log([1e-9, 1e-9, 1e-15, 1e-9, 0.3])
     walks = [factor @ factor.T for factor in model._factors(tiny)]
-    for place, size in ((0, 2e-3), (3, 5e-3)):
+    for place, size in ((0, 2e-3), (1, 1e-4), (2, 1e-3), (3, 5e-3)):
         factors = model._factors(np.where(np.arange(5) == place, np.log(size), tiny))
         for number, (factor, walk) in enumerate(zip(factors, walks, strict=True)):
-            way = seen.said_edges[number, : seen.blocks[number] + 1, seen.alone[number]]
-            rate = (way[2:] - way[:-2]) / (2 * seen.block_s[number])
-            t_s = seen.block_s[number] * np.arange(len(rate))
-            kept = np.eye(len(rate)) if place == 0 else np.exp(-np.abs(t_s[:, None] - t_s) / 0.3)
-            bar = 2e-3 * (size * rate.max()) ** 2 + 1e-15
-            assert factor @ factor.T - walk == pytest.approx(size**2 * np.outer(rate, rate) * kept, abs=bar)
+            way, block_s = seen.said_edges[number, :, seen.alone[number]], seen.block_s[number]
+            edges = slice(1, seen.blocks[number])
+            rate = np.gradient(way) / block_s
+            change = maximum_filter1d(np.abs(np.gradient(rate)) / block_s, 3)[edges]
+            rate, t_s = rate[edges], block_s * np.arange(seen.blocks[number] - 1)
+            lasts = np.exp(-np.abs(t_s[:, None] - t_s) / 0.3)
+            expected = (np.diag(rate**2), np.eye(len(rate)), np.diag(change**2), np.outer(rate, rate) * lasts)[place]
+            bar = 2e-3 * size**2 * expected.max() + 1e-15
+            assert factor @ factor.T - walk == pytest.approx(size**2 * expected, abs=bar)
+
+
+def test_the_word_is_that_of_the_greatest_likelihood_of_what_it_leaves():
+    model, rng = NoiseModel(Comparison(session(table(Z, Y), moves=16))), np.random.default_rng(6)
+    word = np.log(USUAL_WORD)
+    word[0] = np.log(8e-3)
+    factors = [np.linalg.cholesky(model.white), *model._factors(word)]
+    r = np.concatenate([factor @ rng.normal(size=len(factor)) for factor in factors])
+    whole, found = block_diag(*factors[1:]), model.estimated(r, 1e-6 * rng.normal(size=(len(r), 2)))
+    costs = []
+    for factor in (block_diag(*model._factors(np.log(found.word))), whole):
+        costs.append(2 * np.log(np.diag(factor)).sum() + np.sum(np.linalg.solve(factor, r[model.outer :]) ** 2))
+    assert costs[0] < costs[1]
 
 
 @pytest.fixture

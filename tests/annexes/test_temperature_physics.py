@@ -58,7 +58,9 @@ from tinygc.annexes.temperature.sessions_fit import (
     _zero_form,
     join,
     joined,
+    of_rests_alone,
     point_of,
+    zero_covariance,
 )
 from tinygc.annexes.temperature.sweeps import Sweep, _turning_points, between_steps, sweeps_of
 from tinygc.closure.floor import TIMES_S, AllanSums, averaging_factors, curve_of
@@ -645,6 +647,10 @@ def test_rest_logs_are_fitted_axis_by_axis_without_their_knocks():
     residual = np.column_stack([_residual_blocks(found.knots, "gyro", axis, fit) for axis, fit in enumerate(found.gyro)])
     assert_array_equal(found.allan.deviation, _long_times([kept], residual).deviation)
     assert found.range_c == (kept.temp_c.min(), kept.temp_c.max())
+    alone = of_rests_alone("x", found, {})
+    assert_array_equal(alone.covariance[MATRIX.stop :, MATRIX.stop :], zero_covariance(found.gyro, 1))
+    assert_array_equal(alone.model.E_terms, np.eye(3)[None])
+    assert (alone.sigma[MATRIX].max(), len(alone.names)) == (0, len(alone.sigma))
     bare = fit_rests([(replace(log, temp_c=np.full(48, np.nan)), None)], with_accel=False)
     assert ([fit.order for fit in bare.gyro], bare.noise, bare.accel) == ([0, 0, 0], None, ())
     with pytest.raises(DataError, match=r"b.csv has no temperature, and other rest logs have"):

@@ -14,7 +14,7 @@ from turntables import Turned, turn_session
 import tinygc
 from session.annexes.turntable.clock import sample_times
 from session.annexes.turntable.folder import GyroLog, write_turn_session
-from session.annexes.turntable.rests import _still_spans
+from session.annexes.turntable.rests import _rate_at_rest, _still_spans
 from session.detect.rounding import rounding_variance
 from session.io.units import DEG
 from tinygc.annexes.turntable.angles import (
@@ -27,7 +27,7 @@ from tinygc.annexes.turntable.angles import (
     _mean_variance,
     measured_turns,
 )
-from tinygc.annexes.turntable.estimate import _component, _data, _fits, _Size, estimate
+from tinygc.annexes.turntable.estimate import _component, _data, _fits, _Grid, _Size, estimate
 
 #: x both ways, z one way only
 PLAN = tuple((axis, sign * angle, 90.0) for angle in (90, 180, 360) for axis, sign in ((0, 1), (0, -1), (2, 1), (2, 1)))
@@ -126,6 +126,10 @@ def test_what_shakes_too_fast_to_be_followed_is_counted_sample_by_sample():
         (angle,) = fitted(t_ns, gyro, known).angles
         shares.append(angle.variance["vibration"] / (0.2**2 * 0.01**2 * 120))
     assert np.mean(shares) == pytest.approx(1, abs=0.25)
+    t_ns, gyro, known = step()
+    gyro[200:320, 0] += np.resize([0.2, -0.2], 120)  # second differences of 0.8, of each sample and one on either side
+    (angle,) = fitted(t_ns, gyro, known).angles
+    assert angle.variance["vibration"] == pytest.approx(0.8**2 / 6 / chi2(1).median() * 0.01**2 * 122, rel=1e-3)
 
 
 def test_counted_samples_make_all_scales_as_uncertain_as_their_rate(tmp_path):
@@ -177,7 +181,10 @@ def test_rests_that_differ_are_a_bias_that_wanders():
     assert found.bias.sigma[2] == pytest.approx(0.004 / 2, rel=2e-2)
     (angle,) = found.angles
     expected = _bridge_variance(found.noise.drift[2], 1.99 - first.middle_s, angle.duration_s, second.middle_s - first.middle_s)
-    assert angle.variance["drift"] == pytest.approx(angle.direction[2] ** 2 * expected, rel=1e-9)
+    x, _, z = angle.direction**2
+    assert angle.variance["drift"] == pytest.approx(z * expected, rel=1e-9)
+    across, length = (1 - z) * expected + (1 / x - 1) * angle.variance["ends"], 72 * DEG / np.sqrt(x)
+    assert angle.measured_rad == pytest.approx(length - across / (2 * length), rel=1e-9)  # noise across makes a sum of squares larger
 
 
 def test_the_covariance_of_the_model_is_that_of_scales_and_bias():
@@ -349,6 +356,10 @@ def test_a_size_is_none_or_alike_on_a_logarithmic_scale_up_to_ten_and_a_finer_gr
     coarse = dataclasses.replace(size, sizes=10.0 ** np.arange(6))
     for weights, low, high in (((9, 0, 0, 1, 2e-4, 0.9e-4, 0), 1, 4), ((0, 1, 0, 0, 0, 0, 1), 0, 5)):
         assert_allclose(coarse.finer(np.array(weights)).sizes, np.geomspace(10.0**low, 10.0**high, 6))
+    axes = _Grid.whole(_data([turn(90.0, 90.0), turn(360.0), turn(360.0)], ((2, 1),))).axes
+    known = [(KNOWN, 0.8, 0.1, 200.0), (KNOWN / (360 * DEG), 0.2, 0.1, 200.0), (1.0, 0.8, 0.03, 1.0)]  # of play, repeat and share
+    assert_allclose([dataclasses.astuple(axis)[:4] for axis in axes], known)
+    assert_allclose([axis.sizes[[0, -1]] for axis in axes], [axis[2:] for axis in known])
 
 
 def test_chi_square_is_that_of_a_weighted_fit_of_a_scale():
@@ -369,7 +380,7 @@ def test_a_single_turn_has_the_sum_of_its_known_errors_and_all_of_its_vibration(
     error = KNOWN**2 + (0.5 * DEG) ** 2  # of which the scale, which the turn itself tells, leaves next to nothing
     assert found.predicted_rad == pytest.approx([error / np.sqrt(error + (0.2 * 360 * DEG) ** 2)], rel=1e-3)
     assert not found.play.estimated
-    assert found.dof == 0
+    assert (found.chi2, found.dof) == (0, 0)
     assert np.isnan(found.p_value)
 
 
@@ -473,6 +484,24 @@ def test_a_knock_parts_no_rest_and_is_no_turn():
     rest, *_ = log.rests
     rows = np.concatenate([np.arange(*span) for span in rest.spans])
     assert (rest.count, rest.middle_s, len(log.turns)) == (len(rows), pytest.approx(rows.mean() * 0.01), 1)
+
+
+@pytest.mark.parametrize(
+    ("runs", "rate"),
+    [
+        (((0.01, 3), (1.0, 9), (0.03, 5)), 0.03),  # the longer one of two ends that are alike
+        (((0.03, 5), (0.01, 3)), 0.03),
+        (((0.03, 3), (1.0, 9), (0.01, 3)), 0.03),
+        (((1.0, 3), (0.0, 3), (-1.0, 3), (0.01, 3)), 0.0),  # else what most read: the lowest, or an end
+        (((0.3, 3), (0.5, 3), (0.1, 3), (0.5, 3)), 0.5),
+        (((0.5, 3), (0.1, 3), (0.5, 3), (0.3, 3)), 0.5),
+        (((0.02, 1), (0.01, 2)), 0.01),  # a block alone is no stretch, unless there is no other
+        (((0.02, 1), (1.0, 1)), 0.02),
+    ],
+)
+def test_the_rate_of_rests_is_of_a_log_s_ends_or_of_most_stretches(runs, rate):
+    mean = np.concatenate([[*[rate] * count, 9.0] for rate, count in runs])  # a loud block behind each
+    assert_array_equal(_rate_at_rest(np.outer(mean, [1, 0, 0]), mean < 9), [rate, 0, 0])
 
 
 @pytest.mark.parametrize(("times", "spans"), [(0.99, [(0, 20), (21, 27)]), (1.01, [(0, 20), (21, 24), (25, 27)])])

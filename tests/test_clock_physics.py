@@ -55,6 +55,13 @@ def test_long_steps_that_late_stamps_explain_are_no_losses(late, long, lost, coa
         assert pace.period_s == pytest.approx(np.mean([step for step in apart if step <= 2.5]) * 0.01)
 
 
+@pytest.mark.parametrize(("even", "periods"), [(106, 129), (107, 128)])
+def test_a_long_step_that_is_caught_up_is_one_period_where_enough_samples_tell_it(even, periods):
+    """Of 128 steps, and of one less, where it counts by its length."""
+    apart = [*[1.451, 0.549] * 8, *[1.0] * even, 3.0, *[0.5] * 4]
+    assert pace_of(steps(*apart)).period_s == pytest.approx(len(apart) * 0.01 / periods)
+
+
 @pytest.mark.parametrize(
     ("longs", "shift", "gap", "coarse"),
     [
@@ -241,6 +248,9 @@ def test_a_gap_lasts_and_is_as_long_as_what_it_lacks(rows):
         t_ns = 10**7 * np.arange(rows)
         t_ns[middle:] += round((step - 1) * 10**7)
         assert [*zip(*lasting_gaps(t_ns, 0.01), strict=True)] == found
+    many = np.arange(10 * rows)
+    two = 10**7 * (many + 2 * (many >= 5 * rows) + 4 * (many >= 9 * rows))
+    assert [*zip(*lasting_gaps(two, 0.01), strict=True)] == [(5 * rows - 1, pytest.approx(0.02)), (9 * rows - 1, pytest.approx(0.04))]
     caught_up = 10**7 * np.arange(rows)
     caught_up[middle : middle + 3] = caught_up[middle + 3] - np.array([3, 2, 1])
     assert len(lasting_gaps(caught_up, 0.01)[0]) == (rows == 40)
@@ -263,6 +273,7 @@ def test_single_bad_stamps():
     t_ns, at = 10 * np.arange(200), np.arange(200)
     for value in (0, 10**6):
         assert bad_stamps(np.where(np.isin(at, [70, 90]), value, t_ns)).tolist() == [70, 90]
+        assert not len(bad_stamps(np.where(at == 70, t_ns[71 - 2 * (value == 0)], t_ns)))  # as one of its neighbours: beyond neither
     for apart, single in ((15, False), (16, True), (50, True), (51, False)):  # one and a half to five usual steps
         bad = t_ns + (at > 70) * (apart - 20)
         bad[70] = 0

@@ -66,6 +66,21 @@ def test_the_variance_is_the_sum_over_all_pairs_of_samples():
     assert_allclose(errors.variance(moved), 0.75 * np.einsum("ski,kl,slj->sij", moved, pairs, moved), rtol=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("followed", "sigma", "grid_s", "share"),
+    [
+        (-0.5, 0.0, 0.0, 1.0),
+        (0.25, 0.0, 0.0, 0.75),
+        (1.5, 0.0, 0.0, 0.0),
+        (0.25, np.inf, 0.0, 0.0),
+        (0.9, 0.0, 0.01, 0.25),
+        (0.9, 0.0, 1.0, 1.0),
+    ],
+)
+def test_the_share_in_error_is_what_the_readings_did_not_follow_and_no_less_than_the_grids(followed, sigma, grid_s, share):
+    assert StampErrors(0.01, grid_s, np.array([1e-4 / 3]), followed, sigma).share == pytest.approx(share)
+
+
 def moving(moments_s, seed=1, noise_dps=0.05):
     """Readings (N, 3) rad/s at these moments of a hand that turns and rests."""
     share = np.clip(moments_s % 4 / 2, 0, 1)

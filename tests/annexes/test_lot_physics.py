@@ -17,8 +17,8 @@ from session.io.results import write_whole
 from session.io.units import DEG, G
 from tinygc import CalibrationError
 from tinygc.annexes.lots import fit as lots_fit
-from tinygc.annexes.lots.estimate import FAMILY_P, estimate, family
-from tinygc.annexes.lots.fit import _belonging, _require_usable, fit_with_lot, prior_of, require_possible
+from tinygc.annexes.lots.estimate import FAMILY_P, estimate, family, repeated
+from tinygc.annexes.lots.fit import LEAST, _belonging, _require_usable, farthest, fit_with_lot, prior_of, require_possible
 from tinygc.annexes.lots.lot import (
     NAMES,
     OWN,
@@ -126,6 +126,8 @@ def test_sessions_lie_by_unit_and_units_by_their_first_session():
     assert lot.place == pytest.approx([0, 1 / 3, 2 / 3, 1])
     assert lot.variances[:, 10] == pytest.approx([0.01] * 5)
     assert np.flatnonzero(lot.known.any(axis=0)).tolist() == [10]
+    with pytest.raises(CalibrationError, match="two units or more, got 0"):
+        lot_sessions([])
 
 
 # Mean, drift, spread and repeatability.
@@ -188,6 +190,9 @@ def test_repeatability_is_what_sessions_of_a_unit_differ_by_beyond_what_they_sta
     groups = np.split(lot.values, lot.first[1:])
     square = sum(((each - each.mean(axis=0)) ** 2).sum(axis=0) for each in groups)
     assert_allclose(found.repeatability**2, np.maximum(square / (lot.sessions - lot.units) - 0.04, 0.0), rtol=1e-9)
+    square -= ((groups[3] - groups[3].mean(axis=0)) ** 2).sum(axis=0)  # of the others alone: a unit of four sessions is left out
+    expected = np.maximum(square / (lot.sessions - lot.units - 3) - 0.04, 0.0)
+    assert_allclose(repeated(lot, np.arange(lot.units) != 3), expected, rtol=1e-9)
     noise = (0.04 + found.repeatability**2) / lot.count[:, None]
     w = 1 / (found.spread**2 + noise)
     assert_allclose(found.next_sigma, 1 / np.sqrt(w.sum(axis=0)), rtol=1e-9)
@@ -292,6 +297,17 @@ def test_the_variance_is_that_of_the_mean_the_spread_and_the_change_between_sess
     assert_array_equal(found.centre, np.where(told, MEAN, MEAN + 1.0))
     assert_array_equal(found.covariance[~told], np.diag(PRIOR_SIGMA**2)[~told])
     assert_allclose(found.covariance[np.ix_(told, told)], whole[np.ix_(told, told)], rtol=0, atol=1e-12)
+
+
+def test_the_farthest_number_is_of_the_most_sigmas_of_lot_and_fit_and_told_in_those_of_the_lot():
+    of_lot, seen = lot(), np.ones(PARAMETERS, dtype=bool)
+    of_lot.mean[2], of_lot.spread[5] = np.nan, 0.0
+    own = np.where(np.isin(np.arange(PARAMETERS), (0, 5)), 10.0, 0.5) * SIGMA
+    vector = MEAN + SIGMA * [40, 0.1, 0, 0, -5, 30, 4, 0, 0, 0, 0, 0]  # 40 / 10.05, 5 / 1.12 and 30 / 10 sigmas
+    for name, sigmas in (("E_yy", -5.0), ("E_xx", 40.0), ("E_zx", 4.0), ("E_yz", 30 * SIGMA[5] / (LEAST * PRIOR_SIGMA[5]))):
+        assert farthest(of_lot, vector, np.diag(own**2), seen) == (name, pytest.approx(sigmas))
+        seen[NAMES.index(name)] = False
+    assert farthest(of_lot, vector, np.diag(own**2), seen & False) is None
 
 
 def test_a_prior_is_weighed_and_scaled():

@@ -100,13 +100,14 @@ def test_what_made_the_sessions_is_recovered():
 
 
 def test_the_accelerometer_of_any_session_is_of_two_draws_and_the_last_calibration():
-    sessions = drawn(YEARS, 3, of("accelerometer bias", 0.5))
+    sessions = drawn(YEARS, 3, OWN * np.arange(21))
     history = history_of([*sessions[:-1], replace(sessions[-1], covariance=4 * sessions[-1].covariance)])
     for each, sigma in zip(history.numbers[GYROSCOPE:], history.accelerometer_any_session, strict=True):
         model = each.course.model
         spread = model.counted * t.ppf((1 + ONE_SIGMA) / 2, model.freedom)
         assert sigma == pytest.approx(np.sqrt(each.sigmas[-1] ** 2 + 2 * spread**2), rel=1e-9)
     shown = [significant(s / number.si, 2) for s, number in zip(history.accelerometer_any_session, NUMBERS[GYROSCOPE:], strict=True)]
+    assert len(set(shown)) == 9
     assert history.accelerometer_words == f"scale ± {' '.join(shown[:3])} ppm, bias ± {' '.join(shown[6:])} mg"
     one = history_of(drawn(YEARS[:1], 3, SCATTER))
     assert (one.accelerometer_any_session, one.accelerometer_words) == (None, None)
@@ -118,6 +119,7 @@ def test_few_sessions_decide_neither_drift_nor_shock_nor_until_when(count, reaso
     history = history_of(drawn(np.arange(count) / 2, 0, SCATTER, steps=jumps))
     assert history.steps == ()
     assert all(each.drift is None and each.step_limit is None for each in history.numbers)
+    assert all(each.drift and each.step_limit > 0 for each in history_of(drawn(np.arange(4) / 2, 0, SCATTER)).numbers)
     assert f"there are {count}" in " ".join(lines(history))
     (outlook,) = outlooks_of(history, [parse_limit("bias 50 dps")], today=FIRST)
     assert (outlook.answer, outlook.beyond, outlook.until, reason in outlook.reason) == (UNDECIDED, False, None, True)
@@ -125,13 +127,21 @@ def test_few_sessions_decide_neither_drift_nor_shock_nor_until_when(count, reaso
 
 def test_sessions_without_dates_count_as_they_come_and_days_say_nothing_of_a_year():
     history = history_of(drawn(YEARS, 1, SCATTER, dated=False))
-    assert (history.dated, history.at.tolist()) == (False, list(range(10)))
+    assert (history.dated, history.drift_time, history.at.tolist()) == (False, "session", list(range(10)))
     assert "s1 has no date" in history.remarks[0]
     (outlook,) = outlooks_of(history, [parse_limit("bias 1 dps")])
     assert (outlook.answer, outlook.until, "needs dates" in outlook.reason) == (UNDECIDED, None, True)
     days = history_of(drawn(np.arange(6) / 365, 1, SCATTER))
     assert "a drift a year is not known: the history is 5 days long" in " ".join(lines(days))
-    assert {row[3] for row in rows(days)} == {"–"}
+    assert (days.drift_time, {row[3] for row in rows(days)}) == ("year", {"–"})
+
+
+def test_a_number_that_sessions_of_one_day_alone_show_has_no_course():
+    sessions = drawn([0.0, 0.0, 1.0], 1, SCATTER)
+    sessions[2].values[PLACE["bias x"]] = np.nan
+    x, y = (history_of(sessions).numbers[PLACE[name]] for name in ("bias x", "bias y"))
+    assert (x.sessions.tolist(), x.course, x.scatter, x.drift, x.drift_limit) == ([0, 1], None, None, None, None)
+    assert y.course is not None
 
 
 def test_a_drift_that_a_step_explains_as_well_says_so():
@@ -147,6 +157,19 @@ def test_a_drift_that_a_step_explains_as_well_says_so():
 
 def number_history(values, own, at):
     return NumberHistory(NUMBERS[ZERO.start], np.arange(len(values)), values, np.sqrt(own), course(values, own, at))
+
+
+def test_a_step_explains_a_drift_as_well_to_two_of_minus_twice_the_log_of_the_likelihood():
+    more = []
+    for apart in np.linspace(0.0, 0.03, 40):  # of the sessions in each of two clusters: the longer, the better a drift is told
+        at, own = np.r_[apart * np.arange(4), 0.5 + apart * np.arange(4)] + 1e-6 * np.arange(8), np.full(8, 1e-4)
+        found = number_history(0.5 * at + 0.01 * np.sin(3.0 * np.arange(8)), own, at)
+        total = own[0] + found.course.model.scatter**2
+        columns = [np.column_stack([np.ones(8), column]) for column in (at, *(jump(8, k) for k in range(7)))]
+        straight, *steps = (np.linalg.lstsq(each, found.values)[1][0] / total for each in columns)
+        assert found.drift_or_step == (np.argmin(steps) if min(steps) - straight <= 2 else None)
+        more.append(min(steps) - straight)
+    assert np.abs(np.subtract(more, 2)).min() < 0.5 < np.ptp(more)
 
 
 def test_drift_and_warmth_without_own_errors_are_those_of_least_squares():

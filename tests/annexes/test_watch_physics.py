@@ -242,15 +242,17 @@ def test_one_window_alone_never_alarms(size, z):
             assert ((found.z == z).all(), (filters.x == before).all(), (filters.gravity_x == gravity).all()) == (True, True, True)
 
 
-def test_after_an_alarm_the_reading_is_the_new_state():
+@pytest.mark.parametrize(("rate", "gravity", "alarm"), [(500.0, 0.0, [1, 1, 1, 0]), (0.0, -500.0, [0, 0, 0, -1])])
+def test_after_an_alarm_the_reading_is_the_new_state(rate, gravity, alarm):
     filters, alarms = ZeroFilter(chosen()), []
     for number in range(200):
         filters.predict()
-        found = filters.judge(reading(np.full((3, 1), 500.0 if number >= 100 else 0.0)))
+        found = filters.judge(reading(np.full((3, 1), rate * (number >= 100)), gravity * (number >= 100)))
         if found.alarm.any():
-            alarms.append(number)
-    assert len(alarms) == 1
-    assert filters.zero[0][:, 0] == pytest.approx([500] * 3, abs=1)
+            alarms.append(found.alarm[:, 0].tolist())
+    assert alarms == [alarm]
+    assert np.abs(found.whole).max() < 0.1
+    assert filters.zero[0][:, 0] == pytest.approx([rate] * 3, abs=1)
 
 
 @pytest.mark.parametrize(

@@ -47,7 +47,9 @@ OPTIONS = SimulationOptions(segments=8, closure_s=0.0, odr_hz=104.0, seed=3)
     [
         ({"K": 1e-5}, 1e-5),
         ({"B": 1e-4}, 2 * np.log(2) / np.pi * np.sqrt(3) * 1e-8 / N),  # its Allan variance where white noise ceases to hide it
+        ({"K": 1.0}, 1.0),  # which shows at once
         ({"R": 1e-7}, 1e-7 * np.sqrt(1.5 * LONGEST_S)),
+        ({"R": 1e-10}, 1e-10 * np.sqrt(1.5 * LONGEST_S)),  # which white noise hides
         ({"Q": 1e-6}, 0.0),
     ],
 )

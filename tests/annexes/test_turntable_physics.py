@@ -61,6 +61,7 @@ def test_turns_without_noise_give_the_scales_and_the_bias_exactly():
     for angle in found.angles:
         gain = 1 + (EXACT.plus if angle.sense > 0 else EXACT.minus)[angle.axis]
         assert angle.measured_rad == pytest.approx(gain * angle.stated_rad, rel=1e-11)
+        assert angle.rate_rps == pytest.approx(gain * 90 * DEG)
     value, _ = found.asymmetry[0]
     assert value == pytest.approx((0.01 - 0.013) / 1.0115, abs=1e-9)
 
@@ -475,6 +476,7 @@ def test_a_knock_parts_no_rest_and_is_no_turn():
     for angle_deg, spans, turns in ((17.9, [2, 1], 1), (18.1, [1, 1, 1], 2)):
         t_ns, gyro, known = step()
         gyro[100:110, 1] = angle_deg / 0.1 * DEG
+        gyro += [0.0, 0.5, 0.0]  # the rests' own rate is no part of it
         _, (log,), _ = measured_turns(turn_session([GyroLog("log", t_ns, gyro)], known))
         assert [len(rest.spans) for rest in log.rests] == spans
         assert len(log.turns) == turns
@@ -512,6 +514,15 @@ def test_a_block_leaves_its_rest_beyond_six_sigmas_of_all_block_means(times, spa
     means, ripple = np.array([d, -d] * 10 + [0] * 4 + [beyond, 0, 0]), np.array([1e-6] * 20 + [0.5] + [1e-6] * 6)
     gyro = np.outer(np.repeat(means, size), [1, 0, 0]) + (np.repeat(ripple, size) * np.resize([1, -1], 27 * size))[:, None]
     assert _still_spans(gyro, size, 0.0) == [(size * a, size * b) for a, b in spans]
+
+
+@pytest.mark.parametrize(("times", "spans"), [(0.99, [(0, 27)]), (1.01, [(0, 20), (21, 27)])])
+def test_readings_that_stand_still_are_as_noisy_as_their_rounding(times, spans):
+    """A block scatters on one axis by six times the variance of lsb / sqrt(12)."""
+    size, lsb = 8, 0.01
+    ripple = np.sqrt(times * 6 * lsb**2 / 12 * (size - 1) / size)
+    gyro = np.outer(np.repeat(np.where(np.arange(27) == 20, ripple, 1e-6), size) * np.resize([1, -1], 27 * size), [1, 0, 0])
+    assert _still_spans(gyro, size, lsb) == [(size * a, size * b) for a, b in spans]
 
 
 def test_turns_without_a_log_are_counted_over_all_and_a_log_without_a_rest_has_none():

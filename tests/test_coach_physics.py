@@ -11,7 +11,9 @@ import pytest
 from coached_hand import guide_of, play
 from conftest import DEG, GRAVITY, Table
 from numpy.testing import assert_allclose
+from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
+from scipy.special import j1
 
 from session.bench.messages import Progress
 from session.bench.progress import LiveAccelerometerFit
@@ -23,7 +25,7 @@ from tinygc.effects.movement import Movement
 from tinygc.estimation.accelerometer import JOINT_NAMES
 from tinygc.models import linear
 from tinygc.planning import turns
-from tinygc.planning.coach import UNKNOWN, Coach
+from tinygc.planning.coach import PLANNED_SIGMA_RAD, PLANNED_TURN_S, UNKNOWN, Coach
 from tinygc.planning.proposals import TARGETS
 from tinygc.planning.turns import EIGHTHS, columns, ends, turns_from
 
@@ -41,6 +43,12 @@ def test_what_a_turn_tells_is_what_mechanics_says():
     for name in ("E_xz", "E_yz"):
         assert np.linalg.norm(J[1][:, at[name]]) == pytest.approx(2.0, rel=1e-2)
     assert np.linalg.norm(J[1][:, at["E_zz"]]) < 1e-2  # gravity does not see a turn about itself
+    # A zero about y tilts for as long as y is level: for three seconds around the turn, and in it by the cosine of its angle.
+    t_s = np.linspace(0, 3, 3001)
+    angle = cumulative_trapezoid(np.clip(np.minimum(t_s, 3 - t_s) / 0.5, 0, 1) * 2 * np.pi / 2.5, t_s, initial=0)
+    ramps = replace(full, parts=(replace(full.parts[0], ramp_s=0.5),))
+    for found, seconds in zip(columns(up, [full, ramps]), (3 * j1(1), np.mean(np.cos(angle)) * 3), strict=True):
+        assert np.linalg.norm(found[:, at["B_y"]]) == pytest.approx(3 + seconds, abs=0.06)
 
 
 RAW = Accelerometer(np.array([[1.011, 0.004, -0.003], [0, 0.992, 0.005], [0, 0, 1.006]]), np.array([0.2, -0.15, 0.1]))
@@ -204,6 +212,36 @@ def test_what_it_says_is_a_turn_from_where_the_board_lies_and_it_ends_when_all_i
     assert (content.reached, content.words, content.missing) == (True, "", ())
 
 
+class Machine:
+    """One that can make these turns, and lies as before when it has made one."""
+
+    turns = turns_from(np.array([0.0, 0.0, -G]))[::10]
+
+    def turns_from(self, angles, most_rps):
+        return self.turns
+
+
+def test_a_rehearsal_adds_turn_after_turn_what_each_tells():
+    """By the data sheet's noise, which grows with a turn's time; until all targets are met, or so many turns are made."""
+    rehearsal = Coach(machine=Machine()).rehearse(False, 3)
+    information = np.diag((TARGETS / linear.PRIOR_SIGMA) ** 2)
+    for turn, sigma in zip(rehearsal.turns, rehearsal.sigmas, strict=True):
+        angle_rad = PLANNED_SIGMA_RAD * np.sqrt(turn.cost_s / PLANNED_TURN_S)
+        rows = columns(turn.up * G, Machine.turns)[Machine.turns.index(turn)] / angle_rad * TARGETS
+        information += rows.T @ rows
+        assert_allclose(sigma, np.sqrt(np.diag(np.linalg.inv(information))), rtol=1e-6)
+    assert (len(rehearsal.turns), len(Coach(1e9 * TARGETS, machine=Machine()).rehearse(False).turns)) == (3, 1)
+    own, most = Coach(machine=Machine()).rehearse(True, 1).sigmas[0], [linear.PRIOR_SIGMA / TARGETS, turns.PRIOR_SIGMA / turns.TARGETS]
+    assert (own <= np.concatenate(most) * (1 + 1e-9)).all()
+
+
+@pytest.mark.parametrize(("machine", "times", "stuck"), [(None, 3, False), (object(), 3, True), (object(), 2, False)])
+def test_turns_of_a_machine_that_has_been_everywhere_may_show_no_more(taken, machine, times, stuck):
+    coach = Coach(machine=machine)
+    coach.look(Progress(tuple(replace(turn) for turn in taken[:5] * times + taken[:1])))
+    assert coach._stuck.any() == stuck
+
+
 def test_a_zero_of_the_gyroscope_moves_nothing_that_a_turn_tells_of_it(taken):
     turn, zero = taken[0], np.array([0.05, -0.1, 0.08])
     first, last = (replace(one, gyro_mean=one.gyro_mean + zero) for one in turn.segment.stills)
@@ -228,6 +266,9 @@ def test_an_accelerometer_that_nobody_calibrated_is_in_its_advice(taken, directi
     force = RAW.correct(stills[-1].accel_mean)
     turns = turns_from(force, EIGHTHS)
     rows, covariance = coach._rows(force, turns), coach.covariance
+    white = np.mean(taken[-1].noise.velocity_random_walk ** 2) / 2.0  # of a still of two seconds
+    lengths = coach._own.length_rows(np.array([turn.carries(force) for turn in turns])) / np.sqrt(white + coach._own.sigma_mps2**2)
+    assert_allclose(rows[:, 2, linear.PARAMETERS :], lengths, rtol=1e-9, atol=1e-12)
     left = [np.linalg.inv(np.linalg.inv(covariance) + row.T @ row) for row in rows]
     if asked == "all":
         rating = [np.linalg.slogdet(each)[1] for each in left]

@@ -19,15 +19,19 @@ from session.bench.live import (
     _BAR_RPS,
     _SEGMENT_S,
     _TYPICAL_RPS_PER_C,
+    STILL_SIGMA_RPS,
     MotionBlock,
+    Settling,
     StreamHealth,
     TurnInProgress,
     _WarmUp,
+    rps_per_c,
     settling,
     stream_problem,
+    worth_waiting,
 )
 from session.bench.messages import SETTLING_S, Advice, Kind, RequestedTurn, Stage
-from session.bench.progress import LiveAccelerometerFit
+from session.bench.progress import LiveAccelerometerFit, Window
 from session.bench.rawfile import RecordingDecision
 from session.io.samples import Samples
 from session.io.units import MDPS, MG, G
@@ -354,6 +358,43 @@ def test_temperatures_of_the_last_five_minutes_are_kept_two_seconds_apart():
     assert [t_s for t_s, _ in warmth._temps] == [*np.arange(100.0, 400, 2)]
 
 
+def test_the_zero_per_degree_is_the_posterior_of_the_axis_that_moves_most():
+    """Two stills two degrees apart: the typical value is the prior of each axis, a still's rate is known to its sigma."""
+    stills = [SimpleNamespace(temp_c=25.0 + side, gyro_mean=side * np.array([3.0, -9.0, 1.0]) * MDPS) for side in (1, -1)]
+    information, prior = 2 / STILL_SIGMA_RPS**2, _TYPICAL_RPS_PER_C**-2.0
+    expected = np.hypot(9 * MDPS * information / (information + prior), (information + prior) ** -0.5)
+    assert rps_per_c([*stills, SimpleNamespace(temp_c=np.nan, gyro_mean=np.ones(3))]) == pytest.approx(expected)
+    assert rps_per_c([]) == pytest.approx(_TYPICAL_RPS_PER_C)
+
+
+@pytest.mark.parametrize(("each_mdps", "limit"), [(10, _BAR_RPS), (1000, None)])
+def test_the_wait_is_the_first_minute_that_brings_the_drift_below_the_bar_or_halves_it(each_mdps, limit):
+    left, each = 8.0 * np.arange(1, 6), each_mdps * MDPS
+
+    def drift(minutes):
+        return each * np.std(10 * np.exp(-(60 * minutes + left) / 150))
+
+    wait = worth_waiting(Settling(25.0, 10.0, 150.0), np.array([np.nan]), each, 5)
+    assert (wait.now_rps, wait.then_rps, wait.left_min) == pytest.approx((drift(0), drift(wait.minutes), 40 / 60))
+    assert wait.minutes == next(minutes for minutes in range(1, 11) if drift(minutes) <= (limit or drift(0) / 2))
+    assert worth_waiting(Settling(25.0, 10.0, 150.0), np.array([24.0]), each, 5) is None  # of which one is cold
+
+
+def test_a_window_holds_the_present_still_and_of_a_long_one_the_last_part():
+    window = Window(config().sensor, config().protocol, 1 / 208)
+    window.feed(Table().rest(3).turn(90, (1, 0, 0), 3).samples().between(0, 4 * 208))
+    found = window.examine()
+    assert (found.still, found.why[:19]) == (None, "still for less than")
+    samples = Table().rest(41).samples()
+    for seconds, rested_s, left_s in ((30, 41, 30), (41, 39, 41), (41, 41, 20)):
+        window = Window(config().sensor, config().protocol, 1 / 208)
+        window.feed(samples.between(0, seconds * 208 + 1))
+        found = window.examine()
+        window.accept(found.samples, found.still)
+        window.rest(rested_s)
+        assert window.duration_s == pytest.approx(left_s, abs=0.11)
+
+
 def test_a_room_that_warms_steadily_is_not_waited_for():
     """However long, of a board whose bias moves much: waiting would gain nothing, and the slope alone would say it for ever."""
     t_s, rng = np.arange(0, 600, 2.0), np.random.default_rng(1)
@@ -486,6 +527,7 @@ def test_the_slope_of_the_temperature_and_the_data_rate_are_those_of_the_stamps(
     for first in range(0, 2000, 100):
         rows = np.arange(first, first + 100)[keep[first : first + 100]]
         health.feed(Samples(t_ns[rows], *[np.zeros((len(rows), 3))] * 2, 20 + 1.5e-9 / 60 * t_ns[rows]), pace)
+        assert (health.temp_slope is None) == (first < 1000)  # ten seconds
     assert (health.missing, health.gaps, health.samples) == (8, 1, 1992)  # one that is missing is no gap
     assert health.odr_hz == pytest.approx(100.0, rel=1e-9)
     assert health.temp_slope == pytest.approx(1.5, rel=0.02)

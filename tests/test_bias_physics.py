@@ -126,6 +126,14 @@ def test_a_choice_says_why(asked, used, unseen, of_lot, words):
 
 
 @pytest.mark.parametrize(
+    ("stills", "why"), [(1.009, "both close held-out turns within 1 %"), (0.991, "both"), (1.011, "which closes"), (0.989, "so few turns")]
+)
+def test_ends_and_stills_are_alike_within_a_percent(stills, why):
+    held = {"ends": np.array([[1.0, 0.0]]), "stills": np.array([[stills, 0.0]])}
+    assert f"({why}" in BiasChoice("auto", "ends", held, 0.5, False, False).words
+
+
+@pytest.mark.parametrize(
     ("more", "truths", "why"),
     [
         ({}, True, "do not lie between stills"),

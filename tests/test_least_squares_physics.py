@@ -30,6 +30,7 @@ from tinygc.closure.prior import GaussianPrior
 from tinygc.closure.uncertainty import (
     MISMATCH_P,
     GoodnessOfFit,
+    _unseen_rates,
     chi_square_above,
     covariance_from_columns,
     goodness,
@@ -379,6 +380,23 @@ def test_stills_without_a_moment_or_an_attitude_add_their_noise_alone():
     expected = inverse @ (of_turns @ turns.covariance(**told) @ of_turns + of_stills) @ inverse
     same(data.covariance(**told), expected)
     assert np.abs(np.diag(before) / np.diag(expected) - 1).max() > 0.03
+
+
+def test_turns_that_say_little_are_weighed_against_the_prior():
+    """Sigmas so large that the prior, which has no error of its own here, binds half of the numbers."""
+    data = Data("tilt", False)
+    data.floor = floor = data.floor.scaled(np.full(TURNS, 300.0))
+    J = numeric_jacobian(lambda x: angles_by_scipy(data.batch, x).ravel(), TRUE.vector)
+    weight = 1 / floor.sigma.ravel() ** 2
+    answer = np.linalg.solve((J.T * weight) @ J + np.diag(1 / PRIOR_SIGMA**2), J.T * weight)
+    same(data.covariance(), answer @ floor.dense() @ answer.T)
+
+
+def test_of_an_unknown_heading_what_is_left_of_the_earth_s_rate_lies_in_either_horizontal_direction():
+    whole = np.linalg.norm(EARTH_T) / 20
+    for length, left in ((0.6, 0.64), (1.2, 0.0)):
+        found = _unseen_rates(EarthRate(np.array([0.0, 0.0, -length * whole]), None, np.inf, "unknown"))
+        assert_allclose(found, np.eye(3)[:2] * np.sqrt(left / 2) * whole, rtol=1e-9)
 
 
 def test_the_covariance_from_columns_is_that_of_the_stacked_system():

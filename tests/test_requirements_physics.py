@@ -25,7 +25,7 @@ from tinygc.estimation.requirements import (
 )
 from tinygc.estimation.requirements import conformity as conformities
 from tinygc.estimation.sources import Source
-from tinygc.estimation.verdict import JudgedFit, decide
+from tinygc.estimation.verdict import JudgedFit, _against, _doubts, decide
 from tinygc.models.linear import field_jacobian, field_quantities
 
 INF = float("inf")
@@ -95,6 +95,7 @@ def test_a_conformity_is_told_with_what_it_stands_on():
     assert found.value_words == "2.90 mdps ± 0.20 mdps (k = 1.96)"
     assert found.risk_words == "a PASS would be wrong with p = 0.16, a FAIL with p = 0.84"
     assert conformity(2.9, Rule(), sigma=0.0).value_words == "2.90 mdps"
+    assert conformity(2900.0, Rule(), sigma=100.0).value_words == "2900 mdps ± 196 mdps (k = 1.96)"
     table = conformity(2.9, Rule(GUARDED), freedom=9.0).to_json()
     k = stats.t(9).ppf(0.975)
     expected = {"value": 2.9, "standard_uncertainty": 0.1, "degrees_of_freedom": 9, "lower": -2.0, "upper": 3.0, "guard_band": 0.1 * k}
@@ -244,13 +245,16 @@ def test_sensor_errors_have_the_u_of_all_sources_and_of_what_the_model_lacks_and
         one, two = (slope[at] @ source.covariance @ slope[at] for source in sources)
         assert each.freedom == pytest.approx((one + two) ** 2 / (one**2 / 5) * (each.sigma / own) ** 4)
     assert [each.key for each in found] == [key for key in QUANTITIES if key.startswith("gyro_")]
+    none = field_quantities(STILL, sources[0].covariance + sources[1].covariance)
+    for each, own in zip(field_measured(STILL, sources), none, strict=True):
+        assert each.sigma == pytest.approx(own.expanded / 2 * (1e3 if own.unit == "dps" else 1.0))  # of errors that are none
 
 
 def test_sources_count_only_where_they_are_those_of_this_covariance():
     _, sources = vector_and_sources()
     covariance = sources[0].covariance + sources[1].covariance
     assert known_sources(sources, covariance) == tuple(sources)
-    for others, of in (((), covariance), (sources, 2 * covariance)):
+    for others, of in (((), covariance), (sources, (1 + 1e-5) * covariance)):
         (one,) = known_sources(others, of)
         assert one.freedom == INF
         assert one.covariance is of
@@ -322,6 +326,18 @@ def test_a_requirement_of_the_closure_is_decided_by_its_rule_and_a_limit_takes_i
 )
 def test_a_requirement_of_a_sensor_error_counts_beside_the_noise(known, ppm, answer):
     assert decide(judged(**known), [], None, requirements=of_scale(ppm)).answer == answer
+
+
+def test_a_value_and_its_limit_are_told_in_their_unit():
+    for unit, said in (("°", "above 3.00°"), ("mdps", "above 3.00 mdps")):
+        each = Conformity(Measured("key", "word", unit, 4.0, 0.1, INF, True), (-INF, 3.0), Rule())
+        assert _against("what", each) == (False, f"what, {said}")
+
+
+def test_an_accelerometer_whose_numbers_are_not_all_observed_is_a_doubt():
+    for unobserved, doubts in (((), []), (("bias x", "bias z"), ["bias x, bias z"]), (("one",) * 9, ["all of its numbers"])):
+        found = _doubts(judged(), 1.0, SimpleNamespace(unobserved=unobserved))
+        assert [text.partition(";")[0] for text in found] == [f"accelerometer: not observed: {text}" for text in doubts]
 
 
 def test_a_value_beyond_its_limits_is_no_reason_against_the_calibration_itself():

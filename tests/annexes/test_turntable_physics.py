@@ -12,9 +12,9 @@ from scipy.stats import chi2, multivariate_normal
 from turntables import Turned, turn_session
 
 import tinygc
+from session.annexes.turntable import rests
 from session.annexes.turntable.clock import sample_times
 from session.annexes.turntable.folder import GyroLog, write_turn_session
-from session.annexes.turntable.rests import _rate_at_rest, _still_spans
 from session.detect.rounding import rounding_variance
 from session.io.units import DEG
 from tinygc.annexes.turntable.angles import (
@@ -503,7 +503,7 @@ def test_a_knock_parts_no_rest_and_is_no_turn():
 )
 def test_the_rate_of_rests_is_of_a_log_s_ends_or_of_most_stretches(runs, rate):
     mean = np.concatenate([[*[rate] * count, 9.0] for rate, count in runs])  # a loud block behind each
-    assert_array_equal(_rate_at_rest(np.outer(mean, [1, 0, 0]), mean < 9), [rate, 0, 0])
+    assert_array_equal(rests._rate_at_rest(np.outer(mean, [1, 0, 0]), mean < 9), [rate, 0, 0])
 
 
 @pytest.mark.parametrize(("times", "spans"), [(0.99, [(0, 20), (21, 27)]), (1.01, [(0, 20), (21, 24), (25, 27)])])
@@ -513,7 +513,7 @@ def test_a_block_leaves_its_rest_beyond_six_sigmas_of_all_block_means(times, spa
     beyond = times * 6 * 2 * d / (np.sqrt(2) * np.sqrt(chi2(1).median()))
     means, ripple = np.array([d, -d] * 10 + [0] * 4 + [beyond, 0, 0]), np.array([1e-6] * 20 + [0.5] + [1e-6] * 6)
     gyro = np.outer(np.repeat(means, size), [1, 0, 0]) + (np.repeat(ripple, size) * np.resize([1, -1], 27 * size))[:, None]
-    assert _still_spans(gyro, size, 0.0) == [(size * a, size * b) for a, b in spans]
+    assert rests._still_spans(gyro, size, 0.0) == [(size * a, size * b) for a, b in spans]
 
 
 @pytest.mark.parametrize(("times", "spans"), [(0.99, [(0, 27)]), (1.01, [(0, 20), (21, 27)])])
@@ -522,7 +522,7 @@ def test_readings_that_stand_still_are_as_noisy_as_their_rounding(times, spans):
     size, lsb = 8, 0.01
     ripple = np.sqrt(times * 6 * lsb**2 / 12 * (size - 1) / size)
     gyro = np.outer(np.repeat(np.where(np.arange(27) == 20, ripple, 1e-6), size) * np.resize([1, -1], 27 * size), [1, 0, 0])
-    assert _still_spans(gyro, size, lsb) == [(size * a, size * b) for a, b in spans]
+    assert rests._still_spans(gyro, size, lsb) == [(size * a, size * b) for a, b in spans]
 
 
 def test_turns_without_a_log_are_counted_over_all_and_a_log_without_a_rest_has_none():

@@ -287,3 +287,6 @@ def test_rows_that_repeat_and_rows_that_share_a_stamp():
     assert written_once(np.array([0, 0, 1, 1, 2]), columns).tolist() == [True, False, True, True, True]
     late = np.array([0, 10, 20, 20, 40, 50, 60, 60, 60, 90, 100])
     assert_array_equal(placed_between(late), 10 * np.arange(11))
+    lacking, two = np.array([0, 10, 20, 20, 60, 70, 80]), np.array([0, 10, 20, 20, 40, 40, 60, 70])
+    for stays in (lacking, two):  # rows that are farther apart than so many take; stamps that are late one behind the other
+        assert_array_equal(placed_between(stays), stays)

@@ -217,6 +217,16 @@ def test_a_rate_that_changes_is_found_with_its_times(rate_hz, slower, jitter_s):
     assert [piece.start / rate_hz for piece in found] == pytest.approx([0, 50, 100], abs=1.5)
 
 
+def test_pieces_whose_lines_agree_are_one():
+    """A rate that is 0.06 % less in the last fifteen seconds, by stamps that scatter by 1 ms."""
+    count = np.arange(15_000)
+    stamps_s = np.cumsum(np.where(count > 13_500, 1.0006, 1.0)) / 100 + np.random.default_rng(5).normal(0, 1e-3, 15_000)
+    samples = of(np.sort(stamps_s), np.zeros((15_000, 3)))
+    (whole,) = rate_pieces(samples)
+    slope = np.polyfit(count, samples.t_s, 1)[0]
+    assert (whole.start, whole.stop, whole.hz) == (0, 15_000, pytest.approx(1 / slope, rel=1e-9))
+
+
 def test_a_rate_that_wanders_or_rounds_does_not_change():
     true_s = np.arange(20_000) / 100.01
     for stamps_s in (true_s * (1 + 1e-5 * true_s), np.rint(true_s * 1e3) / 1e3, true_s + 0.02 * np.random.default_rng(6).random(20_000)):

@@ -66,9 +66,9 @@ def test_columns_are_known_by_their_names_or_units(head, gyro, gyro_unit, accel)
     assert [columns[f"a{axis}"][0] for axis in "xyz" if f"a{axis}" in columns] == [*accel]
 
 
-def test_less_than_a_triad_is_nothing():
+def test_less_than_a_triad_or_one_of_two_sensors_is_nothing():
     two = [[f"V {axis} [dps]" for axis in axes] for axes in ("XY", "XZ", "YZ")]
-    assert not any(usual_columns(names, "log.csv") for names in (*two, ("temp",), ("gx", "gy", "gz", "ax")))
+    assert not any(usual_columns(names, "log.csv") for names in (*two, ("temp",), ("gx", "gy", "gz", "ax"), ("gx", "gy", "gz", "gyrox")))
 
 
 @pytest.mark.parametrize(
@@ -157,7 +157,7 @@ CLOCKS = [
     (("sec,ms", ticks(1e-3) // 1000, ticks(1e-3)), {}, (1, "ms", "by its name")),  # no fraction: beyond a second
     (("gps sec,imu nsec", ticks(1e-9) // 10**9, ticks(1e-9) % 10**9), {}, (0, "s", "by its name")),
     (("time,ms", ticks(1e-4), ticks(1e-3)), {"stated": "us"}, (1, "us", "as you say")),
-    (("dt_s", [0, 1, 0]), {}, (0, "s", "by its name")),
+    *((("dt_s", apart), {}, (0, "s", "by its name")) for apart in ([0, 1, 0], [0, 0, 1])),
     (("sec,nsec", ticks(1e-9) // 10**9 + 1_700_000_000, ticks(1e-9) % 10**9), {}, (0, "s", "by its name", 1, 1)),
     (("sec,ms", [5] * 300, ticks(1e-3) % 1000), {}, None),  # which fall back, and are no fraction
     (("datetime", [f"23:59:{57 + t:09.6f}" if t < 3 else f"00:00:{t - 3:09.6f}" for t in TIMES_S]), {}, (0, "s", "by its name")),
@@ -231,7 +231,7 @@ def test_of_several_clocks_a_person_names_one():
     [
         (("foo", ticks(1e-4)), "'foo', which rises steadily by 94.8.* a row.*--time-unit.*--odr HZ"),
         (("t", np.delete(np.arange(303), [50, 51, 200])), "'t', which rises by 1 a row, numbers the rows or is the clock.*--odr HZ"),
-        (("time", 200 * np.arange(300)), "'time', which rises by 200 a row: 5 Hz in ms or 5000 Hz in us"),
+        (("time", 1000 * np.arange(300)), "'time', which rises by 1000 a row: 1 Hz in ms or 1000 Hz in us"),
         (
             ("foo,clock,timestamp", [7] * 16, -np.arange(16), [f"{t:.6g}" for t in 1.7e9 + TIMES_S[:16]]),
             r"'timestamp' have too few digits: 1.7e\+09 stands for 16 rows",

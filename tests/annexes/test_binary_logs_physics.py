@@ -395,8 +395,14 @@ def test_dataflash_units_are_those_of_its_own_records_or_documented(tmp_path):
     written.write_ardupilot(path, *RECORDING)
     path.write_bytes(path.read_bytes().replace(b"F" + b"-" * 14, b"F-FFF" + b"-" * 10))
     assert (one(path, "IMU[0]").gyro_unit, one(path, "IMU[0]").accel_unit) == ("1e-06rad/s", "m/s2")
-    path.write_bytes(path.read_bytes().replace(struct.pack("<d", 1e-6), struct.pack("<d", 1.0)))
-    assert one(path, "IMU[0]").gyro_unit == "rad/s"
+    data = path.read_bytes()
+    for without in (
+        data.replace(struct.pack("<d", 1e-6), struct.pack("<d", 1.0)),
+        data.replace(b"F-FFF", b"F-???"),  # of no record
+        data.replace(b"F-FFF" + b"-" * 10, b"F".ljust(15, b"\0")),  # of the time alone
+    ):
+        path.write_bytes(without)
+        assert one(path, "IMU[0]").gyro_unit == "rad/s"
     written.write_ardupilot(path, *RECORDING, units=False)
     stream = one(path, "IMU[0]")
     assert (stream.gyro_unit, stream.accel_unit) == ("rad/s", "m/s2")
@@ -500,6 +506,7 @@ def npz(tmp_path, **arrays):
 def test_rows_for_axes_are_turned(tmp_path):
     same(stream := one(npz(tmp_path, time_s=T_NS * 1e-9, gyro=GYRO.T, acc=ACCEL)))
     assert "gyro has a row for each axis" in stream.notes
+    assert_array_equal(one(npz(tmp_path, t_us=T_NS // 1000, gyro=GYRO)).t_ns, T_NS)
 
 
 def test_arrays_without_stamps_or_units_have_none_and_a_rate_where_it_stands(tmp_path):

@@ -10,7 +10,7 @@ from scipy import linalg, optimize, stats
 from scipy.linalg import block_diag
 from small_turns import PERFECT, TRUE, angles_by_scipy, numeric_jacobian, small_turns, turned_ends, with_known_angles
 
-from session.io.units import DEG, DEG_PER_HOUR
+from session.io.units import DEG, DEG_PER_HOUR, EARTH_RATE_RPS
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.attitude.earth import EarthRate, with_heading
@@ -312,8 +312,8 @@ class Data:
         units = np.eye(int(np.prod(rows))) * step
         return np.stack([self.fitted(**{name: u.reshape(rows)}) - self.unmoved for u in units], -1) / step
 
-    def covariance(self, **more):
-        earth = EarthRate(EARTH_T, 0.0, 0.6, more.pop("source", "given"))
+    def covariance(self, rate_t=EARTH_T, **more):
+        earth = EarthRate(rate_t, 0.0, 0.6, more.pop("source", "given"))
         return parameter_covariance(self.batch, self.floor, TRUE, earth, self.stills, prior=self.prior, **more)
 
     @cached_property
@@ -356,6 +356,14 @@ def test_an_estimated_heading_adds_what_a_refit_with_another_heading_answers(dat
     assert np.abs(answer / np.sqrt(np.diag(noise_alone))).max() > 1  # it is seen
 
 
+def test_an_unknown_heading_adds_what_refits_with_any_horizontal_rate_answer(data, noise_alone):
+    """Of the Earth's rate, what is not in the vertical part lies along either axis with half of its square."""
+    vertical = np.array([0.0, 0.0, 4e-5])
+    answers = data.answer("horizontal", (2,)) * np.sqrt((EARTH_RATE_RPS**2 - vertical[2] ** 2) / 2)
+    same(data.covariance(vertical, source="unknown"), noise_alone + answers @ answers.T)
+    assert np.abs(answers / np.sqrt(np.diag(noise_alone))[:, None]).max() > 0.2  # it is seen
+
+
 def test_a_wandering_bias_adds_what_refits_with_other_biases_answer(data, noise_alone):
     """In turns and stills together: one that lasts from a turn to a still is common to both."""
     answers = data.answer("bias", (TURNS, 3))
@@ -366,6 +374,15 @@ def test_a_wandering_bias_adds_what_refits_with_other_biases_answer(data, noise_
     added = answers @ covariance @ answers.T
     same(data.covariance(wander=WANDER), noise_alone + added)
     assert (np.diag(added) / np.diag(noise_alone)).max() > 0.5
+
+
+def test_without_a_prior_numbers_are_held_by_their_usual_spreads():
+    """Where turns say little: errors of radians."""
+    data = Data("tilt", False)
+    data.floor = data.floor.scaled(np.full(TURNS, 1e4))
+    alone = data.covariance()
+    data.prior = GaussianPrior(PERFECT.vector, np.diag(PRIOR_SIGMA**2), np.zeros(PARAMETERS, dtype=bool))
+    same(alone, data.covariance(), within=1e-9)
 
 
 def test_stills_without_a_moment_or_an_attitude_add_their_noise_alone():

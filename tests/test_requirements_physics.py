@@ -230,10 +230,11 @@ def vector_and_sources():
     return vector, [Source("one", "A", 5.0, roots[0] @ roots[0].T), Source("two", "B", INF, roots[1] @ roots[1].T)]
 
 
-@pytest.mark.parametrize("missed", [0.0, 1e-5, 1e-3])
-def test_sensor_errors_have_the_u_of_all_sources_and_of_what_the_model_lacks_and_welch_satterthwaites_freedom(missed):
+@pytest.mark.parametrize(("missed", "ideal"), [(0.0, False), (1e-5, False), (1e-3, False), (1e-5, True)])
+def test_sensor_errors_have_the_u_of_all_sources_and_of_what_the_model_lacks_and_welch_satterthwaites_freedom(missed, ideal):
     """u^2 = sum of the sources + missed^2, of which the last counts as known: u^4 / nu is that of the sources alone."""
     vector, sources = vector_and_sources()
+    vector = STILL if ideal else vector  # whose errors are 0, in any unit
     slope, size = field_jacobian(vector), {"ppm": 1e-6, "mrad": 1e-3, "mdps": DEG * 1e-3}
     listed = field_quantities(vector, sources[0].covariance + sources[1].covariance)
     found = field_measured(vector, sources, moved=(lambda slope: np.full(len(slope), missed)) if missed else None)
@@ -254,6 +255,7 @@ def test_sources_count_only_where_they_are_those_of_this_covariance():
     _, sources = vector_and_sources()
     covariance = sources[0].covariance + sources[1].covariance
     assert known_sources(sources, covariance) == tuple(sources)
+    assert known_sources(sources[:1], sources[0].covariance) == (sources[0],)
     for others, of in (((), covariance), (sources, (1 + 1e-5) * covariance)):
         (one,) = known_sources(others, of)
         assert one.freedom == INF

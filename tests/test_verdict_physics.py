@@ -11,12 +11,14 @@ from numpy.testing import assert_allclose
 from scipy import stats
 from scipy.linalg import block_diag
 
-from session.io.config import NominalRate
+from session.detect.accelerometer import NAMES as ACCELEROMETER
+from session.io.config import Accelerometer, NominalRate
 from session.io.errors import FitError
 from session.io.units import DEG, DEG_PER_HOUR, MG
 from tinygc.closure.floor import wander_covariance
 from tinygc.closure.uncertainty import GoodnessOfFit
 from tinygc.estimation import systematic
+from tinygc.estimation.accelerometer import AccelerometerFit
 from tinygc.estimation.choice import (
     AgainstRaw,
     closure_figures,
@@ -195,6 +197,14 @@ def test_an_effect_that_is_more_probable_than_not_is_no_pass_and_no_contradictio
     found = decide(judged(), [], limit, tests=[ModelTest(EFFECT, 0.499, 0.05, "it may be")], promise=SHEET)
     assert (found.answer, found.undecided, found.unsound) == ("not decided", ["it may be"], ["it may be"])
     assert not found.to_json()["tests"][0]["contradicts"]
+
+
+@pytest.mark.parametrize(
+    ("unobserved", "doubts"), [((), []), (ACCELEROMETER[:2], [", ".join(ACCELEROMETER[:2])]), (ACCELEROMETER, ["all of its numbers"])]
+)
+def test_what_an_accelerometer_does_not_show_is_in_doubt(unobserved, doubts):
+    found = decide(judged(), [], 1.0, None, AccelerometerFit("fit", Accelerometer(), unobserved=unobserved))
+    assert [doubt.removeprefix("accelerometer: not observed: ").partition(";")[0] for doubt in found.doubts] == doubts
 
 
 def test_a_calibration_that_an_effect_may_have_moved_too_far_is_in_doubt():

@@ -493,6 +493,10 @@ def test_with_own_errors_it_is_the_normal_over_the_distribution_of_the_scatter()
 def test_the_scatter_that_counts_is_no_less_than_a_share_of_the_sample():
     values, own = np.array([1.0, -1.0, 1.0, -1.0]), np.full(4, 100.0)
     assert Between(values, own, np.ones((4, 1))).counted == pytest.approx(np.sqrt(LEAST_SCATTER * 4 / 3))
+    values, own = np.array([-0.4, 0.0, -2.1, -2.6, 0.9]), np.array([0.2, 0.2, 1, 4, 4])  # of contrasts by their variances
+    found, (variance, z) = Between(values, own, np.ones((5, 1))), contrasts(values, own, np.ones((5, 1)))
+    weight = (variance + found.scatter**2) ** -2
+    assert 0.1 < found.scatter < found.counted == pytest.approx(np.sqrt(LEAST_SCATTER * (weight @ z**2) / weight.sum()))
 
 
 def test_the_scatter_has_the_largest_restricted_likelihood():
@@ -516,9 +520,9 @@ def test_the_interval_of_the_scatter_is_that_of_chi_square():
     found = Between(values, np.zeros(5), one)
     assert found.scatter_interval == pytest.approx(np.sqrt(total / chi2.ppf([0.975, 0.025], 4)), rel=1e-6)
     assert found.counted == found.scatter == pytest.approx(values.std(ddof=1))
-    for own in (total / 6, 1e3):
-        low, high = Between(values, np.full(5, own), one).scatter_interval
-        assert (low, high) == (0.0, pytest.approx(np.sqrt(max(total, 4 * own) / chi2.ppf(0.05, 4) - own), rel=1e-6))
+    for some, own in ((values, total / 6), (values, 1e3), (np.zeros(5), 1.0)):
+        low, high = Between(some, np.full(5, own), one).scatter_interval
+        assert (low, high) == (0.0, pytest.approx(np.sqrt(max(total * some.any(), 4 * own) / chi2.ppf(0.05, 4) - own), rel=1e-6))
 
 
 def test_a_step_is_found_from_the_chance_that_is_stated():

@@ -20,6 +20,7 @@ from tinygc.explanation.checked import (
     Outcome,
     _odds_of,
     _of_recording,
+    _Prediction,
     _weighed_by,
     headings,
     outcome_of,
@@ -330,6 +331,17 @@ NAMED = checked.SizedEffect(ASYMMETRY, THETA, COVARIANCE, 0.99)
 
 def there(share, wider=1.0):
     return checked.SizedEffect(ASYMMETRY, share * THETA, wider * COVARIANCE, 0.99)
+
+
+def test_an_effect_is_predicted_with_the_uncertainty_of_its_numbers_whose_covariance_may_lack_a_direction():
+    """What the noise is estimated from: the residuals that the columns leave, and a covariance J J' + own C own'."""
+    rng = np.random.default_rng(8)
+    r, J, own, theta, half = (rng.normal(size=shape) for shape in (6, (6, 2), (6, 3), 3, (3, 2)))
+    noise = SimpleNamespace(s=None, estimated=lambda whiten, r, J, s: SimpleNamespace(value=np.column_stack([r, J @ J.T])))
+    prediction = _Prediction(SimpleNamespace(noise=noise, whiten=lambda rows: rows), r, J, own, None, 7.0)
+    for given, moved, covariance in (((), r, J @ J.T), ((theta, half @ half.T), r + own @ theta, J @ J.T + own @ half @ half.T @ own.T)):
+        left = np.linalg.solve(np.eye(6) + covariance, moved)  # of columns with a prior of one sigma
+        np.testing.assert_allclose(prediction.value(*given) - 7.0, np.column_stack([left, covariance]), atol=1e-7)
 
 
 def test_odds_and_size_there_are_those_of_the_two_normal_densities():

@@ -33,6 +33,9 @@ def test_the_sigma_is_the_jackknife_of_whole_turns():
     without = [solved(columns, values, [s])[3] for s in range(7)]
     assert found.solve() == pytest.approx(solved(columns, values))
     assert found.sigma_s() == pytest.approx(np.sqrt(6 / 7 * np.sum((without - np.mean(without)) ** 2)))
+    some = [_TurnEquations(found.normal[:n], found.right[:n], found.square[:n], found.count[:n]) for n in (1, 2)]
+    assert some[0].sigma_s() == np.inf
+    assert some[1].sigma_s() == pytest.approx(abs(np.subtract(*(solved(columns[:2], values[:2], [s])[3] for s in (0, 1)))) / 2)
 
 
 def test_a_delay_is_claimed_beyond_filters_and_beyond_chance():
@@ -75,6 +78,7 @@ def test_gravity_before_and_after_is_the_mean_square_of_a_value(replayed):
     found, lever = turn_gravity(*replayed), lever_equations(*replayed)
     size = round(0.025 * 104)
     assert lever.count.sum() == 3 * sum((segment.stop - segment.start) // size for segment in replayed[0].segments)
+    np.testing.assert_array_equal(found.lever_m, lever.at(found.offset_s)[:3])
     assert found.before_mps2**2 * lever.count.sum() == pytest.approx(lever.square.sum(), rel=1e-9)
     noise = 60e-6 * 9.80665 * np.sqrt(104 / 2 / size)  # of the simulated accelerometer, in means of a block
     assert found.after_mps2 == pytest.approx(noise, rel=0.25)

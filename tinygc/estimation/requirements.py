@@ -254,7 +254,7 @@ class Conformity:
             return "not observed"
         if not (np.isfinite(m.sigma) and m.sigma > 0):
             return f"{_significant(m.value)}{unit}"
-        decimals = max(0, 1 - int(np.floor(np.log10(m.expanded) + 1e-12)))
+        decimals = 1 - int(np.floor(np.log10(m.expanded) + 1e-12))
         value, expanded = (fixed(each, decimals).replace(THIN, "") for each in (m.value, m.expanded))
         return f"{value}{unit} ± {expanded}{unit} (k = {m.factor:.2f})"
 

@@ -118,6 +118,17 @@ def test_the_size_of_a_source_is_the_rms_of_its_parts_in_its_unit(fitted):
         assert sizes[name][0] == pytest.approx(5.0), name
 
 
+def test_sizes_that_are_given_are_in_the_units_of_who_gives_them(fitted):
+    sizes = _source_sizes(fitted)
+    assert (sizes[CALIBRATION], sizes[GRAVITY_LENGTH]) == ((pytest.approx(0.1), "mg"), (pytest.approx(2e4), "ppm"))
+    for sensor, size, unit in (({"odr_sigma": 0.01}, 1.0, "%"), ({"clock_sigma_ppm": 50.0}, 50.0, "ppm")):
+        problem = with_a_clock(fitted, **sensor)
+        problem.__dict__["joint"] = None
+        sizes = _source_sizes(replace(fitted, problem=problem))
+        assert (sizes[CALIBRATION], sizes[CLOCK]) == ((pytest.approx(0.1), "mg"), (pytest.approx(size), unit))
+        assert GRAVITY_LENGTH not in sizes
+
+
 def test_a_sensor_error_is_the_slope_on_the_parameters(fit, fitted):
     slope = field_jacobian(fitted.linear.model.vector)
     found = {each.name: each for each in sensor_error_budgets(fitted)}
@@ -160,7 +171,7 @@ def test_the_attitude_at_rest_by_hand(fitted):
     assert x.largest[0].u == pytest.approx(60 * np.sqrt(2) * 0.1 * DEG, rel=1e-3)
 
 
-def test_the_accelerometer_has_budgets_with_another_switch_on_beside(fitted):
+def test_the_accelerometer_has_budgets_with_another_switch_on_beside(fitted, monkeypatch):
     """Their variances are those of the fit's own sigmas; beside them stand two draws of the spread."""
     own, triad = {each.name: each for each in accelerometer_budgets(fitted)}, fitted.accelerometer
     for word, unit, values, sigmas, names in triad.errors():
@@ -169,6 +180,10 @@ def test_the_accelerometer_has_budgets_with_another_switch_on_beside(fitted):
             assert (found.unit, found.value / found.si, found.u / found.si) == (unit, pytest.approx(value), pytest.approx(sigma, rel=1e-6))
             spread = np.sqrt(2) * triad.between.spread[NAMES_OF_FORCE.index(name)]
             assert [each.u for each in found.beside] == ([pytest.approx(spread)] if spread else [])
+    first, hidden, *others = own
+    (_, _, _, _, (_, name, *_)), *_ = triad.errors()
+    monkeypatch.setattr(type(fitted), "accelerometer", replace(triad, unobserved=(name,)))
+    assert [each.name for each in accelerometer_budgets(fitted)] == [first, *others], hidden
 
 
 def test_another_switch_on_counts_twice_its_spread_and_a_temperature_as_assumed(fitted):
@@ -274,10 +289,13 @@ def test_each_source_is_drawn_with_its_covariance(fitted):
         assert_allclose(np.mean(known**2, axis=0), drawn, atol=5 * np.sqrt(2 / count))
 
 
-def test_a_clock_and_rounding_are_drawn_with_their_sigmas(fitted):
+def with_a_clock(fitted, **sensor):
     config = fitted.session.config
-    problem = fitted.problem.changed(session=replace(fitted.session, config=replace(config, sensor=replace(config.sensor, odr_sigma=0.01))))
-    redrawn, covariance = _Redrawn(replace(fitted, problem=problem), 2), np.zeros((12, 12))
+    return fitted.problem.changed(session=replace(fitted.session, config=replace(config, sensor=replace(config.sensor, **sensor))))
+
+
+def test_a_clock_and_rounding_are_drawn_with_their_sigmas(fitted):
+    redrawn, covariance = _Redrawn(replace(fitted, problem=with_a_clock(fitted, odr_sigma=0.01)), 2), np.zeros((12, 12))
     clock = [redrawn.draw(Source(CLOCK, "B", np.inf, np.eye(12))).clock for _ in range(600)]
     assert np.std(clock) == pytest.approx(0.01, rel=0.08)
     for diagonal in ([1.0, 4.0, 9.0], [0.0, 4.0, 0.0]):  # one axis alone may be coarse

@@ -25,6 +25,7 @@ from tinygc.annexes.rates.terms import (
     _probe,
     derived,
     left_open,
+    size,
     terms,
 )
 from tinygc.annexes.rates.text import lines
@@ -352,6 +353,10 @@ def test_what_exceeds_zero_first_lies_between_two_places():
     grid = np.arange(4.0)
     assert (_crossing(grid, np.array([-3.0, -1, 1, -1])), _crossing(grid, np.array([-3.0, 1, 2, 3]))) == (1.5, 0.75)
     assert _crossing(grid, np.array([0.5, 1, 2, 3])) is _crossing(grid, -grid - 1) is None
+
+
+def test_a_size_has_three_digits_and_a_power_of_ten_where_it_is_below_a_millionth():
+    assert [size(value) for value in (0.0, 5e-7, 2e-6, -0.25, 12345.0)] == ["0", "5.00e-07", "0.00000200", "−0.250", "12345"]
 
 
 def test_a_range_that_ends_before_the_smallest_rate_is_not_determined():

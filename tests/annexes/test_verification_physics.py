@@ -248,6 +248,13 @@ def test_the_zero_is_asked_of_the_rates_at_rest_with_its_spread_and_the_uncertai
     assert found.p_value > 1.5 * known if heavier else found.p_value == pytest.approx(known, rel=0.05)
 
 
+def test_a_zero_whose_spread_is_of_few_sessions_is_asked_by_fishers_f():
+    rows = made_rows(13, changed_by((ZERO, [0.015, -0.01, 0.0075])))
+    spread = replace(part(rows, np.r_[ZERO], np.full(3, 2e-4)), freedom=5.0)
+    found = asked(rows, [spread])[B]
+    assert found.p_value == pytest.approx(stats.f.sf(found.statistic / 3, 3, 5), rel=0.03)
+
+
 @pytest.mark.parametrize(("share", "drawn"), [(0.98e-3, False), (1.02e-3, True)])
 def test_a_size_counts_as_known_where_it_adds_a_thousandth_at_most(share, drawn):
     """To the variance of T's three numbers together: trace of their covariance by the component."""

@@ -20,6 +20,7 @@ from session.bench.progress import LiveAccelerometerFit
 from session.detect.accelerometer import PARAMETERS, UPPER
 from session.detect.stills import Noise, Still
 from session.io.config import Accelerometer
+from session.io.units import MG
 from tinygc.attitude import rotation
 from tinygc.effects.movement import Movement
 from tinygc.estimation.accelerometer import JOINT_NAMES
@@ -289,7 +290,10 @@ def test_an_accelerometer_of_another_full_scale_is_calibrated():
         one = still(2.0, force)
         fit.add(replace(one, accel_mean=2 * one.accel_mean))
     assert fit.known
-    assert_allclose(fit.correct(2 * read_by(RAW, forces(14, 9))), forces(14, 9), atol=1e-3)
+    read = 2 * read_by(RAW, forces(14, 9))
+    assert_allclose(fit.correct(read), forces(14, 9), atol=1e-3)
+    assert fit.spread_mg == (pytest.approx(np.std(np.linalg.norm(read, axis=1)) / MG), pytest.approx(0, abs=0.05))
+    assert fit.problem.startswith(f"gravity reads {2 / np.mean(np.diag(RAW.matrix)):.2f} g in all attitudes")
 
 
 def test_the_columns_of_two_movements_are_the_derivatives_of_where_they_end():

@@ -24,6 +24,7 @@ from session.bench.live import (
     Settling,
     StreamHealth,
     TurnInProgress,
+    _scatter,
     _WarmUp,
     rps_per_c,
     settling,
@@ -31,7 +32,7 @@ from session.bench.live import (
     worth_waiting,
 )
 from session.bench.messages import SETTLING_S, Advice, Kind, RequestedTurn, Stage
-from session.bench.progress import LiveAccelerometerFit, Window
+from session.bench.progress import LiveAccelerometerFit, Window, accepted_turn, fastest_ns
 from session.bench.rawfile import RecordingDecision
 from session.io.samples import Samples
 from session.io.units import MDPS, MG, G
@@ -88,6 +89,19 @@ def test_a_hand_on_the_table_is_named_with_number_bar_and_axis():
     assert float(number) > float(bar) > 0
     play(guide, samples.between(6 * 208, len(samples)))
     assert guide.stage is Stage.TURN
+
+
+@pytest.mark.parametrize(
+    ("variance", "says"),
+    [
+        ([1.0, 3.9, 1.0], ""),
+        ([1.0, 4.0, 1.0], "shakes 2.00 > 2.00 dps on y"),
+        ([0.0, 0.0, 9.0], "shakes 3.00 > 2.00 dps on z"),  # of one axis twice the bar
+        ([3.0, 3.01, 2.99], "shakes 1.73 > 1.42 dps on y"),  # of all on average the bar itself
+    ],
+)
+def test_what_scatters_more_than_its_noise_is_said_of_the_worst_axis(variance, says):
+    assert _scatter(np.array(variance) * DEG**2, np.full(3, DEG**2), 2.0, DEG, "shakes", "dps") == says
 
 
 def test_a_table_that_always_trembles_is_no_dead_end():
@@ -393,6 +407,16 @@ def test_a_window_holds_the_present_still_and_of_a_long_one_the_last_part():
         window.accept(found.samples, found.still)
         window.rest(rested_s)
         assert window.duration_s == pytest.approx(left_s, abs=0.11)
+
+
+def test_a_turn_has_its_middle_and_its_fastest_moment_less_the_zero():
+    gyro = np.zeros((10, 3))
+    gyro[2:5, 0] = 2.0, -2.0, 5.5
+    samples = Samples(10**9 * np.arange(10), gyro, np.zeros((10, 3)))
+    stills = tuple(SimpleNamespace(gyro_mean=np.array([zero, 0.0, 0.0])) for zero in (1.0, 3.0))
+    segment, examined = SimpleNamespace(start=2, stop=5, stills=stills), SimpleNamespace(samples=samples, noise=object())
+    turn = accepted_turn(segment, examined, 0, 100.0, 500_000_000)
+    assert (turn.middle_s, fastest_ns(turn)) == (102.5, 3 * 10**9)
 
 
 def test_a_room_that_warms_steadily_is_not_waited_for():

@@ -159,6 +159,10 @@ def test_of_equal_sigmas_all_are_the_ordinary_regression_s():
     end = 0.5 + 1 / 29
     assert_allclose(found.next_mean, beta[0] + end * beta[1], rtol=1e-9)
     assert_allclose(found.next_sigma**2, variance * (share[0] ** 2 + end**2 * share[1] ** 2), rtol=1e-7)
+    weak = drawn([1] * 30, drift=0.7)
+    for each in (found, estimate(weak)):  # two-sided, over all numbers
+        p = 2 * COUNT * stats.t.sf(np.abs(each.drift) / each.drift_sigma, 28)
+        assert each.drift_p == pytest.approx(min(1.0, *p), rel=1e-6, abs=0)
     still = drawn([1] * 30)
     found = estimate(still)
     assert not found.drifts
@@ -253,7 +257,7 @@ def test_odd_units_are_said_the_least_probable_first_with_the_numbers_to_blame()
     sizes = [abs(each.sigmas) for each in first.reasons]
     assert sizes == pytest.approx(sorted(sizes, reverse=True), rel=0.02)
     assert first.p_value < second.p_value < 0.01
-    assert second.says.startswith("unit serial 00011 does not belong to the lot: gyro bias y -")
+    assert second.says.startswith(f"unit serial 00011 does not belong to the lot: gyro bias y {second.reasons[0].value:+.0f}")
     assert first.says.startswith("unit serial 00020, of the single session 00020-0, does not belong to the lot: ")
 
 
@@ -291,6 +295,8 @@ def test_the_variance_is_that_of_the_mean_the_spread_and_the_change_between_sess
     assert found.known.all()
     single = prior_of(replace(known, repeatability=np.full(COUNT, np.nan)), MEAN)
     assert_allclose(single.covariance, np.diag((parts[0] ** 2 + parts[1] ** 2)[:PARAMETERS]), rtol=0, atol=1e-12)
+    exact = prior_of(replace(known, mean_sigma=0 * parts[0], spread=0 * parts[0], repeatability=0 * parts[0]), MEAN)
+    assert_allclose(exact.covariance, np.diag((LEAST * PRIOR_SIGMA) ** 2), rtol=1e-9)
     known.mean[4] = known.spread[9] = np.nan
     found, told = prior_of(known, MEAN + 1.0), np.isin(np.arange(PARAMETERS), (4, 9), invert=True)
     assert_array_equal(found.known, told)

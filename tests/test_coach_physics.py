@@ -243,6 +243,14 @@ def test_turns_of_a_machine_that_has_been_everywhere_may_show_no_more(taken, mac
     assert coach._stuck.any() == stuck
 
 
+def test_columns_follow_an_accelerometer_that_is_known_better(taken):
+    stills, coach, anew = tuple(still(2.0, force) for force in forces(14, 9)), Coach(), Coach()
+    for accelerometer in (Accelerometer(RAW.matrix, RAW.bias_mps2 + 0.5), RAW):
+        coach.look(Progress(tuple(taken), stills, True, accelerometer))
+    anew.look(Progress(tuple(taken), stills, True, RAW))
+    assert_allclose(coach.sigma, anew.sigma, rtol=1e-9)
+
+
 def test_a_zero_of_the_gyroscope_moves_nothing_that_a_turn_tells_of_it(taken):
     turn, zero = taken[0], np.array([0.05, -0.1, 0.08])
     first, last = (replace(one, gyro_mean=one.gyro_mean + zero) for one in turn.segment.stills)

@@ -22,6 +22,7 @@ from tinygc.closure.floor import GRID_RPS, BiasInstability, allan_freedom
 from tinygc.closure.stills import StillSet
 from tinygc.noise.figures import SensorNoise, to_json
 from tinygc.noise.measured import (
+    SHOWN,
     _allan_variance_of,
     _drift_comparison,
     _session_instability,
@@ -32,6 +33,14 @@ from tinygc.noise.measured import (
 
 DPH = DEG / 3600
 FLICKER = 2 * np.log(2) / np.pi
+
+
+def test_units_of_noise_are_what_an_hour_makes_of_it():
+    """N and K grow with the root of the time, of which an hour has 60 roots of a second."""
+    g = 9.80665
+    for kind, white, flicker in (("gyro", DEG, DPH), ("accel", 1.0, 1e-6 * g)):
+        si = {name: value for name, (_, value) in SHOWN[kind].items()}
+        assert si == {"N": pytest.approx(white / 60), "B": pytest.approx(flicker), "K": pytest.approx(flicker / 60)}
 
 
 def test_a_bias_instability_at_rest_is_the_session_s_at_any_length():

@@ -374,6 +374,16 @@ def test_chi_square_is_that_of_a_weighted_fit_of_a_scale():
     assert found.p_value == pytest.approx(chi2.sf(expected, 4), rel=1e-4, abs=0)
 
 
+def test_chi_square_knows_of_rests_that_turns_share():
+    """An error of 0.05 deg/s of a mean, over 2 s of either turn."""
+    r, A = np.array([1.0, -0.5, 0.2]) * DEG, np.full(3, 360 * DEG)
+    rests = [tuple((number, -2.0, (0.05 * DEG) ** 2) for number in (i, i + 1)) for i in range(3)]
+    found = estimate([dataclasses.replace(turn(360 + x / DEG), rests=own) for x, own in zip(r, rests, strict=True)])
+    C = KNOWN**2 * np.eye(3) + (0.1 * DEG) ** 2 * (np.eye(3, k=1) + np.eye(3, k=-1))
+    one, two, three = (x @ np.linalg.solve(C, y) for x, y in ((r, r), (A, r), (A, A)))
+    assert found.chi2 == pytest.approx(one - two**2 / three, rel=1e-4)
+
+
 def test_a_single_turn_has_the_sum_of_its_known_errors_and_all_of_its_vibration():
     found = estimate([turn(361.0, vibration=(0.5 * DEG) ** 2)])
     assert found.scale == pytest.approx([1 / 360], rel=1e-4)

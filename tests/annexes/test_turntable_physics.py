@@ -27,7 +27,7 @@ from tinygc.annexes.turntable.angles import (
     _mean_variance,
     measured_turns,
 )
-from tinygc.annexes.turntable.estimate import _component, _data, _fits, _Grid, _Size, estimate
+from tinygc.annexes.turntable.estimate import _component, _data, _fits, _Grid, _posterior, _Size, estimate
 
 #: x both ways, z one way only
 PLAN = tuple((axis, sign * angle, 90.0) for angle in (90, 180, 360) for axis, sign in ((0, 1), (0, -1), (2, 1), (2, 1)))
@@ -346,6 +346,12 @@ def test_a_point_of_the_grid_has_the_dense_density_of_the_good_turns():
         assert value == pytest.approx(multivariate_normal.logpdf(r[:3], cov=C), rel=1e-9)
         assert_allclose(residual, r - gain @ r[:3], rtol=1e-6)
         assert_allclose(leverage, np.diag(prior - gain @ prior[:3]), rtol=1e-6)
+    grid = _Grid.whole(data)  # of which the points that count are averaged over
+    weight = np.exp(grid.prior + _fits(data, good, grid.points)[1])
+    counted = weight > 1e-6 * weight.sum()
+    points, weights, *_ = _posterior(data, good, grid)
+    assert_array_equal(points, grid.points[counted])
+    assert_allclose(weights, weight[counted] / weight[counted].sum(), rtol=1e-9)
 
 
 def test_a_size_is_none_or_alike_on_a_logarithmic_scale_up_to_ten_and_a_finer_grid_is_about_what_weighs():

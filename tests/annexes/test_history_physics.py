@@ -142,6 +142,7 @@ def test_a_number_that_sessions_of_one_day_alone_show_has_no_course():
     x, y = (history_of(sessions).numbers[PLACE[name]] for name in ("bias x", "bias y"))
     assert (x.sessions.tolist(), x.course, x.scatter, x.drift, x.drift_limit) == ([0, 1], None, None, None, None)
     assert y.course is not None
+    assert history_of(sessions[1:]).numbers[PLACE["bias y"]].course is not None
 
 
 def test_a_drift_that_a_step_explains_as_well_says_so():

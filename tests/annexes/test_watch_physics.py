@@ -131,8 +131,9 @@ def test_a_rest_gives_its_zero_and_gravity():
     assert_allclose(of_one, 1, atol=4 / np.sqrt(2 * len(found)))
     other = np.where(np.arange(BLOCKS) % 2, 1.0, -1.0)[:, None] * np.sqrt((BLOCKS - 1) / BLOCKS)  # of variance 1
     c, down = detector.chosen, [0, 0, 0, 0, 0, -G, 0]
-    blocks = down + other * np.sqrt([0, c.gyro_scatter, c.gyro_scatter, 0, c.accel_scatter, 2 * c.accel_scatter, 0])
-    assert Detector(c)._complete(blocks)[0].scatter.ravel() == pytest.approx([2, 3])
+    shares = np.array([0.2, 0.3, 0.4, 0.1, 0.5, 0.6, 0.0])
+    blocks = down + other * np.sqrt(shares * np.repeat([c.gyro_scatter, c.accel_scatter, 0], [3, 3, 1]))
+    assert Detector(c)._complete(blocks)[0].scatter.ravel() == pytest.approx([0.9, 1.2])
 
 
 @pytest.mark.parametrize("spoil", ["a NaN", "an infinity", "it turns slowly"])
@@ -250,7 +251,11 @@ def test_after_an_alarm_the_reading_is_the_new_state(rate, gravity, alarm):
         found = filters.judge(reading(np.full((3, 1), rate * (number >= 100)), gravity * (number >= 100)))
         if found.alarm.any():
             alarms.append(found.alarm[:, 0].tolist())
+            number_of_test = found.shift[np.nonzero(alarm), 0].ravel()
     assert alarms == [alarm]
+    # The test that as few windows as any of CLIP sigmas take to its bar
+    count = np.ceil(filters.chosen.bar / (filters.chosen.shift * CLIP - filters.chosen.shift**2 / 2))
+    assert number_of_test.tolist() == [np.argmin(count.ravel())] * np.count_nonzero(alarm)
     assert np.abs(found.whole).max() < 0.1
     assert filters.zero[0][:, 0] == pytest.approx([rate] * 3, abs=1)
 
@@ -377,6 +382,13 @@ def test_a_size_is_the_mean_over_its_moments_and_over_forms_that_are_not_told_ap
     form = forms_of(COUNT, bool(ramp.max() > step.max()))[np.argmax(max(step, ramp, key=np.max))]
     best = abs(z @ form / (form @ form))
     assert (found.size, found.sigma) == pytest.approx(integrated(z, forms, best), rel=1e-3)
+
+
+def test_a_step_within_a_window_has_the_size_of_the_windows_after_it():
+    """A strong one: its own window tells the place alone, whatever the size."""
+    z = np.r_[np.zeros(25), 0.58 * 50, np.full(14, 50.0)] + 0.3 * np.random.default_rng(2).normal(size=COUNT)
+    found = change_of(records(z), 3, COUNT - 1 - BEGAN, chosen())
+    assert (found.size, found.sigma) == (pytest.approx(z[26:].mean(), rel=1e-4), pytest.approx(1 / np.sqrt(14), rel=1e-3))
 
 
 @pytest.mark.parametrize("ramp", [False, True])

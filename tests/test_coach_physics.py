@@ -275,9 +275,13 @@ def test_an_accelerometer_that_nobody_calibrated_is_in_its_advice(taken, directi
     force = RAW.correct(stills[-1].accel_mean)
     turns = turns_from(force, EIGHTHS)
     rows, covariance = coach._rows(force, turns), coach.covariance
+    last = np.array([turn.carries(force) for turn in turns])
     white = np.mean(taken[-1].noise.velocity_random_walk ** 2) / 2.0  # of a still of two seconds
-    lengths = coach._own.length_rows(np.array([turn.carries(force) for turn in turns])) / np.sqrt(white + coach._own.sigma_mps2**2)
+    lengths = coach._own.length_rows(last) / np.sqrt(white + coach._own.sigma_mps2**2)
     assert_allclose(rows[:, 2, linear.PARAMETERS :], lengths, rtol=1e-9, atol=1e-12)
+    angle = np.sqrt(np.mean([np.trace(seen.own) / 2 for seen in coach._seen.values()]))
+    tilts = coach._own.tilt_rows(np.broadcast_to(force, last.shape), last, *ends(force, turns)) / angle
+    assert_allclose(rows[:, :2, linear.PARAMETERS :], tilts, rtol=1e-9, atol=1e-9)
     left = [np.linalg.inv(np.linalg.inv(covariance) + row.T @ row) for row in rows]
     if asked == "all":
         rating = [np.linalg.slogdet(each)[1] for each in left]
@@ -290,6 +294,16 @@ def test_a_turn_lasts_as_a_hand_and_the_full_scale_allow():
     for turn in turns_from(np.array([0.0, 0.0, G]), most_rps=100 * DEG):
         peak_s = 2 * sum(part.angle_rad for part in turn.parts) / (100 * DEG)
         assert sum(part.seconds for part in turn.parts) == pytest.approx(max(2 + len(turn.parts), peak_s))
+
+
+@pytest.mark.parametrize("count", [14, 15])
+def test_what_an_accelerometer_wanders_is_what_its_stills_leave_of_gravity(count):
+    """Of its nine parameters and six stills more; before, what such sensors do."""
+    off = 1e-3 * np.random.default_rng(1).normal(size=(count, 1))
+    stills = tuple(still(2.0, force) for force in forces(count, 1) * (1 + off))
+    scatter = GRAVITY * 1.4826 * np.median(np.abs(off - np.median(off))) * np.sqrt(count / (count - 9))
+    expected = scatter if count == 15 else turns.WANDERS_MPS2
+    assert turns.as_known(RAW, stills).sigma_mps2 == pytest.approx(expected, rel=1e-4)
 
 
 def test_an_accelerometer_of_another_full_scale_is_calibrated():

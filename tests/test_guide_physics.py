@@ -12,7 +12,7 @@ from coached_hand import guide_of, offline, play, said, with_hand
 from conftest import DEG, GRAVITY, Table, config
 from scipy import stats
 
-from session.bench import board_clock
+from session.bench import board_clock, live
 from session.bench.board_clock import LEAST, ClockComparison, ClockRatio
 from session.bench.closure_guide import BEGIN, ClosureGuide, Step
 from session.bench.guide import Guide
@@ -21,8 +21,10 @@ from session.bench.live import (
     _SEGMENT_S,
     _TYPICAL_RPS_PER_C,
     STILL_SIGMA_RPS,
+    UNKNOWN_ZERO_RPS,
     MotionBlock,
     Settling,
+    Stillness,
     StreamHealth,
     TurnInProgress,
     _scatter,
@@ -103,6 +105,30 @@ def test_a_hand_on_the_table_is_named_with_number_bar_and_axis():
 )
 def test_what_scatters_more_than_its_noise_is_said_of_the_worst_axis(variance, says):
     assert _scatter(np.array(variance) * DEG**2, np.full(3, DEG**2), 2.0, DEG, "shakes", "dps") == says
+
+
+@pytest.mark.parametrize("steps", [0, 20])
+def test_a_rate_that_moves_by_more_sigmas_than_a_mean_scatters_is_no_still(steps):
+    """From the median of the blocks before; by twice the white noise of a block, or, of twenty steps, by what these scatter."""
+    still, noise = Stillness(1 / 208), np.full(3, (0.1 * DEG) ** 2)
+    still._noise, still._blocks, still.zero_rps = (noise, noise), 51, np.array([0.5, 0.0, 0.0])
+    still._run = [np.array([0.5, y, 0.0]) * [1, DEG, 1] for y in (0.0, 0.2, 0.21)]
+    still._steps.extend([np.full(3, 0.03 * DEG)] * steps)
+    sigma = live.sigma_of(np.full((20, 3), 0.03 * DEG)) / np.sqrt(2) if steps else 2 * np.sqrt(noise / still.size)
+    bar = live.MEAN_SIGMAS * sigma[1]
+    for share in (0.99, 1.01):
+        rate = np.array([0.5, 0.2 * DEG - share * bar, 0.0])
+        says = still._why_not_quiet(rate, noise, noise)
+        assert says == ("" if share < 1 else f"rate moved by {1.01 * bar / DEG:.3f} > {bar / DEG:.3f} dps on y")
+
+
+@pytest.mark.parametrize(("zero_rps", "bar"), [(None, UNKNOWN_ZERO_RPS), (np.array([0.0, 0.1, 0.0]), live.TURNING_RPS)])
+def test_a_rate_beyond_the_zero_is_a_turn(zero_rps, bar):
+    still, noise = Stillness(1 / 208), np.ones(3)
+    still._noise, still._blocks, still.zero_rps = (noise, noise), 51, zero_rps
+    for share in (0.99, 1.01):
+        says = still._why_not_quiet(np.array([0.0, share * bar + (0.0 if zero_rps is None else 0.1), 0.0]), noise, noise)
+        assert says == ("" if share < 1 else f"turning at {1.01 * bar / DEG:.1f} > {bar / DEG:.0f} dps about y")
 
 
 def test_a_table_that_always_trembles_is_no_dead_end():

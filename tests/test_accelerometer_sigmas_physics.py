@@ -151,6 +151,9 @@ def test_triads_of_different_frames_are_compared_with_the_sensors_own_sigmas():
 def test_in_any_other_session_a_number_is_off_by_two_draws_of_the_spread():
     found = replace(fitted(np.eye(3), x=IDENTITY), between=AnySession(np.arange(9) * 1e-4, "two other sessions"))
     assert_allclose(found.any_session, np.sqrt(found.sigmas**2 + 2 * (np.arange(9) * 1e-4) ** 2), rtol=1e-12)
+    drift = SimpleNamespace(mps2=np.arange(3) * MG, sigma_mps2=np.full(3, 0.5 * MG), p_value=0.3, significant=False, duration_s=200.0)
+    told = replace(found, drift=drift).to_json()["zero_drift"]
+    assert (told["mg_per_1000s"], told["sigma"]) == (pytest.approx([0, 5, 10]), pytest.approx([2.5] * 3))
     said = found.to_json()["any_session"]
     assert said["source"] == "two other sessions"
     assert said["sigma"]["bias_mg"] == pytest.approx(found.any_session[6:] / MG)

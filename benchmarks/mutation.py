@@ -235,8 +235,9 @@ def run_fixed(subjects: dict[str, Subject], jobs: int) -> int:
         work += [(there[name], (test,), None) for name, test in subject.fixed.items() if name in there]
     preload()
     tests = tuple(sorted({test for _, (test,), _ in work}))
-    sound = run_mutants([(None, part, None) for part in (tests[::2], tests[1::2])], jobs)
-    broken = [" ".join(part) for part, outcome in zip((tests[::2], tests[1::2]), sound, strict=True) if outcome != "survived"]
+    sound = tests and run_mutants([(None, tests, None)], 1) == ["survived"]
+    alone = [] if sound else run_mutants([(None, (test,), None) for test in tests], jobs)
+    broken = [test for test, outcome in zip(tests, alone, strict=False) if outcome != "survived"]
     outcomes = run_mutants(work, jobs) if not broken else []
     alive = [mutant.name for (mutant, _, _), outcome in zip(work, outcomes, strict=False) if outcome == "survived"]
     for label, names in (("tests that fail without a fault", broken), ("no such mutant any more", missing), ("survived", alive)):

@@ -59,13 +59,13 @@ def test_a_chart_places_what_it_is_given():
     assert "about &lt;it&gt;" in svg
 
 
-def test_a_thinned_line_keeps_its_highest_point_and_its_gap():
-    y = np.zeros(50_000)
-    y[31_234], y[40_000:40_100] = 1.0, np.nan
+def test_a_thinned_line_keeps_its_highest_and_its_lowest_point_and_its_gap():
+    y = np.full(50_000, 0.5)
+    y[31_234], y[31_235], y[40_000:40_100] = 1.0, 0.0, np.nan
     chart = Chart(300, 200, Axis(0, 50_000), Axis(0, 1), "spike")
     path = re.search(r'class="line k-x" d="([^"]+)"', chart.line(np.arange(50_000), y, "x").svg()).group(1)
     heights = [float(pair.split()[1]) for pair in re.split("[ML]", path)[1:]]
-    assert min(heights) == pytest.approx(chart.top, abs=0.1)
+    assert [max(heights), min(heights)] == pytest.approx([chart.top + chart.inner_height, chart.top], abs=0.1)
     assert path.count("M") == 2
 
 

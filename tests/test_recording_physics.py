@@ -379,12 +379,13 @@ def test_what_is_removed_under_a_recording_is_noticed_and_saved(what, wire, tmp_
 
 def test_two_recordings_in_one_folder(wire, other_wire, tmp_path):
     folder = tmp_path / "s"
-    first, before = Recorder(folder, wire[1]), sorted(folder.iterdir())
+    first = Recorder(folder, wire[1])
     for data in (b"", frames_of(400)):  # the second takes nothing away, though nothing was received yet
         record(first, wire[0], data)
+        before = sorted(folder.iterdir())
         with pytest.raises(StorageError, match="another record is writing there now"):
             Recorder(folder, other_wire[1])
-        assert set(before) <= set(folder.iterdir())
+        assert sorted(folder.iterdir()) == before
     first.close()
     assert (folder / "raw.bin").read_bytes() == frames_of(400)
     second = Recorder(folder, other_wire[1])

@@ -543,10 +543,12 @@ def work(data: bytes) -> tuple[float, float]:
         calls += event in ("call", "c_call")
 
     sys.setprofile(seen)
-    for start in range(0, len(data), AT_ONCE):
-        decoder.feed(data[start : start + AT_ONCE])
-    decoder.finish()
-    sys.setprofile(before)
+    try:
+        for start in range(0, len(data), AT_ONCE):
+            decoder.feed(data[start : start + AT_ONCE])
+        decoder.finish()
+    finally:
+        sys.setprofile(before)
     portions = 1 + len(data) // AT_ONCE
     return (decoder.examined - KEPT * portions) / len(data), (calls - CALLS_EACH * portions) / len(data)
 

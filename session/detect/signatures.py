@@ -123,7 +123,6 @@ def _smoother_exchanged(registers: np.ndarray) -> float:
 #: of the register's end: a jump from one side to the other; how far the reading behind it, a whole register on, is from where it went
 ACROSS, GOES_ON = 1.5, 0.1
 #: of the step through the end, that the step before it is at least: a table that reverses at once makes none
-#: (test_rates_that_turn_at_once_come_round_at_no_register)
 TOWARDS = 0.25
 #: rad/s: where the registers of known sensors end
 ENDS = sorted({REGISTER_MAX * mdps * MDPS for profile in PROFILES if profile.gyro for mdps in profile.gyro.values()})

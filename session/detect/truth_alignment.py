@@ -268,7 +268,7 @@ def _nearest_rotation(matrix: np.ndarray) -> np.ndarray:
 REACH_S = 2.0
 #: of the search; the speed of a hand or a vehicle hardly changes within
 STEP_S = 0.01
-#: a speed that goes along with another's has a coefficient near 1; unrelated movements of 100 spans have 0.1 (tests/test_alignment.py)
+#: a speed that goes along with another's has a coefficient near 1; unrelated movements of 100 spans have 0.1
 ALIKE = 0.7
 #: what is left of likeness may be by half more than at the best; a peak is the best of so many steps on either side
 AS_GOOD, NEAR = 1.5, 5

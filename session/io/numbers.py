@@ -158,7 +158,7 @@ def _require_era(fine: np.ndarray, value: Callable[[int], object], layout: Layou
         raise RowFault(row, f"{layout.name(layout.time_column)} is {value(row)}, which is no time of this era")
 
 
-#: counts of a register of 16 bits; times as far as other readings that a glitch jumps, which tests/test_one_reader.py holds
+#: counts of a register of 16 bits; times as far as other readings that a glitch jumps
 SPAN, GLITCH = 1 << 16, 4
 
 

@@ -763,11 +763,11 @@ def test_signals_wait_until_it_has_stopped():
 def test_stop_does_not_wait_for_an_answer():
     """In real time: one thread waits for an answer that does not come, another stops."""
     clock, table = HostClock(), description("line", answer_s=0.8)
-    virtual = VirtualTable(table, None, clock, Fault.parse("silence@0.1"))
+    virtual = VirtualTable(table, None, clock, Fault.parse("silence@0.3"))
     link = VirtualLink(virtual, clock)
     driver = open_table(table, None, link, clock)
     driver.turn_to(0, 200 * DEG, 60 * DEG)
-    clock.sleep(0.1)
+    clock.sleep(0.3)
 
     def ask():
         with pytest.raises(TableFault):

@@ -63,7 +63,8 @@ class AccelerometerFit:
     it was taken as given; unobserved: names of ``values`` that are not estimated; p_value: for a given one, of its agreement with the data;
     misses_mps2: residual of gravity's length in each still, as measured (or with a given calibration), and after the fit; x (9,): the
     correction, which is the identity if it was not stored; drift: of the zero within the session, None where it was not looked for;
-    sources (9, 9) of the covariance, where they are told apart; between: how far another session moves the parameters.
+    sources (9, 9) of the covariance, where they are told apart; between: how far another session moves the parameters.  What is computed
+    from them is kept, and not to be written to.
     """
 
     mode: str

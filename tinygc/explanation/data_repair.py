@@ -371,7 +371,6 @@ def _common_count(problem: Problem, losses: list[RegisterFault]) -> int:
 # fit, keep the segments that close best with this fit, and repeat.
 
 #: times the typical closure; with noise alone, and a fit to the few best segments, one turn in fifty exceeds 3.5 and none this
-#: (tests/test_events_physics.py)
 OPEN = 5.0
 #: share of the segments kept at first, and the ratio of the typical closure among these to that of all, for normal errors
 KEPT, SIZE_OF_KEPT = 0.6, 0.71

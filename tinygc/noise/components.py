@@ -63,7 +63,7 @@ def undersampling(twin: Twin) -> Undersampling:
     """Predict the aliasing error of a session's used segments, by the first linear fit.
 
     To first order the error of an end is the sum of the rate errors in the table frame (``Twin.sensitivity``).  So the attitudes are
-    computed once, and every k-th reading takes a plain sum: within 1 % of its integration (tests/test_undersampling.py).
+    computed once, and every k-th reading takes a plain sum: within 1 % of its integration.
     """
     rate, at_s = _turned(twin)
     whole = _sum(rate, at_s)

@@ -158,7 +158,7 @@ class SessionValues:
 #
 # A product's rate, added to an axis, moves the closure of a segment by the sum over its samples of sensitivity times product, the mean rate
 # of a still by its mean there, and no length of gravity.  Sums over all forms are single precision, which is enough for ranking: they are
-# accurate to some 1e-6 of the largest, where ``evidence.UNSEEN`` drops less than 1e-4 (tests/test_discovery_screen.py: gains to 1e-3).
+# accurate to some 1e-6 of the largest, where ``evidence.UNSEEN`` drops less than 1e-4.
 
 
 @dataclass(frozen=True, eq=False)

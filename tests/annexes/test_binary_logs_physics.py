@@ -396,6 +396,8 @@ def test_dataflash_units_are_those_of_its_own_records_or_documented(tmp_path):
     path.write_bytes(path.read_bytes().replace(b"F" + b"-" * 14, b"F-FFF" + b"-" * 10))
     assert (one(path, "IMU[0]").gyro_unit, one(path, "IMU[0]").accel_unit) == ("1e-06rad/s", "m/s2")
     data = path.read_bytes()
+    path.write_bytes(data.replace(b"rad/s" + bytes(3), b"rad/s\0\0x"))  # a text ends at its first byte of nought
+    assert one(path, "IMU[0]").gyro_unit == "1e-06rad/s"
     for without in (
         data.replace(struct.pack("<d", 1e-6), struct.pack("<d", 1.0)),
         data.replace(b"F-FFF", b"F-???"),  # of no record
@@ -507,6 +509,9 @@ def test_rows_for_axes_are_turned(tmp_path):
     same(stream := one(npz(tmp_path, time_s=T_NS * 1e-9, gyro=GYRO.T, acc=ACCEL)))
     assert "gyro has a row for each axis" in stream.notes
     assert_array_equal(one(npz(tmp_path, t_us=T_NS // 1000, gyro=GYRO)).t_ns, T_NS)
+    twice = one(npz(tmp_path, time=T_NS // 7, t_us=T_NS // 1000, gyro=GYRO))
+    assert_array_equal(twice.t_ns, T_NS)
+    assert "of several times t_us is taken, which says its unit" in twice.notes
 
 
 def test_arrays_without_stamps_or_units_have_none_and_a_rate_where_it_stands(tmp_path):

@@ -346,3 +346,12 @@ def test_numbers_in_physical_units_are_filtered_as_numbers():
             assert left == [2] * gone
             np.testing.assert_array_equal(values_out, [v for k, v in enumerate(values) if not (gone and k == 2)])
             assert all(chunk.registers.dtype == np.float64 for chunk in out if isinstance(chunk, SampleChunk))
+
+
+def test_a_batch_begins_behind_the_last_of_the_one_before():
+    step_filter = StepFilter()
+    step_filter.take(accepted([0, 3 * BAR]))
+    assert passed(step_filter.take(accepted([0, 3 * BAR, 3 * BAR], damaged=[0])))[1] == [0]
+    waiting = StepFilter()
+    waiting.take(accepted([0, 0, 5 * BAR], damaged=[0]))
+    assert passed(waiting.take(accepted([8 * BAR, 5 * BAR, 5 * BAR])))[1] == [0]

@@ -156,16 +156,18 @@ def test_turns_are_cut_into_blocks_that_add_up_to_their_angle():
     assert np.nanmax(apart) < 150 * DEG * 2 / 3 * 0.05 * 1.05
 
 
-@pytest.mark.parametrize(("follows", "error"), [(0.0, True), (1.0, False)])
-def test_gravity_must_move_where_rates_turn_it(follows, error):
-    samples = Table().tumble(8, seed=2).samples(registers=False, odr_hz=104)
-    stills, _ = find_stills(samples)
-    level = np.tile(samples.accel[:1], (len(samples), 1))
-    moved = samples.with_accel(follows * samples.accel + (1 - follows) * level)
-    found = check_gravity_moves("log", moved, list(pairwise(stills)))
-    assert bool(found) == error
-    if error:
-        assert "stays within 0 deg in 8 of 8 turns in which the rates tilt it by" in found[0].says
+@pytest.mark.parametrize(("follows", "stays"), [(0.0, "0"), (0.09, "8.1"), (0.11, ""), (1.0, "")])
+def test_gravity_must_move_by_a_tenth_of_the_angle_that_the_rates_tilt_it_by(follows, stays):
+    table = Table().rest(2)
+    for angle in (90, -90, 90, -90):
+        table.turn(angle, (1, 0, 0)).rest(2)
+    samples = table.samples(gyro_mdps=1e-6, accel_ug=1e-6, registers=False, odr_hz=104)
+    _, y, z = -samples.accel.T  # downwards
+    angle = follows * np.arctan2(y, z)
+    moved = samples.with_accel(-9.8 * np.column_stack([0 * angle, np.sin(angle), np.cos(angle)]))
+    found = check_gravity_moves("log", moved, list(pairwise(find_stills(samples)[0])))
+    says = [f"stays within {stays} deg in 4 of 4 turns in which the rates tilt it by 90 deg"] if stays else []
+    assert [finding.says for finding in found] == says
 
 
 @pytest.mark.parametrize(

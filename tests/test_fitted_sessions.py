@@ -17,13 +17,22 @@ from tinygc.models.linear import LinearModel
 from tinygc.noise.figures import SensorNoise, to_json
 
 
+def distorted(readings):
+    """A simulated session with its only log's samples changed."""
+    session = tinygc.simulate(segments=8, closure_s=0.0, odr_hz=104.0, seed=3).session
+    return replace(session, logs=(replace(session.logs[0], samples=readings(session.logs[0].samples)),))
+
+
+def test_an_accelerometer_that_never_moves_is_refused():
+    level = np.random.default_rng(0).normal([0, 0, -9.79], 6e-3, (10_000, 3))
+    with pytest.raises(tinygc.CalibrationError, match="gravity moves: stays within"):
+        tinygc.fit(distorted(lambda samples: samples.with_accel(level[: len(samples)])), methods=("least_squares",))
+
+
 def test_a_fit_whose_residuals_are_fine_is_refused_if_no_gyroscope_has_its_scale():
     """One axis reads too much and one too little: the scale common to all axes looks right."""
-    session = tinygc.simulate(segments=8, closure_s=0.0, odr_hz=104.0, seed=3).session
-    (log,) = session.logs
-    log = replace(log, samples=replace(log.samples, gyro=log.samples.gyro * [1.0, 1.35, 0.74]))
     with pytest.raises(FitError, match="no gyroscope has this calibration: it multiplies rates about"):
-        tinygc.fit(replace(session, logs=(log,)), methods=("least_squares",))
+        tinygc.fit(distorted(lambda samples: replace(samples, gyro=samples.gyro * [1.0, 1.35, 0.74])), methods=("least_squares",))
 
 
 def test_the_exit_code_is_the_verdict_s(tmp_path, simulated, run):

@@ -73,6 +73,7 @@ def test_a_lean_of_the_table_does_not_enter_the_scale():
         assert scale.value == pytest.approx(0.01, abs=1e-8)  # by components it would be short by lean^2 / 2: 1.5 %
         assert scale.axis_bound == pytest.approx(np.sqrt(2) * lean**2, rel=1e-6)
     assert all(angle.lean_rad == pytest.approx(lean, abs=1e-6) for angle in found.angles)
+    assert dataclasses.replace(turn(360.0), direction=np.array([0, 0, 1 + 1e-15])).lean_rad == 0  # of a rounded cosine
 
 
 # Terms of the variance.
@@ -323,6 +324,7 @@ def test_the_lost_turns_are_the_most_probable_set_of_all(measured, lost):
     values = [evidence(turns, good) for good in sets]
     assert_array_equal(found.used, sets[int(np.argmax(values))])
     assert np.count_nonzero(~found.used) == lost
+    assert found.chi2 == pytest.approx(estimate([each for each, used in zip(turns, found.used, strict=True) if used]).chi2, rel=1e-6)
     at = {tuple(good): value for good, value in zip(sets, values, strict=True)}
     for i in range(len(turns)):
         good, bad = (at[*found.used[:i], is_good, *found.used[i + 1 :]] for is_good in (True, False))

@@ -131,8 +131,8 @@ def test_a_rest_gives_its_zero_and_gravity():
     assert_allclose(of_one, 1, atol=4 / np.sqrt(2 * len(found)))
     other = np.where(np.arange(BLOCKS) % 2, 1.0, -1.0)[:, None] * np.sqrt((BLOCKS - 1) / BLOCKS)  # of variance 1
     c, down = detector.chosen, [0, 0, 0, 0, 0, -G, 0]
-    shares = np.array([0.2, 0.3, 0.4, 0.1, 0.5, 0.6, 0.0])
-    blocks = down + other * np.sqrt(shares * np.repeat([c.gyro_scatter, c.accel_scatter, 0], [3, 3, 1]))
+    shares = np.array([0.2, 0.3, 0.4, 0.1, 0.5, 0.6, 0.7])
+    blocks = down + other * np.sqrt(shares * np.repeat([c.gyro_scatter, c.accel_scatter, 1.0], [3, 3, 1]))
     assert Detector(c)._complete(blocks)[0].scatter.ravel() == pytest.approx([0.9, 1.2])
 
 

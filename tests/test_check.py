@@ -62,6 +62,7 @@ OF_TURNS = {
     "10 mg, by up to 0.57 deg seventy times the gyro's noise": lambda s: {"accel": s.accel + np.array([0.01 * G, 0, 0])},
     "rates in deg/s": lambda s: {"gyro": s.gyro / DEG},
     "full scale / 32768": lambda s: {"gyro": s.gyro / ST},
+    "half as much again, which no usual mistake makes": lambda s: {"gyro": s.gyro / 1.5},
     "a sign": lambda s: {"gyro": s.gyro * [1, 1, -1]},
     "two axes exchanged and a sign": lambda s: {"gyro": s.gyro[:, [1, 0, 2]] * [1, 1, -1]},
     "a sign of the accelerometer, as two of the gyro": lambda s: {"accel": s.accel * [1, 1, -1]},
@@ -75,6 +76,7 @@ OF_TURNS = {
 OF_READINGS = {
     "ax at the register's end": lambda s: {"accel": rows_of(s.accel, 700, 0, 32767 * 0.122e-3 * G)},
     "gz stuck": lambda s: {"gyro": rows_of(s.gyro, slice(None), 2, s.gyro[0, 2])},
+    "ay stuck": lambda s: {"accel": rows_of(s.accel, slice(None), 1, s.accel[0, 1])},
     "gx dead from row 2000 on": lambda s: {"gyro": rows_of(s.gyro, slice(2000, None), 0, 0.0)},
     "six rows alike": lambda s: {"gyro": held(s.gyro, 6), "accel": held(s.accel, 6)},
     "forces of 1.5 rows": lambda s: {"accel": held(s.accel, 1.5)},
@@ -94,12 +96,18 @@ OF_READINGS = {
 }
 
 
+#: what is an error beside another by one mistake
+BESIDE = ({"accelerometer stuck", "gravity"}, {"gyro dead", "quantisation"}, {"time unit", "gyro scale"})
+
+
 def test_a_mistake_is_named_and_nothing_else_is_blamed(good, short):
     said = []
     for session, mistakes in ((good, OF_TURNS), (short, OF_READINGS)):
         before = look(session)
         for name, change in mistakes.items():
             findings = [each for each in look(session, **change(session.logs[0].samples)) if each.level != "ok" and each not in before]
+            errors = {each.what for each in findings if each.level == "error"}
+            assert len(errors) <= 1 or errors in BESIDE, name
             said += [f"# {name}", *(f"{each.level}: {each.line}" for each in findings), ""]
     as_it_stands("mistakes.txt", "\n".join(said))
 

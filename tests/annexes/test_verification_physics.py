@@ -457,6 +457,7 @@ LEFT = "more than noise is left: up to 3.0° in a use of B (95 %); no cause of t
         ({**OPEN_E, "anew": 2.0, "anew_sigma": 1.01}, UNDECIDED, True, TAKE_B),
         # That is no answer where another change matters, or the zero moved by another cause.
         ({"as_it_is": 5.0, "matters": (B, GRAVITY)}, FAILS, False, None),
+        ({"as_it_is": 5.0, "matters": (B, E)}, FAILS, False, None),
         ({"as_it_is": 5.0, "matters": (B,), "names": ("step",)}, FAILS, False, None),
         ({"matters": (NOISE,)}, FAILS, False, LEFT),
         ({"matters": (NOISE, E)}, FAILS, False, "departs from the calibration: E (up to 3.0° in a use of E); " + LEFT),

@@ -111,7 +111,9 @@ def test_a_zero_that_moved_is_taken_anew_and_the_new_model_holds(model, unit, tm
     assert [float(x), float(y), float(z)] == pytest.approx(-moved / DEG, abs=0.01)  # it reads less where B is more
     written = found.save_model(tmp_path / "anew.json")
     assert pytest.approx(found.bias_dps) == tinygc.load(written).model.B / DEG
-    covariance = np.array(json.loads(written.read_text())["covariance"])
+    table = json.loads(written.read_text())
+    covariance = np.array(table["covariance"])
+    assert table["temperature_c"] == pytest.approx(today.temperature_c, abs=0.01)  # the mean over its stills
     assert covariance[9:, 9:] == pytest.approx(found.result.bias_covariance)
     assert not covariance[9:, :9].any()
     assert covariance[:9, :9] == pytest.approx(np.diag(SIGMA**2)[:9, :9])

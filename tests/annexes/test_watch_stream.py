@@ -201,6 +201,8 @@ def test_every_event_is_of_its_format():
     tables = [json.loads(json.dumps(event.to_json())) for event in events]
     assert {table["event"] for table in tables} == {"start", "rest", "turn", "alarm", "remark", "end"}
     assert {table["channel"] for table in tables if table["event"] == "alarm"} == {"zero y", "gravity", "closure"}
+    (heavier,) = (table for table in tables if table.get("channel") == "gravity")
+    assert (heavier["size_mg"], heavier["cost_deg"]) == (pytest.approx(2.0, abs=0.3), pytest.approx(np.degrees(0.002), rel=0.2))
     assert not any(strangers(table) for table in tables)
 
 

@@ -134,11 +134,14 @@ def test_a_board_that_is_not_there_is_refused_before_the_table_is_opened(run, ab
     assert "board-port: cannot be opened" in err
 
 
-def test_a_recording_of_another_table_is_refused_before_this_one_is_opened(run, absent, tmp_path):
+@pytest.mark.parametrize(
+    ("old", "new"), [('name = "inner"', 'name = "other"'), ('make = "grbl"', 'make = "line"'), ("[[axis]]", "[settings]\nx = 1\n[[axis]]")]
+)
+def test_a_recording_of_another_table_is_refused_before_this_one_is_opened(run, absent, tmp_path, old, new):
     folder = tmp_path / "s"
     folder.mkdir()
     (folder / "raw.bin").write_bytes(b"x")
-    (folder / "table.toml").write_text(absent.read_text().replace('name = "inner"', 'name = "other"'))
+    (folder / "table.toml").write_text(absent.read_text().replace(old, new, 1))
     words = ("record", "--resume", "--table", absent, "--home", "--yes", "--port", tmp_path / "board-port", "--out", folder)
     refused(run(*words), "a session is of one table")
 

@@ -12,6 +12,7 @@ from session.io.errors import DataError, SegmentError
 from session.io.units import DEG, EARTH_RATE_RPS
 from tinygc import closure, read_session
 from tinygc.closure.build import build_problem
+from tinygc.closure.floor import DIALS
 from tinygc.closure.runs import read_closure_runs
 from tinygc.models.linear import LinearModel
 
@@ -62,8 +63,10 @@ def test_dials_observe_yaw_too(problem, tmp_path):
     folder = write_session(tmp_path, problem.logs[0].samples)
     (folder / "attitudes.csv").write_text("\n".join(["still,roll_deg,pitch_deg,yaw_deg", *rows]) + "\n")
     toml = (folder / "session.toml").read_text().replace("208.0", "104.0")
-    (folder / "session.toml").write_text(toml + '[protocol]\nreference = "table"\n')
-    batch = build_problem(read_session(folder), use_earth=False).batch
+    (folder / "session.toml").write_text(toml + '[protocol]\nreference = "table"\ndial_sigma_deg = 0.03\n')
+    read = build_problem(read_session(folder), use_earth=False)
+    assert read.floor.parts[DIALS].own[:, 2, 2] == pytest.approx(np.full(10, 2 * (0.03 * DEG) ** 2))
+    batch = read.batch
     angles = closure.error_angles(closure.segment_residuals(batch, TRUE(batch.rate)))
     assert angles.shape == (10, 3)
     assert np.abs(angles).max() / DEG < 0.06

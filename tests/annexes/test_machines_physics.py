@@ -18,7 +18,7 @@ from session.annexes.machines.description import Axis, Description, read_descrip
 from session.annexes.machines.driver import AngleFile, TableDriver, _DeviceTime
 from session.annexes.machines.kinematics import attitudes, body_axes, roll_pitch_yaw
 from session.annexes.machines.mechanics import AxisErrors, AxisTrack
-from session.annexes.machines.mover import TableMover
+from session.annexes.machines.mover import PAUSE, TableMover
 from session.annexes.machines.rates import steps_of
 from session.annexes.machines.verbs import Where
 from session.bench.messages import Stage
@@ -246,6 +246,20 @@ def test_a_table_that_moves_unseen_is_stopped(table, silent_s, told):
     guide = MagicMock(stage=Stage.TURN, turning=True, closure=None, coached=False)
     TableMover(driver, Mock(angles=None)).step(guide, Moment("log0001.csv", 0, round((100.0 - silent_s) * 1e9)), False)
     assert was_told == told
+
+
+@pytest.mark.parametrize(("lies", "paused"), [((0, 1, 1, 1), True), ((0, 1, 1, 0, 1, 1), False)])
+def test_three_stills_in_a_row_that_contradict_the_machine_pause_the_recording(table, lies, paused):
+    driver = Mock(trouble=None, fault="", busy=False, where=Where(np.zeros(2), False), table=SimpleNamespace(description=table))
+    mover, stills, said = TableMover(driver, Mock()), [], []
+    guide = MagicMock(stage=Stage.TURN, turning=True, taken=MagicMock(stills=stills, turns=[], own=None))
+    guide.taken.coverage.corrected = lambda force: force
+    for lie in lies:  # of gravity, by a right angle
+        said += mover.step(guide, Moment("log0001.csv", 0, 0), False)
+        stills.append(SimpleNamespace(accel_mean=np.array([9.8 * lie, 0, -9.8 * (1 - lie)]), duration_s=1.0))
+    said += mover.step(guide, Moment("log0001.csv", 0, 0), False)
+    assert (mover.wants is PAUSE, driver.stop.called) == (paused, paused)
+    assert any(each.text.startswith("3 stills in a row contradict the machine") for each in said) == paused
 
 
 def test_a_rate_that_an_axis_cannot_hold_for_so_long_is_refused(tmp_path):

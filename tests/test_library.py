@@ -347,6 +347,16 @@ def test_a_fit_that_does_not_say_whether_its_model_may_leave_is_no_permission(wi
     assert not (folder / "export").exists()
 
 
+def test_a_sensor_without_errors_is_better_off_without_twelve_parameters(tmp_path, run):
+    """Few turns, and twelve parameters that follow their noise: raw is better, which ``fit`` says, and which is a fail."""
+    none = dict.fromkeys(("gyro_scale_error", "gyro_misalignment", "gyro_bias_dps", "bias_instability_dph", "latitude_deg"), 0.0)
+    made = tinygc.simulate(segments=13, closure_s=0.0, odr_hz=104.0, seed=2, **none)
+    code, _, err = run("fit", made.save(tmp_path / "s"), "--methods", "least_squares", "--bias", "ends", "--quiet")
+    assert (code, "Held out worse than raw" in err) == (1, True)
+    raw = json.loads((tmp_path / "s" / "fit" / "fit.json").read_text())["against_raw"]
+    assert (raw["worse"], raw["passed"]) == (["least_squares"], False)
+
+
 @pytest.mark.parametrize(("held", "by"), [(99.0, "with 99 deg"), (None, "by no number that fit.json knows")])
 def test_a_model_that_is_worse_than_raw_leaves_only_if_somebody_insists(held, by, folders, tmp_path, run):
 

@@ -6,6 +6,7 @@ import os
 import shutil
 from pathlib import Path
 
+import processes
 import pytest
 from processes import refused
 
@@ -166,11 +167,14 @@ def test_no_output_has_the_name_that_a_recording_will_have_or_of_a_model_or_resu
 
 
 @pytest.mark.skipif(not Path("/dev/fd").exists(), reason="no /dev/fd on this system")
-def test_an_open_file_is_what_it_leads_to(run, idle, recording, tmp_path):
+def test_an_open_file_is_what_it_leads_to_and_standard_output_no_recording(run, idle, recording, tmp_path):
     before = contents(recording)
     for source in (recording, tmp_path):
         with (recording / "log0001.csv").open("r+b") as file:
             refused(run("check", source, "--json", f"/dev/fd/{file.fileno()}"), "--json")
+    with (recording / "log0001.csv").open("ab") as file:
+        done = processes.run([*processes.CALIBRATE, "check", recording], stdout=file, stderr=processes.PIPE)
+    assert (done.returncode, b"standard output: is" in done.stderr) == (2, True)
     assert contents(recording) == before
 
 

@@ -42,6 +42,13 @@ def test_the_script_checks_types_the_reference_and_all_tests():
     assert all((ROOT / package / "py.typed").exists() for package in ("tinygc", "session"))
 
 
+def test_what_checks_has_a_pinned_version():
+    pinned = set(re.findall(r"^([\w-]+)==", (ROOT / "constraints.txt").read_text(encoding="utf-8").lower(), re.M))
+    extras = SETTINGS["project"]["optional-dependencies"]
+    wanted = {re.match(r"[\w-]+", name).group().lower() for extra in ("test", "mutation", "docs") for name in extras[extra]}
+    assert wanted - pinned == set()
+
+
 def test_what_others_wrote_is_named_by_what_it_holds():
     """An action and a hook by their commits, the image by its digest; packages from one index: of two, pip takes the higher version."""
     workflow, hooks, image = (

@@ -22,6 +22,8 @@ def test_the_schemas_are_what_the_tables_give():
     spec.loader.exec_module(maker)
     there = {path.name: path.read_text(encoding="utf-8") for path in maker.FOLDER.glob("*")}
     assert there == maker.schemas(), "python docs/make_schemas.py"
+    for validator in validators().values():
+        validator.check_schema(validator.schema)
 
 
 def test_every_json_format_has_a_schema():

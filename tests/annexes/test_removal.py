@@ -135,10 +135,13 @@ def hold_gone(folder: Path, annexes: tuple[str, ...]) -> None:
         assert all(option in errors[0] for option in set(command.split()) & set(OPTIONS)), command
 
 
+def test_every_annex_is_removed_here():
+    assert set(GONE) == set(FOLDERS)
+
+
 @pytest.mark.broad
 def test_without_any_annex_each_says_so_and_the_main_job_runs_without_pytorch_too(tmp_path):
     folder = without(tuple(FOLDERS), tmp_path)
-    assert set(GONE) == set(FOLDERS)
     hold_gone(folder, tuple(FOLDERS))
     assert python(folder, IMPORT).stderr == ""  # every module of the core
     whole = processes.run([sys.executable, "calibrate.py", "--help"], cwd=folder, capture_output=True, text=True, env=within(folder)).stdout

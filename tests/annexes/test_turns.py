@@ -70,6 +70,17 @@ def test_fit_writes_a_model_that_apply_takes(tmp_path, capsys):
     capsys.readouterr()
 
 
+def test_a_counter_of_32_bits_may_wrap_while_it_turns(tmp_path):
+    out = written(tmp_path / "s")
+    t_ns, gyro = TURNED.arrays()
+    stamps = (t_ns // 1000 + 2**32 - 2_500_000) % 2**32
+    assert np.abs(gyro[np.argmin(np.diff(stamps)), 0]) > 1
+    text = "t_us,gx_rps,gy_rps,gz_rps\n" + lines(stamps, *gyro.T, digits=17)
+    before = tinygc.fit_turns(out).estimate.scale
+    (out / "log0001.csv.gz").write_bytes(gzip.compress(text.encode()))
+    np.testing.assert_allclose(tinygc.fit_turns(out).estimate.scale, before, rtol=0, atol=1e-12)
+
+
 @pytest.mark.parametrize("command", ["check", "explain"])
 def test_other_commands_say_what_the_folder_is_and_what_serves_it(tmp_path, capsys, command):
     out = written(tmp_path / "s")

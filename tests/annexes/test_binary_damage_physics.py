@@ -12,7 +12,7 @@ import pytest
 import written_logs as written
 from processes import ROOT, refused
 from processes import run as run_process
-from test_binary_logs_physics import ACCEL, ARRAYS, COUNT, COUNTS, FORMATS, GYRO, RECORDING, T_NS
+from test_binary_logs_physics import ACCEL, ARRAYS, COUNT, COUNTS, FORMATS, GYRO, T_NS, file_of
 
 from session.annexes.logs import betaflight
 from session.annexes.logs.registry import reader_of
@@ -22,13 +22,13 @@ from session.io.streams import Stream
 from session.replay.sources import Sources
 
 #: writer, file in it, reader, the stream that is compared
-LOST_PLANE = {"blackbox": (written.write_blackbox, "a.bbl", betaflight, "log1", False)}
+LOST_PLANE = {"blackbox": (written.write_blackbox, betaflight, "log1")}
 
 
 STREAMED = FORMATS | LOST_PLANE
 
 
-EVERY = {name: entry[:3] for name, entry in STREAMED.items()} | ARRAYS
+EVERY = STREAMED | ARRAYS
 
 
 every_format = pytest.mark.parametrize("name", EVERY)
@@ -39,9 +39,8 @@ def files(tmp_path_factory):
     """The bytes of each format, and the suffix that its file has."""
     pytest.importorskip("orangebox")
     made = {}
-    for name, (write, file, *_) in EVERY.items():
-        path = tmp_path_factory.mktemp("logs") / file
-        write(path, *RECORDING)
+    for name, (write, *_) in EVERY.items():
+        path = file_of(write, tmp_path_factory.mktemp("logs"))
         if path.is_dir():
             path = next(inner for inner in path.iterdir() if inner.suffix in (".db3", ".mcap"))
         made[name] = path.read_bytes(), path.suffix
@@ -62,7 +61,7 @@ def damaged(data: bytes, how: str) -> bytes:
 
 def answers(name, path) -> list[Stream] | str:
     """The streams, or the one line that refuses the file.  Each stream is whole in itself."""
-    reader = EVERY[name][2]
+    reader = EVERY[name][1]
     if path.stat().st_size >= 100:  # less has no magic number
         known = reader_of(path, path.read_bytes()[:4096])
         assert known in (reader, None) or name == "ROS 2, MCAP"
@@ -101,7 +100,7 @@ def test_what_stands_before_a_cut_is_read(name, files, tmp_path):
     path = tmp_path / f"a{suffix}"
     # The tables' roots fill more than half of a small database.
     path.write_bytes(data[: 3 * len(data) // 4] if name == "ROS 2, zstd" else damaged(data, "half"))
-    stream = next(stream for stream in answers(name, path) if stream.name == STREAMED[name][3])
+    stream = next(stream for stream in answers(name, path) if stream.name == STREAMED[name][2])
     gyro, accel = COUNTS if name == "blackbox" else (GYRO, ACCEL)
     assert 20 <= len(stream) < COUNT
     np.testing.assert_array_equal(stream.t_ns, T_NS[: len(stream)])

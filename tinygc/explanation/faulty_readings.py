@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
 from session.detect import bridging
 from session.detect.bridging import GAP
@@ -126,14 +127,8 @@ def _local_scatter(absolute: np.ndarray, period_s: float) -> np.ndarray:
     if count < 5:
         return np.broadcast_to(np.maximum(sigma_of(absolute), 1e-12), absolute.shape)
     coarse = sigma_of(absolute[: count * step].reshape(count, step, -1), axis=1)
-    coarse = np.maximum(_highest_nearby(coarse, 1), np.median(coarse, axis=0))
+    coarse = np.maximum(maximum_filter1d(coarse, 3, axis=0), np.median(coarse, axis=0))
     return np.maximum(coarse, 1e-12)[np.minimum(np.arange(len(absolute)) // step, count - 1)]
-
-
-def _highest_nearby(values: np.ndarray, reach: int) -> np.ndarray:
-    """Largest of values (N, ...) within ``reach`` rows of each."""
-    padded = np.pad(values, [(reach, reach), *[(0, 0)] * (values.ndim - 1)], mode="edge")
-    return np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1, axis=0).max(axis=-1)
 
 
 def find_losses(jumps: Jumps, duration_s: float) -> np.ndarray:
@@ -151,7 +146,7 @@ def _possible_losses(jumps: Jumps, duration_s: float) -> np.ndarray:
         return jumps.rows
     size = np.zeros(int(jumps.rows.max()) + 1)
     size[jumps.rows] = np.linalg.norm(jumps.size, axis=1)
-    rows = jumps.rows[size[jumps.rows] >= _highest_nearby(size, ALONE)[jumps.rows]]
+    rows = jumps.rows[size[jumps.rows] >= maximum_filter1d(size, 2 * ALONE + 1)[jumps.rows]]
     return rows if len(rows) <= PER_SECOND * duration_s else rows[:0]
 
 

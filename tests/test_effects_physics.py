@@ -18,7 +18,7 @@ from tinygc.effects.inversion import MOST_PASSES
 from tinygc.effects.movement import vibration
 
 
-def test_every_own_effect_stands_the_trial_of_a_foreign_one():
+def test_every_own_effect_passes_the_first_test_of_an_external_one():
     assert all(tried(effect, name) is effect for name, effect in catalogue().items())
 
 

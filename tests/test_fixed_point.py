@@ -18,3 +18,19 @@ def test_rows_are_the_decimals_of_any_number():
     for value in (np.nan, np.inf, 1e300):
         with pytest.raises(ValueError, match="cannot be written"):
             numeric.decimal_rows([np.array([1.0, value])], [3])
+
+
+def test_formatted_rows_are_those_of_python():
+    """Whole numbers, decimals, zeros of either sign, exponents, and blocks that hold what has more than nine decimals."""
+    rng, count = np.random.default_rng(5), numeric.BLOCK + 50
+    decimals = [np.round(rng.normal(size=count) * 10.0**-scale, places) for scale, places in ((0, 1), (-4, 3), (1, 4), (4, 7), (5, 9))]
+    decimals[2][:40] = np.copysign(0.0, rng.normal(size=40))
+    decimals[3][-1] = 1e-12
+    decimals[4][:5] = 9.9e-5, 1e-4, -1e-9, -2.5, 1.23456e-4
+    columns = [np.arange(count) - 3, np.ones(count, dtype=np.int8), np.rint(decimals[1]), *decimals, decimals[1] / 3]
+    for formats in (["%d"] * 3 + ["%r"] * 5 + ["%.15g"], ["%d"] * 3 + ["%r"] * 5, ["%d"] * 3 + ["%r"] * 2, ["%d"] * 3 + ["%r"] * 3):
+        used = columns[: len(formats)]
+        rows = zip(*(column.tolist() for column in used), strict=True)
+        assert b"".join(numeric.formatted_rows(used, formats)).decode() == "".join(",".join(formats) % row + "\n" for row in rows)
+    for value in (np.nan, np.inf, 1e200, 2.0**31, 1e16):
+        assert b"".join(numeric.formatted_rows([np.array([value])], ["%r"])).decode() == f"{value!r}\n"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 # Scatter from medians, which a few wild values do not move.
@@ -73,6 +75,30 @@ FOURS = np.frombuffer("".join(f"{i:04d}" for i in range(10_000)).encode(), dtype
 LIMIT = 10**18
 #: rows at once, as many as a processor's cache holds
 BLOCK = 1 << 13
+#: decimals that are tried: a register has none, a careful logger nine
+MOST_DECIMALS = 9
+#: zeros behind the point of a number below which Python writes an exponent
+MOST_ZEROS = 4
+
+
+def in_decimals(values: np.ndarray, decimals: int) -> np.ndarray | None:
+    """Whole numbers of 10^-decimals that give values (…) back to the last bit, in 16 or 32 bits; None where none do.
+
+    The quotient of two whole numbers that a float64 holds exactly is rounded once, as a decimal that is read is: the same number.
+    """
+    scaled = np.rint(values * 10.0**decimals) if decimals else values
+    size = max(scaled.max(initial=0), -scaled.min(initial=0))
+    if not size < 2**31:
+        return None
+    whole = scaled.astype(np.int16 if size < 2**15 else np.int32)
+    same = np.array_equal(np.divide(whole, 10.0**decimals) if decimals else whole, values)
+    return whole if same else None
+
+
+def fewest_decimals(values: np.ndarray, least: int) -> tuple[int, np.ndarray] | None:
+    """How many decimals, ``least`` or more, values (…) have, and their whole numbers; None where they have too many."""
+    tried = ((decimals, in_decimals(values, decimals)) for decimals in range(least, MOST_DECIMALS + 1))
+    return next(((decimals, whole) for decimals, whole in tried if whole is not None), None)
 
 
 def decimal_rows(columns: list[np.ndarray], decimals: list[int]) -> bytes:
@@ -81,17 +107,37 @@ def decimal_rows(columns: list[np.ndarray], decimals: list[int]) -> bytes:
     int64 columns are such numbers already (time stamps: 0 decimals); floats are rounded to the nearest.
     Raises ValueError for a value that is not finite or has more than 18 digits.
     """
-    blocks = range(0, len(columns[0]), BLOCK)
-    return b"".join(_block([column[start : start + BLOCK] for column in columns], decimals) for start in blocks)
+    parts = ([column[start : start + BLOCK] for column in columns] for start in range(0, len(columns[0]), BLOCK))
+    return b"".join(_lines([_column(_whole(each, places), places) for each, places in zip(part, decimals, strict=True)]) for part in parts)
 
 
-def _block(columns: list[np.ndarray], decimals: list[int]) -> bytes:
-    texts, masks = [], []
-    for number, (values, places) in enumerate(zip(columns, decimals, strict=True)):
-        text, mask = _column(_whole(values, places), places)
-        text[:, -1] = ord("\n") if number == len(columns) - 1 else ord(",")
-        texts.append(text)
-        masks.append(mask)
+def formatted_rows(columns: list[np.ndarray], formats: list[str]) -> Iterator[bytes]:
+    """CSV lines of columns (N,), many at a time, each number as its format has it: ``%d`` of integers, ``%r`` or ``%.15g`` of floats."""
+    row, least = ",".join(formats) + "\n", [1] * len(columns)
+    for start in range(0, len(columns[0]), BLOCK):
+        part, texts = [column[start : start + BLOCK] for column in columns], []
+        for number, (values, form) in enumerate(zip(part, formats, strict=True)):
+            found = (
+                (0, values.astype(np.int64, copy=False))
+                if form == "%d"
+                else fewest_decimals(values, least[number])
+                if form == "%r"
+                else None
+            )
+            if found is None:
+                break
+            least[number] = found[0]
+            texts.append(_column(found[1], found[0], None if form == "%d" else values))
+        if len(texts) == len(part):
+            yield _lines(texts)
+        else:
+            yield "".join(map(row.__mod__, zip(*(values.tolist() for values in part), strict=True))).encode()
+
+
+def _lines(columns: list[tuple[np.ndarray, np.ndarray]]) -> bytes:
+    for number, (text, _) in enumerate(columns, start=1):
+        text[:, -1] = ord("\n") if number == len(columns) else ord(",")
+    texts, masks = zip(*columns, strict=True)
     return np.concatenate(texts, axis=1)[np.concatenate(masks, axis=1)].tobytes()
 
 
@@ -109,8 +155,9 @@ def _whole(values: np.ndarray, places: int) -> np.ndarray:
     return whole
 
 
-def _column(whole: np.ndarray, places: int) -> tuple[np.ndarray, np.ndarray]:
-    """Sign, digits, point, digits and one byte to spare (N, W), and which of these bytes are written."""
+def _column(whole: np.ndarray, places: int, shortest: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Sign, digits, point, digits and one byte to spare (N, W), and which of these bytes are written; shortest: the numbers (N,), where
+    they are written as ``repr`` does."""
     size = np.abs(whole)
     width = max(len(str(int(size.max()))), places + 1)
     groups = -(-width // 4)
@@ -132,4 +179,12 @@ def _column(whole: np.ndarray, places: int) -> tuple[np.ndarray, np.ndarray]:
         text[:, 2 + before : -1] = digits[:, before:]
     for i in range(before - 1):  # leading zeros; the last digit before the point always stands
         mask[:, 1 + i] = size >= 10 ** (width - 1 - i)
+    if shortest is not None:
+        mask[:, 0] = np.signbit(shortest)
+        for i in range(places - 1, 0, -1):  # zeros at the end; the first digit behind the point always stands
+            mask[:, 2 + before + i] = (text[:, 2 + before + i] != ord("0")) | mask[:, 3 + before + i] & (i < places - 1)
+        if len(tiny := np.flatnonzero((size > 0) & (size < 10 ** max(places - MOST_ZEROS, 0)))):
+            words = np.array([repr(value) for value in shortest[tiny].tolist()], dtype=f"S{text.shape[1] - 1}")
+            text[tiny, :-1] = words.view(np.uint8).reshape(len(tiny), -1)
+            mask[tiny, :-1] = text[tiny, :-1] != 0
     return text, mask

@@ -10,6 +10,7 @@ from typing import Any, Concatenate, ParamSpec, TypeVar, cast
 import numpy as np
 
 from session.io.dataframe import data_frame
+from session.io.numeric import fewest_decimals, in_decimals
 from session.io.pace import GAP_PERIODS, Pace, not_caught_up, pace_of
 from session.io.units import NS
 
@@ -20,8 +21,6 @@ from session.io.units import NS
 
 #: from (K, …) as written to (K, …) in SI, each row by itself; something that can be pickled
 Step = Callable[[np.ndarray], np.ndarray]
-#: decimals that are tried: a register has none, a careful logger nine
-MOST_DECIMALS = 9
 #: rows that are converted to float64 at once where all are read
 TOGETHER = 1 << 17
 #: rows of one access beyond which it is converted part by part, so that no step holds two copies of it
@@ -252,8 +251,7 @@ class Packer:
     def add(self, table: np.ndarray) -> None:
         """The next rows."""
         while self._decimals is not None:
-            tried = range(self._decimals, MOST_DECIMALS + 1)
-            found = next(((decimals, whole) for decimals in tried if (whole := _whole(table, decimals)) is not None), None)
+            found = fewest_decimals(table, self._decimals)
             if found is not None and (found[0] == self._decimals or self._rescaled(found[0])):
                 self._kept.add(found[1])
                 return
@@ -269,24 +267,10 @@ class Packer:
         """Whether those before can have more decimals, too; then they have."""
         assert self._decimals is not None
         divisor = 10.0**self._decimals
-        if not self._kept.change(lambda kept: _whole(kept / divisor, decimals)):
+        if not self._kept.change(lambda kept: in_decimals(kept / divisor, decimals)):
             return False
         self._decimals = decimals
         return True
-
-
-def _whole(table: np.ndarray, decimals: int) -> np.ndarray | None:
-    """Whole numbers of 10^-decimals that give the table back to the last bit, in 16 or 32 bits; None where none do.
-
-    The quotient of two whole numbers that a float64 holds exactly is rounded once, as a decimal that is read is: the same number.
-    """
-    scaled = np.rint(table * 10.0**decimals) if decimals else table
-    size = np.abs(scaled).max(initial=0)
-    if not size < 2**31:
-        return None
-    whole = scaled.astype(np.int16 if size < 2**15 else np.int32)
-    same = np.array_equal(np.divide(whole, 10.0**decimals) if decimals else whole, table)
-    return whole if same else None
 
 
 # The plain record that everything else works on.  Simulated and recorded samples have the same form.

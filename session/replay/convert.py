@@ -20,12 +20,15 @@ from session.io.errors import CalibrationError, FormatError
 from session.io.files import MOST_TOML, copy_new, created, folder_whole, read_bytes, read_text, require_empty, write_new
 from session.io.logfile import CALIBRATED, read_log
 from session.io.names import log_paths
+from session.io.numeric import formatted_rows
+from session.io.pace import pace_of
 from session.io.questions import QuestionsError
 from session.io.registers import profile_of, require_registers
+from session.io.stamps import fresh
 from session.io.standard import OWN, flags_of
 from session.io.texts import command_line, comment
 from session.io.toml import line, setting
-from session.io.units import TIME, endings
+from session.io.units import NS, TIME, endings
 from session.io.written import LATITUDE_REMOVES, OPTIONAL_SITE
 from session.replay.answers import (
     ASSUMED_RANGE,
@@ -106,10 +109,12 @@ def _converted(
         answers, ranges = with_full_scales(sources, joined, answers)
         assumed = (*assumed, *ranges)
         with folder_whole(out) as work:
-            log, notes, samples = _write_log(sources, joined, work / "log0001.csv", answers)
+            samples = len(joined.t_ns)
+            log, notes, t_ns = _write_log(sources, joined, work / "log0001.csv", answers)
             joined = joined.without_rows()  # what reads the log again takes as much
             notes = [*notes, *assumed]
-            rate_hz, duration_s = _pace(log, answers)
+            rate_hz, duration_s = float(f"{pace_of(t_ns).rate_hz:.4g}"), float(t_ns[-1] - t_ns[0]) * NS
+            del t_ns
             _require_a_sensors_rate(sources[0], rate_hz)
             took = said_took(sources, joined, answers, assumed, rate_hz, duration_s)
             if add:
@@ -126,12 +131,6 @@ def _converted(
     with np.errstate(all="ignore"):  # what is absurd in a log becomes a finding, not a warning of numpy's
         findings = tuple(check_folder(out))
     return Converted(out, out / name, dialects, samples, tuple(notes), findings, _next(out, findings), took)
-
-
-def _pace(log: Path, answers: Answers) -> tuple[float, float]:
-    """Hz and seconds of a log that was written."""
-    written = read_log(log, sensor_of(answers)).samples
-    return float(f"{written.pace.rate_hz:.4g}"), written.duration_s
 
 
 def _as_in(sensor: Sensor, answers: Answers) -> Answers:
@@ -156,27 +155,28 @@ def _require_a_sensors_rate(source: Source, rate_hz: float) -> None:
     )
 
 
-def _write_log(sources: list[Source], joined: Joined, path: Path, answers: Answers) -> tuple[Path, list[str], int]:
-    """Our own logs byte for byte, others as numbers in the units of docs/formats.md; the file, notes, and how many samples."""
+def _write_log(sources: list[Source], joined: Joined, path: Path, answers: Answers) -> tuple[Path, list[str], np.ndarray]:
+    """Our own logs byte for byte, others as numbers in the units of docs/formats.md; the file, notes, and stamps (N,) ns as they are read
+    again."""
     notes = list(joined.notes)
     if len(sources) == 1 and not notes and sources[0].path.is_file() and _is_ours(sources[0], answers):
         copy = path.with_name("log0001.csv.gz" if sources[0].path.suffix.lower() == ".gz" else "log0001.csv")
         copy_new(sources[0].path, copy)
         with contextlib.suppress(CalibrationError):  # what stands before its header, perhaps
-            return copy, list(read_log(copy, sensor_of(answers)).notes), len(joined.t_ns)
+            read = read_log(copy, sensor_of(answers))
+            return copy, list(read.notes), read.samples.t_ns
         copy.unlink()
     frames = {layout.frame for layout in (joined.gyro_layout, joined.accel_layout) if layout.frame}
     notes += [f"axes as logged: {frame}; level need not be z down, gravity shows what is up" for frame in sorted(frames)]
     header, columns, formats = _columns(joined)
     said = {CALIBRATED: next((source.comments[CALIBRATED] for source in sources if CALIBRATED in source.comments), "")}
     flags = flags_of(said | ({"stamps": "counted"} if joined.counted else {}))
-    row = ",".join([*formats, *["1"] * len(flags)])
+    columns += [np.ones(len(joined.t_ns), dtype=np.int8)] * len(flags)
     with created(path) as file:
         file.write(f"{','.join([*header, *flags])}\n".encode())
-        for start in range(0, len(joined.t_ns), 1 << 15):
-            part = [column[start : start + (1 << 15)].tolist() for column in columns]
-            file.write(("\n".join(map(row.__mod__, zip(*part, strict=True))) + "\n").encode())
-    return path, notes, len(joined.t_ns)
+        file.writelines(formatted_rows(columns, formats + ["%d"] * len(flags)))
+    as_they_are = len(joined.t_ns) > 1 and fresh(joined.t_ns).all()
+    return path, notes, joined.t_ns if as_they_are else read_log(path, sensor_of(answers)).samples.t_ns
 
 
 def _is_ours(source: Source, answers: Answers) -> bool:

@@ -19,7 +19,7 @@ from session.io.errors import DataError
 from session.io.numeric import held_for, new_readings, runs_of
 from session.io.questions import Question, QuestionsError
 from session.io.registers import DEFAULT, nearest_name, profile_of, require_profile
-from session.io.samples import Samples
+from session.io.samples import Samples, pieces
 from session.io.standard import OWN
 from session.io.units import DEG, G
 from session.replay.join import LEAST_GRAVITY, Joined, join
@@ -130,12 +130,12 @@ def with_full_scales(sources: Sequence[Source], joined: Joined, answers: Answers
         ("accel", "accelerometer", "--accel-fs", G, answers.accel_fs_g, joined.accel, accel.unit.si, USUAL_G, "g"),
     ):
         if kind == "accel" and si is not None:
-            warned = _without_gravity(float(np.median(np.linalg.norm(values, axis=1))) * si / G)
+            lengths = np.concatenate([np.linalg.norm(part, axis=1) for _, part in pieces(values)])
+            warned = _without_gravity(float(np.median(lengths, overwrite_input=True)) * si / G)
         if si is None:
             found[kind] = told
             continue
-        in_unit = values * (si / unit)
-        most = float(np.abs(in_unit).max())
+        most = max(float(np.abs(values[:, axis] * (si / unit)).max()) for axis in range(3))  # of a day no copy of all
         if most > FAR * (told or usual[-1]):
             range_ = f"{option} {told:g} holds" if told else f"any usual full scale (up to {usual[-1]:g} {word}) holds"
             says = f"{name}: the {called}'s readings reach {most:.4g} {word}, more than {range_}"
@@ -143,8 +143,10 @@ def with_full_scales(sources: Sequence[Source], joined: Joined, answers: Answers
         if told is not None:
             found[kind] = told
             continue
-        new = new_readings(in_unit)
-        if (run := _standing(in_unit[new] if held_for(new) > 1 else in_unit)) >= AT_THE_END and most * unit > LEAST_AT_END[kind]:
+        new = new_readings(values)
+        rows = new if held_for(new) > 1 else slice(None)
+        run = max(_standing(values[rows, axis] * (si / unit), most) for axis in range(3))
+        if run >= AT_THE_END and most * unit > LEAST_AT_END[kind]:
             what = f"the {called}'s full scale, and its readings stand at {most:.6g} {word} for {run} rows"
             questions.append(Question(what, f"{option} {word.upper()}", "its range ends there, or near"))
             continue
@@ -167,18 +169,16 @@ def _without_gravity(length_g: float) -> str:
     return f"{shows}; is its unit right? give --accel-unit" if length_g > MOST_GRAVITY else ""
 
 
-def _standing(values: np.ndarray) -> int:
-    """The longest run of readings (N, 3) of one axis that are all as large as the largest of any axis, and begin or end abruptly: a peak
-    in coarse steps stands, too, but the next reading is one step away."""
-    most, longest = np.abs(values).max(), 0
-    for axis in values.T:
-        steps = np.abs(np.diff(axis))
-        least = steps[steps > 0].min(initial=np.inf)
-        for start, stop in zip(*runs_of(np.abs(axis) == most), strict=True):
-            beside = [abs(axis[start] - axis[row]) for row in (start - 1, stop) if 0 <= row < len(axis)]
-            if max(beside, default=0.0) >= ABRUPT * least:
-                longest = max(longest, int(stop - start))
-    return longest
+def _standing(values: np.ndarray, most: float) -> int:
+    """The longest run of readings (N,) of one axis that are all as large as the largest of any axis, and begin or end abruptly: a peak in
+    coarse steps stands, too, but the next reading is one step away."""
+    runs = list(zip(*runs_of(np.abs(values) == most), strict=True))
+    if not runs:
+        return 0
+    steps = np.abs(np.diff(values))
+    bar = ABRUPT * steps[steps > 0].min(initial=np.inf)
+    beside = [[abs(values[start] - values[row]) for row in (start - 1, stop) if 0 <= row < len(values)] for start, stop in runs]
+    return max(int(stop - start) if max(each, default=0.0) >= bar else 0 for (start, stop), each in zip(runs, beside, strict=True))
 
 
 def sensor_of(answers: Answers) -> Sensor:

@@ -26,6 +26,8 @@ JITTER, RATE_CHANGES = STAMPS = "jitter", "rate changes"
 TOGETHER = 1 << 18
 #: numbers of which a transform is quick
 ROUND = 1 << 12
+#: and which of them are, times a power of two
+QUICK = (1, 3, 5, 9, 15)
 #: rows on either side that a reading's slope is taken over
 SLOPE = 4
 #: what is left of a reading by its neighbours: a movement up to the third power of time leaves nothing
@@ -64,16 +66,27 @@ class StampErrors:
         rounded = min(1.0, self.grid_s**2 / 12 / max(self.covariance[0], np.finfo(float).tiny))
         return max(rounded, min(max(1 - self.followed, 0.0), 1.0)) if self.told else rounded
 
-    def variance(self, moved: np.ndarray) -> np.ndarray:
-        """(S, 3, 3) rad^2 of sums whose stamps' errors move them by ``moved`` (S, T, 3) rad/s: what one second late at each sample does."""
-        size = 2 * max(moved.shape[1], len(self.covariance))
+    def density(self, count: int) -> np.ndarray:
+        """(F,) by which squares at the frequencies of ``count`` numbers, and as many zeros or more, are summed as over lags."""
+        size = 2 * max(count, len(self.covariance))
         lags = np.zeros(size)
         lags[: len(self.covariance)] = self.covariance
         lags[size - len(self.covariance) + 1 :] = self.covariance[:0:-1]
+        found = np.maximum(np.fft.rfft(lags).real, 0.0)
+        quick = min(odd << max(0, (-(-size // odd) - 1).bit_length()) for odd in QUICK)
+        if quick > size:  # the same lags among more zeros
+            lags = np.fft.irfft(found, size)
+            lags[size // 2] = 0.0  # no two of the numbers are so far apart
+            found = np.fft.rfft(np.insert(lags, size // 2, np.zeros(quick - size))).real
         # A sum over lags, as one over frequencies: those between the first and the last count twice.
-        density = np.maximum(np.fft.rfft(lags).real, 0.0) / size
-        density[1:-1] *= 2
-        found = np.fft.rfft(moved, size, axis=1)
+        found[1:-1] *= 2
+        return found / quick
+
+    def variance(self, moved: np.ndarray, density: np.ndarray | None = None) -> np.ndarray:
+        """(S, 3, 3) rad^2 of sums whose stamps' errors move them by ``moved`` (S, T, 3) rad/s: what one second late at each sample does;
+        density: of T numbers, where it is known."""
+        density = self.density(moved.shape[1]) if density is None else density
+        found = np.fft.rfft(moved, 2 * (len(density) - 1), axis=1)
         return self.share * np.einsum("sfi,f,sfj->sij", found, density, found.conj(), optimize=True).real
 
 
@@ -96,9 +109,9 @@ def stamp_errors(samples: Samples, over_s: float) -> StampErrors:
         rows += len(off)
         gyro = np.asarray(samples.gyro[piece], dtype=float)
         ramp = np.arange(SLOPE, -SLOPE - 1, -1.0)
-        slope = np.stack([np.convolve(axis, ramp / (ramp @ ramp), "same") for axis in gyro.T], axis=1) / pace.period_s
-        went, read = _bent(slope * off[:, None]), _bent(gyro)
-        blocks.append([_blocks(went**2), _blocks(went * read)])
+        slopes = [np.convolve(axis, ramp / (ramp @ ramp), "same") / pace.period_s for axis in gyro.T]
+        went, read = ([np.convolve(axis, BEND, "valid") for axis in axes] for axes in ([slope * off for slope in slopes], gyro.T))
+        blocks.append([np.sum([_blocks(a * b) for a, b in zip(went, other, strict=True)], axis=0) for other in (went, read)])
     if not rows:
         return StampErrors(pace.period_s, 0.0, np.zeros(1), 0.0, np.inf)
     power, product = np.concatenate(blocks, axis=1)
@@ -144,12 +157,8 @@ def _about_lines(t_ns: np.ndarray, count: np.ndarray, half: int) -> np.ndarray:
     return t_s - (running[row + reach + 1] - running[row - reach]) / (2 * reach + 1)
 
 
-def _bent(values: np.ndarray) -> np.ndarray:
-    return np.stack([np.convolve(column, BEND, "valid") for column in values.T], axis=1)
-
-
 def _blocks(values: np.ndarray) -> np.ndarray:
-    """Sums of (N, 3) over ``BLOCK`` rows and the axes."""
+    """Sums of (N,) over ``BLOCK`` rows."""
     count = len(values) // BLOCK
     return values[: count * BLOCK].reshape(count, -1).sum(axis=1)
 
@@ -157,9 +166,12 @@ def _blocks(values: np.ndarray) -> np.ndarray:
 def angle_rms(log: Samples, errors: StampErrors, segment_s: float) -> float:
     """rad that the whole scatter of the stamps makes of a segment on its worst axis, rms over the log, were all of it in error."""
     whole = replace(errors, followed=0.0, sigma=0.0)
-    square = np.zeros(3)
+    square, densities = np.zeros(3), dict[int, np.ndarray]()
     for _, gyro in pieces(log.gyro, overlap=1):
-        square += np.diagonal(whole.variance(moved_by_stamps((gyro[1:] + gyro[:-1]) / 2)[None, 1:-1])[0])
+        moved = moved_by_stamps((gyro[1:] + gyro[:-1]) / 2)[None, 1:-1]
+        if (count := moved.shape[1]) not in densities:
+            densities[count] = whole.density(count)
+        square += np.diagonal(whole.variance(moved, densities[count])[0])
     return float(np.sqrt(square.max() / (len(log) * errors.period_s) * segment_s))
 
 

@@ -55,7 +55,7 @@ def _moments(values: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
     for first in range(0, count, _CHUNK_BLOCKS):
         last = min(first + _CHUNK_BLOCKS, count)
         part = values[first * size : last * size].reshape(last - first, size, 3)
-        mean[first:last] = part.sum(axis=1) / size
+        mean[first:last] = np.einsum("bsi->bi", part) / size
         centred = part - mean[first:last, None]
         var[first:last] = np.einsum("bsi,bsi->bi", centred, centred) / (size - 1)
     return mean, var

@@ -511,14 +511,14 @@ def test_a_ramp_is_a_slope_with_the_sigma_of_least_squares(mixed):
 def test_how_long_to_record_is_what_that_length_gives(mixed):
     figures = mixed[0].figures
     axis, length, period_s = figures.gyro.axes[1], figures.duration_s, 1 / figures.rate_hz
-    terms = {name: (axis.value(name), None) for name in "NK"}
+    terms = tuple((name, axis.value(name), None) for name in "NK")
     stated = axis.terms["K"].sigma / axis.value("K")
     needed_s = known_after_s(figures, "gyro", 1, "K", 0.1)
     more = stated / _relative(terms, "K", length, period_s, 0.0)
     assert more * _relative(terms, "K", needed_s, period_s, 0.0) == pytest.approx(0.1, rel=0.03)
     # what is stated now is known after just the present length
     assert known_after_s(figures, "gyro", 1, "K", stated) == pytest.approx(length, rel=0.03)
-    assert _relative({"N": (1.0, None)}, "N", 1000.0, DT, 0.0) == pytest.approx(1 / np.sqrt(2 * 1000 / DT), rel=0.02)
+    assert _relative((("N", 1.0, None),), "N", 1000.0, DT, 0.0) == pytest.approx(1 / np.sqrt(2 * 1000 / DT), rel=0.02)
 
 
 @pytest.mark.parametrize(

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import pairwise, zip_longest
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc, gammaincinv
 
 from session.detect.rest_noise import FEWEST, lines_of, spectra
 from session.io.errors import DataError
@@ -206,7 +207,7 @@ def goodness(search: Search, chosen: Chosen) -> tuple[float, float]:
                 total += sum(n * len(band) * (band.mean() / n - 1 - np.log(band.mean() / n)) for band in bands)
                 freedom += len(bands)
     freedom = max(freedom - len(chosen.names) - ("G" in chosen.names), 1.0)
-    return float(chi2.sf(total, freedom)), max(total / freedom, 1.0)
+    return float(chdtrc(freedom, total)), max(total / freedom, 1.0)
 
 
 def _bands(basis: np.ndarray, S: np.ndarray, C: np.ndarray) -> list[np.ndarray]:
@@ -325,7 +326,7 @@ def _allan_points(groups: Sequence[Group], period_s: float, axis: AxisNoise) -> 
     for tau_s, (total, weight) in sorted(found.items()):
         square, relative = total / weight, 1 / np.sqrt(weight)
         freedom = 2 / relative**2  # of a chi-square with this relative sigma
-        low, high = (np.sqrt(square * freedom / chi2.ppf(p, freedom)) for p in (0.84, 0.16))
+        low, high = (np.sqrt(square * freedom / (2 * gammaincinv(freedom / 2, p))) for p in (0.84, 0.16))
         points.append((tau_s, float(np.sqrt(square)), float(low), float(high)))
     return points
 
@@ -381,16 +382,16 @@ def known_after_s(figures: NoiseFigures, kind: str, axis: int, name: str, relati
         if not own.terms[name].at_most:
             return float("inf")
         terms[name] = (float(own.terms[name].at_most or 0.0), None)
-    period_s, first = 1 / figures.rate_hz, max(own.from_s, 0.0)
+    period_s, first, sizes = 1 / figures.rate_hz, max(own.from_s, 0.0), tuple((key, *found) for key, found in terms.items())
     if (stated := own.terms[name]).sigma is not None:
-        expected = _relative(terms, name, figures.duration_s, period_s, first)
+        expected = _relative(sizes, name, figures.duration_s, period_s, first)
         relative *= expected * stated.value / stated.sigma if 0 < expected < np.inf else 1.0
     low, high = np.log(10.0), np.log(LONGEST_S)
-    if _relative(terms, name, float(np.exp(high)), period_s, first) > relative:
+    if _relative(sizes, name, float(np.exp(high)), period_s, first) > relative:
         return float("inf")
     while high - low > 0.02:
         middle = (low + high) / 2
-        low, high = (low, middle) if _relative(terms, name, float(np.exp(middle)), period_s, first) <= relative else (middle, high)
+        low, high = (low, middle) if _relative(sizes, name, float(np.exp(middle)), period_s, first) <= relative else (middle, high)
     return float(np.exp(high))
 
 
@@ -398,8 +399,9 @@ def known_after_s(figures: NoiseFigures, kind: str, axis: int, name: str, relati
 LONGEST_S = 3.2e7
 
 
-def _relative(terms: dict[str, tuple[float, float | None]], name: str, duration_s: float, period_s: float, from_s: float) -> float:
-    """Expected sigma of ln s of a term in a rest of a duration."""
+@lru_cache(1 << 10)
+def _relative(terms: tuple[tuple[str, float, float | None], ...], name: str, duration_s: float, period_s: float, from_s: float) -> float:
+    """Expected sigma of ln s of a term in a rest of a duration; terms: name, size, and correlation time."""
     block = RestSums(1 / period_s)
     shapes, size, left = [], 1, duration_s / period_s
     ratios = list(ratios_of(block.size))
@@ -411,10 +413,10 @@ def _relative(terms: dict[str, tuple[float, float | None]], name: str, duration_
     count = max(int(left), 2)
     groups = [Group(s, np.arange(r), contrasts(r), np.zeros((r - 1, r - 1)), n) for s, r, n in shapes if s * period_s >= from_s * 0.99]
     groups.append(Group(size, np.arange(count), contrasts(count), np.zeros((count - 1,) * 2), 1.0, top=True))
-    names = list(terms)
+    names = [key for key, _, _ in terms]
     stacks = stacks_of(groups)
-    V = [stacked(unit_covariance(key, groups, period_s, terms[key][1] or 1.0), stacks) for key in names]
-    x = np.array([terms[key][0] ** 2 for key in names])
+    V = [stacked(unit_covariance(key, groups, period_s, time_s or 1.0), stacks) for key, _, time_s in terms]
+    x = np.array([size**2 for _, size, _ in terms])
     _, _, curvature = cost(x, V, stacks)
     information = curvature * np.outer(x, x) / 2
     return float(np.sqrt(inverse(information)[names.index(name), names.index(name)]) / 2)

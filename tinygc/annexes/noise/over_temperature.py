@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from session.io.rests import RestLog
 from tinygc.annexes.noise.scales import Rest
-from tinygc.annexes.temperature.axis_fit import Knots, fit_axis, make_knots
-from tinygc.annexes.temperature.rest_fit import zero_of_blocks
-from tinygc.annexes.temperature.sweeps import sweeps_of
+
+if TYPE_CHECKING:
+    from tinygc.annexes.temperature.axis_fit import Knots
 
 #: degC: a smaller range has nothing to tell, and the self-heating of a switched-on sensor is larger
 LEAST_RANGE_C = 1.0
@@ -50,6 +51,9 @@ def knots_of(rests: Sequence[Rest]) -> Knots | None:
         logs.append(RestLog(Path("rest"), number, rest.block_s, temp_c, rates, forces, none, none, count, 0, 1.0, grid=blocks.grid))
     if not logs or max(float(np.ptp(log.temp_c)) for log in logs) < LEAST_RANGE_C:
         return None
+    from tinygc.annexes.temperature.axis_fit import make_knots
+    from tinygc.annexes.temperature.sweeps import sweeps_of
+
     return make_knots(logs, [sweep for index, log in enumerate(logs) for sweep in sweeps_of(log.temp_c, index)])
 
 
@@ -63,6 +67,9 @@ def temperature_part(rests: Sequence[Rest], channel: int, knots: Knots | None) -
         return none
     kept = [~rest.bad if is_long(rest) else np.zeros(len(rest.bad), bool) for rest in rests]
     means = np.concatenate([own[mask] for own, mask in zip(raw, kept, strict=True)])
+    from tinygc.annexes.temperature.axis_fit import fit_axis
+    from tinygc.annexes.temperature.rest_fit import zero_of_blocks
+
     found = fit_axis(knots, means)
     if not found.order:
         return none

@@ -8,8 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
-from scipy.optimize import minimize_scalar
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from session.io.numeric import sigma_of_steps
 from session.io.rests import RestLog
@@ -313,6 +312,8 @@ def _best_lag(knots: Knots, y: np.ndarray, L: np.ndarray, rows: np.ndarray | sli
         return misfit(white, whiten(L, columns(knots, float(tau), order)[rows]))
 
     k = int(np.argmin([left(tau) for tau in lags.tolist()]))
+    from scipy.optimize import minimize_scalar
+
     between = float(lags[max(k - 1, 0)]), float(lags[min(k + 1, len(lags) - 1)])
     return float(minimize_scalar(left, bounds=between, method="bounded", options={"xatol": 1e-3 * abs(float(lags[k]))}).x)
 
@@ -493,7 +494,7 @@ def _lag_shows(knots: Knots, y: np.ndarray, L: np.ndarray, tau: float, order: in
     """Whether a lag reduces the misfit significantly; two degrees of freedom, because its sign and size were searched."""
     white = whiten(L, y)
     without, lagged = (misfit(white, whiten(L, columns(knots, value, order))) for value in (0.0, tau))
-    return bool(chi2.sf(without - lagged, 2) < BY_CHANCE)
+    return bool(chdtrc(2, max(without - lagged, 0.0)) < BY_CHANCE)
 
 
 def solve(knots: Knots, y: np.ndarray, noise: _Coloured, tau: float, chosen: Candidate) -> tuple[np.ndarray, np.ndarray]:
@@ -530,7 +531,9 @@ def _none_by_chance(knots: Knots, y: np.ndarray, V: list[np.ndarray], white: flo
     for A, L in zip(models, factors, strict=True):
         values.append(2 * float(np.sum(np.log(np.diag(L)))) + misfit(whiten(L, y), whiten(L, A)))
     constant, polynomial = (misfit(whiten(factors[0], y), whiten(factors[0], A)) for A in models)
-    by_ratio, by_noise = (chi2.sf(gain, chosen.order + 2 * chosen.lagged) for gain in (values[0] - values[1], constant - polynomial))
+    by_ratio, by_noise = (
+        chdtrc(chosen.order + 2 * chosen.lagged, max(gain, 0.0)) for gain in (values[0] - values[1], constant - polynomial)
+    )
     return float(max(by_ratio, _AS_NOISE * by_noise))
 
 
@@ -540,7 +543,7 @@ def by_chance(coefficients: np.ndarray, covariance: np.ndarray, logs: int, above
         return 1.0
     part = slice(logs + above, logs + order)
     pull = np.linalg.solve(covariance[part, part], coefficients[part])
-    return float(chi2.sf(coefficients[part] @ pull, order - above))
+    return float(chdtrc(order - above, coefficients[part] @ pull))
 
 
 def _in_degrees(knots: Knots, coefficients: np.ndarray, covariance: np.ndarray, chosen: Candidate) -> tuple[np.ndarray, np.ndarray]:

@@ -8,7 +8,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.polynomial.polynomial import polyval
-from scipy.signal import lfilter
 
 from session.io.errors import CalibrationError
 from session.io.results import Array, Keys, require
@@ -57,6 +56,8 @@ class _ElementTemperature:
         # Relative to the first reading, so that rounding errors scale with the change.
         x = reading_c - before
         state = np.array([c * (y_before - before)])
+        from scipy.signal import lfilter
+
         y = before + lfilter([new, old], [1.0, -c], x, zi=state)[0]
         self._last = float(reading_c[-1]), float(y[-1])
         return y + self._r * (reading_c - y)

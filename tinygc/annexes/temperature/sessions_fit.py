@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from session.io.config import Accelerometer
 from session.io.errors import FitError
@@ -195,7 +195,7 @@ def join(points: Sequence[_SessionPoint], rests: RestFit | None, most_order: int
         cold, warm = usable_range(rests)
         low, high = min(low, cold), max(high, warm)
     model = ThermalModel(E.reshape(-1, 3, 3), zero, lag, reference, (low, high))
-    p_value = float(chi2.sf(chi_square, freedom)) if freedom else float("nan")
+    p_value = float(chdtrc(freedom, chi_square)) if freedom else float("nan")
     return SessionsFit(points, model, covariance, chi_square, freedom, p_value, widened, p_constant, turn_on)
 
 
@@ -223,7 +223,7 @@ def _order_of_E(points: Sequence[_SessionPoint], away: np.ndarray, most: int) ->
     if most < 1:
         return 0, 1.0
     chi = [_solve_E(points, away, order)[2] for order in range(most + 1)]
-    p_values = [float(chi2.sf(chi[order] - chi[most], 9 * (most - order))) for order in range(most)]
+    p_values = [float(chdtrc(9 * (most - order), max(chi[order] - chi[most], 0.0))) for order in range(most)]
     order = next((order for order in range(most) if p_values[order] >= BY_CHANCE), most)
     return order, p_values[0]
 
@@ -285,7 +285,7 @@ def _order_of_zero(values: np.ndarray, own: np.ndarray, away: np.ndarray, most: 
         return total
 
     chi = [left(order) for order in range(most + 1)]
-    shows = (order for order in range(most) if chi2.sf(chi[order] - chi[most], 3 * (most - order)) >= BY_CHANCE)
+    shows = (order for order in range(most) if chdtrc(3 * (most - order), max(chi[order] - chi[most], 0.0)) >= BY_CHANCE)
     return next(shows, most)
 
 

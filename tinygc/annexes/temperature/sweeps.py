@@ -6,9 +6,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
-from scipy.ndimage import median_filter
-from scipy.optimize import isotonic_regression
 
 from session.io.numeric import sigma_of_steps
 from session.io.thermometer import Grid
@@ -37,6 +34,8 @@ def sweeps_of(temp_c: np.ndarray, log: int = 0) -> list[Sweep]:
     """Return the half cycles of one log's temperatures (B,) degC, in the order of time; none where they hardly vary."""
     if len(temp_c) < 2 or not np.isfinite(temp_c).all():
         return []
+    from scipy.ndimage import median_filter
+
     smooth = median_filter(temp_c, size=min(SMOOTH, len(temp_c)), mode="nearest")
     extent = float(np.ptp(smooth))
     if extent < LEAST_C:
@@ -121,6 +120,8 @@ def between_steps(t: np.ndarray, temp_c: np.ndarray, grid: Grid) -> Between:
         sigma[i] = UNIFORM * min(reach, 1.0)
         nodes.append((began if i == 0 else ended) if is_end else (began + ended) / 2)
         values.append(beside[i] + np.sign(mean[i] - beside[i]) * (reach if reach < most else 0.5))
+    from scipy.interpolate import PchipInterpolator
+
     order = np.argsort(nodes)
     found = PchipInterpolator(np.array(nodes)[order], np.array(values)[order])(t)
     return Between(on + step * found, step * sigma[interval], interval)
@@ -129,6 +130,8 @@ def between_steps(t: np.ndarray, temp_c: np.ndarray, grid: Grid) -> Between:
 def _passages(t: np.ndarray, reading: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Times (P,), rising, at which readings (B,) in steps pass the middle between two, and the middles.  On the way between two turns the
     readings rise but for noise: where one goes to and fro, the passage is where both are as frequent."""
+    from scipy.optimize import isotonic_regression
+
     turns = _turning_points(reading, REVERSAL)
     edges = [0, *turns[1:-1], len(reading) - 1]
     at, level = [], []

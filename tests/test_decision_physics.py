@@ -321,7 +321,7 @@ def test_slow_motions_of_which_one_is_a_term_of_the_others_curve_are_one(share):
     own, apart = (each - rest @ np.linalg.lstsq(rest, each, rcond=None)[0] for each in (own, apart))
     apart -= own * (own.T @ apart) / (own.T @ own)
     leans = np.sqrt(share) * own / np.linalg.norm(own) + np.sqrt(1 - share) * apart / np.linalg.norm(apart)
-    evidence._columns[term] = best.whiten.back(leans)
+    evidence.replay._known[term] = best.whiten.back(leans)
     with patch.object(decision, "curves_like", lambda twin, shape: [term, curve] if shape is curve else []):
         assert _part_of_a_curve(evidence, best, 0) == (share > 0.9)
         assert not _part_of_a_curve(evidence, best, 1)

@@ -89,6 +89,10 @@ class BiasWander:
         return wander_covariance(self.middle_s, instability_rps=self.instability_rps)
 
 
+#: rows that are computed at once: intermediate results stay in the processor's cache
+ROWS_TOGETHER = 128
+
+
 def wander_covariance(t_s: np.ndarray, span_s: np.ndarray | float = 0.0, *, instability_rps: float) -> np.ndarray:
     """(N, N) (rad/s)^2 covariance of one axis' bias at moments t_s (N,), each averaged over span_s (N,) around it.
 
@@ -96,17 +100,24 @@ def wander_covariance(t_s: np.ndarray, span_s: np.ndarray | float = 0.0, *, inst
     """
     octave = instability_rps**2 * np.log(2) / np.pi
     span = np.broadcast_to(np.asarray(span_s, dtype=float), t_s.shape)
-    gap = np.abs(t_s[:, None] - t_s[None]) - (span[:, None] + span[None]) / 2
-    overlapping = np.nonzero(gap < 0)
-    total, decay = np.zeros(gap.shape), np.exp(-np.maximum(gap, 0.0) / TIMES_S[-1])
-    for time in TIMES_S[::-1]:
-        x = span / time
-        ends = np.where(x > 0, -np.expm1(-x) / np.where(x > 0, x, 1.0), 1.0)
-        part = decay * ends * ends[:, None]
-        part[overlapping] = _over_both(t_s / time, x, *overlapping)
-        total += part
-        decay *= decay  # of half the time
-    return octave * total
+    total = np.zeros((len(t_s), len(t_s)))
+    for first in range(0, len(t_s), ROWS_TOGETHER):
+        some = slice(first, first + ROWS_TOGETHER)  # with all moments up to them: the rest is symmetric
+        other = slice(0, some.stop)
+        gap = np.abs(t_s[some, None] - t_s[other]) - (span[some, None] + span[other]) / 2
+        row, column = np.nonzero(gap < 0)
+        decay, found = np.exp(-np.maximum(gap, 0.0) / TIMES_S[-1]), total[some, other]
+        for time in TIMES_S[::-1]:
+            x = span / time
+            ends = np.where(x > 0, -np.expm1(-x) / np.where(x > 0, x, 1.0), 1.0)
+            part = decay * ends[other]
+            part *= ends[some, None]
+            part[row, column] = _over_both(t_s / time, x, row + first, column)
+            found += part
+            decay *= decay  # of half the time
+        total[:first, some] = found[:, :first].T
+    total *= octave
+    return total
 
 
 def _over_both(t: np.ndarray, span: np.ndarray, i: np.ndarray, j: np.ndarray) -> np.ndarray:

@@ -51,8 +51,8 @@ class Movement:
         """Return the same log with other rates (N, 3) rad/s."""
         return replace(self, rate=rate)
 
-    def part(self, rows: slice) -> Movement:
-        """Return some rows of the log."""
+    def part(self, rows: slice | np.ndarray) -> Movement:
+        """Return some rows of the log, a slice or their numbers."""
         arrays = ("t_s", "rate", "force_g", "temp_c", "vibration_g2")
         return replace(self, **{name: getattr(self, name)[rows] for name in arrays})
 

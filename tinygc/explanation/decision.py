@@ -25,7 +25,7 @@ from tinygc.estimation.results import FitResult
 from tinygc.estimation.stated_noise import stated_response
 from tinygc.estimation.verdict import NEAR_FLOOR
 from tinygc.explanation.claims import Claim
-from tinygc.explanation.evidence import FAMILY_WISE, Evidence, Hypothesis, left_of, orthonormal, selection_of
+from tinygc.explanation.evidence import FAMILY_WISE, Evidence, Hypothesis, left_of, orthonormal
 from tinygc.explanation.families import SLOW_ZERO
 from tinygc.explanation.search import (
     NAMELESS,
@@ -44,7 +44,7 @@ from tinygc.explanation.standing import Standing, standing_of
 from tinygc.models.linear import LinearModel
 from tinygc.noise.candidates import candidates, scanned
 from tinygc.noise.components import MOST_FACTOR, STILL_RATE, TURN, UNDERSAMPLED, SessionNoise
-from tinygc.noise.refit import Refit, at_known_shapes, prior_sigmas, refit
+from tinygc.noise.refit import Refit, Replay, at_known_shapes, prior_sigmas, refit
 from tinygc.noise.twin import FIRST_CLAIM, LINEAR, State, Twin, claim_slice
 from tinygc.noise.whitening import OPEN_MPS2, TOGETHER, Whitener
 
@@ -214,7 +214,7 @@ def _with_linear(twin: Twin, whiten: Whitener, fit: Refit, left: FitClosure) -> 
     through[LINEAR, :FIRST_CLAIM] = -answers[:, :FIRST_CLAIM]
     covariance = through @ fit.covariance @ through.T
     held = at_known_shapes(fit.J, prior_sigmas(twin, [claim.effect for claim in fit.state.claims]))
-    covariance[LINEAR, LINEAR] += L @ whiten.covariance @ L.T - answers @ held @ answers.T
+    covariance[LINEAR, LINEAR] += whiten.carried(L) - answers @ held @ answers.T
     return replace(fit, state=replace(fit.state, model=left.fit.model), covariance=covariance)
 
 
@@ -514,6 +514,7 @@ class Naming:
     first: the fit without any effect, and first_p its family-wise p-value. fit: with all effects that are kept. named: strongest first.
     beyond: shapes without a name. whiten and noise: the covariance used. considered: rejected effects with their probability. p_value of
     the detection. undersampled: the claim about the turns' own noise. unusual: whether the rest of that noise is unlike a sensor's.
+    replay: of the search without any effect, with the columns that it knows.
     """
 
     first: Refit
@@ -527,6 +528,7 @@ class Naming:
     p_value: float = 1.0
     undersampled: list[Claim] = field(default_factory=list)
     unusual: bool = False
+    replay: Replay | None = None
 
     @property
     def refused(self) -> bool:
@@ -561,7 +563,7 @@ def decide(
     """
     evidence, tried = Evidence(twin), candidates(twin)
     progress("detecting")
-    first_p = selection_of(twin, evidence.nothing.whiten, evidence.nothing.fit, tried, seed).p_value(evidence.nothing.fit.r)
+    first_p = evidence.first_p(tried, seed)
     stated = () if prove is None else prove.stated.effects
     begins = (begin, *((effect,) for effect in stated))
     start = min(evidence.nothing, *(evidence.of(effects, evidence.nothing) for effects in begins), key=lambda h: h.score)
@@ -622,7 +624,7 @@ def decided(evidence: Evidence, best: Hypothesis, first_p: float, tests: int, pr
     unusual = noise.unusual_p(best.whiten.white, r, J) < MISMATCH_P
     named = sorted(names, key=lambda n: -n.gain)
     beyond = [n for n in kept if n not in names]
-    return Naming(first, first_p, fit, named, best.whiten, noise, beyond, considered, p_value, undersampled, unusual)
+    return Naming(first, first_p, fit, named, best.whiten, noise, beyond, considered, p_value, undersampled, unusual, evidence.replay)
 
 
 def _refitted(twin: Twin, best: Hypothesis, kept: list[NamedEffect]) -> Refit:

@@ -86,7 +86,7 @@ class Explanation:
     @cached_property
     def replay(self) -> Replay:
         """Replay of the last fit, cached for the plots."""
-        return Replay(self.twin, self.naming.fit)
+        return Replay(self.twin, self.naming.fit) if self.naming.replay is None else self.naming.replay.of(self.naming.fit)
 
     def __repr__(self) -> str:
         return f"<Explanation {self.session.name}: {self.verdict}>"
@@ -130,7 +130,7 @@ def explain_session(
     before, after = (own_p_values(twin, whiten, fit) for fit in (naming.first, naming.fit))
     explanation.own_p = {name: (before[name], after[name]) for name in before}
     explanation.within = within_stills(twin)
-    explanation.detection_limits = detection_limits(twin, whiten, naming.fit)
+    explanation.detection_limits = detection_limits(twin, whiten, naming.fit, explanation.replay)
     explanation.warnings = prepared.warnings + weighed_down(session.name, problem.widened) + _heading_not_used(problem)
     explanation.verdict = _verdict(explanation)
     return explanation

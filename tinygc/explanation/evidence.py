@@ -154,9 +154,7 @@ def orthonormal(columns: np.ndarray, unseen: float = 1e-9, scaled: bool = True) 
 
 def selection_of(twin: Twin, whiten: Whitener, fit: Refit, rest: list[Effect], seed: int, replay: Replay | None = None) -> Selection[int]:
     """Test the candidates' whitened columns against what is already fitted.  replay: of the fit, if available."""
-    replay = replay or Replay(twin, fit)
-    stacked = (replay.columns(effect).stacked() for effect in rest)
-    columns = dict(enumerate(whiten.each(stacked)))
+    columns = dict(enumerate(whiten.each(map((replay or Replay(twin, fit)).stacked, rest))))
     along = frozenset(number for number, effect in enumerate(rest) if effect.kind == "force")
     # An angle that no reference observes is always 0 and carries no information on the noise scale.
     rows = np.concatenate([np.flatnonzero(twin.batch.known), np.arange(whiten.parts["still"].start, whiten.parts["still"].stop)])
@@ -221,8 +219,6 @@ def without_claim(fit: Refit, number: int) -> Refit:
 
 #: Gauss-Newton steps before and after the noise is re-estimated: the second fit starts where the first ended
 FIRST_STEPS, MORE_STEPS = 5, 2
-#: values of candidates' columns that are cached, 64 MB: enough for the catalogue in sessions of up to about a thousand turns
-MOST_KEPT = 1 << 23
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,13 +263,21 @@ class Evidence:
         self.twin = twin
         self.whiteners = Whiteners(twin)
         self.first_noise = first_noise(twin, self.whiteners.white)
-        self.first_whiten = self.whiteners.white.with_more(self.first_noise.covariance)
         self._known: dict[tuple, Hypothesis] = {}
         self._guesses: dict[tuple, Guess] = {}
         self._shapes: dict[str, int] = {}
-        self._columns: dict[Effect, np.ndarray] = {}
         self.nothing = self.of((), None)
-        self._replay = Replay(twin, self.nothing.fit)
+        self.replay = Replay(twin, self.nothing.fit)
+
+    @property
+    def first_whiten(self) -> Whitener:
+        """Whitener with the noise before any fit."""
+        return self.whiteners.of(self.first_noise)
+
+    def first_p(self, tried: list[Effect], seed: int) -> float:
+        """Family-wise p-value of what these candidates would explain beside no effect."""
+        nothing = self.nothing
+        return selection_of(self.twin, nothing.whiten, nothing.fit, tried, seed, self.replay).p_value(nothing.fit.r)
 
     @property
     def weighed(self) -> list[Guess]:
@@ -296,7 +300,7 @@ class Evidence:
         for start in (None, True):
             r, J = whiten.back(fit.r), whiten.back(fit.J) * self.prior(fit)
             noise = self.first_noise.estimated(whiten, r, J, noise.s if start else None)
-            whiten = self.whiteners.of(noise)
+            whiten = self.whiteners.of(noise) if start else self.whiteners.white.with_more(noise.covariance)
             fit = settled(twin, whiten, refit(twin, whiten, list(effects), fit.state, max_steps=MORE_STEPS))
         # The part of theta' D^-1 theta that ``price`` leaves out: the squared penalty of a claim larger than plausible.
         prior, found = self.prior(fit), 0.0
@@ -328,13 +332,7 @@ class Evidence:
 
     def columns(self, effect: Effect) -> np.ndarray:
         """(n, P) stacked change of the channels per unit of each parameter, from the linear model, which is accurate enough for ranking."""
-        found = self._columns.get(effect)
-        if found is None:
-            found = self._replay.columns(effect).stacked()
-            # Keep the first columns, not the latest: candidates are evaluated in turn, and a cache of the latest would never hit.
-            if sum(each.size for each in self._columns.values()) + found.size <= MOST_KEPT:
-                self._columns[effect] = found
-        return found
+        return self.replay.stacked(effect)
 
     def prior(self, fit: Refit) -> np.ndarray:
         """(p,) prior sigmas of all parameters; for a claim, the rms of its own parameters."""
@@ -359,10 +357,9 @@ class Evidence:
         kept = np.array([c.name != component for c in noise.components])
         components = tuple(c for c in noise.components if c.name != component)
         other.first_noise = replace(noise, components=components, s=noise.s[kept], sigma=noise.sigma[kept])
-        other.first_whiten = self.whiteners.white.with_more(other.first_noise.covariance)
         other._known, other._guesses = {}, {}
         other.nothing = other.of((), None)
-        other._replay = Replay(self.twin, other.nothing.fit)
+        other.replay = Replay(self.twin, other.nothing.fit)
         return other
 
     @property

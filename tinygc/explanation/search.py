@@ -207,19 +207,18 @@ def in_place_of(evidence: Evidence, tried: list[Effect], best: Hypothesis, effec
 # Detection limits: the size from which each effect would have been detected in this recording.
 
 
-def detection_limits(twin: Twin, whiten: Whitener, fit: Refit) -> dict[str, float]:
+def detection_limits(twin: Twin, whiten: Whitener, fit: Refit, replay: Replay | None = None) -> dict[str, float]:
     """Effect id -> detection limit in the parameter's unit, for half of the effect's directions; inf if no plausible size would be
     detected.
 
     An effect is detected if it is more probable than no effect (``evidence.least_gain``).  An effect with a scanned shape (a step) is taken
-    at the value that shows it best.  Linear, in addition to everything in ``fit``.
+    at the value that shows it best.  Linear, in addition to everything in ``fit``; replay: of it, if available.
     """
     q, _ = np.linalg.qr(fit.J / np.linalg.norm(fit.J, axis=0))
     sizes: dict[str, float] = {}
-    tried, replay = candidates(twin), Replay(twin, fit)
+    tried, replay = candidates(twin), replay or Replay(twin, fit)
     shapes = Counter(effect.id for effect in tried)
-    for effect in tried:
-        columns = whiten(replay.columns(effect).stacked())
+    for effect, columns in zip(tried, whiten.each(map(replay.stacked, tried)), strict=True):
         left, plausible = columns - q @ (q.T @ columns), effect.parameter.plausible
         # Use the median: the part of a delay common to all axes belongs to the clock and is hardly observable in any recording.
         strength = float(np.median(np.linalg.svd(left * plausible, compute_uv=False)))

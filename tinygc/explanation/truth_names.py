@@ -19,7 +19,7 @@ from tinygc.effects import AppliedEffect, Effect, Movement, Parameter, largest
 from tinygc.estimation.systematic import PRIOR_ODDS
 from tinygc.explanation.claims import common_delays
 from tinygc.explanation.decision import FOLD_STEPS, FOLDS, Naming, decided, fold_rows, folds_of
-from tinygc.explanation.evidence import Evidence, Hypothesis, selection_of
+from tinygc.explanation.evidence import Evidence, Hypothesis
 from tinygc.explanation.search import NAMELESS, STAND_IN, NamedEffect, exchanged, search
 from tinygc.explanation.truth_evidence import TruthClaim, TruthExplanation, offset_columns, truth_claim
 from tinygc.models.linear import PARAMETERS
@@ -275,7 +275,7 @@ def name_beside_truth(
     slow = wander(np.linspace(0, duration, max(3, min(round(duration / WANDER_S) + 1, segments // 6))))
     tried = [*(effect for effect in candidates(twin) if effect.kind == "rate"), OFFSET, _SMOOTHING, slow]
     tried = [effect for effect in tried if np.isfinite(columns := evidence.columns(effect)).all() and columns.any()]
-    first_p = selection_of(twin, evidence.nothing.whiten, evidence.nothing.fit, tried, seed).p_value(evidence.nothing.fit.r)
+    first_p = evidence.first_p(tried, seed)
     refused: list[TruthClaim] = []
     while True:
         best = _best(evidence, tried, slow, progress)

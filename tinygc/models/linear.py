@@ -64,11 +64,11 @@ def bias_only(still_rate: np.ndarray | None = None) -> LinearModel:
 
 
 def columns(sensitivity: np.ndarray, rate: np.ndarray) -> np.ndarray:
-    """(S, 3, 12) rad per unit: rotation of the end attitude per parameter, from sensitivity (S, T, 3, 3) and m (S, T, 3)."""
-    segments, samples = rate.shape[:2]
-    by_time = sensitivity.transpose(0, 2, 3, 1).reshape(segments, 9, samples)
-    matrix = (by_time @ rate).reshape(segments, 3, 9)
-    return np.concatenate([matrix, by_time.sum(-1).reshape(segments, 3, 3)], axis=-1)
+    """(S, d, 12) rad per unit: rotation of the end attitude per parameter, from sensitivity (S, T, d, 3) and m (S, T, 3)."""
+    segments, samples, angles = sensitivity.shape[:3]
+    by_time = sensitivity.transpose(0, 2, 3, 1).reshape(segments, 3 * angles, samples)
+    matrix = (by_time @ rate).reshape(segments, angles, 9)
+    return np.concatenate([matrix, by_time.sum(-1).reshape(segments, angles, 3)], axis=-1)
 
 
 # The sensor errors in the field's terms, derived from the linear calibration.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import reduce
 from itertools import pairwise
 
 import numpy as np
@@ -315,13 +316,12 @@ class SessionNoise:
     def covariance(self) -> np.ndarray:
         """(n, n) covariance in addition to white noise."""
         count = sum(len(block) for block in self.blocks)  # every row is in one block
-        total = np.zeros((count, count))
-        for s, component in zip(self.s, self.components, strict=True):
-            V = component.V
+        sized = [(s**2, c.V) for s, c in zip(self.s, self.components, strict=True) if s > 0]
+        dense = [square * V for square, V in sized if not isinstance(V, Sparse)]
+        total = reduce(np.add, dense) if dense else np.zeros((count, count))
+        for square, V in sized:
             if isinstance(V, Sparse):
-                total[V.rows, V.columns] += s**2 * V.values
-            elif s > 0:
-                total += s**2 * V
+                total[V.rows, V.columns] += square * V.values
         return total
 
     def size(self, name: str) -> float:

@@ -248,7 +248,7 @@ def over_shapes(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
         near = [at, *grid[np.argsort(np.abs(grid - at))[:5]]]
         values = np.unique([*grid, *np.linspace(min(near), max(near), NEAR_VALUES), at])
         scores, parts = [], []
-        for columns in whiten.each(replay.columns(effect).stacked() for effect in claim.effect.variants(values)):
+        for columns in whiten.each(map(replay.stacked, claim.effect.variants(values))):
             r, J = fit.r + (columns - fit.J[:, part]) @ claim.theta, scaled.copy()
             J[:, part] = columns * prior[part]
             own = np.linalg.inv(J.T @ J + np.eye(len(prior)))
@@ -262,6 +262,9 @@ def over_shapes(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
     return replace(fit, covariance=covariance)
 
 
+#: values of columns that a replay keeps, 64 MB: enough for the catalogue in sessions of up to about a thousand turns
+MOST_KEPT = 1 << 23
+
 # A fit's motion at every sample takes 50 MB for a day with 400 turns, so fits do not keep it.
 
 
@@ -270,6 +273,12 @@ class Replay:
 
     def __init__(self, twin: Twin, fit: Refit):
         self.twin, self.fit = twin, fit
+        self._known: dict[Effect, np.ndarray] = {}
+
+    def of(self, fit: Refit) -> Replay:
+        """The replay of a fit of the same twin: this one, with what it knows, where the fit has the same states."""
+        same = fit.state is self.fit.state and fit.columns_at is self.fit.columns_at
+        return self if same else Replay(self.twin, fit)
 
     @cached_property
     def rates(self) -> list[np.ndarray]:
@@ -285,3 +294,13 @@ class Replay:
     def columns(self, effect: Effect) -> Channels:
         """Columns of an effect's parameters, as ``Twin.effect_columns``."""
         return self.twin.effect_columns(effect, self.fit.state, self.sensitivity, self.rates)
+
+    def stacked(self, effect: Effect) -> np.ndarray:
+        """(n, P) ``columns``, stacked."""
+        found = self._known.get(effect)
+        if found is None:
+            found = self.columns(effect).stacked()
+            # Keep the first columns, not the latest: candidates are evaluated in turn, and a cache of the latest would never hit.
+            if sum(each.size for each in self._known.values()) + found.size <= MOST_KEPT:
+                self._known[effect] = found
+        return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -163,13 +164,13 @@ class StillMeans:
         #: the row at which each still begins, and the one at which the last ends
         self._edges = np.concatenate([[0], np.cumsum([still.stop - still.start for still in stills], dtype=int)])
 
-    def __call__(self, values: np.ndarray) -> np.ndarray:
-        """Average samples (N, …) over the stills to (Q, …)."""
-        tail = (1,) * (values.ndim - 1)
-        found = [np.zeros((0, *values.shape[1:]))]
-        for part in self._parts():
+    def __call__(self, values: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+        """Average over the stills to (Q, …) what a function gives for the numbers (n,) of some rows: (n, …)."""
+        found = []
+        for part in self._parts() or [np.zeros(1, dtype=int)]:
             own, begin = self._rows[part[0] : part[-1]], part[:-1] - part[0]
-            each, count = values[own], np.diff(part)
+            each, count = values(own), np.diff(part)
+            tail = (1,) * (each.ndim - 1)
             if self._counts is not None:
                 weight = self._counts[own]
                 each, count = each * weight.reshape(-1, *tail), np.add.reduceat(weight, begin)

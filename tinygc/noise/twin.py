@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import groupby
 
 import numpy as np
 
@@ -110,6 +111,7 @@ class Twin:
     def __init__(self, problem: Problem):
         self.problem, self.batch = problem, problem.batch
         self._known_taken_up: dict[Effect, np.ndarray] = {}
+        self._last: tuple[State, list[np.ndarray], Batch, np.ndarray] | None = None
         self.seen, self._thinnings = thinned(problem)
         problem = self.seen  # in the rows passed to effects
         self.segments = problem.used
@@ -219,12 +221,19 @@ class Twin:
     def residuals(self, state: State, rates: list[np.ndarray] | None = None) -> Channels:
         """Residuals: recording minus prediction."""
         rates = self.rates(state) if rates is None else rates
-        batch = self.batch_at(state)
-        q_pred = closure.end_attitude(batch, self.padded(rates))
-        angles = closure.error_angles(closure.batch_residual(batch, q_pred))
+        batch, turned = self._replayed(state, rates)
+        angles = closure.error_angles(closure.batch_residual(batch, rotation.multiply(batch.start, turned)))
         earth = self.problem.still_rates.earth[: len(self.stills)] + np.einsum("qji,j->qi", rotation.matrix(self.q_tb), state.earth_t)
         lengths = np.linalg.norm(self.freed(state, self.rests), axis=1) - state.gravity_mps2
         return Channels(angles, self.still_means(rates) - earth, lengths)
+
+    def _replayed(self, state: State, rates: list[np.ndarray]) -> tuple[Batch, np.ndarray]:
+        """The batch at a state, and the rotation (S, 4) of the body over each segment at these rates: known for the last such pair, of
+        which a fit asks for the residuals, and the search for the columns of each effect of kind "force"."""
+        if self._last is None or self._last[0] is not state or self._last[1] is not rates:
+            batch = self.batch_at(state)
+            self._last = state, rates, batch, closure.turned(batch, self.padded(rates))
+        return self._last[2:]
 
     def batch_at(self, state: State) -> Batch:
         """The batch with the state's reference attitudes and Earth."""
@@ -234,7 +243,11 @@ class Twin:
             batch = replace(batch, start=bent[self.first], end=bent[self.last])
         if state.earth_t.any():
             (x, y, z), turn = state.earth_t, self._turns
-            batch = replace(batch, earth=batch.earth + (x * turn[:, :, 0] + y * turn[:, :, 1] + z * turn[:, :, 2]))
+            earth = np.empty_like(batch.earth)
+            for some in closure.parts(len(batch)):
+                of = turn[some]
+                earth[some] = batch.earth[some] + (x * of[:, :, 0] + y * of[:, :, 1] + z * of[:, :, 2])
+            batch = replace(batch, earth=earth)
         return batch
 
     @cached_property
@@ -281,6 +294,10 @@ class Twin:
 
     def still_means(self, by_log: list[np.ndarray]) -> np.ndarray:
         """Means (Q, …) over the stills of samples (N, …) of each log."""
+        return self._still_means([values.__getitem__ for values in by_log])
+
+    def _still_means(self, by_log: list[Callable[[np.ndarray], np.ndarray]]) -> np.ndarray:
+        """``still_means`` of functions of the rows of each log."""
         return np.concatenate([mean(values) for values, mean in zip(by_log, self._means, strict=True)])
 
     @cached_property
@@ -294,18 +311,26 @@ class Twin:
 
     def sensitivity(self, state: State, rates: list[np.ndarray]) -> np.ndarray:
         """(S, T, d, 3) s: sensitivity of the closure; the row of an unobserved angle is omitted to save memory."""
-        found = closure.sensitivity(self.batch_at(state), self.padded(rates))
-        return found if self.batch.angles == 3 else found[:, :, : self.batch.angles].copy(order="K")
+        batch, padded, angles = self._replayed(state, rates)[0], self.padded(rates), self.batch.angles
+        found = np.empty((len(batch), angles, 3, padded.shape[1])).transpose(0, 3, 1, 2)
+        for some in closure.parts(len(batch)):
+            found[some] = closure.sensitivity(batch.pick(some), padded[some])[:, :, :angles]
+        return found
 
     def linear_columns(self, sensitivity: np.ndarray) -> Channels:
         """Columns of the 12 linear parameters."""
-        design = linear.columns(_square(sensitivity), self.batch.rate)[:, : self.batch.angles]
+        design = linear.columns(sensitivity, self.batch.rate)
         still = np.zeros((len(self.stills), 3, linear.PARAMETERS))
-        mean = self.still_means([np.asarray(log.samples.gyro) for log in self.seen.logs])
+        mean = self._mean_readings
         for axis in range(3):
             still[:, axis, 3 * axis : 3 * axis + 3] = mean
             still[:, axis, linear.BIAS.start + axis] = 1.0
         return Channels(design, still, np.zeros((len(self.stills), linear.PARAMETERS)))
+
+    @cached_property
+    def _mean_readings(self) -> np.ndarray:
+        """(Q, 3) rad/s as read."""
+        return self.still_means([np.asarray(log.samples.gyro) for log in self.seen.logs])
 
     def earth_columns(self) -> Channels:
         """Columns of the Earth's rate in table axes, (3,): it rotates the prediction by -w times the segment's duration."""
@@ -337,9 +362,7 @@ class Twin:
 
     def _bending(self, state: State, rates: list[np.ndarray], patterns: np.ndarray) -> Channels:
         """Columns of P patterns (P, Q, 3) subtracted from the stills' force, by finite differences of the reference attitudes."""
-        padded, force, base = self.padded(rates), self.freed(state, self.rests), self.batch_at(state)
-
-        turned = closure.turned(base, padded)
+        force, (base, turned) = self.freed(state, self.rests), self._replayed(state, rates)
 
         def look(force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             bent = self._tilted(force)
@@ -355,29 +378,25 @@ class Twin:
         design, length = (np.stack(part, axis=-1) for part in zip(*columns, strict=True))
         return Channels(design, np.zeros((len(self.stills), 3, len(patterns))), length)
 
-    def _added(self, effect: Effect, state: State, rates: list[np.ndarray]) -> list[np.ndarray]:
-        """(N, 3, P) for each log: derivative of the rate with respect to an effect's parameters, at a state.
+    def _added(self, effect: Effect, state: State, rates: list[np.ndarray], log: int) -> Callable[[slice | np.ndarray], np.ndarray]:
+        """Derivative of the rate with respect to an effect's parameters, (n, 3, P), at a state, as a function of n rows of a log.
 
         A claimed effect with memory (a lag) is differentiated through its correction: linear columns from the corrected rate would not
         show the part common to all axes.
         """
         claimed = next((i for i, claim in enumerate(state.claims) if claim.effect.id == effect.id), None)
-        if claimed is None and effect.on_readings:
-            readings = [np.asarray(log.samples.gyro) for log in self.seen.logs]
-            moved = (effect.columns(movement.with_rate(rate)) for movement, rate in zip(self.movements, readings, strict=True))
-            return [np.einsum("ij,njp->nip", state.model.E, columns) for columns in moved]
+        movement, readings = self.movements[log], np.asarray(self.seen.logs[log].samples.gyro)
         if claimed is None or effect.exact_correct is None:
-            return [effect.columns(movement.with_rate(rate)) for movement, rate in zip(self.movements, rates, strict=True)]
-        theta, added = state.claims[claimed].theta, []
-        for log, movement in enumerate(self.movements):
-            before = np.asarray(self.seen.logs[log].samples.gyro) if effect.on_readings else self._undone(state, log, claimed)
-            movement = movement.with_rate(before)
-            here = effect.correct(before, movement, theta)
-            small = SMALL_SHARE * effect.parameter.plausible
-            steps = small * np.eye(len(theta))
-            columns = np.stack([(here - effect.correct(before, movement, theta + step)) / small for step in steps], axis=-1)
-            added.append(np.einsum("ij,njp->nip", state.model.E, columns) if effect.on_readings else columns)
-        return added
+            of_readings = claimed is None and effect.on_readings
+            movement = movement.with_rate(readings if of_readings else rates[log])
+            columns = _of_rows(effect, effect.columns, movement)
+            return (lambda rows: np.einsum("ij,njp->nip", state.model.E, columns(rows))) if of_readings else columns
+        theta, before = state.claims[claimed].theta, readings if effect.on_readings else self._undone(state, log, claimed)
+        movement = movement.with_rate(before)
+        here = effect.correct(before, movement, theta)
+        small = SMALL_SHARE * effect.parameter.plausible
+        moved = np.stack([(here - effect.correct(before, movement, theta + step)) / small for step in small * np.eye(len(theta))], axis=-1)
+        return (np.einsum("ij,njp->nip", state.model.E, moved) if effect.on_readings else moved).__getitem__
 
     def effect_columns(self, effect: Effect, state: State, sensitivity: np.ndarray, rates: list[np.ndarray]) -> Channels:
         """Columns of an effect's parameters: change of the residuals when each is added to the state's corrections."""
@@ -386,38 +405,45 @@ class Twin:
         if effect.kind == "earth":
             return self.earth_columns()
         if effect.basis is not None:
-            return self._basis_columns(effect, sensitivity)
-        by_log = self._added(effect, state, rates)
-        size = effect.parameter.size
-        design = np.empty((len(self.segments), self.batch.angles, size))
-        for row, segment, turn in zip(design, self.segments, sensitivity, strict=True):
-            count = segment.stop - segment.start
-            part = by_log[segment.log][segment.start : segment.stop]
-            row[:] = turn[:count].transpose(1, 0, 2).reshape(self.batch.angles, -1) @ part.reshape(-1, size)
-        return Channels(-design, -self.still_means(by_log), np.zeros((len(self.stills), size)))
+            return self._basis_columns(effect, effect.basis, sensitivity)
+        by_log = [self._added(effect, state, rates, log) for log in range(len(self.movements))]
+        d, size = self.batch.angles, effect.parameter.size
+        design = np.empty((len(self.segments), d, size))
+        for number, part in self._by_segment(by_log):
+            turn = sensitivity[number, : len(part)].transpose(1, 0, 2).reshape(d, -1)
+            design[number] = turn @ part.reshape(-1, size)
+        return Channels(-design, -self._still_means(by_log), np.zeros((len(self.stills), size)))
 
-    def _basis_columns(self, effect: Effect, sensitivity: np.ndarray) -> Channels:
+    def _by_segment(self, by_log: list[Callable[[slice | np.ndarray], np.ndarray]]) -> Iterator[tuple[int, np.ndarray]]:
+        """Number of each segment, and the values (n, …) at its samples, of functions of the rows of each log, asked for some at a time."""
+        for some in closure.parts(len(self.segments)):
+            for log, group in groupby(range(len(self.segments))[some], key=lambda number: self.segments[number].log):
+                numbers = list(group)
+                first = min(self.segments[number].start for number in numbers)
+                values = by_log[log](slice(first, max(self.segments[number].stop for number in numbers)))
+                for number in numbers:
+                    yield number, values[self.segments[number].start - first : self.segments[number].stop - first]
+
+    def _basis_columns(self, effect: Effect, basis: Callable[[Movement], np.ndarray], sensitivity: np.ndarray) -> Channels:
         """``effect_columns`` of an effect with basis functions: each function is summed once for all axes."""
-        assert effect.basis is not None
-        by_log = [effect.basis(movement) for movement in self.movements]
-        d, curves = self.batch.angles, by_log[0].shape[1]
+        by_log = [_of_rows(effect, basis, movement) for movement in self.movements]
+        d, size = self.batch.angles, effect.parameter.size
+        curves = size // 3
         design = np.empty((len(self.segments), d, curves, 3))
-        for row, segment, turn in zip(design, self.segments, sensitivity, strict=True):
-            count = segment.stop - segment.start
-            summed = turn[:count].reshape(count, -1).T @ by_log[segment.log][segment.start : segment.stop]
-            row[:] = summed.reshape(d, 3, curves).transpose(0, 2, 1)
-        mean = self.still_means(by_log)
+        for number, part in self._by_segment(by_log):
+            summed = sensitivity[number, : len(part)].reshape(len(part), -1).T @ part
+            design[number] = summed.reshape(d, 3, curves).transpose(0, 2, 1)
+        mean = self._still_means(by_log)
         still = mean[:, None, :, None] * np.eye(3)[:, None]
         if effect.has_rows:
             design, still = design.swapaxes(2, 3), still.swapaxes(2, 3)
-        size = effect.parameter.size
         return Channels(-design.reshape(-1, d, size), -still.reshape(-1, 3, size), np.zeros((len(self.stills), size)))
 
 
-def _square(sensitivity: np.ndarray) -> np.ndarray:
-    """Pad to the three rows that ``linear.columns`` needs; the third is not used if yaw is unknown."""
-    missing = 3 - sensitivity.shape[2]
-    return sensitivity if not missing else np.pad(sensitivity, ((0, 0), (0, 0), (0, missing), (0, 0)))
+def _of_rows(effect: Effect, of: Callable[[Movement], np.ndarray], movement: Movement) -> Callable[[slice | np.ndarray], np.ndarray]:
+    """Function of rows of a movement, of an effect's columns (N, …): some rows alone where each is of its own sample, as all columns of a
+    long session would be its largest array."""
+    return of(movement).__getitem__ if effect.needs_rate_hz else lambda rows: of(movement.part(rows))
 
 
 # The variable of an effect for each sample, still and segment: the same for JSON, page and plot.

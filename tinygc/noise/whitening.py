@@ -83,12 +83,15 @@ class Whitener:
         self._allowances = _precalibration(twin)
         self.white = _covariance(twin) + self._allowances @ self._allowances.T
         self._rows: slice | np.ndarray = slice(None)
-        self._set(self.white)
 
-    def _set(self, covariance: np.ndarray) -> None:
-        self._factor = np.linalg.cholesky(covariance)
-        #: (n, m) whitened: directions in which the covariance is larger than most recordings need
-        self.allowances = self(self._allowances)
+    @cached_property
+    def _factor(self) -> np.ndarray:
+        return np.linalg.cholesky(self.white)
+
+    @cached_property
+    def allowances(self) -> np.ndarray:
+        """(n, m) whitened: directions in which the covariance is larger than most recordings need."""
+        return self(self._allowances)
 
     def __call__(self, stacked: np.ndarray) -> np.ndarray:
         """Rows of unit variance, uncorrelated."""
@@ -109,9 +112,9 @@ class Whitener:
     def with_more(self, more: np.ndarray) -> Whitener:
         """Replace the covariance (n, n) added to white noise."""
         other = copy(self)
-        for name in ("_own_factors", "precision"):
+        for name in ("allowances", "_own_factors", "precision"):
             other.__dict__.pop(name, None)
-        other._set(self.white + more)
+        other._factor = np.linalg.cholesky(self.white + more)
         return other
 
     def each(self, columns: Iterable[np.ndarray]) -> Iterator[np.ndarray]:
@@ -125,6 +128,11 @@ class Whitener:
     def covariance(self) -> np.ndarray:
         """(n, n) covariance of the stacked channels."""
         return self._factor @ self._factor.T
+
+    def carried(self, response: np.ndarray) -> np.ndarray:
+        """Covariance (k, k) of what responds by ``response`` (k, n) to the stacked channels."""
+        root = response @ self._factor
+        return root @ root.T
 
     @cached_property
     def precision(self) -> np.ndarray:
@@ -150,8 +158,8 @@ class Whitener:
 
     @cached_property
     def _own_factors(self) -> dict[str, np.ndarray]:
-        covariance = self.covariance
-        return {name: np.linalg.cholesky(covariance[part, part]) for name, part in self.parts.items()}
+        roots = {name: self._factor[part, : part.stop] for name, part in self.parts.items()}
+        return {name: np.linalg.cholesky(root @ root.T) for name, root in roots.items()}
 
     def only(self, rows: np.ndarray) -> Whitener:
         """A whitener of the selected rows (n,) bool alone; the others are marginalised."""

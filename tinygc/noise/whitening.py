@@ -68,6 +68,8 @@ PRECALIBRATION_MPS2 = 0.1 * MG
 OPEN_MPS2 = 100 * PRECALIBRATION_MPS2
 #: groups of columns that are whitened at once (benchmarks/whole_process.py)
 TOGETHER = 64
+#: rows from which on a covariance is factored in its own place, at 40 % of the time: its import takes longer than fewer rows do
+MANY_ROWS = 1500
 
 
 class Whitener:
@@ -86,7 +88,7 @@ class Whitener:
 
     @cached_property
     def _factor(self) -> np.ndarray:
-        return np.linalg.cholesky(self.white)
+        return _factored(self.white.copy())
 
     @cached_property
     def allowances(self) -> np.ndarray:
@@ -110,11 +112,13 @@ class Whitener:
         return self._factor @ whitened
 
     def with_more(self, more: np.ndarray) -> Whitener:
-        """Replace the covariance (n, n) added to white noise."""
+        """Replace the covariance (n, n) added to white noise, an array that is used up: with many turns, each further one is as much
+        memory as all else."""
         other = copy(self)
         for name in ("allowances", "_own_factors", "precision"):
             other.__dict__.pop(name, None)
-        other._factor = np.linalg.cholesky(self.white + more)
+        more += self.white
+        other._factor = _factored(more)
         return other
 
     def each(self, columns: Iterable[np.ndarray]) -> Iterator[np.ndarray]:
@@ -172,6 +176,15 @@ class Whitener:
     def sigma(self) -> np.ndarray:
         """(n,) standard deviation of each row before whitening."""
         return np.sqrt(np.sum(self._factor**2, axis=1))
+
+
+def _factored(covariance: np.ndarray) -> np.ndarray:
+    """Lower Cholesky factor (n, n) of a covariance, which is used up."""
+    if len(covariance) < MANY_ROWS:
+        return np.linalg.cholesky(covariance)
+    from scipy.linalg import cholesky
+
+    return cholesky(covariance.T, overwrite_a=True, check_finite=False).T
 
 
 def _covariance(twin: Twin) -> np.ndarray:

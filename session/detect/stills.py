@@ -11,14 +11,14 @@ import numpy as np
 from session.io.folder import Session
 from session.io.logfile import Log
 from session.io.numeric import runs_of, sigma_of, weighted_median
-from session.io.samples import Samples
+from session.io.samples import Samples, once
 from session.io.units import DEG, NS
 
 # Short blocks of samples and their moments: the data for stillness and noise.
 
 BLOCK_S = 0.1  #: long against a gyro's filter, short against a hand's pause
 MIN_BLOCK_SAMPLES = 8  #: below this a variance says little
-_CHUNK_BLOCKS = 20_000  #: keeps the working memory small on logs of any length
+_CHUNK_BLOCKS = 2_000  #: as many as a processor's cache holds, of logs of any length
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,9 +44,14 @@ def block_size(period_s: float) -> int:
 def block_moments(samples: Samples, size: int | None = None) -> Blocks:
     """Cut samples into blocks of ``size`` samples, or of about ``BLOCK_S``; an incomplete block at the end is left out."""
     size = size or block_size(samples.period_s)
-    gyro_mean, gyro_var = _moments(samples.gyro, size)
+    gyro_mean, gyro_var = _gyro_moments(samples, size)
     accel_mean, accel_var = _moments(samples.accel, size)
     return Blocks(size, size * samples.period_s, gyro_mean, gyro_var, accel_mean, accel_var)
+
+
+@once
+def _gyro_moments(samples: Samples, size: int) -> tuple[np.ndarray, np.ndarray]:
+    return _moments(samples.gyro, size)
 
 
 def _moments(values: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
@@ -84,8 +89,9 @@ def _trend_of(values: np.ndarray, t_ns: np.ndarray, spans: Spans) -> Trend:
     if _count(spans) <= AT_ONCE:
         rows = rows_of(spans)
         t, own = (t_ns[rows] - first) * NS, values[rows]
-        centred = t - t.mean()
-        return Trend(own.mean(axis=0), own.std(axis=0, ddof=1), centred @ own / np.sum(centred**2))
+        mean, centred = np.einsum("ij->j", own) / len(own), t - t.mean()
+        square = np.einsum("ij->j", (own - mean) ** 2)
+        return Trend(mean, np.sqrt(square / (len(own) - 1)), centred @ own / np.sum(centred**2))
     count, t_sum, total = _count(spans), 0.0, np.zeros(3)
     for part in _parts(spans):
         t_sum, total = t_sum + float(np.sum((t_ns[part] - first) * NS)), total + np.sum(values[part], axis=0)
@@ -100,16 +106,10 @@ def _trend_of(values: np.ndarray, t_ns: np.ndarray, spans: Spans) -> Trend:
 def _mean_as_a_slope_weighs(values: np.ndarray, spans: Spans) -> np.ndarray:
     """(3,) of readings (N, 3), each weighted as a fitted slope weighs a rate at its time: by ``(T/2)^2 - (t - T/2)^2``."""
     first, last = spans[0][0], spans[-1][1] - 1
-
-    def weights(rows: np.ndarray) -> np.ndarray:
-        part = (rows - first + 0.5) / (last - first + 1)
-        return part * (1 - part)
-
-    if _count(spans) <= AT_ONCE:
-        return np.average(values[rows_of(spans)], axis=0, weights=weights(np.concatenate([np.arange(*span) for span in spans])))
     size, total = 0.0, np.zeros(3)
     for part in _parts(spans):
-        weight = weights(np.arange(part.start, part.stop))
+        share = (np.arange(part.start, part.stop) - first + 0.5) / (last - first + 1)
+        weight = share * (1 - share)
         size, total = size + float(weight.sum()), total + weight @ values[part]
     return total / size
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import re
 from collections.abc import Callable
+from itertools import repeat
 from typing import Literal
 
 import numpy as np
@@ -43,7 +44,7 @@ def parse(lines: list[str], layout: Layout, unsigned: set[str] | None = None) ->
     """
     if not any(line.lstrip()[:1] not in ("", "#") for line in lines):
         return np.zeros((0, len(layout.numbers))), None
-    if not layout.standard and any(map(_opens, lines)):
+    if not layout.standard and '"' in "".join(lines) and any(map(_opens, lines)):
         raise ValueError(OPEN)  # NumPy would read on to the next quotation mark, over however many lines
     if layout.finer:
         table, time = _load(lines, layout.numbers, layout, np.float64), _summed(lines, layout)
@@ -126,7 +127,7 @@ def _looks_whole(lines: list[str], layout: Layout) -> bool:
 
 
 def _require_whole(values: np.ndarray) -> None:
-    if (values % 1).any() or not (np.abs(values) < ERA_NS).all():
+    if (np.rint(values) != values).any() or not (np.abs(values) < ERA_NS).all():
         raise ValueError("a fraction, or more than 64 bits, where a whole number belongs")
 
 
@@ -247,8 +248,10 @@ def wrong_width(lines: list[str], layout: Layout) -> int | None:
         names = names[:-1]
     if mark is None or not layout.header_line or (layout.standard and max(layout.used) == len(names) - 1):
         return None
-    for number, line in enumerate(lines):
-        count = line.count(mark) + 1
+    counts = [marks + 1 for marks in map(str.count, lines, repeat(mark))]
+    if set(counts) == {len(names)}:
+        return None
+    for number, (line, count) in enumerate(zip(lines, counts, strict=True)):
         if count == len(names) or not line.strip(EMPTY) or '"' in line or "#" in line or line.strip() == layout.header_line:
             continue
         if count < len(names) or any(cell.strip() for cell in line.split(mark)[len(layout.names) :]):

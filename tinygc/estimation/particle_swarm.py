@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -29,8 +30,6 @@ CONSTRICTION, ATTRACTION = 0.7298, 1.49618
 PATIENCE, TOLERANCE = 80, 1e-6
 #: largest number of successive swarms; the box of each, as a share of the one before
 LEGS, NEARER = 6, 0.05
-#: segments beyond which a swarm uses one quadratic form for all of them (benchmarks/whole_process.py)
-GATHERED = 400
 #: half angles in sigmas: difference below which the quadratic closure equals the exact one
 AS_SEEN = 1e-4
 #: half-width of the box the swarm starts in: 5 % for each element of E, 2 dps for the bias
@@ -78,47 +77,48 @@ def fit_pso(
 ) -> LinearModel:
     """Find the swarm's best linear model from a box around ``start``.
 
-    The swarm uses the closure to second order about where it begins.  If that is not accurate at its best model, it begins again there,
-    in a box of a twentieth, until it is.  prior: model that weakly constrains unobserved parameters, as in least squares; None: no
-    constraint.
+    prior: model that weakly constrains unobserved parameters, as in least squares; None: no constraint.
     """
-    centre, box, rng = start, 1.0, np.random.default_rng(seed)
-    for leg in range(LEGS):
-        nearby = Nearby.about(centre, batch)
-        of_all = partial(tell, progress, leg, LEGS)
-        centre = near_best(nearby, sigma, rng, box=box, still_rates=still_rates, prior=prior, progress=of_all)
-        box *= NEARER
-        seen = nearby.residuals(centre.vector[None])[0]
-        exact = closure.segment_residuals(batch, centre(batch.rate))
-        if np.abs((exact - seen) / sigma.reshape(len(batch), -1)).max() < AS_SEEN:
-            break
-    progress(1, 1)
-    return centre
+    how = {"seed": seed, "still_rates": still_rates, "prior": prior, "progress": progress}
+    return search(Nearby.about(start, batch), start, sigma, 1.0, **how)[0]
 
 
-def near_best(
+def search(
     nearby: Nearby,
+    centre: LinearModel,
     sigma: np.ndarray,
-    rng: np.random.Generator,
+    box: float,
     *,
-    box: float = NEARER,
+    seed: int,
     still_rates: StillRates | None = None,
     prior: LinearModel | None = None,
     progress: Callable[[int, int], None] = lambda step, steps: None,
-) -> LinearModel:
-    """Return the best of one swarm, which uses the closure through ``nearby``, from a box around its model."""
-    weight = (2 / sigma.reshape(len(nearby.batch), -1)) ** 2
-    gathered = nearby.gathered(weight) if len(nearby.batch) > GATHERED else None
+) -> tuple[LinearModel, Nearby]:
+    """Find the swarm's best linear model from a box, in shares of ``START_BOX``, around a model ``centre``.
 
-    def cost(vectors: np.ndarray) -> np.ndarray:
-        total = gathered(vectors) if gathered is not None else np.einsum("psd,sd->p", nearby.residuals(vectors) ** 2, weight)
+    The swarm uses the closure to second order about a model near it, ``nearby``.  If that is not accurate at its best model, it begins again there,
+    in a box of a twentieth, until it is.  Returns the expansion as well in which the model was found.
+    """
+    batch, rng = nearby.batch, np.random.default_rng(seed)
+    sigma = sigma.reshape(len(batch), -1)
+
+    def cost(gathered: Callable[[np.ndarray], np.ndarray], vectors: np.ndarray) -> np.ndarray:
+        total = gathered(vectors)
         if still_rates is not None:
             total = total + [np.sum(still_rates.residuals(LinearModel.from_vector(vector)) ** 2) for vector in vectors]
         if prior is not None:
             total = total + np.sum(((vectors - prior.vector) / PRIOR_SIGMA) ** 2, axis=1)
         return total
 
-    return LinearModel.from_vector(minimise(cost, nearby.vector, box * START_BOX, rng, progress=progress))
+    for leg in range(LEGS):
+        of_all, total = partial(tell, progress, leg, LEGS), partial(cost, nearby.gathered((2 / sigma) ** 2))
+        centre = LinearModel.from_vector(minimise(total, centre.vector, box * START_BOX, rng, progress=of_all))
+        exact, seen = closure.segment_residuals(batch, centre(batch.rate)), nearby.residuals(centre.vector[None])[0]
+        if np.abs((exact - seen) / sigma).max() < AS_SEEN:
+            break
+        nearby, box = Nearby.about(centre, batch), box * NEARER
+    progress(1, 1)
+    return centre, nearby
 
 
 def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[str, MethodFit]) -> MethodFit:
@@ -133,15 +133,13 @@ class _SwarmFits:
     nearby: Nearby | None = None
 
     def __call__(self, seen: FitInput) -> tuple[LinearModel, dict]:
-        options, rates = seen.options, seen.still_rates
         # There may be only a few turns of known angle; a swarm would drift along unobserved directions.
         prior = None if seen.batch.turns is None else seen.start
-        if self.nearby is None or seen.whole is None or seen.among is None:
-            model = fit_pso(seen.batch, seen.sigma, seen.start, seed=options.seed, still_rates=rates, prior=prior, progress=seen.progress)
-            self.nearby = Nearby.about(model, seen.batch)
+        how: dict[str, Any] = {"seed": seen.options.seed, "still_rates": seen.still_rates, "prior": prior, "progress": seen.progress}
+        if self.nearby is None or not isinstance(seen.whole, LinearModel) or seen.among is None:
+            model, self.nearby = search(Nearby.about(seen.start, seen.batch), seen.start, seen.sigma, 1.0, **how)
             return model, {}
-        rng = np.random.default_rng(options.seed)
         nearby = self.nearby.pick(seen.among)
         if not seen.same:
             nearby = nearby.with_references(seen.batch)
-        return near_best(nearby, seen.sigma, rng, still_rates=rates, prior=prior, progress=seen.progress), {}
+        return search(nearby, seen.whole, seen.sigma, NEARER, **how)[0], {}

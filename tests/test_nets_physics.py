@@ -252,9 +252,10 @@ def test_where_the_sensor_is_linear_it_finds_least_squares():
     turned = rotation.exp(np.random.default_rng(5).normal(size=(2, int(some.sum()), 3)) * 0.01 * DEG)
     other = batch.pick(some)
     other = replace(other, start=rotation.multiply(turned[0], other.start), end=rotation.multiply(turned[1], other.end))
-    known, found = (network.train_second_order(other, sigma[some], begin=net, **more) for more in ({"begins": ends.rows(other, some)}, {}))
-    assert_allclose(known.net.vector, found.net.vector, atol=1e-9)
-    assert_allclose(known.loss, found.loss, rtol=1e-9)
+    for more in ({"ends": ends.rows(other, some)}, {}):
+        known, found = (network.train_second_order(other, sigma[some], **how) for how in ({"begin": linear, **more}, {}))
+        assert_allclose(known.net.vector, found.net.vector, atol=1e-9)
+        assert_allclose(known.loss, found.loss, rtol=1e-9)
 
 
 @pytest.mark.broad

@@ -42,9 +42,6 @@ def run_method(
 
 # Fit to all segments, then to all but each fold in turn, for the closure on held-out segments.
 
-#: segments from which on a search may begin at another's result and use gathered data (benchmarks/whole_process.py)
-MANY = 400
-
 
 @dataclass(frozen=True, eq=False)
 class FitInput:

@@ -6,20 +6,21 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from session.io.errors import FitError
 from tinygc import closure
 from tinygc.attitude import rotation
-from tinygc.closure.least_squares import LinearEnds, Rows, StillRates
+from tinygc.closure.least_squares import LinearEnds, Rows, StillRates, fit_least_squares
+from tinygc.closure.prior import vague
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch
 from tinygc.estimation.adamw import device, minimise
-from tinygc.estimation.held_out import MANY, FitInput, held_out
+from tinygc.estimation.held_out import FitInput, held_out
 from tinygc.estimation.options import Checkpoint, FitOptions, MethodFit, Progress
-from tinygc.models.linear import LinearModel
+from tinygc.models.linear import PARAMETERS, LinearModel, bias_only
 from tinygc.models.nets import TIES, CalibrationNet
 
 if TYPE_CHECKING:
@@ -28,10 +29,10 @@ if TYPE_CHECKING:
 
 # Train the calibration subnet on the endpoint loss: one net, one residual, in NumPy or in PyTorch.
 #
-# Second order: Levenberg-Marquardt.  The net's Jacobian is contracted with the closure's linear sensitivity, so one step
-# costs about one epoch.  It leads from the identity to the linear solution, and from there along a path of weaker and weaker ties to it
-# (prior sigmas).  The solution with the least leave-one-segment-out error on that path is kept, so that 27 parameters do not fit the
-# noise that 12 do not.  A tie whose first, linear step predicts no improvement is skipped.
+# Second order: least squares finds the linear solution, and Levenberg-Marquardt goes from there along a path of weaker and weaker ties
+# to it (prior sigmas).  The net's Jacobian is contracted with the closure's linear sensitivity, so one step costs about one epoch.  The
+# solution with the least leave-one-segment-out error on that path is kept, so that 27 parameters do not fit the noise that 12 do not.  A
+# tie whose first, linear step predicts no improvement is skipped.
 #
 # As in the paper (``FitOptions.as_in_paper``): AdamW at 0.01 in PyTorch (``adamw.py``), differentiating through the tree product.  Only
 # that imports torch; the second order needs no autograd.
@@ -41,8 +42,8 @@ BELIEF = 3.0
 #: the improvement, in standard errors, that the first step from the linear solution must predict for a tie to be tried: what chance gives
 PROMISE = 1.0
 MAX_STEPS = 25
-#: in units of chi-square: a step with a smaller gain is not significant
-ENOUGH = 1e-3
+#: in units of chi-square: a step with a smaller gain is not significant; nor does it decide on a tie, for which it takes tens
+ENOUGH, DECIDES = 1e-3, 0.1
 #: predicted gain below which a step is not made, since rounding hides it in a sum of thousands
 PROMISED = 1e-8
 
@@ -62,40 +63,40 @@ def train_second_order(
     *,
     still_rates: StillRates | None = None,
     ties: tuple[float, ...] = TIES,
-    begin: CalibrationNet | None = None,
-    begins: Rows | None = None,
+    begin: LinearModel | None = None,
+    ends: Rows | None = None,
     progress: Callable[[int, int], None] = lambda step, steps: None,
 ) -> Training:
-    """Train by Levenberg-Marquardt from the identity; sigma (S,) rad per angle.
+    """Train from the linear solution by Levenberg-Marquardt; sigma (S,) rad per angle.
 
-    begin: a net near the solution, where the search begins with a constant Jacobian; the ties still refer to the identity;
-    begins: its error angles and columns on these segments, where they are known.  Raises FitError where the residuals are not finite.
+    begin: a linear model near the solution, where its search begins; ends: these segments' error angles under it, and their columns under
+    the net that it is, where they are known.  Raises FitError where the residuals are not finite, or there is no linear solution.
     """
     problem = _Problem(batch, sigma, still_rates)
-    vector, losses = problem.identity if begin is None else begin.vector, []
-    chosen: tuple[np.ndarray, float] | None = None
-    lowest = unbent = np.empty(0)
     rungs = CalibrationNet.identity().rungs(problem.typical_rps, ties)
-    linear: _Linear | None = None
-    near: np.ndarray | None = None
-    r: np.ndarray | None = None
-    if begins is not None:
-        r, near = problem.rows(vector, begins.angles), problem.weighed(vector, begins.columns)
-    elif begin is not None:
-        near = problem.jacobian(vector, problem.sensitivity(vector))
-    for number, (tie, prior) in enumerate(rungs):
+    progress(1, len(rungs))
+    near: LinearModel | Rows | None = begin
+    if begin is not None and ends is not None:
+        near = Rows(begin.vector, ends.angles, ends.columns[..., -PARAMETERS:])
+    identity = bias_only()
+    fit = fit_least_squares(batch, sigma, identity, still_rates=still_rates, begin=near, prior=vague(identity.vector))
+    vector = CalibrationNet.from_linear(fit.model).vector
+    J = problem.jacobian(vector, problem.sensitivity(vector)) if ends is None else problem.weighed(vector, ends.columns)
+    linear = _Linear(problem, vector, problem.rows(vector, fit.rows.angles), J)
+    losses, tie = [float(np.mean(linear.r**2))], 0.0
+    unbent = lowest = linear.left_out(rungs[0][1])
+    best, r = (vector, linear.r, rungs[0][1]), linear.r
+    for number, (looser, prior) in enumerate(rungs[1:], 1):
         progress(number + 1, len(rungs))
-        if linear is not None and not _less(linear.left_out(prior), unbent, PROMISE):
-            continue
-        vector, r, left_out, trace = problem.settle(vector, prior, *((near, r) if number == 0 else ()))
+        if _less(linear.left_out(prior), unbent, PROMISE):
+            vector, r, left_out, trace = problem.settle(vector, r, prior, DECIDES)
+            losses += trace
+            if _less(left_out, lowest, BELIEF):  # a looser tie must be significantly better
+                best, tie, lowest = (vector, r, prior), looser, left_out
+    if tie:
+        vector, *_, trace = problem.settle(*best, ENOUGH)
         losses += trace
-        # The first is the linear solution; a looser tie must be significantly better.
-        if chosen is None or _less(left_out, lowest, BELIEF):
-            chosen, lowest = (vector, tie), left_out
-        if linear is None:
-            linear, unbent = problem.linear(vector, r, near), left_out
-    assert chosen is not None  # there is at least the linear rung
-    return Training(CalibrationNet.from_vector(chosen[0]), chosen[1], tuple(losses))
+    return Training(CalibrationNet.from_vector(vector if tie else best[0]), tie, tuple(losses))
 
 
 def _less(trial: np.ndarray, best: np.ndarray, sigmas: float) -> bool:
@@ -156,23 +157,16 @@ class _Problem:
         return found.transpose(0, 3, 1, 2)
 
     def settle(
-        self, vector: np.ndarray, prior: np.ndarray, near: np.ndarray | None = None, r: np.ndarray | None = None
+        self, vector: np.ndarray, r: np.ndarray, prior: np.ndarray, enough: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[float]]:
-        """Minimise with one prior sigma (P,); return the weights, their rows (n,), the left-out squared errors (S,), and the
-        loss after each step.
-
-        near: the Jacobian at the start, if that is so near the solution that it stays constant; r: the rows there, if they are known.
-        """
+        """Minimise with one prior sigma (P,) from weights whose rows are r (n,), until a step gains less than ``enough`` of chi-square;
+        return the weights, their rows, the left-out squared errors (S,), and the loss after each step."""
         damping, losses = 1e-6, []
-        r = self.residuals(vector) if r is None else r
         pull = (vector - self.identity) / prior
         cost = r @ r + pull @ pull
-        turn = self.sensitivity(vector) if near is None else np.empty(0)
-        for step in range(MAX_STEPS):
-            if step == 1 and near is None:
-                # The first step from the identity moves attitudes by degrees; later ones by hundredths.
-                turn = self.sensitivity(vector)
-            scaled = (self.jacobian(vector, turn) if near is None else near) * prior
+        turn = self.sensitivity(vector)
+        for _ in range(MAX_STEPS):
+            scaled = self.jacobian(vector, turn) * prior
             normal = scaled.T @ scaled + np.eye(len(vector))
             gradient = scaled.T @ r + pull
             if gradient @ np.linalg.solve(normal, gradient) < PROMISED:
@@ -190,14 +184,9 @@ class _Problem:
             if gain > 0:
                 vector, r, pull, cost, damping = trial_vector, trial, trial_pull, trial_cost, max(damping / 10, 1e-9)
             losses.append(float(r @ r / len(r)))
-            if gain < ENOUGH:
+            if gain < enough:
                 break
         return vector, r, self.left_out(r, scaled, normal), losses
-
-    def linear(self, vector: np.ndarray, r: np.ndarray, near: np.ndarray | None = None) -> _Linear:
-        """Linearise about these weights, whose rows are r (n,); near: the Jacobian, if it is known."""
-        J = self.jacobian(vector, self.sensitivity(vector)) if near is None else near
-        return _Linear(self, vector, r, J)
 
     def left_out(self, r: np.ndarray, scaled: np.ndarray, normal: np.ndarray) -> np.ndarray:
         """Return the squared residual (S,) of each segment when left out of the fit (PRESS; Allen 1974), in the linear approximation."""
@@ -226,9 +215,6 @@ class _Linear:
 
 
 # The method ``tinygc``: the calibration subnet of TinyGC-Net, trained on the endpoint loss.
-
-#: difference of the slopes from 1 below which a net is linear
-STRAIGHT = 1e-6
 
 
 def _residuals(batch: Batch, turn: Any) -> Any:
@@ -289,30 +275,24 @@ def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[
 
 
 class _Begins:
-    """The start of a search over many segments: their linear solution, also for each fold, and its error angles and columns, which are
-    computed once for the fit to all and for all folds."""
+    """The start of a search: the linear solution of all segments, also for each fold, and its error angles and columns, which are computed
+    once for the fit to all and for all folds."""
 
     def __init__(self, linear: MethodFit | None):
-        self.linear = linear
-        self.net: CalibrationNet | None = None
+        self.model = None if linear is None else cast(LinearModel, linear.model)
         self.ends: LinearEnds | None = None
 
     def of(self, seen: FitInput) -> dict[str, Any]:
-        """Return ``begin`` and ``begins`` of a training; empty where it begins at the identity."""
-        if len(seen.batch) <= MANY:
+        """Return ``begin`` and ``ends`` of a training; empty where it begins at the identity."""
+        if self.model is None:
             return {}
-        if seen.whole is None:
-            if self.linear is None or not isinstance(self.linear.model, LinearModel):
-                return {}
-            self.net = CalibrationNet.from_linear(self.linear.model)
-            if seen.batch.turns is None:
-                self.ends = LinearEnds.of(self.net, seen.batch, self.net.columns)
-        elif not isinstance(seen.whole, CalibrationNet) or np.abs(seen.whole.slope - 1).max() >= STRAIGHT:
-            return {}
-        if self.net is None or self.ends is None:
-            return {"begin": seen.whole or self.net}
-        among = np.ones(len(seen.batch), dtype=bool) if seen.among is None else seen.among
-        return {"begin": self.net, "begins": self.ends.rows(seen.batch, among)}
+        if seen.whole is None and seen.batch.turns is None:
+            net = CalibrationNet.from_linear(self.model)
+            self.ends = LinearEnds.of(net, seen.batch, net.columns)
+        among = np.ones(len(seen.batch), dtype=bool) if seen.whole is None else seen.among
+        if self.ends is None or among is None:
+            return {"begin": self.model}
+        return {"begin": self.model, "ends": self.ends.rows(seen.batch, among)}
 
 
 def _fit(begins: _Begins, seen: FitInput) -> tuple[CalibrationNet, dict]:

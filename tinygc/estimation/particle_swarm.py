@@ -96,8 +96,8 @@ def search(
 ) -> tuple[LinearModel, Nearby]:
     """Find the swarm's best linear model from a box, in shares of ``START_BOX``, around a model ``centre``.
 
-    The swarm uses the closure to second order about a model near it, ``nearby``.  If that is not accurate at its best model, it begins again there,
-    in a box of a twentieth, until it is.  Returns the expansion as well in which the model was found.
+    The swarm uses the closure to second order about a model near it, ``nearby``.  If that is not accurate at its best model, it begins
+    again there, in a box of a twentieth, until it is.  Returns the expansion as well in which the model was found.
     """
     batch, rng = nearby.batch, np.random.default_rng(seed)
     sigma = sigma.reshape(len(batch), -1)

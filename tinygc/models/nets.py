@@ -100,14 +100,15 @@ class CalibrationNet(BaseModel):
         This is the chain rule written out, with the sums over the samples taken first (NumPy only).
         """
         segments, samples, d = sensitivity.shape[:3]
-        h = rate @ self.W1.T + self.b1
-        active = np.where(h >= 0, 1.0, self.slope)
-        with_one = np.concatenate([rate, np.ones((segments, samples, 1))], axis=-1)
-        by_time = sensitivity.transpose(0, 2, 3, 1).reshape(segments, d * 3, samples)
-        outer = (by_time @ np.concatenate([h * active, with_one[..., 3:]], -1)).reshape(segments, d, 3, 4)
-        hidden = (sensitivity.transpose(0, 2, 1, 3) @ self.W2).transpose(0, 1, 3, 2)
-        inner = ((hidden * active.transpose(0, 2, 1)[:, None]).reshape(segments, d * 3, samples) @ with_one).reshape(segments, d, 3, 4)
-        slope = (hidden * np.minimum(h, 0).transpose(0, 2, 1)[:, None]).sum(-1)
+        by_time, m = sensitivity.transpose(0, 2, 3, 1), rate.transpose(0, 2, 1)  # the samples last: sums run along memory
+        h = self.W1 @ m + self.b1[:, None]
+        active = np.where(h >= 0, 1.0, self.slope[:, None])
+        one, rows = np.ones((segments, 1, samples)), (segments, d * 3, samples)
+        outer = by_time.reshape(rows) @ np.concatenate([h * active, one], axis=1).swapaxes(1, 2)
+        hidden = self.W2.T @ by_time
+        inner = (hidden * active[:, None]).reshape(rows) @ np.concatenate([m, one], axis=1).swapaxes(1, 2)
+        outer, inner = (sums.reshape(segments, d, 3, 4) for sums in (outer, inner))
+        slope = np.einsum("sdjt,sjt->sdj", hidden, np.minimum(h, 0))
         parts = [inner[..., :3], inner[..., 3], slope, outer[..., :3], outer[..., 3]]
         return np.concatenate([part.reshape(segments, d, -1) for part in parts], axis=-1)
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -135,23 +136,21 @@ class Risk:
 
     def ideal(self, reduction: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the taps (3, K) best in motion among those that divide noise at rest by ``reduction`` or more, and rest's weight (3,)."""
-        taps, weights = np.zeros_like(self.noise), np.zeros(3)
-        for axis in range(3):
-            low, high = WEIGHTS
-            for _ in range(40):
-                middle = (low + high) / 2
-                h = self._best(axis, 10.0**middle)
-                enough = h @ self.covariance[axis] @ h * reduction**2 <= self.noise[axis, 0]
-                low, high = (low, middle) if enough else (middle, high)
-            taps[axis], weights[axis] = self._best(axis, 10.0**high), 10.0**high
-        return taps, weights
+        low, high = (np.full(3, power) for power in WEIGHTS)
+        for _ in range(40):
+            middle = (low + high) / 2
+            enough = self.at_rest(self._best(10.0**middle)) * reduction**2 <= self.noise[:, 0]
+            low, high = np.where(enough, low, middle), np.where(enough, middle, high)
+        return self._best(10.0**high), 10.0**high
 
-    def _best(self, axis: int, weight: float) -> np.ndarray:
-        """Minimise h' (A + weight R) h + 2 shared' h, with gain 1 and the other moments zero (Lagrange)."""
+    def _best(self, weight: np.ndarray) -> np.ndarray:
+        """Minimise h' (A + weight R) h + 2 shared' h of each axis, with gain 1 and the other moments zero (Lagrange); weight (3,)."""
         pins = moments(self.noise.shape[1], self.delay)
-        solved = np.linalg.solve(self.motion[axis] + weight * self.covariance[axis], np.column_stack([-self.shared[axis], pins.T]))
-        free, pulls = solved[:, 0], solved[:, 1:]
-        return free + pulls @ np.linalg.solve(pins @ pulls, np.eye(MOMENTS)[0] - pins @ free)
+        form = self.motion + weight[:, None, None] * self.covariance
+        right = np.concatenate([-self.shared[..., None], np.broadcast_to(pins.T, (3, *pins.T.shape))], axis=2)
+        solved = np.linalg.solve(form, right)
+        free, pulls = solved[..., :1], solved[..., 1:]
+        return (free + pulls @ np.linalg.solve(pins @ pulls, np.eye(MOMENTS)[:, :1] - pins @ free))[..., 0]
 
 
 def moments(taps: int, delay: int) -> np.ndarray:
@@ -161,13 +160,19 @@ def moments(taps: int, delay: int) -> np.ndarray:
 
 def autocovariance(stills: list[np.ndarray], taps: int) -> np.ndarray:
     """Return the autocovariance (3, taps) of the rates (n, 3) rad/s in each still about their mean, zero beyond LAGS."""
+    lags = min(LAGS + 1, taps)
     total, count = np.zeros((3, taps)), np.zeros(taps)
     for rate in stills:
-        x = rate - rate.mean(axis=0)
-        for lag in range(min(LAGS + 1, taps, len(x))):
-            total[:, lag] += np.sum(x[lag:] * x[: len(x) - lag], axis=0)
-            count[lag] += max(len(x) - 1 - lag, 0)
+        x = np.concatenate([np.zeros((lags - 1, 3)), rate - rate.mean(axis=0)])
+        total[:, :lags] += _lagged(x, lags)
+        count[:lags] += np.maximum(len(rate) - 1 - np.arange(lags), 0)
     return np.array([_positive(each) for each in total / np.maximum(count, 1)])
+
+
+def _lagged(x: np.ndarray, lags: int) -> np.ndarray:
+    """Return the sums (3, lags) over k of x_k x_k-lag of x (n, 3), from the first k that has all lags."""
+    newest_first = np.lib.stride_tricks.sliding_window_view(x, lags, axis=0)[..., ::-1]
+    return np.einsum("ka,kal->al", x[lags - 1 :], newest_first)
 
 
 def _positive(noise: np.ndarray) -> np.ndarray:
@@ -185,14 +190,23 @@ def _positive(noise: np.ndarray) -> np.ndarray:
 
 def measure(rates: list[np.ndarray], stills: list[np.ndarray], taps: int, delay: int) -> Risk:
     """Estimate the loss from calibrated rates (n, 3) rad/s of whole stretches of movement, and of stills."""
-    total, count = np.zeros((3, taps, taps)), 0
+    # C_ij, the sum over k of d_k-i d_k-j, d the steps from sample to sample: along each diagonal it grows by what enters at the first k,
+    # and shrinks by what leaves at the last.
+    lags, count = taps - 1, 0
+    C, grown = np.zeros((3, lags, lags)), np.zeros((3, lags - 1, lags - 1))
     for rate in rates:
-        for axis in range(3):
-            windows = np.lib.stride_tricks.sliding_window_view(rate[:, axis], taps)[:, ::-1]  # newest first
-            off = windows - windows[:, delay : delay + 1]
-            total[axis] += off.T @ off
-        count += len(rate) - taps + 1
-    return Risk(autocovariance(stills, taps), total / max(count, 1), delay, count)
+        d = np.diff(rate, axis=0)
+        C[:, 0] += _lagged(d, lags)
+        for sign, edge in ((1, d[lags - 2 :: -1]), (-1, d[:-lags:-1])):
+            grown += sign * edge.T[:, :, None] * edge.T[:, None]
+        count += len(rate) - lags
+    for i in range(lags - 1):
+        C[:, i + 1, i + 1 :] = C[:, i, i:-1] + grown[:, i, i:]
+    C += np.triu(C, 1).transpose(0, 2, 1)
+    # x_k-i - x_k-D is the sum of the steps between.
+    tap, step = np.arange(taps), np.arange(lags)[:, None]
+    between = 1.0 * ((tap <= step) & (step < delay)) - 1.0 * ((delay <= step) & (step < tap))
+    return Risk(autocovariance(stills, taps), between.T @ C @ between / max(count, 1), delay, count)
 
 
 # The start and the result of the denoiser's training.
@@ -243,35 +257,40 @@ PIN = 1e4
 ROUNDS = 2
 
 
-def taps_and_jacobian(vector: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return taps (3, K) of the subnet with unit gain, newest first, and their derivatives (3, K, 56) by its weights.
+#: of the signals that are multiplied out, which then do not come round; and each layer's waves (KERNEL, F), one for each of its taps
+_LENGTH = 2 * (REACH + 1)
+_WAVES = [np.exp(-2j * np.pi * dilation * np.arange(KERNEL)[::-1, None] * np.arange(_LENGTH // 2 + 1) / _LENGTH) for dilation in DILATIONS]
+#: of the 56 weights of an axis: what the other two layers make, of eight; and its samples (K, 56) that reach each tap
+_OTHERS = np.repeat(np.arange(8), KERNEL)
+_REACHED = np.arange(REACH + 1)[:, None] - np.repeat(DILATIONS, (2 * KERNEL, 4 * KERNEL, 2 * KERNEL)) * np.tile(np.arange(KERNEL)[::-1], 8)
+
+
+def taps_of(vector: np.ndarray) -> tuple[np.ndarray, Callable[[], np.ndarray]]:
+    """Return taps (3, K) of the subnet with unit gain, newest first, and the function that gives their derivatives (3, K, 56) by its
+    weights.
 
     They are computed in the frequency domain, where convolutions are products, linear in each of the three layers.
     """
     net = Denoiser.from_vector(vector)
-    taps = REACH + 1
-    length = 2 * taps
-    lag = np.arange(KERNEL)[::-1, None] * np.arange(length // 2 + 1)
-    unit = [np.exp(-2j * np.pi * dilation * lag / length) for dilation in DILATIONS]  # (KERNEL, F) each
-    c1, c2, c3 = (np.einsum("aoci,if->aocf", weight, u) for weight, u in zip((net.conv1, net.conv2, net.conv3), unit, strict=True))
+    c1, c2, c3 = (weight @ waves for weight, waves in zip((net.conv1, net.conv2, net.conv3), _WAVES, strict=True))
     first, third = c1[:, :, 0], c3[:, 0]
-    through = np.einsum("aof,aocf->acf", third, c2)
-    inner = np.einsum("aocf,acf->aof", c2, first)
-    by = [
-        np.einsum("acf,if->acif", through, unit[0]).reshape(3, -1, lag.shape[1]),
-        np.einsum("aof,acf,if->aocif", third, first, unit[1]).reshape(3, -1, lag.shape[1]),
-        np.einsum("aof,if->aoif", inner, unit[2]).reshape(3, -1, lag.shape[1]),
-    ]
-    h = np.fft.irfft(np.einsum("aof,aof->af", third, inner), length)[:, :taps]
-    jacobian = np.fft.irfft(np.concatenate(by, axis=1), length)[..., :taps].transpose(0, 2, 1)
+    inner = np.sum(c2 * first[:, None], axis=2)
+    h = np.fft.irfft(np.sum(third * inner, axis=1), _LENGTH)[:, : REACH + 1]
     gain = h.sum(axis=1)[:, None]
     if np.any(gain < 1e-6):
         raise FitError("the denoiser lost its gain at constant rates")
     h = h / gain
-    return h, (jacobian - h[..., None] * jacobian.sum(axis=1)[:, None]) / gain[..., None]
+
+    def jacobian() -> np.ndarray:
+        through, outside = np.sum(third[:, :, None] * c2, axis=1), third[:, :, None] * first[:, None]
+        others = np.concatenate([through, outside.reshape(3, 4, -1), inner], axis=1)
+        J = np.fft.irfft(others, _LENGTH)[:, _OTHERS, _REACHED]
+        return (J - h[..., None] * J.sum(axis=1)[:, None]) / gain[..., None]
+
+    return h, jacobian
 
 
-def _smoothing(material: Material, calibration: Model) -> Term:
+def smoothing_rows(material: Material, calibration: Model) -> Term:
     """Return rows and their design (rows, 3, K): the square root of the quadratic loss, less its minimum, in units of that minimum."""
     rates = [calibration(x) for x in material.stretches]
     stills = [calibration(x) for x in material.stills]
@@ -295,9 +314,9 @@ def _closing(material: Material, calibration: Model, taps: np.ndarray, delay: in
     x = calibration(material.context)
     windows = np.lib.stride_tricks.sliding_window_view(x[:, delay : delay + REACH + batch.rate.shape[1]], REACH + 1, axis=1)[..., ::-1]
     rate = np.einsum("staj,aj->sta", windows, taps)
-    turn = closure.sensitivity(batch, rate)[:, :, : batch.angles]
-    weight = 1 / material.sigma.reshape(len(batch), -1)
-    rows = (2 * closure.segment_residuals(batch, rate) * weight).ravel()
+    end, turn = closure.end_and_sensitivity(batch, rate)
+    turn, weight = turn[:, :, : batch.angles], 1 / material.sigma.reshape(len(batch), -1)
+    rows = (2 * closure.batch_residual(batch, end) * weight).ravel()
     design = np.empty((len(batch), batch.angles, 3, REACH + 1))
     for axis in range(3):
         design[:, :, axis] = turn[..., axis].transpose(0, 2, 1) @ windows[:, :, axis]
@@ -307,27 +326,29 @@ def _closing(material: Material, calibration: Model, taps: np.ndarray, delay: in
 def _settle(vector: np.ndarray, terms: list[Term], prior: float, steps: int) -> tuple[np.ndarray, list[float]]:
     """Minimise the sum of squares of all terms (rows, design, taps at which the rows hold) and a weak prior by Levenberg-Marquardt."""
     began, damping, losses = vector, 1e-3, []
+    whole = np.concatenate([design for _, design, _ in terms])
 
-    def residuals(v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        h, jacobian = taps_and_jacobian(v)
-        return np.concatenate([rows + np.einsum("raj,aj->r", design, h - at) for rows, design, at in terms]), jacobian
+    def residuals(v: np.ndarray) -> tuple[np.ndarray, Callable[[], np.ndarray]]:
+        h, jacobian = taps_of(v)
+        return np.concatenate([rows + design.reshape(len(rows), -1) @ (h - at).ravel() for rows, design, at in terms]), jacobian
 
     r, jacobian = residuals(vector)
     cost = r @ r
-    whole = np.concatenate([design for _, design, _ in terms])
     for _ in range(steps):
-        J = np.concatenate([whole[:, axis] @ jacobian[axis] for axis in range(3)], axis=1)
+        J = np.concatenate([whole[:, axis] @ by for axis, by in enumerate(jacobian())], axis=1)
         normal = J.T @ J + np.eye(PARAMETERS) / prior**2
         gradient = J.T @ r + (vector - began).ravel() / prior**2
         while True:
             trial = vector - np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient).reshape(3, -1)
-            trial_r, trial_jacobian = _or_none(residuals, trial) or (None, None)
-            trial_cost = np.inf if trial_r is None else trial_r @ trial_r
+            trial_cost = np.inf
+            with suppress(FitError):
+                trial_r, trial_jacobian = residuals(trial)
+                trial_cost = trial_r @ trial_r
             if trial_cost <= cost or damping > 1e6:
                 break
             damping *= 8
         gain = cost - trial_cost
-        if gain > 0 and trial_r is not None and trial_jacobian is not None:
+        if gain > 0:
             vector, r, jacobian, cost, damping = trial, trial_r, trial_jacobian, trial_cost, max(damping / 8, 1e-9)
         if not np.isfinite(cost):
             raise FitError("training the denoiser left the finite numbers; are the rates in the log in the unit that its header says?")
@@ -335,13 +356,6 @@ def _settle(vector: np.ndarray, terms: list[Term], prior: float, steps: int) -> 
         if gain < CONVERGED * cost:
             break
     return vector, losses
-
-
-def _or_none(residuals: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], vector: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    try:
-        return residuals(vector)
-    except FitError:
-        return None
 
 
 # The denoiser as in the paper: AdamW in PyTorch on the endpoint loss; the best epoch is kept.
@@ -398,18 +412,20 @@ def train_denoiser(
     progress: Progress = lambda step, steps: None,
     near: Denoiser | None = None,
     closing: bool = True,
+    smoothing: Term | None = None,
 ) -> DenoiserTraining:
     """Train the whole net with this calibration frozen, by the second order.
 
     loss: "neighbours" or "endpoint"; near: the weights that smooth best, from which it converges faster; closing: whether the closure is
-    part of the loss.  Raises FitError where the loss is not finite, or there is nothing to smooth.
+    part of the loss; smoothing: the rows of the other part, where they are known.  Raises FitError where the loss is not finite, or there
+    is nothing to smooth.
     """
     neighbours = loss == "neighbours"
-    terms = [_smoothing(material, calibration)] if neighbours else []
+    terms = [smoothing or smoothing_rows(material, calibration)] if neighbours else []
     vector, losses = (start(seed) if near is None else near).vector, []
     steps = MAX_STEPS if near is None else NEAR_STEPS
     for number in range(ROUNDS):
-        taps = taps_and_jacobian(vector)[0]
+        taps, _ = taps_of(vector)
         rows = [_closing(material, calibration, taps, DELAY if neighbours else 0)] if closing else []
         vector, trace = _settle(vector, [*rows, *terms], PRIOR_SIGMA[loss], steps)
         losses += trace
@@ -437,20 +453,22 @@ def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[
         raise FitError(f"its window of {REACH + 1} samples ({window_s:.2g} s) is longer than the stills (at most {still_s:.2g} s)")
     steps, loss = len(calibrated.fold_models) + 1, "endpoint" if endpoint else "neighbours"
 
-    def train(seen: Material, calibration: Model, done: int, label: str, near: Denoiser | None = None) -> DenoiserTraining:
+    def train(seen: Material, calibration: Model, done: int, label: str, **how: Any) -> DenoiserTraining:
         told = partial(tell, progress, done, steps)
         if options.as_in_paper:
             return train_adamw(seen, calibration, options.seed, told, options.checkpoint(f"denoiser_{label}"))
-        return train_denoiser(seen, calibration, loss, seed=options.seed, progress=told, near=near)
+        return train_denoiser(seen, calibration, loss, seed=options.seed, progress=told, **how)
 
-    began = time.perf_counter()
-    trained = train(material.enough(), calibrated.model, 0, "whole")
+    began, enough, smooth = time.perf_counter(), material.enough(), None
+    smoothing = None if endpoint else smoothing_rows(enough, calibrated.model)
+    trained = train(enough, calibrated.model, 0, "whole", smoothing=smoothing)
     seconds = time.perf_counter() - began
-    smooth = None if endpoint else train_denoiser(material.enough(), calibrated.model, seed=options.seed, closing=False).model.denoiser
+    if not endpoint:
+        smooth = train_denoiser(enough, calibrated.model, seed=options.seed, closing=False, smoothing=smoothing).model.denoiser
     held_out = np.zeros_like(calibrated.held_out)
     fold = np.arange(len(problem.batch)) % len(calibrated.fold_models)
     for k, calibration in enumerate(calibrated.fold_models):
-        part = train(material.pick(fold != k).enough(), calibration, k + 1, f"fold{k}", smooth)
+        part = train(material.pick(fold != k).enough(), calibration, k + 1, f"fold{k}", near=smooth)
         held_out[fold == k] = denoised_angles(material.pick(fold == k), part.model, options.integrator)
     notes = {"loss": list(trained.loss), "denoiser": figures(material, trained.model) | {"loss": loss}}
     angles = denoised_angles(material, trained.model, options.integrator)

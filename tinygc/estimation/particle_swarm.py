@@ -79,7 +79,7 @@ def fit_pso(
 
     prior: model that weakly constrains unobserved parameters, as in least squares; None: no constraint.
     """
-    how = {"seed": seed, "still_rates": still_rates, "prior": prior, "progress": progress}
+    how: dict[str, Any] = {"seed": seed, "still_rates": still_rates, "prior": prior, "progress": progress}
     return search(Nearby.about(start, batch), start, sigma, 1.0, **how)[0]
 
 

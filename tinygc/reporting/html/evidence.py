@@ -454,7 +454,7 @@ def density(pieces: list[np.ndarray], period_s: float) -> tuple[np.ndarray, np.n
         return None
     # Welch's method with Hann windows that overlap by half, in NumPy: importing ``scipy.signal`` takes as long as half of a fit.
     hann = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(size) / size)
-    total, count = 0.0, 0
+    total, count = np.zeros((size // 2 + 1, 3)), 0
     for piece in pieces:
         if len(piece) < size:
             continue

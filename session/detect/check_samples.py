@@ -70,6 +70,7 @@ def check_stamps(log: Log, noise: Noise | None, segment_s: float) -> list[Findin
     findings = [_gaps(samples, gaps, lost, single, where)]
     if len(samples) < 3:
         return findings
+    del steps, long, gaps  # of a day
     errors, floor = stamp_errors(samples, segment_s), noise_floor(noise, segment_s)
     whole = angle_rms(samples, errors, segment_s)
     angle = whole * sqrt(errors.share)

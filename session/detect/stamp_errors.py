@@ -82,10 +82,9 @@ class StampErrors:
         found[1:-1] *= 2
         return found / quick
 
-    def variance(self, moved: np.ndarray, density: np.ndarray | None = None) -> np.ndarray:
-        """(S, 3, 3) rad^2 of sums whose stamps' errors move them by ``moved`` (S, T, 3) rad/s: what one second late at each sample does;
-        density: of T numbers, where it is known."""
-        density = self.density(moved.shape[1]) if density is None else density
+    def variance(self, moved: np.ndarray) -> np.ndarray:
+        """(S, 3, 3) rad^2 of sums whose stamps' errors move them by ``moved`` (S, T, 3) rad/s: what one second late at each sample does."""
+        density = self.density(moved.shape[1])
         found = np.fft.rfft(moved, 2 * (len(density) - 1), axis=1)
         return self.share * np.einsum("sfi,f,sfj->sij", found, density, found.conj(), optimize=True).real
 
@@ -107,11 +106,13 @@ def stamp_errors(samples: Samples, over_s: float) -> StampErrors:
         lags = np.fft.irfft(np.abs(np.fft.rfft(off, ROUND * -(-(len(off) + half) // ROUND))) ** 2)[: min(len(off), half + 1)]
         sums[: len(lags)] += lags
         rows += len(off)
-        gyro = np.asarray(samples.gyro[piece], dtype=float)
-        ramp = np.arange(SLOPE, -SLOPE - 1, -1.0)
-        slopes = [np.convolve(axis, ramp / (ramp @ ramp), "same") / pace.period_s for axis in gyro.T]
-        went, read = ([np.convolve(axis, BEND, "valid") for axis in axes] for axes in ([slope * off for slope in slopes], gyro.T))
-        blocks.append([np.sum([_blocks(a * b) for a, b in zip(went, other, strict=True)], axis=0) for other in (went, read)])
+        ramp, power, product = np.arange(SLOPE, -SLOPE - 1, -1.0), np.zeros(1), np.zeros(1)
+        for axis in range(3):
+            rate = np.asarray(samples.gyro[piece, axis], dtype=float)
+            slope = np.convolve(rate, ramp / (ramp @ ramp), "same") / pace.period_s
+            went, read = np.convolve(slope * off, BEND, "valid"), np.convolve(rate, BEND, "valid")
+            power, product = power + _blocks(went * went), product + _blocks(went * read)
+        blocks.append([power, product])
     if not rows:
         return StampErrors(pace.period_s, 0.0, np.zeros(1), 0.0, np.inf)
     power, product = np.concatenate(blocks, axis=1)
@@ -168,10 +169,13 @@ def angle_rms(log: Samples, errors: StampErrors, segment_s: float) -> float:
     whole = replace(errors, followed=0.0, sigma=0.0)
     square, densities = np.zeros(3), dict[int, np.ndarray]()
     for _, gyro in pieces(log.gyro, overlap=1):
-        moved = moved_by_stamps((gyro[1:] + gyro[:-1]) / 2)[None, 1:-1]
-        if (count := moved.shape[1]) not in densities:
-            densities[count] = whole.density(count)
-        square += np.diagonal(whole.variance(moved, densities[count])[0])
+        moved = moved_by_stamps((gyro[1:] + gyro[:-1]) / 2)[1:-1]
+        if len(moved) not in densities:
+            densities[len(moved)] = whole.density(len(moved))
+        density = densities[len(moved)]
+        for axis in range(3):
+            found = np.fft.rfft(moved[:, axis], 2 * (len(density) - 1))
+            square[axis] += whole.share * (density @ (found.real**2 + found.imag**2))
     return float(np.sqrt(square.max() / (len(log) * errors.period_s) * segment_s))
 
 

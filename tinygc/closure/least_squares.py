@@ -103,6 +103,8 @@ MOST_NAMED, HALF = 3, 0.5
 HELD = 1e-9
 #: rad: the search ends when a step changes no residual by more than this
 TOLERANCE = 1e-9
+#: rad: it ends, too, when the next step would change none by more than this, as steps shrink so far
+FORESEEN = 1e-11
 #: rad: the columns are kept after a step that changes no residual by more than this: their relative error, that of the next step, and the
 #: shift of the answer in sigmas are all of this size (tests/test_least_squares_physics.py)
 COLUMNS_STAY = 1e-5
@@ -156,7 +158,7 @@ class LeastSquaresFit:
     """Result of a least-squares fit.
 
     model; covariance (12, 12) in the units of ``LinearModel.vector``; unobserved: names of the parameters that no segment observes; rows:
-    at the start of the last step, which is the answer to within ``TOLERANCE``; relative to the bias ``rest_rps`` where it is given.
+    at the start of the last step, which is the answer to some ``TOLERANCE``; relative to the bias ``rest_rps`` where it is given.
     """
 
     model: LinearModel
@@ -195,7 +197,7 @@ def fit_least_squares(
     centre, root = _prior(start, prior, held=rest_rps is not None)
     at = begin if isinstance(begin, Rows) else _rows(batch, (begin or start).vector, integrator, None)
     vector, weight = at.vector, 1 / sigma.reshape(len(batch), -1)
-    rank = linear.PARAMETERS
+    rank, before = linear.PARAMETERS, 0.0
     for steps in range(1, MAX_STEPS + 1):  # noqa: B007 (reported)
         angles, design = at.angles, at.columns
         if not np.isfinite(angles).all():
@@ -213,8 +215,9 @@ def fit_least_squares(
         change = centre + root @ (aim[:rank] @ right[:rank]) - vector
         vector = vector + change
         moved = float(np.abs(design @ change).max())
-        if moved < TOLERANCE:
+        if moved < TOLERANCE or moved**2 < FORESEEN * before:
             break
+        before = moved
         at = _rows(batch, vector, integrator, design if moved < COLUMNS_STAY else None)
     else:
         # The direction that still moves, in sigmas of the prior: a weak one is not bound by the data, a strong one torn by its turns.

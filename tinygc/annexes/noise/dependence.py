@@ -9,7 +9,6 @@ a quarter larger.
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import toeplitz
 
 from tinygc.annexes.noise.choice import Chosen, Search
 from tinygc.annexes.noise.likelihood import LOG_STEP, autocovariance, line_autocovariance
@@ -81,9 +80,14 @@ def _covariance(search: Search, chosen: Chosen, name: str, count: int, mean_s: f
     if name == "G":
         return _gauss_markov(count, mean_s, chosen.fitted.correlation_s)
     if name.startswith("line"):
-        return np.asarray(toeplitz(line_autocovariance(search.lines_hz[int(name[4:])], lag, mean_s)))
-    return np.asarray(toeplitz(autocovariance(name, lag, mean_s)))
+        return _toeplitz(line_autocovariance(search.lines_hz[int(name[4:])], lag, mean_s))
+    return _toeplitz(autocovariance(name, lag, mean_s))
 
 
 def _gauss_markov(count: int, mean_s: float, correlation_s: float) -> np.ndarray:
-    return np.asarray(toeplitz(autocovariance("G", np.arange(count), mean_s, correlation_s)))
+    return _toeplitz(autocovariance("G", np.arange(count), mean_s, correlation_s))
+
+
+def _toeplitz(by_lag: np.ndarray) -> np.ndarray:
+    lag = np.arange(len(by_lag))
+    return by_lag[np.abs(lag[:, None] - lag)]

@@ -14,11 +14,9 @@ from session.io.files import result_folder
 from session.io.results import write_whole
 from tinygc.annexes.noise.curve_file import estimate_of_curve
 from tinygc.annexes.noise.estimate import NoiseEstimate, estimate_noise
-from tinygc.annexes.noise.inflation import inflations_of_folder
 from tinygc.annexes.noise.inputs import Input, read_inputs
 from tinygc.annexes.noise.picture import figure_of
 from tinygc.annexes.noise.text import against_data_sheet, kalibr_figures, noise_page, open_terms
-from tinygc.estimation.results import read_fit
 from tinygc.library.arguments import Progress
 from tinygc.library.records import Shown
 from tinygc.noise.figures import FILE, AllanBand, Inflation, NoiseFigures, to_json
@@ -112,6 +110,9 @@ def noise_of(inputs: Sequence[Input], answers: Answers, columns: Sequence[str], 
         axes = " ".join(name for name, axis in zip("xyz", figures.gyro.axes, strict=True) if not axis.is_described)
         remarks.append(f"No inflation: it is to N at rest, and the terms do not describe gyroscope {axes}.")
         folders = []
+    if folders:  # what fits is loaded where there is a fit
+        from tinygc.annexes.noise.inflation import inflations_of_folder
+        from tinygc.estimation.results import read_fit
     for number, folder in enumerate(folders):
         progress("what filters need", number, len(folders))
         try:

@@ -11,7 +11,6 @@ import numpy as np
 from session.io.registers import profile_of
 from session.io.texts import printable
 from tinygc.annexes.noise.estimate import NoiseEstimate, known_after_s
-from tinygc.annexes.noise.inflation import inflation_lines
 from tinygc.annexes.noise.units import CALLED, ONE_SIDED, TERM_UNITS, TermUnit, duration_words
 from tinygc.noise.figures import NoiseFigures, SensorNoise, Term, described_from
 from tinygc.reporting.pictures.canvas import plain
@@ -51,7 +50,11 @@ def noise_page(estimate: NoiseEstimate, read: Sequence[str] = (), verbose: bool 
                 table.add_row(f"   {one_sided.words}, one-sided", *(term_cell(axis.terms[name], one_sided, False) for axis in sensor.axes))
         parts.append(table)
         lines += 1 + table.row_count
-    below = [kalibr_line(figures), *described_from(figures), *inflation_lines(figures.inflations, figures.gyro)]
+    below = [kalibr_line(figures), *described_from(figures)]
+    if figures.inflations:
+        from tinygc.annexes.noise.inflation import inflation_lines
+
+        below += inflation_lines(figures.inflations, figures.gyro)
     below += [*open_lines(figures), *sheet_lines(figures)]
     parts += [one_line(line) for line in below]
     left = [f"{duration_words(estimate.left_out_s)} are left out."] if estimate.left_out_s else []

@@ -66,11 +66,12 @@ AS_FIT = FitOptions(methods=("least_squares",))
 @dataclass(frozen=True, eq=False)
 class FitClosure:
     """What ``fit`` states for a session: the problem that it solves, with the bias of each turn from its stills where it takes it from
-    them; its least squares; and its options.  None where it states nothing."""
+    them; its least squares; its options; and the twin of its noise.  None where it states nothing."""
 
     problem: Problem | None = None
     fit: MethodFit | None = None
     options: FitOptions = AS_FIT
+    twin: Twin | None = None
 
     @classmethod
     def of(cls, problem: Problem, options: FitOptions = AS_FIT) -> FitClosure:
@@ -86,7 +87,7 @@ class FitClosure:
         """What a fit of this problem states; what ``fit`` would state where there is none, or one by other sessions as well."""
         if fit is None or fit.options.lot is not None or fit.options.bias_per_log:
             return cls.of(problem)
-        return cls(fit.problem, fit.linear, fit.options)
+        return cls(fit.problem, fit.linear, fit.options, None if fit.noise is None else fit.noise.twin)
 
     @property
     def held_out(self) -> np.ndarray | None:

@@ -166,7 +166,7 @@ def _decided(
 ) -> tuple[Twin, Naming, Proof]:
     """Build the twin of the repaired problem, select its effects, and prove both on held-out segments."""
     progress("digital twin", 3, 6)
-    twin = Twin(mended.problem)
+    twin = stated.twin if stated.twin is not None and stated.twin.problem is mended.problem else Twin(mended.problem)
     prove = Prover(problem, twin, stated)
     naming = decide(twin, seed, lambda what: progress(what, 4, 6), mended.reference, prove)
     naming = replace(naming, fit=settled(twin, naming.whiten, naming.fit))

@@ -10,7 +10,7 @@ from functools import cached_property
 from typing import Generic, TypeVar
 
 import numpy as np
-from scipy.special import fdtrc
+from scipy.special import fdtrc, lambertw
 
 from tinygc.effects import Effect
 from tinygc.estimation.systematic import PRIOR_ODDS, penalty
@@ -385,10 +385,9 @@ def price(effect: Effect, shapes: int) -> float:
 def least_gain(effect: Effect, shapes: int) -> float:
     """Chi-square that an effect must remove to be as probable as no effect.  Each parameter also costs the logarithm of its signal-to-noise
     ratio."""
-    from scipy.optimize import brentq
-
     size = effect.parameter.size
-    return float(brentq(lambda gain: gain - size * np.log(gain / size) - price(effect, shapes), size, 1e4))
+    # Of gain - size ln(gain / size) = price the larger root: Lambert's lower branch.
+    return -size * float(lambertw(-np.exp(-price(effect, shapes) / size), -1).real)
 
 
 def settled(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import reduce
 from itertools import pairwise
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -464,12 +465,21 @@ def noise_beside(
     return noise.estimated_beside(white, r + both @ optimum(), both, start, steps=_GUESS_STEPS)
 
 
+#: of each twin that is in use: ``explain`` asks where ``fit`` has asked before
+_FIRST_NOISE: WeakKeyDictionary[Twin, SessionNoise] = WeakKeyDictionary()
+
+
 def first_noise(twin: Twin, whiten: Whitener, missed: Undersampling | None = None) -> SessionNoise:
     """Noise before any fit: the bias instability alone.  missed: undersampling, if better known than from this twin."""
-    missed = missed or undersampling(twin)
-    components = tuple(components_of(twin, whiten.sizes, missed))
+    if missed is None and twin in _FIRST_NOISE:
+        return _FIRST_NOISE[twin]
+    own = missed or undersampling(twin)
+    components = tuple(components_of(twin, whiten.sizes, own))
     s = np.array([c.usual if c.name == WANDER and c.prior is not None else 0.0 for c in components])
-    return SessionNoise(components, _blocks(twin, whiten), missed, s, np.zeros(len(s)))
+    found = SessionNoise(components, _blocks(twin, whiten), own, s, np.zeros(len(s)))
+    if missed is None:
+        _FIRST_NOISE[twin] = found
+    return found
 
 
 def _blocks(twin: Twin, whiten: Whitener) -> list[np.ndarray]:

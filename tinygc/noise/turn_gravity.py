@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -137,42 +138,44 @@ class _Turn:
     dt_s: float
 
 
-def _turns(twin: Twin, fit: Refit) -> list[_Turn]:
+def _turns(twin: Twin, fit: Refit) -> Iterator[_Turn]:
     state = fit.state
     batch = twin.batch_at(state)
     padded = twin.padded(twin.rates(state))
-    attitudes, ends = rotation.matrix(closure.attitudes(batch, padded)), rotation.matrix(batch.end)
-    found = []
-    for i, segment in enumerate(twin.segments):
-        turn = attitudes[i, : segment.stop - segment.start]
-        # The rotation in the table's frame that levels the predicted end as the accelerometer does.
-        vertical = turn[-1] @ ends[i, 2]
-        tilt = np.array([vertical[1], -vertical[0], 0.0]) * np.linspace(0, 1, len(turn))[:, None]
-        turn = turn + np.cross(tilt[:, None, :], turn, axisb=1, axisc=1)
-        rate = padded[i, : len(turn)] - batch.earth[i, : len(turn)]
-        force = twin.freed(state, twin.movements[segment.log].part(slice(segment.start, segment.stop)))
-        found.append(_Turn(turn, rate, force, twin.seen.logs[segment.log].samples.period_s))
-    return found
+    ends = rotation.matrix(batch.end)
+    for some in closure.parts(len(batch)):
+        attitudes = rotation.matrix(closure.attitudes(batch.pick(some), padded[some]))
+        for i, turn in enumerate(attitudes, some.start):
+            segment = twin.segments[i]
+            turn = turn[: segment.stop - segment.start]
+            # The rotation in the table's frame that levels the predicted end as the accelerometer does.
+            vertical = turn[-1] @ ends[i, 2]
+            tilt = np.array([vertical[1], -vertical[0], 0.0]) * np.linspace(0, 1, len(turn))[:, None]
+            turn = turn + np.cross(tilt[:, None, :], turn, axisb=1, axisc=1)
+            rate = padded[i, : len(turn)] - batch.earth[i, : len(turn)]
+            force = twin.freed(state, twin.movements[segment.log].part(slice(segment.start, segment.stop)))
+            yield _Turn(turn, rate, force, twin.seen.logs[segment.log].samples.period_s)
 
 
 def velocity_equations(twin: Twin, fit: Refit) -> _TurnEquations:
     """Build the equations of bias and delay from the change of the level velocity in each turn, which begins and ends at rest."""
-    rows = []
-    for turn in _turns(twin, fit):
-        weight = np.zeros(len(turn.force))
-        speed = np.linalg.norm(turn.rate, axis=1)
-        moving = np.flatnonzero(speed > MOVING * speed.max())
-        first, last = max(moving[0] - MARGIN, 0), min(moving[-1] + MARGIN, len(weight) - 1)
-        weight[first : last + 1] = turn.dt_s
-        weight[[first, last]] /= 2
-        level = turn.attitude[:, :2]
-        velocity = np.einsum("t,tij,tj->i", weight, level, turn.force)
-        delayed = np.einsum("t,tij,tj->i", weight, level, np.gradient(turn.force, turn.dt_s, axis=0))
-        rows.append((np.column_stack([np.einsum("t,tij->ij", weight, level), delayed]), velocity))
-    return _equations(rows)
+    return _equations([_velocity(turn) for turn in _turns(twin, fit)])
 
 
-def _equations(rows: list[tuple[np.ndarray, np.ndarray]]) -> _TurnEquations:
+def _velocity(turn: _Turn) -> tuple[np.ndarray, np.ndarray]:
+    weight = np.zeros(len(turn.force))
+    speed = np.linalg.norm(turn.rate, axis=1)
+    moving = np.flatnonzero(speed > MOVING * speed.max())
+    first, last = max(moving[0] - MARGIN, 0), min(moving[-1] + MARGIN, len(weight) - 1)
+    weight[first : last + 1] = turn.dt_s
+    weight[[first, last]] /= 2
+    level = turn.attitude[:, :2]
+    velocity = np.einsum("t,tij,tj->i", weight, level, turn.force)
+    delayed = np.einsum("t,tij,tj->i", weight, level, np.gradient(turn.force, turn.dt_s, axis=0))
+    return np.column_stack([np.einsum("t,tij->ij", weight, level), delayed]), velocity
+
+
+def _equations(rows: Sequence[tuple[np.ndarray, np.ndarray]]) -> _TurnEquations:
     """Equations of columns (K, 4) and values (K,) of each turn."""
     return _TurnEquations(
         np.array([columns.T @ columns for columns, _ in rows]),
@@ -188,22 +191,27 @@ def lever_equations(twin: Twin, fit: Refit) -> _TurnEquations:
     f(t) = -g R_bt e_down + [alpha x] r + [omega x]^2 r, read by the accelerometer later than by the gyro.  Here the hand's own acceleration
     is noise.
     """
-    rows = []
-    for turn in _turns(twin, fit):
-        alpha = np.gradient(turn.rate, turn.dt_s, axis=0)
-        gravity = -fit.state.gravity_mps2 * turn.attitude[:, 2]
-        arm = _cross_matrix(alpha) + _cross_matrix(turn.rate) @ _cross_matrix(turn.rate)
-        columns = np.concatenate([arm, np.gradient(gravity, turn.dt_s, axis=0)[:, :, None]], axis=-1)
-        size = max(1, round(BLOCK_S / turn.dt_s))
-        blocks = len(turn.force) // size
-        mean = lambda values: values[: blocks * size].reshape(blocks, size, *values.shape[1:]).mean(axis=1)  # noqa: B023, E731
-        rows.append((mean(columns).reshape(-1, 4), mean(turn.force - gravity).ravel()))
-    return _equations(rows)
+    return _equations([_lever(turn, fit.state.gravity_mps2) for turn in _turns(twin, fit)])
+
+
+def _lever(turn: _Turn, gravity_mps2: float) -> tuple[np.ndarray, np.ndarray]:
+    alpha = np.gradient(turn.rate, turn.dt_s, axis=0)
+    gravity = -gravity_mps2 * turn.attitude[:, 2]
+    crossed = _cross_matrix(turn.rate)
+    columns = np.concatenate([_cross_matrix(alpha) + crossed @ crossed, np.gradient(gravity, turn.dt_s, axis=0)[:, :, None]], axis=-1)
+    size = max(1, round(BLOCK_S / turn.dt_s))
+    blocks = len(turn.force) // size
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        return values[: blocks * size].reshape(blocks, size, *values.shape[1:]).mean(axis=1)
+
+    return mean(columns).reshape(-1, 4), mean(turn.force - gravity).ravel()
 
 
 def turn_gravity(twin: Twin, fit: Refit) -> TurnGravity:
     """Estimate the delay from the velocities of all turns, and then the lever arm from the specific force with that delay."""
-    velocities, lever = velocity_equations(twin, fit), lever_equations(twin, fit)
+    rows = [(_velocity(turn), _lever(turn, fit.state.gravity_mps2)) for turn in _turns(twin, fit)]
+    velocities, lever = (_equations(each) for each in zip(*rows, strict=True))
     offset_s = float(velocities.solve()[3])
     arm, count = lever.at(offset_s), lever.count.sum()
     period = float(np.median([movement.dt_s for movement in twin.movements]))

@@ -102,6 +102,21 @@ SMALL_FORCE = 1e-3
 SMALL_SHARE = 1e-3
 
 
+@dataclass(eq=False)
+class _Replayed:
+    """What is known of the last state, which the next fit begins at and the search replays: its key and rates (N, 3) of each log; the batch
+    and the rotation (S, 4) of the body over each segment; the sensitivity (S, T, d, 3)."""
+
+    key: tuple
+    rates: list[np.ndarray]
+    turned: tuple[Batch, np.ndarray] | None = None
+    sensitivity: np.ndarray | None = None
+
+
+def _key(state: State) -> tuple:
+    return state.vector.tobytes(), tuple(claim.effect for claim in state.claims)
+
+
 class Twin:
     """A problem prepared for prediction."""
 
@@ -111,7 +126,7 @@ class Twin:
     def __init__(self, problem: Problem):
         self.problem, self.batch = problem, problem.batch
         self._known_taken_up: dict[Effect, np.ndarray] = {}
-        self._last: tuple[State, list[np.ndarray], Batch, np.ndarray] | None = None
+        self._last = _Replayed((), [])
         self.seen, self._thinnings = thinned(problem)
         problem = self.seen  # in the rows passed to effects
         self.segments = problem.used
@@ -204,7 +219,9 @@ class Twin:
 
     def rates(self, state: State) -> list[np.ndarray]:
         """Estimated true rates (N, 3) of each log: linear model applied, effects removed."""
-        return [self._undone(state, number, len(state.claims)) for number in range(len(self.problem.logs))]
+        if self._last.key != (key := _key(state)):
+            self._last = _Replayed(key, [self._undone(state, number, len(state.claims)) for number in range(len(self.problem.logs))])
+        return self._last.rates
 
     def _undone(self, state: State, log: int, count: int) -> np.ndarray:
         """Rates (N, 3) of one log with the first ``count`` claims removed."""
@@ -221,19 +238,19 @@ class Twin:
     def residuals(self, state: State, rates: list[np.ndarray] | None = None) -> Channels:
         """Residuals: recording minus prediction."""
         rates = self.rates(state) if rates is None else rates
-        batch, turned = self._replayed(state, rates)
+        batch, turned = self._turned(state, rates)
         angles = closure.error_angles(closure.batch_residual(batch, rotation.multiply(batch.start, turned)))
         earth = self.problem.still_rates.earth[: len(self.stills)] + np.einsum("qji,j->qi", rotation.matrix(self.q_tb), state.earth_t)
         lengths = np.linalg.norm(self.freed(state, self.rests), axis=1) - state.gravity_mps2
         return Channels(angles, self.still_means(rates) - earth, lengths)
 
-    def _replayed(self, state: State, rates: list[np.ndarray]) -> tuple[Batch, np.ndarray]:
-        """The batch at a state, and the rotation (S, 4) of the body over each segment at these rates: known for the last such pair, of
-        which a fit asks for the residuals, and the search for the columns of each effect of kind "force"."""
-        if self._last is None or self._last[0] is not state or self._last[1] is not rates:
+    def _turned(self, state: State, rates: list[np.ndarray]) -> tuple[Batch, np.ndarray]:
+        """The batch at a state, and the rotation (S, 4) of the body over each segment at these rates."""
+        last = self._last if self._last.rates is rates and self._last.key == _key(state) else _Replayed((), rates)
+        if last.turned is None:
             batch = self.batch_at(state)
-            self._last = state, rates, batch, closure.turned(batch, self.padded(rates))
-        return self._last[2:]
+            last.turned = batch, closure.turned(batch, self.padded(rates))
+        return last.turned
 
     def batch_at(self, state: State) -> Batch:
         """The batch with the state's reference attitudes and Earth."""
@@ -311,11 +328,13 @@ class Twin:
 
     def sensitivity(self, state: State, rates: list[np.ndarray]) -> np.ndarray:
         """(S, T, d, 3) s: sensitivity of the closure; the row of an unobserved angle is omitted to save memory."""
-        batch, padded, angles = self._replayed(state, rates)[0], self.padded(rates), self.batch.angles
-        found = np.empty((len(batch), angles, 3, padded.shape[1])).transpose(0, 3, 1, 2)
-        for some in closure.parts(len(batch)):
-            found[some] = closure.sensitivity(batch.pick(some), padded[some])[:, :, :angles]
-        return found
+        last = self._last if self._last.rates is rates and self._last.key == _key(state) else _Replayed((), rates)
+        if last.sensitivity is None:
+            batch, padded, angles = self.batch_at(state), self.padded(rates), self.batch.angles
+            last.sensitivity = np.empty((len(batch), angles, 3, padded.shape[1])).transpose(0, 3, 1, 2)
+            for some in closure.parts(len(batch)):
+                last.sensitivity[some] = closure.sensitivity(batch.pick(some), padded[some])[:, :, :angles]
+        return last.sensitivity
 
     def linear_columns(self, sensitivity: np.ndarray) -> Channels:
         """Columns of the 12 linear parameters."""
@@ -362,7 +381,7 @@ class Twin:
 
     def _bending(self, state: State, rates: list[np.ndarray], patterns: np.ndarray) -> Channels:
         """Columns of P patterns (P, Q, 3) subtracted from the stills' force, by finite differences of the reference attitudes."""
-        force, (base, turned) = self.freed(state, self.rests), self._replayed(state, rates)
+        force, (base, turned) = self.freed(state, self.rests), self._turned(state, rates)
 
         def look(force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             bent = self._tilted(force)
@@ -409,20 +428,20 @@ class Twin:
         by_log = [self._added(effect, state, rates, log) for log in range(len(self.movements))]
         d, size = self.batch.angles, effect.parameter.size
         design = np.empty((len(self.segments), d, size))
-        for number, part in self._by_segment(by_log):
-            turn = sensitivity[number, : len(part)].transpose(1, 0, 2).reshape(d, -1)
-            design[number] = turn @ part.reshape(-1, size)
+        for some, part in self._by_segment(by_log):
+            turns = sensitivity[some, : part.shape[1]].transpose(0, 2, 3, 1)
+            design[some] = sum(turns[:, :, axis] @ part[:, :, axis] for axis in range(3))
         return Channels(-design, -self._still_means(by_log), np.zeros((len(self.stills), size)))
 
-    def _by_segment(self, by_log: list[Callable[[slice | np.ndarray], np.ndarray]]) -> Iterator[tuple[int, np.ndarray]]:
-        """Number of each segment, and the values (n, …) at its samples, of functions of the rows of each log, asked for some at a time."""
-        for some in closure.parts(len(self.segments)):
-            for log, group in groupby(range(len(self.segments))[some], key=lambda number: self.segments[number].log):
-                numbers = list(group)
-                first = min(self.segments[number].start for number in numbers)
-                values = by_log[log](slice(first, max(self.segments[number].stop for number in numbers)))
-                for number in numbers:
-                    yield number, values[self.segments[number].start - first : self.segments[number].stop - first]
+    def _by_segment(self, by_log: list[Callable[[slice | np.ndarray], np.ndarray]]) -> Iterator[tuple[slice, np.ndarray]]:
+        """Some segments of one log, and at their samples (s, t, …) what a function of the rows of each log gives; after its end a
+        segment's last value stands, where the sensitivity is zero."""
+        for part in closure.parts(len(self.segments)):
+            for log, group in groupby(range(len(self.segments))[part], key=lambda number: self.segments[number].log):
+                some = slice((numbers := list(group))[0], numbers[-1] + 1)
+                start, stop = np.array([(segment.start, segment.stop) for segment in self.segments[some]]).T
+                at = np.minimum(start[:, None] + np.arange(np.max(stop - start)), stop[:, None] - 1)
+                yield some, by_log[log](slice(start.min(), stop.max()))[at - start.min()]
 
     def _basis_columns(self, effect: Effect, basis: Callable[[Movement], np.ndarray], sensitivity: np.ndarray) -> Channels:
         """``effect_columns`` of an effect with basis functions: each function is summed once for all axes."""
@@ -430,9 +449,10 @@ class Twin:
         d, size = self.batch.angles, effect.parameter.size
         curves = size // 3
         design = np.empty((len(self.segments), d, curves, 3))
-        for number, part in self._by_segment(by_log):
-            summed = sensitivity[number, : len(part)].reshape(len(part), -1).T @ part
-            design[number] = summed.reshape(d, 3, curves).transpose(0, 2, 1)
+        for some, part in self._by_segment(by_log):
+            turns = sensitivity[some, : part.shape[1]].transpose(0, 2, 3, 1)
+            summed = turns.reshape(len(part), 3 * d, -1) @ part
+            design[some] = summed.reshape(-1, d, 3, curves).swapaxes(2, 3)
         mean = self._still_means(by_log)
         still = mean[:, None, :, None] * np.eye(3)[:, None]
         if effect.has_rows:

@@ -323,23 +323,26 @@ def _closing(material: Material, calibration: Model, taps: np.ndarray, delay: in
     return rows, (design * weight[..., None, None]).reshape(len(rows), 3, REACH + 1), taps
 
 
-def _settle(vector: np.ndarray, terms: list[Term], prior: float, steps: int) -> tuple[np.ndarray, list[float]]:
+def _settle(vector: np.ndarray, terms: list[Term], prior: float, steps: int, apart: bool) -> tuple[np.ndarray, list[float]]:
     """Minimise the sum of squares of all terms (rows, design, taps at which the rows hold) and a weak prior by Levenberg-Marquardt."""
     began, damping, losses = vector, 1e-3, []
     whole = np.concatenate([design for _, design, _ in terms])
+    # Rows that smooth are of one axis each, a third of them after the other: without a closure the axes are solved apart.
+    own = whole.reshape(3, -1, 3, REACH + 1)[np.arange(3), :, np.arange(3)] if apart else None
+    blocks = 1 if own is None else 3
 
     def residuals(v: np.ndarray) -> tuple[np.ndarray, Callable[[], np.ndarray]]:
         h, jacobian = taps_of(v)
         return np.concatenate([rows + design.reshape(len(rows), -1) @ (h - at).ravel() for rows, design, at in terms]), jacobian
 
     r, jacobian = residuals(vector)
-    cost = r @ r
+    cost, one = r @ r, np.eye(PARAMETERS // blocks)
     for _ in range(steps):
-        J = np.concatenate([whole[:, axis] @ by for axis, by in enumerate(jacobian())], axis=1)
-        normal = J.T @ J + np.eye(PARAMETERS) / prior**2
-        gradient = J.T @ r + (vector - began).ravel() / prior**2
+        J = np.concatenate([whole[:, axis] @ by for axis, by in enumerate(jacobian())], axis=1)[None] if own is None else own @ jacobian()
+        normal = J.transpose(0, 2, 1) @ J + one / prior**2
+        gradient = J.transpose(0, 2, 1) @ r.reshape(blocks, -1, 1) + (vector - began).reshape(blocks, -1, 1) / prior**2
         while True:
-            trial = vector - np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient).reshape(3, -1)
+            trial = vector - np.linalg.solve(normal * (1 + damping * one), gradient).reshape(3, -1)
             trial_cost = np.inf
             with suppress(FitError):
                 trial_r, trial_jacobian = residuals(trial)
@@ -427,7 +430,7 @@ def train_denoiser(
     for number in range(ROUNDS):
         taps, _ = taps_of(vector)
         rows = [_closing(material, calibration, taps, DELAY if neighbours else 0)] if closing else []
-        vector, trace = _settle(vector, [*rows, *terms], PRIOR_SIGMA[loss], steps)
+        vector, trace = _settle(vector, [*rows, *terms], PRIOR_SIGMA[loss], steps, apart=not closing)
         losses += trace
         progress(number + 1, ROUNDS)
     denoiser = Denoiser.from_vector(vector).normalised()

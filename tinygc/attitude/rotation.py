@@ -288,9 +288,9 @@ def matrix(q: Array) -> Array:
 
 def from_euler(roll: np.ndarray | float, pitch: np.ndarray | float, yaw: np.ndarray | float) -> np.ndarray:
     """Quaternion (..., 4) of R = Rz(yaw) Ry(pitch) Rx(roll), angles in rad (NumPy only)."""
-    zero = np.zeros(np.broadcast_shapes(np.shape(roll), np.shape(pitch), np.shape(yaw)))
-    about = [exp(np.stack([*(zero,) * axis, zero + angle, *(zero,) * (2 - axis)], -1)) for axis, angle in enumerate((roll, pitch, yaw))]
-    return multiply(about[2], multiply(about[1], about[0]))
+    (cr, cp, cy), (sr, sp, sy) = ([half(angle / 2) for angle in (roll, pitch, yaw)] for half in (np.cos, np.sin))
+    parts = cy * cp * cr + sy * sp * sr, cy * cp * sr - sy * sp * cr, cy * sp * cr + sy * cp * sr, sy * cp * cr - cy * sp * sr
+    return join(np.broadcast_arrays(*parts))
 
 
 def from_gravity(accel: np.ndarray) -> np.ndarray:

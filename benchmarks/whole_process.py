@@ -1,39 +1,66 @@
-"""CPU seconds, user and system, and peak memory of whole processes: imports, reading and saving included.
+"""CPU seconds, user and system, and peak memory of whole processes of one thread: imports, reading and saving included.
 
-Ratios are of processes that took turns in one run: against Python with NumPy alone, which no fit can do without, and against another
-checkout of this project with ``--against``.  The least of several runs counts; sessions are copied first, since ``fit`` writes its models.
-The sessions of many turns, and logs of many rows with 14 turns between long rests, are simulated; each is run once.
+    python benchmarks/whole_process.py --against CHECKOUT                  what a user waits for, in two versions
+    python benchmarks/whole_process.py --beside "imu_calib acc.mat gyro.mat"    and in another program
+    python benchmarks/whole_process.py --growth turns                      how cost grows with turns, rows or sensors
+
+All take turns, ``--repeat`` times, and the least of each counts.  Bytecode is kept, and made before the first run.  Each version has its
+own copies of the sessions, since commands write into them and take what is there.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
+import shlex
 import shutil
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
+import numpy as np
 from common import markdown, progress
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "tests"))
-from long_logs import long_session  # noqa: E402
+from session.io.numeric import decimal_rows
 
-LEAST_SQUARES = ("--methods", "least_squares")
-#: command, session
+ROOT = Path(__file__).resolve().parents[1]
+ENVIRONMENT = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+ENVIRONMENT |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+SESSIONS = ROOT / "data" / "session1", ROOT.parent / "shared" / "xsens"
+SENSOR = "--segments 8 --closure 0 --odr-hz 104"
+#: of a fleet
+SENSORS = 40
+#: in this order, since a report takes what fit and explain have left; ``new`` is removed before each
 USUAL = (
-    (("fit", *LEAST_SQUARES), ROOT.parent / "shared" / "xsens"),
-    (("fit", *LEAST_SQUARES), ROOT / "data" / "session1"),
-    (("fit",), ROOT / "data" / "session1"),
-    (("explain",), ROOT / "data" / "session1"),
+    "check session1",
+    "fit session1 --methods least_squares",
+    "fit xsens --methods least_squares",
+    "fit session1",
+    "explain session1",
+    "explain xsens",
+    "report session1",
+    "noise rest.csv",
+    "import rest.csv --out new",
+    "explain turns640",
+    "fleet fleet --jobs 1 --out new",
 )
-OF_MANY_TURNS = (("check",), ("fit",), ("explain",))
-OF_MANY_ROWS = (("check",), ("fit",), ("noise",))
-#: rows of the session whose model is verified with one of many rows
-LEAST_ROWS = 100_000
+#: other programs
+OTHERS = {
+    "NumPy imported": "import numpy",
+    "pandas, `read_csv` of rest.csv": "import pandas; pandas.read_csv('rest.csv')",
+    "AllanTools, `oadev` of its six channels as well": "import allantools, pandas; [allantools.oadev(x, rate=208.0, data_type='freq', "
+    "taus='octave') for x in pandas.read_csv('rest.csv').to_numpy().T[1:]]",
+}
+#: what grows: options of ``simulate``, commands, sizes; a still lasts 2.6 times as long as is asked for
+OF_TURNS = "check {}/0", "fit {}/0 --methods least_squares", "explain {}/0"
+GROWTH = {
+    "turns": ("--segments {0} --closure 0", OF_TURNS, (40, 160, 640, 2560)),
+    "rows": ("--segments 14 --closure 0 --odr-hz 104 --still-s {1:.1f}", (*OF_TURNS[:2], "noise {}/0"), (10**5, 10**6, 10**7)),
+    "sensors": (SENSOR, ("fleet {} --jobs 1 --out new", "lot new"), (50, 200, 800)),
+}
 #: a process of its own, small, so that the peak that the system tells is that of the command
 PROBE = """
 import json, resource, subprocess, sys
@@ -44,52 +71,97 @@ print(json.dumps([done.returncode, used.ru_utime + used.ru_stime, used.ru_maxrss
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--repeat", type=int, default=5, help="each is run this often, the least counts (%(default)s)")
-    parser.add_argument("--turns", type=int, nargs="*", default=[2000], help="of simulated sessions (%(default)s)")
-    parser.add_argument("--rows", type=int, nargs="*", default=[], help="of simulated logs with long rests, 18000000 for a day (none)")
+    parser.add_argument("--only", nargs="*", default=[""], metavar="TEXT", help="what has one of these texts")
     parser.add_argument("--against", type=Path, metavar="CHECKOUT", help="another checkout of this project, whose runs alternate with ours")
+    parser.add_argument(
+        "--beside", action="append", default=[], metavar="COMMAND", help="another program, with its arguments and full paths"
+    )
+    parser.add_argument("--growth", choices=GROWTH, help="instead, each run once")
+    parser.add_argument("--sizes", type=int, nargs="*", help="of growth")
     args = parser.parse_args()
     roots = [ROOT, *([args.against.resolve()] if args.against else [])]
+    for root in roots:
+        subprocess.run([sys.executable, "-m", "compileall", "-q", root / "session", root / "tinygc"], env=ENVIRONMENT, check=True)
+    with TemporaryDirectory(prefix="tinygc-") as parent:
+        print(growth(args, roots, Path(parent)) if args.growth else usual(args, roots, Path(parent)))
+
+
+def usual(args: argparse.Namespace, roots: list[Path], parent: Path) -> str:
+    """The table of commands in each version, and of other programs."""
+    folders = [parent / str(number) for number in range(len(roots))]
+    for session in SESSIONS:
+        shutil.copytree(session, folders[0] / session.name, copy_function=shutil.copyfile).chmod(0o755)
+    write_rest(folders[0] / "rest.csv")
+    simulate(folders[0] / "turns640", "--segments 640 --closure 0")
+    for sensor in range(SENSORS):
+        simulate(folders[0] / "fleet" / str(sensor), f"{SENSOR} --seed {sensor}")
+    for folder in folders[1:]:
+        shutil.copytree(folders[0], folder)
+    jobs = {f"`{words}`": [(ours(words, root), folder) for root, folder in zip(roots, folders, strict=True)] for words in USUAL}
+    jobs |= {words: [([sys.executable, "-c", code], folders[0])] for words, code in OTHERS.items()}
+    jobs |= {Path(program[0]).name: [(program, folders[0])] for program in map(shlex.split, args.beside)}
+    jobs = {words: versions for words, versions in jobs.items() if any(text in words for text in args.only)}
+    runs = [[[used(*version) for version in versions] for versions in jobs.values()] for _ in range(args.repeat)]
     rows = []
-    with tempfile.TemporaryDirectory(prefix="tinygc-") as parent:
-        jobs = []
-        for number, (command, session) in enumerate(USUAL):
-            if session.is_dir():
-                folder = shutil.copytree(session, Path(parent) / str(number), copy_function=shutil.copyfile)
-                folder.chmod(0o755)
-                jobs.append((f"`{' '.join(command)}`, `{session.name}`", command, folder, args.repeat))
-        for turns in args.turns:
-            folder = Path(parent) / f"turns{turns}"
-            used(["calibrate.py", "simulate", "--segments", str(turns), "--closure", "0", "--out", str(folder), "--quiet"], ROOT)
-            jobs += [(f"`{command[0]}`, {turns} turns", command, folder, 1) for command in OF_MANY_TURNS]
-        for rows_of_log in args.rows:
-            folder, short = (long_session(Path(parent) / f"rows{count}", count) for count in (rows_of_log, LEAST_ROWS))
-            used(["calibrate.py", "fit", str(short), *LEAST_SQUARES, "--quiet"], ROOT)
-            verify = ("verify", str(short / "fit" / "model_least_squares.json"))
-            jobs += [(f"`{command[0]}`, {rows_of_log} rows", command, folder, 1) for command in (*OF_MANY_ROWS, verify)]
-        for words, command, folder, repeat in jobs:
-            runs: list[list[tuple[float, float]]] = [[] for _ in (None, *roots)]
-            for turn in range(repeat):
-                progress(f"{words} {turn + 1} of {repeat}")
-                runs[0].append(used(["-c", "import numpy"], ROOT))
-                for own, root in zip(runs[1:], roots, strict=True):
-                    own.append(used([str(root / "calibrate.py"), *command, str(folder), "--quiet"], root))
-            (numpy_s, numpy_mb), (ours_s, ours_mb), *others = ([min(each) for each in zip(*own, strict=True)] for own in runs)
-            against = [f"{ours_s / cpu_s:.3f}; {ours_mb / mb:.3f}" for cpu_s, mb in others]
-            rows.append([words, f"{ours_s:.2f} s", f"{ours_s / numpy_s:.1f}", f"{ours_mb:.0f} MB", f"{ours_mb / numpy_mb:.1f}", *against])
-    progress("")
-    header = ["whole process", "CPU", "times Python with NumPy", "peak memory", "times Python with NumPy"]
-    print(markdown([*header, *(["of the other checkout's CPU; memory"] if args.against else [])], rows))
+    for words, *turns in zip(jobs, *runs, strict=True):
+        least = [[min(figures) for figures in zip(*version, strict=True)] for version in zip(*turns, strict=True)]
+        ratios = [f"{a / b:.2f}" for a, b in zip(*least, strict=True)] if len(least) > 1 else []
+        rows.append([words, *(cell for cpu_s, mb in least for cell in (f"{cpu_s:.2f}", f"{mb:.0f}")), *ratios])
+    versions = [cell for root in roots for cell in (f"{root.name}: CPU s", "MB")]
+    return markdown(["whole process", *versions, *(["CPU, ratio", "MB, ratio"] if len(roots) > 1 else [])], rows)
 
 
-def used(arguments: list[str], root: Path) -> tuple[float, float]:
-    """CPU s and peak MB of one Python process, of one thread, that imports this project from ``root``."""
-    own = {**os.environ, "PYTHONPATH": str(root), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    probe = [sys.executable, "-c", PROBE, sys.executable, *arguments]
-    code, cpu_s, peak, said = json.loads(subprocess.run(probe, env=own, cwd=root, check=True, capture_output=True, text=True).stdout)
+def growth(args: argparse.Namespace, roots: list[Path], parent: Path) -> str:
+    """The table of commands by size, with the exponents of CPU and MB from the last size but one to the last."""
+    options, commands, sizes = GROWTH[args.growth]
+    sizes = args.sizes or sizes
+    found: dict[str, list[tuple[float, float]]] = {}
+    for size in sizes:
+        folder = parent / str(size)
+        for number in range(size if args.growth == "sensors" else 1):
+            simulate(folder / args.growth / str(number), options.format(size, size / 4056) + f" --seed {number}")
+        for root in roots:
+            for words in (command.format(args.growth) for command in commands):
+                found.setdefault(f"`{words}`, {root.name}", []).append(used(ours(words, root), folder))
+        shutil.rmtree(folder)
+    rows = []
+    for words, figures in found.items():
+        exponents = [math.log(b / a) / math.log(sizes[-1] / sizes[-2]) for a, b in zip(*figures[-2:], strict=True)]
+        rows.append([words, *(f"{cpu_s:.2f} s, {mb:.0f} MB" for cpu_s, mb in figures), "{:.2f}, {:.2f}".format(*exponents)])
+    return markdown([args.growth, *map(str, sizes), "exponents"], rows)
+
+
+def write_rest(path: Path, rows: int = 10**6) -> None:
+    """Readings at rest: microseconds, dps with noise and a random walk, m/s^2 with noise."""
+    rng, gravity = np.random.default_rng(0), np.array([[0], [0], [9807]])
+    gyro = 45 * rng.normal(size=(3, rows)) + np.cumsum(0.1 * rng.normal(size=(3, rows)), axis=1)
+    readings = np.rint([*gyro, *(gravity + 8 * rng.normal(size=(3, rows)))]).astype(np.int64)
+    head = "t (us),gx (deg/s),gy (deg/s),gz (deg/s),ax (m/s^2),ay (m/s^2),az (m/s^2)\n"
+    path.write_bytes(head.encode() + decimal_rows([4807 * np.arange(rows), *readings], [0, *[3] * 6]))
+
+
+def simulate(folder: Path, options: str) -> None:
+    """Write a session."""
+    used(ours(f"simulate --out {folder} {options}", ROOT), ROOT)
+
+
+def ours(words: str, root: Path) -> list[str]:
+    """The command line of one of our commands."""
+    return [sys.executable, str(root / "calibrate.py"), *words.split(), "--quiet"]
+
+
+def used(command: list[str], folder: Path) -> tuple[float, float]:
+    """CPU s and peak MB of one process that is run in a folder."""
+    progress(shlex.join(command)[-100:])
+    if "--out new" in shlex.join(command):
+        shutil.rmtree(folder / "new", ignore_errors=True)
+    probe = subprocess.run([sys.executable, "-c", PROBE, *command], env=ENVIRONMENT, cwd=folder, check=True, capture_output=True, text=True)
+    code, cpu_s, peak, said = json.loads(probe.stdout)
     if code not in (0, 1, 5):
-        sys.exit(said)
+        sys.exit(f"{shlex.join(command)}: {said}")
+    progress("")
     return cpu_s, peak * (1 if sys.platform == "darwin" else 1024) / 1e6
 
 

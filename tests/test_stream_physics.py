@@ -260,7 +260,7 @@ def test_a_reset_in_the_middle(encode):
 
 
 def test_of_many_damaged_frames_none_enters():
-    """The worst case for number and stamp: only the registers are damaged.  benchmarks/stream.py does this with a million."""
+    """The worst case for number and stamp: only the registers are damaged."""
     count = 15_000
     t_us, registers = sent(count)
     coded = frames.encode_samples(np.arange(count), t_us, registers)

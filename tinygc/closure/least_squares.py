@@ -320,8 +320,8 @@ def _rows(batch: Batch, vector: np.ndarray, integrator: str, columns: np.ndarray
 #     Omega = Phi + X / 2,    Phi = int u dt,    X = int_{t1 < t2} u(t1) x u(t2) dt1 dt2,    u = R_tb delta_omega.
 #
 # For omega = E m + B, u is linear in the 12 parameters: Phi has 12 columns, X has 78, and none depends on the model's distance.  So a swarm
-# evaluates 90 numbers per angle instead of a thousand samples.  The error is of third order: 1e-5 rad at an angle of 0.07 rad (a scale
-# error of 1 % over a turn of 270 degrees and more), 1e-8 rad at 0.007 rad.
+# evaluates 90 numbers per angle instead of a thousand samples, or one form of them for all angles.  The error is of third order: 1e-5 rad
+# at an angle of 0.07 rad (a scale error of 1 % over a turn of 270 degrees and more), 1e-8 rad at 0.007 rad.
 
 #: pairs of parameters, each once
 FIRST, SECOND = np.triu_indices(PARAMETERS)
@@ -329,8 +329,6 @@ FIRST, SECOND = np.triu_indices(PARAMETERS)
 TOGETHER = 4
 #: rad: step of the finite differences; rounding and truncation errors are both below 1e-8 of the derivatives
 STEP_RAD = 2e-4
-#: segments that a swarm evaluates at once: intermediate results stay in the processor's cache
-AT_ONCE = 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -408,12 +406,8 @@ class Nearby:
         """Closure residuals (P, S, 2 or 3) of models (P, 12)."""
         delta = vectors - self.vector
         omega = delta @ self.phi + (delta[:, FIRST] * delta[:, SECOND]) @ self.half_x
-        turns, found = omega.reshape(len(vectors), -1, 3), []
-        for first in range(0, len(self.batch), AT_ONCE):
-            some = slice(first, first + AT_ONCE)
-            ends = rotation.multiply(rotation.exp(turns[:, some]), self.end[some])
-            found.append(closure.batch_residual(self.batch.pick(some), ends))
-        return np.concatenate(found, axis=1)
+        ends = rotation.multiply(rotation.exp(omega.reshape(len(vectors), -1, 3)), self.end)
+        return closure.batch_residual(self.batch, ends)
 
 
 def _along(sensitivity: np.ndarray, rate: np.ndarray) -> np.ndarray:

@@ -20,7 +20,7 @@ from tinygc.closure.residual import Batch
 from tinygc.effects import AppliedEffect, Effect, Movement
 from tinygc.models import linear
 from tinygc.models.linear import PARAMETERS, LinearModel
-from tinygc.noise.thinned import StillMeans, movement_in, thinned
+from tinygc.noise.thinned import AT_ONCE, StillMeans, movement_in, thinned
 
 # Positions of the parameters in ``State.vector``, and so in the columns and covariance of a ``Refit``.
 #
@@ -428,20 +428,20 @@ class Twin:
         by_log = [self._added(effect, state, rates, log) for log in range(len(self.movements))]
         d, size = self.batch.angles, effect.parameter.size
         design = np.empty((len(self.segments), d, size))
-        for some, part in self._by_segment(by_log):
-            turns = sensitivity[some, : part.shape[1]].transpose(0, 2, 3, 1)
-            design[some] = sum(turns[:, :, axis] @ part[:, :, axis] for axis in range(3))
+        for number, part in self._by_segment(by_log):
+            turn = sensitivity[number, : len(part)].transpose(1, 0, 2).reshape(d, -1)
+            design[number] = turn @ part.reshape(-1, size)
         return Channels(-design, -self._still_means(by_log), np.zeros((len(self.stills), size)))
 
-    def _by_segment(self, by_log: list[Callable[[slice | np.ndarray], np.ndarray]]) -> Iterator[tuple[slice, np.ndarray]]:
-        """Some segments of one log, and at their samples (s, t, …) what a function of the rows of each log gives; after its end a
-        segment's last value stands, where the sensitivity is zero."""
-        for part in closure.parts(len(self.segments)):
-            for log, group in groupby(range(len(self.segments))[part], key=lambda number: self.segments[number].log):
-                some = slice((numbers := list(group))[0], numbers[-1] + 1)
-                start, stop = np.array([(segment.start, segment.stop) for segment in self.segments[some]]).T
-                at = np.minimum(start[:, None] + np.arange(np.max(stop - start)), stop[:, None] - 1)
-                yield some, by_log[log](slice(start.min(), stop.max()))[at - start.min()]
+    def _by_segment(self, by_log: list[Callable[[slice | np.ndarray], np.ndarray]]) -> Iterator[tuple[int, np.ndarray]]:
+        """Number of each segment, and the values (n, …) at its samples, of functions of the rows of each log, asked for some at a time."""
+        for some in closure.parts(len(self.segments)):
+            for log, group in groupby(range(len(self.segments))[some], key=lambda number: self.segments[number].log):
+                numbers = list(group)
+                first = min(self.segments[number].start for number in numbers)
+                values = by_log[log](slice(first, max(self.segments[number].stop for number in numbers)))
+                for number in numbers:
+                    yield number, values[self.segments[number].start - first : self.segments[number].stop - first]
 
     def _basis_columns(self, effect: Effect, basis: Callable[[Movement], np.ndarray], sensitivity: np.ndarray) -> Channels:
         """``effect_columns`` of an effect with basis functions: each function is summed once for all axes."""
@@ -449,10 +449,9 @@ class Twin:
         d, size = self.batch.angles, effect.parameter.size
         curves = size // 3
         design = np.empty((len(self.segments), d, curves, 3))
-        for some, part in self._by_segment(by_log):
-            turns = sensitivity[some, : part.shape[1]].transpose(0, 2, 3, 1)
-            summed = turns.reshape(len(part), 3 * d, -1) @ part
-            design[some] = summed.reshape(-1, d, 3, curves).swapaxes(2, 3)
+        for number, part in self._by_segment(by_log):
+            summed = sensitivity[number, : len(part)].reshape(len(part), -1).T @ part
+            design[number] = summed.reshape(d, 3, curves).transpose(0, 2, 1)
         mean = self._still_means(by_log)
         still = mean[:, None, :, None] * np.eye(3)[:, None]
         if effect.has_rows:
@@ -461,9 +460,11 @@ class Twin:
 
 
 def _of_rows(effect: Effect, of: Callable[[Movement], np.ndarray], movement: Movement) -> Callable[[slice | np.ndarray], np.ndarray]:
-    """Function of rows of a movement, of an effect's columns (N, …): some rows alone where each is of its own sample, as all columns of a
-    long session would be its largest array."""
-    return of(movement).__getitem__ if effect.needs_rate_hz else lambda rows: of(movement.part(rows))
+    """Function of rows of a movement, of an effect's columns (N, …): some rows alone where the log is long and each is of its own sample,
+    as all columns at once would be the session's largest array."""
+    if effect.needs_rate_hz or len(movement.t_s) <= AT_ONCE:
+        return of(movement).__getitem__
+    return lambda rows: of(movement.part(rows))
 
 
 # The variable of an effect for each sample, still and segment: the same for JSON, page and plot.

@@ -134,12 +134,12 @@ def growth(args: argparse.Namespace, roots: list[Path], parent: Path) -> str:
 
 
 def write_rest(path: Path, rows: int = 10**6) -> None:
-    """Readings at rest: microseconds, dps with noise and a random walk, m/s^2 with noise."""
-    rng, gravity = np.random.default_rng(0), np.array([[0], [0], [9807]])
-    gyro = 45 * rng.normal(size=(3, rows)) + np.cumsum(0.1 * rng.normal(size=(3, rows)), axis=1)
-    readings = np.rint([*gyro, *(gravity + 8 * rng.normal(size=(3, rows)))]).astype(np.int64)
+    """Readings at rest: microseconds; dps with noise and a random walk, and m/s^2 with noise, in hundredths."""
+    rng, gravity = np.random.default_rng(0), np.array([[0], [0], [981]])
+    gyro = 5 * rng.normal(size=(3, rows)) + np.cumsum(0.02 * rng.normal(size=(3, rows)), axis=1)
+    readings = np.rint([*gyro, *(gravity + 5 * rng.normal(size=(3, rows)))]).astype(np.int64)
     head = "t (us),gx (deg/s),gy (deg/s),gz (deg/s),ax (m/s^2),ay (m/s^2),az (m/s^2)\n"
-    path.write_bytes(head.encode() + decimal_rows([4807 * np.arange(rows), *readings], [0, *[3] * 6]))
+    path.write_bytes(head.encode() + decimal_rows([4807 * np.arange(rows), *readings], [0, *[2] * 6]))
 
 
 def simulate(folder: Path, options: str) -> None:

@@ -147,7 +147,7 @@ MOST_FACTOR = float(np.exp(2 * FACTOR_SPREAD))
 TRUTH_SPREAD = 1.5
 #: where a search starts: jitter of a camera's stamps, s; what smoothing over 50 ms may leave, s^2; a camera's errors after a radian, rad
 USUAL_JITTER_S, USUAL_BLUR_S2, USUAL_TURNED_RAD = 1e-3, 1e-4, 0.1 * DEG
-#: bias instability with a truth file and no other source: a MEMS gyroscope's, to an order of magnitude
+#: bias instability without another source: a MEMS gyroscope's, to an order of magnitude
 _UNKNOWN_WANDER_RPS, _UNKNOWN_SPREAD = 10 * DEG_PER_HOUR, 1.5
 
 
@@ -208,12 +208,13 @@ def _wander(twin: Twin, sizes: tuple[int, int, int]) -> Component:
             V[:rows, own] += left[:, pieces] @ response.T
     known = twin.problem.instability
     white = float(np.median(twin.problem.still_rates.sigma)) if q else 2 * _UNKNOWN_WANDER_RPS
-    spread = TYPICAL_SPREAD if known.source.startswith("typical") else GIVEN_SPREAD
-    if known.sigma_rps is not None and not known.of_unit:  # measured at rest, on another day
-        spread = float(np.hypot(GIVEN_SPREAD, known.sigma_rps / known.rps))
-    prior = Prior(known.rps, spread) if known.rps > 0 and not known.of_unit else None
-    if not q and prior is None:  # such a twin has no rows of the rates at rest behind an estimate
-        prior = Prior(known.rps, TYPICAL_SPREAD) if known.rps > 0 else Prior(_UNKNOWN_WANDER_RPS, _UNKNOWN_SPREAD)
+    # Stills hardly tell a drift from errors of their own: without a source beside them, what such gyroscopes have decides.
+    prior = Prior(_UNKNOWN_WANDER_RPS, _UNKNOWN_SPREAD)
+    if known.rps > 0 and not (known.of_unit and q):
+        spread = TYPICAL_SPREAD if known.of_unit or known.source.startswith("typical") else GIVEN_SPREAD
+        if known.sigma_rps is not None and not known.of_unit:  # measured at rest, on another day
+            spread = float(np.hypot(GIVEN_SPREAD, known.sigma_rps / known.rps))
+        prior = Prior(known.rps, spread)
     return Component(WANDER, V, known.rps or white / 2, "°/h", DEG_PER_HOUR, "bias drift", prior)
 
 
@@ -336,8 +337,8 @@ class SessionNoise:
         most = [MOST_FACTOR if c.name == UNDERSAMPLED else c.usual if c.name in (TURN, STILL_RATE) else np.inf for c in self.components]
         for number, component in enumerate(self.components):
             if component.name == WANDER:
-                prior = component.prior or Prior(_UNKNOWN_WANDER_RPS, _UNKNOWN_SPREAD)
-                most[number] = prior.median * np.exp(UNUSUAL * prior.spread)
+                assert component.prior is not None
+                most[number] = component.prior.median * np.exp(UNUSUAL * component.prior.spread)
         return [(c, float(s), float(m)) for c, s, m in zip(self.components, self.s, most, strict=True) if s > m]
 
     @property
@@ -475,7 +476,7 @@ def first_noise(twin: Twin, whiten: Whitener, missed: Undersampling | None = Non
         return _FIRST_NOISE[twin]
     own = missed or undersampling(twin)
     components = tuple(components_of(twin, whiten.sizes, own))
-    s = np.array([c.usual if c.name == WANDER and c.prior is not None else 0.0 for c in components])
+    s = np.array([c.prior.median if c.name == WANDER and c.prior else 0.0 for c in components])
     found = SessionNoise(components, _blocks(twin, whiten), own, s, np.zeros(len(s)))
     if missed is None:
         _FIRST_NOISE[twin] = found

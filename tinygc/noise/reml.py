@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,11 +24,12 @@ from session.io.solving import inverse
 from tinygc.closure.least_squares import inverse_lower, solve_lower
 from tinygc.noise.whitening import Sparse
 
-if TYPE_CHECKING:
-    from scipy.optimize import OptimizeResult
-
 #: greatest number of steps of a search, which starts at the result of the last one
-SCORING_STEPS = 12
+SCORING_STEPS = 24
+#: drop of -2 log L below which a search ends; a tenth of a sigma away, it is 0.01
+SETTLED = 1e-6
+#: share of its own information that is added to each component's: components that are alike take a step together
+ALIKE = 1e-9
 #: number of blocks, spread over a long session, used in the search; the likelihood uses all (benchmarks/whole_process.py)
 SEARCHED = 3
 #: variance relative to a component's usual one, below which the component is absent
@@ -49,6 +50,14 @@ class Prior(NamedTuple):
         off = float(np.log(s / self.median))
         spread = self.spread if self.spread_above is None or off < 0 else self.spread_above
         return off / spread, spread
+
+
+class Cost(NamedTuple):
+    """-2 log of the restricted likelihood with the prior, its gradient (K,) by the variances, and the average information (K, K)."""
+
+    value: float
+    gradient: np.ndarray
+    information: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,66 +90,77 @@ def estimate(
 
     searched = [parts[i] for i in np.linspace(0, len(parts) - 1, min(len(parts), SEARCHED)).round().astype(int)]
 
-    def cost(x: np.ndarray, of: list = searched, slope: bool = True) -> tuple[float, np.ndarray]:
-        value, gradient = _cost(x, of, J.shape[1], slope)
+    def cost(x: np.ndarray, of: list = searched, slope: bool = True) -> Cost:
+        value, gradient, information = _cost(x, of, J.shape[1], slope)
         for k, prior in enumerate(priors):
             if prior is None:
                 continue
             apart, spread = prior.apart(float(np.sqrt(x[k]) * usual[k]))
             value += apart**2
             gradient[k] += apart / spread / x[k]
-        return value, gradient
-
-    def cost_of_root(root: np.ndarray) -> tuple[float, np.ndarray]:
-        value, gradient = cost(root**2)
-        return value, gradient * 2 * root
+            information[k, k] += 1 / (2 * (spread * x[k]) ** 2)
+        return Cost(value, gradient, information)
 
     least = np.array([0.0 if prior is None else 1e-6 for prior in priors])
-    # At twenty times its usual size a component is twenty steps away in s, but four hundred in its variance.  At zero, the slope in s
-    # vanishes, and only the slope in the variance shows whether the component is present.
-    near = _lowest(cost_of_root, np.sqrt(begin), np.sqrt(least), steps).x ** 2
-    found = _lowest(cost, near, least, steps)
-    x = np.where(found.x < NOTHING, 0.0, found.x)
-    s = np.sqrt(x) * usual
-    value = float(found.fun) if len(searched) == len(parts) else cost(found.x, parts, False)[0]
-    return ComponentEstimate(s, _sigma(cost, found.x) * usual if with_sigma else np.full(len(s), np.nan), value)
+    lowest, found = _lowest(cost, np.maximum(begin, least), least, steps)
+    s = np.sqrt(np.where(lowest < NOTHING, 0.0, lowest)) * usual
+    value = found.value if len(searched) == len(parts) else cost(lowest, parts, False).value
+    return ComponentEstimate(s, _sigma(cost, lowest) * usual if with_sigma else np.full(len(s), np.nan), value)
 
 
 def _block(V: np.ndarray | Sparse, rows: np.ndarray) -> np.ndarray:
     return V.block(rows) if isinstance(V, Sparse) else V[np.ix_(rows, rows)]
 
 
-def _lowest(cost: Callable, begin: np.ndarray, least: np.ndarray, steps: int) -> OptimizeResult:
-    from scipy.optimize import minimize
+def _lowest(cost: Callable[[np.ndarray], Cost], x: np.ndarray, least: np.ndarray, steps: int) -> tuple[np.ndarray, Cost]:
+    """Variances (K,) of the lowest cost found from x, none below ``least``: scoring by the average of expected and
+    observed information (Gilmour, Thompson & Cullis 1995), damped where a step does not lower the cost."""
+    found, damp = cost(x), 0.0
+    for _ in range(steps):
+        free = ((x > least) | (found.gradient < 0)) & (np.diag(found.information) > 0)
+        information = found.information[np.ix_(free, free)]
+        tried = x.copy()
+        tried[free] -= np.linalg.solve(information + (damp + ALIKE) * np.diag(np.diag(information)), found.gradient[free])
+        tried = np.maximum(tried, least)
+        there = cost(tried)
+        if there.value >= found.value:
+            if found.value - there.value > -SETTLED:
+                break
+            damp = max(10 * damp, 0.1)
+            continue
+        drop, damp = found.value - there.value, damp / 10
+        x, found = tried, there
+        if drop < SETTLED:
+            break
+    return x, found
 
-    bounds = [(float(low), None) for low in least]
-    return minimize(cost, begin, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": steps, "ftol": 1e-6})
 
-
-def _cost(x: np.ndarray, parts: list, p: int, slope: bool) -> tuple[float, np.ndarray]:
-    information, pull, value = np.eye(p), np.zeros(p), 0.0
+def _cost(x: np.ndarray, parts: list, p: int, slope: bool) -> tuple[float, np.ndarray, np.ndarray]:
+    """``Cost`` without the prior; its information leaves out what blocks tell together."""
+    within, pull, value = np.eye(p), np.zeros(p), 0.0
     kept = []
     for r, J, base, V in parts:
         factor = np.linalg.cholesky(base + sum(v * xk for v, xk in zip(V, x, strict=True)))
         white = solve_lower(factor, np.column_stack([J, r]))
-        information += white[:, :p].T @ white[:, :p]
+        within += white[:, :p].T @ white[:, :p]
         pull += white[:, :p].T @ white[:, p]
         value += 2 * float(np.sum(np.log(np.diag(factor)))) + float(white[:, p] @ white[:, p])
         kept.append((factor, white))
-    root = np.linalg.cholesky(information)
-    beta = np.linalg.solve(information, pull)
+    root = np.linalg.cholesky(within)
+    beta = np.linalg.solve(within, pull)
     value += 2 * float(np.sum(np.log(np.diag(root)))) - float(pull @ beta)
-    gradient = np.zeros(len(x))
+    gradient, information = np.zeros(len(x)), np.zeros((len(x), len(x)))
     if not slope:
-        return value, gradient
+        return value, gradient, information
     for (_, _, _, V), (factor, white) in zip(parts, kept, strict=True):
         inverse = inverse_lower(factor)
         taken = solve_lower(root, white[:, :p].T @ inverse)  # (p, n): P = C^-1 less the part absorbed by the columns
         P = inverse.T @ inverse - taken.T @ taken
         y = inverse.T @ (white[:, p] - white[:, :p] @ beta)
-        for k, v in enumerate(V):
-            gradient[k] += float(np.sum(P * v)) - float(y @ v @ y)
-    return value, gradient
+        Vy = np.stack([v @ y for v in V], axis=1)
+        gradient += [float(np.sum(P * v)) for v in V] - y @ Vy
+        information += Vy.T @ P @ Vy
+    return value, gradient, information
 
 
 def _sigma(cost: Callable, x: np.ndarray) -> np.ndarray:
@@ -148,7 +168,7 @@ def _sigma(cost: Callable, x: np.ndarray) -> np.ndarray:
     the others as they are."""
     sigma = np.full(len(x), np.inf)
     axes = np.diag(np.maximum(CURVED * x, 0.0))
-    curvature = np.array([(cost(x + step)[1] - cost(x - step)[1]) / (2 * step.max() or 1.0) for step in axes])
+    curvature = np.array([(cost(x + step).gradient - cost(x - step).gradient) / (2 * step.max() or 1.0) for step in axes])
     there = np.flatnonzero((x > NOTHING) & (np.diag(curvature) > 0))
     joint = curvature[np.ix_(there, there)]
     # The joint sigma of each is at least its sigma with the others known.
@@ -159,14 +179,21 @@ def _sigma(cost: Callable, x: np.ndarray) -> np.ndarray:
     return sigma
 
 
-def _one_sigma_from_zero(cost: Callable, x: np.ndarray, k: int) -> float:
-    """Size of component k at which -2 log L has risen by one; infinite where it does not rise."""
-    from scipy.optimize import brentq
+def _one_sigma_from_zero(cost: Callable[[np.ndarray], Cost], x: np.ndarray, k: int) -> float:
+    """Size of component k at which -2 log L has risen by one, to a thousandth; infinite where it does not rise."""
+    lowest, other = cost(x).value, np.arange(len(x)) == k
 
-    lowest = cost(x)[0]
+    def risen(size: float) -> tuple[float, float]:
+        """By how much more than one, and its slope."""
+        there = cost(x + size**2 * other)
+        return there.value - lowest - 1, 2 * size * float(there.gradient[k])
 
-    def rise(size: float) -> float:
-        return float(cost(x + size**2 * (np.arange(len(x)) == k))[0]) - lowest - 1
-
-    high = next((size for size in 2.0 ** np.arange(-4, 10) if rise(size) > 0), np.inf)
-    return brentq(rise, 0.0, high, rtol=1e-3) if np.isfinite(high) else high
+    high = next((size for size in 2.0 ** np.arange(-4, 10) if risen(size)[0] > 0), np.inf)
+    if not np.isfinite(high):
+        return high
+    size, step = high / 2, np.inf
+    while abs(step) > 1e-3 * size:
+        over, slope = risen(size)
+        step = float(np.clip(size - over / slope, size / 2, high)) - size if slope > 0 else (high - size) / 2
+        size += step
+    return size

@@ -103,8 +103,9 @@ MOST_NAMED, HALF = 3, 0.5
 HELD = 1e-9
 #: rad: the search ends when a step changes no residual by more than this
 TOLERANCE = 1e-9
-#: rad: it ends, too, when the next step would change none by more than this, as steps shrink so far
-FORESEEN = 1e-11
+#: it ends, too, when the next step is foreseen to change none by more than this, rad; and where it began at rows at hand, those of a fold, by
+#: more than this share of the residuals' sigma
+FORESEEN, ENOUGH = 1e-11, 1e-3
 #: rad: the columns are kept after a step that changes no residual by more than this: their relative error, that of the next step, and the
 #: shift of the answer in sigmas are all of this size (tests/test_least_squares_physics.py)
 COLUMNS_STAY = 1e-5
@@ -197,6 +198,7 @@ def fit_least_squares(
     centre, root = _prior(start, prior, held=rest_rps is not None)
     at = begin if isinstance(begin, Rows) else _rows(batch, (begin or start).vector, integrator, None)
     vector, weight = at.vector, 1 / sigma.reshape(len(batch), -1)
+    settled = max(FORESEEN, ENOUGH * float(sigma.min()) if isinstance(begin, Rows) else 0.0)
     rank, before = linear.PARAMETERS, 0.0
     for steps in range(1, MAX_STEPS + 1):  # noqa: B007 (reported)
         angles, design = at.angles, at.columns
@@ -215,7 +217,9 @@ def fit_least_squares(
         change = centre + root @ (aim[:rank] @ right[:rank]) - vector
         vector = vector + change
         moved = float(np.abs(design @ change).max())
-        if moved < TOLERANCE or moved**2 < FORESEEN * before:
+        # What a step leaves is of second order: in itself, and in the residuals that bend the columns.  Or steps shrink as they did before.
+        shrinks = min(moved + float(np.abs(angles).max()), moved / before if before else np.inf)
+        if moved < TOLERANCE or moved * shrinks < settled:
             break
         before = moved
         at = _rows(batch, vector, integrator, design if moved < COLUMNS_STAY else None)

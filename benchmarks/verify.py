@@ -41,7 +41,7 @@ from tinygc.closure.residual import closure_angles
 from tinygc.estimation.between_sessions import course
 from tinygc.estimation.compare import read_calibrated
 from tinygc.estimation.expected_zero import USUAL_SPREAD
-from tinygc.library.sessions import Simulated
+from tinygc.library.simulations import Simulated
 from tinygc.models.linear import LinearModel
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulator import SimulatedUnit, simulate_session, unit_of

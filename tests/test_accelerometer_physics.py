@@ -210,6 +210,11 @@ def test_the_drifts_p_value_is_fishers_f_of_three_numbers(drift):
     without = least_squares(lambda u: left(np.append(u, np.zeros(3))), found.x / UNITS, xtol=1e-14)
     F = (without.cost - with_it.cost) / 3 / (with_it.cost / (count - 12))
     assert found.drift.p_value == pytest.approx(fisher_f.sf(F, 3, count - 12), rel=1e-4, abs=0)
+    for spare in (3, 4, 29, 30, 2000):
+        for ratio in (0.0, 0.3, 3.78, 3.79, 40.0):
+            alone = replace(found.drift, ratio=ratio, spare=spare)
+            assert alone.p_value == pytest.approx(fisher_f.sf(ratio, 3, spare), rel=1e-9, abs=0)
+            assert alone.significant == (fisher_f.sf(ratio, 3, spare) < 0.01)
     assert found.sigma_mps2 == pytest.approx(np.sqrt(2 * with_it.cost / (count - 12)), rel=1e-5)
     assert found.drift.mps2 == pytest.approx(with_it.x[9:], abs=1e-6)
     sigma = np.sqrt(np.diag(np.linalg.inv(with_it.jac.T @ with_it.jac)))[9:] * found.sigma_mps2

@@ -88,6 +88,7 @@ if TYPE_CHECKING:
     from tinygc.library.biases import Rebias as Rebias
     from tinygc.library.biases import rebias as rebias
     from tinygc.library.budgets import budget as budget
+    from tinygc.library.checks import check as check
     from tinygc.library.comparisons import Compared as Compared
     from tinygc.library.comparisons import compare as compare
     from tinygc.library.explanations import FoundEffect as FoundEffect
@@ -118,11 +119,10 @@ if TYPE_CHECKING:
     from tinygc.library.reports import report as report
     from tinygc.library.sessions import OwnAccelerometer as OwnAccelerometer
     from tinygc.library.sessions import Plan as Plan
-    from tinygc.library.sessions import Simulated as Simulated
     from tinygc.library.sessions import accelerometer as accelerometer
-    from tinygc.library.sessions import check as check
     from tinygc.library.sessions import plan as plan
-    from tinygc.library.sessions import simulate as simulate
+    from tinygc.library.simulations import Simulated as Simulated
+    from tinygc.library.simulations import simulate as simulate
     from tinygc.library.verification import verify as verify
     from tinygc.library.watch import watch as watch
     from tinygc.simulation.options import SimulationOptions as SimulationOptions
@@ -142,6 +142,7 @@ _HOMES = {
     "tinygc.library.applied": ("apply",),
     "tinygc.library.biases": ("Rebias", "rebias"),
     "tinygc.library.budgets": ("budget",),
+    "tinygc.library.checks": ("check",),
     "tinygc.library.comparisons": ("Compared", "compare"),
     "tinygc.library.explanations": ("FoundEffect", "Why", "explain"),
     "tinygc.library.fits": ("Fit", "fit", "fit_temperature", "fit_turns"),
@@ -154,7 +155,8 @@ _HOMES = {
     "tinygc.library.verification": ("verify",),
     "tinygc.library.records": ("Estimate", "to_frame"),
     "tinygc.library.reports": ("Exported", "Report", "export", "report"),
-    "tinygc.library.sessions": ("OwnAccelerometer", "Plan", "Simulated", "accelerometer", "check", "plan", "simulate"),
+    "tinygc.library.sessions": ("OwnAccelerometer", "Plan", "accelerometer", "plan"),
+    "tinygc.library.simulations": ("Simulated", "simulate"),
     "tinygc.library.watch": ("watch",),
     "tinygc.simulation.options": ("SimulationOptions",),
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -134,22 +135,46 @@ WANDERS_MPS2 = 0.05 * MG
 #: p-value at which a constant zero is rejected, as a fit is by its residuals (``tinygc/estimation/verdict.py``)
 DRIFT_P = 0.01
 DRIFTS = 3
+#: least F that has this p-value, of any number of stills: a third of chi-square's 11.34 with three degrees of freedom
+DRIFT_F = 3.78
+
+
+def _above(ratio: float, spare: int) -> float:
+    """Probability that Fisher's F with 3 and ``spare`` >= 2 degrees of freedom exceeds a ratio: that of Student's t, a finite sum, and the
+    step of the incomplete beta function from 1/2 to 3/2 (Abramowitz & Stegun 1964, 26.5.16, 26.7.3, 26.7.4)."""
+    share = spare / (spare + DRIFTS * ratio)
+    odd, sine = spare % 2, math.sqrt(1 - share)
+    k = np.arange(2 + odd, spare - 1, 2)
+    terms = sine * (1 + float(np.sum(np.cumprod((k - 1) / k * share))))
+    below = 2 / math.pi * (math.asin(sine) + terms * math.sqrt(share)) if odd else terms
+    logs = math.lgamma((spare + 1) / 2) - math.lgamma(spare / 2) - math.lgamma(0.5) + spare / 2 * math.log(share)
+    return 1 - below + 2 * sine * math.exp(logs)
 
 
 @dataclass(frozen=True, eq=False)
 class ZeroDrift:
-    """mps2 (3,): how far the zero moves over a session of duration_s, in the sensor's axes; covariance (3, 3); p_value of a constant zero
-    (Fisher's F)."""
+    """mps2 (3,): how far the zero moves over a session of duration_s, in the sensor's axes; covariance (3, 3); ratio: Fisher's F against
+    a constant zero; spare: degrees of freedom that are left."""
 
     mps2: np.ndarray
     covariance: np.ndarray
-    p_value: float
+    ratio: float
+    spare: int
     duration_s: float
+
+    @property
+    def p_value(self) -> float:
+        """Of a constant zero."""
+        if self.ratio <= DRIFT_F:
+            return _above(self.ratio, self.spare)
+        from scipy.special import fdtrc  # late: hardly any zero drifts, and the import takes longer than all checks
+
+        return float(fdtrc(DRIFTS, self.spare, self.ratio))
 
     @property
     def significant(self) -> bool:
         """Whether the recording shows it; else it is a bound."""
-        return self.p_value < DRIFT_P
+        return self.ratio > DRIFT_F and self.p_value < DRIFT_P
 
     @property
     def sigma_mps2(self) -> np.ndarray:
@@ -237,8 +262,9 @@ def fit_lengths(
         if middle_s is not None and len(force) - rung.count >= 2 * DRIFTS:
             moving = _with_drift(rung, x, bar, force, gravity_mps2, shares(middle_s, duration_s))
             if moving is not None:
-                found, p_value = moving
-                drift = ZeroDrift(found[0][PARAMETERS:], found[-1][PARAMETERS:, PARAMETERS:], p_value, duration_s)
+                found, ratio = moving
+                spare = len(force) - rung.count - DRIFTS
+                drift = ZeroDrift(found[0][PARAMETERS:], found[-1][PARAMETERS:, PARAMETERS:], ratio, spare, duration_s)
                 x, left, weight, sigma, covariance = found
                 drift = drift.turned(before)
         x, covariance = x[:PARAMETERS], covariance[:PARAMETERS, :PARAMETERS]
@@ -308,8 +334,6 @@ def _with_drift(
     Few stills scatter less about a robust fit than they err.  So both fits have the same weights: a still counts less where it misses
     both by as much as ``bar``.
     """
-    from scipy.special import fdtrc  # not before stills have been found
-
     # The same numbers and a drift of the zero: directions (12, K + 3).
     directions = np.zeros((PARAMETERS + DRIFTS, rung.count + DRIFTS))
     directions[:PARAMETERS, : rung.count], directions[PARAMETERS:, rung.count :] = rung.directions, np.eye(DRIFTS)
@@ -331,8 +355,8 @@ def _with_drift(
     left = _miss(x, force, gravity_mps2, share)
     with_it, without = float(np.sum((root * left) ** 2)), float(np.sum((root * _miss(constant, force, gravity_mps2)) ** 2))
     sigma = np.sqrt(with_it / spare)
-    p_value = float(fdtrc(DRIFTS, spare, max(without - with_it, 0.0) / DRIFTS / max(sigma**2, np.finfo(float).tiny)))
-    return (x, left, weight, float(sigma), _covariance(moving, columns, float(sigma), gravity_mps2)), p_value
+    ratio = float(max(without - with_it, 0.0) / DRIFTS / max(sigma**2, np.finfo(float).tiny))
+    return (x, left, weight, float(sigma), _covariance(moving, columns, float(sigma), gravity_mps2)), ratio
 
 
 def _scale(rung: Ladder, gravity_mps2: float) -> np.ndarray:

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import erfc, sqrt
+from statistics import NormalDist
 
 import numpy as np
-from scipy.special import gammaincc, gammaincinv, ndtr, ndtri
 
 from session.detect.stills import BLOCK_S, Still, block_size, references
 from session.io.samples import Samples
@@ -23,7 +24,7 @@ MOST = 1000
 #: level of each test: this much in a hundred sound logs, of lines over all frequencies and axes together
 LEVEL = 0.01
 #: sigmas of a one-sided limit of 95 %
-ONE_SIDED = float(ndtri(0.95))
+ONE_SIDED = NormalDist().inv_cdf(0.95)
 #: bins of the background on either side of a line, and those next to it that hold its own power (Hann's window has 4 wide)
 AROUND, NEXT = 12, 2
 #: slope of the density, per octave of frequency in powers of f, above which noise is not called white: halfway to 1/f
@@ -40,7 +41,7 @@ class Share:
     @property
     def p_value(self) -> float:
         """Of one as large by chance, one-sided."""
-        return float(ndtr(-self.value / self.sigma))
+        return erfc(self.value / self.sigma / sqrt(2)) / 2
 
     @property
     def upper(self) -> float:
@@ -86,7 +87,7 @@ class RestSpectrum:
         found = found if hz else ["no line"]
         if abs(self.slope) + ONE_SIDED * self.slope_sigma < WHITE_SLOPE:
             found.append("else white" if hz else "white")
-        elif abs(self.slope) / self.slope_sigma > -ndtri(LEVEL / 2):
+        elif abs(self.slope) / self.slope_sigma > NormalDist().inv_cdf(1 - LEVEL / 2):
             found.append(f"its density goes as f^{self.slope:.1f}")
         found += [_follows(self.axes, "an axis follows the others"), _follows(self.other, f"it follows the {other}")]
         return ", ".join(found)
@@ -155,6 +156,8 @@ def _coherent_share(x: np.ndarray, y: np.ndarray, weights: np.ndarray) -> Share:
 def lines_of(x: np.ndarray, hz: np.ndarray, weights: np.ndarray) -> tuple[Lines, ...]:
     """Lines of each axis of x (K, F, 3): peaks of the mean periodogram that chance makes of their surroundings in less than one log of a
     hundred.  weights (F, 3): power of each frequency in the stated noise."""
+    from scipy.special import gammaincc, gammaincinv  # late: most recordings have no long rest
+
     count = len(x)
     density = np.mean(np.abs(x) ** 2, axis=0)
     middle = gammaincinv(count, 0.5) / count  # the median of a mean periodogram, of its mean

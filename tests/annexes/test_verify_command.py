@@ -16,7 +16,7 @@ from session.io.errors import DataError
 from session.io.folder import input_hashes
 from session.io.units import DEG, G
 from tinygc import SimulationOptions, models
-from tinygc.library.sessions import Simulated
+from tinygc.library.simulations import Simulated
 from tinygc.models.linear import LinearModel
 from tinygc.models.model import accelerometer_table, sensor_table
 from tinygc.simulation.simulator import simulate_session, unit_of

@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.special import chdtri, expit, gammaincinv, ndtr
 
 from session.io.solving import solve
 
@@ -43,7 +42,8 @@ TRIED = 3
 LEAST_SCATTER = 0.1
 #: quadrature over the distribution of s: probabilities in even steps of their logit, down to those of the smallest p-values
 _LOGIT = np.arange(-36.0, 18.0, 0.3)
-_SHARES, _WEIGHTS = expit(_LOGIT), expit(_LOGIT) * expit(-_LOGIT) / np.sum(expit(_LOGIT) * expit(-_LOGIT))
+_SHARES = 1 / (1 + np.exp(-_LOGIT))
+_WEIGHTS = np.exp(-_LOGIT) * _SHARES**2 / np.sum(np.exp(-_LOGIT) * _SHARES**2)
 _MOST_STEPS = 60
 _TINY = 1e-300
 
@@ -119,6 +119,8 @@ class Between:
 
         Sessions that agree better than their own errors let them say no less of s than ordinary ones, whose Q(0) is m.
         """
+        from scipy.special import chdtri
+
         variance, z = self._contrasts
         tail = (1 - COVERAGE) / 2
         low, high = np.sqrt(_variance_where(variance, z, chdtri(self.freedom, np.array([tail, 1 - tail]))))
@@ -138,6 +140,8 @@ class Between:
 
     def squares_at(self, share: np.ndarray) -> np.ndarray:
         """Quantiles of s^2 at shares (K,) of the distribution that the pivot gives, from the largest to the least."""
+        from scipy.special import gammaincinv
+
         return _variance_where(*self._contrasts, np.maximum(2 * gammaincinv(self.freedom / 2, share), _TINY))
 
     @cached_property
@@ -158,6 +162,7 @@ class Between:
     def interval(self, slope: np.ndarray, coverage: float = COVERAGE) -> tuple[float, float]:
         """Interval of slope (p,) times the coefficients."""
         from scipy.optimize import brentq
+        from scipy.special import ndtr
 
         middle, sigma = self._mixture(slope)
 
@@ -177,6 +182,8 @@ class Between:
 
     def p_value(self, slope: np.ndarray) -> float:
         """Probability, two-sided, of slope times the coefficients as far from 0 by chance."""
+        from scipy.special import ndtr
+
         middle, sigma = self._mixture(slope)
         return float(min(1.0, 2 * min(_WEIGHTS @ ndtr(-middle / sigma), _WEIGHTS @ ndtr(middle / sigma))))
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from scipy.special import stdtrit
 
 from session.detect.accelerometer import NAMES as ACCELEROMETER
 from session.io.config import read_config
@@ -68,6 +67,10 @@ class BiasRepeatability:
 
 def widened(scatter: np.ndarray, freedom: np.ndarray) -> np.ndarray:
     """(n,): scatters (n,) of these degrees of freedom (n,), times the 68 % of Student's t."""
+    if np.isinf(freedom).all():
+        return scatter
+    from scipy.special import stdtrit  # late: most sessions have no history
+
     return scatter * np.where(np.isfinite(freedom), stdtrit(freedom, (1 + ONE_SIGMA) / 2), 1.0)
 
 

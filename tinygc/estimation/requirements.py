@@ -20,7 +20,6 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from scipy.special import ndtr, ndtri, stdtr, stdtrit
 
 from session.detect.accelerometer import NAMES as ACCELEROMETER_NAMES
 from session.io.requirements import ATTITUDE, CLOSURE, CLOSURE_RUN, KINDS, SIMPLE, Requirements, Rule
@@ -43,6 +42,8 @@ THIN = "\u202f"
 
 def quantile(share: float, freedom: float = np.inf) -> float:
     """Value that Student's t (normal: infinite freedom) stays below in this share of the cases."""
+    from scipy.special import ndtri, stdtrit  # late: most fits have no requirement
+
     return float(ndtri(share) if not np.isfinite(freedom) else stdtrit(freedom, share))
 
 
@@ -51,6 +52,8 @@ def conforms_probability(value: float, sigma: float, limits: tuple[float, float]
     lower, upper = limits
     if not sigma > 0:
         return float(lower <= value <= upper)
+    from scipy.special import ndtr, stdtr
+
     ends = np.array([upper - value, lower - value]) / sigma
     below = ndtr(ends) if not np.isfinite(freedom) else stdtr(freedom, ends)
     return float(np.clip(below[0] - below[1], 0.0, 1.0))
@@ -67,6 +70,8 @@ def rms_below(limit: float, errors: tuple[float, ...], sigmas: tuple[float, ...]
     """
     if not np.isfinite(limit) or limit <= 0:
         return float(limit > 0)
+    from scipy.special import ndtr
+
     radius, (x, y, z) = np.sqrt(3) * limit, errors
     sx, sy, sz = np.maximum(sigmas, 1e-9 * max(sigmas))
     nodes, weights = np.polynomial.legendre.leggauss(_NODES)
@@ -168,7 +173,8 @@ class Conformity:
         where errors of 0 are so with less."""
         if not np.isfinite(limit):
             return limit
-        from scipy.optimize import brentq  # late: most decisions need no root
+        from scipy.optimize import brentq
+        from scipy.special import ndtr
 
         assert self.measured.errors is not None
         errors, sigmas = self.measured.errors

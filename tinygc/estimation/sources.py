@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from statistics import NormalDist
 from typing import Literal
 
 import numpy as np
-from scipy.special import ndtri, stdtrit
 
 #: probability that an expanded uncertainty covers
 COVERAGE = 0.95
@@ -76,4 +76,8 @@ def coverage_factor(freedom: float, probability: float = COVERAGE) -> float:
     """k of an expanded uncertainty with this probability, two-sided; the effective degrees of freedom are cut to a whole number (GUM
     G.4.1)."""
     upper = (1 + probability) / 2
-    return float(ndtri(upper)) if not np.isfinite(freedom) else float(stdtrit(max(1.0, np.floor(freedom)), upper))
+    if not np.isfinite(freedom):
+        return NormalDist().inv_cdf(upper)
+    from scipy.special import stdtrit  # late: only a certificate and a budget ask for it
+
+    return float(stdtrit(max(1.0, np.floor(freedom)), upper))

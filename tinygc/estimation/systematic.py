@@ -20,7 +20,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.special import logsumexp
 
 from tinygc.closure.least_squares import solve_lower
 from tinygc.closure.problem import Problem
@@ -89,7 +88,7 @@ class Systematic:
     @property
     def log_odds_of_any(self) -> float:
         """Natural logarithm of the odds of any of the likeliest effects, against none."""
-        return float(logsumexp([self.log_odds[name] for name in self.likeliest])) if self.likeliest else -np.inf
+        return float(np.logaddexp.reduce([self.log_odds[name] for name in self.likeliest])) if self.likeliest else -np.inf
 
     @property
     def suspected(self) -> list[str]:
@@ -123,7 +122,7 @@ def systematic_of(problem: Problem, model: LinearModel, noise: StatedNoise, wide
         _, size = np.linalg.slogdet(information * effect.parameter.plausible**2)
         found.setdefault(effect.id, []).append(((float(mean @ information @ mean) - size) / 2, square))
     tilts = twin.linear_columns(sensitivity).closure[:, :2]
-    log_odds = {name: float(logsumexp([odds for odds, _ in values]) - np.log(len(values))) for name, values in found.items()}
+    log_odds = {name: float(np.logaddexp.reduce([odds for odds, _ in values]) - np.log(len(values))) for name, values in found.items()}
     assert noise.first is not None  # of a recording
     first = np.linalg.cholesky(noise.first)
     for look in ((white, left), _beside(solve_lower(first, linear), solve_lower(first, rows))):

@@ -12,7 +12,7 @@ from tinygc.estimation.compare import compare as compare_calibrated
 from tinygc.estimation.compare import to_json as comparison_to_json
 from tinygc.library.arguments import is_fit, is_path, public
 from tinygc.library.records import Listed, Shown
-from tinygc.reporting.tables import comparison_page, comparison_verdict_line
+from tinygc.reporting.comparison_text import comparison_page, comparison_verdict_line
 from tinygc.reporting.terminal import Group, Text
 
 

@@ -30,7 +30,7 @@ class Array:
 
     def check(self) -> list[Finding]:
         """Check each unit, and whether all are on one body; as ``tinygc.check``."""
-        from tinygc.library.sessions import check
+        from tinygc.library.checks import check
 
         return check(self.session)
 

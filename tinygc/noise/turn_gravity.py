@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import stdtrit
 
 from session.io.solving import inverse
 from tinygc import closure
@@ -60,6 +59,8 @@ class TurnGravity:
     @property
     def bar_s(self) -> float:
         """Offset from which on it is claimed: more than filters may make, and significant by Student's t of the turns."""
+        from scipy.special import stdtrit  # late: a fit does not claim it
+
         return max(self.filters_s, float(stdtrit(max(self.turns - NUMBERS, 1), 1 - ALARMS / 2)) * self.sigma_s)
 
     @property

@@ -36,7 +36,7 @@ from tinygc.explanation.data_repair import repair
 from tinygc.explanation.decision import FitClosure, Naming, Prover
 from tinygc.explanation.engine import Explanation
 from tinygc.explanation.search import NamedEffect
-from tinygc.library.sessions import simulate
+from tinygc.library.simulations import simulate
 from tinygc.models.linear import LinearModel
 from tinygc.models.physics import PhysicsModel
 from tinygc.noise.channels import in_gauge, within_stills

@@ -31,7 +31,7 @@ def run(args: argparse.Namespace) -> int:
     if args.cause is not None:
         raise CalibrationError("--cause names one of several causes for --repair; add --repair OUT")
     from session.detect.findings import worst
-    from tinygc.library.sessions import check
+    from tinygc.library.checks import check
     from tinygc.reporting.tables import finding_lines, findings_table, next_line, unit_lines, verdict_line
 
     findings = check(args.folder, args.clock)

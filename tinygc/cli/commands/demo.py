@@ -26,7 +26,7 @@ def run(args: argparse.Namespace) -> int:
 
     from session.io.texts import command_line
     from tinygc.library.fits import fit
-    from tinygc.library.sessions import simulate
+    from tinygc.library.simulations import simulate
     from tinygc.reporting.fit_screen import COLUMNS, files_line, fit_screen
     from tinygc.reporting.terminal import progress_bar
     from tinygc.simulation.write import check_folder

@@ -25,7 +25,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Write a simulated session that the other commands treat like a recorded one."""
-    from tinygc.library.sessions import simulate
+    from tinygc.library.simulations import simulate
     from tinygc.simulation.options import SimulationOptions
     from tinygc.simulation.write import check_folder
 

@@ -107,12 +107,19 @@ def agreement(samples: Samples, stills: list[Still], between: Sequence[Ends] | N
     residuals, scale_std = np.full(len(scales), np.nan), COARSE
     if len(tilted) >= LEAST_TURNS:
         # A push moves gravity between two moments of a turn, and not from still to still.
-        residuals = np.where(scales > 0, _closures(tilted, scales[:, None, None] * _SIGNED_PERMUTATIONS), np.inf)
-        sharp = np.array([i for i in {*np.argsort(residuals)[:SHARPENED].tolist(), IDENTITY} if scales[i] > 0], dtype=int)
-        scales[sharp], residuals[sharp] = _refined(tilted, _SIGNED_PERMUTATIONS[sharp], scales[sharp])
-        best, scale_std = int(np.argmin(residuals)), SHARP
-        path = float(np.median(np.linalg.norm(scales[best] * tilted.angle, axis=-1).sum(axis=1)))
-        fits = np.flatnonzero(residuals <= max(FITS_TOO * residuals[best], FITS_WITHIN * path))
+        coarse, residuals, scale_std = scales.copy(), np.full(len(scales), np.inf), SHARP
+        path = float(np.median(np.linalg.norm(tilted.angle, axis=-1).sum(axis=1)))
+
+        def sharpen(sharp: np.ndarray) -> None:
+            scales[sharp], residuals[sharp] = _refined(tilted, _SIGNED_PERMUTATIONS[sharp], coarse[sharp])
+
+        sharpen(np.flatnonzero((np.arange(len(scales)) == IDENTITY) & (coarse > 0)))
+        best, fits = IDENTITY, np.array([IDENTITY])
+        if not residuals[IDENTITY] <= FITS_WITHIN * scales[IDENTITY] * path:  # else it fits, whatever others do
+            residuals = np.where(coarse > 0, _closures(tilted, coarse[:, None, None] * _SIGNED_PERMUTATIONS), np.inf)
+            sharpen(np.array([i for i in {*np.argsort(residuals)[:SHARPENED].tolist(), IDENTITY} if coarse[i] > 0], dtype=int))
+            best = int(np.argmin(residuals))
+            fits = np.flatnonzero(residuals <= max(FITS_TOO * residuals[best], FITS_WITHIN * scales[best] * path))
     else:
         best = int(np.argmin(misfits))
         fits = np.flatnonzero(misfits <= 1.5 * misfits[best] + 0.01)

@@ -18,7 +18,7 @@ from tinygc.models.linear import LinearModel
 def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[str, MethodFit]) -> MethodFit:
     """Fit E and B.  Raises FitError where the search does not converge."""
     near = before.get("least_squares")
-    begin = near.model if near is not None and isinstance(near.model, LinearModel) else None
+    begin = near.model if near is not None and isinstance(near.model, LinearModel) else problem.first
     return held_out("least_squares", _LeastSquaresFits(begin), problem, options, progress)
 
 

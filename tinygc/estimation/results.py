@@ -216,7 +216,7 @@ class FitResult:
             allowed=None if physics is not None and name in PHYSICS else self.allowed,
         )
 
-    @property
+    @cached_property
     def doubts(self) -> list[str]:
         """Reasons, besides the closure's, for which a pass of this session is weak evidence."""
         nominal, linear = self.nominal_rate, self.linear.model

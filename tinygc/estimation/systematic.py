@@ -125,11 +125,11 @@ def systematic_of(problem: Problem, model: LinearModel, noise: StatedNoise, wide
     log_odds = {name: float(np.logaddexp.reduce([odds for odds, _ in values]) - np.log(len(values))) for name, values in found.items()}
     assert noise.first is not None  # of a recording
     first = np.linalg.cholesky(noise.first)
-    for look in ((white, left), _beside(solve_lower(first, linear), solve_lower(first, rows))):
-        for number in _likeliest(effects, edges, *look):
-            effect = effects[number]
-            gain = noise.gain_of(columns[number] * effect.parameter.plausible)
-            log_odds[effect.id] = max(log_odds[effect.id], (gain - penalty(effect, len(found[effect.id]))) / 2)
+    looks = (white, left), _beside(solve_lower(first, linear), solve_lower(first, rows))
+    for number in dict.fromkeys(number for look in looks for number in _likeliest(effects, edges, *look)):
+        effect = effects[number]
+        gain = noise.gain_of(columns[number] * effect.parameter.plausible)
+        log_odds[effect.id] = max(log_odds[effect.id], (gain - penalty(effect, len(found[effect.id]))) / 2)
     return Systematic({name: _mean_by_evidence(values) for name, values in found.items()}, tilts, log_odds)
 
 

@@ -141,24 +141,24 @@ def _cost(x: np.ndarray, parts: list, p: int, slope: bool) -> tuple[float, np.nd
     kept = []
     for r, J, base, V in parts:
         factor = np.linalg.cholesky(base + sum(v * xk for v, xk in zip(V, x, strict=True)))
-        white = solve_lower(factor, np.column_stack([J, r]))
+        inverse = inverse_lower(factor)
+        white = inverse @ np.column_stack([J, r])
         within += white[:, :p].T @ white[:, :p]
         pull += white[:, :p].T @ white[:, p]
         value += 2 * float(np.sum(np.log(np.diag(factor)))) + float(white[:, p] @ white[:, p])
-        kept.append((factor, white))
+        kept.append((inverse, white))
     root = np.linalg.cholesky(within)
     beta = np.linalg.solve(within, pull)
     value += 2 * float(np.sum(np.log(np.diag(root)))) - float(pull @ beta)
     gradient, information = np.zeros(len(x)), np.zeros((len(x), len(x)))
     if not slope:
         return value, gradient, information
-    for (_, _, _, V), (factor, white) in zip(parts, kept, strict=True):
-        inverse = inverse_lower(factor)
+    for (_, _, _, V), (inverse, white) in zip(parts, kept, strict=True):
         taken = solve_lower(root, white[:, :p].T @ inverse)  # (p, n): P = C^-1 less the part absorbed by the columns
         P = inverse.T @ inverse - taken.T @ taken
         y = inverse.T @ (white[:, p] - white[:, :p] @ beta)
         Vy = np.stack([v @ y for v in V], axis=1)
-        gradient += [float(np.sum(P * v)) for v in V] - y @ Vy
+        gradient += [np.vdot(P, v) for v in V] - y @ Vy
         information += Vy.T @ P @ Vy
     return value, gradient, information
 

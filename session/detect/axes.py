@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise, permutations, product
+from itertools import pairwise, permutations
+from itertools import product as every
 
 import numpy as np
 
 from session.detect.findings import Axes, Correction, Finding
 from session.detect.segments import Ends
 from session.detect.stills import Still, references
-from session.io.config import Config, Sensor
+from session.io.config import Config, Sensor, product
 from session.io.logfile import Log
 from session.io.numeric import smallest_step
 from session.io.samples import Samples
@@ -44,7 +44,7 @@ SCALES = np.geomspace(0.85, 1.18, 67)  #: about the coarse one, in steps of half
 
 #: (48, 3, 3) signed permutations: right-handed ones have determinant +1
 _SIGNED_PERMUTATIONS = np.array(
-    [np.diag(signs)[:, list(order)] for order in permutations(range(3)) for signs in product((1.0, -1.0), repeat=3)]
+    [np.diag(signs)[:, list(order)] for order in permutations(range(3)) for signs in every((1.0, -1.0), repeat=3)]
 )
 IDENTITY = next(i for i, axes in enumerate(_SIGNED_PERMUTATIONS) if np.trace(axes) == 3)
 
@@ -113,7 +113,8 @@ def agreement(samples: Samples, stills: list[Still], between: Sequence[Ends] | N
         def sharpen(sharp: np.ndarray) -> None:
             scales[sharp], residuals[sharp] = _refined(tilted, _SIGNED_PERMUTATIONS[sharp], coarse[sharp])
 
-        sharpen(np.flatnonzero((np.arange(len(scales)) == IDENTITY) & (coarse > 0)))
+        if coarse[IDENTITY] > 0:
+            sharpen(np.array([IDENTITY]))
         best, fits = IDENTITY, np.array([IDENTITY])
         if not residuals[IDENTITY] <= FITS_WITHIN * scales[IDENTITY] * path:  # else it fits, whatever others do
             residuals = np.where(coarse > 0, _closures(tilted, coarse[:, None, None] * _SIGNED_PERMUTATIONS), np.inf)
@@ -236,10 +237,12 @@ def _refined(turns: Turns, axes: np.ndarray, scales: np.ndarray) -> tuple[np.nda
 
 def _shows_scale(turns: Turns, factor: np.ndarray) -> np.ndarray:
     """(S,) bool: turns whose end moves with the scale, as that of a whole circle does, too; none that goes out and back."""
-    (down,) = deque(_carried(turns, np.array([[[1.0]], [[1 + COARSE]]]) * factor), maxlen=1)
+    down = _carried(turns, np.array([[[1.0]], [[1 + COARSE]]]) * factor)
     return np.arccos(np.clip((down[0] * down[1]).sum(axis=-1), -1, 1)) > COARSE * LEAST_TILT_RAD
 
 
+#: blocks that are carried at once: intermediate results stay in the processor's cache
+AT_ONCE = 1 << 15
 #: change of a factor by which its effect on a turn's end is taken
 NUDGE = 1e-4
 
@@ -254,7 +257,7 @@ def share_of_stretch(samples: Samples, between: Sequence[Ends], off: Sequence[fl
         return None
     turns, by = _padded([part for part, _ in parts]), np.array([each for _, each in parts])
     nudged = [np.eye(3), *(np.eye(3) + NUDGE * np.outer(u, v) for u in np.eye(3) for v in np.eye(3))]
-    (down,) = deque(_carried(turns, np.array(nudged)), maxlen=1)
+    down = _carried(turns, np.array(nudged))
     columns = (down[1:] - down[0]) / NUDGE
     scale = columns[[0, 4, 8]].sum(axis=0)
     design = np.concatenate([columns, (scale * by[:, None])[None]]).reshape(unknown, -1).T
@@ -269,24 +272,36 @@ def _closures(turns: Turns, factors: np.ndarray) -> np.ndarray:
 
     A turn's closure is the angle between gravity in the last still and where the turn takes gravity of the first.
     """
-    (down,) = deque(_carried(turns, factors), maxlen=1)  # none before the last is kept
+    size = max(1, AT_ONCE // turns.angle[..., 0].size)
+    down = np.concatenate([_carried(turns, factors[k : k + size]) for k in range(0, len(factors), size)])
     sine = np.linalg.norm(np.cross(down, turns.last), axis=-1)
     return np.median(np.arctan2(sine, (down * turns.last).sum(axis=-1)), axis=-1)
 
 
-def _carried(turns: Turns, factors: np.ndarray) -> Iterator[np.ndarray]:
-    """Gravity's direction (F, S, 3) after each block, carried by the rates from the first still."""
-    x, y, z = (np.broadcast_to(part, (len(factors), len(turns))) for part in turns.first.T)
-    for k in range(turns.angle.shape[1]):
-        angle = np.einsum("fij,sj->ifs", factors, turns.angle[:, k])
-        theta = np.sqrt(angle[0] ** 2 + angle[1] ** 2 + angle[2] ** 2)
-        ax, ay, az = angle / np.maximum(theta, 1e-12)
-        cos, sin = np.cos(theta), np.sin(theta)
-        # Rodrigues, backward: a fixed direction seen from a body that turns.
-        along = (ax * x + ay * y + az * z) * (1 - cos)
-        cross = ay * z - az * y, az * x - ax * z, ax * y - ay * x
-        x, y, z = (cos * d + along * a - sin * c for d, a, c in zip((x, y, z), (ax, ay, az), cross, strict=True))
-        yield np.stack([x, y, z], axis=-1)
+def _carried(turns: Turns, factors: np.ndarray, last: bool = True) -> np.ndarray:
+    """Gravity's direction (F, S, 3) at the end of each turn, carried by the rates from the first still; (F, S, B, 3) after each block where
+    not the last alone is asked for."""
+    angle = np.einsum("fij,sbj->fsbi", factors, turns.angle)
+    half = np.sqrt(np.sum(angle**2, axis=-1, keepdims=True)) / 2
+    turned = _chained(np.concatenate([np.cos(half), angle * (np.sinc(half / np.pi) / 2)], axis=-1))
+    w, v, first = turned[..., :1], turned[..., 1:], turns.first[:, None]
+    if last:
+        w, v, first = w[..., -1, :], v[..., -1, :], turns.first
+    # A fixed direction seen from a body that turns.
+    cross = np.cross(v, first)
+    return np.asarray(first - 2 * w * cross + 2 * np.cross(v, cross))
+
+
+def _chained(turned: np.ndarray) -> np.ndarray:
+    """Products (..., B, 4) of the first quaternion to each: those of pairs, and of every other one with the pairs before it."""
+    if turned.shape[-2] == 1:
+        return turned
+    even, odd = turned[..., ::2, :], turned[..., 1::2, :]
+    found = np.empty_like(turned)
+    found[..., 1::2, :] = _chained(product(even[..., : odd.shape[-2], :], odd))
+    found[..., 2::2, :] = product(found[..., 1:-1:2, :], even[..., 1:, :])
+    found[..., 0, :] = turned[..., 0, :]
+    return found
 
 
 # Checks of the gyroscope against gravity: axes and signs, then the sensitivity.
@@ -343,8 +358,8 @@ def check_gravity_moves(where: str, samples: Samples, between: Sequence[Ends]) -
     if not parts:
         return []
     turns = _padded(parts)
-    cosines = np.array([(down[0] * turns.first).sum(axis=-1) for down in _carried(turns, np.eye(3)[None])])
-    by_rates = np.arccos(np.clip(cosines.min(axis=0), -1, 1))
+    cosines = np.einsum("sbi,si->sb", _carried(turns, np.eye(3)[None], last=False)[0], turns.first)
+    by_rates = np.arccos(np.clip(cosines.min(axis=1), -1, 1))
     seen = np.einsum("sbi,si->sb", turns.down, turns.first)
     moved = np.arccos(np.clip(np.nanmin(np.column_stack([seen, np.ones(len(turns))]), axis=1), -1, 1))
     tilted = by_rates > LEAST_TILT_RAD

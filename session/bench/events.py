@@ -341,9 +341,6 @@ class Trouble:
         return self.kind == other.kind == "implausible" and self.t_us == other.t_us
 
 
-#: serial numbers of a firmware that knows none
-NO_SERIAL = ("", "0")
-
 Event = SampleChunk | Info | Comment | Trouble | BoardStatus | FaultCounts | CommandResult | SelfTestResult
 
 

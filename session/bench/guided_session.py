@@ -16,7 +16,6 @@ from session.bench.board_clock import OFF
 from session.bench.closure_guide import BEGIN
 from session.bench.events import (
     CHIPS,
-    NO_SERIAL,
     SENSOR,
     STANDIN,
     BoardMessage,
@@ -39,7 +38,7 @@ from session.bench.progress import LiveAccelerometerFit
 from session.bench.rawfile import RecordingDecision
 from session.bench.recorder import Recorder
 from session.bench.session_file import SessionFile
-from session.io.config import Config, clock_words
+from session.io.config import NO_SERIAL, Config, clock_words
 from session.io.errors import CalibrationError, OtherSensor, StorageError
 from session.io.samples import Samples
 from session.io.texts import printable

@@ -169,6 +169,8 @@ REFERENCES = ("gravity", "table", "truth", TURNS)
 OWN_UNITS = ("gyro_mdps_per_lsb", "accel_mg_per_lsb", "temp_lsb_per_c", "temp_at_zero_c")
 
 
+#: serial numbers of a firmware that knows none
+NO_SERIAL = ("", "0")
 NEAREST_WITHIN = 0.1  #: relative tolerance of the nearest nominal rate: beyond it ``check`` reports another rate
 DIVIDED_WITHIN = 0.05  #: the same where a divider gives many rates
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 import unicodedata
 from collections.abc import Iterator, Sequence
+from functools import cache
 from itertools import product
 
 from session.io.columns import Column
@@ -94,7 +95,7 @@ def usual_columns(names: Sequence[str], file: str) -> dict[str, Column]:
         if name in ("x", "y", "z") and not unit and of_file:
             found: tuple[str, str] | None = f"{of_file}{name}", ""
         else:
-            found = WRITTEN.get(BEFORE.sub("", plain(name)))
+            found = _written().get(BEFORE.sub("", plain(name)))
         if found is not None:
             if found[0] in columns:  # two sensors: a person says which
                 return {}
@@ -132,6 +133,7 @@ def _axis(name: str) -> tuple[str, int | None]:
     return name, None
 
 
+@cache
 def _written() -> dict[str, tuple[str, str]]:
     """Every plain name that says an axis of a sensor, and perhaps its unit: {gyroxdps: (gx, dps)}."""
     found: dict[str, tuple[str, str]] = {word: ("temp", "degc") for word in USUAL_TEMPERATURES}
@@ -146,7 +148,6 @@ def _written() -> dict[str, tuple[str, str]]:
     return found
 
 
-WRITTEN = _written()
 #: what says no more than that a column is of a sensor
 BEFORE = re.compile(r"^(?:imu|raw|data|sensor|msg|field)+")
 

@@ -31,7 +31,7 @@ def _pattern(name: str) -> re.Pattern[str]:
     return re.compile(rf"(?<![A-Za-z0-9]){written}(?:TR)?(?![A-Za-z0-9])", re.IGNORECASE)
 
 
-_PATTERNS = [(_pattern(name), profile) for profile in PROFILES if profile.name != _GENERIC for name in (profile.name, *profile.also)]
+_NAMES = [(name, profile) for profile in PROFILES if profile.name != _GENERIC for name in (profile.name, *profile.also)]
 
 
 @lru_cache(maxsize=256)
@@ -39,7 +39,8 @@ def profile_of(model: str) -> Profile | None:
     """The known sensor that a text names; None where it names none, or two.  ``generic`` counts only by itself."""
     if model.strip().lower() == _GENERIC:
         return next(profile for profile in PROFILES if profile.name == _GENERIC)
-    found = [(match.span(), profile) for pattern, profile in _PATTERNS for match in pattern.finditer(model)]
+    near = [(_pattern(name), profile) for name, profile in _NAMES if _plain(name) in _plain(model)]  # the rest need no pattern
+    found = [(match.span(), profile) for pattern, profile in near for match in pattern.finditer(model)]
     # LSM6DS3TR-C begins like LSM6DS3TR: the longer name counts.
     named = {
         profile.name: profile

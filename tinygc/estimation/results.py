@@ -236,9 +236,16 @@ class FitResult:
 
     def verdict(self, limit_deg: float | None = None) -> Acceptance:
         """PASS, NOT DECIDED or FAIL, with the rule and the reasons."""
-        is_linear = self.use.method not in PHYSICS
-        more = [PART_NAMED] if not is_linear and self.physics is not None and self.physics.refused else []
-        return self.decided(self.judged, is_linear, limit_deg, more)
+        if limit_deg not in self._verdicts:
+            is_linear = self.use.method not in PHYSICS
+            more = [PART_NAMED] if not is_linear and self.physics is not None and self.physics.refused else []
+            self._verdicts[limit_deg] = self.decided(self.judged, is_linear, limit_deg, more)
+        return self._verdicts[limit_deg]
+
+    @cached_property
+    def _verdicts(self) -> dict[float | None, Acceptance]:
+        """By limit, deg: the screen, the files and the exit code have the same."""
+        return {}
 
     def decided(self, judged: JudgedFit, is_linear: bool, limit_deg: float | None = None, doubts: Sequence[str] = ()) -> Acceptance:
         """The verdict on a calibration of this session.  is_linear: whether it is the linear model, of which ``tests`` are; doubts beside

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from session.bench.events import NO_SERIAL
 from session.detect.rounding import lsb_of
+from session.io.config import NO_SERIAL
 from session.io.errors import FormatError
 from session.io.folder import sha256_of
 from session.io.names import is_array

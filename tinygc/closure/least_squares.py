@@ -113,11 +113,13 @@ COLUMNS_STAY = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Error angles (S, d) rad of the segments under a model with this vector (P,), and their Jacobian columns (S, d, P)."""
+    """Error angles (S, d) rad of the segments under a model with this vector (P,), and their Jacobian columns (S, d, P); ends: those that
+    the columns are of, where they are known."""
 
     vector: np.ndarray
     angles: np.ndarray
     columns: np.ndarray
+    ends: LinearEnds | None = None
 
     def pick(self, which: np.ndarray) -> Rows:
         """Select segments by index or mask."""
@@ -151,7 +153,7 @@ class LinearEnds:
         """Rows of the segments ``which`` (S,) bool between the references of another batch: the body turns by the same angles."""
         turn = rotation.multiply(batch.start, rotation.conjugate(self.batch.start[which]))
         angles = 2 * closure.batch_residual(batch, rotation.multiply(turn, self.end[which]))
-        return Rows(self.vector, angles, (rotation.matrix(turn) @ self.columns[which])[:, : batch.angles])
+        return Rows(self.vector, angles, (rotation.matrix(turn) @ self.columns[which])[:, : batch.angles], self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,7 +224,7 @@ def fit_least_squares(
         if moved < TOLERANCE or moved * shrinks < settled:
             break
         before = moved
-        at = _rows(batch, vector, integrator, design if moved < COLUMNS_STAY else None)
+        at = _rows(batch, vector, integrator, at if moved < COLUMNS_STAY else None)
     else:
         # The direction that still moves, in sigmas of the prior: a weak one is not bound by the data, a strong one torn by its turns.
         restless = int(np.argmax(np.abs(right[:rank] @ np.linalg.solve(root, change))))
@@ -297,15 +299,17 @@ def _prior(start: LinearModel, prior: GaussianPrior | None, held: bool) -> tuple
     return centre, root
 
 
-def _rows(batch: Batch, vector: np.ndarray, integrator: str, columns: np.ndarray | None) -> Rows:
-    """Rows of a linear model; columns: those of a nearby model, to be reused."""
+def _rows(batch: Batch, vector: np.ndarray, integrator: str, near: Rows | None) -> Rows:
+    """Rows of a linear model; near: those of a nearby one, whose columns are kept."""
     model = LinearModel.from_vector(vector)
+    if near is None and integrator == "exact" and batch.turns is None:
+        return LinearEnds.of(model, batch).rows(batch, np.ones(len(batch), dtype=bool))
     angles = np.empty((len(batch), batch.angles))
-    design = np.empty((len(batch), batch.angles, linear.PARAMETERS)) if columns is None else columns
+    design = np.empty((len(batch), batch.angles, linear.PARAMETERS)) if near is None else near.columns
     for some in closure.parts(len(batch)):  # intermediate results stay in the processor's cache
         part = batch.pick(some)
         rate = model(part.rate)
-        if columns is not None:
+        if near is not None:
             angles[some] = 2 * closure.segment_residuals(part, rate, integrator)
             continue
         end, sensitivity = closure.end_and_sensitivity(part, rate)
@@ -313,7 +317,7 @@ def _rows(batch: Batch, vector: np.ndarray, integrator: str, columns: np.ndarray
             end = closure.end_attitude(part, rate, integrator)
         angles[some] = 2 * closure.batch_residual(part, end)
         design[some] = linear.columns(sensitivity, part.rate)[:, : batch.angles]
-    return Rows(vector, angles, design)
+    return Rows(vector, angles, design, None if near is None else near.ends)
 
 
 # The closure of linear models near a given one without its samples, to second order in their difference.

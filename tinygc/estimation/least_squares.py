@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import cast
 
-import numpy as np
-
-from tinygc.closure.least_squares import LinearEnds, Rows, fit_least_squares
+from tinygc.closure.least_squares import Rows, fit_least_squares
 from tinygc.closure.problem import Problem
-from tinygc.closure.residual import Batch
 from tinygc.estimation.held_out import FitInput, held_out
 from tinygc.estimation.options import FitOptions, MethodFit, Progress
 from tinygc.models.linear import LinearModel
@@ -18,34 +14,27 @@ from tinygc.models.linear import LinearModel
 def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[str, MethodFit]) -> MethodFit:
     """Fit E and B.  Raises FitError where the search does not converge."""
     near = before.get("least_squares")
-    begin = near.model if near is not None and isinstance(near.model, LinearModel) else problem.first
+    begin = near.model if near is not None and isinstance(near.model, LinearModel) else None
     return held_out("least_squares", _LeastSquaresFits(begin), problem, options, progress)
 
 
 class _LeastSquaresFits:
-    """The fit to all segments, from a nearby model if there is one, then to folds of them, each of which begins at the first result, where
-    the sensitivity is already computed."""
+    """The fit to all segments, from a nearby model if there is one, then to folds of them, each of which begins at its rows: their
+    sensitivity is already computed."""
 
     def __init__(self, near: LinearModel | None):
         self.near = near
         self.rows: Rows | None = None
-        self.all: Batch | None = None
-        self.ends: LinearEnds | None = None
 
     def __call__(self, seen: FitInput) -> tuple[LinearModel, dict]:
         options, rest = seen.options, seen.rest_rps
         rates = seen.still_rates if rest is None else None  # the readings already include the stills
         begin: LinearModel | Rows | None = self.near if seen.whole is None else cast(LinearModel, seen.whole)
-        if self.rows is not None and seen.among is not None and seen.same:
-            begin = self.rows.pick(seen.among)
-        elif self.all is not None and seen.among is not None and seen.batch.turns is None and options.integrator == "exact":
-            # The references differ, but the rates do not: their rotations are already computed.
-            if self.ends is None:
-                model, batch = cast(LinearModel, seen.whole), self.all
-                if rest is not None:
-                    model, batch = replace(model, B=np.zeros(3)), replace(batch, rate=batch.rate - rest)
-                self.ends = LinearEnds.of(model, batch)
-            begin = self.ends.rows(seen.batch, seen.among)
+        if self.rows is not None and seen.among is not None:
+            if seen.same:
+                begin = self.rows.pick(seen.among)
+            elif self.rows.ends is not None:  # the references differ, but the rates do not: their rotations are already computed
+                begin = self.rows.ends.rows(seen.batch, seen.among)
         fit = fit_least_squares(
             seen.batch,
             seen.sigma,
@@ -57,5 +46,5 @@ class _LeastSquaresFits:
             prior=seen.prior,
         )
         if seen.whole is None:
-            self.rows, self.all = fit.rows, seen.batch
+            self.rows = fit.rows
         return fit.model, {"steps": fit.steps, "unobserved": list(fit.unobserved)}

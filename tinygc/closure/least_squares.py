@@ -256,14 +256,14 @@ class _NotSettled(FitError):
     def words(self, names: Sequence[str]) -> str:
         """Say what does not fit; names: of the S segments."""
         says = f"least squares did not settle in {MAX_STEPS} steps: "
-        if self.loose:
-            return f"{says}the turns hardly bind {self.loose}; turn about more axes, both ways"
         count, usual = int(self.too_far.sum()), f"{float(np.median(self.off_rad)) / DEG:.1f} deg"
         if count > len(names) / 2:
             return (
                 f"{says}{count} of {len(names)} turns miss gravity by more than {CLOSES_WITHIN:.0%} of their angle, the median turn by "
                 f"{usual}; are gyro and accelerometer of one board, with one clock? are samples lost?"
             )
+        if self.loose:
+            return f"{says}the turns hardly bind {self.loose}; turn about more axes, both ways"
         worst = np.argsort(-self.off_rad * (self.too_far if count else 1))[: min(count, MOST_NAMED) or 1]
         listed = ", ".join(f"{names[row]} by {self.off_rad[row] / DEG:.1f} deg" for row in worst)
         return f"{says}gravity is missed in {listed}, in the median turn by {usual}; leave out what is wrong (--exclude), or record again"

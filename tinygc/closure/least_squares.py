@@ -103,8 +103,8 @@ MOST_NAMED, HALF = 3, 0.5
 HELD = 1e-9
 #: rad: the search ends when a step changes no residual by more than this
 TOLERANCE = 1e-9
-#: it ends, too, when the next step is foreseen to change none by more than this, rad; and where it began at rows at hand, those of a fold, by
-#: more than this share of the residuals' sigma
+#: it ends, too, when the next step is foreseen to change none by more than this, rad; where it began at rows at hand, those of a fold, by
+#: more than this share of a residual's sigma
 FORESEEN, ENOUGH = 1e-11, 1e-3
 #: rad: the columns are kept after a step that changes no residual by more than this: their relative error, that of the next step, and the
 #: shift of the answer in sigmas are all of this size (tests/test_least_squares_physics.py)

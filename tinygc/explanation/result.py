@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from session import VERSION
-from session.detect.truth_alignment import alignment_table
 from session.io.folder import file_key, hash_of_log
 from session.io.samples import pieces, start_times
 from session.io.units import DEG, MG, G
@@ -371,6 +370,8 @@ def to_json(e: Explanation) -> dict:
 
 def truth_to_json(e: TruthExplanation) -> dict:
     """The result of a session with a truth file, JSON-ready."""
+    from session.detect.truth_alignment import alignment_table  # late: hardly any session has a truth file
+
     expected_deg = float(np.sqrt(np.mean(np.trace(e.problem.floor.own, axis1=1, axis2=2)))) / DEG
     lengths = {f"{length:g}": (row / DEG).tolist() for length, row in zip(e.lengths_s, e.closure_rad, strict=True)}
     phases = sorted({phase for c in e.claimed for phase in c.effect.observable_in})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -16,7 +16,6 @@ from session.io.siblings import recordings_at, serial_of
 from tinygc.explanation.checked import Checked
 from tinygc.explanation.checked import check_on as check
 from tinygc.explanation.engine import explain_session
-from tinygc.explanation.truth_engine import explain_truth
 from tinygc.library.arguments import Progress, nothing, public, session_or_folder
 from tinygc.library.records import Listed
 from tinygc.reporting.explanation_text import ExplanationReport, TruthReport
@@ -25,13 +24,6 @@ from tinygc.reporting.terminal import Group, Text, as_html, as_text
 
 if TYPE_CHECKING:
     from tinygc.reporting.pictures.canvas import Figure
-
-#: reference of a session -> its engine and its report; gravity and dials share them
-ENGINES: dict[str, tuple[Callable[..., Any], type[ExplanationReport]]] = {
-    "gravity": (explain_session, ExplanationReport),
-    "dials": (explain_session, ExplanationReport),
-    "truth": (explain_truth, TruthReport),
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +76,7 @@ class Why:
         if self.discovery is not None:
             report: ExplanationReport = need("reports of a discovery").DiscoveryReport(self.explanation, self.discovery)
         else:
-            report = ENGINES[self.explanation.session.config.protocol.reference][1](self.explanation)
+            report = (TruthReport if self.explanation.session.config.protocol.reference == "truth" else ExplanationReport)(self.explanation)
         report.checked, report.turned_by = self.checked, self.turned_by
         return report
 
@@ -256,6 +248,8 @@ def _explained(where: Session | Path, seed: int, use_earth: bool, discover: bool
                 "--discover searches turns between stills, and this session's reference is a truth file; leave it out, or record "
                 "turns between stills"
             )
+        from tinygc.explanation.truth_engine import explain_truth  # late: hardly any session has a truth file
+
         return Why(explain_truth(where, seed=seed, use_earth=use_earth, progress=progress, noise=noise))
     search = need("a search beyond the catalogue (--discover)") if discover else None
     explanation = explain_session(where, seed=seed, use_earth=use_earth, progress=progress, noise=noise)

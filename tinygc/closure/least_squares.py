@@ -103,9 +103,8 @@ MOST_NAMED, HALF = 3, 0.5
 HELD = 1e-9
 #: rad: the search ends when a step changes no residual by more than this
 TOLERANCE = 1e-9
-#: it ends, too, when the next step is foreseen to change none by more than this, rad; where it began at rows at hand, those of a fold, by
-#: more than this share of a residual's sigma
-FORESEEN, ENOUGH = 1e-11, 1e-3
+#: rad: it ends, too, when the next step is foreseen to change none by more than this
+FORESEEN = 1e-11
 #: rad: the columns are kept after a step that changes no residual by more than this: their relative error, that of the next step, and the
 #: shift of the answer in sigmas are all of this size (tests/test_least_squares_physics.py)
 COLUMNS_STAY = 1e-5
@@ -181,12 +180,13 @@ def fit_least_squares(
     rest_rps: np.ndarray | None = None,
     begin: LinearModel | Rows | None = None,
     prior: GaussianPrior | None = None,
+    settled: float = FORESEEN,
 ) -> LeastSquaresFit:
     """Fit the 12 parameters to a batch with sigma (S,) rad of each segment, or (S, d) of each angle, from a start.
 
     rest_rps (3,): the bias measured at rest, if known: then E alone is fitted, and B = -E rest_rps.
     begin: where the search starts, a model near the answer or ``rows`` of these segments from a fit to more of them; the prior stays
-    around ``start``, or is ``prior``.
+    around ``start``, or is ``prior``.  settled: rad; it ends where the next step is foreseen to change no residual by more.
 
     Raises FitError if the search does not converge, for residuals that are not finite, or without segments.
     The covariance returned is that of independent residuals with these sigmas; ``uncertainty.parameter_covariance`` refines it.
@@ -200,7 +200,6 @@ def fit_least_squares(
     centre, root = _prior(start, prior, held=rest_rps is not None)
     at = begin if isinstance(begin, Rows) else _rows(batch, (begin or start).vector, integrator, None)
     vector, weight = at.vector, 1 / sigma.reshape(len(batch), -1)
-    settled = max(FORESEEN, ENOUGH * float(sigma.min()) if isinstance(begin, Rows) else 0.0)
     rank, before = linear.PARAMETERS, 0.0
     for steps in range(1, MAX_STEPS + 1):  # noqa: B007 (reported)
         angles, design = at.angles, at.columns

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from typing import cast
 
-from tinygc.closure.least_squares import Rows, fit_least_squares
+from tinygc.closure.least_squares import FORESEEN, Rows, fit_least_squares
 from tinygc.closure.problem import Problem
 from tinygc.estimation.held_out import FitInput, held_out
 from tinygc.estimation.options import FitOptions, MethodFit, Progress
 from tinygc.models.linear import LinearModel
+
+#: in sigmas of the residuals: a fold's search ends where the next step would change none by more than this
+ENOUGH = 1e-3
 
 
 def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[str, MethodFit]) -> MethodFit:
@@ -44,6 +47,7 @@ class _LeastSquaresFits:
             rest_rps=rest,
             begin=begin,
             prior=seen.prior,
+            settled=FORESEEN if seen.whole is None else ENOUGH * float(seen.sigma.min()),
         )
         if seen.whole is None:
             self.rows = fit.rows

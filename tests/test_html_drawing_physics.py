@@ -8,6 +8,7 @@ from conftest import ROOT
 
 from tinygc.reporting.html import markup
 from tinygc.reporting.html.chart import Axis, Chart, linear_axis, log_axis
+from tinygc.reporting.html.evidence import density
 
 
 @pytest.mark.parametrize("shade", [0, 1], ids=["light", "dark"])
@@ -75,3 +76,17 @@ def test_a_thinned_line_keeps_its_highest_and_its_lowest_point_and_its_gap():
 def test_a_linear_axis_has_room_on_both_sides_but_where_it_ends_at_zero(values, zero, ends):
     axis = linear_axis(values, zero=zero)
     assert (axis.lo, axis.hi) == pytest.approx(ends)
+
+
+@pytest.mark.parametrize(("lengths", "rate_hz"), [((208, 300, 517), 208.0), ((99, 100, 333), 99.0), ((20, 19, 4), 100.0)])
+def test_the_spectrum_is_that_of_scipys_welch(lengths, rate_hz):
+    from scipy.signal import welch
+
+    pieces = [np.random.default_rng(n).standard_normal((n, 3)) + 5 for n in lengths]
+    size = min(round(rate_hz), max(lengths))
+    long = [piece for piece in pieces if len(piece) >= size]
+    powers = [welch(piece, rate_hz, nperseg=size, axis=0) for piece in long]
+    mean = np.average([power for _, power in powers], axis=0, weights=[2 * len(piece) // size - 1 for piece in long])
+    frequency, amplitude = density(pieces, 1 / rate_hz)
+    np.testing.assert_allclose(frequency, powers[0][0][1:], rtol=1e-12)
+    np.testing.assert_allclose(amplitude, np.sqrt(mean)[1:], rtol=1e-12)

@@ -14,7 +14,6 @@ import calibrate
 from session.io.units import DEG
 from tinygc import models
 from tinygc.reporting.html import markup
-from tinygc.reporting.html.evidence import density
 
 PARTS = "answer session methods closure runs parameters correlations noise explain apply provenance"
 
@@ -98,17 +97,3 @@ def test_what_cannot_be_made_is_refused_before_the_work(simulated, tmp_path, cap
     assert calibrate.main(["report", str(folder), "--out", str(tmp_path / out), *more, *QUICK]) == 2
     assert says in capfd.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
-
-
-@pytest.mark.parametrize(("lengths", "rate_hz"), [((208, 300, 517), 208.0), ((99, 100, 333), 99.0), ((20, 19, 4), 100.0)])
-def test_the_spectrum_is_that_of_scipys_welch(lengths, rate_hz):
-    from scipy.signal import welch
-
-    pieces = [np.random.default_rng(n).standard_normal((n, 3)) + 5 for n in lengths]
-    size = min(round(rate_hz), max(lengths))
-    long = [piece for piece in pieces if len(piece) >= size]
-    powers = [welch(piece, rate_hz, nperseg=size, axis=0) for piece in long]
-    mean = np.average([power for _, power in powers], axis=0, weights=[2 * len(piece) // size - 1 for piece in long])
-    frequency, amplitude = density(pieces, 1 / rate_hz)
-    np.testing.assert_allclose(frequency, powers[0][0][1:], rtol=1e-12)
-    np.testing.assert_allclose(amplitude, np.sqrt(mean)[1:], rtol=1e-12)

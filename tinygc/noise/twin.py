@@ -313,7 +313,7 @@ class Twin:
         """Means (Q, …) over the stills of samples (N, …) of each log."""
         return self._still_means([values.__getitem__ for values in by_log])
 
-    def _still_means(self, by_log: list[Callable[[np.ndarray], np.ndarray]]) -> np.ndarray:
+    def _still_means(self, by_log: Sequence[Callable[[np.ndarray], np.ndarray]]) -> np.ndarray:
         """``still_means`` of functions of the rows of each log."""
         return np.concatenate([mean(values) for values, mean in zip(by_log, self._means, strict=True)])
 

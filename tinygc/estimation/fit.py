@@ -121,7 +121,7 @@ def fit_session(
     stated = stated_uncertainty(problem, level, model, noise, options, use)
     systematic = None if noise is None else systematic_of(level, model, noise, stated.widened, options.still_rates)
     turned = replace(options, still_rates=not options.still_rates)
-    other = run_method("least_squares", problem.changed(prior=level.prior), turned, before={"least_squares": linear})
+    other = partial(run_method, "least_squares", problem.changed(prior=level.prior), turned, before={"least_squares": linear})
     exact, first_order = (closure_angles(level.batch, linear.model, name) for name in ("exact", "first-order"))
     return FitResult(
         problem=problem.changed(batch=level.batch, rest_rps=level.rest_rps, floor=floor),  # the weights over several days are not noise
@@ -136,7 +136,7 @@ def fit_session(
         accelerometer_between=triad_between,
         noise=noise,
         bias_from=bias_from,
-        other_choice=other,
+        fit_other_choice=other,
         warnings=prepared.warnings,
         bias_sigma_rps=spread,
         reused=reused,

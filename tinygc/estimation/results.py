@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from importlib import metadata
@@ -104,10 +104,10 @@ class FitResult:
 
     methods by name; runs with errors_rad by file and method; covariance (12, 12) of least squares' parameters, already scaled by
     ``widened``, the variance inflation that no noise explains; accelerometer_covariance (12, 12): its part from the accelerometer's
-    pre-calibration; noise estimated from the recording, None where it is not; bias_from: source of the bias; other_choice: least squares
-    with the opposite choice of still rates; against_raw: whether the fits are better than raw rates; first_order_rad: the largest error of
-    the paper's integrator on these segments; warnings of the first check; physics that was fitted as well, or None; reused: methods
-    taken from saved files instead of being fitted; bias_sigma_rps (3,): spread of the logs' biases, where each had its own;
+    pre-calibration; noise estimated from the recording, None where it is not; bias_from: source of the bias; fit_other_choice: fits least
+    squares with the opposite choice of still rates; against_raw: whether the fits are better than raw rates; first_order_rad: the largest
+    error of the paper's integrator on these segments; warnings of the first check; physics that was fitted as well, or None; reused:
+    methods taken from saved files instead of being fitted; bias_sigma_rps (3,): spread of the logs' biases, where each had its own;
     joint_covariance (21, 21): of both sensors (``accelerometer.JOINT_NAMES``), inflated as well, where they were estimated jointly, and
     joint_sources that it is the sum of; joint_shared (21, 21): its part from a given calibration; lot: the use of an external prior, None
     without one; not_run: why a requested method cannot run on this session, by name; allowed: how far one effect that the recording still
@@ -125,7 +125,7 @@ class FitResult:
     covariance: np.ndarray
     widened: float
     bias_from: BiasChoice
-    other_choice: MethodFit
+    fit_other_choice: Callable[[], MethodFit]
     against_raw: AgainstRaw
     first_order_rad: float
     warnings: list[Finding]
@@ -169,6 +169,11 @@ class FitResult:
     def nominal_rate(self) -> NominalRate | None:
         """The data rate that stands for a clock: the scale common to all axes is no better known.  None where stamps are measured."""
         return self.session.nominal_rate
+
+    @cached_property
+    def other_choice(self) -> MethodFit:
+        """Least squares with the opposite choice of still rates; FitError where it does not settle."""
+        return self.fit_other_choice()
 
     @cached_property
     def use(self) -> ModelToUse:

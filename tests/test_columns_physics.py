@@ -71,6 +71,39 @@ def test_columns_of_each_effect(twin_of):
             assert errors(columns, slopes(twin, state, 15, 3, 1e-5)).max() < 1e-2
 
 
+@pytest.mark.parametrize("at_once", [10, 1 << 18])
+def test_columns_are_sums_over_the_samples_of_each_turn_however_many_are_taken_at_once(twin_of, monkeypatch, at_once):
+    """Of effects of a sample alone, and of those that look at the samples around it."""
+    twin, _ = twin_of(warm_up_c=6.0, segments=8)
+    monkeypatch.setattr("tinygc.noise.twin.AT_ONCE", at_once)
+    monkeypatch.setattr("tinygc.closure.parts", lambda count: [slice(first, first + 3) for first in range(0, count, 3)])
+    state = twin.start()
+    (rate,) = rates = twin.rates(state)
+    sensitivity, moved = twin.sensitivity(state, rates), twin.movements[0].with_rate(rate)
+    tried = [each for each in [*catalogue().values(), *slow_candidates(twin)[::9]] if each.kind == "rate" and not each.on_readings]
+    assert {(each.needs_rate_hz, each.basis is None) for each in tried} == {(a, b) for a in (True, False) for b in (True, False)}
+    for effect in tried:
+        columns, found = effect.columns(moved), twin.effect_columns(effect, state, sensitivity, rates)
+        turns = [
+            np.einsum("tdi,tip->dp", s[: k.stop - k.start], columns[k.start : k.stop])
+            for s, k in zip(sensitivity, twin.segments, strict=True)
+        ]
+        assert_allclose(found.closure, -np.array(turns), atol=1e-12 * np.abs(turns).max(), err_msg=effect.id)
+        stills = [columns[still.start : still.stop].mean(axis=0) for _, still in twin.stills]
+        assert_allclose(found.still, -np.array(stills), atol=1e-12 * np.abs(columns).max(), err_msg=effect.id)
+
+
+def test_means_over_stills_are_of_all_readings_where_rows_are_means(twin_of, monkeypatch):
+    twin, _ = twin_of(warm_up_c=6.0, segments=8)
+    monkeypatch.setattr("tinygc.noise.thinned.LONG", 100)
+    monkeypatch.setattr("tinygc.noise.thinned.MEANS_AT_ONCE", 500)
+    long = type(twin)(twin.problem)
+    assert np.unique(long.counts(0)).size > 2
+    (own,), (thinned,) = ([log.samples.gyro for log in problem.logs] for problem in (twin.problem, long.seen))
+    expected = [own[still.start : still.stop].mean(axis=0) for _, still in twin.stills]
+    assert_allclose(long.still_means([thinned]), expected, rtol=1e-9)
+
+
 def test_a_basis_is_its_columns_and_undoes_what_it_adds(twin_of):
     """The short way, which sums each curve once for all axes, and the long one.  What a shape does not declare is not shown to it."""
     twin, _ = twin_of(warm_up_c=6.0, segments=8)

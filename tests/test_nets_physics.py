@@ -204,6 +204,22 @@ def test_the_error_in_motion_is_measured_without_the_truth():
         assert_allclose(said, true, rtol=0.05, atol=0.08 * NOISE_RPS**2)
 
 
+def test_the_error_in_motion_is_that_of_all_windows_multiplied_out():
+    """Also of one window alone; the noise at rest ends at its last lag, and a still shorter than that has its few products."""
+    rng, taps, delay = np.random.default_rng(7), 15, 4
+    rates, stills = ([rng.normal(size=(count, 3)) for count in counts] for counts in ((taps, taps + 1, 40), (3, 3000)))
+    noise, about = np.zeros((3, taps)), [still - still.mean(axis=0) for still in stills]
+    for lag in range(13):
+        products = [np.sum(x[lag:] * x[: max(len(x) - lag, 0)], axis=0) for x in about]
+        noise[:, lag] = sum(products) / sum(max(len(x) - 1 - lag, 0) for x in about)
+    for some in (rates, rates[:1]):
+        risk = denoiser.measure(some, stills, taps, delay)
+        steps = np.concatenate([[x[k - taps : k][::-1] - x[k - 1 - delay] for k in range(taps, len(x) + 1)] for x in some])
+        assert_allclose(risk.motion, np.einsum("kia,kja->aij", steps, steps) / len(steps), atol=1e-12)
+        assert_allclose(risk.noise, noise, atol=1e-12)
+        assert risk.samples == len(steps)
+
+
 def test_noise_at_rest_falls_threefold_twelve_samples_late_and_the_closure_does_not_suffer():
     """On noise and turns that it has not seen; a cubic passes late but whole; bad input is refused."""
     seen, _ = material()

@@ -1,6 +1,6 @@
 """Selection among hypotheses: p-values over a family, evidence by direct integration, and the search that goes through them."""
 
-from dataclasses import make_dataclass
+from dataclasses import make_dataclass, replace
 from itertools import combinations
 from types import SimpleNamespace
 from unittest.mock import patch
@@ -170,6 +170,16 @@ def test_the_noise_scale_comes_from_known_angles_and_stills_rates():
 
 def bump(center: float, n: int, width: float = 6.0) -> np.ndarray:
     return np.exp(-(((np.arange(n) - center) / width) ** 2))[:, None]
+
+
+def test_a_replay_is_of_its_fit_and_of_fits_with_the_same_states_alone():
+    """The linear twin gives a state for its rates."""
+    fit = linear_twin().evidence().nothing.fit
+    replay = Replay(linear_twin(), fit)
+    other = fit.state.with_vector(fit.state.vector + 1.0)
+    assert replay.of(replace(fit, chi_square=0.0)) is replay
+    assert replay.of(replace(fit, state=other)).rates is other
+    assert replay.of(replace(fit, columns_at=other)).fit.columns_at is other
 
 
 @pytest.mark.parametrize(("grid", "truth"), [(np.array([8.0, 20.0, 30.0]), 27.3), (np.array([8.0, 20.0, 22.0]), 11.1)])

@@ -8,7 +8,7 @@ from conftest import DEG, Table, session_of
 from looks import G, with_sensor
 from scipy.signal import butter, lfilter
 
-from session.detect.rest_noise import Share, _coherent_share, lines_of, slope_of, spectra
+from session.detect.rest_noise import Lines, RestSpectrum, Share, _coherent_share, lines_of, slope_of, spectra
 from session.detect.signatures import _NEW_ZERO, FILTER, TRACKED, check_signatures
 from session.io.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
 
@@ -215,3 +215,10 @@ def test_the_slope_of_white_noise_is_zero_and_of_integrated_noise_minus_two():
     assert abs(slope) < 3 * sigma
     walk, _ = slope_of(spectra(np.cumsum(noise(3), axis=1)), HZ)
     assert walk == pytest.approx(-2, abs=0.2)
+
+
+@pytest.mark.parametrize(("sigmas", "seen"), [(2.57, False), (2.58, True), (-2.57, False), (-2.58, True)])
+def test_a_slope_is_seen_from_one_percent_on_both_sides_together(sigmas, seen):
+    """Of the normal distribution that are 2.576 sigmas."""
+    spectrum = RestSpectrum((Lines(0, (), 0.0),) * 3, 0.3 * sigmas, 0.3, Share(0.0, 0.01), Share(0.0, 0.01))
+    assert ("its density goes as" in spectrum.words("accelerometer", 0)) is seen

@@ -81,6 +81,13 @@ def test_products_of_many_steps_are_scipys(count):
         same_attitude(found, running, 1e-13)
 
 
+def test_roll_pitch_and_yaw_are_scipys():
+    """R = Rz Ry Rx, beyond a quarter turn of pitch and at it."""
+    angles = RNG.uniform(-np.pi, np.pi, (200, 3))
+    angles[:4, 1] = np.pi / 2 * np.array([1, -1, 1 - 1e-9, -1 + 1e-9])
+    same_attitude(rotation.from_euler(*angles.T), wxyz(Rotation.from_euler("ZYX", angles[:, ::-1])), 1e-14)
+
+
 def test_from_gravity_holds_to_formats():
     """roll = atan2(-fy, -fz), pitch = atan2(fx, hypot(fy, fz)), yaw 0; and the attitude explains the force."""
     force = RNG.normal(size=(200, 3)) * 9.8

@@ -246,6 +246,7 @@ def test_the_least_gain_is_that_at_which_an_effect_is_as_probable_as_none(size, 
     gain = least_gain(effect("x", size), shapes)
     ratio = np.exp(gain / 2) * (gain / size) ** (-size / 2) * np.exp(-size / 2) / 10 / 30 / shapes
     assert ratio == pytest.approx(1, rel=1e-9)
+    assert gain > size  # the larger root: a smaller gain is no more than chance gives
 
 
 @pytest.mark.parametrize(("name", "theta"), [(C, [5.0]), (A, [6.0, -4.0]), (B, [5.0, 4.0, -6.0])])

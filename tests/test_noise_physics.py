@@ -3,6 +3,7 @@
 from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from small_turns import TRUE, angles_by_scipy, numeric_jacobian
 from session.detect.check_time import capped, thinning_exponent
 from session.io.units import MG, G
 from tinygc.closure.floor import BiasInstability, wander_covariance
+from tinygc.noise import whitening
 from tinygc.noise.components import (
     _GUESS_STEPS,
     REFERENCE,
@@ -175,6 +177,19 @@ NOTHING = replace(undersampling(Twin(small_session())), predicted_rad=np.zeros(7
 def found_in(problem, missed=NOTHING) -> dict[str, Component]:
     twin = Twin(problem)
     return {c.name: c for c in first_noise(twin, Whitener(twin), missed).components}
+
+
+def test_undersampling_that_is_better_known_counts_for_that_call_alone():
+    twin = Twin(small_session())
+    found = [first_noise(twin, Whitener(twin), missed).missed for missed in (NOTHING, None, NOTHING, None)]
+    assert [each is NOTHING for each in found] == [True, False, True, False]
+
+
+def test_many_rows_have_the_factor_of_few():
+    half = np.random.default_rng(0).normal(size=(9, 9))
+    covariance = half @ half.T + np.eye(9)
+    with patch.object(whitening, "MANY_ROWS", 9):
+        assert_allclose(whitening._factored(covariance.copy()), np.linalg.cholesky(covariance), atol=1e-13)
 
 
 def dense(component: Component) -> np.ndarray:

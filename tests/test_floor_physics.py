@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from itertools import pairwise
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -187,6 +188,14 @@ def test_means_over_two_spans_have_the_covariance_of_those_means(apart_s, spans_
     found = wander_covariance(np.array([0.0, apart_s]), np.array(spans_s), instability_rps=1.0)
     assert found[0, 1] == pytest.approx(expected, rel=2e-5)
     assert found[1, 0] == pytest.approx(found[0, 1], rel=1e-9)
+
+
+def test_blocks_of_rows_are_the_whole_covariance():
+    """Ten moments, each within the span of a neighbour, three rows at a time."""
+    t_s, spans_s = np.arange(10.0) ** 1.5, np.linspace(4.0, 9.0, 10)
+    whole = wander_covariance(t_s, spans_s, instability_rps=1.0)
+    with patch.object(closure.floor, "ROWS_TOGETHER", 3):
+        assert_allclose(wander_covariance(t_s, spans_s, instability_rps=1.0), whole, rtol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -104,6 +104,12 @@ def test_the_sensor_errors_are_the_inverse_of_the_calibration_and_those_of_the_s
             assert (f"{error.value:.{digits}f}", f"{error.sigma:.{digits}f}") == (value, sigma), title
 
 
+def test_a_fit_has_a_verdict_for_each_limit_that_it_is_asked(fits):
+    answers = {limit: fits[0].verdict(limit).answer for limit in (1e-4, 10.0, None)}
+    assert answers == {1e-4: "fail", 10.0: "doubtful pass", None: "not decided"}
+    assert [fits[0].verdict(limit).answer for limit in answers] == list(answers.values())
+
+
 def test_a_saved_model_is_known_as_well_and_gives_the_unit_that_it_is_told(fits, tmp_path):
     """omega = E m + B holds in any unit with B in that unit: E is the same, and the answer at no rate is B."""
     table = json.loads(fits[0].model.save(tmp_path / "gyro.json").read_text())

@@ -7,6 +7,7 @@ import pytest
 from conftest import DEG
 from known_effects import FS, RATE, STRONG, movement, smooth, theta_of
 from numpy.testing import assert_allclose
+from scipy.ndimage import uniform_filter1d
 from scipy.signal import lsim
 from scipy.spatial.transform import Rotation
 
@@ -15,7 +16,7 @@ from tinygc.effects import Effect, EffectError, Movement, NoC, Parameter, Reach,
 from tinygc.effects.catalogue import tried
 from tinygc.effects.entries.earth_rotation import latitude_deg
 from tinygc.effects.inversion import MOST_PASSES
-from tinygc.effects.movement import vibration
+from tinygc.effects.movement import _mean, vibration
 
 
 def test_every_own_effect_passes_the_first_test_of_an_external_one():
@@ -126,6 +127,13 @@ def test_what_is_no_rate_effect_adds_nothing_to_the_rate():
     assert others
     for effect in others:
         assert not effect.columns(movement()).any(), effect.id
+
+
+@pytest.mark.parametrize("size", [3, 4, 9, 10, 70])
+def test_a_moving_mean_holds_the_ends_and_takes_one_more_before_where_it_is_even(size):
+    values = np.random.default_rng(size).normal(size=(50, 3))
+    for each in (values, values[:, 0]):
+        assert_allclose(_mean(each, size / 208, 1 / 208), uniform_filter1d(each, size, axis=0, mode="nearest"), atol=1e-13)
 
 
 @pytest.mark.parametrize(("f_hz", "share"), [(2.0, 0.0), (20.0, 1.0), (30.0, 0.92), (90.0, 1.0)])

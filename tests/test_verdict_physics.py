@@ -298,6 +298,8 @@ def test_it_is_the_second_moment_of_the_joint_normal_distribution():
         patch.object(systematic, "stated_response", lambda problem, model, still_rates: response),
     ):
         found = systematic_of(None, None, noise, 1.7, False)
+        noise.gain_of = lambda columns: -np.inf
+        without_gain = systematic_of(None, None, noise, 1.7, False)
     J = twin.calibration * np.where(np.arange(15) // 2 == 6, 0.0, PRIORS)
 
     def moments(each):
@@ -313,6 +315,10 @@ def test_it_is_the_second_moment_of_the_joint_normal_distribution():
     expected = np.average(squares, axis=0, weights=np.exp(np.array(log_p) - max(log_p)))
     assert_allclose(found.by_effect["test.step"], expected, rtol=1e-6)
     assert_allclose(found.tilts, twin.linear_columns(None).closure[:, :2])
+    # The mean density over an effect's shapes, against that without it.
+    nothing = stats.multivariate_normal(np.zeros(twin.n), 1.7 * covariance + J @ J.T).logpdf(twin.recorded)
+    expected = {"test.a": moments(a)[1] - nothing, "test.step": np.logaddexp.reduce(log_p) - np.log(3) - nothing}
+    assert without_gain.log_odds == pytest.approx(expected)
     # With the noise estimated again: half of the gain, less the logarithms of ten scales and of three shapes, and a half for each number.
     of = {each.id: each.parameter.plausible * twin.columns_of(each)[0, 0] / 2 for each in (a, variants[1])}
     expected = {"test.a": 30.0 - np.log(10.0) + of["test.a"], "test.step": 30.0 - np.log(30.0) + of["test.step"]}

@@ -10,7 +10,6 @@ from typing import Any
 
 from rich.console import Group as Group
 from rich.console import RenderableType as RenderableType
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table as Table
 from rich.text import Text as Text
 
@@ -55,6 +54,8 @@ def progress_bar(quiet: bool = False) -> Iterator[Callable[[str, int, int], None
 
         yield print_step
         return
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn  # late: a pipe shows no bar
+
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("", total=1)

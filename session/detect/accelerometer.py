@@ -262,8 +262,7 @@ def fit_lengths(
         if middle_s is not None and len(force) - rung.count >= 2 * DRIFTS:
             moving = _with_drift(rung, x, bar, force, gravity_mps2, shares(middle_s, duration_s))
             if moving is not None:
-                found, ratio = moving
-                spare = len(force) - rung.count - DRIFTS
+                found, ratio, spare = moving
                 drift = ZeroDrift(found[0][PARAMETERS:], found[-1][PARAMETERS:, PARAMETERS:], ratio, spare, duration_s)
                 x, left, weight, sigma, covariance = found
                 drift = drift.turned(before)
@@ -328,8 +327,8 @@ def _covariance(rung: Ladder, columns: np.ndarray, sigma: float, gravity_mps2: f
 
 def _with_drift(
     rung: Ladder, constant: np.ndarray, bar: float, force: np.ndarray, gravity_mps2: float, share: np.ndarray
-) -> tuple[_Fitted, float] | None:
-    """The fit with a drift besides, and the p-value of none, by Fisher's F; constant (9,) and its bar: the fit without.
+) -> tuple[_Fitted, float, int] | None:
+    """The fit with a drift besides, Fisher's F against none, and the degrees of freedom left; constant (9,) and its bar: the fit without.
 
     Few stills scatter less about a robust fit than they err.  So both fits have the same weights: a still counts less where it misses
     both by as much as ``bar``.
@@ -356,7 +355,7 @@ def _with_drift(
     with_it, without = float(np.sum((root * left) ** 2)), float(np.sum((root * _miss(constant, force, gravity_mps2)) ** 2))
     sigma = np.sqrt(with_it / spare)
     ratio = float(max(without - with_it, 0.0) / DRIFTS / max(sigma**2, np.finfo(float).tiny))
-    return (x, left, weight, float(sigma), _covariance(moving, columns, float(sigma), gravity_mps2)), ratio
+    return (x, left, weight, float(sigma), _covariance(moving, columns, float(sigma), gravity_mps2)), ratio, spare
 
 
 def _scale(rung: Ladder, gravity_mps2: float) -> np.ndarray:

@@ -73,7 +73,7 @@ class StampErrors:
         lags[: len(self.covariance)] = self.covariance
         lags[size - len(self.covariance) + 1 :] = self.covariance[:0:-1]
         found = np.maximum(np.fft.rfft(lags).real, 0.0)
-        quick = min(odd << max(0, (-(-size // odd) - 1).bit_length()) for odd in QUICK)
+        quick = min(odd << max(1, (-(-size // odd) - 1).bit_length()) for odd in QUICK)  # an even one
         if quick > size:  # the same lags among more zeros
             lags = np.fft.irfft(found, size)
             lags[size // 2] = 0.0  # no two of the numbers are so far apart

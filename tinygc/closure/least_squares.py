@@ -160,7 +160,7 @@ class LeastSquaresFit:
     """Result of a least-squares fit.
 
     model; covariance (12, 12) in the units of ``LinearModel.vector``; unobserved: names of the parameters that no segment observes; rows:
-    at the start of the last step, which is the answer to some ``TOLERANCE``; relative to the bias ``rest_rps`` where it is given.
+    at the start of the last step, behind which none is foreseen that counts; relative to the bias ``rest_rps`` where it is given.
     """
 
     model: LinearModel
@@ -218,7 +218,8 @@ def fit_least_squares(
         change = centre + root @ (aim[:rank] @ right[:rank]) - vector
         vector = vector + change
         moved = float(np.abs(design @ change).max())
-        # What a step leaves is of second order: in itself, and in the residuals that bend the columns.  Or steps shrink as they did before.
+        # What a step leaves is of second order, in itself and in the residuals that bend the columns, of the same integrator; or steps
+        # shrink as they did before.
         shrinks = min(moved + float(np.abs(angles).max()), moved / before if before else np.inf)
         if moved < TOLERANCE or moved * shrinks < settled:
             break

@@ -107,8 +107,8 @@ def _mean(values: np.ndarray, window_s: float, dt_s: float) -> np.ndarray:
     """Return the moving mean along the samples."""
     size = max(1 if values.ndim == 1 else 3, round(window_s / dt_s))
     padded = np.concatenate([np.repeat(values[:1], size // 2 + 1, axis=0), values, np.repeat(values[-1:], size - 1 - size // 2, axis=0)])
-    summed = np.cumsum(padded, axis=0)
-    return (summed[size:] - summed[:-size]) / size
+    summed = np.cumsum(padded - values[:1], axis=0)  # gravity would make sums of a day large
+    return values[:1] + (summed[size:] - summed[:-size]) / size
 
 
 # Inputs of an effect in addition to the rate, and how far around a sample it reads them.

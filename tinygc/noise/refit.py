@@ -265,7 +265,7 @@ def over_shapes(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
 #: values of columns that a replay keeps, 64 MB: enough for the catalogue in sessions of up to about a thousand turns
 MOST_KEPT = 1 << 23
 
-# A fit's motion at every sample takes 50 MB for a day with 400 turns, so fits do not keep it.
+# A motion at every sample takes 50 MB for a day with 400 turns: a twin keeps that of its last state, and no fit its own.
 
 
 class Replay:

@@ -24,7 +24,7 @@ from session.io.solving import inverse
 from tinygc.closure.least_squares import inverse_lower, solve_lower
 from tinygc.noise.whitening import Sparse
 
-#: greatest number of steps of a search, which starts at the result of the last one
+#: greatest number of steps of a search
 SCORING_STEPS = 24
 #: drop of -2 log L below which a search ends; a tenth of a sigma away, it is 0.01
 SETTLED = 1e-6
@@ -98,7 +98,7 @@ def estimate(
             apart, spread = prior.apart(float(np.sqrt(x[k]) * usual[k]))
             value += apart**2
             gradient[k] += apart / spread / x[k]
-            information[k, k] += 1 / (2 * (spread * x[k]) ** 2)
+            information[k, k] += (1 / (2 * spread) + max(-apart, 0.0)) / spread / x[k] ** 2
         return Cost(value, gradient, information)
 
     least = np.array([0.0 if prior is None else 1e-6 for prior in priors])
@@ -191,9 +191,11 @@ def _one_sigma_from_zero(cost: Callable[[np.ndarray], Cost], x: np.ndarray, k: i
     high = next((size for size in 2.0 ** np.arange(-4, 10) if risen(size)[0] > 0), np.inf)
     if not np.isfinite(high):
         return high
-    size, step = high / 2, np.inf
-    while abs(step) > 1e-3 * size:
+    size = high / 2
+    for _ in range(SCORING_STEPS):
         over, slope = risen(size)
         step = float(np.clip(size - over / slope, size / 2, high)) - size if slope > 0 else (high - size) / 2
         size += step
+        if abs(step) <= 1e-3 * size:
+            break
     return size

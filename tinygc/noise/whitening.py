@@ -169,6 +169,7 @@ class Whitener:
         """A whitener of the selected rows (n,) bool alone; the others are marginalised."""
         part = copy(self)
         part._rows = rows
+        part.__dict__.pop("allowances", None)
         part._factor = np.linalg.cholesky(self._factor[rows] @ self._factor[rows].T)
         return part
 

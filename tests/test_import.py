@@ -248,6 +248,14 @@ def test_stamps_with_too_few_digits_or_a_rate_that_no_sensor_has_are_refused(tmp
         make(tmp_path, log_of(FEW, "t_ns", ticks(1e-6)))
 
 
+def test_the_rate_of_stamps_of_which_a_few_are_shared_is_that_of_the_samples(tmp_path):
+    """As the session is read again: by the stamps as they are a pair's one long step would count as a single period."""
+    t_us = np.maximum.accumulate(ticks(1e-6) + np.random.default_rng(0).normal(0, 0.2e6 / TRUE_HZ, len(FEW)).astype(int))
+    t_us[30::100] = t_us[29::100][: len(t_us[30::100])]
+    made = make(tmp_path, log_of(FEW, "t_us", t_us), gyro_unit="dps")
+    assert read_session(made.folder).config.sensor.odr_hz == pytest.approx(TRUE_HZ, rel=1e-3)
+
+
 def test_stamps_that_scatter_are_counted_along_where_it_is_asked_for(tmp_path):
     late_us = np.maximum.accumulate(FEW.t_s * 1e6 + np.abs(np.random.default_rng(8).normal(0, 1500, len(FEW))))
     path = tmp_path / "x.csv"

@@ -274,6 +274,17 @@ def test_where_the_sensor_is_linear_it_finds_least_squares():
         assert_allclose(known.loss, found.loss, rtol=1e-9)
 
 
+def test_the_weights_that_are_taken_are_settled():
+    """What one step more gains of chi-square, its ties to the identity included, does not count."""
+    batch, sigma = recording(0, asymmetry=0.01)
+    trained, problem = network.train_second_order(batch, sigma), network._Problem(batch, sigma, None)
+    prior, here = dict(CalibrationNet.identity().rungs(problem.typical_rps, network.TIES))[trained.tie], trained.net.vector
+    there, *_ = problem.settle(here, problem.residuals(here), prior, np.inf)
+    cost, less = (np.sum(problem.residuals(at) ** 2) + np.sum(((at - problem.identity) / prior) ** 2) for at in (here, there))
+    assert trained.tie > 0
+    assert 0 <= cost - less < 10 * network.ENOUGH
+
+
 @pytest.mark.broad
 def test_an_asymmetry_of_scale_is_learnt_and_stills_pin_the_rate_at_rest():
     """0.3 % between + and − rates about each axis: omega = E m + B is what the net should undo, and |omega| k is to be taken off."""

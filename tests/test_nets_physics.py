@@ -276,8 +276,8 @@ def test_where_the_sensor_is_linear_it_finds_least_squares():
 
 def test_the_weights_that_are_taken_are_settled():
     """What one step more gains of chi-square, its ties to the identity included, does not count."""
-    batch, sigma = recording(0, asymmetry=0.01)
-    trained, problem = network.train_second_order(batch, sigma), network._Problem(batch, sigma, None)
+    given = recording(0, asymmetry=0.01)
+    trained, problem = network.train_second_order(*given), network._Problem(*given, None)
     prior, here = dict(CalibrationNet.identity().rungs(problem.typical_rps, network.TIES))[trained.tie], trained.net.vector
     there, *_ = problem.settle(here, problem.residuals(here), prior, np.inf)
     cost, less = (np.sum(problem.residuals(at) ** 2) + np.sum(((at - problem.identity) / prior) ** 2) for at in (here, there))

@@ -173,9 +173,8 @@ def bump(center: float, n: int, width: float = 6.0) -> np.ndarray:
 
 
 def test_a_replay_is_of_its_fit_and_of_fits_with_the_same_states_alone():
-    """The linear twin gives a state for its rates."""
     fit = linear_twin().evidence().nothing.fit
-    replay = Replay(linear_twin(), fit)
+    replay = Replay(linear_twin(), fit)  # whose rates are its state
     other = fit.state.with_vector(fit.state.vector + 1.0)
     assert replay.of(replace(fit, chi_square=0.0)) is replay
     assert replay.of(replace(fit, state=other)).rates is other

@@ -39,11 +39,10 @@ def test_a_fit_whose_residuals_are_fine_is_refused_if_no_gyroscope_has_its_scale
 def test_the_model_of_a_fold_is_a_fit_to_the_other_turns_alone():
     """To a few thousandths of a sigma, though one turn is far off; which of them is left out moves it by several sigmas."""
     off = distorted(lambda it: replace(it, gyro=it.gyro * np.where(np.abs(np.arange(len(it)) - 2674.5) < 75, 1.1, 1.0)[:, None]))
-    result = tinygc.fit(off, methods="least_squares", folds=8).result
-    problem, start = result.problem, bias_only(result.problem.still_rates.rate[0])
+    problem = (result := tinygc.fit(off, methods="least_squares", folds=8).result).problem
     for left_out, model in zip(np.eye(8, dtype=bool), result.methods["least_squares"].fold_models, strict=True):
         batch, sigma = problem.joint.without(left_out, problem.batch).pick(~left_out), problem.floor.sigma[~left_out]
-        alone = fit_least_squares(batch, sigma, start)
+        alone = fit_least_squares(batch, sigma, bias_only(problem.still_rates.rate[0]))
         off_by = [np.abs(each.vector - alone.model.vector) / np.sqrt(np.diag(alone.covariance)) for each in (model, result.linear.model)]
         assert off_by[0].max() < 5e-3 < 1 < off_by[1].max()
 

@@ -54,11 +54,11 @@ OTHERS = {
     "AllanTools, `oadev` of its six channels as well": "import allantools, pandas; [allantools.oadev(x, rate=208.0, data_type='freq', "
     "taus='octave') for x in pandas.read_csv('rest.csv').to_numpy().T[1:]]",
 }
-#: what grows: options of ``simulate``, commands, sizes; a still lasts 2.6 times as long as is asked for
+#: what grows: options of ``simulate``, none for readings at rest; commands, sizes
 OF_TURNS = "check {}/0", "fit {}/0 --methods least_squares", "explain {}/0"
 GROWTH = {
-    "turns": ("--segments {0} --closure 0", OF_TURNS, (40, 160, 640, 2560)),
-    "rows": ("--segments 14 --closure 0 --odr-hz 104 --still-s {1:.1f}", (*OF_TURNS[:2], "noise {}/0"), (10**5, 10**6, 10**7)),
+    "turns": ("--segments {} --closure 0", OF_TURNS, (40, 160, 640)),
+    "rows": ("", ("noise rest.csv", "import rest.csv --out new"), (10**5, 10**6, 10**7)),
     "sensors": (SENSOR, ("fleet {} --jobs 1 --out new", "lot new"), (50, 200, 800)),
 }
 #: a process of its own, small, so that the peak that the system tells is that of the command
@@ -120,8 +120,11 @@ def growth(args: argparse.Namespace, roots: list[Path], parent: Path) -> str:
     found: dict[str, list[tuple[float, float]]] = {}
     for size in sizes:
         folder = parent / str(size)
-        for number in range(size if args.growth == "sensors" else 1):
-            simulate(folder / args.growth / str(number), options.format(size, size / 4056) + f" --seed {number}")
+        for number in range(size if args.growth == "sensors" else 1 if options else 0):
+            simulate(folder / args.growth / str(number), options.format(size) + f" --seed {number}")
+        if not options:
+            folder.mkdir()
+            write_rest(folder / "rest.csv", size)
         for root in roots:
             for words in (command.format(args.growth) for command in commands):
                 found.setdefault(f"`{words}`, {root.name}", []).append(used(ours(words, root), folder))

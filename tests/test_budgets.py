@@ -35,7 +35,7 @@ for command in (
 print(json.dumps(found))
 """
 #: SciPy's rooms, and modules of ours at most, that are loaded by it and those above; walks through all turns or some of them, those
-#: with a Jacobian among them, and likelihoods of a noise.  Before (1bf5e219) a fit loaded eight of SciPy's rooms, and took 118, 44 and 114
+#: with a Jacobian among them, and likelihoods of a noise
 BUDGET = {
     "check": ([], 114, {"_steps": 12, "end_and_sensitivity": 5}),
     "fit": ([], 181, {"_steps": 72, "end_and_sensitivity": 24, "_cost": 60}),

@@ -34,7 +34,7 @@ from tinygc.noise.components import (
     noise_beside,
     undersampling,
 )
-from tinygc.noise.reml import Prior, estimate
+from tinygc.noise.reml import Cost, Prior, _lowest, estimate
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import Sparse, Whitener
 
@@ -463,3 +463,15 @@ def test_a_long_session_is_cut_into_blocks_of_turns_with_the_stills_before_them(
     own = [*range(60), *range(turns, turns + 90), *range(turns + 3 * stills, turns + 3 * stills + 30)]
     assert first.tolist() == own
     assert_array_equal(np.sort(np.concatenate([first, second])), np.arange(turns + 4 * stills))
+
+
+def test_a_search_steps_back_from_where_the_likelihood_is_no_number():
+    """(x - 1)^2 with a hundredth of its curvature, and nothing beyond 3: the first step would go to 50 and further."""
+
+    def cost(x):
+        value = float((x[0] - 1) ** 2) if x[0] < 3 else np.nan
+        return Cost(value, 2 * (x - 1), np.array([[0.02]]))
+
+    x, found = _lowest(cost, np.array([0.5]), np.zeros(1), 24)
+    assert found.value < 0.25
+    assert x[0] < 3

@@ -123,7 +123,7 @@ def _lowest(cost: Callable[[np.ndarray], Cost], x: np.ndarray, least: np.ndarray
         tried[free] -= np.linalg.solve(information + (damp + ALIKE) * np.diag(np.diag(information)), found.gradient[free])
         tried = np.maximum(tried, least)
         there = cost(tried)
-        if there.value >= found.value:
+        if not there.value < found.value:  # or where it is no number
             if found.value - there.value > -SETTLED:
                 break
             damp = max(10 * damp, 0.1)

@@ -18,8 +18,8 @@ except ImportError as error:
     print(f"calibrate: {error}", file=sys.stderr)
     sys.exit(2)
 
-from session.io.errors import CalibrationError
-from session.io.texts import printable
+from session.base.errors import CalibrationError
+from session.base.texts import printable
 from tinygc.cli.arguments import parser, refuse_overwriting
 from tinygc.cli.defaults import take_defaults
 from tinygc.cli.results import ended_by_signals, silence, standard_output

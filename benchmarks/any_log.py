@@ -22,9 +22,9 @@ from common import markdown, progress
 
 import calibrate
 import tinygc
-from session.io.errors import CalibrationError
-from session.io.samples import Samples
-from session.io.units import DEG, G
+from session.base.errors import CalibrationError
+from session.base.units import DEG, G
+from session.log.samples import Samples
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 import written_logs as binary

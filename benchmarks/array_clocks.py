@@ -12,10 +12,10 @@ from common import markdown, progress
 from public import mikov, mimu
 from scipy.spatial.transform import Rotation
 
-from session.annexes.arrays.recording import ArraySession, read_array
-from session.io.units import DEG
-from tinygc.annexes.arrays.extrinsics import clock_fits, places_of
-from tinygc.annexes.arrays.latency import SampleAges, ages_of
+from session.base.units import DEG
+from tinygc.features.arrays.extrinsics import clock_fits, places_of
+from tinygc.features.arrays.latency import SampleAges, ages_of
+from tinygc.features.arrays.recording import ArraySession, read_array
 
 ROOT = Path(__file__).resolve().parents[1]
 SHARED = ROOT.parent / "shared"

@@ -16,9 +16,9 @@ from public import mikov, mimu
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
-from session.annexes.arrays.recording import read_array
-from session.io.units import DEG
-from tinygc.annexes.arrays.fit import ArrayFit, UnitFit, fit_array
+from session.base.units import DEG
+from tinygc.features.arrays.fit import ArrayFit, UnitFit, fit_array
+from tinygc.features.arrays.recording import read_array
 
 SHARED = Path(__file__).resolve().parent.parent.parent / "shared"
 SETS = {"mimu": mimu.write_array, "mikov": mikov.write_array}

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 from common import first_still_heading_deg, in_parallel, markdown, simulated, with_heading
 
-from session.io.folder import Session, read_session
-from session.io.units import DEG
+from session.base.units import DEG
+from session.log.folder import Session, read_session
 from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.problem import Problem

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from session.io.folder import Session
+from session.log.folder import Session
 from tinygc.attitude.rotation import from_euler, matrix
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulator import simulate_session

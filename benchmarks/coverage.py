@@ -13,9 +13,9 @@ import numpy as np
 from common import in_parallel, markdown, simulated
 from scipy import stats
 
-from session.io.folder import Session, read_session
-from session.io.logfile import Log
-from session.io.units import DEG
+from session.base.units import DEG
+from session.log.folder import Session, read_session
+from session.log.logfile import Log
 from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.uncertainty import MISMATCH_P

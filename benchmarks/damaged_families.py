@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from session.io.units import DEG, MG, G
+from session.base.units import DEG, MG, G
 from tinygc.simulation.movement import move, table_to_body
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulator import Simulation, registers_of, simulate_session

@@ -20,7 +20,7 @@ import numpy as np
 from common import in_parallel, markdown
 from damaged_families import FAMILIES, damaged, write
 
-from session.io.errors import CalibrationError
+from session.base.errors import CalibrationError
 from tinygc.closure.uncertainty import MISMATCH_P
 from tinygc.models.linear import NAMES
 

@@ -15,7 +15,7 @@ import numpy as np
 from common import in_parallel, markdown, simulated
 from scipy import stats
 
-from session.io.requirements import GUARDED, Rule
+from session.log.requirements import GUARDED, Rule
 from tinygc.estimation.fit import fit_session
 from tinygc.estimation.options import FitOptions
 from tinygc.estimation.requirements import Conformity, closure_measured, conforms_probability, field_measured, known_sources, run_measured

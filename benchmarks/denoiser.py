@@ -23,8 +23,8 @@ from closure_table import RECORDINGS, rms
 from common import in_parallel, markdown, simulated
 from scipy.signal import butter, lfilter, lfilter_zi, savgol_coeffs
 
-from session.io.folder import Session, read_session
-from session.io.units import DEG
+from session.base.units import DEG
+from session.log.folder import Session, read_session
 from tinygc import closure
 from tinygc.closure.build import build_problem
 from tinygc.closure.runs import ClosureRun, read_closure_runs

@@ -19,7 +19,7 @@ from common import in_parallel, markdown
 from real_recordings import SETS, USUAL, Job, add_choice, chosen_jobs
 from real_recordings_page import named, shapes, title
 
-from session.io.errors import CalibrationError
+from session.base.errors import CalibrationError
 
 HEADER = ("recording", "put in", "names", "search", "equation, or why none", "removed", "p", "noise p")
 NOTHING = "–"
@@ -52,9 +52,9 @@ def main() -> None:
 def one_recording(job: Job) -> dict[str, Any]:
     """``set``, ``name``, ``explain`` (its JSON), ``discovery`` as that has it, and ``noise_p`` of each law's tests; or why it was
     ``refused``."""
-    from session.io.folder import read_session
-    from tinygc.annexes.discovery.engine import discover
-    from tinygc.annexes.discovery.result import to_json
+    from session.log.folder import read_session
+    from tinygc.features.discovery.engine import discover
+    from tinygc.features.discovery.result import to_json
     from tinygc.library.explanations import explain
 
     result: dict[str, Any] = {"set": job.set_name, "name": job.folder.name, "refused": None}

@@ -26,8 +26,8 @@ from common import markdown, progress
 from hidden_laws import DEG, DEVELOPMENT, EXAMINATION, LAWS, WARM, WARM_C, Scene
 from scipy.spatial.transform import Rotation
 
-from session.io.samples import Samples
-from session.io.units import G
+from session.base.units import G
+from session.log.samples import Samples
 from tinygc.effects import Conditions, Movement, catalogue, movement_of, using
 from tinygc.simulation import simulator
 from tinygc.simulation.options import GYRO_LPF2_HZ, SimulationOptions
@@ -191,14 +191,14 @@ def one(name: str, times: float, seed: int) -> dict:
 
 def _unseen(laws, first: SimulationOptions, movement: Movement) -> list[np.ndarray]:
     """Rates (N, 3) of the combinations of coefficients that are stated as not observed; temperatures count from the first session's."""
-    from tinygc.annexes.discovery.equivalence import columns_of
+    from tinygc.features.discovery.equivalence import columns_of
 
     there = replace(movement, first_temp_c=first.temperature_start_c)
     return [columns_of(law.form, there) @ direction for law in laws for direction in law.unobserved]
 
 
 def _discovery(why):
-    from tinygc.annexes.discovery.engine import discover
+    from tinygc.features.discovery.engine import discover
 
     return discover(why.explanation)
 

@@ -20,9 +20,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "firmware"))
 from common import markdown, progress
 from emulator import build as kit
 
-from session.io.errors import CalibrationError
-from session.io.folder import Session, read_session
-from session.io.units import DEG
+from session.base.errors import CalibrationError
+from session.base.units import DEG
+from session.log.folder import Session, read_session
 from tinygc import models
 from tinygc.deploy.embedded.program import Program, Registers, program
 from tinygc.deploy.embedded.source import source_files

@@ -13,9 +13,9 @@ from tempfile import TemporaryDirectory
 from common import progress
 from distributed import LocalCluster
 
-from tinygc.annexes.lots.fleet_row import FleetOptions
-from tinygc.annexes.lots.fleet_run import Cluster, Processes, Tally, run_fleet, session_folders
-from tinygc.annexes.lots.fleet_table import NAME, open_table
+from tinygc.features.fleet.fleet_row import FleetOptions
+from tinygc.features.fleet.fleet_run import Cluster, Processes, Tally, run_fleet, session_folders
+from tinygc.features.fleet.fleet_table import NAME, open_table
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 

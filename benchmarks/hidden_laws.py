@@ -1,6 +1,6 @@
 """The laws of the examination of discovery (``discovery_laws.py``), written down before any of them was searched for.
 
-Plain NumPy on the true signals; nothing here knows the grammar of ``tinygc.annexes.discovery``.  Each law is a function of a ``Scene`` and
+Plain NumPy on the true signals; nothing here knows the grammar of ``tinygc.features.discovery``.  Each law is a function of a ``Scene`` and
 gives the rate that it adds, up to a common factor that the examination sets: at 3 and at 10 times the floor of a turn's closure.  Every
 other law belongs to the development half, on which the search may be tuned; the rest is the examination half.
 """

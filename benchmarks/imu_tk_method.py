@@ -18,11 +18,11 @@ import numpy as np
 from common import markdown
 from scipy.optimize import least_squares
 
+from session.base.units import DEG
 from session.detect import accelerometer
 from session.detect.accelerometer import force_of
-from session.io.config import Accelerometer
-from session.io.folder import Session, read_session
-from session.io.units import DEG
+from session.log.config import Accelerometer
+from session.log.folder import Session, read_session
 from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.prepared import prepare

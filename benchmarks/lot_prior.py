@@ -16,16 +16,16 @@ from pathlib import Path
 import numpy as np
 from common import in_parallel, markdown
 
+from session.base.units import DEG
 from session.detect.segments import FEWEST_SEGMENTS
-from session.io.folder import read_session
-from session.io.units import DEG
-from tinygc.annexes.lots.fit import LotFile, fit_with_lot
-from tinygc.annexes.lots.lot import NAMES as LOT_NAMES
-from tinygc.annexes.lots.lot import Lot
+from session.log.folder import read_session
 from tinygc.closure.prepared import prepare
 from tinygc.estimation.bias import choose
 from tinygc.estimation.options import FitOptions
 from tinygc.estimation.stated_noise import stated_covariance, stated_goodness, stated_noise
+from tinygc.features.fleet.fit import LotFile, fit_with_lot
+from tinygc.features.fleet.lot import NAMES as LOT_NAMES
+from tinygc.features.fleet.lot import Lot
 from tinygc.models.linear import PARAMETERS
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulator import simulate_session, unit_of

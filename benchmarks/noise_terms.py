@@ -19,13 +19,13 @@ import numpy as np
 from common import markdown
 from scipy.signal import fftconvolve, lfilter
 
-from session.io.samples import Samples
-from session.io.units import NS_PER_S
-from tinygc.annexes.noise.choice import Search
-from tinygc.annexes.noise.estimate import estimate_noise
-from tinygc.annexes.noise.likelihood import unit_covariance
-from tinygc.annexes.noise.scales import Group, groups_of, rest_of
-from tinygc.annexes.noise.summary import RestSums
+from session.base.units import NS_PER_S
+from session.log.samples import Samples
+from tinygc.features.noise.choice import Search
+from tinygc.features.noise.estimate import estimate_noise
+from tinygc.features.noise.likelihood import unit_covariance
+from tinygc.features.noise.scales import Group, groups_of, rest_of
+from tinygc.features.noise.summary import RestSums
 from tinygc.noise.figures import TERMS, Term, unit_allan_variance
 
 RATE_HZ = 25.0

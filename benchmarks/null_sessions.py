@@ -17,7 +17,7 @@ import numpy as np
 from common import in_parallel, markdown, simulated
 from scipy import stats
 
-from session.io.errors import CalibrationError
+from session.base.errors import CalibrationError
 from tinygc.noise.channels import channel_p_values
 from tinygc.simulation.options import SimulationOptions
 

@@ -16,12 +16,12 @@ from pathlib import Path
 
 import numpy as np
 
-from tinygc.annexes.rates.choice import FALSE_ALARM, LINE, Choice, chance, choose
-from tinygc.annexes.rates.curve import fit_curve
-from tinygc.annexes.rates.fitting import fit
-from tinygc.annexes.rates.laws import CURVE, Hypothesis
-from tinygc.annexes.rates.points import Points, points_of, read_points
-from tinygc.annexes.rates.terms import terms
+from tinygc.features.tables.rates.choice import FALSE_ALARM, LINE, Choice, chance, choose
+from tinygc.features.tables.rates.curve import fit_curve
+from tinygc.features.tables.rates.fitting import fit
+from tinygc.features.tables.rates.laws import CURVE, Hypothesis
+from tinygc.features.tables.rates.points import Points, points_of, read_points
+from tinygc.features.tables.rates.terms import terms
 from tinygc.reporting.pictures.canvas import plain
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "wild" / "rate_table.csv"

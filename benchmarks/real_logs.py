@@ -16,11 +16,11 @@ import numpy as np
 from common import in_parallel
 from real_recordings import Job, add_choice, chosen_jobs
 
+from session.base.units import DEG
 from session.detect import bridging
-from session.io.config import Sensor
-from session.io.folder import read_session
-from session.io.samples import Samples
-from session.io.units import DEG
+from session.log.config import Sensor
+from session.log.folder import read_session
+from session.log.samples import Samples
 
 SETS = ("xsens", "mikov", "mimu")
 #: gaps that are cut: how many at once, how often; where it turns by this

@@ -22,8 +22,8 @@ from common import in_parallel
 from public import euroc, mimu
 from real_recordings_page import missed, page, said_wrongly
 
-from session.io.errors import CalibrationError
-from session.io.folder import read_session
+from session.base.errors import CalibrationError
+from session.log.folder import read_session
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 SETS = ("xsens", "mikov", "mimu", "injected", "euroc")

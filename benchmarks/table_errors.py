@@ -22,12 +22,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
 from simulated_tables import LostSteps, Summary, draw, fixed_moves
 
-from session.annexes.machines.description import Axis, Description
-from session.annexes.machines.mechanics import AxisErrors, AxisTrack, TableErrors
-from session.io.units import DEG
-from tinygc.annexes.machines.observed import held_up_from, said_at, stamps_beside
-from tinygc.annexes.machines.selection import Selected, select
+from session.base.units import DEG
 from tinygc.effects.catalogue import catalogue
+from tinygc.features.tables.machines.description import Axis, Description
+from tinygc.features.tables.machines.mechanics import AxisErrors, AxisTrack, TableErrors
+from tinygc.features.tables.observed import held_up_from, said_at, stamps_beside
+from tinygc.features.tables.selection import Selected, select
 
 #: s between the samples that show which answers were held up
 TRUTH_S = 0.005

@@ -19,13 +19,13 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import lfilter
 
-from session.io.rests import RestLog, rest_from_samples
-from session.io.samples import Samples
-from session.io.thermometer import Sound
-from session.io.units import DEG, DEG_PER_HOUR, G
-from tinygc.annexes.temperature import axis_fit
-from tinygc.annexes.temperature.axis_fit import AxisFit, fit_axis, make_knots
-from tinygc.annexes.temperature.sweeps import sweeps_of
+from session.base.units import DEG, DEG_PER_HOUR, G
+from session.log.rests import RestLog, rest_from_samples
+from session.log.samples import Samples
+from session.log.thermometer import Sound
+from tinygc.features.temperature import axis_fit
+from tinygc.features.temperature.axis_fit import AxisFit, fit_axis, make_knots
+from tinygc.features.temperature.sweeps import sweeps_of
 
 #: step of the thermometer, degC, its own noise, degC, and share of its readings that fail
 THERMOMETERS = {

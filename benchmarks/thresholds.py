@@ -16,11 +16,11 @@ from pathlib import Path
 import numpy as np
 from common import in_parallel, markdown
 
-from session.io.errors import CalibrationError
-from session.io.folder import read_session
-from tinygc.annexes.challenge.examination import conceal
+from session.base.errors import CalibrationError
+from session.log.folder import read_session
 from tinygc.closure.build import build_problem
 from tinygc.explanation.data_repair import repair
+from tinygc.features.challenge.examination import conceal
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_files
 

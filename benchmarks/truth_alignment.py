@@ -9,9 +9,9 @@ from pathlib import Path
 from common import markdown
 from public.euroc import write_sequences
 
+from session.base.units import DEG
 from session.detect.truth_alignment import align
-from session.io.folder import read_session
-from session.io.units import DEG
+from session.log.folder import read_session
 
 EUROC = Path(__file__).resolve().parents[2] / "shared" / "euroc"
 SEQUENCES = ("MH_02", "MH_03", "MH_04", "MH_05", "V1_01", "V1_02", "V1_03", "V2_01", "V2_02", "V2_03")

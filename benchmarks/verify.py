@@ -26,21 +26,21 @@ from common import in_parallel, markdown
 from scipy.signal import lfilter
 
 import tinygc
-from session.io.folder import Session, read_session
-from session.io.results import read_json
-from session.io.units import DEG, MG
-from tinygc.annexes.verification.cost import minute_of
-from tinygc.annexes.verification.expected import Spread, expected_parts, spread_of_unit
-from tinygc.annexes.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, OldCalibration, read_old
-from tinygc.annexes.verification.questions import PLAUSIBLE, ask, todays_noise
-from tinygc.annexes.verification.rows import LENGTH, Rows, rows_of
-from tinygc.annexes.verification.verdict import BIAS, HOLDS, Options, Verification, verify_session
+from session.base.results import read_json
+from session.base.units import DEG, MG
+from session.log.folder import Session, read_session
 from tinygc.attitude import rotation
 from tinygc.closure.motion import LIMIT_DEG
 from tinygc.closure.residual import closure_angles
 from tinygc.estimation.between_sessions import course
 from tinygc.estimation.compare import read_calibrated
 from tinygc.estimation.expected_zero import USUAL_SPREAD
+from tinygc.features.unit.verification.cost import minute_of
+from tinygc.features.unit.verification.expected import Spread, expected_parts, spread_of_unit
+from tinygc.features.unit.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, OldCalibration, read_old
+from tinygc.features.unit.verification.questions import PLAUSIBLE, ask, todays_noise
+from tinygc.features.unit.verification.rows import LENGTH, Rows, rows_of
+from tinygc.features.unit.verification.verdict import BIAS, HOLDS, Options, Verification, verify_session
 from tinygc.library.simulations import Simulated
 from tinygc.models.linear import LinearModel
 from tinygc.simulation.options import SimulationOptions

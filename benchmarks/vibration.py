@@ -17,12 +17,12 @@ from pathlib import Path
 import numpy as np
 from common import in_parallel, markdown
 
-from session.io.folder import read_session
-from session.io.registers import accel_mps2_per_lsb
-from session.io.units import DEG, G
-from tinygc.annexes.challenge.other_effects import bench, vibration_rectification
+from session.base.units import DEG, G
+from session.log.folder import read_session
+from session.log.registers import accel_mps2_per_lsb
 from tinygc.closure.build import build_problem
 from tinygc.explanation.physics import fit_physics
+from tinygc.features.challenge.other_effects import bench, vibration_rectification
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulator import LOWEST_FINE_HZ, plan_of, simulate_session
 from tinygc.simulation.write import config_text, write_files

@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 from common import in_parallel, markdown
 
-from session.io.config import Accelerometer, Config, Protocol, Sensor, Site
-from session.io.folder import Session
-from session.io.logfile import Log
-from session.io.registers import DEFAULT, RegisterUnits, accel_mps2_per_lsb, gyro_rps_per_lsb
-from session.io.samples import Samples
-from session.io.units import MDPS
+from session.base.units import MDPS
+from session.log.config import Accelerometer, Config, Protocol, Sensor, Site
+from session.log.folder import Session
+from session.log.logfile import Log
+from session.log.registers import DEFAULT, RegisterUnits, accel_mps2_per_lsb, gyro_rps_per_lsb
+from session.log.samples import Samples
 from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.planning.proposals import TARGETS

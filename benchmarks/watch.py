@@ -15,16 +15,16 @@ import numpy as np
 from common import markdown, progress
 
 import tinygc
-from session.io.files import read_npz
-from session.io.units import DEG, DEG_PER_HOUR, NS_PER_S, G
-from tinygc.annexes.watch.bars import squares_bar_of
-from tinygc.annexes.watch.detector import Window, ZeroFilter
-from tinygc.annexes.watch.expectation import Expectation, ModelInUse
-from tinygc.annexes.watch.settings import BLOCK_S, BLOCKS, Settings, settings
-from tinygc.annexes.watch.source import Readings
-from tinygc.annexes.watch.turns import MOST_SQUARE, RATIO
-from tinygc.annexes.watch.watch import Watch
+from session.base.files import read_npz
+from session.base.units import DEG, DEG_PER_HOUR, NS_PER_S, G
 from tinygc.closure.floor import TIMES_S, wander_covariance
+from tinygc.features.unit.watch.bars import squares_bar_of
+from tinygc.features.unit.watch.detector import Window, ZeroFilter
+from tinygc.features.unit.watch.expectation import Expectation, ModelInUse
+from tinygc.features.unit.watch.settings import BLOCK_S, BLOCKS, Settings, settings
+from tinygc.features.unit.watch.source import Readings
+from tinygc.features.unit.watch.turns import MOST_SQUARE, RATIO
+from tinygc.features.unit.watch.watch import Watch
 from tinygc.models.linear import LinearModel
 from tinygc.models.model import accelerometer_of
 
@@ -183,7 +183,7 @@ def turns() -> None:
 
 def recorded() -> None:
     """Three ADIS16405 at rest: figures of one half by ``noise``, its mean as B, and the other half watched."""
-    import tinygc.annexes.watch.watch as module
+    import tinygc.features.unit.watch.watch as module
 
     usual, rows = module.expect, []
     for number in (1, 2, 3):

@@ -24,7 +24,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from common import markdown, progress
 
-from session.io.numeric import decimal_rows
+from session.base.numeric import decimal_rows
 
 ROOT = Path(__file__).resolve().parents[1]
 ENVIRONMENT = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}

@@ -18,7 +18,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.public.euroc import write_sequences
-from session.io.units import DEG, G
+from session.base.units import DEG, G
 from tinygc.explanation.engine import explain_session
 from tinygc.explanation.truth_engine import explain_truth
 from tinygc.library.explanations import explain

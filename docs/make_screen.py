@@ -14,13 +14,13 @@ import numpy as np
 from rich.console import Console
 from rich.text import Text
 
+from session.base.units import DEG
 from session.bench.guide import Guide
 from session.bench.messages import Kind, Stage
 from session.bench.screen import REMEMBERED, view
-from session.io.config import Protocol, Sensor
-from session.io.registers import DEFAULT, RegisterUnits, accel_mps2_per_lsb, gyro_rps_per_lsb
-from session.io.samples import Samples
-from session.io.units import DEG
+from session.log.config import Protocol, Sensor
+from session.log.registers import DEFAULT, RegisterUnits, accel_mps2_per_lsb, gyro_rps_per_lsb
+from session.log.samples import Samples
 from tinygc.planning.coach import Coach
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulator import simulate_session

@@ -19,8 +19,8 @@ from scipy.spatial.transform import Rotation, Slerp
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.public import broad, sundevil
+from session.base.units import DEG
 from session.detect.stills import find_stills, references
-from session.io.units import DEG
 from tinygc import Session, read_session
 
 mpl.use("Agg")

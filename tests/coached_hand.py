@@ -13,7 +13,7 @@ from session.bench.messages import Kind, Stage
 from session.bench.page.state import PageView
 from session.detect.segments import cut_segments
 from session.detect.stills import find_stills
-from session.io.samples import Samples
+from session.log.samples import Samples
 from tinygc.planning.coach import Coach
 
 

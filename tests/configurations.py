@@ -7,8 +7,8 @@ from dataclasses import fields
 import numpy as np
 from hypothesis import strategies as st
 
-from session.io.config import FRAMES, ORDERS, REFERENCES, SENSES, Accelerometer, Config, LeftOut, Protocol, Sensor, Site, TruthGiven
-from session.io.registers import DEFAULT
+from session.log.config import FRAMES, ORDERS, REFERENCES, SENSES, Accelerometer, Config, LeftOut, Protocol, Sensor, Site, TruthGiven
+from session.log.registers import DEFAULT
 
 #: ordinary ones, those of a shell, of TOML and of a terminal, and any other
 TEXTS = st.one_of(

@@ -34,10 +34,10 @@ from any_order import (  # noqa: E402, F401  # hooks and a fixture of all tests
 from posix_only import pytest_pycollect_makemodule  # noqa: E402, F401
 
 import calibrate  # noqa: E402
-from session.io.config import Accelerometer, Config, Protocol, Sensor, Site  # noqa: E402
-from session.io.logfile import Log  # noqa: E402
-from session.io.registers import accel_mps2_per_lsb, gyro_rps_per_lsb  # noqa: E402
-from session.io.samples import Samples  # noqa: E402
+from session.log.config import Accelerometer, Config, Protocol, Sensor, Site  # noqa: E402
+from session.log.logfile import Log  # noqa: E402
+from session.log.registers import accel_mps2_per_lsb, gyro_rps_per_lsb  # noqa: E402
+from session.log.samples import Samples  # noqa: E402
 from tinygc import Session, read_session  # noqa: E402
 
 DEG = np.pi / 180

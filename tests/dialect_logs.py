@@ -8,10 +8,10 @@ from conftest import DEG, Table
 from written_texts import TEXTS
 from written_texts import lines as rows
 
-from session.io.config import Sensor
-from session.io.dialects import Answers
-from session.io.logfile import read_log
-from session.io.units import G
+from session.base.units import G
+from session.log.config import Sensor
+from session.log.dialects import Answers
+from session.log.logfile import read_log
 from session.replay.convert import convert
 from tinygc import read_session
 

@@ -6,8 +6,8 @@ import numpy as np
 from conftest import DEG, config
 from scipy.spatial.transform import Rotation
 
-from session.io.config import Accelerometer
-from session.io.samples import Samples
+from session.log.config import Accelerometer
+from session.log.samples import Samples
 from tinygc.deploy.exports._context import Context
 from tinygc.effects import AppliedEffect, Conditions, catalogue
 from tinygc.models.linear import LinearModel

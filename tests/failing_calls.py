@@ -21,7 +21,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from session.io.errors import CalibrationError
+from session.base.errors import CalibrationError
 
 CALLS = (
     *("open", "read", "write", "fsync", "close", "lseek", "truncate", "ftruncate", "stat", "lstat", "listdir", "scandir"),

@@ -7,7 +7,7 @@ from functools import cache
 from itertools import product
 from pathlib import Path
 
-from annex import annex
+from feature import feature
 from jsonschema import Draft202012Validator
 from jsonschema.exceptions import best_match
 from referencing import Registry, Resource
@@ -63,7 +63,7 @@ STANDS_FOR = {
     "<coefficient>": lambda word: re.fullmatch(r"dps\w*", word),
     "<cause>": lambda word: re.fullmatch(r"[a-z][a-z0-9 _-]*", word),
     "<constant>": lambda word: re.fullmatch(r"[a-z][a-z0-9_]*", word),
-    "<follows>": lambda word: word in annex("tinygc.annexes.discovery.quantities").QUANTITIES,
+    "<follows>": lambda word: word in feature("tinygc.features.discovery.quantities").QUANTITIES,
     "<full scale>": lambda word: re.fullmatch(r"\d+(\.\d+)?", word),
     "<length>": lambda word: re.fullmatch(r"\d+(\.\d+)?", word),
 }

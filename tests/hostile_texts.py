@@ -23,15 +23,15 @@ import yaml
 from rich.table import Table
 from rich.text import Text
 
+from session.base.errors import CalibrationError
+from session.base.texts import comment, printable, unicode_text
 from session.bench.console import PlainConsole
 from session.bench.session_file import toml_text
 from session.detect.findings import Finding
-from session.io.config import Accelerometer, Config, LeftOut, Protocol, Sensor, Site
-from session.io.errors import CalibrationError
-from session.io.texts import comment, printable, unicode_text
-from tinygc.annexes.certificate.dcc_file import named
+from session.log.config import Accelerometer, Config, LeftOut, Protocol, Sensor, Site
 from tinygc.deploy.exports import exporter
 from tinygc.deploy.exports._context import Context
+from tinygc.features.unit.certificate.dcc_file import named
 from tinygc.models.linear import LinearModel
 from tinygc.noise.figures import TERMS, AxisNoise, Inflation, NoiseFigures, SensorNoise, Term
 from tinygc.reporting.html.markup import code, escape, facts, table

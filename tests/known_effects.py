@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.interpolate import BSpline
 
-from session.io.units import DEG, G
+from session.base.units import DEG, G
 from tinygc.effects import Effect, Movement
 
 #: a strong one of each, as docs/formats.md would have it; and how much of what it does may be left when it is undone

@@ -7,7 +7,7 @@ from unittest.mock import patch
 
 import numpy as np
 
-from session.io.units import MG
+from session.base.units import MG
 from tinygc.effects import Effect, Parameter, Scan
 from tinygc.explanation import evidence
 from tinygc.explanation.evidence import Evidence

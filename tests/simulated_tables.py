@@ -13,14 +13,14 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from session.annexes.machines.angles import header, row
-from session.annexes.machines.description import Axis, Description
-from session.annexes.machines.mechanics import AxisErrors, AxisTrack, TableErrors, true_attitudes
-from session.io.units import DEG, DEG_PER_HOUR, EARTH_RATE_RPS, G
-from tinygc.annexes.machines.observed import Observed
-from tinygc.annexes.machines.sensor_on_table import SensorOnTable
+from session.base.units import DEG, DEG_PER_HOUR, EARTH_RATE_RPS, G
 from tinygc.closure.floor import wander_covariance
 from tinygc.effects import Effect, Movement
+from tinygc.features.tables.machines.angles import header, row
+from tinygc.features.tables.machines.description import Axis, Description
+from tinygc.features.tables.machines.mechanics import AxisErrors, AxisTrack, TableErrors, true_attitudes
+from tinygc.features.tables.observed import Observed
+from tinygc.features.tables.sensor_on_table import SensorOnTable
 from tinygc.simulation.options import SimulatedUnit, SimulationOptions
 
 

@@ -13,9 +13,9 @@ from small_turns import TRUE, angles_by_scipy, with_known_angles
 
 from session.detect.segments import Segment
 from session.detect.stills import Noise, Still
-from session.io.config import Accelerometer
-from session.io.folder import Session
-from session.io.samples import Samples
+from session.log.config import Accelerometer
+from session.log.folder import Session
+from session.log.samples import Samples
 from tinygc.attitude.earth import EarthRate
 from tinygc.closure.floor import BiasInstability, Floor
 from tinygc.closure.least_squares import StillRates

@@ -15,13 +15,7 @@ from types import SimpleNamespace
 import numpy as np
 from virtual_tables import SimulatedClock, VirtualLink
 
-from session.annexes.machines.description import Description, read_description
-from session.annexes.machines.makes import open_table
-from session.annexes.machines.mechanics import TableErrors
-from session.annexes.machines.safety import Guarded, Move
-from session.annexes.machines.verbs import TableFault
-from session.annexes.machines.virtual import VirtualTable
-from session.annexes.machines.virtual_motion import Fault
+from session.base.units import NS
 from session.bench import frames
 from session.bench.events import Info
 from session.bench.guide import Guide
@@ -29,9 +23,15 @@ from session.bench.guided_session import GuidedRecording
 from session.bench.port import Opened, Received
 from session.bench.recorder import Recorder
 from session.bench.session_file import SessionFile
-from session.io.units import NS
-from tinygc.annexes.machines.recording import TurnedRecording
-from tinygc.annexes.machines.sensor_on_table import SensorOnTable
+from tinygc.features.tables.machines.description import Description, read_description
+from tinygc.features.tables.machines.makes import open_table
+from tinygc.features.tables.machines.mechanics import TableErrors
+from tinygc.features.tables.machines.safety import Guarded, Move
+from tinygc.features.tables.machines.verbs import TableFault
+from tinygc.features.tables.machines.virtual import VirtualTable
+from tinygc.features.tables.machines.virtual_motion import Fault
+from tinygc.features.tables.recording import TurnedRecording
+from tinygc.features.tables.sensor_on_table import SensorOnTable
 from tinygc.planning.coach import Coach
 from tinygc.simulation.options import SimulationOptions, draw_unit
 from tinygc.simulation.simulator import RegisterLog

@@ -8,8 +8,8 @@ import pytest
 from conftest import GRAVITY
 from known_effects import measured_force, movement
 
+from session.base.units import MG, G
 from session.detect.accelerometer import IDENTITY, corrected, fit_lengths, length_columns
-from session.io.units import MG, G
 from tinygc.effects import Movement, catalogue
 from tinygc.estimation.accelerometer import of_lengths
 from tinygc.noise.twin import Twin

@@ -12,6 +12,8 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import f as fisher_f
 from small_turns import numeric_jacobian
 
+from session.base.errors import FormatError
+from session.base.units import MG
 from session.detect.accelerometer import (
     _RUNGS,
     IDENTITY,
@@ -28,9 +30,7 @@ from session.detect.accelerometer import (
     write_calibrated_copy,
 )
 from session.detect.check_references import _check_zero, own_fit
-from session.io.config import Accelerometer, Sensor
-from session.io.errors import FormatError
-from session.io.units import MG
+from session.log.config import Accelerometer, Sensor
 
 MATRIX = np.array([[0.99, 0.01, -0.02], [0, 1.01, 0.005], [0, 0, 0.995]])
 

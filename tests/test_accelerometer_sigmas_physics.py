@@ -9,6 +9,7 @@ from conftest import GRAVITY, config
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
+from session.base.units import MG
 from session.detect.accelerometer import (
     IDENTITY,
     NAMES,
@@ -17,8 +18,7 @@ from session.detect.accelerometer import (
     after,
     units,
 )
-from session.io.config import Accelerometer
-from session.io.units import MG
+from session.log.config import Accelerometer
 from tinygc.estimation.accelerometer import (
     USUAL_SPREAD,
     AccelerometerFit,

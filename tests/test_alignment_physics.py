@@ -27,7 +27,7 @@ from session.detect.truth_alignment import (
     refined,
     ways,
 )
-from session.io.config import (
+from session.log.config import (
     FRAMES,
     ORDERS,
     SENSES,
@@ -40,9 +40,9 @@ from session.io.config import (
     TruthReading,
     down_of,
 )
-from session.io.folder import Session
-from session.io.logfile import Log, Truth
-from session.io.samples import Samples
+from session.log.folder import Session
+from session.log.logfile import Log, Truth
+from session.log.samples import Samples
 
 E = np.eye(3) + 0.01 * np.array([[1, -1, 0.5], [0.3, -0.5, 1], [-0.7, 0.2, 0.7]])
 

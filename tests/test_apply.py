@@ -15,10 +15,10 @@ from scipy.spatial.transform import Rotation
 
 import calibrate
 import tinygc
-from session.io.config import Accelerometer, Sensor
-from session.io.errors import DataError, FormatError
-from session.io.folder import sha256_of
-from session.io.logfile import read_log
+from session.base.errors import DataError, FormatError
+from session.log.config import Accelerometer, Sensor
+from session.log.folder import sha256_of
+from session.log.logfile import read_log
 from tinygc import CalibrationError, models, read_session
 from tinygc.models.denoiser import DenoisedNet
 from tinygc.models.model import accelerometer_table, sensor_table

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 from scipy.stats import multivariate_normal
 
-from session.io.units import DEG, DEG_PER_HOUR, EARTH_RATE_RPS
+from session.base.units import DEG, DEG_PER_HOUR, EARTH_RATE_RPS
 from tinygc.attitude import rotation
 from tinygc.attitude.earth import (
     EarthRate,

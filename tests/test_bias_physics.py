@@ -18,11 +18,11 @@ from scipy.stats import chi2, norm, t
 from small_sessions import EARTH_T, small_session
 from small_turns import PERFECT, TRUE, angles_by_scipy
 
-from session.io.errors import CalibrationError, FitError, FormatError
-from session.io.folder import Session, hash_of_log
-from session.io.logfile import Log, Truth
-from session.io.samples import Samples
-from session.io.units import DEG
+from session.base.errors import CalibrationError, FitError, FormatError
+from session.base.units import DEG
+from session.log.folder import Session, hash_of_log
+from session.log.logfile import Log, Truth
+from session.log.samples import Samples
 from tinygc import models
 from tinygc.closure.floor import wander_covariance
 from tinygc.closure.least_squares import StillRates

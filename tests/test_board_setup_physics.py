@@ -16,13 +16,13 @@ from processes import PATIENCE_S, wait
 from streams import INFO, frame_list, line_list, sent
 from test_stream_physics import board_frame, done_frame
 
+from session.base.errors import DeviceError
 from session.bench import frames, port
 from session.bench.decoder import StreamDecoder
 from session.bench.events import Info
 from session.bench.port import BoardSetup, Closed, Opened, Port, Received, RequestedSettings
 from session.bench.session_file import NAME, SessionFile, toml_text
-from session.io.config import BoardGiven, read_config
-from session.io.errors import DeviceError
+from session.log.config import BoardGiven, read_config
 from tinygc import CalibrationError, read_session
 
 

@@ -15,11 +15,11 @@ import pytest
 from conftest import broad
 from processes import PATIENCE_S, PIPE, refused, started
 
-from session.io import files
-from session.io.dialects import Answers
-from session.io.errors import CalibrationError, FormatError
-from session.io.files import open_file, read_bytes
-from session.io.reader import Reader
+from session.base import files
+from session.base.errors import CalibrationError, FormatError
+from session.base.files import open_file, read_bytes
+from session.log.dialects import Answers
+from session.log.reader import Reader
 from tinygc.cli.commands import present_commands
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -36,11 +36,11 @@ WAITS_S = 300
 CHILD = r"""
 import json, re, signal, sys, time
 from pathlib import Path
-from session.io.errors import CalibrationError
-from session.io.dialects import Answers
-from session.io.reader import Reader
-from session.io.results import read_json
-from session.io.folder import read_session
+from session.base.errors import CalibrationError
+from session.log.dialects import Answers
+from session.log.reader import Reader
+from session.base.results import read_json
+from session.log.folder import read_session
 from session.replay.raw import convert_raw
 
 def as_foreign(path):

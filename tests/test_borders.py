@@ -6,9 +6,9 @@ from conftest import SESSION_TOML, Table
 
 import calibrate
 import tinygc
-from session.io.config import read_config
-from session.io.errors import DataError, FormatError
-from session.io.units import DEG, G
+from session.base.errors import DataError, FormatError
+from session.base.units import DEG, G
+from session.log.config import read_config
 
 pytestmark = pytest.mark.filterwarnings("error")
 SAMPLES = Table().tumble(3).samples(odr_hz=104)

@@ -9,7 +9,7 @@ from conftest import DEG, Table, config, session_of
 from session.detect.bridging import CLIPPED, GAP, bridged, short_gaps
 from session.detect.check_samples import BRIDGED
 from session.detect.first_look import check_session
-from session.io.samples import Samples
+from session.log.samples import Samples
 from tinygc.closure.build import build_problem
 from tinygc.closure.prepared import prepare
 

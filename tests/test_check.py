@@ -10,10 +10,10 @@ from looks import G, look, of, serious, with_sensor
 from processes import as_it_stands
 
 import tinygc
+from session.base.errors import CalibrationError
 from session.detect.findings import Finding, worst
 from session.detect.first_look import check_folder, check_session
-from session.io.config import Accelerometer, LeftOut
-from session.io.errors import CalibrationError
+from session.log.config import Accelerometer, LeftOut
 
 REACH_RPS = 32767 * 17.5e-3 * DEG
 LSB = 0.0175 * DEG

@@ -8,7 +8,7 @@ import pytest
 from scipy.special import expit
 from scipy.stats import chi2, multivariate_normal, t
 
-from session.io.units import DEG, EARTH_RATE_RPS
+from session.base.units import DEG, EARTH_RATE_RPS
 from tinygc.effects import AppliedEffect, Movement, catalogue
 from tinygc.effects.effect import StatedNumbers
 from tinygc.explanation import checked

@@ -9,7 +9,7 @@ from conftest import DEG, Table, session_of
 from numpy.testing import assert_array_equal
 from small_turns import PERFECT, angles_by_scipy, small_turns, turned_ends
 
-from session.io.samples import Samples
+from session.log.samples import Samples
 from tinygc.closure.build import build_problem
 from tinygc.explanation import data_repair
 from tinygc.explanation.clipped_turns import (

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from session.io.clock import exact_ns
-from session.io.errors import DataError
-from session.io.pace import WINDOW, not_caught_up, pace_of
-from session.io.stamps import (
+from session.base.errors import DataError
+from session.log.clock import exact_ns
+from session.log.pace import WINDOW, not_caught_up, pace_of
+from session.log.stamps import (
     COUNTER,
     DAY_NS,
     PARTS,

@@ -10,8 +10,8 @@ from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 from small_turns import numeric_jacobian
 
-from session.io.samples import Samples
-from session.io.units import DEG, EARTH_RATE_RPS
+from session.base.units import DEG, EARTH_RATE_RPS
+from session.log.samples import Samples
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.attitude.earth import vertical_only

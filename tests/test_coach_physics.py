@@ -15,12 +15,12 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
 from scipy.special import j1
 
+from session.base.units import MG
 from session.bench.messages import Progress
 from session.bench.progress import LiveAccelerometerFit
 from session.detect.accelerometer import PARAMETERS, UPPER
 from session.detect.stills import Noise, Still
-from session.io.config import Accelerometer
-from session.io.units import MG
+from session.log.config import Accelerometer
 from tinygc.attitude import rotation
 from tinygc.effects.movement import Movement
 from tinygc.estimation.accelerometer import JOINT_NAMES

@@ -11,7 +11,7 @@ from conftest import DEG
 from scipy import stats
 
 import calibrate
-from session.io.errors import FormatError
+from session.base.errors import FormatError
 from tinygc.estimation.compare import agreement, compare, read_calibrated
 
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from conftest import SESSION_TOML
 
-from session.io.config import Accelerometer, LeftOut, read_config
-from session.io.errors import FormatError
-from session.io.folder import add_exclude, add_notes
-from session.io.units import STANDARD_GRAVITY_MPS2
+from session.base.errors import FormatError
+from session.base.units import STANDARD_GRAVITY_MPS2
+from session.log.config import Accelerometer, LeftOut, read_config
+from session.log.folder import add_exclude, add_notes
 from tinygc import CalibrationError
 from tinygc.reporting.html.markup import render
 

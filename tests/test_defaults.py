@@ -9,7 +9,7 @@ from conftest import SESSION_TOML
 from formats_page import CODE, rows
 from processes import refused
 
-from session.io.config import Site
+from session.log.config import Site
 from tinygc.cli import defaults, recording
 from tinygc.cli.arguments import parser
 from tinygc.cli.commands import COMMANDS

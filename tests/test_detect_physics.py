@@ -46,8 +46,8 @@ from session.detect.dials import without_wrong_dials
 from session.detect.events import clips, plateau, run_bar
 from session.detect.segments import APART_RAD, APART_SHARE, session_segments
 from session.detect.stills import SessionStills, find_stills
-from session.io.logfile import Log
-from session.io.samples import Samples
+from session.log.logfile import Log
+from session.log.samples import Samples
 
 
 @pytest.fixture(scope="module")

@@ -13,9 +13,9 @@ from dialect_logs import EPOCH_NS, OWN, PLAIN, SAMPLES, T_US, TEMP, TOLD, USUAL,
 from written_texts import TEXTS
 
 import calibrate
-from session.io.dialects import Answers
-from session.io.errors import FormatError
-from session.io.units import G
+from session.base.errors import FormatError
+from session.base.units import G
+from session.log.dialects import Answers
 from session.replay.convert import convert
 from tinygc import CalibrationError, read_session
 

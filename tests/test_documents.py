@@ -98,7 +98,7 @@ def test_one_list_leads_to_every_page():
 
 def test_every_helper_of_the_tests_has_its_row():
     rows = "\n".join(re.findall(r"^\| (`[^|]+)", (ROOT / "tests" / "README.md").read_text(encoding="utf-8"), re.M))
-    paths = [path for place in ("*.py", "annexes/*.py") for path in (ROOT / "tests").glob(place) if not path.name.startswith("test_")]
+    paths = [path for place in ("*.py", "features/*/*.py") for path in (ROOT / "tests").glob(place) if not path.name.startswith("test_")]
     assert {name.split("/")[-1] for name in re.findall(r"`([\w/]+\.py)`", rows)} == {path.name for path in paths}
 
 

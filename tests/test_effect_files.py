@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from session.io.units import DEG
+from session.base.units import DEG
 from tinygc import models
 from tinygc.effects import AppliedEffect, Conditions, Effect, EffectError, Parameter, catalogue, effect_of, load_folder, using
 from tinygc.effects.catalogue import having, loaded_folders

@@ -11,7 +11,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.signal import lsim
 from scipy.spatial.transform import Rotation
 
-from session.io.units import EARTH_RATE_RPS
+from session.base.units import EARTH_RATE_RPS
 from tinygc.effects import Effect, EffectError, Movement, NoC, Parameter, Reach, axis_of, catalogue, diagonal, full, largest, signals
 from tinygc.effects.catalogue import tried
 from tinygc.effects.entries.earth_rotation import latitude_deg

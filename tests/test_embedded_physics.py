@@ -27,9 +27,9 @@ from exported_models import (
 )
 from numpy.testing import assert_allclose, assert_array_equal
 
-from session.io.config import Accelerometer
-from session.io.samples import Samples
-from session.io.units import DEG, G
+from session.base.units import DEG, G
+from session.log.config import Accelerometer
+from session.log.samples import Samples
 from tinygc.deploy.embedded.program import COUNT, TOLERANCE, Registers, program, vectors
 from tinygc.deploy.embedded.source import source_files
 from tinygc.deploy.exports import ExportError

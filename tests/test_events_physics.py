@@ -13,8 +13,8 @@ from numpy.testing import assert_allclose
 from scipy import special, stats
 from small_turns import PERFECT, TRUE, angles_by_scipy, small_turns, turned_ends
 
-from session.io.logfile import Bridge, Log
-from session.io.samples import Samples
+from session.log.logfile import Bridge, Log
+from session.log.samples import Samples
 from tinygc import Session
 from tinygc.closure.build import build_problem
 from tinygc.effects import Reach

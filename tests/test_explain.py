@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from formats_page import strangers
 
-from session.io.errors import DataError
-from session.io.siblings import others_beside, recordings_at
-from session.io.units import DEG, G
+from session.base.errors import DataError
+from session.base.units import DEG, G
+from session.log.siblings import others_beside, recordings_at
 from tinygc import SimulationOptions, explain, read_session
 from tinygc.estimation.fit import fit_session
 from tinygc.estimation.options import FitOptions

@@ -30,8 +30,8 @@ from exports_read_back import (
     rates,
 )
 
-from session.io.config import Accelerometer
-from session.io.units import G
+from session.base.units import G
+from session.log.config import Accelerometer
 from tinygc import models
 from tinygc.deploy.calibration import Calibration
 from tinygc.deploy.exports import ExportError, exporter

@@ -12,9 +12,9 @@ from exports_read_back import LINEAR, context
 from noise_records import ACCEL, GYRO, SIGMA, WALKING, axis, figures, sensor
 
 import tinygc
+from session.base.errors import CalibrationError
+from session.base.units import DEG_PER_HOUR, G
 from session.bench.session_file import toml_text
-from session.io.errors import CalibrationError
-from session.io.units import DEG_PER_HOUR, G
 from tinygc.deploy import FORMATS, NOISE_FORMATS
 from tinygc.deploy.exports import ExportError, exporter
 from tinygc.noise.figures import Term, to_json

@@ -11,8 +11,8 @@ from noise_records import axis_of, figures_of
 
 import calibrate
 import tinygc
-from session.io.errors import FitError
-from session.io.units import DEG
+from session.base.errors import FitError
+from session.base.units import DEG
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.models.linear import LinearModel, bias_only
 from tinygc.noise.figures import SensorNoise, to_json

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from session.io import numeric
+from session.base import numeric
 
 
 def test_rows_are_the_decimals_of_any_number():

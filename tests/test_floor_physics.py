@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import norm, truncnorm
 from small_turns import TRUE, angles_by_scipy, numeric_jacobian, small_turns, with_known_angles
 
+from session.base.units import DEG, DEG_PER_HOUR
 from session.detect.stills import Noise, Still
-from session.io.samples import Samples
-from session.io.units import DEG, DEG_PER_HOUR
+from session.log.samples import Samples
 from tinygc import closure
 from tinygc.attitude.earth import EarthRate
 from tinygc.closure.floor import (

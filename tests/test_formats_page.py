@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import get_type_hints
 
 import pytest
-from annex import all_annexes
+from feature import all_features
 from formats_page import CODE, EFFECTS, PAGE, SCHEMA, keys_on_page, rows, section, strangers, told
 
-from session.io.config import Config
+from session.log.config import Config
 from tinygc.effects import catalogue
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -43,7 +43,7 @@ def folder(tmp_path_factory, simulated):
 def test_every_format_of_the_code_has_its_section():
     code = "".join(path.read_text(encoding="utf-8") for part in ("session", "tinygc", "firmware") for path in (ROOT / part).rglob("*.py"))
     assert set(SCHEMA.findall(code)) <= set(SCHEMA.findall(PAGE))
-    if all_annexes():
+    if all_features():
         assert set(SCHEMA.findall(code)) == set(SCHEMA.findall(PAGE))
     for schema in set(SCHEMA.findall(PAGE)) - TOML_AND_FRAMES:
         assert ("schema",) in keys_on_page(schema)

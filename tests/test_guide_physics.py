@@ -12,6 +12,7 @@ from coached_hand import guide_of, offline, play, said, with_hand
 from conftest import DEG, GRAVITY, Table, config
 from scipy import stats
 
+from session.base.units import MDPS, MG, G
 from session.bench import board_clock, live
 from session.bench.board_clock import LEAST, ClockComparison, ClockRatio
 from session.bench.closure_guide import BEGIN, ClosureGuide, Step
@@ -37,8 +38,7 @@ from session.bench.live import (
 from session.bench.messages import SETTLING_S, Advice, Kind, RequestedTurn, Stage
 from session.bench.progress import LiveAccelerometerFit, Window, accepted_turn, fastest_ns
 from session.bench.rawfile import RecordingDecision
-from session.io.samples import Samples
-from session.io.units import MDPS, MG, G
+from session.log.samples import Samples
 
 TWICE = Table().rest(3).turn(120, (1, 0, 0), 3).rest(2.5).turn(90, (0, 1, 0), 3).rest(2.5)
 

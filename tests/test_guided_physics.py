@@ -18,6 +18,7 @@ from streams import INFO as BOARD_INFO
 from streams import frame_list, sent
 from test_stream_physics import HELLO, board_frame, faults_frame
 
+from session.base.errors import FormatError, OtherSensor
 from session.bench.board_clock import ClockRatio
 from session.bench.decoder import StreamDecoder
 from session.bench.events import FAULTS, Comment, FaultCounts, Info, SampleChunk, Trouble, starts_log
@@ -33,8 +34,7 @@ from session.bench.guided_session import (
 from session.bench.messages import Advice, Kind, Stage
 from session.bench.rawfile import RecordingDecision
 from session.bench.rest_guide import RestAnswer, RestGuide
-from session.io.errors import FormatError, OtherSensor
-from session.io.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
+from session.log.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
 from tinygc import CalibrationError
 
 INFO = Info(500.0, 4.0, 208.0, "1")
@@ -317,7 +317,7 @@ REST, BEGIN = Table().rest(6), RecordingDecision("begin", "rest")
 
 
 class Figures:
-    """Stand for the annex: the answer changes when so many samples have come."""
+    """Stand for the feature: the answer changes when so many samples have come."""
 
     def __init__(self, answers=()):
         self.samples, self._answers = 0, dict(answers)

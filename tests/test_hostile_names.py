@@ -10,8 +10,8 @@ import tomllib
 import pytest
 from processes import refused
 
-from session.io.config import read_config
-from session.io.logfile import read_log
+from session.log.config import read_config
+from session.log.logfile import read_log
 from tinygc.cli.arguments import file_written, folder_written, log_written, parser, path_read
 
 #: bytes that are no UTF-8, line ends, a title for the terminal, rich's markup, HTML, a formula

@@ -15,9 +15,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from processes import PIPE, run
 
-from session.io.results import json_text
-from session.io.texts import comment, printable, shell_word, unicode_text
-from session.io.toml import line
+from session.base.results import json_text
+from session.base.texts import comment, printable, shell_word, unicode_text
+from session.base.toml import line
 from tinygc.deploy.exports import FORMATS, exporter
 
 PIECES = [

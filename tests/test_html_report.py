@@ -11,7 +11,7 @@ import pytest
 from html_pages import QUICK, parsed, report_of
 
 import calibrate
-from session.io.units import DEG
+from session.base.units import DEG
 from tinygc import models
 from tinygc.reporting.html import markup
 

@@ -7,11 +7,11 @@ import pytest
 from conftest import DEG, GRAVITY, Table, session_of
 from scipy.spatial.transform import Rotation
 
+from session.base.units import G
 from session.detect.check_samples import IMPACTS
 from session.detect.events import find_impacts
 from session.detect.first_look import check_session
-from session.io.samples import Samples
-from session.io.units import G
+from session.log.samples import Samples
 from tinygc.closure.build import build_problem, restricted
 
 ODR_HZ = 104.0

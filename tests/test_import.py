@@ -13,10 +13,10 @@ from streams import frame_list, sent
 from written_texts import TEXTS, sensor_logger
 
 import tinygc
-from session.io.errors import DataError, FormatError
-from session.io.forms import form_of
-from session.io.questions import QuestionsError
-from session.io.units import TIME, G
+from session.base.errors import DataError, FormatError
+from session.base.questions import QuestionsError
+from session.base.units import TIME, G
+from session.log.forms import form_of
 from session.replay.importing import import_log, kind_named
 from session.replay.sources import Answers
 from tinygc import read_session

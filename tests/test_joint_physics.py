@@ -13,11 +13,11 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 from small_turns import TRUE, angles_by_scipy, numeric_jacobian, small_turns, turns_by_scipy, with_known_angles
 
+from session.base.units import DEG, MG
 from session.detect.accelerometer import NAMES
 from session.detect.segments import Segment
 from session.detect.stills import Noise, Still
-from session.io.folder import Session
-from session.io.units import DEG, MG
+from session.log.folder import Session
 from tinygc.closure.build import tilt_excess
 from tinygc.closure.floor import Floor
 from tinygc.closure.joint import fit_joint, recalibrated

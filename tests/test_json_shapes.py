@@ -6,11 +6,11 @@ import warnings
 
 import numpy as np
 import pytest
-from annex import annex
+from feature import feature
 from models_in_use import KNOWN, LINEAR, MODELS, SAMPLES
 
 import tinygc
-from session.io.errors import FormatError
+from session.base.errors import FormatError
 from tinygc import CalibrationError, models
 from tinygc.effects import AppliedEffect, catalogue
 from tinygc.estimation.results import read_fit
@@ -34,7 +34,7 @@ def places(value, path=()):
 #: what somebody, or a broken disk, may leave in the place of any value
 BAD = (None, "x", True, -1, 1e308, float("nan"), [], {}, [1], 2.5)
 OVER_TEMPERATURE = (np.array([np.eye(3), 1e-4 * np.eye(3)]), np.full((3, 3), 1e-3), np.array([20.0, 0.0, -20.0]), 25.0, (10.0, 40.0))
-OF_ANNEXES = {"thermal": found.ThermalModel(*OVER_TEMPERATURE)} if (found := annex("tinygc.annexes.temperature.model")) else {}
+OF_FEATURES = {"thermal": found.ThermalModel(*OVER_TEMPERATURE)} if (found := feature("tinygc.features.temperature.model")) else {}
 WITH_MORE = {
     "covariance": (1e-6 * np.eye(12)).tolist(),
     "unobserved": ["E_xx"],
@@ -46,7 +46,7 @@ WITH_MORE = {
     "temperature_c": 25.0,
     "accelerometer": {"matrix": np.eye(3).tolist(), "bias_mps2": [0.0] * 3, "source": "given"},
 }
-TABLES = {name: models.to_dict(model) for name, model in (MODELS | OF_ANNEXES).items()}
+TABLES = {name: models.to_dict(model) for name, model in (MODELS | OF_FEATURES).items()}
 TABLES["linear with all that stands beside it"] = models.to_dict(LINEAR) | WITH_MORE
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from conftest import SESSION_TOML, Table, write_session
 
-from session.io.errors import FormatError, SegmentError
-from session.io.units import DEG
+from session.base.errors import FormatError, SegmentError
+from session.base.units import DEG
 from tinygc import CalibrationError, SimulationOptions, fit, read_session, simulate
 
 #: the table of these tests stands in a room that does not turn

@@ -18,7 +18,7 @@ from formats_page import told as command
 
 import calibrate
 import tinygc
-from session.io.units import G
+from session.base.units import G
 from tinygc import CalibrationError
 from tinygc.deploy import FORMATS
 

@@ -8,8 +8,8 @@ import pytest
 from conftest import DEG
 
 import tinygc
-from session.io.config import TruthGiven
-from session.io.units import G
+from session.base.units import G
+from session.log.config import TruthGiven
 from tinygc import CalibrationError, Protocol, Session, Site
 
 ARRAYS = (np.arange(5) / 100, np.zeros((5, 3)), np.tile([0, 0, -G], (5, 1)))

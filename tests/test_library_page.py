@@ -8,7 +8,7 @@ import pytest
 from conftest import ROOT
 
 import tinygc
-from session.io.annexes import SERVICES, is_present
+from session.base.features import SERVICES, is_present
 from tinygc.cli.commands import COMMANDS
 
 PAGE = (ROOT / "docs" / "library.md").read_text(encoding="utf-8")
@@ -40,7 +40,7 @@ def there(dotted: str):
 def test_every_command_has_its_function_on_the_page(command):
     assert command in rows(), f"docs/library.md: the table has no row for {command}"
     if command in SERVICES and not is_present(command):
-        pytest.skip(f"the annex of {command} was removed")
+        pytest.skip(f"the feature of {command} was removed")
     assert callable(there(rows()[command]))
 
 
@@ -48,7 +48,7 @@ def test_every_name_of_the_page_exists():
     """Of tinygc's own names; ``import_log`` belongs to the command ``import``."""
     names = set(re.findall(r"tinygc\.(\w+)\b(?!\.)", PAGE)) - ({"import_log"} if "import" not in COMMANDS else set())
     missing = {name for name in names if not hasattr(tinygc, name)} - {"toml"}
-    assert missing - {"effects", "simulation", "annexes", "cli"} == set()
+    assert missing - {"effects", "simulation", "features", "cli"} == set()
 
 
 def cells(kind: str) -> list[str]:

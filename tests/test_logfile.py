@@ -7,11 +7,11 @@ import pytest
 from conftest import SESSION_TOML
 from dialect_logs import ACCEL_G, ACCELS, GYRO_DPS, GYROS, HEADER, SENSOR, TEMPS, TIMES, G, assert_the_four_readings, read, text_of
 
-from session.io.config import Sensor
-from session.io.dialects import Answers
-from session.io.errors import DataError, FormatError
-from session.io.lines import PIECE_BYTES, Lines
-from session.io.reader import Reader
+from session.base.errors import DataError, FormatError
+from session.log.config import Sensor
+from session.log.dialects import Answers
+from session.log.lines import PIECE_BYTES, Lines
+from session.log.reader import Reader
 from tinygc import CalibrationError, read_session
 
 UNITS = "t_s,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g"

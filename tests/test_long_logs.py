@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from conftest import Table, write_session
 
-from session.io import samples as readings
-from session.io.samples import Samples
+from session.log import samples as readings
+from session.log.samples import Samples
 from tinygc import Session, read_session
 from tinygc.explanation.faulty_readings import find_glitches, without_glitches
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from small_turns import numeric_jacobian
 
-from session.io.errors import FormatError
-from session.io.units import DEG
+from session.base.errors import FormatError
+from session.base.units import DEG
 from tinygc import models
 from tinygc.models.linear import WORDS, LinearModel, field_quantities, field_vector
 from tinygc.models.nets import CalibrationNet

@@ -8,8 +8,8 @@ from models_in_use import MODELS, RNG, physics
 from models_in_use import SAMPLES as WHOLE
 
 import tinygc
-from session.io.samples import Samples
-from session.io.units import G
+from session.base.units import G
+from session.log.samples import Samples
 from tinygc import CalibrationError, models
 from tinygc.deploy.calibration import Calibration
 from tinygc.effects import catalogue

@@ -13,10 +13,10 @@ from conftest import config
 from noise_records import axis_of, figures_of, sensor
 from scipy.stats import chi2, f, norm
 
+from session.base.errors import FormatError
+from session.base.units import DEG
 from session.detect.stills import Still
-from session.io.errors import FormatError
-from session.io.samples import Samples
-from session.io.units import DEG
+from session.log.samples import Samples
 from tinygc.closure.at_rest import MeasuredNoise, NoiseComparison
 from tinygc.closure.floor import GRID_RPS, BiasInstability, allan_freedom
 from tinygc.closure.stills import StillSet

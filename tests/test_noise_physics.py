@@ -16,8 +16,8 @@ from scipy.stats import chi2
 from small_sessions import DPH, attitudes_by_scipy, closure_of, small_session, tilted_stills
 from small_turns import TRUE, angles_by_scipy, numeric_jacobian
 
+from session.base.units import MG, G
 from session.detect.check_time import capped, thinning_exponent
-from session.io.units import MG, G
 from tinygc.closure.floor import BiasInstability, wander_covariance
 from tinygc.noise import whitening
 from tinygc.noise.components import (

@@ -8,12 +8,12 @@ from conftest import Table, session_of
 from looks import look, of, with_sensor
 
 import tinygc
-from session.io.errors import FormatError
-from session.io.sensors.profile import CLOCK_WITHIN
+from session.base.errors import FormatError
+from session.log.sensors.profile import CLOCK_WITHIN
 from tinygc import FitOptions, read_session
-from tinygc.annexes.budget.quantities import sensor_error_budgets
 from tinygc.estimation.assembly import CLOCK
 from tinygc.estimation.fit import fit_session
+from tinygc.features.unit.budget.quantities import sensor_error_budgets
 
 TRUE_HZ, NOMINAL_HZ = 52.7, 50.0
 

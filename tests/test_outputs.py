@@ -10,8 +10,8 @@ import processes
 import pytest
 from processes import refused
 
-from session.io.errors import StorageError
-from session.io.results import write_text_whole
+from session.base.errors import StorageError
+from session.base.results import write_text_whole
 from tinygc.cli import arguments
 from tinygc.cli.commands import command_module, present_commands
 

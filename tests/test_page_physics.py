@@ -21,14 +21,14 @@ from conftest import DEG, Table
 from processes import PATIENCE_S, until
 from rich.console import Console
 
+from session.base.errors import CalibrationError
 from session.bench.messages import Advice, GuideMessage, Kind, RequestedTurn, Stage
 from session.bench.operator import LONGEST_NOTE, Keyboard, _OperatorCommand, _TypingLine
 from session.bench.page import server as page_server
 from session.bench.page.server import PageServer
 from session.bench.page.state import Attitude, PageView, closure_deg, exp, inverse, multiply, rotated
 from session.bench.screen import view
-from session.io.errors import CalibrationError
-from session.io.samples import Samples
+from session.log.samples import Samples
 
 # The picture.
 

@@ -11,9 +11,9 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 import calibrate
+from session.base.errors import FormatError
 from session.detect.accelerometer import IDENTITY, NAMES, PARAMETERS, corrected, units
 from session.detect.check_references import with_own_accelerometer
-from session.io.errors import FormatError
 from tinygc import SimulationOptions, read_session
 from tinygc.closure.build import build_problem
 from tinygc.closure.prior import vague

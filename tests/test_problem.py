@@ -7,9 +7,9 @@ import pytest
 from conftest import GRAVITY, Table, session_of, write_session
 from scipy.spatial.transform import Rotation
 
+from session.base.errors import DataError, SegmentError
+from session.base.units import DEG, EARTH_RATE_RPS
 from session.detect.segments import FEWEST_SEGMENTS
-from session.io.errors import DataError, SegmentError
-from session.io.units import DEG, EARTH_RATE_RPS
 from tinygc import closure, read_session
 from tinygc.closure.build import build_problem
 from tinygc.closure.floor import DIALS

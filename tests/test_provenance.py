@@ -2,7 +2,7 @@
 
 import hashlib
 
-from session.io.folder import input_hashes, sha256_of
+from session.log.folder import input_hashes, sha256_of
 from tinygc import read_session
 from tinygc.estimation.results import versions
 

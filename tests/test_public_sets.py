@@ -17,7 +17,7 @@ from benchmarks.public.__main__ import main
 from benchmarks.public.euroc import to_down
 from benchmarks.public.mimu import read_frames
 from benchmarks.public.xsens import ACCEL_PER_MPS2, BY_IMU_TK, GYRO_PER_RPS
-from session.io.units import DEG, G
+from session.base.units import DEG, G
 from tinygc import read_session
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from session.io.numeric import held_for, new_readings, sigma_of, sigma_of_steps, smallest_step
-from session.io.samples import PackedReadings, Packer, inserted, mapped, pick, pieces, replaced, times
+from session.base.numeric import held_for, new_readings, sigma_of, sigma_of_steps, smallest_step
+from session.log.samples import PackedReadings, Packer, inserted, mapped, pick, pieces, replaced, times
 
 RNG = np.random.default_rng(8)
 
@@ -101,7 +101,7 @@ def test_rows_are_put_in_as_numpy_puts_them_in():
 
 
 def test_a_column_is_converted_in_parts_to_the_same_numbers(monkeypatch):
-    monkeypatch.setattr("session.io.samples.AT_ONCE", 400)
+    monkeypatch.setattr("session.log.samples.AT_ONCE", 400)
     whole = RNG.integers(-3000, 3000, (1000, 3)).astype(np.int16)
     found = packed(whole).mapped(times(0.5))
     assert_array_equal(np.asarray(found), whole * 0.5)

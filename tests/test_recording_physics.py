@@ -22,6 +22,7 @@ from processes import PATIENCE_S, until
 from recording_wires import caught_up, make_wire, record, replayed, send
 from streams import INFO, decode, frame_list, line_list, samples, sent
 
+from session.base.errors import DeviceError, StorageError
 from session.bench import frames, rawfile
 from session.bench.events import Comment, Info, SampleChunk, Trouble
 from session.bench.logwriter import SHORT_STARTS, LogWriter
@@ -39,7 +40,6 @@ from session.bench.rawfile import (
     said_cut,
 )
 from session.bench.recorder import BLOCK, Recorder
-from session.io.errors import DeviceError, StorageError
 from tinygc.simulation.terminal import Terminal
 
 wire = pytest.fixture(make_wire, name="wire")

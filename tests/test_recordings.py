@@ -8,7 +8,7 @@ import pytest
 from conftest import ROOT
 
 import tinygc
-from session.io.units import DEG
+from session.base.units import DEG
 
 
 @cache

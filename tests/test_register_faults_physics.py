@@ -9,10 +9,10 @@ import pytest
 from conftest import DEG, config
 from numpy.testing import assert_allclose, assert_array_equal
 
+from session.base.numeric import MEDIAN_SIGMAS
 from session.detect import bridging
-from session.io.logfile import Bridge, Log
-from session.io.numeric import MEDIAN_SIGMAS
-from session.io.samples import Samples
+from session.log.logfile import Bridge, Log
+from session.log.samples import Samples
 from tinygc import Session
 from tinygc.explanation import faulty_readings
 from tinygc.explanation.faulty_readings import (

@@ -10,7 +10,7 @@ import pytest
 from conftest import DEG, SESSION_TOML, Table, write_session
 from formats_page import strangers
 
-from session.io.errors import CalibrationError, FitError
+from session.base.errors import CalibrationError, FitError
 from session.replay.repair import repair
 from tinygc import read_session
 from tinygc.closure.build import build_problem

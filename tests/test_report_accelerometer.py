@@ -9,7 +9,7 @@ import pytest
 from html_pages import parsed
 
 import tinygc
-from session.io.units import MG
+from session.base.units import MG
 from tinygc.estimation.sources import coverage_factor, effective_freedom
 from tinygc.estimation.verdict import decide
 from tinygc.reporting.html.page import page

@@ -7,9 +7,9 @@ import pytest
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from session.io.errors import FormatError
-from session.io.requirements import GROUPS, GUARDED, QUANTITIES, SIMPLE, Requirements, Rule, read_requirements
-from session.io.units import DEG
+from session.base.errors import FormatError
+from session.base.units import DEG
+from session.log.requirements import GROUPS, GUARDED, QUANTITIES, SIMPLE, Requirements, Rule, read_requirements
 from tinygc.estimation.choice import AgainstRaw
 from tinygc.estimation.compare import _frame_angle
 from tinygc.estimation.requirements import (

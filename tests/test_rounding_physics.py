@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
+from session.base.units import DEG
 from session.detect import rounding
-from session.io.units import DEG
 
 
 @pytest.mark.parametrize("sigma", [0.0, 0.05, 0.2, 0.4])

@@ -9,6 +9,7 @@ import pytest
 from conftest import config
 from numpy.testing import assert_allclose
 
+from session.base.units import DEG, NS
 from session.detect.segments import (
     FoundTurn,
     _find_known_turns,
@@ -25,11 +26,10 @@ from session.detect.segments import (
     without_excluded,
 )
 from session.detect.stills import LogStills, Noise, Still
-from session.io.config import LeftOut
-from session.io.folder import Session
-from session.io.logfile import KnownTurn, Log
-from session.io.samples import Samples
-from session.io.units import DEG, NS
+from session.log.config import LeftOut
+from session.log.folder import Session
+from session.log.logfile import KnownTurn, Log
+from session.log.samples import Samples
 
 G = 9.8
 

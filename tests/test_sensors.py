@@ -9,12 +9,12 @@ import pytest
 from conftest import DEG, ROOT, SESSION_TOML, Table, session_of
 from looks import look, of, serious, with_sensor
 
+from session.base.errors import FormatError
 from session.bench.session_file import toml_text
 from session.detect.events import accel_reach_g, gyro_reach_dps
-from session.io.config import Sensor, read_config
-from session.io.errors import FormatError
-from session.io.logfile import read_log
-from session.io.registers import PROFILES, RegisterUnits, profile_of
+from session.log.config import Sensor, read_config
+from session.log.logfile import read_log
+from session.log.registers import PROFILES, RegisterUnits, profile_of
 from tinygc import read_session
 from tinygc.deploy.embedded.program import Registers
 

@@ -12,7 +12,7 @@ import pytest
 from session.bench.board_clock import ClockRatio
 from session.bench.events import Info
 from session.bench.session_file import SessionFile, toml_text
-from session.io.config import read_config
+from session.log.config import read_config
 from tinygc import CalibrationError
 
 INFO = Info(500.0, 4.0, 425.98, 'S/N "7"\\')
@@ -91,7 +91,7 @@ def test_a_board_that_says_nothing_is_waited_for_and_then_the_user_is_believed(t
     assert like.configure(None, 3.1).sensor.gyro_fs_dps == 500
 
 
-@pytest.mark.parametrize("module", ["session.io.folder", "session.bench.session_file"])
+@pytest.mark.parametrize("module", ["session.log.folder", "session.bench.session_file"])
 def test_what_a_file_said_is_known_from_the_moment_that_somebody_can_remove_it(module, tmp_path, monkeypatch):
     """The folder goes in the very moment in which the file, or its note, gets its name."""
     folder, saved = tmp_path / "s", tmp_path / "saved"
@@ -110,4 +110,4 @@ def test_what_a_file_said_is_known_from_the_moment_that_somebody_can_remove_it(m
     saved.mkdir()
     file.save_copy(saved)
     assert [(saved / "session.toml").read_text()] == texts
-    assert ("Mara" in texts[0]) == (module == "session.io.folder")
+    assert ("Mara" in texts[0]) == (module == "session.log.folder")

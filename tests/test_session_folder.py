@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from conftest import SESSION_TOML, Table, write_session
 
+from session.base.errors import FormatError
 from session.detect.first_look import check_session
 from session.detect.stills import SessionStills
-from session.io.errors import FormatError
 from tinygc import read_session
 from tinygc.closure.build import build_problem
 

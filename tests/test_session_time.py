@@ -12,9 +12,9 @@ from models_in_use import KNOWN, LINEAR, NET, SAMPLES, physics
 
 import calibrate
 import tinygc
-from session.io.config import Sensor
-from session.io.logfile import read_log
-from session.io.units import DEG
+from session.base.units import DEG
+from session.log.config import Sensor
+from session.log.logfile import read_log
 from tinygc import CalibrationError, SimulationOptions, models
 from tinygc.deploy.calibration import Calibration
 from tinygc.effects import AppliedEffect, catalogue

@@ -10,7 +10,7 @@ from scipy.signal import butter, lfilter
 
 from session.detect.rest_noise import Lines, RestSpectrum, Share, _coherent_share, lines_of, slope_of, spectra
 from session.detect.signatures import _NEW_ZERO, FILTER, TRACKED, check_signatures
-from session.io.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
+from session.log.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
 
 ZERO = np.array([0.56, -0.28, 0.42])
 

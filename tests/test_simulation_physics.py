@@ -10,10 +10,10 @@ from conftest import DEG, product, turned
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
+from session.base.errors import FormatError
+from session.base.units import EARTH_RATE_RPS
 from session.detect.stills import find_stills
-from session.io.errors import FormatError
-from session.io.registers import gyro_rps_per_lsb
-from session.io.units import EARTH_RATE_RPS
+from session.log.registers import gyro_rps_per_lsb
 from tinygc import CalibrationError, SimulationOptions, read_session
 from tinygc.simulation import simulator, write
 from tinygc.simulation.movement import earth_rate_table, hand_plan, move, table_to_body

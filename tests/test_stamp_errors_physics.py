@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose
 from scipy.signal import savgol_filter
 from scipy.spatial.transform import Rotation
 
+from session.base.units import DEG, NS
 from session.detect.stamp_errors import (
     StampErrors,
     _about_lines,
@@ -17,8 +18,7 @@ from session.detect.stamp_errors import (
     rate_pieces,
     stamp_errors,
 )
-from session.io.samples import Samples
-from session.io.units import DEG, NS
+from session.log.samples import Samples
 from tinygc import closure
 from tinygc.closure.floor import stamp_variance
 from tinygc.closure.residual import Batch

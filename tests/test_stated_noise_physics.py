@@ -12,8 +12,8 @@ from scipy.stats import chi2, t
 from small_sessions import attitudes_by_scipy, small_session
 from small_turns import TRUE, angles_by_scipy, numeric_jacobian
 
+from session.base.units import DEG, EARTH_RATE_RPS, MG
 from session.detect.stills import BLOCK_S, NOISE_BLOCKS
-from session.io.units import DEG, EARTH_RATE_RPS, MG
 from tinygc.closure.build import with_still_bias
 from tinygc.closure.floor import (
     DIALS,

@@ -8,6 +8,7 @@ from conftest import Table, session_of
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
+from session.base.units import DEG, NS
 from session.detect import stills
 from session.detect.stills import (
     _CHUNK_BLOCKS,
@@ -25,9 +26,8 @@ from session.detect.stills import (
     noise_variance,
     unused_rests,
 )
-from session.io.config import Accelerometer
-from session.io.samples import Samples
-from session.io.units import DEG, NS
+from session.log.config import Accelerometer
+from session.log.samples import Samples
 
 #: within a block of eight: neither mean nor slope, and a variance of 8/7
 PATTERN = np.array([1, -1, -1, 1, 1, -1, -1, 1])

@@ -31,7 +31,7 @@ from session.bench.events import (
 from session.bench.guide import samples_of
 from session.bench.logwriter import LogWriter
 from session.bench.text_stream import _parse_decimals, _parse_lines, parse_comment, parse_info
-from session.io.registers import RegisterUnits
+from session.log.registers import RegisterUnits
 
 # Frames, byte by byte.
 

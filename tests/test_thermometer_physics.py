@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from conftest import SESSION_TOML
 
-from session.io.config import Sensor
-from session.io.logfile import read_log
-from session.io.rests import read_rest
-from session.io.thermometer import _EXCURSION_C, _FENCE, _MOST_AT_ONCE, Sound, degrees_by, failed, grid_with
+from session.log.config import Sensor
+from session.log.logfile import read_log
+from session.log.rests import read_rest
+from session.log.thermometer import _EXCURSION_C, _FENCE, _MOST_AT_ONCE, Sound, degrees_by, failed, grid_with
 from tinygc import read_session
 
 SENSOR = Sensor("ASM330LHH", "42", 13.0, 500.0, 4.0)

@@ -8,10 +8,10 @@ import pytest
 from conftest import DEG
 from truth_sessions import BIAS_DPS, Wrong, made, write
 
+from session.base.errors import FormatError
 from session.detect.check_references import with_aligned_truth
 from session.detect.first_look import check_session
-from session.io.errors import FormatError
-from session.io.logfile import read_truth
+from session.log.logfile import read_truth
 from tinygc import read_session, simulate
 from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import fit_least_squares

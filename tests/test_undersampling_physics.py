@@ -12,8 +12,8 @@ from looks import G
 from session.detect.check_time import _missed_of_turns, check_undersampling
 from session.detect.segments import cut_segments
 from session.detect.stills import Noise, Still
-from session.io.logfile import Log
-from session.io.samples import Samples
+from session.log.logfile import Log
+from session.log.samples import Samples
 
 #: Hz of the fine grid, and fine samples of a turn and of the rest on either side of it
 FINE_HZ, TURN, REST = 2000, 5120, 2560

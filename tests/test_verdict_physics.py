@@ -11,10 +11,10 @@ from numpy.testing import assert_allclose
 from scipy import stats
 from scipy.linalg import block_diag
 
+from session.base.errors import FitError
+from session.base.units import DEG, DEG_PER_HOUR, MG
 from session.detect.accelerometer import NAMES as ACCELEROMETER
-from session.io.config import Accelerometer, NominalRate
-from session.io.errors import FitError
-from session.io.units import DEG, DEG_PER_HOUR, MG
+from session.log.config import Accelerometer, NominalRate
 from tinygc.closure.floor import wander_covariance
 from tinygc.closure.uncertainty import GoodnessOfFit
 from tinygc.estimation import systematic

@@ -13,8 +13,8 @@ from processes import PATIENCE_S
 
 import calibrate
 from session.detect.check_samples import check_copies
-from session.io.logfile import Log
-from session.io.samples import Samples
+from session.log.logfile import Log
+from session.log.samples import Samples
 from tinygc import CalibrationError, SimulationOptions
 from tinygc.simulation.simulator import simulate_session
 from tinygc.simulation.terminal import Terminal

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from session.io.units import DEG
+from session.base.units import DEG
 from tinygc import SimulationOptions, simulate
 from tinygc.closure.build import build_problem
 from tinygc.noise.channels import within_stills

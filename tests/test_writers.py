@@ -18,17 +18,17 @@ from failing_calls import FAULTS, Writer, contents, tried
 from streams import frame_list, sent
 
 import tinygc
+from session.base.errors import CalibrationError
+from session.base.files import is_stream, naming
+from session.base.results import write_text_whole, write_whole
 from session.bench import rawfile
 from session.bench.events import SampleChunk
 from session.bench.logwriter import LogWriter
 from session.bench.rawfile import RawFile
 from session.bench.session_file import SessionFile
 from session.detect.accelerometer import write_calibrated_copy
-from session.io.config import Accelerometer
-from session.io.errors import CalibrationError
-from session.io.files import is_stream, naming
-from session.io.folder import add_board, add_notes
-from session.io.results import write_text_whole, write_whole
+from session.log.config import Accelerometer
+from session.log.folder import add_board, add_notes
 from tinygc.deploy.apply import opened
 from tinygc.reporting.pictures.canvas import save
 from tinygc.simulation.options import SimulationOptions
@@ -228,7 +228,7 @@ def test_the_bytes_are_on_the_disk_before_they_get_their_name(tmp_path, monkeypa
 @pytest.mark.parametrize("name", ["/dev/stdout"])
 def test_a_file_that_a_shell_has_opened_is_added_to(tmp_path, name):
     (tmp_path / "notes").write_text("mine\n")
-    code = f"from session.io.results import write_text_whole as w; from pathlib import Path; w(Path({name!r}), 'a page')"
+    code = f"from session.base.results import write_text_whole as w; from pathlib import Path; w(Path({name!r}), 'a page')"
     with (tmp_path / "notes").open("ab") as file:
         subprocess.run([sys.executable, "-c", code], stdout=file, check=True, cwd=ROOT)
     assert (tmp_path / "notes").read_text() == "mine\na page"
@@ -257,7 +257,7 @@ LASTS = {name.rpartition(".")[2] for name in BY_NAME} | {"open"}
 CANDIDATE = re.compile(rf"\b({'|'.join(LASTS - {'replace'})})\(|\.replace\((?![^,\n()]*,)")
 #: who gives a recording's own file another name, moves within a folder that is being made, or cuts off a half line
 ELSEWHERE = {
-    "session/annexes/machines/driver.py": {"os.truncate"},
+    "tinygc/features/tables/machines/driver.py": {"os.truncate"},
     "session/bench/logwriter.py": {"rename"},
     "session/bench/rawfile.py": {"rename"},
     "session/replay/convert.py": {"rename"},
@@ -280,11 +280,11 @@ def written_by(call):
 
 
 def test_files_are_written_in_one_place():
-    """A new writer goes through ``session.io.files``, which follows no link and loses nothing."""
+    """A new writer goes through ``session.base.files``, which follows no link and loses nothing."""
     found = {}
     for path in (*ROOT.glob("session/**/*.py"), *ROOT.glob("tinygc/**/*.py"), ROOT / "calibrate.py"):
         where, text = path.relative_to(ROOT).as_posix(), path.read_text(encoding="utf-8")
-        if where != "session/io/files.py" and CANDIDATE.search(text):
+        if where != "session/base/files.py" and CANDIDATE.search(text):
             calls = [each for each in ast.walk(ast.parse(text)) if isinstance(each, ast.Call)]
             names = set().union(*map(written_by, calls)) - ELSEWHERE.get(where, set())
             found |= {where: names} if names else {}

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from dialect_logs import inertial, make
 
-from session.io.errors import StorageError
-from session.io.files import naming, result_folder
-from session.io.results import write_text_whole
+from session.base.errors import StorageError
+from session.base.files import naming, result_folder
+from session.base.results import write_text_whole
 
 
 @pytest.fixture

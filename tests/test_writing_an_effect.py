@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from annex import annex
+from feature import feature
 
 from tinygc.effects import Effect, load_folder, using
 from tinygc.effects.effect import PAIRS
@@ -15,7 +15,7 @@ from tinygc.effects.testing import check
 from tinygc.noise.twin import READ
 
 PAGE = (Path(__file__).parents[1] / "docs" / "writing-an-effect.md").read_text(encoding="utf-8")
-needs_proofs = pytest.mark.skipif(annex("tinygc.annexes.challenge") is None, reason="the annex that proves effects is not there")
+needs_proofs = pytest.mark.skipif(feature("tinygc.features.challenge") is None, reason="the feature that proves effects is not there")
 TRUTH = np.array([0.01, -0.006, 0.008])
 
 

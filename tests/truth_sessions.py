@@ -9,9 +9,9 @@ import numpy as np
 from conftest import DEG, Table
 from scipy.spatial.transform import Rotation
 
-from session.io.config import Accelerometer, Config, Protocol, Sensor, Site, TruthGiven, TruthReading
-from session.io.logfile import Log, Truth
-from session.io.samples import Samples
+from session.log.config import Accelerometer, Config, Protocol, Sensor, Site, TruthGiven, TruthReading
+from session.log.logfile import Log, Truth
+from session.log.samples import Samples
 from tinygc import Session
 
 BIAS_DPS = (0.5, -0.3, 0.6)

@@ -11,16 +11,16 @@ from typing import Protocol
 
 import numpy as np
 
-from session.annexes.machines.clocks import Clock
-from session.annexes.machines.description import Axis, Description
-from session.annexes.machines.makefile import read_make
-from session.annexes.machines.makes import open_table
-from session.annexes.machines.safety import Guarded, Move
-from session.annexes.machines.virtual import VirtualTable
-from session.annexes.machines.virtual_makes import FIRMWARE, Firmware
-from session.annexes.machines.virtual_motion import Fault
-from session.annexes.machines.wire import PRESS, LineLost
-from session.io.units import DEG
+from session.base.units import DEG
+from tinygc.features.tables.machines.clocks import Clock
+from tinygc.features.tables.machines.description import Axis, Description
+from tinygc.features.tables.machines.makefile import read_make
+from tinygc.features.tables.machines.makes import open_table
+from tinygc.features.tables.machines.safety import Guarded, Move
+from tinygc.features.tables.machines.virtual import VirtualTable
+from tinygc.features.tables.machines.virtual_makes import FIRMWARE, Firmware
+from tinygc.features.tables.machines.virtual_motion import Fault
+from tinygc.features.tables.machines.wire import PRESS, LineLost
 
 #: s between two looks for bytes
 POLL_S = 0.01

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from session.io.samples import Samples
-from session.io.units import DEG, G
+from session.base.units import DEG, G
+from session.log.samples import Samples
 
 Files = list[tuple[str, bytes]]
 EPOCH_NS = 1_732_600_000 * 10**9

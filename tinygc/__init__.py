@@ -41,7 +41,7 @@ Records:
     Why               verdict, effects and findings (FoundEffect), noise, pictures
     Simulated         a session with its truth
     Calibration       a model in use: omega = model(raw)
-    ArraySession, ThermalFit, TurnFit   of the annexes arrays, temperature and turntable
+    ArraySession, ThermalFit, TurnFit   of the features arrays, temperature and turntable
     CalibrationError  whatever is wrong with data or arguments, in one line; FormatError, DataError and FitError are kinds of it
 
 Conventions (frames, signs, units, shapes) are those of ``session``'s docstring.  The commands of ``calibrate.py`` call these functions
@@ -69,16 +69,16 @@ if not hasattr(_session, "VERSION") or os.path.dirname(os.path.dirname(_found)) 
     )
 
 if TYPE_CHECKING:
+    from session.base.errors import CalibrationError as CalibrationError
+    from session.base.errors import DataError as DataError
+    from session.base.errors import FitError as FitError
+    from session.base.errors import FormatError as FormatError
     from session.detect.findings import Finding as Finding
-    from session.io.config import Accelerometer as Accelerometer
-    from session.io.config import Protocol as Protocol
-    from session.io.config import Site as Site
-    from session.io.errors import CalibrationError as CalibrationError
-    from session.io.errors import DataError as DataError
-    from session.io.errors import FitError as FitError
-    from session.io.errors import FormatError as FormatError
-    from session.io.folder import Session as Session
-    from session.io.folder import read_session as read_session
+    from session.log.config import Accelerometer as Accelerometer
+    from session.log.config import Protocol as Protocol
+    from session.log.config import Site as Site
+    from session.log.folder import Session as Session
+    from session.log.folder import read_session as read_session
     from tinygc.deploy.calibration import Calibration as Calibration
     from tinygc.deploy.calibration import load as load
     from tinygc.estimation.accelerometer import AccelerometerFit as AccelerometerFit
@@ -132,9 +132,9 @@ __version__ = _session.VERSION
 #: module -> the public names that stand there
 _HOMES = {
     "session.detect.findings": ("Finding",),
-    "session.io.config": ("Accelerometer", "Protocol", "Site"),
-    "session.io.errors": ("CalibrationError", "DataError", "FitError", "FormatError"),
-    "session.io.folder": ("Session", "read_session"),
+    "session.log.config": ("Accelerometer", "Protocol", "Site"),
+    "session.base.errors": ("CalibrationError", "DataError", "FitError", "FormatError"),
+    "session.log.folder": ("Session", "read_session"),
     "tinygc.deploy.calibration": ("Calibration", "load"),
     "tinygc.estimation.accelerometer": ("AccelerometerFit",),
     "tinygc.estimation.choice": ("ClosureFigures",),
@@ -160,8 +160,8 @@ _HOMES = {
     "tinygc.library.watch": ("watch",),
     "tinygc.simulation.options": ("SimulationOptions",),
 }
-#: name -> the service of the annex that has it
-_OF_ANNEXES = {
+#: name -> the service of the feature that has it
+_OF_FEATURES = {
     "ArraySession": "recordings of arrays",
     "ThermalFit": "calibrations over temperature",
     "TurnFit": "known turns of a gyroscope alone",
@@ -172,10 +172,10 @@ _OF_ANNEXES = {
 
 def __getattr__(name: str) -> Any:
     module = next((importlib.import_module(home) for home, names in _HOMES.items() if name in names), None)
-    if name in _OF_ANNEXES:
-        from session.io.annexes import find
+    if name in _OF_FEATURES:
+        from session.base.features import find
 
-        module = find(_OF_ANNEXES[name])
+        module = find(_OF_FEATURES[name])
     if module is None:
         raise AttributeError(f"module 'tinygc' has no attribute {name!r}")
     value = globals()[name] = getattr(module, name)
@@ -183,4 +183,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted(["__doc__", "__version__", *_OF_ANNEXES, *(name for names in _HOMES.values() for name in names)])
+    return sorted(["__doc__", "__version__", *_OF_FEATURES, *(name for names in _HOMES.values() for name in names)])

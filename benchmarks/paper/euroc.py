@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 from public.euroc import write_sequences, write_training_windows
 
+from session.base.units import DEG
 from session.detect.truth_segments import moments_inside
-from session.io.folder import read_session
-from session.io.logfile import Truth
-from session.io.samples import Samples
-from session.io.units import DEG
+from session.log.folder import read_session
+from session.log.logfile import Truth
+from session.log.samples import Samples
 from tinygc.attitude import rotation
 from tinygc.attitude.rotation import steps
 from tinygc.closure.build import build_problem

@@ -10,8 +10,8 @@ from common import markdown
 from public.euroc import write_sequences, write_training_windows
 
 from paper.euroc import EUROC
-from session.io.folder import read_session
-from session.io.units import DEG, MG
+from session.base.units import DEG, MG
+from session.log.folder import read_session
 from tinygc.closure.build import build_problem
 from tinygc.estimation.bias import level_days
 from tinygc.explanation.truth_engine import explain_truth

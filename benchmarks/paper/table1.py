@@ -16,7 +16,7 @@ from public.euroc import true_bias_rps
 from scipy.optimize import minimize
 
 from paper.euroc import EUROC, TEST, Euroc
-from session.io.units import DEG
+from session.base.units import DEG
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.estimation import denoiser
 from tinygc.estimation.bias_of_day import _from_start, from_gravity

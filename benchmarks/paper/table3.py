@@ -13,8 +13,8 @@ import numpy as np
 from closure_table import CLOSURE_S, RECORDINGS, TITLES, fit_model, rms
 from common import in_parallel, markdown, simulated, with_heading
 
-from session.io.folder import Session, read_session
-from session.io.units import DEG
+from session.base.units import DEG
+from session.log.folder import Session, read_session
 from tinygc.closure.build import build_problem
 from tinygc.closure.runs import read_closure_runs
 from tinygc.estimation.choice import run_figures

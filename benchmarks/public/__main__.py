@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 
-from session.io.errors import CalibrationError
+from session.base.errors import CalibrationError
 
 #: each a module with ``write(source, out, given)``; given: whether the accelerometer is as the authors give it, or from stills
 SETS = ("xsens", "mikov", "mimu", "euroc", "imucal", "tofupilot", "broad", "repoimu", "sundevil", "adis16405", "phones")

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from session.io.errors import FormatError
-from session.io.units import NS_PER_S
+from session.base.errors import FormatError
+from session.base.units import NS_PER_S
 
 from .writing import AGAIN, LOG, TRUTH, found, rows, write_folder
 

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from session.io.errors import FormatError
-from session.io.files import read_npz
-from session.io.logfile import of_length_1
-from session.io.units import NS_PER_S
+from session.base.errors import FormatError
+from session.base.files import read_npz
+from session.base.units import NS_PER_S
+from session.log.logfile import of_length_1
 
 from .writing import AGAIN, Table, found, rows, rows_of_numbers, write_folder
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from session.io.errors import FormatError
-from session.io.files import read_npz
+from session.base.errors import FormatError
+from session.base.files import read_npz
 
 from .writing import AGAIN, LOG, found, rows, write_folder
 

@@ -21,10 +21,10 @@ from pathlib import Path
 
 import numpy as np
 
-from session.annexes.turntable.folder import GyroLog, write_turn_session
-from session.io.errors import FormatError
-from session.io.logfile import KnownTurn
-from session.io.units import DEG, NS_PER_S
+from session.base.errors import FormatError
+from session.base.units import DEG, NS_PER_S
+from session.log.logfile import KnownTurn
+from tinygc.features.turns.folder import GyroLog, write_turn_session
 
 from .writing import AGAIN, found, text_of
 

@@ -10,13 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
+from session.base.errors import FormatError, SegmentError
+from session.base.units import STANDARD_GRAVITY_MPS2
 from session.detect.accelerometer import REMARK, _with_section, fit_lengths, force_of, times_of, why_not
 from session.detect.stills import find_stills, references
-from session.io.config import Accelerometer
-from session.io.errors import FormatError, SegmentError
-from session.io.folder import read_session
-from session.io.samples import Samples
-from session.io.units import STANDARD_GRAVITY_MPS2
+from session.log.config import Accelerometer
+from session.log.folder import read_session
+from session.log.samples import Samples
 
 LOG, TRUTH, REST = "log0001.csv.gz", "truth0001.csv.gz", "rest0001.csv.gz"
 AGAIN = "download it again"

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
+from session.base.errors import FormatError
 from session.detect.accelerometer import section
-from session.io.config import Accelerometer
-from session.io.errors import FormatError
+from session.log.config import Accelerometer
 
 from .writing import AGAIN, LOG, found, rows_of_numbers, write_folder
 

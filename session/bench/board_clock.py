@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from session.io.config import HOST_CLOCK
-from session.io.units import NS
+from session.base.units import NS
+from session.log.config import HOST_CLOCK
 
 # Bytes arrive late by a random delay, never early.  So of each stretch of host time only the arrival with the least delay counts, and of
 # some stretches together the least of these: the slope of a line through 10 such moments is the clock's rate.  Its sigma is that by their

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from enum import Enum
 
+from session.base.units import DEG, NS
 from session.bench.live import TurnInProgress
 from session.bench.messages import Instruction, Kind, Stage
 from session.bench.rawfile import RecordingDecision
 from session.detect.segments import RETURN_RAD, run_ends
 from session.detect.stills import MIN_STILL_FRACTION, find_stills
-from session.io.config import Protocol, Sensor
-from session.io.samples import Samples, joined
-from session.io.units import DEG, NS
+from session.log.config import Protocol, Sensor
+from session.log.samples import Samples, joined
 
 WAIT_S = 8.0  #: a table that is untouched for so long is on its mark
 #: shortest still at either end, as a part of the planned time: the noise is measured on the quietest twentieth of a log

@@ -12,7 +12,7 @@ from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
 from rich.text import Text
 
-from session.io.texts import printable
+from session.base.texts import printable
 
 
 def one_line(text: str, style: str = "", end: str = "") -> Text:

@@ -9,8 +9,8 @@ from functools import cached_property
 
 import numpy as np
 
-from session.io.texts import SENSOR_NAME, STANDIN_NAME
-from session.io.units import BEYOND, DEG, WORDS, G
+from session.base.texts import SENSOR_NAME, STANDIN_NAME
+from session.base.units import BEYOND, DEG, WORDS, G
 
 # Columns of a text stream: a sensor's registers, or physical units, as its header states (docs/formats.md).
 

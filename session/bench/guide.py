@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from itertools import groupby
 from typing import Protocol as Interface
 
+from session.base.units import DEG, NS, WORDS
 from session.bench.closure_guide import MARK_WORDS, ClosureGuide
 from session.bench.events import Event, SampleChunk, joined_chunk
 from session.bench.live import CHECK_S, MotionBlock, StreamHealth, TurnInProgress, Wait
@@ -14,9 +15,8 @@ from session.bench.progress import AcceptedData, LiveAccelerometerFit, PresentLo
 from session.bench.rawfile import RecordingDecision
 from session.detect.segments import moved_at
 from session.detect.stills import MIN_STILL_FRACTION, Still
-from session.io.config import Config, Protocol, Sensor
-from session.io.samples import Samples
-from session.io.units import DEG, NS, WORDS
+from session.log.config import Config, Protocol, Sensor
+from session.log.samples import Samples
 
 
 def joined_chunks(events: Iterable[Event | RecordingDecision]) -> Iterator[Event | RecordingDecision]:

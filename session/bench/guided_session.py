@@ -12,6 +12,8 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 
+from session.base.errors import CalibrationError, OtherSensor, StorageError
+from session.base.texts import printable
 from session.bench.board_clock import OFF
 from session.bench.closure_guide import BEGIN
 from session.bench.events import (
@@ -38,10 +40,8 @@ from session.bench.progress import LiveAccelerometerFit
 from session.bench.rawfile import RecordingDecision
 from session.bench.recorder import Recorder
 from session.bench.session_file import SessionFile
-from session.io.config import NO_SERIAL, Config, clock_words
-from session.io.errors import CalibrationError, OtherSensor, StorageError
-from session.io.samples import Samples
-from session.io.texts import printable
+from session.log.config import NO_SERIAL, Config, clock_words
+from session.log.samples import Samples
 
 # The board's messages about its sensor, in words: faults when their counts rise, a stand-in once.
 

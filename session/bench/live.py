@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from session.base.numeric import sigma_of
+from session.base.units import DEG, MDPS, MG, NS, STANDARD_GRAVITY_MPS2, G
 from session.bench.board_clock import ClockRatio
 from session.bench.messages import AcceptedTurn
 from session.detect.stills import (
@@ -22,10 +24,8 @@ from session.detect.stills import (
     block_size,
     noise_variance,
 )
-from session.io.numeric import sigma_of
-from session.io.pace import GAP_PERIODS, Pace
-from session.io.samples import Samples
-from session.io.units import DEG, MDPS, MG, NS, STANDARD_GRAVITY_MPS2, G
+from session.log.pace import GAP_PERIODS, Pace
+from session.log.samples import Samples
 
 # Stillness as it happens, in blocks of 0.1 s, by the limits of ``session.detect.stills``.  It guides the operator; whether a still counts
 # is decided by ``find_stills`` (``Window``), as it will be for the recorded log.

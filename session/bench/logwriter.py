@@ -8,11 +8,11 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from session.base.errors import FormatError, StorageError
 from session.bench.decoder import StreamDecoder
 from session.bench.events import BoardStatus, Comment, Event, FaultCounts, Info, SampleChunk, StreamFormat, Trouble, starts_log
 from session.bench.rawfile import GrowingFile, Mark, put_aside
 from session.bench.text_stream import parse_info
-from session.io.errors import FormatError, StorageError
 
 # The log files (docs/formats.md).  A reset of the device, or a new connection, starts a new file, since device time restarts.
 

@@ -9,11 +9,11 @@ from math import inf
 
 import numpy as np
 
+from session.base.units import DEG
 from session.detect.segments import Segment
 from session.detect.stills import Noise, Still
-from session.io.config import Accelerometer
-from session.io.samples import Samples
-from session.io.units import DEG
+from session.log.config import Accelerometer
+from session.log.samples import Samples
 
 
 class Stage(Enum):

@@ -16,12 +16,12 @@ from enum import Enum
 from http import HTTPStatus
 from typing import TYPE_CHECKING, Any
 
+from session.base.errors import CalibrationError, StorageError
 from session.bench.closure_guide import BEGIN
 from session.bench.guide import Guide
 from session.bench.messages import GuideMessage, Kind, Stage
 from session.bench.rawfile import RecordingDecision
 from session.bench.recorder import Recorder
-from session.io.errors import CalibrationError, StorageError
 
 if TYPE_CHECKING:
     from session.bench.session_file import SessionFile

@@ -18,12 +18,12 @@ import numpy as np
 import serial
 from serial.tools import list_ports
 
+from session.base.errors import CalibrationError, DeviceError
+from session.base.texts import command_line
 from session.bench import frames
 from session.bench.decoder import StreamDecoder
 from session.bench.events import STANDIN, BoardStatus, CommandResult, Info
 from session.bench.rawfile import is_locked
-from session.io.errors import CalibrationError, DeviceError
-from session.io.texts import command_line
 
 if TYPE_CHECKING:
     from serial.tools.list_ports_common import ListPortInfo

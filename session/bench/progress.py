@@ -7,15 +7,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from session.base.units import MG, NS
 from session.bench.live import CHECK_S, FEWEST, MotionBlock, Stillness, TurnInProgress, stream_problem
 from session.bench.messages import AcceptedTurn, Coverage, Progress
 from session.detect.accelerometer import attitudes_of, fit_lengths
 from session.detect.segments import Segment, cut_segments
 from session.detect.stills import MIN_STILL_FRACTION, Noise, Still, block_size, find_stills
-from session.io.config import Accelerometer, Protocol, Sensor
-from session.io.pace import Pace
-from session.io.samples import Samples, joined
-from session.io.units import MG, NS
+from session.log.config import Accelerometer, Protocol, Sensor
+from session.log.pace import Pace
+from session.log.samples import Samples, joined
 
 # The samples since the last reference stills.  ``find_stills`` and ``cut_segments`` examine them here as they will examine the recorded
 # log, so a turn that the guide accepts is a segment in ``fit``.

@@ -22,9 +22,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from session.io.errors import FormatError, StorageError
-from session.io.files import created, open_file, open_written
-from session.io.texts import unicode_text
+from session.base.errors import FormatError, StorageError
+from session.base.files import created, open_file, open_written
+from session.base.texts import unicode_text
 
 # File locks: the system releases them with the process that holds them, however it ends.
 

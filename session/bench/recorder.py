@@ -12,13 +12,13 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import BinaryIO
 
+from session.base.files import open_file
 from session.bench.board_clock import ClockComparison
 from session.bench.decoder import StreamDecoder
 from session.bench.events import Event, SampleChunk, Trouble, starts_log
 from session.bench.logwriter import FOREIGN, WORD, BoardRouter, LogWriter, other_board
 from session.bench.port import BoardSetup, Closed, Opened, Port, Received, RequestedSettings, is_virtual
 from session.bench.rawfile import RAW, Mark, RawFile, RecordingDecision, decision_of, name_kept, read_events
-from session.io.files import open_file
 
 #: bytes decoded at once; the caller may stop between two such pieces
 BLOCK = 1 << 16

@@ -13,8 +13,8 @@ from session.bench.guide import REST, Guide
 from session.bench.live import CEILING_S, MotionBlock, Stillness
 from session.bench.messages import GuideMessage, Instruction, Kind, Stage
 from session.bench.rawfile import RecordingDecision
-from session.io.config import Protocol
-from session.io.samples import Samples
+from session.log.config import Protocol
+from session.log.samples import Samples
 
 BEGIN_REST = RecordingDecision("begin", REST)
 #: between two warnings that the board moves: a table that trembles all night makes a page of them, not a hundred

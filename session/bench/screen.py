@@ -14,12 +14,12 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
+from session.base.texts import printable
 from session.bench.console import PlainConsole
 from session.bench.guide import Guide
 from session.bench.live import StreamHealth
 from session.bench.messages import GuideMessage, Kind, Stage
 from session.bench.rest_guide import RestGuide
-from session.io.texts import printable
 
 BELLS = {Kind.READY: 1, Kind.ACCEPTED: 1, Kind.REJECTED: 2, Kind.WARNING: 2, Kind.DONE: 3}
 STYLES = {Kind.READY: "green", Kind.ACCEPTED: "green", Kind.REJECTED: "red", Kind.WARNING: "yellow", Kind.DONE: "bold green"}

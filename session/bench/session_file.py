@@ -10,17 +10,17 @@ from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
+from session.base.errors import CalibrationError, FormatError, OtherSensor, StorageError
+from session.base.files import MOST_TOML, read_bytes, replaced, write_new
+from session.base.texts import SENSOR_NAME
+from session.base.toml import Note, parse_toml, setting
 from session.bench.board_clock import ClockRatio
 from session.bench.events import CHIPS, SENSOR, STANDIN, BoardStatus, Info
 from session.bench.port import RequestedSettings
-from session.io.config import Accelerometer, Config, LeftOut, Protocol, Sensor, Site, TruthGiven, clock_words, config_of, read_config
-from session.io.errors import CalibrationError, FormatError, OtherSensor, StorageError
-from session.io.files import MOST_TOML, read_bytes, replaced, write_new
-from session.io.folder import add_board, add_exclude, add_notes, set_sensor
-from session.io.registers import DEFAULT, profile_of
-from session.io.texts import SENSOR_NAME
-from session.io.toml import Note, parse_toml, setting
-from session.io.written import toml_text
+from session.log.config import Accelerometer, Config, LeftOut, Protocol, Sensor, Site, TruthGiven, clock_words, config_of, read_config
+from session.log.folder import add_board, add_exclude, add_notes, set_sensor
+from session.log.registers import DEFAULT, profile_of
+from session.log.written import toml_text
 
 # ``session.toml`` of a recording: the user's own file is used as it is; without one it is written from the board's info.
 

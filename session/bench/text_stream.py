@@ -13,8 +13,8 @@ from unicodedata import category
 
 import numpy as np
 
+from session.base.texts import printable
 from session.bench.events import COLUMNS, REGISTERS, Comment, Info, ModeChangeBudget, RemarkBudget, StreamFormat, parse_header
-from session.io.texts import printable
 
 LONGEST_LINE = 512
 SHAPING = "Cf"  #: Unicode's category of characters that only shape, join or reverse others

@@ -10,14 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
+from session.base.errors import FormatError
+from session.base.files import MOST_TOML, copy_new, folder_whole, read_text, require_empty, write_new
+from session.base.numeric import sigma_of
+from session.base.toml import parse_toml
+from session.base.units import DEG, MG
 from session.detect.stills import Still
-from session.io.config import Accelerometer
-from session.io.errors import FormatError
-from session.io.files import MOST_TOML, copy_new, folder_whole, read_text, require_empty, write_new
-from session.io.numeric import sigma_of
-from session.io.samples import Samples, start_times
-from session.io.toml import parse_toml
-from session.io.units import DEG, MG
+from session.log.config import Accelerometer
+from session.log.samples import Samples, start_times
 
 # The nine numbers of a triad of accelerometers, and which of them a recording can tell.
 #

@@ -9,15 +9,15 @@ from itertools import product as every
 
 import numpy as np
 
+from session.base.numeric import smallest_step
+from session.base.units import DEG, MDPS, NS
 from session.detect.findings import Axes, Correction, Finding
 from session.detect.segments import Ends
 from session.detect.stills import Still, references
-from session.io.config import Config, Sensor, product
-from session.io.logfile import Log
-from session.io.numeric import smallest_step
-from session.io.samples import Samples
-from session.io.sensors.profile import Profile
-from session.io.units import DEG, MDPS, NS
+from session.log.config import Config, Sensor, product
+from session.log.logfile import Log
+from session.log.samples import Samples
+from session.log.sensors.profile import Profile
 
 # Does the gyroscope see the turns that the accelerometer sees?  The search for wrong axes, signs and sensitivities.
 #

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from session.base.numeric import runs_of
+from session.base.units import DEG, NS
 from session.detect.events import register_end_dps
-from session.io.config import Sensor
-from session.io.logfile import Bridge
-from session.io.numeric import runs_of
-from session.io.pace import not_caught_up
-from session.io.samples import Samples, inserted, once, pieces, replaced
-from session.io.units import DEG, NS
+from session.log.config import Sensor
+from session.log.logfile import Bridge
+from session.log.pace import not_caught_up
+from session.log.samples import Samples, inserted, once, pieces, replaced
 
 # What was not read, from its neighbours: a polynomial across the gap, of the order that crosses this recording's own movement best.
 #

@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from session.base.errors import CalibrationError
+from session.base.units import DEG, MG
 from session.detect.accelerometer import SCALES, LengthFit, ZeroDrift, fit_lengths, force_of, times_of, why_not
 from session.detect.dials import angles_between, down_of_dials
 from session.detect.findings import Finding, axes_text, xyz_text
 from session.detect.segments import FoundTurn, LogSegments, Segment, angle_read, contradiction
 from session.detect.stills import SessionStills, references
 from session.detect.truth_segments import cut_at_truth
-from session.io.config import FOUND, GIVEN, Config, Sensor, TruthAlignment, TruthGiven, down_of
-from session.io.errors import CalibrationError
-from session.io.folder import Session
-from session.io.logfile import NAME, Log, Truth, TruthOutage
-from session.io.units import DEG, MG
+from session.log.config import FOUND, GIVEN, Config, Sensor, TruthAlignment, TruthGiven, down_of
+from session.log.folder import Session
+from session.log.logfile import NAME, Log, Truth, TruthOutage
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation

@@ -12,22 +12,22 @@ from typing import Any
 
 import numpy as np
 
+from session.base.errors import DataError
+from session.base.numeric import held_for, new_readings, runs_of, smallest_step
+from session.base.texts import SENSOR_NAME, STANDIN_NAME
+from session.base.units import DEG, MDPS, MG, NS, G
 from session.detect.bridging import CLIPPED, GAP, MOST, bridged, short_gaps
 from session.detect.events import JUMP_G, LEAST_RUN, accel_reach_g, find_impacts, gyro_reach_dps, plateau, run_bar
 from session.detect.findings import Correction, Finding, axes_text
 from session.detect.segments import Ends, why_broken
 from session.detect.stamp_errors import JITTER, angle_rms, stamp_errors
 from session.detect.stills import Noise, Still, noise_floor
-from session.io.config import Sensor
-from session.io.errors import DataError
-from session.io.folder import Session
-from session.io.logfile import Bridge, Log
-from session.io.numeric import held_for, new_readings, runs_of, smallest_step
-from session.io.pace import GAP_PERIODS
-from session.io.samples import Samples, pick, pieces
-from session.io.stamps import along_line
-from session.io.texts import SENSOR_NAME, STANDIN_NAME
-from session.io.units import DEG, MDPS, MG, NS, G
+from session.log.config import Sensor
+from session.log.folder import Session
+from session.log.logfile import Bridge, Log
+from session.log.pace import GAP_PERIODS
+from session.log.samples import Samples, pick, pieces
+from session.log.stamps import along_line
 
 # Checks of one log by itself: gaps, registers, temperature, and what its comments say.  Each returns findings.
 

@@ -7,19 +7,19 @@ from pathlib import Path
 
 import numpy as np
 
+from session.base.errors import CalibrationError
+from session.base.units import DEG, MDPS, MG, STANDARD_GRAVITY_MPS2, G
 from session.detect.accelerometer import APART_RAD, attitudes_of, force_of
 from session.detect.events import knocked
 from session.detect.findings import Correction, Finding, xyz_text
 from session.detect.rest_noise import RestSpectrum, rest_spectrum
 from session.detect.segments import LEAPS, FoundTurn, LogSegments, why_too_few
 from session.detect.stills import Noise, Still, UnusedRest, noise_floor, references
-from session.io.config import Config, Sensor
-from session.io.errors import CalibrationError
-from session.io.logfile import Log
-from session.io.rests import RestLog, read_rest
-from session.io.samples import Samples
-from session.io.sensors.profile import Profile
-from session.io.units import DEG, MDPS, MG, STANDARD_GRAVITY_MPS2, G
+from session.log.config import Config, Sensor
+from session.log.logfile import Log
+from session.log.rests import RestLog, read_rest
+from session.log.samples import Samples
+from session.log.sensors.profile import Profile
 
 # Checks of what a log's still phases show: their number, the noise, the zero-rate level, the length of gravity.
 

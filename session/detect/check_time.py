@@ -8,15 +8,15 @@ from itertools import pairwise
 
 import numpy as np
 
+from session.base.units import DEG, NS
 from session.detect.axes import share_of_stretch
 from session.detect.findings import Correction, Finding
 from session.detect.segments import Ends
 from session.detect.stamp_errors import RATE_CHANGES, RatePiece, rate_pieces
 from session.detect.stills import Noise, Still, noise_floor
-from session.io.config import Config, Sensor
-from session.io.logfile import Log
-from session.io.samples import Samples
-from session.io.units import DEG, NS
+from session.log.config import Config, Sensor
+from session.log.logfile import Log
+from session.log.samples import Samples
 
 # Checks of time itself: the data rate by the stamps, stamps that were counted and not measured, a time column in another unit.
 

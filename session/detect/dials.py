@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from session.base.units import DEG, NS
 from session.detect.findings import Finding
 from session.detect.segments import APART_RAD, APART_SHARE, LogSegments, Segment
 from session.detect.stills import Still
-from session.io.folder import ATTITUDES, Session
-from session.io.samples import Samples
-from session.io.units import DEG, NS
+from session.log.folder import ATTITUDES, Session
+from session.log.samples import Samples
 
 DIAL_ROW, DIAL_TURN = "dial reading", "dials against gyro"
 #: the median of the length of two, and of three, normal errors, in their standard deviations

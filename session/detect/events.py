@@ -9,12 +9,12 @@ from math import ceil, log, pi, sqrt
 
 import numpy as np
 
-from session.io.config import Sensor
-from session.io.numeric import runs_of
-from session.io.rests import RestLog
-from session.io.samples import Samples, pieces
-from session.io.sensors.profile import REGISTER_MAX, REGISTER_SPAN
-from session.io.units import DEG, G
+from session.base.numeric import runs_of
+from session.base.units import DEG, G
+from session.log.config import Sensor
+from session.log.rests import RestLog
+from session.log.samples import Samples, pieces
+from session.log.sensors.profile import REGISTER_MAX, REGISTER_SPAN
 
 # Readings that stand at a limit: the register's end, or a level that the sensor does not leave.
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from session.io.errors import DataError
-from session.io.texts import printable
+from session.base.errors import DataError
+from session.base.texts import printable
 
 LEVELS = ("ok", "note", "warning", "error")
 

@@ -12,6 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
+from session.base.errors import CalibrationError
+from session.base.names import CLOCKS, TURNS, log_paths
+from session.base.units import NS
 from session.detect.axes import check_axes, check_gravity_moves
 from session.detect.check_references import check_dials, check_known_turns, check_truth, with_aligned_truth, with_own_accelerometer
 from session.detect.check_samples import (
@@ -50,13 +53,10 @@ from session.detect.findings import Finding, as_arguments, worst
 from session.detect.segments import FEWEST_SEGMENTS, Ends, Segment, cut_segments, known_turns, moments_of, session_segments
 from session.detect.signatures import FILTER, check_signatures, explains_others
 from session.detect.stills import Noise, SessionStills, Still, UnusedRest, references
-from session.io.config import HOST_CLOCK, Config, read_config
-from session.io.errors import CalibrationError
-from session.io.folder import Session, read_session
-from session.io.logfile import Log, read_log
-from session.io.names import CLOCKS, TURNS, log_paths
-from session.io.samples import Samples, extremes, mapped, times
-from session.io.units import NS
+from session.log.config import HOST_CLOCK, Config, read_config
+from session.log.folder import Session, read_session
+from session.log.logfile import Log, read_log
+from session.log.samples import Samples, extremes, mapped, times
 
 __all__ = ["Finding", "check_folder", "check_session", "first_look", "worst"]
 

@@ -14,7 +14,7 @@ from statistics import NormalDist
 import numpy as np
 
 from session.detect.stills import BLOCK_S, Still, block_size, references
-from session.io.samples import Samples
+from session.log.samples import Samples
 
 #: s of a section of a still, tried in turn; and sections that are enough: a coherence of 0.2 shows, with three predictors
 SECTION_S = (4.0, 2.0, 1.0, 0.5)

@@ -10,14 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
+from session.base.texts import command_line
+from session.base.units import DEG, NS
 from session.detect.events import clips, gyro_reach_dps
 from session.detect.stills import LogStills, SessionStills, Still, references
-from session.io.config import LeftOut, Protocol, Sensor
-from session.io.folder import Session
-from session.io.logfile import KnownTurn, Log
-from session.io.samples import Samples
-from session.io.texts import command_line
-from session.io.units import DEG, NS
+from session.log.config import LeftOut, Protocol, Sensor
+from session.log.folder import Session
+from session.log.logfile import KnownTurn, Log
+from session.log.samples import Samples
 
 # Segments: from the middle of one still to the middle of the next.
 #
@@ -39,7 +39,7 @@ class Segment:
 
     number counts from 0 over all logs; turn_start, turn_stop bound the movement; note says what is unusual; problem says why it is
     not used, or is None; breaks_yaw: integrating it tells nothing of the attitude after it.  first and last are None between moments of
-    a truth file (``session/io/logfile.py``).
+    a truth file (``session/log/logfile.py``).
     """
 
     number: int

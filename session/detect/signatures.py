@@ -10,19 +10,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from session.base.errors import FormatError
+from session.base.numeric import held_for, new_readings, runs_of, sigma_of
+from session.base.units import DEG, MDPS, G
 from session.detect.axes import agreement
 from session.detect.events import FULL_SCALE_ROUNDING, gyro_reach_dps
 from session.detect.findings import Finding, axes_text, xyz_text
 from session.detect.rounding import lsb_of, rounding_variance
 from session.detect.stills import Blocks, block_moments, measure, quiet_runs
-from session.io.config import Sensor
-from session.io.errors import FormatError
-from session.io.logfile import Log
-from session.io.numeric import held_for, new_readings, runs_of, sigma_of
-from session.io.registers import PROFILES
-from session.io.samples import Samples
-from session.io.sensors.profile import REGISTER_MAX
-from session.io.units import DEG, MDPS, G
+from session.log.config import Sensor
+from session.log.logfile import Log
+from session.log.registers import PROFILES
+from session.log.samples import Samples
+from session.log.sensors.profile import REGISTER_MAX
 
 #: readings of a log that are looked at for what shows in every part of it
 MOST = 1 << 18

@@ -14,11 +14,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from session.base.units import NS
 from session.detect.bridging import short_gaps
-from session.io.pace import GAP_PERIODS, LOST
-from session.io.samples import Samples, once, pieces
-from session.io.stamps import lasting_gaps
-from session.io.units import NS
+from session.log.pace import GAP_PERIODS, LOST
+from session.log.samples import Samples, once, pieces
+from session.log.stamps import lasting_gaps
 
 #: findings on stamps that err: a likelier cause of whatever is left than any effect
 JITTER, RATE_CHANGES = STAMPS = "jitter", "rate changes"

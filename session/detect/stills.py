@@ -8,11 +8,11 @@ from functools import cached_property
 
 import numpy as np
 
-from session.io.folder import Session
-from session.io.logfile import Log
-from session.io.numeric import runs_of, sigma_of, weighted_median
-from session.io.samples import Samples, once
-from session.io.units import DEG, NS
+from session.base.numeric import runs_of, sigma_of, weighted_median
+from session.base.units import DEG, NS
+from session.log.folder import Session
+from session.log.logfile import Log
+from session.log.samples import Samples, once
 
 # Short blocks of samples and their moments: the data for stillness and noise.
 

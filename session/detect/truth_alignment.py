@@ -10,7 +10,8 @@ from itertools import product as combinations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from session.io.config import (
+from session.base.units import DEG, NS, NS_PER_S
+from session.log.config import (
     ASSUMED,
     FOUND,
     FRAMES,
@@ -25,10 +26,9 @@ from session.io.config import (
     product,
     quaternion,
 )
-from session.io.folder import Session
-from session.io.logfile import Truth
-from session.io.samples import Samples
-from session.io.units import DEG, NS, NS_PER_S
+from session.log.folder import Session
+from session.log.logfile import Truth
+from session.log.samples import Samples
 
 # Short spans between moments of truth, and what the gyro makes of them at any offset of the truth's clock.
 

@@ -8,14 +8,14 @@ import numpy as np
 from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
 
+from session.base.numeric import runs_of
+from session.base.solving import solve
+from session.base.units import NS
 from session.detect.truth_alignment import AlignedLog, Carried, Spans, align, carried, inverse, product, span_rows, vector
-from session.io.config import TruthReading
-from session.io.folder import Session
-from session.io.logfile import Log, Truth, TruthOutage
-from session.io.numeric import runs_of
-from session.io.samples import Samples
-from session.io.solving import solve
-from session.io.units import NS
+from session.log.config import TruthReading
+from session.log.folder import Session
+from session.log.logfile import Log, Truth, TruthOutage
+from session.log.samples import Samples
 
 # How far truth and gyro part: between moments about a tenth of a second apart, in units of what is usual at such a movement.
 #

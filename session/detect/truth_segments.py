@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from session.base.errors import DataError
+from session.base.numeric import runs_of
+from session.base.units import DEG, NS, NS_PER_S
 from session.detect.segments import LONGEST_TURN_SEGMENTS, Segment, why_broken
-from session.io.config import Protocol, Sensor
-from session.io.errors import DataError
-from session.io.logfile import Truth
-from session.io.numeric import runs_of
-from session.io.samples import Samples
-from session.io.units import DEG, NS, NS_PER_S
+from session.log.config import Protocol, Sensor
+from session.log.logfile import Truth
+from session.log.samples import Samples
 
 # Rests: phases in which a vehicle stands, though its motors may shake it.
 #

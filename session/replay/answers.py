@@ -9,19 +9,19 @@ from pathlib import Path
 
 import numpy as np
 
+from session.base.errors import DataError
+from session.base.numeric import held_for, new_readings, runs_of
+from session.base.questions import Question, QuestionsError
+from session.base.units import DEG, G
 from session.bench.session_file import ASSUMED, UNKNOWN
 from session.detect.axes import EXPLAINED, agreement
 from session.detect.stills import find_stills
-from session.io.arrays import USUAL_DPS, USUAL_G
-from session.io.config import Sensor
-from session.io.dialects import Answers
-from session.io.errors import DataError
-from session.io.numeric import held_for, new_readings, runs_of
-from session.io.questions import Question, QuestionsError
-from session.io.registers import DEFAULT, nearest_name, profile_of, require_profile
-from session.io.samples import Samples, pieces
-from session.io.standard import OWN
-from session.io.units import DEG, G
+from session.log.arrays import USUAL_DPS, USUAL_G
+from session.log.config import Sensor
+from session.log.dialects import Answers
+from session.log.registers import DEFAULT, nearest_name, profile_of, require_profile
+from session.log.samples import Samples, pieces
+from session.log.standard import OWN
 from session.replay.join import LEAST_GRAVITY, Joined, join
 from session.replay.sources import Source, Sources
 

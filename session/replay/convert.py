@@ -10,26 +10,26 @@ from typing import Any
 
 import numpy as np
 
+from session.base.errors import CalibrationError, FormatError
+from session.base.files import MOST_TOML, copy_new, created, folder_whole, read_bytes, read_text, require_empty, write_new
+from session.base.names import log_paths
+from session.base.numeric import formatted_rows
+from session.base.questions import QuestionsError
+from session.base.texts import command_line, comment
+from session.base.toml import line, setting
+from session.base.units import NS, TIME, endings
 from session.bench.session_file import UNKNOWN
 from session.detect.findings import Finding
 from session.detect.first_look import check_folder
-from session.io.clock import TOLD
-from session.io.config import Sensor, read_config
-from session.io.dialects import AXES, Answers
-from session.io.errors import CalibrationError, FormatError
-from session.io.files import MOST_TOML, copy_new, created, folder_whole, read_bytes, read_text, require_empty, write_new
-from session.io.logfile import CALIBRATED, read_log
-from session.io.names import log_paths
-from session.io.numeric import formatted_rows
-from session.io.pace import pace_of
-from session.io.questions import QuestionsError
-from session.io.registers import profile_of, require_registers
-from session.io.stamps import fresh
-from session.io.standard import OWN, flags_of
-from session.io.texts import command_line, comment
-from session.io.toml import line, setting
-from session.io.units import NS, TIME, endings
-from session.io.written import LATITUDE_REMOVES, OPTIONAL_SITE
+from session.log.clock import TOLD
+from session.log.config import Sensor, read_config
+from session.log.dialects import AXES, Answers
+from session.log.logfile import CALIBRATED, read_log
+from session.log.pace import pace_of
+from session.log.registers import profile_of, require_registers
+from session.log.stamps import fresh
+from session.log.standard import OWN, flags_of
+from session.log.written import LATITUDE_REMOVES, OPTIONAL_SITE
 from session.replay.answers import (
     ASSUMED_RANGE,
     BY_GRAVITY,

@@ -7,12 +7,12 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from session.io.budget import current
-from session.io.errors import FormatError
-from session.io.files import read_bytes, write_new
-from session.io.forms import Number, flattened
-from session.io.headings import plain
-from session.io.rows import MOST_SENSORS, SENSORS
+from session.base.budget import current
+from session.base.errors import FormatError
+from session.base.files import read_bytes, write_new
+from session.log.forms import Number, flattened
+from session.log.headings import plain
+from session.log.rows import MOST_SENSORS, SENSORS
 
 #: of the first bytes: how far from their end a document may seem broken, since they cut it
 NEAR_END = 200

@@ -8,12 +8,12 @@ from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
-from session.io.annexes import find, need
-from session.io.budget import budget
-from session.io.dialects import DIALECTS, Answers
-from session.io.errors import FormatError
-from session.io.forms import EXAMPLES
-from session.io.standard import OWN
+from session.base.budget import budget
+from session.base.errors import FormatError
+from session.base.features import find, need
+from session.log.dialects import DIALECTS, Answers
+from session.log.forms import EXAMPLES
+from session.log.standard import OWN
 from session.replay.convert import Converted, convert
 from session.replay.raw import convert_raw, is_raw, refuse_of_logs
 from session.replay.sources import BY_NAMES, head_of
@@ -35,7 +35,7 @@ def import_log(
     """Make a session folder of a log; out: None for one with the log's name, in the folder where one works.
 
     header: of a port's bytes as text; array_by: the column whose values tell the units of an array; turns: the known turns of a gyroscope
-    alone; most_memory: bytes that reading may take (session/io/budget.py).  Raises FormatError and DataError, QuestionsError for all that
+    alone; most_memory: bytes that reading may take (session/base/budget.py).  Raises FormatError and DataError, QuestionsError for all that
     the log does not say, StorageError.
     """
     if most_memory is not None:

@@ -7,15 +7,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from session.io.budget import current
-from session.io.dialects import Layout
-from session.io.errors import DataError, FormatError
-from session.io.pace import pace_of
-from session.io.reader import Piece
-from session.io.samples import Growing
-from session.io.stamps import COARSE, TWICE, UNCOUNTED, along_line, counted, evenly, fresh, written_once
-from session.io.thermometer import Sound
-from session.io.units import G
+from session.base.budget import current
+from session.base.errors import DataError, FormatError
+from session.base.units import G
+from session.log.dialects import Layout
+from session.log.pace import pace_of
+from session.log.reader import Piece
+from session.log.samples import Growing
+from session.log.stamps import COARSE, TWICE, UNCOUNTED, along_line, counted, evenly, fresh, written_once
+from session.log.thermometer import Sound
 from session.replay.sources import Source, StreamSource
 
 #: beyond this many of its own periods a second file's neighbours are too far apart to read between them

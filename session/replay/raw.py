@@ -9,6 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
+from session.base.errors import CalibrationError, FormatError
+from session.base.files import MB, copy_new, folder_whole, open_file, require_empty
+from session.base.questions import QuestionsError
+from session.base.texts import command_line
 from session.bench.decoder import StreamDecoder
 from session.bench.frames import cannot_be_told
 from session.bench.logwriter import FOREIGN, LogWriter, said_not_logged
@@ -16,15 +20,11 @@ from session.bench.rawfile import said_cut
 from session.bench.recorder import BLOCK, stream
 from session.bench.session_file import ASSUMED, NAME, PATIENCE_S, SessionFile
 from session.detect.first_look import check_folder
-from session.io.config import read_config
-from session.io.dialects import Answers
-from session.io.errors import CalibrationError, FormatError
-from session.io.files import MB, copy_new, folder_whole, open_file, require_empty
-from session.io.logfile import read_log
-from session.io.questions import QuestionsError
-from session.io.reader import Reader
-from session.io.standard import OWN
-from session.io.texts import command_line
+from session.log.config import read_config
+from session.log.dialects import Answers
+from session.log.logfile import read_log
+from session.log.reader import Reader
+from session.log.standard import OWN
 from session.replay.convert import Converted
 from session.replay.sources import head_of
 from session.replay.took import said_port

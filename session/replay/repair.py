@@ -14,17 +14,17 @@ from pathlib import Path
 from typing import Any
 
 from session import VERSION
+from session.base.errors import DataError, FormatError
+from session.base.files import MOST_TOML, copy_new, folder_whole, read_text, replaced
+from session.base.names import log_paths, refuse_array
+from session.base.results import write_whole
+from session.base.toml import setting
+from session.base.units import ENDINGS, WORDS
 from session.detect.findings import Axes, Correction, Finding
 from session.detect.first_look import check_folder
-from session.io.config import read_config
-from session.io.errors import DataError, FormatError
-from session.io.files import MOST_TOML, copy_new, folder_whole, read_text, replaced
-from session.io.folder import sha256_of
-from session.io.lines import Lines
-from session.io.names import log_paths, refuse_array
-from session.io.results import write_whole
-from session.io.toml import setting
-from session.io.units import ENDINGS, WORDS
+from session.log.config import read_config
+from session.log.folder import sha256_of
+from session.log.lines import Lines
 
 # From findings to a copy.
 #

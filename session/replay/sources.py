@@ -17,18 +17,18 @@ from typing import Protocol
 
 import numpy as np
 
-from session.io.annexes import find
-from session.io.budget import budget, current
-from session.io.dialects import DIALECTS, Answers, Layout, Triad, three
-from session.io.errors import FormatError
-from session.io.files import MOST_ARCHIVE, open_file, unreadable, write_new
-from session.io.forms import EXAMPLES
-from session.io.lines import STANDARD
-from session.io.questions import Question, QuestionsError, all_of
-from session.io.reader import Piece, Reader
-from session.io.recognise import CHOICES, NO_TIME, OTHER, parse_axes
-from session.io.streams import Stream, Topic
-from session.io.units import Unit, beyond_any_sensor, known, parse_unit
+from session.base.budget import budget, current
+from session.base.errors import FormatError
+from session.base.features import find
+from session.base.files import MOST_ARCHIVE, open_file, unreadable, write_new
+from session.base.questions import Question, QuestionsError, all_of
+from session.base.units import Unit, beyond_any_sensor, known, parse_unit
+from session.log.dialects import DIALECTS, Answers, Layout, Triad, three
+from session.log.forms import EXAMPLES
+from session.log.lines import STANDARD
+from session.log.reader import Piece, Reader
+from session.log.recognise import CHOICES, NO_TIME, OTHER, parse_axes
+from session.log.streams import Stream, Topic
 from session.replay.documents import is_document, unpack_document
 
 

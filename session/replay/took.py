@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from session.io.config import Sensor
-from session.io.dialects import Answers, Layout, Triad
-from session.io.recognise import OTHER
-from session.io.standard import OWN
-from session.io.units import NS_PER_S, TIME
+from session.base.units import NS_PER_S, TIME
+from session.log.config import Sensor
+from session.log.dialects import Answers, Layout, Triad
+from session.log.recognise import OTHER
+from session.log.standard import OWN
 from session.replay.join import Joined
 from session.replay.sources import BY_FILE, Source
 

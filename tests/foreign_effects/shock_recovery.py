@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from session.io.units import DEG
+from session.base.units import DEG
 from tinygc.effects import BYGONE, Effect, Movement, Parameter, PictureData, Scan, axis_of, largest, per_axis
 
 RECOVERS_S = 25.0

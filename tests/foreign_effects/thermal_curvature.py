@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from session.io.units import DEG
+from session.base.units import DEG
 from tinygc.effects import Cost, Effect, Movement, Parameter, PerAxisC, axis_of, diagonal, largest
 
 

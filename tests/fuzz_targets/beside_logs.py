@@ -8,7 +8,7 @@ import numpy as np
 
 from fuzz_targets.material import UNIT_HEADER, UNIT_LINES
 from fuzz_targets.rules import choose, finite
-from session.io.folder import read_session
+from session.log.folder import read_session
 from tinygc.planning.proposals import requested_by_explain
 
 SENSOR = 'schema = "tinygc-session/1"\n[sensor]\nodr_hz = 104\ngyro_fs_dps = 500\naccel_fs_g = 4\n'

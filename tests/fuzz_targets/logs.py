@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from fuzz_targets.rules import choose, finite
-from session.io.config import Sensor
-from session.io.dialects import Answers
-from session.io.errors import CalibrationError
-from session.io.logfile import read_log
-from session.io.reader import Piece, Reader
-from session.io.rests import read_rest
+from session.base.errors import CalibrationError
+from session.log.config import Sensor
+from session.log.dialects import Answers
+from session.log.logfile import read_log
+from session.log.reader import Piece, Reader
+from session.log.rests import read_rest
 
 SENSOR = Sensor("ASM330LHH", "1", 104.0, 500.0, 4.0)
 UNKNOWN = Sensor("no such sensor", "", 104.0, 500.0, 4.0)

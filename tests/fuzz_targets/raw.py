@@ -10,10 +10,10 @@ import numpy as np
 
 from fuzz_targets.material import UNIT_HEADER
 from fuzz_targets.rules import choose, finite, must_hold
+from session.base.errors import DataError
 from session.bench.rawfile import RAW, TIMES, decision_of, read_marks
-from session.io.config import read_config
-from session.io.errors import DataError
-from session.io.logfile import read_log
+from session.log.config import read_config
+from session.log.logfile import read_log
 from session.replay.raw import convert_raw
 
 SCALES = {"gyro_fs_dps": 500.0, "accel_fs_g": 4.0}

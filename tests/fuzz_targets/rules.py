@@ -15,7 +15,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from session.io.errors import CalibrationError
+from session.base.errors import CalibrationError
 
 try:
     import resource

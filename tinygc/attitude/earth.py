@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from session.io.solving import solve
-from session.io.units import DEG, EARTH_RATE_RPS
+from session.base.solving import solve
+from session.base.units import DEG, EARTH_RATE_RPS
 from tinygc.attitude import rotation
 
 _HEADINGS = np.arange(0, 360, 0.5) * DEG

@@ -14,12 +14,12 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NoReturn
 
-from session.io.errors import CalibrationError, FormatError
-from session.io.files import KB, is_stream, open_file, refuse_link
-from session.io.names import has_recorded_name, is_session
-from session.io.texts import printable, program
+from session.base.errors import CalibrationError, FormatError
+from session.base.files import KB, is_stream, open_file, refuse_link
+from session.base.names import has_recorded_name, is_session
+from session.base.texts import printable, program
 from tinygc.cli.commands import COMMANDS, command_module, present_commands
-from tinygc.cli.extensions import add_annex_arguments
+from tinygc.cli.extensions import add_feature_arguments
 from tinygc.estimation.options import CHOSEN
 
 # Path arguments: each is declared as read or written, and an output never replaces an input or a recorded file.
@@ -265,7 +265,7 @@ def parser(words: Sequence[str] = ()) -> argparse.ArgumentParser:
             command.add_argument("--no-defaults", action="store_true", help=own)
             command.set_defaults(takes_defaults=lambda args, known, takes=takes: takes)
         module.add_arguments(command)
-        add_annex_arguments(name, command)
+        add_feature_arguments(name, command)
         command.set_defaults(paths=Paths.of(command))
     return whole
 
@@ -396,8 +396,8 @@ def note(text: str) -> tuple[str, str]:
 
 def effect_parameters(text: str) -> tuple[str, dict]:
     """Parse ``ID=JSON``, an effect's parameters by their names."""
-    from session.io.errors import FormatError
-    from session.io.results import read_json_text
+    from session.base.errors import FormatError
+    from session.base.results import read_json_text
 
     name, sign, value = text.partition("=")
     example = """such as 'gyro.thermal_bias={"dps_per_c": [0.01, 0, -0.02]}'"""

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from session.io.errors import FormatError
-from session.io.texts import printable
+from session.base.errors import FormatError
+from session.base.texts import printable
 
 SCHEMA = "tinygc-defaults/1"
 NAME = "tinygc.toml"
@@ -91,8 +91,8 @@ def limit_text(args: argparse.Namespace) -> str:
 
 def _read(path: Path) -> dict[str, Any]:
     """Return key -> value of the keys that are present."""
-    from session.io.results import Keys, Number, Text, require, unknown_keys
-    from session.io.toml import read_toml
+    from session.base.results import Keys, Number, Text, require, unknown_keys
+    from session.base.toml import read_toml
 
     shape = Keys(
         must={"schema": Text((SCHEMA,))},

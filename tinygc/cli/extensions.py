@@ -1,6 +1,6 @@
-"""Extensions of core commands by annexes: options, and the work behind them.
+"""Extensions of core commands by features: options, and the work behind them.
 
-An annex module has ``add_NAME_arguments(command)`` for each command that it extends.  Where the annex is not installed, its options
+A feature module has ``add_NAME_arguments(command)`` for each command that it extends.  Where the feature is not installed, its options
 report that it is missing.
 """
 
@@ -10,9 +10,9 @@ import argparse
 from collections.abc import Iterator
 from types import ModuleType
 
-from session.io.annexes import find, is_present, need
+from session.base.features import find, is_present, need
 
-#: command -> service of an annex that extends it -> options that report a missing annex
+#: command -> service of a feature that extends it -> options that report a missing feature
 EXTENSIONS: dict[str, dict[str, tuple[str, ...]]] = {
     "fit": {"rest logs and temperature": ("--temperature", "--temperature-order")},
     "simulate": {"rest logs and temperature": ("--rest-cycles",), "commands on arrays": ("--units",)},
@@ -20,12 +20,12 @@ EXTENSIONS: dict[str, dict[str, tuple[str, ...]]] = {
 
 
 def extensions(name: str) -> Iterator[ModuleType]:
-    """Return the modules of installed annexes that extend a command."""
+    """Return the modules of installed features that extend a command."""
     return (module for service in EXTENSIONS.get(name, ()) if (module := find(service)) is not None)
 
 
-def add_annex_arguments(name: str, command: argparse.ArgumentParser) -> None:
-    """Add the options of annexes to a command, by the function ``add_NAME_arguments`` of their modules."""
+def add_feature_arguments(name: str, command: argparse.ArgumentParser) -> None:
+    """Add the options of features to a command, by the function ``add_NAME_arguments`` of their modules."""
     for service, options in EXTENSIONS.get(name, {}).items():
         module = find(service)
         if module is not None:
@@ -36,12 +36,12 @@ def add_annex_arguments(name: str, command: argparse.ArgumentParser) -> None:
 
 
 class _MissingOption(argparse.Action):
-    """An option of an annex that is not installed; ``const`` names the service in the registry."""
+    """An option of a feature that is not installed; ``const`` names the service in the registry."""
 
     def __call__(self, parser: object, namespace: object, values: object, option: str | None = None) -> None:
         need(str(self.const), option or "")
 
 
 def help_if_present(service: str, text: str) -> str:
-    """Return the help of a core option that an annex serves; the help page leaves the option out where the annex is not installed."""
+    """Return the help of a core option that a feature serves; the help page leaves the option out where the feature is not installed."""
     return text if is_present(service) else argparse.SUPPRESS

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from session.io.names import CLOCKS
+from session.base.names import CLOCKS
 from tinygc.cli.arguments import METHODS, accel_full_scale, count, data_rate, gyro_full_scale, methods, path_read, segment_numbers
 from tinygc.cli.extensions import help_if_present
 from tinygc.estimation.options import ACCELEROMETERS, BIASES
@@ -13,8 +13,8 @@ from tinygc.estimation.options import ACCELEROMETERS, BIASES
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from session.io.dialects import Answers
-    from session.io.folder import Session
+    from session.log.dialects import Answers
+    from session.log.folder import Session
     from tinygc.estimation.options import FitOptions
 
 
@@ -65,7 +65,7 @@ def add_clock_argument(command: argparse.ArgumentParser) -> None:
 
 def session_of(args: argparse.Namespace) -> Path | Session:
     """Return the folder, or with another ``--clock`` its session."""
-    from session.io.folder import read_session
+    from session.log.folder import read_session
 
     return args.folder if args.clock == CLOCKS[0] else read_session(args.folder).on_clock(args.clock)
 
@@ -130,12 +130,12 @@ def add_log_options(command: argparse.ArgumentParser) -> None:
 
 
 def answers_of(args: argparse.Namespace, files: int = 1) -> Answers:
-    """Return ``session.io.dialects.Answers`` of the options; files: how many the command reads.
+    """Return ``session.log.dialects.Answers`` of the options; files: how many the command reads.
 
     Raises FormatError where ``--columns`` is given more often than that.
     """
-    from session.io.dialects import Answers
-    from session.io.errors import FormatError
+    from session.base.errors import FormatError
+    from session.log.dialects import Answers
 
     if len(args.columns or ()) > files:
         raise FormatError(f"--columns is given {len(args.columns)} times for {files} file{'s' * (files != 1)}; give it once for each")

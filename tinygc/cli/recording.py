@@ -14,9 +14,9 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
-from session.io.annexes import find, is_present, need
-from session.io.errors import CalibrationError
-from session.io.texts import command_line, printable
+from session.base.errors import CalibrationError
+from session.base.features import find, is_present, need
+from session.base.texts import command_line, printable
 
 if TYPE_CHECKING:
     from session.bench.guide import Guide, View
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from session.bench.page.server import PageServer
     from session.bench.recorder import Recorder
     from session.bench.rest_guide import RestGuide
-    from session.io.config import Protocol, Site
+    from session.log.config import Protocol, Site
     from tinygc.planning.coach import Coach
 
 
@@ -50,7 +50,7 @@ def takes(args: argparse.Namespace, known: Mapping[str, object]) -> dict[str, st
 
 def bench(args: argparse.Namespace) -> Site:
     """Return the site of the table from these defaults."""
-    from session.io.config import Site
+    from session.log.config import Site
 
     return Site(args.latitude_deg, args.gravity_mps2)
 
@@ -112,15 +112,15 @@ def views(args: argparse.Namespace, title: str, server: PageServer | None) -> It
         yield page, page.watch
 
 
-# A rest: its guide, with what the annex of the noise makes of it while it goes on.
+# A rest: its guide, with what the feature of the noise makes of it while it goes on.
 
-#: services of the annexes that a rest and its log are for
+#: services of the features that a rest and its log are for
 LIVE_NOISE, NOISE = "noise while a rest is recorded (record --rest)", "noise"
 KNOWN_TO = 20.0  #: per cent
 
 
 def rest_guide(args: argparse.Namespace, protocol: Protocol) -> RestGuide:
-    """Return the guide of ``--rest``; without the annex it records all the same, and says nothing of the noise."""
+    """Return the guide of ``--rest``; without the feature it records all the same, and says nothing of the noise."""
     from session.bench.rest_guide import RestGuide
 
     live = find(LIVE_NOISE)
@@ -138,7 +138,7 @@ def refuse_with_rest(args: argparse.Namespace) -> None:
     if given := next((name for name, value in turns.items() if value), None):
         raise CalibrationError(f"{given} is of turns, and with --rest nothing is turned; leave one of them out")
     if args.stop_at_target and not is_present(LIVE_NOISE):
-        raise CalibrationError("--stop-at-target needs the annex noise, which is not there; give --rest HOURS instead")
+        raise CalibrationError("--stop-at-target needs the feature noise, which is not there; give --rest HOURS instead")
 
 
 # A machine that turns the table.
@@ -198,7 +198,7 @@ def counted(guide: Guide, recorder: Recorder) -> str:
 
 def files_left(folder: Path) -> str:
     """Name every file of the recording; of a row of numbered ones the first and the last."""
-    from session.io.names import has_recorded_name
+    from session.base.names import has_recorded_name
 
     names, rows = sorted(path.name for path in folder.iterdir() if has_recorded_name(path)), list[list[str]]()
     for name in names:

@@ -16,11 +16,11 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
-from session.io.errors import CalibrationError
-from session.io.files import is_stream, refuse_link
-from session.io.names import refuse_recorded
-from session.io.results import json_text, write_whole
-from session.io.texts import printable
+from session.base.errors import CalibrationError
+from session.base.files import is_stream, refuse_link
+from session.base.names import refuse_recorded
+from session.base.results import json_text, write_whole
+from session.base.texts import printable
 from tinygc.cli.arguments import is_standard_output
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from session.base.texts import significant
 from session.detect.findings import Finding
-from session.io.texts import significant
 from tinygc.closure.floor import BiasInstability
 
 #: a session contradicts the figures at rest where chance makes as much of a difference in one of a thousand, and it is this large: a

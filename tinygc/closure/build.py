@@ -7,16 +7,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from session.base.errors import DataError, FitError, SegmentError
+from session.base.texts import command_line
+from session.base.units import DEG, EARTH_RATE_RPS, NS
 from session.detect.dials import without_wrong_dials
 from session.detect.events import Impact, find_impacts
 from session.detect.segments import FEWEST_SEGMENTS, FoundTurn, Segment, known_turns, session_segments, why_too_few
 from session.detect.stamp_errors import stamp_errors
 from session.detect.stills import SessionStills, Still
-from session.io.errors import DataError, FitError, SegmentError
-from session.io.folder import Session
-from session.io.samples import start_times
-from session.io.texts import command_line
-from session.io.units import DEG, EARTH_RATE_RPS, NS
+from session.log.folder import Session
+from session.log.samples import start_times
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.attitude.earth import EarthRate, contradicts, estimate_heading, no_earth, vertical_only, with_heading

@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from session.base.numeric import sigma_of
+from session.base.units import MG
 from session.detect.accelerometer import (
     BIAS,
     DRIFTS,
@@ -25,8 +27,6 @@ from session.detect.accelerometer import (
     unobserved_of,
 )
 from session.detect.stills import Still, references
-from session.io.numeric import sigma_of
-from session.io.units import MG
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.build import tilt_excess

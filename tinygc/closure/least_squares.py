@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from session.base.errors import FitError
+from session.base.units import DEG
 from session.detect.axes import CLOSES_WITHIN
 from session.detect.segments import Segment
-from session.io.errors import FitError
-from session.io.units import DEG
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.prior import GaussianPrior

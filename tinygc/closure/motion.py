@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from session.io.errors import DataError
-from session.io.logfile import Log
-from session.io.samples import Samples
-from session.io.units import NS
+from session.base.errors import DataError
+from session.base.units import NS
+from session.log.logfile import Log
+from session.log.samples import Samples
 from tinygc.attitude import rotation
 from tinygc.attitude.rotation import sample_weights, steps
 from tinygc.closure.floor import wander_covariance

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from session.base.errors import CalibrationError
+from session.base.units import DEG_PER_HOUR
 from session.detect.check_references import ACCELEROMETER, SAID, ZERO_DRIFT, drift_finding, with_aligned_truth, with_own_accelerometer
 from session.detect.check_samples import BRIDGED, IMPACTS, with_bridges
 from session.detect.check_stills import TURNS
@@ -15,9 +17,7 @@ from session.detect.findings import Finding, as_arguments, stop_at_errors
 from session.detect.first_look import check_session
 from session.detect.stamp_errors import STAMPS
 from session.detect.stills import SessionStills
-from session.io.errors import CalibrationError
-from session.io.folder import Session, read_session
-from session.io.units import DEG_PER_HOUR
+from session.log.folder import Session, read_session
 from tinygc.attitude.earth import vertical_only, vertical_rate
 from tinygc.closure.build import build_problem
 from tinygc.closure.joint import GIVEN_SIGMA_MG, REFUTED_P, fit_joint, recalibrated

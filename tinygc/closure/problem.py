@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 
+from session.base.units import DEG, MG
 from session.detect.accelerometer import DRIFTS, IDENTITY, NAMES, PARAMETERS, SCALES, ZeroDrift, corrected
 from session.detect.bridging import GAP
 from session.detect.findings import Finding
 from session.detect.segments import FoundTurn, Segment
 from session.detect.stills import Noise, SessionStills, Still, UnusedRest
-from session.io.config import Accelerometer
-from session.io.folder import Session
-from session.io.logfile import Bridge
-from session.io.samples import start_times
-from session.io.units import DEG, MG
+from session.log.config import Accelerometer
+from session.log.folder import Session
+from session.log.logfile import Bridge
+from session.log.samples import start_times
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.attitude.earth import EarthRate

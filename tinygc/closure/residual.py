@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from session.io.units import DEG
+from session.base.units import DEG
 from tinygc.attitude import rotation
 from tinygc.attitude import rotation as pairs
 from tinygc.attitude.rotation import Array, sample_weights, step_vectors, steps

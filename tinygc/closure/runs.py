@@ -6,14 +6,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from session.base.errors import DataError
+from session.base.units import DEG, NS
 from session.detect.segments import RETURN_RAD, run_ends
 from session.detect.stamp_errors import stamp_errors
 from session.detect.stills import Still
-from session.io.errors import DataError
-from session.io.folder import Session
-from session.io.logfile import Log
-from session.io.samples import Samples
-from session.io.units import DEG, NS
+from session.log.folder import Session
+from session.log.logfile import Log
+from session.log.samples import Samples
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.attitude.earth import EarthRate, unseen_covariance, vertical_only

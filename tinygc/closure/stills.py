@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from session.base.units import DEG, NS
 from session.detect.stills import Noise, Still
 from session.detect.truth_segments import Rest, find_rests
-from session.io.logfile import Bridge
-from session.io.samples import Samples
-from session.io.units import DEG, NS
+from session.log.logfile import Bridge
+from session.log.samples import Samples
 from tinygc.attitude import rotation
 from tinygc.closure.residual import Batch, end_attitude, nearest_yaw
 from tinygc.models.linear import LinearModel

@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from session.base.errors import SegmentError
+from session.base.units import DEG
 from session.detect.segments import Segment, without_excluded
 from session.detect.stills import LogStills, Noise, SessionStills
 from session.detect.truth_segments import TruthEnds, cut_at_truth
-from session.io.errors import SegmentError
-from session.io.folder import Session
-from session.io.samples import Samples, start_times
-from session.io.units import DEG
+from session.log.folder import Session
+from session.log.samples import Samples, start_times
 from tinygc.attitude.earth import EarthRate, no_earth, vertical_only, with_heading
 from tinygc.closure.floor import TRUTH, Floor, gyro_variance
 from tinygc.closure.least_squares import StillRates, fit_least_squares

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from session.io.solving import solve
-from session.io.units import EARTH_RATE_RPS
+from session.base.solving import solve
+from session.base.units import EARTH_RATE_RPS
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.attitude.earth import EarthRate

@@ -5,8 +5,8 @@ from __future__ import annotations
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-from session.io.annexes import need
-from session.io.errors import CalibrationError
+from session.base.errors import CalibrationError
+from session.base.features import need
 
 if TYPE_CHECKING:
     from tinygc.models.model import Model
@@ -25,8 +25,8 @@ ALSO_CALLED = {
     **dict.fromkeys(("vinsfusion", "vinsmono"), "vins"),
     **dict.fromkeys(("ovmsckf", "openvin"), "openvins"),
 }
-#: kind of model -> service of the annex that exports it
-ANNEX_KINDS = {"thermal": "exports over temperature"}
+#: kind of model -> service of the feature that exports it
+FEATURE_KINDS = {"thermal": "exports over temperature"}
 
 
 def format_named(text: str) -> str:
@@ -39,11 +39,11 @@ class ExportError(CalibrationError):
     """Raised for a format that cannot carry the model, and for a fit that lacks what the format needs."""
 
 
-def annex_exports(model: Model) -> ModuleType | None:
-    """Return the annex module that exports a model of this kind; None for a kind of the core.
+def feature_exports(model: Model) -> ModuleType | None:
+    """Return the feature module that exports a model of this kind; None for a kind of the core.
 
     It has ``stage(model, rate_hz)`` for C, ``px4(model, context)`` and ``ardupilot(model, context)`` for the text of these formats, and
     ``CARRIED``: what other formats cannot carry.
     """
-    service = ANNEX_KINDS.get(getattr(model, "kind", ""))
+    service = FEATURE_KINDS.get(getattr(model, "kind", ""))
     return None if service is None else need(service)

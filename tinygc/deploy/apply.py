@@ -14,21 +14,21 @@ from typing import BinaryIO
 
 import numpy as np
 
+from session.base.errors import CalibrationError, DataError, FormatError
+from session.base.numeric import decimal_rows
+from session.base.results import whole
+from session.base.texts import command_line
+from session.base.units import DEG
 from session.bench.session_file import ASSUMED
-from session.io.config import Accelerometer
-from session.io.dialects import Answers
-from session.io.errors import CalibrationError, DataError, FormatError
-from session.io.lines import PIECE_BYTES, STANDARD
-from session.io.logfile import CALIBRATED, already_calibrated, number_in
-from session.io.numeric import decimal_rows
-from session.io.pace import pace_of
-from session.io.reader import Reader
-from session.io.registers import DEFAULT, RegisterUnits, require_registers
-from session.io.results import whole
-from session.io.stamps import counted
-from session.io.standard import flags_of
-from session.io.texts import command_line
-from session.io.units import DEG
+from session.log.config import Accelerometer
+from session.log.dialects import Answers
+from session.log.lines import PIECE_BYTES, STANDARD
+from session.log.logfile import CALIBRATED, already_calibrated, number_in
+from session.log.pace import pace_of
+from session.log.reader import Reader
+from session.log.registers import DEFAULT, RegisterUnits, require_registers
+from session.log.stamps import counted
+from session.log.standard import flags_of
 from tinygc import models
 from tinygc.deploy.calibration import Calibration, Stream, Surroundings, began_in_session, surroundings
 

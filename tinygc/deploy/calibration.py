@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from session.io.arrays import refuse_degrees, si_of
-from session.io.config import Accelerometer, Config, read_config
-from session.io.errors import CalibrationError
-from session.io.folder import sha256_of
-from session.io.results import write_whole
-from session.io.samples import Samples
-from session.io.units import MG, NS, SI, G, beyond_any_sensor
+from session.base.errors import CalibrationError
+from session.base.results import write_whole
+from session.base.units import MG, NS, SI, G, beyond_any_sensor
+from session.log.arrays import refuse_degrees, si_of
+from session.log.config import Accelerometer, Config, read_config
+from session.log.folder import sha256_of
+from session.log.samples import Samples
 from tinygc import models
 from tinygc.effects.movement import NOWHERE, Reach
 from tinygc.models.denoiser import REACH, DenoisedNet, Denoiser

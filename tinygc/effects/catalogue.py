@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from session.io.units import DEG
+from session.base.units import DEG
 from tinygc.effects.effect import Effect
 from tinygc.effects.movement import EffectError, Movement
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from session.io.units import DEG
+from session.base.units import DEG
 from tinygc.effects.device import NONE, PASSES, DeviceCode
 from tinygc.effects.inversion import MOST_PASSES, substituted
 from tinygc.effects.movement import INPUT_REACH, INPUTS, NOWHERE, EffectError, Movement, Reach, shown

@@ -9,9 +9,9 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from session.io.errors import CalibrationError
-from session.io.samples import Samples
-from session.io.units import G
+from session.base.errors import CalibrationError
+from session.base.units import G
+from session.log.samples import Samples
 
 # Errors of an effect, or of the file that should define one.
 

@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from session.io.units import DEG
+from session.base.units import DEG
 from tinygc.attitude import rotation
 from tinygc.effects.movement import Movement, Reach
 

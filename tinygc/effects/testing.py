@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from session.io.annexes import need
+from session.base.features import need
 from tinygc.effects.effect import Effect
 
 

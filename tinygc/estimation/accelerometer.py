@@ -8,6 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
+from session.base.texts import significant
+from session.base.units import MG
 from session.detect.accelerometer import (
     BIAS,
     BIASES,
@@ -23,9 +25,7 @@ from session.detect.accelerometer import (
     after,
     matrix_of,
 )
-from session.io.config import Accelerometer
-from session.io.texts import significant
-from session.io.units import MG
+from session.log.config import Accelerometer
 from tinygc.closure.least_squares import OBSERVED_BELOW
 from tinygc.closure.problem import JointFit
 from tinygc.estimation.sources import Source, effective_freedom

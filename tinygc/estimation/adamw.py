@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from session.io.errors import CalibrationError, FitError, FormatError
-from session.io.results import Array, Keys, Text, read_required, write_whole
+from session.base.errors import CalibrationError, FitError, FormatError
+from session.base.results import Array, Keys, Text, read_required, write_whole
 from tinygc.estimation.options import NAME, Checkpoint
 
 if TYPE_CHECKING:

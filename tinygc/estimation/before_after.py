@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from session.base.errors import CalibrationError
 from session.detect.check_references import with_own_accelerometer
 from session.detect.check_samples import with_bridges
-from session.io.errors import CalibrationError
-from session.io.folder import read_session
+from session.log.folder import read_session
 from tinygc.closure.build import build_problem
 from tinygc.closure.runs import read_closure_runs
 from tinygc.estimation.choice import closure_figures, run_figures

@@ -20,7 +20,7 @@ from functools import cached_property
 
 import numpy as np
 
-from session.io.solving import solve
+from session.base.solving import solve
 
 #: the share of a normal variable within one sigma
 ONE_SIGMA = 0.6826894921370859

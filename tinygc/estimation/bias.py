@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from session.base.errors import CalibrationError
+from session.base.solving import solve
+from session.base.units import DEG
 from session.detect.check_stills import ENOUGH_SEGMENTS
 from session.detect.segments import FEWEST_SEGMENTS
-from session.io.errors import CalibrationError
-from session.io.solving import solve
-from session.io.units import DEG
 from tinygc import closure
 from tinygc.closure.build import with_still_bias
 from tinygc.closure.least_squares import fit_least_squares

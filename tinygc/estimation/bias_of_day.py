@@ -10,15 +10,15 @@ from pathlib import Path
 import numpy as np
 
 from session import VERSION
+from session.base.errors import FitError, SegmentError
+from session.base.files import result_folder
+from session.base.numeric import runs_of
+from session.base.results import read_json, write_whole
+from session.base.units import DEG, NS, STANDARD_GRAVITY_MPS2, G
 from session.detect.truth_segments import find_rests, moments_inside
-from session.io import folder as hashes
-from session.io.errors import FitError, SegmentError
-from session.io.files import result_folder
-from session.io.folder import Session, hash_of_log
-from session.io.numeric import runs_of
-from session.io.results import read_json, write_whole
-from session.io.samples import Samples
-from session.io.units import DEG, NS, STANDARD_GRAVITY_MPS2, G
+from session.log import folder as hashes
+from session.log.folder import Session, hash_of_log
+from session.log.samples import Samples
 from tinygc import models
 from tinygc.attitude import rotation
 from tinygc.attitude.rotation import steps

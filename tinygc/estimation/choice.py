@@ -9,8 +9,8 @@ from typing import TypedDict
 
 import numpy as np
 
+from session.base.units import DEG
 from session.detect.check_stills import ENOUGH_SEGMENTS
-from session.io.units import DEG
 from tinygc.closure.problem import Problem
 from tinygc.estimation.bias import BETTER_P, SAME, less_by_chance
 from tinygc.estimation.held_out import run_method

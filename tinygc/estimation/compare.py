@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from session.base.errors import DataError, FitError, FormatError
+from session.base.names import CLOCKS, log_paths, refuse_array
+from session.base.results import json_text, read_json_text
+from session.base.texts import command_line, printable
 from session.detect.accelerometer import NAMES as ACCELEROMETER_NAMES
 from session.detect.accelerometer import PARAMETERS
-from session.io.config import Accelerometer, Config, read_config
-from session.io.errors import DataError, FitError, FormatError
-from session.io.folder import hash_of_log, sha256_of
-from session.io.names import CLOCKS, log_paths, refuse_array
-from session.io.results import json_text, read_json_text
-from session.io.texts import command_line, printable
+from session.log.config import Accelerometer, Config, read_config
+from session.log.folder import hash_of_log, sha256_of
 from tinygc import models
 from tinygc.closure.uncertainty import chi_square_above, normal_above
 from tinygc.estimation.accelerometer import USUAL_SPREAD, AccelerometerFit

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from session.io.errors import FitError
+from session.base.errors import FitError
 from tinygc import closure
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from session.io.units import DEG, MG
+from session.base.units import DEG, MG
 from tinygc.closure.floor import BiasInstability, wander_covariance
 from tinygc.estimation.repeatability import BiasRepeatability
 from tinygc.noise.figures import NoiseFigures

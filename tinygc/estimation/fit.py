@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from session.io.annexes import need
-from session.io.errors import DataError, FitError, SegmentError
-from session.io.folder import Session, read_session
-from session.io.requirements import read_requirements
+from session.base.errors import DataError, FitError, SegmentError
+from session.base.features import need
+from session.log.folder import Session, read_session
+from session.log.requirements import read_requirements
 from tinygc.closure.prepared import Prepared, prepare
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import closure_angles

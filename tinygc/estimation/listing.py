@@ -11,11 +11,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from session.io.config import read_config
-from session.io.errors import CalibrationError
-from session.io.names import array_folders, array_size, log_paths, unit_of
-from session.io.results import Keys, Text, read_required
-from session.io.texts import printable
+from session.base.errors import CalibrationError
+from session.base.names import array_folders, array_size, log_paths, unit_of
+from session.base.results import Keys, Text, read_required
+from session.base.texts import printable
+from session.log.config import read_config
 from tinygc.estimation.results import read_fit
 from tinygc.estimation.session_times import date_of
 

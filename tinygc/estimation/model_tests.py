@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from session.io.texts import probability
+from session.base.texts import probability
 from tinygc.closure.joint import REFUTED_P
 from tinygc.closure.uncertainty import MISMATCH_P, GoodnessOfFit
 from tinygc.estimation.accelerometer import AccelerometerFit

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from session.io.errors import FitError
+from session.base.errors import FitError
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.least_squares import LinearEnds, Rows, StillRates, fit_least_squares

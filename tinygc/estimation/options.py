@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from session.io.errors import CalibrationError
-from session.io.names import CLOCKS
+from session.base.errors import CalibrationError
+from session.base.names import CLOCKS
 
 if TYPE_CHECKING:
     import numpy as np
@@ -160,7 +160,7 @@ class FitOptions:
     ('least_squares',)
     >>> tinygc.FitOptions(folds=1)
     Traceback (most recent call last):
-    session.io.errors.CalibrationError: folds is 1, expected a whole number of 2 or more
+    session.base.errors.CalibrationError: folds is 1, expected a whole number of 2 or more
 
     """
 

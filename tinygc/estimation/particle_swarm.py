@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from session.io.units import DEG
+from session.base.units import DEG
 from tinygc import closure
 from tinygc.closure.least_squares import Nearby, StillRates
 from tinygc.closure.problem import Problem

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from session.io.config import NominalRate
+from session.log.config import NominalRate
 from tinygc.closure.problem import Problem
 from tinygc.closure.runs import ClosureRun
 from tinygc.effects import AppliedEffect, Conditions

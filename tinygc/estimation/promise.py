@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from session.io.units import DEG_PER_HOUR, MDPS, MG
+from session.base.units import DEG_PER_HOUR, MDPS, MG
 from tinygc.closure.floor import ACCEL_NOISE, GYRO_NOISE, SINGLE_SEGMENTS, STAMPS, wander_covariance
 from tinygc.closure.problem import Problem
 

@@ -13,13 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
+from session.base.errors import FormatError
+from session.base.results import read_json
+from session.base.texts import command_line
+from session.base.units import DEG
 from session.detect.accelerometer import NAMES as ACCELEROMETER
-from session.io.config import read_config
-from session.io.errors import FormatError
-from session.io.folder import Session, input_hashes
-from session.io.results import read_json
-from session.io.texts import command_line
-from session.io.units import DEG
+from session.log.config import read_config
+from session.log.folder import Session, input_hashes
 from tinygc.estimation.accelerometer import AccelerometerFit, AnySession
 from tinygc.estimation.between_sessions import ONE_SIGMA, Course, course
 from tinygc.estimation.session_times import Moment, moment_of, times_of

@@ -21,10 +21,10 @@ from typing import Literal
 
 import numpy as np
 
+from session.base.texts import fixed, probability, significant
+from session.base.units import DEG
 from session.detect.accelerometer import NAMES as ACCELEROMETER_NAMES
-from session.io.requirements import ATTITUDE, CLOSURE, CLOSURE_RUN, KINDS, SIMPLE, Requirements, Rule
-from session.io.texts import fixed, probability, significant
-from session.io.units import DEG
+from session.log.requirements import ATTITUDE, CLOSURE, CLOSURE_RUN, KINDS, SIMPLE, Requirements, Rule
 from tinygc.closure.motion import at_rest
 from tinygc.estimation.accelerometer import AccelerometerFit
 from tinygc.estimation.bias import tilt_rms
@@ -103,7 +103,7 @@ def simply_accepted(value: float, limits: tuple[float, float]) -> bool:
 class Measured:
     """A measured value.
 
-    key: of ``session.io.requirements``; words; unit; value and sigma, its standard uncertainty, in that unit; freedom: degrees of freedom
+    key: of ``session.log.requirements``; words; unit; value and sigma, its standard uncertainty, in that unit; freedom: degrees of freedom
     of sigma; observed: whether the session determines it; relative: whether it is decided on the scale of logarithms, as a size is whose
     scatter grows with it (sigma then is value times that of the logarithm); errors: three errors and the sigma of each, whose root mean
     square the value is.

@@ -14,17 +14,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from session import VERSION
+from session.base.errors import CalibrationError, FormatError
+from session.base.files import result_folder
+from session.base.results import Array, Flag, Keys, ListOf, MapOf, Maybe, Number, Shape, Text, read_required, require, write_whole
+from session.base.units import DEG, G
 from session.detect.check_stills import NO_STILLS
 from session.detect.check_time import looks_counted
 from session.detect.findings import Finding
 from session.detect.signatures import FILTER, TRACKED
-from session.io.config import NominalRate
-from session.io.errors import CalibrationError, FormatError
-from session.io.files import result_folder
-from session.io.folder import Session, file_key, input_hashes
-from session.io.requirements import Requirements, read_requirements
-from session.io.results import Array, Flag, Keys, ListOf, MapOf, Maybe, Number, Shape, Text, read_required, require, write_whole
-from session.io.units import DEG, G
+from session.log.config import NominalRate
+from session.log.folder import Session, file_key, input_hashes
+from session.log.requirements import Requirements, read_requirements
 from tinygc import models
 from tinygc.closure.prior import PriorUse
 from tinygc.closure.problem import Problem

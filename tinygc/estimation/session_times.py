@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
-from session.io.config import Config
-from session.io.errors import CalibrationError
-from session.io.files import open_file
-from session.io.names import log_paths
-from session.io.reader import Reader
-from session.io.texts import printable
+from session.base.errors import CalibrationError
+from session.base.files import open_file
+from session.base.names import log_paths
+from session.base.texts import printable
+from session.log.config import Config
+from session.log.reader import Reader
 
 FIRST_BYTES = 4096  #: of raw.times, for the port's first opening
 #: s of a mean year

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from session.base.solving import solve
 from session.detect.accelerometer import PARAMETERS as ACCELEROMETER_PARAMETERS
 from session.detect.rounding import lsb_of, rounding_of_mean
 from session.detect.stills import BLOCK_S, NOISE_BLOCKS
-from session.io.solving import solve
 from tinygc import closure
 from tinygc.attitude.earth import unseen_covariance
 from tinygc.closure.build import bias_shares

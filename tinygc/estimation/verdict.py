@@ -20,12 +20,12 @@ from pathlib import Path
 
 import numpy as np
 
+from session.base.errors import FitError
+from session.base.texts import command_line, degrees, probability, significant
+from session.base.units import DEG
 from session.detect.accelerometer import PARAMETERS as ACCELEROMETER_PARAMETERS
 from session.detect.check_stills import ENOUGH_SEGMENTS
-from session.io.errors import FitError
-from session.io.requirements import CLOSURE, CLOSURE_RUN, Requirements, Rule
-from session.io.texts import command_line, degrees, probability, significant
-from session.io.units import DEG
+from session.log.requirements import CLOSURE, CLOSURE_RUN, Requirements, Rule
 from tinygc.closure.problem import Problem
 from tinygc.closure.runs import ClosureRun
 from tinygc.closure.uncertainty import MISMATCH_P, chi_square_above

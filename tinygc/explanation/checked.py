@@ -13,8 +13,8 @@ from enum import StrEnum
 import numpy as np
 from scipy.special import chdtrc, logsumexp
 
-from session.io.errors import DataError
-from session.io.folder import Session, hash_of_log
+from session.base.errors import DataError
+from session.log.folder import Session, hash_of_log
 from tinygc.effects import AppliedEffect, Effect
 from tinygc.explanation.claims import readable
 from tinygc.explanation.decision import FitClosure, cleared, tilt_rms

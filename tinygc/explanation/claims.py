@@ -8,7 +8,7 @@ from math import isfinite
 import numpy as np
 from scipy.special import stdtr
 
-from session.io.units import DEG
+from session.base.units import DEG
 from tinygc.closure.problem import SAID_SIGMAS
 from tinygc.closure.uncertainty import chi_square_above
 from tinygc.effects import AppliedEffect, CommonDelay, Convention, Derived, Effect, Parts, catalogue

@@ -10,12 +10,12 @@ from itertools import combinations
 import numpy as np
 from scipy.special import chdtrc, chdtri
 
+from session.base.errors import CalibrationError
+from session.base.units import DEG
 from session.detect import bridging
 from session.detect.segments import Segment
 from session.detect.stills import SessionStills
-from session.io.errors import CalibrationError
-from session.io.folder import Session
-from session.io.units import DEG
+from session.log.folder import Session
 from tinygc import closure
 from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import fit_least_squares

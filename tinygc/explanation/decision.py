@@ -11,10 +11,10 @@ from itertools import islice
 import numpy as np
 from scipy.special import chdtrc
 
+from session.base.errors import CalibrationError
+from session.base.units import DEG
 from session.detect.check_time import STEPS
 from session.detect.segments import Segment
-from session.io.errors import CalibrationError
-from session.io.units import DEG
 from tinygc.attitude.rotation import matrix
 from tinygc.closure.problem import Problem
 from tinygc.closure.uncertainty import MISMATCH_P

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
+from session.base.errors import CalibrationError
+from session.base.units import DEG
 from session.detect.findings import Finding, as_arguments
-from session.io.errors import CalibrationError
-from session.io.folder import Session
-from session.io.units import DEG
+from session.log.folder import Session
 from tinygc.closure.prepared import Prepared, prepare
 from tinygc.closure.problem import Problem, weighed_down
 from tinygc.estimation.fit import fit_session

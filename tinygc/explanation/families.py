@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from session.io.units import DEG
+from session.base.units import DEG
 from tinygc.effects import Effect
 from tinygc.explanation.claims import Claim, theta_of
 from tinygc.noise.twin import State, Twin

@@ -9,13 +9,13 @@ from itertools import pairwise
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
+from session.base.numeric import runs_of, sigma_of
+from session.base.units import NS_PER_S
 from session.detect import bridging
 from session.detect.bridging import GAP
 from session.detect.events import APART_S, find_impacts
-from session.io.folder import Session
-from session.io.numeric import runs_of, sigma_of
-from session.io.samples import Samples, replaced
-from session.io.units import NS_PER_S
+from session.log.folder import Session
+from session.log.samples import Samples, replaced
 
 # A long log is read in parts: detectors need only a few tenths of a second around each reading, so a day need not be in memory.
 

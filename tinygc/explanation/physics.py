@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from session.io.errors import FitError
+from session.base.errors import FitError
 from tinygc.closure.problem import Problem, conditions
 from tinygc.closure.runs import ClosureRun
 from tinygc.effects import Effect, catalogue

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from session import VERSION
-from session.io.folder import file_key, hash_of_log
-from session.io.samples import pieces, start_times
-from session.io.units import DEG, MG, G
+from session.base.units import DEG, MG, G
+from session.log.folder import file_key, hash_of_log
+from session.log.samples import pieces, start_times
 from tinygc.closure.problem import Problem
 from tinygc.effects import catalogue
 from tinygc.effects.effect import IN_STILLS, LEVEL, ROWS, SECONDS

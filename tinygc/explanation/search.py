@@ -9,7 +9,7 @@ from itertools import combinations
 
 import numpy as np
 
-from session.io.units import DEG, EARTH_RATE_RPS
+from session.base.units import DEG, EARTH_RATE_RPS
 from tinygc.attitude.earth import EarthRate
 from tinygc.effects import Effect, Movement, Parameter, Reach, Scan, catalogue, diagonal, per_axis, without_vibration
 from tinygc.effects.effect import WORLD

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from scipy.special import chdtrc, fdtrc, gammaincinv
 
-from session.io.config import FOUND, TruthAlignment
-from session.io.folder import Session
-from session.io.units import DEG
+from session.base.units import DEG
+from session.log.config import FOUND, TruthAlignment
+from session.log.folder import Session
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.prepared import Prepared, prepare
 from tinygc.closure.problem import Problem, weighed_down

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from session.base.numeric import sigma_of
+from session.base.units import DEG, NS
 from session.detect.findings import Finding
 from session.detect.segments import Segment
 from session.detect.truth_segments import TruthEnds, cut_at_truth, moments_inside
-from session.io.config import TruthAlignment
-from session.io.folder import Session
-from session.io.numeric import sigma_of
-from session.io.units import DEG, NS
+from session.log.config import TruthAlignment
+from session.log.folder import Session
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.problem import Problem, conditions

@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 from scipy.special import chdtrc
 
-from session.io.config import GIVEN
-from session.io.units import DEG
+from session.base.units import DEG
+from session.log.config import GIVEN
 from tinygc.attitude import rotation
 from tinygc.closure.floor import Floor, gyro_variance
 from tinygc.closure.problem import Problem

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from session.io.annexes import need
-from session.io.dialects import Answers
-from session.io.errors import CalibrationError, FormatError
-from session.io.logfile import Log, already_calibrated
-from session.io.samples import Samples
+from session.base.errors import CalibrationError, FormatError
+from session.base.features import need
+from session.log.dialects import Answers
+from session.log.logfile import Log, already_calibrated
+from session.log.samples import Samples
 from tinygc.deploy.apply import Applied, apply_model, model_of
 from tinygc.deploy.calibration import Calibration
 from tinygc.library.arguments import Progress, answers_of, column_unit, is_fit, nothing, public

@@ -15,11 +15,11 @@ from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 
-from session.io.arrays import si_of
-from session.io.dialects import Answers
-from session.io.errors import CalibrationError, DataError
-from session.io.folder import Session
-from session.io.units import DEG
+from session.base.errors import CalibrationError, DataError
+from session.base.units import DEG
+from session.log.arrays import si_of
+from session.log.dialects import Answers
+from session.log.folder import Session
 
 #: progress callback: current step's description, steps done, steps in all
 Progress = Callable[[str, int, int], None]

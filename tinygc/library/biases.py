@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from session.io.errors import CalibrationError
-from session.io.folder import Session
+from session.base.errors import CalibrationError
+from session.log.folder import Session
 from tinygc.deploy.calibration import Calibration
 from tinygc.estimation.bias_of_day import Rebiased, rebias_session, rebias_to_json, rebiased_table, save_rebiased
 from tinygc.estimation.choice import ClosureFigures, closure_figures

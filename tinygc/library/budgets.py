@@ -1,4 +1,4 @@
-"""``tinygc.budget``: the uncertainty of a calibration by source, of an annex."""
+"""``tinygc.budget``: the uncertainty of a calibration by source, of a feature."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from session.io.annexes import need
-from session.io.folder import Session
+from session.base.features import need
+from session.log.folder import Session
 from tinygc.estimation.options import FitOptions
 from tinygc.library.arguments import Progress, chosen, is_fit, nothing, public, session_or_folder
 
@@ -60,7 +60,7 @@ def budget(
     Raises
     ------
     CalibrationError
-        For data that cannot be read or fitted, a name that is none, and if the budget annex was removed; its message is one line.
+        For data that cannot be read or fitted, a name that is none, and if the budget feature was removed; its message is one line.
 
     Examples
     --------
@@ -72,10 +72,10 @@ def budget(
     ('B_x', 'drift of the bias')
 
     """
-    annex = need("uncertainty budgets")
-    use = annex.Use(motion, seconds, elapsed_s, warmer_k)
+    feature = need("uncertainty budgets")
+    use = feature.Use(motion, seconds, elapsed_s, warmer_k)
     report = progress or nothing
     if is_fit(session):
-        return annex.budget_of_fit(session.result, use, tuple(of), monte_carlo, seed, report)  # type: ignore[union-attr]
+        return feature.budget_of_fit(session.result, use, tuple(of), monte_carlo, seed, report)  # type: ignore[union-attr]
     options = chosen(FitOptions, FitOptions(methods=("least_squares",)), choices)
-    return annex.budget_of_folder(session_or_folder(session), options, use, tuple(of), report, monte_carlo, seed)
+    return feature.budget_of_folder(session_or_folder(session), options, use, tuple(of), report, monte_carlo, seed)

@@ -7,13 +7,13 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from session.base.errors import CalibrationError
+from session.base.features import need
+from session.base.names import CLOCKS, is_array
 from session.detect.findings import Finding, worst
 from session.detect.first_look import check_folder, check_session
 from session.detect.stills import SessionStills
-from session.io.annexes import need
-from session.io.errors import CalibrationError
-from session.io.folder import Session
-from session.io.names import CLOCKS, is_array
+from session.log.folder import Session
 from tinygc.closure.prepared import first_look_at_fit
 from tinygc.library.arguments import public, session_or_folder
 from tinygc.noise.measured import measured_noise

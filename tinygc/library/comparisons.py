@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from session.io.errors import CalibrationError
+from session.base.errors import CalibrationError
 from tinygc.estimation.compare import DIFFERS_P, Comparison, Moved, calibrated_of, read_calibrated
 from tinygc.estimation.compare import compare as compare_calibrated
 from tinygc.estimation.compare import to_json as comparison_to_json

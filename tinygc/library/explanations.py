@@ -8,11 +8,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from session.io.annexes import find, need
-from session.io.config import read_config
-from session.io.errors import CalibrationError
-from session.io.folder import Session, read_session
-from session.io.siblings import recordings_at, serial_of
+from session.base.errors import CalibrationError
+from session.base.features import find, need
+from session.log.config import read_config
+from session.log.folder import Session, read_session
+from session.log.siblings import recordings_at, serial_of
 from tinygc.explanation.checked import Checked
 from tinygc.explanation.checked import check_on as check
 from tinygc.explanation.engine import explain_session
@@ -58,7 +58,7 @@ class Why:
     """Result of ``tinygc.explain``.
 
     explanation: the complete result, in SI; discovery: result of the search beyond the catalogue, None if not requested; checked: outcome
-    of each effect in each of the recordings that it was checked on; turned_by: what is said of the machine that turned the table (annex
+    of each effect in each of the recordings that it was checked on; turned_by: what is said of the machine that turned the table (feature
     machines), None without one.
     """
 

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from session.io.annexes import need
-from session.io.config import Config, read_config
-from session.io.errors import FitError
-from session.io.folder import Session
+from session.base.errors import FitError
+from session.base.features import need
+from session.log.config import Config, read_config
+from session.log.folder import Session
 from tinygc.estimation.accelerometer import AccelerometerFit
 from tinygc.estimation.choice import ClosureFigures, closure_figures, run_figures
 from tinygc.estimation.fit import fit_session
@@ -275,7 +275,7 @@ def fit_temperature(folders: Path | str | Sequence[Path | str], *, most_order: i
     Raises
     ------
     CalibrationError
-        For data that cannot be read or fitted, and if the temperature annex was removed; its message is one line.
+        For data that cannot be read or fitted, and if the temperature feature was removed; its message is one line.
 
     Examples
     --------
@@ -284,8 +284,8 @@ def fit_temperature(folders: Path | str | Sequence[Path | str], *, most_order: i
     >>> thermal.model(raw, temp=celsius)  # (N, 3) rad/s from (N, 3) rad/s and (N,) degC  # doctest: +SKIP
 
     """
-    annex = need("calibrations over temperature")
-    return annex.fit_temperature(folders, most_order=most_order, progress=progress or nothing)
+    feature = need("calibrations over temperature")
+    return feature.fit_temperature(folders, most_order=most_order, progress=progress or nothing)
 
 
 @public()
@@ -308,7 +308,7 @@ def fit_turns(session: Session | Path | str, *, progress: Progress | None = None
     Raises
     ------
     CalibrationError
-        For data that cannot be read or fitted, and if the annex was removed; its message is one line.
+        For data that cannot be read or fitted, and if the feature was removed; its message is one line.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""``tinygc.history``: one unit over its sessions, of an annex."""
+"""``tinygc.history``: one unit over its sessions, of a feature."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from session.io.annexes import need
-from session.io.errors import CalibrationError
+from session.base.errors import CalibrationError
+from session.base.features import need
 from tinygc.estimation.session_times import Moment, parsed
 from tinygc.library.arguments import Progress, is_path, nothing, public
 
@@ -51,8 +51,8 @@ def history(
     Raises
     ------
     CalibrationError
-        For a folder without a fitted session, one session twice, a requirement or a date that cannot be read, and if the history annex was
-        removed; its message is one line.
+        For a folder without a fitted session, one session twice, a requirement or a date that cannot be read, and if the history feature
+        was removed; its message is one line.
 
     Examples
     --------
@@ -66,12 +66,12 @@ def history(
     2
 
     """
-    annex = need("the history of a unit")
+    feature = need("the history of a unit")
     given = [Path(each) for each in (sessions if isinstance(sessions, Sequence) and not isinstance(sessions, str) else [sessions])]
-    requirements = annex.requirements_of(accuracy, [require] if isinstance(require, str) else require)
-    moments = annex.read_dates(Path(dates)) if is_path(dates) else {name: _moment(name, when) for name, when in (dates or {}).items()}
+    requirements = feature.requirements_of(accuracy, [require] if isinstance(require, str) else require)
+    moments = feature.read_dates(Path(dates)) if is_path(dates) else {name: _moment(name, when) for name, when in (dates or {}).items()}
     day = None if today is None else _moment("today", today).when
-    return annex.history_of_paths(given, moments, requirements, serial, day, progress or nothing)
+    return feature.history_of_paths(given, moments, requirements, serial, day, progress or nothing)
 
 
 def _moment(name: str, when: Any) -> Moment:

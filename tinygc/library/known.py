@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from session.io.errors import CalibrationError
-from session.io.registers import PROFILES, nearest_name, profile_of
-from session.io.sensors.profile import Profile
-from session.io.texts import command_line
+from session.base.errors import CalibrationError
+from session.base.texts import command_line
+from session.log.registers import PROFILES, nearest_name, profile_of
+from session.log.sensors.profile import Profile
 from tinygc.library.arguments import public
 
 if TYPE_CHECKING:

@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
+from session.base.errors import CalibrationError, FormatError
+from session.base.questions import QuestionsError
 from session.detect.findings import Finding
-from session.io.dialects import Answers
-from session.io.errors import CalibrationError, FormatError
-from session.io.folder import Session, read_session
-from session.io.questions import QuestionsError
+from session.log.dialects import Answers
+from session.log.folder import Session, read_session
 from session.replay.importing import import_log as import_files
 from tinygc.library.arguments import answers_of, public
 

@@ -1,4 +1,4 @@
-"""``tinygc.array``, ``tinygc.lot`` and ``tinygc.fleet``: several units on one body, a lot of sensors, many sessions; all of annexes."""
+"""``tinygc.array``, ``tinygc.lot`` and ``tinygc.fleet``: several units on one body, a lot of sensors, many sessions; all of features."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from session.base.errors import CalibrationError
+from session.base.features import need
 from session.detect.findings import Finding
-from session.io.annexes import need
-from session.io.dialects import Answers
-from session.io.errors import CalibrationError
-from session.io.folder import Session
+from session.log.dialects import Answers
+from session.log.folder import Session
 from tinygc.library.arguments import Progress, answers_of, column_unit, is_path, nothing, public
 
 # ``tinygc.array``: several units on one rigid body.
@@ -41,8 +41,8 @@ class Array:
         bias: ``auto``, ``ends`` or ``stills``; accelerometer: ``auto``, ``given``, ``fit`` or ``prior``.  Returns a FittedArray:
         ``result`` in SI, ``summary()``, ``save(folder)``, ``to_json()``.  Raises CalibrationError for data that cannot be fitted.
         """
-        annex = need("calibrations of arrays")
-        return annex.fit(self.session, bias=bias, accelerometer=accelerometer, use_earth=use_earth, progress=progress or nothing)
+        feature = need("calibrations of arrays")
+        return feature.fit(self.session, bias=bias, accelerometer=accelerometer, use_earth=use_earth, progress=progress or nothing)
 
     @public()
     def explain(self, *, seed: int = 0, use_earth: bool = True, check_on: Sequence[Any] = (), progress: Progress | None = None) -> Any:
@@ -51,8 +51,8 @@ class Array:
         check_on: other recordings of the array, or their folders.  Returns an ExplainedArray: ``result``, ``summary()``,
         ``save(folder)``, ``to_json()``.  Raises CalibrationError for data that cannot be explained.
         """
-        annex, others = need("calibrations of arrays"), [each.session if isinstance(each, Array) else each for each in check_on]
-        return annex.explain(self.session, seed=seed, use_earth=use_earth, check_on=others, progress=progress or nothing)
+        feature, others = need("calibrations of arrays"), [each.session if isinstance(each, Array) else each for each in check_on]
+        return feature.explain(self.session, seed=seed, use_earth=use_earth, check_on=others, progress=progress or nothing)
 
     @public(Answers)
     def apply(
@@ -70,8 +70,8 @@ class Array:
         model: the array's model file, as its fit saves it; which: the log, of several; unit: of the rates in the log, rad/s or dps;
         choices: what the logs do not tell, as of ``tinygc.apply``.  Returns an ArrayApplied: ``rows``, ``used``, ``events``, ``notes``.
         """
-        annex, answers = need("calibrations of arrays"), answers_of(choices)
-        return annex.apply(Path(model), self.session.folder, Path(out), answers, which, column_unit(unit), progress or nothing)
+        feature, answers = need("calibrations of arrays"), answers_of(choices)
+        return feature.apply(Path(model), self.session.folder, Path(out), answers, which, column_unit(unit), progress or nothing)
 
 
 @public()
@@ -93,7 +93,7 @@ def array(units: Any, *, name: str = "array") -> Array:
     Raises
     ------
     CalibrationError
-        For units that are no array, and if the arrays annex was removed; its message is one line.
+        For units that are no array, and if the arrays feature was removed; its message is one line.
 
     Examples
     --------
@@ -163,7 +163,7 @@ def fleet(
     Raises
     ------
     CalibrationError
-        For folders without a session, and if the lots annex was removed; its message is one line.
+        For folders without a session, and if the lots feature was removed; its message is one line.
 
     Examples
     --------
@@ -172,13 +172,13 @@ def fleet(
     >>> found.result.passed  # doctest: +SKIP
 
     """
-    annex = need("lots and fleets")
+    feature = need("lots and fleets")
     places = [Path(each) for each in ([folders] if isinstance(folders, str | os.PathLike) else folders)]
     if isinstance(steps, str):
         steps = (steps,)
-    options = annex.FleetOptions(tuple(steps), seed, use_earth, accelerometer, tuple(os.path.abspath(each) for each in effects))
+    options = feature.FleetOptions(tuple(steps), seed, use_earth, accelerometer, tuple(os.path.abspath(each) for each in effects))
     how = {"jobs": jobs, "scheduler": scheduler, "retry": retry, "limit_deg": limit_deg}
-    return annex.fleet(places, Path(out), options, **how, progress=progress or (lambda tally: None))
+    return feature.fleet(places, Path(out), options, **how, progress=progress or (lambda tally: None))
 
 
 @public()
@@ -200,7 +200,7 @@ def lot(table: Path | str, *, model: str | None = None) -> Any:
     Raises
     ------
     CalibrationError
-        For a table that cannot be read or has fewer than two fitted units, and if the lots annex was removed.
+        For a table that cannot be read or has fewer than two fitted units, and if the lots feature was removed.
 
     Examples
     --------

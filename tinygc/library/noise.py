@@ -1,4 +1,4 @@
-"""``tinygc.estimate_noise``: the noise of one unit at rest, of an annex."""
+"""``tinygc.estimate_noise``: the noise of one unit at rest, of a feature."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from session.io.annexes import need
-from session.io.dialects import Answers
-from session.io.errors import CalibrationError
-from session.io.folder import Session
+from session.base.errors import CalibrationError
+from session.base.features import need
+from session.log.dialects import Answers
+from session.log.folder import Session
 from tinygc.library.arguments import Progress, answers_of, is_number, is_path, nothing, public
 from tinygc.library.logs import asking_for_keywords, columns_of
 
@@ -56,7 +56,7 @@ def estimate_noise(
     Raises
     ------
     CalibrationError
-        For what cannot be read, for logs of two units or data rates, and if the noise annex was removed; its message is one line.
+        For what cannot be read, for logs of two units or data rates, and if the noise feature was removed; its message is one line.
 
     Examples
     --------
@@ -65,16 +65,16 @@ def estimate_noise(
     >>> found.figures.gyro.values("N")  # doctest: +SKIP
 
     """
-    annex = need("noise figures")
+    feature = need("noise figures")
     told = answers_of(answers)
     if curve is not None:
         if logs is not None:
             raise CalibrationError("estimate_noise: give logs or curve, not both")
-        return annex.noise_of_curve(Path(curve), curve_units, duration_s, told.odr_hz, told.sensor or "", serial)
+        return feature.noise_of_curve(Path(curve), curve_units, duration_s, told.odr_hz, told.sensor or "", serial)
     inputs = [_input(each) for each in (logs if isinstance(logs, list) else [logs])]
     with asking_for_keywords():
         own = columns_of(columns)
-        return annex.noise_of(inputs, told, own, serial, progress or nothing)
+        return feature.noise_of(inputs, told, own, serial, progress or nothing)
 
 
 def _input(given: Any) -> Any:

@@ -1,12 +1,12 @@
-"""``tinygc.estimate_rates``: a sensor on a rate table, of an annex."""
+"""``tinygc.estimate_rates``: a sensor on a rate table, of a feature."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
 
-from session.io.annexes import need
-from session.io.errors import CalibrationError
+from session.base.errors import CalibrationError
+from session.base.features import need
 from tinygc.library.arguments import Progress, is_path, nothing, public
 
 
@@ -47,7 +47,7 @@ def estimate_rates(
     Raises
     ------
     CalibrationError
-        For what cannot be read, for too few rates, and if the rates annex was removed; its message is one line.
+        For what cannot be read, for too few rates, and if the rates feature was removed; its message is one line.
 
     Examples
     --------
@@ -58,12 +58,12 @@ def estimate_rates(
     'line'
 
     """
-    annex = need("rates of a table")
+    feature = need("rates of a table")
     if is_path(source):
         if sigma is not None:
             raise CalibrationError("estimate_rates: sigma is of arrays; a CSV has a column std and --readings")
-        columns = annex.Columns(rate_column, output_column, unit, readings)
-        return annex.rates_of(Path(source), columns, progress or nothing)
+        columns = feature.Columns(rate_column, output_column, unit, readings)
+        return feature.rates_of(Path(source), columns, progress or nothing)
     if not (isinstance(source, tuple) and len(source) == 2):
         raise CalibrationError(f"source is of type {type(source).__name__}, expected a path or a tuple of two arrays (rate_dps, output)")
-    return annex.rates_of_arrays(*source, sigma, unit or "units", progress or nothing)
+    return feature.rates_of_arrays(*source, sigma, unit or "units", progress or nothing)

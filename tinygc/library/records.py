@@ -8,10 +8,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from session.base.dataframe import data_frame
+from session.base.errors import CalibrationError
 from session.detect.accelerometer import NAMES as ACCELEROMETER_NAMES
 from session.detect.accelerometer import PARAMETERS
-from session.io.dataframe import data_frame
-from session.io.errors import CalibrationError
 from tinygc.estimation.accelerometer import AccelerometerFit
 from tinygc.library.arguments import public
 from tinygc.reporting.terminal import Group, as_html, as_text

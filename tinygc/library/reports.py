@@ -9,12 +9,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from session.io.annexes import need
-from session.io.errors import CalibrationError
-from session.io.files import result_folder
-from session.io.folder import Session
-from session.io.names import is_array
-from session.io.results import write_text_whole
+from session.base.errors import CalibrationError
+from session.base.features import need
+from session.base.files import result_folder
+from session.base.names import is_array
+from session.base.results import write_text_whole
+from session.log.folder import Session
 from tinygc.deploy import FORMATS, NOISE_FORMATS, ExportError, exports, format_named
 from tinygc.deploy.exports._context import ONLY, Context, NoiseSource, read_context
 from tinygc.estimation.options import FitOptions
@@ -77,9 +77,9 @@ class Report(Shown):
         return summary(self.data)
 
     def certificate(self, as_found: Path | str | None = None) -> Any:
-        """The form that a laboratory signs: ``html``, ``dcc``, ``draft``, ``missing``, ``save(path, pdf=False)``; of an annex.
+        """The form that a laboratory signs: ``html``, ``dcc``, ``draft``, ``missing``, ``save(path, pdf=False)``; of a feature.
 
-        as_found: model file of the calibration in use until now, whose errors are then stated.  Raises MissingAnnexError, and FormatError
+        as_found: model file of the calibration in use until now, whose errors are then stated.  Raises MissingFeatureError, and FormatError
         for a file that is no linear model.
         """
         return need("certificates (report --certificate)").certificate_of(self.data, as_found)

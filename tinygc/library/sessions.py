@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
+from session.base.errors import CalibrationError, SegmentError
+from session.base.texts import command_line
 from session.detect.accelerometer import LengthFit, why_not, write_calibrated_copy
 from session.detect.check_references import own_fit
-from session.io.config import Accelerometer
-from session.io.errors import CalibrationError, SegmentError
-from session.io.folder import Session, read_session
-from session.io.texts import command_line
+from session.log.config import Accelerometer
+from session.log.folder import Session, read_session
 from tinygc.estimation.accelerometer import AccelerometerFit, of_lengths
 from tinygc.library.arguments import public, session_or_folder
 from tinygc.library.records import Estimate, Listed, Named, Shown, accelerometer_estimates

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from session.io.config import Accelerometer, Protocol, Site
-from session.io.errors import DataError
-from session.io.folder import Session
-from session.io.units import DEG, G
+from session.base.errors import DataError
+from session.base.units import DEG, G
+from session.log.config import Accelerometer, Protocol, Site
+from session.log.folder import Session
 from tinygc.effects import Effect, Movement, effect_of
 from tinygc.effects.movement import vibration
 from tinygc.library.arguments import chosen, public

@@ -1,4 +1,4 @@
-"""``tinygc.verify``: whether a stored calibration still holds, of an annex."""
+"""``tinygc.verify``: whether a stored calibration still holds, of a feature."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from session.io.annexes import need
-from session.io.dialects import Answers
-from session.io.errors import CalibrationError
-from session.io.folder import Session
+from session.base.errors import CalibrationError
+from session.base.features import need
+from session.log.dialects import Answers
+from session.log.folder import Session
 from tinygc.library.arguments import Progress, answers_of, is_path, nothing, public
 from tinygc.library.logs import asking_for_keywords
 
@@ -73,7 +73,7 @@ def verify(
     Raises
     ------
     CalibrationError
-        For what cannot be read or compared, and if the verification annex was removed; its message is one line.
+        For what cannot be read or compared, and if the verification feature was removed; its message is one line.
 
     Examples
     --------
@@ -87,13 +87,13 @@ def verify(
     'holds'
 
     """
-    annex = need("verification of a calibration")
+    feature = need("verification of a calibration")
     for name, value, most in (("false_alarm", false_alarm, 1.0), ("limit_deg", limit_deg, 180.0)):
         if not 0 < value < most:
             raise CalibrationError(f"verify: {name} is {value:g}, expected a number between 0 and {most:g}")
     if not isinstance(today, Session) and not is_path(today):
         raise CalibrationError(f"today is of type {type(today).__name__}, expected a tinygc.Session, a session folder or a log")
-    options = annex.Options(
+    options = feature.Options(
         false_alarm=false_alarm,
         limit_deg=limit_deg,
         history=tuple(map(Path, history)),
@@ -106,4 +106,4 @@ def verify(
     )
     given = today if isinstance(today, Session) else Path(today)
     with asking_for_keywords():
-        return annex.verify_of(Path(model), given, options, answers_of(answers), serial, progress or nothing)
+        return feature.verify_of(Path(model), given, options, answers_of(answers), serial, progress or nothing)

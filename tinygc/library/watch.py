@@ -1,4 +1,4 @@
-"""``tinygc.watch``: whether a calibration holds while its sensor is in use, of an annex."""
+"""``tinygc.watch``: whether a calibration holds while its sensor is in use, of a feature."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import os
 from pathlib import Path
 from typing import Any
 
-from session.io.annexes import need
-from session.io.dialects import Answers
-from session.io.errors import CalibrationError
+from session.base.errors import CalibrationError
+from session.base.features import need
+from session.log.dialects import Answers
 from tinygc.library.arguments import answers_of, is_number, is_path, public
 
 #: s: mean time at rest to a false alarm, where nobody says another
@@ -50,7 +50,7 @@ def watch(
     Raises
     ------
     CalibrationError
-        For what cannot be read, and if the watch annex was removed; its message is one line.
+        For what cannot be read, and if the watch feature was removed; its message is one line.
 
     Examples
     --------

@@ -8,8 +8,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from session.io.errors import FormatError
-from session.io.results import Array, Keys, Number, require
+from session.base.errors import FormatError
+from session.base.results import Array, Keys, Number, require
 from tinygc.attitude import rotation
 from tinygc.models.model import FACTOR, BaseModel, Model
 

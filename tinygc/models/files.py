@@ -11,13 +11,13 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from session.io.annexes import MissingAnnexError, need
-from session.io.errors import FormatError
-from session.io.results import read_json, require, require_schema, shown
+from session.base.errors import FormatError
+from session.base.features import MissingFeatureError, need
+from session.base.results import read_json, require, require_schema, shown
 from tinygc.models.model import MODEL, Model, accelerometer_of, sensor_of
 
 SCHEMA, UNITS = "tinygc-model/1", "rad/s in, rad/s out"
-#: schema of a sensor array's model, which ``tinygc.annexes.arrays`` reads
+#: schema of a sensor array's model, which ``tinygc.features.arrays`` reads
 ARRAY_SCHEMA = "tinygc-array-model/1"
 #: kinds whose covariance has exactly one row per parameter
 ALL_COVARIED = ("linear", "physics")
@@ -29,8 +29,8 @@ KINDS = {
     "physics": "tinygc.models.physics",
     "tinygc_physics": "tinygc.models.physics",
 }
-#: kinds that an annex brings -> what it serves them as
-ANNEX_KINDS = {"thermal": "models over temperature"}
+#: kinds that a feature brings -> what it serves them as
+FEATURE_KINDS = {"thermal": "models over temperature"}
 
 
 def to_dict(model: Model, **more: Any) -> dict:
@@ -44,8 +44,8 @@ def from_dict(table: Any, where: str = "model") -> Model:
     if (units := table.get("units", UNITS)) != UNITS:
         raise FormatError(f'{where}: units are {shown(units)}, expected "{UNITS}"; convert the numbers, or fit again')
     kind = table.get("kind")
-    if not isinstance(kind, str) or (kind not in KINDS and kind not in ANNEX_KINDS):
-        raise FormatError(f"{where}: kind is {shown(kind)}, expected one of {', '.join((*KINDS, *ANNEX_KINDS))}; fit again")
+    if not isinstance(kind, str) or (kind not in KINDS and kind not in FEATURE_KINDS):
+        raise FormatError(f"{where}: kind is {shown(kind)}, expected one of {', '.join((*KINDS, *FEATURE_KINDS))}; fit again")
     require(table, MODEL, where)
     return _module(kind, where).from_table(table, where, from_dict)
 
@@ -82,6 +82,6 @@ def _module(kind: str, where: str) -> ModuleType:
     if kind in KINDS:
         return importlib.import_module(KINDS[kind])
     try:
-        return need(ANNEX_KINDS[kind])
-    except MissingAnnexError as error:
+        return need(FEATURE_KINDS[kind])
+    except MissingFeatureError as error:
         raise FormatError(f"{where}: {error}") from None

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from session.io.units import DEG
+from session.base.units import DEG
 from tinygc.attitude import rotation
 from tinygc.models.model import BaseModel
 

@@ -8,22 +8,22 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, runtime_checkab
 
 import numpy as np
 
-from session.io.config import OWN_UNITS, Accelerometer, Sensor
-from session.io.errors import CalibrationError
-from session.io.names import CLOCKS
-from session.io.results import Array, Keys, ListOf, MapOf, Maybe, Number, Text, require
-from session.io.units import DEG, G
+from session.base.errors import CalibrationError
+from session.base.names import CLOCKS
+from session.base.results import Array, Keys, ListOf, MapOf, Maybe, Number, Text, require
+from session.base.units import DEG, G
+from session.log.config import OWN_UNITS, Accelerometer, Sensor
 
 if TYPE_CHECKING:
-    from session.io.samples import Samples
+    from session.log.samples import Samples
     from tinygc.effects.effect import AppliedEffect
 
 
-# The keys shared by all kinds of model, with the ranges of their values (``session/io/results.py``).
+# The keys shared by all kinds of model, with the ranges of their values (``session/base/results.py``).
 
 #: greatest factor on a rate or a force: it includes mixed-up units, such as mdps for dps
 FACTOR = Number(-1e4, 1e4)
-#: limits beyond any gyroscope and accelerometer (session/io/units.py), rad/s and m/s^2
+#: limits beyond any gyroscope and accelerometer (session/base/units.py), rad/s and m/s^2
 RATE, FORCE = Number(-1e5 * DEG, 1e5 * DEG), Number(-1e4 * G, 1e4 * G)
 CELSIUS = Number(-1e4, 1e4)
 SECONDS = Number(-1e9, 1e9)

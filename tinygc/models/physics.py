@@ -8,9 +8,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from session.io.errors import CalibrationError, FormatError
-from session.io.results import Array, Keys, ListOf, Maybe, Number, Text, require
-from session.io.samples import Samples
+from session.base.errors import CalibrationError, FormatError
+from session.base.results import Array, Keys, ListOf, Maybe, Number, Text, require
+from session.log.samples import Samples
 from tinygc.effects import AppliedEffect, Conditions, Effect, EffectError, Movement, effect_of, movement_of
 from tinygc.effects.effect import READINGS
 from tinygc.models.linear import BIAS, PARAMETERS, LinearModel

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from session.io.units import NS
+from session.base.units import NS
 from tinygc.effects import CommonDelay, Convention
 from tinygc.models.linear import MATRIX
 from tinygc.noise.refit import KNOWN, Refit, prior_sigmas

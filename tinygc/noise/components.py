@@ -11,9 +11,9 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from session.base.numeric import sigma_of
+from session.base.units import DEG, DEG_PER_HOUR, MG, G
 from session.detect.check_time import LEAST_EXPONENT, STEPS, capped, thinning_exponent, thinning_weights
-from session.io.numeric import sigma_of
-from session.io.units import DEG, DEG_PER_HOUR, MG, G
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.floor import wander_covariance

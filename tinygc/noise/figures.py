@@ -21,8 +21,8 @@ from pathlib import Path
 
 import numpy as np
 
-from session.io.errors import FormatError
-from session.io.results import Array, Flag, Keys, ListOf, MapOf, Maybe, Number, Shape, Text, read_required
+from session.base.errors import FormatError
+from session.base.results import Array, Flag, Keys, ListOf, MapOf, Maybe, Number, Shape, Text, read_required
 
 SCHEMA = "tinygc-noise/1"
 #: file of a unit's noise figures, beside ``fit.json``

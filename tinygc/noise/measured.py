@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
+from session.base.errors import FormatError
+from session.base.names import is_array
+from session.base.units import DEG_PER_HOUR, DEG_PER_SQRT_HOUR, G
 from session.detect.rounding import lsb_of
-from session.io.config import NO_SERIAL
-from session.io.errors import FormatError
-from session.io.folder import sha256_of
-from session.io.names import is_array
-from session.io.units import DEG_PER_HOUR, DEG_PER_SQRT_HOUR, G
+from session.log.config import NO_SERIAL
+from session.log.folder import sha256_of
 from tinygc.closure.at_rest import MeasuredNoise, NoiseComparison
 from tinygc.closure.floor import (
     END_S,

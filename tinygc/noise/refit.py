@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from session.io.units import EARTH_RATE_RPS, MG
+from session.base.units import EARTH_RATE_RPS, MG
 from tinygc.closure.uncertainty import chi_square_above
 from tinygc.effects import AppliedEffect, Effect
 from tinygc.models.linear import PRIOR_SIGMA

@@ -5,9 +5,9 @@
 with r the residuals, J the columns of all fitted parameters, D their prior.  In a long session C is split into blocks of neighbouring
 turns: correlations beyond a block add little information, and the cost of the full matrix grows as the cube of the session.
 
-Explain, fit and the temperature annex call ``estimate``.  Where a covariance has a structure that makes the same likelihood cheaper, its
-annex writes it in that form, and a test holds it to this one (tests/test_noise_physics.py): an array's components are variances of
-single rows (``annexes.arrays.system``).  A lot's spreads are one variance each (``annexes.lots.estimate``).  One estimate is of another
+Explain, fit and the temperature feature call ``estimate``.  Where a covariance has a structure that makes the same likelihood cheaper, its
+feature writes it in that form, and a test holds it to this one (tests/test_noise_physics.py): an array's components are variances of
+single rows (``features.arrays.system``).  A lot's spreads are one variance each (``features.fleet.estimate``).  One estimate is of another
 kind: the bias instability of stills has innovations with outliers, and the posterior mean over a grid in place of a maximum
 (``closure.floor``).
 """
@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from session.io.solving import inverse
+from session.base.solving import inverse
 from tinygc.closure.least_squares import inverse_lower, solve_lower
 from tinygc.noise.whitening import Sparse
 

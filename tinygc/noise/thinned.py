@@ -10,7 +10,7 @@ import numpy as np
 
 from session.detect.segments import Segment
 from session.detect.stills import Still
-from session.io.samples import Samples
+from session.log.samples import Samples
 from tinygc.closure.problem import LEFT_OUT, Problem, conditions
 from tinygc.effects import Conditions, Movement, movement_of
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from session.io.solving import inverse
+from session.base.solving import inverse
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.uncertainty import signed_ranks_above

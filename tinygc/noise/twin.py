@@ -9,10 +9,10 @@ from itertools import groupby
 
 import numpy as np
 
+from session.base.solving import solve
+from session.base.units import DEG, G
 from session.detect.accelerometer import IDENTITY, force_columns, units
 from session.detect.stills import Still
-from session.io.solving import solve
-from session.io.units import DEG, G
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.problem import ACCELEROMETER, Problem, conditions

@@ -10,7 +10,7 @@ from itertools import islice
 
 import numpy as np
 
-from session.io.units import MG
+from session.base.units import MG
 from tinygc.attitude import rotation
 from tinygc.closure.least_squares import inverse_lower, solve_lower
 from tinygc.noise.twin import Twin

@@ -13,8 +13,8 @@ from typing import Protocol
 
 import numpy as np
 
+from session.base.units import DEG, DEG_PER_HOUR, MG, G
 from session.bench.messages import AcceptedTurn, Advice, Progress, RequestedTurn
-from session.io.units import DEG, DEG_PER_HOUR, MG, G
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.floor import BiasWander, Floor, gyro_variance, still_tilt_variance

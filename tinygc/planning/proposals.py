@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
+from session.base.errors import FormatError
+from session.base.results import Keys, MapOf, Maybe, Text, read_required
+from session.base.texts import printable
+from session.base.units import DEG, STANDARD_GRAVITY_MPS2
 from session.detect.accelerometer import IDENTITY, PARAMETERS, SCALES, length_columns
 from session.detect.check_references import with_aligned_truth, with_own_accelerometer
 from session.detect.check_samples import with_bridges
-from session.io.errors import FormatError
-from session.io.folder import Session, read_session, sha256_of
-from session.io.results import Keys, MapOf, Maybe, Text, read_required
-from session.io.texts import printable
-from session.io.units import DEG, STANDARD_GRAVITY_MPS2
+from session.log.folder import Session, read_session, sha256_of
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.build import build_problem

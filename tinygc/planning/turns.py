@@ -8,12 +8,12 @@ from itertools import product
 
 import numpy as np
 
+from session.base.numeric import sigma_of
+from session.base.units import DEG, MG, G
 from session.bench.messages import AxisMove
 from session.detect.accelerometer import PARAMETERS, UPPER, length_columns
 from session.detect.stills import Noise, Still
-from session.io.config import Accelerometer
-from session.io.numeric import sigma_of
-from session.io.units import DEG, MG, G
+from session.log.config import Accelerometer
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.joint import tilt_columns

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from session.io.texts import printable
+from session.base.texts import printable
 from tinygc.explanation.checked import OUTCOMES, Checked, CheckedEffect, Outcome, numbers_of, outcome_of
 from tinygc.explanation.claims import measured
 from tinygc.reporting.terminal import RenderableType, Table, Text, one_line

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from session.base.files import result_folder
+from session.base.results import write_whole
+from session.base.units import DEG, MG
 from session.detect.check_references import frame_text, mounting_text, offset_text
 from session.detect.findings import xyz_text
-from session.io.files import result_folder
-from session.io.results import write_whole
-from session.io.units import DEG, MG
 from tinygc.effects import largest
 from tinygc.effects.effect import IN_STILLS
 from tinygc.explanation.checked import Checked, checked_to_json
@@ -225,7 +225,7 @@ class ExplanationReport:
 
     #: the claims on other recordings
     checked: Sequence[Checked] = ()
-    #: what an annex says of the machine that turned the table: ``page()`` and ``to_json()``; None without one
+    #: what a feature says of the machine that turned the table: ``page()`` and ``to_json()``; None without one
     turned_by: Any = None
 
     def __init__(self, explanation: Any):

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
+from session.base.texts import command_line
+from session.base.units import DEG
 from session.detect.stamp_errors import STAMPS
-from session.io.texts import command_line
-from session.io.units import DEG
 from tinygc.estimation.choice import RAW, closure_figures, rmse, run_figures
 from tinygc.estimation.model_tests import contradictions
 from tinygc.estimation.results import FitResult

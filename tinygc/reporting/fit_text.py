@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from session.base.texts import command_line, printable
+from session.base.units import DEG, MG
 from session.detect.accelerometer import LengthFit
 from session.detect.check_references import frame_text, mounting_text, offset_text
-from session.io.texts import command_line, printable
-from session.io.units import DEG, MG
 from tinygc.estimation.accelerometer import AccelerometerFit, drift_json
 from tinygc.estimation.choice import closure_figures, run_figures
 from tinygc.estimation.expected_zero import USUAL_SPREAD

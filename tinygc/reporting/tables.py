@@ -6,9 +6,9 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from session.base.names import CLOCKS
+from session.base.texts import command_line, printable
 from session.detect.findings import LEVELS, Finding, worst
-from session.io.names import CLOCKS
-from session.io.texts import command_line, printable
 from tinygc.estimation.options import METHODS
 from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_line, plain_table
 

@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from session.io.units import DEG, EARTH_RATE_RPS
+from session.base.units import DEG, EARTH_RATE_RPS
 from tinygc.simulation.options import SimulationOptions
 
 # One push of the hand at one gimbal, as a function of time with exact derivatives.

@@ -7,14 +7,14 @@ from dataclasses import dataclass, field, fields
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
-from session.io.errors import CalibrationError
-from session.io.registers import DEFAULT
-from session.io.units import DEG, MG
+from session.base.errors import CalibrationError
+from session.base.units import DEG, MG
+from session.log.registers import DEFAULT
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from session.io.registers import RegisterUnits
+    from session.log.registers import RegisterUnits
 
 
 # Options of a simulated session.  Sources: docs/sensor.md, docs/formats.md.
@@ -108,7 +108,7 @@ class SimulationOptions:
             self._require(0 <= getattr(self, name) <= most, name, f"0 to {most:g}")
         for name in ("gyro_scale_error", "gyro_misalignment", "accel_scale_error", "accel_misalignment"):
             self._require(0 <= getattr(self, name) <= 0.1, name, "0 to 0.1 (larger ones may be no invertible matrix)")
-        from session.io.logfile import MOST_SIGMA_DEG  # imported here: `--help` need not wait for its NumPy
+        from session.log.logfile import MOST_SIGMA_DEG  # imported here: `--help` need not wait for its NumPy
 
         self._require(0 <= self.stop_sigma_deg <= MOST_SIGMA_DEG, "stop_sigma_deg", f"0 to {MOST_SIGMA_DEG:g}")
         for name, least in SMALLEST.items():
@@ -142,7 +142,7 @@ class SimulationOptions:
     @property
     def register_units(self) -> RegisterUnits:
         """Scaling of the sensor's registers."""
-        from session.io.registers import RegisterUnits
+        from session.log.registers import RegisterUnits
 
         return RegisterUnits(self.sensor, self.gyro_fs_dps, self.accel_fs_g)
 

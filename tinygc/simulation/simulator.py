@@ -7,9 +7,9 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from session.io.registers import RegisterUnits
-from session.io.sensors.profile import REGISTER_MAX
-from session.io.units import DEG, DEG_PER_HOUR, G
+from session.base.units import DEG, DEG_PER_HOUR, G
+from session.log.registers import RegisterUnits
+from session.log.sensors.profile import REGISTER_MAX
 from tinygc.simulation import movement
 from tinygc.simulation.movement import MovementPlan, hand_plan
 from tinygc.simulation.options import GYRO_LPF2_HZ, SimulatedUnit, SimulationOptions, draw_unit

@@ -12,10 +12,10 @@ import tty
 from pathlib import Path
 from typing import IO
 
+from session.base.errors import CalibrationError
+from session.base.files import open_written
 from session.bench.port import VIRTUAL_STEM, lock_of
 from session.bench.rawfile import lock
-from session.io.errors import CalibrationError
-from session.io.files import open_written
 
 #: bytes that a board with some memory can buffer while its host is busy
 MEMORY_BYTES = 65_536

@@ -10,18 +10,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from session.base.errors import CalibrationError, DataError
+from session.base.files import MOST_TOML, read_text
+from session.base.results import write_text_whole
+from session.base.texts import comment
+from session.base.units import DEG, G
 from session.bench import frames
 from session.bench.events import HEADER, Info
-from session.io.config import Sensor
-from session.io.errors import CalibrationError, DataError
-from session.io.files import MOST_TOML, read_text
-from session.io.folder import Session, read_session
-from session.io.registers import DEFAULT, RegisterUnits
-from session.io.results import write_text_whole
-from session.io.samples import Samples
-from session.io.sensors.profile import REGISTER_MAX
-from session.io.texts import comment
-from session.io.units import DEG, G
+from session.log.config import Sensor
+from session.log.folder import Session, read_session
+from session.log.registers import DEFAULT, RegisterUnits
+from session.log.samples import Samples
+from session.log.sensors.profile import REGISTER_MAX
 from tinygc.simulation.movement import PEAK_RPS, GimbalTurn, MovementPlan, Stroke, not_faster, stroke
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulator import RegisterLog, plan_of, simulate_session

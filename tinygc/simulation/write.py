@@ -10,16 +10,16 @@ from pathlib import Path
 
 import numpy as np
 
-from session.io.config import SCHEMA
-from session.io.errors import FormatError
-from session.io.files import MOST_TOML, folder_whole, read_bytes, refuse_unfinished, write_new
-from session.io.logfile import NAME as KNOWN_TURNS
-from session.io.logfile import KnownTurn
-from session.io.names import has_recorded_name
-from session.io.texts import comment
-from session.io.toml import line
-from session.io.units import DEG, MG
-from session.io.written import turns_text
+from session.base.errors import FormatError
+from session.base.files import MOST_TOML, folder_whole, read_bytes, refuse_unfinished, write_new
+from session.base.names import has_recorded_name
+from session.base.texts import comment
+from session.base.toml import line
+from session.base.units import DEG, MG
+from session.log.config import SCHEMA
+from session.log.logfile import NAME as KNOWN_TURNS
+from session.log.logfile import KnownTurn
+from session.log.written import turns_text
 from tinygc.simulation.movement import MovementPlan, gimbal_angles, table_to_body
 from tinygc.simulation.options import BIAS_DIGITS, MATRIX_DIGITS, SimulationOptions, command_line
 from tinygc.simulation.simulator import Distort, RegisterLog, Simulation, simulate_session

@@ -20,8 +20,8 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
 from typing import Any, cast
 
+from session.base.errors import CalibrationError
 from session.bench.operator import LONGEST_NOTE, BrowserCommands
-from session.io.errors import CalibrationError
 
 
 class LatestEvents:

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from session.base.texts import printable
+from session.base.units import DEG, NS
 from session.bench.guide import Guide, View
 from session.bench.messages import AcceptedTurn, GuideMessage, Kind, Stage
 from session.bench.page.server import PageServer
-from session.io.samples import Samples, joined
-from session.io.texts import printable
-from session.io.units import DEG, NS
+from session.log.samples import Samples, joined
 
 # Unit quaternions, scalar first, as plain numbers: NumPy is slow on four of them, and a resumed recording has millions.
 

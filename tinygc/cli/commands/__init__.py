@@ -5,8 +5,8 @@ nothing heavy at its top, so that ``--help`` is instant.  ``USES_EFFECTS = True`
 arguments that a user's defaults file may fill in (``tinygc/cli/defaults.py``).  To add a command, add a file and its name
 below.
 
-A command of an annex is listed by its name in ``session/io/annexes.py``; ``tinygc/cli/extensions.py`` has the extensions of core commands
-by annexes.
+A command of a feature is listed by its name in ``session/base/features.py``; ``tinygc/cli/extensions.py`` has the extensions of core
+commands by features.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import importlib
 from collections.abc import Iterator
 from types import ModuleType
 
-from session.io.annexes import SERVICES, find, need
+from session.base.features import SERVICES, find, need
 
 COMMANDS = {
     "demo": "tinygc.cli.commands.demo",
@@ -50,10 +50,10 @@ COMMANDS = {
 
 
 def command_module(name: str) -> ModuleType:
-    """Return the module of a command.  Raises MissingAnnexError where its annex is not installed."""
+    """Return the module of a command.  Raises MissingFeatureError where its feature is not installed."""
     return need(name) if name in SERVICES else importlib.import_module(COMMANDS[name])
 
 
 def present_commands() -> Iterator[str]:
-    """Yield the commands, except those of annexes that are not installed."""
+    """Yield the commands, except those of features that are not installed."""
     return (name for name in COMMANDS if name not in SERVICES or find(name) is not None)

@@ -35,8 +35,8 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Write a log with calibrated rates and specific force."""
-    from session.io.annexes import need
-    from session.io.errors import CalibrationError
+    from session.base.errors import CalibrationError
+    from session.base.features import need
     from tinygc.deploy.apply import model_of
     from tinygc.library.applied import apply
     from tinygc.models.files import is_array_model

@@ -10,9 +10,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from session.io.annexes import need
-from session.io.errors import CalibrationError
-from session.io.texts import printable
+from session.base.errors import CalibrationError
+from session.base.features import need
+from session.base.texts import printable
 from tinygc.cli.arguments import (
     accel_full_scale,
     count,
@@ -97,7 +97,7 @@ def _board(args: argparse.Namespace) -> int:
             "board: a virtual board needs a pseudo-terminal, which only POSIX systems have (Linux, macOS); "
             "everything else runs here, record with a real port too"
         ) from None
-    from session.io.results import write_text_whole
+    from session.base.results import write_text_whole
     from tinygc.simulation.virtual_board import HostClock, LineFaults, VirtualBoard
 
     def say(what: str) -> None:

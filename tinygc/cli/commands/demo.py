@@ -24,7 +24,7 @@ def run(args: argparse.Namespace) -> int:
     """Simulate, save, fit by all methods, and hold the fitted parameters against the true ones."""
     import numpy as np
 
-    from session.io.texts import command_line
+    from session.base.texts import command_line
     from tinygc.library.fits import fit
     from tinygc.library.simulations import simulate
     from tinygc.reporting.fit_screen import COLUMNS, files_line, fit_screen

@@ -6,10 +6,10 @@ import argparse
 import os
 from pathlib import Path
 
-from session.io.annexes import need
-from session.io.errors import CalibrationError
-from session.io.names import is_array
-from session.io.texts import command_line
+from session.base.errors import CalibrationError
+from session.base.features import need
+from session.base.names import is_array
+from session.base.texts import command_line
 from tinygc.cli.arguments import folder_written, path_read
 from tinygc.cli.extensions import help_if_present
 from tinygc.cli.options import add_clock_argument, session_of
@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
         output(args).print(line, soft_wrap=True)
     if why.discovery is not None and why.discovery.laws:
         print_commands(args, "use it in another session:", command_line("explain", "OTHER", "--effects", folder / "effects"))
-    from session.io.siblings import others_beside
+    from session.log.siblings import others_beside
 
     if why.effects and not args.check_on and (others := others_beside(args.folder)):
         names = [os.path.relpath(other) for other in others[:MOST_OFFERED]]

@@ -6,9 +6,9 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-from session.io.annexes import need
-from session.io.errors import CalibrationError
-from session.io.names import CLOCKS, is_array, is_gyroscope_alone
+from session.base.errors import CalibrationError
+from session.base.features import need
+from session.base.names import CLOCKS, is_array, is_gyroscope_alone
 from tinygc.cli.arguments import folder_written, path_read, positive, three
 from tinygc.cli.defaults import defaults_json, limit_text
 from tinygc.cli.options import add_fit_arguments, fit_options, given
@@ -121,7 +121,7 @@ def _done(code: int, table: dict, method: str | None, says: str) -> Done:
 
 def _physics(words: str) -> tuple[str, ...]:
     """Parse effect ids or ``auto``; unknown ids are reported before anything is read."""
-    from session.io.errors import FitError
+    from session.base.errors import FitError
     from tinygc.effects import catalogue
 
     ids = tuple(dict.fromkeys(name.strip() for name in words.split(",")))

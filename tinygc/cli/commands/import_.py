@@ -37,8 +37,8 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Convert a log to a session folder."""
+    from session.base.errors import FormatError
     from session.detect.check_samples import HELD
-    from session.io.errors import FormatError
     from session.replay.importing import import_log, known_logs
 
     console = output(args)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import asdict
 
-from session.io.texts import command_line
+from session.base.texts import command_line
 from tinygc.cli.results import output, print_commands, write_json
 
 SUMMARY = "list the serial ports, and say which may be the board"

@@ -8,8 +8,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from session.io.annexes import is_present
-from session.io.texts import command_line, printable
+from session.base.features import is_present
+from session.base.texts import command_line, printable
 from tinygc.cli.arguments import (
     accel_full_scale,
     closure_seconds,
@@ -51,13 +51,13 @@ from tinygc.cli.recording import (
 from tinygc.cli.results import Interruption, complain, output, print_commands, write_json
 
 if TYPE_CHECKING:
+    from session.base.errors import CalibrationError
     from session.bench.events import Info
     from session.bench.guide import Guide
     from session.bench.page.server import PageServer
     from session.bench.recorder import Recorder
     from session.bench.session_file import SessionFile
-    from session.io.config import Config
-    from session.io.errors import CalibrationError
+    from session.log.config import Config
 
 SUMMARY = "record a guided session from a serial port"
 USUAL_CLOSURE_S = 60.0
@@ -219,12 +219,12 @@ def _led(
 ) -> tuple[Guide, Recorder, SessionFile, bool] | None:
     """Lead one recording to its end; return its parts and whether it was interrupted, or None where it must begin again: it held another
     board's bytes, which are now in a separate file."""
+    from session.base.errors import CalibrationError, OtherSensor
     from session.bench.guide import Guide
     from session.bench.guided_session import GuidedRecording
     from session.bench.operator import Keyboard
     from session.bench.recorder import Recorder
     from session.bench.session_file import SessionFile
-    from session.io.errors import CalibrationError, OtherSensor
 
     session_file = SessionFile(folder, args.like, args.odr, args.gyro_fs_dps, args.accel_fs_g, args.sensor, dict(args.note), bench(args))
     if announce and args.rest is None and args.rates is None:
@@ -274,7 +274,7 @@ def _led(
 
 def _closed(recorder: Recorder, session_file: SessionFile) -> CalibrationError | None:
     """Close the recorder; return the error of doing so."""
-    from session.io.errors import StorageError
+    from session.base.errors import StorageError
 
     try:
         recorder.close()
@@ -289,9 +289,9 @@ def _closed(recorder: Recorder, session_file: SessionFile) -> CalibrationError |
 
 def _require_place(folder: Path, resume: bool) -> None:
     """Require a new folder, or with ``resume`` an existing recording; a recording is never overwritten."""
+    from session.base.errors import FormatError
+    from session.base.names import log_paths
     from session.bench.rawfile import IN_USE, RAW, is_locked
-    from session.io.errors import FormatError
-    from session.io.names import log_paths
 
     raw = folder / RAW
     if is_locked(raw):
@@ -307,7 +307,7 @@ def _require_place(folder: Path, resume: bool) -> None:
 
 def _say_what_was_asked(args: argparse.Namespace, folder: Path) -> None:
     """Print what `explain` recommends for this sensor: in the resumed session, or in the one given by ``--like``."""
-    from session.io.errors import FormatError
+    from session.base.errors import FormatError
     from tinygc.planning.proposals import requested_by_explain
 
     for place in (folder, args.like.parent if args.like else None):

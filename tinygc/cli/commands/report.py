@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from session.io.annexes import need
-from session.io.errors import CalibrationError
+from session.base.errors import CalibrationError
+from session.base.features import need
 from tinygc.cli.arguments import OWN_PLACE, file_written, path_read, positive
 from tinygc.cli.defaults import defaults_json, limit_text
 from tinygc.cli.extensions import help_if_present
@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _report(args: argparse.Namespace) -> Done:
-    from session.io.units import DEG
+    from session.base.units import DEG
     from tinygc.estimation.bias import tilt_rms
     from tinygc.library.reports import report
     from tinygc.reporting.html.paper import require_browser

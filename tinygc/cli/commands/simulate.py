@@ -34,7 +34,7 @@ def run(args: argparse.Namespace) -> int:
     if not (args.units or 0) > 1:
         check_folder(args.out, args.force)  # before the work
     # The parameters of each injected effect, by id. Raises CalibrationError for a repeated effect, and where nothing is turned.
-    from session.io.errors import CalibrationError
+    from session.base.errors import CalibrationError
 
     effects = dict(args.effect)
     if len(effects) < len(args.effect):
@@ -42,8 +42,8 @@ def run(args: argparse.Namespace) -> int:
         raise CalibrationError(f"--effect {twice} is given twice; give it once")
     if effects and (args.rest_cycles or args.units):
         raise CalibrationError("--effect hides an effect in a session of turns; leave out --rest-cycles and the options of an array")
-    for annex in extensions("simulate"):
-        if (code := annex.simulate(args, options, chosen)) is not None:
+    for feature in extensions("simulate"):
+        if (code := feature.simulate(args, options, chosen)) is not None:
             return code
     folder = simulate(options, effects=effects).save(args.out, force=args.force)
     hides = f", hides {', '.join(effects)}" if effects else ""

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from session.io.config import Accelerometer, Config
-from session.io.errors import FormatError
-from session.io.registers import DEFAULT, RegisterUnits
-from session.io.sensors.profile import Thermometer
-from tinygc.deploy import ExportError, annex_exports
+from session.base.errors import FormatError
+from session.log.config import Accelerometer, Config
+from session.log.registers import DEFAULT, RegisterUnits
+from session.log.sensors.profile import Thermometer
+from tinygc.deploy import ExportError, feature_exports
 from tinygc.deploy.embedded.stages import CalibrationNetStage, Denoise, Inputs, Linear, ProgramStage, affine, effect_stage, single, table
 from tinygc.effects import Cost
 from tinygc.models.denoiser import DenoisedNet
@@ -60,8 +60,8 @@ def program(model: Model, rate_hz: float | None = None) -> Program:
 
     Raises ExportError, which names what cannot be carried.
     """
-    annex = annex_exports(model)
-    stages: tuple[ProgramStage, ...] = tuple(_stages(model)) if annex is None else (annex.stage(model, rate_hz),)
+    feature = feature_exports(model)
+    stages: tuple[ProgramStage, ...] = tuple(_stages(model)) if feature is None else (feature.stage(model, rate_hz),)
     names = [name for stage in stages for name in stage.constants]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise ExportError(f"two parts of the model call a constant {twice[0]} in C; json carries it, or give one of them another name")

@@ -6,8 +6,8 @@ from textwrap import indent
 
 import numpy as np
 
-from session.io.config import Accelerometer
-from session.io.texts import comment
+from session.base.texts import comment
+from session.log.config import Accelerometer
 from tinygc.deploy.embedded.program import FORCE_FUNCTION, TOLERANCE, Program, Registers, vectors
 from tinygc.deploy.embedded.program import FUNCTION as REGISTERS_FUNCTION
 from tinygc.deploy.embedded.stages import FUNCTION as AFFINE_FUNCTION

@@ -11,15 +11,15 @@ from pathlib import Path
 
 import numpy as np
 
+from session.base.errors import FormatError
+from session.base.names import log_paths
+from session.base.results import json_text, read_json, read_json_text
+from session.base.texts import command_line, printable
+from session.base.units import DEG, DEG_PER_HOUR, MG, G
 from session.detect.accelerometer import BIASES, PARAMETERS, SCALES
-from session.io.config import Accelerometer, Config, Protocol, Sensor, Site, read_config
-from session.io.errors import FormatError
-from session.io.folder import file_key, input_hashes, sha256_of
-from session.io.logfile import read_log
-from session.io.names import log_paths
-from session.io.results import json_text, read_json, read_json_text
-from session.io.texts import command_line, printable
-from session.io.units import DEG, DEG_PER_HOUR, MG, G
+from session.log.config import Accelerometer, Config, Protocol, Sensor, Site, read_config
+from session.log.folder import file_key, input_hashes, sha256_of
+from session.log.logfile import read_log
 from tinygc import models
 from tinygc.deploy import ExportError
 from tinygc.deploy.calibration import effects_of_session_time

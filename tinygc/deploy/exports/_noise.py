@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from session.io.texts import command_line, shell_word
-from session.io.units import DEG_PER_HOUR
+from session.base.texts import command_line, shell_word
+from session.base.units import DEG_PER_HOUR
 from tinygc.deploy import ExportError
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._text import words

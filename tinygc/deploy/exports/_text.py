@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from session.io.config import Sensor
-from session.io.texts import comment
-from session.io.units import DEG, G
-from tinygc.deploy import ExportError, annex_exports
+from session.base.texts import comment
+from session.base.units import DEG, G
+from session.log.config import Sensor
+from tinygc.deploy import ExportError, feature_exports
 from tinygc.deploy.calibration import Calibration
 from tinygc.deploy.exports._context import Context
 from tinygc.models.denoiser import DenoisedNet
@@ -68,8 +68,8 @@ def linear_part(model: Model, name: str, carries: tuple[str, ...] = ()) -> Linea
     K, k, first_c = np.zeros((3, 3)), np.zeros(3), 25.0
     if isinstance(model, CarriedNet):
         raise ExportError(f"{name} cannot carry a net behind physics; {ELSEWHERE}")
-    if (annex := annex_exports(model)) is not None:
-        raise ExportError(f"{name} cannot carry {annex.CARRIED}")
+    if (feature := feature_exports(model)) is not None:
+        raise ExportError(f"{name} cannot carry {feature.CARRIED}")
     if isinstance(model, PhysicsModel):
         unable = [claim.effect.id for claim in model.claims if claim.effect.linear_in not in carries]
         if unable:

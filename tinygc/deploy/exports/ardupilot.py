@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tinygc.deploy import annex_exports
+from tinygc.deploy import feature_exports
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._noise import StepParameter, step_parameters
 from tinygc.deploy.exports._text import cannot_scale, force_terms, offsets, remarks
@@ -39,8 +39,8 @@ NOISE = (
 def export(model: Model, context: Context) -> dict[str, str]:
     """Export the zero of linear models, also with thermal bias or over temperature; the noise where figures are known."""
     noise = export_noise(context) if context.noise is not None else {}
-    if (annex := annex_exports(model)) is not None:
-        return {FILE: annex.ardupilot(model, context)} | noise
+    if (feature := feature_exports(model)) is not None:
+        return {FILE: feature.ardupilot(model, context)} | noise
     part, celsius = offsets(model, context, NAME)
     values = {f"INS_GYROFFS_{axis}": value for axis, value in zip("XYZ", part.bias, strict=True)}
     if celsius is not None:

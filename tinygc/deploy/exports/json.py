@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from session.io.results import json_text
+from session.base.results import json_text
 from tinygc import models
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._text import self_test

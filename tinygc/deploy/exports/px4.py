@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tinygc.deploy import annex_exports
+from tinygc.deploy import feature_exports
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._noise import StepParameter, step_parameters
 from tinygc.deploy.exports._text import cannot_scale, force_terms, offsets, remarks
@@ -31,8 +31,8 @@ NOISE = (
 def export(model: Model, context: Context) -> dict[str, str]:
     """Export the zero of linear models, also with thermal bias or over temperature; the noise where figures are known."""
     noise = export_noise(context) if context.noise is not None else {}
-    if (annex := annex_exports(model)) is not None:
-        return {FILE: annex.px4(model, context)} | noise
+    if (feature := feature_exports(model)) is not None:
+        return {FILE: feature.px4(model, context)} | noise
     part, celsius = offsets(model, context, NAME)
     rates = {f"CAL_GYRO0_{axis}OFF": value for axis, value in zip("XYZ", part.bias, strict=True)}
     if celsius is not None:

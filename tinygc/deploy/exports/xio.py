@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from session.io.results import json_text
-from session.io.units import DEG, G
+from session.base.results import json_text
+from session.base.units import DEG, G
 from tinygc.deploy import ExportError
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._text import linear_part, remarks

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from session.io.units import MG, G
+from session.base.units import MG, G
 from tinygc.effects import Effect, Movement, Parameter, Parts, axis_of, largest, nothing
 from tinygc.effects.effect import GRAVITY_LENGTH
 

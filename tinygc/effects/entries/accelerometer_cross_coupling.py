@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from session.io.units import MG
+from session.base.units import MG
 from tinygc.effects import Effect, Movement, Parameter, axis_of, before, behind, largest, nothing, rows
 from tinygc.effects.device import OF_FORCE
 from tinygc.effects.effect import GRAVITY_LAW

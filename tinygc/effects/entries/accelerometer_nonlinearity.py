@@ -1,6 +1,6 @@
 """The accelerometer's output bends with the square of the force (IEEE 1293: second-order nonlinearity coefficient K2)."""
 
-from session.io.units import MG
+from session.base.units import MG
 from tinygc.effects import Effect, Parameter, axis_of, diagonal, largest, nothing
 from tinygc.effects.device import OF_FORCE
 from tinygc.effects.effect import GRAVITY_LAW

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from session.io.units import G
+from session.base.units import G
 from tinygc.effects import Effect, Parameter, axis_of, diagonal, largest, nothing
 from tinygc.effects.device import OF_FORCE
 from tinygc.effects.effect import GRAVITY_LAW

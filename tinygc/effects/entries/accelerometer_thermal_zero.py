@@ -1,6 +1,6 @@
 """The accelerometer's zero moves with temperature (IEEE 1293: bias temperature sensitivity)."""
 
-from session.io.units import MG
+from session.base.units import MG
 from tinygc.effects import Effect, Parameter, axis_of, diagonal, largest, nothing
 from tinygc.effects.device import OF_FORCE
 from tinygc.effects.effect import GRAVITY_LAW

@@ -1,6 +1,6 @@
 """The accelerometer's zero moves with time: to first order steadily, about its value at the middle of the session."""
 
-from session.io.units import MG
+from session.base.units import MG
 from tinygc.effects import BYGONE, Effect, Parameter, axis_of, diagonal, largest, nothing
 from tinygc.effects.effect import GRAVITY_LAW
 

@@ -1,6 +1,6 @@
 """The gyro's zero-rate offset wanders with time; to first order, steadily over the session."""
 
-from session.io.units import DEG
+from session.base.units import DEG
 from tinygc.effects import BYGONE, Effect, Parameter, axis_of, diagonal, largest
 
 EFFECT = Effect(

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from session.io.units import DEG, EARTH_RATE_RPS
+from session.base.units import DEG, EARTH_RATE_RPS
 from tinygc.effects import Derived, Effect, Parameter, nothing
 from tinygc.effects.effect import EARTH
 

@@ -1,6 +1,6 @@
 """The gyro's zero-rate offset moves with the square of the specific force along each axis (vibration and gravity alike)."""
 
-from session.io.units import DEG, G
+from session.base.units import DEG, G
 from tinygc.effects import Cost, Effect, Parameter, PerAxisC, axis_of, diagonal, largest
 
 EFFECT = Effect(

@@ -1,6 +1,6 @@
 """The gyro's zero-rate offset moves with specific force (IEEE 528: acceleration-sensitive drift rate)."""
 
-from session.io.units import DEG, G
+from session.base.units import DEG, G
 from tinygc.effects import Effect, MatrixC, Parameter, axis_of, full, largest
 
 EFFECT = Effect(

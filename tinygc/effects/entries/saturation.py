@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from session.io.units import DEG
+from session.base.units import DEG
 from tinygc.effects import Effect, Occurrence, Parameter, nothing
 from tinygc.effects.effect import CLIPPED_TURN, LEVEL
 

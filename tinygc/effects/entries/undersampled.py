@@ -4,7 +4,7 @@ It is estimated from thinned readings: predicted_deg is the rms over the turns a
 have one value for each thinned rate, and there is the exponent in the rate (``tinygc.effects.effect.DATA_RATE``).
 """
 
-from session.io.units import DEG
+from session.base.units import DEG
 from tinygc.effects import Effect, NoC, Parameter, nothing
 from tinygc.effects.effect import DATA_RATE
 

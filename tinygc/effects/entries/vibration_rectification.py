@@ -1,6 +1,6 @@
 """The gyro's zero-rate offset moves with vibration energy (vibration rectification error)."""
 
-from session.io.units import DEG
+from session.base.units import DEG
 from tinygc.effects import AHEAD, Effect, Parameter, axis_of, diagonal, largest
 from tinygc.effects.effect import ENERGY_LAW
 

@@ -9,7 +9,7 @@ from math import ceil, floor, log10
 import numpy as np
 from numpy.typing import ArrayLike
 
-from session.io.texts import fixed
+from session.base.texts import fixed
 from tinygc.reporting.html.markup import escape
 
 # Charts as inline SVG, small and without scripts; the page's style sheet sets colours by class (``k-…``) and the font size.

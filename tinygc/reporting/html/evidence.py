@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from session.io.annexes import find
-from session.io.config import Accelerometer
-from session.io.folder import Session, file_key, hash_of_log, input_hashes, read_session
-from session.io.names import CLOCKS
-from session.io.texts import significant
-from session.io.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, EARTH_RATE_RPS, MG
+from session.base.features import find
+from session.base.names import CLOCKS
+from session.base.texts import significant
+from session.base.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, EARTH_RATE_RPS, MG
+from session.log.config import Accelerometer
+from session.log.folder import Session, file_key, hash_of_log, input_hashes, read_session
 from tinygc import models
 from tinygc.closure.build import build_problem
 from tinygc.closure.floor import AllanCurve, allan_curve, angle_random_walk, bias_instability
@@ -279,7 +279,7 @@ class ReportData:
     fit; explanation, or against_truth with a truth file as reference, or neither; adopted: the reported calibration; decision;
     quantities: every number of the parameter tables, in the field's terms; allan or None; hashes of the session's files; versions;
     made: date and time of the report; limit_deg or None; reused: methods read from the output of ``fit``; searched: result of an earlier
-    ``explain --discover``, as the discovery annex reads it, or None.
+    ``explain --discover``, as the discovery feature reads it, or None.
     """
 
     fit: FitResult

@@ -9,12 +9,12 @@ from html import escape as _escape
 from math import floor, isfinite, log10
 from typing import TYPE_CHECKING, Any
 
-from session.io.texts import degrees, fixed, printable, probability, significant
+from session.base.texts import degrees, fixed, printable, probability, significant
 
 if TYPE_CHECKING:
     from jinja2 import Environment
 
-# Numbers for reading are in ``session/io/texts.py``; these choose their decimals.
+# Numbers for reading are in ``session/base/texts.py``; these choose their decimals.
 
 
 def decimals_for(expanded: float) -> int:
@@ -27,7 +27,7 @@ def aligned_decimals(floor_deg: float) -> int:
     return decimals_for(floor_deg) + 1
 
 
-# Markup is in ``templates``, which escape their values.  These functions call the templates' macros for pages that annexes build.
+# Markup is in ``templates``, which escape their values.  These functions call the templates' macros for pages that features build.
 
 #: widths of a picture's two versions, for a wide page and a telephone; the style sheet shows one, so that text keeps its size
 WIDE, NARROW = 860, 340
@@ -68,7 +68,7 @@ def render(template: str, **values: object) -> str:
 
 
 def render_own(package: str, template: str, **values: object) -> str:
-    """Render a file of the ``templates`` of a package, an annex, with values."""
+    """Render a file of the ``templates`` of a package, a feature, with values."""
     return _environment(package).get_template(template).render(values)
 
 

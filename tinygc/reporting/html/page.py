@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from math import isfinite
 from pathlib import Path
 
-from session.io.files import result_folder
-from session.io.results import write_text_whole
-from session.io.units import DEG
+from session.base.files import result_folder
+from session.base.results import write_text_whole
+from session.base.units import DEG
 from tinygc.estimation.bias import tilt_rms
 from tinygc.estimation.choice import run_figures
 from tinygc.reporting.html.evidence import ReportData

@@ -8,9 +8,9 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-from session.io.errors import CalibrationError
-from session.io.files import open_file
-from session.io.results import whole
+from session.base.errors import CalibrationError
+from session.base.files import open_file
+from session.base.results import whole
 
 #: names of a Chromium on the search path
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge", "microsoft-edge")

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from session.io.errors import CalibrationError
-from session.io.results import whole
+from session.base.errors import CalibrationError
+from session.base.results import whole
 from tinygc.effects import Effect
 from tinygc.explanation.claims import Claim
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from session.io.units import DEG
+from session.base.units import DEG
 from tinygc.closure.residual import closure_angles
 from tinygc.estimation.bias import tilt_rms
 from tinygc.estimation.options import METHODS

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from session.io.units import DEG, MG
+from session.base.units import DEG, MG
 from tinygc.effects.effect import TURNS
 from tinygc.explanation.decision import tilt_rms
 from tinygc.explanation.engine import Explanation

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from session.io.units import DEG, MG
+from session.base.units import DEG, MG
 from tinygc.explanation.truth_evidence import TruthExplanation, neighbours
 from tinygc.reporting.pictures.canvas import AFTER, AXES, BEFORE, FLOOR, canvas
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from session.io.units import DEG
+from session.base.units import DEG
 from tinygc.attitude import rotation
 from tinygc.closure.residual import closure_angles
 from tinygc.effects import Effect, EffectError, Movement, PictureData

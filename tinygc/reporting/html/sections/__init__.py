@@ -5,9 +5,9 @@ from collections.abc import Iterator
 from importlib import import_module
 from types import ModuleType
 
-from session.io.annexes import find
+from session.base.features import find
 
-#: the services of annexes that make a section; a section is omitted if its annex is
+#: the services of features that make a section; a section is omitted if its feature is
 DISCOVERIES = "discoveries in a calibration report"
 HISTORY = "the history of a unit in a calibration report"
 SOURCES = "uncertainty by source in a calibration report"

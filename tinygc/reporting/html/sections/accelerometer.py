@@ -6,8 +6,8 @@ from math import nan
 
 import numpy as np
 
+from session.base.units import MG
 from session.detect.accelerometer import NAMES, attitudes_of
-from session.io.units import MG
 from tinygc.closure.joint import REFUTED_P
 from tinygc.estimation.accelerometer import UNITS, AccelerometerFit
 from tinygc.models.linear import COVERAGE_FACTOR, Quantity

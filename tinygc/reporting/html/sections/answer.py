@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from session.io.texts import degrees
-from session.io.units import DEG
+from session.base.texts import degrees
+from session.base.units import DEG
 from tinygc.estimation.bias import tilt_rms
 from tinygc.estimation.choice import rmse
 from tinygc.estimation.verdict import NEAR_FLOOR, agrees

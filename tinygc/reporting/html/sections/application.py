@@ -6,9 +6,9 @@ from base64 import b64encode
 
 import numpy as np
 
-from session.io.results import json_text
-from session.io.texts import fixed
-from session.io.units import DEG
+from session.base.results import json_text
+from session.base.texts import fixed
+from session.base.units import DEG
 from tinygc.deploy.calibration import Calibration
 from tinygc.models.physics import PhysicsModel
 from tinygc.reporting.html.evidence import ReportData, model_table

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from session.io.texts import fixed
-from session.io.units import DEG
+from session.base.texts import fixed
+from session.base.units import DEG
 from tinygc import closure
 from tinygc.attitude import rotation
 from tinygc.closure.runs import ClosureRun

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from session.io.texts import degrees, significant
-from session.io.units import DEG
+from session.base.texts import degrees, significant
+from session.base.units import DEG
 from tinygc.closure.residual import closure_angles
 from tinygc.estimation.bias import tilt_rms
 from tinygc.estimation.verdict import NEAR_FLOOR, agrees

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from session.io.texts import fixed
+from session.base.texts import fixed
 from tinygc.models.linear import PARAMETERS, field_jacobian
 from tinygc.reporting.html.chart import drawing
 from tinygc.reporting.html.evidence import ReportData

@@ -6,8 +6,8 @@ from functools import partial
 
 import numpy as np
 
-from session.io.texts import fixed, significant
-from session.io.units import DEG
+from session.base.texts import fixed, significant
+from session.base.units import DEG
 from tinygc.effects.effect import ENERGY_LAW, LAG_LAW, SCALE_LAW, TURNS
 from tinygc.estimation.bias import tilt_rms
 from tinygc.explanation.claims import LEFT, Claim

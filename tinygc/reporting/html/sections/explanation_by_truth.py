@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from session.io.units import DEG
+from session.base.units import DEG
 from tinygc.explanation.truth_evidence import TruthExplanation
 from tinygc.reporting.explanation_text import CANNOT, evidence_rows, refusals, values_of
 from tinygc.reporting.html.chart import Chart, log_axis

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from session.io.texts import printable
+from session.base.texts import printable
 from tinygc.estimation.session_times import date_of
 from tinygc.reporting.html.evidence import ReportData
 from tinygc.reporting.html.markup import Section, render

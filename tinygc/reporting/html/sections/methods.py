@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from session.io.texts import NONE, degrees, fixed, significant
-from session.io.units import DEG
+from session.base.texts import NONE, degrees, fixed, significant
+from session.base.units import DEG
 from tinygc.estimation.bias import tilt_rms
 from tinygc.estimation.choice import closure_figures, rmse
 from tinygc.reporting.fit_text import SAME_FLOOR, TITLES

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from session.io.texts import fixed, significant
-from session.io.units import DEG, DEG_PER_HOUR
+from session.base.texts import fixed, significant
+from session.base.units import DEG, DEG_PER_HOUR
 from tinygc.closure.at_rest import MeasuredNoise
 from tinygc.closure.floor import AllanCurve, Reading, angle_random_walk
 from tinygc.closure.problem import Problem

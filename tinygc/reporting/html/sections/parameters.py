@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from session.io.units import DEG_PER_HOUR
+from session.base.units import DEG_PER_HOUR
 from tinygc.models.linear import Quantity
 from tinygc.reporting.html.chart import enlargement, triad
 from tinygc.reporting.html.evidence import ReportData

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from session.io.config import BoardGiven
-from session.io.texts import STANDIN_NAME
+from session.base.texts import STANDIN_NAME
+from session.log.config import BoardGiven
 from tinygc.reporting.fit_text import TITLES
 from tinygc.reporting.html.evidence import ReportData
 from tinygc.reporting.html.markup import Section, render

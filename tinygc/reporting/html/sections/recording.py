@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from session.base.texts import fixed, significant
+from session.base.units import DEG
 from session.detect.segments import Segment
-from session.io.samples import Samples
-from session.io.texts import fixed, significant
-from session.io.units import DEG
+from session.log.samples import Samples
 from tinygc.closure.problem import Problem
 from tinygc.reporting.fit_text import earth_words
 from tinygc.reporting.html.chart import Axis, Chart, coverage, drawing, hemispheres, linear_axis

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from session.base.units import DEG, EARTH_RATE_RPS, MG
 from session.detect.stills import CREEP_RPS, CREEP_SIGMAS, Still
-from session.io.units import DEG, EARTH_RATE_RPS, MG
 from tinygc.attitude import rotation
 from tinygc.closure.stills import StillSet
 from tinygc.explanation.claims import Claim

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from session.io.units import DEG
+from session.base.units import DEG
 from tinygc.explanation.claims import Claim
 from tinygc.explanation.engine import Explanation
 from tinygc.noise.turn_gravity import velocity_equations

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from session.base.units import DEG
 from session.detect.segments import Segment
-from session.io.samples import start_times
-from session.io.units import DEG
+from session.log.samples import start_times
 from tinygc.explanation.claims import Claim
 from tinygc.explanation.engine import Explanation
 from tinygc.explanation.faulty_readings import find_glitches, without_glitches

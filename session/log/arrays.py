@@ -1,0 +1,198 @@
+"""Plain arrays as logs, truths and known turns: checked as files are, so that nothing wrong goes further than here.
+
+A message names the argument and the place in it, ``gyro_rps[3, 0]`` or ``closures[1]: t_s[7]``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from session.base.errors import DataError
+from session.base.units import BEYOND_FULL_SCALE, DEG, LARGEST_DPS, NS, SI, WORDS, G, beyond_any_sensor, parse_unit
+from session.log.logfile import COLUMNS, KnownTurn, Log, Truth, known_turn, of_length_1
+from session.log.samples import Samples
+from session.log.stamps import ERA_NS
+from session.log.thermometer import Sound
+
+LAST_S = ERA_NS * NS
+#: full scales that most sensors have, dps and g
+USUAL_DPS, USUAL_G = (125, 250, 500, 1000, 2000, 4000), (2, 4, 8, 16)
+#: of a log in memory
+LOG_ARRAYS = "(t_s, gyro_rps, accel_mps2) or (t_s, gyro_rps, accel_mps2, temp_c)"
+#: of a truth in memory
+TRUTH_ARRAYS = "(t_s, q_nb) or (t_s, q_nb, window)"
+
+
+# Units of arrays: as people state them, and where they cannot be right.
+
+
+def require_kind(name: str, value: Any, kind: type | tuple[type, ...], expected: str) -> None:
+    """DataError for an argument of another kind."""
+    if not isinstance(value, kind):
+        raise DataError(f"{name} is {value!r:.60}, expected {expected}")
+
+
+def si_of(option: str, kind: str, word: str) -> float:
+    """SI per unit of a word; DataError, which names the option, for what is no unit of that kind, and for registers."""
+    unit = parse_unit(kind, word) if isinstance(word, str) else None
+    if unit is None or unit.si is None:
+        words = ", ".join(each for each in WORDS[kind] if each.isascii())
+        raise DataError(f"{option} is {word!r}, expected one of {words}, or what one count is, as 0.061{next(iter(WORDS[kind]))}")
+    return float(unit.si)
+
+
+def refuse_degrees(name: str, rates: np.ndarray, full_scale_dps: float | None, do: str) -> None:
+    """Raise DataError where rates (N, 3), read as rad/s, are beyond what a full scale, or any usual one, lets a gyroscope read.
+
+    name: of the array; do: the advice.
+    """
+    limit_rps = (LARGEST_DPS if full_scale_dps is None else BEYOND_FULL_SCALE * full_scale_dps) * DEG
+    if not (far := np.abs(rates) > limit_rps).any():
+        return
+    row, axis = map(int, np.argwhere(far)[0])
+    bar = f"{LARGEST_DPS:g} dps, the largest usual full scale" if full_scale_dps is None else f"the full scale of {full_scale_dps:g} dps"
+    value = float(rates[row, axis])
+    raise DataError(f"{name}[{row}, {axis}] is {value:.6g} rad/s, {value / DEG:.4g} dps, beyond {bar}; {do}")
+
+
+# Logs, truths and known turns.
+
+
+def logs_of_arrays(
+    argument: str, names: Sequence[str], given: Sequence[Sequence[ArrayLike | None]], full_scale_dps: float | None, si: tuple[float, float]
+) -> tuple[Log, ...]:
+    """Logs, each of ``LOG_ARRAYS``: t_s (N,) s, increasing; rates and specific force (N, 3) in units of ``si``; temp_c (N,) degC or None.
+
+    argument: that holds them, or nothing where each array is an argument; full_scale_dps: of the gyroscope, None where it is not known.
+    Raises DataError, which names the array, where a shape is another, a value is not finite or beyond the sensor, or time does not go
+    forward.
+    """
+    logs = []
+    for number, (name, arrays) in enumerate(zip(names, given, strict=True)):
+        if not isinstance(arrays, tuple | list) or len(arrays) not in (3, 4):
+            raise DataError(f"each of {argument} is {LOG_ARRAYS}; {argument}[{number}] is not")
+        samples = samples_of_arrays(f"{argument}[{number}]: " if argument else "", arrays, full_scale_dps, si)
+        sound = Sound()
+        samples = replace(samples, temp_c=sound(samples.temp_c))
+        logs.append(Log(Path(name), samples, notes=tuple(sound.notes), raw=False, in_memory=True))
+    return tuple(logs)
+
+
+def samples_of_arrays(where: str, arrays: Sequence[ArrayLike | None], full_scale_dps: float | None, si: tuple[float, float]) -> Samples:
+    """Samples of ``LOG_ARRAYS``; where: before each array's name in a complaint.  Raises what ``logs_of_arrays`` does."""
+    t_s, gyro_rps, accel_mps2, temp_c = (*arrays, None)[:4]
+    time = _array(f"{where}t_s", t_s, (None,))
+    count = len(time)
+    if count < 2:
+        raise DataError(f"{where}t_s has {count} samples, expected at least 2")
+    gyro = _array(f"{where}gyro_rps", gyro_rps, (count, 3)) * si[0]
+    accel = _array(f"{where}accel_mps2", accel_mps2, (count, 3)) * si[1]
+    temperature = None if temp_c is None else _array(f"{where}temp_c", temp_c, (count,))
+    _refuse_far(f"{where}gyro_rps", gyro, "gyro")
+    _refuse_far(f"{where}accel_mps2", accel, "accel")
+    if temperature is not None:
+        _refuse_far(f"{where}temp_c", temperature, "temp")
+    do = 'are the rates in degrees? give rate_unit="dps"' if si[0] == 1 else "is rate_unit another?"
+    refuse_degrees(f"{where}gyro_rps", gyro, full_scale_dps, f"{do}; or give the right gyro_fs_dps")
+    return Samples(_stamps(where, time), gyro, accel, temperature)
+
+
+def truths_of_arrays(names: Sequence[str], given: Sequence[Sequence[ArrayLike]]) -> tuple[Truth, ...]:
+    """Truths, each of ``TRUTH_ARRAYS``: t_s (K,) s on its log's clock, increasing; q_nb (K, 4), body to north-east-down, scalar first, of
+    length 1; window (K,) whole numbers.  Raises DataError, which names the array."""
+    truths = []
+    for number, (name, arrays) in enumerate(zip(names, given, strict=True)):
+        if not isinstance(arrays, tuple | list) or len(arrays) not in (2, 3):
+            raise DataError(f"each of truth is {TRUTH_ARRAYS}; truth[{number}] is not")
+        where = f"truth[{number}]: "
+        time = _array(f"{where}t_s", arrays[0], (None,))
+        if len(time) < 2:
+            raise DataError(f"{where}t_s has {len(time)} moments, expected at least 2")
+        q = _array(f"{where}q_nb", arrays[1], (len(time), 4))
+        if not (sound := of_length_1(q)).all():
+            row = int(np.argmin(sound))
+            raise DataError(f"{where}q_nb[{row}] has length {np.linalg.norm(q[row]):.4g}, expected a quaternion of length 1, scalar first")
+        window = None
+        if len(arrays) == 3:
+            window = _array(f"{where}window", arrays[2], (len(time),))
+            if not (window == np.rint(window)).all():
+                raise DataError(f"{where}window[{int(np.argmax(window != np.rint(window)))}] is no whole number")
+            window = window.astype(np.int64)
+        truths.append(Truth(Path(name), _stamps(where, time), q / np.linalg.norm(q, axis=1, keepdims=True), window))
+    return tuple(truths)
+
+
+def turns_of_arrays(given: Sequence[Sequence[Any]], logs: Sequence[Log]) -> tuple[KnownTurn, ...]:
+    """Known turns, each ``(number, axis, angle_deg, sigma_deg)``, or with the number of a log as fifth: the turn then counts within it.
+
+    axis: ``x``, ``-y`` and the like, or three numbers in body axes.  Raises DataError or FormatError, which names the turn.
+    """
+    turns: dict[tuple[int, str | None], KnownTurn] = {}
+    for place, row in enumerate(given):
+        where = f"turns[{place}]"
+        if not isinstance(row, tuple | list) or len(row) not in (4, 5):
+            raise DataError(
+                f"{where} is {row!r:.60}, expected (number, axis, angle_deg, sigma_deg) or one with the number of a log as fifth"
+            )
+        number, axis, *angles = row[:4]
+        words = (
+            axis if isinstance(axis, str) else ";".join(f"{x!r}".removesuffix(".0") for x in _array(f"{where} axis", axis, (3,)).tolist())
+        )
+        cells = dict(zip(COLUMNS, [f"{number}", words, *map(str, angles)], strict=True))
+        log = row[4] if len(row) == 5 else None
+        if log is not None:
+            if not isinstance(log, int) or log not in range(len(logs)):
+                raise DataError(f"{where}: log is {log!r:.40}, expected the number of a log, 0 to {len(logs) - 1}")
+            cells["log"] = logs[log].path.name
+        turn = known_turn(where, cells, [each.path.name for each in logs])
+        if (turn.turn, turn.log) in turns:
+            raise DataError(f"{where}: {turn.name} is given twice; keep one")
+        turns[turn.turn, turn.log] = turn
+    return tuple(turns.values())
+
+
+def usual_ranges(samples: Samples) -> tuple[float, float]:
+    """Full scales in dps and g: the smallest of the usual ones that hold what was measured, or what was measured where none does."""
+    rate, force = float(np.abs(samples.gyro).max()) / DEG, float(np.abs(samples.accel).max()) / G
+    return (
+        next((float(fs) for fs in USUAL_DPS if fs > rate), math.ceil(rate)),
+        next((float(fs) for fs in USUAL_G if fs > force), math.ceil(force)),
+    )
+
+
+def _stamps(where: str, time: np.ndarray) -> np.ndarray:
+    """(N,) int64 ns of times in s.  DataError where they do not go forward."""
+    if not (np.abs(time) < LAST_S).all():
+        raise DataError(f"{where}t_s reaches {np.abs(time).max():.3g} s; expected seconds")
+    stamps = np.rint(time / NS)
+    if not (np.diff(stamps) > 0).all():
+        row = int(np.argmin(np.diff(stamps))) + 1
+        raise DataError(f"{where}t_s[{row}] = {time[row]:.9g} s does not go on from the sample before; expected seconds, increasing")
+    return stamps.astype(np.int64)
+
+
+def _refuse_far(name: str, values: np.ndarray, kind: str) -> None:
+    if (far := beyond_any_sensor(values, 1.0, kind)).any():
+        at = tuple(int(i) for i in np.argwhere(far)[0])
+        raise DataError(f"{name}[{', '.join(map(str, at))}] is {values[at]:g} {SI[kind]}, beyond any sensor; is its unit right?")
+
+
+def _array(name: str, values: ArrayLike | None, shape: tuple[int | None, ...]) -> np.ndarray:
+    try:
+        array = np.array(values, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        raise DataError(f"{name} is not made of numbers") from None
+    if array.ndim != len(shape) or any(want not in (None, have) for want, have in zip(shape, array.shape, strict=True)):
+        wanted = "(" + ", ".join("N" if want is None else str(want) for want in shape) + ("," if len(shape) == 1 else "") + ")"
+        raise DataError(f"{name} has shape {array.shape}, expected {wanted}")
+    if not np.isfinite(array).all():
+        at = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        raise DataError(f"{name}[{', '.join(map(str, at))}] is {array[at]}, expected a finite number; leave such samples out")
+    return array

@@ -1,0 +1,572 @@
+"""``session.toml``: what was recorded, with what, where, and how a truth file is to be read (docs/formats.md)."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import date, time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from session.base.errors import FormatError
+from session.base.names import TURNS, is_of_turns
+from session.base.results import Array, Flag, Keys, ListOf, MapOf, Mismatch, Number, Shape, Text, require, shown, unknown_keys
+from session.base.toml import Note, read_toml
+from session.base.units import BEYOND, STANDARD_GRAVITY_MPS2
+from session.log.certificate import SHAPE as CERTIFICATE_SHAPE
+from session.log.certificate import CertificateGiven, certificate_of
+from session.log.registers import DEFAULT, RegisterUnits, profile_of
+from session.log.requirements import Requirements, RequirementsShape, requirements_of
+from session.log.rows import Wanted
+from session.log.sensors.profile import CLOCK_WITHIN, Profile
+
+# How the attitudes of a truth file are to be read: which way they turn, which way is up, whose axes, whose clock.
+#
+# Any file comes to ``q_nb`` (docs/formats.md) by the same four steps, each of which can be undone:
+#
+#     q_nb(t + offset_s) = frame * (as written at t, its cells put in order, inverted if it takes the world to the body) * mounting
+
+#: of a quaternion's cells under the header qw,qx,qy,qz
+ORDERS = ("wxyz", "xyzw")
+#: what the quaternion takes to what
+SENSES = ("body_to_world", "world_to_body")
+_HALF = np.sqrt(0.5)
+#: (4,) of the turn that takes the file's world to one with z down; about the file's x axis, which keeps its heading, or else about y
+FRAMES = {
+    "ned": np.array([1.0, 0.0, 0.0, 0.0]),
+    "enu": np.array([0.0, 1.0, 0.0, 0.0]),
+    "y_down": np.array([_HALF, _HALF, 0.0, 0.0]),
+    "y_up": np.array([_HALF, -_HALF, 0.0, 0.0]),
+    "x_down": np.array([_HALF, 0.0, -_HALF, 0.0]),
+    "x_up": np.array([_HALF, 0.0, _HALF, 0.0]),
+}
+#: other names of the same: only which way is down matters
+SAME_FRAME = {"z_down": "ned", "z_up": "enu", "nwu": "enu", "nue": "y_up"}
+
+
+@dataclass(frozen=True, eq=False)
+class TruthGiven:
+    """``[truth]`` of session.toml; None: to be estimated.  mounting (3, 3): from the IMU's axes to the truth's body."""
+
+    offset_s: float | None = None
+    frame: str | None = None
+    sense: str | None = None
+    order: str | None = None
+    mounting: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class TruthReading:
+    """A convention of a truth file; the default is that of docs/formats.md.
+
+    order: one of ``ORDERS``; sense: one of ``SENSES``; frame: one of ``FRAMES``; mounting (3, 3): takes vectors from the IMU's axes to
+    those of the truth's body; offset_s: added to the truth's stamps it gives the log's clock.
+    """
+
+    order: str = ORDERS[0]
+    sense: str = SENSES[0]
+    frame: str = "ned"
+    mounting: np.ndarray = field(default_factory=lambda: np.eye(3))
+    offset_s: float = 0.0
+
+    @classmethod
+    def of(cls, given: TruthGiven) -> TruthReading:
+        """What is given, and the default elsewhere."""
+        return cls(**{name: value for name, value in vars(given).items() if value is not None})
+
+    def read(self, q: np.ndarray) -> np.ndarray:
+        """``q_nb`` (K, 4) of what is written, (K, 4)."""
+        q = np.roll(q, 1, axis=1) if self.order == "xyzw" else q
+        q = inverse(q) if self.sense == "world_to_body" else q
+        return product(product(FRAMES[self.frame], q), quaternion(self.mounting))
+
+    def written(self, q_nb: np.ndarray) -> np.ndarray:
+        """What is written, (K, 4), where this reading gives ``q_nb`` (K, 4)."""
+        q = product(product(inverse(FRAMES[self.frame]), q_nb), inverse(quaternion(self.mounting)))
+        q = inverse(q) if self.sense == "world_to_body" else q
+        return np.roll(q, -1, axis=1) if self.order == "xyzw" else q
+
+
+def product(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Hamilton product (..., 4) of quaternions, scalar first."""
+    (pw, px, py, pz), (qw, qx, qy, qz) = np.moveaxis(p, -1, 0), np.moveaxis(q, -1, 0)
+    return np.stack(
+        [
+            pw * qw - px * qx - py * qy - pz * qz,
+            pw * qx + qw * px + py * qz - pz * qy,
+            pw * qy + qw * py + pz * qx - px * qz,
+            pw * qz + qw * pz + px * qy - py * qx,
+        ],
+        axis=-1,
+    )
+
+
+def inverse(q: np.ndarray) -> np.ndarray:
+    """Of unit quaternions (..., 4)."""
+    return q * np.array([1.0, -1.0, -1.0, -1.0])
+
+
+def down_of(frame: str) -> np.ndarray:
+    """(3,): where down is in the file's world."""
+    w, x, y, z = FRAMES[frame]
+    return np.array([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])
+
+
+def quaternion(matrix: np.ndarray) -> np.ndarray:
+    """(4,) scalar first, of a rotation matrix (3, 3): the strongest of its four squares, so that nothing is divided by little."""
+    m = matrix
+    squares = np.array(
+        [
+            [1 + m[0, 0] + m[1, 1] + m[2, 2], m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]],
+            [m[2, 1] - m[1, 2], 1 + m[0, 0] - m[1, 1] - m[2, 2], m[0, 1] + m[1, 0], m[0, 2] + m[2, 0]],
+            [m[0, 2] - m[2, 0], m[0, 1] + m[1, 0], 1 - m[0, 0] + m[1, 1] - m[2, 2], m[1, 2] + m[2, 1]],
+            [m[1, 0] - m[0, 1], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1], 1 - m[0, 0] - m[1, 1] + m[2, 2]],
+        ]
+    )
+    row = squares[int(np.argmax(np.diag(squares)))]
+    q = row / np.linalg.norm(row)
+    return q if q[0] >= 0 else -q
+
+
+#: where each part of a reading is from
+GIVEN, FOUND, ASSUMED = "given", "found", "assumed"
+
+
+@dataclass(frozen=True, eq=False)
+class TruthAlignment:
+    """How a session's truth files are read, and the alignment that the recording shows.
+
+    reading: as they are read; source: of each of its parts, ``given``, ``found`` in the recording, or ``assumed`` (the contract's own).
+    offset_s, offset_sigma_s: of the truth's clock, as the recording shows it, whatever is given or used; nan where it does not.  turned,
+    turned_sigma (3,) rad: likewise the rotation from the gyro's axes to the truth's body.  up (3,): the mean specific force in the
+    file's world over its mean length, where there is one, else None; explained: share of the truth's rotations that the gyro explains.
+    ceiling_rps (3,): rates that the gyro does not pass where the truth does, NaN where none is; ceiling_share: of the readings there.
+    """
+
+    reading: TruthReading
+    source: dict[str, str]
+    offset_s: float
+    offset_sigma_s: float
+    turned: np.ndarray
+    turned_sigma: np.ndarray
+    up: np.ndarray | None
+    explained: float
+    ceiling_rps: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
+    ceiling_share: float = 0.0
+
+
+# ``session.toml``: what was recorded, with what, where (docs/formats.md, ``tinygc-session/1``).
+
+SCHEMA = "tinygc-session/1"
+#: normal gravity is 9.780 at the equator and 9.832 at the poles (WGS 84), and less by 0.003 for each km of height
+GRAVITY_OVER_EARTH_MPS2 = 0.02
+REFERENCES = ("gravity", "table", "truth", TURNS)
+#: keys of a sensor whose registers are not this tool's to know
+OWN_UNITS = ("gyro_mdps_per_lsb", "accel_mg_per_lsb", "temp_lsb_per_c", "temp_at_zero_c")
+
+
+#: serial numbers of a firmware that knows none
+NO_SERIAL = ("", "0")
+NEAREST_WITHIN = 0.1  #: relative tolerance of the nearest nominal rate: beyond it ``check`` reports another rate
+DIVIDED_WITHIN = 0.05  #: the same where a divider gives many rates
+
+#: of a field that no key of session.toml gives
+NOT_IN_TOML = {"toml": False}
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """The chip as session.toml names it: model, serial number, nominal data rate, full scales, and what is known of its noise."""
+
+    model: str
+    serial: str
+    odr_hz: float  #: as it is stated, the board's own or the nominal one; the stamps say the true one
+    gyro_fs_dps: float
+    accel_fs_g: float  #: NaN of a gyroscope alone
+    gyro_bias_instability_dph: float | None = None  #: None: typical of the model where it is known, else estimated from the recording
+    gyro_bias_repeatability_dps: float | None = None  #: one sigma of the bias between switch-ons and days; None: not known
+    gyro_noise_mdps_rthz: float | None = None  #: one-sided; None: typical of the model where it is known, else there is no yardstick
+    gyro_mdps_per_lsb: float | None = None  #: of registers, here and below; None: the model's at its full scale
+    accel_mg_per_lsb: float | None = None
+    temp_lsb_per_c: float | None = None
+    temp_at_zero_c: float | None = None
+    rows: str | None = None  #: here and below: which rows of its logs are this sensor's (``session.log.rows.Wanted``)
+    where: str | None = None
+    odr_sigma: float | None = None  #: relative, of odr_hz where it stands for the clock; 0: it was measured; None: the model's
+    clock_sigma_ppm: float | None = None  #: relative, one sigma of the clock that stamps the logs; None: not known
+    even_sigma_ppm: float | None = None  #: relative, one sigma of the rate that was counted along the stamps; the clock's own beside
+    clock_ratio: float | None = None  #: what that clock counts in a second, as measured; clock_sigma_ppm is then what is left
+
+    @property
+    def profile(self) -> Profile | None:
+        """What is known of the model; None where it is none that this tool knows."""
+        return profile_of(self.model)
+
+    def typical(self, figure: str) -> tuple[str, float] | None:
+        """Name of the known sensor and its typical figure, of those that its source was read for; None where there is none."""
+        value = None if self.profile is None else self.profile.yardstick(figure)
+        return None if value is None or self.profile is None else (self.profile.name, value)
+
+    @property
+    def register_units(self) -> RegisterUnits:
+        """What its registers mean; asking it raises FormatError where that is not known."""
+        return RegisterUnits(self.model or DEFAULT, self.gyro_fs_dps, self.accel_fs_g, **self.own_units)
+
+    @property
+    def nominal_hz(self) -> float:
+        """The model's nominal data rate nearest to ``odr_hz``; that one if none is near, or the model's rates are not known."""
+        nearest = None if self.profile is None or not self.odr_hz > 0 else self.profile.nearest_hz(self.odr_hz)  # a board may send anything
+        if self.profile is None or nearest is None:
+            return self.odr_hz
+        return nearest if abs(nearest / self.odr_hz - 1) < (DIVIDED_WITHIN if self.profile.divided else NEAREST_WITHIN) else self.odr_hz
+
+    @property
+    def nominal_rate(self) -> NominalRate | None:
+        """What ``odr_hz`` is worth where samples were counted at it; None where session.toml says that it was measured.
+
+        Without ``odr_sigma`` it may be anywhere within the model's tolerance, a rectangular distribution (GUM 4.3.7).
+        """
+        if self.odr_sigma is not None:
+            return NominalRate(self.odr_hz, self.odr_sigma, "sensor.odr_sigma") if self.odr_sigma else None
+        own = None if self.profile is None else self.profile.clock_within
+        within = CLOCK_WITHIN if own is None else own
+        return NominalRate(self.odr_hz, within.value / np.sqrt(3), f"within {100 * within.value:g} %, {within.source}")
+
+    @property
+    def clock_sigma(self) -> float | None:
+        """Relative, one sigma of the stamps as far as it is known: a ratio that was measured is in them; None: nothing is."""
+        ratio = None if self.clock_ratio is None else (self.clock_ratio - 1) * 1e6
+        known = [ppm for ppm in (self.clock_sigma_ppm, self.even_sigma_ppm, ratio) if ppm is not None]
+        return float(np.linalg.norm(known)) * 1e-6 if known else None
+
+    @property
+    def clock_words(self) -> str:
+        """How far the board's clock was measured to be off; empty where it was not, or its stamps were put right."""
+        return "" if self.clock_ratio is None else clock_words(self.clock_ratio, self.clock_sigma_ppm)
+
+    @property
+    def wanted(self) -> Wanted:
+        """The rows of its logs that are this sensor's."""
+        return Wanted(self.rows, self.where)
+
+    @property
+    def own_units(self) -> dict[str, float | None]:
+        """What session.toml itself says of its registers, by the names of its keys."""
+        return {name: getattr(self, name) for name in OWN_UNITS}
+
+
+HOST_CLOCK = 3e-5  #: relative, one sigma of a computer's own clock, a quartz that nothing steers; one that the network steers is better
+
+
+def clock_words(ratio: float, sigma_ppm: float | None) -> str:
+    """``the board's clock runs 4500 ± 12 ppm fast by the computer's``."""
+    off_ppm, digits = (ratio - 1) * 1e6, 1 if sigma_ppm and sigma_ppm < 10 else 0
+    sigma = "" if sigma_ppm is None else f" ± {sigma_ppm:.{digits}f}"
+    return f"the board's clock runs {abs(off_ppm):.{digits}f}{sigma} ppm {'fast' if off_ppm > 0 else 'slow'} by the computer's"
+
+
+@dataclass(frozen=True)
+class NominalRate:
+    """A data rate that stands for a clock: samples were counted at ``hz``, and nothing measured it; or the clock that stamped them.
+
+    sigma: its relative standard uncertainty; source: where that is from.  A true rate of hz (1 + e) makes every time too long by the
+    factor 1 + e, and every rate that closes the turns too small by it: E and B scale together.
+    """
+
+    hz: float
+    sigma: float
+    source: str
+
+    @property
+    def words(self) -> str:
+        """The rate, that it is nominal, and how far it may be off."""
+        return f"{self.hz:g} Hz, nominal, not measured: ± {100 * self.sigma:.2g} % ({self.source})"
+
+    @property
+    def doubt(self) -> str:
+        """Why a calibration is not decided where its clock is this rate."""
+        return f"data rate {self.words}: the scale of all axes is no better known"
+
+    def covariance(self, rates: np.ndarray) -> np.ndarray:
+        """(P, P) of parameters (P,) that are rates per unit or rates, and so scale with the clock: d rates / d e = -rates."""
+        return self.sigma**2 * np.outer(rates, rates)
+
+
+@dataclass(frozen=True)
+class BoardGiven:
+    """The board's own description at recording time; empty, or None, where it stated nothing.
+
+    source: sensor, or stand-in where there was none; registers: CTRL1_XL to CTRL10_C as hexadecimal digits.
+    """
+
+    source: str = ""
+    firmware: str = ""
+    who_am_i: float | None = None
+    freq_fine: float | None = None
+    registers: str = ""
+    odr_hz: float | None = None  #: nominal
+
+
+@dataclass(frozen=True, eq=False)
+class Accelerometer:
+    """The accelerometer's pre-calibration, ``f = matrix @ (measured - bias)``: matrix (3, 3), bias (3,) m/s^2.
+
+    source: ``given``; ``prior``, where the recording has sharpened a given one; ``stills``, where the recording alone gave it; ``none``,
+    where it is not calibrated.  sigma_mg: of each number at one g, where it is stated.  own_stills: whether it was estimated from this
+    recording's stills, so that it is no independent prior.
+    """
+
+    matrix: np.ndarray = field(default_factory=lambda: np.eye(3))
+    bias_mps2: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    source: str = field(default="given", metadata=NOT_IN_TOML)
+    sigma_mg: float | None = None
+    own_stills: bool | None = None
+
+    def correct(self, measured: np.ndarray) -> np.ndarray:
+        """Specific force (N, 3) m/s^2 from what was measured."""
+        return (measured - self.bias_mps2) @ self.matrix.T
+
+    @property
+    def frame(self) -> np.ndarray:
+        """(3, 3): Q of matrix = Q U, a turn of the body frame against the sensor's own triad; U upper triangular, its diagonal positive."""
+        turn, upper = np.linalg.qr(self.matrix)
+        return turn * np.sign(np.diag(upper))
+
+    def measured(self, force: np.ndarray) -> np.ndarray:
+        """What was measured (N, 3) m/s^2 where ``correct`` gives this force."""
+        return np.linalg.solve(self.matrix, force.T).T + self.bias_mps2
+
+
+@dataclass(frozen=True)
+class Site:
+    """Where the table stands: what the Earth's rotation and gravity are there."""
+
+    latitude_deg: float | None = None  #: None: the Earth's rotation cannot be predicted
+    gravity_mps2: float | None = None  #: None: standard gravity is expected, loosely
+    heading_deg: float | None = None  #: the table's index direction, from true north
+
+    @property
+    def expected_gravity_mps2(self) -> float:
+        """Gravity as it is given, else standard gravity, m/s^2."""
+        return STANDARD_GRAVITY_MPS2 if self.gravity_mps2 is None else self.gravity_mps2
+
+    @property
+    def gravity_sigma_mps2(self) -> float:
+        """How far gravity may be from what is expected, one sigma: where it is given, not at all; else as over the Earth, m/s^2."""
+        return GRAVITY_OVER_EARTH_MPS2 if self.gravity_mps2 is None else 0.0
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """How the table was turned: s of a still and of a segment, and what the attitudes are compared with."""
+
+    still_s: float = 1.0
+    segment_s: float = 5.0
+    reference: str = "gravity"
+    truth_sigma_deg: float = 0.1  #: of each angle of a truth file's attitudes
+    dial_sigma_deg: float = 0.05  #: of each angle that a table's dials, or a machine, say
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A turn that does not count: the one that moved at ``at_s`` seconds of the clock of the log of this name."""
+
+    log: str
+    at_s: float
+
+
+@dataclass(frozen=True)
+class Config:
+    """unknown: keys that nothing reads, each with the known key nearest to it, or None; model_given: whether the file names the sensor;
+    notes: the operator's notes, by name; exclude: turns that do not count; requirements: limits, None without any; certificate: what a
+    certificate states."""
+
+    sensor: Sensor
+    accelerometer: Accelerometer
+    site: Site
+    protocol: Protocol
+    unknown: tuple[tuple[str, str | None], ...] = ()
+    model_given: bool = True
+    truth: TruthGiven = field(default_factory=TruthGiven)
+    notes: Mapping[str, Note] = field(default_factory=dict)
+    exclude: tuple[LeftOut, ...] = ()
+    board: BoardGiven = field(default_factory=BoardGiven)
+    requirements: Requirements | None = None
+    certificate: CertificateGiven = field(default_factory=CertificateGiven)
+
+
+# The shape of session.toml.
+
+#: of a rotation's rows from length 1 and a right angle: written to four digits
+ROTATION_WITHIN = 1e-3
+#: TOML's own bound of whole numbers, which Python does not hold it to
+LARGEST = 2**63
+DO = "correct it there"
+
+
+class NoteValue(Shape):
+    """Text, a number, a date or a time, or true or false."""
+
+    expected = "text, a number or a date"
+
+    def check(self, value: Any, where: str) -> None:
+        """Raises Mismatch."""
+        if not isinstance(value, str | int | float | date | time):
+            self.refuse(value, where)
+        if isinstance(value, int) and not -LARGEST <= value < LARGEST:
+            raise Mismatch(f"{where} is {shown(value)}, expected no whole number of more than 64 bits")
+
+
+def _matrix_fault(matrix: np.ndarray) -> str:
+    determinant = float(np.linalg.det(matrix))
+    expected = "expected a 3x3 matrix close to the identity"
+    if determinant <= -0.1:
+        return f"is of determinant {determinant:.3g}: it mirrors the axes; {expected}; wrong signs are corrected where the log is written"
+    what = "singular" if determinant < 0.1 else f"of determinant {determinant:g}"
+    return "" if 0.1 <= determinant <= 10 else f"is {what}; {expected}"
+
+
+def _rotation_fault(matrix: np.ndarray) -> str:
+    if np.abs(matrix @ matrix.T - np.eye(3)).max() > ROTATION_WITHIN or np.linalg.det(matrix) < 0:
+        return "is no rotation: its rows must be of length 1, at right angles, right-handed"
+    return ""
+
+
+_ODR, _PER_LSB = Number(0.1, 50000), Number(1e-6, 1e5)
+#: sections that an array has for all of its units
+SHARED = {
+    "notes": MapOf(NoteValue()),
+    "exclude": ListOf(Keys(must={"log": Text(), "at_s": Number(-1e11, 1e11)})),  # seconds of the log's clock; far beyond any clock
+}
+SHAPE = Keys(
+    must={
+        "schema": Text((SCHEMA,)),
+        "sensor": Keys(
+            must={"odr_hz": _ODR, "gyro_fs_dps": Number(1, 1e5), "accel_fs_g": Number(0.1, 1000)},
+            may={
+                "model": Text(),
+                "serial": Text(),
+                "gyro_bias_instability_dph": Number(0, 1000),
+                "gyro_bias_repeatability_dps": Number(0, 1000),
+                "gyro_noise_mdps_rthz": Number(1e-3, 1000),
+                "gyro_mdps_per_lsb": _PER_LSB,
+                "accel_mg_per_lsb": _PER_LSB,
+                "temp_lsb_per_c": Number(1e-3, 1e5),
+                "temp_at_zero_c": Number(-300, 300),
+                "odr_sigma": Number(0, 0.5),
+                "clock_sigma_ppm": Number(0, 1e5),
+                "even_sigma_ppm": Number(0, 1e5),
+                "clock_ratio": Number(0.5, 2.0),
+                "rows": Text(),
+                "where": Text(),
+            },
+        ),
+    },
+    may={
+        "accelerometer": Keys(
+            may={
+                "matrix": Array((3, 3), Number(-100, 100), _matrix_fault),
+                "bias_mps2": Array((3,), Number(-BEYOND["accel"], BEYOND["accel"])),
+                "sigma_mg": Number(1e-3, 1000),
+                "own_stills": Flag(),
+            }
+        ),
+        "site": Keys(may={"latitude_deg": Number(-90, 90), "gravity_mps2": Number(9.7, 9.9), "heading_deg": Number(-360, 360)}),
+        "protocol": Keys(
+            may={
+                "still_s": Number(0.1, 600),
+                "segment_s": Number(0.5, 3600),
+                "reference": Text(REFERENCES),
+                "truth_sigma_deg": Number(1e-4, 10),
+                "dial_sigma_deg": Number(1e-4, 10),
+            }
+        ),
+        "truth": Keys(
+            may={
+                "frame": Text((*FRAMES, *SAME_FRAME)),
+                "offset_s": Number(-3600, 3600),
+                "sense": Text(SENSES),
+                "order": Text(ORDERS),
+                "mounting": Array((3, 3), Number(-10, 10), _rotation_fault),
+            }
+        ),
+        **SHARED,
+        "board": Keys(
+            may={
+                "source": Text(),
+                "firmware": Text(),
+                "who_am_i": Number(0, 255),
+                "freq_fine": Number(-128, 127),
+                "registers": Text(),
+                "odr_hz": _ODR,
+            }
+        ),
+        "requirements": RequirementsShape(),
+        "certificate": CERTIFICATE_SHAPE,
+    },
+)
+
+
+def read_config(path: Path) -> Config:
+    """Read and check ``session.toml``; FormatError names the key, what was expected and what came."""
+    if not os.path.lexists(path):
+        raise FormatError(f"{path}: not found; a session folder holds session.toml and log*.csv (see docs/session-folder.md)")
+    return config_of(path, read_session_toml(path))
+
+
+def read_session_toml(path: Path) -> dict:
+    """The parsed file of a session or an array; FormatError where it is no TOML or names another schema."""
+    table = read_toml(path)
+    require(table, Keys(must={"schema": SHAPE.must["schema"]}), str(path), "is this a session folder of this tool?")
+    return table
+
+
+def excluded_turns(table: dict) -> tuple[LeftOut, ...]:
+    """``[[exclude]]`` of a table that was compared with its shape."""
+    return tuple(LeftOut(row["log"], float(row["at_s"])) for row in table.get("exclude", []))
+
+
+def config_of(path: Path, table: dict) -> Config:
+    """The record of a parsed ``session.toml``; FormatError names path, key, what was expected and what came."""
+    checked: dict[str, Any] = {"sensor": {}} | table
+    if is_of_turns(table) and isinstance(checked["sensor"], dict):  # a gyroscope alone has no full scale of an accelerometer
+        checked["sensor"] = {"accel_fs_g": 1} | checked["sensor"]
+    require(checked, SHAPE, str(path), DO)
+    calibrated = {"matrix", "bias_mps2"} & set(table.get("accelerometer", {}))
+    if not calibrated and (of_it := sorted({"sigma_mg", "own_stills"} & set(table.get("accelerometer", {})))):
+        raise FormatError(f"{path}: accelerometer.{of_it[0]} is of a calibration that is not there; give matrix or bias_mps2")
+    truth = _values(table, "truth")
+    if "frame" in truth:
+        truth["frame"] = SAME_FRAME.get(truth["frame"], truth["frame"])
+    if "mounting" in truth:  # made exactly orthogonal
+        left, _, right = np.linalg.svd(truth["mounting"])
+        truth["mounting"] = left @ right
+    return Config(
+        Sensor(**dict[str, Any](model=DEFAULT, serial="", accel_fs_g=math.nan) | _values(table, "sensor")),
+        Accelerometer(**_values(table, "accelerometer"), source="given" if calibrated else "none"),
+        Site(**_values(table, "site")),
+        Protocol(**_values(table, "protocol")),
+        unknown_keys(table, SHAPE),
+        "model" in table["sensor"],
+        TruthGiven(**truth),
+        dict(table.get("notes", {})),
+        excluded_turns(table),
+        BoardGiven(**_values(table, "board")),
+        requirements_of(table.get("requirements", {}), path.name),
+        certificate_of(table.get("certificate", {})),
+    )
+
+
+def _values(table: dict, section: str) -> dict[str, Any]:
+    """The known keys of a section as the records take them: whole numbers as float, lists as arrays."""
+    shape = SHAPE.known[section]
+    assert isinstance(shape, Keys)
+    return {
+        key: np.array(value, dtype=float) if isinstance(value, list) else float(value) if type(value) is int else value
+        for key, value in table.get(section, {}).items()
+        if key in shape.known
+    }

@@ -1,0 +1,377 @@
+"""Log dialects: the layout of a file, and the table of known logs.  A new dialect is one row."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from session.base.units import NS_PER_S, Unit
+from session.log.registers import RegisterUnits
+
+# A file's layout: which column is what, in which unit; and the options that state what the file does not.
+
+#: the order of the axes as they are
+AXES = "x,y,z"
+
+
+@dataclass(frozen=True)
+class Answers:
+    """Options that state what a log does not: the sensor, units as words of ``units``, full scales, rate, columns, mounting.
+
+    gyro_axes, accel_axes: the log's axes that become x, y, z, such as ``y,-x,z``.  rows, where, lines: the rows that are meant, as in
+    ``session.log.rows.Wanted``.  packed: the order of registers in a hexadecimal word (``session.log.forms``).  like: the dialect's name.
+    topic: of a binary log.  even: whether samples are counted along their stamps (``session.log.stamps.along_line``).
+    """
+
+    odr_hz: float | None = None
+    gyro_fs_dps: float | None = None
+    accel_fs_g: float | None = None
+    time_unit: str | None = None
+    gyro_unit: str | None = None
+    accel_unit: str | None = None
+    columns: str | None = None
+    gyro_axes: str = AXES
+    accel_axes: str = AXES
+    sensor: str | None = None
+    rows: str | None = None
+    where: str | None = None
+    lines: str | None = None
+    packed: str | None = None
+    like: str | None = None
+    topic: str | None = None
+    even: bool = False
+
+
+@dataclass(frozen=True)
+class Triad:
+    """columns of x, y, z by position, after signs and order of the axes; unit."""
+
+    columns: tuple[int, int, int]
+    signs: tuple[int, int, int]
+    unit: Unit
+
+
+def three(values: Iterable[int]) -> tuple[int, int, int]:
+    """One value each for x, y, z; ValueError for another number of them."""
+    x, y, z = values
+    return x, y, z
+
+
+@dataclass(frozen=True)
+class Layout:
+    """dialect's name; delimiter (None: white space); first: number of lines before the rows; time: column, or None where rows are only
+    counted; time_ns per unit of it; clock: it is a time of day; gyro, accel: what is there; temp: column; names of all columns;
+    frame, as far as it is documented; header_line as it stands in the file; standard: held to the letter of docs/formats.md, as a session's
+    logs are: commas, no quotes, whole numbers for registers and for stamps in ns or us, a counter only in us; finer: further terms of the
+    time, as a second's fraction beside whole seconds, each a column and its ns per unit; remark: what was chosen without being told;
+    sources: where the unit of ``time``, ``gyro``, ``accel`` is from; facts: what lines before the header say, as comments do; intervals:
+    whether the time is that since the row before."""
+
+    dialect: str
+    delimiter: str | None
+    first: int
+    time: int | None
+    time_ns: float
+    clock: bool
+    gyro: Triad | None
+    accel: Triad | None
+    temp: int | None
+    temp_unit: Unit | None
+    names: tuple[str, ...]
+    frame: str = ""
+    header_line: str = ""
+    standard: bool = False
+    finer: tuple[tuple[int, int], ...] = ()
+    remark: str = ""
+    sources: Mapping[str, str] = field(default_factory=dict)
+    facts: Mapping[str, str] = field(default_factory=dict)
+    intervals: bool = False
+
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        """Columns of numbers, apart from the time: each once, the gyroscope's first."""
+        triads = (triad.columns for triad in (self.gyro, self.accel) if triad is not None)
+        return tuple(dict.fromkeys(column for columns in triads for column in columns)) + (() if self.temp is None else (self.temp,))
+
+    @property
+    def used(self) -> tuple[int, ...]:
+        """Columns that are read, time first."""
+        stamps = (() if self.time is None else (self.time,)) + tuple(column for column, _ in self.finer)
+        return (*stamps, *self.numbers)
+
+    @property
+    def kinds(self) -> list[tuple[str, tuple[int, ...], Unit]]:
+        """Each quantity that is there: ``gyro``, ``accel`` or ``temp``, its columns, its unit."""
+        triads = (("gyro", self.gyro), ("accel", self.accel))
+        found: list[tuple[str, tuple[int, ...], Unit]] = [(kind, triad.columns, triad.unit) for kind, triad in triads if triad is not None]
+        return found + ([] if self.temp is None or self.temp_unit is None else [("temp", (self.temp,), self.temp_unit)])
+
+    def only(self, kind: str) -> Layout:
+        """Of one quantity alone."""
+        gyro, accel = (triad if kind == name else None for name, triad in (("gyro", self.gyro), ("accel", self.accel)))
+        temp, unit = (self.temp, self.temp_unit) if kind == "temp" else (None, None)
+        return replace(self, gyro=gyro, accel=accel, temp=temp, temp_unit=unit)
+
+    @property
+    def time_column(self) -> int:
+        """``time`` of a log that has stamps."""
+        assert self.time is not None  # the log has stamps
+        return self.time
+
+    def is_register(self, column: int) -> bool:
+        """Whether a column holds a sensor's registers."""
+        return any(column in columns and unit.si is None for _, columns, unit in self.kinds)
+
+    def is_whole(self, column: int) -> bool:
+        """Whether a column may hold nothing but whole numbers."""
+        return self.standard and (self.time_ns < NS_PER_S if column == self.time else self.is_register(column))
+
+    def name(self, column: int) -> str:
+        """A column's name, as a complaint says it."""
+        return self.names[column] if column < len(self.names) else f"column {column + 1}"
+
+    def gyro_si(self, units: RegisterUnits) -> float:
+        """rad/s per written unit; units: of registers.  FormatError where it holds registers whose meaning is not known."""
+        assert self.gyro is not None  # the caller has checked that it is there
+        if self.gyro.unit.si is not None:
+            return self.gyro.unit.si
+        return units.gyro_rps
+
+    def accel_si(self, units: RegisterUnits) -> float:
+        """m/s^2 per written unit; FormatError as for the gyroscope."""
+        assert self.accel is not None
+        if self.accel.unit.si is not None:
+            return self.accel.unit.si
+        return units.accel_mps2
+
+    def temperature_c(self, values: np.ndarray, units: RegisterUnits) -> np.ndarray | None:
+        """degC (N,) of temperatures as written; None of registers whose meaning is not known."""
+        assert self.temp_unit is not None
+        return units.temperature_c(values) if self.temp_unit.si is None else values * self.temp_unit.si
+
+
+# What lines before a header say, in the words of comments: units, full scales.
+
+
+def _betaflight(said: Mapping[str, str]) -> dict[str, str]:
+    """Of ``gyro_scale`` (dps per count; often as the bits of a float; a tenth with ``blackbox_high_resolution``) and ``acc_1G``, which the
+    recorder's header lines state."""
+    facts: dict[str, str] = {}
+    with suppress(KeyError, ValueError, struct.error, OverflowError):
+        text = (said.get("gyro_scale") or said["gyro.scale"]).lower()  # with a point before 2017
+        scale = struct.unpack(">f", bytes.fromhex(text[2:].zfill(8)))[0] if text.startswith("0x") else float(text)
+        scale /= 10 if said.get("blackbox_high_resolution") == "1" else 1
+        if 1e-4 < scale <= 1:
+            facts |= {"gyro_unit": f"{scale:.9g}dps", "gyro_fs_dps": "2000"}
+    with suppress(KeyError, ValueError, ZeroDivisionError):
+        one_g = float(said["acc_1g"])
+        if one_g >= 100:
+            facts |= {"accel_unit": f"g/{one_g:g}", "accel_fs_g": f"{32768 / one_g:g}"}
+    return facts
+
+
+def _gyroflow(said: Mapping[str, str]) -> dict[str, str]:
+    """``tscale`` in s, ``gscale`` in rad/s and ``ascale`` in g per count."""
+    named = (("tscale", "time_unit", "s"), ("gscale", "gyro_unit", "rad/s"), ("ascale", "accel_unit", "g"))
+    return {key: f"{said[scale]}{unit}" for scale, key, unit in named if scale in said}
+
+
+# The dialects.  A new one is one entry.
+#
+# Names are those of the header without unit, in small letters; ``{}`` stands for the axis.  A unit in the header, in [] or (), always
+# counts; the units here are those that the dialect is documented to use where its header says none.  Where neither states a unit, an
+# option must.
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """name as the notes call it; signature: columns that must be there to recognise it; time: column, the first of these that is there
+    (a clock is seen as one; ``a+b`` are whole seconds and nanoseconds); gyro and accel with {} for the axis (axes: its three names);
+    temp; units where the header has none; frame: what is documented of its axes; both: a file of it holds both sensors; by_file: columns
+    are the same for each sensor, and the file's name says which it is; begins: what its first line says; facts: what lines before the
+    header say."""
+
+    name: str
+    time: tuple[str, ...]
+    gyro: str
+    accel: str
+    temp: str = ""
+    axes: str = "xyz"
+    signature: tuple[str, ...] = ()
+    time_unit: str = ""
+    gyro_unit: str = ""
+    accel_unit: str = ""
+    frame: str = ""
+    both: bool = False
+    by_file: bool = False
+    begins: str = ""
+    facts: Callable[[Mapping[str, str]], dict[str, str]] | None = None
+
+    @property
+    def example(self) -> str:
+        """A header line, as ``import --list`` shows it."""
+        triads = [pattern.format(axis) for pattern in dict.fromkeys((self.gyro, self.accel)) for axis in self.axes]
+        return ",".join((*dict.fromkeys((*self.signature, self.time[0].replace("+", ","))), *triads))
+
+
+PHONE = "a telephone's: x right, y up, z out of the screen"
+DIALECTS = (
+    Dialect(
+        "Gyroflow",
+        time=("t",),
+        gyro="g{}",
+        accel="a{}",
+        begins="GYROFLOW IMU LOG",
+        facts=_gyroflow,
+        frame="as its line `orientation` says",
+    ),
+    Dialect("phyphox", time=("time",), gyro="gyroscope {}", accel="acceleration {}", time_unit="s", signature=("time",), frame=PHONE),
+    Dialect(
+        "x-IMU3",
+        time=("timestamp", "time"),
+        gyro="gyroscope {}",
+        accel="accelerometer {}",
+        temp="temperature",
+        frame="x-io's axes, z up when level",
+        both=True,
+    ),
+    Dialect(
+        "Kalibr",
+        time=("timestamp",),
+        gyro="omega_{}",
+        accel="alpha_{}",
+        time_unit="ns",
+        gyro_unit="rad/s",
+        accel_unit="m/s2",
+        both=True,
+    ),
+    # A file for each sensor; one name stands for three columns, and may say their order.
+    Dialect("GoPro", time=("cts",), gyro="gyroscope {}", accel="accelerometer {}", time_unit="ms", frame="the camera's own axes"),
+    Dialect(
+        "EuRoC", time=("timestamp",), gyro="w_rs_s_{}", accel="a_rs_s_{}", time_unit="ns", frame="the sensor frame S of its sensor.yaml"
+    ),
+    Dialect(
+        "ROS, rostopic echo -p",
+        time=("field.header.stamp", "%time"),
+        gyro="field.angular_velocity.{}",
+        accel="field.linear_acceleration.{}",
+        time_unit="ns",
+        gyro_unit="rad/s",
+        accel_unit="m/s2",
+        frame="as the driver has them; REP 103 asks for x forward, y left, z up",
+    ),
+    Dialect(
+        "ROS, a table of messages",
+        time=(
+            "header.stamp.secs+header.stamp.nsecs",
+            "header.stamp.sec+header.stamp.nanosec",
+            "header_stamp_sec+header_stamp_nanosec",
+            "secs+nsecs",
+            "sec+nanosec",
+            "time",
+        ),
+        gyro="angular_velocity.{}",
+        accel="linear_acceleration.{}",
+        time_unit="s",
+        gyro_unit="rad/s",
+        accel_unit="m/s2",
+        frame="as the driver has them; REP 103 asks for x forward, y left, z up",
+    ),
+    Dialect(
+        "OpenLog Artemis",
+        time=("micros", "rtctime"),
+        gyro="g{}",
+        accel="a{}",
+        temp="imu_degc",
+        signature=("rtctime",),
+        time_unit="us",
+        gyro_unit="dps",
+        accel_unit="mg",
+        frame="the ICM-20948's axes, z up when level",
+    ),
+    Dialect(
+        "PX4 sensor_combined",
+        time=("timestamp",),
+        gyro="gyro_rad[{}]",
+        accel="accelerometer_m_s2[{}]",
+        axes="012",
+        time_unit="us",
+        gyro_unit="rad/s",
+        accel_unit="m/s2",
+        frame="forward, right, down",
+    ),
+    Dialect(
+        "Betaflight blackbox",
+        time=("time",),
+        gyro="gyroadc[{}]",
+        accel="accsmooth[{}]",
+        axes="012",
+        signature=("loopiteration",),
+        time_unit="us",
+        frame="forward, left, up",
+        facts=_betaflight,
+    ),
+    # Of a text log, the rows of one kind: ``--rows IMU``.
+    Dialect(
+        "ArduPilot",
+        time=("timeus",),
+        gyro="gyr{}",
+        accel="acc{}",
+        temp="t",
+        time_unit="us",
+        gyro_unit="rad/s",
+        accel_unit="m/s2",
+        frame="forward, right, down",
+    ),
+    # MTi counts SampleTimeFine in 100 us and DOT in us, and rates are in rad/s or in deg/s: the same header.
+    Dialect(
+        "Xsens",
+        time=("sampletimefine",),
+        gyro="gyr_{}",
+        accel="acc_{}",
+        signature=("packetcounter",),
+        accel_unit="m/s2",
+        frame="the sensor's own axes, z up when level",
+    ),
+    # Two files, one for each sensor, or their like in one.
+    Dialect("ST HSDatalog", time=("time",), gyro="g_{}", accel="a_{}", temp="temp", time_unit="s", frame="the sensor's own axes"),
+    Dialect("ST DataLog", time=("timestamp",), gyro="g_{}", accel="a_{}", temp="t", frame="the sensor's own axes"),
+    # Telephones.  What they call linear or user acceleration is without gravity: no reference.
+    Dialect(
+        "Sensor Logger",
+        time=("time",),
+        gyro="{}",
+        accel="{}",
+        signature=("seconds_elapsed",),
+        time_unit="ns",
+        gyro_unit="rad/s",
+        accel_unit="m/s2",
+        frame=PHONE,
+        by_file=True,
+    ),
+    Dialect("Physics Toolbox", time=("time",), gyro="w{}", accel="gf{}", time_unit="s", gyro_unit="rad/s", accel_unit="g", frame=PHONE),
+    Dialect(
+        "Physics Toolbox, linear",
+        time=("time",),
+        gyro="w{}",
+        accel="a{}",
+        time_unit="s",
+        gyro_unit="rad/s",
+        accel_unit="m/s2",
+        frame=PHONE,
+        both=True,
+    ),
+    Dialect("AndroSensor", time=("time since start in ms",), gyro="gyroscope {}", accel="accelerometer {}", time_unit="ms", frame=PHONE),
+    Dialect(
+        "SensorLog",
+        time=("gyrotimestamp_sincereboot", "accelerometertimestamp_sincereboot", "loggingtime"),
+        gyro="gyrorotation{}",
+        accel="accelerometeracceleration{}",
+        time_unit="s",
+        frame=PHONE,
+    ),
+)

@@ -1,0 +1,495 @@
+"""Text that is no table yet, as lines of a table: ``ax:1 ay:2``, JSON lines, hexadecimal, a serial monitor's clock.
+
+Each form turns lines into lines, one for one, so that a complaint still names the line of the file.  Where the form brings names of its
+own, it has a header, which the reader of tables then recognises like any other.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from functools import lru_cache, reduce
+from itertools import pairwise
+from operator import xor
+from typing import Protocol
+
+from session.base.errors import FormatError
+from session.base.units import parse_unit
+from session.log.clock import CLOCKS, UNITS
+from session.log.rows import SENSORS
+
+#: lines that are looked at, and the share of them that must be of a form
+LOOKED_AT, SHARE = 200, 0.5
+#: numbers of a line, or of a record, from which on it may be a sensor's: three axes
+LEAST_PAIRS = 3
+#: of the name that comes most often: a name that comes as often belongs to the record
+OFTEN = 0.8
+#: of a record: a phone's with everything switched on has some dozens
+MOST_PAIRS = 200
+#: characters of a name behind its first
+LONGEST_NAME = 60
+NUMBER = r"[-+]?(?:\d++\.?\d*+|\.\d++)(?:[eE][-+]?\d++)?"
+DIGITS = re.compile(NUMBER)
+
+
+#: a row that no reader of tables takes: it is refused by its line, with what is wrong with it
+TORN, TORN_RECORD = "torn", "the record is torn, or in another unit than before"
+
+
+class TextForm(Protocol):
+    """name: as people are told of it; header: the names of its columns, with commas, or empty where the lines have one of their own;
+    left_out: how many lines so far held nothing of it; torn: what is wrong with a line that it calls torn."""
+
+    name: str
+    header: str
+    left_out: int
+    torn: str
+
+    def __call__(self, lines: list[str]) -> list[str]:
+        """As many lines: rows of the table, and blanks where no row ends."""
+        ...
+
+
+def form_of(lines: list[str], packed: str | None, name: str) -> TextForm | None:
+    """The form of a log that begins with these lines; None where it is a table already.
+
+    packed: what is known of registers that are written as one hexadecimal word.  FormatError where they are, and it is not known.
+    """
+    some = [line for line in lines if line.strip()][:LOOKED_AT]
+    if sum(MONITOR.match(line) is not None for line in some) > SHARE * len(some):
+        without = [bare for line in some if (bare := MONITOR.sub("", line)).strip()]
+        return _Monitor(form_of(without, packed, name), without)
+    for kind in (_Sentences, _JsonLines, _Pairs):
+        if (form := kind.found(some, name)) is not None:
+            return form
+    return _packed(some, packed, name) or _hexadecimal(some)
+
+
+# The clock that a serial monitor puts before each line: ``12:30:01.123 -> 1,2,3``.
+
+MONITOR = re.compile(r"^\s*(\d{1,2}:\d\d:\d\d\.\d+) -> ?")
+
+
+class _Monitor:
+    """The clock becomes the last column: what the board itself says of the time comes before it."""
+
+    name = "a serial monitor's lines"
+    torn = TORN_RECORD
+    left_out = 0
+
+    def __init__(self, inner: TextForm | None, lines: list[str]):
+        """lines: without the clock."""
+        self._inner, self._delimiter = inner, next((sign for sign in ",;\t" if any(line.count(sign) >= 2 for line in lines)), " ")
+        self.header = f"{inner.header},monitor_time" if inner is not None and inner.header else ""
+        if inner is not None:
+            self.name = f"{inner.name}, with a serial monitor's clock"
+
+    def __call__(self, lines: list[str]) -> list[str]:
+        clocks = [MONITOR.match(line) for line in lines]
+        bare = [MONITOR.sub("", line) for line in lines]
+        made = bare if self._inner is None else self._inner(bare)
+        self.left_out = 0 if self._inner is None else self._inner.left_out
+        sign = self._delimiter if self._inner is None else ","
+        with_clock = []
+        for line, clock in zip(made, clocks, strict=True):
+            names = self._inner is None and re.match(r"\s*[A-Za-z_]", line) is not None
+            end = "" if clock is None or not line.strip() else f"{sign}monitor_time" if names else f"{sign}{clock[1]}"
+            with_clock.append(line.rstrip("\r") + end)
+        return with_clock
+
+
+# Names and numbers in turn, on one line or on several: ``ax:1 ay:2``, ``Accel X: 0.1, Y: 0.2, Z: 9.8 m/s^2``.
+
+# Names have an end: from each of a long line's letters a pattern would look at all that follow.
+PAIR = re.compile(
+    rf"(?P<name>[A-Za-z_°][A-Za-z_°0-9.\[\]() ]{{0,{LONGEST_NAME}}}+)\s{{0,9}}+[:=]\s{{0,9}}+(?P<value>{NUMBER})(?![\w.:])",
+)
+UNIT = re.compile(r"[ \t]*([A-Za-z°µ%][\w°/^²µ%]*)(?![\w°/^²µ%]|\s*[:=])")
+AXES = ("x", "y", "z")
+
+
+class _Record:
+    """Rows of names and numbers: of one line each, or gathered over several, from the name that a record begins with."""
+
+    def __init__(self, parsed: list[list[tuple[str, str, str]]], begins: str | None = None):
+        """parsed: what the first lines hold, each (name, number, unit); begins: the name that stands first in a record of several lines."""
+        counts: dict[str, int] = {}
+        units: dict[str, str] = {}
+        for pairs in parsed:
+            for name, _, unit in pairs:
+                counts[name] = counts.get(name, 0) + 1
+                units.setdefault(name, unit)
+        most = max(counts.values(), default=0)
+        self.names = [name for name, count in counts.items() if count >= OFTEN * most]
+        clock = next((name for name in self.names if set(re.findall(r"[a-z]+", name.lower())) & {*CLOCKS, *UNITS}), None)
+        if (begins or clock) in self.names:  # people print the time first
+            first = self.names.index(begins or clock or "")
+            self.names = self.names[first:] + self.names[:first]
+        self.header = ",".join(f"{name} [{units[name]}]" if units.get(name) else name for name in self.names)
+        self.is_one = 2 * LEAST_PAIRS <= len(self.names) <= MOST_PAIRS and most > 1
+        self._known, self._have, self._begun, self.left_out = set(self.names), dict[str, str](), False, 0
+        self._units = units
+        whole = sum(self._known <= {name for name, _, _ in pairs} for pairs in parsed)
+        self._on_one_line = whole > SHARE * len(parsed)
+
+    def row(self, pairs: list[tuple[str, str, str]]) -> str:
+        """The row that a line's pairs complete, or one that cannot be read where they show it to be torn; else empty.  What stands before
+        the first whole record, as a capture begins anywhere, is left out."""
+        mine = [(name, value) for name, value, _ in pairs if name in self._known]
+        if any(unit and name in self._known and unit != self._units[name] for name, _, unit in pairs):
+            return TORN  # in another unit than before
+        if self._on_one_line:
+            self._have = dict(mine)
+            if not mine or (len(mine) == len(self._have) == len(self.names)):
+                return self._finished() if mine else ""
+            return self._torn()
+        torn = ""
+        for name, value in mine:
+            if self._have and (name in self._have or name == self.names[0]):
+                torn = self._torn() or torn
+            if self._have or name == self.names[0]:
+                self._have[name] = value
+            else:  # of a record whose beginning is not there
+                torn = self._torn() or torn
+        return torn or (self._finished() if len(self._have) == len(self.names) else "")
+
+    def _finished(self) -> str:
+        text, self._have, self._begun = ",".join(self._have[name] for name in self.names), {}, True
+        return text
+
+    def _torn(self) -> str:
+        self._have = {}
+        self.left_out += not self._begun
+        return TORN if self._begun else ""
+
+
+class _Pairs:
+    name = "names and numbers in turn"
+    torn = TORN_RECORD
+
+    def __init__(self, record: _Record, stamped: bool, commas: bool):
+        self._record, self._stamped, self._commas = record, stamped, commas
+        self.header, self.left_out = record.header, 0
+
+    @classmethod
+    def found(cls, lines: list[str], name: str) -> _Pairs | None:
+        """Where most lines hold them."""
+        mine = [line for line in lines if not line.lstrip().startswith("#")]
+        commas = sum(WITH_COMMA.search(line) is not None for line in mine) > SHARE * len(mine)
+        stamped = sum(LEADING.match(line) is not None for line in mine) > SHARE * len(mine)
+        parsed = [pairs for line in mine if (pairs := _pairs(line, stamped, commas))]
+        if len(parsed) <= SHARE * len(lines) or not parsed:
+            return None
+        _refuse_labels(mine, name)
+        gap = next((i for i, line in enumerate(lines) if not line.strip()), None)
+        behind = next((pairs for line in lines[gap:] if (pairs := _pairs(line, stamped, commas))), []) if gap is not None else []
+        record = _Record(parsed, behind[0][0] if behind else None)
+        return cls(record, stamped, commas) if record.is_one else None
+
+    def __call__(self, lines: list[str]) -> list[str]:
+        rows = []
+        for line in lines:
+            pairs = _pairs(line, self._stamped, self._commas)
+            self.left_out += bool(line.strip()) and not pairs
+            before = self._record.left_out
+            rows.append(self._record.row(pairs))
+            self.left_out += self._record.left_out > before
+        return rows
+
+
+#: ``IMU0: ax=1 …``, ``dev=left, ax=1 …``: which sensor a line is of, in words
+OF_SENSOR = re.compile(r"\s*+(?:([A-Za-z_]\w*+)\s*+[:>]\s++(?=[A-Za-z_]\w*+\s*+[:=])|.*?\b(\w++)\s*+[:=]\s*+([A-Za-z]\w*+)(?!\s*+[:=]))")
+
+
+def _refuse_labels(lines: list[str], name: str) -> None:
+    """FormatError where whole lines are of several sensors, by words that stand before their names."""
+    found = []
+    for line in lines:
+        match = OF_SENSOR.match(line)
+        if match is not None and line.count("=") + line.count(":") > 2 * LEAST_PAIRS:
+            of = match[1] or (match[3] if re.sub(r"[^a-z]", "", match[2].lower()) in SENSORS else None)
+            found += [of] if of else []
+    several = [word for word in dict.fromkeys(found) if found.count(word) > 1]
+    if len(several) > 1 and len(found) > SHARE * len(lines):
+        raise FormatError(f"{name}: lines of several sensors ({', '.join(several[:4])}), told by words; keep the lines of one")
+
+
+#: ``acc: x=1 y=2``; ``Accel: 1, 2, 3``; ``ax: 8,06 ay: …``; a number before the names, ``1234 ax: …``, ``I (1234) IMU: …``
+LABEL = re.compile(rf"\b([A-Za-z_]\w{{0,{LONGEST_NAME}}})\s{{0,9}}[:=]\s{{0,9}}(?=[xyzXYZ]\s{{0,9}}[:=])")
+_THREE = rf"({NUMBER})[,;\s]{{1,9}}+({NUMBER})[,;\s]{{1,9}}+({NUMBER})(?![\w.]|\s*[:=])"
+LIST = re.compile(rf"\b([A-Za-z_][\w ]{{0,{LONGEST_NAME}}}?)\s{{0,9}}+[:=]\s{{0,9}}+[\[(]?\s{{0,9}}+{_THREE}")
+WITH_COMMA = re.compile(r"[:=]\s*[-+]?\d+,\d+(?=\s*(?:[A-Za-z;|]|$))")
+LEADING = re.compile(r"\s*+(?:[IWEDV]\s*+\()?(\d++(?:\.\d++)?)\)?(?:\s*+[,:;])?\s++(?=[A-Za-z])")
+STAMP = "stamp"
+
+
+def _pairs(line: str, stamped: bool, commas: bool) -> list[tuple[str, str, str]]:
+    """``(name, number, unit)``; a bare axis has the name before it, and the unit behind the last axis is that of all three."""
+    if commas:
+        line = re.sub(r"(?<=\d),(?=\d)", ".", line)
+    lead = LEADING.match(line) if stamped else None
+    line = LABEL.sub(r"\1 ", line if lead is None else line[lead.end() :])
+    line = LIST.sub(r"\1 x: \2, \1 y: \3, \1 z: \4", line)
+    before, named, at = "", [], 0
+    while (match := PAIR.search(line, at)) is not None:
+        name, value, at = match["name"].strip(), match["value"], match.end()
+        behind = UNIT.match(line, at)
+        unit = "" if behind is None or not _is_unit(behind[1]) else behind[1]
+        at = behind.end() if unit and behind is not None else at
+        bare = name.lower() in AXES
+        name = f"{before} {name}" if bare and before else name
+        if not bare and name[-1:].lower() in AXES:
+            before = name[:-1].rstrip(" _.")
+        named.append((name, value, unit))
+    found = [(STAMP, lead[1], "")] if lead is not None else []
+    for place, (name, value, unit) in enumerate(named):
+        later = next((each[2] for each in named[place : place + 3] if each[2]), "")
+        found.append((name, value, unit or (later if name[-1:].lower() in AXES else "")))
+    return found
+
+
+@lru_cache(maxsize=64)
+def _is_unit(word: str) -> bool:
+    return any(parse_unit(kind, word) is not None for kind in ("time", "gyro", "accel", "temp"))
+
+
+# Sentences of a sensor with firmware of its own: ``$VNYMR,…*5A``, checked by the checksum behind the asterisk.
+
+SENTENCE = re.compile(r"\$([A-Za-z]{2,10}),([^*$]*+)\*([0-9A-Fa-f]{2}|[0-9A-Fa-f]{4}|XX)\s*+")
+_MEASURED = ",".join(f"{what}{axis}{unit}" for what, unit in (("mag", ""), ("acc", " [m/s2]"), ("gyro", " [rad/s]")) for axis in "XYZ")
+#: what the makers' manuals say that a sentence holds behind its word; of several kinds in one log the first is taken
+SENTENCES = {
+    "VNIMU": f"{_MEASURED},temp [c],pressure",
+    "VNMAR": _MEASURED,
+    "VNQMR": f"q0,q1,q2,q3,{_MEASURED}",
+    "VNYMR": f"yaw,pitch,roll,{_MEASURED}",
+    "VNDTV": "dt,dthetaX,dthetaY,dthetaZ,dvX,dvY,dvZ",
+}
+
+
+class _Sentences:
+    torn = "its checksum is wrong"
+
+    def __init__(self, word: str):
+        self.name, self.header, self.left_out, self._word, self._begun = f"sentences ${word}", SENTENCES.get(word, ""), 0, word, False
+
+    @classmethod
+    def found(cls, lines: list[str], name: str) -> _Sentences | None:
+        """Where most lines are sentences, of a word that is known or of one alone."""
+        words = [match[1] for line in lines if (match := SENTENCE.fullmatch(line.strip())) is not None]
+        known = next((word for word in SENTENCES if words.count(word) > 1), words[0] if len(set(words)) == 1 else None)
+        return None if len(words) <= SHARE * len(lines) or known is None else cls(known)
+
+    def __call__(self, lines: list[str]) -> list[str]:
+        rows = []
+        for line in lines:
+            match, mine = SENTENCE.fullmatch(line.strip()), line.lstrip().startswith(f"${self._word},")
+            if mine and match is not None and _sum_is_right(match):
+                self._begun = True
+                rows.append(match[2])
+                continue
+            torn = bool(line.strip()) and self._begun and (mine or not line.lstrip().startswith("$"))
+            self.left_out += bool(line.strip()) and not torn
+            rows.append(TORN if torn else "")
+        return rows
+
+
+def _sum_is_right(sentence: re.Match[str]) -> bool:
+    """Whether the two digits are the exclusive or of all letters; other sums are taken as they are."""
+    told = reduce(xor, f"{sentence[1]},{sentence[2]}".encode())
+    return len(sentence[3]) != 2 or sentence[3] == "XX" or told == int(sentence[3], 16)
+
+
+# JSON, an object a line: ``{"t": 1, "gyro": {"x": 0.1, …}}``.
+
+
+class _JsonLines:
+    name = "JSON, an object a line"
+    torn = TORN_RECORD
+
+    def __init__(self, record: _Record):
+        self._record, self.header, self.left_out = record, record.header, 0
+
+    @classmethod
+    def found(cls, lines: list[str], name: str) -> _JsonLines | None:
+        """Where most lines are objects that hold numbers."""
+        objects = [list(found) for line in lines if (found := flattened(line))]
+        if len(objects) <= SHARE * len(lines) or not objects:
+            return None
+        record = _Record(objects)
+        return cls(record) if record.is_one else None
+
+    def __call__(self, lines: list[str]) -> list[str]:
+        rows = []
+        for line in lines:
+            found = flattened(line)
+            torn = not found and line.strip().startswith(("{", "[{"))
+            self.left_out += bool(line.strip()) and not found and not torn
+            rows.append(TORN if torn else self._record.row(found))
+        return rows
+
+
+def flattened(record: object) -> list[tuple[str, str, str]]:
+    """Numbers of an object, or of a line that holds one: path, ``gyro.x``, ``gyro[0]``, number as it was written, and no unit; empty where
+    it is none."""
+    if isinstance(record, str):
+        line = record.strip().removeprefix("[").removesuffix("]").rstrip(", ")
+        if not line.startswith("{"):
+            return []
+        try:
+            record = json.loads(line, parse_float=Number, parse_int=Number)
+        except (ValueError, RecursionError):
+            return []
+    found: dict[str, str] = {}
+
+    def walk(value: object, name: str, depth: int) -> None:
+        if isinstance(value, Number) or (isinstance(value, str) and DIGITS.fullmatch(value)):
+            found[name] = str(value)
+        elif isinstance(value, str) and re.sub(r"[^a-z]", "", name.split(".")[-1].lower()) in SENSORS:
+            found[name] = re.sub(r"[\s,]+", "_", value)[:40]  # which sensor it is of
+        elif isinstance(value, dict) and depth:
+            for key, inner in value.items():
+                walk(inner, f"{name}.{key}".lstrip(".").replace(",", " "), depth - 1)
+        elif isinstance(value, list) and depth:
+            for place, inner in enumerate(value[:MOST_PAIRS]):
+                walk(inner, f"{name}[{place}]", depth - 1)
+
+    walk(record, "", 4)
+    return [(name, value, "") for name, value in found.items()]
+
+
+class Number(str):
+    """A number of JSON as it was written: no digit of a stamp is lost."""
+
+    __slots__ = ()
+
+
+# Registers in hexadecimal: cells of their own, or one word a sample.
+
+FOUR = re.compile(r"[0-9A-Fa-f]{4}")
+PREFIXED = re.compile(r"(?<![\w.])0[xX]([0-9A-Fa-f]+)(?![\w.])")
+BETWEEN = re.compile(r"([,;\s]+)")
+
+
+class _Hexadecimal:
+    name = "registers in hexadecimal"
+    torn = TORN_RECORD
+    header = ""
+    left_out = 0
+
+    def __init__(self, columns: frozenset[int] | None):
+        """columns: those whose cells are hexadecimal; None: cells that say so, by 0x."""
+        self._columns = columns
+
+    def __call__(self, lines: list[str]) -> list[str]:
+        if self._columns is None:
+            return [PREFIXED.sub(lambda match: _decimal(match[1]), line) for line in lines]
+        return ["".join(self._cell(i, cell) for i, cell in enumerate(BETWEEN.split(line.strip()))) for line in lines]
+
+    def _cell(self, place: int, cell: str) -> str:
+        """Cells have even places, what is between them odd ones."""
+        return _decimal(cell) if self._columns and place % 2 == 0 and place // 2 in self._columns and FOUR.fullmatch(cell) else cell
+
+
+def _decimal(digits: str) -> str:
+    """Sixteen bits are a register with a sign, more are a stamp or a counter."""
+    value = int(digits, 16)
+    return str(value - 0x10000 if len(digits) == 4 and value >= 0x8000 else value)
+
+
+def _hexadecimal(lines: list[str]) -> _Hexadecimal | None:
+    if sum(len(PREFIXED.findall(line)) >= LEAST_PAIRS for line in lines) > SHARE * len(lines):
+        return _Hexadecimal(None)
+    rows = [BETWEEN.split(line.strip())[::2] for line in lines]
+    rows = [row for row in rows if sum(FOUR.fullmatch(cell) is not None for cell in row) >= 2 * LEAST_PAIRS]
+    if len(rows) <= SHARE * len(lines):
+        return None
+    width = min(map(len, rows))
+    whole = [place for place in range(width) if all(FOUR.fullmatch(row[place]) for row in rows)]
+    lettered = any(not row[place].isdigit() for row in rows for place in whole)
+    # A stamp that happens to have four decimal digits is no register: no letter, no leading zero, and it rises.
+    columns = frozenset(place for place in whole if not _is_stamp([row[place] for row in rows]))
+    return _Hexadecimal(columns) if lettered and len(whole) >= 2 * LEAST_PAIRS else None
+
+
+def _is_stamp(cells: list[str]) -> bool:
+    return all(cell.isdigit() and cell[0] != "0" for cell in cells) and all(int(a) < int(b) for a, b in pairwise(cells))
+
+
+#: what a sensor's burst of registers holds, and which byte of a register comes first
+PRESETS = {
+    "st": ("little", ("gx", "gy", "gz", "ax", "ay", "az")),
+    "st-temp": ("little", ("temp", "gx", "gy", "gz", "ax", "ay", "az")),
+    "mpu": ("big", ("ax", "ay", "az", "temp", "gx", "gy", "gz")),
+    "icm42688": ("big", ("temp", "ax", "ay", "az", "gx", "gy", "gz")),
+}
+FIELDS = ("gx", "gy", "gz", "ax", "ay", "az", "temp", "-")
+EXPECTED_PACKED = f"expected {', '.join(PRESETS)}, or the order by hand: little:gx,gy,gz,ax,ay,az or big:ax,ay,az,temp,gx,gy,gz (- skips)"
+WORD = re.compile(r"(?<![\w.])(?:0x)?((?:[0-9A-Fa-f]{4}){6,16})(?![\w.])")
+
+
+class _Packed:
+    name = "registers, packed in hexadecimal"
+    torn = TORN_RECORD
+
+    def __init__(self, order: str, fields: tuple[str, ...], stamped: bool):
+        self._order, self._fields, self._stamped, self._begun = order, fields, stamped, False
+        self.left_out = 0
+        self.header = ",".join((*(["time"] if stamped else []), *(field for field in fields if field != "-")))
+
+    def __call__(self, lines: list[str]) -> list[str]:
+        rows = []
+        for line in lines:
+            match = WORD.search(line)
+            if match is None or len(match[1]) != 4 * len(self._fields):
+                torn = match is not None or (self._begun and bool(line.strip()) and not line.lstrip().startswith("#"))
+                self.left_out += bool(line.strip()) and not torn
+                rows.append(TORN if torn else "")
+                continue
+            self._begun = True
+            data = bytes.fromhex(match[1])
+            values = [int.from_bytes(data[at : at + 2], self._order, signed=True) for at in range(0, len(data), 2)]  # type: ignore[arg-type]
+            kept = [str(value) for value, field in zip(values, self._fields, strict=True) if field != "-"]
+            stamp = [re.split(r"[,;\s]", line.strip())[0]] if self._stamped else []
+            rows.append(",".join((*stamp, *kept)))
+        return rows
+
+
+def _packed(lines: list[str], told: str | None, name: str) -> _Packed | None:
+    words = [match[1] for line in lines if (match := WORD.search(line)) is not None]
+    words = [word for word in words if not word.isdigit()]
+    if len(words) <= SHARE * len(lines) or not words:
+        if told:
+            raise FormatError(f"{name}: --packed is {told!r}, but its lines hold no words of hexadecimal registers; leave it out")
+        return None
+    registers = len(words[0]) // 4
+    if told is None:
+        what = f"{registers} registers a line, packed in hexadecimal, and it does not say their order"
+        raise FormatError(f"{name}: {what}; give --packed, {EXPECTED_PACKED}")
+    order, fields = _fields(told)
+    if len(fields) != registers:
+        raise FormatError(f"{name}: {registers} registers a line, but --packed {told} has {len(fields)}; {EXPECTED_PACKED}")
+    stamped = sum(re.match(rf"\s*{NUMBER}[,;\s]", line) is not None for line in lines) > SHARE * len(lines)
+    return _Packed(order, fields, stamped)
+
+
+def _fields(told: str) -> tuple[str, tuple[str, ...]]:
+    if told in PRESETS:
+        return PRESETS[told]
+    order, colon, listed = told.partition(":")
+    fields = tuple(field.strip() for field in listed.split(","))
+    known = order in ("little", "big") and colon and all(field in FIELDS for field in fields)
+    if not known or any(fields.count(field) != 1 for field in FIELDS[:6]):
+        raise FormatError(f"--packed is {told[:60]!r}; {EXPECTED_PACKED}")
+    return order, fields
+
+
+#: of each form: what begins such a log
+EXAMPLES: dict[str, tuple[Callable[..., object], str]] = {
+    _Pairs.name: (_Pairs, "t:1000 ax:12 ay:-7 az:4096 gx:3 gy:0 gz:-2"),
+    _JsonLines.name: (_JsonLines, '{"t_ms": 1000, "gyro": [0.1, 0.2, 0.3], "accel": [0.0, 0.0, 9.8]}'),
+    "sentences": (_Sentences, "$VNYMR,+100.000,-006.000,…,+00.000123*5A"),
+    _Hexadecimal.name: (_Hexadecimal, "1000,0x000C,0xFFF9,0x1000,0x0003,0x0000,0xFFFE"),
+    _Packed.name: (_Packed, "1000,0C00F9FF00100300000000FE   (--packed st)"),
+}

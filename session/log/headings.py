@@ -1,0 +1,160 @@
+"""Headings that say by themselves what their columns are: by quantities' names in several languages, or by the units that they state.
+
+People print ``accX``, ``gyro_y``, ``wz``, ``imu.rate.x``; programs export ``Drehrate X [°/s]`` and ``X (rad/s)``.  A new word is one entry.
+"""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Iterator, Sequence
+from functools import cache
+from itertools import product
+
+from session.base.errors import FormatError
+from session.base.units import COUNTS, parse_unit
+from session.log.columns import Column
+
+#: what stands before or behind an axis, of a name in small letters without accents and without what is no letter
+USUAL = {
+    "g": (
+        *("g", "gyr", "gyro", "gyros", "gyroscope", "gyroraw", "rawgyro", "w", "omega", "rate", "rot", "angular"),
+        *("angularvelocity", "angvel", "angularrate", "rotationrate", "rotation", "rotations"),
+        *("drehrate", "winkelgeschwindigkeit", "gyroskop", "vitesseangulaire", "velocidadangular", "velocidadeangular"),
+        *("velocitaangolare", "giroscopio", "hoeksnelheid", "角速度", "陀螺仪"),
+    ),
+    "a": (
+        *("a", "acc", "accl", "accel", "accels", "accelerometer", "accelraw", "rawaccel", "f", "force", "specificforce"),
+        *("acceleration", "accelerations", "linearacceleration"),
+        *("beschl", "beschleunigung", "beschleunigungssensor", "accelerometre", "accelerometro", "acelerometro"),
+        *("aceleracion", "aceleracao", "accelerazione", "versnelling", "加速度", "加速度计"),
+    ),
+}
+USUAL_TEMPERATURES = ("temp", "temperature", "tempc")
+#: words of a unit behind a name, as ``gyro_x_dps`` or ``accXmss``
+UNIT_ENDINGS = {
+    "g": {"dps": "dps", "degs": "dps", "degps": "dps", "rads": "rad/s", "radps": "rad/s", "rps": "rad/s", "mdps": "mdps", "rpm": "rpm"},
+    "a": {"mps2": "m/s2", "ms2": "m/s2", "mss": "m/s2", "mg": "mg", "g": "g"},
+}
+#: what an axis is called, and where it stands in the triad
+AXES = {"x": 0, "y": 1, "z": 2, "roll": 0, "pitch": 1, "yaw": 2, "wank": 0, "nick": 1, "gier": 2}
+#: of a name whose unit is an accelerometer's: another quantity, where one is there that is not called so
+OTHERS = ("mag", "lin", "user", "grav")
+#: quantities that a unit tells
+BY_UNIT = {"g": "gyro", "a": "accel"}
+#: how names of angles of each sample begin
+ANGLES = ("dtheta", "dθ", "deltatheta", "dang", "deltaang", "delang", "angleincrement", "angularincrement", "winkelinkrement")
+
+
+def name_and_unit(text: str) -> tuple[str, str]:
+    """``Gyro X (deg/s)``: the name, and what its last brackets hold if there is a letter in it; also ``a / (m/s²)`` and ``a in m/s²``.  By
+    hand: a pattern would look at a long cell from each of its brackets."""
+    if text.endswith(("]", ")")):
+        begin = max(text.rfind(shut, 0, -1) for shut in "])") + 1
+        opens = [place for place in (text.find(bracket, begin) for bracket in "[(") if place >= 0]
+        unit = text[min(opens) + 1 : -1] if opens else ""
+        if any(letter.isalnum() and not letter.isdecimal() for letter in unit):
+            return text[: min(opens)].rstrip(" /").strip().lower(), unit
+    for between in (" in ", " / ", ", "):
+        name, found, unit = text.partition(between)
+        if found and any(parse_unit(kind, unit) for kind in ("time", "gyro", "accel", "temp")):
+            return name.strip().lower(), unit.strip()
+    return text.strip().lower(), ""
+
+
+def plain(name: str) -> str:
+    """A name's letters and digits, without accents."""
+    return "".join(each for each in unicodedata.normalize("NFKD", name.lower()) if each.isalnum())
+
+
+#: ``Gyroscope (z,x,y) [rad/s]``: one name for three columns
+ONE_NAME = re.compile(r"([^(\[]{1,60})(?:\((-?[xyz]), ?(-?[xyz]), ?(-?[xyz])\))?\s*([\[(][^\])]{1,20}[\])])?", re.IGNORECASE)
+
+
+def spread(names: Sequence[str]) -> tuple[str, ...]:
+    """Names in which one that stands for three columns, the next two of which are called 1 and 2, is a name for each."""
+    whole = list(names)
+    for place in range(len(names) - 2):
+        found = ONE_NAME.fullmatch(names[place]) if tuple(names[place + 1 : place + 3]) == ("1", "2") else None
+        if found is not None:
+            axes = found.group(2, 3, 4) if found[2] else ("x", "y", "z")
+            whole[place : place + 3] = [f"{found[1].strip()} {axis} {found[5] or ''}".strip() for axis in axes]
+    return tuple(whole)
+
+
+def usual_columns(names: Sequence[str], file: str) -> dict[str, Column]:
+    """{gx: column, …, temp: …} of the headings that say it; only a whole triad, and only where one column alone says it.
+
+    file: whose name says which sensor it is of where its columns are called x, y, z.
+    """
+    columns: dict[str, Column] = {}
+    stated: dict[str, dict[str, dict[int, Column]]] = {letter: {} for letter in BY_UNIT}  # by unit: sensor, rest of the name, axis
+    of_file = _of_file(file)
+    for column, text in enumerate(names):
+        name, unit = name_and_unit(text)
+        if name in ("x", "y", "z") and not unit and of_file:
+            found: tuple[str, str] | None = f"{of_file}{name}", ""
+        else:
+            found = _written().get(BEFORE.sub("", plain(name)))
+        if found is not None:
+            if found[0] in columns:  # two sensors: a person says which
+                return {}
+            columns[found[0]] = column, unit or found[1], 1
+            continue
+        for letter, kind in BY_UNIT.items():
+            if unit and unit.lower() not in COUNTS and parse_unit(kind, unit) is not None:
+                rest, axis = _axis(plain(name))
+                stated[letter].setdefault(rest, {}).setdefault(-1 if axis is None else axis, (column, unit, 1))
+    for letter, by_rest in stated.items():
+        if not any(f"{letter}{axis}" in columns for axis in "xyz"):
+            whole = [rest for rest, axes in by_rest.items() if {0, 1, 2} <= set(axes)]
+            mine = [rest for rest in whole if not any(other in rest for other in OTHERS)] or whole
+            if len(mine) == 1:
+                columns |= {f"{letter}{axis}": by_rest[mine[0]][place] for place, axis in enumerate("xyz")}
+    triads = [letter for letter in USUAL if all(f"{letter}{axis}" in columns for axis in "xyz")]
+    return columns if triads and len([key for key in columns if key != "temp"]) == 3 * len(triads) else {}
+
+
+def _of_file(file: str) -> str:
+    """Which sensor the name of a file says: ``Gyroscope.csv``, ``imu_acc_2.json``; not ``rotation_vector.csv``."""
+    words = re.findall(r"[^\W\d_]+", re.sub(r"([a-z])([A-Z])", r"\1 \2", file.split(".")[0]).lower())
+    called = {plain(word) for word in (*words, "".join(words)) if len(word) > 2}
+    said = [letter for letter, known in USUAL.items() if called & set(known)]
+    return said[0] if len(said) == 1 and not any(word.startswith(("vector", *OTHERS)) for word in words) else ""
+
+
+def _axis(name: str) -> tuple[str, int | None]:
+    """The rest of a plain name, and its axis."""
+    for word, axis in AXES.items():
+        if name.endswith(word):
+            return name.removesuffix(word), axis
+        if name.startswith(word):
+            return name.removeprefix(word), axis
+    return name, None
+
+
+@cache
+def _written() -> dict[str, tuple[str, str]]:
+    """Every plain name that says an axis of a sensor, and perhaps its unit: {gyroxdps: (gx, dps)}."""
+    found: dict[str, tuple[str, str]] = {word: ("temp", "degc") for word in USUAL_TEMPERATURES}
+    for letter, words in USUAL.items():
+        for word, (axis, place) in product(words, zip("xyz", "012", strict=True)):
+            key, endings = f"{letter}{axis}", {"": "", **UNIT_ENDINGS[letter]}
+            for name in (f"{word}{axis}", f"{axis}{word}", f"{word}{place}", f"{word}{axis}axis"):
+                for ending, unit in endings.items():
+                    found.setdefault(name + ending, (key, unit))
+            for end, (ending, unit) in product((axis, place), endings.items()):
+                found.setdefault(f"{word}{ending}{end}", (key, unit))
+    return found
+
+
+#: what says no more than that a column is of a sensor
+BEFORE = re.compile(r"^(?:imu|raw|data|sensor|msg|field)+")
+
+
+def refuse_angles(headers: Iterator[Sequence[str]], file: str) -> None:
+    """FormatError where a header has the angle of each sample in the place of the rate."""
+    for names in headers:
+        if (angle := next((name for name in names if plain(name_and_unit(name)[0]).startswith(ANGLES)), None)) is not None:
+            what = f"{angle!r} is the angle of each sample, not a rate"
+            raise FormatError(f"{file}: {what}; divide it by the time since the sample before, or log the rates")

@@ -1,0 +1,434 @@
+"""One log of a session, and the small tables of its folder: dial readings, known turns, truth files."""
+
+from __future__ import annotations
+
+import csv
+import math
+from array import array
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+
+from session.base.errors import DataError, FormatError
+from session.base.units import DEG, NS_PER_S, STAMP_NS
+from session.log.config import Sensor, TruthReading
+from session.log.dialects import Layout
+from session.log.lines import Lines
+from session.log.reader import Reader
+from session.log.registers import RegisterUnits
+from session.log.samples import Growing, PackedReadings, Packer, Samples, times
+from session.log.stamps import COARSE, TWICE, evenly, fresh, placed_between, written_once
+from session.log.thermometer import Sound
+
+# One log of a session: a standard log (FORMATS), read by the one reader (``session/dialects``), in SI.
+
+
+def _temperature(packer: Packer, layout: Layout, units: RegisterUnits) -> np.ndarray | None:
+    """(N,) degC; None where there is none, or its register's scale is unknown."""
+    if layout.temp is None or layout.temperature_c(np.zeros(1), units) is None:
+        return None
+    return cast(np.ndarray, PackedReadings(*packer.packed(), (partial(_in_degrees, layout, units),)))
+
+
+def _in_degrees(layout: Layout, units: RegisterUnits, values: np.ndarray) -> np.ndarray:
+    found = layout.temperature_c(values, units)
+    assert found is not None  # or there are no temperatures
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Bridge:
+    """Readings that interpolation put in (``session/detect/bridging.py``).
+
+    what was there, ``gap`` or ``clipped``; row of the first, how many; at_s of the log; sigma_rad (3,): by how much the rotation over
+    them may be off, body axes.
+    """
+
+    what: str
+    row: int
+    count: int
+    at_s: float
+    sigma_rad: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """One file's samples, comments and the reader's notes.
+
+    samples with the specific force as measured; comments: ``key=value`` pairs of its # lines; notes: what the reader repaired
+    or left out; raw: whether it held registers; in_memory: arrays that were never a file, path being but a name; bridges:
+    readings of the samples that were put in.
+    """
+
+    path: Path
+    samples: Samples
+    comments: dict[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    raw: bool = True
+    in_memory: bool = False
+    bridges: tuple[Bridge, ...] = ()
+
+    def number(self, key: str) -> float | None:
+        """The number that a comment ``key=value`` states; None where it states none."""
+        return number_in(self.comments, key)
+
+    @property
+    def counted(self) -> bool:
+        """Whether it had no stamps, and its samples were counted at a nominal rate."""
+        return self.comments.get("stamps") == "counted"
+
+    @property
+    def put_in(self) -> np.ndarray:
+        """(N,) bool: which samples are no readings, but were put in."""
+        mask = np.zeros(len(self.samples), dtype=bool)
+        for bridge in self.bridges:
+            mask[bridge.row : bridge.row + bridge.count] = True
+        return mask
+
+    def __repr__(self) -> str:
+        return f"<Log {self.path.name}: {len(self.samples)} samples, {self.samples.duration_s:.1f} s>"
+
+
+#: key of a comment that says what of a log ``apply`` has calibrated
+CALIBRATED = "calibrated"
+
+
+def number_in(comments: Mapping[str, str], key: str) -> float | None:
+    """The number that a comment ``key=value`` states; None where it states none."""
+    try:
+        return float(comments[key])
+    except (KeyError, ValueError):
+        return None
+
+
+def already_calibrated(comments: dict[str, str]) -> frozenset[str] | None:
+    """``gyro``, ``accel`` or both, as the comments of a log say that ``apply`` wrote; None of a log as it was measured."""
+    return frozenset(comments[CALIBRATED].split(",")) if CALIBRATED in comments else None
+
+
+def read_log(path: Path, sensor: Sensor, gyro_alone: bool = False) -> Log:
+    """Read one log file; gyro_alone: its accelerometer, which it may lack, is not read, and the specific force is NaN.
+
+    Raises FormatError (what cannot be read: line and column are named) or DataError (a single sample).
+    A last line that was cut off is left out and noted.  A log of another program is refused: ``import`` makes it one of ours.
+    """
+    reader = Reader(path, None, sensor.wanted, gyro_alone=gyro_alone)
+    layout, units, stamps, packers = reader.layout, sensor.register_units, Growing(), (Packer(), Packer(), Packer())
+    sound = Sound()
+    for rows in reader.pieces(as_written=True):
+        assert rows.t_ns is not None  # a standard log without stamps was refused
+        stamps.add(rows.t_ns)
+        temp = None if rows.temp is None else sound(layout.temperature_c(rows.temp, units), rows.temp)
+        for packer, values in zip(packers, (rows.gyro, None if gyro_alone else rows.accel, temp), strict=True):
+            if values is not None:
+                packer.add(values)
+    if not len(written := stamps.rows()):
+        raise FormatError(f"{path.name}: a header but no samples; was the recording stopped before it began?")
+    t_ns = reader.unrolled(written)
+    del written
+    try:
+        factors = layout.gyro_si(units), 1.0 if gyro_alone else layout.accel_si(units)
+    except FormatError as error:
+        raise FormatError(f"{path.name} holds registers: {error}") from None
+    if gyro_alone:
+        packers[1].add(np.full((len(t_ns), 3), np.nan))
+    gyro, accel = (cast(np.ndarray, PackedReadings(*p.packed(), (times(si),))) for p, si in zip(packers, factors, strict=False))
+    samples = Samples(t_ns, gyro, accel, _temperature(packers[2], layout, units))
+    notes = [*reader.notes, *sound.notes]
+    if layout.temp is not None and samples.temp_c is None:
+        notes.append(f"temp: what the temperature register of {sensor.model} means is not known: left out")
+    if reader.wraps:
+        notes.append(f"the time counter came round {reader.wraps}x: unrolled")
+    if not fresh(samples.t_ns).all():
+        samples, more = _with_stamps_of_their_own(samples, path.name)
+        notes += more
+    if len(samples) < 2:
+        raise DataError(f"{path.name}: a single sample; expected a recording of some seconds")
+    raw = any(triad is not None and triad.unit.si is None for triad in (layout.gyro, layout.accel))
+    return Log(path=path, samples=samples, comments=reader.comments, notes=tuple(notes), raw=raw)
+
+
+def _with_stamps_of_their_own(samples: Samples, name: str) -> tuple[Samples, list[str]]:
+    """The samples without rows that repeat the one before them, and with times for those that share its stamp alone; and notes.
+
+    Where many share a stamp, all are counted along the stamps, as ``import`` does; else they are placed between their neighbours, where
+    there is time for them.  Raises DataError where many would be left out.
+    """
+    once = written_once(samples.t_ns, [samples.gyro, samples.accel])
+    shared, twice, notes = np.count_nonzero(np.diff(samples.t_ns) == 0), np.count_nonzero(~once), list[str]()
+    refused = None
+    if shared > COARSE * len(samples) and twice < TWICE * shared:
+        try:
+            t_ns, note, _ = evenly(samples.t_ns, None, name)
+            if note and fresh(t_ns).all():
+                return replace(samples, t_ns=t_ns), [note]
+        except DataError as error:
+            refused = DataError(str(error).replace("give --odr HZ", "count the samples: import --odr HZ"))
+    samples = samples if once.all() else samples.pick(once)
+    placed = placed_between(samples.t_ns)
+    if moved := np.count_nonzero(placed != samples.t_ns):
+        notes.append(f"{moved} rows have the stamp of another row and readings of their own: placed between their neighbours")
+        samples = replace(samples, t_ns=placed)
+    kept = fresh(samples.t_ns)
+    if twice:
+        notes.append(f"{twice} rows repeat the row before them: left out")
+    if out := np.count_nonzero(~kept):
+        if refused is not None and out > COARSE * len(kept):
+            raise refused
+        notes.append(f"{out} rows have the stamp of another row, and no time before the next: left out")
+    return samples.pick(kept), notes
+
+
+# The rows of a session folder's small tables: dial readings, known turns, truth files.  Read a line at a time, however long they are.
+
+
+def rows_of(path: Path) -> Iterator[tuple[int, str]]:
+    """The number of each line that is neither blank nor a comment, and the line, plain or gzipped, whatever its line ends.
+
+    FormatError for what cannot be read: no file, no UTF-8, packed and broken off, or beyond any table (``session/log/lines.py``).
+    """
+    before = 0
+    with Lines(path, strict=True) as file:
+        while lines := file.take():
+            for number, line in enumerate(lines, start=before + 1):
+                if line.strip() and not line.startswith("#"):
+                    yield number, line
+            before += len(lines)
+
+
+# ``turns.csv``: turns whose angle is known beforehand, from a stop or the table's index (docs/formats.md).
+#
+# The file counts turns as ``check`` and ``fit`` count segments: from 0, over all logs in name order; with the column ``log``, from 0 in the
+# log of that name.
+
+NAME = "turns.csv"
+COLUMNS = ("turn", "axis", "angle_deg", "sigma_deg")
+#: any order, and ``log`` besides where turns are counted within each log
+LOG = "log"
+#: a stop that repeats worse than this tells nothing that a gyroscope does not know
+MOST_SIGMA_DEG = 10.0
+#: full circles in one turn; beyond that the angle is in another unit
+MOST_ANGLE_DEG = 36_000.0
+#: five times the longest session that a table has made
+MOST_TURNS = 10_000
+
+
+@dataclass(frozen=True, eq=False)
+class KnownTurn:
+    """One row.
+
+    turn: its number, over all logs, or in the log of that name; axis (3,) unit, body axes, nominal: what the sensor was turned about;
+    words: the axis as it was written; angle_rad about it by the right-hand rule, whole circles included; sigma_rad: the
+    stop's repeatability.
+    """
+
+    turn: int
+    log: str | None
+    axis: np.ndarray
+    words: str
+    angle_rad: float
+    sigma_rad: float
+
+    @property
+    def name(self) -> str:
+        """``turn 3``, or ``turn 0 of log0002.csv``."""
+        return f"turn {self.turn}" + (f" of {self.log}" if self.log else "")
+
+    @property
+    def says(self) -> str:
+        """``360 ± 0.05 deg about x``."""
+        return f"{self.angle_rad / DEG:g} ± {self.sigma_rad / DEG:g} deg about {self.words}"
+
+
+def read_known_turns(path: Path, logs: list[str]) -> tuple[KnownTurn, ...]:
+    """The rows of ``turns.csv``; logs: names of the session's logs.  FormatError names the line and what is wrong."""
+    lines = rows_of(path)
+    header = [cell.strip() for cell in next(lines, (0, ""))[1].split(",")]
+    if sorted(set(header) - {LOG}) != sorted(COLUMNS) or len(set(header)) != len(header):
+        raise FormatError(f"{NAME}: the header must be {','.join(COLUMNS)}, with the column {LOG} where turns are counted in each log")
+    turns: dict[tuple[int, str | None], KnownTurn] = {}
+    for number, line in lines:
+        where = f"{NAME} line {number}"
+        try:
+            cells = [cell.strip() for cell in next(csv.reader([line], strict=True))]
+        except csv.Error:
+            cells = []
+        if len(cells) != len(header):
+            raise FormatError(f"{where}: {line[:60]!r}, expected {len(header)} cells: {','.join(header)}")
+        turn = known_turn(where, dict(zip(header, cells, strict=True)), logs)
+        if (turn.turn, turn.log) in turns:
+            raise FormatError(f"{NAME} line {number}: {turn.name} is given twice; keep one")
+        turns[turn.turn, turn.log] = turn
+        if len(turns) > MOST_TURNS:
+            raise FormatError(f"{NAME} line {number}: more than {MOST_TURNS} turns; is it the right file?")
+    if not turns:
+        raise FormatError(f"{NAME}: a header but no turns; remove the file, or give a row for each turn of known angle")
+    return tuple(turns.values())
+
+
+def known_turn(where: str, cell: Mapping[str, str], logs: list[str]) -> KnownTurn:
+    """A turn of its four cells as text, and of ``log``; logs: names of the session's logs.  FormatError says what is wrong, and where."""
+    words = ";".join(part.strip() for part in cell["axis"].split(";"))  # a number may stand between invisible characters
+    turn = _number(where, "turn", cell["turn"], "a whole number, the first turn is 0")
+    if turn != int(turn) or not 0 <= turn < MOST_TURNS:
+        raise FormatError(f"{where}: turn is {cell['turn']!r}, expected a whole number, the first turn is 0")
+    angle = _number(where, "angle_deg", cell["angle_deg"], "degrees, as 360 or -90")
+    if not 0 < abs(angle) <= MOST_ANGLE_DEG:
+        raise FormatError(f"{where}: angle_deg is {cell['angle_deg']!r}, expected degrees, not 0 and within {MOST_ANGLE_DEG:g}")
+    sigma = _number(where, "sigma_deg", cell["sigma_deg"], "degrees, one sigma of the stop, as 0.05")
+    if not 0 < sigma <= MOST_SIGMA_DEG:
+        raise FormatError(
+            f"{where}: sigma_deg is {cell['sigma_deg']!r}, expected one sigma of the stop, above 0 and up to {MOST_SIGMA_DEG:g}"
+        )
+    return KnownTurn(int(turn), _log(where, cell.get(LOG), logs), _axis(where, words), words, angle * DEG, sigma * DEG)
+
+
+def _number(where: str, name: str, text: str, expected: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise FormatError(f"{where}: {name} is {text[:30]!r}, expected {expected}")
+    return value
+
+
+def _axis(where: str, text: str) -> np.ndarray:
+    """``x``, ``+y``, ``-z``, or three numbers with semicolons between; (3,) unit."""
+    sign, letter = (-1.0 if text.startswith("-") else 1.0), text.lstrip("+-").lower()
+    if letter in ("x", "y", "z") and len(text) <= 2:
+        return sign * np.eye(3)["xyz".index(letter)]
+    try:
+        axis = np.array([float(part) for part in text.split(";")])
+    except ValueError:
+        axis = np.zeros(0)
+    if axis.shape != (3,) or not np.isfinite(axis).all() or not axis.any():
+        raise FormatError(f"{where}: axis is {text[:30]!r}, expected x, y or z with a sign if need be, or three numbers as 0;0.7;0.7")
+    axis = axis / np.abs(axis).max()  # the squares of what is very large or small are no numbers
+    return axis / np.linalg.norm(axis)
+
+
+def _log(where: str, text: str | None, logs: list[str]) -> str | None:
+    """The log's own name; an empty cell counts over all logs."""
+    if not text:
+        return None
+    for name in logs:
+        if text in (name, name.removesuffix(".gz"), name.removesuffix(".gz").removesuffix(".csv")):
+            return name
+    raise FormatError(f"{where}: log is {text[:40]!r}, expected one of {', '.join(logs[:6])}{', …' if len(logs) > 6 else ''}")
+
+
+# A truth file: attitudes that something better than gravity saw, at some moments of a log (``reference = "truth"``).
+#
+# A motion capture, a total station, a rate table's encoder: whatever gives three angles.  Beside ``log0001.csv`` lies ``truth0001.csv``,
+# CSV or CSV.gz, with the header ``t_us`` (or ``t_ns``, ``t_s``) ``,qw,qx,qy,qz`` (or ``,qx,qy,qz,qw``) and, optionally, ``,window``: time
+# on the log's own clock, ``q_nb``, body to north-east-down (turned about the vertical by any constant heading), unless ``[truth]`` of
+# session.toml says otherwise (``truth_reading.py``).  Rows of one window, a whole number, bound one segment each; without windows the
+# moments are taken one after the other.
+
+#: a quaternion whose length is further from 1 than this was not one
+UNIT_WITHIN = 0.01
+#: a day at 208 Hz, and some room
+MOST_MOMENTS = 20_000_000
+
+
+@dataclass(frozen=True)
+class TruthOutage:
+    """A span in which a truth and the gyro part: first, last moment; from_s, to_s since the log's first sample; size_rps, rms; times_usual,
+    the most in units of what is usual, of ``spans`` spans of the log; sure: whether it is the truth that is wrong, or may be the gyro."""
+
+    first: int
+    last: int
+    from_s: float
+    to_s: float
+    size_rps: float
+    times_usual: float
+    spans: int
+    sure: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """K moments of one log: t_ns (K,) device time, increasing; q_nb (K, 4) unit; window (K,) its number, or None; outages, in order."""
+
+    path: Path
+    t_ns: np.ndarray
+    q_nb: np.ndarray
+    window: np.ndarray | None = None
+    outages: tuple[TruthOutage, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.t_ns)
+
+    @property
+    def sound(self) -> np.ndarray:
+        """(K,) bool: moments outside all outages."""
+        found = np.ones(len(self), dtype=bool)
+        for outage in self.outages:
+            found[outage.first : outage.last + 1] = False
+        return found
+
+    def reread(self, before: TruthReading, after: TruthReading) -> Truth:
+        """The same file, read in another way than it was."""
+        shift_ns = round((after.offset_s - before.offset_s) * NS_PER_S)
+        return replace(self, t_ns=self.t_ns + shift_ns, q_nb=after.read(before.written(self.q_nb)))
+
+
+def truth_path(log: Path) -> Path:
+    """Where the truth of a log lies: ``log0001.csv.gz`` → ``truth0001.csv`` or ``truth0001.csv.gz``.  FormatError if nowhere."""
+    stem = "truth" + log.name.removesuffix(".gz").removesuffix(".csv").removeprefix("log")
+    for suffix in (".csv", ".csv.gz"):
+        if (path := log.parent / f"{stem}{suffix}").exists():
+            return path
+    raise FormatError(
+        f'{log.parent / stem}.csv: not found, but protocol.reference is "truth"; expected t_us,qw,qx,qy,qz for the moments of {log.name}'
+    )
+
+
+def of_length_1(q: np.ndarray) -> np.ndarray:
+    """Which rows (K,) of q (K, 4) are quaternions of length 1, finite or not; the square of a large number may be no number."""
+    return np.asarray(abs(np.linalg.norm(np.clip(q, -2, 2), axis=1) - 1) < UNIT_WITHIN)
+
+
+#: columns of a quaternion, as the header may order them
+SCALAR_FIRST, SCALAR_LAST = ["qw", "qx", "qy", "qz"], ["qx", "qy", "qz", "qw"]
+
+
+def read_truth(path: Path, reading: TruthReading | None = None) -> Truth:
+    """Read a truth file, as the contract has it or as a reading says.  FormatError names the line that is at fault."""
+    lines = rows_of(path)
+    names = [cell.strip() for cell in next(lines, (0, ""))[1].split(",")]
+    if names[0] not in STAMP_NS or names[1:5] not in (SCALAR_FIRST, SCALAR_LAST) or names[5:] not in ([], ["window"]):
+        raise FormatError(f"{path.name}: the header must be t_us,qw,qx,qy,qz (or t_ns, t_s; optionally ,window)")
+    # Numbers side by side take a tenth of what a list of lists takes.
+    t_ns, rows, window = array("q"), array("d"), array("q")
+    for number, line in lines:
+        cells = line.split(",")
+        try:
+            stamp = round(float(cells[0]) * NS_PER_S) if names[0] == "t_s" else int(cells[0]) * STAMP_NS[names[0]]
+            row = [float(cell) for cell in cells[1:5]]
+            group = int(cells[5]) if names[5:] else 0
+        except (ValueError, IndexError, OverflowError):
+            raise FormatError(f"{path.name} line {number}: {line[:60]!r}, expected {','.join(names)}") from None
+        if len(row) != 4 or not abs(math.hypot(*row) - 1) < UNIT_WITHIN:
+            raise FormatError(f"{path.name} line {number}: {line[:60]!r} has no quaternion of length 1")
+        if not abs(group) < 2**62:
+            raise FormatError(f"{path.name} line {number}: the window {cells[5][:20]} is no number that counts windows")
+        if not abs(stamp) < 2**62 or (t_ns and stamp <= t_ns[-1]):
+            raise FormatError(f"{path.name} line {number}: the time {cells[0][:20]} does not go on from the line before")
+        t_ns.append(stamp)
+        window.append(group)
+        rows.extend(row)
+        if len(t_ns) > MOST_MOMENTS:
+            raise FormatError(f"{path.name}: more than {MOST_MOMENTS} moments; thin it out")
+    if len(t_ns) < 2:
+        raise FormatError(f"{path.name}: {len(t_ns)} moments; a segment needs two")
+    wxyz = np.array(rows).reshape(-1, 4)
+    wxyz = np.roll(wxyz, 1, axis=1) if names[1:5] == SCALAR_LAST else wxyz
+    wxyz /= np.linalg.norm(wxyz, axis=1, keepdims=True)
+    found = Truth(path, np.array(t_ns, dtype=np.int64), wxyz, np.array(window) if names[5:] else None)
+    return found if reading is None else found.reread(TruthReading(), reading)

@@ -1,0 +1,394 @@
+"""Recognise a log: from a file's first lines to its columns and units, or one line that names the option that is missing."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+
+from session.base.errors import FormatError
+from session.base.questions import Question, QuestionsError
+from session.base.units import COUNTS, STAMP_NS, Unit, known, parse_unit
+from session.log.clock import TOLD, find_clock, holds_intervals
+from session.log.columns import DELIMITERS, Column, from_columns, split
+from session.log.dialects import DIALECTS, Answers, Dialect, Layout, Triad, three
+from session.log.headings import name_and_unit, refuse_angles, spread, usual_columns
+from session.log.rows import FORMAT_WORD, MOST_SENSORS, Form, Rows, Wanted, Watch, place_of, refuse_kinds
+from session.log.standard import MOST_NAMES, OWN, parse_header, with_degrees
+from session.log.suggested import suggested
+
+# From a file's first lines to a layout: which column is what, in which unit; or all that the file does not say.
+
+#: the option for any table
+HOW = "t_us=NAME,gx_dps=NAME,…,az_g=NAME"
+NUMBER = r"[-+]?(?:[0-9]++[.,]?[0-9]*+|[.,][0-9]++)(?:[eE][-+]?[0-9]++)?"
+#: stands where one of our own headers lacks the time
+NO_STAMPS = "t_us"
+#: what a table is called that no dialect knows
+OTHER = "other"
+NO_TIME = "when its samples were taken (it has no time stamps)"
+#: where a unit is from, as people are told
+BY_HEADER, DOCUMENTED = "header", "as that program documents"
+#: how well a header fits (the more the better), its line, delimiter, dialect or None for our own, {what: column}, names
+Match = tuple[tuple[int, int], int, str | None, Dialect | None, dict[str, Column], tuple[str, ...]]
+
+
+def recognise(lines: list[str], name: str, answers: Answers, picking: str | None = None, form: str = "") -> Layout:
+    """The layout of a file that begins with these lines; picking: a column that tells several sensors apart; form: of lines that were
+    made a table.
+
+    Raises FormatError, which names the option to give, and QuestionsError of all that the file does not say.
+    """
+    if answers.rows is None:
+        refuse_kinds([line for line in lines if line.strip()], Form(name, None, (), (), header_line="not known yet"))
+    if answers.columns is not None:
+        delimiter, first, names, wanted = from_columns(answers.columns, lines, name)
+        return _layout(name, OTHER, delimiter, first, names, wanted, answers, lines, picking=picking)
+    like = None if answers.like is None else _like(answers.like)
+    found = max(_matches(lines, name, like), key=lambda match: match[0], default=None)
+    if found is None and like is not None:
+        example = like.example if isinstance(like, Dialect) else "t_us,gx,gy,gz,ax,ay,az,temp"
+        raise FormatError(f"{name}: no header of {answers.like} (--like), such as {example}; it begins {_first(lines)!r}")
+    if found is None:
+        # A line, and its names, that names one of our columns, though it is no whole header.
+        ours = {*STAMP_NS, "gx", "gx_dps", "gx_rps"}
+        named = ((number, split(line, delimiter)) for number, line in enumerate(lines) for delimiter in DELIMITERS)
+        own = next((found for found in named if len(found[1]) > 1 and ours & set(found[1])), None)
+        usual = max(_usual_matches(lines, name), key=lambda match: match[0], default=None)
+        if usual is None:
+            refuse_angles((names[:MOST_NAMES] for _, _, _, names in _headers(lines)), name)
+        if own is not None and (usual is None or any(own[1].count(name) > 1 for name in own[1])):
+            number, names = own
+            parse_header(",".join(names), f"{name} line {number + 1}")  # says what is wrong with it
+        if usual is None:
+            raise _unknown(lines, name, form)
+        found = usual
+    _, number, delimiter, dialect, columns, names = found
+    if dialect is not None:
+        # Refuse two columns of one name; what is not read may repeat.
+        where = f"{name} line {number + 1}"
+        known = [name_and_unit(text)[0] for text in names]
+        for column, _, _ in columns.values():
+            if (times := known.count(known[column])) > 1:
+                raise FormatError(f"{where}: the column {names[column]} stands {times} times; keep one, or say which by number, --columns")
+    elif not columns:
+        columns = _own_columns(names, f"{name} line {number + 1}")
+        called = OWN if "t" in columns else OTHER  # its registers may be anyone's
+        return with_degrees(_layout(name, called, delimiter, number + 1, names, columns, answers, lines, picking=picking), lines)
+    return _layout(name, dialect.name if dialect else OTHER, delimiter, number + 1, names, columns, answers, lines, dialect, picking)
+
+
+def _like(text: str) -> Dialect | str:
+    """The dialect, or our own header."""
+    if text.lower() == OWN.lower():
+        return OWN
+    # The dialect that a text names, however it is written; None for another.
+    plain = re.sub(r"[^a-z0-9]", "", text.lower())
+    dialect = next((dialect for dialect in DIALECTS if re.sub(r"[^a-z0-9]", "", dialect.name.lower()).startswith(plain)), None)
+    if dialect is None:
+        known_ones = ", ".join((OWN, *(each.name for each in DIALECTS)))
+        raise FormatError(f"--like is {text[:40]!r}; expected one of {known_ones}, or another name of `import --list`")
+    return dialect
+
+
+def _unknown(lines: list[str], name: str, form: str) -> FormatError:
+    """The refusal of a log that says nothing of its columns, with the option that names them, ready to edit; form: of its lines."""
+    where = f"{name}{f', {form}' if form else ''}"
+    table = suggested(lines)
+    if table is None:
+        begins = f"it begins {_first(lines)!r}"
+        return FormatError(f"{where}: no header of a log that is known (import --list); {begins}: name its columns, --columns {HOW}")
+    edit = f"{table[1]} (as its numbers look; put the units, and correct it)"
+    rates = "" if " t" in table[1] or "'t" in table[1] else " and --odr HZ, as it has no stamps"
+    if re.search("[A-Za-z]", _first(lines)):
+        return FormatError(f"{where}: no header of a log that is known (import --list); it begins {_first(lines)!r}: give {edit}{rates}")
+    return FormatError(f"{where}: no header, {table[0]} columns of numbers; name them by number, {edit}{rates}")
+
+
+def _first(lines: list[str]) -> str:
+    return next((line.strip()[:60] for line in lines if line.strip()), "")
+
+
+# Which line is the header, and of which dialect.
+
+
+def _headers(lines: list[str]) -> Iterator[tuple[int, bool, str | None, tuple[str, ...]]]:
+    """Each line that may be a header, with every delimiter; of two lines of names, one below the other, the second with both: then True."""
+    for number, line in enumerate(lines):
+        if not re.search(r"[A-Za-z]", line):
+            continue
+        for delimiter in DELIMITERS:
+            names = split(line, delimiter)
+            if len(names) < 2 or names[0] == FORMAT_WORD:
+                continue
+            if len(names) > LEAST_OF_TWO and _are_names(lines[number + 1 : number + 2], delimiter, names):
+                # Names with the units, or the axes, that stand below them; an empty name goes on from the one before it.
+                whole, before = [], ""
+                for name, under in zip(names, split(lines[number + 1], delimiter), strict=True):
+                    before = name or before
+                    unit = under.strip("[]() ")
+                    is_unit = unit and any(parse_unit(kind, unit) is not None for kind in ("time", "gyro", "accel", "temp"))
+                    both = f"{name or before} [{unit}]" if is_unit else f"{before} {under}".strip()
+                    whole.append(both if name or under else "")
+                yield number + 1, True, delimiter, tuple(whole)
+            yield number, False, delimiter, spread(names)
+
+
+def _are_names(lines: list[str], delimiter: str | None, names: tuple[str, ...]) -> bool:
+    """Whether a line that follows is of as many other names or units, and of no number."""
+    cells = split(lines[0], delimiter) if lines and lines[0].strip() else ()
+    return len(cells) == len(names) and cells != names and not any(re.fullmatch(NUMBER, cell) for cell in cells if cell)
+
+
+#: columns of a table with two lines of names: fewer may be words
+LEAST_OF_TWO = 5
+#: names of which every dialect's header has one
+STAMPED = frozenset(part for dialect in DIALECTS for each in dialect.time for part in each.split("+"))
+
+
+def _matches(lines: list[str], name: str, like: Dialect | str | None) -> Iterator[Match]:
+    """Every header that fits, with every delimiter and dialect that it fits with; like: the one that is meant."""
+    for number, both, delimiter, names in _headers(lines):
+        own = like in (None, OWN) and not lines[number].lstrip().startswith("#") and _is_own(names)
+        if own and not _are_names(lines[number + 1 : number + 2], delimiter, names):
+            yield (18, -number), number, delimiter, None, {}, names
+        cells = [name_and_unit(text) for text in names]
+        if STAMPED.isdisjoint(cell.replace(" -", " ") for cell, _ in cells):
+            continue  # as nearly every row of a log is, at once
+        for dialect in DIALECTS if like is None else (like,):
+            if not isinstance(dialect, Dialect) or (dialect.begins and dialect.begins != lines[0].strip().lstrip("\ufeff")):
+                continue
+            columns = _columns_of(dialect, cells, name)
+            if columns:
+                yield (2 * len(columns) + 20 * bool(dialect.begins) + both, -number), number, delimiter, dialect, columns, names
+
+
+def _columns_of(dialect: Dialect, names: list[tuple[str, str]], file: str) -> dict[str, Column]:
+    """{t: column, gx: …, temp: …} where the header is of this dialect; empty where it is not."""
+    at: dict[str, tuple[int, str]] = {}
+    turned = {column for column, (name, _) in enumerate(names) if " -" in name}  # ``gyroscope -x``
+    for column, (name, unit) in enumerate(names):
+        at.setdefault(name.replace(" -", " "), (column, unit))
+    time = next((parts for parts in (each.split("+") for each in dialect.time) if all(part in at for part in parts)), None)
+    if time is None or not all(name in at for name in dialect.signature):
+        return {}
+    found: dict[str, Column] = {}
+    for letter, pattern, unit in (("g", dialect.gyro, dialect.gyro_unit), ("a", dialect.accel, dialect.accel_unit)):
+        triad = [pattern.format(axis) for axis in dialect.axes]
+        begins = "gyro" if letter == "g" else ("accel", "totalaccel")  # of the telephone, not of a watch or a headphone
+        if all(name in at for name in triad) and not (dialect.by_file and not file.lower().startswith(begins)):
+            places = {f"{letter}{axis}": at[name] for axis, name in zip("xyz", triad, strict=True)}
+            found |= {key: (column, said or unit, -1 if column in turned else 1) for key, (column, said) in places.items()}
+    if dialect.both and ("gx" in found) != ("ax" in found):
+        return {}
+    if dialect.temp and dialect.temp in at:
+        found["temp"] = at[dialect.temp][0], at[dialect.temp][1] or "degc", 1
+    stamp = {"t": (at[time[0]][0], at[time[0]][1] or dialect.time_unit, 1)}
+    if len(time) == 2:
+        stamp |= {"t": (at[time[0]][0], "s", 1), "t2": (at[time[1]][0], "ns", 1)}
+    return {**stamp, **found} if found else {}
+
+
+#: further columns of a file that is taken for one sensor's: a counter and a time, perhaps in two columns
+MOST_BESIDE = 3
+
+
+def _usual_matches(lines: list[str], name: str) -> Iterator[Match]:
+    """Headers of no dialect that say what their columns are."""
+    for number, both, delimiter, names in _headers(lines):
+        columns = usual_columns(names[:MOST_NAMES], name)
+        alone = bool(columns) and ("gx" in columns) != ("ax" in columns)
+        if columns and not (alone and len(names) - len(columns) > MOST_BESIDE):  # the other sensor may be among the rest
+            yield (2 * len(columns) + both, -number), number, delimiter, None, columns, names
+
+
+# One of our own headers, perhaps without stamps, or nearly one.
+
+
+def _is_own(names: tuple[str, ...]) -> bool:
+    if "gx" not in ",".join(names):
+        return False  # as nearly every row of a log is, at once
+    if sum(name in STAMP_NS for name in names) == 1:
+        return any(name.startswith("gx") for name in names)
+    # Whether a header is one of ours but for the time.
+    try:
+        parse_header(",".join((NO_STAMPS, *names)), "")
+    except FormatError:
+        return False
+    return True
+
+
+def _own_columns(names: tuple[str, ...], where: str) -> dict[str, Column]:
+    stamped = any(name in STAMP_NS for name in names)
+    own = parse_header(",".join(names if stamped else (NO_STAMPS, *names)), where, gyro_alone=True)
+    columns: dict[str, Column] = {"t": (own.time_column, own.name(own.time_column).removeprefix("t_"), 1)} if stamped else {}
+    for kind, places, unit in own.kinds:
+        keys = ("temp",) if kind == "temp" else tuple(f"{kind[0]}{axis}" for axis in "xyz")
+        columns |= {key: (column - (not stamped), unit.word, 1) for key, column in zip(keys, places, strict=True)}
+    return columns
+
+
+# The layout of what was found, with the person's answers in the place of what the file says.
+
+
+def _layout(
+    name: str,
+    called: str,
+    delimiter: str | None,
+    first: int,
+    names: tuple[str, ...],
+    columns: dict[str, Column],
+    answers: Answers,
+    lines: list[str],
+    dialect: Dialect | None = None,
+    picking: str | None = None,
+) -> Layout:
+    """columns: {t, gx, …, temp: column}; first: lines before the rows.  QuestionsError for the units that are not known."""
+    columns = {
+        key: (column, "", sign) if _is_no_register(word, column, delimiter, lines[first:]) else (column, word, sign)
+        for key, (column, word, sign) in columns.items()
+    }
+    facts = dialect.facts(_preamble(lines[: first - 1])) if dialect is not None and dialect.facts is not None else {}
+    questions: list[Question] = []
+    row = _first_row(lines[first:], delimiter)
+    time_column, time_unit = columns["t"][:2] if "t" in columns else (None, "none")
+    time_unit = answers.time_unit or facts.get("time_unit") or time_unit
+    clock = None
+    if time_column is None and answers.time_unit != "none":
+        read = {column for column, _, _ in columns.values()}
+        form = Form(name, delimiter, names, read, lines[first - 1].strip() if first else "")
+        mine = Rows(Wanted(answers.rows, answers.where), form)(lines[first:])
+        if picking is not None:  # the clock of one of them
+            place, row_of = place_of(picking, form), _first_row(lines[first:], delimiter)
+            value = row_of[place].strip().strip('"') if place < len(row_of) else ""
+            mine = Rows(Wanted(answers.rows, f"{picking}={value or 0}"), form)(lines[first:])
+            if sum(bool(line.strip()) for line in mine) < 2 and len(lines) > first + MOST_SENSORS:
+                what = f"the column {picking!r} holds more than {MOST_SENSORS} values"
+                raise FormatError(f"{name}: {what}; give the column that tells the sensors apart")
+        Watch(mine, form)  # two sensors in turn have no clock that rises steadily
+        rows = _rows(mine, delimiter)
+        try:
+            clock = find_clock(rows, names, read, answers.odr_hz, answers.time_unit, name, lines[:first])
+        except QuestionsError as unknown:
+            questions += unknown.questions
+    if clock is not None:
+        time_column, time_unit = clock.column, clock.unit
+    if time_column is None or time_unit == "none":
+        time_column, unit = None, Unit(0, "")
+        if answers.odr_hz is None and ("gx" in columns or "ax" in columns) and not questions:
+            questions.append(Question(NO_TIME, "--odr HZ", "the true data rate"))
+    else:
+        is_clock = time_column < len(row) and ":" in row[time_column]  # a time of day
+        unit = Unit(1, "clock") if is_clock else _unit("time", time_unit, "--time-unit", name, questions)
+    finer: tuple[tuple[int, int], ...] = () if clock is None or clock.finer is None else (clock.finer,)
+    if time_column is not None and not answers.time_unit:
+        terms = [columns[key] for key in sorted(columns) if re.fullmatch(r"t\d", key)]
+        finer += tuple((column, int(_unit("time", word, "--columns t=", name, questions).si or 1)) for column, word, _ in terms)
+    told = {"gyro": answers.gyro_unit, "accel": answers.accel_unit}
+    triads = {
+        kind: _triad(columns, kind, told[kind] or facts.get(f"{kind}_unit"), axes, name, questions)
+        for kind, axes in (("gyro", answers.gyro_axes), ("accel", answers.accel_axes))
+    }
+    temp = columns.get("temp")
+    temp_unit = None if temp is None else _unit("temp", temp[1], "--columns temp_c=", name, questions)
+    if questions:
+        raise QuestionsError(name, called, questions)
+    return Layout(
+        dialect=called,
+        delimiter=delimiter,
+        first=first,
+        time=time_column,
+        time_ns=unit.si or 1,
+        clock=unit.word == "clock",
+        gyro=triads["gyro"],
+        accel=triads["accel"],
+        temp=None if temp is None else temp[0],
+        temp_unit=temp_unit,
+        names=names,
+        frame="" if dialect is None else dialect.frame,
+        header_line=lines[first - 1].strip() if first else "",
+        finer=finer,
+        remark="" if clock is None else clock.says,
+        sources=({} if clock is None else {"time": clock.known}) | _sources(columns, names, answers, facts, told),
+        intervals=time_column is not None and holds_intervals(_rows(lines[first:], delimiter), time_column, names),
+        facts={key: value for key, value in facts.items() if not key.endswith("_unit")},
+    )
+
+
+def _rows(lines: list[str], delimiter: str | None) -> list[list[str]]:
+    return [line.split(delimiter) for line in lines if line.split("#")[0].strip()]
+
+
+def _sources(
+    columns: dict[str, Column], names: tuple[str, ...], answers: Answers, facts: Mapping[str, str], told: Mapping[str, str | None]
+) -> dict[str, str]:
+    """Where each unit is from."""
+    found = {}
+    for kind, key, stated in (("time", "t", answers.time_unit), ("gyro", "gx", told["gyro"]), ("accel", "ax", told["accel"])):
+        if key not in columns:
+            continue
+        column, word, _ = columns[key]
+        written = column < len(names) and (word in names[column] or word in COUNTS) and bool(word)
+        said = TOLD if stated or answers.columns else "its own lines before the header" if f"{kind}_unit" in facts else ""
+        found[kind] = said or (BY_HEADER if written else DOCUMENTED)
+    return found
+
+
+def _preamble(lines: list[str]) -> dict[str, str]:
+    """What ``key,value`` lines before a header say, quoted or not."""
+    pairs = [[part.strip().strip('"') for part in line.split(",", 1)] for line in lines]
+    return {pair[0].lower(): pair[1] for pair in pairs if len(pair) == 2}
+
+
+def _is_no_register(word: str, column: int, delimiter: str | None, lines: list[str]) -> bool:
+    """Whether a column that is taken for registers has fractions: it is in a unit that nobody named."""
+    if word not in COUNTS:
+        return False
+    cells = [row[column] for line in lines[:MOST_NAMES] if column < len(row := line.split("#")[0].split(delimiter))]
+    return any(re.fullmatch(NUMBER, cell.strip()) and not re.fullmatch(r"[-+]?\d+(?:[.,]0*)?", cell.strip()) for cell in cells)
+
+
+def _first_row(lines: list[str], delimiter: str | None) -> list[str]:
+    return next((line for line in lines if line.strip() and not line.lstrip().startswith("#")), "").split(delimiter)
+
+
+def _triad(columns: dict[str, Column], kind: str, stated: str | None, axes: str, name: str, questions: list[Question]) -> Triad | None:
+    letter = kind[0]
+    if f"{letter}x" not in columns:
+        return None
+    found = [columns[f"{letter}{axis}"] for axis in "xyz"]
+    units = {entry[1] for entry in found}
+    if len(units) > 1 and not stated:
+        raise FormatError(f"{name}: the three axes are in different units ({', '.join(sorted(units))}); expected one")
+    unit = _unit(kind, stated or found[0][1], f"--{kind}-unit", name, questions)
+    order, turned = parse_axes(axes, f"--{kind}-axes")
+    return Triad(three(found[i][0] for i in order), three(found[i][2] * sign for i, sign in zip(order, turned, strict=True)), unit)
+
+
+def parse_axes(text: str, option: str) -> tuple[list[int], list[int]]:
+    """``y,-x,z``: which of the log's axes becomes x, y, z, and its sign."""
+    words = [word.strip().lower() for word in text.split(",")]
+    order = ["xyz".find(word.lstrip("+-")) if len(word.lstrip("+-")) == 1 else -1 for word in words]
+    if sorted(order) != [0, 1, 2]:
+        raise FormatError(f"{option} is {text!r}; expected the log's axes that become x, y, z, such as y,-x,z")
+    return order, [-1 if word.startswith("-") else 1 for word in words]
+
+
+def _unit(kind: str, text: str, option: str, name: str, questions: list[Question]) -> Unit:
+    """The unit; where there is none, a question, and any unit."""
+    what = {"time": "time stamps", "gyro": "gyroscope", "accel": "accelerometer", "temp": "temperature"}[kind]
+    if not text:
+        questions.append(Question(f"the unit of the {what}", option, CHOICES[kind]))
+        return Unit(1, "")
+    unit = parse_unit(kind, text)
+    if unit is None:
+        raise FormatError(f"{name}: {text[:30]!r} is no unit of the {what} that is known; give {option} ({known(kind)})")
+    return unit
+
+
+#: of a question, in the words that people use most
+CHOICES = {
+    "time": "s, ms, us, ns, or one count: 25us",
+    "gyro": "dps, mdps, rad/s, lsb, or one count: 0.061dps",
+    "accel": "g, mg, m/s2, lsb, or one count: g/2048",
+    "temp": "c, lsb, or one count: 0.01c",
+}

@@ -1,0 +1,339 @@
+"""Rows of one sensor among others: told apart by the word or the width that they have, or by a column that says which sensor it was.
+
+A text log may hold a flight controller's whole day (``IMU, …`` and ``ATT, …``), or two sensors in turn (a column ``I`` of 0 and 1).  Read
+as one sensor, every row of the others is a false reading.  So such a log is read where somebody says which rows, and else refused.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+from session.base.errors import FormatError
+
+#: a row's first cell where it is a word
+WORD = re.compile(r'\s*+"?([A-Za-z$][\w.$-]*+)"?\s*(?:[,;\t]|\s)')
+#: what ArduPilot calls the columns of a kind: ``FMT, 131, 48, IMU, QfffffffIIfBB, TimeUS,GyrX,…``
+FORMAT_WORD, FORMAT_KIND, FORMAT_NAMES = "FMT", 3, 5
+#: other rows of such a log that no sensor made, and words that begin what a sensor made
+PARAMETER_WORD, SENSOR_WORDS = "PARM", ("IMU", "RAW", "GYR")
+#: names of columns that say which sensor a row is of, without what is no letter
+SENSORS = (
+    "i",
+    "inst",
+    "instance",
+    "imu",
+    "imuid",
+    "imuno",
+    "sensor",
+    "sensorid",
+    "sensorno",
+    "device",
+    "deviceid",
+    "dev",
+    "unit",
+    "id",
+    "node",
+    "addr",
+    "address",
+    "chip",
+    "board",
+    "bus",
+    "side",
+    "source",
+    "mac",
+    "macaddress",
+    "name",
+    "devicename",
+    "sensorname",
+    "serial",
+    "serialno",
+)
+#: more are no sensors of one log: the column counts something
+MOST_SENSORS = 16
+#: rows that are looked through for another kind, and the share of them that is no accident
+LEAST_ROWS, SHARE = 8, 0.1
+#: of a log: beyond any
+MOST_LINES = 10**12
+#: a comma at the end of some rows makes one column more
+WIDER = 2
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """Which rows of a log are meant.  rows: the word that they begin with, or how many columns they have; where: ``NAME=VALUE``."""
+
+    rows: str | None = None
+    where: str | None = None
+
+    def __bool__(self) -> bool:
+        return bool(self.rows or self.where)
+
+    @property
+    def word(self) -> str | None:
+        """The word that rows begin with, where they are told by it."""
+        return None if self.rows is None or self.rows.isdigit() else self.rows
+
+    def in_head(self, lines: list[str]) -> list[str]:
+        """A log's first lines with blanks in the place of other kinds' rows; a line that describes the kind becomes its header."""
+        if self.word is None:
+            return lines
+        kept, begun = [], False
+        for line in lines:
+            word = word_of(line)
+            begun |= word == self.word
+            # The header of a kind, where an ArduPilot log's line describes it: rows have its name in the place of what is before the
+            # columns.
+            kind = self.word
+            header = ",".join((kind, *line.split(",")[FORMAT_NAMES:])) if _described_kind(line) == kind else None
+            alone = word == self.word or (not begun and word != FORMAT_WORD)
+            kept.append(header or (line if alone else ""))
+        return kept
+
+    def count(self, lines: list[str]) -> int:
+        """How many of the lines begin with the word."""
+        return sum(word_of(line) == self.word for line in lines)
+
+
+@dataclass(frozen=True)
+class Form:
+    """A log's columns: the file's name, delimiter (None: white space), names, columns that are read, the header's line; standard: the log
+    of a session folder, whose session.toml says which rows are wanted."""
+
+    file: str
+    delimiter: str | None
+    names: tuple[str, ...]
+    read: Collection[int]
+    header_line: str = ""
+    standard: bool = False
+
+
+def span_of(lines: str | None) -> tuple[int, int]:
+    """The first line and the last, from 1, of ``FIRST-LAST``; all where None.  FormatError where it is no such span."""
+    first, dash, last = (lines if lines is not None else "-").partition("-")
+    begin, end = (int(text) if text.isdigit() else default if not text else -1 for text, default in ((first, 1), (last, MOST_LINES)))
+    if not dash or not 1 <= begin <= end:
+        raise FormatError(f"--lines is {(lines or '')[:40]!r}, expected FIRST-LAST, such as 1-2991")
+    return begin, end
+
+
+#: what stands in a cell for a reading that a slower sensor did not have
+EMPTY_CELLS = ("", "nan", "null", "none", "na", "n/a", "-")
+
+
+def _holds(cells: Sequence[str], columns: Collection[int]) -> bool:
+    """Whether a row has a reading in any of the columns, or lacks the columns: then it is torn, which its reader says."""
+    return any(column >= len(cells) or _bare(cells[column]).lower() not in EMPTY_CELLS for column in columns)
+
+
+def sparse(lines: Sequence[str], form: Form, kinds: Mapping[str, Collection[int]]) -> tuple[str, ...]:
+    """The kinds of quantities, each with its columns, of a log whose first rows lack all readings of one of them again and again: a slower
+    sensor's.  Empty where none is slower."""
+    rows = [line.split(form.delimiter) for line in lines if line.strip() and not line.lstrip().startswith("#")]
+    held = {kind: sum(_holds(row, columns) for row in rows) for kind, columns in kinds.items()}
+    if len(rows) < LEAST_ROWS or form.delimiter is None or min(held.values(), default=0) >= (1 - SHARE) * len(rows):
+        return ()
+    return tuple(kind for kind in kinds if held[kind] or kind != "temp")
+
+
+class Rows:
+    """Keeps the rows that are wanted; ``left_out`` counts the others.  Raises FormatError for a column that is not there."""
+
+    def __init__(self, wanted: Wanted, form: Form, held: Collection[int] = ()):
+        """held: columns, of which a row has a reading in one at least."""
+        self._wanted, self._delimiter, self.left_out, self._held = wanted, form.delimiter, 0, held
+        self._column, self._value = (0, "") if wanted.where is None else _place_and_value(wanted.where, form)
+
+    def __call__(self, lines: list[str]) -> list[str]:
+        """The lines, with blanks in the place of rows that are not wanted: each line keeps its number."""
+        if self._held:
+            lines = [line if _holds(line.split(self._delimiter), self._held) else "" for line in lines]
+        if not self._wanted:
+            return lines
+        kept = [line if self._mine(line) else "" for line in lines]
+        self.left_out += sum(bool(line.strip()) and not mine for line, mine in zip(lines, kept, strict=True))
+        return kept
+
+    def _mine(self, line: str) -> bool:
+        if not line.strip() or line.lstrip().startswith("#"):
+            return True
+        wanted = self._wanted
+        if wanted.word is not None and word_of(line) != wanted.word:
+            return False
+        if wanted.rows is None and wanted.where is None:
+            return True
+        cells = line.split(self._delimiter)
+        if wanted.rows is not None and wanted.word is None and _width(cells) != int(wanted.rows):
+            return False
+        return wanted.where is None or (self._column < len(cells) and _same(_bare(cells[self._column]), self._value))
+
+
+class Watch:
+    """Refuses rows of several kinds or sensors, by a log's first rows and then piece by piece."""
+
+    def __init__(self, lines: list[str], form: Form):
+        """lines: the first rows that are wanted.  Raises FormatError, which says which rows there are and how to pick one kind."""
+        self._form = form
+        rows = self._rows(lines)
+        refuse_kinds(rows, form)
+        cells = [row.split(form.delimiter) for row in rows]
+        widths = Counter(map(_width, cells))
+        often = [width for width, count in widths.most_common() if count >= max(2, SHARE * len(cells)) and width > max(form.read)]
+        if len(cells) >= LEAST_ROWS and len(often) > 1 and abs(often[0] - often[1]) >= WIDER:
+            raise FormatError(
+                f"{form.file}: rows of {often[0]} and rows of {often[1]} columns, so of several kinds; "
+                + _give(f"rows {often[0]}", form.standard)
+            )
+        self._begin_with_words = bool(rows) and all(word_of(row) is not None for row in rows)
+        self._sensors: dict[int, str] = {}
+        for column, called in enumerate(form.names):
+            if column in form.read or re.sub(r"[^a-z]", "", called.lower()) not in SENSORS:
+                continue
+            values = list(dict.fromkeys(_bare(row[column]) for row in cells if column < len(row)))
+            if len(values) <= min(MOST_SENSORS, len(rows) // 2):
+                self._refuse_sensors(column, values)
+                self._sensors |= {column: values[0]} if values else {}
+
+    def __call__(self, lines: list[str]) -> None:
+        """Raises FormatError for rows of another kind or sensor than the first."""
+        if self._begin_with_words:
+            refuse_kinds(self._rows(lines), self._form)
+        for column, first in self._sensors.items():
+            rows = (line.split(self._form.delimiter) for line in self._rows(lines))
+            self._refuse_sensors(column, list(dict.fromkeys([first, *(_bare(row[column]) for row in rows if column < len(row))])))
+
+    def _rows(self, lines: list[str]) -> list[str]:
+        return [line for line in lines if line.split("#")[0].strip() and line.strip() != self._form.header_line]
+
+    def _refuse_sensors(self, column: int, values: Sequence[str]) -> None:
+        if len(values) > 1:
+            called, listed = self._form.names[column], ", ".join(values[:4]) + (", …" if len(values) > 4 else "")
+            raise FormatError(
+                f"{self._form.file}: the column {called!r} holds {listed}: rows of several sensors; "
+                + _give(f"where {called}={values[0]}", self._form.standard)
+            )
+
+
+#: of the mean step between rows: rows of one moment are closer, and rows of the next one further apart
+CLOSE = 0.3
+
+
+def refuse_turns(rows: Sequence[str], time: int, form: Form) -> None:
+    """FormatError where rows of one moment come from several sensors in turn, told apart by a column of any name.
+
+    rows: a log's first; time: the column of the stamps.  The column's values come round in each group of rows that share a stamp, or
+    nearly.
+    """
+    cells = [row.split(form.delimiter) for row in rows if row.split("#")[0].strip()]
+    stamps = [_number(row[time]) if time < len(row) else None for row in cells]
+    known = [stamp for stamp in stamps if stamp is not None]
+    if len(known) < 2 * LEAST_ROWS or len(known) < len(cells):
+        return
+    steps = [b - a for a, b in pairwise(known)]
+    mean = sum(steps) / len(steps)
+    for column, called in enumerate(form.names):
+        if column in form.read or column == time:
+            continue
+        values = [_bare(row[column]) if column < len(row) else "" for row in cells]
+        count = len(set(values))
+        if not 2 <= count <= MOST_SENSORS or any(a != b for a, b in zip(values, values[count:], strict=False)):
+            continue
+        within = [step for i, step in enumerate(steps) if (i + 1) % count]
+        if mean > 0 and all(step < CLOSE * mean for step in within):
+            listed = ", ".join(list(dict.fromkeys(values))[:4])
+            raise FormatError(
+                f"{form.file}: the column {called!r} holds {listed} in turn, at one time each: rows of several sensors; "
+                + _give(f"where {called}={values[0]}", form.standard)
+            )
+
+
+def _number(cell: str) -> float | None:
+    try:
+        return float(_bare(cell).replace(",", "."))
+    except ValueError:
+        return None
+
+
+def sensor_kinds(lines: Sequence[str]) -> list[str]:
+    """The kinds of rows that an ArduPilot log's lines describe with a gyroscope's and an accelerometer's columns."""
+    found = []
+    for line in lines:
+        kind = _described_kind(line)
+        names = [cell.strip().lower() for cell in line.split(",")[FORMAT_NAMES:]] if kind is not None else []
+        if kind is not None and {"gyrx", "accx"} <= set(names):
+            found.append(kind)
+    return list(dict.fromkeys(found))
+
+
+def word_of(line: str) -> str | None:
+    """The word that a row begins with; None where it begins with a number."""
+    found = WORD.match(line)
+    return None if found is None else found[1]
+
+
+def refuse_kinds(rows: Sequence[str], form: Form) -> None:
+    """FormatError where rows begin with several words: those that a log describes, or that have widths of their own.
+
+    Words under a header, in rows of one width, are no kinds: somebody has labelled the rows.
+    """
+    described = [kind for row in rows if (kind := _described_kind(row)) is not None]
+    begun = [(word, row) for row in rows if (word := word_of(row)) not in (None, FORMAT_WORD)]
+    words = Counter(word for word, _ in begun if word is not None)
+    kinds = Counter({word: count for word, count in words.items() if count > 1} | {kind: max(words[kind], 1) for kind in described})
+    if len(kinds) < 2 or (not described and len(begun) < max(LEAST_ROWS, (1 - SHARE) * len(rows))):
+        return
+    widths = {_width(row.split(form.delimiter or ",")) for word, row in begun if word in kinds}
+    if described or not form.header_line or max(widths) - min(widths) >= WIDER:
+        named = [word for word, _ in kinds.most_common() if word not in (FORMAT_WORD, PARAMETER_WORD)]
+        meant = next((word for word in named if word.lstrip("$").upper().startswith(SENSOR_WORDS)), named[0])
+        listed = ", ".join(named[:6]) + (", …" if len(named) > 6 else "")
+        raise FormatError(
+            f"{form.file}: rows of several kinds ({listed}), by the words that they begin with; " + _give(f"rows {meant}", form.standard)
+        )
+
+
+def _give(option: str, standard: bool) -> str:
+    """How to pick the rows: an option of what reads foreign logs, and a key of session.toml."""
+    key, _, value = option.partition(" ")
+    return f"give {f'sensor.{key}' if standard else f'--{key}'} {f'= {chr(34)}{value}{chr(34)} in session.toml' if standard else value}"
+
+
+def _described_kind(line: str) -> str | None:
+    """The kind of rows that an ArduPilot log's line describes."""
+    cells = line.split(",") if word_of(line) == FORMAT_WORD else []
+    return cells[FORMAT_KIND].strip() if len(cells) > FORMAT_NAMES else None
+
+
+def _place_and_value(where: str, form: Form) -> tuple[int, str]:
+    called, equals, value = (part.strip() for part in where.partition("="))
+    if not equals or not called or not value:
+        raise FormatError(f"where is {where!r}, expected NAME=VALUE, the column's name or its number from 1")
+    return place_of(called, form), value
+
+
+def place_of(called: str, form: Form) -> int:
+    """The column of a name, or of a number from 1.  FormatError where there is none."""
+    names = [each.lower() for each in form.names]
+    if called.lower() in names:
+        return names.index(called.lower())
+    if called.isdigit() and 1 <= int(called) <= len(names):
+        return int(called) - 1
+    raise FormatError(f"{form.file}: no column {called!r} (where {called}=…) among {', '.join(form.names)[:80]}")
+
+
+def _bare(cell: str) -> str:
+    return cell.split("#")[0].strip().strip('"').strip()
+
+
+def _same(cell: str, value: str) -> bool:
+    try:
+        return cell == value or float(cell) == float(value)
+    except ValueError:
+        return False
+
+
+def _width(cells: Sequence[str]) -> int:
+    return len(cells) - (not cells[-1].strip())

@@ -1,0 +1,122 @@
+"""What is written of a session: the texts of ``session.toml``, logs, truth files, ``turns.csv`` and ``attitudes.csv``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from session.base.toml import Note, Value, line, setting
+from session.base.units import DEG, EARTH_RATE_RPS, MDPS
+from session.log.config import OWN_UNITS, SCHEMA, BoardGiven, Config, LeftOut, Protocol
+from session.log.logfile import COLUMNS, LOG, KnownTurn, Log, Truth
+
+# ``session.toml``: of a recording that begins, or of a session that is saved.
+
+#: keys of ``[sensor]`` that are written where they are known
+OPTIONAL = ("gyro_bias_instability_dph", "gyro_noise_mdps_rthz", "clock_sigma_ppm", "even_sigma_ppm", *OWN_UNITS)
+LATITUDE_REMOVES = f"removes the Earth's rotation from the rates, up to {EARTH_RATE_RPS / MDPS:.1f} mdps"
+OPTIONAL_SITE = f"# optional: [site] with latitude_deg, north positive ({LATITUDE_REMOVES}), and gravity_mps2, the local one"
+NO_SITE = f"# optional: latitude_deg, north positive ({LATITUDE_REMOVES})\n"
+
+
+def toml_text(config: Config, further: tuple[str, ...] = ()) -> str:
+    """``session.toml`` of a configuration (docs/formats.md); what the user may fill in is there as a comment.
+
+    further: keys of ``[sensor]`` that hold for the logs beside it alone, and not for a recording that is made like this one.
+    """
+    sensor, site, protocol = config.sensor, config.site, config.protocol
+    here = {"latitude_deg": site.latitude_deg, "gravity_mps2": site.gravity_mps2, "heading_deg": site.heading_deg}
+    chip: dict[str, Value | None] = {"model": sensor.model, "serial": sensor.serial, "odr_hz": sensor.odr_hz}
+    chip |= {name: setting(getattr(sensor, name)) for name in ("gyro_fs_dps", "accel_fs_g")}
+    chip |= {name: getattr(sensor, name) for name in (*OPTIONAL, *further)}
+    accelerometer, own = "# [accelerometer]  # nobody has calibrated it: the session's own stills do\n", config.accelerometer
+    if own.source != "none":  # a section counts as a calibration
+        given: dict[str, Value | None] = {"matrix": own.matrix.tolist(), "bias_mps2": own.bias_mps2.tolist()}
+        accelerometer = "[accelerometer]\n" + _lines(given | {"sigma_mg": own.sigma_mg, "own_stills": own.own_stills})
+    table: dict[str, Value | None] = {"still_s": protocol.still_s, "segment_s": protocol.segment_s, "reference": protocol.reference}
+    stated = protocol.reference == "truth" or protocol.truth_sigma_deg != Protocol().truth_sigma_deg
+    table |= {"truth_sigma_deg": protocol.truth_sigma_deg} if stated else {}
+    table |= {"dial_sigma_deg": protocol.dial_sigma_deg} if protocol.dial_sigma_deg != Protocol().dial_sigma_deg else {}
+    mounting = config.truth.mounting.tolist() if config.truth.mounting is not None else None
+    truth = _lines({name: getattr(config.truth, name) for name in ("offset_s", "frame", "sense", "order")} | {"mounting": mounting})
+    truth = f"\n[truth]\n{truth}" if truth else ""  # none where the recording determines how the file is read
+    notes = f"\n[notes]\n{notes_text(config.notes)}" if config.notes else ""
+    return f"""\
+{line("schema", SCHEMA)}
+[sensor]
+{_lines(chip)}
+{accelerometer}
+[site]
+{_lines(here) or NO_SITE}
+[protocol]
+{_lines(table)}{truth}{notes}{exclude_text(config.exclude)}"""
+
+
+def _lines(table: Mapping[str, Value | None]) -> str:
+    return "".join(line(name, value) for name, value in table.items() if value is not None)
+
+
+def notes_text(notes: Mapping[str, Note]) -> str:
+    """Lines of ``[notes]``."""
+    return "".join(line(name, value) for name, value in notes.items())
+
+
+def exclude_text(rows: tuple[LeftOut, ...]) -> str:
+    """``[[exclude]]`` of each turn."""
+    return "".join(f"\n[[exclude]]\n{line('log', row.log)}{line('at_s', row.at_s)}" for row in rows)
+
+
+def board_text(board: BoardGiven) -> str:
+    """``[board]``, or nothing where the board has said nothing."""
+    said = _lines({name: value for name, value in vars(board).items() if value != ""})
+    return f"\n[board]\n{said}" if said else ""
+
+
+# Logs and tables.  A number is written with as many digits as give it back to the last bit.
+
+#: rows that are text at a time
+ROWS = 1 << 15
+
+
+def log_lines(log: Log) -> Iterator[str]:
+    """The lines of a log in rad/s, m/s^2 and ns, many at a time, without the readings that interpolation put in."""
+    samples = log.samples.pick(~log.put_in) if log.bridges else log.samples
+    yield "".join(f"# {key}={value}\n" for key, value in log.comments.items())
+    names = ["t_ns", *(f"g{axis}_rps" for axis in "xyz"), *(f"a{axis}_mps2" for axis in "xyz")]
+    yield ",".join([*names, *([] if samples.temp_c is None else ["temp_c"])]) + "\n"
+    for start in range(0, len(samples), ROWS):
+        part = samples.between(start, start + ROWS)
+        temps = [] if part.temp_c is None else [part.temp_c]
+        columns = [column.tolist() for column in (part.t_ns, *part.gyro.T, *part.accel.T, *temps)]
+        yield "\n".join(",".join(map(repr, row)) for row in zip(*columns, strict=True)) + "\n"
+
+
+def truth_text(truth: Truth) -> str:
+    """A truth file of moments as the contract has them: body to north-east-down, scalar first, on the log's clock."""
+    columns = [truth.t_ns.tolist(), *truth.q_nb.T.tolist(), *([] if truth.window is None else [truth.window.tolist()])]
+    header = "t_ns,qw,qx,qy,qz" + ("" if truth.window is None else ",window")
+    return "\n".join([header, *(",".join(map(repr, row)) for row in zip(*columns, strict=True))]) + "\n"
+
+
+def turns_text(turns: tuple[KnownTurn, ...]) -> str:
+    """``turns.csv``; with the column ``log`` where a turn is counted within its log."""
+    counted = any(turn.log for turn in turns)
+    rows = [[f"{turn.turn}", turn.words, _degrees(turn.angle_rad, ".6f"), _degrees(turn.sigma_rad)] for turn in turns]
+    if counted:
+        rows = [[*row, turn.log or ""] for row, turn in zip(rows, turns, strict=True)]
+    return "\n".join(map(",".join, [[*COLUMNS, *([LOG] if counted else [])], *rows])) + "\n"
+
+
+def attitudes_text(attitudes: np.ndarray) -> str:
+    """``attitudes.csv`` of dial readings (stills, 3) rad; a still without one has no row."""
+    read = [(still, row) for still, row in enumerate(attitudes.tolist()) if np.isfinite(row).all()]
+    rows = [f"{still},{','.join(map(_degrees, row))}" for still, row in read]
+    return "\n".join(["still,roll_deg,pitch_deg,yaw_deg", *rows]) + "\n"
+
+
+def _degrees(angle_rad: float, form: str = "g") -> str:
+    """Degrees that a reader makes the very same radians of: as ``form`` has them where that does, else with all digits."""
+    near = float(angle_rad / DEG)
+    exact = [f"{float(value)!r}" for value in (near, np.nextafter(near, -np.inf), np.nextafter(near, np.inf))]
+    return next((text for text in (f"{near:{form}}", *exact) if float(text) * DEG == angle_rad), exact[0])

@@ -1,0 +1,193 @@
+"""ROS 1 bags of version 2.0 (http://wiki.ros.org/Bags/Format/2.0), by the records of rosbags.
+
+rosbags' own reader goes by the index at the end, and refuses a bag that a crash has left without one.  Here its records are read one after
+the other, chunk by chunk, so a bag gives what it holds up to where it is cut.
+"""
+
+from __future__ import annotations
+
+import bz2
+import contextlib
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from session.base.budget import RECORD, amount, current
+from session.base.errors import CalibrationError
+from session.base.units import NS_PER_S
+from session.log import streams
+from session.log.streams import Stream
+from session.replay.binary.ros import Layout, Topic, definitions_of, fields_of, refuse_empty
+from session.replay.binary.source import Cut, DamagedChunks, Source, as_topics, library, no_columns, one_line, picked, reason
+
+NAME = "ROS 1 bag"
+PACKAGE, EXTRA, LICENCE = "rosbags", "logs", "Apache-2.0"
+EXAMPLE = "rosbag record /imu/data_raw: 2026-11-26-10-15-02.bag, with topics of sensor_msgs/Imu"
+MAGIC = b"#ROSBAG V2.0\n"
+MESSAGE, CHUNK, CONNECTION = 2, 5, 7
+#: beside these the bag's head, and parts of its index
+KNOWN = (MESSAGE, 3, 4, CHUNK, 6, CONNECTION)
+#: after so many notes on damage the rest goes without saying
+MOST_NOTES = 20
+
+
+def is_mine(path: Path, head: bytes) -> bool:
+    """By the line that a bag begins with."""
+    return head.startswith(MAGIC)
+
+
+def topics(path: Path, columns: str | None) -> list[streams.Topic]:
+    """The topics that hold an IMU."""
+    no_columns(path, "a ROS 1 bag", columns)
+    found, held = _read(path, None)
+    return as_topics(held, {topic.name: tuple(topic.fields.paths) for topic in found})
+
+
+def read(path: Path, names: Sequence[str], columns: str | None) -> list[Stream]:
+    """The streams of these topics; all that hold an IMU for no name."""
+    no_columns(path, "a ROS 1 bag", columns)
+    return picked(path, _read(path, names or None)[1], names)
+
+
+def _read(path: Path, names: Sequence[str] | None) -> tuple[list[Topic], list[Stream]]:
+    """The topics and their streams; of these names, or of all that hold an IMU.  FormatError where none does."""
+    bag = _Bag(path, names)
+    with one_line(path, "a ROS 1 bag"), Source(path) as source:
+        try:
+            bag.walk(source)
+        except CalibrationError:
+            raise
+        except Cut as error:
+            bag.notes.append(f"the bag is cut in the record at byte {bag.at} ({error})")
+        except Exception as error:
+            bag.notes.append(f"the bag is damaged at byte {bag.at} and is read up to there ({reason(error)})")
+    held = [stream for topic in bag.topics.values() if topic is not None and (stream := topic.stream(bag.said())) is not None]
+    if not held:
+        raise refuse_empty(path, "a ROS 1 bag", names, sorted(bag.seen), bag.said())
+    return [topic for topic in bag.topics.values() if topic is not None], held
+
+
+class _Bag:
+    """What was read of a bag so far.  topics: of each connection, None where it holds no IMU or is not wanted; at: byte of a record."""
+
+    def __init__(self, path: Path, names: Sequence[str] | None) -> None:
+        self._path, self._names = path, names
+        self._reader = library(path, "a ROS 1 bag", "rosbags.rosbag1.reader", PACKAGE)
+        self.topics: dict[int, Topic | None] = {}
+        self._by_name: dict[str, Topic] = {}
+        self.seen: set[str] = set()
+        self.notes: list[str] = []
+        self._damaged = DamagedChunks()
+        self._indexed = False
+        self.at = 0
+
+    def said(self) -> list[str]:
+        """What is damaged, and what could not be read."""
+        return [*self._damaged.notes, *self.notes]
+
+    def walk(self, source: Source) -> None:
+        """Read every record.  Cut where the file ends within one."""
+        source.seek(len(MAGIC))
+        while source.tell() < source.size:
+            self.at = source.tell()
+            current().unpack(self._path, RECORD)
+            header = self._reader.Header.read(source)
+            size = self._reader.read_uint32(source)
+            kind = header.get_uint8("op")
+            if kind == CHUNK:
+                left = source.size - source.tell()
+                self._chunk(header, source.read(min(size, left)))
+                if size > left:
+                    raise Cut(f"the file ends {size - left} bytes too early")
+            elif kind in (CONNECTION, MESSAGE):
+                self._record(kind, header, source.read(size))
+            else:
+                if kind not in KNOWN and len(self.notes) < MOST_NOTES:
+                    self.notes.append(f"the bag is damaged at byte {self.at}: a record of an unknown kind ({kind}) is passed over")
+                source.seek(size, 1)
+
+    def _chunk(self, header: Any, data: bytes) -> None:
+        """The records of a chunk; of one that is damaged or cut those before the damage."""
+        try:
+            records, ends = _unpacked(self._path, header.get_string("compression"), data)
+            inner = io.BytesIO(records)
+            length = len(inner.getbuffer())
+            while inner.tell() < length:
+                current().unpack(self._path, RECORD)
+                record = self._reader.Header.read(inner)
+                body = self._reader.read_bytes(inner, self._reader.read_uint32(inner))
+                self._record(record.get_uint8("op"), record, body)
+            if not ends:
+                raise ValueError("its packed bytes do not end")
+        except CalibrationError:
+            raise
+        except Exception as error:
+            self._damaged.add(self.at, error)
+            if self._indexed:
+                return
+            self._indexed = True
+            # The connections as the index repeats them, where it can be read: a damaged chunk may have held them
+            with contextlib.suppress(Exception), Source(self._path) as source:
+                source.seek(len(MAGIC))
+                head = self._reader.Header.read(source)
+                source.seek(head.get_uint64("index_pos"))
+                for _ in range(head.get_uint32("conn_count")):
+                    record = self._reader.Header.read(source)
+                    self._record(record.get_uint8("op"), record, source.read(self._reader.read_uint32(source)))
+
+    def _record(self, kind: int, header: Any, body: bytes) -> None:
+        if kind == CONNECTION:
+            self._connect(header.get_uint32("conn"), header.get_string("topic"), body)
+        elif kind == MESSAGE:
+            topic = self.topics.get(header.get_uint32("conn"))
+            if topic is not None:
+                stamp = header["time"]
+                topic.add(int.from_bytes(stamp[:4], "little") * NS_PER_S + int.from_bytes(stamp[4:8], "little"), body)
+
+    def _connect(self, number: int, name: str, body: bytes) -> None:
+        """A connection: which topic, of which type; two publishers of one topic go into one stream."""
+        if number in self.topics:
+            return
+        current().take(self._path, 3 * len(body))
+        header = self._reader.Header.read(io.BytesIO(len(body).to_bytes(4, "little") + body))
+        kind = self._reader.normalize_msgtype(header.get_string("type"))
+        self.seen.add(f"{name} ({header.get_string('type')})")
+        self.topics[number] = None
+        if self._names is not None and name not in self._names:
+            return
+        try:
+            definitions = definitions_of(self._path, kind, header.get_string("message_definition"), ros1=True)
+            layout = Layout(self._path, definitions, kind, cdr=False)
+        except CalibrationError:
+            raise
+        except Exception as error:
+            self.notes.append(f"the definition of {name} cannot be read ({reason(error)})")
+            return
+        fields = fields_of(layout.paths, kind)
+        if fields is not None:
+            layout.want(fields.paths)
+            self.topics[number] = self._by_name.setdefault(name, Topic(self._path, name, kind, layout, fields))
+
+
+def _unpacked(path: Path, compression: str, data: bytes) -> tuple[bytes, bool]:
+    """A chunk's records, and whether they are all of them.
+
+    ValueError for a compression that is not known, and for a chunk that unpacks to more than one may; FormatError beyond the budget.
+    """
+    if compression == "none":
+        return data, True
+    if compression == "bz2":
+        unpack: Any = bz2.BZ2Decompressor()
+    elif compression == "lz4":
+        import lz4.frame
+
+        unpack = lz4.frame.LZ4FrameDecompressor()
+    else:
+        raise ValueError(f"compression {compression!r} is not known")
+    budget = current()
+    whole = unpack.decompress(data, budget.piece)
+    budget.unpack(path, len(whole))
+    if len(whole) >= budget.piece:
+        raise ValueError(f"unpacks to more than {amount(budget.piece)}, the memory that is left")
+    return whole, unpack.eof

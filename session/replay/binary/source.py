@@ -1,0 +1,196 @@
+"""What the readers share: the file as a library sees it, the library itself, columns that grow, and one line for all that can be wrong."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import warnings
+from array import array
+from collections.abc import Iterator, Sequence
+from importlib import import_module
+from io import BufferedIOBase
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from session.base.budget import RECORD, current
+from session.base.errors import CalibrationError, FormatError
+from session.base.files import open_file
+from session.log.streams import Stream, Topic
+
+
+def library(path: Path, what: str, module: str, package: str, extra: str = "logs") -> Any:
+    """A foreign module, imported when it is needed.  FormatError names the package where it is not installed.
+
+    what: the file in words, ``a ULog``; package: the name by which pip knows it.
+    """
+    try:
+        return import_module(module)
+    except ImportError:
+        raise FormatError(f"{path}: {what}; reading it needs {package}: python -m pip install 'tinygc[{extra}]'") from None
+
+
+@contextlib.contextmanager
+def one_line(path: Path, what: str) -> Iterator[None]:
+    """Whatever a library raises on damaged bytes becomes one FormatError; its warnings are not shown."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    except CalibrationError:
+        raise
+    except Exception as error:
+        raise FormatError(
+            f"{path}: {what} that cannot be read ({reason(error)}); is it whole? copy it again from where it was recorded"
+        ) from None
+
+
+def reason(error: Exception) -> str:
+    """What a library says of a fault, on one line."""
+    return " ".join(f"{type(error).__name__}: {error}".split())[:120].removesuffix(": ")
+
+
+def no_columns(path: Path, what: str, columns: str | None) -> None:
+    """FormatError where ``--columns`` is given for a format that names its own."""
+    if columns is not None:
+        raise FormatError(f"{path}: {what} names its own columns; leave --columns out")
+
+
+def picked(path: Path, streams: list[Stream], names: Sequence[str]) -> list[Stream]:
+    """The streams of these names in this order, all of them for no name.  FormatError lists what is there."""
+    there = {stream.name: stream for stream in streams}
+    if missing := [name for name in names if name not in there]:
+        raise FormatError(f"{path}: no stream {missing[0]!r}; it holds {', '.join(there) or 'no gyroscope and no accelerometer'}")
+    return [there[name] for name in names] if names else streams
+
+
+def as_topics(streams: list[Stream], columns: dict[str, tuple[str, ...]]) -> list[Topic]:
+    """The topics of streams that were read; columns: of each stream as the file calls them."""
+    return [Topic(stream.name, len(stream), stream.holds, columns.get(stream.name, ())) for stream in streams]
+
+
+#: bytes that one read counts at least where a parser's reads are counted: it makes two of a message
+LEAST_READ = RECORD // 2
+
+
+class Cut(Exception):
+    """A read beyond the end of a file."""
+
+
+class Source(BufferedIOBase):
+    """A file's bytes for a parser of a foreign format.  A length that damaged bytes state never becomes a read beyond the file's end, and
+    what is read counts in the budget.
+
+    strict: a read that the file cannot fill raises Cut; else it returns what is there.  budget: bytes that may be read in all, after
+    which the file seems to end: a parser that goes back and forth in damaged bytes, or by three bytes at once, comes to an end.
+    """
+
+    def __init__(self, path: Path, strict: bool = True, budget: int | None = None) -> None:
+        self.path = path
+        self._file = open_file(path)
+        self.size = os.fstat(self._file.fileno()).st_size
+        self.strict, self.budget = strict, budget
+        self._allowed = current()
+        #: whether the last read found fewer bytes than it asked for, and some
+        self.short = False
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """As of a file."""
+        left = self.size - self._file.tell()
+        wanted = left if size is None or size < 0 else size
+        if self.budget is not None:
+            if self.budget <= 0:
+                return b""
+            self.budget -= max(min(wanted, left), LEAST_READ)
+        if self.strict and wanted > left:
+            raise Cut(f"the file ends {wanted - left} bytes too early")
+        self._allowed.need(self.path, 3 * min(wanted, left))  # what is made of it is as large
+        self._allowed.unpack(self.path, max(min(wanted, left), LEAST_READ if self.budget is not None else 0))
+        data = self._file.read(max(min(wanted, left), 0))
+        self.short = 0 < len(data) < wanted or (not data and wanted > 3)
+        return data
+
+    def tell(self) -> int:
+        """As of a file."""
+        return self._file.tell()
+
+    def seek(self, offset: int, whence: int = 0, /) -> int:
+        """As of a file; beyond its end with strict: Cut."""
+        where = offset + (0, self._file.tell(), self.size)[whence]
+        if self.strict and not 0 <= where <= self.size:
+            raise Cut(f"byte {where} of {self.size}")
+        return self._file.seek(where)
+
+    def readable(self) -> bool:
+        """As of a file."""
+        return True
+
+    def seekable(self) -> bool:
+        """As of a file."""
+        return True
+
+    def close(self) -> None:
+        """As of a file."""
+        self._file.close()
+        super().close()
+
+
+class DamagedChunks:
+    """Chunks that cannot be read, counted: a log may have thousands."""
+
+    def __init__(self) -> None:
+        self._count, self._first = 0, ""
+
+    def add(self, at: int, error: Exception) -> None:
+        """One at this byte."""
+        self._first = self._first or f"at byte {at} ({reason(error)})"
+        self._count += 1
+
+    @property
+    def notes(self) -> list[str]:
+        """What to say of them."""
+        if self._count == 0:
+            return []
+        each = "a damaged chunk is" if self._count == 1 else f"{self._count} damaged chunks are"
+        return [f"{each} left out from where the damage begins, the first {self._first}"]
+
+
+class Rows:
+    """Columns that grow by a row: 8 bytes for a stamp, 8 for a number; so many rows at a time count in the budget."""
+
+    AT_ONCE = 1 << 12
+
+    def __init__(self, path: Path, width: int) -> None:
+        self._path, self._width, self._budget = path, width, current()
+        self._t, self._values = array("q"), array("d")
+
+    def add(self, t_ns: int, values: Sequence[float]) -> None:
+        """One row; values has the width's length.  FormatError beyond the budget; OverflowError for no stamp."""
+        if len(self._t) % self.AT_ONCE == 0:
+            self._budget.numbers(self._path, self.AT_ONCE * (1 + self._width))
+        self._t.append(t_ns)
+        self._values.extend(values)
+
+    def __len__(self) -> int:
+        """Rows."""
+        return len(self._t)
+
+    @property
+    def t_ns(self) -> np.ndarray:
+        """(N,) int64."""
+        return np.frombuffer(self._t, np.int64) if self._t else np.zeros(0, np.int64)
+
+    @property
+    def values(self) -> np.ndarray:
+        """(N, width) float64."""
+        flat = np.frombuffer(self._values) if self._values else np.zeros(0)
+        return flat.reshape(-1, self._width)
+
+
+def microseconds(stamps: np.ndarray, notes: list[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Stamps (N,) in whole us as t_ns (M,) int64, and which rows (N,) they are of; rows without a possible stamp are left out, and said."""
+    possible = stamps < np.uint64(2**53) if stamps.dtype.kind == "u" else (stamps >= 0) & (stamps < 2**53)
+    if lost := np.count_nonzero(~possible):
+        notes.append(f"{lost} rows with stamps that are no time are left out: the file is damaged there")
+    return stamps[possible].astype(np.int64) * 1000, possible

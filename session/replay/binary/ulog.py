@@ -1,0 +1,202 @@
+"""ULog, the logs of PX4 (https://docs.px4.io/main/en/dev_log/ulog_file_format.html), read by pyulog.
+
+A file defines its messages, then holds them one after the other with stamps in us.  pyulog searches for the next whole message where bytes
+are damaged; what it found is read here, and the note says that it searched.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from session.base.budget import PACKED, current, stored
+from session.base.errors import FormatError
+from session.base.units import DEG, G
+from session.log.streams import Stream, Topic
+from session.replay.binary.source import Source, as_topics, library, microseconds, no_columns, one_line, picked
+
+NAME = "ULog"
+PACKAGE, EXTRA, LICENCE = "pyulog", "logs", "BSD-3-Clause"
+EXAMPLE = "PX4's log/2026-11-26/10_15_02.ulg, with sensor_combined, vehicle_imu, sensor_gyro or sensor_gyro_fifo"
+MAGIC = b"ULog\x01\x12\x35"
+#: messages that hold an IMU, and the fields by which they are known
+MESSAGES = {
+    "sensor_combined": ("gyro_rad[0]", "accelerometer_m_s2[0]"),
+    "vehicle_imu": ("delta_angle[0]", "delta_velocity[0]"),
+    "sensor_gyro": ("x", "y", "z"),
+    "sensor_accel": ("x", "y", "z"),
+    "sensor_gyro_fifo": ("x[0]", "dt", "scale", "samples"),
+    "sensor_accel_fifo": ("x[0]", "dt", "scale", "samples"),
+}
+FRAME = "forward, right, down"
+CALIBRATED = "PX4 has applied its own calibration and thermal correction; sensor_gyro and sensor_accel hold what the sensor reported"
+#: numbers of one message when nested types are written out: a message has 65 535 bytes
+MOST_FIELDS = 65_535
+#: bytes that may be read of a file of no length: pyulog steps back in damaged bytes, a message at a time
+LEAST_BUDGET = 1 << 20
+
+
+def is_mine(path: Path, head: bytes) -> bool:
+    """By the seven bytes that a ULog begins with."""
+    return head.startswith(MAGIC)
+
+
+def topics(path: Path, columns: str | None) -> list[Topic]:
+    """The IMU messages with their instances.  FormatError for a file that pyulog cannot read, or without one of them."""
+    no_columns(path, "a ULog", columns)
+    data, notes = _load(path, tuple(MESSAGES))
+    streams = _streams(path, data, notes)
+    return as_topics(streams, {f"{one.name}[{one.multi_id}]": tuple(one.data) for one in data})
+
+
+def read(path: Path, names: Sequence[str], columns: str | None) -> list[Stream]:
+    """The streams of these messages and instances, ``sensor_combined[0]``; all of them for no name."""
+    no_columns(path, "a ULog", columns)
+    data, notes = _load(path, tuple({name.partition("[")[0] for name in names} & set(MESSAGES) or MESSAGES))
+    return picked(path, _streams(path, data, notes), names)
+
+
+def _load(path: Path, messages: tuple[str, ...]) -> tuple[list[Any], list[str]]:
+    """pyulog's datasets of these messages, and notes on dropouts and damage.  FormatError where there is none."""
+    pyulog = library(path, "a ULog", "pyulog", PACKAGE)
+    notes: list[str] = []
+    with (
+        one_line(path, "a ULog"),
+        contextlib.redirect_stdout(io.StringIO()),  # pyulog prints its warnings
+        Source(path, strict=False, budget=_budget(path)) as head,
+        _Last(path, strict=False, budget=_budget(path)) as source,
+    ):
+        _require_fields(path, pyulog.ULog(head, parse_header_only=True).message_formats)
+        log = pyulog.ULog(source, list(messages))
+        if source.ended_short:
+            notes.append(f"the file is cut: it ends at byte {source.size} within a message")
+        if source.exhausted:
+            notes.append(f"the file is damaged: after byte {source.furthest} no further message was found")
+        elif log.file_corruption:
+            notes.append("the file is damaged: what stood between whole messages was passed over")
+        if log.dropouts:
+            durations = [dropout.duration for dropout in log.dropouts]
+            notes.append(f"{len(durations)} dropouts of the logger, {sum(durations)} ms in all, the longest {max(durations)} ms")
+    data = [one for one in log.data_list if all(field in one.data for field in (*MESSAGES[one.name], "timestamp"))]
+    if not data:
+        cut = f" ({notes[0]})" if notes else ""
+        raise FormatError(f"{path}: a ULog without {', '.join(messages)}{cut}; log one of them (SDLOG_PROFILE), or give another file")
+    return sorted(data, key=lambda one: (list(MESSAGES).index(one.name), one.multi_id)), notes
+
+
+class _Last(Source):
+    """Remembers how the file ended when pyulog closes it."""
+
+    ended_short = exhausted = False
+    furthest = 0
+
+    def close(self) -> None:
+        if not self.closed:
+            self.exhausted = self.budget is not None and self.budget <= 0
+            self.furthest, self.ended_short = self.tell(), self.short and not self.exhausted
+        super().close()
+
+
+def _budget(path: Path) -> int:
+    return min(LEAST_BUDGET + PACKED * stored(path), current().unpackable - 1)
+
+
+def _require_fields(path: Path, formats: dict[str, Any]) -> None:
+    """FormatError for nested types that unfold to more than a message can hold, before pyulog unfolds them."""
+    sizes: dict[str, int] = {}
+
+    def size(name: str, above: tuple[str, ...]) -> int:
+        if name not in formats or name in sizes:
+            return sizes.get(name, 1)
+        if name in above:
+            raise FormatError(f"{path}: a ULog whose message {name} holds itself; the file is damaged, copy it again")
+        sizes[name] = sum(max(count, 1) * size(kind, (*above, name)) for kind, count, _ in formats[name].fields)
+        return sizes[name]
+
+    for name in formats:
+        if size(name, ()) > MOST_FIELDS:
+            raise FormatError(
+                f"{path}: a ULog whose message {name} has more fields than a message has bytes; the file is damaged, copy it again"
+            )
+
+
+# From PX4's messages to streams.
+
+
+def _streams(path: Path, data: list[Any], notes: list[str]) -> list[Stream]:
+    """One of each dataset."""
+    return [_stream(path, one.name, f"{one.name}[{one.multi_id}]", one.data, list(notes)) for one in data]
+
+
+def _stream(path: Path, message: str, name: str, fields: dict[str, np.ndarray], notes: list[str]) -> Stream:
+    if message.endswith("_fifo"):
+        return _batches(path, message, name, fields, notes)
+    stamps = fields.get("timestamp_sample", fields["timestamp"])
+    current().numbers(path, len(stamps) * (7 if message in ("sensor_combined", "vehicle_imu") else 5))
+    t_ns, kept = microseconds(stamps if stamps.any() else fields["timestamp"], notes)
+    fields = {key: values[kept] for key, values in fields.items()}
+    temp = fields["temperature"].astype(float) if "temperature" in fields and np.isfinite(fields["temperature"]).any() else None
+    if message == "sensor_combined":
+        late = fields.get("accelerometer_timestamp_relative")
+        if late is not None and len(late) and abs(np.median(late)) > 0:
+            notes.append(f"the accelerometer's samples are {np.median(late):+g} us from the gyroscope's (median), and have its stamps here")
+        gyro, accel = _three(fields, "gyro_rad[{}]"), _three(fields, "accelerometer_m_s2[{}]")
+        return Stream(name, t_ns, gyro, accel, None, "rad/s", "m/s2", frame=FRAME, notes=(*notes, CALIBRATED))
+    if message == "vehicle_imu":
+        notes += ["rates and forces are PX4's increments over their intervals, and end at the stamp", CALIBRATED]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            gyro, accel = (
+                _three(fields, f"{what}[{{}}]") / (fields[f"{what}_dt"].astype(float)[:, None] * 1e-6)
+                for what in ("delta_angle", "delta_velocity")
+            )
+        return Stream(name, t_ns, gyro, accel, None, "rad/s", "m/s2", frame=FRAME, notes=tuple(notes))
+    values, temp_unit = _three(fields, "{}", "xyz"), "" if temp is None else "degc"
+    if message == "sensor_gyro":
+        span = float(fields["range_rad_s"][0]) / DEG if "range_rad_s" in fields and len(t_ns) else None  # before PX4 1.11
+        return Stream(name, t_ns, values, None, temp, "rad/s", "", temp_unit, gyro_fs_dps=span, frame=FRAME, notes=tuple(notes))
+    span = float(fields["range_m_s2"][0]) / G if "range_m_s2" in fields and len(t_ns) else None
+    return Stream(name, t_ns, None, values, temp, "", "m/s2", temp_unit, accel_fs_g=span, frame=FRAME, notes=tuple(notes))
+
+
+def _batches(path: Path, message: str, name: str, fields: dict[str, np.ndarray], notes: list[str]) -> Stream:
+    """Registers of a FIFO: up to 32 samples in a message, dt us apart, the last one at its stamp."""
+    t_ns, kept = microseconds(fields.get("timestamp_sample", fields["timestamp"]), notes)
+    fields = {key: values[kept] for key, values in fields.items()}
+    places = sum(1 for key in fields if key.startswith("x["))
+    counts = np.minimum(fields["samples"].astype(int), places)
+    current().numbers(path, 5 * len(counts) * places)
+    filled = np.arange(places) < counts[:, None]
+    values = np.column_stack([np.column_stack([fields[f"{axis}[{i}]"] for i in range(places)])[filled] for axis in "xyz"]).astype(float)
+    dt_ns = fields["dt"].astype(float) * 1e3
+    with np.errstate(invalid="ignore"):
+        before = np.rint((counts[:, None] - 1 - np.arange(places)) * dt_ns[:, None])
+    before = np.where(np.isfinite(before) & (abs(before) < 1e12), before, 0).astype(np.int64)
+    scales = fields["scale"].astype(float)
+    scale = float(scales[0]) if len(scales) else 1.0
+    unit = "rad/s" if message == "sensor_gyro_fifo" else "m/s2"
+    stamps = (t_ns[:, None] - before)[filled]
+    notes.append("stamps within a FIFO's batch are counted back from its last sample")
+    odr_hz = float(1e9 / np.median(dt_ns)) if len(dt_ns) and np.median(dt_ns) > 0 else None
+    if (scales == scale).all() and scale > 0:
+        said, span = f"{scale!r}{unit}", 32768 * scale
+    else:
+        values, said, span = values * np.repeat(scales, counts)[:, None], unit, None
+    if message == "sensor_gyro_fifo":
+        span = None if span is None else span / DEG
+        return Stream(
+            name, stamps, values, None, None, said, gyro_fs_dps=span, odr_hz=odr_hz, frame="the sensor's own axes", notes=tuple(notes)
+        )
+    span = None if span is None else span / G
+    return Stream(
+        name, stamps, None, values, None, "", said, accel_fs_g=span, odr_hz=odr_hz, frame="the sensor's own axes", notes=tuple(notes)
+    )
+
+
+def _three(fields: dict[str, np.ndarray], pattern: str, axes: str = "012") -> np.ndarray:
+    """(N, 3) float64."""
+    return np.column_stack([fields[pattern.format(axis)] for axis in axes]).astype(float)

@@ -1,0 +1,421 @@
+"""An array's joint estimate on a few turns made from arrays: its optimum, its covariance, its events, the split, the limits."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from conftest import DEG
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.optimize import brentq, minimize
+from scipy.stats import chi2, f
+from small_array import small_array
+
+from tinygc.closure.floor import wander_covariance
+from tinygc.estimation.bias import less_by_chance
+from tinygc.explanation.standing import Standing
+from tinygc.features.arrays.fit import (
+    _by_bias,
+)
+from tinygc.features.arrays.joint import (
+    GRAVITY_SIGMA_MPS2,
+    OWN_TURN,
+    ArrayEvent,
+    VarianceSplit,
+    _gains_of,
+    _NoiseBlocks,
+    _worst_of_each_turn,
+    candidates,
+    estimate,
+    own_p_values,
+    split_of,
+    unit_block,
+    units_covariance,
+)
+from tinygc.features.arrays.profile_limits import rise, upper_component
+from tinygc.features.arrays.standings import parts_of
+from tinygc.features.arrays.system import MOUNTING, System, array_system
+from tinygc.models.linear import BIAS, MATRIX
+
+# The optimum.
+
+
+ERRORS = {"turn_rad": np.array([1e-3, 2e-3, 1e-3]), "force_mps2": 0.01, "common_rad": 2e-3, "level_mps2": 0.01}
+
+
+BASE = 0.5
+MISSED_RAD = np.linspace(0.5e-3, 2e-3, 7)
+
+
+@pytest.fixture(scope="module")
+def three():
+    made = small_array(3, 8, seed=4, **ERRORS)
+    for unit in made.units:
+        for k, turn in enumerate(unit.problem.used):
+            turn.duration_s += 0.2 * k
+    return made
+
+
+@pytest.fixture(scope="module")
+def joint(three):
+    return estimate(three.units, three.same, MISSED_RAD)
+
+
+def again(joint, state=None):
+    """The system of a joint estimate, linearised anew at its end."""
+    system, _ = array_system(state or joint.state, joint.start, joint.rows, joint.same, joint.missed_rad, 1e-2)
+    return replace(system, out=joint.solution.system.out, prior=joint.solution.system.prior)
+
+
+def test_the_estimate_is_where_its_own_system_says_no_further_change(joint):
+    assert not joint.events
+    there, t = again(joint).solved(joint.solution.t), joint.solution.t
+    assert np.abs(there.x[: joint.layout.attitudes.stop]).max() < 1e-6
+    slope, information = there.score()
+    steep = slope / np.sqrt(np.diag(information))
+    assert np.abs(steep[t > 0]).max() < 1e-3  # and the sizes are those of the greatest likelihood
+    assert (steep[t == 0] < 0).all()
+
+
+def test_a_unit_alone_has_no_common_part():
+    only = small_array(1, 8, seed=4, turn_rad=1e-3, common_rad=2e-3)
+    assert_array_equal(estimate(only.units, only.same, np.zeros(7), alone=True).solution.t[-3:], 0.0)
+
+
+def test_the_bias_is_from_the_stills_where_closures_are_smaller():
+    """By what each turn misses by as the others predict it; Wilcoxon's test is stated beside it."""
+    made, none = small_array(2, 8, seed=3, turn_rad=2e-4, drift_rps=2e-3), np.zeros(7)
+    chosen, p_value, joint = _by_bias(made.units, made.same, none, "auto", True, lambda what: None)
+    joints = {name: estimate(made.units, made.same, none, bias=name) for name in ("ends", "stills")}
+    apart = {name: np.concatenate([each.solution.blocks(rows)[1] for rows in each.where.closure]) for name, each in joints.items()}
+    assert p_value == less_by_chance(apart["ends"], apart["stills"]) < 0.05
+    assert chosen == "stills"
+    assert_array_equal(joint.solution.x, joints[chosen].solution.x)
+
+
+def test_gravity_is_as_given_where_an_accelerometer_is():
+    given = small_array(2, 4, joint="prior")
+    found = estimate(given.units, given.same, np.zeros(3))
+    assert found.solution.system.prior[found.layout.gravity] == GRAVITY_SIGMA_MPS2
+
+
+# Covariance of the units' numbers.
+
+
+def test_bias_wander_turns_ends_and_moves_the_numbers(three, joint):
+    """Each unit's bias moved in one turn and on one axis: the solution's own answer, summed over the wander's covariance."""
+    layout, system, t = joint.layout, joint.solution.system, joint.solution.t
+    expected = joint.covariance[: layout.gravity, : layout.gravity].copy()
+    plain = joint.solution.x
+    for i, unit in enumerate(three.units):
+        middle_s = np.array([s.start_s + s.duration_s / 2 for s in unit.problem.used])
+        wander = wander_covariance(middle_s, instability_rps=unit.problem.instability.rps)
+        moved = np.empty((layout.gravity, len(middle_s), 3))
+        for s, rows in enumerate(joint.where.closure[i]):
+            for axis in range(3):
+                values = system.values.copy()
+                values[rows] += system.design[rows][:, layout.unit(i)][:, BIAS][:, axis]
+                moved[:, s, axis] = (replace(system, values=values).solved(t).x - plain)[: layout.gravity]
+        expected += np.einsum("psa,st,qta->pq", moved, wander, moved)
+    found = units_covariance(three.units, joint)
+    assert_allclose(found, expected, rtol=1e-6, atol=1e-12 * np.abs(expected).max())
+    assert_array_equal(unit_block(found, 1), found[24:48, 24:48])
+
+
+def test_a_bias_of_the_stills_has_their_error_and_follows_E(three):
+    """B = -E b: derivatives by finite differences, and the covariance of b, the mean of the stills: white noise and wander."""
+    found = estimate(three.units, three.same, MISSED_RAD, bias="stills")
+    whole = units_covariance(three.units, found)
+    for i, (unit, rows) in enumerate(zip(three.units, found.rows, strict=True)):
+        rates, E = unit.problem.still_rates, found.models[i].E
+        count = len(rates.sigma)
+        wander = wander_covariance(rates.middle_s, instability_rps=unit.problem.instability.rps)
+        mean = np.full(count, 1 / count)
+        of_b = np.diag(mean**2 @ rates.sigma**2) + mean @ wander @ mean * np.eye(3)
+        own = found.covariance[found.layout.unit(i), found.layout.unit(i)][MATRIX, MATRIX]
+        steps = np.eye(9) * 1e-6
+        by_E = np.stack([(-(E + s.reshape(3, 3)) @ rows.rest + E @ rows.rest) / 1e-6 for s in steps], axis=1)
+        block = unit_block(whole, i)
+        assert_allclose(found.models[i].B, -E @ rows.rest)
+        assert_allclose(block[BIAS, BIAS], by_E @ own @ by_E.T + E @ of_b @ E.T, rtol=1e-6)
+        assert_allclose(block[BIAS, MATRIX], by_E @ own, rtol=1e-6, atol=1e-12)
+        assert_allclose(block[MATRIX, MATRIX], own)
+        assert_allclose(block[MOUNTING, MOUNTING], found.covariance[found.layout.unit(i, MOUNTING), found.layout.unit(i, MOUNTING)])
+
+
+# Sizes of components.
+
+
+@pytest.mark.parametrize(
+    ("t", "sigma", "size"),
+    [(4.0, 2.0, (2.0, 0.5)), (4.0, 3.999, (2.0, 3.999 / 4)), (4.0, 4.0, (2.0, 2.0)), (0.0, 9.0, (0.0, 3.0)), (0.0, np.inf, (0.0, np.inf))],
+)
+def test_a_components_size_is_its_root_and_near_zero_that_of_its_sigma(joint, t, sigma, size):
+    """Of a variance t with sigma s: sqrt(t) and s / 2 sqrt(t); where t is below s, the root of s."""
+    k = joint.where.names.index("turn.1")
+    changed = replace(joint, solution=replace(joint.solution, t=np.full(len(joint.solution.t), t)))
+    changed.__dict__["sigmas"] = np.where(np.arange(len(joint.solution.t)) == k, sigma, 99.0)
+    assert changed.component("turn.1") == pytest.approx(size)
+
+
+# Events.
+
+
+def plain(values, base=BASE):
+    """Rows without unknowns, all of one component that is their mean square."""
+    values, n = np.ravel(values), np.size(values)
+    system = System(np.zeros((n, 1)), values, np.full(n, base), np.ones((1, n)), np.ones(1), np.zeros(1), np.zeros(n, dtype=bool))
+    return system.solved(np.array([np.mean(values**2)]))
+
+
+def rows_alone(errors):
+    """Blocks of two rows that nothing else touches, errors (B, 2), and the component that is their mean square."""
+    rows, number = np.arange(errors.size).reshape(-1, 2), np.arange(len(errors))
+    return plain(errors, 1e-9), [_NoiseBlocks(OWN_TURN, 0, rows, np.column_stack([number, number + 1]))]
+
+
+def test_an_event_is_an_F_test_of_a_block_against_the_others():
+    """And a rejected block is judged by all that are kept."""
+    errors = np.random.default_rng(1).normal(size=(6, 2))
+    for b, event in enumerate(candidates(*rows_alone(errors))):
+        own, others = np.sum(errors[b] ** 2) / 2, np.sum(np.delete(errors, b, axis=0) ** 2) / 10
+        assert event.p_value == pytest.approx(min(1.0, 6 * f.sf(own / others, 2, 10)), rel=1e-6, abs=0)
+        assert event.size == pytest.approx(np.linalg.norm(errors[b]))
+        assert (event.what, event.unit, event.first, event.last, event.rows.tolist()) == (OWN_TURN, 0, b, b + 1, [2 * b, 2 * b + 1])
+    errors[2] = [4.0, -3.0]
+    solution, blocks = rows_alone(errors)
+    t = np.mean(np.delete(errors, 2, axis=0) ** 2)
+    event = candidates(replace(solution.system, out=np.arange(12) // 2 == 2).solved(np.array([t])), blocks)[2]
+    assert event.p_value == pytest.approx(6 * f.sf(12.5 / t, 2, 12 - 2), rel=1e-6, abs=0)
+    assert event.size == pytest.approx(5.0)
+    (event, _) = candidates(*rows_alone(np.array([[1.0, 1.0], [0.0, 0.0]])))
+    assert event.p_value == pytest.approx(2 * f.sf(20.0, 2, 2), rel=1e-6)  # others are at least a tenth of what was expected
+
+
+def event(what=OWN_TURN, unit=0, first=1, last=2, size=1.0, p=1e-4, rows=(0, 1)):
+    return ArrayEvent(what, unit, first, last, size, p, np.array(rows))
+
+
+def worst(*events, out=0):
+    """With an improbable event of a third unit, so that none is a rival; out: so many rows are rejected."""
+    return _worst_of_each_turn([*events, event(unit=2, first=8, last=9, p=1.0)], np.arange(9) < out)
+
+
+def test_of_each_turn_and_each_still_only_the_least_probable_new_one_is_an_event():
+    turn, worse, larger = event(p=1e-4), event(unit=1, p=1e-6), event(unit=1, p=1e-4, size=1.5)
+    still, other = event("still", 2, 1, 1, p=1e-3), event(unit=2, first=3, last=4, p=1e-3)
+    for events, expected in (
+        ((turn, worse, still, other), [worse, still, other]),
+        ((worse, turn), [worse]),
+        ((turn, larger), [larger]),
+        ((larger, turn), [larger]),
+        ((turn, event(unit=1, p=1e-4)), [turn]),
+        ((event(p=0.01),), 1),
+        ((event(p=0.0101),), []),
+    ):
+        found = worst(*events)
+        assert found == expected or len(found) == expected
+    assert worst(event(), out=2) == []
+    assert len(worst(event(), out=1)) == 1
+
+
+def test_of_two_units_the_other_is_a_rival_where_it_contradicts_as_much():
+    nothing, one = np.zeros(9, dtype=bool), event(p=1e-5)
+    for other, rival in ((event(unit=1, p=0.01), 1), (event(unit=1, p=0.0101), None), (event(unit=1, last=3, p=1e-4), None)):
+        (found,) = _worst_of_each_turn([one, other, event(unit=1, first=7, last=8, p=1.0)], nothing)
+        assert (found.unit, found.rival) == (0, rival)
+    assert worst(one, event(unit=1, p=0.01))[0].rival is None
+    assert one.together([one, event(unit=1), event(unit=1, last=3), event("common turn", None)])[1].unit == 1
+
+
+def test_a_false_turn_is_found_rejected_and_spoils_no_number():
+    """The third unit's third turn errs by 3°, beside errors of 0.06°."""
+    false = small_array(3, 12, seed=8, turn_rad=1e-3, force_mps2=0.01)
+    batch = false.units[2].problem.batch
+    rate = batch.rate.copy()
+    rate[2, -2:] += [1.5, 1.5, 1.5]  # rad/s for 0.02 s
+    false.units[2].problem.batch = replace(batch, rate=rate)
+    told = []
+    found = estimate(false.units, false.same, np.zeros(11), progress=told.append)
+    assert told == [f"joint estimate, round {k + 1}" for k in range(len(told))]
+    assert len(told) < 12  # it has settled
+    (event,) = found.events
+    assert (event.what, event.unit, event.first, event.last) == (OWN_TURN, 2, 2, 3)
+    assert event.size == pytest.approx(np.sqrt(3) * 1.5 * 0.02, rel=0.2)
+    assert_array_equal(np.flatnonzero(found.solution.system.out), np.sort(found.where.closure[2][2]))
+    sigma = np.sqrt(np.diag(found.covariance))
+    for i in range(3):
+        off = (found.state.models[i].vector - false.truth.models[i].vector) / sigma[found.layout.unit(i)][:12]
+        assert np.abs(off).max() < 4
+
+
+# The split.
+
+
+@pytest.fixture(scope="module")
+def pair():
+    """Two units over ten turns of two angles, and what both miss by in each, which follows a prediction: a joint of nothing else."""
+    rng, turns = np.random.default_rng(13), 20
+    missed = np.repeat(np.linspace(0.3, 3, 10), 2)
+    gamma = 1.5 * missed * rng.normal(size=turns)
+    values = -np.concatenate([gamma + 1.0 * rng.normal(size=turns), gamma + 2.0 * rng.normal(size=turns), np.zeros(turns)])
+    design = np.vstack([np.eye(turns)] * 3)
+    V = np.zeros((5, 3 * turns))
+    V[0, :turns] = V[1, turns : 2 * turns] = V[2, 2 * turns :] = 1.0
+    V[3, 2 * turns :] = missed**2
+    base = np.concatenate([np.full(2 * turns, 0.25), np.full(turns, 1e-9)])
+    system = System(design, values, base, V, np.full(turns, 1e3), np.zeros(turns), np.zeros(3 * turns, dtype=bool))
+    solution = system.estimated(np.array([1.0, 1, 1, 1, 0]))
+    return SimpleNamespace(solution=solution, missed_rad=missed[::2], rows=[None, None])
+
+
+def least(joint, *held) -> float:
+    """-2 log of the greatest likelihood with components at zero, by a search of its own."""
+    free = np.setdiff1d(np.arange(4), held)
+
+    def value(x):
+        t = np.zeros(5)
+        t[free] = np.square(x)
+        return joint.solution.system.solved(t).value
+
+    options = {"xatol": 1e-5, "fatol": 1e-8, "maxiter": 2000, "maxfev": 2000}
+    return minimize(value, np.full(len(free), 1.0), method="Nelder-Mead", options=options).fun
+
+
+def test_gains_are_drops_of_the_likelihood_from_no_common_part(pair):
+    found, none = _gains_of(pair), least(pair, 2, 3)
+    assert found == pytest.approx({"turn": none - least(pair, 3), "undersampled": none - least(pair, 2)}, abs=1e-3)
+    assert found["undersampled"] > found["turn"] + 2 > 12
+
+
+def test_an_own_excess_is_tested_by_the_likelihood_without_it(pair):
+    """Half of a chi square of one degree of freedom (Self and Liang 1987), over both units; one where there is no excess."""
+    whole, found = least(pair), own_p_values(pair)
+    for i in range(2):
+        assert found[i] == pytest.approx(2 * chi2.sf(least(pair, i) - whole, 1) / 2, rel=2e-2)
+    assert found[1] < 0.05
+    assert found[1] < found[0] < 1
+    without = SimpleNamespace(**{**vars(pair), "solution": pair.solution.system.solved(np.array([0.0, 4.0, 1, 1, 0]))})
+    assert own_p_values(without)[0] == 1.0
+
+
+def test_turns_are_split_by_intervals_and_a_unit_minus_the_mean_is_of_turns_that_all_have():
+    """The second unit's first turn is over two intervals of the first one's, and has the common part of both."""
+    part = small_array(2, 4, seed=2, turn_rad=1e-3, common_rad=1e-3, turns=[[(0, 1), (1, 2), (2, 3)], [(0, 2), (2, 3)]])
+    joint = estimate(part.units, part.same, np.zeros(3))
+    told = ArrayEvent(OWN_TURN, 1, 0, 2, 1.0, 1e-9, np.zeros(0, dtype=int))
+    split = split_of(replace(joint, events=(told, replace(told, what="still"))))
+    assert [(turn.first, turn.last, np.isnan(turn.own_rad).tolist(), turn.events) for turn in split.turns] == [
+        (0, 1, [False, True], ()),
+        (0, 2, [True, False], (told,)),
+        (1, 2, [False, True], ()),
+        (2, 3, [False, False], ()),
+    ]
+    first, both, second, last = split.turns
+    assert_allclose(both.common_rad, first.common_rad + second.common_rad)
+    assert_allclose(both.sigma_rad**2, first.sigma_rad**2 + second.sigma_rad**2)
+    assert_allclose(last.common_rad, joint.solution.x[joint.layout.common][4:6])
+    assert_allclose(last.sigma_rad, np.sqrt(np.diag(joint.covariance)[joint.layout.common][4:6]))
+    residual = np.array([joint.solution.residual[joint.where.closure[i][row]] for i, row in ((0, 2), (1, 1))])
+    apart = np.linalg.norm(residual[0, :2] - residual[1, :2]) / 2  # half the difference, for either
+    assert split.fast == (0.0, 0.0)  # nothing is predicted
+    assert_allclose([split.minus_mean_rad, *split.minus_mean_of], apart)
+    assert_allclose(last.own_rad, np.linalg.norm(residual, axis=1))
+
+
+def test_sizes_are_those_of_both_angles_of_a_tilt_and_fast_motion_as_predicted(joint):
+    """rms of a turn: sqrt 2 times that of an angle; what is predicted, sqrt 2 times its rms, times the factor of it that is found."""
+    split, size, root = split_of(joint), joint.component, np.sqrt(2)
+    predicted = root * np.sqrt(np.mean(MISSED_RAD**2))
+    assert_allclose(split.own, [root * np.array(size(f"turn.{i}")) for i in range(3)])
+    assert_allclose([split.turn, split.fast], [root * np.array(size("common.turn")), predicted * np.array(size("common.undersampled"))])
+    assert split.predicted == pytest.approx(predicted)
+    assert split.level_mps2 == size("common.level")
+    turn, fast = (joint.where.names.index(f"common.{name}") for name in ("turn", "undersampled"))
+    most = [upper_component(joint.solution, k, joint.sigmas[k], (other,)) for k, other in ((turn, fast), (fast, turn))]
+    assert split.common_upper == pytest.approx(max(root * np.sqrt(most[0]), predicted * np.sqrt(most[1])))
+
+
+def a_split(**changed) -> VarianceSplit:
+    plain = VarianceSplit(
+        np.zeros((2, 2)), np.ones(2), (0.3 * DEG, 0.1 * DEG), (0.4 * DEG, 0.2 * DEG), 0.8 * DEG, (0.0, 0.0),
+        {"turn": 20.0, "undersampled": 30.0}, 0.0, np.zeros(2), (),
+    )  # fmt: skip
+    return replace(plain, **changed)
+
+
+def test_the_common_part_is_both_parts_its_test_the_better_likelihood_and_fast_motion_two_better():
+    """Half of a chi square with one degree of freedom where the likelihood rises."""
+    assert a_split().common == pytest.approx(0.5 * DEG)
+    bar, none = chi2.isf(0.05, 1), -np.inf
+    for turn, undersampled, better, fast in (
+        (4.0, 3.0, 4.0, False),
+        (-1.0, 0.0, 0.0, False),
+        (0.5, none, 0.5, False),
+        (bar, bar + 2.01, bar + 2.01, True),
+        (bar, bar + 2.0, bar + 2.0, False),
+        (none, bar + 1e-6, bar, True),
+        (none, bar - 1e-6, bar, False),
+    ):
+        found = a_split(gains={"turn": turn, "undersampled": undersampled})
+        assert found.p_value == pytest.approx(chi2.sf(better, 1), rel=1e-5)
+        assert found.is_fast_motion == fast
+
+
+SAME, WEAK = {"turn": 30.0, "undersampled": 30.0}, {"turn": chi2.isf(0.0501, 1), "undersampled": 0.0}
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        (
+            {},
+            "which no unit's sensor has made: motion beyond the data rate, predicted 0.8° (found 0.50 ± 0.25 of it)",
+        ),
+        ({"fast": (0.26 * DEG, 0.2 * DEG)}, "(found 0.33 ± 0.25 of it; a filter below half the data rate leaves so little)"),
+        ({"gains": SAME, "predicted": 0.0}, "the motion, the table or the reference"),
+        ({"gains": SAME}, "the motion, the table or the reference; motion beyond the data rate is predicted to make 0.8°"),
+        (
+            {"gains": WEAK, "common_upper": 0.7 * DEG},
+            "undecided whether turns have more than noise in common: 0.5° rms a turn, below 0.7° with 95 % (p = 0.05)",
+        ),
+    ],
+)
+def test_the_words_say_size_cause_and_what_of_the_prediction_was_found(changed, words):
+    assert a_split(**changed).words.endswith(words)
+
+
+# Limits and standings.
+
+
+@pytest.mark.parametrize("size", [1.0 + BASE, 0.6 * BASE])
+def test_a_limit_is_where_the_likelihood_falls_by_a_one_sided_twentieth(size):
+    """-2 log L = n log v + S / v with v = base + t, so the limit solves one equation; also where nothing shows."""
+    values = np.random.default_rng(4).normal(size=80) * np.sqrt(size)
+    square, n = float(np.sum(values**2)), len(values)
+    best = max(square / n, BASE)
+    assert plain(values).score()[1].item() == pytest.approx(n / (2 * (BASE + square / n) ** 2))
+    solution = plain(values).system.estimated(np.array([0.3]))
+    assert solution.t[0] == pytest.approx(best - BASE, rel=1e-3)
+
+    def risen(t):
+        return n * np.log((BASE + t) / best) + square * (1 / (BASE + t) - 1 / best)
+
+    exact = brentq(lambda t: risen(t) - chi2.isf(0.1, 1), best - BASE + 1e-9, 20)  # 2.706: each side of 5 %
+    assert rise(solution, {0: 2.0}) == pytest.approx(risen(2.0), rel=1e-3)
+    assert exact <= upper_component(solution, 0, float(solution.sigma()[0])) <= 1.04 * exact
+
+
+def test_what_one_unit_misses_by_is_told_and_the_others_and_all_have_limits():
+    made = small_array(3, 8, seed=3, turn_rad=np.array([0.0, 0.4 * DEG, 0.0]))
+    joint = estimate(made.units, made.same, np.zeros(7))
+    split = replace(split_of(joint), turn=(0.3 * DEG, 0.1 * DEG), common_upper=0.6 * DEG)
+    floor, bar = np.full(3, 0.1 * DEG), chi2.isf(0.05, 1)
+    found = parts_of(joint, replace(split, gains={"turn": bar - 0.01, "undersampled": 0.0}), floor, (0, 2, 5))
+    assert [found.own[1].standing, found.all_own.standing] == [Standing.FOR] * 2
+    assert [found.own[0].standing, found.own[2].standing] == [Standing.BOUNDED] * 2
+    assert "in unit 2, up to " in found.all_own.statement.words
+    assert (found.common.size_rad, found.common.upper_rad, found.fast) == (0.3 * DEG, 0.6 * DEG, None)
+    assert found.common.standing is Standing.UNDECIDED
+    there = parts_of(joint, replace(split, gains={"turn": bar + 0.01, "undersampled": 0.0}), floor, (0, 2, 5))
+    assert there.common.standing is Standing.FOR

@@ -1,0 +1,153 @@
+"""``table`` and ``record --table`` as commands: what they print, what is refused before anything moves, and a table at a port."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import sys
+from pathlib import Path
+
+import pytest
+from formats_page import strangers
+from processes import CALIBRATE, DEVNULL, PIPE, heard, refused, started
+from table_recordings import table_toml
+
+from tinygc import CalibrationError
+from tinygc.cli.arguments import parser
+from tinygc.cli.commands import record
+from tinygc.features.tables.machines.description import read_description
+from tinygc.features.tables.machines.makes import makes
+from tinygc.features.tables.machines.template import template
+from tinygc.features.tables.recording import TurnedRecording
+
+
+@pytest.fixture
+def table(tmp_path, monkeypatch):
+    """A table.toml in the present folder, of firmware of one's own that listens at once."""
+    monkeypatch.chdir(tmp_path)
+    text = (
+        template("line")
+        .replace("/dev/ttyUSB0", str(tmp_path / "port"))
+        .replace("# One [[axis]]", "[settings]\nopen_s = 0.1\n# One [[axis]]")
+    )
+    (tmp_path / "table.toml").write_text(text)
+    return tmp_path / "table.toml"
+
+
+def test_makes_are_listed(run, tmp_path):
+    code, out, _ = run("table", "list", "--json", tmp_path / "makes.json")
+    assert code == 0
+    told = json.loads((tmp_path / "makes.json").read_text())
+    assert [row["name"] for row in told["makes"]] == list(makes()) == [line.split()[0] for line in out.splitlines()]
+    assert not strangers(told)
+
+
+def test_a_description_is_printed_and_checked(run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, out, _ = run("table", "new", "grbl")
+    assert code == 0
+    (tmp_path / "table.toml").write_text(out)
+    code, out, _ = run("table", "check")
+    assert code == 0
+    assert "sent for outer to -1 deg at 10 dps: $J=G53 G90 G21 X-1.000 F600.000" in out
+    assert run("table", "check", "table.toml", "--json", tmp_path / "x.json")[0] == 0
+    assert not strangers(json.loads((tmp_path / "x.json").read_text()))
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["turn", "outer"], "expected turn AXIS DEG"),
+        (["turn", "inner", "3"], "no axis 'inner'"),
+        (["turn", "outer", "nan"], "'nan' is no number"),
+        (["spin", "outer", "0", "1"], "expected a rate in deg/s that is not 0"),
+        (["new", "nothing"], "no make 'nothing'"),
+    ],
+)
+def test_wrong_words_are_refused_in_one_line(words, expected, run, table):
+    refused(run("table", *words), expected)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a pseudo-terminal is POSIX's")
+@pytest.mark.broad
+def test_a_table_at_a_port(run, table):
+    """Home, a turn, a turn at a rate and where, over a real port; limits and confirmation."""
+    with started(
+        [*CALIBRATE, "table", "virtual", table, "--link", table.parent / "port"], stdout=PIPE, stderr=DEVNULL, text=True
+    ) as virtual:
+        heard(virtual.stdout, lambda line: "port" in line)
+        for _ in range(2):  # a greeting that comes after the port was opened reads as a restart, once
+            code, _, err = run("table", "turn", "outer", "20")
+            assert code == 2
+            if "has restarted" not in err:
+                break
+        assert "nobody can confirm it" in err.splitlines()[-1]
+        refused(run("table", "turn", "outer", "200", "--yes"), "expected -180 to 180")
+        code, out, err = run("table", "turn", "outer", "12", "--home", "--rate", "30", "--yes")
+        assert (code, out.splitlines()) == (0, ["outer  12.000 deg", "it rests"])
+        assert err.splitlines()[1:3] == [
+            "  1. all axes (outer) search their reference marks, at the machine's own rate",
+            "  2. outer to 12 deg at up to 30 dps (limits -180 to 180 deg)",
+        ]
+        code, out, _ = run("table", "spin", "outer", "-20", "0.6", "--yes", "--json", table.parent / "x.json")
+        told = json.loads((table.parent / "x.json").read_text())
+        assert not strangers(told)
+        assert -4 < told["axes"][0]["angle_deg"] < 5
+        assert told["moving"] is False
+        assert told["table_s"] > 0
+        assert run("table", "stop")[0] == 0
+        assert run("table", "clear", "--yes")[0] == 0
+
+
+# Recordings.
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        ["--table", "t.toml", "--home", "--stop-at-target", "--segments", "12", "--closure", "30", "--table-port", "p"],
+        ["--rest", "2", "--stop-at-target", "--known-to", "10"],
+        ["--table", "t.toml", "--rates", "10,20", "--dwell", "5", "--axis", "inner"],
+    ],
+)
+def test_the_printed_command_goes_on_with_what_was_asked(given):
+    """Without --stop-at-target a machine would go on to the last of its segments."""
+    words = ["record", "--out", "s", "--port", "p", *given]
+    args = parser(words).parse_args(words)
+    again = shlex.split(record._again(args, Path("s"), "p"))
+    again = again[again.index("record") :]
+    assert vars(parser(again).parse_args(again)) == vars(args) | {"resume": True}
+
+
+@pytest.fixture
+def absent(tmp_path):
+    """A table.toml whose port does not exist: whoever opens it is told so."""
+    text = table_toml("middle", "inner").replace('make = "grbl"', f'make = "grbl"\nport = "{tmp_path / "table-port"}"')
+    (tmp_path / "table.toml").write_text(text)
+    return tmp_path / "table.toml"
+
+
+def test_a_board_that_is_not_there_is_refused_before_the_table_is_opened(run, absent, tmp_path):
+    """--home would turn it first."""
+    code, _, err = run("record", "--table", absent, "--home", "--yes", "--port", tmp_path / "board-port", "--out", tmp_path / "s")
+    assert (code, err.count("\n")) == (3, 1)
+    assert "board-port: cannot be opened" in err
+
+
+@pytest.mark.parametrize(
+    ("old", "new"), [('name = "inner"', 'name = "other"'), ('make = "grbl"', 'make = "line"'), ("[[axis]]", "[settings]\nx = 1\n[[axis]]")]
+)
+def test_a_recording_of_another_table_is_refused_before_this_one_is_opened(run, absent, tmp_path, old, new):
+    folder = tmp_path / "s"
+    folder.mkdir()
+    (folder / "raw.bin").write_bytes(b"x")
+    (folder / "table.toml").write_text(absent.read_text().replace(old, new, 1))
+    words = ("record", "--resume", "--table", absent, "--home", "--yes", "--port", tmp_path / "board-port", "--out", folder)
+    refused(run(*words), "a session is of one table")
+
+
+def test_a_table_turned_by_hand_is_refused_before_anything_is_asked(tmp_path):
+    (tmp_path / "hand.toml").write_text(table_toml("middle", make="hand"))
+    assert read_description(tmp_path / "hand.toml").make == "hand"
+    with pytest.raises(CalibrationError, match="record asks a person for each turn by itself: leave --table out"):
+        TurnedRecording(tmp_path / "hand.toml")

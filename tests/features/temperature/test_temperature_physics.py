@@ -1,0 +1,897 @@
+"""The zero and the matrix over temperature: element, sweeps, noise, lag, orders, sigmas, sessions, each by hand or with full matrices."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import DEG, Table, session_of
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy import optimize, stats
+from scipy.linalg import block_diag
+from scipy.spatial.transform import Rotation
+from small_turns import numeric_jacobian
+
+from session.base.errors import DataError, FitError
+from session.log.config import Accelerometer
+from session.log.rests import RestLog
+from session.log.samples import Samples
+from tinygc.closure.floor import TIMES_S, AllanSums, averaging_factors, curve_of
+from tinygc.features.temperature import axis_fit
+from tinygc.features.temperature.axis_fit import (
+    _AS_NOISE,
+    BY_CHANCE,
+    AxisFit,
+    Candidate,
+    _best_lag,
+    _Coloured,
+    _hysteresis_of,
+    _lag_grid,
+    _lag_shows,
+    _line_in,
+    _none_by_chance,
+    about,
+    by_chance,
+    columns,
+    estimate_noise,
+    examine,
+    fit_axis,
+    folds_of,
+    make_knots,
+    predicted,
+    simplest,
+    solve,
+)
+from tinygc.features.temperature.model import ThermalModel, element_temperature
+from tinygc.features.temperature.rest_fit import (
+    RestFit,
+    _long_times,
+    _noise_over_temperature,
+    _residual_blocks,
+    _ShortTimes,
+    fit_rests,
+    zero_of_blocks,
+)
+from tinygc.features.temperature.sessions_fit import (
+    _brought_to,
+    _in_frame_of_first,
+    _SessionPoint,
+    _zero_form,
+    join,
+    joined,
+    of_rests_alone,
+    point_of,
+    zero_covariance,
+)
+from tinygc.features.temperature.sweeps import Sweep, _turning_points, between_steps, sweeps_of
+from tinygc.models.linear import BIAS, MATRIX, LinearModel
+
+
+def small_rest(temp_c, gyro=None, block_s=10.0, number=None, name="rest.csv", sd=None):
+    """Temperatures (B,), block means (B,) or (B, 3), scatter (B, 3); number (B,) where blocks are missing."""
+    count = len(temp_c)
+    gyro = np.zeros((count, 3)) if gyro is None else np.asarray(gyro, dtype=float).reshape(count, -1) * np.ones(3)
+    number = np.arange(count) if number is None else np.asarray(number)
+    sd = np.ones((count, 3)) if sd is None else np.asarray(sd, dtype=float)
+    temp, force, ten = np.asarray(temp_c, dtype=float), np.tile([0.0, 0.0, -9.8], (count, 1)), np.full(count, 10)
+    return RestLog(Path(name), number, block_s, temp, gyro, force, sd, 1e-3 * sd, ten, 10 * count, block_s / 10)
+
+
+def triangle(count, half):
+    """Temperatures (count,) that go up from 10 to 30 degC for ``half`` blocks, down for as many, and so on."""
+    return 30 - 20 * np.abs((np.arange(count) % (2 * half)) / half - 1)
+
+
+# The element's temperature
+
+
+@pytest.mark.parametrize(("tau", "step_s"), [(25.0, 0.01), (-25.0, 7.0)])
+def test_a_lag_is_exact_on_a_ramp_whatever_the_step(tau, step_s):
+    """T = v t: the element is v tau behind once the start is forgotten."""
+    temp = 20 + 0.05 * np.arange(0, 600, step_s)
+    assert element_temperature(temp, tau, step_s)[-1] == pytest.approx(temp[-1] - 0.05 * tau, abs=1e-6)
+
+
+# Sweeps and knots
+
+
+@pytest.mark.parametrize(
+    ("values", "points"),
+    [
+        ((0, 3, 5, 3, 1, 4), [0, 2, 4, 5]),
+        ((0, 3, 1.01, 6, 4.01), [0, 3]),  # a smaller reversal ends nothing
+        ((1, 0, 0, 5, 5, 0), [1, 3, 5]),
+        ((1, 2, 1, 0.5), [0, 3]),
+        ((1, 2, 0, 3), [1, 2, 3]),
+    ],
+)
+def test_turning_points_are_the_first_extreme_each_reversal_and_the_last(values, points):
+    assert _turning_points(np.array(values, dtype=float), 2.0) == points
+
+
+@pytest.mark.parametrize(("share", "ways"), [(0.24, [1]), (0.26, [1, -1, 1])])
+def test_a_reversal_of_a_quarter_of_the_range_ends_a_sweep(share, ways):
+    """From 0 to 30, back by this share, up to 40: of 40 degrees.  The running median of nine flattens each peak by two blocks."""
+    back = 40 * share + 1
+    temp = np.concatenate([np.arange(0, 30, 0.25), np.arange(30, 30 - back, -0.25), np.arange(30 - back, 41, 0.25)])
+    found = sweeps_of(temp, 3)
+    assert [(each.direction, each.log) for each in found] == [(way, 3) for way in ways]
+    assert [each.start for each in found] == pytest.approx([0, 120, 120 + back / 0.25][: len(ways)], abs=3)
+    assert [each.stop for each in found] == [*(each.start for each in found[1:]), len(temp)]
+
+
+def test_knots_are_means_over_their_blocks(monkeypatch):
+    """Two logs, the first of two sweeps, of six and four blocks, the other of ten without: eight knots in all."""
+    monkeypatch.setattr(axis_fit, "MOST_KNOTS", 8)
+    temp = np.array([0.0, 1, 2, 3, 4, 5, 6, 4, 2, 0])
+    first, other = small_rest(temp), small_rest(temp + 10, block_s=5.0, number=[0, 1, 2, 3, 4, 5, 6, 8, 9, 10])
+    knots = make_knots([first, other], [Sweep(0, 0, 6, 1), Sweep(0, 6, 10, -1)])
+    assert knots.starts.tolist() == [0, 3, 6, 8, 10, 12, 15, 17]
+    assert knots.span_s.tolist() == [30, 30, 20, 20, 10, 15, 10, 15]
+    assert np.column_stack([knots.of, knots.sweep, knots.direction]).tolist() == [[0, 0, 1]] * 2 + [[0, 1, -1]] * 2 + [[1, 2, 0]] * 4
+    assert knots.mean(np.arange(40.0).reshape(20, 2))[1].tolist() == [8, 9]
+    temps, middles_s = np.append(temp, temp + 10), np.append(10 * np.arange(10) + 5, 5 * other.number + 2.5)
+    assert (knots.temp_c, knots.t_s) == (pytest.approx(knots.mean(temps)), pytest.approx(knots.mean(middles_s)))
+    assert (knots.reference_c, knots.half_c) == (8, 8)
+    # A power is averaged over the blocks, not that of the knot's mean.
+    assert knots.powers(0.0, 4) == pytest.approx(knots.mean(((temps - 8) / 8)[:, None] ** [1, 2, 3, 4]))
+    element = np.interp(np.arange(11), other.number, other.temp_c)
+    lagged = np.concatenate([element_temperature(temp, 25.0, 10.0), element_temperature(element, 25.0, 5.0)[other.number]])
+    assert knots.element_c(25.0) == pytest.approx(lagged)
+    assert columns(knots, 25.0, 1) == pytest.approx(np.column_stack([knots.of == 0, knots.of, knots.mean((lagged - 8) / 8)]))
+
+
+def test_covariances_of_means_over_a_knots_time():
+    """White of density 1: one over its span. Flicker: Gauss-Markov in octaves, each averaged over the span, by direct summation. A random
+    walk at the knot's middle. Logs are independent."""
+    temp = triangle(8, 4)
+    knots = make_knots([small_rest(temp), small_rest(temp, block_s=5.0)], [])
+    white, flicker, walk = knots.covariances()
+    assert white == pytest.approx(np.diag(1 / knots.span_s))
+    assert walk[:8, :8] == pytest.approx(np.minimum.outer(knots.t_s[:8], knots.t_s[:8]))
+    for each in (flicker, walk):
+        assert not each[:8, 8:].any()
+    fine = (np.arange(400) + 0.5) / 400 * 10
+    for other, apart_s in ((1, 0), (4, 30)):
+        octaves = [np.exp(-np.abs(fine[:, None] - fine - apart_s) / T).mean() for T in TIMES_S]
+        assert flicker[1, other] == pytest.approx(np.log(2) / np.pi * sum(octaves), rel=1e-3)
+
+
+# Noise and lag
+
+
+def least_squares(y, A, C):
+    """Generalised, with full matrices: terms, their covariance, chi-square."""
+    covariance = np.linalg.inv(A.T @ np.linalg.solve(C, A))
+    terms = covariance @ A.T @ np.linalg.solve(C, y)
+    return terms, covariance, (y - A @ terms) @ np.linalg.solve(C, y - A @ terms)
+
+
+def summed(sizes, V):
+    return sum(s**2 * v for s, v in zip(sizes, V, strict=True))
+
+
+def restricted(sizes, y, A, V):
+    """-2 log of the restricted likelihood."""
+    C = summed(sizes, V)
+    _, covariance, square = least_squares(y, A, C)
+    return np.linalg.slogdet(C)[1] - np.linalg.slogdet(covariance)[1] + square
+
+
+@pytest.fixture(scope="module")
+def rest():
+    """Knots (40) of two sweeps up and two down, and noise of known sizes on them."""
+    knots = make_knots([small_rest(triangle(40, 10))], sweeps_of(triangle(40, 10)))
+    V = knots.covariances()
+    return knots, V, np.linalg.cholesky(summed((1.0, 0.1, 0.01), V))
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e6])
+def test_the_noise_is_that_of_the_largest_restricted_likelihood(rest, unit):
+    knots, V, root = rest
+    A = columns(knots, 0.0, 2)
+    y = unit * (root @ np.random.default_rng(1).normal(size=40) + A @ [300.0, -200, 100])
+    found = estimate_noise(y, A, V, unit * 1.0)
+    best = optimize.minimize(
+        lambda logs: restricted(np.hypot(np.exp(logs), [0.5 * unit, 0, 0]), y, A, V),
+        np.log(unit * np.array([0.9, 0.1, 0.01])),
+        method="Nelder-Mead",
+        options={"maxiter": 2000, "xatol": 1e-4, "fatol": 1e-6},
+    )
+    assert restricted(found.sizes, y, A, V) < best.fun + 0.02
+    assert found.sizes[0] >= 0.5 * unit
+    assert_allclose(found.C, summed(found.sizes, V))
+    some = np.arange(40) > 30
+    assert found.factor(some) @ found.factor(some).T == pytest.approx(found.C[np.ix_(some, some)])
+
+
+def test_white_noise_is_no_less_than_half_of_what_the_blocks_say(rest):
+    """Knots without any scatter of their own; and blocks that say nothing."""
+    knots, V, root = rest
+    A = columns(knots, 0.0, 1)
+    quiet = estimate_noise(1e-3 * root @ np.random.default_rng(0).normal(size=40), A, V, 1.0)
+    assert quiet.sizes == pytest.approx([0.5, 0, 0], abs=1e-3)
+    smooth = 1e3 * np.linspace(-1, 1, 40) ** 3  # no white noise; then half of what all of the scatter would be
+    left = least_squares(smooth, A, np.eye(40))[2] / 40
+    assert estimate_noise(smooth, A, V, 0.0).sizes[0] == pytest.approx(0.5 * np.sqrt(10 * left), rel=1e-6)
+    assert np.isfinite(estimate_noise(np.zeros(40), A, V, 0.0).sizes).all()
+
+
+def left_at(knots, y, root, order, rows=slice(None)):
+    C = (root @ root.T)[rows][:, rows]
+    return lambda tau: least_squares(y[rows], columns(knots, tau, order)[rows], C)[2]
+
+
+@pytest.mark.parametrize("tau", [30.0, -18.0, 55.0])
+def test_the_lag_is_where_the_misfit_is_least(rest, tau):
+    knots, _, root = rest
+    y = columns(knots, tau, 2) @ [3.0, 20.0, 4.0] + 0.3 * root @ np.random.default_rng(1).normal(size=40)
+    rows = np.arange(40) % 7 != 0
+    left, part = left_at(knots, y, root, 2, rows), np.linalg.cholesky((root @ root.T)[rows][:, rows])
+    found = _best_lag(knots, y, part, rows, np.array([-60.0, -40, -20, -10, 10, 20, 40, 60]), 2)
+    exact = optimize.minimize_scalar(left, bounds=sorted([0.5 * tau, 2 * tau]), method="bounded").x
+    assert found == pytest.approx(exact, abs=0.05)
+
+
+def test_a_lag_shows_below_one_in_a_thousand_of_two_degrees_of_freedom(rest):
+    knots, _, root = rest
+    noise = 0.1 * root @ np.random.default_rng(2).normal(size=40)
+    of_size = lambda size: columns(knots, 20.0, 1) @ [0.0, size] + noise  # noqa: E731
+    for p, shows in ((0.00099, True), (0.00101, False)):
+
+        def gain(size, p=p):
+            left = left_at(knots, of_size(size), root, 1)
+            return left(0.0) - left(20.0) - stats.chi2.isf(p, 2)
+
+        assert _lag_shows(knots, of_size(optimize.brentq(gain, 0.0, 1000.0, xtol=1e-12)), root, 20.0, 1) == shows
+
+
+def test_lags_are_tried_up_to_a_quarter_of_the_shortest_sweep():
+    temp = np.concatenate([triangle(60, 30), triangle(40, 20)[1:]])
+    knots = make_knots([small_rest(temp)], sweeps_of(temp))
+    shortest, lags = min(knots.span_s[knots.sweep == k].sum() for k in range(4)), _lag_grid(knots)
+    assert lags[20:] == pytest.approx(np.geomspace(10, shortest / 4, 20))
+    assert lags == pytest.approx(-lags[::-1])
+    # None in one direction, and none where a quarter is no more than four blocks.
+    for sweeps, half, some in ((1, 40, False), (2, 16, False), (2, 18, True)):
+        ways = [Sweep(0, 0, half, 1), Sweep(0, half, 2 * half, -1)][:sweeps]
+        assert bool(len(_lag_grid(make_knots([small_rest(triangle(sweeps * half, half))], ways)))) == some
+
+
+def test_hysteresis_is_the_difference_of_means_at_one_temperature():
+    """Rising over 0 to 80, falling over 80 to 16: eight bins over 16 to 80, each knot by its span."""
+    temp = np.concatenate([np.arange(0.0, 81, 4), np.arange(78.0, 15, -2)])
+    knots = make_knots([small_rest(temp)], [Sweep(0, 0, 21, 1), Sweep(0, 21, 53, -1)])
+    knots = replace(knots, span_s=np.resize([10.0, 30.0], 53))
+    knots.direction[[6, 40]] = 0  # of a log without sweeps
+    rng = np.random.default_rng(0)
+    residual, root = rng.normal(size=53), rng.normal(size=(53, 53))
+    found, weights = _hysteresis_of(knots, residual, root @ root.T), np.zeros((8, 53))
+    for way in (1, -1):
+        here = knots.span_s * (knots.direction == way) * ((temp - 16) // (62 / 8) == np.arange(8)[:, None])
+        weights += way * here / here.sum(axis=1, keepdims=True)
+    assert found.at_c == pytest.approx(16 + 62 / 8 * (np.arange(8) + 0.5))
+    assert found.difference == pytest.approx(weights @ residual)
+    assert found.sigma == pytest.approx(np.linalg.norm(weights @ root, axis=1))
+    k = np.argmax(np.abs(found.difference))
+    assert found.largest == (found.difference[k], found.sigma[k], found.at_c[k])
+    assert found.rms == pytest.approx(np.sqrt(np.mean(found.difference**2)))
+    assert _hysteresis_of(replace(knots, direction=np.abs(knots.direction)), residual, root @ root.T) is None
+    apart = make_knots([small_rest([0.0, 10, 20, 40, 30, 25])], [Sweep(0, 0, 3, 1), Sweep(0, 3, 6, -1)])
+    assert _hysteresis_of(apart, np.zeros(6), np.eye(6)) is None
+
+
+# Orders and sigmas
+
+
+def test_each_fold_is_predicted_from_the_others_with_equal_weights(rest):
+    knots, _, root = rest
+    y = columns(knots, 25.0, 2) @ [1.0, 9.0, 3.0] + root @ np.random.default_rng(4).normal(size=40)
+    noise, lags = _Coloured(np.array([1.0, 0.1, 0.01]), root @ root.T), np.array([-40.0, -20, -10, 10, 20, 40])
+    found = examine(knots, y, noise, (0, 1, 2), lags)
+    assert found.candidates == (*(Candidate(p, False) for p in (0, 1, 2)), *(Candidate(p, True) for p in (1, 2)))
+    assert [each.complexity for each in found.candidates] == [0, 1, 2, 2, 3]
+    for k, sweep in enumerate(np.unique(knots.sweep)):
+        train, test = knots.sweep != sweep, knots.sweep == sweep
+        tau = _best_lag(knots, y, np.linalg.cholesky(noise.C[train][:, train]), train, lags, 2)
+        for c, each in enumerate(found.candidates):
+            A = columns(knots, tau if each.lagged else 0.0, each.order)
+            error = y[test] - A[test] @ np.linalg.lstsq(A[train], y[train], rcond=None)[0]
+            assert found.held_out[k, c] == pytest.approx(np.mean(error**2))
+    assert found.chosen == simplest(found.candidates, found.held_out)
+    folds, by = folds_of(make_knots([small_rest(np.arange(50.0))], [Sweep(0, 0, 50, 1)]))
+    assert (by, folds.tolist()) == ("stretches", [k * 20 // 50 % 5 for k in range(50)])
+
+
+def test_the_zero_of_a_log_that_is_left_out_is_not_predicted():
+    temp = triangle(12, 6)
+    knots = make_knots([small_rest(temp), small_rest(temp)], [Sweep(0, 0, 12, 1), Sweep(1, 0, 6, 1), Sweep(1, 6, 12, -1)])
+    y = np.random.default_rng(5).normal(size=24) + 50.0 * knots.of
+    for sweep, known, size in ((0, [1, 2], np.var), (1, [0, 1, 2], lambda error: np.mean(error**2))):
+        test, A = knots.sweep == sweep, columns(knots, 0.0, 1)[:, known]
+        error = y[test] - A[test] @ np.linalg.lstsq(A[~test], y[~test], rcond=None)[0]
+        assert predicted(knots, y, ~test, test, 1, 0.0) == pytest.approx(size(error))
+
+
+def test_the_simplest_within_one_standard_error_of_the_best():
+    plain, lagged = tuple(Candidate(p, False) for p in (0, 1, 2)), Candidate(1, True)
+    best, gain = np.array([1.0, 1.2, 0.9]), np.array([0.3, 0.1, 0.2])
+    error = np.std(gain, ddof=1) / np.sqrt(3)
+    for shift, chosen in ((error - 1e-9, 1), (error + 1e-9, 2)):
+        assert simplest(plain, np.column_stack([best + 5, best + gain - gain.mean() + shift, best])) == chosen
+    # Of two as simple, the one without a lag; of one fold, the best itself.
+    assert simplest((Candidate(2, False), lagged), np.column_stack([best, best])) == 0
+    assert simplest((lagged, Candidate(2, False)), np.column_stack([best, best])) == 1
+    assert simplest(plain, np.array([[1.0, 0.5, 0.5 - 1e-9]])) == 2
+
+
+@pytest.mark.parametrize("tau", [0.0, 25.0])
+def test_a_covariance_is_the_numeric_derivative_of_the_estimate_times_that_of_the_knots(rest, tau):
+    """The lag is where the weighted misfit is least; the coefficients have equal weights at that lag."""
+    knots, _, root = rest
+    truth, chosen, noise = np.array([3.0, 20.0, 4.0]), Candidate(2, tau > 0), _Coloured(np.ones(3), root @ root.T)
+    y = columns(knots, tau, 2) @ truth
+
+    def estimate(values):
+        if not chosen.lagged:
+            return np.linalg.lstsq(columns(knots, 0.0, 2), values, rcond=None)[0]
+        left = left_at(knots, values, root, 2)
+        # The least of a parabola through three points, once more about it.
+        at = tau
+        for step in (0.5, 0.1):
+            low, middle, high = left(at - step), left(at), left(at + step)
+            at += step / 2 * (low - high) / (low + high - 2 * middle)
+        return np.append(np.linalg.lstsq(columns(knots, at, 2), values, rcond=None)[0], at)
+
+    slope = numeric_jacobian(estimate, y, 1e-3)
+    coefficients, covariance = solve(knots, y, noise, tau, chosen)
+    assert coefficients == pytest.approx(truth)
+    assert covariance == pytest.approx(slope @ noise.C @ slope.T, rel=5e-3)
+
+
+@pytest.mark.parametrize(("times", "by_ratio"), [(0.0, True), (1.0, False)])
+def test_no_dependence_by_chance_is_a_ratio_of_likelihoods_each_with_its_own_noise(rest, times, by_ratio):
+    """Or a fifth of the p-value in the noise of the constant, whichever is larger."""
+    knots, V, root = rest
+    y = columns(knots, 20.0, 1) @ [3.0, 4.0 * times] + root @ np.random.default_rng(7).normal(size=40)
+    constant = columns(knots, 0.0, 0)
+    quiet, larger = estimate_noise(y, constant, V, 1.0).C, []
+    square = lambda A, C: least_squares(y, A, C)[2]  # noqa: E731
+    for chosen, tau, freedom in ((Candidate(1, False), 0.0, 1), (Candidate(1, True), 20.0, 3), (Candidate(2, True), 20.0, 4)):
+        A = columns(knots, tau, chosen.order)
+        C = estimate_noise(y, A, V, 1.0).C
+        ratio = np.linalg.slogdet(quiet)[1] + square(constant, quiet) - np.linalg.slogdet(C)[1] - square(A, C)
+        of_ratio, of_noise = (stats.chi2.sf(gain, freedom) for gain in (ratio, square(constant, quiet) - square(A, quiet)))
+        larger.append(of_ratio > _AS_NOISE * of_noise)
+        assert _none_by_chance(knots, y, V, 1.0, chosen, tau) == pytest.approx(max(of_ratio, _AS_NOISE * of_noise), rel=1e-6)
+    assert any(larger) == by_ratio
+
+
+def test_the_highest_powers_are_tested_together():
+    rng = np.random.default_rng(8)
+    coefficients, root = rng.normal(size=6), rng.normal(size=(6, 6))
+    C = root @ root.T
+    # Two logs, a cubic, a lag: the powers are the third to the fifth.
+    for above, part in ((0, [2, 3, 4]), (1, [3, 4]), (2, [4])):
+        square = coefficients[part] @ np.linalg.solve(C[np.ix_(part, part)], coefficients[part])
+        assert by_chance(coefficients[:5], C, 2, above, 3) == pytest.approx(stats.chi2.sf(square, len(part)))
+    assert by_chance(coefficients, C, 2, 3, 3) == 1
+
+
+def made(lag_s=0.0, coefficients=(0.5, 8e-3, 2e-4), logs=1, seed=0):
+    """Rest logs whose zero is a polynomial of the element's temperature about 20 degC, with white noise."""
+    rng, temp = np.random.default_rng(seed), triangle(80, 20)
+    element = element_temperature(temp, lag_s, 10.0)
+    zero = np.polynomial.polynomial.polyval(element - 20, coefficients)
+    return [small_rest(temp, zero + 0.1 * k + 2e-3 * rng.normal(size=80), name=f"{k}.csv") for k in range(logs)]
+
+
+def fitted(logs, **more):
+    knots = make_knots(logs, [sweep for k, log in enumerate(logs) for sweep in sweeps_of(log.temp_c, k)])
+    return knots, fit_axis(knots, np.concatenate([log.gyro[:, 0] for log in logs]), **more)
+
+
+@pytest.mark.parametrize("lag_s", [0.0, 20.0])
+def test_a_fit_is_put_together_from_these(lag_s):
+    """In any unit: terms, covariance, what is left, what was held out, and the hysteresis with and without the lag."""
+    logs = made(lag_s, logs=2)
+    knots, fit = fitted(logs)
+    assert (fit.order, fit.tau_s > 0) == (2, lag_s > 0)
+    y = knots.mean(np.concatenate([log.gyro[:, 0] for log in logs]))
+    chosen, A, plain = Candidate(2, lag_s > 0), columns(knots, fit.tau_s, 2), columns(knots, 0.0, 2)
+    coefficients, covariance = solve(knots, y, fit.noise, fit.tau_s, chosen)
+    # Per degree, and the zero the mean of both logs.
+    per_c, size = block_diag([[0.5, 0.5]], 1 / knots.half_c, 1 / knots.half_c**2, *[1] * chosen.lagged), 3 + chosen.lagged
+    assert fit.terms == pytest.approx(per_c[:3, :4] @ coefficients)
+    assert fit.covariance[:size, :size] == pytest.approx(per_c @ covariance @ per_c.T, rel=1e-6)
+    assert (fit.covariance.shape, fit.covariance[size:].any()) == ((4, 4), False)
+    assert fit.left == pytest.approx(np.sqrt(np.mean((y - A @ coefficients) ** 2)))
+    assert fit.turn_on == pytest.approx(np.std(coefficients[:2], ddof=1))
+    for found, B in ((fit.hysteresis_after, A), (fit.hysteresis_before, plain)):
+        expected = _hysteresis_of(knots, y - B @ np.linalg.lstsq(B, y, rcond=None)[0], fit.noise.C)
+        assert (*found.difference, *found.sigma) == pytest.approx((*expected.difference, *expected.sigma), rel=1e-6)
+    assert fit.examined.candidates[fit.examined.chosen] == chosen
+    held_out = np.sqrt(fit.examined.held_out[:, fit.examined.chosen].mean())
+    assert (fit.held_out, fit.held_out_of(2, chosen.lagged)) == pytest.approx((held_out, held_out))
+    assert np.isnan(fit.held_out_of(9, False))
+    assert {each.order for each in fit.examined.candidates if not each.lagged} == {0, 1, 2, 3, 4, 5}
+    assert fit.p_value < 1e-6
+    if lag_s:
+        assert fit.tau_s == pytest.approx(lag_s, abs=4 * fit.sigma[-1])
+        _, large = fitted([replace(log, gyro=1000 * log.gyro) for log in logs])
+        assert large.terms == pytest.approx(1000 * fit.terms, rel=1e-6)
+        assert (large.held_out, large.left, large.turn_on) == pytest.approx((1000 * fit.held_out, 1000 * fit.left, 1000 * fit.turn_on))
+        assert_allclose(large.noise.C, 1e6 * fit.noise.C, rtol=1e-3)
+
+
+def test_what_is_not_there_is_not_claimed_and_what_may_not_be_tried_is_not():
+    knots, none = fitted(made(coefficients=(0.5,), seed=1))
+    y = knots.mean(knots.logs[0].gyro[:, 0])
+    assert (none.order, none.tau_s, none.line.order) == (0, 0, 0)
+    assert np.isnan(none.turn_on)
+    assert (none.terms, none.sigma[0]) == (pytest.approx([np.mean(y)]), pytest.approx(np.sqrt(none.noise.C.sum()) / len(knots)))
+    # Where nothing depends on temperature the noise is that about a constant.
+    white = np.median(np.abs(np.diff(knots.logs[0].gyro[:, 0]))) / 0.6745 / np.sqrt(2) * np.sqrt(10)
+    about_it = estimate_noise(y / np.std(y), columns(knots, 0.0, 0), knots.covariances(), white / np.std(y))
+    assert none.noise.sizes == pytest.approx(about_it.sizes * np.std(y))
+    assert fitted(made(), orders=(0, 1))[1].order == 1
+    prompt = fitted(made(20.0), with_lag=False)[1]
+    assert prompt.tau_s == 0
+    assert not any(each.lagged for each in prompt.examined.candidates)
+    _, still = fitted([small_rest(np.full(30, 25.0), np.random.default_rng(0).normal(size=30))])
+    assert (still.order, still.p_value, still.line) == (0, 1, None)
+    # Two rests, each at a temperature of its own: their zeros take up any slope.
+    noise = np.random.default_rng(0).normal(size=(2, 30))
+    _, two = fitted([small_rest(np.full(30, t), n) for t, n in zip((10.0, 20.0), noise, strict=True)], orders=(0, 1))
+    assert [each.order for each in two.examined.candidates] == [0]
+
+
+# Between the steps of a thermometer
+
+
+T = np.arange(400.0)
+
+
+#: rms of a uniform error, of its width; of a parabola about its chord, as ``sweeps`` has it
+UNIFORM, BENT = 0.5 / np.sqrt(3), 0.046
+
+
+def stepped_to(temp_c, step=1.0):
+    return np.round(np.asarray(temp_c) / step) * step
+
+
+def test_passages_by_hand():
+    """Steps at 10, 20, 40, 60 of readings 0 to 4: rates 1/10, 1/20, 1/20; the ends go on as beside, the first to the reading's own edge."""
+    reading = np.repeat([0.0, 1, 2, 3, 4], [10, 10, 20, 20, 10])
+    t = np.arange(70) + 0.5
+    found = between_steps(t, 5 + 2 * reading, (2.0, 5.0))
+    assert np.interp([10, 20, 40, 60], t, found.temp_c) == pytest.approx([6, 8, 10, 12], abs=0.02)
+    assert found.interval.tolist() == np.repeat([0, 1, 2, 3, 4], [10, 10, 20, 20, 10]).tolist()
+    sigma = [UNIFORM * 0.95, BENT * 0.5, BENT, 0.0, UNIFORM * 9.5 / 20]
+    assert found.sigma_c == pytest.approx(2 * np.repeat(sigma, [10, 10, 20, 20, 10]))
+    assert found.temp_c[-1] == pytest.approx(5 + 2 * (3.5 + 9.5 / 20))
+    assert found.temp_c[0] == pytest.approx(5 + 2 * (0.5 - 0.95))
+
+
+@pytest.mark.parametrize(("rests", "by"), [(8, 0.2), (18, 0.45), (100, 0.5)])
+def test_where_it_turns_it_goes_half_of_a_parabolas_way(rests, by):
+    """Up a step in ten, down as fast; what it passed twice ``rests`` apart."""
+    reading = np.concatenate([np.repeat([0.0, 1, 2], 10), np.full(rests, 3.0), np.repeat([2.0, 1, 0], 10)])
+    t = np.arange(len(reading)) + 0.5
+    found = between_steps(t, reading, (1.0, 0.0))
+    middle = 30 + rests // 2
+    assert found.temp_c[middle] == pytest.approx(2.5 + by, abs=0.01)
+    assert found.sigma_c[middle] == pytest.approx(UNIFORM * min(rests / 40, 1))
+
+
+def test_what_is_left_as_it_is():
+    """No grid; fine steps; noise that carries the means across the steps; and where it stays, a uniform error."""
+    temp_c = np.linspace(20, 40, 400)
+    wide = stepped_to(temp_c) + 0.18 * np.random.default_rng(0).standard_normal(400)
+    for means, grid in ((temp_c, (0.0, 0.0)), (stepped_to(temp_c, 0.01), (0.01, 0.0)), (wide, (1.0, 0.0)), (temp_c[:1], (1.0, 0.0))):
+        found = between_steps(np.arange(len(means)), means, grid)
+        assert found.temp_c is means
+        assert not found.sigma_c.any()
+    stays = between_steps(T, np.repeat([0.0, 1, 2, 3, 4, 5], [5, 5, 5, 375, 5, 5]), (1.0, 0.0))
+    flat = between_steps(T, np.full(400, 20.0), (2.0, 0.0))
+    assert (set(flat.temp_c), flat.sigma_c[0], stays.sigma_c[200]) == ({20.0}, pytest.approx(2 * UNIFORM), pytest.approx(UNIFORM))
+
+
+def stepped(noise=0.003, back=False):
+    """A rest log of a thermometer of 1 degC."""
+    temp_c = 20.3 + 9 * (1 - np.abs(T / 200 - 1) if back else T / 400)
+    gyro = 0.02 * (temp_c - 20) + noise * np.random.default_rng(0).standard_normal(400)
+    return replace(small_rest(stepped_to(temp_c), gyro, block_s=4.0), grid=(1.0, 20.0))
+
+
+def test_the_knots_carry_the_errors_of_the_steps():
+    """Of each interval one, alike in all its blocks; of a knot the mean."""
+    logs = [stepped()] * 2
+    knots = make_knots(logs, [])
+    one = between_steps(logs[0].t_s, logs[0].temp_c, logs[0].grid)
+    of_one = np.eye(one.interval.max() + 1)[one.interval] * one.sigma_c[:, None]
+    expected = knots.mean(block_diag(of_one, of_one))
+    assert knots.off_c @ knots.off_c.T == pytest.approx(expected @ expected.T)
+    assert knots.temp_c == pytest.approx(knots.mean(np.tile(one.temp_c, 2)))
+
+
+def test_the_errors_weigh_with_the_slope_there():
+    """Of 0.5 + 0.02 T + 0.001 T^2 the slope is 0.02 + 0.002 T; a constant has none."""
+    knots = make_knots([stepped()], [])
+    y = 0.5 + columns(knots, 0.0, 2)[:, 1:] @ [0.02 * knots.half_c, 0.001 * knots.half_c**2]
+    off, V = (0.02 + 0.002 * (knots.temp_c - knots.reference_c))[:, None] * knots.off_c, knots.covariances()
+    assert knots.of_steps(y, 0.0, 2) == pytest.approx(off @ off.T, abs=1e-12)
+    assert not knots.of_steps(y, 0.0, 0).any()
+    with_them = about(knots, y, V, 0.01, 2)
+    assert_allclose(with_them.C, summed(with_them.sizes, V) + off @ off.T, atol=1e-12)
+
+
+@pytest.mark.parametrize(("noise", "shows"), [(0.003, 2), (0.3, 0)])
+def test_the_line_of_a_constant_by_full_matrices(noise, shows):
+    """Slope by equal weights, sigma in the noise of the constant; whether the parabola shows in the noise that it leaves itself."""
+    log = stepped(noise, back=True)
+    knots = make_knots([log], sweeps_of(log.temp_c))
+    y, V = knots.mean(log.gyro[:, 0]) * 4, knots.covariances()
+    of_constant, of_parabola = about(knots, y, V, noise, 0), about(knots, y, V, noise, 2)
+    found = _line_in(knots, y, V, noise, of_constant, 2, 0.25)
+    G = np.linalg.pinv(columns(knots, 0.0, 1))[1] / knots.half_c
+    assert found.slope == pytest.approx(G @ knots.mean(log.gyro[:, 0]))
+    assert found.sigma == pytest.approx(np.sqrt(G @ of_constant.C @ G) / 4)
+    G = np.linalg.pinv(columns(knots, 0.0, 2))[1:]
+    square = (G @ y) @ np.linalg.solve(G @ of_parabola.C @ G.T, G @ y)
+    assert (stats.chi2.sf(square, 2) < BY_CHANCE) == bool(shows)
+    assert found.order == shows
+
+
+# Rest logs beside the zero
+
+
+RATE_HZ = 8.0
+
+
+#: averaging times up to two seconds, two an octave
+FACTORS = averaging_factors(32, 2)
+
+
+def samples(seed=0, count=4300, gap=None, rate_hz=RATE_HZ):
+    rng = np.random.default_rng(seed)
+    t_s = np.arange(count) / rate_hz
+    t_s = np.where(t_s > gap, t_s + 1.0, t_s) if gap else t_s
+    ramp = (t_s / 500)[:, None] * [10.0, -20, 30] + 5 * (t_s / 500)[:, None] ** 2
+    return Samples(np.rint(t_s * 1e9).astype(np.int64), ramp + 0.1 * rng.normal(size=(count, 3)), np.zeros((count, 3)), None)
+
+
+def less_parabola(rates):
+    x = np.arange(len(rates))
+    return rates - np.column_stack([np.polyval(np.polyfit(x, axis, 2), x) for axis in rates.T])
+
+
+def test_short_times_are_pooled_over_chunks_less_their_parabolas():
+    """Chunks of 2048 samples, cut at a gap; those that hold a block that was left out count for nothing."""
+    whole, short = samples(gap=300.13), _ShortTimes()
+    cut = int(np.flatnonzero(np.diff(whole.t_s) > 0.5)[0]) + 1
+    short(whole)
+    chunks = [less_parabola(whole.gyro[a:b]) for a, b in ((0, 2048), (2048, cut), (cut, 4300))]
+    log = small_rest(np.zeros(538), block_s=1.0)
+    # The first chunk ends at 255.9 s: block 255 is half in it and half in the next.
+    for block, struck in ((-1, []), (254, [0]), (255, [0, 1]), (256, [1]), (300, [1]), (301, [2]), (537, [2])):
+        kept = [AllanSums.of(chunk, FACTORS) for k, chunk in enumerate(chunks) if k not in struck]
+        found, expected = short.curve(log, np.arange(538) == block), curve_of(kept, 1 / RATE_HZ, 538.0)
+        for name in ("tau_s", "deviation", "freedom", "longest_s"):
+            assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-6)
+    assert short.curve(log, np.ones(538, dtype=bool)) is None
+    fine = _ShortTimes()
+    whole = samples(count=7000, rate_hz=800.0)
+    fine(whole)  # a chunk holds four of the longest averaging time
+    factors = averaging_factors(3200, 2)
+    expected = curve_of([AllanSums.of(less_parabola(part), factors) for part in np.split(whole.gyro, [4 * factors[-1]])], 1 / 800, 9.0)
+    found = fine.curve(small_rest(np.zeros(9), block_s=1.0), np.zeros(9, dtype=bool))
+    assert_allclose(found.deviation, expected.deviation, rtol=1e-6)
+
+
+def test_long_times_are_pooled_over_pieces_without_gaps():
+    number = np.concatenate([np.arange(20), np.arange(21, 24), np.arange(30, 46)])
+    one, two = small_rest(np.zeros(39), number=number), small_rest(np.zeros(9))
+    residual = np.random.default_rng(0).normal(size=(48, 3))
+    pieces = [AllanSums.of(part, averaging_factors(20, 2)) for part in (residual[:20], residual[23:39], residual[39:])]
+    found, expected = _long_times([one, two], residual), curve_of(pieces, 10.0, 200.0)
+    assert (found.tau_s, found.deviation) == (pytest.approx(expected.tau_s), pytest.approx(expected.deviation))
+    assert found.longest_s == 200
+    assert [_long_times([small_rest(np.zeros(k))], residual[:k]) is None for k in (3, 4)] == [True, False]
+
+
+def test_noise_over_temperature_is_a_regression_of_the_scatter():
+    """Half the relative slope of the variance; neighbours that are alike widen its sigma; eight bins of the range."""
+    temp, wave = np.linspace(10, 42, 200), 1 + 0.3 * np.sin(np.arange(200) / 9)
+    one, two = np.sqrt((1 + 0.02 * (temp - 26)) * np.random.default_rng(1).chisquare(30, (2, 200)) / 30)
+    sd = np.column_stack([one, two * wave, wave])  # of the last neighbours are more alike than counts
+    found = _noise_over_temperature([small_rest(temp[:120], sd=sd[:120]), small_rest(temp[120:], sd=sd[120:])])
+    half = sd**2 / np.mean(sd**2, axis=0) / 2
+    slope, at_zero = np.polyfit(temp, half, 1)
+    left = half - at_zero - np.outer(temp, slope)
+    alike = 1 + 2 * np.clip(np.mean(left[1:] * left[:-1], axis=0) / np.mean(left**2, axis=0), 0, 0.95)
+    sigma = np.sqrt(np.mean(left**2, axis=0) / (200 * np.var(temp)) * alike)
+    assert (found.per_c, found.sigma) == (pytest.approx(slope), pytest.approx(sigma))
+    in_bin = (np.minimum((temp - 10) // 4, 7) == np.arange(8)[:, None]) / 25
+    assert (found.at_c, found.rms) == (pytest.approx(in_bin @ temp), pytest.approx(np.sqrt(in_bin @ sd**2)))
+    for more, bins in ((9, 4), (10, 5)):  # a bin of fewer than ten blocks is left out
+        assert len(_noise_over_temperature([small_rest(np.append(temp, np.full(more, 80.0)))]).at_c) == bins
+    for bare in (small_rest(np.linspace(10, 10.9, 50)), small_rest(temp, sd=sd * [1, 0, 1]), small_rest(np.full(50, np.nan))):
+        assert _noise_over_temperature([bare]) is None
+
+
+def test_what_is_left_of_blocks_has_no_zero_in_any_log():
+    temp = triangle(24, 12)
+    logs = [small_rest(temp, np.arange(24.0)), small_rest(temp + 5, np.arange(24.0) ** 2)]
+    knots, flat = fitted(logs, orders=(0,))
+    assert zero_of_blocks(make_knots([small_rest([np.nan] * 4)], []), flat).tolist() == [flat.terms[0]] * 4
+    element, fit = knots.element_c(15.0) - knots.reference_c, replace(flat, terms=np.array([1.0, 2.0, 0.5]), tau_s=15.0)
+    assert zero_of_blocks(knots, fit) == pytest.approx(1 + 2 * element + 0.5 * element**2)
+    left = (np.concatenate([log.gyro[:, 1] for log in logs]) - zero_of_blocks(knots, fit)).reshape(2, 24)
+    assert _residual_blocks(knots, "gyro", 1, fit) == pytest.approx((left - left.mean(axis=1)[:, None]).ravel())
+
+
+def test_rest_logs_are_fitted_axis_by_axis_without_their_knocks():
+    rng, temp = np.random.default_rng(2), triangle(48, 12)
+    zero = np.outer(temp - 20, [0.03, 0, -0.02]) + 1e-3 * rng.normal(size=(48, 3))
+    sd = 1e-3 * (1 + 0.1 * rng.random((48, 3)))
+    zero[30], sd[30] = zero[30] + 0.2, 1.0
+    log = small_rest(temp, zero, sd=sd)
+    found = fit_rests([(log, None)], orders=(0, 1))
+    (kept,) = found.knots.logs
+    assert 30 not in kept.number
+    assert [each.direction for each in found.sweeps] == [1, -1, 1, -1]
+    assert [fit.order for fit in found.gyro] == [1, 0, 1]
+    for fits, values in ((found.gyro, kept.gyro), (found.accel, kept.accel)):
+        assert fits[2].terms.tolist() == fit_axis(found.knots, values[:, 2], (0, 1)).terms.tolist()
+    residual = np.column_stack([_residual_blocks(found.knots, "gyro", axis, fit) for axis, fit in enumerate(found.gyro)])
+    assert_array_equal(found.allan.deviation, _long_times([kept], residual).deviation)
+    assert found.range_c == (kept.temp_c.min(), kept.temp_c.max())
+    alone = of_rests_alone("x", found, {})
+    assert_array_equal(alone.covariance[MATRIX.stop :, MATRIX.stop :], zero_covariance(found.gyro, 1))
+    assert_array_equal(alone.model.E_terms, np.eye(3)[None])
+    assert (alone.sigma[MATRIX].max(), len(alone.names)) == (0, len(alone.sigma))
+    bare = fit_rests([(replace(log, temp_c=np.full(48, np.nan)), None)], with_accel=False)
+    assert ([fit.order for fit in bare.gyro], bare.noise, bare.accel) == ([0, 0, 0], None, ())
+    with pytest.raises(DataError, match=r"b.csv has no temperature, and other rest logs have"):
+        fit_rests([(log, None), (small_rest([np.nan] * 48, name="b.csv"), None)])
+
+
+# Sessions at several temperatures
+
+
+RNG = np.random.default_rng(4)
+
+
+E0, E1 = np.eye(3) + 0.01 * RNG.normal(size=(3, 3)), np.diag([60e-6, -30e-6, 100e-6])
+
+
+SIGN = np.array([1.0, -1.0, 1.0])
+
+
+#: of rest_log about 30 degC: 0.03 dps/degC and 2e-4 dps/degC^2 with the signs +, -, +
+ZERO = np.array([[0.5, -0.3, 0.6], 0.03 * SIGN, 2e-4 * SIGN]) * DEG
+
+
+TRUTH = ThermalModel(np.stack([E0, E1]), ZERO, np.zeros(3), 30.0, (-40.0, 105.0))
+
+
+#: a root of a session's covariance: 50 ppm and 1 mdps, correlated
+ROOT = np.diag([5e-5] * 9 + [1e-3 * DEG] * 3) @ (np.eye(12) + 0.2 * np.tril(RNG.normal(size=(12, 12)), -1))
+
+
+def test_the_zero_form_of_a_covariance_is_its_derivative():
+    model, m = LinearModel(E0, np.array([0.01, -0.02, 0.03])), np.array([0.3, -0.1, 0.2])
+    values, covariance = _zero_form(model, np.eye(12))
+    slope = numeric_jacobian(lambda vector: _zero_form(LinearModel.from_vector(vector), np.eye(12))[0], model.vector, 1e-6)
+    assert_allclose(covariance, slope @ slope.T, atol=1e-7)
+    assert_allclose(values[:9].reshape(3, 3) @ (m - values[9:]), model(m), atol=1e-15)
+
+
+def test_a_session_is_brought_to_its_mean_temperature():
+    """Readings less the change of the zero since the mean temperature, each axis at its element."""
+    model = replace(TRUTH, lag_s=np.array([30.0, 0.0, -10.0]))
+    samples = Table().tumble(2, seed=1).samples(seed=1, registers=False)
+    temp = 20 + 3 * (1 - np.exp(-samples.t_s / 40))
+    session = session_of(replace(samples, temp_c=temp))
+    elements = np.column_stack([element_temperature(temp, tau, samples.period_s) for tau in (30.0, 0.0, -10.0)])
+    expected = samples.gyro - (model.zero(elements) - model.zero(np.full((1, 3), 21.0)))
+    assert _brought_to(session.logs[0], model, 21.0).samples.gyro == pytest.approx(expected, abs=1e-15)
+    bare = replace(session.logs[0], samples=replace(samples, temp_c=None))
+    with pytest.raises(FitError, match=r"log0001.csv has no temperature"):
+        point_of(replace(session, logs=(bare,)), None)
+    with pytest.raises(FitError, match="no session with turns"):
+        join([], None)
+
+
+def some_points(celsius, seed=0, spread=1.0):
+    """Sessions with covariances of their own, about a truth that is linear in temperature; ``spread``: of their values, in sigmas."""
+    rng, made = np.random.default_rng(seed), []
+    for c in celsius:
+        root = ROOT * np.exp(0.3 * rng.normal(size=(12, 1)))
+        there = np.append(TRUTH.at(c).E, TRUTH.zero(np.full((1, 3), c)))
+        made.append(_SessionPoint("s", c, c - 1, c + 2, there + spread * root @ rng.normal(size=12), root @ root.T, 20))
+    return made
+
+
+def dense(points, columns, design, prior=0.0):
+    """Generalised least squares of some columns (k,) of all sessions on a design (n, p) for each: terms (p, k), covariance, chi-square."""
+    y = np.concatenate([point.values[columns] for point in points])
+    C = block_diag(*[point.covariance[columns][:, columns] for point in points]) + prior
+    terms, covariance, square = least_squares(y, np.kron(design, np.eye(len(columns))), C)
+    return terms.reshape(design.shape[1], -1), covariance, square
+
+
+@pytest.mark.parametrize(("celsius", "spread"), [((0.0, 60.0), 1.0), ((-10.0, 21.0, 40.0, 71.0), 1.0), ((20.0, 20.5, 21.0), 3.0)])
+def test_E_is_generalised_least_squares_of_all_sessions(celsius, spread):
+    """Its order the lowest that one percent does not refuse; sigmas wider where the sessions scatter by more."""
+    points = some_points(celsius, spread=spread)
+    fit = join(points, None)
+    order, most = len(fit.model.E_terms) - 1, min(len(celsius) - 1, 2) if np.ptp(celsius) > 2 else 0
+    reference = np.round((celsius[0] + celsius[-1]) / 2)
+    assert fit.model.reference_c == reference
+    fits = [dense(points, np.arange(9), np.vander(np.array(celsius) - reference, p + 1, increasing=True)) for p in range(most + 1)]
+    p_values = [stats.chi2.sf(each[2] - fits[-1][2], 9 * (most - p)) for p, each in enumerate(fits[:-1])]
+    assert fit.p_constant == pytest.approx([*p_values, 1][0])
+    assert order == next((p for p, each in enumerate(p_values) if each >= 0.01), most)
+    terms, covariance, left = fits[order]
+    assert fit.model.E_terms.reshape(-1, 9) == pytest.approx(terms, rel=1e-6)
+    assert (fit.freedom, fit.chi_square) == (9 * (len(celsius) - order - 1), pytest.approx(left, abs=1e-6))
+    widened = max(left / fit.freedom, 1) if fit.freedom else 1.0
+    assert (fit.widened, widened > 3) == (pytest.approx(widened), spread > 1)
+    assert fit.p_value == pytest.approx(stats.chi2.sf(left, fit.freedom) if fit.freedom else np.nan, nan_ok=True)
+    size = 9 * (order + 1)
+    assert_allclose(fit.covariance[:size, :size], widened * covariance, rtol=1e-6, atol=1e-16)
+    assert fit.model.range_c == (celsius[0] - 1, celsius[-1] + 2)
+
+
+@pytest.mark.parametrize(("p", "order"), [(0.0099, 1), (0.0101, 0)])
+def test_E_and_zero_depend_on_temperature_below_one_percent(p, order):
+    """Two sessions: the second is moved until the chi-square of a constant has this p-value, of E along one number, of the zeros by each
+    one's own sigma."""
+    first, second = some_points((0.0, 60.0), spread=0.0)
+    both, values = first.covariance + second.covariance, second.values.copy()
+    step = np.sqrt(stats.chi2.isf(p, 9) / np.linalg.inv(both[MATRIX, MATRIX])[4, 4])
+    values[MATRIX] = first.values[MATRIX] + step * (np.arange(9) == 4)
+    values[BIAS] = first.values[BIAS] + np.sqrt(stats.chi2.isf(p, 3) / 3 * np.diag(both)[BIAS])
+    fit = join([first, replace(second, values=values)], None)
+    assert fit.p_constant == pytest.approx(p, rel=1e-6)
+    assert len(fit.model.E_terms) == len(fit.model.zero_terms) == order + 1
+
+
+def test_temperatures_two_degrees_apart_are_two_and_E_has_no_more_than_a_square():
+    """The zero no more than a cube, without a rest log."""
+    for celsius, orders in (((20.0, 22.0), 1), ((20.0, 22.1), 2), ((20.0, 22.1, 24.2), 3), ((0.0, 20, 40, 60, 80), 3)):
+        points = some_points(celsius, spread=1e4)
+        fit = join(points, None)
+        assert len(fit.model.E_terms) == orders
+        assert len(fit.model.zero_terms) == min(len(celsius), 4) if orders > 1 else 1
+        assert len(join(points, None, most_order=1).model.zero_terms) <= 2
+
+
+def turn_on_of(points, values, design, known):
+    """The scatter with which chi-square of three axes has its degrees of freedom."""
+    freedom = 3 * (len(points) - design.shape[1])
+
+    def chi_square(variance):
+        total = 0.0
+        for i in range(3):
+            V = np.diag([point.covariance[9 + i, 9 + i] + variance for point in points]) + known[i]
+            total += least_squares(values[:, i], design, V)[2]
+        return total - freedom
+
+    return np.sqrt(optimize.brentq(chi_square, 0, 1.0, xtol=1e-18)) if chi_square(0) > 0 else 0.0
+
+
+@pytest.mark.parametrize("turn_on", [0.0, 0.01])
+def test_the_zero_of_sessions_alone_is_least_squares_with_the_switch_ons_scatter(turn_on):
+    points = some_points((0.0, 20.0, 41.0, 60.0), seed=1)
+    for point, shift in zip(points, turn_on * DEG * np.random.default_rng(3).normal(size=(4, 3)), strict=True):
+        point.values[BIAS] += shift
+    fit = join(points, None, most_order=2)
+    order = len(fit.model.zero_terms) - 1
+    designs = [np.vander([-30.0, -10, 11, 30], p + 1, increasing=True) for p in range(3)]
+    spread = turn_on_of(points, np.array([point.values[BIAS] for point in points]), designs[order], [0.0] * 3)
+    assert (fit.turn_on_rps, spread > 0) == (pytest.approx(spread, rel=1e-6), turn_on > 0)
+    for i in range(3):
+        terms, covariance, _ = dense(points, np.array([9 + i]), designs[order], spread**2 * np.eye(4))
+        assert fit.model.zero_terms[:, i] == pytest.approx(terms[:, 0], rel=1e-6)
+        rows = fit.model.E_terms.size + 3 * np.arange(order + 1) + i
+        assert_allclose(fit.covariance[np.ix_(rows, rows)], covariance, rtol=1e-6)
+    if not turn_on:  # the order is the lowest that the sigmas of single axes do not refuse
+        chi = [sum(dense(points, np.array([9 + i]), A)[2] for i in range(3)) for A in designs]
+        p_values = [stats.chi2.sf(chi[p] - chi[2], 3 * (2 - p)) for p in range(2)]
+        assert order == next((p for p, each in enumerate(p_values) if each >= 0.01), 2)
+
+
+def an_axis(terms, tau_s, root):
+    """The fit of one axis as a rest log gives it: terms, lag, and a root of their covariance."""
+    covariance = root @ root.T
+    if not tau_s:
+        covariance[-1] = covariance[:, -1] = 0
+    return AxisFit(np.asarray(terms, dtype=float), tau_s, covariance, None, 2e-3, 1e-3, 0.0, None, None, None, np.nan)
+
+
+@pytest.fixture(scope="module")
+def shape():
+    """A rest log from -5 to 70 degC about 32: a quadratic with a lag, a line, a quadratic, each with a covariance of its own."""
+    rng = np.random.default_rng(11)
+    knots = make_knots([small_rest([-5.0, 30, 70])], [])
+    size = DEG * np.array([[1e-3], [3e-5], [1e-6], [2.0]])
+    roots = [size * (np.eye(4) + 0.5 * rng.normal(size=(4, 4))) for _ in range(3)]
+    line = an_axis(ZERO[:2, 1], 0.0, roots[1][[0, 1, 3]])
+    return RestFit((), knots, (), (an_axis(ZERO[:, 0], 30.0, roots[0]), line, an_axis(ZERO[:, 2], -20.0, roots[2])), (), None, None, ())
+
+
+@pytest.mark.parametrize("celsius", [(0.0,), (-20.0, 20.0, 50.0)])
+def test_the_level_is_the_sessions_and_the_shape_the_rest_logs(shape, celsius):
+    """With full matrices: the sessions' zeros less the shape, whose error is shared by all of them; then the covariance of level, shape
+    and lag by how each depends on the sessions' zeros and on the rest log."""
+    points, count = some_points(celsius, seed=2, spread=3.0), len(celsius)
+    fit = joined("name", join(points, shape), shape, {})
+    zeros, ones, parts = np.array([point.values[BIAS] for point in points]), np.ones((count, 1)), []
+    for axis in shape.gyro:
+        powers = np.array([(np.array(celsius) - 32) ** n for n in range(1, axis.order + 1)])
+        parts.append((axis.terms[1:] @ powers, powers, powers.T @ axis.covariance[1:-1, 1:-1] @ powers))
+    curves, _, known = zip(*parts, strict=True)
+    spread = turn_on_of(points, zeros - np.array(curves).T, ones, known) if count > 1 else 0
+    assert fit.sessions.turn_on_rps == pytest.approx(spread if count > 1 else np.nan, nan_ok=True, rel=1e-6)
+    n_E, order = fit.model.E_terms.size, len(fit.model.zero_terms) - 1
+    for i, (axis, (curve, powers, known)) in enumerate(zip(shape.gyro, parts, strict=True)):
+        own = np.diag([point.covariance[9 + i, 9 + i] for point in points]) + spread**2 * np.eye(count)
+        weights = np.linalg.solve(own + known, ones) / (ones.T @ np.linalg.solve(own + known, ones))
+        size = axis.order + 1
+        assert fit.model.zero_terms[0, i] == pytest.approx((zeros[:, i] - curve) @ weights[:, 0], rel=1e-9)
+        assert (fit.model.zero_terms[1:size, i].tolist(), fit.model.lag_s[i]) == (axis.terms[1:].tolist(), axis.tau_s)
+        # Level, higher terms and lag, as a matrix on the sessions' zeros and the rest log's higher terms and lag.
+        depends = np.zeros((size + 1, count + size))
+        depends[0] = np.concatenate([weights[:, 0], -weights[:, 0] @ powers.T, [0]])
+        depends[1:, count:] = np.eye(size)
+        expected = depends @ block_diag(own, axis.covariance[1:, 1:]) @ depends.T
+        rows = n_E + np.append(3 * np.arange(size) + i, 3 * (order + 1) + i)
+        assert_allclose(fit.covariance[np.ix_(rows, rows)], expected, rtol=1e-6, atol=1e-22)
+    assert fit.model.range_c == (min(celsius[0] - 1, -5), max(celsius[-1] + 2, 70))
+    assert fit.remaining_rps.tolist() == [2e-3] * 3
+
+
+def test_a_covariance_that_cannot_be_becomes_the_nearest_that_can():
+    """The second session, of far greater sigmas, counts for the correlation alone.  In sigmas, what is added is no less than
+    nothing, and lies only where nothing is left: the nearest matrix (Moreau)."""
+    (point,), times = some_points((20.0,)), 8.0
+    fit = join([point, replace(point, covariance=times * point.covariance)], None)
+    raw = block_diag(point.covariance[MATRIX, MATRIX], np.diag(np.diag(point.covariance)[BIAS]), np.zeros((3, 3))) / (1 + 1 / times)
+    raw[MATRIX, BIAS] = point.covariance[MATRIX, BIAS] * (1 + times) / 4
+    raw[BIAS, MATRIX] = raw[MATRIX, BIAS].T
+    scale = np.append(np.sqrt(np.diag(raw))[:12], np.ones(3))
+    before, now = (each / np.outer(scale, scale) for each in (raw, fit.covariance))
+    assert np.linalg.eigvalsh(before)[0] < -0.25
+    assert min(np.linalg.eigvalsh(now)[0], np.linalg.eigvalsh(now - before)[0]) > -1e-6
+    assert np.abs(now @ (now - before)).max() < 1e-6
+
+
+def test_sigmas_at_a_temperature_are_those_of_the_polynomial_there(shape):
+    """By numeric derivatives of the model in each of its coefficients; beyond the range, those of its end."""
+    fit = joined("name", join(some_points((-20.0, 20.0, 50.0)), shape), shape, {})
+    root = np.random.default_rng(0).normal(size=(len(fit.covariance),) * 2) * 1e-3
+    fit, n_E = replace(fit, covariance=root @ root.T), fit.model.E_terms.size
+
+    def values(moved, at):
+        model = replace(fit.model, E_terms=moved[:n_E].reshape(-1, 3, 3), zero_terms=moved[n_E:-3].reshape(-1, 3))
+        return np.append(model.E(np.array([at])), model.zero(np.full((1, 3), at)))
+
+    for celsius, at in ((41.0, 41.0), (300.0, 70.0)):
+        S = numeric_jacobian(lambda moved, at=at: values(moved, at), fit.values, 1.0)
+        assert np.append(*fit.sigma_at(celsius)) == pytest.approx(np.sqrt(np.diag(S @ fit.covariance @ S.T)), rel=1e-6)
+
+
+def test_a_point_turned_is_the_point_of_the_turned_model():
+    """By the model itself: Q (E m + B), with the covariance of Q E and Q B, has the zero that E m + B has."""
+    turn, upper = Rotation.from_rotvec([0.010, -0.006, 0.008]).as_matrix(), np.array([[1.01, 0.004, -0.003], [0, 0.99, 0.002], [0, 0, 1]])
+    model, both = LinearModel(E0, np.array([0.01, -0.02, 0.03])), block_diag(np.kron(turn, np.eye(3)), turn)
+    bare = _SessionPoint("bare", 20.0, 19.0, 21.0, *_zero_form(model, ROOT @ ROOT.T), 20, Accelerometer(upper, source="stills"))
+    turned = replace(bare, accelerometer=Accelerometer(turn @ upper))
+    expected = _zero_form(LinearModel(turn @ model.E, turn @ model.B), both @ ROOT @ ROOT.T @ both.T)
+    found = _in_frame_of_first([turned, bare])[1]
+    assert_allclose(found.values, expected[0], atol=1e-12)
+    assert_allclose(found.covariance, expected[1], atol=1e-18)
+    assert_array_equal(_in_frame_of_first([bare, bare])[1].values, bare.values)

@@ -1,0 +1,413 @@
+"""The budget: tables that add up, the attitude in use by hand, draws through the real fit."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.stats import chi2, norm, t
+
+import tinygc
+from session.base.errors import CalibrationError, FitError
+from session.base.units import DEG
+from session.detect.accelerometer import NAMES as NAMES_OF_FORCE
+from tinygc.closure.floor import GYRO_NOISE, UNKNOWN, BiasInstability, wander_covariance
+from tinygc.closure.motion import at_rest
+from tinygc.closure.uncertainty import BIAS_DRIFT, EARTH
+from tinygc.estimation.assembly import CLOCK, MISFIT, ROUNDING
+from tinygc.estimation.expected_zero import USUAL_SPREAD
+from tinygc.estimation.repeatability import BiasRepeatability
+from tinygc.estimation.sources import Source, total
+from tinygc.estimation.stated_noise import CALIBRATION, GRAVITY_LENGTH, stated_response
+from tinygc.features.unit.budget import monte_carlo as draws
+from tinygc.features.unit.budget.library import budget_of_fit
+from tinygc.features.unit.budget.monte_carlo import _coverage_of, _Redrawn
+from tinygc.features.unit.budget.quantities import (
+    _source_sizes,
+    accelerometer_budgets,
+    parameter_budgets,
+    sensor_error_budgets,
+    use_budgets,
+)
+from tinygc.features.unit.budget.rows import Beside, Budget, Row, decimals_of
+from tinygc.features.unit.budget.text import cells_of
+from tinygc.features.unit.budget.use import _DRIFT_OF_USE, _NOISE_OF_USE, Use, sources_in_use
+from tinygc.models.linear import BIAS, NAMES, field_jacobian
+
+RNG = np.random.default_rng(5)
+
+
+@pytest.fixture(scope="module")
+def fit():
+    session = tinygc.simulate(segments=8, closure_s=0.0, odr_hz=62.5, seed=3).session
+    return tinygc.fit(session, methods=("least_squares",))
+
+
+@pytest.fixture(scope="module")
+def fitted(fit):
+    return fit.result
+
+
+def budget(*rows, si=1.0, unit="1", value=None, beside=()):
+    return Budget("made", unit, si, value, tuple(Row(f"source {i}", "A", nu, v) for i, (v, nu) in enumerate(rows)), beside)
+
+
+# Tables.
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_printed_column_adds_up_to_its_last_row(seed):
+    rng = np.random.default_rng(seed)
+    made = budget(*((float(v), 5.0) for v in rng.exponential(size=9) ** 4), si=10.0 ** float(rng.integers(-6, 6)))
+    *rows, last = cells_of(made)
+    number, _, power = last[7].partition("e")
+    assert {row[7].partition("e")[2] for row in rows} == {power}
+    assert round(sum(float(row[7].partition("e")[0]) for row in rows), len(number.partition(".")[2])) == float(number)
+    assert round(sum(float(row[8]) for row in rows), 1) == float(last[8]) == 100.0
+    assert float(f"{made.variance / made.si**2:.4e}") == pytest.approx(float(last[7]), rel=1e-4)
+
+
+def test_the_expanded_uncertainty_is_by_welch_and_satterthwaite():
+    """GUM H.1.6: 25 nm with 18, 9.7 nm with 25.6, 2.9 nm with 50, 16.6 nm with 2 degrees of freedom and more: 32 nm with 16."""
+    made = budget((25.0**2, 18.0), (9.7**2, 25.6), (2.9**2, 50.0), (16.6**2, 2.0))
+    expected = made.variance**2 / (25**4 / 18 + 9.7**4 / 25.6 + 2.9**4 / 50 + 16.6**4 / 2)
+    assert made.freedom == pytest.approx(expected)
+    assert made.k == pytest.approx(t.ppf(0.975, int(expected)))
+    assert made.expanded == pytest.approx(made.k * np.sqrt(25**2 + 9.7**2 + 2.9**2 + 16.6**2))
+    assert budget((1.0, np.inf)).k == pytest.approx(norm.ppf(0.975))
+
+
+def test_a_table_is_in_the_unit_of_its_quantity():
+    made = budget((9.0, 5.0), (16.0, np.inf), si=0.5, value=3.0, beside=(Beside("more", 2.0, ""), Beside("unknown", None, "")))
+    table = replace(made, rows=(replace(made.rows[0], size=4.0), made.rows[1])).to_json()
+    assert (table["value"], table["u"], table["variance_si"]) == (6.0, 10.0, 25.0)
+    assert table["expanded_uncertainty"] == made.expanded / 0.5
+    shown = [[row[key] for key in ("u", "share", "sensitivity", "degrees_of_freedom")] for row in table["sources"]]
+    assert shown == [[6.0, 0.36, 1.5, 5.0], [8.0, 0.64, None, None]]
+    assert [each["u"] for each in table["not_in_the_sum"]] == [4.0, None]
+    assert [row.source for row in made.largest] == ["source 1", "source 0"]
+
+
+def test_so_many_significant_digits_have_so_many_decimals():
+    assert [decimals_of(value, 2) for value in (0.0, 0.0123, 0.99, -1.0, 10.0, 123.0)] == [2, 3, 2, 1, 0, 0]
+
+
+# Parameters.
+
+
+def test_the_variance_of_each_parameter_is_the_fits_to_the_bit(fitted):
+    sizes = _source_sizes(fitted)
+    assert sizes[GYRO_NOISE][0] == pytest.approx(0.005, rel=0.15)  # dps / sqrt(Hz), as simulated
+    assert sizes[BIAS_DRIFT][1] == "°/h"
+    for i, found in enumerate(parameter_budgets(fitted)):
+        table, again = found.to_json(), 0.0
+        for row, entry in zip(found.rows, table["sources"], strict=True):
+            again += entry["variance_si"]
+            if row.size and row.variance > 0:
+                assert entry["size"] * entry["sensitivity"] == pytest.approx(abs(entry["u"]))
+        assert (found.name, found.variance) == (NAMES[i], fitted.covariance[i, i])
+        assert again == table["variance_si"] == fitted.covariance[i, i]
+
+
+def test_the_size_of_a_source_is_the_rms_of_its_parts_in_its_unit(fitted):
+    problem, one_and_seven = fitted.problem.changed(), np.array([1.0, 7.0]) * DEG
+    stamps = "rounding and jitter of the stamps"
+    made = {
+        "widened": [SimpleNamespace(sigma_rad=sigma) for sigma in one_and_seven],
+        "batch": replace(problem.batch, turns=SimpleNamespace(sigma_rad=np.append(one_and_seven, np.nan))),
+        "floor": SimpleNamespace(references={stamps: SimpleNamespace(own=np.array([np.diag([9.0, 16.0, 25.0]) * DEG**2] * 2))}),
+    }
+    problem.__dict__.update(made)
+    sizes = _source_sizes(replace(fitted, problem=problem, widened=26.0))
+    for name in ("bridged readings and impacts", "known angles of turns", stamps, MISFIT):
+        assert sizes[name][0] == pytest.approx(5.0), name
+
+
+def test_sizes_that_are_given_are_in_the_units_of_who_gives_them(fitted):
+    sizes = _source_sizes(fitted)
+    assert (sizes[CALIBRATION], sizes[GRAVITY_LENGTH]) == ((pytest.approx(0.1), "mg"), (pytest.approx(2e4), "ppm"))
+    for sensor, size, unit in (({"odr_sigma": 0.01}, 1.0, "%"), ({"clock_sigma_ppm": 50.0}, 50.0, "ppm")):
+        problem = with_a_clock(fitted, **sensor)
+        problem.__dict__["joint"] = None
+        sizes = _source_sizes(replace(fitted, problem=problem))
+        assert (sizes[CALIBRATION], sizes[CLOCK]) == ((pytest.approx(0.1), "mg"), (pytest.approx(size), unit))
+        assert GRAVITY_LENGTH not in sizes
+
+
+def test_a_sensor_error_is_the_slope_on_the_parameters(fit, fitted):
+    slope = field_jacobian(fitted.linear.model.vector)
+    found = {each.name: each for each in sensor_error_budgets(fitted)}
+    for name, row in (("bias x", 15), ("scale factor error y", 1)):
+        assert found[name].variance == pytest.approx(slope[row] @ fitted.covariance @ slope[row], rel=1e-9)
+    for name, error in fit.sensor_errors.items():
+        shown = found[name.replace("_", " ")]
+        assert (shown.unit, shown.value / shown.si) == (error.unit, pytest.approx(error.value))
+
+
+def test_what_is_known_besides_stands_beside_the_sum(fitted):
+    again = replace(fitted, repeatability=BiasRepeatability(np.full(3, 0.02 * DEG), "two other sessions"))
+    bias, scale = (parameter_budgets(again)[i] for i in (9, 0))
+    of_bias, of_scale = ({each.what: each.u for each in made.beside} for made in (bias, scale))
+    assert of_bias["bias of another switch-on"] == pytest.approx(np.sqrt(2) * 0.02 * DEG)
+    assert bias.variance == again.covariance[9, 9]
+    assert "bias of another switch-on" not in of_scale
+    assert of_scale["one effect that the model lacks"] == pytest.approx(fitted.systematic[0])
+
+
+# Use.
+
+
+def test_the_attitude_at_rest_by_hand(fitted):
+    """After 60 s at rest: 60 s times the zero as calibrated, the root of 60 s times the white noise, and the drift's mean over 60 s."""
+    motion, found, own = use_budgets(fitted, Use("rest"))
+    axes, model = {each.name: each for each in found}, fitted.linear.model
+    E, density = model.E, fitted.problem.noise.angle_random_walk
+    slope = 60 * np.hstack([np.kron(np.eye(3), -np.linalg.solve(E, model.B)), np.eye(3)])
+    of_parameters = sum(row.variance for row in axes["attitude y"].rows[: len(fitted.sources)])
+    assert of_parameters == pytest.approx(slope[1] @ fitted.covariance @ slope[1], rel=1e-9)
+    sources = {source.name: source.covariance for source in own}
+    assert_allclose(sources[_NOISE_OF_USE], 60 * E @ np.diag(density**2) @ E.T, rtol=1e-9)
+    mean = wander_covariance(np.array([30.0]), 60.0, instability_rps=fitted.noise.noise.size("noise.bias_wander"))[0, 0]
+    assert_allclose(np.diag(sources[_DRIFT_OF_USE]), 3600 * mean * np.diag(E @ E.T), rtol=0.02)
+    x, y, z, whole = found
+    assert whole.variance == pytest.approx(x.variance + y.variance + z.variance, rel=1e-12)
+    # 0.1 dps each of session and use: 60 s at rest miss 60 s x 0.1 dps x sqrt(2) about each axis, the largest source.
+    assert (motion.words, x.largest[0].source) == ("60 s at rest", "bias of another switch-on, as usual")
+    assert x.largest[0].u == pytest.approx(60 * np.sqrt(2) * 0.1 * DEG, rel=1e-3)
+
+
+def test_the_accelerometer_has_budgets_with_another_switch_on_beside(fitted, monkeypatch):
+    """Their variances are those of the fit's own sigmas; beside them stand two draws of the spread."""
+    own, triad = {each.name: each for each in accelerometer_budgets(fitted)}, fitted.accelerometer
+    for word, unit, values, sigmas, names in triad.errors():
+        for value, sigma, name in zip(values, sigmas, names, strict=True):
+            found = own[f"accelerometer {word} {name.split()[-1]}"]
+            assert (found.unit, found.value / found.si, found.u / found.si) == (unit, pytest.approx(value), pytest.approx(sigma, rel=1e-6))
+            spread = np.sqrt(2) * triad.between.spread[NAMES_OF_FORCE.index(name)]
+            assert [each.u for each in found.beside] == ([pytest.approx(spread)] if spread else [])
+    first, hidden, *others = own
+    (_, _, _, _, (_, name, *_)), *_ = triad.errors()
+    monkeypatch.setattr(type(fitted), "accelerometer", replace(triad, unobserved=(name,)))
+    assert [each.name for each in accelerometer_budgets(fitted)] == [first, *others], hidden
+
+
+def test_another_switch_on_counts_twice_its_spread_and_a_temperature_as_assumed(fitted):
+    spread = BiasRepeatability(np.array([1.0, 2.0, 3.0]) * 1e-3 * DEG, "two other sessions")
+    known, motion = replace(fitted, repeatability=spread), at_rest(fitted.linear.model, 10)
+    sources, _, assumed = sources_in_use(known, Use("rest", 10.0, None, 5.0), motion)
+    usual = sources_in_use(fitted, Use("rest", 10.0), motion)[0]  # nobody knows it: in the sum is the usual spread
+    found = {source.name: source.covariance for source in (*sources, *usual)}
+    for name, expected in (
+        ("bias of another switch-on", 2 * spread.rps**2),
+        ("temperature of the use", np.full(3, (0.01 * DEG * 5) ** 2)),
+        ("bias of another switch-on, as usual", 2 * USUAL_SPREAD.rps**2),
+    ):
+        assert_allclose(found[name], 100 * np.diag(np.broadcast_to(expected, 3)), rtol=1e-9, atol=1e-20)
+    assert assumed == ("temperature of the use",)
+    estimated = replace(fitted, repeatability=replace(spread, freedom=np.array([5.0, 4.0, 6.0])))
+    (own,) = (each for each in sources_in_use(estimated, Use("rest", 10.0), motion)[0] if each.name == "bias of another switch-on")
+    assert (own.kind, own.freedom) == ("A", 4.0)  # what is estimated is not widened, but counts with its freedom
+    assert_allclose(np.diag(own.covariance), 200 * spread.scatter_rps**2, rtol=1e-9)
+
+
+@pytest.mark.parametrize("elapsed_s", [1.0, 1e6])
+def test_within_one_switch_on_the_drift_is_that_of_the_use_less_that_of_the_session(fitted, elapsed_s):
+    """At rest: 60 s times the standard deviation of the mean of the use less that of the session, C00 + C11 - 2 C01, counted once."""
+    _, found, own = use_budgets(fitted, Use("rest", elapsed_s=elapsed_s))
+    (row,) = (row for row in found[0].rows if "drift" in row.source)
+    assert (row.source, [source.name for source in own]) == ("drift of the bias since the session", [_NOISE_OF_USE])
+    problem, rps = fitted.problem, fitted.noise.noise.size("noise.bias_wander")
+    moments = np.r_[problem.began_s[-1] + elapsed_s + 30.0, problem.middle_s]
+    C = wander_covariance(moments, np.r_[60.0, problem.batch.duration_s], instability_rps=rps)
+    assert row.u == pytest.approx(60 * np.sqrt(C[0, 0] + C[1:, 1:].mean() - 2 * C[0, 1:].mean()), rel=0.05)
+    drift = next(source for source in fitted.sources if source.name == BIAS_DRIFT)
+    assert (row.kind, row.freedom) == (drift.kind, drift.freedom)
+
+
+def test_a_drift_that_nobody_knows_is_said(fitted):
+    problem = fitted.problem.changed()
+    problem.__dict__["instability"] = BiasInstability(0.0, UNKNOWN)
+    sources = tuple(source for source in fitted.sources if source.name != BIAS_DRIFT)
+    unknown = replace(fitted, noise=None, problem=problem, sources=sources)
+    beside = {each.what: each for each in use_budgets(unknown, Use("rest", elapsed_s=10.0))[1][0].beside}
+    assert beside["drift of the bias since the session"].u is None
+
+
+# Draws.
+
+
+def moved_by(redrawn, errors, size):
+    """Derivative of the refitted parameters by errors of this size, both ways."""
+    return (redrawn.refit(errors * size) - redrawn.refit(errors * -size)) / (2 * size)
+
+
+def test_a_refit_moves_by_the_response_to_the_errors(fitted):
+    """Errors of the channels, in every kind of row, through the actual fit: L y, to first order."""
+    redrawn, noise = _Redrawn(fitted, 1), fitted.noise
+    L = stated_response(fitted.problem, fitted.linear.model, fitted.options.still_rates)
+    sigma, stop, lengths = np.sqrt(np.diag(fitted.covariance)), noise.closure.stop, -len(noise.twin.stills)
+    size = np.sqrt(np.diag(noise.white))
+    for part in (slice(0, stop), slice(stop, lengths), slice(lengths, None)):
+        y = np.zeros(len(size))
+        y[part] = size[part] * RNG.normal(size=len(y[part]))
+        found, expected = moved_by(redrawn, replace(redrawn.nothing, channels=y), 0.3), L @ y
+        assert_allclose(found / sigma, expected / sigma, atol=0.02 * max(1.0, np.abs(expected / sigma).max()))
+
+
+def test_a_refit_moves_by_what_was_wrong_before_the_session(fitted):
+    """The accelerometer's given calibration and gravity, as the sources have them."""
+    redrawn = _Redrawn(fitted, 1)
+    by_name = {source.name: source.covariance for source in fitted.sources}
+    scale, last = np.sqrt(np.outer(*[np.diag(fitted.covariance)] * 2)), len(redrawn.nothing.known) - 1
+    steps = np.array([moved_by(redrawn, replace(redrawn.nothing, known=each), 1.0) for each in np.eye(last + 1)])
+    for name, part in ((CALIBRATION, steps[:last]), (GRAVITY_LENGTH, steps[last:])):
+        assert_allclose(part.T @ part / scale, by_name[name] / scale, atol=1e-4)
+
+
+def test_readings_and_clock_move_the_parameters_as_stated(fitted):
+    """A reading e too large takes E e from B; durations longer by a share take it from E and B."""
+    redrawn, model, sigma = _Redrawn(fitted, 1), fitted.linear.model, np.sqrt(np.diag(fitted.covariance))
+    e = np.array([1.0, -2.0, 0.5]) * 1e-4 * DEG
+    found = redrawn.refit(replace(redrawn.nothing, reading=e)) - model.vector
+    assert_allclose(found[BIAS], -model.E @ e, atol=1e-3 * sigma[9])
+    assert_allclose(found[:9] / sigma[:9], 0, atol=1e-2)
+    found = redrawn.refit(replace(redrawn.nothing, clock=1e-3)) - model.vector
+    assert_allclose(found[:9], -1e-3 * model.vector[:9], atol=2e-5)
+
+
+def test_each_source_is_drawn_with_its_covariance(fitted):
+    """The covariance of the drawn errors, through the response, is the source's; the misfit is the inflation times the rest."""
+    result = replace(fitted, widened=3.0, sources=(*fitted.sources, Source(MISFIT, "A", 9.0, 2.0 * total(fitted.sources))))
+    redrawn, count = _Redrawn(result, 2), 600
+    L = stated_response(result.problem, result.linear.model, False)
+    by_name = {source.name: source for source in result.sources}
+    for name in (GYRO_NOISE, BIAS_DRIFT, EARTH, MISFIT):
+        y = np.array([redrawn.draw(by_name[name]).channels for _ in range(count)]) @ L.T
+        expected = by_name[name].covariance
+        if name == MISFIT:  # what was known before the session is drawn beside the channels
+            beside = [by_name[each].covariance for each in (CALIBRATION, GRAVITY_LENGTH, ROUNDING) if each in by_name]
+            expected = expected - 2.0 * sum(beside)
+        assert np.abs(np.mean(y**2, axis=0) / np.diag(expected) - 1).max() < 5 * np.sqrt(2 / count), name
+    is_length = np.arange(len(redrawn.nothing.known)) == len(redrawn.nothing.known) - 1
+    for name, drawn in ((CALIBRATION, ~is_length), (GRAVITY_LENGTH, is_length)):
+        known = np.array([redrawn.draw(by_name[name]).known for _ in range(count)])
+        assert_allclose(np.mean(known**2, axis=0), drawn, atol=5 * np.sqrt(2 / count))
+
+
+def with_a_clock(fitted, **sensor):
+    config = fitted.session.config
+    return fitted.problem.changed(session=replace(fitted.session, config=replace(config, sensor=replace(config.sensor, **sensor))))
+
+
+def test_a_clock_and_rounding_are_drawn_with_their_sigmas(fitted):
+    redrawn, covariance = _Redrawn(replace(fitted, problem=with_a_clock(fitted, odr_sigma=0.01)), 2), np.zeros((12, 12))
+    clock = [redrawn.draw(Source(CLOCK, "B", np.inf, np.eye(12))).clock for _ in range(600)]
+    assert np.std(clock) == pytest.approx(0.01, rel=0.08)
+    for diagonal in ([1.0, 4.0, 9.0], [0.0, 4.0, 0.0]):  # one axis alone may be coarse
+        covariance[BIAS, BIAS] = np.diag(diagonal) * 1e-10
+        drawn = np.array([redrawn.draw(Source(ROUNDING, "B", np.inf, covariance)).reading for _ in range(600)])
+        assert np.cov((drawn @ redrawn.model.E.T).T) == pytest.approx(covariance[BIAS, BIAS], abs=1e-10 * (diagonal[0] or 0.5))
+
+
+class Linear:
+    """A session whose fit moves by the errors that are drawn, times ``moves``, and does not converge at every ``fails``-th time."""
+
+    def __init__(self, result, moves=1.0, fails=10):
+        self.model, self.rng, self.moves, self.fails, self.tried = result.linear.model, np.random.default_rng(3), moves, fails, 0
+        self.nothing = draws.Errors(np.zeros(12), np.zeros(0), np.zeros(3))
+        self.roots = {source.name: draws._root(source.covariance) for source in result.sources}
+
+    def draw(self, source):
+        root = self.roots[source.name]
+        return replace(self.nothing, channels=root @ self.rng.normal(size=root.shape[1]))
+
+    def refit(self, errors):
+        self.tried += 1
+        if self.tried % self.fails == 0:
+            raise FitError("made")
+        return self.model.vector + self.moves * errors.channels
+
+
+def test_draws_of_a_linear_fit_have_the_variances_of_the_budgets(fitted, monkeypatch):
+    motion, attitude, own = use_budgets(fitted, Use("rest", 1.0))
+    errors = {each.name: each for each in sensor_error_budgets(fitted)}
+    budgets = [parameter_budgets(fitted)[1], errors["bias x"], errors["misalignment x to y"], *attitude[:3]]
+
+    def drawn(budgets=budgets, **how):
+        linear = Linear(fitted, **how)
+        monkeypatch.setattr(draws, "_Redrawn", lambda *_: linear)
+        return draws.monte_carlo(fitted, motion, own, budgets, 400, 7, lambda *_: None), linear.tried
+
+    found, tried = drawn()
+    assert (found.draws, found.by_source, found.failed) == (400, 80, tried // 10)
+    for each, budget in zip(found.quantities, budgets, strict=True):
+        assert (each.name, each.unit, each.u) == (budget.name, budget.unit, budget.u)
+        assert each.drawn_u == pytest.approx(each.u, rel=0.18)
+        assert found.coverage[each.name] == pytest.approx(0.95, abs=0.03)
+    assert found.answer == "agrees"
+    assert found.bound == pytest.approx(norm.isf(0.005 / len(found.sources)))
+    assert max(abs(each.sigmas) for each in found.sources) == abs(found.farthest.sigmas) < found.bound
+    first, *others = found.quantities
+    for part, answer in (({"apart": 2 * first.tolerance, "digits": 1}, "differs"), ({"digits": 0}, "undecided")):
+        assert replace(found, quantities=(*others, replace(first, **part))).answer == answer
+    assert replace(found, bound=0.0).answer == "differs"
+    assert drawn(budgets[:1], fails=2)[0].draws > 390  # half of them is enough
+    wide, _ = drawn(budgets[:1], moves=1.5)
+    assert (wide.answer, wide.farthest.ratio) == ("differs", pytest.approx(2.25, rel=0.5))
+    with pytest.raises(CalibrationError, match="no fit of the drawn data converged"):
+        drawn(budgets[:1], fails=1)
+    monkeypatch.setattr(draws, "_quantity_check", lambda *_: replace(first, digits=2))
+    assert drawn(budgets[:1])[0].draws == 180  # stable at the first look, of 200 of which a tenth failed
+
+
+def test_the_sigmas_of_a_ratio_are_those_of_chi_square():
+    source = Source("one", "A", 9.0, np.eye(12))
+    moved = np.sqrt(np.full((200, 12), chi2.ppf(norm.cdf(2.0), 200) / 200))
+    checks = list(draws._source_checks(source, moved, np.eye(12)))
+    assert [each.parameter for each in checks] == list(NAMES)
+    assert [each.sigmas for each in checks] == pytest.approx([2.0] * 12, abs=0.01)
+    small = Source("one", "A", 9.0, np.eye(12) * 0.009)
+    assert not list(draws._source_checks(small, moved, np.eye(12)))
+
+
+def normal(count, sigma):
+    return sigma * norm.ppf((np.arange(count) + 0.5) / count)
+
+
+def test_an_interval_agrees_to_as_many_digits_as_the_draws_are_stable():
+    made = budget((0.0125**2, np.inf))
+    # The variance of a quantile (Kendall), and half a unit of the last digit of 0.0125 as a share of it
+    one, two = (int(0.975 * 0.025 * (2 / norm.pdf(norm.ppf(0.975)) / share) ** 2) for share in (0.4, 0.04))
+    rows = ((one, 0, "undecided", None), (one + 1, 1, "agrees", 0.005), (two, 1, "agrees", 0.005), (two + 1, 2, "agrees", 0.0005))
+    for count, digits, answer, tolerance in rows:
+        found = draws._quantity_check(made, normal(count, 0.0125))
+        assert (found.digits, found.answer) == (digits, answer)
+        assert tolerance is None or found.tolerance == pytest.approx(tolerance)
+    assert found.half == pytest.approx(1.96 * 0.0125, rel=1e-3)
+    wide = draws._quantity_check(made, normal(40_000, 0.0129))
+    assert (wide.answer, wide.apart) == ("differs", pytest.approx(1.96 * 0.0004, rel=0.02))
+    assert draws._quantity_check(made, normal(40_000, 0.0125) + 0.0006).answer == "differs"  # a shift is a difference
+    # the digits are those of the unit that is shown: 0.716 degrees
+    assert draws._quantity_check(replace(made, si=DEG), normal(40_000, 0.0125)).tolerance == pytest.approx(0.05 * DEG)
+
+
+def test_the_factor_covers_what_it_says():
+    """One variance with 1 or 5 degrees of freedom: exactly 95 % (Student); known ones likewise; of two, nearly (Welch–Satterthwaite)."""
+    rng = np.random.default_rng(1)
+    one, known = [((1.0, nu),) for nu in (1.0, 5.0)], ((1.0, np.inf), (2.0, np.inf))
+    for rows, within in (*((each, 0.004) for each in (*one, known)), (((1.0, 5.0), (1.0, 9.0)), 0.01)):
+        assert _coverage_of(budget(*rows), rng, 60_000) == pytest.approx(0.95, abs=within)
+
+
+def test_what_cannot_be_drawn_or_used_is_refused(fitted):
+    with pytest.raises(CalibrationError, match="cannot be drawn"):
+        _Redrawn(replace(fitted, noise=None), 0)
+    other = replace(fitted.linear, model=fitted.linear.model.with_bias_moved(np.full(3, 0.1 * DEG)))
+    with pytest.raises(CalibrationError, match="made again"):
+        _Redrawn(replace(fitted, linear=other), 0)
+    with pytest.raises(CalibrationError, match="--elapsed"):
+        budget_of_fit(fitted, Use("rest", elapsed_s=10.0), draws=1)
+    for seconds in (1e9, 0.0, float("nan")):
+        with pytest.raises(CalibrationError, match="--seconds"):
+            Use("rest", seconds)

@@ -1,0 +1,101 @@
+"""A sensor under watch: its figures, rests and turns sample by sample."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+from conftest import DEG
+
+from session.log.config import Accelerometer
+from tinygc import models
+from tinygc.attitude import rotation
+from tinygc.features.unit.watch.expectation import ModelInUse
+from tinygc.features.unit.watch.source import Readings
+from tinygc.features.unit.watch.watch import Event, Watch
+from tinygc.models.linear import LinearModel
+from tinygc.models.model import accelerometer_table
+
+RATE_HZ, G = 100.0, 9.80665
+#: one-sided densities of the stills as fit.json has them, dps/sqrt(Hz) and g/sqrt(Hz)
+GYRO, ACCEL = 0.005, 6e-5
+WHITE, ACCEL_WHITE = GYRO * DEG / np.sqrt(2), ACCEL * G / np.sqrt(2)
+COVARIANCE = np.diag(np.r_[np.full(9, 1e-4**2), np.full(3, 1e-5**2)])
+
+
+def known(spread_dps: float = 0.1, model: LinearModel | None = None) -> ModelInUse:
+    """A model in use whose figures are those of ``samples``."""
+    noise = {"gyro_dps_rthz": [GYRO] * 3, "accel_g_rthz": [ACCEL] * 3, "gyro_bias_instability_dph": 0.0}
+    table = {"covariance": COVARIANCE.tolist(), "bias_sigma_rps": [spread_dps * DEG] * 3}
+    return ModelInUse(model or LinearModel(np.eye(3), np.zeros(3)), table, {"noise": noise}, None, None)
+
+
+def samples(seconds: float, seed: int, zero_dps=(0.0, 0.0, 0.0), start_s: float = 0.0, force=(0.0, 0.0, -G)) -> Readings:
+    """A rest with white noise."""
+    rng, count = np.random.default_rng(seed), round(seconds * RATE_HZ)
+    rate = np.array(zero_dps) * DEG + rng.normal(size=(count, 3)) * WHITE * np.sqrt(RATE_HZ)
+    accel = np.array(force) + rng.normal(size=(count, 3)) * ACCEL_WHITE * np.sqrt(RATE_HZ)
+    stamps = np.rint((start_s + np.arange(count) / RATE_HZ) * 1e9).astype(np.int64)
+    return Readings(stamps, rate, accel, None)
+
+
+def joined(*parts: Readings) -> Readings:
+    """One after the other, at the sensor's rate."""
+    count = sum(len(part.t_ns) for part in parts)
+    stamps = np.rint(np.arange(count) / RATE_HZ * 1e9).astype(np.int64)
+    gyro, accel = (np.concatenate([getattr(part, name) for part in parts]) for name in ("gyro", "accel"))
+    return Readings(stamps, gyro, accel, None)
+
+
+def turning(turns: int, seed: int, scale=(1.0, 1.0, 1.0), rest_s: float = 4.0, angle_deg: float = 180.0, turn_s: float = 3.0) -> Readings:
+    """Rests, and between them turns about changing axes, exact but for noise and the scale of each axis."""
+    rng = np.random.default_rng(seed)
+    q, parts = np.array([1.0, 0.0, 0.0, 0.0]), []
+    down = np.array([0.0, 0.0, -G])
+    for number in range(turns + 1):
+        parts.append(samples(rest_s, seed + 1000 * number, force=rotation.matrix(q).T @ down))
+        if number == turns:
+            break
+        axis = rng.normal(size=3)
+        axis /= np.linalg.norm(axis)
+        count = round(turn_s * RATE_HZ)
+        speed = (1 - np.cos(2 * np.pi * (np.arange(count) + 0.5) / count)) * angle_deg * DEG / turn_s
+        part = samples(turn_s, seed + 1000 * number + 500)
+        steps = rotation.multiply(q, rotation.accumulate(rotation.exp(axis * speed[:, None] / RATE_HZ)))
+        force = np.einsum("nji,j->ni", rotation.matrix(steps), down)
+        q = steps[-1] / np.linalg.norm(steps[-1])
+        parts.append(Readings(part.t_ns, part.gyro + speed[:, None] * axis * np.array(scale), part.accel - [0, 0, -G] + force, None))
+    return joined(*parts)
+
+
+def watched(readings: Readings, piece: int = 700, **options) -> tuple[Watch, list[Event]]:
+    """All events of readings in pieces."""
+    live = Watch(options.pop("known", None) or known(), **options)
+    events: list[Event] = []
+    for begin in range(0, len(readings.t_ns), piece):
+        part = slice(begin, begin + piece)
+        temp_c = None if readings.temp_c is None else readings.temp_c[part]
+        events += live.take(Readings(readings.t_ns[part], readings.gyro[part], readings.accel[part], temp_c))
+    return live, [*events, *live.end()]
+
+
+def of_kind(events: list[Event], kind: str) -> list[Event]:
+    """Those of a kind."""
+    return [event for event in events if event.kind == kind]
+
+
+def model_file(path: Path) -> Path:
+    """A model's file with what a watch needs of it."""
+    used = known()
+    more = used.table | {"accelerometer": accelerometer_table(Accelerometer(np.eye(3), np.zeros(3), "given"))}
+    path.write_text(json.dumps(models.to_dict(used.model, **more)), encoding="utf-8")
+    return path
+
+
+def csv(readings: Readings) -> str:
+    """As lines of a board in physical units."""
+    rows = zip(readings.t_ns.tolist(), readings.gyro.tolist(), readings.accel.tolist(), strict=True)
+    lines = ["t_us,gx_rps,gy_rps,gz_rps,ax_mps2,ay_mps2,az_mps2"]
+    lines += [f"{t // 1000},{','.join(f'{each:.7f}' for each in (*g, *a))}" for t, g, a in rows]
+    return "\n".join(lines) + "\n"

@@ -1,1 +1,0 @@
-"""Several units on one rigid body: clocks, mountings and parameters together, and all units as one gyroscope."""

@@ -1,0 +1,366 @@
+"""Apply an array's model to an array's recording of any length."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from session.base.errors import DataError, FormatError
+from session.base.numeric import decimal_rows
+from session.base.units import DEG, NS
+from session.log.dialects import Answers
+from session.log.folder import sha256_of
+from session.log.logfile import already_calibrated
+from session.log.reader import Reader
+from tinygc.deploy.apply import DECIMALS, Applicable, LogSource, columns_of, opened
+from tinygc.deploy.calibration import Surroundings
+from tinygc.features.arrays.clocks import UnitClock
+from tinygc.features.arrays.extrinsics import ONE_READER, clocks_found
+from tinygc.features.arrays.fusion import Resampler, fuse
+from tinygc.features.arrays.model import ArrayModel, FusedUnit, load_array_model
+from tinygc.features.arrays.recording import array_log_paths, read_array
+from tinygc.models.model import KnownSensor
+
+# Read an array's logs piece by piece and resample all units at the sample times of the first unit.
+
+
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """Rates and forces of all units at the same times.
+
+    t_ns (T,) int64: sample times of the first unit; rate (T, N, 3) rad/s as measured and force (T, N, 3) m/s^2 calibrated, NaN where a unit
+    has none.
+    """
+
+    t_ns: np.ndarray
+    rate: np.ndarray
+    force: np.ndarray
+
+
+class UnitLog:
+    """One unit's log in SI, read piece by piece and resampled at any times."""
+
+    def __init__(self, unit: FusedUnit, clock: UnitClock | None, path: Path, answers: Answers):
+        """clock is None for a unit with an unknown clock, which then contributes nothing; answers: the user's description of all logs.
+
+        Raises FormatError for a file that is no gyroscope log, or is calibrated already.
+        """
+        self.unit, self.clock, self.reader = unit, clock, Reader(path, answers)
+        if self.reader.layout.gyro is None:
+            raise FormatError(f"{path.name} holds no gyroscope")
+        if already_calibrated(self.reader.comments) is not None:
+            raise FormatError(f"{path.name} is calibrated already: give the array's folder with the logs as they were recorded")
+        self.has_force = clock is not None and self.reader.layout.accel is not None and unit.accelerometer is not None
+        sensor = unit.sensor
+        known = KnownSensor() if sensor is None else KnownSensor(sensor.gyro_fs_dps, sensor.accel_fs_g, sensor.model, sensor.own_units)
+        answers = replace(
+            answers,
+            gyro_fs_dps=answers.gyro_fs_dps or known.gyro_fs_dps,
+            accel_fs_g=answers.accel_fs_g or known.accel_fs_g,
+            sensor=answers.sensor or known.model,
+        )
+        around = Surroundings(known, unit.accelerometer, "none" if unit.accelerometer is None else "model", "")
+        self._pieces = LogSource(self.reader, answers, around).pieces()
+        self._resampler, self._ended = Resampler(6), False
+
+    def pieces(self) -> Iterator[Applicable]:
+        """Yield the unit's own pieces; used for the unit whose sample times are the array's."""
+        return self._pieces
+
+    def at(self, t_s: np.ndarray, begins_ns: int) -> np.ndarray:
+        """Return (T, 6) rate and force at times (T,) s of the array's clock after begins_ns; each call continues where the last one
+        ended."""
+        if self.clock is None:
+            return np.full((len(t_s), 6), np.nan)
+        while not self._ended and self._resampler.ends < t_s[-1]:
+            piece = next(self._pieces, None)
+            if piece is None:
+                self._ended = True
+            else:
+                # Stamps as times (K,) s of the array's clock after begins_ns
+                since = (piece.t_ns - begins_ns) * NS
+                moments = since + self.clock.offset_s + self.clock.rate * (since + (begins_ns * NS - self.clock.about_s))
+                self._resampler.push(moments, as_six(piece, self.has_force))
+        found = self._resampler.at(t_s)
+        self._resampler.forget(float(t_s[-1]))
+        return found
+
+
+def as_six(piece: Applicable, with_force: bool) -> np.ndarray:
+    """Stack rate and force to (K, 6); force is NaN where there is none."""
+    force = piece.accel if with_force and piece.accel is not None else np.full_like(piece.gyro, np.nan)
+    return np.hstack([piece.gyro, force])
+
+
+class ArrayLogs:
+    """All units of one log; ``moments()`` reads them once in bounded memory, one piece of each unit's file at a time."""
+
+    def __init__(self, model: ArrayModel, clocks: dict[int, UnitClock], paths: dict[int, Path], answers: Answers):
+        """clocks are by unit number; a unit without one contributes nothing.  Raises FormatError where a unit of the model has no log."""
+        if not set(paths) >= set(model.numbers):
+            there, wanted = (", ".join(map(str, sorted(numbers))) for numbers in (paths, model.numbers))
+            raise FormatError(f"{next(iter(paths.values())).parent}: logs of units {there}, the model has units {wanted}; give its array")
+        self.units = [UnitLog(unit, clocks.get(unit.number), paths[unit.number], answers) for unit in model.units]
+
+    @property
+    def progress(self) -> tuple[int, int]:
+        """Return the bytes read of the first unit's file, and its size."""
+        reader = self.units[0].reader
+        size = max(reader.path.stat().st_size, 1)
+        return min(reader.position, size), size
+
+    @property
+    def notes(self) -> list[str]:
+        """Return the readers' notes, each with its file's name."""
+        return [f"{unit.reader.path.name}: {note}" for unit in self.units for note in unit.reader.notes]
+
+    def moments(self) -> Iterator[Moments]:
+        """Yield the first unit's samples piece by piece, with the other units resampled at the same times."""
+        begins: int | None = None
+        first, *others = self.units
+        for piece in first.pieces():
+            if not len(piece.t_ns):
+                continue
+            begins = int(piece.t_ns[0]) if begins is None else begins
+            t_s = (piece.t_ns - begins) * NS
+            values = np.stack([as_six(piece, first.has_force), *(unit.at(t_s, begins) for unit in others)], axis=1)
+            yield Moments(piece.t_ns, values[..., :3], values[..., 3:])
+
+
+# Fused specific force: each unit's force is rotated by its mounting, moved to one point, and averaged.
+#
+#     f_0 = R_i f_i - (domega/dt x r_i + omega x (omega x r_i))
+#
+# r_i is the unit's position relative to the first unit's accelerometer, omega the fused rate, its derivative the central difference. The
+# lever arm of a unit with an unknown position is left out, and a note is written.
+
+
+def _fused_force(model: ArrayModel, force: np.ndarray, rate: np.ndarray, change: np.ndarray, used: np.ndarray) -> np.ndarray:
+    """Return (T, 3) m/s^2 in the array's frame, at the first unit's accelerometer where positions are known.
+
+    force (T, N, 3) m/s^2 calibrated, in each unit's body frame, NaN for none; rate (T, 3) rad/s, change (T, 3) rad/s^2 of the array; used
+    (T, N): units in the rate.  NaN where none of these has a force.
+    """
+    mountings = np.stack([unit.place.mounting for unit in model.units])
+    turned = np.einsum("nij,tnj->tni", mountings, force)
+    for i, unit in enumerate(model.units):
+        if (at := unit.place.position_m) is not None:
+            turned[:, i] -= np.cross(change, at) + np.cross(rate, np.cross(rate, at))
+    weights = force_weights(model)
+    share = np.where(used & np.isfinite(turned).all(axis=2), weights, 0.0)
+    total = share.sum(axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.einsum("tn,tni->ti", share, np.nan_to_num(turned)) / np.where(total > 0, total, np.nan)[:, None]
+
+
+def force_weights(model: ArrayModel) -> np.ndarray:
+    """Return (N,) weights: 1 over the squared noise density if it is known of every calibrated accelerometer, else 1; 0 for an uncalibrated
+    one."""
+    there = np.array([unit.accelerometer is not None for unit in model.units])
+    noise = [unit.accel_noise_density for unit in model.units]
+    if all(value is not None for value, use in zip(noise, there, strict=True) if use):
+        return np.array([1 / value**2 if use and value else 0.0 for value, use in zip(noise, there, strict=True)])
+    return there.astype(float)
+
+
+# Apply an array's model to a recording of any length; the result is one log with the fused rate and specific force.
+
+Progress = Callable[[str, int, int], None]
+#: samples of a log that are compared to find out whether one reader stamped all units
+FIRST_STAMPS = 1000
+
+
+@dataclass(frozen=True, eq=False)
+class ArrayApplied:
+    """Result of applying an array's model.
+
+    out; which log; rows; left_out: sample times at which no unit gave a rate; at_end: rows in which every unit is saturated; used: share of
+    the rows that include each unit; clocks: ``model``, ``same`` or ``found``; noise_density (3,) rad/s/sqrt(Hz) with all units; force:
+    whether there is any; notes.
+    """
+
+    out: Path
+    which: str
+    rows: int
+    left_out: int
+    at_end: int
+    used: dict[int, float]
+    clocks: str
+    noise_density: np.ndarray
+    force: bool
+    notes: tuple[str, ...]
+
+    def to_json(self) -> dict:
+        """Return ``tinygc-apply/1`` (docs/formats.md) of an array."""
+        return {
+            "schema": "tinygc-apply/1",
+            "out": str(self.out),
+            "rows": self.rows,
+            "kind": "array",
+            "delay_s": 0.0,
+            "accelerometer": "model" if self.force else "none",
+            "notes": list(self.notes),
+            "log": self.which,
+            "clocks": self.clocks,
+            "left_out": self.left_out,
+            "at_end": self.at_end,
+            "units": [{"number": number, "used_share": share} for number, share in self.used.items()],
+        }
+
+
+def apply_array(
+    model_path: Path,
+    folder: Path,
+    out: Path,
+    answers: Answers,
+    which: str | None = None,
+    unit: str = "rps",
+    progress: Progress = lambda what, done, of: None,
+) -> ArrayApplied:
+    """Fuse one log of an array's folder; which: its name without the unit, needed where there are several.
+
+    Memory holds one piece of each unit's file; where clocks must be estimated, the whole recording is read once before. Raises FormatError,
+    DataError, CalibrationError.
+    """
+    model = load_array_model(model_path)
+    logs = array_log_paths(folder)
+    which = _chosen(folder, logs, which)
+    clocks, source, notes = _clocks(model, folder, logs[which], answers)
+    if strangers := sorted(set(logs[which]) - set(model.numbers)):
+        notes.append(f"the model has no unit {', '.join(map(str, strangers))}: left out")
+    reading = ArrayLogs(model, clocks, logs[which], answers)
+    force = any(each.has_force for each in reading.units)
+    counts: Counter[str] = Counter()
+    used = np.zeros(len(model))
+    notes += _force_notes(model, force)
+
+    def fused() -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+        for part in reading.moments():
+            found = fuse(model, part.rate)
+            counts["at_end"] += int(np.isinf(found.sigma).any(axis=1).sum())
+            yield part.t_ns, found.rate, part.force, found.used
+            progress("applying", *reading.progress)
+
+    with opened(out) as file:
+        done = ("gyro", "accel") if force else ("gyro",)
+        file.write((",".join(columns_of(unit, force, False, done)) + "\n").encode())
+        for t_ns, rate, units_force, in_use, change in _with_change(fused()):
+            columns, decimals = [t_ns, *(rate / (DEG if unit == "dps" else 1.0)).T], [0, *[DECIMALS[unit]] * 3]
+            there = np.isfinite(rate).all(axis=1)
+            if force:
+                one = _fused_force(model, units_force, rate, change, in_use)
+                there &= np.isfinite(one).all(axis=1)
+                columns, decimals = [*columns, *one.T], [*decimals, *[DECIMALS["mps2"]] * 3]
+            columns, decimals = [*columns, *[np.ones(len(t_ns), np.int64)] * len(done)], [*decimals, *[0] * len(done)]
+            counts["rows"] += int(there.sum())
+            counts["left_out"] += int((~there).sum())
+            used += in_use[there].sum(axis=0)
+            if there.any():
+                file.write(decimal_rows([column[there] for column in columns], decimals))
+        if not counts["rows"]:
+            raise DataError(f"{folder}: {which} has no moment at which a unit gives a rate; is it this array's?")
+    if counts["left_out"]:
+        notes.append(f"{counts['left_out']} moments at which no unit gave a sample are left out")
+    if counts["at_end"]:
+        notes.append(f"{counts['at_end']} samples are at the end of every unit's range: the rate was at least as great as written")
+    share = {number: float(value) for number, value in zip(model.numbers, used / counts["rows"], strict=True)}
+    return ArrayApplied(
+        out,
+        which,
+        counts["rows"],
+        counts["left_out"],
+        counts["at_end"],
+        share,
+        source,
+        model.noise_density,
+        force,
+        tuple(notes + reading.notes),
+    )
+
+
+def _chosen(folder: Path, logs: dict[str, dict[int, Path]], which: str | None) -> str:
+    if which is None and len(logs) == 1:
+        return next(iter(logs))
+    if which not in logs:
+        said = f"no {which}" if which is not None else f"{len(logs)} logs"
+        raise FormatError(f"{folder}: {said}; give --which one of {', '.join(logs)}")
+    return which
+
+
+def _clocks(model: ArrayModel, folder: Path, paths: dict[int, Path], answers: Answers) -> tuple[dict[int, UnitClock], str, list[str]]:
+    """Return this recording's clocks by unit number, and notes.
+
+    The model's clocks are used if the model was made from this recording, or needs none; otherwise they are estimated.
+    """
+    own = {unit.number: unit.place.clock for unit in model.units}
+    if all(clock.offset_s == 0 and clock.rate == 0 for clock in own.values()) and _at_the_same_moments(model, paths, answers):
+        return own, "same", []
+    if all(unit.number in paths and sha256_of(paths[unit.number]) in unit.sha256 for unit in model.units):
+        return own, "model", []
+    array = read_array(folder)
+    order = [array.numbers.index(number) for number in model.numbers if number in array.numbers]
+    ours = replace(array, numbers=tuple(array.numbers[i] for i in order), units=tuple(array.units[i] for i in order))
+    clocks, why = clocks_found(ours)
+    return clocks, "found", [f"no clock, so no samples: {said}" for said in why.values()]
+
+
+def _at_the_same_moments(model: ArrayModel, paths: dict[int, Path], answers: Answers) -> bool:
+    """Return whether one reader stamped all units: the first stamps of a log agree to a tenth of a period, by their median."""
+    stamps = []
+    for unit in model.units:
+        if unit.number in paths:
+            piece = next(UnitLog(unit, UnitClock(), paths[unit.number], answers).pieces(), None)
+            stamps.append(np.zeros(0, np.int64) if piece is None else piece.t_ns[:FIRST_STAMPS])
+    ours = stamps[0] if stamps else np.zeros(0, np.int64)
+    if len(ours) < 2:
+        return True
+    limit_ns = ONE_READER * float(np.median(np.diff(ours)))
+    after = [np.clip(np.searchsorted(ours, theirs), 1, len(ours) - 1) for theirs in stamps[1:] if len(theirs)]
+    far = [np.minimum(np.abs(ours[k] - t), np.abs(ours[k - 1] - t)) for k, t in zip(after, (t for t in stamps[1:] if len(t)), strict=True)]
+    return all(float(np.median(each)) <= limit_ns for each in far)
+
+
+def _force_notes(model: ArrayModel, force: bool) -> list[str]:
+    if not force:
+        return ["specific force: left out, no unit with an accelerometer in its log has one that is calibrated"]
+    weights = force_weights(model)
+    mean = [str(unit.number) for unit, weight in zip(model.units, weights, strict=True) if weight > 0]
+    without = [str(unit.number) for unit in model.units[1:] if unit.place.position_m is None and unit.accelerometer is not None]
+    said = f"specific force: the mean of units {', '.join(mean)}"
+    if without:
+        return [f"{said}; the lever arms of units {', '.join(without)} are left out: no position is known"]
+    return [f"{said}, at the first unit's accelerometer"]
+
+
+def _with_change(
+    parts: Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]],
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+    """Yield each part with the rate's derivative (T, 3) rad/s^2, by central differences; a part's last row waits for the next part."""
+    waiting: tuple[np.ndarray, ...] | None = None
+    before: tuple[np.ndarray, np.ndarray] | None = None
+    for part in parts:
+        whole = part if waiting is None else tuple(np.concatenate([old, new]) for old, new in zip(waiting, part, strict=True))
+        if len(whole[0]) < 2:
+            waiting = whole
+            continue
+        yield (*(each[:-1] for each in whole), _change(whole[0], whole[1], before)[:-1])  # type: ignore[misc]
+        before = (whole[0][-2:-1], whole[1][-2:-1])
+        waiting = tuple(each[-1:] for each in whole)
+    if waiting is not None:
+        yield (*waiting, _change(waiting[0], waiting[1], before))  # type: ignore[misc]
+
+
+def _change(t_ns: np.ndarray, rate: np.ndarray, before: tuple[np.ndarray, np.ndarray] | None) -> np.ndarray:
+    """Return (T, 3) central differences, one-sided at the ends of the data."""
+    if before is not None:
+        t_ns, rate = np.concatenate([before[0], t_ns]), np.concatenate([before[1], rate])
+    if len(t_ns) < 2:
+        return np.zeros_like(rate)
+    at = np.arange(len(t_ns))
+    low, high = np.maximum(at - 1, 0), np.minimum(at + 1, len(at) - 1)
+    change = (rate[high] - rate[low]) / ((t_ns[high] - t_ns[low]) * NS)[:, None]
+    return change if before is None else change[1:]

@@ -1,0 +1,124 @@
+"""Commands for arrays: ``fit``, ``explain``, ``apply`` and ``simulate`` of several units on one rigid body.
+
+Imports nothing heavy at its top, since the core's commands load it for its options.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from session.base.errors import CalibrationError
+from session.base.texts import command_line
+from tinygc.cli.arguments import STANDARD, add_field_arguments, given_fields
+from tinygc.cli.options import answers_of, given
+from tinygc.cli.results import Done, beside_log, complain, output, print_commands, try_destinations, verdict, write_json
+
+if TYPE_CHECKING:
+    from tinygc.simulation.options import SimulationOptions
+
+#: options of ``fit`` that an array's fit uses
+USED = ("bias", "accelerometer", "no_earth")
+#: further options of ``fit`` that do not apply to an array
+UNUSED = ("model", "bias_dps", "physics", "resume", "temperature")
+
+
+def add_simulate_arguments(command: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``simulate``: a flag for each field of ``ArrayOptions``."""
+    from tinygc.features.arrays.options import ArrayOptions
+    from tinygc.simulation.options import flag
+
+    flags = {flag(name): (name, field) for name, field in ArrayOptions.__dataclass_fields__.items()}
+    add_field_arguments(command.add_argument_group("an array, with --units"), flags)
+
+
+def simulate(args: argparse.Namespace, options: SimulationOptions, chosen: dict) -> int | None:
+    """Simulate several units on one body; return None if no array option is given."""
+    from tinygc.features.arrays.options import ArrayOptions
+    from tinygc.features.arrays.simulation import check_array_folder, simulate_array, write_array
+
+    fields = given_fields(args, ArrayOptions)
+    if not fields:
+        return None
+    array = ArrayOptions(**fields)
+    if array.units < 2:
+        raise CalibrationError("options of an array, and one unit; add --units N with two or more, or leave them out")
+    if args.rest_cycles or options.stop_sigma_deg:
+        raise CalibrationError("--units: an array has neither rest logs nor turns of known angle; simulate them apart")
+    check_array_folder(args.out, args.force)  # fail early
+    folder = write_array(simulate_array(options, array), args.out, args.force)
+    output(args).print(f"{folder}: {array.units} units are simulated; the truth is in truth.json, which no command reads", soft_wrap=True)
+    write_json(args.json, {"schema": "tinygc-simulate/1", "folder": str(folder), "options": chosen | {"array": asdict(array)}})
+    return 0
+
+
+def fit(args: argparse.Namespace) -> Done:
+    """Estimate all units of one folder jointly."""
+    from tinygc.features.arrays import library
+    from tinygc.reporting.terminal import progress_bar
+
+    idle = [*given(args, USED), *(f"--{name.replace('_', '-')}" for name in UNUSED if getattr(args, name, None))]
+    if idle := list(dict.fromkeys(idle)):
+        raise CalibrationError(
+            f"{', '.join(idle)}: of no use with {args.folder}, an array, whose units are all fitted by least squares together; "
+            f"leave {'it' if len(idle) == 1 else 'them'} out, or give one unit a folder of its own"
+        )
+    if args.bias not in (None, "auto", "ends", "stills"):
+        raise CalibrationError(f"--bias {args.bias}: a bias of the day is one unit's; an array takes --bias auto, ends or stills")
+    try_destinations(args, "fit")
+    with progress_bar(args.quiet) as progress:
+        found = library.fit(
+            args.folder, bias=args.bias or "auto", accelerometer=args.accelerometer, use_earth=not args.no_earth, progress=progress
+        )
+    table = found.to_json()
+    folder = found.save(args.out)
+    output(args).print(found.page)
+    output(args).print(f"models: {folder}", soft_wrap=True)
+    print_commands(args, "next:", command_line("explain", args.folder))
+    closure = {unit["number"]: unit["closure"]["alone_rms_deg"] for unit in table["units"]}
+    above = [] if args.limit is None else [number for number, rms in closure.items() if not rms <= args.limit]
+    for number in above:
+        complain(f"above --limit: unit {number}'s closure is {closure[number]:.4g} deg")
+    return Done(1 if above else 0, table, f"{len(table['units'])} units")
+
+
+def explain(args: argparse.Namespace) -> int:
+    """Explain each unit by itself and by comparison with the others."""
+    from tinygc.features.arrays import library
+    from tinygc.features.arrays.explanation import array_verdict_line
+    from tinygc.reporting.terminal import progress_bar
+
+    if args.noise is not None:
+        raise CalibrationError(f"--noise: of no use with {args.folder}, an array; leave it out, or give one unit a folder of its own")
+    if args.discover:
+        raise CalibrationError(
+            f"--discover: of no use with {args.folder}, an array; leave it out, or give one unit a folder of its own and search there"
+        )
+    try_destinations(args, "explain")
+    with progress_bar(args.quiet) as progress:
+        found = library.explain(args.folder, seed=args.seed, use_earth=not args.no_earth, check_on=args.check_on, progress=progress)
+    folder = found.save(args.out)
+    output(args).print(found.page)
+    output(args).print(f"written: {folder}", soft_wrap=True)
+    verdict(args, array_verdict_line(found.result))
+    write_json(args.json, found.to_json())
+    return 1 if args.strict and found.result.verdict not in ("no_mismatch", "undecided") else 0
+
+
+def apply(args: argparse.Namespace, out: Path) -> int:
+    """Write an array's folder as one log of the fused units."""
+    from session.base.units import DEG
+    from tinygc.features.arrays import library
+    from tinygc.reporting.terminal import progress_bar
+
+    if args.session is not None:
+        raise CalibrationError("--session is for one sensor's model; an array's model says what each unit is")
+    with progress_bar(args.quiet) as progress:
+        done = library.apply(args.model, args.log, out, answers_of(args), args.which, args.unit, progress)
+    density = ", ".join(f"{1e3 * value / DEG:.3g}" for value in done.noise_density)
+    lines = [f"{done.out}: {done.rows} samples of {len(done.used)} units fused ({density} mdps/rtHz while all are in)"]
+    beside_log(args, [*lines, *(f"  {note}" for note in done.notes)], str(out) == STANDARD)
+    write_json(args.json, done.to_json())
+    return 0

@@ -1,0 +1,223 @@
+"""Extrinsics of the units of an array: clock and mounting of each relative to the first."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from session.base.errors import CalibrationError
+from session.base.units import NS
+from session.detect.check_references import with_own_accelerometer
+from session.detect.stills import SessionStills
+from session.log.folder import Session
+from tinygc.features.arrays.clocks import ClockFit, Rates, UnitClock, UnitPlace, fit_clock, session_rates
+from tinygc.features.arrays.recording import ArraySession
+
+# Mounting of a unit relative to the first one, from gravity in the stills of both and from the rates of both.
+#
+# Gravity gives the rotation between the accelerometers' triads, which are the body frames; it needs two distinct directions. The rates give
+# the rotation between the gyroscopes' triads, about all axes, but a gyroscope's triad is aligned with the accelerometer's only to the
+# maker's tolerance. Both are weighted by their sigmas (Wahba's problem; Markley, J. Astronaut. Sci. 36, 1988).
+
+#: rad; misalignment of a gyroscope's triad against the accelerometer of its chip: data sheets state cross-axis sensitivities of 2 %
+TRIADS_RAD = 0.02
+#: rad; sigma of gravity's direction by an uncalibrated accelerometer: zero offsets of some 30 mg
+DIRECTION_RAD = 0.03
+#: rad; smallest sigma of a direction: a 16-bit register of 2 g has steps of 6e-5 g
+LEAST_RAD = 1e-5
+ROUNDS = 20
+
+
+@dataclass(frozen=True, eq=False)
+class Mounting:
+    """Estimated mounting of a unit.
+
+    matrix (3, 3): takes vectors of the unit's body frame to the array's; covariance (3, 3) rad^2, of a turn about the array's axes;
+    stills: how many both units have.
+    """
+
+    matrix: np.ndarray
+    covariance: np.ndarray
+    stills: int
+
+
+def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
+    """Return the rotation (3, 3) nearest to a matrix of positive determinant (polar decomposition)."""
+    left, _, right = np.linalg.svd(matrix)
+    return np.asarray(left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right)
+
+
+def fit_mounting(first_force: np.ndarray, unit_force: np.ndarray, rate_matrix: np.ndarray) -> Mounting:
+    """Estimate a unit's mounting.
+
+    first_force, unit_force (K, 3): mean specific force in the same stills, each in its own body frame, any unit of length; rate_matrix (3,
+    3): the unit's rates from the first unit's.  K may be 0.
+    """
+    from_rates = nearest_rotation(np.linalg.inv(rate_matrix))
+    ours, theirs = (force / np.linalg.norm(force, axis=1, keepdims=True) for force in (first_force, unit_force))
+    count = len(ours)
+    mounting, sigma = from_rates, DIRECTION_RAD
+    for _ in range(ROUNDS):
+        # Each direction of gravity has this sigma; the rates' three axes have the sigma TRIADS_RAD.
+        axes = np.eye(3)
+        weights = np.concatenate([np.full(len(ours), sigma**-2), np.full(3, TRIADS_RAD**-2 / 2)])
+        to, of = np.concatenate([ours, axes @ from_rates.T]), np.concatenate([theirs, axes])
+        mounting = nearest_rotation((weights[:, None, None] * to[:, :, None] * of[:, None, :]).sum(axis=0))
+        information = weights.sum() * np.eye(3) - np.einsum("k,ki,kj->ij", weights, to, to)
+        before, freedom = sigma, 2 * count - 3
+        if freedom > 0:
+            sigma = max(float(np.sqrt(np.square(ours - theirs @ mounting.T).sum() / freedom)), LEAST_RAD)
+        if abs(sigma - before) <= 1e-6 * before:
+            break
+    return Mounting(mounting, np.linalg.inv(information), count)
+
+
+# Extrinsics of the units of an array: clock and mounting of each, from their rates and from gravity in their stills.
+
+#: share of the shorter of two stills that both have to have in common
+LEAST_COMMON = 0.5
+#: share of a period of the readings by which clocks of units polled in turn may seem apart; sensors sample far oftener than they are read
+ONE_READER = 0.1
+
+
+def places_of(array: ArraySession) -> tuple[UnitPlace, ...]:
+    """Estimate clock and mounting of every unit against the first; positions are not estimated.
+
+    Raises CalibrationError, which names the unit, where a unit did not feel the same motion, or has mirrored axes.
+    """
+    rates = [session_rates(unit) for unit in array.units]
+    fits = clock_fits(array, rates)
+    for number, fit in zip(array.numbers, fits, strict=True):
+        if not fit.map_is_known:
+            raise CalibrationError(
+                f"{array.name}: the motion does not tell how unit {number} is mounted: the body turned about too few axes; turn it about "
+                "all three"
+            )
+    forces = [_forces(unit) for unit in array.units]
+    places = [UnitPlace(array.numbers[0])]
+    for number, fit, mine in zip(array.numbers[1:], fits[1:], forces[1:], strict=True):
+        ours, theirs = _common(forces[0], mine, fit.clock)
+        found = fit_mounting(ours, theirs, fit.matrix)
+        places.append(UnitPlace(number, fit.clock, found.matrix, found.covariance))
+    return tuple(places)
+
+
+def clock_fits(array: ArraySession, rates: list[tuple[Rates, ...]] | None = None) -> list[ClockFit]:
+    """Estimate the clock of every unit; the first one's is exact.  rates: of each unit, if available.  Raises CalibrationError."""
+    rates = rates if rates is not None else [session_rates(unit) for unit in array.units]
+    names = [f"{array.name}: unit {number}" for number in array.numbers]
+    for mine, name in zip(rates, names, strict=True):
+        still = np.all([np.ptp(each.rate, axis=0) == 0 for each in mine], axis=0)
+        if still.all():
+            raise CalibrationError(f"{name} reads one and the same rate throughout: it is dead; take that unit out")
+        if still.any():
+            axes = ", ".join(axis for axis, is_dead in zip("xyz", still, strict=True) if is_dead)
+            raise CalibrationError(
+                f"{name} reads one and the same rate about {axes} throughout: take that unit out, or look at its columns"
+            )
+    fits = [ClockFit(UnitClock(), np.eye(3), np.zeros((3, 3)), np.zeros((len(rates[0]), 3)), 1.0, np.zeros((2, 2)), 0.0)]
+    for mine, name in zip(rates[1:], names[1:], strict=True):
+        try:
+            fit = _as_stamped(fit_clock(rates[0], mine, name), rates[0], mine)
+        except CalibrationError:
+            _blame_first(rates, names, mine)
+            raise
+        fits.append(fit)
+    _refuse_mirrored(fits, names)
+    return fits
+
+
+def clocks_found(array: ArraySession) -> tuple[dict[int, UnitClock], dict[int, str]]:
+    """Return the clocks by number, and a one-line reason for each unit without one; units may have failed in the recording.
+
+    Raises CalibrationError where no unit follows the first one.
+    """
+    rates = [session_rates(unit) for unit in array.units]
+    clocks, why = {array.numbers[0]: UnitClock()}, {}
+    for i, number in list(enumerate(array.numbers))[1:]:
+        pair = replace(array, numbers=(array.numbers[0], number), units=(array.units[0], array.units[i]))
+        try:
+            clocks[number] = clock_fits(pair, [rates[0], rates[i]])[1].clock
+        except CalibrationError as error:
+            why[number] = str(error)
+    if len(clocks) == 1:
+        raise CalibrationError(next(iter(why.values())))
+    return clocks, why
+
+
+def _refuse_mirrored(fits: list[ClockFit], names: list[str]) -> None:
+    """Raise CalibrationError for the first mirrored unit; for the array's first unit where most of the others are mirrored against it."""
+    known = [i for i, fit in enumerate(fits) if i and fit.map_is_known]
+    mirrored = [i for i in known if np.linalg.det(fits[i].matrix) <= 0]
+    if not mirrored:
+        return
+    name, whose = names[mirrored[0]], "the first unit's"
+    if len(mirrored) > 1 and 2 * len(mirrored) > len(known):
+        name, whose = names[0], "most of the others'"
+    raise CalibrationError(f"{name} has mirrored axes (its rates follow {whose} as in a mirror); correct the signs in its log")
+
+
+def _as_stamped(fit: ClockFit, first: tuple[Rates, ...], mine: tuple[Rates, ...]) -> ClockFit:
+    """Replace a clock that the motion does not separate from the first unit's by an exact one, if the stamps are identical.
+
+    Identical stamps are one reader's; what remains is the latency of each reading (``latency``).
+    """
+    same = all(np.array_equal(one.t_s, other.t_s) for one, other in zip(first, mine, strict=True))
+    apart = max(float(np.abs(fit.clock.array_time(each.t_s[[0, -1]]) - each.t_s[[0, -1]]).max() / each.period_s) for each in mine)
+    if not same or apart > ONE_READER:
+        return fit
+    return replace(fit, clock=replace(fit.clock, offset_s=0.0, rate=0.0))
+
+
+def _blame_first(rates: list[tuple[Rates, ...]], names: list[str], mine: tuple[Rates, ...]) -> None:
+    """Raise CalibrationError for the first unit where the others agree with each other, and none of them with it."""
+    others = [each for each in rates[1:] if each is not mine]
+    for other in others:
+        try:
+            fit_clock(other, mine)
+        except CalibrationError:
+            continue
+        try:
+            fit_clock(rates[0], other, names[0])
+        except CalibrationError as error:
+            said = str(error).replace("the array's first unit", "the others").replace("the first unit's", "theirs")
+            raise CalibrationError(said) from None
+
+
+@dataclass(frozen=True, eq=False)
+class _Force:
+    """Mean force of one still: its begin and end on the unit's clock, s, and its mean specific force (3,) m/s^2."""
+
+    start_s: float
+    stop_s: float
+    mean: np.ndarray
+
+
+def _forces(session: Session) -> list[list[_Force]]:
+    """Return the reference stills of each log, with the best available calibration of the accelerometer."""
+    found = SessionStills(session)
+    session, _ = with_own_accelerometer(session, looked_at=found)
+    found = found.under(session)
+    forces = []
+    for log in session.logs:
+        begin_s = float(log.samples.t_ns[0]) * NS
+        good = [still for still in found.of(log).stills if still.problem is None]
+        forces.append([_Force(begin_s + s.start_s, begin_s + s.start_s + s.duration_s, s.accel_mean) for s in good])
+    return forces
+
+
+def _common(ours: list[list[_Force]], theirs: list[list[_Force]], clock: UnitClock) -> tuple[np.ndarray, np.ndarray]:
+    """Return the mean specific force (K, 3) of both units in the stills that both have."""
+    pairs = []
+    for mine, other in zip(ours, theirs, strict=True):
+        for one in mine:
+            for two in other:
+                start, stop = clock.array_time(np.array([two.start_s, two.stop_s]))
+                shared = min(stop, one.stop_s) - max(start, one.start_s)
+                if shared >= LEAST_COMMON * min(one.stop_s - one.start_s, two.stop_s - two.start_s):
+                    pairs.append((one.mean, two.mean))
+    if not pairs:
+        return np.zeros((0, 3)), np.zeros((0, 3))
+    first, second = zip(*pairs, strict=True)
+    return np.array(first), np.array(second)

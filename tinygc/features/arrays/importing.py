@@ -1,0 +1,58 @@
+"""An array out of one log that holds the rows of several sensors, told apart by a column."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TypeVar
+
+from session.base.errors import FormatError
+from session.base.files import folder_whole, require_empty, write_new
+from session.base.texts import command_line
+from session.detect.findings import Finding
+from session.log.dialects import Answers
+from session.log.forms import EXAMPLES
+from session.log.reader import Reader
+from session.replay.convert import Converted, convert
+from session.replay.sources import BY_NAMES
+from tinygc.features.arrays.recording import read_array
+
+#: a note or a finding
+Said = TypeVar("Said", str, Finding)
+
+
+def import_array(paths: Sequence[Path], out: Path, answers: Answers, column: str, columns: Sequence[str] = ()) -> Converted:
+    """``out/unit0`` and so on, a session for each value of the column, and a ``session.toml`` that makes them one array.
+
+    Nothing is left behind where it fails.  Raises FormatError, and what ``convert`` raises.
+    """
+    if len(paths) != 1:
+        raise FormatError(f"--array-by reads one log, not {len(paths)}; give the one that holds the rows of all sensors")
+    require_empty(out, "exists; give --out a new folder")
+    like = None if answers.like in (BY_NAMES, *EXAMPLES) else answers.like  # each unit's own import holds a form of text to it
+    values = Reader(paths[0], replace(answers, like=like), picking=column).values_of(column)
+    made: list[Converted] = []
+    with folder_whole(out) as work:
+        for number, value in enumerate(values):
+            told = replace(answers, where=f"{column}={value}")
+            made.append(convert(paths, work / f"unit{number}", told, serial=f"{column}-{value}", columns=columns))
+        folders = ", ".join(f'"unit{number}"' for number in range(len(values)))
+        write_new(work / "session.toml", f'schema = "tinygc-session/1"\n\n[array]\nfolders = [{folders}]\n')
+        read_array(work)
+    notes = tuple(f"{', '.join(names)}: {note}" for note, names in _once((note, each) for each in made for note in each.notes))
+    # What a finding says of a unit's whole session, it says of its folder.
+    within = ((replace(finding, where=finding.where.removeprefix(each.folder.name)), each) for each in made for finding in each.findings)
+    findings = tuple(replace(said, where=f"{', '.join(names)} {said.where}".strip()) for said, names in _once(within))
+    units = ", ".join(f"{column}={value} is {each.folder.name}" for value, each in zip(values, made, strict=True))
+    samples = sum(each.samples for each in made)
+    steps = (command_line("check", out), command_line("fit", out))
+    return Converted(out, out, made[0].dialects, samples, notes, findings, steps, (*made[0].took, units))
+
+
+def _once(said: Iterable[tuple[Said, Converted]]) -> Iterable[tuple[Said, list[str]]]:
+    """What is said of several units once, with the names of those units."""
+    units: dict[Said, list[str]] = {}
+    for what, unit in said:
+        units.setdefault(what, []).append(unit.folder.name)
+    return units.items()

@@ -1,0 +1,301 @@
+"""Simulate an array: one motion of the body, each unit with its own extrinsics, clock, errors and noise."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from session.base.errors import FormatError
+from session.base.files import MOST_TOML, folder_whole, read_bytes, write_new
+from session.base.texts import comment
+from session.base.toml import line
+from session.base.units import DEG, MG
+from session.log.config import SCHEMA
+from tinygc.features.arrays.options import ArrayOptions
+from tinygc.simulation import movement
+from tinygc.simulation.movement import MovementPlan
+from tinygc.simulation.options import BIAS_DIGITS, MATRIX_DIGITS, SimulationOptions, command_line
+from tinygc.simulation.simulator import Distort, RegisterLog, Simulation, plan_of, simulate_session, unit_of
+from tinygc.simulation.write import CONFIG, SIMULATED, TRUTH, names_in, packed_log, truth_table
+
+# Jerks: short rotations of the body in addition to the table's, about one axis each, that return; exact in rate, attitude and acceleration.
+
+#: width (sigma) of a jerk in periods of the data rate: two thirds of its power lie above half the rate
+WIDTH_PERIODS = 0.4
+JERKS_A_TURN = 3
+#: share of a turn's length; jerks stay away from its ends, where the body comes to rest
+MARGIN = 0.15
+#: widths after which a jerk has decayed
+OVER = 6.0
+
+
+@dataclass(frozen=True, eq=False)
+class Jerks:
+    """Gaussian jerks of the angle: at_s (J,), size_rad (J,), axis (3,) of unit length, fixed in the body; width_s, sigma of each."""
+
+    at_s: np.ndarray
+    size_rad: np.ndarray
+    axis: np.ndarray
+    width_s: float
+
+    def angle(self, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return (N,) rad, rad/s, rad/s^2 at times (N,) s, increasing."""
+        angle, rate, acceleration = np.zeros((3, len(t_s)))
+        for at, size in zip(self.at_s, self.size_rad, strict=True):
+            rows = slice(*np.searchsorted(t_s, [at - OVER * self.width_s, at + OVER * self.width_s]))
+            x = (t_s[rows] - at) / self.width_s
+            bell = size * np.exp(-(x**2) / 2)
+            angle[rows] += bell
+            rate[rows] -= bell * x / self.width_s
+            acceleration[rows] += bell * (x**2 - 1) / self.width_s**2
+        return angle, rate, acceleration
+
+    def rate(self, t_s: np.ndarray, rate: np.ndarray) -> np.ndarray:
+        """Return the rate (N, 3) rad/s of the jerked body, in its axes, from the table's rate."""
+        angle, own, _ = self.angle(t_s)
+        return self._seen(rate, angle) + own[:, None] * self.axis
+
+    def force(self, t_s: np.ndarray, force: np.ndarray, lever_m: np.ndarray) -> np.ndarray:
+        """Return (N, 3) m/s^2 at a lever from the crossing of the gimbals, about which the jerk also turns."""
+        angle, _, acceleration = self.angle(t_s)
+        return self._seen(force, angle) + acceleration[:, None] * np.cross(self.axis, lever_m)
+
+    def _seen(self, vectors: np.ndarray, angle: np.ndarray) -> np.ndarray:
+        """Rotate vectors (N, 3) into the body turned by angle (N,), Rodrigues."""
+        along = (vectors @ self.axis)[:, None] * self.axis
+        across = vectors - along
+        return along + across * np.cos(angle)[:, None] - np.cross(self.axis, vectors) * np.sin(angle)[:, None]
+
+
+def jerks_in_turns(plan: MovementPlan, size_rad: float, odr_hz: float, rng: np.random.Generator) -> Jerks:
+    """Draw jerks for each turn."""
+    turns = np.repeat(np.array(plan.turns), JERKS_A_TURN, axis=0)
+    at_s = turns[:, 0] + (turns[:, 1] - turns[:, 0]) * rng.uniform(MARGIN, 1 - MARGIN, len(turns))
+    axis = rng.normal(size=3)
+    return Jerks(at_s, size_rad * rng.normal(size=len(at_s)), axis / np.linalg.norm(axis), WIDTH_PERIODS / odr_hz)
+
+
+def knock_in(plan: MovementPlan, turn: int, size_rad: float, odr_hz: float, rng: np.random.Generator) -> Jerks:
+    """Draw one knock in one turn."""
+    start, stop = plan.turns[turn]
+    axis = rng.normal(size=3)
+    return Jerks(np.array([(start + stop) / 2]), np.array([size_rad]), axis / np.linalg.norm(axis), WIDTH_PERIODS / odr_hz)
+
+
+# Units of an array, each simulated like a session of its own, under one motion of the body.
+
+#: position of the false readings in a turn, and their number
+FALSE_AT, FALSE_ROWS, FALSE_TURN = 0.5, 3, 1
+
+
+@dataclass(frozen=True, eq=False)
+class UnitTruth:
+    """True extrinsics of one unit.
+
+    mounting (3, 3), from its axes to the first unit's; position_m (3,) from the first unit, in the first one's axes; its clock:
+    ``t_array = t_unit + offset_s + rate t_unit``.
+    """
+
+    mounting: np.ndarray
+    position_m: np.ndarray
+    offset_s: float
+    rate: float
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedArray:
+    """Simulated array: each unit's session, stamped by its own clock; truths of their extrinsics; jerks and knocks common to all."""
+
+    options: SimulationOptions
+    array: ArrayOptions
+    plan: MovementPlan
+    units: tuple[Simulation, ...]
+    truths: tuple[UnitTruth, ...]
+    jerks: tuple[Jerks, ...]
+
+
+def simulate_array(options: SimulationOptions, array: ArrayOptions, distort: Mapping[int, Distort] | None = None) -> SimulatedArray:
+    """Simulate all units; equal arguments give equal registers.  distort: by unit, the injected errors of that unit, in its own axes."""
+    plan, rng = plan_of(options), np.random.default_rng([options.seed, 16])
+    place_rng, jerk_rng, table_rng = rng.spawn(3)
+    truths = tuple(_placed(array, number, place_rng) for number in range(array.units))
+    jerks = []
+    if array.jerk_deg:
+        jerks.append(jerks_in_turns(plan, array.jerk_deg * DEG, options.odr_hz, jerk_rng))
+    if array.knock_deg:
+        jerks.append(knock_in(plan, len(plan.turns) // 2, array.knock_deg * DEG, options.odr_hz, jerk_rng))
+    level = table_rng.normal(size=(len(plan.turns) + 1, 2)) * array.reference_error_mg * MG
+    heading_deg = unit_of(options).heading_deg
+    units = []
+    for number, truth in enumerate(truths):
+        seed = int(np.random.SeedSequence([options.unit_drawn_from, number]).generate_state(1)[0])
+        x, y, z = (float(length) for length in np.array(options.lever_m) + truth.position_m)
+        own = replace(options, seed=seed, unit_seed=seed, lever_m=(x, y, z), heading_deg=heading_deg)
+        if array.synchronous and options.odr_error is None:
+            own = replace(own, odr_error=0.0)
+        simulation = _unit(own, plan, truth, jerks, level, None if distort is None else distort.get(number))
+        simulation = replace(simulation, log=_by_clock(simulation.log, truth))
+        if simulation.closure is not None:
+            simulation = replace(simulation, closure=_by_clock(simulation.closure, truth))
+        if array.false_reading_dps and number == array.units - 1:
+            # Add false readings about x, which no motion has caused
+            start, stop = simulation.plan.turns[min(FALSE_TURN, len(simulation.plan.turns) - 1)]
+            row = round((start + FALSE_AT * (stop - start)) * simulation.unit.odr_hz)
+            gyro = simulation.log.gyro.copy()
+            more = round(array.false_reading_dps * DEG / simulation.options.register_units.gyro_rps)
+            gyro[row : row + FALSE_ROWS, 0] = np.clip(gyro[row : row + FALSE_ROWS, 0].astype(int) + more, -32767, 32767)
+            simulation = replace(simulation, log=replace(simulation.log, gyro=gyro))
+        units.append(simulation)
+    return SimulatedArray(options, array, plan, tuple(units), truths, tuple(jerks))
+
+
+def _placed(array: ArrayOptions, number: int, rng: np.random.Generator) -> UnitTruth:
+    """Draw a unit's extrinsics; the number of draws does not depend on the options, so one option does not change the others' draws."""
+    mounting, position, offset, rate = rng.normal(size=3), rng.normal(size=3), rng.normal(), rng.normal()
+    if number == 0:
+        return UnitTruth(np.eye(3), np.zeros(3), 0.0, 0.0)
+    clock = not array.synchronous
+    return UnitTruth(
+        Rotation.from_rotvec(mounting * array.mounting_deg * DEG).as_matrix(),
+        position * array.position_mm * 1e-3,
+        clock * offset * array.clock_offset_ms * 1e-3,
+        clock * rate * array.clock_rate,
+    )
+
+
+def _unit(
+    options: SimulationOptions, plan: MovementPlan, truth: UnitTruth, jerks: list[Jerks], level_mps2: np.ndarray, distort: Distort | None
+) -> Simulation:
+    lever = np.array(options.lever_m)
+    ends = np.array([(start + stop) / 2 for start, stop in plan.turns])
+
+    def turned(t_s: np.ndarray, rate: np.ndarray, force: np.ndarray, temp_c: np.ndarray) -> np.ndarray:
+        for jerk in jerks:
+            rate = jerk.rate(t_s, rate)
+        rate = rate @ truth.mounting
+        return rate if distort is None else distort(t_s, rate, felt(t_s, force), temp_c)
+
+    def felt(t_s: np.ndarray, force: np.ndarray) -> np.ndarray:
+        if level_mps2.any():
+            level = np.column_stack([level_mps2[np.searchsorted(ends, t_s)], np.zeros(len(t_s))])
+            angles = movement.move(plan, t_s).angles
+            basis = [movement.table_to_body(angles, axis) for axis in np.eye(3)]
+            force = force + np.asarray(sum(part[:, None] * axis for part, axis in zip(level.T, basis, strict=True)))
+        for jerk in jerks:
+            force = jerk.force(t_s, force, lever)
+        return force @ truth.mounting
+
+    return simulate_session(options, turned, plan=plan, disturb=felt)
+
+
+def _by_clock(recording: RegisterLog, truth: UnitTruth) -> RegisterLog:
+    """Stamp by the unit's own clock, in whole microseconds."""
+    t_us = (recording.t_us - truth.offset_s * 1e6) / (1 + truth.rate)
+    return replace(recording, t_us=np.rint(t_us).astype(np.int64))
+
+
+# Folder of a simulated array, in the form of a recorded one (docs/arrays.md), with its truth.
+
+TRUTH_SCHEMA = "tinygc-array-truth/1"
+
+
+def write_array(array: SimulatedArray, folder: Path, force: bool = False) -> Path:
+    """Write ``log0001.unit0.csv.gz`` and so on; return the folder.
+
+    Raises FormatError for a folder that is not empty; ``force`` replaces an earlier simulation of an array, and nothing else.
+    """
+    check_array_folder(folder, force)
+    earlier = (CONFIG, *(path.name for path in folder.glob("*.unit*.csv.gz")))
+    with folder_whole(folder, earlier) as work:
+        write_new(work / CONFIG, array_config_text(array))
+        for number, unit in enumerate(array.units):
+            _write_log(work / f"log0001.unit{number}.csv.gz", number, unit, unit.log)
+            if unit.closure is not None:
+                _write_log(work / f"closure0001.unit{number}.csv.gz", number, unit, unit.closure)
+        write_new(work / TRUTH, json.dumps(array_truth(array), indent=1) + "\n")
+    return folder
+
+
+def check_array_folder(folder: Path, force: bool) -> None:
+    """Raise FormatError where a simulated array may not be written."""
+    present = names_in(folder, force)
+    if not present:
+        return
+    mine = {name for name in present if name in (CONFIG, TRUTH, "fit", "explain") or (".unit" in name and name.endswith(".csv.gz"))}
+    config = folder / CONFIG
+    made = TRUTH in present and CONFIG in present and not config.is_symlink()
+    made = made and read_bytes(config, MOST_TOML).startswith(SIMULATED.encode())
+    if not made or present - mine:
+        what = min(present - mine, default=CONFIG)
+        raise FormatError(f"{folder}: holds {what} beside or instead of a simulated array and is not replaced; give a new folder")
+
+
+def _write_log(path: Path, number: int, unit: Simulation, recording: RegisterLog) -> None:
+    ranges = f"gyro_fs_dps={unit.options.gyro_fs_dps:g} accel_fs_g={unit.options.accel_fs_g:g}"
+    said = f"# {ranges} odr_hz={unit.unit.odr_hz:.4f} serial={_serial(unit, number)}"
+    write_new(path, packed_log(said, recording.t_us, recording.gyro, recording.accel, recording.temp))
+
+
+def _serial(unit: Simulation, number: int) -> str:
+    return f"SIM-{unit.options.unit_drawn_from}-{number}"
+
+
+def array_config_text(array: SimulatedArray) -> str:
+    """Return the text of the array's session.toml."""
+    options = array.options
+    units = []
+    for number, each in enumerate(array.units):
+        matrix = ", ".join("[" + ", ".join(f"{x:.{MATRIX_DIGITS}f}" for x in row) + "]" for row in each.unit.accel_matrix)
+        bias = ", ".join(f"{x:.{BIAS_DIGITS}f}" for x in each.unit.accel_bias)
+        units.append(f"""
+[[array.unit]]
+number = {number}
+sensor.serial = "{_serial(each, number)}"
+accelerometer.matrix = [{matrix}]
+accelerometer.bias_mps2 = [{bias}]
+""")
+    chosen = " ".join(f"{name}={value!r}" for name, value in asdict(array.array).items())
+    return f"""\
+{SIMULATED}, not recorded: {comment(command_line(options))} --units {array.array.units}
+# {comment(chosen)}
+schema = "{SCHEMA}"
+
+[sensor]
+{line("model", options.sensor)}odr_hz = {float(options.odr_hz)!r}
+gyro_fs_dps = {options.gyro_fs_dps:g}
+accel_fs_g = {options.accel_fs_g:g}
+
+[site]
+latitude_deg = {float(options.latitude_deg)!r}
+gravity_mps2 = {float(options.gravity_mps2)!r}
+
+[protocol]
+still_s = {float(options.still_s)!r}
+segment_s = {float(2 * options.still_s + options.turn_s)!r}
+reference = "gravity"
+{"".join(units)}"""
+
+
+def array_truth(array: SimulatedArray) -> dict:
+    """Return ``tinygc-array-truth/1``, the values that were drawn."""
+    return {
+        "schema": TRUTH_SCHEMA,
+        "array": asdict(array.array),
+        "units": [
+            {
+                "number": number,
+                "mounting_rotvec_deg": (Rotation.from_matrix(truth.mounting).as_rotvec() / DEG).tolist(),
+                "position_m": truth.position_m.tolist(),
+                "clock_offset_s": truth.offset_s,
+                "clock_rate": truth.rate,
+                "session": truth_table(unit, {}),
+            }
+            for number, (unit, truth) in enumerate(zip(array.units, array.truths, strict=True))
+        ],
+        "jerks_s": [float(at) for jerks in array.jerks for at in jerks.at_s],
+    }

@@ -1,0 +1,427 @@
+"""The search for an equation, from an explanation to a verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from tinygc.effects import Effect, catalogue
+from tinygc.explanation.claims import readable
+from tinygc.explanation.engine import Explanation
+from tinygc.explanation.evidence import Hypothesis
+from tinygc.explanation.search import STAND_IN, exchanged, search, slow_candidates, without_idle
+from tinygc.features.discovery.constants import ByAxis
+from tinygc.features.discovery.detection_limits import learnable, learnable_from
+from tinygc.features.discovery.enumeration import bits, enumerated
+from tinygc.features.discovery.equivalence import as_effect
+from tinygc.features.discovery.form import LawForm
+from tinygc.features.discovery.quantities import largest_of
+from tinygc.features.discovery.search_state import (
+    ALL_OF_IT,
+    CHANCE,
+    EQUAL,
+    FEWEST,
+    MOST_OF_IT,
+    Beside,
+    Discovery,
+    HeldOut,
+    Law,
+    Rival,
+    RunnerUp,
+    SearchState,
+    Unseen,
+    alike,
+    chi_square_beyond,
+    correlation,
+    differing,
+    leaves_something,
+    numbers_of,
+    open_threshold,
+    parted,
+    refused,
+    rivals,
+    taken,
+    whole_added,
+)
+from tinygc.features.discovery.selection import FORM, Constants, FormEvidence, SearchRound, believable, exact, rms_of, with_a_form
+from tinygc.features.discovery.stated_rate import LACKING, MOST_LACKING, of_constants, share_lacking
+from tinygc.features.discovery.unobserved import not_observed, observed
+from tinygc.features.discovery.words import constant_of, equation, splits, what
+from tinygc.noise.candidates import candidates
+from tinygc.noise.twin import Twin, claim_slice
+
+# The result of a search: the accepted laws and their possible alternatives.
+
+#: chi-square that a law must gain to be distinguished from any other whose added rate correlates less than EQUAL with its own: the share
+#: that the other would leave, whether or not the grammar contains it
+DECISIVE = STAND_IN / (1 - EQUAL**2)
+#: sigmas, one-sided: a chi-square's root is that far below its mean in one case of twenty, to match ``detection_limits.SURE``
+SURE_SIGMAS = 1.645
+#: correlation of the added rates from which on a form that bends the law by more numbers, and is no more probable, is no alternative:
+#: either explains 95 % of the other's rate
+NEARLY = 0.975
+#: runners-up that are listed
+MOST_RUNNERS_UP = 4
+#: s: a lag is over after three of them; the low-pass of a gyroscope, and the hand that stops, take up to 0.3 s
+SETTLED_S = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class _AssessedLaw:
+    """One law of the best hypothesis; others: rivals that add a different rate, same: those that add the same rate; axes: its constants by
+    axis, where these differ; against_gravity: whether gravity during the turns is nearer without it; threshold: the range of
+    one that the recording leaves open, where it matters."""
+
+    form: LawForm
+    round: SearchRound
+    better: float
+    chance_p: float
+    held_out: tuple[HeldOut, ...]
+    others: list[Rival]
+    same: list[Rival]
+    axes: ByAxis | None
+    against_gravity: bool
+    threshold: tuple[float, float] | None
+
+
+def answer(explanation: Explanation, searched: SearchState, progress: Callable[[str], None]) -> Discovery:
+    """The result of a search."""
+    first = searched.rounds[0].screening
+    common: dict[str, Any] = {
+        "forms": len(searched.forms),
+        "distinct": first.distinct,
+        "chance_promise": first.chance.level(0.05),
+        "best_promise": first.best_beside_last,
+    }
+    share = taken(searched)
+    if not searched.laws or share < MOST_OF_IT:
+        progress("what could have been found")
+        names = _beside(searched.catalogue)
+        beside = f", beside {', '.join(name.id for name in names)}" if names else ""
+        none = f"refitted exactly{beside}, no form makes the recording as much more probable as its description costs"
+        said = " and ".join(equation(form) for form in searched.evidence.form_in(searched.best.effects))
+        little = f"{said} takes away {100 * share:.0f} % of what is left out, and the rest is no noise" if said else ""
+        why = little or searched.why or none
+        # The share of chi-square that belongs to the screened turns.
+        screened = len(first.responses.segments) / len(explanation.twin.segments)
+        limits = learnable(first, CHANCE, DECISIVE * screened)
+        return Discovery("none", why, (), names, learnable=limits, **common)
+    progress("rivals")
+    assessed = [_assessed(searched, law) for law in searched.laws]
+    evidence = FormEvidence(explanation.twin)
+    effects = [evidence.effect_of(searched.evidence.forms[law.id]) for law in searched.laws]
+    named = [effect for effect in searched.best.effects if effect not in searched.laws]
+    have = evidence.of((*named, *effects), evidence.nothing)
+    for number, law in enumerate(effects):
+        have, effects[number] = exact(evidence, have, law)
+    whole = _Whole(evidence, have, effects)
+    assessed = [replace(each, others=_near_on_all(searched, each, whole, number)) for number, each in enumerate(assessed)]
+    names = _beside(whole.have, frozenset(whole.evidence.forms))
+    progress("from what size it could have been found")
+    ids = list[str]()
+    for each in assessed:
+        ids.append(_free_id(each.form, ids))
+    laws = tuple(_law(searched, each, whole, ids, number) for number, each in enumerate(assessed))
+    why = _undecided(assessed, laws, share) or ("the search has come to the end of its work" if searched.evidence.exhausted else "")
+    return Discovery("ambiguous" if why else "found", why, laws, names, **common)
+
+
+def _undecided(assessed: list[_AssessedLaw], laws: tuple[Law, ...], share: float) -> str:
+    """Why the laws are not found and only candidates are reported; empty where they are found."""
+    several = next((each for each in assessed if each.others), None)
+    if several is not None:
+        return f"{len(several.others) + 1} forms of equal worth add different rates"
+    for each in assessed:
+        if each.axes is not None:
+            return _by_axis(each.form, each.axes)
+        if each.threshold is not None:
+            word, own = constant_of(each.form, 0)
+            low, high = (f"{value * own:.3g}" for value in each.threshold)
+            return f"its {word} may be from {low} to {high}: no turn peaks between them, and another movement may"
+        if each.against_gravity:
+            return "the turns close with it, and within them gravity is nearer without it: another rate does the same to their ends"
+        if any(factor.lag_s is not None and factor.lag_s < SETTLED_S for factor in each.form.factors):
+            return f"a lag below {SETTLED_S:g} s is over before a still is: a filter that settles looks alike"
+    for law in laws:
+        if law.lacking > MOST_LACKING:
+            return (
+                f"its numbers are not known well enough: in {100 * law.lacking:.0f} of 100 of what they may be, its rate differs by more "
+                f"than {100 * LACKING:.0f} % of its variance from the stated one"
+            )
+    faint = min(laws, key=lambda law: law.gain)
+    if faint.gain < DECISIVE:
+        return (
+            f"too little is seen of it to tell it from an equation that nobody has thought of: chi-square {faint.gain:.0f}, "
+            f"and {DECISIVE:.0f} would tell it from all that add less than {100 * EQUAL:.0f} % the same rate"
+        )
+    if share < ALL_OF_IT:
+        rest = "the rest is no noise: a near relative of it is left out, or something else beside it"
+        return f"{100 * share:.1f} % of the excess goes with it, and {rest}"
+    return ""
+
+
+def _by_axis(form: LawForm, axes: ByAxis) -> str:
+    word, own = constant_of(form, axes.constant)
+    values = ", ".join(f"{value:.3g}" for value in axes.values * own)
+    return f"its {word} seems to differ by axis ({values}; chi-square {axes.more:.0f}), and one for all makes another rate of it"
+
+
+def _assessed(searched: SearchState, law: Effect) -> _AssessedLaw:
+    evidence, best, round_ = searched.evidence, searched.best, searched.round_of(law)
+    without = searched.without(law)
+    near = _near(searched, law)
+    return _AssessedLaw(
+        evidence.forms[law.id],
+        round_,
+        without.score - best.score,
+        searched.chance_p(law),
+        searched.held_out_of(law),
+        [rival for rival in near if rival.correlation <= EQUAL],
+        [rival for rival in near if rival.correlation > EQUAL],
+        differing(searched, law),
+        evidence.within.prefers(without, best),
+        open_threshold(searched, law, NEARLY),
+    )
+
+
+def _near(searched: SearchState, law: Effect) -> list[Rival]:
+    """Rivals that fit about as well, the nearest first, less those that gravity during the turns refutes."""
+    evidence, best = searched.evidence, searched.best
+    key = id(best), law.id  # the evidence keeps every hypothesis
+    if key not in searched.near:
+        weighed = sorted(rivals(evidence, best, law, searched.tried, alike(searched, law)), key=lambda rival: rival.nearest)
+        searched.near[key] = [
+            rival
+            for rival in weighed
+            if rival.nearest < STAND_IN and (rival.hypothesis is None or not evidence.within.prefers(best, rival.hypothesis))
+        ]
+    return searched.near[key]
+
+
+def _plainest(searched: SearchState, law: Effect) -> SearchState:
+    """The search with the plainest of the forms that cannot be told apart in a law's place: that of the fewest constants, then numbers.
+
+    One that gravity during the turns prefers comes first.
+    """
+    evidence = searched.evidence
+    for _ in range(MOST_EXCHANGES):
+        if evidence.exhausted:
+            break
+        forms = [rival for rival in _near(searched, law) if rival.effect.id in evidence.forms and rival.hypothesis is not None]
+        preferred = [rival for rival in forms if rival.hypothesis and evidence.within.prefers(rival.hypothesis, searched.best)]
+        plainer = [rival for rival in forms if numbers_of(evidence.forms[rival.effect.id]) < numbers_of(evidence.forms[law.id])]
+        if not preferred and not plainer:
+            break
+        chosen = min(preferred or plainer, key=lambda rival: (*numbers_of(evidence.forms[rival.effect.id]), rival.nearest))
+        assert chosen.hypothesis is not None
+        entered = searched.entered | {chosen.effect.id: searched.entered[law.id]}
+        searched, law = replace(searched, best=chosen.hypothesis, entered=entered), chosen.effect
+    return searched
+
+
+@dataclass(frozen=True, eq=False)
+class _Whole:
+    """The selected hypothesis refitted on the whole recording: laws in the order of the selection, constants common to all axes."""
+
+    evidence: FormEvidence
+    have: Hypothesis
+    laws: list[Effect]
+
+
+def _near_on_all(searched: SearchState, assessed: _AssessedLaw, whole: _Whole, number: int) -> list[Rival]:
+    """The law's rivals of another rate that stay near on the whole recording: a law is tested on what the search never saw, and then all of
+    it tells the law from its rivals."""
+    evidence, have, law = whole.evidence, whole.have, whole.laws[number]
+    own, found = whole_added(evidence.twin, have), []
+    for rival in assessed.others:
+        if evidence.exhausted:
+            found.append(rival)
+            continue
+        form = searched.evidence.forms.get(rival.effect.id)
+        other = rival.effect if form is None else evidence.effect_of(form)
+        trial = evidence.of(tuple(other if effect is law else effect for effect in have.effects), have)
+        if not believable(trial, have):
+            continue
+        trial, other = (trial, other) if form is None else exact(evidence, trial, other)
+        again = replace(
+            rival,
+            worse=trial.score - have.score,
+            fits_worse=evidence.unpriced(trial) - evidence.unpriced(have),
+            chi_worse=chi_square_beyond(trial, have),
+            correlation=correlation(own, whole_added(evidence.twin, trial)),
+        )
+        bent = form is not None and numbers_of(form)[1] > numbers_of(assessed.form)[1] and again.worse > 0
+        alike_enough = NEARLY if bent else EQUAL
+        if again.nearest < STAND_IN and again.correlation <= alike_enough and not evidence.within.prefers(have, trial):
+            found.append(again)
+    return sorted(found, key=lambda rival: rival.nearest)
+
+
+def _beside(have: Hypothesis, laws: frozenset[str] = frozenset()) -> tuple[Beside, ...]:
+    """The catalogue's effects of a hypothesis."""
+    claims = [(number, claim) for number, claim in enumerate(have.fit.state.claims) if claim.effect.id not in laws]
+    return tuple(Beside(claim.effect.id, *readable(claim, have.fit.theta_covariance(number))[1:]) for number, claim in claims)
+
+
+def _free_id(form: LawForm, taken: Sequence[str]) -> str:
+    """``discovered.…`` with the first free number where the name alone is in the catalogue or taken."""
+    name, number, others = f"{FORM}{what(form)}", 1, {*catalogue(), *taken}
+    while (found := name if number == 1 else f"{name}_{number}") in others:
+        number += 1
+    return found
+
+
+def _law(searched: SearchState, assessed: _AssessedLaw, whole: _Whole, ids: list[str], number: int) -> Law:
+    evidence, own = searched.evidence, whole.laws[number]
+    form, fit = whole.evidence.forms[own.id], whole.have.fit
+    at = next(i for i, effect in enumerate(whole.have.effects) if effect is own)
+    theta, part = fit.state.claims[at].theta, claim_slice(fit.state.claims, at)
+    held, constants = fit.covariance, Constants.of(whole.evidence.twin, whole.have, own, form) if form.constants else None
+    covariance = (held if constants is None else constants.widened(held))[part, part]
+    sigmas = () if constants is None else constants.sigmas(form)
+    gain = float(theta @ np.linalg.solve(held[part, part], theta))
+    unobserved = not_observed(theta, covariance)
+    beside = observed(unobserved) if len(unobserved) else np.eye(len(theta))
+    lacking = share_lacking(form, theta, held[part, part], of_constants(constants, part), beside, whole.evidence.twin.movements, number)
+    theta, covariance = beside @ theta, beside @ covariance @ beside.T
+    shown = learnable_from(assessed.round.screening, form, theta, CHANCE, searched.best.whiten)
+    effect = as_effect(form, ids[number], rms_of(form, evidence.twin.movements), equation(form))
+    return Law(
+        form,
+        effect,
+        theta,
+        covariance,
+        sigmas,
+        bits(form),
+        gain,
+        assessed.better,
+        assessed.chance_p,
+        assessed.held_out,
+        _same(assessed, evidence),
+        tuple(_runner_up(evidence, rival, ids) for rival in assessed.others[:MOST_RUNNERS_UP]),
+        None if shown is None or gain <= 0 else max(shown, float((np.sqrt(DECISIVE) + SURE_SIGMAS) / np.sqrt(gain))),
+        unobserved,
+        lacking,
+    )
+
+
+def _same(assessed: _AssessedLaw, evidence: FormEvidence) -> tuple[LawForm, ...]:
+    """Forms that this recording cannot distinguish from the law, by their columns or by the rate that they add."""
+    weighed = [evidence.forms[rival.effect.id] for rival in assessed.same if rival.effect.id in evidence.forms]
+    found: dict[LawForm, LawForm] = {}  # the first of the forms that differ by constants alone
+    for form in [*assessed.round.screening.same_as(assessed.form), *weighed]:
+        if form.shape != assessed.form.shape:
+            found.setdefault(form.shape, form)
+    return tuple(found.values())
+
+
+def _runner_up(evidence: FormEvidence, rival: Rival, ids: list[str]) -> RunnerUp:
+    form = evidence.forms.get(rival.effect.id)
+    if form is None:
+        return RunnerUp(None, rival.effect, rival.nearest, rival.correlation, rival.effect.discriminating_motion)
+    effect = replace(rival.effect, id=_free_id(form, ids), equation=equation(form), discriminating_motion=splits(form))
+    return RunnerUp(form, effect, rival.nearest, rival.correlation, splits(form))
+
+
+# The search for an equation, from an explanation to an answer.
+#
+# 1. A third of the turns and stills is held out (``parted``); the following steps use the rest alone.
+# 2. The catalogue is searched first: the hypothesis of its effects with the most evidence.
+# 3. All forms of the grammar are screened against it and against no effects at all, as a catalogue effect may have stood in for the law.
+# 4. The best forms are refined, compared with the noise re-estimated, and refitted exactly with their constants (``exact``); effects
+#    that the law makes redundant are removed.
+# 5. A second law may be added to the first.
+# 6. Each law is tested on the held-out data (``refused``); what is accepted is refitted on the whole recording.
+
+#: laws of one answer: each takes a pass over all forms
+MOST_LAWS = 2
+#: catalogue effects that a law may uncover
+MOST_NAMES = 2
+#: forms that may replace a law in turn
+MOST_EXCHANGES = 3
+#: unnamed shapes that are tried in the place of a law
+MOST_SHAPES = 2
+#: steps of the whole, for progress
+STEPS = 7
+
+
+def discover(
+    explanation: Explanation,
+    *,
+    seed: int = 0,
+    progress: Callable[[str, int, int], None] = lambda what, done, of: None,
+) -> Discovery:
+    """Search a session's residuals for the missing equation; the explanation lists the catalogue's effects.
+
+    seed: of the held-out split and of all random draws.
+    """
+    whole = explanation.twin
+    if len(whole.segments) < 3 * FEWEST:
+        few = f"a third of {len(whole.segments)} turns is too few to judge an equation by: record {3 * FEWEST} or more"
+        return Discovery("none", few, (), (), forms=0, distinct=0, chance_promise=0.0, best_promise=0.0)
+    split = parted(whole.problem, seed)
+    twin = Twin(split.seen)
+    progress("discover: the catalogue on what is seen", 0, STEPS)
+    evidence, tried = FormEvidence(twin), candidates(twin)
+    # The catalogue effects, except those whose shape (such as the moment of a step) was fitted with held-out turns.
+    named = [one.effect for one in explanation.naming.named if one.effect.scan is None]
+    begin = evidence.of(tuple(named), evidence.nothing)
+    start = min(begin, evidence.nothing, key=lambda h: h.score)
+    catalogue = exchanged(evidence, tried, search(evidence, tried, start))
+    shapes = search(evidence, slow_candidates(twin), catalogue, most=MOST_SHAPES)
+    forms = enumerated(largest_of(twin.movements))
+    bases = [evidence.nothing, catalogue] if catalogue.effects else [catalogue]
+    rounds: list[SearchRound] = []
+    searched = SearchState(evidence, Unseen(whole, twin), split, tried, catalogue, shapes, catalogue, rounds, {}, forms)
+    while len(rounds) < MOST_LAWS:
+        step = 1 + 2 * len(rounds)
+        found = with_a_form(evidence, forms, bases, seed, partial(lambda step, what: progress(f"discover: {what}", step, STEPS), step))
+        rounds.append(found)
+        if found.best is None or found.best.score >= searched.best.score:
+            break
+        progress("discover: refitting the constants", step, STEPS)
+        further = _exactly(searched, _settled(evidence, tried, found, searched.laws))
+        for law in further.laws:
+            if law not in searched.laws and further.entered[law.id] == len(rounds) - 1:
+                further = _plainest(further, law)
+        why = next((why for law in further.laws if (why := refused(further, law))), None)
+        if why is not None:
+            searched = replace(searched, why=searched.why or why)
+            break
+        searched = further
+        if evidence.exhausted or not leaves_something(searched):
+            break
+        bases = [searched.best]
+    return answer(explanation, searched, lambda what: progress(f"discover: {what}", STEPS - 1, STEPS))
+
+
+def _exactly(searched: SearchState, have: Hypothesis) -> SearchState:
+    """Refit the constants of all laws of a hypothesis exactly; its new laws come from the last round."""
+    evidence, last, entered = searched.evidence, len(searched.rounds) - 1, dict[str, int]()
+    for law in [effect for effect in have.effects if effect.id in evidence.forms]:
+        have, own = exact(evidence, have, law)
+        entered[own.id] = searched.entered.get(law.id, last)
+    return replace(searched, best=have, entered=entered)
+
+
+def _settled(evidence: FormEvidence, tried: list[Effect], found: SearchRound, before: list[Effect]) -> Hypothesis:
+    """Settle the catalogue effects around the laws: drop those made redundant, add those uncovered.  Where the linear approximation
+    ranked a form wrongly, the best form replaces the law; before: laws of earlier rounds, which stay."""
+    assert found.best is not None
+    have = without_idle(evidence, found.best)
+    have = without_idle(evidence, exchanged(evidence, tried, search(evidence, tried, have, most=MOST_NAMES)))
+    for _ in range(MOST_EXCHANGES):
+        if evidence.exhausted:
+            break
+        law = next((effect for effect in have.effects if effect.id in evidence.forms and effect not in before), None)
+        if law is None:
+            break
+        nearest = next((rival for rival in rivals(evidence, have, law, found.tried) if rival.hypothesis is not None), None)
+        if nearest is None or nearest.hypothesis is None or nearest.worse >= 0:
+            break
+        have = without_idle(evidence, nearest.hypothesis)
+    return have

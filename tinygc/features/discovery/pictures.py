@@ -1,0 +1,398 @@
+"""Plot a law: residuals along its quantity, with the law and its runner-up."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from session.base.units import DEG
+from tinygc.effects import Movement
+from tinygc.explanation.engine import Explanation
+from tinygc.features.discovery.form import Factor
+from tinygc.features.discovery.law_fits import (
+    Fitted,
+    LawSeries,
+    Pair,
+    component_beside,
+    component_name,
+    curve,
+    has_curve,
+    main_of,
+    other_curve,
+    other_of,
+    series_of,
+    shown_as,
+    values_of,
+)
+from tinygc.features.discovery.result import briefly, headline, other_equation
+from tinygc.features.discovery.search_state import Discovery, Law
+from tinygc.features.discovery.words import coefficient_unit, equation
+from tinygc.reporting.pictures.canvas import AXES, FLOOR, canvas, colour_scale, legend, plain
+from tinygc.reporting.pictures.values import one_way, projector, telling
+
+if TYPE_CHECKING:
+    from tinygc.reporting.pictures.canvas import Axes, Figure
+
+
+# Residuals of stills and turns: without the law, with it, and with its runner-up.
+#
+# A still gives a rate.  A turn's closure is projected onto that of a constant rate about one axis; where the law varies within a turn, it
+# is projected onto what the law adds to the closure.
+
+#: quantities that hardly vary within a turn
+SLOW = ("temperature", "temperature_rate", "time", "vibration", "rest", "sense")
+#: share of the other factor's largest level below which a turn cannot be placed along the main quantity
+LEVEL = 0.15
+#: extension of the points' range, to either side, in which a point is placed on the curve
+ROOM = 0.3
+#: points of the curve in which a place is looked up
+GRID = 801
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """One series of n stills or turns.
+
+    x (n,): of the quantity in its own unit, or the law's value where ``along_law``; without, left, other_left (n,): the residual without
+    the law, with it, and with the runner-up in its place, None where there is none; sigma (n,) of noise; level (n,): of the second factor,
+    None where there is none.  In dps, or in degrees of closure for turns drawn along the law.
+    """
+
+    series: LawSeries
+    x: np.ndarray
+    without: np.ndarray
+    left: np.ndarray
+    other_left: np.ndarray | None
+    sigma: np.ndarray
+    level: np.ndarray | None
+    along_law: bool
+    still: bool
+
+    @property
+    def other_says(self) -> np.ndarray | None:
+        """(n,) the runner-up's values, with its change of the calibration."""
+        return None if self.other_left is None else self.without - self.other_left
+
+    def some(self, keep: np.ndarray) -> Points:
+        """The points of a mask (n,)."""
+        other_left, level = (None if values is None else values[keep] for values in (self.other_left, self.level))
+        x, without, left, sigma = (values[keep] for values in (self.x, self.without, self.left, self.sigma))
+        return Points(self.series, x, without, left, other_left, sigma, level, self.along_law, self.still)
+
+
+def of_stills(e: Explanation, pair: Pair, series: LawSeries) -> Points:
+    """Points of the stills' mean rates, dps."""
+    law, other, form = pair.own, pair.other, pair.law.form
+    entries, movements = list(series.entries), _movements(e, law)
+
+    def mean(of: Callable[[Movement], np.ndarray]) -> np.ndarray:
+        by_log = [of(movement) for movement in movements]
+        return np.array([by_log[log][still.start : still.stop].mean() for log, still in e.twin.stills])
+
+    said = law.adds.still[:, series.axis][:, entries] @ law.theta[entries]
+    left = law.left.still[:, series.axis]
+    other_left = None if other is None else other.left.still[:, series.axis] / DEG
+    sigma = law.whiten.sigma[law.whiten.parts["still"]].reshape(-1, 3)[:, series.axis]
+    along = not has_curve(form)
+    level = None if along else _level(pair, series, mean)
+    x = said / DEG if along else mean(lambda movement: values_of(main_of(form), movement, series.component))
+    if not along and level is None:
+        x = _placed(pair, series, x, said, np.ones(len(x), dtype=bool))
+    return Points(series, x, (said + left) / DEG, left / DEG, other_left, sigma / DEG, level, along, still=True)
+
+
+def of_turns(e: Explanation, pair: Pair, series: LawSeries) -> Points:
+    """Points of the turns: dps about the axis, or degrees along the law's closure."""
+    law, other, form = pair.own, pair.other, pair.law.form
+    entries, beside = list(series.entries), other_of(form)
+    said = law.adds.closure[:, :, entries] @ law.theta[entries]
+    angles = [said + law.left.closure, law.left.closure, *([] if other is None else [other.left.closure])]
+    if not has_curve(form) or (beside is not None and beside.quantity not in SLOW):
+        return _along_law(series, said, angles, e.twin.problem.floor.sigma)
+    of_samples = law.replay.sensitivity[:, :, :, series.axis]
+    share, sigma = projector(of_samples.sum(axis=1), e.twin.problem.floor.sigma)
+    weight = np.einsum("sd,std->st", share, of_samples)
+    movements = _movements(e, law)
+
+    def sampled(of: Callable[[Movement], np.ndarray]) -> np.ndarray:
+        return e.twin.padded([np.repeat(of(movement)[:, None], 3, axis=1) for movement in movements])[:, :, 0]
+
+    along = sampled(lambda movement: values_of(main_of(form), movement, series.component))
+    x = np.sum(weight * along, axis=1)
+    level = _level(pair, series, lambda of: np.sum(weight * sampled(of), axis=1))
+    keep = telling(sigma) & np.isfinite(x) & one_way(weight, along, x)
+    asked = np.einsum("sd,sd->s", share, said)
+    if level is not None:
+        strong = np.abs(level) > LEVEL * np.max(np.abs(level), initial=0.0)
+        keep &= strong
+        asked = np.divide(asked, level, out=np.zeros_like(level), where=strong)
+    x = _placed(pair, series, x, asked, keep)
+    without, left, *more = (np.einsum("sd,sd->s", share, each) / DEG for each in angles)
+    return Points(series, x, without, left, more[0] if more else None, sigma / DEG, level, along_law=False, still=False).some(keep)
+
+
+def _along_law(series: LawSeries, said: np.ndarray, angles: list[np.ndarray], sigma: np.ndarray) -> Points:
+    """Each turn along the direction in which the law moves its closure: a line of slope one, if the law is the cause."""
+    size = np.linalg.norm(said, axis=1)
+    largest = said[np.arange(len(said)), np.argmax(np.abs(said), axis=1)]
+    ahead = np.divide(said, (size * np.sign(largest))[:, None], out=np.zeros_like(said), where=size[:, None] > 0)
+    law, without, left, *more = (np.einsum("sd,sd->s", ahead, each) / DEG for each in (said, *angles))
+    noise = np.sqrt(np.sum((ahead * sigma) ** 2, axis=1)) / DEG
+    return Points(series, law, without, left, more[0] if more else None, noise, None, along_law=True, still=False).some(size > 0)
+
+
+def _movements(e: Explanation, law: Fitted) -> list[Movement]:
+    return [movement.with_rate(rate) for movement, rate in zip(e.twin.movements, law.replay.rates, strict=True)]
+
+
+def _level(pair: Pair, series: LawSeries, mean: Callable[[Callable[[Movement], np.ndarray]], np.ndarray]) -> np.ndarray | None:
+    """(n,) of the second factor through its function, in the series' first term; None where there is none."""
+    form = pair.law.form
+    beside: Factor | None = other_of(form)
+    if beside is None:
+        return None
+    component = component_beside(form, form.terms()[series.entries[0]])
+    return mean(lambda movement: beside.values(movement)[:, component])
+
+
+def _placed(pair: Pair, series: LawSeries, x: np.ndarray, said: np.ndarray, keep: np.ndarray) -> np.ndarray:
+    """(n,) where the curve has the law's value, on the same side of zero as x; x itself where the curve does not determine it."""
+    form = pair.law.form
+    found = x.copy()
+    low, high = (x[keep].min(), x[keep].max()) if keep.any() else (0.0, 0.0)
+    room, main, theta = ROOM * (high - low), main_of(form), pair.own.theta[list(series.entries)]
+    # A quantity without a sign gets none.
+    for side, begin, end in ((-1, low - room, min(high, 0.0)), (1, max(low - room, 0.0), high + room)):
+        if not end > begin or (side < 0 and low >= 0):
+            continue
+        at = np.linspace(begin, end, GRID)
+        values = curve(main, at, theta)
+        if values[0] > values[-1]:
+            at, values = at[::-1], values[::-1]
+        rises = np.concatenate([[True], np.diff(values) > 0])
+        if np.any(np.diff(values) < 0) or rises.sum() < 2:
+            continue
+        # A flat part, as within a dead zone, determines no place.
+        here = (np.sign(x) == side) & (said > values[0]) & (said < values[-1])
+        found[here] = np.interp(said[here], values[rises], at[rises])
+    return found
+
+
+# Two panels of a law: residuals along its quantity with the law and its runner-up, and the residuals of each.
+
+#: panels of matplotlib, left and right
+Sides = tuple[Any, Any]
+
+COLOURS = tuple(AXES.values())
+#: functions whose constant is a place along their quantity
+EDGED = ("dead_zone", "excess", "within", "beyond", "signed_beyond", "above", "hinge", "band")
+#: colour of the runner-up, the same for all axes
+OTHER = "#555555"
+#: points of a curve
+POINTS = 400
+#: quantiles of a second factor's levels at which the law is drawn
+QUANTILES = (0.1, 0.5, 0.9)
+
+
+def draw_pair(e: Explanation, pair: Pair, points: list[Points], left: Axes, right: Axes) -> None:
+    """Draw one row of the page."""
+    law, own, where = pair.law, pair.own, "in each still" if points[0].still else "of each turn"
+    movement = e.twin.movements[0]
+    times, words, unit = shown_as(main_of(law.form), movement)
+    along = points[0].along_law
+    one = 1e3 if not along or points[0].still else 1.0
+    y_unit = "mdps" if one == 1e3 else "°"
+    times = one if along else times
+    what = "rate" if one == 1e3 else "closure"
+    components = {each.series.component for each in points}
+    which = component_name(main_of(law.form), next(iter(components))) if len(components) == 1 else "the axis"
+    x_label = f"what the law says ({y_unit})" if along else f"{words.format(i=which)} ({unit})"
+    names = [_name(law, each.series) for each in points]
+    level = points[0].level
+    for axes in (left, right):
+        axes.axhline(0, color=FLOOR, lw=0.8)
+    if level is None:
+        for name, each, colour in zip(names, points, COLOURS, strict=False):
+            _errorbars(left, each.x * times, each.without * one, each.sigma * one, colour)
+            _errorbars(right, each.x * times, each.left * one, each.sigma * one, colour)
+            left.plot([], [], "o-", ms=4, color=colour, label=f"{name}{_number(law, each.series)}")
+            right.plot([], [], "o", ms=4, color=colour, label=f"{name}, with the law")
+    else:
+        _levels(law, own, points[0], times, one, left, right)
+    _laws(law, own, points, times, one, left)
+    if not along:
+        _edges(law, points, times, unit, left)
+    _runner_up(e, pair, points, times, one, (left, right))
+    _fit_in(left, [each.without * one for each in points])
+    _fit_in(right, [each.left * one for each in points] + [each.other_left * one for each in points if each.other_left is not None])
+    left.set(xlabel=x_label, ylabel=f"{what} {where} without the law ({y_unit})", title=f"Without the law: {what} {where}")
+    right.set(xlabel=x_label, ylabel=f"{what} that is left ({y_unit})", title=_what_is_left(points))
+    for axes in (left, right):
+        legend(axes)
+
+
+def _name(law: Law, series: LawSeries) -> str:
+    """The axis, and what it follows where that is another: ``x from y``, ``x from y and z``."""
+    own, other = "xyz"[series.axis], other_of(law.form)
+    parts = [component_name(main_of(law.form), series.component)]
+    if other is not None and len(series.entries) == 1:
+        beside = component_beside(law.form, law.form.terms()[series.entries[0]])
+        parts.append(component_name(other, beside // other.through.phases))
+    follows = list(dict.fromkeys(part for part in parts if part))
+    return own + (f" from {' and '.join(follows)}" if follows not in ([], [own]) else "")
+
+
+def _number(law: Law, series: LawSeries) -> str:
+    """The coefficient with its sigma as on the page, where the series has one."""
+    if len(series.entries) != 1:
+        return ""
+    entry, (unit, _) = series.entries[0], coefficient_unit(law.form)
+    sigma = np.sqrt(law.covariance[entry, entry])
+    return f": {plain(law.theta[entry] / DEG, sigma / DEG)} {unit}"
+
+
+def _errorbars(axes: Axes, x: np.ndarray, y: np.ndarray, sigma: np.ndarray, colour: str) -> None:
+    """Draw error bars, pale where they are large."""
+    alpha = np.clip(2 * sigma.min(initial=np.inf) / sigma, 0.15, 1)
+    for at, value, spread, strength in zip(x, y, sigma, alpha, strict=True):
+        axes.errorbar(at, value, spread, fmt="o", ms=4, lw=0.8, color=colour, alpha=strength)
+
+
+def _laws(law: Law, own: Fitted, points: list[Points], times: float, one: float, axes: Axes) -> None:
+    """Draw the law through the points: a curve along the quantity, or the line of slope one."""
+    if points[0].level is not None:
+        return
+    if points[0].along_law:
+        low, high = _span(np.concatenate([each.x for each in points]))
+        axes.plot([low * times, high * times], [low * one, high * one], "-", color="black", lw=1.5, label="what the law says, slope 1")
+        return
+    for each, colour in zip(points, COLOURS, strict=False):
+        at = np.linspace(*_span(each.x), POINTS)
+        said = curve(main_of(law.form), at, own.theta[list(each.series.entries)]) / DEG
+        axes.plot(at * times, said * one, color=colour, lw=1.8)
+
+
+def _edges(law: Law, points: list[Points], times: float, unit: str, axes: Axes) -> None:
+    """Draw dotted lines where the law begins or ends, within the range of the points."""
+    main = main_of(law.form)
+    if main.function not in EDGED or main.constant is None:
+        return
+    low, high = _span(np.concatenate([each.x for each in points]))
+    both = main.function not in ("above", "hinge") and low < 0
+    label = f"{main.through.constant} {'±' if both else ''}{main.constant * times:.3g} {unit}"
+    for edge in (main.constant, -main.constant) if both else (main.constant,):
+        if low <= edge <= high:
+            axes.axvline(edge * times, ls=":", lw=1.0, color=FLOOR, label=label, zorder=0)
+            label = "_"  # labelled once
+
+
+def _levels(law: Law, own: Fitted, points: Points, times: float, one: float, left: Axes, right: Axes) -> None:
+    """Draw one series of a law of two quantities, coloured by the level of the second."""
+    assert points.level is not None
+    other = other_of(law.form)
+    assert other is not None
+    scale, colours = colour_scale(*_span(points.level))
+    for axes, values in ((left, points.without), (right, points.left)):
+        axes.errorbar(points.x * times, values * one, points.sigma * one, fmt="none", lw=0.8, color=FLOOR, zorder=1)
+        drawn = axes.scatter(points.x * times, values * one, c=points.level, cmap=colours, norm=scale, s=26, zorder=2)
+    # The second quantity through its function, with its unit
+    other = other_of(law.form)
+    assert other is not None
+    component = component_beside(law.form, law.form.terms()[points.series.entries[0]])
+    symbol = other.of.symbol.format(i=component_name(other, component // other.through.phases))
+    constant = "" if other.constant is None else f"{other.constant:.3g}"
+    shown = other.through.shown.format(x=symbol, c=constant)
+    shown += f" ({other.of.unit})" if other.through.name == "itself" and other.of.unit != "1" else ""
+    right.figure.colorbar(drawn, ax=right, label=shown)
+    at = np.linspace(*_span(points.x), POINTS)
+    said = curve(main_of(law.form), at, own.theta[list(points.series.entries)]) / DEG
+    for level in np.quantile(points.level, QUANTILES):
+        left.plot(at * times, level * said * one, color=colours(scale(level)), lw=1.8, label=f"law at {level:.3g}")
+    right.plot([], [], "o", color=colours(0.5), label=f"{_name(law, points.series)}, with the law")
+
+
+def _runner_up(e: Explanation, pair: Pair, points: list[Points], times: float, one: float, axes: Sides) -> None:
+    """Draw the runner-up with its own calibration: a diamond at each turn or still, and for stills a dashed curve."""
+    own, other = pair.own, pair.other
+    if other is None:
+        return
+    left, right = axes
+    # A turn's movement is not constant, and where an axis follows several components no curve along one is complete.
+    single = len({each.axis for each in series_of(pair.law.form)}) == len(series_of(pair.law.form))
+    dashed = points[0].still and single and points[0].level is None and not points[0].along_law
+    for each, colour in zip(points, COLOURS, strict=False):
+        if each.other_says is None or each.other_left is None:
+            continue
+        drawn = {"mfc": "none", "color": colour if each.level is None else OTHER, "ms": 6, "alpha": 0.75}
+        left.plot(each.x * times, each.other_says * one, "D", **drawn)
+        right.plot(each.x * times, each.other_left * one, "D", **drawn)
+        if dashed and (said := other_curve(e, own, other, each.series)) is not None:
+            at = np.linspace(*_span(each.x), POINTS)
+            left.plot(at * times, said(at) / DEG * one, "--", color=drawn["color"], lw=1.2)
+    left.plot([], [], "D--" if dashed else "D", mfc="none", color=OTHER, label="what the runner-up says")
+    right.plot([], [], "D", mfc="none", color=OTHER, label="with the runner-up")
+
+
+def _what_is_left(points: list[Points]) -> str:
+    def rms(values: list[np.ndarray]) -> float:
+        return float(np.sqrt(np.mean(np.concatenate(values) ** 2)))
+
+    words = f"What is left: {rms([each.left / each.sigma for each in points]):.2g} sigmas rms with the law"
+    others = [each.other_left / each.sigma for each in points if each.other_left is not None]
+    return f"{words}, {rms(others):.2g} with the runner-up" if others else words
+
+
+def _span(values: np.ndarray) -> tuple[float, float]:
+    low, high = float(np.min(values)), float(np.max(values))
+    room = 0.03 * max(high - low, 1e-12)
+    return (low - room if low < 0 else max(low - room, 0.0)), high + room  # a quantity without a sign stays positive
+
+
+def _fit_in(axes: Axes, values: list[np.ndarray]) -> None:
+    """Fit the axes to all values, zero and a margin, ignoring the curve beyond the points."""
+    low, high = _span(np.append(np.concatenate(values), 0.0))
+    axes.set_ylim(low - (high - low) * 0.05, high + (high - low) * 0.05)
+
+
+# ``explain/discover.png``: residuals against the law's quantity, with the law and its runner-up.
+
+#: share of a law's chi-square above which a channel has its own row
+SHARE = 0.15
+#: series in one panel
+MOST_SERIES = 3
+
+
+def figure_of(e: Explanation, discovery: Discovery, pairs: list[Pair]) -> Figure:
+    """The page as a matplotlib figure, for an answer with laws.  Raises CalibrationError where matplotlib is missing."""
+    rows = [(pair, points) for pair in pairs for points in _rows(e, pair)]
+    title, _ = headline(discovery.verdict, any(law.runners_up for law in discovery.laws))
+    figure, grid = canvas(len(rows), f"{e.session.name}: {title}", (), [_words(pair.law) for pair in pairs])
+    for (pair, points), sides in zip(rows, np.reshape(grid, (-1, 2)), strict=True):
+        draw_pair(e, pair, points, *sides)
+    return figure
+
+
+def _words(law: Law) -> str:
+    beside = f"      runner-up:  {briefly(other_equation(law.runners_up[0]))}" if law.runners_up else ""
+    return f"{law.effect.id}:  {equation(law.form)}{beside}"
+
+
+def _rows(e: Explanation, pair: Pair) -> list[list[Points]]:
+    """The series of each channel with evidence for the law."""
+    # Chi-square of the law's prediction, by channel
+    said = pair.own.whiten.by_channel(pair.own.whiten(pair.own.adds.stacked() @ pair.own.theta))
+    power, found = {name: float(np.sum(said[part] ** 2)) for name, part in pair.own.whiten.parts.items()}, []
+    for channel, of in (("closure", of_turns), ("still", of_stills)):
+        if power[channel] < SHARE * sum(power.values()):
+            continue
+        points = [of(e, pair, series) for series in series_of(pair.law.form)]
+        points = [each for each in points if len(each.x)]
+        if not points:
+            continue
+        strength = [float(np.sum(((each.without - each.left) / each.sigma) ** 2)) for each in points]
+        most = 1 if points[0].level is not None else MOST_SERIES
+        found.append([points[number] for number in sorted(np.argsort(strength)[::-1][:most])])
+    return found

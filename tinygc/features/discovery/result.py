@@ -1,0 +1,300 @@
+"""A discovery as JSON and in the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import PurePosixPath
+from typing import Any
+
+import numpy as np
+
+from session.base.units import DEG
+from tinygc.explanation.claims import measured, p_entry, p_words
+from tinygc.features.discovery.law_code import law_code
+from tinygc.features.discovery.quantities import QUANTITIES
+from tinygc.features.discovery.search_state import NOISE_P, Discovery, Law, RunnerUp
+from tinygc.features.discovery.unobserved import in_words as direction_in_words
+from tinygc.features.discovery.words import (
+    ABBREVIATIONS,
+    ARROW,
+    BENCH_UNITS,
+    NEIGHBOURS,
+    SYMBOLS,
+    abbreviations,
+    coefficient_unit,
+    constants_of,
+    equation,
+    in_words,
+    terms_of,
+)
+from tinygc.reporting.terminal import Group, Text, one_line
+
+# A discovery as the key ``discovery`` of ``tinygc-explain/2`` (docs/formats.md); the page and the report are made from the same table.
+
+
+def to_json(discovery: Discovery, files: Sequence[str | None]) -> dict:
+    """JSON-ready; files: of each law, relative to the folder of the explanation, None where none is written."""
+    return {
+        "verdict": discovery.verdict,
+        "why": discovery.why,
+        "laws": [_law(law, file) for law, file in zip(discovery.laws, files, strict=True)],
+        "catalogue_effects": [vars(each) for each in discovery.beside],
+        "forms": discovery.forms,
+        "distinct": discovery.distinct,
+        "chance": discovery.chance_promise,
+        "best": discovery.best_promise,
+        "learnable": {name: {"size_dps": None if size is None else size / DEG} for name, size in discovery.learnable.items()},
+    }
+
+
+def _law(law: Law, file: str | None) -> dict:
+    unit, name = coefficient_unit(law.form)
+    parameters, std = ((x / DEG).reshape(law_code(law.form).shape).tolist() for x in (law.theta, np.sqrt(np.diag(law.covariance))))
+    return {
+        "id": law.effect.id if file is None else PurePosixPath(file).stem.replace("_", ".", 1),  # discovered_rate.py: discovered.rate
+        "equation": equation(law.form),
+        "in_words": in_words(law.form),
+        "parameters": {name: parameters},
+        "std": {name: std},
+        "unit": unit,
+        "terms": terms_of(law.form),
+        "constants": {
+            each.json: {"value": each.number, "sigma": each.sigma, "unit": each.unit or "fraction"}
+            for each in constants_of(law.form, law.constants_sigma)
+        },
+        "bits": law.bits,
+        "chi_square": law.gain,
+        "better_by": law.better,
+        "chance_p": law.chance_p,
+        "held_out": [
+            {
+                "before_deg": each.before_rad / DEG,
+                "after_deg": each.after_rad / DEG,
+                "floor_deg": each.floor_rad / DEG,
+                "removed": each.removed,
+                **p_entry("p_value", each.p_value),
+                **p_entry("noise_p", each.noise_p),
+                "segments": each.segments,
+                "recording": each.recording,
+            }
+            for each in law.held_out
+        ],
+        "file": file,
+        "same_here": [equation(form) for form in law.same],
+        "runners_up": [
+            {
+                "id": each.effect.id if each.form is None else None,
+                "equation": other_equation(each),
+                "worse_by": each.worse,
+                "correlation": each.correlation,
+                "discriminating_motion": each.discriminating_motion,
+            }
+            for each in law.runners_up
+        ],
+        "learnable_from": law.learnable_from,
+        "not_observed": [
+            {"in_words": direction_in_words(law.form, each), "direction": each.reshape(law_code(law.form).shape).tolist()}
+            for each in law.unobserved
+        ],
+    }
+
+
+def other_equation(each: RunnerUp) -> str:
+    """Equation of a form or of a catalogue effect."""
+    return each.effect.equation if each.form is None else equation(each.form)
+
+
+def briefly(text: str) -> str:
+    """An equation without the definitions of its symbols."""
+    for note in (*SYMBOLS.values(), NEIGHBOURS, *ABBREVIATIONS.values()):
+        text = text.split(f", {note}")[0]
+    return text
+
+
+# A discovery in the terminal: equation, evidence, alternatives, and use.
+
+HEADLINES = {
+    "found": ("an equation was found", "green"),
+    "ambiguous": ("equations were found, and this recording cannot decide between them", "yellow"),
+    "none": ("no equation of this grammar", "yellow"),
+}
+MOST_RUNNERS_UP = 3
+MOST_SAME = 3
+#: most numbers printed of a catalogue effect that accompanies the laws
+MOST_NUMBERS = 9
+#: smallest chance printed, by the number of noise draws
+LEAST_P = 1e-4
+#: quantities whose detection limits are on the page
+MOST_LEARNABLE = 6
+
+
+def headline(verdict: str, has_rivals: bool) -> tuple[str, str]:
+    """The verdict in words, and its colour."""
+    if verdict == "ambiguous" and not has_rivals:
+        return "an equation stands out, and this recording cannot decide whether it is the one", "yellow"
+    return HEADLINES[verdict]
+
+
+def discovery_page(explained: dict) -> Group:
+    """Page of the terminal, from the table of ``DiscoveryReport``."""
+    table, following = explained["discovery"], explained["next"]
+    words, style = headline(table["verdict"], any(law["runners_up"] for law in table["laws"]))
+    tried = f"   ({table['forms']} forms tried, {table['distinct']} of them distinct here)" if table["forms"] else ""
+    lines: list = [Text.assemble(("Beyond the catalogue: ", "bold"), (words, style), tried)]
+    for law in table["laws"]:
+        lines += [Text(""), *_law_lines(law)]
+    if table["laws"]:
+        lines.append(Text(""))
+        lines += [one_line(f"in these equations: {short}")] if (short := abbreviated(table)) else []
+        lines += [one_line(f"beside {'it' if len(table['laws']) == 1 else 'them'}: {_beside(each)}") for each in table["catalogue_effects"]]
+    elif table["forms"]:
+        # Effects of an answer without a law come from part of the recording, untested: the explanation above lists its own.
+        lines.append(
+            one_line(
+                f"the best form promises {table['best']:.3g} in −2 log evidence by its linear columns, its description paid; "
+                f"in noise alone the best of so many promises more than {table['chance']:.3g} in 1 of 20 searches"
+            )
+        )
+    if table["why"]:
+        lines.append(one_line(table["why"]))
+    if learnable := _learnable(table["learnable"]):
+        lines.append(one_line(learnable))
+    if following:
+        lines.append(Text.assemble(("next: ", "bold"), following))
+    return Group(*lines)
+
+
+def _law_lines(law: dict) -> list[Text]:
+    lines = [
+        Text.assemble((f"{law['id']}  ", "bold cyan"), law["equation"]),
+        one_line(f"  {law['in_words']}"),
+    ]
+    lines += [Text(f"  {line}") for line in number_lines(law)]
+    lines += [one_line(f"  {words}") for words in evidence_words(law)]
+    if law["same_here"]:
+        lines.append(Text(f"  equivalent in this recording: {same_words(law)}", "yellow"))
+    lines += [Text(f"  alternative: {runner_up_words(each)}", "yellow") for each in law["runners_up"][:MOST_RUNNERS_UP]]
+    if law["file"]:
+        lines.append(one_line(f"  written as {law['file']}"))
+    return lines
+
+
+def evidence_words(law: dict) -> list[str]:
+    """Evidence for a law: chi-square, chance, held-out segments, and its detection limit."""
+    chance = p_words(max(law["chance_p"], LEAST_P), law["chance_p"] < LEAST_P)
+    found = [
+        f"reduces chi-square by {law['chi_square']:.0f} and improves −2 log evidence by {law['better_by']:.4g}; "
+        f"in noise alone a search finds as much with p {chance}",
+        *(held_out_words(each) for each in law["held_out"]),
+    ]
+    if law.get("not_observed"):
+        words = "; ".join(each["in_words"] for each in law["not_observed"])
+        found.append(f"not observed in this recording, set to zero and not applied: {words}")
+    return found + ([learnable_words(law["learnable_from"])] if law["learnable_from"] is not None else [])
+
+
+def number_lines(law: dict) -> list[str]:
+    """``x 0.0210 ± 0.0020   y … dps``, and a line for each constant."""
+    lines: list[str] = []
+    for name, values in law["parameters"].items():
+        rows = values if values and isinstance(values[0], list) else [values]
+        spreads = law["std"][name] if rows is values else [law["std"][name]]
+        rows, spreads = _by_axis(rows, spreads)
+        heads = _heads(rows, law.get("terms", []))
+        for row, spread, labels in zip(rows, spreads, heads, strict=True):
+            numbers = "   ".join(f"{label}{measured(*each)}" for label, *each in zip(labels, row, spread, strict=True))
+            head = f"{name}: " if name == law["unit"] else f"{name} ({law['unit']}): "
+            lines.append(f"{head if not lines else ' ' * len(head)}{numbers}")
+    for name, constant in law["constants"].items():
+        unit = "of full scale" if constant["unit"] == "fraction" else constant["unit"]
+        # ``width`` of ``width_share``
+        ending = next((f"_{unit}" for *_, unit in BENCH_UNITS.values() if name.endswith(f"_{unit}")), "")
+        lines.append(f"{name.removesuffix(ending).replace('_', ' ')}: {measured(constant['value'], constant['sigma'])} {unit}")
+    return lines
+
+
+def _heads(rows: list, terms: list[str]) -> list[list[str]]:
+    """The label before each number: empty where there is one for each axis; ``x ← y `` for a row's first, then ``z ``."""
+    if len(rows) == 1:
+        return [[""] * len(rows[0])]
+    given, heads = iter(terms), []
+    for row in rows:
+        own = [next(given, "") for _ in row]
+        axis, arrow, _ = own[0].partition(ARROW)
+        heads.append([f"{axis}{arrow}" * (not number) + f"{each.removeprefix(f'{axis}{arrow}')} " for number, each in enumerate(own)])
+    return heads
+
+
+def abbreviated(table: dict) -> str:
+    """Definitions of the page's abbreviations that its equations do not define themselves."""
+    said = [law["equation"] for law in table["laws"]]
+    others = [text for law in table["laws"] for text in (*law["same_here"][:MOST_SAME], *(each["equation"] for each in law["runners_up"]))]
+    return "; ".join(meaning for meaning in abbreviations(" ".join([*said, *others])) if not any(meaning in text for text in said))
+
+
+def _beside(each: dict) -> str:
+    """An effect of the catalogue with its numbers, in a line."""
+    numbers = [f"{name}: {_numbers(value, each['std'].get(name))}" for name, value in each["parameters"].items()]
+    return "  ".join([each["id"], *numbers])
+
+
+def _numbers(value: Any, std: Any) -> str:
+    flat, spread = np.ravel(value), np.ravel([] if std is None else std)
+    if flat.dtype.kind not in "if" or len(flat) > MOST_NUMBERS:
+        return str(value) if len(flat) == 1 else f"{len(flat)} numbers"
+    return "   ".join(measured(float(x), float(spread[i]) if i < len(spread) else None) for i, x in enumerate(flat))
+
+
+def _by_axis(rows: list, spreads: list) -> tuple[list, list]:
+    """A long row as three, one for each axis."""
+    if len(rows) != 1 or len(rows[0]) <= 3 or len(rows[0]) % 3:
+        return rows, spreads
+    each = len(rows[0]) // 3
+    return tuple([row[0][k : k + each] for k in range(0, 3 * each, each)] for row in (rows, spreads))  # type: ignore[return-value]
+
+
+def held_out_words(each: dict) -> str:
+    """Closure of held-out segments, before and after."""
+    of = f"{each['segments']} held-out segments"
+    if each["recording"]:
+        of = f"{each['recording']}, left out whole ({each['segments']} segments)"
+    gone = "" if each["removed"] is None else f"; {100 * each['removed']:.1f} % of the excess removed"
+    closure = f"closure {each['before_deg']:.4f}° before, {each['after_deg']:.4f}° after, floor {each['floor_deg']:.4f}°{gone}"
+    left = f"; the rest is more than the sensor's own noise (p {p_words(each['noise_p'])})" if each["noise_p"] < NOISE_P else ""
+    return f"{of}: {closure} (p {p_words(each['p_value'])}){left}"
+
+
+def learnable_words(factor: float) -> str:
+    """Detection limit of the law here, as a factor on its size (``detection_limits.SURE``)."""
+    if factor <= 1:
+        return f"in 19 of 20 draws of noise this search finds it here from {factor:.2g} of its size on"
+    return f"in 19 of 20 draws of noise this search finds it here only from {factor:.2g} times its size on"
+
+
+def same_words(law: dict) -> str:
+    """Forms that this recording cannot distinguish from a law."""
+    return _listed([briefly(text) for text in law["same_here"]], MOST_SAME)
+
+
+def runner_up_words(each: dict) -> str:
+    """Equation, evidence against it, correlation with the law, and what would discriminate."""
+    name = f"{each['id']}  " if each["id"] else ""
+    worse = f"worse by {each['worse_by']:.3g}, correlation {each['correlation']:.3f}"
+    return f"{name}{briefly(each['equation'])} ({worse}): {each['discriminating_motion']}"
+
+
+def _learnable(learnable: dict) -> str:
+    known = [(_quantity(name), each["size_dps"]) for name, each in learnable.items() if each["size_dps"] is not None]
+    blind = [_quantity(name) for name, each in learnable.items() if each["size_dps"] is None]
+    known.sort(key=lambda pair: pair[1])
+    said = ", ".join(f"{name} from {size:.2g}" for name, size in known[:MOST_LEARNABLE])
+    lines = [f"a law of one quantity alone would be found in 19 of 20 such recordings from so many dps rms on: {said}"] if known else []
+    return "; ".join(lines + ([f"not detectable here: {', '.join(blind)}"] if blind else []))
+
+
+def _quantity(name: str) -> str:
+    return QUANTITIES[name].words.split(",")[0]
+
+
+def _listed(words: list[str], most: int) -> str:
+    return "; ".join(words[:most]) + (f"; … ({len(words)})" if len(words) > most else "")

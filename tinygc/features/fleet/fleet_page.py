@@ -1,0 +1,145 @@
+"""Page of a fleet's table: counts, closures, distributions, failures.  Its size does not grow with the number of sessions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from session import VERSION
+from session.base.files import result_folder
+from session.base.results import write_text_whole
+from session.base.texts import significant
+from session.base.units import DEG, MG
+from tinygc.features.fleet.fleet_row import VALUES
+from tinygc.features.fleet.fleet_summary import SHARES, Distribution, Summary
+from tinygc.models.linear import BIAS
+from tinygc.reporting.html.chart import Axis, Chart
+from tinygc.reporting.html.markup import WIDE, Section, escape, facts, figure, paragraph, table
+from tinygc.reporting.html.page import document
+
+#: columns of closures, with their titles
+CLOSURES = {
+    "held_out_deg": "Held-out tilt of the turns",
+    "floor_deg": "Noise floor of the turns",
+    "run_rmse_deg": "Worst closure run, RMSE",
+}
+#: px: height of a chart; width of charts side by side
+HEIGHT, SMALL = 170, 410
+
+
+def page(summary: Summary, more: Sequence[Section] = ()) -> str:
+    """Build the page; more: sections on the sessions as a whole (lot statistics), between parameters and failures."""
+    parts = []
+    for caption, counts in (
+        ("First look: the worst that it found", summary.first_look),
+        ("Verdicts of explain", summary.verdicts),
+        ("Effects that explain names", summary.effects),
+    ):
+        if counts:
+            rows = [(escape(name), _count(count), f"{significant(100 * count / summary.sessions)} %") for name, count in counts.items()]
+            parts.append(table(("", "sessions", "share"), rows, caption))
+    made = [
+        _counts(summary),
+        _closures(summary),
+        (Section("verdicts", "Why they differ", "".join(parts)) if parts else None),
+        _parameters(summary),
+        *more,
+        _failures(summary),
+    ]
+    head = (
+        '<header><p class="kicker">Fleet of sessions</p>'
+        f"<h1>{_count(summary.sessions)} sessions, {_count(summary.units)} serial numbers</h1></header>"
+    )
+    foot = f"<footer>Least squares alone; every number is in fleet.sqlite. TinyGC {escape(VERSION)}.</footer>"
+    return document(f"Fleet: {summary.sessions} sessions", head, [section for section in made if section is not None], foot)
+
+
+def save(summary: Summary, path: Path, more: Sequence[Section] = ()) -> Path:
+    """Write the page atomically; return its path."""
+    with result_folder(path.parent):
+        write_text_whole(path, page(summary, more))
+    return path
+
+
+def _counts(summary: Summary) -> Section:
+    fitted = summary.passed + summary.undecided + summary.missed
+    pairs = [
+        ("Folders", _count(summary.folders)),
+        ("Different sessions", _count(summary.sessions)),
+        ("Done", _count(summary.done)),
+        ("Failed", _count(summary.failed + summary.died + summary.unreadable)),
+        ("Pass, of those fitted", f"{_count(summary.passed)} of {_count(fitted)}" if fitted else "–"),
+        *([("Not decided", _count(summary.undecided))] if summary.undecided else []),
+        ("Computing, in all", f"{significant(summary.cpu_s / 3600)} CPU h"),
+    ]
+    return Section("counts", "How many", facts(pairs) + (paragraph(f"Pass {summary.rule}.", "soft") if fitted else ""))
+
+
+def _closures(summary: Summary) -> Section | None:
+    found = {name: summary.distributions[name] for name in CLOSURES if name in summary.distributions}
+    if not found:
+        return None
+    html = "".join(_histogram(CLOSURES[name], each, "°", 1.0, summary.limit_deg) for name, each in found.items())
+    return Section("closure", "Closure", html + _table({CLOSURES[name]: (each, "°", 1.0) for name, each in found.items()}))
+
+
+def _parameters(summary: Summary) -> Section | None:
+    shown = {name: (summary.distributions[name], *_unit(name)) for name in VALUES if name in summary.distributions}
+    if not shown:
+        return None
+    charts = "".join(_histogram(name, each, unit, size, widest=SMALL) for name, (each, unit, size) in shown.items())
+    return Section("parameters", "Parameters", _table(shown) + f'<div class="pair">{charts}</div>')
+
+
+def _failures(summary: Summary) -> Section | None:
+    if not summary.reasons:
+        return None
+    reasons = [(escape(reason), escape(step), _count(count)) for step, reason, count in summary.reasons]
+    rows = [(escape(folder), escape(step), escape(line)) for folder, step, line in summary.failures]
+    failed = summary.failed + summary.died + summary.unreadable
+    cut = f"The first {len(rows)} of {_count(failed)}; fleet.sqlite and --csv have all." if len(rows) < failed else ""
+    html = table(("reason", "in", "sessions"), reasons, "By reason: … stands for what differs", "words")
+    return Section("failures", "Failures", html + table(("folder", "in", "because"), rows, cut or "Each", "words"))
+
+
+def _unit(name: str) -> tuple[str, float]:
+    """Return a parameter's displayed unit, and its size in SI."""
+    if name in VALUES[BIAS]:
+        return "dps", DEG
+    return ("mg", MG) if name.startswith("accel_bias") else ("", 1.0)
+
+
+def _table(found: dict[str, tuple[Distribution, str, float]]) -> str:
+    header = ("", "sessions", *(f"{100 * share:g} %" for share in SHARES))
+    rows = []
+    for name, (each, unit, size) in found.items():
+        label = f"{escape(name)} <small>{unit}</small>" if unit else escape(name)
+        rows.append((label, _count(each.count), *(significant(value / size, 4) for value in each.quantiles)))
+    return table(header, rows, "Shares of the sessions lie below", minor=(2, 6))
+
+
+def _histogram(title: str, each: Distribution, unit: str, size: float, limit: float | None = None, widest: int = WIDE) -> str:
+    edges, counts = each.edges / size, each.counts
+    most = max(int(counts.max()), 1)
+    x = np.repeat(edges, 2)[1:-1]
+    heights = np.repeat(counts, 2)
+    outside = f"; {each.below + each.above} lie beyond" if each.below + each.above else ""
+
+    def draw(width: int) -> str:
+        label = f"{title}, {unit}" if unit else title
+        about = f"{title}: histogram of {each.count} sessions"
+        x_axis = Axis(float(edges[0]), float(edges[-1]), label)
+        chart = Chart(min(width, widest), HEIGHT, x_axis, Axis(0, most * 1.05), about)
+        chart.area(x, np.zeros(len(x)), heights, "least_squares").line(x, heights, "least_squares", "thin")
+        chart.upright(float(each.quantiles[len(SHARES) // 2]) / size, "quiet")
+        if limit is not None and edges[0] <= limit <= edges[-1]:
+            chart.upright(limit, "limit")
+        return chart.svg()
+
+    return figure(draw, f"{_count(each.count)} sessions, the middle dashed{outside}")
+
+
+def _count(number: int) -> str:
+    return f"{number:,}".replace(",", "\u202f")

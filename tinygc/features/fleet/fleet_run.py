@@ -1,0 +1,480 @@
+"""Distribute the sessions without a result to local processes or a cluster, and store the results."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import os
+import re
+import signal
+import threading
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from multiprocessing import get_context
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from time import monotonic
+from typing import Any, Protocol
+
+from session.base.errors import CalibrationError
+from session.base.texts import printable
+from tinygc.features.fleet.fleet_row import DIED, DONE, FleetOptions, empty, key_of
+from tinygc.features.fleet.fleet_session import Job, Outcome, compute
+from tinygc.features.fleet.fleet_table import WATCH_S, Table
+
+# Session folders, found one by one on demand: a hundred thousand of them are never in memory at once.
+
+CONFIG = "session.toml"
+#: some systems use capitals in file names, and allow a newline in a name
+LOG = re.compile(r"log.*\.csv(\.gz)?", re.IGNORECASE | re.DOTALL)
+
+
+def session_folders(places: Iterable[Path]) -> Iterator[Path]:
+    """Yield every session folder in these, by name, at any depth; a session's own folders are not searched.
+
+    A folder with a log but without session.toml counts as a session, so that it fails with a message; it is searched as well, since the log
+    may be an unrelated file.  Folders whose names begin with a dot are skipped, and so are links, unless they lead to a session.  Raises
+    CalibrationError for a missing place.
+    """
+    for place in places:
+        if not place.is_dir():
+            hint = "that is a file; --from FILE reads a list of folders" if place.exists() else "not found"
+            raise CalibrationError(f"{place}: {hint}; give a folder with session folders in it")
+        yield from _inside(os.fspath(place))
+
+
+def _inside(folder: str) -> Iterator[Path]:
+    try:
+        with os.scandir(folder) as found:
+            entries = [(entry.name, _is_folder(entry), entry.is_symlink()) for entry in found]
+    except OSError:  # an unreadable folder is skipped; its neighbours are found
+        return
+    names = [name for name, is_folder, _ in entries if not is_folder]
+    if CONFIG in names or any(map(LOG.fullmatch, names)):
+        yield Path(folder)
+    if CONFIG in names:
+        return
+    for name, is_folder, is_link in sorted(entries):
+        inside = os.path.join(folder, name)
+        if not is_folder or name.startswith("."):
+            continue
+        if not is_link:
+            yield from _inside(inside)
+        elif os.path.exists(os.path.join(inside, CONFIG)):
+            yield Path(inside)
+
+
+def _is_folder(entry: os.DirEntry) -> bool:
+    """Return whether it is a folder; a circular or unreadable link is none, and does not hide its neighbours."""
+    try:
+        return entry.is_dir()
+    except OSError:
+        return False
+
+
+def listed_folders(lines: Iterable[str]) -> Iterator[Path]:
+    """Yield the folders of a list, one a line, unchanged; blank lines are skipped.  A missing folder fails with its own message."""
+    for line in lines:
+        if name := line.rstrip("\r\n"):
+            yield Path(name)
+
+
+# Interface to processes and clusters.
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A finished job: its outcome; or None where its process died, and died describes how."""
+
+    job: Job
+    outcome: Outcome | None
+    died: str = ""
+
+
+class Executor(Protocol):
+    """Runs ``capacity`` jobs at a time."""
+
+    @property
+    def capacity(self) -> int:
+        """Return how many jobs may be in progress, so that no worker waits."""
+
+    def submit(self, job: Job) -> None:
+        """Start a job, or queue it."""
+
+    def finished(self) -> list[Finished]:
+        """Wait until a job has finished, or for ``WATCH_S``."""
+
+    def close(self) -> None:
+        """Stop all jobs."""
+
+
+# Processes of this machine with one job at a time, so that the death of a process is attributed to its session.
+
+READY = "ready"
+#: queued jobs per running job, so that the next one starts at once
+AHEAD = 1
+#: s for a process to end on request before it is killed
+GRACE_S = 5.0
+#: exit code of a process that was out of memory
+NO_MEMORY = 12
+#: matrices are small: threads cost more than they gain, and sums must not depend on their number
+ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+@dataclass
+class _Worker:
+    process: BaseProcess
+    pipe: Connection
+    ready: bool = False
+    job: Job | None = None
+
+
+class Processes:
+    """A pool of ``count`` processes, started with the first job, and replaced when one dies.
+
+    Each is a fresh interpreter, without the parent's open files and threads.  It ends by itself after the parent.
+    """
+
+    def __init__(self, count: int):
+        for name in ONE_THREAD:
+            os.environ.setdefault(name, "1")
+        self._count = count
+        self._context = get_context("spawn")
+        self._queue: deque[Job] = deque()
+        self._workers: list[_Worker] = []
+
+    @property
+    def capacity(self) -> int:
+        """Return the number of jobs running and queued."""
+        return self._count * (1 + AHEAD)
+
+    def submit(self, job: Job) -> None:
+        """Give the job to an idle process, else queue it."""
+        while len(self._workers) < self._count:
+            self._workers.append(self._started())
+        self._queue.append(job)
+        self._hand_out()
+
+    def finished(self) -> list[Finished]:
+        """Wait until a job has finished, or for ``WATCH_S``."""
+        found: list[Finished] = []
+        until = monotonic() + WATCH_S
+        while not found and monotonic() < until:
+            by_pipe = {worker.pipe: worker for worker in self._workers}
+            for pipe in wait(list(by_pipe), WATCH_S):
+                worker = by_pipe[pipe]  # type: ignore[index]
+                try:
+                    said = worker.pipe.recv()
+                except (EOFError, OSError):
+                    worker.process.join()
+                    worker.pipe.close()
+                    if not worker.ready:
+                        how = _how(worker.process.exitcode)
+                        raise CalibrationError(f"a process ended before it could begin ({how}); is there memory for --jobs?") from None
+                    self._workers[self._workers.index(worker)] = self._started()
+                    found += [] if worker.job is None else [Finished(worker.job, None, _how(worker.process.exitcode))]
+                    continue
+                if isinstance(said, CalibrationError):
+                    raise said
+                if said == READY:
+                    worker.ready = True
+                else:
+                    assert worker.job is not None
+                    found.append(Finished(worker.job, said))
+                    worker.job = None
+            self._hand_out()
+        return found
+
+    def close(self) -> None:
+        """End all processes; their current jobs are lost."""
+        for worker in self._workers:
+            worker.pipe.close()
+            worker.process.terminate()
+        for worker in self._workers:
+            worker.process.join(GRACE_S)
+            if worker.process.is_alive():
+                worker.process.kill()
+                worker.process.join()
+        self._workers.clear()
+
+    def _hand_out(self) -> None:
+        for worker in self._workers:
+            if self._queue and worker.ready and worker.job is None:
+                worker.job = self._queue.popleft()
+                with contextlib.suppress(OSError):  # the process has died; ``finished`` detects it next
+                    worker.pipe.send(worker.job)
+
+    def _started(self) -> _Worker:
+        ours, its = self._context.Pipe()
+        process = self._context.Process(target=_serve, args=(its,), daemon=True)
+        with _interrupts_ignored():  # from its start: Ctrl-C reaches it too, and the parent handles it
+            process.start()
+        its.close()
+        return _Worker(process, ours)
+
+
+@contextlib.contextmanager
+def _interrupts_ignored() -> Iterator[None]:
+    """Make processes started in this context ignore interrupts as well."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _how(code: int | None) -> str:
+    """Describe the signal that ended a process, or its exit code."""
+    if code is None or code >= 0:
+        return "memory was short" if code == NO_MEMORY else f"exit code {code}"
+    try:
+        return f"killed by {signal.Signals(-code).name}"
+    except ValueError:
+        return f"killed by signal {-code}"
+
+
+def _serve(pipe: Connection) -> None:
+    """Run jobs in the process until the parent has gone.  Ctrl-C is handled by the parent."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        pipe.send(READY)
+        while True:
+            outcome: Outcome = compute(pipe.recv())
+            pipe.send(outcome)
+    except (EOFError, OSError):
+        return
+    except CalibrationError as error:
+        pipe.send(error)
+    except MemoryError:
+        os._exit(NO_MEMORY)
+
+
+# Dask cluster: its scheduler sends the same jobs to workers on other machines, which see the session folders under the same paths.
+
+#: jobs in progress for each thread of the cluster, so that none is idle
+CLUSTER_AHEAD = 2
+#: s between two counts of the workers, whose number may change
+OFTEN_S = 2.0
+#: s, timeout of a scheduler's answer
+PATIENCE_S = 30
+#: s without a connection after which a scheduler has gone: a restart of its network is shorter
+GONE_S = 5.0
+
+
+class Cluster:
+    """Workers of a scheduler.  Raises CalibrationError where the package is missing, or no scheduler answers.
+
+    A job whose worker dies is retried by the scheduler (``distributed.scheduler.allowed-failures`` times), and then returned as died.
+    """
+
+    def __init__(self, address: str):
+        try:
+            import distributed
+        except ImportError:
+            raise CalibrationError("--scheduler needs the package distributed: python -m pip install 'tinygc[fleet]'") from None
+        self._distributed, self._address, self._seen_s = distributed, address, monotonic()
+        for name in logging.root.manager.loggerDict:
+            if name.split(".")[0] == "distributed":  # what it would log, the run says in one line
+                logging.getLogger(name).setLevel(logging.CRITICAL)
+        try:
+            asyncio.run(self._is_there())  # a client that cannot be started waits and complains when it is collected
+            self._client = distributed.Client(address, timeout=PATIENCE_S, set_as_default=False)
+        except (OSError, TypeError, ValueError, TimeoutError) as error:  # TypeError: tls:// without its files
+            why = str(error).splitlines()[0] if str(error) else type(error).__name__
+            raise CalibrationError(
+                f"--scheduler {address}: no Dask scheduler answers ({why}); give its address, such as tcp://host:8786"
+            ) from None
+        self._jobs: dict[Any, Job] = {}
+        self._over: SimpleQueue[Any] = SimpleQueue()  # filled by the client's own thread
+        self._threads, self._asked_s = 0, float("-inf")
+
+    async def _is_there(self) -> None:
+        secured = self._distributed.Security().get_connection_args("client")
+        await (await self._distributed.comm.connect(self._address, timeout=PATIENCE_S, **secured)).close()
+
+    @property
+    def capacity(self) -> int:
+        """Return the capacity of the current workers; one without any, which waits for the first."""
+        if monotonic() - self._asked_s > OFTEN_S:
+            with self._answers():
+                self._threads, self._asked_s = sum(self._client.nthreads().values()), monotonic()
+        return max(CLUSTER_AHEAD * self._threads, 1)
+
+    def submit(self, job: Job) -> None:
+        """Send the job to a worker chosen by the scheduler."""
+        with self._answers():
+            future = self._client.submit(compute, job, pure=False)
+        self._jobs[future] = job
+        future.add_done_callback(self._over.put)
+
+    def finished(self) -> list[Finished]:
+        """Wait until a job has finished, or for ``WATCH_S``.  Raises CalibrationError where the scheduler has gone."""
+        if self._client.status == "running":
+            self._seen_s = monotonic()
+        elif monotonic() - self._seen_s > GONE_S:
+            raise self._gone()
+        try:
+            over = [self._over.get(timeout=WATCH_S)]
+        except Empty:
+            return []
+        while not self._over.empty():
+            over.append(self._over.get())
+        return [self._ended(future) for future in over]
+
+    def close(self) -> None:
+        """Cancel the jobs in progress; the cluster stays up."""
+        with contextlib.suppress(Exception):  # a stopped scheduler has no jobs in progress
+            self._client.cancel(list(self._jobs), force=True)
+        self._jobs.clear()
+        with contextlib.suppress(Exception):
+            self._client.close()
+
+    def _gone(self) -> CalibrationError:
+        return CalibrationError(
+            f"--scheduler {self._address}: the scheduler has gone; start it and run again with its address, what is finished is kept"
+        )
+
+    @contextlib.contextmanager
+    def _answers(self) -> Iterator[None]:
+        try:
+            yield
+        except (OSError, RuntimeError, TimeoutError, self._distributed.CancelledError):
+            raise self._gone() from None
+
+    def _ended(self, future: Any) -> Finished:
+        job = self._jobs.pop(future)
+        try:
+            return Finished(job, future.result())
+        except self._distributed.KilledWorker:
+            return Finished(job, None, "on workers that ended")
+        except self._distributed.CancelledError:
+            raise self._gone() from None
+        except (ImportError, AttributeError) as error:
+            raise CalibrationError(f"a worker cannot run TinyGC ({error}); install the same version there") from None
+        except CalibrationError:
+            raise
+        except MemoryError:
+            return Finished(job, None, "memory was short")
+        except Exception as error:
+            return Finished(job, None, f"{type(error).__name__}: {error}")
+
+
+# Run of a fleet: distribute the sessions without a result and store the results, with only a few folders in memory at a time.
+
+#: attempts of a session whose process dies; another session may have caused the first death, as with short memory
+ATTEMPTS = 2
+
+
+@dataclass
+class Tally:
+    """Counts of folders in a run.
+
+    done and failed now; reused: known before, by this or another folder.
+    """
+
+    done: int = 0
+    failed: int = 0
+    reused: int = 0
+
+    @property
+    def folders(self) -> int:
+        """Return the number of all folders handled."""
+        return self.done + self.failed + self.reused
+
+
+class _FleetRun:
+    def __init__(self, table: Table, executor: Executor, options: FleetOptions, retry: bool, progress: Callable[[Tally], None]):
+        self._table, self._executor, self._options, self._retry = table, executor, options, retry
+        self._progress, self._pending, self._ends = progress, dict[str, list[Path]](), dict[str, int]()
+        self.tally = Tally()
+
+    def take(self, folder: Path) -> None:
+        """Handle a folder: its result is known, in progress, or to be computed."""
+        self._table.require_there()
+        folder = Path(os.path.abspath(folder))  # readers of the table may have another working directory
+        try:
+            key = key_of(folder, self._options)
+        except CalibrationError as error:
+            self._without_key(folder, str(error))
+            return
+        status = None if key in self._pending else self._table.status(key)
+        if status == DONE or (status is not None and not self._retry):
+            self._table.put_folder(folder, key)
+            self.tally.reused += 1
+            self._progress(self.tally)
+        elif key in self._pending:
+            self._pending[key].append(folder)
+        else:
+            while len(self._pending) >= self._executor.capacity:
+                self.collect()
+            self._pending[key] = [folder]
+            self._executor.submit(Job(str(folder), key, self._options))
+
+    def collect(self) -> None:
+        """Wait for a result, and store it."""
+        self._table.require_there()
+        for finished in self._executor.finished():
+            self._keep(finished)
+            self._progress(self.tally)
+
+    def drain(self) -> None:
+        """Wait until no job is in progress."""
+        while self._pending:
+            self.collect()
+
+    def _keep(self, finished: Finished) -> None:
+        key = finished.job.key
+        outcome = finished.outcome
+        if outcome is None:
+            self._ends[key] = self._ends.get(key, 0) + 1
+            if self._ends[key] < ATTEMPTS:
+                self._executor.submit(finished.job)
+                return
+            how = finished.died or "no reason known"
+            error = f"the process that computed it ended, {ATTEMPTS} times ({how}); was memory short? try again with --retry"
+            outcome = Outcome(key, empty() | {"status": DIED, "error": error})
+        folders = self._pending.pop(key)
+        self._ends.pop(key, None)
+        if outcome.row is None:
+            for folder in folders:
+                self._without_key(folder, outcome.trouble)
+            return
+        self._table.put(outcome, outcome.row, folders)
+        good = outcome.row["status"] == DONE
+        self.tally.done += good
+        self.tally.failed += not good
+        self.tally.reused += len(folders) - 1
+
+    def _without_key(self, folder: Path, error: str) -> None:
+        self._table.put_folder(folder, None, printable(error))
+        self.tally.failed += 1
+        self._progress(self.tally)
+
+
+def run_fleet(
+    folders: Iterable[Path],
+    table: Table,
+    executor: Executor,
+    options: FleetOptions,
+    *,
+    retry: bool = False,
+    progress: Callable[[Tally], None] = lambda tally: None,
+) -> Tally:
+    """Make a row in the table for each folder, computed where it is missing.
+
+    retry: failed rows are computed again.  progress is called after each folder.  Finished rows stay in the table whatever ends the run (an
+    interrupt, a full disk).  Raises StorageError and FormatError of the table.
+    """
+    run = _FleetRun(table, executor, options, retry, progress)
+    for folder in folders:
+        run.take(folder)
+    run.drain()
+    table.require_there(at_once=True)
+    return run.tally

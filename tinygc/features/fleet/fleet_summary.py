@@ -1,0 +1,299 @@
+"""Summary of a fleet's table, and the lot made from it."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TextIO
+
+import numpy as np
+
+from session.base.errors import CalibrationError
+from session.base.texts import printable
+from tinygc.estimation.requirements import simply_accepted
+from tinygc.features.fleet.fleet_row import COLUMNS, DONE, VALUES, told_by, unpacked
+from tinygc.features.fleet.fleet_table import COUNTED, EACH, Table, not_as_written, read_table
+from tinygc.features.fleet.lot import UnitResult
+from tinygc.features.fleet.report import LotReport, lot_of
+
+# Rows of a fleet's table as a lot's records, and as CSV.
+
+#: order of production: by time where known, then by name, with s2 before s10
+IN_ORDER = f"ORDER BY ifnull(recorded, '') = '', recorded, {COUNTED}(folder), folder"
+#: left out: bytes are for programs only
+NOT_IN_CSV = ("covariance",)
+
+
+def unit_results(out: Path) -> Iterator[UnitResult]:
+    """Yield each fitted session of OUT's table, in the order of production; a copy counts once.
+
+    Raises FormatError where there is no table.
+    """
+    with read_table(out) as table:
+        yield from results_of(table)
+
+
+def results_of(table: Table) -> Iterator[UnitResult]:
+    """Yield the fitted sessions of an open table, as ``unit_results``."""
+    names = ("key", "folder", "serial", "covariance")
+    sql = f"SELECT {', '.join((*names, *VALUES))} FROM {EACH} WHERE held_out_deg IS NOT NULL {IN_ORDER}"
+    for order, row in enumerate(table.each(sql)):
+        named = dict(zip(names, row, strict=False))
+        with read_as_written(table, named["folder"]):
+            found = UnitResult(
+                key=named["key"],
+                serial=named["serial"] or "",
+                session=Path(named["folder"]).name,
+                values=np.array(row[len(names) :], dtype=float),
+                covariance=unpacked(named["covariance"]),
+                order=float(order),
+            )
+        yield found
+
+
+@contextlib.contextmanager
+def read_as_written(table: Table, folder: str) -> Iterator[None]:
+    """Raise FormatError for values that another program has written into a row."""
+    try:
+        yield
+    except (ValueError, TypeError, KeyError, AttributeError):
+        raise not_as_written(table.path, folder) from None
+
+
+def write_csv(table: Table, file: TextIO) -> int:
+    """Write a header and a line for each folder, by name; return their number.  Effects are ids separated by spaces; SI as in the table."""
+    columns = [name for name in COLUMNS if name not in NOT_IN_CSV]
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow(["folder", "key", *columns])
+    sql = (
+        f"SELECT folders.folder, folders.key, {', '.join(columns)}, folders.error FROM folders LEFT JOIN results USING (key) ORDER BY 1"
+    ).replace(" error,", " results.error,")
+    status, error, effects, findings = (2 + columns.index(name) for name in ("status", "error", "effects", "findings"))
+    count = 0
+    for row in table.each(sql):
+        cells = list(row[:-1])
+        if row[1] is None:
+            cells[status], cells[error] = "failed", row[-1]
+        with read_as_written(table, row[0]):
+            cells[effects] = " ".join(effect["id"] for effect in told_by(cells[effects] or "[]"))
+            cells[findings] = "; ".join(
+                f"{each['where']}: {each['what']}: {each['description']}" for each in told_by(cells[findings] or "[]")
+            )
+        writer.writerow(["" if cell is None else repr(cell) if isinstance(cell, float) else cell for cell in cells])
+        count += 1
+    return count
+
+
+# Summary of the table: numbers and short lists, for any number of sessions.
+
+#: length limit of lists, so that a page of a hundred thousand sessions stays small
+MOST_LISTED, MOST_REASONS = 200, 20
+#: commands that are offered to check names on a unit's other sessions, and sessions in each
+MOST_OFFERED = 3
+BINS = 40
+#: SQL text for a value that is unknown, for conversion to an array
+INFINITE = "9e999"
+#: quantiles of a distribution: the median, one normal sigma around it, and nearly all
+SHARES = (0.005, 0.16, 0.5, 0.84, 0.995)
+
+
+@dataclass(frozen=True, eq=False)
+class Distribution:
+    """Distribution of a number.
+
+    count: sessions with a value; quantiles (5,) at ``SHARES``; edges (B + 1,) and counts (B,) of its histogram over nearly all of them;
+    below, above: number of values outside of it.
+    """
+
+    count: int
+    quantiles: np.ndarray
+    edges: np.ndarray
+    counts: np.ndarray
+    below: int
+    above: int
+
+
+@dataclass(frozen=True, eq=False)
+class Summary:
+    """Summary of a table, for folders that still exist.
+
+    folders: how many; sessions: different ones; done, failed, died; unreadable: folders that could not be read; passed, undecided
+    and missed: sessions by the verdict of their fit, with limit_deg where it is given; units: serial numbers;
+    first_look and verdicts: counts of each; effects: id -> sessions in which it is reported; reasons: (step, reason, count) of failures,
+    the most frequent first; failures: (folder, step, line), listed up to ``MOST_LISTED``; cpu_s: of all;
+    distributions: ``held_out_deg``, ``floor_deg``, ``run_rmse_deg`` and each parameter, where there are any.
+    """
+
+    folders: int
+    sessions: int
+    done: int
+    failed: int
+    died: int
+    unreadable: int
+    passed: int
+    undecided: int
+    missed: int
+    units: int
+    limit_deg: float | None
+    first_look: dict[str, int]
+    verdicts: dict[str, int]
+    effects: dict[str, int]
+    reasons: list[tuple[str, str, int]]
+    failures: list[tuple[str, str, str]]
+    cpu_s: float
+    distributions: dict[str, Distribution] = field(default_factory=dict)
+
+    @property
+    def rule(self) -> str:
+        """By what a session passes."""
+        if self.limit_deg is not None:
+            return f"by the verdict of each fit with a limit of {self.limit_deg:g}°"
+        return "by the verdict of each fit, which needs limits or a data sheet: without them no session passes"
+
+    def to_json(self) -> dict:
+        """Return ``tinygc-fleet/1`` (docs/formats.md), without the facts of the run itself."""
+        return {
+            **vars(self),
+            "reasons": [{"step": step, "reason": reason, "sessions": count} for step, reason, count in self.reasons],
+            "failures": [{"folder": folder, "step": step, "error": error} for folder, step, error in self.failures],
+            "distributions": [
+                {"figure": name, "sessions": each.count, "quantiles": each.quantiles.tolist()} for name, each in self.distributions.items()
+            ],
+        }
+
+
+def summarise(table: Table, limit_deg: float | None = None) -> Summary:
+    """Summarise an open table; only its numbers are in memory, 20 MB for a hundred thousand rows."""
+    status = dict(table.rows(f"SELECT status, count(*) FROM {EACH} GROUP BY status"))
+    answers = Counter(_answers(table, limit_deg))
+    names = ("held_out_deg", "floor_deg", "run_rmse_deg", *VALUES)
+    known = ", ".join(f"ifnull({name}, {INFINITE})" for name in names)
+    figures = np.fromiter(table.each(f"SELECT {known} FROM {EACH}"), dtype=np.dtype((float, len(names))))
+    found = {name: distribution(values[np.isfinite(values)]) for name, values in zip(names, figures.T, strict=True)}
+    keyed = f"SELECT folder, ifnull(step, status), error FROM {EACH} WHERE status <> '{DONE}'"
+    return Summary(
+        folders=table.one("SELECT count(*) FROM folders"),
+        sessions=sum(status.values()),
+        done=status.get(DONE, 0),
+        failed=status.get("failed", 0),
+        died=status.get("died", 0),
+        unreadable=table.one("SELECT count(*) FROM folders WHERE key IS NULL"),
+        passed=answers["pass"] + answers["doubtful pass"],
+        undecided=answers["not decided"] + answers["no limit"],
+        missed=answers["fail"],
+        units=table.one(f"SELECT count(DISTINCT serial) FROM {EACH} WHERE serial <> ''"),
+        limit_deg=limit_deg,
+        first_look=_counted(table, "first_look"),
+        verdicts=_counted(table, "verdict"),
+        effects=_effects(table),
+        reasons=_reasons(table),
+        failures=table.rows(
+            f"{keyed} UNION ALL SELECT folder, 'reading', error FROM folders WHERE key IS NULL ORDER BY 1 LIMIT {MOST_LISTED}"
+        ),
+        cpu_s=table.one(f"SELECT ifnull(sum(cpu_s), 0) FROM {EACH} JOIN durations USING (key)"),
+        distributions={name: each for name, each in found.items() if each is not None},
+    )
+
+
+def _answers(table: Table, limit_deg: float | None) -> Iterator[str]:
+    """Yield the answer of each fit's verdict, with a limit where it is given."""
+    closures = "judged, judged_within, held_out_deg, ifnull(run_rmse_deg, 0)"
+    for judged, within, *values in table.each(f"SELECT {closures} FROM {EACH} WHERE held_out_deg IS NOT NULL"):
+        if limit_deg is None:
+            yield judged
+        else:
+            yield within if all(simply_accepted(each, (0.0, limit_deg)) for each in values) else "fail"
+
+
+def distribution(values: np.ndarray) -> Distribution | None:
+    """Return the distribution of values (N,); None if there are none."""
+    if not len(values):
+        return None
+    quantiles = np.quantile(values, SHARES)
+    low, high = quantiles[0], quantiles[-1]
+    if not high > low:
+        low, high = low - max(abs(low), 1e-12) * 1e-6, high + max(abs(high), 1e-12) * 1e-6
+    edges = np.linspace(low, high, BINS + 1)
+    counts, _ = np.histogram(values, edges)
+    return Distribution(len(values), quantiles, edges, counts, int(np.sum(values < low)), int(np.sum(values > high)))
+
+
+def _counted(table: Table, name: str) -> dict[str, int]:
+    return dict(table.rows(f"SELECT {name}, count(*) AS n FROM {EACH} WHERE {name} IS NOT NULL GROUP BY {name} ORDER BY n DESC, {name}"))
+
+
+def _effects(table: Table) -> dict[str, int]:
+    found: Counter[str] = Counter()
+    for folder, text in table.each(f"SELECT folder, effects FROM {EACH} WHERE effects <> '[]' AND effects IS NOT NULL"):
+        with read_as_written(table, folder):
+            found.update({effect["id"] for effect in told_by(text)})
+    return dict(sorted(found.items(), key=lambda each: (-each[1], each[0])))
+
+
+def to_check(table: Table) -> list[tuple[str, list[str]]]:
+    """Sessions that name an effect, one of each unit that has other sessions, and these: ``explain --check-on`` tells whether it holds
+    there.  At most ``MOST_OFFERED`` of each."""
+    units: dict[str, list[tuple[str, bool]]] = {}
+    for folder, serial, text in table.each(f"SELECT folder, serial, effects FROM {EACH} WHERE serial <> '' AND effects IS NOT NULL"):
+        with read_as_written(table, folder):
+            units.setdefault(serial, []).append((folder, bool(told_by(text))))
+    found = []
+    for _, sessions in sorted(units.items()):
+        first = next((folder for folder, names in sorted(sessions) if names), None)
+        others = [folder for folder, _ in sorted(sessions) if folder != first]
+        if first is not None and others:
+            found.append((first, others[:MOST_OFFERED]))
+    return found[:MOST_OFFERED]
+
+
+def reason_of(line: str) -> str:
+    """Remove numbers and names from a failure's line, so that equal causes have equal lines."""
+    words = [("…" if any(c.isdigit() for c in word) else word) for word in line.split()]
+    return " ".join(word for number, word in enumerate(words) if word != "…" or words[number - 1 : number] != ["…"])
+
+
+def _reasons(table: Table) -> list[tuple[str, str, int]]:
+    found: Counter[tuple[str, str]] = Counter()
+    for step, error in table.each(f"SELECT ifnull(step, status), error FROM {EACH} WHERE status <> '{DONE}'"):
+        found[step, reason_of(error)] += 1
+    for folder, error in table.each("SELECT folder, error FROM folders WHERE key IS NULL"):
+        found["reading", reason_of(error.replace(folder, "…"))] += 1
+    return [(*which, count) for which, count in sorted(found.items(), key=lambda each: (-each[1], each[0]))][:MOST_REASONS]
+
+
+# A fleet's table as a lot: sessions of sensors of one model.
+
+MOST_NAMED = 5
+#: fewest serial numbers for lot statistics on the page
+FEWEST_UNITS = 8
+
+
+def lot_of_table(table: Table, model: str | None = None) -> LotReport:
+    """Compute the lot of an open table.
+
+    Raises CalibrationError where its sensors are of several models and none is named, and where fewer than two units were fitted.
+    """
+    fitted = f"FROM {EACH} WHERE held_out_deg IS NOT NULL"
+    models = [name or "" for (name,) in table.rows(f"SELECT DISTINCT model {fitted} ORDER BY 1")]
+    named = ", ".join(printable(name or "(no name)") for name in models[:MOST_NAMED]) + (", …" if len(models) > MOST_NAMED else "")
+    if model is not None and model not in models:
+        raise CalibrationError(f"{table.path}: no fitted session of a {printable(model)}; there are {named or 'none at all'}")
+    if model is None and len(models) > 1:
+        raise CalibrationError(f"{table.path}: sensors of {len(models)} models ({named}), and a lot is of one; name it with --model")
+    results = results_of(table)
+    if model is not None and len(models) > 1:
+        keys = {key for (key,) in table.rows(f"SELECT key {fitted} AND ifnull(model, '') = ?", (model,))}
+        results = (each for each in results if each.key in keys)
+    return lot_of(results, model or (models[0] if models else ""))
+
+
+def lot_if_any(table: Table) -> LotReport | None:
+    """Compute the lot of an open table if its fitted sensors are of one model and enough for a page; else return None."""
+    models, units = table.rows(
+        f"SELECT count(DISTINCT ifnull(model, '')), count(DISTINCT serial) FROM {EACH} WHERE held_out_deg IS NOT NULL"
+    )[0]
+    return lot_of_table(table) if models == 1 and units >= FEWEST_UNITS else None

@@ -1,0 +1,236 @@
+"""A lot: the numbers of its units, in SI and as people see them, and its sessions as arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from session.base.errors import CalibrationError
+from session.base.units import DEG, G
+from tinygc.models import linear
+from tinygc.models.linear import BIAS, MATRIX
+
+# A lot: prior knowledge of the next unit of a kind.
+
+
+@dataclass(frozen=True, eq=False)
+class Lot:
+    """The numbers ``tinygc.features.fleet.lot.NAMES`` over units of one kind.
+
+    mean (21,) of the next unit, drift included, and its sigma; spread (21,), one sigma between units, without measurement noise;
+    repeatability (21,), one sigma of a unit from session to session beyond the stated one; units and sessions: how many it was made of;
+    sensor: their model.  Unknown numbers are NaN.
+    """
+
+    sensor: str
+    units: int
+    sessions: int
+    mean: np.ndarray
+    mean_sigma: np.ndarray
+    spread: np.ndarray
+    repeatability: np.ndarray
+
+
+# One session's results for one unit: the numbers a lot is made of.
+
+#: names of the accelerometer's numbers in a lot: M's upper triangle less the identity (1), then the bias (m/s^2), of f = M (m - b)
+ACCELEROMETER_NAMES = (
+    "accel_scale_x",
+    "accel_nonorthogonality_xy",
+    "accel_nonorthogonality_xz",
+    "accel_scale_y",
+    "accel_nonorthogonality_yz",
+    "accel_scale_z",
+    "accel_bias_x",
+    "accel_bias_y",
+    "accel_bias_z",
+)
+#: names of the gyroscope's correction omega = E m + B (E of no unit, B in rad/s), then the accelerometer's
+NAMES = (*linear.NAMES, *ACCELEROMETER_NAMES)
+
+
+@dataclass(frozen=True, eq=False)
+class UnitResult:
+    """Result of one session.
+
+    key, the hash of its inputs, options and version; serial of the unit; session, its folder's name; values (21,) in the order of
+    ``NAMES``, NaN where unknown (the accelerometer was given, an axis was not turned); covariance (21, 21), NaN in those rows; order, its
+    place in production (by time where that is known, else by name).
+    """
+
+    key: str
+    serial: str
+    session: str
+    values: np.ndarray
+    covariance: np.ndarray
+    order: float = 0.0
+
+
+# The 21 numbers of a lot as sensor errors, rather than as the correction that removes them.
+#
+#     gyroscope      scale factor error (ppm), misalignment i to j (mrad), bias (mdps): of m = M omega + b with M = E^-1, b = -E^-1 B
+#     accelerometer  scale factor error (ppm), nonorthogonality (mrad), bias (mg): of m = M^-1 f + b
+#
+# The terms are those of ``tinygc/models/linear.py``.
+
+#: positions of the accelerometer's numbers in a lot's vector: M's upper triangle less the identity, then the bias
+TRIAD, FORCE_BIAS = slice(12, 18), slice(18, 21)
+_UPPER = np.triu_indices(3)
+_STEP = 1e-6
+
+
+@dataclass(frozen=True)
+class SensorError:
+    """One error of a sensor: sensor, word, component, unit, and that unit in SI."""
+
+    sensor: str
+    word: str
+    component: str
+    unit: str
+    si: float
+
+    @property
+    def name(self) -> str:
+        """Return a name such as ``gyro scale factor error x``."""
+        return f"{self.sensor} {self.word} {self.component}"
+
+    @property
+    def key(self) -> str:
+        """Return the key used in files, such as ``gyro_scale_factor_error_x_ppm``."""
+        return f"{self.name} {self.unit}".replace(" ", "_")
+
+
+_LEANS = [(i, j) for i in range(3) for j in range(3) if i != j]
+SENSOR_ERRORS = (
+    *(SensorError("gyro", "scale factor error", axis, "ppm", 1e-6) for axis in "xyz"),
+    *(SensorError("gyro", "misalignment", f"{'xyz'[i]} to {'xyz'[j]}", "mrad", 1e-3) for i, j in _LEANS),
+    *(SensorError("gyro", "bias", axis, "mdps", 1e-3 * DEG) for axis in "xyz"),
+    *(SensorError("accel", "scale factor error", axis, "ppm", 1e-6) for axis in "xyz"),
+    *(SensorError("accel", "nonorthogonality", pair, "mrad", 1e-3) for pair in ("xy", "xz", "yz")),
+    *(SensorError("accel", "bias", axis, "mg", 1e-3 * G) for axis in "xyz"),
+)
+#: their units in SI (21,)
+UNITS = np.array([each.si for each in SENSOR_ERRORS])
+#: index in a lot's vector of each error, to first order
+OWN = np.array(
+    [
+        *(NAMES.index(f"E_{axis}{axis}") for axis in "xyz"),
+        *(NAMES.index(f"E_{'xyz'[i]}{'xyz'[j]}") for i, j in _LEANS),
+        *(NAMES.index(f"B_{axis}") for axis in "xyz"),
+        *(NAMES.index(f"accel_scale_{axis}") for axis in "xyz"),
+        *(NAMES.index(f"accel_nonorthogonality_{pair}") for pair in ("xy", "xz", "yz")),
+        *(NAMES.index(f"accel_bias_{axis}") for axis in "xyz"),
+    ]
+)
+#: values of a sensor without an error
+NO_ERROR = np.isin(NAMES, ("E_xx", "E_yy", "E_zz")).astype(float)
+
+
+def sensor_errors(values: np.ndarray) -> np.ndarray:
+    """Return (…, 21) sensor errors in their units, of (…, 21) SI in the order of ``NAMES``; NaN where their own number is unknown.
+
+    The other numbers enter by second order only, and are taken as no error where unknown.
+    """
+    values = np.asarray(values, dtype=float)
+    shape, filled = values.shape[:-1], np.where(np.isfinite(values), values, NO_ERROR)
+    M = np.linalg.inv(filled[..., MATRIX].reshape(*shape, 3, 3))
+    length = np.linalg.norm(M, axis=-1)
+    u = M / length[..., None]
+    leans = np.stack([np.arctan2(u[..., i, j], u[..., i, i]) for i, j in _LEANS], axis=-1)
+    bias = -np.einsum("...ij,...j->...i", M, filled[..., BIAS])
+    T = np.zeros((*shape, 3, 3))
+    T[..., _UPPER[0], _UPPER[1]] = filled[..., TRIAD]
+    R = np.linalg.inv(T + np.eye(3))
+    size = np.linalg.norm(R, axis=-1)
+    r = R / size[..., None]
+    skew = np.stack([np.arcsin(np.clip(np.sum(r[..., i, :] * r[..., j, :], axis=-1), -1, 1)) for i, j in ((0, 1), (0, 2), (1, 2))], axis=-1)
+    found = np.concatenate([length - 1, leans, bias, size - 1, skew, filled[..., FORCE_BIAS]], axis=-1) / UNITS
+    return np.where(np.isfinite(values[..., OWN]), found, np.nan)
+
+
+def jacobian(values: np.ndarray) -> np.ndarray:
+    """Return (21, 21), the derivative of ``sensor_errors`` at values (21,), by central differences; unknown numbers are taken as no
+    error."""
+    at = np.where(np.isfinite(values), values, NO_ERROR)
+    steps = np.eye(len(NAMES)) * _STEP
+    return (sensor_errors(at + steps) - sensor_errors(at - steps)).T / (2 * _STEP)
+
+
+def error_sigmas(sigmas: np.ndarray, J: np.ndarray) -> np.ndarray:
+    """Return (…, 21) in displayed units from SI; NaN where unknown."""
+    return np.where(np.isfinite(sigmas[..., OWN]), np.sqrt(np.nan_to_num(sigmas) ** 2 @ (J**2).T), np.nan)
+
+
+# Sessions of a lot as arrays, in the order of production.
+
+COUNT = len(NAMES)
+
+
+@dataclass(frozen=True, eq=False)
+class LotSessions:
+    """Sessions of a lot: values (S, 21) and their variances (S, 21), SI; known (S, 21): those that are known.
+
+    Sessions of a unit are adjacent: first (U,), count (U,); serials (U,), in the order of production; names (S,).
+    """
+
+    values: np.ndarray
+    variances: np.ndarray
+    known: np.ndarray
+    first: np.ndarray
+    count: np.ndarray
+    serials: list[str]
+    names: list[str]
+
+    @property
+    def units(self) -> int:
+        """Return the number of units."""
+        return len(self.first)
+
+    @property
+    def sessions(self) -> int:
+        """Return the number of sessions."""
+        return len(self.values)
+
+    @property
+    def unit(self) -> np.ndarray:
+        """Return (S,): the unit of each session."""
+        return np.repeat(np.arange(self.units), self.count)
+
+    @property
+    def place(self) -> np.ndarray:
+        """Return (U,): the place of each unit in production, of 0 to 1."""
+        return np.linspace(0.0, 1.0, self.units)
+
+
+def lot_sessions(results: Iterable[UnitResult]) -> LotSessions:
+    """Collect sessions in any order; those with one key count once, and a session without a serial number is a unit of its own.
+
+    Raises CalibrationError where fewer than two units have any value.
+    """
+    rows = {}
+    for each in results:
+        variance = np.diag(each.covariance)
+        if each.key not in rows and (np.isfinite(each.values) & (variance > 0)).any():
+            rows[each.key] = (each.serial or f"\0{each.key}", each.order, each.session, each.values, variance.copy())
+    serials, order, sessions, values, variances = zip(*rows.values(), strict=True) if rows else ((),) * 5
+    names, of_unit = np.unique(np.array(serials, dtype=str), return_inverse=True)
+    if len(names) < 2:
+        raise CalibrationError(f"a lot needs fitted sessions of two units or more, got {len(names)}; give more, or name their serials")
+    made = np.full(len(names), np.inf)
+    np.minimum.at(made, of_unit, order)
+    by_place = np.lexsort((names, made))
+    place = np.argsort(by_place)[of_unit]
+    sort = np.lexsort((order, place))
+    count = np.bincount(place)
+    y, variance = np.array(values, dtype=float)[sort], np.array(variances, dtype=float)[sort]
+    return LotSessions(
+        y,
+        variance,
+        np.isfinite(y) & np.isfinite(variance) & (variance > 0),
+        np.cumsum(count) - count,
+        count,
+        ["" if str(name).startswith("\0") else str(name) for name in names[by_place]],
+        [sessions[i] for i in sort],
+    )

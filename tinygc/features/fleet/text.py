@@ -1,0 +1,117 @@
+"""Terminal output of a lot and of a fleet's table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from session.base.texts import NONE, printable
+from tinygc.features.fleet.report import LotReport
+from tinygc.reporting.terminal import Group, Table, Text, one_line
+
+if TYPE_CHECKING:
+    from tinygc.features.fleet.fleet_run import Tally
+    from tinygc.features.fleet.fleet_summary import Summary
+
+
+# A lot: numbers, units that do not belong, notes.
+
+MOST_OUTLIERS = 10
+#: p-value below which a drift is marked
+MARKED_P = 0.01
+#: fewest units for a drift per 1000
+FEWEST_DRIFT = 30
+COLUMNS = ("", "mean ± sigma", "spread", "repeats within", "drift per 1000")
+CAPTION = (
+    "spread: one sigma between units, measurement noise taken out; repeats within: one sigma from session to session beyond what is stated"
+)
+
+
+def lot_page(report: LotReport) -> Group:
+    """Headline, table, outliers, notes."""
+    table = Table(title="Sensor errors", title_justify="left", box=None, padding=(0, 1), caption=CAPTION, caption_justify="left")
+    for column in COLUMNS:
+        table.add_column(column, justify="right" if column else "left")
+    for row, drifts in rows_of(report, fixed):
+        table.add_row(*row[:-1], Text(row[-1], "bold red" if drifts else ""))
+    lines = [one_line(f"{each.says} (p = {each.p_value:.1g})", "bold red") for each in report.outliers[:MOST_OUTLIERS]]
+    if len(report.outliers) > MOST_OUTLIERS:
+        lines.append(Text(f"and {len(report.outliers) - MOST_OUTLIERS} more"))
+    return Group(headline(report), table, *lines, *(one_line(f"Note: {note}.", "yellow") for note in report.notes))
+
+
+def headline(report: LotReport) -> Text:
+    """Number of units, drift, outliers."""
+    lot, found = report.lot, report.estimate
+    drift = f"it drifts (p = {found.drift_p:.2g})" if found.drifts else f"no drift is seen (p = {found.drift_p:.2g})"
+    count = len(report.outliers)
+    which = f"{count} unit{'s do' if count != 1 else ' does'} not belong" if count else "all belong"
+    name = f"{lot.sensor}: " if lot.sensor else ""
+    return one_line(
+        f"{name}{lot.units} units, {lot.sessions} sessions; {drift}; {which}.", "bold yellow" if count or found.drifts else "bold"
+    )
+
+
+def rows_of(report: LotReport, fixed: Callable[[float, int], str]) -> list[tuple[list[str], bool]]:
+    """Return the cells of each number that any unit tells, by ``COLUMNS``, and whether it drifts; fixed: how numbers are written."""
+    rows = []
+    for each in report.quantities:
+        if not each.units:
+            continue
+        digits = decimals(each.mean_sigma)
+        drift = NONE
+        if report.lot.units >= FEWEST_DRIFT and np.isfinite(each.drift_per_1000):
+            drift = " ± ".join(fixed(value, decimals(each.drift_sigma)) for value in (each.drift_per_1000, each.drift_sigma))
+        row = [
+            f"{each.error.name}, {each.error.unit}",
+            f"{fixed(each.mean, digits)} ± {fixed(each.mean_sigma, digits)}",
+            fixed(each.spread, digits),
+            fixed(each.repeatability, max(digits, decimals(each.repeatability))),  # often far below the spread between units
+            drift,
+        ]
+        rows.append((row, report.estimate.drifts and each.drift_p_value < MARKED_P))
+    return rows
+
+
+def fixed(value: float, digits: int) -> str:
+    """Format with this many decimals, or a dash."""
+    return f"{value:.{digits}f}" if np.isfinite(value) else NONE
+
+
+def decimals(sigma: float) -> int:
+    """Return the decimals that show two digits of a sigma."""
+    return int(np.clip(1 - np.floor(np.log10(sigma)), 0, 6)) if np.isfinite(sigma) and sigma > 0 else 2
+
+
+# A fleet's table in a few lines.
+
+MOST_SHOWN = 8  #: rows of each list; the page has more
+
+
+def fleet_page(summary: Summary, tally: Tally | None) -> Group:
+    """Return the summary, for rich."""
+    lines = [] if tally is None else [f"this run: {tally.done} done, {tally.failed} failed, {tally.reused} known before"]
+    failed = summary.failed + summary.died + summary.unreadable
+    lines.append(
+        f"the table: {summary.folders} folders, {summary.sessions} different sessions of {summary.units} serial numbers; "
+        f"{summary.done} done, {failed} failed"
+    )
+    if fitted := summary.passed + summary.undecided + summary.missed:
+        undecided = f", {summary.undecided} not decided" if summary.undecided else ""
+        lines.append(f"of {fitted} that were fitted, {summary.passed} pass{undecided}, {summary.missed} fail: {summary.rule}")
+    for what, counts in (("first look", summary.first_look), ("explain", summary.verdicts), ("named", summary.effects)):
+        if counts:
+            shown = ", ".join(f"{name} {count}" for name, count in list(counts.items())[:MOST_SHOWN])
+            lines.append(f"{what}: {shown}" + (" …" if len(counts) > MOST_SHOWN else ""))
+    parts: list[Text | Table] = [Text(printable(line)) for line in lines]
+    if summary.reasons:
+        table = Table(title="Failures by reason", title_justify="left", title_style="bold", box=None, pad_edge=False, padding=(0, 2, 0, 0))
+        table.add_column("sessions", justify="right")
+        table.add_column("in")
+        table.add_column("because", overflow="fold")
+        for step, reason, count in summary.reasons[:MOST_SHOWN]:
+            table.add_row(str(count), step, printable(reason))
+        parts.append(table)
+    return Group(*parts)

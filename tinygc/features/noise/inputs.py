@@ -1,0 +1,404 @@
+"""What lies at rest in the inputs of ``noise``: rest logs, the stills of calibration logs, and any log that ``import`` reads.
+
+All inputs are one unit's.  A text log with stamps is read piece by piece, in constant memory; any other log is read whole.  A log that
+moves gives the rests between its movements, each for itself, since nothing is known of the bias from one attitude to the next.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from session.base.errors import DataError, FormatError
+from session.base.features import find
+from session.base.files import MB, require_file
+from session.base.names import TURNS, has_recorded_name, log_paths, refuse_array
+from session.base.texts import command_line, printable
+from session.base.units import DEG
+from session.detect.check_stills import check_rest
+from session.detect.stills import find_stills, references
+from session.log.config import Config, Sensor, read_config
+from session.log.dialects import Answers
+from session.log.folder import Session, sha256_of
+from session.log.logfile import read_log
+from session.log.pace import pace_of
+from session.log.reader import Reader
+from session.log.registers import RegisterUnits, profile_of
+from session.log.rests import RestLog, read_rest, rest_from_samples
+from session.log.samples import TOGETHER, Samples, joined
+from session.log.sensors.profile import CLOCK_WITHIN
+from session.log.stamps import evenly
+from session.log.thermometer import Sound
+from session.replay.answers import with_comments, with_sensor
+from session.replay.convert import FASTEST_HZ, SLOWEST_HZ
+from session.replay.importing import kind_named
+from session.replay.join import join, rates_of
+from session.replay.sources import SUFFIXES, Sources, head_of
+from tinygc.features.noise.summary import RestSums
+
+Progress = Callable[[str, int, int], None]
+#: one log as arrays: t_s (N,) s, gyro (N, 3) rad/s, accel (N, 3) m/s^2
+Arrays = tuple[Any, Any, Any]
+Input = Path | Session | Arrays
+
+UNKNOWN = "unknown"
+#: dps: twice the largest zero-rate level of a known sensor; what reads more throughout is turned
+TURNING_DPS = 60.0
+#: degrees of gravity's direction within one log: more than an accelerometer's zero can do by temperature (100 mg)
+TURNED_DEG = 6.0
+#: a movement scatters so many times as much as the quieter blocks, where a second of noise alone scatters twice as much at most
+RESTLESS = 5.0
+#: share of a log that may be moved before it is no rest with knocks
+MOVED_SHARE = 0.2
+#: s, a rest between two movements that says anything of the noise beyond white
+SHORTEST_S = 1.0
+#: how a file begins whose first column is called tau
+FIRST_OF_CURVE = re.compile(rb"\W*(\xcf\x84|(taus?|averaging[ _]?times?)(_?s)?\W)", re.IGNORECASE)
+#: bytes up to which two files of one size are compared
+MOST_COMPARED = 20_000 * MB
+
+
+@dataclass(eq=False)
+class Rests:
+    """What is at rest in all inputs.
+
+    sums: of each rest log and of each still; logs: names of the files; sensor: its model; serial; remarks: what was repaired, assumed or
+    left out, one sentence each.
+    """
+
+    sums: list[RestSums]
+    logs: list[str]
+    remarks: list[str]
+    sensor: str = ""
+    serial: str = ""
+    rate_hz: float = 0.0
+
+    def require_same(self, name: str, sensor: str, serial: str, rate_hz: float) -> None:
+        """Raise DataError for a log of another unit or data rate than those before; what neither says is not compared."""
+        sensor = "" if sensor == UNKNOWN else sensor
+        for what, mine, first in (("sensor", sensor, self.sensor), ("serial number", serial, self.serial)):
+            same = mine == first or (what == "sensor" and (known := profile_of(mine)) is not None and known is profile_of(first))
+            if mine and first and not same:
+                before = f"of {self.logs[0]} it is" if self.logs else "you say"
+                raise DataError(f"{name}: the {what} is {mine}, and {before} {first}; give the logs of one unit")
+        if self.rate_hz and abs(rate_hz / self.rate_hz - 1) > CLOCK_WITHIN.value:
+            raise DataError(
+                f"{name}: it has {rate_hz:.4g} Hz, and {self.logs[0]} has {self.rate_hz:.4g} Hz; give logs of one data rate, since "
+                "the sensor's filter follows it"
+            )
+        self.sensor, self.serial, self.rate_hz = self.sensor or sensor, self.serial or serial, self.rate_hz or rate_hz
+
+
+def read_inputs(
+    inputs: Sequence[Input],
+    answers: Answers,
+    columns: Sequence[str] = (),
+    serial: str = "",
+    progress: Progress = lambda what, done, of: None,
+) -> Rests:
+    """Read all inputs of one unit; answers, columns, serial: what a log of another program does not say, as of ``import``.
+
+    Raises FormatError and DataError, in one line, for what cannot be read, for logs of two units or data rates, for a recording that is
+    given twice, and where nothing is at rest; QuestionsError for all that a log does not say.
+    """
+    if answers.like is not None:
+        answers = replace(answers, like=kind_named(answers.like))
+    rests = Rests([], [], [], answers.sensor or "", serial)
+    parts = list(_parts(inputs, answers, columns))
+    # The same recording given twice would count twice, and narrow every sigma
+    paths = [part.path for part in parts if part.path is not None]
+    seen: dict[str, int] = {}
+    sizes = [path.stat().st_size if path.is_file() else -1 for path in paths]
+    for number, (path, size) in enumerate(zip(paths, sizes, strict=True)):
+        compared = sizes.count(size) > 1 and 0 <= size <= MOST_COMPARED
+        first = seen.setdefault(sha256_of(path) if compared else os.path.realpath(path), number)
+        if first != number:
+            raise DataError(f"{paths[first]} and {path} are the same recording, which would count twice; leave one of them out")
+    names = [part.name for part in parts]
+    for number, part in enumerate(parts):
+        progress(f"reading {part.name}", number, len(parts))
+        part.read(rests)
+        folder = f"{printable(part.path.resolve().parent.name)}/" if part.path is not None and names.count(part.name) > 1 else ""
+        rests.logs.append(f"{folder}{part.name}")
+    if not rests.sums:
+        raise DataError(f"{', '.join(rests.logs)}: nothing lies still in it; expected a rest of minutes ({'; '.join(rests.remarks[:3])})")
+    return rests
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """One log: its name in messages, its file where it has one of its own, and what reads it into the rests."""
+
+    name: str
+    path: Path | None
+    read: Callable[[Rests], None]
+
+
+def _parts(inputs: Sequence[Input], answers: Answers, columns: Sequence[str]) -> Iterator[_Part]:
+    if not inputs:
+        raise DataError("no log is given; give at least one log, session folder or tuple of arrays")
+    bare = [each for each in inputs if isinstance(each, Path) and not each.is_dir() and _session_of(each) is None]
+    for path in bare:
+        # An Allan curve is no log: its columns would be asked for in vain
+        if path.is_file() and FIRST_OF_CURVE.match(head_of(path)):
+            do = command_line("noise", "--curve", path)
+            raise FormatError(f"{path}: its first column is an averaging time, as of an Allan curve, and no log; run `{do}`")
+    if len(inputs) == 2 == len(bare) and _is_a_pair(bare, answers, columns):
+        yield _Part(" and ".join(path.name for path in bare), None, partial(_read_log, bare, answers, columns))
+        return
+    if len(columns) not in (0, 1, len(bare)):
+        raise FormatError(f"--columns is given {len(columns)} times for {len(bare)} logs; give it once, or once for each")
+    own = {path: [columns[place]] if len(columns) > 1 else columns for place, path in enumerate(bare)}
+    for each in inputs:
+        if isinstance(each, Session):
+            rests = [_Part(path.name, path, partial(_stream, path, each.config.sensor, None)) for path in each.rests]
+            logs = [_Part(log.path.name, None, partial(_add_log, log.samples, log.path.name, each.config.sensor)) for log in each.logs]
+            yield from (*rests, *logs)
+        elif not isinstance(each, Path):
+            samples = Session.from_arrays(*each).logs[0].samples
+            yield _Part("arrays", None, partial(_add_whole, samples, "arrays", ""))
+        elif each.is_dir():
+            yield from _of_folder(each, answers, columns)
+        elif (config := _session_of(each)) is not None:
+            yield _of_session(each, config)
+        else:
+            yield _Part(each.name, each, partial(_read_log, [each], answers, own[each]))
+
+
+def _session_of(path: Path) -> Config | None:
+    """The settings of a log that lies in a session folder under a log's name; None of any other file."""
+    settings = path.parent / "session.toml"
+    named = path.name.endswith((".csv", ".csv.gz")) and has_recorded_name(path)
+    return read_config(settings) if named and settings.is_file() else None
+
+
+def _is_a_pair(paths: Sequence[Path], answers: Answers, columns: Sequence[str]) -> bool:
+    """Whether two files are the gyroscope's and the accelerometer's of one recording."""
+    if not all(path.is_file() and path.suffix.lower() in SUFFIXES for path in paths):
+        return False
+    with Sources(paths, answers, columns) as sources:
+        holds = sorted((source.layout.gyro is not None, source.layout.accel is not None) for source in sources)
+    return holds == [(False, True), (True, False)]
+
+
+# Folders: a session, a program's export, or logs side by side.
+
+
+def _of_folder(folder: Path, answers: Answers, columns: Sequence[str]) -> Iterator[_Part]:
+    """The logs of a folder.  FormatError where it holds none."""
+    refuse_array(folder)
+    if (folder / "session.toml").exists():
+        config = read_config(folder / "session.toml")
+        if answers.sensor and profile_of(answers.sensor) is not profile_of(config.sensor.model):
+            raise FormatError(f"{folder}: --sensor is {answers.sensor}, but the session's is {config.sensor.model}; leave --sensor out")
+        paths = [*log_paths(folder, "rest"), *log_paths(folder, "log")]
+        if not paths:
+            raise FormatError(f"{folder}: neither a rest log nor a log; expected rest*.csv or log*.csv beside session.toml")
+        yield from (_of_session(path, config) for path in paths)
+        return
+    registry = find("binary logs")
+    if registry is not None and registry.reader_of(folder, b"") is not None:  # a bag is a folder
+        yield _Part(folder.name, None, partial(_read_log, [folder], answers, columns))
+        return
+    files = sorted(path for path in folder.iterdir() if path.is_file() and not path.name.startswith("."))
+    text = [path for path in files if path.suffix.lower() in SUFFIXES]
+    binary = [path for path in files if path not in text and registry is not None and registry.reader_of(path, head_of(path)) is not None]
+    packed = [path for path in files if path.name.lower().endswith(".csv.gz")]
+    if text:
+        with Sources([folder], answers, columns) as sources:
+            text = [source.path for source in sources if source.layout.gyro is not None]
+        if len(text) == 1 < len(sources) and not binary and not packed:  # a telephone's export: a file for each sensor
+            yield _Part(folder.name, None, partial(_read_log, [folder], answers, columns))
+            return
+    if not text and not binary and not packed:
+        raise FormatError(f"{folder}: cannot be read (it holds no log); expected a session, or the logs of one unit")
+    yield from (_Part(path.name, path, partial(_read_log, [path], answers, columns)) for path in sorted({*text, *binary, *packed}))
+
+
+def _of_session(path: Path, config: Config) -> _Part:
+    """A log in a session folder: a rest log is read piece by piece, of any other the stills.  FormatError of a gyroscope alone."""
+    require_file(path)
+    sensor = config.sensor
+    if config.protocol.reference == TURNS:
+        raise FormatError(f"{path}: a gyroscope alone, whose stills gravity does not show; give its log at rest, outside of the session")
+    if path.name.lower().startswith("rest"):
+        return _Part(path.name, path, partial(_stream, path, sensor, None))
+    return _Part(path.name, path, partial(_read_session_log, path, sensor))
+
+
+# One log: piece by piece where it is text with stamps, else whole.
+
+
+def _read_session_log(path: Path, sensor: Sensor, rests: Rests) -> None:
+    _add_log(read_log(path, sensor).samples, path.name, sensor, rests)
+
+
+def _add_log(samples: Samples, name: str, sensor: Sensor, rests: Rests) -> None:
+    rests.require_same(name, sensor.model, sensor.serial, 1 / samples.period_s)
+    _add_stills(samples, name, rests)
+
+
+def _read_log(paths: Sequence[Path], answers: Answers, columns: Sequence[str], rests: Rests) -> None:
+    """Add a log of any program, or the gyroscope's and the accelerometer's."""
+    name = " and ".join(path.name for path in paths)
+    with Sources(paths, answers, columns, gyro_alone=True) as sources:
+        answers = with_comments(answers, sources)
+        answers, assumed = with_sensor(sources, answers)
+        rests.remarks += [f"{name}: {each}" for each in assumed if "yardstick" not in each]
+        serial = next((printable(source.comments["serial"]) for source in sources if "serial" in source.comments), "")
+        sensor = Sensor(answers.sensor or UNKNOWN, serial, answers.odr_hz or 0.0, 0.0, 0.0)
+        units = RegisterUnits(sensor.model, answers.gyro_fs_dps, answers.accel_fs_g)
+        if len(sources) == 1 and paths[0].is_file() and (rate_hz := _flowing(paths[0], answers, columns)) is not None:
+            own = answers if not columns else replace(answers, columns=columns[0])
+            odr_hz, ranges = answers.odr_hz or rate_hz, (answers.gyro_fs_dps or 0.0, answers.accel_fs_g or 0.0)
+            _stream(paths[0], replace(sensor, odr_hz=odr_hz, gyro_fs_dps=ranges[0], accel_fs_g=ranges[1]), own, rests)
+            return
+        notes: tuple[str, ...]
+        if any(source.layout.accel is not None for source in sources):
+            whole, sound = join(sources, answers.odr_hz), Sound()
+            gyro, accel = whole.gyro * whole.gyro_layout.gyro_si(units), whole.accel * whole.accel_layout.accel_si(units)
+            temp = None if whole.temp is None or whole.temp_layout is None else whole.temp_layout.temperature_c(whole.temp, units)
+            samples, notes = Samples(whole.t_ns, gyro, accel, sound(temp)), (*whole.notes, *sound.notes)
+        else:
+            (source,) = sources
+            t_ns, rates, more = rates_of(source, answers.odr_hz)
+            samples, notes = Samples(t_ns, rates * source.layout.gyro_si(units), np.full(rates.shape, np.nan)), tuple(more)
+    rests.remarks += notes
+    kept = np.diff(samples.t_ns, prepend=samples.t_ns[0] - 1) > 0
+    samples = samples if kept.all() else samples.pick(kept)
+    if len(samples) < 2:
+        raise DataError(f"{name}: a single sample; expected a rest of minutes")
+    rests.require_same(name, sensor.model, sensor.serial, _rate_of(samples, name))
+    _add_whole(samples, name, sensor.model, rests)
+
+
+def _rate_of(samples: Samples, name: str) -> float:
+    """Hz, by the stamps.  FormatError where no sensor has such a rate."""
+    rate_hz = 1 / samples.period_s
+    if not SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
+        raise FormatError(f"{name}: its stamps say {rate_hz:.4g} Hz, which no sensor has; is their unit right? --time-unit s, ms, us or ns")
+    return rate_hz
+
+
+def _flowing(path: Path, answers: Answers, columns: Sequence[str]) -> float | None:
+    """Hz of a text log that can be read piece by piece, by its first piece; None of one that must be read whole: another kind of file, of
+    one sensor alone, or with stamps that are coarser than its samples or come in bursts."""
+    registry = find("binary logs")
+    head = head_of(path)
+    if answers.like or head.startswith(b"PK") or (registry is not None and registry.reader_of(path, head) is not None):
+        return None
+    reader = Reader(path, answers if not columns else replace(answers, columns=columns[0]))
+    if reader.layout.gyro is None or reader.layout.accel is None:
+        return None
+    if reader.layout.time is None:
+        return answers.odr_hz
+    first = next(reader.pieces(), None)
+    if first is None or first.t_ns is None or not np.diff(first.t_ns).any():
+        return None
+    if evenly(first.t_ns, 1.0, path.name)[1] is not None:
+        return None
+    return pace_of(first.t_ns).rate_hz
+
+
+def _stream(path: Path, sensor: Sensor, answers: Answers | None, rests: Rests) -> None:
+    """Add a rest log, read once piece by piece; of one that moves, its stills."""
+    sums: list[RestSums] = []
+    waiting: list[Samples] = []
+
+    def add(samples: Samples) -> None:
+        if not sums:  # a first piece of one sample tells no rate
+            waiting.append(samples)
+            samples = joined(waiting)
+            if len(samples) < 2:
+                return
+            rate_hz = _rate_of(samples, path.name)
+            rests.require_same(path.name, sensor.model, sensor.serial, rate_hz)
+            sums.append(RestSums(rate_hz))
+        sums[0].add(samples)
+
+    log = read_rest(path, sensor, add, answers)
+    rests.remarks += [f"{path.name}: {note}" for note in log.notes if "temp" not in note]
+    _refuse_units(log)
+    if (moves := _movement(log)) is None:
+        rests.sums += sums
+        return
+    if answers is None:
+        raise DataError(f"{path.name}: {moves}; a rest log lies still throughout; cut it there, or name it log*.csv")
+    with Sources([path], answers) as sources:
+        whole = join(sources, answers.odr_hz)
+    units = sensor.register_units
+    gyro, accel = whole.gyro * whole.gyro_layout.gyro_si(units), whole.accel * whole.accel_layout.accel_si(units)
+    _add_stills(Samples(whole.t_ns, gyro, accel), path.name, rests, moves)
+
+
+def _add_whole(samples: Samples, name: str, sensor: str, rests: Rests) -> None:
+    """Add a log that is in memory: all of it where it lies still throughout, else its stills."""
+    log = rest_from_samples(samples, name)
+    if len(log) < 2:
+        raise DataError(f"{name}: {len(samples)} samples in {samples.duration_s:.3g} s; expected a rest of minutes")
+    _refuse_units(log)
+    if (moves := _movement(log)) is not None:
+        _add_stills(samples, name, rests, moves)
+        return
+    rests.require_same(name, sensor, "", 1 / samples.period_s)
+    rests.sums.append(_sums_of(samples, rests.rate_hz))
+
+
+def _add_stills(samples: Samples, name: str, rests: Rests, moves: str = "") -> None:
+    """Add the stills of a log that moves, each for itself."""
+    found = references(find_stills(samples)[0])
+    stills = [still for still in found if still.duration_s >= SHORTEST_S and np.linalg.norm(still.gyro_mean) <= TURNING_DPS * DEG]
+    said = f"{name}: {moves}; " if moves else f"{name}: "
+    if not stills:
+        rests.remarks.append(f"{said}it never lies still: left out")
+        return
+    rests.remarks.append(
+        f"{said}{len(stills)} stills, {sum(still.duration_s for still in stills):.0f} s in all, are taken, each for itself"
+    )
+    rests.sums += [_sums_of(samples.between(still.start, still.stop), rests.rate_hz) for still in stills]
+
+
+def _sums_of(samples: Samples, rate_hz: float) -> RestSums:
+    sums = RestSums(rate_hz)
+    for start in range(0, len(samples), TOGETHER):
+        sums.add(samples.between(start, min(start + TOGETHER, len(samples))))
+    return sums
+
+
+# Does it lie still?
+
+
+def _refuse_units(log: RestLog) -> None:
+    """DataError where an accelerometer at rest does not show gravity: its unit is another.  NaN of a gyroscope alone is not judged."""
+    if np.isnan(log.accel).all():
+        return
+    for finding in check_rest(log):
+        if finding.level == "error" and finding.what == "gravity":
+            raise DataError(finding.line)
+
+
+def _movement(log: RestLog) -> str | None:
+    """Why a log is no rest: it is turned, or is restless most of the time.  None where it lies still, knocks apart."""
+    rate_dps = float(np.median(np.linalg.norm(log.gyro, axis=1))) / DEG
+    if rate_dps > TURNING_DPS:
+        return f"it turns at {rate_dps:.0f} dps"
+    if not np.isnan(log.accel).all():
+        ways = log.accel / np.linalg.norm(log.accel, axis=1)[:, None]
+        usual = np.median(ways, axis=0)
+        angles = np.arctan2(np.linalg.norm(np.cross(ways, usual), axis=1), ways @ usual) / DEG
+        # A knock moves single blocks, another attitude many.
+        turned_deg = float(np.percentile(angles, 95))
+        if turned_deg > TURNED_DEG:
+            return f"it was turned by {turned_deg:.0f}° within the log"
+    scatter = np.linalg.norm(log.gyro_sd, axis=1)
+    if not (there := scatter[scatter > 0]).size:
+        return None
+    share = float(np.mean(scatter > RESTLESS * np.percentile(there, 25)))
+    return f"it is moved for {100 * share:.0f} % of the time" if share > MOVED_SHARE else None

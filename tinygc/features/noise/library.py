@@ -1,0 +1,133 @@
+"""Python interface of ``noise``: the noise figures of one unit, of logs, sessions and arrays, or of an Allan curve."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from session import VERSION
+from session.base.errors import CalibrationError
+from session.base.files import result_folder
+from session.base.results import write_whole
+from session.log.dialects import Answers
+from tinygc.features.noise.curve_file import estimate_of_curve
+from tinygc.features.noise.estimate import NoiseEstimate, estimate_noise
+from tinygc.features.noise.inputs import Input, read_inputs
+from tinygc.features.noise.picture import figure_of
+from tinygc.features.noise.text import against_data_sheet, kalibr_figures, noise_page, open_terms
+from tinygc.library.arguments import Progress
+from tinygc.library.records import Shown
+from tinygc.noise.figures import FILE, AllanBand, Inflation, NoiseFigures, to_json
+from tinygc.reporting.pictures.canvas import has_matplotlib, save, saved
+from tinygc.reporting.terminal import Group
+
+if TYPE_CHECKING:
+    from tinygc.reporting.pictures.canvas import Figure
+
+PICTURE = "noise.png"
+#: in a session's folder, where it was fitted
+FITTED = "fit/fit.json"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Noise(Shown):
+    """Result of ``tinygc.estimate_noise``: ``figures`` in SI, ``allan`` with the Allan deviation of ``gyro`` and ``accel``, ``remarks``."""
+
+    estimate: NoiseEstimate
+    #: what was repaired, assumed or left out of the inputs, one sentence each
+    read: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"<Noise of {self.figures.sensor or 'a sensor'}: {self.figures.duration_s:.0f} s of rest>"
+
+    @property
+    def figures(self) -> NoiseFigures:
+        """The terms of each axis with their sigmas, SI."""
+        return self.estimate.figures
+
+    @property
+    def allan(self) -> dict[str, AllanBand]:
+        """Allan deviation with 68 % bounds, SI."""
+        return dict(self.figures.allan)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What was left out, assumed or is to be known."""
+        return (*self.estimate.said, *self.read)
+
+    @property
+    def page(self) -> Group:
+        """The command's first screen, as a rich renderable."""
+        return self.pages()
+
+    def pages(self, verbose: bool = False) -> Group:
+        """The command's output; verbose: with every term, and all remarks."""
+        return noise_page(self.estimate, self.read, verbose)
+
+    def to_json(self) -> dict:
+        """``tinygc-noise/1`` (docs/formats/noise.md)."""
+        figures = self.figures
+        return {
+            **to_json(figures),
+            "version": VERSION,
+            "left_out_s": self.estimate.left_out_s,
+            "remarks": list(self.remarks),
+            "kalibr": kalibr_figures(figures),
+            "open_terms": [each.to_json() for each in open_terms(figures)],
+            "data_sheet": [each.to_json() for each in against_data_sheet(figures)],
+        }
+
+    def save(self, folder: Path | str, pictures: bool = True) -> Path:
+        """Write ``noise.json`` and, where matplotlib is installed, ``noise.png`` into a folder, and return it.
+
+        Raises StorageError for files that cannot be written.
+        """
+        folder = Path(folder)
+        with result_folder(folder):
+            write_whole(folder / FILE, self.to_json())
+            if pictures and has_matplotlib():
+                save(figure_of(self.estimate), folder / PICTURE)
+        return folder
+
+    def plot(self, path: Path | str | None = None) -> Figure:
+        """Draw Allan deviation, model, terms and residuals; path: a PNG to write.  Raises CalibrationError where matplotlib is missing."""
+        figure = figure_of(self.estimate)
+        return figure if path is None else saved(figure, Path(path))
+
+
+def noise_of(inputs: Sequence[Input], answers: Answers, columns: Sequence[str], serial: str, progress: Progress) -> Noise:
+    """Estimate the noise of one unit.  Raises CalibrationError, in one line, for inputs that cannot be read or are of several units."""
+    rests = read_inputs(inputs, answers, columns, serial, progress)
+    estimate = estimate_noise(rests.sums, progress)
+    rests.sums.clear()  # of a day as large as its logs, which are fitted next
+    figures = replace(estimate.figures, logs=tuple(rests.logs), sensor=rests.sensor, serial=rests.serial)
+    remarks = list(rests.remarks)
+    found: list[Inflation] = []
+    folders = [Path(each) for each in inputs if isinstance(each, Path | str) and (Path(each) / FITTED).is_file()]
+    if folders and not figures.gyro.is_described:
+        axes = " ".join(name for name, axis in zip("xyz", figures.gyro.axes, strict=True) if not axis.is_described)
+        remarks.append(f"No inflation: it is to N at rest, and the terms do not describe gyroscope {axes}.")
+        folders = []
+    if folders:  # what fits is loaded where there is a fit
+        from tinygc.estimation.results import read_fit
+        from tinygc.features.noise.inflation import inflations_of_folder
+    for number, folder in enumerate(folders):
+        progress("what filters need", number, len(folders))
+        try:
+            found += inflations_of_folder(folder, figures)
+            verdict = read_fit(folder / FITTED).get("verdict") or {}
+            if verdict.get("answer") == "fail":
+                remarks.append(f"{folder.name}: fit says {verdict.get('headline', 'FAIL')}; the inflation holds what it lacks.")
+        except CalibrationError as error:
+            remarks.append(f"No inflation of {folder.name}: {error}")
+    # Each session says the same of rest.
+    figures = replace(figures, inflations=tuple({each.motion: each for each in found}.values()))
+    return Noise(replace(estimate, figures=figures), tuple(remarks))
+
+
+def noise_of_curve(path: Path, units: str | None, duration_s: float | None, rate_hz: float | None, sensor: str, serial: str) -> Noise:
+    """Estimate the terms of an Allan curve in a file.  Raises CalibrationError, in one line."""
+    estimate = estimate_of_curve(path, units, duration_s, rate_hz)
+    return Noise(replace(estimate, figures=replace(estimate.figures, sensor=sensor, serial=serial)))

@@ -1,0 +1,321 @@
+"""The first screen of ``noise``: the terms of each axis, Kalibr's numbers, what is still open, the data sheet, and remarks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from math import ceil
+
+import numpy as np
+
+from session.base.texts import printable
+from session.log.registers import profile_of
+from tinygc.features.noise.estimate import NoiseEstimate, known_after_s
+from tinygc.features.noise.units import CALLED, ONE_SIDED, TERM_UNITS, TermUnit, duration_words
+from tinygc.noise.figures import NoiseFigures, SensorNoise, Term, described_from
+from tinygc.reporting.pictures.canvas import plain
+from tinygc.reporting.terminal import Group, RenderableType, one_line, plain_table
+
+NONE = "–"
+#: lines and columns of the first screen
+SCREEN, WIDTH = 24, 100
+#: terms that are always shown; the others where an axis shows them
+ALWAYS = ("N", "B", "K")
+#: probabilities between these are stated
+UNCLEAR = (0.05, 0.95)
+#: relative sigma at which a term is known
+KNOWN = 0.2
+#: of a data sheet's typical figure, which has one or two digits
+SHEET_WITHIN = 0.1
+#: of a data sheet's figure, from which on a ratio reads better than per cent
+TIMES = 2.0
+
+
+def noise_page(estimate: NoiseEstimate, read: Sequence[str] = (), verbose: bool = False) -> Group:
+    """The screen; read: remarks on the inputs; verbose: with every term and all remarks, however long."""
+    figures = estimate.figures
+    misfit = misfit_lines(figures)
+    parts: list[RenderableType] = [one_line(headline(figures), "bold"), *(one_line(line, "bold red") for line in misfit)]
+    lines = 1 + len(misfit)
+    for kind, sensor in figures.sensors().items():
+        table = plain_table("", f"{CALLED[kind]} ± σ, < 95 %", "x", "y", "z", right=True)
+        for name, unit in TERM_UNITS[kind].items():
+            if not (verbose or name in ALWAYS or sensor.measured(name)):
+                continue
+            table.add_row(
+                f"{name}  {unit.words}{', two-sided' * (name == 'N')}", *(term_cell(axis.terms[name], unit) for axis in sensor.axes)
+            )
+            if name == "N":
+                one_sided = ONE_SIDED[kind]
+                table.add_row(f"   {one_sided.words}, one-sided", *(term_cell(axis.terms[name], one_sided, False) for axis in sensor.axes))
+        parts.append(table)
+        lines += 1 + table.row_count
+    below = [kalibr_line(figures), *described_from(figures)]
+    if figures.inflations:
+        from tinygc.features.noise.inflation import inflation_lines
+
+        below += inflation_lines(figures.inflations, figures.gyro)
+    below += [*open_lines(figures), *sheet_lines(figures)]
+    parts += [one_line(line) for line in below]
+    left = [f"{duration_words(estimate.left_out_s)} are left out."] if estimate.left_out_s else []
+    remarks = [*spectral_lines(figures), *left, *estimate.said, *read]
+    room = SCREEN - lines - sum(map(_height, below))
+    kept = len(remarks) if verbose else _fitting(remarks, room)
+    parts += [one_line(remark) for remark in remarks[:kept]]
+    if kept < len(remarks):
+        count = len(remarks) - kept
+        parts.append(one_line(f"{count} {'more ' * bool(kept)}remark{'s' * (count != 1)}: --verbose"))
+    return Group(*parts)
+
+
+def _height(line: str) -> int:
+    return ceil(len(line) / WIDTH)
+
+
+def _fitting(remarks: Sequence[str], room: int) -> int:
+    """How many remarks the room, in lines, holds, with the line that counts the others."""
+    heights = np.cumsum([_height(remark) for remark in remarks])
+    if not len(heights) or heights[-1] <= room:
+        return len(heights)
+    return int(np.searchsorted(heights, room - 1, side="right"))
+
+
+def headline(figures: NoiseFigures) -> str:
+    """Which recording the figures are of."""
+    of = " ".join(filter(None, (figures.sensor, figures.serial))) or "sensor not named"
+    logs = f"{len(figures.logs)} log{'s' * (len(figures.logs) != 1)}, " if figures.logs else ""
+    return (
+        f"Noise at rest, {printable(of)}: {logs}{duration_words(figures.duration_s)}, {figures.samples} samples at {figures.rate_hz:.5g} Hz"
+    )
+
+
+# The table of a sensor.
+
+
+def term_cell(term: Term, unit: TermUnit, probability: bool = True) -> str:
+    """``119.3 ± 8.2 (83 %)``, ``< 9.1``, the upper limit of 95 %, or a dash; with the probability where it is not clear."""
+    if term.sigma is not None and term.is_determined:
+        text = plain(term.value / unit.si, term.sigma / unit.si)
+        if term.tau_s is not None:
+            text += f", τ {duration_words(term.tau_s)}"
+    else:
+        text = NONE if term.at_most is None else f"< {term.at_most / unit.si:.3g}"
+    unclear = probability and UNCLEAR[0] < term.probability < UNCLEAR[1]
+    return f"{text} ({100 * term.probability:.0f} %)" if unclear else text
+
+
+# Kalibr's four numbers.
+
+
+def _worst(sensor: SensorNoise, name: str) -> tuple[float | None, float | None]:
+    """Largest value of a term and largest upper limit (95 %), SI, of the axes whose data the terms describe; None where there is none."""
+    which = [axis.is_described for axis in sensor.axes]
+    shown = [axis.value(name) for axis in sensor.axes if axis.is_described and axis.terms[name].is_determined]
+    limit = float(max(sensor.at_most(name)[which], default=np.inf))
+    return max(shown, default=None), limit if np.isfinite(limit) else None
+
+
+#: keys of Kalibr's imu.yaml
+KALIBR = {
+    ("gyro", "N"): "gyroscope_noise_density",
+    ("gyro", "K"): "gyroscope_random_walk",
+    ("accel", "N"): "accelerometer_noise_density",
+    ("accel", "K"): "accelerometer_random_walk",
+}
+
+
+def kalibr_figures(figures: NoiseFigures) -> dict[str, float | None]:
+    """Kalibr's imu.yaml, SI, two-sided as it takes them: of the worst axis that is described; None where none shows the term."""
+    sensors = figures.sensors()
+    return {key: _worst(sensors[kind], name)[0] if kind in sensors else None for (kind, name), key in KALIBR.items()}
+
+
+def kalibr_line(figures: NoiseFigures) -> str:
+    """The numbers in one line; an upper limit where no axis shows the walk, and beside the number where that of an axis is larger; without
+    which axes, where some are not described."""
+    parts = []
+    for kind, sensor in figures.sensors().items():
+        words = []
+        for name in "NK":
+            value, most = _worst(sensor, name)
+            words.append(f"{value:.3g}{_larger(sensor, name, value)}" if value is not None else NONE if most is None else f"< {most:.2g}")
+        parts.append(f"{CALLED[kind]} {', '.join(words)}{_without(sensor)}")
+    return f"Kalibr density, walk (SI): {'; '.join(parts)}"
+
+
+def _larger(sensor: SensorNoise, name: str, value: float) -> str:
+    """`` (x < 0.002)``, the axes whose limit alone is above the largest number; empty where there are none."""
+    larger = [f"{axis} < {most:.2g}" for axis, most in _hidden(sensor, name).items() if value < most < np.inf]
+    return f" ({', '.join(larger)})" if larger else ""
+
+
+def _hidden(sensor: SensorNoise, name: str) -> dict[str, float]:
+    """Limit of each axis that is described and shows no number of a term, infinite where the log sets none."""
+    axes = zip("xyz", sensor.axes, sensor.at_most(name), strict=True)
+    return {axis: float(most) for axis, own, most in axes if own.is_described and not own.terms[name].is_determined}
+
+
+def _without(sensor: SensorNoise) -> str:
+    """`` (without x y)``, the axes that the terms do not describe; empty where they describe all."""
+    bad = [axis for axis, own in zip("xyz", sensor.axes, strict=True) if not own.is_described]
+    return f" (without {' '.join(bad)})" if bad else ""
+
+
+# What is still open, and when it will be known.
+
+
+@dataclass(frozen=True)
+class OpenTerm:
+    """A term that is not known to 20 %: of ``gyro`` or ``accel``, axis ``x``, ``y`` or ``z``; known_after_s: rest after which it is, and
+    before which it is not where the term does not show: it may be smaller than its limit."""
+
+    sensor: str
+    axis: str
+    term: str
+    known_after_s: float
+
+    def to_json(self) -> dict:
+        """An entry of ``open_terms``; null where no rest is long enough."""
+        return asdict(self)
+
+
+def open_terms(figures: NoiseFigures) -> list[OpenTerm]:
+    """N, B and K of each axis that the terms describe, as far as they are not known to 20 %."""
+    return [
+        OpenTerm(kind, "xyz"[axis], name, max(known_after_s(figures, kind, axis, name, KNOWN), figures.duration_s))
+        for kind, sensor in figures.sensors().items()
+        for name in ALWAYS
+        for axis in range(3)
+        if sensor.axes[axis].is_described and not sensor.axes[axis].terms[name].is_known(KNOWN)
+    ]
+
+
+def open_lines(figures: NoiseFigures) -> list[str]:
+    """One sentence for each sensor: which terms are known to 20 %, and after how long a rest the others will be, or at the earliest."""
+    lines, terms = [], open_terms(figures)
+    for kind, sensor in figures.sensors().items():
+        if not any(axis.is_described for axis in sensor.axes):
+            continue
+        waiting: dict[str, dict[str, dict[str, list[str]]]] = {"after": {}, "not before": {}}  # ... -> term -> duration -> axes
+        for each in terms:
+            if each.sensor == kind:
+                is_shown = sensor.axes["xyz".index(each.axis)].terms[each.term].is_determined
+                when = "after" if is_shown or each.known_after_s == float("inf") else "not before"
+                waiting[when].setdefault(each.term, {}).setdefault(duration_words(each.known_after_s), []).append(each.axis)
+        known = [name for name in ALWAYS if not any(name in after for after in waiting.values())]
+        parts = [f"known to 20 %: {', '.join(known)}"] * bool(known)
+        for when, after in waiting.items():
+            words = [f"{name} {', '.join(f'{last} ({axes})' for last, axes in _axes(times))}" for name, times in after.items()]
+            parts += [f"{when} one rest of: {'; '.join(words)}"] * bool(words)
+        lines.append(f"{CALLED[kind].capitalize()}{_without(sensor)} {'; '.join(parts)}")
+    return lines
+
+
+def _axes(times: dict[str, list[str]]) -> list[tuple[str, str]]:
+    return [(when, " ".join(axes)) for when, axes in times.items()]
+
+
+def misfit_lines(figures: NoiseFigures) -> list[str]:
+    """A sentence for each sensor with axes that the terms do not describe: their numbers are then no noise figures."""
+    lines = []
+    for kind, sensor in figures.sensors().items():
+        bad = {axis: own for axis, own in zip("xyz", sensor.axes, strict=True) if not own.is_described}
+        if bad:
+            worst = max(bad.values(), key=lambda own: own.excess)
+            what = f"p = {worst.p_value:.2g}, {worst.excess:.3g} times their variance"
+            lines.append(f"NOT DESCRIBED by these terms: {CALLED[kind]} {' '.join(bad)} ({what})")
+    return lines
+
+
+def spectral_lines(figures: NoiseFigures) -> list[str]:
+    """One sentence for each sensor whose spectrum has lines: frequency and rms of each axis' strongest."""
+    sentences = []
+    for kind, sensor in figures.sensors().items():
+        unit = TERM_UNITS[kind]["B"]
+        strongest = {axis: max(own.lines, key=lambda line: line.rms) for axis, own in zip("xyz", sensor.axes, strict=True) if own.lines}
+        found = ", ".join(f"{axis} {line.hz:.3g} Hz ({line.rms / unit.si:.3g} {unit.words} rms)" for axis, line in strongest.items())
+        if found:
+            sentences.append(f"Lines of the {CALLED[kind]}, the strongest: {found}.")
+    return sentences
+
+
+# Against the data sheet, whose densities are one-sided.
+
+
+@dataclass(frozen=True)
+class SheetFigure:
+    """A figure of the data sheet beside the worst axis that is described.
+
+    sensor: ``gyro`` or ``accel``; term; unit; value: None where no axis shows it; at_most: upper limit (95 %), None where there is none;
+    sheet; source; verdict: ``within`` 10 %, ``above``,
+    ``below``, ``open`` where it is not known of some axis that is not limited by the sheet, ``not judged`` where nobody has read the figure
+    in its source.
+    """
+
+    sensor: str
+    term: str
+    unit: str
+    value: float | None
+    at_most: float | None
+    sheet: float
+    source: str
+    verdict: str
+
+    def to_json(self) -> dict:
+        """An entry of ``data_sheet``."""
+        return asdict(self)
+
+    @property
+    def words(self) -> str:
+        """``gyroscope N 5.9 mdps/√Hz, data sheet 5: above by 18 %``."""
+        limit = NONE if self.at_most is None else f"< {self.at_most:.3g}"
+        value = limit if self.value is None else f"{self.value:.3g}" + (f" ({limit})" if self.verdict == "open" else "")
+        ratio = None if self.value is None or self.verdict not in ("above", "below") else self.value / self.sheet
+        by = "" if ratio is None else f" by {100 * abs(ratio - 1):.0f} %" if ratio < TIMES else f", {ratio:.2g} times"
+        judged = "remembered, not judged" if self.verdict == "not judged" else f"{self.verdict}{by}"
+        return f"{CALLED[self.sensor]} {self.term} {value} {self.unit}, data sheet {self.sheet:g}: {judged}"
+
+
+#: figure of a profile -> its sensor, term and unit
+OF_SHEETS = {
+    "gyro_noise_mdps_rthz": ("gyro", "N", ONE_SIDED["gyro"]),
+    "gyro_bias_instability_dph": ("gyro", "B", TERM_UNITS["gyro"]["B"]),
+    "accel_noise_ug_rthz": ("accel", "N", ONE_SIDED["accel"]),
+}
+
+
+def against_data_sheet(figures: NoiseFigures) -> list[SheetFigure]:
+    """The figures of the sensor's data sheet that are known; none of a sensor that is not, or of which the terms describe no axis."""
+    profile = profile_of(figures.sensor)
+    known = {} if profile is None else profile.figures
+    rows = []
+    for key, (kind, name, unit) in OF_SHEETS.items():
+        sensor, figure = figures.sensors().get(kind), known.get(key)
+        if sensor is None or figure is None or not any(axis.is_described for axis in sensor.axes):
+            continue
+        value, at_most = (None if size is None else size / unit.si for size in _worst(sensor, name))
+        verdict = _verdict(value, max(_hidden(sensor, name).values(), default=0.0) / unit.si, figure.value) if figure.read else "not judged"
+        rows.append(SheetFigure(kind, name, unit.words, value, at_most, figure.value, figure.source, verdict))
+    return rows
+
+
+def _verdict(value: float | None, hidden: float, sheet: float) -> str:
+    """hidden: largest limit of the axes that show no number."""
+    ratio = 0.0 if value is None else value / sheet
+    if ratio > 1 + SHEET_WITHIN:
+        return "above"
+    if hidden >= sheet:
+        return "open"
+    return "within" if ratio >= 1 - SHEET_WITHIN else "below"
+
+
+def sheet_lines(figures: NoiseFigures) -> list[str]:
+    """One line for each figure of the data sheet; one where no sheet is known."""
+    rows = against_data_sheet(figures)
+    if rows:
+        return [f"{row.words[0].upper()}{row.words[1:]}{_without(figures.sensors()[row.sensor])}" for row in rows]
+    if not any(axis.is_described for sensor in figures.sensors().values() for axis in sensor.axes):
+        return []
+    if not figures.sensor:
+        return ["--sensor MODEL compares with the data sheet."]
+    return [f"No data sheet of {figures.sensor} is known to compare with."]

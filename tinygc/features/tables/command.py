@@ -1,0 +1,268 @@
+"""``table``: a table that turns by itself: its makes, its description, where it is, and single moves, each confirmed before."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from session.base.errors import CalibrationError
+from session.base.texts import command_line, printable
+from session.base.units import DEG
+from tinygc.cli.arguments import file_written, is_standard_output, path_read, positive
+from tinygc.cli.results import ended_by_signals, output, write_json
+
+if TYPE_CHECKING:
+    from tinygc.features.tables.machines.description import Description
+    from tinygc.features.tables.machines.safety import Guarded, Move
+    from tinygc.features.tables.machines.verbs import Where
+
+SUMMARY = "a table that turns by itself: makes, description, where it is, home, turn, stop; a virtual one"
+#: action -> its words, and what it does
+ACTIONS = {
+    "list": ("", "the makes"),
+    "new": ("MAKE", "print a table.toml to fill in, of so many --axes"),
+    "check": ("", "read the table's file; print axes, limits and all that can be sent"),
+    "where": ("", "ask for angles and state"),
+    "home": ("", "search the reference marks"),
+    "turn": ("AXIS DEG", "turn one axis to an angle"),
+    "spin": ("AXIS DPS SECONDS", "turn one axis at a rate"),
+    "stop": ("", "bring all axes to rest"),
+    "clear": ("", "clear an alarm whose reason you have seen"),
+    "virtual": ("", "run a virtual table at a pseudo-terminal"),
+}
+#: deg/s of ``turn`` where no rate is given
+RATE_DPS = 10.0
+#: s between two lines of a motion
+TELL_S = 1.0
+SCHEMA = "tinygc-table-command/1"
+
+
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    actions = "; ".join(f"{' '.join(filter(None, (name, words)))}: {what}" for name, (words, what) in ACTIONS.items())
+    command.add_argument("action", choices=tuple(ACTIONS), metavar="ACTION", help=actions)
+    command.add_argument("words", nargs="*", metavar="WORD", help="of the action, as above; then, if you like, FILE")
+    command.add_argument("--table", type=path_read, metavar="FILE", help="its description (table.toml)")
+    command.add_argument("--axes", type=int, choices=(1, 2, 3), default=1, metavar="N", help="of new: one to three (%(default)s)")
+    command.add_argument("--rate", type=positive, metavar="DPS", help=f"of turn ({RATE_DPS:g}, or as fast as the axis can if that is less)")
+    command.add_argument("--home", action="store_true", help="search the reference marks first: boards that restart when a port is opened")
+    zero = "every axis stands at its zero, where you turned it by hand: boards without marks that restart when a port is opened"
+    command.add_argument("--at-zero", action="store_true", help=zero)
+    command.add_argument("--yes", action="store_true", help="the plan is confirmed: do not ask")
+    virtual = command.add_argument_group("a virtual table")
+    virtual.add_argument("--link", type=file_written, metavar="PATH", help="name of its port (tinygc-table in the temporary folder)")
+    virtual.add_argument(
+        "--faults", default="", metavar="NAME@S,…", help="what goes wrong, and when: estop@20, stall@move2 (docs/tables.md)"
+    )
+    virtual.add_argument("--resets", action="store_true", help="it restarts when its port is opened, as an Arduino Uno does")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Do one action."""
+    words = ACTIONS[args.action][0].split()
+    if len(args.words) == len(words) + 1 and args.words[-1].endswith(".toml") and args.table is None and args.action not in ("list", "new"):
+        args.table = Path(args.words.pop())
+    if len(args.words) != len(words):
+        given = f"; it has {len(args.words)} words" if args.words else ""
+        raise CalibrationError(f"table {args.action}: expected {' '.join((args.action, *words))}{given}")
+    if args.action in ("list", "new"):
+        from tinygc.features.tables.machines.makes import makes
+        from tinygc.features.tables.machines.template import template
+
+        if args.action == "new":
+            text = template(args.words[0], args.axes)
+            for line in text.splitlines():
+                output(args).print(line, markup=False, highlight=False, soft_wrap=True)
+            write_json(args.json, {"schema": SCHEMA, "action": "new", "make": args.words[0]})
+            return 0
+        known = makes()
+        for name, title in known.items():
+            output(args).print(f"{name:10}  {title}", markup=False, highlight=False, soft_wrap=True)
+        listed = [{"name": name, "title": title} for name, title in known.items()]
+        write_json(args.json, {"schema": SCHEMA, "action": "list", "makes": listed})
+        return 0
+    from tinygc.features.tables.machines.description import read_description
+
+    args.table = args.table or Path("table.toml")  # no default: `table new … > table.toml` writes it
+    table = read_description(args.table)
+    with ended_by_signals(ignored_interrupt=True):
+        return {"check": _check, "virtual": _virtual}.get(args.action, _machine)(args, table)
+
+
+def _check(args: argparse.Namespace, table: Description) -> int:
+    from tinygc.features.tables.machines.dialogue import example
+    from tinygc.features.tables.machines.makes import MODULES, is_own, make_of
+
+    lines = [f"{table.name}: make {table.make}, port {table.port or 'none'}"]
+    for axis in table.axes:
+        direction = ", ".join(f"{x:g}" for x in axis.direction)
+        limits = "no limits"
+        if axis.least_rad is not None and axis.most_rad is not None:
+            limits = f"{axis.least_rad / DEG:g} to {axis.most_rad / DEG:g} deg"
+        most = f"up to {axis.fastest_rps / DEG:g} dps, {axis.acceleration_rps2 / DEG:g} dps/s"
+        errs = f"angle within {axis.sigma_rad / DEG:g} deg, play {axis.backlash_rad / DEG:g} deg"
+        lines.append(f"  {axis.name} ({axis.word}): about {direction}; {limits}; {most}; {errs}")
+    if table.make not in MODULES:
+        make = make_of(table, args.table.parent)
+        lines += [f"sent for {what}: {text}" for what, text in example(table, make)]
+        if make.warning:
+            lines.append(f"warning: {make.warning}")
+        if make.unchecked:
+            lines.append(f"unchecked in the make's file: {make.unchecked}")
+        if is_own(table):
+            line = f'make_sha256 = "{make.sha256}"'
+            lines.append(
+                f"{table.make} is confirmed as it is"
+                if table.make_sha256 == make.sha256
+                else f"{table.make} is not confirmed; once you have read all of that, write beside make = in {args.table}: {line}"
+            )
+    for line in lines:
+        output(args).print(printable(line), markup=False, highlight=False, soft_wrap=True)
+    write_json(args.json, _state(args, table, None))
+    return 0
+
+
+def _machine(args: argparse.Namespace, table: Description) -> int:
+    """What needs the machine."""
+    from tinygc.features.tables.machines.makes import open_table
+    from tinygc.features.tables.machines.safety import Guarded
+
+    moves = _moves(args, table)
+    machine = open_table(table, args.table.parent, stops=args.action == "stop")
+    with Guarded(machine) as guarded:
+        if args.at_zero:
+            guarded.stands_at_zero()
+        if args.action == "clear":
+            _confirm(args, f"{table.name}: clear its alarm? You have seen why it stopped, and nobody is near")
+            guarded.clear()
+        if args.action == "stop":
+            guarded.stop()
+        if moves:
+            guarded.confirm(moves, None if args.yes else lambda question: _confirm(args, question), _teller(args))
+            _move(args, guarded, moves)
+        found = guarded.where()
+    for axis, angle in zip(table.axes, found.angles, strict=True):
+        output(args).print(f"{axis.name}  {_shown(angle, 3)}", markup=False, highlight=False)
+    output(args).print("it moves" if found.moving else "it rests")
+    write_json(args.json, _state(args, table, found))
+    return 0
+
+
+def _moves(args: argparse.Namespace, table: Description) -> list[Move]:
+    """The plan of an action; empty for those that move nothing."""
+    from tinygc.features.tables.machines.safety import Move
+
+    first = [Move.home()] if args.home and args.action in ("turn", "spin") else []
+    if args.action == "home":
+        return [Move.home()]
+    if args.action not in ("turn", "spin"):
+        return []
+    axis = table.axis(args.words[0])
+    numbers = [_number(word) for word in args.words[1:]]
+    if args.action == "spin":
+        if not numbers[0] or numbers[1] <= 0:
+            raise CalibrationError("table spin: expected a rate in deg/s that is not 0, and seconds above 0")
+        return [*first, Move.at(axis, numbers[0] * DEG, numbers[1])]
+    rate_rps = args.rate * DEG if args.rate else min(RATE_DPS * DEG, table.axes[axis].fastest_rps)
+    return [*first, Move.to(axis, numbers[0] * DEG, rate_rps)]
+
+
+def _move(args: argparse.Namespace, guarded: Guarded, moves: Sequence[Move]) -> None:
+    from tinygc.features.tables.machines.clocks import HostClock
+
+    clock, tell = HostClock(), _teller(args)
+    for move in moves:
+        end_s = float("inf")
+        if move.axis is None:
+            guarded.home()
+        elif move.at_rate:
+            guarded.turn_at(move.axis, _number(args.words[1]) * DEG)
+            end_s = clock.now_s() + _number(args.words[2])
+        else:
+            guarded.turn_to(move.axis, move.most_rad, move.fastest_rps)
+        told_s = clock.now_s()
+        while (found := guarded.where()).moving and clock.now_s() < end_s:
+            if clock.now_s() - told_s >= TELL_S:
+                told_s = clock.now_s()
+                axes = zip(guarded.description.axes, found.angles, strict=True)
+                tell("  ".join(f"{axis.name} {_shown(angle, 2)}" for axis, angle in axes))
+            clock.sleep(0.05)
+        if found.moving:
+            guarded.stop()
+
+
+def _virtual(args: argparse.Namespace, table: Description) -> int:
+    """Run a virtual table until Ctrl-C."""
+    try:
+        from tinygc.features.tables.virtual_line import LINK, serve
+        from tinygc.simulation.terminal import Terminal
+    except ImportError:
+        raise CalibrationError("table virtual: needs a pseudo-terminal, which only POSIX systems have (Linux, macOS)") from None
+    from tinygc.features.tables.machines.clocks import HostClock
+    from tinygc.features.tables.machines.virtual import VirtualTable
+    from tinygc.features.tables.machines.virtual_motion import Fault
+
+    clock = HostClock()
+    virtual = VirtualTable(table, None, clock, Fault.parse(args.faults), args.seed)
+    with Terminal(args.link or LINK) as terminal:
+        if not args.quiet and not is_standard_output(args.json):
+            print(terminal.name, flush=True)
+        _teller(args)(
+            f'{table.name}: a virtual {table.make}; write port = "{terminal.name}" into the file that {command_line("table")} reads'
+        )
+        try:
+            serve(virtual, terminal, clock, args.resets, lambda: False)
+        except KeyboardInterrupt:
+            pass
+        finally:
+            write_json(args.json, _state(args, table, None))
+    return 0
+
+
+def _confirm(args: argparse.Namespace, question: str) -> bool:
+    """Ask the person at the terminal.  CalibrationError where there is none, or the answer is no."""
+    if args.yes:
+        return True
+    if sys.stdin is None or not sys.stdin.isatty():
+        raise CalibrationError(f"table {args.action}: nobody can confirm it: standard input is no terminal; give --yes if you are sure")
+    print(f"{printable(question)} [y/N] ", end="", file=sys.stderr, flush=True)
+    if sys.stdin.readline().strip().lower() not in ("y", "yes"):
+        raise CalibrationError(f"table {args.action}: not confirmed; nothing was moved")
+    return True
+
+
+def _teller(args: argparse.Namespace) -> Callable[[str], None]:
+    """Prints to standard error; a plan is shown even with --quiet where it is asked about."""
+    quiet = args.quiet and args.yes
+    return lambda text: None if quiet else print(printable(text), file=sys.stderr, flush=True)
+
+
+def _shown(angle_rad: float, decimals: int) -> str:
+    return f"{angle_rad / DEG:.{decimals}f} deg" if isfinite(angle_rad) else "not known yet"
+
+
+def _number(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not abs(value) < 1e7:
+        raise CalibrationError(f"table: {text[:40]!r} is no number of degrees, degrees per second or seconds")
+    return value
+
+
+def _state(args: argparse.Namespace, table: Description, found: Where | None) -> dict:
+    angles = [None] * len(table.axes) if found is None else [float(angle / DEG) if isfinite(angle) else None for angle in found.angles]
+    return {
+        "schema": SCHEMA,
+        "action": args.action,
+        "name": table.name,
+        "make": table.make,
+        "axes": [{"name": axis.name, "angle_deg": angle} for axis, angle in zip(table.axes, angles, strict=True)],
+        "moving": None if found is None else found.moving,
+        "table_s": None if found is None else found.table_s,
+    }

@@ -1,0 +1,532 @@
+"""The one way to move a table: ``Guarded``.  What a program can do against a wrong move; no safety function in a standard's sense.
+
+- Nothing moves that no person has confirmed: the plan of all moves is shown before the first.
+- Limits are checked before each move.  A turn at a rate is confirmed with its longest time.  Where the axis has limits or the machine has
+  no rate mode it is sent as a turn to an angle: the machine brakes there by itself, whatever becomes of this program.
+- A controller that has restarted has lost its angles, and its limits mean nothing: it is homed, or a person says that it stands at zero.
+- Each answer is compared with what can be: an angle beyond the limits, a wrong sense or rate, a motion that does not end, that ends
+  elsewhere, and silence stop the table.
+- Ctrl-C, Ctrl-Z, SIGTERM, an exception and the end of the program stop it, and it is looked whether it rests.
+- A reported alarm is never cleared from here.
+
+A program that is killed (SIGKILL), a computer that freezes and a cable that is pulled can stop nothing.  The table's own emergency stop
+is master: it must be within reach.
+"""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from types import FrameType
+from typing import TypeVar
+
+import numpy as np
+
+from session.base.texts import printable
+from session.base.units import DEG
+from tinygc.features.tables.machines.clocks import Clock, HostClock
+from tinygc.features.tables.machines.description import Description
+from tinygc.features.tables.machines.verbs import Table, TableFault, TableLimit, Where, require_allowed, require_rate
+from tinygc.features.tables.machines.wire import PRESS
+
+T = TypeVar("T")
+A = TypeVar("A", np.ndarray, None)
+#: s that a machine may take from the acknowledgement of a move to its begin
+START_S = 0.3
+#: a motion may take so many times as long as computed, and so many s besides
+SLOWER, LATER_S = 1.5, 5.0
+#: s that homing may take
+HOME_S = 300.0
+#: rad beyond its declared accuracy and play that a move may end beside its angle, and a limit be passed
+BESIDE_RAD = 0.2 * DEG
+#: of two answers, how much faster than the axis they may say that it turned, and rad besides
+FASTER, JUMP_RAD = 1.3, 2 * DEG
+#: s between two looks whether it rests, rad that it may turn between them, and s after which it should rest beyond its braking time
+LOOK_S, RESTS_RAD, REST_S = 0.15, 0.02 * DEG, 2.0
+#: s without a look at a moving table after which a program counts as hung
+HUNG_S = 15.0
+
+
+@dataclass(frozen=True)
+class Move:
+    """A move that a person is asked for: one axis, between which angles it may go and how fast; axis None: homing; longest_s above 0: it
+    turns at a rate (either sense) until it is stopped, for at most so long."""
+
+    axis: int | None
+    least_rad: float = 0.0
+    most_rad: float = 0.0
+    fastest_rps: float = 0.0
+    longest_s: float = 0.0
+
+    @property
+    def at_rate(self) -> bool:
+        """Whether it turns at a rate."""
+        return self.longest_s > 0
+
+    @classmethod
+    def home(cls) -> Move:
+        """All axes search their reference marks."""
+        return cls(None)
+
+    @classmethod
+    def to(cls, axis: int, angle_rad: float, rate_rps: float) -> Move:
+        """One axis to an angle."""
+        return cls(axis, angle_rad, angle_rad, rate_rps)
+
+    @classmethod
+    def at(cls, axis: int, rate_rps: float, longest_s: float) -> Move:
+        """One axis at a rate, in either sense, for at most so long (above 0)."""
+        return cls(axis, -np.inf, np.inf, abs(rate_rps), longest_s)
+
+    @classmethod
+    def anywhere(cls, table: Description, axis: int, fastest_rps: float) -> Move:
+        """Any angle within an axis's limits: of moves that are computed on the way."""
+        of = table.axes[axis]
+        return cls(axis, -np.inf if of.least_rad is None else of.least_rad, np.inf if of.most_rad is None else of.most_rad, fastest_rps)
+
+    def text(self, table: Description) -> str:
+        """One line of the plan."""
+        if self.axis is None:
+            return f"all axes ({', '.join(axis.name for axis in table.axes)}) search their reference marks, at the machine's own rate"
+        of = table.axes[self.axis]
+        limits = (
+            "without limits"
+            if of.least_rad is None or of.most_rad is None
+            else f"limits {of.least_rad / DEG:g} to {of.most_rad / DEG:g} deg"
+        )
+        rate = f"{self.fastest_rps / DEG:g} dps"
+        if self.at_rate:
+            turned = f"{self.fastest_rps * self.longest_s / DEG:g} deg"
+            return f"{of.name} turns at {rate}, in either sense, for at most {self.longest_s:g} s, which is {turned} ({limits})"
+        if self.least_rad == self.most_rad:
+            return f"{of.name} to {self.most_rad / DEG:g} deg at up to {rate} ({limits})"
+        if not np.isfinite(self.least_rad):
+            return f"{of.name} to any angle at up to {rate}, turn after turn ({limits})"
+        return f"{of.name} to any angle from {self.least_rad / DEG:g} to {self.most_rad / DEG:g} deg at up to {rate} ({limits})"
+
+
+def plan_lines(table: Description, moves: Sequence[Move], notes: Sequence[str] = ()) -> list[str]:
+    """The plan as a person reads it before anything moves; notes: as of ``Guarded.notes``."""
+    rows = [f"  {number}. {move.text(table)}" for number, move in enumerate(moves, 1)]
+    rows = [*(f"  {note}" for note in notes), *rows]
+    if table.make == "hand":
+        return [f"{table.name}: you will be asked to turn it:", *rows]
+    return [f"{table.name} ({table.make}) will move:", *rows, "Keep clear of it, and its own emergency stop within reach."]
+
+
+class Guarded:
+    """A ``Table`` that does nothing which was not confirmed, and stops for everything that looks wrong.  Use it as a context.
+
+    ``confirm`` first.  ``where`` is to be called some times a second while it moves; ``settle`` does that.  ``stop`` may be called from any
+    thread.  TableLimit for what is not allowed (nothing is sent), TableFault for what went wrong (the table was stopped).
+
+    by_hand: a person turns it, who takes his time, and reads a dial.
+    """
+
+    def __init__(self, table: Table, clock: Clock | None = None):
+        self.description = table.description
+        self._table, self._clock = table, clock or HostClock()
+        self.by_hand = bool(getattr(table, "by_hand", False))
+        self._allowed: list[Move] = []
+        self._rest = threading.Event()  # whether nothing was asked to move since it was seen at rest
+        self._rest.set()
+        self._last: tuple[float, np.ndarray] | None = None
+        self._target: tuple[int, float] | None = None  # axis and angle of the present move
+        self._homing = False
+        self._turns, self._turns_by_s = False, 0.0  # whether it turns at a rate without an end, and s by which it surely does
+        self._way: tuple[int, float] | None = None  # axis and rate, with its sign, of the present move
+        self._origin: tuple[float, float] | None = None  # time and angle that it turns from at that rate
+        self._from: np.ndarray | None = None  # where all axes rested before the present motion
+        self._furthest = 0.0  # rad that it was seen to have turned by
+        self._begin_s, self._due_s, self._computed_s = 0.0, np.inf, 0.0
+        self._looked_s = self._clock.now_s()
+        self._closed, self._suspended = False, threading.Event()
+        self._handlers = contextlib.ExitStack()
+
+    def __enter__(self) -> Guarded:
+        atexit.register(self._at_exit)
+        if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
+            signal.signal(signal.SIGTERM, _interrupt)
+            self._handlers.callback(signal.signal, signal.SIGTERM, signal.SIG_DFL)
+        if isinstance(self._clock, HostClock):
+            suspend = getattr(signal, "SIGTSTP", None)  # Ctrl-Z; Windows has none
+            if suspend and threading.current_thread() is threading.main_thread() and signal.getsignal(suspend) is signal.SIG_DFL:
+                signal.signal(suspend, lambda number, frame: self._suspended.set())
+                self._handlers.callback(signal.signal, suspend, signal.SIG_DFL)
+            threading.Thread(target=self._watch, name="table-watch", daemon=True).start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        try:
+            with _undisturbed():
+                if not self._rest.is_set():
+                    print(printable(f"{self.description.name}: stopping it"), file=sys.stderr, flush=True)
+                    try:
+                        self.stop()
+                    except TableFault as fault:
+                        if error[0] is None:
+                            raise
+                        if not isinstance(error[1], TableFault):  # which says it already
+                            print(fault, file=sys.stderr)
+                self.close()
+        finally:
+            self._handlers.close()
+            atexit.unregister(self._at_exit)
+
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether it was seen at rest, and nothing was asked to move since."""
+        return self._rest.is_set()
+
+    @property
+    def has_rate_mode(self) -> bool:
+        """Whether the machine turns at a rate by itself."""
+        return bool(getattr(self._table, "has_rate_mode", False))
+
+    @property
+    def begins(self) -> str:
+        """What will be sent before the first motion (``begin`` of its make), such as to switch its motors on; empty where nothing is."""
+        return str(getattr(self._table, "begins", ""))
+
+    @property
+    def notes(self) -> list[str]:
+        """What belongs to a plan besides its moves: what is sent before the first, and what the make warns of."""
+        begins = [f"before the first move it is sent: {self.begins}"] if self.begins else []
+        return begins + [warning for warning in (getattr(self._table, "warning", ""),) if warning]
+
+    def confirm(self, moves: Sequence[Move], ask: Callable[[str], bool] | None, say: Callable[[str], None]) -> None:
+        """Show a plan, check it against the limits, and have it confirmed; ask None: somebody confirmed it already (``--yes``).
+
+        Raises TableLimit for a plan beyond the limits, here or by the controller's own settings, for one of angles that are lost, and where
+        nobody confirms it.  It takes the place of an earlier plan.
+        """
+        if not any(move.axis is None for move in moves):
+            self.require_angles()
+        for move in moves:
+            if move.axis is not None:
+                self._require_rate(move.axis, move.fastest_rps)
+                for angle in {move.least_rad, move.most_rad} if not move.at_rate else ():
+                    if np.isfinite(angle):
+                        require_allowed(self.description, move.axis, angle, move.fastest_rps)
+        getattr(self._table, "require_travel", lambda: None)()
+        for line in plan_lines(self.description, moves, self.notes):
+            say(line)
+        if ask is not None and not ask("Move it?"):
+            raise TableLimit(f"{self.description.name}: the plan was not confirmed; nothing was moved")
+        self._allowed = list(moves)
+
+    def stands_at_zero(self) -> None:
+        """A person says that every axis stands at its zero: a controller that restarted is right with its angles, or is set to zero."""
+        getattr(self._table, "set_zero", lambda: None)()
+        self._table.angles_lost = False
+
+    def require_angles(self) -> None:
+        """TableLimit where the controller has restarted or says that it is not homed, and does not stand at zero."""
+        if self._table.angles_lost:
+            raise TableLimit(
+                f"{self.description.name}: its controller has restarted or is not homed, and its angles and limits mean nothing; home it "
+                "(--home), or turn every axis to its zero by hand and say so (--at-zero); nothing was moved"
+            )
+
+    # The five verbs.
+
+    def home(self) -> None:
+        """Begin to search the reference marks."""
+        self._require_confirmed(any(move.axis is None for move in self._allowed), "home")
+        self._require_rest()
+        self._switch_on(None)
+        self._begin(None, HOME_S)
+        self._homing = True
+        self._guard(self._table.home)
+
+    def turn_to(self, axis: int, angle_rad: float, rate_rps: float) -> None:
+        """Begin to turn one axis to an angle; it rests before."""
+        require_allowed(self.description, axis, angle_rad, rate_rps)
+        self._require_rate(axis, rate_rps)
+        of = self.description.axes[axis]
+        allowed = any(
+            move.axis == axis
+            and not move.at_rate
+            and move.least_rad - 1e-9 <= angle_rad <= move.most_rad + 1e-9
+            and rate_rps <= move.fastest_rps * (1 + 1e-9)
+            for move in self._allowed
+        )
+        self._require_confirmed(allowed, f"{of.name} to {angle_rad / DEG:g} deg at {rate_rps / DEG:g} dps")
+        self._require_rest()
+        here = self._resting_angles()
+        self.require_angles()
+        self._turn_to(axis, self._switch_on(here), angle_rad, rate_rps)
+
+    def turn_at(self, axis: int, rate_rps: float) -> None:
+        """Begin to turn one axis at a rate; through rest, where the machine has no rate mode or the axis has limits; 0 ends in rest."""
+        of = self.description.axes[axis]
+        direct = self.has_rate_mode and of.is_endless
+        if not rate_rps:
+            if direct:
+                self._begin(None, of.fastest_rps / of.acceleration_rps2)
+                return self._guard(lambda: self._table.turn_at(axis, 0.0))
+            return self.stop()
+        self._require_rate(axis, rate_rps)
+        longest_s = max(
+            (move.longest_s for move in self._allowed if move.axis == axis and abs(rate_rps) <= move.fastest_rps * (1 + 1e-9)), default=0.0
+        )
+        self._require_confirmed(longest_s > 0, f"{of.name} at {rate_rps / DEG:g} dps")
+        if not direct and not self.is_at_rest:
+            self.stop()
+        angles = self.where().angles if direct else self._resting_angles()
+        self.require_angles()
+        if not direct:
+            if not np.isfinite(here := angles[axis]):
+                raise TableLimit(f"{self.description.name}: {of.name} does not say where it is: home it; nothing was moved")
+            end = here + rate_rps * longest_s
+            if of.least_rad is not None and of.most_rad is not None:
+                limit = of.most_rad if rate_rps > 0 else of.least_rad
+                if (limit - here) * np.sign(rate_rps) < BESIDE_RAD:
+                    raise TableLimit(f"{self.description.name}: {of.name} is at its limit of {limit / DEG:g} deg; nothing was moved")
+                end = min(end, limit) if rate_rps > 0 else max(end, limit)
+            return self._turn_to(axis, self._switch_on(angles), float(end), abs(rate_rps))
+        if rested := self.is_at_rest:
+            angles = self._switch_on(angles)
+        self._begin(None, longest_s)
+        self._from = angles if rested else None
+        self._turns, self._turns_by_s = True, 2 * of.fastest_rps / of.acceleration_rps2 + START_S + 0.5
+        self._way, self._origin = (axis, rate_rps), (self._begin_s, angles[axis]) if rested else None
+        return self._guard(lambda: self._table.turn_at(axis, rate_rps))
+
+    def where(self) -> Where:
+        """Angles and state, compared with what can be."""
+        asked_s = self._clock.now_s()
+        found = self._guard(self._table.where)
+        now_s = self._looked_s = self._clock.now_s()
+        if not self._rest.is_set() and not found.moving and now_s - self._begin_s < (self._turns_by_s if self._turns else START_S):
+            found = Where(found.angles, True, found.table_s)  # not begun yet, or between two senses
+        self._compare(asked_s, now_s, found)
+        if not found.moving and not self._rest.is_set():
+            if self._turns:
+                self._stop_for("it says that it rests, asked for was a turn at a rate")
+            found = self._guard(self._table.where)  # the angle may be older than the word that it rests
+            # It says that the motion has ended: is it where it should be?
+            if self._target is not None and not self.by_hand:
+                number, asked = self._target
+                axis, said = self.description.axes[number], found.angles[number]
+                if not abs(said - asked) <= BESIDE_RAD + 5 * axis.sigma_rad + axis.backlash_rad:  # it may begin late, and unwatched
+                    self._stop_for(f"{axis.name} says that it rests at {said / DEG:.2f} deg, asked for was {asked / DEG:.2f}")
+            if self._homing:
+                self._table.angles_lost, self._last = False, None
+            self._rests()
+        if found.moving and now_s > self._due_s:
+            self._stop_for(f"it still moves {now_s - self._begin_s:.1f} s after its move began; computed were {self._computed_s:.1f} s")
+        return found
+
+    def settle(self) -> Where:
+        """Wait until the present motion has ended."""
+        while True:
+            if not (found := self.where()).moving:
+                return found
+            self._clock.sleep(0.05)
+
+    def stop(self) -> None:
+        """Bring all axes to rest, harder the second time, and see that they are.  TableFault where they are not seen at rest."""
+        failed = ""
+        for _ in range(2):
+            try:
+                self._table.stop()
+            except TableFault as fault:
+                failed = str(fault)
+                continue
+            if self._is_seen_at_rest():
+                self._last = None
+                self._rests()
+                return
+        failed = failed.removeprefix(f"{self.description.name}: ")
+        why = failed if PRESS in failed else f"{failed}; {PRESS}" if failed else PRESS
+        raise TableFault(f"{self.description.name}: it was told to stop and was not seen at rest; {why}")
+
+    def clear(self) -> None:
+        """Clear an alarm: only where a person has said so.  TableFault where the machine cannot, or does not."""
+        if (clear := getattr(self._table, "clear", None)) is None:
+            raise TableFault(f"{self.description.name}: an alarm of a {self.description.make} is cleared at the machine")
+        clear()
+
+    def forget_alarm(self) -> None:
+        """A person has dealt with an alarm at the machine: ask it, and do not repeat what it said before."""
+        getattr(self._table, "forget_alarm", lambda: None)()
+
+    def close(self) -> None:
+        """Let go of the port."""
+        if not self._closed:
+            self._closed = True
+            self._table.close()
+
+    # What may not be.
+
+    def _guard(self, verb: Callable[[], T]) -> T:
+        """Do it; whatever fails, the table is stopped."""
+        try:
+            return verb()
+        except TableFault as fault:
+            if not self._rest.is_set():
+                self._stop_for(str(fault).removeprefix(f"{self.description.name}: "))
+            raise
+
+    def _stop_for(self, why: str) -> None:
+        """Stop it, and raise why."""
+        try:
+            self.stop()
+            end = "it was stopped, and rests"
+        except TableFault as fault:
+            end = str(fault).removeprefix(f"{self.description.name}: ")
+            why = why.removesuffix(f" {PRESS}").removesuffix(";")
+        raise TableFault(f"{self.description.name}: {why}; {end}") from None
+
+    def _switch_on(self, angles: A) -> A:
+        """Send what the make wants before its first motion, which was confirmed and turns nothing.
+
+        angles (K,) rad: where all axes rest; returns where they do behind it.  None where the angles mean nothing: it is homed next.
+        """
+        if self.begins:
+            self._begin(None, 0.0)
+            self._from = angles
+            self._guard(self._table.begin)  # type: ignore[attr-defined]
+            if angles is not None:
+                return self.settle().angles
+        return angles
+
+    def _turn_to(self, axis: int, here: np.ndarray, angle_rad: float, rate_rps: float) -> None:
+        """Send a turn from rest, with all axes at ``here``, to an angle."""
+        of, way = self.description.axes[axis], angle_rad - here[axis]
+        self._begin((axis, angle_rad), abs(way) / rate_rps + rate_rps / of.acceleration_rps2)
+        self._way, self._origin, self._from = (axis, float(np.copysign(rate_rps, way))), (self._begin_s, here[axis]), here
+        self._last = (self._begin_s, here)
+        self._guard(lambda: self._table.turn_to(axis, angle_rad, rate_rps))
+
+    def _begin(self, target: tuple[int, float] | None, computed_s: float) -> None:
+        self._rest.clear()
+        self._turns = self._homing = False
+        self._way, self._origin, self._from, self._furthest = None, None, None, 0.0
+        self._target, self._computed_s = target, computed_s
+        self._looked_s = self._begin_s = self._clock.now_s()
+        self._due_s = np.inf if self.by_hand else self._begin_s + SLOWER * computed_s + LATER_S
+        self._last = None
+
+    def _compare(self, asked_s: float, now_s: float, found: Where) -> None:
+        """An answer says where it was between the question and the answer."""
+        if not np.isfinite(found.angles).all() or self.by_hand:
+            return
+        last_s = self._begin_s if self._last is None else self._last[0]
+        for number, (axis, angle) in enumerate(zip(self.description.axes, found.angles, strict=True)):
+            if self._homing:  # it changes angles at once
+                continue
+            beside = 5 * axis.sigma_rad + axis.backlash_rad
+            if self._last is not None and axis.least_rad is not None and axis.most_rad is not None:
+                over, before = (max(axis.least_rad - said, said - axis.most_rad) for said in (angle, self._last[1][number]))
+                if over > BESIDE_RAD + beside and over > before + RESTS_RAD:  # back from beyond it may come
+                    self._stop_for(f"{axis.name} says {angle / DEG:.2f} deg, beyond its limits")
+            if self._target is not None and self._target[0] == number and self._last is not None and self._way is not None:
+                over = (angle - self._target[1]) * np.sign(self._way[1])
+                if over > BESIDE_RAD + beside:
+                    self._stop_for(f"{axis.name} is at {angle / DEG:.2f} deg, beyond the {self._target[1] / DEG:.2f} that it was sent to")
+            round_rad = FASTER * axis.fastest_rps * (now_s - last_s) + JUMP_RAD + beside
+            if self._last is not None and (change := abs(angle - self._last[1][number])) > round_rad:
+                self._stop_for(f"{axis.name} says that it turned by {change / DEG:.1f} deg within {now_s - last_s:.2f} s")
+            if self._way is None or self._way[0] != number:
+                if self._from is not None and abs(angle - self._from[number]) > JUMP_RAD + beside:
+                    self._stop_for(f"{axis.name} turns, and was not asked to: it is at {angle / DEG:.2f} deg")
+                continue
+            if self._origin is None:  # it turned at another rate before
+                self._origin = (asked_s, angle) if now_s - self._begin_s > self._turns_by_s else None
+                continue
+            along, lasted_s = (angle - self._origin[1]) * np.sign(self._way[1]), now_s - self._origin[0]
+            asked = f"asked for was {self._way[1] / DEG:+g} dps"
+            if along > FASTER * abs(self._way[1]) * lasted_s + round_rad:
+                self._stop_for(f"{axis.name} says that it turned by {along / DEG:.1f} deg within {lasted_s:.2f} s, {asked}")
+            self._furthest = max(self._furthest, along)
+            if along < self._furthest - JUMP_RAD - beside:
+                self._stop_for(f"{axis.name} turns the wrong way: it is at {angle / DEG:.2f} deg, {asked}")
+        self._last = (asked_s, found.angles)
+
+    def _rests(self) -> None:
+        """It was seen at rest."""
+        self._target, self._way, self._from, self._due_s, self._homing = None, None, None, np.inf, False
+        self._rest.set()
+
+    def _require_confirmed(self, allowed: bool, what: str) -> None:
+        if not allowed:
+            raise TableLimit(f"{self.description.name}: {what} is in no plan that was confirmed; nothing was moved")
+
+    def _require_rate(self, axis: int, rate_rps: float) -> None:
+        """TableLimit for a rate that the axis cannot turn at, or that its make cannot say."""
+        require_rate(self.description, axis, rate_rps)
+        getattr(self._table, "require_rate", lambda *of: None)(axis, rate_rps)
+
+    def _require_rest(self) -> None:
+        if not self._rest.is_set():
+            raise TableLimit(f"{self.description.name}: it still moves; wait for it, or stop it first")
+
+    def _resting_angles(self) -> np.ndarray:
+        """Angles (K,) rad; TableLimit where it moves though nothing was asked of it: somebody else has."""
+        end_s = self._clock.now_s() + REST_S
+        while (found := self.where()).moving:
+            if self._clock.now_s() > end_s:
+                raise TableLimit(f"{self.description.name}: it moves, and not from here; stop it first")
+            self._clock.sleep(0.05)
+        return found.angles
+
+    def _is_seen_at_rest(self) -> bool:
+        """Whether two looks see the same angles within the time that braking takes."""
+        end_s = self._clock.now_s() + self.description.braking_s + REST_S
+        look = getattr(self._table, "look", None) or (lambda: self._table.where().angles)
+        before: np.ndarray | None = None
+        while self._clock.now_s() <= end_s:
+            try:
+                angles = look()
+            except TableFault:
+                return False
+            if before is not None and np.abs(angles - before).max() < RESTS_RAD:
+                return True
+            before = angles
+            self._clock.sleep(LOOK_S)
+        return False
+
+    def _watch(self) -> None:
+        """A thread: a program that does not look at a moving table any more has hung; one that is suspended (Ctrl-Z) stops it before."""
+        while not self._closed:
+            if not self._rest.is_set() and self._clock.now_s() - self._looked_s > HUNG_S:
+                with contextlib.suppress(TableFault):
+                    self._table.stop()
+                self._looked_s = self._clock.now_s()
+            if self._suspended.wait(0.5):
+                self._suspended.clear()
+                if not self._rest.is_set():
+                    with contextlib.suppress(TableFault):
+                        self._table.stop()
+                os.kill(os.getpid(), signal.SIGSTOP)
+
+    def _at_exit(self) -> None:
+        if not self._rest.is_set() and not self._closed:
+            with contextlib.suppress(TableFault):
+                self._table.stop()
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    raise KeyboardInterrupt
+
+
+@contextlib.contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Ctrl-C, Ctrl-Z, SIGTERM and SIGHUP wait while a table is being stopped."""
+    before = {}
+    if threading.current_thread() is threading.main_thread():
+        for number in filter(None, (signal.SIGINT, signal.SIGTERM, *(getattr(signal, name, None) for name in ("SIGHUP", "SIGTSTP")))):
+            before[number] = signal.signal(number, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)

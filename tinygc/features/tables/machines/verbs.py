@@ -1,0 +1,82 @@
+"""The five verbs of a table: home, turn to an angle, turn at a rate, where are you, stop.
+
+A make implements ``Table``.  A verb that moves starts the motion and returns; ``where`` says when it has ended.  Nothing here moves without
+``require_allowed``: limits are checked before each move, whatever the machine itself would do.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from session.base.errors import CalibrationError, DeviceError
+from session.base.units import DEG
+from tinygc.features.tables.machines.description import Description
+
+
+class TableFault(DeviceError):
+    """The table reports a fault, does not answer, or does not do what it was asked to.  Exit code 3."""
+
+
+class TableLimit(CalibrationError):
+    """A move beyond the table's limits: it is not sent."""
+
+
+@dataclass(frozen=True, eq=False)
+class Where:
+    """What a table answers: angles (K,) rad; moving; table_s: its own clock, where it has one."""
+
+    angles: np.ndarray
+    moving: bool
+    table_s: float | None = None
+
+
+class Table(Protocol):
+    """A machine that is connected.  All verbs raise TableFault where it does not answer, and for a fault that it reports.
+
+    angles_lost: it has restarted, and was not homed since.
+    """
+
+    description: Description
+    angles_lost: bool
+
+    def home(self) -> None:
+        """Begin to search the reference marks of all axes."""
+
+    def turn_to(self, axis: int, angle_rad: float, rate_rps: float) -> None:
+        """Begin to turn one axis to an angle, at most that fast (above 0)."""
+
+    def turn_at(self, axis: int, rate_rps: float) -> None:
+        """Begin to turn one axis at a rate with its sign, until another verb; 0 brings it to rest.
+
+        Makes without ``has_rate_mode`` are sent turns to an angle instead.
+        """
+
+    def where(self) -> Where:
+        """Ask for angles and state."""
+        ...
+
+    def stop(self) -> None:
+        """Bring all axes to rest at once.  It may be called at any time and from any thread."""
+
+    def close(self) -> None:
+        """Let go of the port; the table is at rest before."""
+
+
+def require_allowed(table: Description, axis: int, angle_rad: float, rate_rps: float) -> None:
+    """TableLimit for an angle beyond the limits of an axis, or a rate beyond what it can do."""
+    of = table.axes[axis]
+    if not of.allows(angle_rad):
+        assert of.least_rad is not None and of.most_rad is not None  # noqa: PT018
+        limits = f"{of.least_rad / DEG:g} to {of.most_rad / DEG:g}"
+        raise TableLimit(f"{table.name}: {of.name} to {angle_rad / DEG:g} deg, expected {limits}; nothing was moved")
+    require_rate(table, axis, rate_rps)
+
+
+def require_rate(table: Description, axis: int, rate_rps: float) -> None:
+    """TableLimit for a rate (either sign) that is not finite, zero, or beyond what the axis can do."""
+    of = table.axes[axis]
+    if not 0 < abs(rate_rps) <= of.fastest_rps * (1 + 1e-9):
+        raise TableLimit(f"{table.name}: {of.name} at {rate_rps / DEG:g} dps, expected up to {of.fastest_rps / DEG:g}; nothing was moved")

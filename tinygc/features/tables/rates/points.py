@@ -1,0 +1,351 @@
+"""Points of a rate table: at each rate the mean of the output; of a CSV (docs/rate-steps.md), sensor by sensor, curve by curve.
+
+    sensor, unit, …, rate_dps, mean_v, std_v, readings
+
+One row is one rate.  The columns of rate and output are known by their names, units stand in these, or options name both.  Columns
+``sensor``, ``unit``, ``serial`` or ``axis`` tell sensors apart; any other column that repeats tells the curves of one sensor apart.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from session.base.errors import FormatError
+from session.base.files import MB, read_text
+from session.base.texts import printable
+from session.base.units import DEG
+
+#: a table of points that a person measured
+MOST_BYTES, MOST_POINTS = 16 * MB, 2000
+#: least number of rates
+LEAST_RATES = 4
+#: rates of one setting lie closer than two settings by this factor; readings beyond one of each that tell whether the output follows
+#: them, and the probability that it does
+APART, LEAST_SCATTERED, FOLLOWED = 5.0, 6, 1e-3
+#: of the largest output: a stated sigma below is none
+LEAST_SIGMA = 1e-9
+#: digits behind the point with which an output is still taken as rounded
+MOST_DECIMALS = 8
+#: names of columns, before their units
+RATES = ("rate", "table_rate", "input_rate", "commanded_rate", "omega", "speed", "input")
+OUTPUTS = ("mean", "output", "average", "value", "voltage", "reading", "out", "signal")
+STDS = ("std", "sigma", "stdev", "sd", "noise")
+READINGS = ("readings", "n", "count", "samples", "n_readings")
+#: what is measured beside the output begins so, and tells no curves apart
+MEASURED = ("temp", "humidity", "pressure", "time", "supply")
+SENSORS = ("sensor", "unit", "serial", "axis", "device", "name")
+#: units of rate -> °/s
+RATE_UNITS = {
+    "dps": 1.0,
+    "deg/s": 1.0,
+    "°/s": 1.0,
+    "deg_s": 1.0,
+    "deg_per_s": 1.0,
+    "rad/s": 1 / DEG,
+    "rps": 1 / DEG,
+    "rad_s": 1 / DEG,
+    **dict.fromkeys(("rpm", "r/min", "rev/min", "u/min", "1/min"), 6.0),
+}
+#: units of outputs as they are shown
+OUTPUT_UNITS = {
+    "v": "V",
+    "mv": "mV",
+    "uv": "µV",
+    "lsb": "LSB",
+    "counts": "counts",
+    "dps": "°/s",
+    "deg/s": "°/s",
+    "°/s": "°/s",
+    "ma": "mA",
+    "hz": "Hz",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """All points of one sensor, in the order in which they were taken.
+
+    rate_dps (N,): of the table, °/s; output (N,) in ``unit``; sigma (N,): of the output's mean, NaN where it is not known; curve (N,):
+    which curve each is of, of ``curves``, their names; direction (N,): +1 where the rate rose to this point, -1 where it fell, 0 for the
+    first; order (N,): from -1/2 to 1/2, when each was taken among those of its curve; std (N,): of the readings behind each mean, NaN
+    where it is not known.
+    """
+
+    sensor: str
+    unit: str
+    rate_dps: np.ndarray
+    output: np.ndarray
+    sigma: np.ndarray
+    curve: np.ndarray
+    curves: tuple[str, ...]
+    direction: np.ndarray
+    order: np.ndarray
+    std: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.rate_dps)
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the sigma of every mean is known, and not as small as its rounding."""
+        return bool(np.isfinite(self.sigma).all() and (self.sigma > LEAST_SIGMA * max(np.abs(self.output).max(), 1e-300)).all())
+
+    @property
+    def distinct(self) -> np.ndarray:
+        """(N,) rates of which those that a table takes for one are equal: to a thousandth of the largest."""
+        step = 1e-3 * max(float(np.abs(self.rate_dps).max()), 1e-300)
+        found: np.ndarray = np.round(self.rate_dps / step) * step
+        return found
+
+    @property
+    def both_ways(self) -> np.ndarray:
+        """(M,) rates that were reached from below and from above."""
+        return np.intersect1d(self.distinct[self.direction > 0], self.distinct[self.direction < 0])
+
+    @property
+    def quantum(self) -> float:
+        """Step of the last decimal that any output is written with; 0 where they have more than ``MOST_DECIMALS``."""
+        for decimals in range(MOST_DECIMALS + 1):
+            if (np.abs(np.round(self.output, decimals) - self.output) <= 1e-12 * np.abs(self.output).max()).all():
+                return float(10.0**-decimals)
+        return 0.0
+
+    def part(self, which: np.ndarray) -> Points:
+        """The points (N,) bool that are chosen, the curves keeping their numbers."""
+        rows = ("rate_dps", "output", "sigma", "curve", "direction", "order", "std")
+        return replace(self, **{name: getattr(self, name)[which] for name in rows})
+
+
+def settings_of(points: Points) -> tuple[Points, list[str]]:
+    """One point for each setting of the table, where the rates within one scatter and the output does not follow them; a remark of it.
+
+    The rate of a reading then errs: K (rate - mean of its setting) would add to the scatter of the output, and does not.
+    """
+    order = np.argsort(points.rate_dps, kind="stable")
+    gaps = np.diff(points.rate_dps[order])
+    sizes = np.unique(gaps[gaps > 0])
+    if len(sizes) < 2 or (ratio := sizes[1:] / sizes[:-1]).max() < APART:
+        return points, []
+    setting = np.empty(len(points), dtype=int)
+    setting[order] = np.concatenate([[0], np.cumsum(gaps > sizes[np.argmax(ratio)])])
+    begins = np.concatenate([[True], (np.diff(setting) != 0) | (np.diff(points.curve) != 0)])
+    visit = np.cumsum(begins) - 1
+    count = np.bincount(visit)
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        found: np.ndarray = np.bincount(visit, values) / count
+        return found
+
+    rate, output, freedom = mean(points.rate_dps), mean(points.output), len(points) - len(count)
+    if len(np.unique(setting)) < LEAST_RATES or freedom < LEAST_SCATTERED:
+        return points, []
+    scale = float(np.polyfit(rate, output, 1)[0])
+    off, own = points.rate_dps - rate[visit], points.output - output[visit]
+    from scipy.special import fdtrc
+
+    if fdtrc(freedom, freedom, float(np.sum((own - scale * off) ** 2) / np.sum(own**2))) > FOLLOWED:
+        return points, []
+    moved = (np.bincount(visit, off**2) > 0) | ((count == 1) & (rate != 0))  # what was read once errs as much, but at rest
+    rate_error = float(np.sqrt(np.sum(off**2) / np.sum((count - 1)[moved])))
+    noise = float(np.sqrt(np.sum(own**2) / freedom))
+    first = np.flatnonzero(begins)
+    sigma = np.sqrt((noise**2 + (scale * rate_error * moved) ** 2) / count)
+    settled = points_of(points.sensor, points.unit, rate, output, [points.curves[n] for n in points.curve[first]], sigma)
+    said = f"{printable(points.sensor)}: within a setting the rates scatter by {rate_error:.2g} °/s, which the output does not follow: "
+    return settled, [f"{said}taken for errors of the rates, {len(points)} readings for {len(count)} settings."]
+
+
+@dataclass(frozen=True)
+class Columns:
+    """What a person says of a CSV: names of the columns of rate and output, unit of the output, readings behind each mean."""
+
+    rate: str = ""
+    output: str = ""
+    unit: str = ""
+    readings: int | None = None
+
+
+def points_of(
+    sensor: str,
+    unit: str,
+    rate_dps: np.ndarray,
+    output: np.ndarray,
+    curve: Sequence[str],
+    sigma: np.ndarray | None = None,
+    std: np.ndarray | None = None,
+) -> Points:
+    """Points of arrays (N,); curve: the name of each point's curve.  FormatError for fewer than four rates, or a constant output."""
+    rate_dps, output = np.asarray(rate_dps, dtype=float), np.asarray(output, dtype=float)
+    names = tuple(dict.fromkeys(curve))
+    which = np.array([names.index(name) for name in curve])
+    if not (np.isfinite(rate_dps).all() and np.isfinite(output).all()):
+        raise FormatError(f"{printable(sensor)}: a rate or an output is not finite; leave its row out")
+    if len(np.unique(rate_dps)) < LEAST_RATES:
+        raise FormatError(f"{printable(sensor)}: {len(np.unique(rate_dps))} rates, expected at least four, in both senses")
+    if not np.ptp(output) > LEAST_SIGMA * np.abs(output).max():
+        raise FormatError(
+            f"{printable(sensor)}: the output is {output[0]:g} {unit} at every rate, expected one that follows it; "
+            "name the output's column with --output-column"
+        )
+    step = np.concatenate([[0.0], np.sign(np.diff(rate_dps))])
+    step[1:][np.diff(which) != 0] = 0.0  # a curve begins
+    order = np.zeros(len(rate_dps))
+    for number in range(len(names)):
+        order[which == number] = np.linspace(-0.5, 0.5, int(np.sum(which == number)))
+    known, spread = (np.full(len(rate_dps), np.nan) if each is None else np.asarray(each, dtype=float) for each in (sigma, std))
+    return Points(sensor, unit, rate_dps, output, known, which, names, step, order, spread)
+
+
+def read_points(path: Path, columns: Columns | None = None) -> tuple[list[Points], list[str]]:
+    """Points of each sensor of a CSV, and remarks.  Raises FormatError, which names the line and what was expected."""
+    columns = columns or Columns()
+    header, rows = read_table(path)
+    rate = _column(path, header, columns.rate, (RATES, RATE_UNITS), "rate", "--rate-column")
+    output = _column(path, header, columns.output, (OUTPUTS, OUTPUT_UNITS), "output", "--output-column", rate)
+    std, readings = (_found(header, names) for names in (STDS, READINGS))
+    factor = _rate_factor(path, header[rate])
+    more = [n for n, name in enumerate(header) if n not in (rate, output, std, readings)]
+    names = [n for n in more if header[n].strip().lower() in SENSORS]
+    others = [
+        n
+        for n in more
+        if n not in names and not header[n].strip().lower().startswith(MEASURED) and 1 < len({row[n] for _, row in rows}) <= len(rows) / 2
+    ]
+    remarks = []
+    unit = columns.unit or _unit(header[output])
+    if not unit:
+        unit = "units"
+        remarks.append(f"The column {printable(header[output])!r} states no unit; --output-unit V gives one.")
+    sensors: dict[str, list[tuple[str, float, float, float, float]]] = {}
+    for line, row in rows:
+        n = columns.readings or (None if readings is None else _number(path, line, header[readings], row[readings]))
+        spread = None if std is None else _number(path, line, header[std], row[std])
+        if (spread is not None and spread < 0) or (n is not None and n < 1):
+            raise FormatError(f"{path} line {line}: a std below 0, or less than one reading; correct it, or leave the row out")
+        sigma = np.nan if n is None or spread is None or n < 2 else spread / np.sqrt(n)
+        where = [_number(path, line, header[n], row[n]) for n in (rate, output)]
+        curve = ", ".join(f"{header[n]} {row[n]}" for n in others)
+        numbers = (where[0] * factor, where[1], sigma, np.nan if spread is None else spread)
+        sensors.setdefault(" ".join(row[n] for n in names) or path.stem, []).append((curve, *numbers))
+    if std is not None and readings is None and columns.readings is None:
+        remarks.append("How many readings are behind each std is not stated, so the noise comes from repeats and residuals (--readings N).")
+    found: list[Points] = []
+    refused: list[str] = []
+    for sensor, own_rows in sensors.items():
+        curve_names = [each[0] for each in own_rows]
+        table = np.array([each[1:] for each in own_rows])
+        try:
+            own = points_of(sensor, unit, table[:, 0], table[:, 1], curve_names, table[:, 2], table[:, 3])
+        except FormatError as error:
+            refused.append(str(error))
+            continue
+        found.append(own)
+        if np.isfinite(own.sigma).any() and not own.is_known:
+            remarks.append(f"{printable(sensor)}: a std is 0 or has one reading behind it, so no std of it is used.")
+    if not found:
+        raise FormatError(f"{path}: {refused[0]}")
+    if others:
+        told_apart = ", ".join(printable(header[n]) for n in others)
+        remarks.append(f"Each {told_apart} is a curve with an offset of its own; leave out a column that only states conditions.")
+    return found, remarks + [f"{each}: left out." for each in refused]
+
+
+def read_table(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
+    """Header and rows of a CSV, each with the number of its line.  Raises FormatError."""
+    text = read_text(path, MOST_BYTES)
+    lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip() and not line.startswith("#")]
+    if len(lines) < 2:
+        raise FormatError(f"{path}: empty; expected a header with a rate and an output, as rate_dps,mean_v, and a row for each rate")
+    mark = ";" if lines[0][1].count(";") > lines[0][1].count(",") else ","
+    try:
+        cells = [next(csv.reader([line], delimiter=mark)) for _, line in lines]
+    except csv.Error as error:
+        raise FormatError(f"{path}: no table of text: {error}; expected a CSV with a header such as rate_dps,mean_v") from None
+    header = [cell.strip() for cell in cells[0]]
+    rows = [(number, row) for (number, _), row in zip(lines[1:], cells[1:], strict=True)]
+    for number, row in rows:
+        if len(row) != len(header):
+            comma = "; a decimal is written with a point" if len(row) == 2 * len(header) else ""
+            raise FormatError(f"{path} line {number}: {len(row)} columns, expected the {len(header)} of the header{comma}")
+    if len(rows) > MOST_POINTS:
+        raise FormatError(f"{path}: {len(rows)} points, expected at most {MOST_POINTS}; is it a log? give one row for each rate")
+    return header, rows
+
+
+def _found(header: Sequence[str], names: Sequence[str]) -> int | None:
+    """The column with the first of these names, by itself or before a unit."""
+    plain = [re.sub(r"[\s(\[].*", "", name.strip().lower()) for name in header]
+    for wanted in names:
+        for number, name in enumerate(plain):
+            tail = name.removeprefix(wanted)
+            if name == wanted or (tail != name and tail.startswith("_") and (tail[1:] in RATE_UNITS or tail[1:] in OUTPUT_UNITS)):
+                return number
+    return None
+
+
+def _by_unit(header: Sequence[str], units: Iterable[str], taken: int | None) -> int | None:
+    """The only other column that is called as a unit is, or the only one that ends in one."""
+    left = [n for n in range(len(header)) if n != taken]
+    called = [n for n in left if header[n].strip().lower() in units]
+    found = called or [n for n in left if _suffix(header[n]) in units]
+    return found[0] if len(found) == 1 else None
+
+
+def _column(
+    path: Path,
+    header: Sequence[str],
+    wanted: str,
+    known: tuple[Sequence[str], Iterable[str]],
+    what: str,
+    option: str,
+    taken: int | None = None,
+) -> int:
+    """known: names of such a column, and its units; taken: a column that is another one."""
+    names, units = known
+    if wanted:
+        if wanted not in header:
+            raise FormatError(f"{path}: no column {printable(wanted)!r} ({option}); it has {', '.join(map(printable, header))[:200]}")
+        return header.index(wanted)
+    found = _found(header, names)
+    found = _by_unit(header, units, taken) if found is None else found
+    if found is None:
+        raise FormatError(
+            f"{path}: no column of {what}, such as {names[0]}_dps, among {', '.join(map(printable, header))[:200]}; name it with {option}"
+        )
+    return found
+
+
+def _suffix(name: str) -> str:
+    """The unit that a column's name ends with, in brackets or after its last underscore; small letters."""
+    bracket = re.search(r"[(\[]([^()\[\]]*+)[)\]]\s*+$", name)
+    return (bracket[1] if bracket else name.rpartition("_")[2] if "_" in name else "").strip().lower()
+
+
+def _rate_factor(path: Path, name: str) -> float:
+    for unit, factor in RATE_UNITS.items():
+        if unit in (name.strip().lower(), _suffix(name)) or name.strip().lower().endswith(f"_{unit}"):
+            return factor
+    raise FormatError(f"{path}: the column {printable(name)!r} states no unit; call it rate_dps, rate_rad_s or rate_rpm")
+
+
+def _unit(name: str) -> str:
+    return OUTPUT_UNITS.get(_suffix(name), "")
+
+
+def _number(path: Path, line: int, name: str, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not np.isfinite(value) or abs(value) > 1e12:
+        point = " with a decimal point" if "," in text else ""
+        raise FormatError(
+            f"{path} line {line}: {printable(name)} is {printable(text)[:40]!r}, expected a number{point}; correct it, or leave the row out"
+        )
+    return value

@@ -1,0 +1,244 @@
+"""Gain and phase of a sensor on a table that swings: bandwidth and delay (IEEE 1431, 12.15).
+
+    H(f) = K L(f) exp(-2 pi i f D),   L = 1  |  1 / (1 + i f/fc)  |  1 / (1 + 2 i zeta f/f0 - (f/f0)^2)
+
+The output of the sensor over the rate that the machine's angles say.  D holds the sensor's pure delay less the machine's latency: its
+angles reach the log late.  The two cannot be told apart; the delay is the sensor's own only where ``table.toml`` states the latency.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from session.base.errors import DataError, FormatError
+from session.base.solving import solve
+from session.base.texts import printable
+from session.base.units import DEG
+from tinygc.features.tables.rates.points import read_table
+from tinygc.features.tables.rates.terms import size
+from tinygc.reporting.pictures.canvas import plain
+
+#: least number of frequencies of a sweep
+LEAST = 4
+#: columns of a CSV
+FREQUENCY, GAIN, PHASE = ("frequency_hz", "frequency", "f_hz", "freq_hz", "freq"), ("gain", "magnitude", "ratio"), ("phase_deg", "phase")
+#: models: name, words, shape parameters, and where their fit begins (of the largest frequency; damping)
+MODELS: dict[str, tuple[str, int]] = {"flat": ("flat", 0), "first": ("first order", 1), "second": ("second order", 2)}
+#: beyond any table and any sensor
+MOST_HZ, MOST_GAIN, MOST_DELAY_S = 1e5, 1e6, 10.0
+#: what a model may leave of gain and phase, rms, as a share and in rad, and still be said to describe them
+POOR = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """Gain (N,) and phase (N,) rad of a sensor at frequencies (N,) Hz, with their sigmas; latency_s: declared, None where it is not."""
+
+    name: str
+    frequency_hz: np.ndarray
+    gain: np.ndarray
+    phase: np.ndarray
+    gain_sigma: np.ndarray
+    phase_sigma: np.ndarray
+    latency_s: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """A response and its model: parameters K, D s, and fc Hz, or f0 Hz and zeta; covariance (p, p) of these; bandwidth_hz where the gain
+    is 0.707 of K, None where no frequency shows it, and then bandwidth_at_least_hz; probability: of the model among the others."""
+
+    response: Response
+    model: str
+    vector: np.ndarray
+    covariance: np.ndarray
+    bandwidth_hz: float | None
+    bandwidth_sigma_hz: float | None
+    bandwidth_at_least_hz: float | None
+    probability: float
+
+    @property
+    def gain(self) -> tuple[float, float]:
+        """K and its sigma."""
+        return float(self.vector[0]), float(np.sqrt(self.covariance[0, 0]))
+
+    @property
+    def delay_s(self) -> tuple[float, float]:
+        """D and its sigma, s: the sensor's where the latency is declared, else less the table's latency."""
+        return float(self.vector[1]), float(np.sqrt(self.covariance[1, 1]))
+
+    @cached_property
+    def rows_deg(self) -> list[tuple[float, float, float, float, float]]:
+        """Frequency Hz, gain, its sigma, phase °, its sigma."""
+        r = self.response
+        rows = np.stack([r.frequency_hz, r.gain, r.gain_sigma, r.phase / DEG, r.phase_sigma / DEG], axis=1)
+        return [tuple(row) for row in rows.tolist()]
+
+    @property
+    def headline(self) -> str:
+        """Which log, and how many frequencies."""
+        return f"{printable(self.response.name)}: gain and phase at {len(self.response.gain)} frequencies, {MODELS[self.model][0]}"
+
+    @property
+    def lines(self) -> list[str]:
+        """Gain, bandwidth and delay in words."""
+        delay, sigma = (1e3 * value for value in self.delay_s)
+        if self.bandwidth_hz is None:
+            band = f"above {size(self.bandwidth_at_least_hz or 0.0)} Hz"
+        else:
+            band = f"{plain(self.bandwidth_hz, self.bandwidth_sigma_hz or 0.0)} Hz"
+        known = self.response.latency_s is not None
+        whose = (
+            "the sensor's, the table's declared latency taken off"
+            if known
+            else "the sensor's less the table's latency, which is not declared"
+        )
+        said = [f"gain {plain(*self.gain)}; −3 dB at {band}; delay {plain(delay, sigma)} ms: {whose}"]
+        if delay < -2 * sigma and known:
+            said.append("a delay below zero: the declared latency is too small, or the phase has the other sign")
+        gain_left, phase_left = self.left
+        said.append(f"the model leaves {100 * gain_left:.2g} % of the gain and {phase_left / DEG:.2g}° of the phase, rms")
+        if max(gain_left, phase_left) > POOR:
+            said.append("it does not describe these points: bandwidth and delay are not theirs; measure them again, at more frequencies")
+        return said
+
+    @property
+    def left(self) -> tuple[float, float]:
+        """What the model leaves, rms: of the gain, as a share of it, and of the phase, rad."""
+        ratio = self.response.gain * np.exp(1j * self.response.phase) / transfer(self.model, self.response.frequency_hz, self.vector)
+        return float(np.sqrt(np.mean((np.abs(ratio) - 1) ** 2))), float(np.sqrt(np.mean(np.angle(ratio) ** 2)))
+
+
+def transfer(model: str, frequency_hz: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """(N,) complex H of a model at frequencies (N,) Hz."""
+    gain, delay_s, *shape = vector
+    if model == "flat":
+        low = np.ones(len(frequency_hz), dtype=complex)
+    elif model == "first":
+        low = 1 / (1 + 1j * frequency_hz / shape[0])
+    else:
+        ratio = frequency_hz / shape[0]
+        low = 1 / (1 + 2j * shape[1] * ratio - ratio**2)
+    return gain * low * np.exp(-2j * np.pi * frequency_hz * delay_s)
+
+
+def fit_response(response: Response) -> Sweep:
+    """The most probable model.  Raises DataError for fewer frequencies than its numbers need."""
+    if len(np.unique(response.frequency_hz)) < LEAST:
+        raise DataError(f"{printable(response.name)}: {len(np.unique(response.frequency_hz))} frequencies, expected at least {LEAST}")
+    fits = [fit for model in MODELS if (fit := _fit(response, model)) is not None]
+    rows = 2 * len(response.gain)
+    scores = np.array(
+        [rows * np.log(max(chi_square, 1e-12 * rows) / rows) + len(vector) * np.log(rows) for _, vector, _, chi_square in fits]
+    )
+    weights = np.exp(-(scores - scores.min()) / 2)
+    best = int(np.argmin(scores))
+    model, vector, covariance, _ = fits[best]
+    band, sigma, least = _bandwidth(response, model, vector, covariance)
+    return Sweep(response, model, vector, covariance, band, sigma, least, float(weights[best] / weights.sum()))
+
+
+def _fit(response: Response, model: str) -> tuple[str, np.ndarray, np.ndarray, float] | None:
+    """Model, numbers, covariance, chi-square; None where there are too few frequencies."""
+    from scipy.optimize import least_squares
+
+    f, top = response.frequency_hz, float(response.frequency_hz.max())
+    if 2 * len(f) <= 3 + MODELS[model][1]:
+        return None
+
+    def residuals(vector: np.ndarray) -> np.ndarray:
+        ratio = transfer(model, f, vector) / (response.gain * np.exp(1j * response.phase))
+        return np.concatenate([np.log(np.abs(ratio)) / (response.gain_sigma / response.gain), np.angle(ratio) / response.phase_sigma])
+
+    gain = float(response.gain[np.argmin(f)])
+    found = None
+    starts_of: dict[str, list[tuple[float, ...]]] = {
+        "flat": [()],
+        "first": [(top,), (top / 4,)],
+        "second": [(top, 0.7), (top / 3, 0.7), (2 * top, 0.3)],
+    }
+    starts = starts_of[model]
+    slope_s = -float(np.polyfit(2 * np.pi * f, np.unwrap(response.phase[np.argsort(f)])[np.argsort(np.argsort(f))], 1)[0])
+    size = 2 + MODELS[model][1]
+    bounds = [0.0, -MOST_DELAY_S, 1e-6, 0.01][:size], [np.inf, MOST_DELAY_S, 10 * MOST_HZ, 10.0][:size]
+    for start in starts:
+        for delay_s in (0.0, float(np.clip(slope_s, -MOST_DELAY_S / 2, MOST_DELAY_S / 2))):
+            scale = np.array([gain, 1 / (2 * np.pi * top), top, 1.0][:size])
+            solved = least_squares(residuals, np.array([gain, delay_s, *start]), bounds=bounds, x_scale=scale, max_nfev=300)
+            if found is None or solved.cost < found.cost:
+                found = solved
+    assert found is not None  # every model has starts
+    chi_square = float(2 * found.cost)
+    widened = max(chi_square / max(2 * len(f) - len(found.x), 1), 1.0)  # what the model lacks widens its sigmas
+    return model, found.x, solve(found.jac).covariance * widened, chi_square
+
+
+def _bandwidth(
+    response: Response, model: str, vector: np.ndarray, covariance: np.ndarray
+) -> tuple[float | None, float | None, float | None]:
+    """Where the gain falls to 0.707 of K: Hz, sigma, or a lower limit where no frequency comes near."""
+    top = float(response.frequency_hz.max())
+    if model == "flat":
+        return None, None, top
+
+    def at(shape: np.ndarray) -> float:
+        if model == "first":
+            return float(shape[0])
+        a = 1 - 2 * shape[1] ** 2
+        return float(shape[0] * np.sqrt(a + np.sqrt(a**2 + 1)))
+
+    shape, part = vector[2:], covariance[2:, 2:]
+    if not np.isfinite(part).all():  # these frequencies do not determine where the gain falls
+        return None, None, top
+    slopes = np.array([(at(shape + step) - at(shape - step)) / (2 * step.sum()) for step in np.diag(1e-5 * shape)])
+    band, sigma = at(shape), float(np.sqrt(max(slopes @ part @ slopes, 0.0)))
+    if band - 2 * sigma > 3 * top:
+        return None, None, top
+    return band, sigma, None
+
+
+def is_response(header: list[str]) -> bool:
+    """Whether a CSV's header is that of gains and phases at frequencies."""
+    names = [name.strip().lower() for name in header]
+    return any(name in FREQUENCY for name in names) and any(name in GAIN for name in names)
+
+
+def read_response(path: Path) -> Response:
+    """Gain and phase of a CSV with columns of frequency, gain, phase, and perhaps their sigmas.  Raises FormatError."""
+    header, rows = read_table(path)
+    names = [name.strip().lower() for name in header]
+
+    def column(wanted: tuple[str, ...]) -> int:
+        for name in wanted:
+            if name in names:
+                return names.index(name)
+        raise FormatError(
+            f"{path}: no column {wanted[0]} among {', '.join(map(printable, header))[:200]}; expected frequency_hz,gain,phase_deg"
+        )
+
+    def values(number: int) -> np.ndarray:
+        found = []
+        for line, row in rows:
+            try:
+                found.append(float(row[number]))
+            except ValueError:
+                found.append(float("nan"))
+            if not np.isfinite(found[-1]):
+                raise FormatError(f"{path} line {line}: {printable(header[number])} is {printable(row[number])[:40]!r}, expected a number")
+        return np.array(found)
+
+    f, gain, phase = (values(column(wanted)) for wanted in (FREQUENCY, GAIN, PHASE))
+    for what, numbers, most in (("frequency", f, MOST_HZ), ("gain", gain, MOST_GAIN)):
+        if ((numbers < 1 / most) | (numbers > most)).any():
+            raise FormatError(f"{path}: a {what} is not between {1 / most:g} and {most:g}; correct the row, or leave it out")
+    sigmas = [
+        values(names.index(name)) if name in names else np.full(len(f), default)
+        for name, default in (("gain_sigma", 0.0), ("phase_sigma_deg", 0.0))
+    ]
+    gain_sigma = np.where(sigmas[0] > 0, sigmas[0], 1e-3 * gain)
+    phase_sigma = np.where(sigmas[1] > 0, sigmas[1] * DEG, 1e-3)
+    return Response(path.stem, f, gain, phase * DEG, gain_sigma, phase_sigma)

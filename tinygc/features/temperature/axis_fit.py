@@ -1,0 +1,557 @@
+"""One axis' zero over temperature: rest logs in blocks and sweeps, polynomial, lag, hysteresis."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+from scipy.special import chdtrc
+
+from session.base.numeric import sigma_of_steps
+from session.base.solving import solve as determined
+from session.log.rests import RestLog
+from tinygc.closure.floor import wander_covariance
+from tinygc.features.temperature.model import element_temperature
+from tinygc.features.temperature.sweeps import Sweep, between_steps
+from tinygc.noise.reml import estimate
+
+# Blocks of a rest log merged into knots, few enough for a full covariance of their noise.
+#
+# A polynomial of temperature is averaged over the blocks of a knot, not evaluated at the knot's mean temperature, so a knot may be wide.
+
+#: over all logs: from 80 to 320 the sigmas grow by a fifth, and the time by fifteen (benchmarks/temperature.py knots)
+MOST_KNOTS = 160
+#: lags whose powers are cached, since six axes use the same grid
+MOST_KEPT = 100
+
+
+@dataclass(frozen=True, eq=False)
+class Knots:
+    """K knots from the B kept blocks of several rest logs.
+
+    logs: kept blocks, their temperature between the steps of the thermometer; of (K,): log of each knot; starts (K,): its first block,
+    counted through all logs; t_s, span_s (K,) s: middle in its log, and averaging time; sweep (K,): number of its sweep, or 0 where there
+    are none; direction (K,): of the temperature, +1, -1 or 0; temp_c (K,): mean; off_c (K, I): its errors by the steps, one sigma of each,
+    one independent of the other; reference_c and half_c: temperatures are normalised as x = (T - reference) / half.
+    """
+
+    logs: tuple[RestLog, ...]
+    of: np.ndarray
+    starts: np.ndarray
+    t_s: np.ndarray
+    span_s: np.ndarray
+    sweep: np.ndarray
+    direction: np.ndarray
+    temp_c: np.ndarray
+    off_c: np.ndarray
+    reference_c: float
+    half_c: float
+    _powers: dict[float, np.ndarray] = field(default_factory=dict, repr=False)
+
+    def __len__(self) -> int:
+        return len(self.of)
+
+    def mean(self, values: np.ndarray) -> np.ndarray:
+        """(K, …) means over the blocks of each knot, of values (B, …)."""
+        counts = np.diff(np.append(self.starts, len(values)))
+        return np.add.reduceat(values, self.starts, axis=0) / counts.reshape(-1, *[1] * (values.ndim - 1))
+
+    def element_c(self, tau_s: float) -> np.ndarray:
+        """(B,) degC of the element at each block, for a lag."""
+        return np.concatenate([_lagged(log, tau_s) for log in self.logs])
+
+    def powers(self, tau_s: float, order: int) -> np.ndarray:
+        """(K, order): means over each knot of x, x^2, …, where x is the element's normalised temperature."""
+        kept = self._powers.get(tau_s)
+        if kept is None or kept.shape[1] < order:
+            x = (self.element_c(tau_s) - self.reference_c) / self.half_c
+            kept = np.column_stack([self.mean(power) for power in _powers_of(x, order)]) if order else np.zeros((len(self), 0))
+            if len(self._powers) < MOST_KEPT:
+                self._powers[tau_s] = kept
+        return kept[:, :order]
+
+    def offsets(self) -> np.ndarray:
+        """(K, L): 1 where a knot belongs to a log."""
+        return (self.of[:, None] == np.arange(len(self.logs))).astype(float)
+
+    def covariances(self) -> list[np.ndarray]:
+        """(K, K) each, of noise of unit size: white of density 1 (a mean over h s has the variance 1/h), flicker of bias instability 1,
+        a random walk of 1 per root of a second.  Logs are independent."""
+        same = self.of[:, None] == self.of[None]
+        flicker = np.where(same, wander_covariance(self.t_s, self.span_s, instability_rps=1.0), 0.0)
+        walk = np.where(same, np.minimum(self.t_s[:, None], self.t_s[None]), 0.0)
+        return [np.diag(1 / self.span_s), flicker, walk]
+
+    def of_steps(self, y: np.ndarray, tau_s: float, order: int) -> np.ndarray:
+        """(K, K) covariance that the thermometer's steps add to knots y (K,): its errors times the polynomial's slope there."""
+        A = columns(self, tau_s, order)
+        bend = np.linalg.lstsq(A, y, rcond=None)[0][len(self.logs) :] * np.arange(1, order + 1)
+        slope = np.column_stack([np.ones(len(self)), self.powers(tau_s, order)])[:, :order] @ bend / self.half_c
+        off = slope[:, None] * self.off_c
+        return np.asarray(off @ off.T)
+
+
+def _powers_of(x: np.ndarray, order: int) -> Iterator[np.ndarray]:
+    """x, x^2 and so on."""
+    power = np.ones_like(x)
+    for _ in range(order):
+        power = power * x
+        yield power
+
+
+def _lagged(log: RestLog, tau_s: float) -> np.ndarray:
+    """Element temperature of one log's kept blocks; missing blocks are interpolated linearly."""
+    if tau_s == 0:
+        return log.temp_c
+    every = np.arange(log.number[0], log.number[-1] + 1)
+    return element_temperature(np.interp(every, log.number, log.temp_c), tau_s, log.block_s)[log.number - log.number[0]]
+
+
+def make_knots(logs: list[RestLog], sweeps: list[Sweep]) -> Knots:
+    """Merge the kept blocks of each log by their sweeps (``sweeps_of``); a log without sweeps counts as one."""
+    has_temperature = all(log.has_temperature for log in logs)
+    between = [between_steps(log.t_s, log.temp_c, log.grid) for log in logs]
+    logs = [replace(log, temp_c=found.temp_c) for log, found in zip(logs, between, strict=True)]
+    temp = np.concatenate([log.temp_c for log in logs]) if has_temperature else np.zeros(sum(map(len, logs)))
+    total = sum(map(len, logs))
+    rows: list[tuple] = []
+    before = number = 0
+    for index, log in enumerate(logs):
+        own = [sweep for sweep in sweeps if sweep.log == index] or [Sweep(index, 0, len(log), 0)]
+        for sweep in own:
+            count = max(round(MOST_KNOTS * (sweep.stop - sweep.start) / total), 1)
+            edges = np.unique(np.linspace(sweep.start, sweep.stop, min(count, sweep.stop - sweep.start) + 1).astype(int))
+            for start, stop in pairwise(edges.tolist()):
+                middle_s = float(log.t_s[start:stop].mean())
+                mean_c = float(temp[before + start : before + stop].mean())
+                rows.append((index, before + start, middle_s, (stop - start) * log.block_s, number, sweep.direction, mean_c))
+            number += 1
+        before += len(log)
+    of, starts, t_s, span_s, sweep_number, direction, temp_c = (np.array(column) for column in zip(*rows, strict=True))
+    low, high = float(temp.min()), float(temp.max())
+    reference_c = float(np.round((low + high) / 2)) if has_temperature else 25.0
+    half_c = max((high - low) / 2, 1.0)
+    knot, counts = np.repeat(np.arange(len(starts)), np.diff(np.append(starts, total))), np.diff(np.append(starts, total))
+    first = np.cumsum([0, *(int(found.interval.max(initial=-1)) + 1 for found in between)])
+    interval = np.concatenate([found.interval + begin for found, begin in zip(between, first, strict=False)])
+    off_c = np.zeros((len(starts), first[-1]))
+    np.add.at(off_c, (knot, interval), np.concatenate([found.sigma_c for found in between]) / counts[knot])
+    return Knots(tuple(logs), of, starts, t_s, span_s, sweep_number, direction, temp_c, off_c[:, off_c.any(axis=0)], reference_c, half_c)
+
+
+# One axis' zero over temperature: polynomial, lag, hysteresis, and their uncertainties.
+
+# The noise besides the effect of temperature: white, flicker and a random walk, their sizes estimated from the rest log itself.
+#
+# Sigmas from white noise alone are too small by an order: an hour of rest holds few independent values of a drifting bias.
+
+#: of the residuals' own scatter: width of the fitted parameters' prior, wide enough to be uninformative
+WIDE = 1e4
+
+
+@dataclass(frozen=True, eq=False)
+class _Coloured:
+    """sizes (3,) of white (unit/sqrt(Hz), two-sided), flicker (unit) and random walk (unit/sqrt(s)); C (K, K): their total covariance."""
+
+    sizes: np.ndarray
+    C: np.ndarray
+
+    def factor(self, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
+        """Lower Cholesky factor of the covariance of some knots."""
+        part = self.C[rows][:, rows]
+        return cholesky(part, lower=True, check_finite=False)
+
+
+def estimate_noise(y: np.ndarray, A: np.ndarray, V: list[np.ndarray], white: float, steps: np.ndarray | float = 0.0) -> _Coloured:
+    """Estimate the noise of knots y (K,) about the columns A (K, p); V: covariances of unit size (``Knots.covariances``); white: size of
+    white noise from the differences of blocks; steps (K, K): what the thermometer's add (``Knots.of_steps``)."""
+    scatter = float(np.std(y - A @ np.linalg.lstsq(A, y, rcond=None)[0])) or white or 1.0
+    longest = float(np.sqrt(V[2].max()))
+    usual = np.array([white or scatter * np.sqrt(1 / V[0].max()), scatter, scatter / longest])
+    J = A / np.abs(A).max(axis=0) * (WIDE * scatter)
+    base = V[0] * (0.5 * usual[0]) ** 2
+    found = estimate(y, J, base + steps, [*V], usual, [None] * 3, [np.arange(len(y))], steps=25)
+    sizes = found.s.copy()
+    sizes[0] = np.hypot(sizes[0], 0.5 * usual[0])
+    return _Coloured(sizes, sum((v * s**2 for v, s in zip(V, sizes, strict=True)), np.zeros_like(base) + steps))
+
+
+def about(knots: Knots, y: np.ndarray, V: list[np.ndarray], white: float, order: int, tau_s: float = 0.0) -> _Coloured:
+    """The noise of knots y (K,) about a polynomial of this order."""
+    return estimate_noise(y, columns(knots, tau_s, order), V, white, knots.of_steps(y, tau_s, order))
+
+
+def whiten(L: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """L^-1 values, (K, …)."""
+    return solve_triangular(L, values, lower=True, check_finite=False)
+
+
+# Hysteresis: the difference of the zero at one temperature between the rising and the falling branch.
+
+#: bins over the range that both branches cover
+BINS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Hysteresis:
+    """Residuals of the rising less the falling branch: at_c (n,) degC, difference and sigma (n,) SI."""
+
+    at_c: np.ndarray
+    difference: np.ndarray
+    sigma: np.ndarray
+
+    @property
+    def largest(self) -> tuple[float, float, float]:
+        """The difference of largest magnitude, its sigma, and its temperature."""
+        k = int(np.argmax(np.abs(self.difference)))
+        return float(self.difference[k]), float(self.sigma[k]), float(self.at_c[k])
+
+    @property
+    def rms(self) -> float:
+        """Root mean square over the temperatures."""
+        return float(np.sqrt(np.mean(self.difference**2)))
+
+
+def _hysteresis_of(knots: Knots, residual: np.ndarray, C: np.ndarray) -> Hysteresis | None:
+    """Compute the hysteresis of residuals (K,) with noise C (K, K); None where the temperature changed in one direction only."""
+    up, down = knots.direction > 0, knots.direction < 0
+    if not (up.any() and down.any()):
+        return None
+    low = max(knots.temp_c[up].min(), knots.temp_c[down].min())
+    high = min(knots.temp_c[up].max(), knots.temp_c[down].max())
+    edges = np.linspace(low, high, BINS + 1)
+    rows, at = [], []
+    for lower, upper in pairwise(edges):
+        here = (knots.temp_c >= lower) & (knots.temp_c < upper)
+        if (here & up).any() and (here & down).any():
+            rising, falling = ((here & way) * knots.span_s for way in (up, down))
+            rows.append(rising / rising.sum() - falling / falling.sum())
+            at.append((lower + upper) / 2)
+    if not rows:
+        return None
+    D = np.array(rows)
+    return Hysteresis(np.array(at), D @ residual, np.sqrt(np.diag(D @ C @ D.T)))
+
+
+# Model selection: the polynomial's order, and whether there is a lag, by cross-validation over sweeps.
+#
+# Each sweep is left out in turn.  A candidate is fitted to the others, its lag too, and predicts it.  Of the candidates within one standard
+# error of the best, the simplest is taken (Breiman et al. 1984, 1-SE rule), and only if its coefficients are significant.
+#
+# All knots have equal weight in a polynomial's coefficients.  Weights from the noise would rely on the differences between knots where the
+# zero drifts, and lose its level: on a public sweep they predict a third sweep's zero to 0.26 dps, where equal weights reach 0.12.  A lag
+# shows in just these differences, and is fitted with the weights.
+
+#: number of lags tried, of either sign; the longest as a share of the shortest sweep
+LAGS, LONGEST_SHARE = 20, 0.25
+#: with a single sweep: stretches of time, and folds that they form
+STRETCHES, STRETCH_FOLDS = 20, 5
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """order: of the polynomial; lagged: whether the element's temperature lags the reading."""
+
+    order: int
+    lagged: bool
+
+    @property
+    def complexity(self) -> int:
+        """Number of fitted parameters besides the zero itself."""
+        return self.order + self.lagged
+
+
+@dataclass(frozen=True, eq=False)
+class Examined:
+    """held_out (F, candidates): mean square of each fold's prediction; candidates; chosen: index; by: ``sweeps`` or ``stretches``."""
+
+    candidates: tuple[Candidate, ...]
+    held_out: np.ndarray
+    chosen: int
+    by: str
+
+
+def folds_of(knots: Knots) -> tuple[np.ndarray, str]:
+    """Return (K,) number of each knot's fold, and the kind of fold."""
+    if len(np.unique(knots.sweep)) > 1:
+        return knots.sweep, "sweeps"
+    return np.arange(len(knots)) * STRETCHES // len(knots) % STRETCH_FOLDS, "stretches"
+
+
+def _lag_grid(knots: Knots) -> np.ndarray:
+    """Return the lags, s, to try, without zero; empty where the temperature changes in one direction only, which shows no lag."""
+    if not {-1, 1} <= set(knots.direction.tolist()):
+        return np.zeros(0)
+    block_s = max(log.block_s for log in knots.logs)
+    shortest = min(float(knots.span_s[knots.sweep == sweep].sum()) for sweep in np.unique(knots.sweep))
+    longest = LONGEST_SHARE * shortest
+    if longest <= 4 * block_s:
+        return np.zeros(0)
+    lags = np.geomspace(block_s, longest, LAGS)
+    return np.concatenate([-lags[::-1], lags])
+
+
+def columns(knots: Knots, tau_s: float, order: int) -> np.ndarray:
+    """(K, L + order): a zero for each log, then the powers of the temperature."""
+    return np.column_stack([knots.offsets(), knots.powers(tau_s, order)])
+
+
+def misfit(y: np.ndarray, A: np.ndarray) -> float:
+    """Residual sum of squares of whitened knots on whitened columns."""
+    return float(np.sum((y - A @ np.linalg.lstsq(A, y, rcond=None)[0]) ** 2))
+
+
+def _best_lag(knots: Knots, y: np.ndarray, L: np.ndarray, rows: np.ndarray | slice, lags: np.ndarray, order: int) -> float:
+    """Return the lag of least misfit, from a grid, then refined between neighbours; y (K,), L: the noise's factor of ``rows``."""
+    white = whiten(L, y[rows])
+
+    def left(tau: float) -> float:
+        return misfit(white, whiten(L, columns(knots, float(tau), order)[rows]))
+
+    k = int(np.argmin([left(tau) for tau in lags.tolist()]))
+    from scipy.optimize import minimize_scalar
+
+    between = float(lags[max(k - 1, 0)]), float(lags[min(k + 1, len(lags) - 1)])
+    return float(minimize_scalar(left, bounds=between, method="bounded", options={"xatol": 1e-3 * abs(float(lags[k]))}).x)
+
+
+def examine(knots: Knots, y: np.ndarray, noise: _Coloured, orders: tuple[int, ...], lags: np.ndarray) -> Examined:
+    """Predict each fold of knots y (K,) by each candidate fitted to the others."""
+    folds, by = folds_of(knots)
+    candidates = tuple(Candidate(p, lagged) for lagged in (False, *([True] if len(lags) else [])) for p in orders if p or not lagged)
+    most = max(orders)
+    table = []
+    for fold in np.unique(folds):
+        train, test = folds != fold, folds == fold
+        L = noise.factor(train)
+        tau = _best_lag(knots, y, L, train, lags, most) if len(lags) else 0.0
+        table.append([predicted(knots, y, train, test, c.order, tau if c.lagged else 0.0) for c in candidates])
+    held_out = np.array(table)
+    return Examined(candidates, held_out, simplest(candidates, held_out), by)
+
+
+def predicted(knots: Knots, y: np.ndarray, train: np.ndarray, test: np.ndarray, order: int, tau: float) -> float:
+    """Mean square error of a fold's prediction, in the unit of y."""
+    A = columns(knots, tau, order)
+    seen = A[train].any(axis=0)
+    coefficients = np.zeros(A.shape[1])
+    coefficients[seen] = np.linalg.lstsq(A[train][:, seen], y[train], rcond=None)[0]
+    error = y[test] - A[test] @ coefficients
+    logs = len(knots.logs)
+    # The zero of a log that is left out completely cannot be predicted; its scatter is reported separately.
+    if not seen[:logs][np.unique(knots.of[test])].all():
+        error = error - error.mean()
+    return float(np.mean(error**2))
+
+
+def simplest(candidates: tuple[Candidate, ...], held_out: np.ndarray) -> int:
+    """Return the index of the simplest candidate within one standard error of the best."""
+    best = int(np.argmin(held_out.mean(axis=0)))
+    worse = held_out - held_out[:, [best]]
+    error = worse.std(axis=0, ddof=1) / np.sqrt(len(worse)) if len(worse) > 1 else np.zeros(len(candidates))
+    within = [i for i in range(len(candidates)) if worse[:, i].mean() <= error[i]]
+    return min(within, key=lambda i: (candidates[i].complexity, candidates[i].lagged))
+
+
+# One axis' zero over temperature: polynomial, lag, hysteresis, residuals, and their uncertainties.
+
+#: p-value below which a dependence on temperature, or a lag, is claimed
+BY_CHANCE = 0.001
+#: of the p-value of a dependence in the noise of the constant (benchmarks/temperature.py, walks)
+_AS_NOISE = 0.2
+#: orders that are tried
+ORDERS = (0, 1, 2, 3, 4, 5)
+
+
+@dataclass(frozen=True)
+class Line:
+    """slope and sigma, SI per degC, of the straight line that a constant may hide, in the noise that the constant leaves; order of the
+    polynomial, a line or more, that shows beside the noise that it leaves itself, so that it or the constant's walk is there, and which
+    is not told; 0 where none does."""
+
+    slope: float
+    sigma: float
+    order: int
+
+
+@dataclass(frozen=True, eq=False)
+class AxisFit:
+    """zero(T) = sum_n terms[n] (T_e - reference)^n, SI, T_e the element's temperature by ``tau_s``.
+
+    terms (P + 1,) per degC^n; covariance (P + 2, P + 2) of terms and tau_s, whose row is zero without a lag; examined: candidates and
+    their scores; held_out: rms error of predicting held-out sweeps, the model's remaining uncertainty; left: rms of the fit's residuals;
+    p_value: of no dependence on temperature; noise: besides it; hysteresis: of the polynomial alone, and with the lag (None: the
+    temperature changed in one direction only); turn_on: scatter of the logs' zeros, NaN of one log; line: of a constant over a range.
+    """
+
+    terms: np.ndarray
+    tau_s: float
+    covariance: np.ndarray
+    examined: Examined
+    held_out: float
+    left: float
+    p_value: float
+    noise: _Coloured
+    hysteresis_before: Hysteresis | None
+    hysteresis_after: Hysteresis | None
+    turn_on: float
+    line: Line | None = None
+
+    @property
+    def order(self) -> int:
+        """Order of the polynomial."""
+        return len(self.terms) - 1
+
+    @property
+    def sigma(self) -> np.ndarray:
+        """(P + 2,) of terms, then tau_s."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def held_out_of(self, order: int, lagged: bool) -> float:
+        """Return the held-out rms of another candidate; NaN where it was not tried."""
+        wanted = Candidate(order, lagged)
+        if wanted not in self.examined.candidates:
+            return float("nan")
+        return float(np.sqrt(self.examined.held_out[:, self.examined.candidates.index(wanted)].mean()))
+
+
+def fit_axis(knots: Knots, blocks: np.ndarray, orders: tuple[int, ...] = ORDERS, with_lag: bool = True) -> AxisFit:
+    """Fit one axis' block means (B,) rad/s, or m/s^2, at rest."""
+    y, V = knots.mean(blocks), knots.covariances()
+    unit = float(np.std(y)) or 1.0  # scaled to numbers near 1, as the noise estimate requires
+    y = y / unit
+    orders = tuple(p for p in orders if p <= most_order(knots) and determined(columns(knots, 0.0, p)).rank == len(knots.logs) + p)
+    lags = _lag_grid(knots) if with_lag and max(orders) else np.zeros(0)
+    white = float(sigma_of_steps(blocks / unit)) * np.sqrt(knots.logs[0].block_s)
+    every, most, tau = slice(None), max(orders), 0.0
+    noise = about(knots, y, V, white, most)
+    if len(lags):
+        tau = _best_lag(knots, y, noise.factor(), every, lags, most)
+        noise = about(knots, y, V, white, most, tau)
+    examined = examine(knots, y, noise, orders, lags)
+    chosen = examined.candidates[examined.chosen]
+    L = noise.factor()
+    if chosen.lagged:
+        tau = _best_lag(knots, y, L, every, lags, chosen.order)
+        if not _lag_shows(knots, y, L, tau, chosen.order):
+            chosen = Candidate(chosen.order, False)
+    tau = tau if chosen.lagged else 0.0
+    coefficients, covariance = solve(knots, y, noise, tau, chosen)
+    p_value, needed, tried = _none_by_chance(knots, y, V, white, chosen, tau), chosen.order, max(chosen.order, 1)
+    if p_value >= BY_CHANCE:
+        needed = 0
+    # A higher order may have the best held-out error by chance: its coefficients must be significant, too.
+    while needed and by_chance(coefficients, covariance, len(knots.logs), needed - 1, chosen.order) >= BY_CHANCE:
+        needed -= 1
+    if needed < chosen.order:
+        chosen = Candidate(needed, chosen.lagged and needed > 0)
+        tau = tau if chosen.lagged else 0.0
+    line = None
+    if not needed:
+        noise = about(knots, y, V, white, 0)
+        line = _line_in(knots, y, V, white, noise, tried, unit) if tried in orders else None
+    coefficients, covariance = solve(knots, y, noise, tau, chosen)
+    residual = y - columns(knots, tau, chosen.order) @ coefficients[: len(knots.logs) + chosen.order]
+    plain = y - columns(knots, 0.0, chosen.order) @ solve(knots, y, noise, 0.0, Candidate(chosen.order, False))[0]
+    terms, of_terms = _in_degrees(knots, coefficients, covariance, chosen)
+    zeros = coefficients[: len(knots.logs)]
+    scale = np.append(np.full(len(terms), unit), 1.0)
+    index = examined.candidates.index(chosen)
+    return AxisFit(
+        terms=terms * unit,
+        tau_s=tau,
+        covariance=of_terms * np.outer(scale, scale),
+        examined=Examined(examined.candidates, examined.held_out * unit**2, index, examined.by),
+        held_out=float(np.sqrt(examined.held_out[:, index].mean())) * unit,
+        left=float(np.sqrt(np.mean(residual**2))) * unit,
+        p_value=p_value,
+        noise=_Coloured(noise.sizes * unit, noise.C * unit**2),
+        hysteresis_before=_hysteresis_of(knots, plain * unit, noise.C * unit**2),
+        hysteresis_after=_hysteresis_of(knots, residual * unit, noise.C * unit**2),
+        turn_on=float(np.std(zeros, ddof=1)) * unit if len(zeros) > 1 else float("nan"),
+        line=line,
+    )
+
+
+def _line_in(knots: Knots, y: np.ndarray, V: list[np.ndarray], white: float, noise: _Coloured, order: int, unit: float) -> Line:
+    """The line of an axis whose zero is taken as constant; noise: of the constant; order: that was tried; unit: SI per unit of y."""
+    per_c = unit / knots.half_c
+    coefficients, covariance = solve(knots, y, noise, 0.0, Candidate(1, False))
+    own = solve(knots, y, about(knots, y, V, white, order), 0.0, Candidate(order, False))
+    shows = by_chance(*own, len(knots.logs), 0, order) < BY_CHANCE
+    return Line(float(coefficients[-1]) * per_c, float(np.sqrt(covariance[-1, -1])) * per_c, order if shows else 0)
+
+
+def most_order(knots: Knots) -> int:
+    """Return the highest order: 0 without a range of temperatures, and always less than the number of knots."""
+    return 0 if np.ptp(knots.temp_c) < 1.0 else max(len(knots) // 4, 0)
+
+
+def _lag_shows(knots: Knots, y: np.ndarray, L: np.ndarray, tau: float, order: int) -> bool:
+    """Whether a lag reduces the misfit significantly; two degrees of freedom, because its sign and size were searched."""
+    white = whiten(L, y)
+    without, lagged = (misfit(white, whiten(L, columns(knots, value, order))) for value in (0.0, tau))
+    return bool(chdtrc(2, max(without - lagged, 0.0)) < BY_CHANCE)
+
+
+def solve(knots: Knots, y: np.ndarray, noise: _Coloured, tau: float, chosen: Candidate) -> tuple[np.ndarray, np.ndarray]:
+    """Return zeros of the logs and coefficients of x, x^2, …, then tau's change where there is a lag, and their covariance.
+
+    Every estimate is linear in the knots, so its covariance follows from theirs.  Coefficients have equal weights, the lag the weights
+    of the noise, and the coefficients depend on the lag.
+    """
+    A = columns(knots, tau, chosen.order)
+    G = np.linalg.pinv(A)
+    coefficients = G @ y
+    if chosen.lagged:
+        step = 0.02 * abs(tau)
+        slope = (columns(knots, tau + step, chosen.order) - columns(knots, tau - step, chosen.order)) @ coefficients / (2 * step)
+        L = noise.factor()
+        W = whiten(L, np.column_stack([A, slope]))
+        of_lag = (np.linalg.pinv(W)[-1:] @ whiten(L, np.eye(len(y)))).ravel()
+        G = np.vstack([G - np.outer(G @ slope, of_lag), of_lag])
+    return coefficients, G @ noise.C @ G.T
+
+
+def _none_by_chance(knots: Knots, y: np.ndarray, V: list[np.ndarray], white: float, chosen: Candidate, tau: float) -> float:
+    """p-value of the fit if temperature has no effect: a likelihood-ratio test, with the noise estimated under each hypothesis.
+
+    With the noise of the polynomial fit alone a slow drift would pass for an effect of temperature: the fit takes it for the trend, where
+    the null hypothesis takes it for noise (benchmarks/temperature.py, nulls).  Of a single sweep few independent values of a small walk
+    are there, so that the ratio exceeds its limit forty times as often as it should.  The polynomial must therefore show in the noise of
+    the constant, too, which has taken some of it for a walk: ``_AS_NOISE`` makes up for that (benchmarks/temperature.py, walks).
+    """
+    if not chosen.order:
+        return 1.0
+    models, values = [columns(knots, lag, order) for order, lag in ((0, 0.0), (chosen.order, tau))], []
+    factors = [about(knots, y, V, white, order, lag).factor() for order, lag in ((0, 0.0), (chosen.order, tau))]
+    for A, L in zip(models, factors, strict=True):
+        values.append(2 * float(np.sum(np.log(np.diag(L)))) + misfit(whiten(L, y), whiten(L, A)))
+    constant, polynomial = (misfit(whiten(factors[0], y), whiten(factors[0], A)) for A in models)
+    by_ratio, by_noise = (
+        chdtrc(chosen.order + 2 * chosen.lagged, max(gain, 0.0)) for gain in (values[0] - values[1], constant - polynomial)
+    )
+    return float(max(by_ratio, _AS_NOISE * by_noise))
+
+
+def by_chance(coefficients: np.ndarray, covariance: np.ndarray, logs: int, above: int, order: int) -> float:
+    """p-value of the coefficients of the powers beyond ``above`` if they are zero (Wald)."""
+    if order <= above:
+        return 1.0
+    part = slice(logs + above, logs + order)
+    pull = np.linalg.solve(covariance[part, part], coefficients[part])
+    return float(chdtrc(order - above, coefficients[part] @ pull))
+
+
+def _in_degrees(knots: Knots, coefficients: np.ndarray, covariance: np.ndarray, chosen: Candidate) -> tuple[np.ndarray, np.ndarray]:
+    """terms (P + 1,) per degC^n, the first the mean of the logs' zeros, and the covariance (P + 2, P + 2) of them and the lag."""
+    logs, order = len(knots.logs), chosen.order
+    map_ = np.zeros((order + 2, len(covariance)))
+    map_[0, :logs] = 1 / logs
+    map_[np.arange(1, order + 1), logs + np.arange(order)] = knots.half_c ** -np.arange(1.0, order + 1)
+    if chosen.lagged:
+        map_[-1, -1] = 1.0
+    return map_[:-1, : len(coefficients)] @ coefficients, map_ @ covariance @ map_.T

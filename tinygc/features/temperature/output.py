@@ -1,0 +1,492 @@
+"""Output of a fit over temperature: picture, text, JSON and files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from session import VERSION
+from session.base.files import result_folder
+from session.base.results import write_whole
+from session.base.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MDPS, MG
+from tinygc import models
+from tinygc.closure.floor import angle_random_walk, bias_instability
+from tinygc.features.temperature.axis_fit import AxisFit, Hysteresis
+from tinygc.features.temperature.rest_fit import RestFit
+from tinygc.features.temperature.sessions_fit import APART_C, SessionsFit, ThermalFit, zero_terms
+from tinygc.models.linear import BIAS, MATRIX, scale_factor_errors
+from tinygc.models.model import accelerometer_table
+from tinygc.reporting.pictures.canvas import AXES, PALE, canvas, has_matplotlib, save
+from tinygc.reporting.tables import findings_table
+from tinygc.reporting.terminal import Group, RenderableType, Text, plain_table
+
+if TYPE_CHECKING:
+    from tinygc.reporting.pictures.canvas import Axes, Figure
+
+
+# The picture of a fit over temperature: each axis' zero, up and down; the residuals; the Allan deviation; E where sessions determine it.
+
+#: color of each direction of the temperature
+UP, DOWN = "#c0392b", "#2c5fa8"
+
+
+def draw(fit: ThermalFit, path: Path) -> None:
+    """Write the picture as PNG.  Raises CalibrationError where matplotlib is missing."""
+    save(figure_of(fit), path)
+
+
+def figure_of(fit: ThermalFit) -> Figure:
+    """Return the picture as a matplotlib figure.  Raises CalibrationError where matplotlib is missing."""
+    rests = fit.rests
+    rows = (3 if rests is not None else 0) + (1 if fit.sessions is not None or (rests is not None and rests.allan is not None) else 0)
+    figure, grid = canvas(max(rows, 1), f"{fit.name}: over temperature", [], [])
+    grid = np.atleast_2d(grid)
+    if rests is not None:
+        for axis in range(3):
+            _zero(rests, axis, grid[axis, 0])
+            _left(rests, axis, grid[axis, 1])
+    last = grid[-1] if rows % 3 == 1 or rests is None else None
+    if last is not None:
+        if rests is not None and rests.allan is not None:
+            axes = last[0]
+            for i, name in enumerate("xyz"):
+                axes.loglog(rests.allan.tau_s, rests.allan.deviation[:, i] / DEG_PER_HOUR, "-", color=AXES[name], label=name)
+            axes.set(xlabel="averaging time (s)", ylabel="Allan deviation (°/h)", title="Allan deviation of what temperature leaves")
+            axes.legend(fontsize=8)
+        else:
+            last[0].axis("off")
+        if fit.sessions is not None:
+            _scale(fit, last[1])
+        else:
+            last[1].axis("off")
+    return figure
+
+
+def _ways(rests: RestFit) -> list[tuple[str, str, np.ndarray]]:
+    direction = rests.knots.direction
+    return [(name, colour, direction == way) for name, colour, way in (("up", UP, 1), ("down", DOWN, -1), ("", PALE, 0))]
+
+
+def _zero(rests: RestFit, axis: int, axes: Axes) -> None:
+    """Draw the means of knots, with each log's own zero shifted to the common one, and the model."""
+    knots, fit = rests.knots, rests.gyro[axis]
+    values = knots.mean(np.concatenate([log.gyro[:, axis] for log in knots.logs])) / DEG
+    for name, colour, which in _ways(rests):
+        if which.any():
+            axes.plot(knots.temp_c[which], values[which], "o", ms=3, mfc="none", color=colour, label=name or None)
+    at = np.linspace(*rests.range_c, 200)
+    curve = np.polynomial.polynomial.polyval(at - knots.reference_c, fit.terms) / DEG
+    label = f"order {fit.order}" + (f", lag {fit.tau_s:.0f} s" if fit.tau_s else "")
+    axes.plot(at, curve, "k-", lw=1, label=label)
+    axes.set(xlabel="temperature (°C)", ylabel="rate at rest (dps)", title=f"{'xyz'[axis]}: zero over temperature")
+    axes.legend(fontsize=8)
+
+
+def _left(rests: RestFit, axis: int, axes: Axes) -> None:
+    """Draw the residuals against the element's temperature, with the held-out error."""
+    knots, fit = rests.knots, rests.gyro[axis]
+    values = knots.mean(np.concatenate([log.gyro[:, axis] for log in knots.logs]))
+    element = knots.mean(knots.element_c(fit.tau_s))
+    model = np.polynomial.polynomial.polyval(knots.mean(knots.element_c(fit.tau_s)) - knots.reference_c, fit.terms)
+    left = (values - model) / DEG
+    for number in range(len(knots.logs)):
+        left[knots.of == number] -= left[knots.of == number].mean()
+    for _, colour, which in _ways(rests):
+        for sweep in np.unique(knots.sweep[which]):
+            here = knots.sweep == sweep
+            axes.plot(element[here], left[here], "o-", ms=3, lw=0.5, mfc="none", color=colour)
+    band = fit.held_out / DEG
+    axes.axhspan(-band, band, color=PALE, alpha=0.3, label=f"held out, {band:.2g} dps rms")
+    axes.set(xlabel="temperature of the element (°C)", ylabel="left (dps)", title=f"{'xyz'[axis]}: what the model leaves")
+    axes.legend(fontsize=8)
+
+
+def _scale(fit: ThermalFit, axes: Axes) -> None:
+    """Draw the scale factor errors of the sessions, and the model with one sigma."""
+    assert fit.sessions is not None
+    at = np.linspace(*fit.model.range_c, 60)
+    E = fit.model.E(at)
+    sigma = np.array([fit.sigma_at(float(temp_c))[0] for temp_c in at])
+    for i, axis in enumerate("xyz"):
+        mid = scale_factor_errors(E)[:, i] * 1e6
+        axes.plot(at, mid, "-", color=AXES[axis], label=axis)
+        axes.fill_between(at, mid - sigma[:, i, i] * 1e6, mid + sigma[:, i, i] * 1e6, color=AXES[axis], alpha=0.15)
+        for point in fit.sessions.points:
+            value, error = scale_factor_errors(point.values[MATRIX].reshape(3, 3))[i] * 1e6, np.sqrt(point.covariance[4 * i, 4 * i]) * 1e6
+            axes.errorbar(point.temp_c, value, yerr=error, fmt="o", ms=4, color=AXES[axis])
+    axes.set(xlabel="temperature (°C)", ylabel="scale factor error (ppm)", title="Scale factor error over temperature")
+    axes.legend(fontsize=8)
+
+
+# The terminal report of a fit over temperature, as rich renderables; nothing is printed here.
+
+#: sigmas above which a hysteresis is reported
+SEEN = 3.0
+ORDERS = ("constant", "straight line", "parabola", "cubic")
+
+
+def order_word(order: int) -> str:
+    """Of a polynomial."""
+    return ORDERS[order] if order < len(ORDERS) else f"order {order}"
+
+
+def temperature_report(fit: ThermalFit) -> Group:
+    """Return the effect of temperature on each axis, the residuals, and the noise."""
+    low, high = fit.model.range_c
+    text = Text(f"{fit.name}: ", "bold")
+    if fit.rests is not None:
+        hours = sum(log.duration_s for log in fit.rests.logs) / 3600
+        up, down = (sum(sweep.direction == way for sweep in fit.rests.sweeps) for way in (1, -1))
+        text.append(f"{len(fit.rests.logs)} rest log{'s' * (len(fit.rests.logs) != 1)}, {hours:.2f} h, ")
+        coldest, warmest = fit.rests.range_c
+        text.append(f"{coldest:.1f} to {warmest:.1f} °C, {up} times up and {down} times down" if np.isfinite(coldest) else "no temperature")
+    if fit.sessions is not None:
+        count = len(fit.sessions.points)
+        text.append(
+            f"{'; ' if fit.rests is not None else ''}{count} session{'s' * (count != 1)} with turns; model from {low:.1f} to {high:.1f} °C"
+        )
+    parts: list[RenderableType] = [text]
+    if fit.rests is not None:
+        problems = [finding for finding in fit.rests.findings if finding.level != "ok"]
+        parts += [findings_table(problems)] if problems else []
+        parts += [_axes(fit.rests, "gyro"), _noise(fit.rests)]
+        parts += [_axes(fit.rests, "accel")] if fit.rests.accel else []
+    if fit.sessions is not None:
+        table = plain_table("Sessions", "session", "segments", "°C", "zero, dps (x, y, z)", "less the model, mdps")
+        for point in fit.sessions.points:
+            zero, there = point.values[BIAS], fit.sessions.model.zero(np.full((1, 3), point.temp_c))[0]
+            said = ", ".join(f"{value / DEG:+.4f}" for value in zero)
+            off = ", ".join(f"{value / MDPS:+.2f}" for value in zero - there)
+            table.add_row(point.name, str(point.segments), f"{point.temp_c:.1f} ({point.low_c:.1f} to {point.high_c:.1f})", said, off)
+        parts += [table, _over_temperature(fit)]
+    parts += [Text(line) for line in remarks(fit)]
+    return Group(*parts)
+
+
+def _over_temperature(fit: ThermalFit) -> RenderableType:
+    """Return scale factors and zeros at five temperatures, with their sigmas."""
+    table = plain_table("Over temperature", "°C", "scale factor error, ppm (x, y, z)", "zero, dps (x, y, z)")
+    for temp_c in np.linspace(*fit.model.range_c, 5):
+        sigma_E, sigma_zero = fit.sigma_at(float(temp_c))
+        E, zero = fit.model.E(np.array([temp_c]))[0], fit.model.zero(np.full((1, 3), temp_c))[0]
+        too_far = scale_factor_errors(E)
+        scale = "  ".join(pm(1e6 * too_far[i], 1e6 * sigma_E[i, i]) for i in range(3))
+        table.add_row(f"{temp_c:.1f}", scale, "  ".join(pm(zero[i] / DEG, sigma_zero[i] / DEG) for i in range(3)))
+    table.caption = "± one sigma of the fit; the remaining uncertainty of the rest logs comes on top of the zero"
+    table.caption_justify = "left"
+    return table
+
+
+def _axes(rests: RestFit, kind: str) -> RenderableType:
+    fits: tuple[AxisFit, ...] = getattr(rests, kind)
+    unit, word = (DEG, "dps") if kind == "gyro" else (MG, "mg")
+    title = "Zero over temperature" if kind == "gyro" else "Accelerometer at rest over temperature, zero and scale in one"
+    reference = rests.knots.reference_c
+    table = plain_table(
+        title,
+        "axis",
+        "model",
+        f"at {reference:g} °C, {word}",
+        f"slope there, {word}/°C",
+        "lag, s",
+        "over the range",
+        "constant",
+        "this model",
+    )
+    for axis, fit in zip("xyz", fits, strict=True):
+        slope = pm(fit.terms[1] / unit, fit.sigma[1] / unit) if fit.order else "–"
+        model = order_word(fit.order)
+        if fit.line is not None:
+            slope = pm(fit.line.slope / unit, fit.line.sigma / unit)
+            model = f"{order_word(fit.line.order)} or walk" if fit.line.order else model
+        lag = pm(fit.tau_s, fit.sigma[-1]) if fit.tau_s else "–"
+        held = [f"{value / unit:.2g}" if np.isfinite(value) else "–" for value in (fit.held_out_of(0, False), fit.held_out)]
+        zero = pm(fit.terms[0] / unit, fit.sigma[0] / unit)
+        table.add_row(axis, model, zero, slope, lag, f"{_extent(rests, fit) / unit:.3g} {word}", *held)
+    by = "sweeps" if fits[0].examined.by == "sweeps" else "stretches of time"
+    table.caption = f"the last two: rms of what {by} that were left out differ from the prediction, {word}"
+    table.caption_justify = "left"
+    return table
+
+
+def _extent(rests: RestFit, fit: AxisFit) -> float:
+    if not fit.order:
+        return abs(fit.line.slope) * float(np.ptp(rests.range_c)) if fit.line is not None and fit.line.order else 0.0
+    at = np.linspace(*rests.range_c, 200) - rests.knots.reference_c
+    return float(np.ptp(np.polynomial.polynomial.polyval(at, fit.terms)))
+
+
+def _noise(rests: RestFit) -> RenderableType:
+    table = plain_table("Noise at rest", "axis", "angle random walk, °/√h", "bias instability, °/h", "rms of a reading over temperature")
+    for axis in range(3):
+        if rests.allan is None:
+            break
+        walk, floor = angle_random_walk(rests.allan, axis), bias_instability(rests.allan, axis)
+        wander = "not observed"
+        if floor.observed:
+            wander = pm(floor.value / DEG_PER_HOUR, floor.sigma / DEG_PER_HOUR)
+        elif np.isfinite(floor.at_most):
+            wander = f"at most {floor.at_most / DEG_PER_HOUR:.2g}"
+        over = "–" if rests.noise is None else f"{pm(100 * rests.noise.per_c[axis], 100 * rests.noise.sigma[axis])} %/°C"
+        table.add_row("xyz"[axis], pm(walk.value / DEG_PER_SQRT_HOUR, walk.sigma / DEG_PER_SQRT_HOUR), wander, over)
+    return table
+
+
+def remarks(fit: ThermalFit) -> list[str]:
+    """Return remarks on the model, in sentences."""
+    said = _of_rests(fit.rests) if fit.rests is not None else []
+    if fit.sessions is None:
+        said.append("Nothing was turned: E is the identity, and the zero holds what the Earth's rotation adds (up to 4 mdps).")
+    else:
+        said += _of_sessions(fit.sessions, fit.rests is not None)
+    return [line for line in said if line]
+
+
+def _of_rests(rests: RestFit) -> list[str]:
+    said = [_hysteresis(axis, axis_fit) for axis, axis_fit in zip("xyz", rests.gyro, strict=True)]
+    said += [
+        f"{axis}: {order_word(fit.line.order)} or walk, {pm(fit.line.slope / DEG, fit.line.sigma / DEG)} dps/°C: not told apart, and the "
+        "model takes off neither."
+        for axis, fit in zip("xyz", rests.gyro, strict=True)
+        if fit.line is not None and fit.line.order
+    ]
+    ways = {sweep.direction for sweep in rests.sweeps}
+    if rests.sweeps and len(ways) == 1:
+        said.append(
+            "The temperature went one way only: neither a lag nor a hysteresis can be told, and what time does is not told from what "
+            "temperature does. Let it go back as well."
+        )
+    spread = [axis_fit.turn_on for axis_fit in rests.gyro]
+    if np.isfinite(spread).all():
+        sizes = ", ".join(f"{value / MDPS:.2g}" for value in spread)
+        said.append(f"From log to log the zero changes by {sizes} mdps rms (x, y, z) at the same temperature.")
+    return said
+
+
+def _of_sessions(found: SessionsFit, with_rests: bool) -> list[str]:
+    said = []
+    order = len(found.model.E_terms) - 1
+    cold, warm = (way(point.temp_c for point in found.points) for way in (min, max))
+    if warm - cold <= APART_C:
+        said.append(f"E is that of {cold:.0f} °C, and is taken to be the same elsewhere: sessions at other temperatures would tell.")
+    elif order == 0:
+        said.append(f"E does not follow temperature as far as these sessions show (p = {found.p_constant:.2g}).")
+    else:
+        said.append(
+            f"E follows temperature ({order_word(order)}); by chance with p = {found.p_constant:.1g}. "
+            "Beyond the sessions it is extrapolated."
+        )
+    if found.widened > 1:
+        said.append(f"E scatters more than its sigmas say (p = {found.p_value:.2g}): they are widened by {np.sqrt(found.widened):.2f}.")
+    if np.isfinite(found.turn_on_rps):
+        said.append(f"From session to session the zero changes by {found.turn_on_rps / MDPS:.2g} mdps beyond noise and temperature.")
+    elif not with_rests and len(found.model.zero_terms) > 1:
+        said.append("What the zero changes from one switch-on to the next is not known here, and may stand in its slope: add rest logs.")
+    return said
+
+
+def _hysteresis(axis: str, fit: AxisFit) -> str:
+    before, after = fit.hysteresis_before, fit.hysteresis_after
+    if before is None or after is None:
+        return ""
+    size, sigma, at_c = after.largest
+    remains = f"held out, {fit.held_out / DEG:.2g} dps rms remain, which is this axis' uncertainty"
+    if fit.tau_s and _seen(before):
+        gone = (
+            f"{axis}: up and down differ by {pm(abs(before.largest[0]) / DEG, before.largest[1] / DEG)} dps at {before.largest[2]:.0f} °C"
+        )
+        by = f"a lag of {pm(fit.tau_s, fit.sigma[-1])} s leaves {pm(abs(size) / DEG, sigma / DEG)} dps"
+        return f"{gone}; {by}; {remains}."
+    if _seen(after):
+        return f"{axis}: up and down differ by {pm(abs(size) / DEG, sigma / DEG)} dps at {at_c:.0f} °C, and no lag removes it; {remains}."
+    return ""
+
+
+def _seen(found: Hysteresis) -> bool:
+    return bool(abs(found.largest[0]) > SEEN * found.largest[1])
+
+
+def pm(value: float, sigma: float) -> str:
+    """Format value ± sigma, with two digits of the sigma."""
+    if not np.isfinite(sigma) or sigma <= 0:
+        return f"{value:.4g}"
+    digits = max(0, 1 - int(np.floor(np.log10(sigma))))
+    return f"{value:.{digits}f} ± {sigma:.{digits}f}" if digits < 8 else f"{value:.3g} ± {sigma:.2g}"
+
+
+# ``tinygc-temperature/2`` (docs/formats.md).
+
+SCHEMA = "tinygc-temperature/2"
+
+
+def to_json(fit: ThermalFit) -> dict:
+    """Return all results, in the units of the format."""
+    model = fit.model
+    table: dict[str, Any] = {
+        "schema": SCHEMA,
+        "session": fit.name,
+        "version": VERSION,
+        "reference_c": model.reference_c,
+        "range_c": list(model.range_c),
+        "remaining_dps": _numbers(fit.remaining_rps / DEG),
+    }
+    table["model"] = {
+        "E_per_c": model.E_terms.tolist(),
+        "zero_dps_per_c": (model.zero_terms / DEG).tolist(),
+        "lag_s": model.lag_s.tolist(),
+        "parameters": [
+            {"name": name, "value": float(value), "std": float(sigma)}
+            for name, value, sigma in zip(fit.names, fit.values, fit.sigma, strict=True)
+        ],
+    }
+    if fit.rests is not None:
+        table |= of_rests(fit.rests)
+    if fit.sessions is not None:
+        table |= of_sessions(fit.sessions)
+    return table
+
+
+def of_sessions(sessions: SessionsFit) -> dict:
+    """Return the results of sessions with turns."""
+    return {
+        "sessions": [
+            {
+                "name": point.name,
+                "temperature_c": _numbers([point.low_c, point.temp_c, point.high_c]),
+                "segments": point.segments,
+                "E": point.values[MATRIX].reshape(3, 3).tolist(),
+                "zero_dps": _numbers(point.values[BIAS] / DEG),
+                "zero_std_dps": _numbers(np.sqrt(np.diag(point.covariance))[BIAS] / DEG),
+            }
+            for point in sessions.points
+        ],
+        "E_goodness": {
+            "chi_square": sessions.chi_square,
+            "freedom": sessions.freedom,
+            "p_value": _number(sessions.p_value),
+            "variance_inflation": sessions.widened,
+        },
+        "E_constant_p_value": sessions.p_constant,
+        "turn_on_dps": _number(sessions.turn_on_rps / DEG),
+    }
+
+
+def of_rests(rests: RestFit) -> dict:
+    """Return the results of rest logs."""
+    return {
+        "rests": [
+            {
+                "file": log.path.name,
+                "samples": log.samples,
+                "duration_s": log.duration_s,
+                "rate_hz": _number(1 / log.period_s),
+                "left_out_s": (len(log) - len(kept)) * log.block_s,
+                "temperature_c": _numbers([log.temp_c.min(), log.temp_c.max()]),
+            }
+            for log, kept in zip(rests.logs, rests.knots.logs, strict=True)
+        ],
+        "sweeps": {name: sum(s.direction == way for s in rests.sweeps) for name, way in (("up", 1), ("down", -1))},
+        "gyro": [_axis(axis, fit, DEG, "dps") for axis, fit in zip("xyz", rests.gyro, strict=True)],
+        "accel": [_axis(axis, fit, MG, "mg") for axis, fit in zip("xyz", rests.accel, strict=False)],
+        "noise": [_noise_table(rests, axis) for axis in range(3)] if rests.allan is not None else [],
+    }
+
+
+def _axis(axis: str, fit: AxisFit, unit: float, word: str) -> dict:
+    terms = np.arange(fit.order + 1)
+    lagged = fit.tau_s != 0
+    return {
+        "axis": axis,
+        "order": int(terms[-1]),
+        f"terms_{word}": _numbers(fit.terms / unit),
+        f"terms_std_{word}": _numbers(fit.sigma[:-1] / unit),
+        "lag_s": fit.tau_s if lagged else None,
+        "lag_std_s": float(fit.sigma[-1]) if lagged else None,
+        "p_value": fit.p_value,
+        "held_out_by": fit.examined.by,
+        f"held_out_{word}": fit.held_out / unit,
+        f"held_out_constant_{word}": _number(fit.held_out_of(0, False) / unit),
+        f"left_{word}": fit.left / unit,
+        f"turn_on_{word}": _number(fit.turn_on / unit),
+        f"line_{word}": None if fit.line is None else fit.line.slope / unit,
+        f"line_std_{word}": None if fit.line is None else fit.line.sigma / unit,
+        "line_or_walk": fit.line is not None and fit.line.order > 0,
+        "hysteresis": {
+            name: None if found is None else _hysteresis_table(found, unit, word)
+            for name, found in (("before", fit.hysteresis_before), ("after", fit.hysteresis_after))
+        },
+    }
+
+
+def _hysteresis_table(found: Hysteresis, unit: float, word: str) -> dict:
+    largest, sigma, at_c = found.largest
+    return {f"largest_{word}": largest / unit, f"std_{word}": sigma / unit, "at_c": at_c, f"rms_{word}": found.rms / unit}
+
+
+def _noise_table(rests: RestFit, axis: int) -> dict:
+    assert rests.allan is not None
+    walk, floor = angle_random_walk(rests.allan, axis), bias_instability(rests.allan, axis)
+    over = rests.noise
+    return {
+        "axis": "xyz"[axis],
+        "angle_random_walk_deg_rth": _number(walk.value / DEG_PER_SQRT_HOUR),
+        "angle_random_walk_std_deg_rth": _number(walk.sigma / DEG_PER_SQRT_HOUR),
+        "bias_instability_dph": _number(floor.value / DEG_PER_HOUR) if floor.observed else None,
+        "bias_instability_std_dph": _number(floor.sigma / DEG_PER_HOUR) if floor.observed else None,
+        "bias_instability_at_most_dph": _number(floor.at_most / DEG_PER_HOUR),
+        "rms_per_c": None if over is None else float(over.per_c[axis]),
+        "rms_std_per_c": None if over is None else float(over.sigma[axis]),
+        "rms_at_c": [] if over is None else _numbers(over.at_c),
+        "rms_dps": [] if over is None else _numbers(over.rms[:, axis] / DEG),
+    }
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _numbers(values: Any) -> list[float | None]:
+    return [_number(value) for value in np.asarray(values, dtype=float).tolist()]
+
+
+# A fit over temperature as files: the model, the figures, the picture.
+
+#: in the folder with the models of the other methods
+MODEL, FIGURES, PICTURE = "model_thermal.json", "temperature.json", "temperature.png"
+UNITS = "E: 1/degC^n, zero: rad/s/degC^n, lag: s; product of the two parameters' units"
+
+
+def save_thermal(fit: ThermalFit, folder: Path) -> Path:
+    """Write the model, the figures and, where matplotlib is installed, the picture into a folder; return the folder.
+
+    Raises StorageError for files that cannot be written.
+    """
+    with result_folder(folder):
+        write_whole(folder / MODEL, model_table(fit))
+        write_whole(folder / FIGURES, to_json(fit))
+        if has_matplotlib():
+            draw(fit, folder / PICTURE)
+    return folder
+
+
+def model_table(fit: ThermalFit) -> dict:
+    """Return ``tinygc-model/1`` with the covariance, the accelerometer calibration of E's body frame, and the accelerometer's change."""
+    more = {
+        "method": "thermal",
+        "session": fit.name,
+        "sha256": fit.sha256,
+        "version": VERSION,
+        "covariance": fit.covariance.tolist(),
+        "covariance_of": list(fit.names),
+        "covariance_units": UNITS,
+        "remaining_rps": [None if value != value else value for value in fit.remaining_rps.tolist()],
+    }
+    if fit.sessions is not None:
+        # All sessions were rotated into the first one's frame.  Without turns E is the identity, and has no frame.
+        more["accelerometer"] = accelerometer_table(fit.sessions.points[0].accelerometer)
+    if fit.rests is not None and fit.rests.accel:
+        # At a single attitude, changes of scale and of zero cannot be separated, and the constant is gravity.
+        more["accel_change_mps2"] = zero_terms(fit.rests.accel)[1:].tolist()
+    return models.to_dict(fit.model, **more)

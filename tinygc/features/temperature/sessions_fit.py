@@ -1,0 +1,379 @@
+"""Sessions at several temperatures, and rest logs, in one model by generalised least squares."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.special import chdtrc
+
+from session.base.errors import FitError
+from session.base.solving import inverse
+from session.log.config import Accelerometer
+from session.log.folder import Session
+from session.log.logfile import Log
+from tinygc.estimation.compare import SessionTriad, into_frame_of
+from tinygc.estimation.fit import fit_session
+from tinygc.estimation.options import FitOptions
+from tinygc.features.temperature.axis_fit import AxisFit
+from tinygc.features.temperature.model import ThermalModel
+from tinygc.features.temperature.rest_fit import RestFit
+from tinygc.models.linear import BIAS, MATRIX, LinearModel
+
+# Parameters of a model over temperature in one vector: E's terms, the zero's, the lags.
+
+
+def parameter_names(E_order: int, zero_order: int) -> tuple[str, ...]:
+    """Names of E's terms row by row, then of the zero's, then of the lags."""
+    E = [f"E{n}_{i}{j}" for n in range(E_order + 1) for i in "xyz" for j in "xyz"]
+    return (*E, *(f"zero{n}_{i}" for n in range(zero_order + 1) for i in "xyz"), *(f"lag_{i}" for i in "xyz"))
+
+
+def zero_terms(fits: tuple[AxisFit, ...]) -> np.ndarray:
+    """(Q + 1, 3) per degC^n, zeros beyond an axis' own order."""
+    terms = np.zeros((max(fit.order for fit in fits) + 1, 3))
+    for axis, fit in enumerate(fits):
+        terms[: fit.order + 1, axis] = fit.terms
+    return terms
+
+
+def zero_covariance(fits: tuple[AxisFit, ...], order: int) -> np.ndarray:
+    """(3 (order + 1) + 3, …): of ``zero_terms`` order by order, then of the lags; axes are independent."""
+    size = 3 * (order + 1) + 3
+    whole = np.zeros((size, size))
+    for axis, fit in enumerate(fits):
+        rows = [3 * n + axis for n in range(fit.order + 1)] + [size - 3 + axis]
+        whole[np.ix_(rows, rows)] = fit.covariance
+    return whole
+
+
+def usable_range(rests: RestFit) -> tuple[float, float]:
+    """Temperature range of the model; where none was logged, the chip's own 25 degC."""
+    low, high = rests.range_c
+    return (low, high) if np.isfinite(low) else (25.0, 25.0)
+
+
+# A session with turns as one point over temperature: E and zero at its mean temperature, with their covariance.
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class _SessionPoint:
+    """name; temp_c: mean over its logs, from low_c to high_c; values (12,): E row by row, then the zero b = -E^-1 B, rad/s; covariance
+    (12, 12) of them; segments used; accelerometer: the calibration on which the fit is based, in whose body frame E is."""
+
+    name: str
+    temp_c: float
+    low_c: float
+    high_c: float
+    values: np.ndarray
+    covariance: np.ndarray
+    segments: int
+    accelerometer: Accelerometer = field(default_factory=lambda: Accelerometer(source="none"))
+
+
+def point_of(session: Session, shape: ThermalModel | None, progress: Progress = lambda what, done, of: None) -> _SessionPoint:
+    """Fit one session by least squares; shape: zero over temperature from rest logs, which refers readings to the mean temperature.
+
+    Raises FitError where a log has no temperature, and the errors of a fit.
+    """
+    temps = []
+    for log in session.logs:
+        if log.samples.temp_c is None:
+            raise FitError(
+                f"{session.name}: {log.path.name} has no temperature, which a model over temperature needs; leave the session out"
+            )
+        temps.append(log.samples.temp_c)
+    temp = np.concatenate(temps)
+    mean_c = float(temp.mean())
+    if shape is not None:
+        session = replace(session, logs=tuple(_brought_to(log, shape, mean_c) for log in session.logs), closures=())
+    options = FitOptions(methods=("least_squares",))
+    found = fit_session(session, options, lambda what, done, of: progress(f"{session.name}: {what}", done, of))
+    model = found.linear.model
+    assert isinstance(model, LinearModel)  # the type that least squares fits
+    values, covariance = _zero_form(model, found.covariance)
+    low, high = np.quantile(temp, [0.005, 0.995])
+    own = found.accelerometer.calibration
+    return _SessionPoint(session.name, mean_c, float(low), float(high), values, covariance, len(found.problem.used), own)
+
+
+def _in_frame_of_first(points: Sequence[_SessionPoint]) -> tuple[_SessionPoint, ...]:
+    """Rotate all points into the first one's body frame, as ``compare`` does; a zero is the sensor's own reading, and has no frame."""
+    found = []
+    for point in points:
+        turn = np.eye(12)
+        frames = SessionTriad(calibration=points[0].accelerometer), SessionTriad(calibration=point.accelerometer)
+        turn[MATRIX, MATRIX] = into_frame_of(*frames)[MATRIX, MATRIX]
+        found.append(replace(point, values=turn @ point.values, covariance=turn @ point.covariance @ turn.T))
+    return tuple(found)
+
+
+def _brought_to(log: Log, shape: ThermalModel, mean_c: float) -> Log:
+    """Return the log as if it had been recorded at one temperature, with respect to the zero."""
+    samples = log.samples
+    assert samples.temp_c is not None
+    # Beyond the rest logs' range the shape is constant, which is safer than extrapolating a polynomial.
+    element = np.column_stack([follow(samples.temp_c) for follow in shape.elements(samples.period_s)])
+    change = shape.zero(element) - shape.zero(np.full((1, 3), mean_c))
+    return replace(log, samples=replace(samples, gyro=samples.gyro - change))
+
+
+def _zero_form(model: LinearModel, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return (12,) E row by row and b, where omega = E (m - b), and their covariance, from those of E and B."""
+    inverse = np.linalg.inv(model.E)
+    zero = -inverse @ model.B
+    slope = np.eye(12)
+    slope[BIAS, MATRIX] = -np.einsum("ij,k->ijk", inverse, zero).reshape(3, 9)
+    slope[BIAS, BIAS] = -inverse
+    return np.concatenate([model.E.ravel(), zero]), slope @ covariance @ slope.T
+
+
+# Sessions at several temperatures, and rest logs, in one model: E(T) and b(T) by generalised least squares.
+#
+# Each session gives E and its zero with a covariance; E is in the body frame of that session's accelerometer, and is rotated into the
+# first one's.  Rest logs determine the change of the zero over temperature, not its level.  The level comes from the sessions, since a
+# zero changes from one switch-on to the next, and a rest log's includes the Earth's rotation.  Scatter of the sessions' zeros beyond
+# their sigmas is attributed to switch-on, with a variance of its own (Paule & Mandel 1982); scatter of E widens its sigmas (Birge 1932).
+
+#: highest order of E that is tried: sensitivity over temperature is nearly linear (data sheets state a slope)
+MOST_E = 2
+#: p-value below which E, or without rest logs the zero, is reported to depend on temperature
+BY_CHANCE = 0.01
+#: degC: sessions closer than this count as one temperature
+APART_C = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class SessionsFit:
+    """points: the sessions in the body frame of the first; model; covariance of E's terms, the zero's and the lags, in the order of
+    ``parameter_names``.
+
+    E: chi_square, freedom, p_value of the sessions' E about the model; widened: inflation factor of E's variance; p_constant: p-value of a
+    constant E; turn_on_rps: scatter of the zero between sessions beyond noise, NaN where it cannot be estimated.
+    """
+
+    points: tuple[_SessionPoint, ...]
+    model: ThermalModel
+    covariance: np.ndarray
+    chi_square: float
+    freedom: int
+    p_value: float
+    widened: float
+    p_constant: float
+    turn_on_rps: float
+
+
+def join(points: Sequence[_SessionPoint], rests: RestFit | None, most_order: int = 5) -> SessionsFit:
+    """Fit one model to all.  Raises FitError without sessions."""
+    if not points:
+        raise FitError("no session with turns: E needs one, and E over temperature two or more")
+    points = _in_frame_of_first(points)
+    temps = np.array([point.temp_c for point in points])
+    reference = rests.knots.reference_c if rests is not None else float(np.round((temps.min() + temps.max()) / 2))
+    levels = 1 + int(np.count_nonzero(np.diff(np.sort(temps)) > APART_C))
+    away = temps - reference
+    E_values = np.array([point.values[MATRIX] for point in points])
+    order, p_constant = _order_of_E(points, away, min(levels - 1, MOST_E))
+    E, C_E, chi_square = _solve_E(points, away, order)
+    freedom = 9 * (len(points) - order - 1)
+    widened = max(chi_square / freedom, 1.0) if freedom else 1.0
+    zero, C_zero, turn_on, lag = _zero(points, away, rests, min(levels - 1, most_order))
+    n_E, n_zero = 9 * (order + 1), len(zero) * 3
+    covariance = np.zeros((n_E + n_zero + 3,) * 2)
+    covariance[:n_E, :n_E] = widened * C_E
+    covariance[n_E:, n_E:] = C_zero
+    # E and the zero of a session are correlated: the constants carry the correlation, that of the sessions' mean.
+    cross = sum((point.covariance[MATRIX, BIAS] for point in points), np.zeros((9, 3))) / len(E_values) ** 2
+    covariance[MATRIX, n_E : n_E + 3] += cross
+    covariance[n_E : n_E + 3, MATRIX] += cross.T
+    covariance = _possible(covariance)
+    low, high = float(min(p.low_c for p in points)), float(max(p.high_c for p in points))
+    if rests is not None:
+        cold, warm = usable_range(rests)
+        low, high = min(low, cold), max(high, warm)
+    model = ThermalModel(E.reshape(-1, 3, 3), zero, lag, reference, (low, high))
+    p_value = float(chdtrc(freedom, chi_square)) if freedom else float("nan")
+    return SessionsFit(points, model, covariance, chi_square, freedom, p_value, widened, p_constant, turn_on)
+
+
+def _solve_E(points: Sequence[_SessionPoint], away: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray, float]:
+    """Terms (order + 1, 9), their covariance, chi-square."""
+    size = 9 * (order + 1)
+    information, pull, fixed = np.zeros((size, size)), np.zeros(size), 0.0
+    for point, x in zip(points, away, strict=True):
+        weight = np.linalg.inv(point.covariance[MATRIX, MATRIX])
+        powers = x ** np.arange(order + 1)
+        information += np.kron(np.outer(powers, powers), weight)
+        pull += np.kron(powers, weight @ point.values[MATRIX])
+        fixed += float(point.values[MATRIX] @ weight @ point.values[MATRIX])
+    covariance = inverse(information)
+    terms = covariance @ pull
+    left = 0.0
+    for point, x in zip(points, away, strict=True):
+        off = point.values[MATRIX] - (x ** np.arange(order + 1)) @ terms.reshape(-1, 9)
+        left += float(off @ np.linalg.solve(point.covariance[MATRIX, MATRIX], off))
+    return terms.reshape(-1, 9), covariance, left
+
+
+def _order_of_E(points: Sequence[_SessionPoint], away: np.ndarray, most: int) -> tuple[int, float]:
+    """Return the lowest sufficient order, and the p-value of a constant E."""
+    if most < 1:
+        return 0, 1.0
+    chi = [_solve_E(points, away, order)[2] for order in range(most + 1)]
+    p_values = [float(chdtrc(9 * (most - order), max(chi[order] - chi[most], 0.0))) for order in range(most)]
+    order = next((order for order in range(most) if p_values[order] >= BY_CHANCE), most)
+    return order, p_values[0]
+
+
+def _zero(
+    points: Sequence[_SessionPoint], away: np.ndarray, rests: RestFit | None, most: int
+) -> tuple[np.ndarray, np.ndarray, float, np.ndarray]:
+    """terms (Q + 1, 3), covariance of them and of the lags, turn-on scatter, lags (3,)."""
+    values = np.array([point.values[BIAS] for point in points])
+    own = np.array([point.covariance[BIAS, BIAS] for point in points])
+    if rests is not None:
+        terms, lag = zero_terms(rests.gyro), np.array([fit.tau_s for fit in rests.gyro])
+        order = len(terms) - 1
+        C = zero_covariance(rests.gyro, order)
+        shape = sum((terms[n] * (away**n)[:, None] for n in range(1, order + 1)), np.zeros_like(values))
+        design, free = np.ones((len(points), 1)), 1
+        # Uncertainty of the shape at the sessions' temperatures: axis by axis, all sessions together.
+        powers = np.array([away**n for n in range(1, order + 1)]).reshape(order, len(points))
+        known = [np.einsum("nk,nm,ml->kl", powers, C[3 + i : 3 * (order + 1) : 3, 3 + i : 3 * (order + 1) : 3], powers) for i in range(3)]
+    else:
+        order, lag, shape = _order_of_zero(values, own, away, most), np.zeros(3), np.zeros_like(values)
+        design, free = away[:, None] ** np.arange(order + 1), order + 1
+        C, known = np.zeros((3 * (order + 1) + 3,) * 2), [np.zeros((len(points),) * 2)] * 3
+        terms = np.zeros((order + 1, 3))
+    turn_on = _turn_on(values - shape, own, known, design) if len(points) > free else float("nan")
+    spread = turn_on if np.isfinite(turn_on) else 0.0
+    for i in range(3):
+        V = np.diag(own[:, i, i] + spread**2) + known[i]
+        W = np.linalg.solve(V, design)
+        covariance = inverse(design.T @ W)
+        found = covariance @ W.T @ (values[:, i] - shape[:, i])
+        rows = np.arange(free) * 3 + i
+        terms[:free, i] = found
+        if rests is None:
+            C[np.ix_(rows, rows)] = covariance
+            continue
+        # The constant is correlated with the slopes used to estimate it, and with the lag, as they are.
+        G = covariance @ W.T
+        higher = np.arange(3 + i, 3 * (order + 1), 3)
+        others = np.append(higher, 3 * (order + 1) + i)
+        cross = -(G @ powers.T @ C[np.ix_(higher, others)]).ravel()
+        C[i, :], C[:, i] = 0.0, 0.0
+        C[i, i] = float(covariance[0, 0])
+        C[i, others], C[others, i] = cross, cross
+    return terms, C, turn_on, lag
+
+
+def _order_of_zero(values: np.ndarray, own: np.ndarray, away: np.ndarray, most: int) -> int:
+    """Return the lowest sufficient order without rest logs, from the sessions' own sigmas alone."""
+    most = min(most, 3)
+
+    def left(order: int) -> float:
+        total = 0.0
+        for i in range(3):
+            sigma = np.sqrt(own[:, i, i])
+            A = away[:, None] ** np.arange(order + 1) / sigma[:, None]
+            z = values[:, i] / sigma
+            total += float(np.sum((z - A @ np.linalg.lstsq(A, z, rcond=None)[0]) ** 2))
+        return total
+
+    chi = [left(order) for order in range(most + 1)]
+    shows = (order for order in range(most) if chdtrc(3 * (most - order), max(chi[order] - chi[most], 0.0)) >= BY_CHANCE)
+    return next(shows, most)
+
+
+def _turn_on(values: np.ndarray, own: np.ndarray, known: list[np.ndarray], design: np.ndarray) -> float:
+    """Return the scatter at which chi-square equals its degrees of freedom, all axes together; 0 where none is needed."""
+    freedom = 3 * (len(values) - design.shape[1])
+
+    def chi_square(variance: float) -> float:
+        total = 0.0
+        for i in range(3):
+            V = np.diag(own[:, i, i] + variance) + known[i]
+            W = np.linalg.solve(V, design)
+            off = values[:, i] - design @ np.linalg.solve(design.T @ W, W.T @ values[:, i])
+            total += float(off @ np.linalg.solve(V, off))
+        return total
+
+    if chi_square(0.0) <= freedom:
+        return 0.0
+    low, high = 0.0, float(np.var(values, axis=0).max()) * 10 + 1e-18
+    for _ in range(80):
+        middle = (low + high) / 2
+        low, high = (middle, high) if chi_square(middle) > freedom else (low, middle)
+    return float(np.sqrt(high))
+
+
+def _possible(covariance: np.ndarray) -> np.ndarray:
+    """Limit correlations to valid ones: cross terms come from a mean, and may be slightly too large."""
+    sigma = np.sqrt(np.diag(covariance))
+    scale = np.where(sigma > 0, sigma, 1.0)
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    if values.min() >= 0:
+        return covariance
+    mended = (vectors * np.maximum(values, 0)) @ vectors.T
+    return mended * np.outer(scale, scale)
+
+
+# Result of a fit over temperature: the model, the uncertainty of each parameter, and the input data.
+
+
+@dataclass(frozen=True, eq=False)
+class ThermalFit:
+    """model with covariance (n, n) of the parameters in ``names``, SI; remaining_rps (3,): rms error of predicting held-out sweeps, NaN
+    without rest logs; rests, sessions: the input fits, either may be None; sha256 of the files by name; name of the session, or of the
+    first one."""
+
+    name: str
+    model: ThermalModel
+    covariance: np.ndarray
+    names: tuple[str, ...]
+    remaining_rps: np.ndarray
+    rests: RestFit | None
+    sessions: SessionsFit | None
+    sha256: dict[str, str]
+
+    @property
+    def values(self) -> np.ndarray:
+        """(n,) in the order of ``names``."""
+        return np.concatenate([self.model.E_terms.ravel(), self.model.zero_terms.ravel(), self.model.lag_s])
+
+    def sigma_at(self, temp_c: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return one sigma of E (3, 3) and of the zero (3,) rad/s at a constant temperature, by the covariance alone."""
+        away = float(self.model.within(np.array([temp_c]))[0]) - self.model.reference_c
+        n_E = self.model.E_terms.size
+        powers = away ** np.arange(len(self.model.E_terms)), away ** np.arange(len(self.model.zero_terms))
+        slopes = np.kron(powers[0], np.eye(9)), np.kron(powers[1], np.eye(3))
+        parts = self.covariance[:n_E, :n_E], self.covariance[n_E:-3, n_E:-3]
+        E, zero = (np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", S, C, S), 0)) for S, C in zip(slopes, parts, strict=True))
+        return E.reshape(3, 3), zero
+
+    @property
+    def sigma(self) -> np.ndarray:
+        """(n,) sigma of each parameter."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+def of_rests_alone(name: str, rests: RestFit, sha256: dict[str, str]) -> ThermalFit:
+    """Return the fit of rest logs, with the identity as E, because nothing was turned."""
+    terms = zero_terms(rests.gyro)
+    model = ThermalModel(np.eye(3)[None], terms, np.array([f.tau_s for f in rests.gyro]), rests.knots.reference_c, usable_range(rests))
+    order = len(terms) - 1
+    covariance = np.zeros((9 + 3 * (order + 1) + 3,) * 2)
+    covariance[MATRIX.stop :, MATRIX.stop :] = zero_covariance(rests.gyro, order)
+    held_out = np.array([fit.held_out for fit in rests.gyro])
+    return ThermalFit(name, model, covariance, parameter_names(0, order), held_out, rests, None, sha256)
+
+
+def joined(name: str, sessions: SessionsFit, rests: RestFit | None, sha256: dict[str, str]) -> ThermalFit:
+    """Return the fit of sessions, with rest logs or without."""
+    names = parameter_names(len(sessions.model.E_terms) - 1, len(sessions.model.zero_terms) - 1)
+    held_out = np.full(3, np.nan) if rests is None else np.array([fit.held_out for fit in rests.gyro])
+    return ThermalFit(name, sessions.model, sessions.covariance, names, held_out, rests, sessions, sha256)

@@ -1,0 +1,31 @@
+"""``fit`` of a folder whose reference is turns of known angle, of a gyroscope alone."""
+
+from __future__ import annotations
+
+import argparse
+
+from session.base.errors import CalibrationError
+from tinygc.cli.options import given
+from tinygc.cli.results import Done, output, try_destinations
+
+
+def fit(args: argparse.Namespace) -> Done:
+    """Fit scale and bias by the known turns."""
+    from tinygc.features.turns.library import fit_turns
+    from tinygc.features.turns.output import MODEL
+    from tinygc.reporting.terminal import progress_bar
+
+    more = [name for name, value in (("--model", args.model), ("--bias-dps", args.bias_dps), ("--strict", args.strict)) if value]
+    limit = ["--limit"] if args.limit is not None and args.defaults is None else []
+    if idle := [*given(args, ()), *limit, *more]:
+        raise CalibrationError(
+            f"{', '.join(idle)}: of no use for a gyroscope alone, which has no closure; leave {'it' if len(idle) == 1 else 'them'} out"
+        )
+    try_destinations(args, "fit")
+    with progress_bar(args.quiet) as progress:
+        result = fit_turns(args.folder, progress=progress)
+    folder = result.save(args.out)
+    output(args).print(result.page)
+    output(args).print(f"model: {folder / MODEL}", soft_wrap=True)
+    used = int(result.estimate.used.sum())
+    return Done(0, result.to_json(), f"a gyroscope alone, {used} of {len(result.angles)} turns: {MODEL}")

@@ -1,0 +1,138 @@
+"""Python interface of ``budget``: the uncertainty of a fit by source, and of a use of its calibration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from session import VERSION
+from session.base.errors import CalibrationError
+from session.base.files import result_folder
+from session.base.results import write_text_whole, write_whole
+from session.base.texts import printable
+from session.log.folder import Session
+from tinygc.estimation.fit import fit_session
+from tinygc.estimation.options import FitOptions
+from tinygc.estimation.results import FitResult
+from tinygc.features.unit.budget.monte_carlo import MonteCarlo, monte_carlo
+from tinygc.features.unit.budget.page import page
+from tinygc.features.unit.budget.quantities import accelerometer_budgets, named, parameter_budgets, sensor_error_budgets, use_budgets
+from tinygc.features.unit.budget.rows import Budget
+from tinygc.features.unit.budget.text import drawn_page, overview, whole
+from tinygc.features.unit.budget.use import TOTAL
+from tinygc.features.unit.budget.use import Use as Use
+from tinygc.library.arguments import Progress, nothing
+from tinygc.library.records import Shown
+from tinygc.reporting.terminal import Group, RenderableType
+
+SCHEMA = "tinygc-budget/1"
+FILE, PAGE = "budget.json", "budget.html"
+#: what is in no U here, and in that of requirements; each quantity's own table states its size
+WITHOUT = "without an effect that the model lacks"
+#: sensor errors of the overview
+SHOWN = ("scale factor error", "misalignment", "bias")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class UncertaintyBudget(Shown):
+    """Result of ``tinygc.budget``: ``parameters``, ``sensor_errors``, ``accelerometer``, ``attitude``: a ``Budget`` of each quantity;
+    ``asked``: those that were asked for; ``motion``: in words; ``when``: for which switch-on the attitude is."""
+
+    name: str
+    parameters: tuple[Budget, ...]
+    sensor_errors: tuple[Budget, ...]
+    accelerometer: tuple[Budget, ...]
+    attitude: tuple[Budget, ...]
+    motion: str
+    when: str
+    asked: tuple[Budget, ...] = ()
+    drawn: MonteCarlo | None = None
+
+    def __repr__(self) -> str:
+        return f"<UncertaintyBudget of {self.name}: {len(self.parameters[0].rows)} sources>"
+
+    @property
+    def budgets(self) -> tuple[Budget, ...]:
+        """All quantities."""
+        return (*self.parameters, *self.sensor_errors, *self.accelerometer, *self.attitude)
+
+    @property
+    def shown(self) -> tuple[Budget, ...]:
+        """Those of the overview."""
+        return (*(each for each in self.sensor_errors if each.name.startswith(SHOWN)), *self.attitude)
+
+    @property
+    def page(self) -> Group:
+        """The command's output, as a rich renderable."""
+        drawn = [] if self.drawn is None else ["", *drawn_page(self.drawn)]
+        if self.asked:
+            parts: list[RenderableType] = []
+            for each in self.asked:
+                parts += [*whole(each), ""]
+            return Group(*parts[:-1], *drawn)
+        title = f"Attitude after {self.motion}, {self.when}, about the axes of its start, 95 % (total: at least), {WITHOUT}"
+        errors = [each for each in self.shown if each not in self.attitude]
+        force: list[RenderableType] = []
+        if self.accelerometer:
+            force = [overview("Accelerometer, 95 %, for this switch-on only", self.accelerometer), ""]
+        gyroscope = overview(f"Sensor errors, 95 %, the bias for this switch-on only, {WITHOUT}", errors)
+        return Group(gyroscope, "", *force, overview(title, self.attitude), *drawn)
+
+    def to_json(self) -> dict:
+        """``tinygc-budget/1`` (docs/formats/budget.md)."""
+        return {
+            "schema": SCHEMA,
+            "version": VERSION,
+            "session": self.name,
+            "motion": f"{self.motion}, {self.when}",
+            "budgets": [each.to_json() for each in (self.asked or self.budgets)],
+            "monte_carlo": None if self.drawn is None else self.drawn.to_json(),
+        }
+
+    def html(self) -> str:
+        """The budgets as one HTML document."""
+        errors = [each for each in self.shown if each not in self.attitude]
+        return page(self.name, errors, self.attitude, f"{self.motion}, {self.when}", self.drawn)
+
+    def save(self, folder: Path | str) -> Path:
+        """Write ``budget.json`` and ``budget.html`` into a folder, and return it.  Raises StorageError for what cannot be written."""
+        folder = Path(folder)
+        with result_folder(folder):
+            write_whole(folder / FILE, self.to_json())
+            write_text_whole(folder / PAGE, self.html())
+        return folder
+
+
+def budget_of_folder(
+    folder: Session | Path, options: FitOptions, use: Use, asked: tuple[str, ...], progress: Progress, draws: int = 0, seed: int = 0
+) -> UncertaintyBudget:
+    """The budget of a session, or of its folder.  Raises the errors of a fit, and CalibrationError for a name that is none."""
+    return budget_of_fit(fit_session(folder, options, progress), use, asked, draws, seed, progress)
+
+
+def budget_of_fit(
+    result: FitResult, use: Use, asked: tuple[str, ...] = (), draws: int = 0, seed: int = 0, progress: Progress = nothing
+) -> UncertaintyBudget:
+    """The budget of a fit; draws: at most so many to check it, none for 0.
+
+    Raises CalibrationError for a name that is none, for a motion that cannot be read, and for draws of a fit whose errors cannot be drawn.
+    """
+    if draws and use.elapsed_s is not None:
+        raise CalibrationError("--monte-carlo: the drift of session and use is not drawn as one; leave --elapsed out, or the draws")
+    motion, attitude, in_use = use_budgets(result, use)
+    when = "at another switch-on" if use.elapsed_s is None else "for this switch-on only"
+    force = tuple(accelerometer_budgets(result))
+    parameters, errors = tuple(parameter_budgets(result)), tuple(sensor_error_budgets(result))
+    made = UncertaintyBudget(result.session.name, parameters, errors, force, tuple(attitude), motion.words, when)
+    chosen = []
+    for name in asked:
+        if (found := named(made.budgets, name)) is None:
+            known = ", ".join(each.name.replace(" ", "_") for each in made.budgets)
+            raise CalibrationError(f"--of {printable(name)[:60]!r}: no such quantity; give one of {known}")
+        chosen.append(found)
+    made = replace(made, asked=tuple(chosen))
+    if not draws:
+        return made
+    drawn = [each for each in made.asked if each not in made.accelerometer] or made.shown  # draws fit the gyroscope alone
+    judged = [each for each in drawn if each.name != TOTAL] or [each for each in attitude if each.name != TOTAL]
+    return replace(made, drawn=monte_carlo(result, motion, in_use, judged, draws, seed, progress))

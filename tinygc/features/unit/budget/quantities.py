@@ -1,0 +1,207 @@
+"""The budgets of a fit: its twelve parameters, the errors of both sensors in the field's words, the attitude after a motion."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import partial
+
+import numpy as np
+
+from session.base.texts import printable
+from session.base.units import DEG, DEG_PER_HOUR, MG, G
+from session.detect.accelerometer import NAMES as ACCELEROMETER_NAMES
+from session.detect.rounding import lsb_of
+from tinygc.attitude.earth import unseen_covariance
+from tinygc.closure.floor import ACCEL_NOISE, DIALS, GYRO_NOISE, SINGLE_SEGMENTS, STAMPS, STOPS, TRUTH
+from tinygc.closure.motion import Motion
+from tinygc.closure.problem import GRAVITY
+from tinygc.closure.uncertainty import BIAS_DRIFT, EARTH
+from tinygc.estimation.accelerometer import UNITS
+from tinygc.estimation.assembly import CLOCK, MISFIT, ROUNDING
+from tinygc.estimation.results import FitResult
+from tinygc.estimation.sources import Source
+from tinygc.estimation.stated_noise import CALIBRATION, COMPONENTS, GRAVITY_LENGTH, stated_response
+from tinygc.features.unit.budget.rows import Beside, Budget, budget_of
+from tinygc.features.unit.budget.use import DRIFT_SINCE, USUAL_SWITCH_ON, Use, axes_and_total, model_of, motion_in, sources_in_use
+from tinygc.models.linear import BIAS, NAMES, PARAMETERS, WORDS, field_jacobian
+from tinygc.noise.whitening import PRECALIBRATION_MPS2
+from tinygc.reporting.fit_text import sensor_errors
+
+#: what a budget says of a source that it cannot have
+NOT_KNOWN = "not known"
+#: and of an Earth's rate that is left in the rates
+NO_LATITUDE = "no site.latitude_deg in session.toml, or --no-earth"
+#: what a clock moves by less than this share of its own error is not said to depend on it
+LEAST_OF_CLOCK = 0.01
+
+
+def parameter_budgets(result: FitResult) -> list[Budget]:
+    """Of the twelve parameters of omega = E m + B; their variances are the diagonal of the fit's covariance, bit for bit."""
+    vector, sizes = model_of(result).vector, _source_sizes(result)
+    found = []
+    for i, name in enumerate(NAMES):
+        unit, si = ("dps", DEG) if name in NAMES[BIAS] else ("1", 1.0)
+        beside = _beside_parameter(result, np.eye(PARAMETERS)[i])
+        found.append(budget_of(name, unit, si, float(vector[i]), result.sources, partial(_element, i), sizes, beside))
+    return found
+
+
+def sensor_error_budgets(result: FitResult) -> list[Budget]:
+    """Of the sensor errors in the terms and signs of ``fit``; those that the session does not observe are left out."""
+    vector, sizes = model_of(result).vector, _source_sizes(result)
+    units = {word: si for word, _, _, si in WORDS}
+    found = []
+    for quantity, slope in zip(sensor_errors(result), field_jacobian(vector), strict=True):
+        if quantity.observed:
+            name, si = f"{quantity.word} {quantity.component}", units[quantity.word]
+            of, beside = partial(_along, slope), _beside_parameter(result, slope)
+            found.append(budget_of(name, quantity.unit, si, quantity.value * si, result.sources, of, sizes, beside))
+    return found
+
+
+def accelerometer_budgets(result: FitResult) -> list[Budget]:
+    """Of the accelerometer's errors in the terms and signs of ``fit``, as far as the session estimates and observes them."""
+    found, sizes, budgets = result.accelerometer, _source_sizes(result), []
+    for word, unit, values, _, names in found.errors() if found.sources else ():
+        for value, name in zip(values, names, strict=True):
+            if name in found.unobserved:
+                continue
+            at, si = ACCELEROMETER_NAMES.index(name), UNITS[unit]
+            other = float(np.sqrt(2) * found.between.spread[at])
+            beside = [Beside("another switch-on", other, f"{found.between.source}; counts in any other session")] if other else []
+            called = f"accelerometer {word} {name.split()[-1]}"
+            budgets.append(budget_of(called, unit, si, value * si, found.sources, partial(_along, found.slope[at]), sizes, beside))
+    return budgets
+
+
+def use_budgets(result: FitResult, use: Use) -> tuple[Motion, list[Budget], list[Source]]:
+    """Of the attitude after a motion, about each axis of the start, and of the total angle; and the sources (3, 3) that are the use's own.
+    Raises CalibrationError for its log."""
+    motion = motion_in(use, result)
+    sources, more, assumed = sources_in_use(result, use, motion)
+    sizes, slope = _source_sizes(result) | more, motion.slope(model_of(result))
+    found = []
+    for name, weight in axes_and_total():
+        beside = list(_beside_use(result, use, slope, weight, assumed))
+        found.append(budget_of(name, "°", DEG, None, sources, partial(_weighed, weight), sizes, beside))
+    return motion, found, sources[len(result.sources) :]
+
+
+def _element(i: int, covariance: np.ndarray) -> float:
+    return float(covariance[i, i])
+
+
+def _along(slope: np.ndarray, covariance: np.ndarray) -> float:
+    return float(slope @ covariance @ slope)
+
+
+def _weighed(weight: np.ndarray, covariance: np.ndarray) -> float:
+    return float(weight @ np.diag(covariance))
+
+
+# What moves a quantity and is not in its sum.
+
+
+def _beside_parameter(result: FitResult, slope: np.ndarray) -> list[Beside]:
+    """Of a quantity with this derivative (12,) by the parameters: one effect that nobody modelled, another switch-on, an Earth's rate that
+    is left out, a clock that nobody knows."""
+    found = list(_clock(result, slope))
+    if result.allowed is not None:
+        moved = float(result.allowed.of(slope[None])[0])
+        found.append(Beside("one effect that the model lacks", moved, "the largest that this recording still allows (fit: systematic)"))
+    else:
+        found.append(Beside("one effect that the model lacks", None, "the noise of this recording is not estimated"))
+    if np.abs(slope[BIAS]).any():
+        found.append(_switch_on(result, float(np.sqrt(2 * np.sum((slope[BIAS] * _spread(result)) ** 2)))))
+    if (left := earth_left_out(result)) is not None:
+        found.append(Beside("the Earth's rate", float(np.sqrt(slope @ left @ slope)), f"left in the rates: {NO_LATITUDE}"))
+    return found
+
+
+def _spread(result: FitResult) -> np.ndarray:
+    return np.zeros(3) if result.repeatability is None else result.repeatability.rps
+
+
+def _switch_on(result: FitResult, u: float) -> Beside:
+    what = "bias of another switch-on"
+    if result.repeatability is None:
+        return Beside(what, None, f"{NOT_KNOWN}: give --history, or sensor.gyro_bias_repeatability_dps")
+    return Beside(what, u, f"{result.repeatability.source}; counts in any other session")
+
+
+def _clock(result: FitResult, slope: np.ndarray) -> Iterator[Beside]:
+    """Of quantities with this derivative (..., 12): a clock that is not known, where it moves them, as it scales E and B together."""
+    vector = model_of(result).vector
+    if not result.session.clock_known and np.abs(slope @ vector).max() > LEAST_OF_CLOCK * np.linalg.norm(vector):
+        yield Beside(CLOCK, None, f"{NOT_KNOWN} how far the clock of the stamps is off, and with it the scale: give sensor.clock_sigma_ppm")
+
+
+def _beside_use(result: FitResult, use: Use, slope: np.ndarray, weight: np.ndarray, assumed: tuple[str, ...]) -> list[Beside]:
+    found = list(_clock(result, slope[weight > 0]))
+    if result.allowed is not None:
+        moved = float(np.sqrt(np.sum(weight * result.allowed.of(slope) ** 2)))
+        found.append(Beside("one effect that the model lacks", moved, "the largest that this recording still allows (fit: systematic)"))
+    if use.warmer_k is None:
+        found.append(Beside("temperature of the use", None, f"{NOT_KNOWN}: give --warmer"))
+    if use.elapsed_s is not None and not result.problem.instability.rps:
+        found.append(Beside(DRIFT_SINCE, None, f"{NOT_KNOWN}: give sensor.gyro_bias_instability_dph"))
+    for name in assumed:
+        give = "; give --history, or sensor.gyro_bias_repeatability_dps" if name == USUAL_SWITCH_ON else ""
+        found.append(Beside(f"the unit's own {name.removesuffix(', as usual')}", None, f"in the sum is a usual size{give}"))
+    return found
+
+
+def earth_left_out(result: FitResult) -> np.ndarray | None:
+    """(12, 12) that the Earth's rate may have moved the parameters, where it is left in the rates; None where it is taken off."""
+    problem = result.problem
+    if problem.earth.source != "none" or result.noise is None:
+        return None
+    rows = stated_response(problem, model_of(result), result.options.still_rates)
+    columns = rows @ result.noise.twin.earth_columns().stacked()
+    return columns @ unseen_covariance(problem.earth, problem.session.config.site.latitude_deg) @ columns.T
+
+
+# The size of each source, in a unit that a person knows.
+
+
+def _source_sizes(result: FitResult) -> dict[str, tuple[float, str]]:
+    """Name of a source -> its size and unit; sources without a single size are missing."""
+    problem, config, noise = result.problem, result.session.config, result.problem.noise
+    found = {
+        GYRO_NOISE: (float(np.sqrt(np.mean(noise.gyro**2))) / DEG, "dps/√Hz"),
+        ACCEL_NOISE: (float(np.sqrt(np.mean(noise.accel**2))) / MG, "mg/√Hz"),
+        DIALS: (config.protocol.dial_sigma_deg, "°"),
+        TRUTH: (config.protocol.truth_sigma_deg, "°"),
+        BIAS_DRIFT: (problem.instability.rps / DEG_PER_HOUR, "°/h"),
+        MISFIT: (float(np.sqrt(max(result.widened - 1, 0.0))), "sigmas of the noise"),
+    }
+    if problem.batch.turns is not None:
+        found[STOPS] = (float(np.sqrt(np.nanmean(problem.batch.turns.sigma_rad**2))) / DEG, "°")
+    if (late := problem.floor.references.get(STAMPS)) is not None:
+        found[STAMPS] = (float(np.sqrt(np.mean(late.own[:, 0, 0] + late.own[:, 1, 1]))) / DEG, "°")
+    if problem.widened:
+        found[SINGLE_SEGMENTS] = (float(np.sqrt(np.mean([each.sigma_rad**2 for each in problem.widened]))) / DEG, "°")
+    if result.noise is not None:
+        for s, component in zip(result.noise.noise.s, result.noise.noise.components, strict=True):
+            found[COMPONENTS[component.name]] = (float(s / component.si), component.unit)
+    if (joint := problem.joint) is None:
+        found[CALIBRATION] = (PRECALIBRATION_MPS2 / MG, "mg")
+    else:
+        if joint.mode == "prior":
+            found[CALIBRATION] = (float(joint.prior[-1]) / MG, "mg")
+        found[GRAVITY_LENGTH] = (float(joint.system.prior[GRAVITY]) / G * 1e6, "ppm")
+    if problem.earth.source in ("estimated", "unknown"):
+        unseen = unseen_covariance(problem.earth, config.site.latitude_deg)
+        found[EARTH] = (float(np.sqrt(np.trace(unseen))) / DEG_PER_HOUR, "°/h")
+    if (clock := result.session.clock) is not None:
+        found[CLOCK] = (1e6 * clock.sigma, "ppm") if result.nominal_rate is None else (100 * clock.sigma, "%")
+    rests = [np.asarray(log.samples.gyro[s.start : s.stop]) for log in problem.logs for s in log.stills[:1]]
+    if rests:
+        found[ROUNDING] = (lsb_of(np.concatenate(rests)) / DEG, "dps a step")
+    return found
+
+
+def named(budgets: Sequence[Budget], name: str) -> Budget | None:
+    """The budget with this name, written with blanks or underscores; None where there is none."""
+    asked = printable(name).replace("_", " ").casefold().removesuffix(" - 1")
+    return next((each for each in budgets if each.name.replace("_", " ").casefold().removesuffix(" - 1") == asked), None)

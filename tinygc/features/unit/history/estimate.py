@@ -1,0 +1,229 @@
+"""One unit over its sessions: level, drift, steps and scatter of each of its numbers, and the spread of its bias between sessions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from session.base.texts import printable, significant
+from tinygc.estimation.between_sessions import LOOKED_AT, TRIED, Between, Course, candidates, course, jump
+from tinygc.estimation.repeatability import BiasRepeatability, between_sessions, widened
+from tinygc.estimation.session_times import times_of
+from tinygc.features.unit.history.sessions import GYROSCOPE, NUMBERS, ZERO, Number, UnitSession
+
+assert len(NUMBERS) == LOOKED_AT
+#: difference of -2 log of two likelihoods between which there is no "positive" evidence (Kass & Raftery 1995)
+AS_GOOD = 2.0
+#: a year beyond this many times the history's length is no statement on the unit
+LONGEST_YEAR = 10.0
+
+
+@dataclass(frozen=True)
+class FoundStep:
+    """A change of a number that stays.
+
+    between sessions ``before`` and ``after``, by their names; size and sigma in SI; p_value, corrected for all that was looked at.
+    """
+
+    number: Number
+    before: str
+    after: str
+    interval: int
+    size: float
+    sigma: float
+    p_value: float
+
+
+@dataclass(frozen=True, eq=False)
+class NumberHistory:
+    """A number over the sessions that show it.
+
+    sessions (n,): their places in the history; values, sigmas (n,) SI; course: what they say together, None of fewer than two.
+    """
+
+    number: Number
+    sessions: np.ndarray
+    values: np.ndarray
+    sigmas: np.ndarray
+    course: Course | None
+
+    @property
+    def scatter(self) -> float | None:
+        """From session to session, one sigma, SI."""
+        return None if self.course is None else self.course.model.scatter
+
+    @property
+    def scatter_interval(self) -> tuple[float, float] | None:
+        """Of 95 %, SI; from 0 it is a limit."""
+        return None if self.course is None else self.course.model.scatter_interval
+
+    @cached_property
+    def drift(self) -> tuple[float, float] | None:
+        """Drift and its sigma (68 %), SI a year, or a session where there are no dates."""
+        if self.course is None or not self.course.has_drift:
+            return None
+        slope = self.course.drift_column
+        return float(self.course.model.coefficients @ slope), self.course.model.sigma(slope)
+
+    @cached_property
+    def drift_limit(self) -> float | None:
+        """The drift is smaller than this, either way, with 95 %."""
+        if self.course is None or not self.course.has_drift:
+            return None
+        return float(np.max(np.abs(self.course.model.interval(self.course.drift_column))))
+
+    @cached_property
+    def drift_or_step(self) -> int | None:
+        """Of a significant drift: the session of this number after which a step would explain the values as well; None where none would.
+
+        As well: -2 log of the likelihood, at the scatter that the drift leaves, is at most ``AS_GOOD`` more.
+        """
+        if self.course is None or not self.course.drifts:
+            return None
+        model = self.course.model
+        total, straight = model.own + model.scatter**2, np.delete(model.design, np.argmax(self.course.drift_column), axis=1)
+
+        def left(design: np.ndarray) -> float:
+            root = 1 / np.sqrt(total)
+            rest = root * model.values
+            Q = np.linalg.qr(root[:, None] * design)[0]
+            return float(np.sum((rest - Q @ (Q.T @ rest)) ** 2))
+
+        count, taken = len(self.values), {step.before for step in self.course.steps}
+        found = {k: left(np.column_stack([straight, jump(count, k)])) for k in range(count - 1) if k not in taken}
+        best = min(found, key=found.__getitem__, default=None)
+        return best if best is not None and found[best] <= left(model.design) + AS_GOOD else None
+
+    @cached_property
+    def step_limit(self) -> float | None:
+        """A step in any one interval, beside those found, is smaller than this with 95 %; None where too few sessions tell."""
+        if self.course is None or not self.course.has_drift:
+            return None
+        model, taken = self.course.model, {step.before for step in self.course.steps}
+        if model.freedom < 2:
+            return None
+        size, sigma = candidates(model.values, model.own, model.design, taken)
+        reach = np.where(np.isfinite(size), np.abs(size) + 2 * sigma, -1.0)
+        limits = []
+        for before in np.argsort(-reach)[:TRIED]:
+            if reach[before] >= 0:
+                design = np.column_stack([model.design, jump(len(self.values), int(before))])
+                column = np.eye(design.shape[1])[-1]
+                limits.append(np.max(np.abs(Between(model.values, model.own, design).interval(column))))
+        return float(max(limits)) if limits else None
+
+    @cached_property
+    def warmth(self) -> tuple[float, float, float] | None:
+        """Effect of temperature, its sigma, SI per K, and its limit (95 %); None where the sessions' temperatures do not tell."""
+        if self.course is None or (model := self.course.warming) is None:
+            return None
+        column = np.array([0.0, 0.0, 1.0])
+        return float(model.coefficients @ column), model.sigma(column), float(np.max(np.abs(model.interval(column))))
+
+
+@dataclass(frozen=True, eq=False)
+class UnitHistory:
+    """The history of one unit.
+
+    sessions in order; at (n,) years since the first, or their order where a date is missing (``dated``); numbers in the order of
+    ``NUMBERS``; any_session: spread of B between sessions, as ``fit --history`` has it, None of one session; remarks.
+    """
+
+    model: str
+    serial: str
+    sessions: tuple[UnitSession, ...]
+    at: np.ndarray
+    dated: bool
+    numbers: tuple[NumberHistory, ...]
+    any_session: BiasRepeatability | None
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """``ASM330LHH 17``."""
+        return f"{self.model} {self.serial}".strip()
+
+    @property
+    def accelerometer_any_session(self) -> np.ndarray | None:
+        """(9,) SI, in the order of ``NUMBERS``: one sigma of the accelerometer's numbers in any other session, from the last one's; None
+        where fewer than two sessions tell them."""
+        triad = self.numbers[GYROSCOPE:]
+        models = [each.course.model for each in triad if each.course is not None]
+        if len(models) < len(triad):
+            return None
+        spread = widened(np.array([each.counted for each in models]), np.array([each.freedom for each in models], dtype=float))
+        return np.sqrt(np.array([each.sigmas[-1] for each in triad]) ** 2 + 2 * spread**2)
+
+    @property
+    def accelerometer_words(self) -> str | None:
+        """``scale ± 120 90 200 ppm, bias ± 1.2 0.5 2.8 mg``; None where they are not told."""
+        sigma = self.accelerometer_any_session
+        if sigma is None:
+            return None
+        numbers = NUMBERS[GYROSCOPE:]
+        shown = {"scale": [0, 1, 2], "bias": [6, 7, 8]}
+        parts = [
+            f"{word} ± {' '.join(significant(sigma[i] / numbers[i].si, 2) for i in which)} {numbers[which[0]].unit}"
+            for word, which in shown.items()
+        ]
+        return ", ".join(parts)
+
+    @property
+    def span_years(self) -> float | None:
+        """From the first session to the last; None without dates."""
+        return float(self.at[-1]) if self.dated else None
+
+    @property
+    def drift_time(self) -> str:
+        """What a drift is stated for: ``year``, or ``session`` without dates."""
+        return "year" if self.dated else "session"
+
+    @property
+    def is_year_stated(self) -> bool:
+        """Whether the history is long enough for a drift per year."""
+        return self.dated and LONGEST_YEAR * float(self.at[-1]) >= 1.0
+
+    @cached_property
+    def steps(self) -> tuple[FoundStep, ...]:
+        """All that were found, the most significant first."""
+        found = []
+        for each in self.numbers:
+            if each.course is None:
+                continue
+            for place, step in enumerate(each.course.steps):
+                model, column = each.course.model, each.course.step_column(place)
+                names = [printable(self.sessions[each.sessions[i]].name) for i in (step.before, step.before + 1)]
+                interval = int(each.sessions[step.before])
+                size = float(model.coefficients @ column)
+                found.append(FoundStep(each.number, names[0], names[1], interval, size, model.sigma(column), step.p_value))
+        return tuple(sorted(found, key=lambda step: step.p_value))
+
+
+def history_of(sessions: Sequence[UnitSession]) -> UnitHistory:
+    """Estimate the history of one unit from its sessions, in any order."""
+    order, at = times_of([session.moment for session in sessions])
+    ordered = tuple(sessions[i] for i in order)
+    dated = all(session.moment is not None for session in ordered) and len({s.moment.when for s in ordered if s.moment}) > 1
+    said = []
+    if len(ordered) > 1 and not dated:
+        lacking = [session.name for session in ordered if session.moment is None]
+        why = f"{lacking[0]} has no date" if lacking else "all sessions have one date"
+        do = "give notes.date in session.toml, or --dates"
+        said.append(f"{why}: the sessions count in the order in which they came, and no drift a year is known; {do}")
+    values, covariances = (np.array([getattr(session, name) for session in ordered]) for name in ("values", "covariance"))
+    warmth = np.array([np.nan if session.temperature_c is None else session.temperature_c for session in ordered])
+    numbers = []
+    for q, number in enumerate(NUMBERS):
+        shown = np.flatnonzero(np.isfinite(values[:, q]))
+        own = covariances[shown, q, q]
+        warm = warmth[shown] if ZERO.start <= q < ZERO.stop and np.isfinite(warmth[shown]).all() else None
+        found = course(values[shown, q], own, at[shown], warm) if len(shown) > 1 and np.ptp(at[shown]) > 0 else None
+        numbers.append(NumberHistory(number, shown, values[shown, q], np.sqrt(own), found))
+    biases, of_bias = (np.array([getattr(session, name) for session in ordered]) for name in ("bias", "bias_covariance"))
+    spread = None
+    if len(ordered) > 1:
+        spread = between_sessions(biases, of_bias, [session.moment for session in ordered], "sessions of this unit")
+    return UnitHistory(ordered[0].model, ordered[0].serial, ordered, at, dated, tuple(numbers), spread, tuple(said))

@@ -1,0 +1,217 @@
+"""Python interface of ``history``: the sessions of units, what they say together, and when to calibrate next."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from session import VERSION
+from session.base.files import result_folder
+from session.base.results import write_text_whole, write_whole
+from session.base.units import DEG
+from tinygc.estimation.session_times import Moment
+from tinygc.features.unit.history.estimate import NumberHistory, UnitHistory, history_of
+from tinygc.features.unit.history.forecast import FAILS, UNDECIDED, Outlook, Requirement, outlooks_of, parse_accuracy, parse_limit
+from tinygc.features.unit.history.sessions import NUMBERS, sessions_of
+from tinygc.features.unit.history.sessions import read_dates as read_dates
+from tinygc.features.unit.history.text import outlook_line, unit_page
+from tinygc.library.arguments import Progress
+from tinygc.library.records import Shown
+from tinygc.reporting.pictures.canvas import has_matplotlib, save, saved
+from tinygc.reporting.terminal import Group
+
+if TYPE_CHECKING:
+    from tinygc.reporting.pictures.canvas import Figure
+
+SCHEMA = "tinygc-history/1"
+FILE, PAGE, PICTURE = "history.json", "history.html", "history.png"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class History(Shown):
+    """Result of ``tinygc.history``: ``units`` (one unit each: sessions, numbers, steps, any_session), ``outlooks`` of each."""
+
+    units: tuple[UnitHistory, ...]
+    outlooks: tuple[tuple[Outlook, ...], ...] = ()
+    remarks: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"<History of {', '.join(f'{unit.name}: {len(unit.sessions)} sessions' for unit in self.units)}>"
+
+    @property
+    def page(self) -> Group:
+        """The command's output, as a rich renderable."""
+        return self.screen()
+
+    def screen(self, everything: bool = False) -> Group:
+        """The same; everything: with the accelerometer's numbers and the values of each session."""
+        parts: list[Any] = []
+        for unit, outlooks in zip(self.units, self.outlooks, strict=True):
+            parts += [unit_page(unit, outlooks, everything), ""]
+        return Group(*parts[:-1], *self.remarks)
+
+    @property
+    def exit_code(self) -> int:
+        """0; 1 where a requirement does not hold today, 5 where one is undecided and none fails."""
+        answers = {each.answer for outlooks in self.outlooks for each in outlooks}
+        return 1 if FAILS in answers else 5 if UNDECIDED in answers else 0
+
+    @property
+    def verdict_line(self) -> str:
+        """One line: the answers to the requirements, or how many sessions there are."""
+        said = [f"{unit.name}: {outlook_line(each)}" for unit, outlooks in zip(self.units, self.outlooks, strict=True) for each in outlooks]
+        return "; ".join(said) or repr(self).strip("<>")
+
+    def to_json(self) -> dict:
+        """``tinygc-history/1`` (docs/formats/history.md)."""
+        return {
+            "schema": SCHEMA,
+            "version": VERSION,
+            "units": [_of_unit(unit, outlooks) for unit, outlooks in zip(self.units, self.outlooks, strict=True)],
+            "remarks": list(self.remarks),
+        }
+
+    def html(self) -> str:
+        """The histories as one HTML document."""
+        from tinygc.features.unit.history.page import page
+
+        return page(self.units, self.outlooks, self.remarks)
+
+    def plot(self, path: Path | str | None = None, unit: int = 0) -> Figure:
+        """Draw the numbers of a unit over the dates; path: a PNG to write.  Raises CalibrationError where matplotlib is missing."""
+        from tinygc.features.unit.history.picture import figure_of
+
+        figure = figure_of(self.units[unit])
+        return figure if path is None else saved(figure, Path(path))
+
+    def save(self, folder: Path | str, pictures: bool = True) -> list[Path]:
+        """Write ``history.json``, ``history.html`` and, where matplotlib is installed, ``history.png`` into a folder; of several units
+        ``history1.png`` and so on.  Returns the paths.
+
+        Raises StorageError for files that cannot be written.
+        """
+        folder = Path(folder)
+        written = [folder / FILE, folder / PAGE]
+        with result_folder(folder):
+            write_whole(written[0], self.to_json())
+            write_text_whole(written[1], self.html())
+            for number in range(len(self.units)) if pictures and has_matplotlib() else ():
+                written.append(folder / (PICTURE if len(self.units) == 1 else f"history{number + 1}.png"))
+                save(self.plot(unit=number), written[-1])
+        return written
+
+
+def requirements_of(accuracy: str, limits: Sequence[str]) -> list[Requirement]:
+    """``1deg/60s``, if any, and limits such as ``bias 50 mdps``.  Raises CalibrationError for other text."""
+    return [*([parse_accuracy(accuracy)] if accuracy else []), *map(parse_limit, limits)]
+
+
+def history_of_paths(
+    paths: Sequence[Path],
+    dates: Mapping[str, Moment],
+    requirements: Sequence[Requirement],
+    serial: str,
+    today: datetime | None,
+    progress: Progress,
+) -> History:
+    """The history of each unit of these folders or fleets.  Raises CalibrationError, in one line, for what cannot be read."""
+    grouped, remarks = sessions_of(paths, dates, progress, serial)
+    units = tuple(history_of(sessions) for _, sessions in sorted(grouped.items()))
+    return History(units, tuple(outlooks_of(unit, requirements, today) for unit in units), tuple(remarks))
+
+
+def _of_unit(unit: UnitHistory, outlooks: Sequence[Outlook]) -> dict[str, Any]:
+    return {
+        "model": unit.model,
+        "serial": unit.serial,
+        "dated": unit.dated,
+        "span_years": unit.span_years,
+        "drift_per": unit.drift_time,
+        "sessions": [
+            {
+                "session": session.name,
+                "date": None if session.moment is None else session.moment.when.isoformat(timespec="seconds"),
+                "date_from": None if session.moment is None else session.moment.source,
+                "temperature_c": session.temperature_c,
+            }
+            for session in unit.sessions
+        ],
+        "numbers": [_of_number(each) for each in unit.numbers],
+        "steps": [
+            {
+                "name": step.number.name,
+                "component": step.number.component,
+                "unit": step.number.unit,
+                "after": step.before,
+                "before": step.after,
+                "size": step.size / step.number.si,
+                "sigma": step.sigma / step.number.si,
+                "p_value": step.p_value,
+            }
+            for step in unit.steps
+        ],
+        "bias_any_session": None if unit.any_session is None else unit.any_session.to_json(unit.sessions[-1].bias_covariance),
+        "accelerometer_any_session": _accelerometer_json(unit),
+        "requirements": [_of_outlook(each) for each in outlooks],
+        "remarks": list(unit.remarks),
+    }
+
+
+def _accelerometer_json(unit: UnitHistory) -> list[dict[str, Any]] | None:
+    """One sigma of each of the accelerometer's numbers in any other session."""
+    sigma = unit.accelerometer_any_session
+    if sigma is None:
+        return None
+    triad = NUMBERS[-len(sigma) :]
+    return [{"name": n.name, "component": n.component, "unit": n.unit, "sigma": float(s) / n.si} for n, s in zip(triad, sigma, strict=True)]
+
+
+def _of_number(each: NumberHistory) -> dict[str, Any]:
+    si, course = each.number.si, each.course
+    interval, drift, warmth = each.scatter_interval, each.drift, each.warmth
+    return {
+        "name": each.number.name,
+        "component": each.number.component,
+        "unit": each.number.unit,
+        "sessions": each.sessions.tolist(),
+        "values": (each.values / si).tolist(),
+        "sigmas": (each.sigmas / si).tolist(),
+        "level": None if course is None else float(course.model.coefficients[0]) / si,
+        "level_sigma": None if course is None else course.model.sigma(np.eye(course.model.design.shape[1])[0]) / si,
+        "scatter": None if each.scatter is None else each.scatter / si,
+        "scatter_low": None if interval is None else interval[0] / si,
+        "scatter_high": None if interval is None else interval[1] / si,
+        "freedom": None if course is None else course.model.freedom,
+        "drift": None if drift is None else drift[0] / si,
+        "drift_sigma": None if drift is None else drift[1] / si,
+        "drift_at_most": None if each.drift_limit is None else each.drift_limit / si,
+        "drift_p": None if drift is None or course is None else course.drift_p,
+        "drifts": None if drift is None or course is None else course.drifts,
+        "drift_or_step_after": None if each.drift_or_step is None else int(each.sessions[each.drift_or_step]),
+        "step_at_most": None if each.step_limit is None else each.step_limit / si,
+        "per_kelvin": None if warmth is None else warmth[0] / si,
+        "per_kelvin_sigma": None if warmth is None else warmth[1] / si,
+        "per_kelvin_at_most": None if warmth is None else warmth[2] / si,
+        "follows_temperature": None if warmth is None or course is None else course.warms,
+    }
+
+
+def _of_outlook(each: Outlook) -> dict[str, Any]:
+    required = each.requirement
+    attitude = not required.numbers
+    return {
+        "requirement": required.text,
+        "limit_deg": required.limit / DEG if attitude else None,
+        "seconds": required.seconds if attitude else None,
+        "answer": each.answer,
+        "until": None if each.until is None else each.until.date().isoformat(),
+        "beyond": each.beyond,
+        "reason": each.reason,
+        "years": each.years.tolist(),
+        "shares": each.shares.tolist(),
+    }

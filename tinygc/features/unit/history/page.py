@@ -1,0 +1,98 @@
+"""The page of ``history``, and the section of a calibration report: tables, what they say, charts over the dates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import timedelta
+
+import numpy as np
+
+from session import VERSION
+from session.base.texts import NONE
+from tinygc.estimation.session_times import YEAR_S
+from tinygc.features.unit.history.curves import Panel, panels_of
+from tinygc.features.unit.history.estimate import UnitHistory
+from tinygc.features.unit.history.forecast import Outlook
+from tinygc.features.unit.history.text import TOGETHER, headline, lines, number_cell, outlook_line, rows, session_words, together_columns
+from tinygc.reporting.html.chart import Axis, Chart, linear_axis
+from tinygc.reporting.html.markup import Section, escape, figure, key, paragraph, table
+from tinygc.reporting.html.page import document
+
+HEIGHT = 230
+#: sessions of the table of values; of more, the first and the last ones stand there, and all are in history.json
+MOST_COLUMNS = 5
+
+
+def page(units: Sequence[UnitHistory], outlooks: Sequence[Sequence[Outlook]], remarks: Sequence[str]) -> str:
+    """The page as one HTML document."""
+    sections = [Section(f"unit-{k}", unit.name, unit_html(unit, own)) for k, (unit, own) in enumerate(zip(units, outlooks, strict=True))]
+    if remarks:
+        sections.append(Section("remarks", "Remarks", "".join(paragraph(escape(remark)) for remark in remarks)))
+    title = units[0].name if len(units) == 1 else f"{len(units)} units"
+    head = f'<header><p class="kicker">History</p><h1>{escape(title)}</h1></header>'
+    foot = f"<footer>± is one standard deviation; intervals and limits have 95 %. TinyGC {escape(VERSION)}.</footer>"
+    return document(f"History: {title}", head, sections, foot)
+
+
+def unit_html(history: UnitHistory, outlooks: Sequence[Outlook]) -> str:
+    """What stands of one unit: outlooks, tables, sentences, charts."""
+    said = paragraph(escape(headline(history)))
+    said += "".join(paragraph(f"<strong>{escape(outlook_line(each))}</strong>") for each in outlooks)
+    said += "".join(paragraph(escape(line)) for line in lines(history))
+    if len(history.sessions) > 1:
+        together = [[escape(cell) for cell in row] for row in rows(history)]
+        said += table(("", *map(escape, together_columns(history))), together, f"{TOGETHER}.")
+    shown = range(max(0, len(history.sessions) - MOST_COLUMNS), len(history.sessions))
+    found = []
+    for each in history.numbers:
+        at = {int(place): k for k, place in enumerate(each.sessions)}
+        if at:
+            cells = [escape(number_cell(each, at[place])) if place in at else NONE for place in shown]
+            found.append([escape(f"{each.number.words}, {each.number.unit}"), *cells])
+    more = f"The last {len(shown)} sessions. " if len(shown) < len(history.sessions) else ""
+    said += table(("", *(escape(session_words(history, place)) for place in shown)), found, f"{more}Values ± one sigma of the session.")
+    for panel in panels_of(history):
+        keys = [key(curve.axis, escape(curve.label)) for curve in panel.curves]
+        keys += [key("floor", "shock", "dash")] if panel.shocks else []
+        course = "the course with its 68 %, dashed where neither drift nor step is significant"
+        caption = f"{escape(panel.title)}: difference from each one’s mean, and {course}."
+        said += figure(lambda width, panel=panel: _chart(history, panel, width), caption, keys)  # type: ignore[misc]
+    return said
+
+
+def _chart(history: UnitHistory, panel: Panel, width: int) -> str:
+    everything = np.concatenate(
+        [np.concatenate([curve.values - curve.sigmas, curve.values + curve.sigmas, curve.low, curve.high]) for curve in panel.curves]
+    )
+    up = linear_axis(everything, f"difference, {panel.unit}")
+    # Axis of years since the first session, its ticks at sessions: dates, or names where there are none
+    lo, hi = float(history.at[0]), float(history.at[-1])
+    room = 0.04 * (hi - lo) or 0.5
+    first = history.sessions[0].moment
+    if history.dated and first is not None:
+        whole = np.linspace(lo, hi, max(2, width // 170))
+        ticks = [(float(at), (first.when + timedelta(seconds=float(at) * YEAR_S)).date().isoformat()) for at in whole]
+    else:
+        ticks = [(float(at), session.name[:16]) for at, session in zip(history.at, history.sessions, strict=True)]
+    chart = Chart(width, HEIGHT, Axis(lo - room, hi + room, "", ticks=ticks), up, f"{panel.title} over the sessions")
+    span = float(history.at[-1] - history.at[0]) or 1.0
+    for k, curve in enumerate(panel.curves):
+        if len(curve.grid):
+            chart.area(curve.grid, curve.low, curve.high, curve.axis).line(
+                curve.grid, curve.course, curve.axis, "thin" if curve.shows else "dash"
+            )
+        at = curve.at + (k - 1) * 0.006 * span
+        for where, value, sigma in zip(at, curve.values, curve.sigmas, strict=True):
+            chart.line([where, where], [value - sigma, value + sigma], curve.axis)
+        names = [history.sessions[place].name for place in curve.sessions]
+        component = panel.components[k]
+        titles = [
+            f"{name}: {component} {value:+.3g} ± {sigma:.2g} {panel.unit}"
+            for name, value, sigma in zip(names, curve.values, curve.sigmas, strict=True)
+        ]
+        chart.dots(at, curve.values, curve.axis, titles)
+    for at_years, words in panel.shocks:
+        chart.upright(at_years, "floor")
+        (px,), _ = chart.at([at_years], [0.0])
+        chart.text(float(px) + 4, chart.top + chart.inner_height - 6, words, "start", "floor")
+    return chart.svg()

@@ -1,0 +1,306 @@
+"""The sessions of a history: fitted folders, folders that hold such, or a fleet's table; grouped by unit, in the order of their dates."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from session.base.errors import CalibrationError, FormatError
+from session.base.features import need
+from session.base.files import KB, read_text
+from session.base.names import is_array, is_session, log_paths
+from session.base.texts import command_line, printable
+from session.base.units import DEG, MG
+from session.detect.accelerometer import BIASES, PARAMETERS, SCALES, SHEARS
+from session.detect.accelerometer import NAMES as TRIAD
+from session.log.config import Config
+from session.log.logfile import read_log
+from session.log.reader import Reader
+from tinygc.estimation.accelerometer import SMALL, triad_errors
+from tinygc.estimation.compare import Calibrated, into_frame_of, read_calibrated, refuse_same, without_shared
+from tinygc.estimation.listing import folders_of
+from tinygc.estimation.session_times import Moment, moment_of, parsed
+from tinygc.library.arguments import Progress
+from tinygc.models.linear import BIAS, NAMES, WORDS, field_jacobian, field_quantities, field_vector
+
+#: a fit's file that a session of a history must have
+MODEL = Path("fit") / "model_least_squares.json"
+#: the table of a fleet, as ``fleet --out`` names it
+FLEET = "fleet.sqlite"
+#: a table of dates has a line for each session
+MOST_DATES = 256 * KB
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number of a unit: name and component as people read them, unit, and its size in SI."""
+
+    name: str
+    component: str
+    unit: str
+    si: float
+
+    @property
+    def words(self) -> str:
+        """``bias x``."""
+        return f"{self.name} {self.component}"
+
+
+_SHOWN = [(word, component, unit, si) for word, components, unit, si in WORDS for component in components]
+#: places in ``field_vector`` of what a history follows; the others are combinations of the misalignments
+KEPT = [i for i, (word, _, _, _) in enumerate(_SHOWN) if word in ("scale factor error", "misalignment", "bias")]
+GYROSCOPE = len(KEPT)
+_TRIAD = [
+    Number(f"accelerometer {word}", TRIAD[i].split()[-1], unit, si)
+    for word, unit, si, which in (
+        ("scale factor error", "ppm", 1e-6, SCALES),
+        ("nonorthogonality", "mrad", 1e-3, SHEARS),
+        ("bias", "mg", MG, BIASES),
+    )
+    for i in which
+]
+_TRIAD_ORDER = [*SCALES, *SHEARS, *BIASES]
+#: the numbers of a unit, in the order of every array here
+NUMBERS = (*(Number(*_SHOWN[i]) for i in KEPT), *_TRIAD)
+#: places of the gyroscope's zero
+ZERO = slice(GYROSCOPE - 3, GYROSCOPE)
+assert NUMBERS[GYROSCOPE - 1] == Number("bias", "z", "dps", DEG)
+
+
+@dataclass(frozen=True, eq=False)
+class UnitSession:
+    """One session of a unit.
+
+    values (21,) SI in the order of ``NUMBERS``, NaN where unknown; covariance (21, 21) of errors that no other session has, NaN there;
+    shared (12, 12): covariance of what all sessions were given alike, of the gyroscope's numbers; bias (3,), bias_covariance (3, 3): B of
+    the calibration, rad/s; vector (12,): all of it.  temperature_c: mean of the first log, None without one.
+    """
+
+    name: str
+    model: str
+    serial: str
+    moment: Moment | None
+    values: np.ndarray
+    covariance: np.ndarray
+    bias: np.ndarray
+    bias_covariance: np.ndarray
+    vector: np.ndarray
+    shared: np.ndarray = field(default_factory=lambda: np.zeros((GYROSCOPE, GYROSCOPE)))
+    temperature_c: float | None = None
+    folder: Path | None = None
+
+    @property
+    def sigmas(self) -> np.ndarray:
+        """(21,) SI."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+def sessions_of(
+    paths: Sequence[Path], dates: Mapping[str, Moment], progress: Progress, serial: str = ""
+) -> tuple[dict[tuple[str, str], list[UnitSession]], list[str]]:
+    """Sessions by unit (model, serial), and remarks on what was passed over.
+
+    Raises FormatError for what is no fitted session and holds none, for a date of no session, for a serial that is not there, and for
+    one of several sessions that names no serial number.
+    """
+    read: list[Calibrated] = []
+    units: dict[tuple[str, str], list[UnitSession]] = {}
+    remarks: list[str] = []
+    used: set[str] = set()
+    for path in paths:
+        if path.name == FLEET or (path / FLEET).is_file():
+            for session in _of_fleet(path.parent if path.name == FLEET else path):
+                units.setdefault((session.model, session.serial), []).append(_dated(session, dates, used))
+            continue
+        folders, passed = _fitted_folders(path)
+        remarks += passed
+        for folder in folders:
+            progress(f"reading {printable(folder.name)}", len(read), len(folders))
+            read.append(read_calibrated(folder))
+    refuse_same(read)
+    grouped: dict[tuple[str, str], list[Calibrated]] = {}
+    for one in read:
+        grouped.setdefault((printable(one.config.sensor.model), printable(one.config.sensor.serial)), []).append(one)
+    for unit, of_unit in grouped.items():
+        units.setdefault(unit, []).extend(_dated(session, dates, used) for session in in_one_frame(of_unit))
+    if unknown := sorted(set(dates) - used):
+        raise FormatError(f"--dates: {unknown[0]} is no session of these; expected names of folders: {_named(units)}")
+    if serial:
+        units = {unit: each for unit, each in units.items() if unit[1] == serial}
+    if not units:
+        raise FormatError(f"--serial {serial}: no session of that serial number; leave it out to see all")
+    nameless = [each.name for unit, sessions in units.items() if not unit[1] for each in sessions]
+    if nameless and sum(map(len, units.values())) > 1:
+        raise FormatError(f"{nameless[0]}: names no serial number; give sensor.serial in its session.toml, so that its unit is known")
+    return units, remarks
+
+
+def _named(units: Mapping[tuple[str, str], Sequence[UnitSession]]) -> str:
+    names = [session.name for each in units.values() for session in each]
+    return f"{', '.join(names[:5])}{' …' if len(names) > 5 else ''}"
+
+
+def _fitted_folders(path: Path) -> tuple[list[Path], list[str]]:
+    if not path.is_dir():
+        what = "that is a file" if path.exists() else "not found"
+        raise FormatError(f"{path}: {what}; expected a fitted session folder, a folder that holds such, or a fleet's folder")
+    if is_session(path):
+        return [path], []
+    found, passed = [], []
+    for folder in folders_of(path):
+        if is_array(folder) or not (folder / "session.toml").exists():
+            passed.append(f"{printable(folder.name)} is passed over: it is no session of one sensor")
+        elif not (folder / MODEL).exists():
+            passed.append(f"{printable(folder.name)} is passed over: it is not fitted; run `{command_line('fit', folder)}`")
+        else:
+            found.append(folder)
+    if not found:
+        why = f" ({passed[0]})" if passed else ""
+        raise FormatError(f"{path}: holds no fitted session{why}; expected session folders with {MODEL}")
+    return found, passed
+
+
+def in_one_frame(sessions: Sequence[Calibrated]) -> list[UnitSession]:
+    """Sessions of one unit, their numbers in the body frame of the last one that was read."""
+    one = list(sessions)
+    return [_session_of(each, one[-1], apart) for each, apart in zip(one, without_shared(one), strict=True)]
+
+
+def _session_of(each: Calibrated, frame: Calibrated, apart: np.ndarray) -> UnitSession:
+    turn = into_frame_of(frame.triad, each.triad)
+    vector, own, whole = turn @ each.vector, turn @ apart @ turn.T, turn @ each.covariance @ turn.T
+    values, covariance, shared = gyroscope_numbers(vector, own, whole, each.unobserved)
+    triad_values, triad_covariance = np.full(PARAMETERS, np.nan), np.full((PARAMETERS, PARAMETERS), np.nan)
+    if each.triad.covariance is not None:
+        fit = each.triad.fit
+        triad_values, triad_covariance = triad_numbers(fit.values, fit.jacobian @ each.triad.covariance @ fit.jacobian.T)
+        hidden = np.isin([TRIAD[i] for i in _TRIAD_ORDER], each.triad.unobserved)
+        triad_values[hidden], triad_covariance[hidden], triad_covariance[:, hidden] = np.nan, np.nan, np.nan
+    sensor = each.config.sensor
+    return UnitSession(
+        each.name,
+        printable(sensor.model),
+        printable(sensor.serial),
+        moment_of(each.folder, each.config),
+        np.concatenate([values, triad_values]),
+        _blocks(covariance, triad_covariance),
+        each.vector[BIAS],
+        each.covariance[BIAS, BIAS],
+        vector,
+        shared,
+        mean_temperature(each.folder, each.config),
+        each.folder,
+    )
+
+
+def gyroscope_numbers(
+    vector: np.ndarray, own: np.ndarray, whole: np.ndarray, unobserved: tuple[str, ...] = ()
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Values (12,), own covariance and shared covariance (12, 12) of a calibration (12,); own, whole (12, 12): its covariances."""
+    jacobian = field_jacobian(vector)[KEPT]
+    values, covariance = field_vector(vector)[KEPT], jacobian @ own @ jacobian.T
+    quantities = field_quantities(vector, whole, unobserved)
+    hidden = ~np.array([quantities[i].observed for i in KEPT])
+    values[hidden], covariance[hidden], covariance[:, hidden] = np.nan, np.nan, np.nan
+    return values, covariance, jacobian @ (whole - own) @ jacobian.T
+
+
+def triad_numbers(correction: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Values (9,) and covariance (9, 9) of the accelerometer's errors, in the order of ``NUMBERS``, from its correction (9,)."""
+    sides = [[triad_errors(correction + sign * step) for step in SMALL * np.eye(PARAMETERS)] for sign in (1, -1)]
+    slope = ((np.array(sides[0]) - np.array(sides[1])).T / (2 * SMALL))[_TRIAD_ORDER]
+    return triad_errors(correction)[_TRIAD_ORDER], slope @ covariance @ slope.T
+
+
+def _blocks(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    found = np.zeros((len(NUMBERS), len(NUMBERS)))
+    found[:GYROSCOPE, :GYROSCOPE], found[GYROSCOPE:, GYROSCOPE:] = one, other
+    return found
+
+
+def mean_temperature(folder: Path, config: Config) -> float | None:
+    """Mean of the first log's temperatures, °C; None where it has none, or is not there any more."""
+    try:
+        paths = log_paths(folder, "log")
+        if not paths or Reader(paths[0], None, config.sensor.wanted).layout.temp is None:
+            return None
+        temperatures = read_log(paths[0], config.sensor).samples.temp_c
+    except CalibrationError:
+        return None
+    return None if temperatures is None or not np.isfinite(temperatures).any() else float(np.nanmean(temperatures))
+
+
+def _of_fleet(out: Path) -> Iterable[UnitSession]:
+    """The fitted sessions of a fleet's table; their numbers are in the frame of each one's own accelerometer."""
+    need("lots and fleets", str(out))
+    from tinygc.features.fleet.fleet_row import VALUES, unpacked
+    from tinygc.features.fleet.fleet_summary import read_as_written
+    from tinygc.features.fleet.fleet_table import EACH, read_table
+
+    names = ("folder", "model", "serial", "recorded", "covariance")
+    sql = f"SELECT {', '.join((*names, *VALUES))} FROM {EACH} WHERE held_out_deg IS NOT NULL AND covariance IS NOT NULL ORDER BY folder"
+    found = []
+    with read_table(out) as table:
+        for folder, model, serial, recorded, blob, *row in table.each(sql):
+            with read_as_written(table, folder):
+                values, covariance = np.array(row, dtype=float), unpacked(blob)
+                if np.isnan(values[:GYROSCOPE]).any() or np.isnan(covariance[:GYROSCOPE, :GYROSCOPE]).any():
+                    continue  # an axis that was not turned: its numbers have no field values
+                when = parsed(recorded or "")
+                moment = None if when is None else Moment(when, "notes")
+                found.append(_of_row(folder, model or "", serial or "", moment or moment_of(Path(folder), None), values, covariance))
+    return found
+
+
+def _of_row(folder: str, model: str, serial: str, moment: Moment | None, row: np.ndarray, covariance: np.ndarray) -> UnitSession:
+    vector, own = row[: len(NAMES)], covariance[: len(NAMES), : len(NAMES)]
+    values, gyro, _ = gyroscope_numbers(vector, own, own)
+    triad = np.full(PARAMETERS, np.nan), np.full((PARAMETERS, PARAMETERS), np.nan)
+    if np.isfinite(row[len(NAMES) :]).all():
+        triad = triad_numbers(row[len(NAMES) :], covariance[len(NAMES) :, len(NAMES) :])
+    return UnitSession(
+        printable(Path(folder).name),
+        printable(model),
+        printable(serial),
+        moment,
+        np.concatenate([values, triad[0]]),
+        _blocks(gyro, triad[1]),
+        vector[BIAS],
+        own[BIAS, BIAS],
+        vector,
+        folder=Path(folder),
+    )
+
+
+# Dates that a person gives.
+
+
+def read_dates(path: Path) -> dict[str, Moment]:
+    """Lines of a folder's name and a date in ISO 8601, with a comma between them; ``#`` begins a comment, a header is passed over.
+
+    Raises FormatError with the line for a date that is none, and for a session with two of them.
+    """
+    found: dict[str, Moment] = {}
+    for number, line in enumerate(read_text(path, MOST_DATES).splitlines(), 1):
+        text = line.split("#", 1)[0].strip()
+        if not text or (number == 1 and text.lower().replace(" ", "") == "session,date"):
+            continue
+        name, comma, written = (part.strip() for part in text.rpartition(","))
+        when = parsed(written) if comma else None
+        if when is None or not name:
+            raise FormatError(f"{path}:{number}: {text!r:.80} is no session with its date; expected a line such as day1,2026-11-05")
+        name = printable(Path(name).name)
+        if name in found:
+            raise FormatError(f"{path}:{number}: {name} has a date already; give each session once")
+        found[name] = Moment(when, "given")
+    return found
+
+
+def _dated(session: UnitSession, dates: Mapping[str, Moment], used: set[str]) -> UnitSession:
+    if session.name not in dates:
+        return session
+    used.add(session.name)
+    return replace(session, moment=dates[session.name])

@@ -1,0 +1,230 @@
+"""The screen of ``history``: values over dates, what they say together, shocks, and until when a requirement is met."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from session.base.texts import NONE, probability
+from session.base.texts import significant as with_thin_spaces
+from session.base.units import DEG
+from tinygc.estimation.between_sessions import CHANCE, FEWEST_WITH_DRIFT, FEWEST_WITH_TEMPERATURE, LEAST_WARMTH_K, LOOKED_AT
+from tinygc.estimation.session_times import SOURCES
+from tinygc.features.unit.history.estimate import LONGEST_YEAR, NumberHistory, UnitHistory
+from tinygc.features.unit.history.forecast import FAILS, HOLDS, Outlook
+from tinygc.features.unit.history.sessions import GYROSCOPE, NUMBERS, Number
+from tinygc.reporting.pictures.canvas import plain
+from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_line, plain_table
+
+#: characters of the table of values; of more sessions than have room the last ones are shown
+COLUMNS = 100
+#: a limit beyond this many times the range of the values, with their largest sigma, is none
+HIDDEN = 30.0
+#: title of the table of all sessions together
+TOGETHER = "What the sessions say together: scatter between them, drift, a step in any interval (95 %)"
+STYLES = {HOLDS: "bold green", FAILS: "bold red"}
+
+
+def significant(value: float, digits: int = 2) -> str:
+    """A size with a few digits, without thin spaces, which no terminal has."""
+    return with_thin_spaces(value, digits).replace("\u202f", "")
+
+
+def unit_page(history: UnitHistory, outlooks: Sequence[Outlook], everything: bool = False) -> Group:
+    """The screen of one unit: what matters first, then the gyroscope's numbers; everything: all numbers, and the values of each session."""
+    parts: list[RenderableType] = [one_line(headline(history), "bold")]
+    parts += [Text(outlook_line(each), STYLES.get(each.answer, "bold yellow")) for each in outlooks]
+    parts += [one_line(line) for line in lines(history)]
+    shown = len(NUMBERS) if everything else GYROSCOPE
+    if len(history.sessions) > 1:
+        parts.append(_table(history, shown))
+    if everything or len(history.sessions) == 1:
+        parts.append(_values(history, shown))
+    if not everything:
+        parts.append(one_line("--all shows the accelerometer's numbers and the values of each session"))
+    return Group(*parts)
+
+
+def headline(history: UnitHistory) -> str:
+    """``ASM330LHH 17: 6 sessions, 2024-01-05 to 2026-02-11 (2.1 years)``."""
+    count = len(history.sessions)
+    said = f"{history.name}: {count} session{'s' * (count > 1)}"
+    first, last = history.sessions[0].moment, history.sessions[-1].moment
+    if history.dated and first is not None and last is not None and history.span_years is not None:
+        return f"{said}, {first.day} to {last.day} ({span_words(history.span_years)})"
+    return f"{said}, {last.day}" if count == 1 and last is not None else said
+
+
+def span_words(years: float) -> str:
+    """``2.1 years``, ``12 days``, ``3 hours``."""
+    if years >= 1:
+        return f"{years:.1f} years"
+    days = years * 365.25
+    return f"{days:.0f} days" if days >= 2 else f"{significant(24 * days)} hours"
+
+
+def session_words(history: UnitHistory, place: int) -> str:
+    """``day1 2026-11-05``."""
+    session = history.sessions[place]
+    return session.name if session.moment is None or session.moment.day in session.name else f"{session.name} {session.moment.day}"
+
+
+def _values(history: UnitHistory, shown_numbers: int) -> Table:
+    names = [session_words(history, place) for place in range(len(history.sessions))]
+    rows: list[list[str]] = []
+    for each in history.numbers[:shown_numbers]:
+        at = {int(place): k for k, place in enumerate(each.sessions)}
+        if at:
+            cells = [number_cell(each, at[place]) if place in at else NONE for place in range(len(names))]
+            rows.append([f"{each.number.words}, {each.number.unit}", *cells])
+    widths = [2 + max(map(len, column)) for column in zip(["", *names], *rows, strict=True)]
+    shown = len(names)
+    while shown > 1 and widths[0] + sum(widths[-shown:]) > COLUMNS:
+        shown -= 1
+    more = f", the last {shown} sessions" if shown < len(names) else ""
+    table = plain_table(f"Values ± one sigma of the session{more}", "", *names[-shown:], right=True)
+    table.columns[0].no_wrap = True
+    for first, *cells in rows:
+        table.add_row(first, *cells[-shown:])
+    return table
+
+
+def number_cell(each: NumberHistory, k: int) -> str:
+    """Value and sigma of the k-th session that shows the number."""
+    return plain(each.values[k] / each.number.si, each.sigmas[k] / each.number.si)
+
+
+def rows(history: UnitHistory) -> list[tuple[str, ...]]:
+    """Of each number: its name with the unit, last value, scatter, drift and the limit of a step, as text."""
+    found: list[tuple[str, ...]] = []
+    for each in history.numbers:
+        if each.course is not None:
+            cells = number_cell(each, -1), scatter_words(each), drift_words(history, each), step_words(each)
+            found.append((f"{each.number.words}, {each.number.unit}", *cells))
+    return found
+
+
+def scatter_words(each: NumberHistory) -> str:
+    """``0.031 (0.018–0.090)`` or ``less than 0.02``."""
+    assert each.scatter is not None
+    assert each.scatter_interval is not None
+    low, high = (end / each.number.si for end in each.scatter_interval)
+    if low == 0:
+        return f"less than {significant(high)}"
+    return f"{significant(each.scatter / each.number.si)} ({significant(low)}–{significant(high)})"
+
+
+def drift_words(history: UnitHistory, each: NumberHistory) -> str:
+    """``+12 ± 3`` or ``less than 40``."""
+    if each.course is None or each.drift is None or each.drift_limit is None or (history.dated and not history.is_year_stated):
+        return NONE
+    if each.course.drifts:
+        return plain(each.drift[0] / each.number.si, each.drift[1] / each.number.si)
+    return f"less than {significant(each.drift_limit / each.number.si)}"
+
+
+def step_words(each: NumberHistory) -> str:
+    """``less than 0.2``; ``not limited`` where a step could hide in the drift across a gap."""
+    if each.step_limit is None:
+        return NONE
+    if each.step_limit > HIDDEN * (float(np.ptp(each.values)) + float(each.sigmas.max())):
+        return "not limited"
+    return f"less than {significant(each.step_limit / each.number.si)}"
+
+
+def together_columns(history: UnitHistory) -> tuple[str, ...]:
+    """Titles of the columns of ``rows``."""
+    return "last", "scatter", f"drift a {history.drift_time}", "a further step"
+
+
+def _table(history: UnitHistory, shown: int) -> Table:
+    table = plain_table(TOGETHER, "", *together_columns(history), right=True)
+    names = {f"{number.words}, {number.unit}" for number in NUMBERS[:shown]}
+    for row in rows(history):
+        if row[0] in names:
+            table.add_row(*row)
+    return table
+
+
+def grouped(numbers: Sequence[Number]) -> str:
+    """``bias x, y; accelerometer bias z``."""
+    names = dict.fromkeys(number.name for number in numbers)
+    return "; ".join(f"{name} {', '.join(number.component for number in numbers if number.name == name)}" for name in names)
+
+
+def lines(history: UnitHistory) -> list[str]:
+    """What stands below the tables: any session, drifts, shocks, temperature, remarks."""
+    found = []
+    if (spread := history.any_session) is not None:
+        sizes = " ".join(significant(each) for each in spread.sigma(history.sessions[-1].bias_covariance) / DEG)
+        found.append(f"the bias of any other session: ± {sizes} dps from the last calibration's, x y z ({spread.source})")
+    if (words := history.accelerometer_words) is not None:
+        found.append(f"the accelerometer of any other session: {words} from the last calibration's, x y z")
+    found += _drift_lines(history)
+    found += _step_lines(history)
+    found += _warmth_lines(history)
+    sources = dict.fromkeys(session.moment.source for session in history.sessions if session.moment is not None)
+    if history.dated:
+        found.append(f"dates are from {', '.join(SOURCES[source] for source in sources)}")
+    return [*found, *history.remarks]
+
+
+def _drift_lines(history: UnitHistory) -> list[str]:
+    if len(history.sessions) < FEWEST_WITH_DRIFT:
+        return [f"drift and shocks are undecided: they need {FEWEST_WITH_DRIFT} sessions or more, and there are {len(history.sessions)}"]
+    if history.dated and not history.is_year_stated:
+        long = span_words(float(history.at[-1]))
+        return [f"a drift a year is not known: the history is {long} long, and a year more than {LONGEST_YEAR:g} times that"]
+    bar = f"p below {significant(CHANCE / LOOKED_AT)} in {LOOKED_AT} numbers: {CHANCE:.0%} by chance"
+    drifting = [each for each in history.numbers if each.course is not None and each.course.drifts]
+    if not drifting:
+        return [f"a drift is undecided in every number ({bar}); the table has its limits"]
+    found = []
+    clear = [each.number for each in drifting if each.drift_or_step is None]
+    if clear:
+        found.append(f"a drift is significant in {grouped(clear)} ({bar})")
+    for place in dict.fromkeys(int(each.sessions[each.drift_or_step]) for each in drifting if each.drift_or_step is not None):
+        same = [each.number for each in drifting if each.drift_or_step is not None and each.sessions[each.drift_or_step] == place]
+        names = " and ".join(history.sessions[k].name for k in (place, place + 1))
+        found.append(f"a drift, or a step between {names}, which explains it as well: {grouped(same)} ({bar})")
+    return found
+
+
+def _step_lines(history: UnitHistory) -> list[str]:
+    if len(history.sessions) < FEWEST_WITH_DRIFT:
+        return []
+    found = []
+    for step in history.steps:
+        size = plain(step.size / step.number.si, step.sigma / step.number.si)
+        by = f"{step.number.words} by {'+' if step.size > 0 else ''}{size} {step.number.unit}"
+        found.append(f"a shock between {step.before} and {step.after}: {by} ({probability(step.p_value)})")
+    chance = f"{CHANCE:.0%} by chance over all intervals and numbers"
+    return found or [f"a shock is undecided in every interval ({chance}); the table has the limits of a step"]
+
+
+def _warmth_lines(history: UnitHistory) -> list[str]:
+    zero = [each for each in history.numbers if each.number.name == "bias"]
+    told = [each for each in zero if each.warmth is not None]
+    known = [session.temperature_c for session in history.sessions if session.temperature_c is not None]
+    if not told:
+        if len(known) < len(history.sessions) or len(known) < 2:
+            return []
+        why = (
+            f"{FEWEST_WITH_TEMPERATURE} sessions" if len(known) < FEWEST_WITH_TEMPERATURE else f"means that differ by {LEAST_WARMTH_K:g} K"
+        )
+        return [f"the bias over temperature is undecided: it needs {why}, and these were at {min(known):.1f} to {max(known):.1f} °C"]
+    cells = []
+    for each in told:
+        value, sigma, limit = (1e3 * part / each.number.si for part in each.warmth or ())
+        is_known = each.course is not None and each.course.warms
+        cells.append(f"{each.number.component} {plain(value, sigma) if is_known else f'undecided, less than {significant(limit)}'}")
+    return [f"the bias over temperature, mdps/K, from {min(known):.1f} to {max(known):.1f} °C: {'; '.join(cells)}"]
+
+
+def outlook_line(each: Outlook) -> str:
+    """``bias 50 mdps: holds until 2027-03-04 (95 %)``."""
+    said = f"{each.requirement.text}: {each.answer}"
+    if each.answer == HOLDS and each.until is not None:
+        said += f" until {each.until.date()}{' at least' * each.beyond} (95 %){'' if each.beyond else ': calibrate before that day'}"
+    return f"{said}; {each.reason}" if each.reason else said

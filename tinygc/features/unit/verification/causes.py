@@ -1,0 +1,395 @@
+"""Why a calibration does not hold: causes, each a few numbers of a physical size, compared by the evidence for them.
+
+    r = -A d - X theta + noise,        theta ~ N(0, s^2 D^2),   s equally probable at every scale up to 1
+    p(r | cause) = mean over s of N(r; 0, S + s^2 X D^2 X')
+
+theta is what the sensor does: an axis that reads too much has a scale above zero.  S holds what is expected without a fault, and
+today's noise, whose components are estimated anew beside each cause: variance that a cause takes over from the noise counts for it.  A
+cause has the prior odds of an effect in ``explain``, and so has each further one; up to ``MOST`` are combined.  One that is sought at many
+times pays for them.  Causes within ``AS_PROBABLE`` of the best set, in its place, are not told apart by this recording.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from scipy.special import logsumexp
+
+from session.base.texts import command_line
+from session.base.units import DEG, MG
+from session.detect.accelerometer import BIASES
+from session.detect.accelerometer import SCALES as SCALES_OF_ACCELEROMETER
+from tinygc.attitude import rotation
+from tinygc.closure.least_squares import solve_lower
+from tinygc.estimation.systematic import AS_PROBABLE, PRIOR_ODDS, SCALES
+from tinygc.features.unit.verification.expected import ACCELEROMETER_ZERO, ZERO, Part
+from tinygc.features.unit.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, OldCalibration
+from tinygc.features.unit.verification.questions import dense, noise_beside
+from tinygc.features.unit.verification.rows import Rows
+from tinygc.models.linear import MATRIX, LinearModel
+
+#: causes in one explanation at most
+MOST = 3
+#: scales s of a cause, from e^-SCALES to 1
+STEPS = np.exp(-np.linspace(0.0, SCALES, 11))
+#: times of a step that are tried at most, and time constants of a warm-up, as shares of the session
+MOST_STEPS, WARM_UP_SHARES = 12, (0.1, 0.2, 0.4, 0.8, 1.6)
+#: physical sizes of each cause, one sigma of a large one
+ZERO_RPS = 2 * DEG
+PER_K = 0.1 * DEG
+SCALE, COMMON_SCALE, ROTATION_RAD, SHEAR_RAD = 0.02, 0.5, 0.05, 0.01
+ACCEL_ZERO_MPS2, ACCEL_SCALE = 50 * MG, 0.02
+BANDWIDTH_S2 = 1e-4
+#: causes a part of which is expected: their place among the 21 parameters, and the sign of what the sensor does
+WITH_USUAL = {"zero": (ZERO, -1), "accelerometer's zero": (ACCELEROMETER_ZERO, 1)}
+
+
+@dataclass(frozen=True, eq=False)
+class Cause:
+    """A cause: name; words of a change theta (k,) with sigma; columns (n, k) of the rows for one plausible size of each number; into (21,
+    k) that of the parameters, in the first minute of today's motion where it changes with time; unit and si of the numbers; sizes (k,), SI;
+    at: time of a step or time constant, s; numbers: what theta's numbers are called; advice: what to do; price: ln of how many times were
+    tried for it; of_correction: whether theta is how much less the correction is, so that the sensor reads 1 / (1 - theta) as much."""
+
+    name: str
+    says: str
+    columns: np.ndarray
+    into: np.ndarray
+    sizes: np.ndarray
+    unit: str | tuple[str, ...]
+    si: float | np.ndarray
+    numbers: tuple[str, ...]
+    advice: str
+    at: float | None = None
+    price: float = 0.0
+    of_correction: bool = False
+
+    def words(self, theta: np.ndarray, sigma: np.ndarray) -> str:
+        """The cause with its numbers."""
+        if self.of_correction:
+            theta, sigma = 1 / (1 - theta) - 1, sigma / (1 - theta) ** 2
+        values, sigmas = theta / self.si, sigma / self.si
+        each = self.unit if isinstance(self.unit, tuple) else ("",) * (len(theta) - 1) + (self.unit,)
+        rows = zip(self.numbers, values, sigmas, each, strict=True)
+        shown = ", ".join(f"{name} {value:+.3g} ± {s:.2g} {unit}".strip() for name, value, s, unit in rows)
+        when = "" if self.at is None else f" at {self.at:.0f} s" if self.name == "step" else f", time constant {self.at:.0f} s"
+        return f"{self.says}{when}: {shown}"
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """Causes together: log_evidence, with their prior odds; theta (K,), SI, of all causes and its covariance; change (21,) of the
+    parameters and its covariance, of causes and of what is expected without them; noise sizes (C,)."""
+
+    causes: tuple[Cause, ...]
+    log_evidence: float
+    theta: np.ndarray
+    theta_covariance: np.ndarray
+    change: np.ndarray
+    covariance: np.ndarray
+    sizes: np.ndarray
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of its causes."""
+        return tuple(cause.name for cause in self.causes)
+
+    def of(self, name: str) -> np.ndarray:
+        """Theta of one of its causes, SI; empty without that cause."""
+        edges = np.cumsum([0, *(len(cause.sizes) for cause in self.causes)])
+        return self.theta[edges[self.names.index(name)] : edges[self.names.index(name) + 1]] if name in self.names else np.zeros(0)
+
+    @property
+    def words(self) -> list[str]:
+        """A sentence for each cause."""
+        said, at = [], 0
+        sigma = np.sqrt(np.diag(self.theta_covariance))
+        for cause in self.causes:
+            own = slice(at, at + len(cause.sizes))
+            if cause.name in WITH_USUAL and len(self.causes) == 1:  # its usual part is not told apart from it
+                which, sign = WITH_USUAL[cause.name]
+                said.append(cause.words(sign * self.change[which], np.sqrt(np.diag(self.covariance)[which])))
+            else:
+                said.append(cause.words(self.theta[own], sigma[own]))
+            at = own.stop
+        return said
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """best: the most probable explanation; probability: of best among all that were compared; rivals: in
+    place of each cause of best, those that this recording does not tell apart from it; alone: log evidence of each single cause beside
+    none."""
+
+    best: Explanation
+    probability: float
+    rivals: dict[str, tuple[str, ...]]
+    alone: dict[str, float]
+
+
+def candidate_causes(rows: Rows, old: OldCalibration, temp_then_c: float = float("nan"), minute_s: float = 60.0) -> list[Cause]:
+    """All causes that today's recording may show; minute_s: length of the motion that a drift is stated for."""
+    E, xyz = old.linear.E, ("x", "y", "z")
+    found: list[Cause] = []
+
+    def constant(name: str, says: str, into: np.ndarray, sizes: np.ndarray, unit: Any, si: Any, numbers: tuple, advice: str) -> None:
+        of_correction = name in ("common scale", "scale")
+        columns = rows.parameters @ into * sizes
+        found.append(Cause(name, says, columns, into * sizes, sizes, unit, si, tuple(numbers), advice, of_correction=of_correction))
+
+    def of_matrix(change: Callable[[np.ndarray], np.ndarray], count: int) -> np.ndarray:
+        into = np.zeros((COUNT, count))
+        for number in range(count):
+            into[GYROSCOPE, number][MATRIX] = change(np.eye(count)[number]).ravel()
+        return into
+
+    zero = np.zeros((COUNT, 3))
+    zero[ZERO] = -np.eye(3)  # what the sensor reads, which B takes away
+    constant("zero", "the zero has moved", zero, np.full(3, ZERO_RPS), "dps", DEG, xyz, "take B anew")
+    if np.isfinite(rows.temp_c - temp_then_c) and (warmer := rows.temp_c - temp_then_c):
+        says = f"the zero follows the temperature, {warmer:+.1f} K since then"
+        advice = "take B anew at this temperature, or fit over temperature (fit --temperature)"
+        constant("temperature", says, zero * warmer, np.full(3, PER_K), "dps/K", DEG, xyz, advice)
+    if not rows.turns:  # what is read at rest is the zero, whatever else has changed
+        return found + _of_accelerometer(rows, old) + _in_time(rows, zero, minute_s)
+    scale = of_matrix(lambda theta: E * theta[0], 1)
+    constant(
+        "common scale",
+        "all rates are too large or too small by one factor, as with another range, data rate or filter",
+        -scale,
+        np.full(1, COMMON_SCALE),
+        "%",
+        0.01,
+        ("",),
+        "check the range, the data rate and the clock, then fit again",
+    )
+    constant(
+        "scale",
+        "the scale of single axes has changed, as by aging or supply",
+        -of_matrix(lambda theta: E @ np.diag(theta), 3),
+        np.full(3, SCALE),
+        "ppm",
+        1e-6,
+        xyz,
+        "fit again",
+    )
+    names = {"truth": "the truth's body", "table": "the table's dials"}
+    reference = names.get(rows.session.config.protocol.reference, "the accelerometer")
+    turned = of_matrix(lambda theta: _cross(theta) @ E, 3)
+    turned[ZERO] = np.stack([_cross(axis) @ old.linear.B for axis in np.eye(3)], axis=1)
+    constant(
+        "rotation",
+        f"the gyroscope is turned against {reference}, as of a sensor that came loose or was mounted anew",
+        turned,
+        np.full(3, ROTATION_RAD),
+        "mrad",
+        1e-3,
+        xyz,
+        "look at the mounting, then fit again",
+    )
+    shears = [(0, 1), (1, 2), (2, 0)]
+
+    def lean(theta: np.ndarray) -> np.ndarray:
+        return np.asarray(sum(t * (_unit(i, j) + _unit(j, i)) / 2 for t, (i, j) in zip(theta, shears, strict=True)) @ E)
+
+    into = of_matrix(lean, 3)
+    both = np.concatenate([-into, zero], axis=1)
+    constant(
+        "shock",
+        "the gyroscope's axes lean otherwise, with another zero, as after a shock",
+        both,
+        np.r_[np.full(3, SHEAR_RAD), np.full(3, ZERO_RPS)],
+        ("mrad",) * 3 + ("dps",) * 3,
+        np.r_[np.full(3, 1e-3), np.full(3, DEG)],
+        ("xy", "yz", "zx", *xyz),
+        "fit again; look for loosened parts",
+    )
+    found += _of_accelerometer(rows, old)
+    found += _in_time(rows, zero, minute_s)
+    if (columns := rows.effect("gyro.bandwidth")) is not None:
+        sizes = np.full(columns.shape[1], BANDWIDTH_S2)
+        found.append(
+            Cause(
+                "filter",
+                "the gyroscope's filter is another one",
+                columns * sizes,
+                np.zeros((COUNT, columns.shape[1])),
+                sizes,
+                "ms^2",
+                1e-6,
+                xyz[: columns.shape[1]] if columns.shape[1] > 1 else ("",),
+                "check the filter's settings, then fit again",
+            )
+        )
+    return found
+
+
+def _of_accelerometer(rows: Rows, old: OldCalibration) -> list[Cause]:
+    """Changes of the accelerometer, where its calibration is known and stills show gravity's length."""
+    if not rows.stills or old.accelerometer is None:
+        return []
+    found, advice = [], f"calibrate the accelerometer again (`{command_line('accelerometer')}`), then fit"
+    for name, says, which, sign, size, unit, si in (
+        ("accelerometer's zero", "the accelerometer's zero has moved", BIASES, 1, ACCEL_ZERO_MPS2, "mg", MG),
+        ("accelerometer's scale", "the accelerometer's scale has changed", SCALES_OF_ACCELEROMETER, -1, ACCEL_SCALE, "ppm", 1e-6),
+    ):
+        into = np.zeros((COUNT, 3))
+        into[ACCELEROMETER][which, [0, 1, 2]] = sign * size
+        found.append(Cause(name, says, rows.parameters @ into, into, np.full(3, size), unit, si, ("x", "y", "z"), advice))
+    return found
+
+
+def _in_time(rows: Rows, zero: np.ndarray, minute_s: float) -> list[Cause]:
+    """Changes of B within today's session: a step at each of a few times, a warm-up with each of a few time constants."""
+    found, sizes = [], np.full(3, ZERO_RPS)
+    times = rows.steps_s[:: -(-len(rows.steps_s) // MOST_STEPS) or 1] if len(rows.steps_s) else rows.steps_s
+    for at in times:
+        if not 0 < at < rows.duration_s:
+            continue
+        columns = rows.in_time(partial(lambda at, t_s: np.asarray((t_s >= at).astype(float)), float(at))) * sizes
+        says, advice = "the zero jumped within the session", "look for a shock or a supply change then; record again, and take B anew"
+        share = max(0.0, 1 - float(at) / minute_s)
+        found.append(Cause("step", says, columns, zero * sizes * share, sizes, "dps", DEG, ("x", "y", "z"), advice, float(at)))
+    for share in WARM_UP_SHARES if rows.stills > 2 or rows.turns else ():
+        tau = share * rows.duration_s
+        columns = rows.in_time(partial(lambda tau, t_s: np.asarray(np.exp(-t_s / tau)), tau)) * sizes
+        mean = tau / minute_s * -np.expm1(-minute_s / tau)
+        says, advice = "the zero settles as the sensor warms up", "let it warm up, then verify again"
+        found.append(Cause("warm-up", says, columns, zero * sizes * mean, sizes, "dps", DEG, ("x", "y", "z"), advice, float(tau)))
+    return found
+
+
+def _cross(vector: np.ndarray) -> np.ndarray:
+    """(3, 3) matrix of the cross product."""
+    x, y, z = vector
+    return np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+
+
+def _unit(i: int, j: int) -> np.ndarray:
+    found = np.zeros((3, 3))
+    found[i, j] = 1.0
+    return found
+
+
+def beyond_linear(old: LinearModel, turned_rad: np.ndarray) -> np.ndarray:
+    """(21,) change of the parameters by a rotation vector (3,) beyond that of the cause's linear columns."""
+    rest = rotation.matrix(rotation.exp(turned_rad)) - np.eye(3) - _cross(turned_rad)
+    return np.r_[np.zeros(ACCELEROMETER.stop), LinearModel(rest @ old.E, rest @ old.B).vector]
+
+
+class Evidence:
+    """Evidence of sets of causes for one recording, each evaluated once."""
+
+    def __init__(self, rows: Rows, parts: Sequence[Part], quiet: np.ndarray | None = None):
+        """quiet: sizes of the noise's components with all parameters free."""
+        self.rows = rows
+        self._columns = np.concatenate([np.zeros((len(rows.r), 0)), *(part.columns for part in parts)], axis=1)
+        self._into = np.concatenate([np.zeros((COUNT, 0)), *(part.into for part in parts)], axis=1)
+        self._V = [dense(component.V) for component in rows.components]
+        self._starts = [quiet]
+
+    def of(self, causes: Sequence[Cause], sizes: np.ndarray | None = None) -> Explanation:
+        """Evaluate causes together, each with a scale of its own; sizes: of the noise's components, estimated where they are not given."""
+        rows, columns = self.rows, self._columns
+        X, into, units = (
+            np.concatenate([first, *(getattr(cause, name) for cause in causes)], axis=-1)
+            for first, name in ((np.zeros((len(rows.r), 0)), "columns"), (np.zeros((COUNT, 0)), "into"), (np.zeros(0), "sizes"))
+        )
+        if sizes is None:
+            # The likelihood may have two maxima: all as noise, or all as a change.  A search starts near each.
+            J = np.concatenate([columns, X], axis=1)
+            sizes = min((noise_beside(rows, J, start=start) for start in self._starts), key=lambda found: found.value).s
+            self._starts = [*self._starts[:1], sizes] if len(self._starts) == 1 else self._starts
+        covariance = rows.white + sum((s**2 * V for s, V in zip(sizes, self._V, strict=True)), np.zeros_like(rows.white))
+        factor = np.linalg.cholesky(covariance + columns @ columns.T)
+        white, w = solve_lower(factor, X), solve_lower(factor, rows.r)
+        base = -float(np.sum(np.log(np.diag(factor)))) - float(w @ w) / 2 - self._penalty(sizes) / 2
+        scales = _scales([len(cause.sizes) for cause in causes])
+        gains = _gains(white.T @ white, white.T @ w, scales)
+        scale = scales[int(np.argmax(gains))]
+        # Posterior of the causes and of the expected parts, each number in its own sigma.
+        inner = np.linalg.cholesky(covariance)
+        J, y = solve_lower(inner, np.concatenate([X * scale, columns], axis=1)), solve_lower(inner, rows.r)
+        posterior = np.linalg.inv(J.T @ J + np.eye(J.shape[1]))
+        z, k = -posterior @ (J.T @ y), len(scale)
+        into, units = np.concatenate([into * scale, self._into], axis=1), units * scale
+        return Explanation(
+            causes=tuple(causes),
+            log_evidence=base
+            + float(logsumexp(gains) - np.log(len(gains)))
+            + sum(float(np.log(PRIOR_ODDS)) - each.price for each in causes),
+            theta=z[:k] * units,
+            theta_covariance=posterior[:k, :k] * np.outer(units, units),
+            change=into @ z,
+            covariance=into @ posterior @ into.T,
+            sizes=sizes,
+        )
+
+    def _penalty(self, sizes: np.ndarray) -> float:
+        """-2 log of the priors of the noise's sizes, as ``noise.reml`` has it."""
+        pairs = zip(sizes, self.rows.components, strict=True)
+        return sum(c.prior.apart(float(max(s, 1e-12 * c.usual)))[0] ** 2 for s, c in pairs if c.prior is not None)
+
+
+def _scales(counts: Sequence[int]) -> np.ndarray:
+    """(K, k) all sets of scales of causes with these counts of numbers, one scale for all numbers of a cause."""
+    grids = np.meshgrid(*[STEPS] * len(counts), indexing="ij")
+    chosen = np.stack([grid.ravel() for grid in grids], axis=-1) if counts else np.zeros((1, 0))
+    return np.repeat(chosen, counts, axis=1)
+
+
+def _gains(M: np.ndarray, pull: np.ndarray, scales: np.ndarray) -> np.ndarray:
+    """(K,) log evidence of columns with M = X' X and pull = X' w, whitened without them, beside none; scales (K, k): their prior sigmas."""
+    inner = np.eye(len(M)) + M * scales[:, :, None] * scales[:, None, :]
+    scaled = pull * scales
+    _, size = np.linalg.slogdet(inner)
+    solved = np.linalg.solve(inner, scaled[..., None])[..., 0]
+    return np.asarray(np.einsum("ki,ki->k", scaled, solved) - size) / 2
+
+
+def diagnose(evidence: Evidence, causes: Sequence[Cause]) -> Diagnosis:
+    """Look for the causes with the most evidence, one after the other, and for those that stand in for each."""
+    nothing = best = evidence.of([])
+    compared = [nothing]
+    singles = trials = _best_of_each(evidence, nothing, causes)
+    alone = {trial.names[-1]: trial.log_evidence - nothing.log_evidence for trial in singles}
+    for _ in range(MOST):
+        compared += trials
+        top = max(trials, key=lambda trial: trial.log_evidence, default=best)
+        if top.log_evidence <= best.log_evidence:
+            break
+        best = top
+        trials = _best_of_each(evidence, best, causes) if len(best.causes) < MOST else []
+    rivals: dict[str, tuple[str, ...]] = {}
+    for number, cause in enumerate(best.causes):
+        if best.causes[1:]:
+            others = evidence.of(tuple(each for i, each in enumerate(best.causes) if i != number))
+            trials = _best_of_each(evidence, others, causes)
+        else:
+            trials = singles
+        trials = [trial for trial in trials if trial.names[-1] != cause.name]
+        compared += trials
+        rivals[cause.name] = tuple(
+            t.names[-1] for t in sorted(trials, key=lambda t: -t.log_evidence) if t.log_evidence > best.log_evidence - AS_PROBABLE
+        )
+    unique = {tuple(sorted(each.names)): each.log_evidence for each in sorted(compared, key=lambda each: each.log_evidence)}
+    probability = float(np.exp(best.log_evidence - logsumexp(list(unique.values()))))
+    return Diagnosis(best, probability, rivals, alone)
+
+
+def _best_of_each(evidence: Evidence, fixed: Explanation, causes: Sequence[Cause]) -> list[Explanation]:
+    """The best variant of each further cause beside those that are fixed; a scanned one pays for its trials, which are compared with the
+    noise of what is fixed."""
+    found = []
+    for name in dict.fromkeys(cause.name for cause in causes):
+        if name in fixed.names:
+            continue
+        variants = [cause for cause in causes if cause.name == name]
+        odds = np.array([evidence.of((*fixed.causes, each), fixed.sizes).log_evidence for each in variants] if variants[1:] else [0.0])
+        price = float(odds.max() - logsumexp(odds) + np.log(len(odds)))
+        found.append(evidence.of((*fixed.causes, replace(variants[int(np.argmax(odds))], price=price))))
+    return found

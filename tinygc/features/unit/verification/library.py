@@ -1,0 +1,210 @@
+"""Python interface of ``verify``: a stored calibration against today's session, log, or minute at rest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from session import VERSION
+from session.base.errors import CalibrationError, FormatError
+from session.base.names import is_session
+from session.base.questions import QuestionsError
+from session.base.results import write_whole
+from session.base.units import DEG
+from session.log.dialects import Answers
+from session.log.folder import Session, read_session
+from session.replay.answers import ASSUMED_RANGE
+from session.replay.importing import import_log
+from tinygc import models
+from tinygc.features.unit.verification.old import OldCalibration, read_old
+from tinygc.features.unit.verification.text import verdict_line, verification_page
+from tinygc.features.unit.verification.verdict import Options, Verification, verify_session, written_model
+from tinygc.library.arguments import Progress
+from tinygc.library.records import Shown
+from tinygc.reporting.terminal import Group, RenderableType
+
+SCHEMA = "tinygc-verify/1"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Verified(Shown):
+    """Result of ``tinygc.verify``: ``answer``, ``headline``, ``exit_code``, ``bias_dps``; ``result`` holds everything."""
+
+    result: Verification
+    today: str
+
+    def __repr__(self) -> str:
+        return f"<Verified {self.result.old.name} by {self.today}: {self.answer}>"
+
+    @property
+    def answer(self) -> str:
+        """``holds``, ``holds for E, take B anew``, ``does not hold`` or ``undecided``."""
+        return self.result.answer
+
+    @property
+    def headline(self) -> str:
+        """The reason, in one line."""
+        return self.result.headline
+
+    @property
+    def exit_code(self) -> int:
+        """0 holds; 1 does not hold as it is; 5 undecided."""
+        return self.result.exit_code
+
+    @property
+    def bias_dps(self) -> np.ndarray:
+        """(3,) dps: B taken anew."""
+        return np.asarray(self.result.new_bias / DEG)
+
+    @property
+    def verdict_line(self) -> RenderableType:
+        """The answer and its reason in one line, for ``--quiet``."""
+        return verdict_line(self.result)
+
+    @property
+    def page(self) -> Group:
+        """The command's output, as a rich renderable."""
+        return verification_page(self.result)
+
+    def save_model(self, path: Path | str) -> Path:
+        """Write the model with B taken anew, and return the path.  Raises StorageError for a file that cannot be written,
+        DataError where E does not hold, or the zero moves within the recording."""
+        model, more = written_model(self.result)
+        write_whole(Path(path), models.to_dict(model, **more, session=self.today, version=VERSION))
+        return Path(path)
+
+    def to_json(self) -> dict:
+        """``tinygc-verify/1`` (docs/formats/verify.md)."""
+        found = self.result
+        diagnosis = found.diagnosis
+        sigma = np.sqrt(np.diag(found.bias_covariance))
+        return {
+            "schema": SCHEMA,
+            "version": VERSION,
+            "model": found.old.path.name,
+            "of": found.old.name,
+            "today": self.today,
+            "answer": found.answer,
+            "headline": found.headline,
+            "advice": found.advice,
+            "exit_code": found.exit_code,
+            "alarm": found.alarm,
+            "false_alarm": found.options.false_alarm,
+            "turns": found.rows.turns,
+            "rests": found.rows.stills,
+            "questions": [
+                {
+                    "name": question.name,
+                    "asked": question.asked,
+                    "holds": question.holds if question.asked else None,
+                    "statistic": question.statistic if question.asked else None,
+                    "chi_square": question.chi_square if question.asked else None,
+                    "freedom": question.rank,
+                    "p_value": question.p_value if question.asked else None,
+                    "level": question.level,
+                }
+                for question in found.questions
+            ],
+            "expected": [
+                {"name": part.name, "source": part.source, "freedom": _finite(part.freedom), "assumed": part.assumed}
+                for part in found.parts
+            ],
+            "bias_anew": {"bias_dps": (found.new_bias / DEG).tolist(), "change_dps": (found.bias_anew / DEG).tolist()}
+            | {"sigma_dps": (sigma / DEG).tolist()},
+            "cause": None
+            if diagnosis is None
+            else {
+                "names": list(diagnosis.best.names),
+                "words": diagnosis.best.words,
+                "probability": diagnosis.probability,
+                "instead": [{"name": name, "others": list(others)} for name, others in diagnosis.rivals.items()],
+                "alone": [{"name": name, "log_odds": odds} for name, odds in diagnosis.alone.items()],
+            },
+            "cost": {
+                "motion": found.cost.motion,
+                "as_it_is_deg": (found.cost.as_it_is / DEG).tolist(),
+                "sigma_deg": (found.cost.sigma / DEG).tolist(),
+                "bias_anew_deg": (found.cost.bias_anew / DEG).tolist(),
+                "bias_anew_sigma_deg": (found.cost.bias_anew_sigma / DEG).tolist(),
+            },
+            "bounds": [
+                {"name": b.name, "bound_deg": b.bound_deg, "limit_deg": b.limit_deg, "use": b.use, "seen": b.is_seen} for b in found.bounds
+            ],
+            "turns_that_tell": [proposal.words for proposal in found.tell],
+            "turns_that_separate": [proposal.words for proposal in found.separate],
+            "facts": list(found.facts),
+            "notes": list(found.notes),
+        }
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None
+
+
+def verify_of(
+    model: Path,
+    today: Path | Session,
+    options: Options,
+    answers: Answers | None = None,
+    serial: str = "",
+    progress: Progress = lambda what, done, of: None,
+) -> Verified:
+    """Verify a model file, or that of a fitted folder, by a session folder, a session, or a log that ``import`` reads.
+
+    answers, serial: what the log does not say.  Raises CalibrationError, in one line, for what cannot be read or compared.
+    """
+    old = read_old(model)
+
+    def step(what: str) -> None:
+        progress(what, 0, 1)
+
+    if isinstance(today, Session):
+        return Verified(verify_session(old, today, options, step), today.name)
+    if today.is_dir() and is_session(today):
+        session = read_session(today, lambda name: step(f"reading {name}"))
+        return Verified(verify_session(old, session, options, step), session.name)
+    if not today.exists():
+        raise FormatError(f"{today}: not found; give a session folder, or a log with rests, with turns or without")
+    return _of_log(old, today, options, answers or Answers(), serial, step)
+
+
+def _of_log(old: OldCalibration, path: Path, options: Options, answers: Answers, serial: str, step: Callable[[str], None]) -> Verified:
+    """A log of any program, imported into a folder that is gone afterwards; what it does not say of its sensor is the model's."""
+    with TemporaryDirectory(prefix="verify-") as folder:
+        step(f"reading {path.name}")
+        out = Path(folder) / "today"
+        try:
+            try:
+                made = import_log([path], out, answers, serial=serial)
+            except QuestionsError:
+                # What a log does not say of its sensor, from the model file
+                known = {
+                    "sensor": old.sensor.get("model"),
+                    "gyro_fs_dps": old.sensor.get("gyro_fs_dps"),
+                    "accel_fs_g": old.sensor.get("accel_fs_g"),
+                }
+                if known["sensor"] == "unknown":
+                    del known["sensor"]
+                missing = {name: value for name, value in known.items() if value is not None and getattr(answers, name) in (None, "")}
+                made = import_log([path], out, replace(answers, **missing), serial=serial)
+            session = _with_ranges(read_session(made.folder), old, made.notes)
+            return Verified(verify_session(old, session, options, step), path.name)
+        except QuestionsError:
+            raise
+        except CalibrationError as error:
+            raise type(error)(str(error).replace(str(out), str(path)).replace(folder, path.name)) from None
+
+
+def _with_ranges(session: Session, old: OldCalibration, notes: Sequence[str]) -> Session:
+    """The session with the model's full scales where the log does not say its own."""
+    assumed = [note for note in notes if ASSUMED_RANGE in note]
+    pairs = (("gyroscope", "gyro_fs_dps"), ("accelerometer", "accel_fs_g"))
+    known = {key: old.sensor.get(key) for called, key in pairs if any(called in note for note in assumed)}
+    stated: dict[str, Any] = {key: float(value) for key, value in known.items() if value is not None}
+    sensor = replace(session.config.sensor, **stated)
+    return replace(session, config=replace(session.config, sensor=sensor))

@@ -1,0 +1,283 @@
+"""Four questions to today's recording, with one probability of a false alarm in total.
+
+    r = -A d + sum_i c_i + noise          c_i: what is expected to differ (``expected.py``)
+    S = cov(r) if the calibration holds
+
+Each question is about some of the 21 parameters, X_q = A Z_q, with all others that a fault may move free (N, columns of them):
+
+    w = L^-1 r,   S = L L'        whitened
+    t = U' (1 - Q Q') w           Q: orthonormal basis of L^-1 N;  U: of (1 - Q Q') L^-1 X_q, where a plausible change shows by a sigma
+    T = t' t                      chi-square of rank(U) degrees of freedom if the calibration holds
+
+So a changed bias raises no alarm for E, whatever its size.  The zero is asked of the rates at rest alone, where a change of E by 1 % is
+part of S.  The fourth question is whether noise explains what no change of the
+21 parameters does.  Of variances that are estimated, p is the probability of so large a T over draws of the true ones: v nu / chi^2_nu
+of a spread between nu + 1 sessions (of one such variance alone, T / k is Fisher's F), (s + sigma z)^2 of a component of the noise.  The
+level of each of m questions is that of Sidak, 1 - (1 - P)^(1/m).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import chdtrc, chdtri, fdtrc
+
+from session.base.units import DEG, MG, G
+from tinygc.closure.least_squares import solve_lower
+from tinygc.explanation.evidence import orthonormal
+from tinygc.features.unit.verification.expected import ZERO, Part
+from tinygc.features.unit.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, OldCalibration
+from tinygc.features.unit.verification.rows import CLOSURE, LENGTH, STILL, Rows
+from tinygc.models.linear import MATRIX, PRIOR_SIGMA
+from tinygc.noise.components import TURN
+from tinygc.noise.reml import SCORING_STEPS, ComponentEstimate, estimate
+from tinygc.noise.whitening import OPEN_MPS2, Sparse
+
+#: probability of any false alarm
+FALSE_ALARM = 0.05
+#: sizes of a change that a fault makes: 1 % of E, 1 dps, 1 % and 10 mg.  A direction in which such a change shows by less than a sigma is
+#: not asked about
+PLAUSIBLE = np.zeros(COUNT)
+PLAUSIBLE[ACCELEROMETER] = np.r_[np.full(6, 0.01), np.full(3, 10 * MG)]
+PLAUSIBLE[GYROSCOPE] = np.r_[np.full(9, 0.01), np.full(3, DEG)]
+#: draws of the estimated variances: the level of one question in four, 0.0127, is then known to 8 %
+DRAWS = 20_000
+#: the least probability that draws show
+LEAST_P = 1 / (DRAWS + 1)
+#: of all variance of a question: what a component adds at most for its size to count as known
+LEAST_SHARE = 1e-3
+#: names of the questions
+E, B, GRAVITY, NOISE = "E", "B", "gravity's length", "noise"
+
+
+@dataclass(frozen=True, eq=False)
+class _NoisePart:
+    """A component of the noise: V (n, n) for size 1; its size s, and the size's sigma."""
+
+    name: str
+    V: np.ndarray
+    s: float
+    sigma: float
+
+
+@dataclass(frozen=True, eq=False)
+class TodaysNoise:
+    """Noise of today's recording: covariance (n, n); parts beyond white; found: their sizes; freedom of the white noise."""
+
+    covariance: np.ndarray
+    parts: tuple[_NoisePart, ...]
+    found: ComponentEstimate
+    freedom: float
+
+    @property
+    def named(self) -> np.ndarray:
+        """Covariance (n, n) without the independent error of each turn, which would take up any misfit."""
+        return self.covariance - sum((part.s**2 * part.V for part in self.parts if part.name == TURN), np.zeros_like(self.covariance))
+
+
+def todays_noise(rows: Rows) -> TodaysNoise:
+    """Estimate the noise beyond white, with all 21 parameters free, so that no fault counts as noise."""
+    free = np.zeros(COUNT)
+    free[GYROSCOPE] = PRIOR_SIGMA
+    free[ACCELEROMETER] = np.r_[np.full(6, OPEN_MPS2 / G), np.full(3, OPEN_MPS2)]
+    J = np.concatenate([rows.parameters * free, rows.known], axis=1)
+    found = noise_beside(rows, J, with_sigma=True)
+    covariance, parts = rows.white, []
+    for component, s, sigma in zip(rows.components, found.s, found.sigma, strict=True):
+        own = dense(component.V)
+        spread = float(sigma) if np.isfinite(sigma) else max(float(s), component.usual)
+        parts.append(_NoisePart(component.name, own, float(s), spread))
+        covariance = covariance + s**2 * own
+    return TodaysNoise(covariance, tuple(parts), found, rows.noise_freedom)
+
+
+def noise_beside(rows: Rows, J: np.ndarray, with_sigma: bool = False, start: np.ndarray | None = None) -> ComponentEstimate:
+    """Sizes of the components beside columns J (n, p) of one sigma each."""
+    parts = rows.components
+    if not parts:
+        return ComponentEstimate(np.zeros(0), np.zeros(0), float("nan"))
+    return estimate(
+        rows.r,
+        J,
+        rows.white,
+        [c.V for c in parts],
+        np.array([c.usual for c in parts]),
+        [c.prior for c in parts],
+        rows.blocks,
+        start,
+        with_sigma,
+        SCORING_STEPS,
+    )
+
+
+def dense(V: np.ndarray | Sparse) -> np.ndarray:
+    """(n, n) of a component."""
+    return V.dense() if isinstance(V, Sparse) else V
+
+
+@dataclass(frozen=True, eq=False)
+class Question:
+    """An answer: name; statistic T; rank, its degrees of freedom, 0 where today's recording does not ask it; p_value; level of this
+    question (``ask``); left_rps: of the fourth, rms rate that is left, rad/s."""
+
+    name: str
+    statistic: float
+    rank: int
+    p_value: float
+    level: float = 0.0
+    left_rps: float = 0.0
+
+    @property
+    def asked(self) -> bool:
+        """Whether the recording says anything about it."""
+        return self.rank > 0
+
+    @property
+    def chi_square(self) -> float:
+        """What T would be with this p if all variances were known: chi-square of ``rank`` degrees of freedom, as it is printed."""
+        return float(chdtri(self.rank, self.p_value)) if self.p_value > 0 else self.statistic
+
+    @property
+    def beyond_draws(self) -> bool:
+        """Whether no draw reached T: p_value is then a bound."""
+        return self.p_value == LEAST_P
+
+    @property
+    def holds(self) -> bool:
+        """Whether nothing significant speaks against it."""
+        return self.p_value >= self.level
+
+
+def _level_of(false_alarm: float, count: int) -> float:
+    """Level of each of ``count`` questions with this probability of any false alarm (Sidak)."""
+    return float(-np.expm1(np.log1p(-false_alarm) / max(count, 1)))
+
+
+def tail(statistic: float, known: np.ndarray, estimated: Sequence[tuple[np.ndarray, np.ndarray]], seed: int = 0) -> float:
+    """Probability that t' t is at least ``statistic`` for t (k,) of covariance known + sum f_i P_i, over the draws of the factors f_i.
+
+    estimated: P_i (k, k) with ``DRAWS`` factors each (``_by_freedom``, ``by_size``); without any, chi-square's tail of unit covariance.
+    """
+    k = len(known)
+    if not estimated:
+        return float(chdtrc(k, statistic))
+    covariance = np.repeat(known[None], DRAWS, axis=0)
+    for part, factors in estimated:
+        covariance += factors[:, None, None] * part
+    size = np.linalg.eigvalsh(covariance)
+    drawn = np.random.default_rng(seed).standard_normal((DRAWS, k)) ** 2
+    return float((1 + np.sum(np.sum(drawn * np.maximum(size, 0.0), axis=1) >= statistic)) / (DRAWS + 1))
+
+
+def _by_freedom(freedom: float, seed: int) -> np.ndarray:
+    """(DRAWS,) of the true variance over its estimate from a sample with these degrees of freedom: nu / chi^2_nu."""
+    return freedom / np.random.default_rng([1, seed]).chisquare(freedom, DRAWS)
+
+
+def by_size(s: float, sigma: float, seed: int) -> np.ndarray:
+    """(DRAWS,) of the true variance of a component, of size 1, from its size and that one's sigma, never below zero."""
+    return np.maximum(s + sigma * np.random.default_rng([2, seed]).standard_normal(DRAWS), 0.0) ** 2
+
+
+def ask(rows: Rows, parts: Sequence[Part], noise: TodaysNoise, old: OldCalibration, false_alarm: float = FALSE_ALARM) -> list[Question]:
+    """Ask all that today's recording can answer."""
+    everything = np.arange(len(rows.r))
+    matrix, zero, accelerometer = np.r_[GYROSCOPE][MATRIX], np.r_[ZERO], np.r_[ACCELEROMETER]
+    expected = noise.covariance + sum((part.columns @ part.columns.T for part in parts), np.zeros_like(noise.covariance))
+    found = [_ask(rows, expected, parts, noise, E, matrix, np.r_[zero, accelerometer], everything)]
+    if rows.stills:  # the zero is what is read at rest, where a change of E is a hundredth of little
+        at_rest = everything[rows.kinds[STILL]]
+        columns = rows.parameters[:, matrix] * PLAUSIBLE[matrix]
+        found.append(_ask(rows, expected + columns @ columns.T, parts, noise, B, zero, zero[:0], at_rest))
+    else:
+        found.append(_ask(rows, expected, parts, noise, B, zero, np.r_[matrix, accelerometer], everything))
+    if old.accelerometer is not None:
+        found.append(_ask(rows, expected, parts, noise, GRAVITY, accelerometer, np.r_[matrix, zero], everything))
+    found.append(_left_over(rows, noise, old))
+    level = _level_of(false_alarm, sum(question.asked for question in found))
+    return [replace(question, level=level) for question in found]
+
+
+def _ask(
+    rows: Rows,
+    expected: np.ndarray,
+    parts: Sequence[Part],
+    noise: TodaysNoise,
+    name: str,
+    which: np.ndarray,
+    free: np.ndarray,
+    keep: np.ndarray,
+) -> Question:
+    """Ask about the parameters ``which`` of the 21, with those that are ``free``, in the rows ``keep``; expected (n, n): covariance of
+    r."""
+    factor = np.linalg.cholesky(expected[np.ix_(keep, keep)])
+    X = solve_lower(factor, rows.parameters[np.ix_(keep, which)] * PLAUSIBLE[which])
+    N = solve_lower(factor, rows.parameters[np.ix_(keep, free)] * PLAUSIBLE[free])
+    w = solve_lower(factor, rows.r[keep])
+    q = seen(N)
+    u, size, vt = np.linalg.svd(X - q @ (q.T @ X), full_matrices=False)
+    kept = size > 1
+    u, size, vt = u[:, kept], size[kept], vt[kept]
+    k = int(kept.sum())
+    if k == 0:
+        return Question(name, 0.0, 0, 1.0)
+    project = u.T - (u.T @ q) @ q.T
+    t = project @ w
+    estimated, known = [], np.eye(k)
+    for number, part in enumerate(parts):
+        if np.isfinite(part.freedom):
+            own = project @ solve_lower(factor, part.columns[keep])
+            known = known - own @ own.T
+            estimated.append((own @ own.T, _by_freedom(part.freedom, number)))
+    for number, noise_part in enumerate(noise.parts):
+        V = noise_part.V[np.ix_(keep, keep)]
+        carried = project @ solve_lower(factor, solve_lower(factor, V).T) @ project.T
+        if np.trace(carried) * (noise_part.s + noise_part.sigma) ** 2 > LEAST_SHARE:
+            known = known - noise_part.s**2 * carried
+            estimated.append((carried, by_size(noise_part.s, noise_part.sigma, number)))
+    statistic = float(t @ t)
+    return Question(name, statistic, k, tail(statistic, known, estimated))
+
+
+def seen(columns: np.ndarray) -> np.ndarray:
+    """Orthonormal basis (n, k) of the directions of whitened columns, each of a plausible change, that show by a tenth of a sigma."""
+    u, size, _ = np.linalg.svd(columns, full_matrices=False)
+    return u[:, size > 0.1]
+
+
+def _left_over(rows: Rows, noise: TodaysNoise, old: OldCalibration) -> Question:
+    """Whether noise explains the turns' closure, and the rates at rest, beyond any change of the 21 parameters.
+
+    Rates at rest are asked by the noise that the old fit found in them: today's own would take up a zero that differs from rest to rest.
+    Without turns they are asked in any case.
+    A fit that left more than noise before may do so again: its own ratio of chi-square to degrees of freedom is then the yardstick.
+    """
+    part = slice(0, rows.kinds[LENGTH].start) if old.noise or not rows.turns else rows.kinds[CLOSURE]
+    keep = np.arange(len(rows.r))[part][~rows.blank[part]]
+    total, of_old = noise.named + rows.known @ rows.known.T, []
+    for component in noise.parts:
+        if component.name in old.noise:
+            variance, known = old.noise[component.name]
+            total = total + (variance - component.s**2) * component.V
+            of_old.append((variance * component.V, known))
+    columns, matrix = rows.parameters * PLAUSIBLE, np.r_[GYROSCOPE][MATRIX]
+    if not rows.turns:  # rates at rest differ too little to ask for E: any factor on them would explain a jump
+        total = total + columns[:, matrix] @ columns[:, matrix].T
+        columns[:, matrix] = 0.0
+    factor = np.linalg.cholesky(total[np.ix_(keep, keep)])
+    q = orthonormal(solve_lower(factor, columns[keep]), 1e-9)
+    freedom = len(keep) - q.shape[1]
+    if freedom < 1:
+        return Question(NOISE, 0.0, 0, 1.0)
+    w = solve_lower(factor, rows.r[keep])
+    left = w - q @ (q.T @ w)
+    chi_square, left_rps = float(np.sum(left**2)), float(np.sqrt(np.sum((factor @ left / rows.spans_s[keep]) ** 2) / freedom))
+    # The expected square of each row is a mixture, whose degrees of freedom are those of its parts by their shares (Welch–Satterthwaite).
+    whitened = [(solve_lower(factor, solve_lower(factor, own[np.ix_(keep, keep)]).T), known) for own, known in of_old]
+    shares = [(float(np.trace(own)) / len(keep), known) for own, known in whitened]
+    ratio, other = chi_square / freedom, 1 / (1 / noise.freedom + sum(share**2 / known for share, known in shares))
+    if old.goodness is not None and old.goodness[1] > 0 and (before := old.goodness[0] / old.goodness[1]) > 1:
+        ratio, other = ratio / before, 1 / (1 / other + 1 / old.goodness[1])
+    return Question(NOISE, chi_square, freedom, float(fdtrc(freedom, other, ratio)), left_rps=left_rps)

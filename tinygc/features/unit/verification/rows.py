@@ -1,0 +1,326 @@
+"""Everything measured today, compared with the old calibration: closures of turns, rates and lengths of gravity in stills.
+
+With d the change of the 21 parameters from the old calibration to what the sensor is today,
+
+    r = -A d + noise,        r: recorded less predicted by the old calibration,        A: derivative of r by the parameters
+
+A recording with turns is replayed by the twin (``tinygc/noise/twin.py``); of one with rests alone the stills are taken.  The residuals are
+linear about today's own first fit, so that a large change is not spoilt by what is quadratic in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from session.base.errors import DataError, FitError, SegmentError
+from session.base.units import G
+from session.detect.accelerometer import IDENTITY, force_of, length_columns, times_of, units
+from session.detect.axes import agreement
+from session.detect.check_samples import with_bridges
+from session.detect.findings import stop_at_errors
+from session.detect.first_look import check_session
+from session.detect.signatures import CAUSES
+from session.detect.stills import SessionStills, Still, references
+from session.log.folder import Session
+from tinygc.attitude import rotation
+from tinygc.attitude.earth import no_earth, unseen_covariance, vertical_only
+from tinygc.closure.floor import UNKNOWN, BiasInstability, bias_instability_of, wander_covariance
+from tinygc.closure.prepared import prepare
+from tinygc.closure.prior import GaussianPrior
+from tinygc.closure.problem import Problem
+from tinygc.closure.stills import StillSet
+from tinygc.effects import catalogue, per_axis
+from tinygc.features.unit.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, OldCalibration
+from tinygc.models.linear import BIAS, MATRIX, PRIOR_SIGMA
+from tinygc.noise.components import WANDER, Component, first_noise
+from tinygc.noise.reml import Prior
+from tinygc.noise.twin import Twin
+from tinygc.noise.whitening import ACCEL_INSTABILITY_MPS2, PRECALIBRATION_MPS2, Sparse, Whitener
+
+#: rows of each kind
+CLOSURE, STILL, LENGTH = "closure", "still", "length"
+#: m/s^2: gravity at a site that session.toml gives is known to this, one sigma: 30 m of height, or what a formula leaves
+SITE_MPS2 = 1e-4
+#: name of the first look's check of one factor on all rates; of those that a minute at rest has to pass
+SCALE, OF_RESTS = "gyro scale", ("gravity", "gyro stuck", "accelerometer stuck", "gyro dead", "accelerometer dead", *CAUSES)
+#: degrees: a recording without a larger turn is one of rests: a change of E by 1 % shows by a tenth of the usual limit in it
+LEAST_TURN_DEG = 10.0
+#: profile in time: from seconds of the session (N,) to (N,) of no unit
+Profile = Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Today's measurements as n rows.
+
+    r (n,): rad, rad/s, m/s^2; parameters (n, 21): their derivative by the accelerometer's correction and by the linear model's vector;
+    spans_s (n,): duration of each row's turn, 1 of other rows;
+    known (n, k): what is uncertain in the references, one sigma each: the Earth's rate, gravity's length; white (n, n): white noise;
+    components: noise beyond white, whose sizes are estimated; kinds: rows of each kind; blank (n,) bool: rows without data; duration_s of
+    the session; temp_c: mean over its stills, NaN where not known; stills, turns: how many; noise_freedom: degrees of freedom of the white
+    noise; rest_rps (3,): what the gyroscope reads at rest; session as it was compared; steps_s: seconds at which a step is looked for;
+    in_time: columns (n, 3) of a change of B that follows a profile in time; twin: of a recording with turns; remark: what the first look
+    says of the rates, where it refuses them.
+    """
+
+    r: np.ndarray
+    parameters: np.ndarray
+    known: np.ndarray
+    spans_s: np.ndarray
+    white: np.ndarray
+    components: tuple[Component, ...]
+    kinds: dict[str, slice]
+    blank: np.ndarray
+    duration_s: float
+    temp_c: float
+    stills: int
+    turns: int
+    noise_freedom: float
+    rest_rps: np.ndarray
+    session: Session
+    steps_s: np.ndarray
+    in_time: Callable[[Profile], np.ndarray] = field(repr=False)
+    twin: Twin | None = None
+    remark: str = ""
+
+    @property
+    def gyroscope(self) -> np.ndarray:
+        """(n, 12)."""
+        return self.parameters[:, GYROSCOPE]
+
+    @property
+    def bias(self) -> np.ndarray:
+        """(n, 3): derivative by B."""
+        return self.gyroscope[:, BIAS]
+
+    @property
+    def blocks(self) -> list[np.ndarray]:
+        """All rows together."""
+        return [np.arange(len(self.r))]
+
+    def effect(self, name: str) -> np.ndarray | None:
+        """(n, P) columns of an effect of the catalogue; None without turns."""
+        if self.twin is None:
+            return None
+        twin, start = self.twin, self.twin.start()
+        rates = twin.rates(start)
+        return twin.effect_columns(catalogue()[name], start, twin.sensitivity(start, rates), rates).stacked()
+
+
+def rows_of(session: Session, old: OldCalibration, use_earth: bool = True, progress: Callable[[str], None] = lambda what: None) -> Rows:
+    """Compare a session with the old calibration.  Raises SegmentError without a rest, and the errors of ``prepare``."""
+    session = old.readings(session)
+    vector = old.linear.vector
+    prior = GaussianPrior(vector, np.diag((PRIOR_SIGMA / 4) ** 2), np.ones(len(vector), dtype=bool))
+    if session.truths is None:
+        found = SessionStills(whole := with_bridges(session))
+        if not any(references(found.of(log).stills) for log in whole.logs):
+            _stop_at_errors_of_rests(whole, found)
+            raise SegmentError(f"{session.folder}: no rest of {session.config.protocol.still_s:g} s; let the sensor lie still for a minute")
+        if all(len(found.of(log).stills) < 2 for log in whole.logs):
+            return _of_rests(whole, old, found)
+    mode, factor, said = "given" if session.config.accelerometer.source == "given" else "auto", 1.0, ""
+    for again in (False, True):
+        try:
+            prepared = prepare(
+                _scaled(session, factor),
+                use_earth=use_earth,
+                accelerometer=mode,
+                near=old.linear,
+                prior=lambda start: prior,
+                progress=progress,
+            )
+            turns = [segment.turn_deg for segment in prepared.problem.segments]
+            if session.truths is None and not said and max(turns) < LEAST_TURN_DEG:
+                return _of_rests(whole, old, found)
+            return _of_turns(prepared.problem, old, session, factor, said)
+        except (SegmentError, FitError):  # too few turns, or such as bind nothing
+            if session.truths is not None:
+                raise
+            return _of_rests(whole, old, found)
+        except DataError as error:
+            # Rates that are wrong by one factor are refused by the first look; here they are an answer.
+            if again or SCALE not in str(error) or session.truths is not None:
+                raise
+            factor, said = _factor(whole, found), str(error)
+    raise AssertionError
+
+
+def _stop_at_errors_of_rests(session: Session, found: SessionStills) -> None:
+    """Raise DataError where the first look finds a wrong unit of the accelerometer, or an axis without noise."""
+    stop_at_errors([finding for finding in check_session(session, found) if finding.what in OF_RESTS])
+
+
+def _scaled(session: Session, factor: float) -> Session:
+    """The session with all rates times a factor."""
+    if factor == 1.0:
+        return session
+    logs = tuple(replace(log, samples=replace(log.samples, gyro=np.asarray(log.samples.gyro) * factor), raw=False) for log in session.logs)
+    sensor = session.config.sensor
+    config = replace(session.config, sensor=replace(sensor, gyro_fs_dps=sensor.gyro_fs_dps * factor))
+    return replace(session, logs=logs, config=config)
+
+
+def _factor(session: Session, found: SessionStills) -> float:
+    """What gravity's movement asks of all rates; 1 where it does not move."""
+    scales = [agreement(found.of(log).samples, found.of(log).stills) for log in session.logs]
+    known = [each.scale for each in scales if each is not None]
+    return float(np.median(known)) if known else 1.0
+
+
+def _of_turns(problem: Problem, old: OldCalibration, session: Session, factor: float, said: str) -> Rows:
+    """Rows of a recording with turns; factor: on all rates, without which the first look refuses them, with what it says."""
+    twin = Twin(problem)
+    start = twin.start()
+    rates = twin.rates(start)
+    site = problem.session.config.site
+    whiten = Whitener(twin)
+    noise = first_noise(twin, whiten)
+    n, stills = len(whiten.white), len(twin.stills)
+    parameters = np.zeros((n, COUNT))
+    parameters[:, GYROSCOPE] = twin.linear_columns(twin.sensitivity(start, rates)).stacked()
+    lengths = whiten.parts[LENGTH]
+    then = old.linear.vector.copy()
+    then[MATRIX] /= factor  # the same calibration of rates times the factor
+    r = twin.residuals(start, rates).stacked() + parameters[:, GYROSCOPE] @ (then - start.model.vector)
+    parameters[:, GYROSCOPE][:, MATRIX] /= factor
+    if stills:
+        parameters[:, ACCELEROMETER] = -twin.own_columns() / units(G)
+        r[lengths] += start.gravity_mps2 - site.expected_gravity_mps2
+    earth = twin.earth_columns().stacked() @ _root(unseen_covariance(problem.earth, site.latitude_deg))
+    gravity = np.zeros((n, 1))
+    gravity[lengths] = np.hypot(site.gravity_sigma_mps2, SITE_MPS2)
+    known = [earth, gravity]
+    if (clock := problem.session.clock) is not None:
+        known.append(parameters[:, GYROSCOPE] @ _root(clock.covariance(old.linear.vector)))
+    blank = np.zeros(n, dtype=bool)
+    blank[whiten.parts[CLOSURE]] = ~twin.batch.known.ravel()
+    spans_s = np.ones(n)
+    spans_s[whiten.parts[CLOSURE]] = np.repeat([segment.duration_s for segment in twin.segments], twin.batch.known.shape[1])
+    allowances = twin.precalibration_columns(start, rates).stacked() * PRECALIBRATION_MPS2 if stills else np.zeros((n, 0))
+    temps = np.array([still.temp_c for _, still in twin.stills])
+    times = np.array([twin.movements[s.log].t_s[s.start] + s.duration_s / 2 for s in twin.segments])
+
+    def in_time(profile: Profile) -> np.ndarray:
+        def basis(movement):  # type: ignore[no-untyped-def]
+            return profile(movement.t_s)[:, None]
+
+        effect = replace(catalogue()["gyro.bias_drift"], columns=per_axis(basis), basis=basis, scan=None)
+        return twin.effect_columns(effect, start, twin.sensitivity(start, rates), rates).stacked()
+
+    return Rows(
+        r=r,
+        parameters=parameters,
+        known=np.concatenate(known, axis=1),
+        spans_s=spans_s,
+        white=whiten.white - allowances @ allowances.T,
+        components=noise.components,
+        kinds=dict(whiten.parts),
+        blank=blank,
+        duration_s=float(problem.began_s[-1]),
+        temp_c=float(np.mean(temps)) if stills else float("nan"),
+        stills=stills,
+        turns=len(twin.segments),
+        noise_freedom=_freedom([still for _, still in twin.stills]),
+        rest_rps=np.mean([still.gyro_mean for _, still in twin.stills], axis=0) / factor if stills else np.zeros(3),
+        session=session,
+        remark=said,
+        steps_s=times,
+        in_time=in_time,
+        twin=twin,
+    )
+
+
+def _of_rests(session: Session, old: OldCalibration, found: SessionStills) -> Rows:
+    """Rows of a recording with rests alone: rates and lengths."""
+    _stop_at_errors_of_rests(session, found)
+    parts = [(log, found.of(log)) for log in session.logs]
+    logs = [
+        StillSet(each.samples, each.stills, each.noise, rotation.from_gravity(force_of(each.stills)), np.zeros(len(each.stills), dtype=int))
+        for _, each in parts
+        if each.noise is not None
+    ]
+    by_log = [references(log.stills) for log in logs]
+    stills = [still for own in by_log for still in own]
+    noises = [log.noise for log, own in zip(logs, by_log, strict=True) for _ in own]
+    site, force, q = session.config.site, force_of(stills), len(stills)
+    middle_s, duration_s = times_of(by_log, [log.samples for log in logs])
+    n = 4 * q
+    turn = rotation.matrix(rotation.from_gravity(force))
+    earth = no_earth() if site.latitude_deg is None else vertical_only(site.latitude_deg)
+    model, rate = old.linear, np.array([still.gyro_mean for still in stills])
+    still = slice(0, 3 * q)
+    r = np.concatenate(
+        [
+            (model(rate) - np.einsum("qji,j->qi", turn, earth.rate_t)).ravel(),
+            np.linalg.norm(force, axis=1) - site.expected_gravity_mps2,
+        ]
+    )
+    parameters = np.zeros((n, COUNT))
+    own = np.zeros((q, 3, 12))
+    for axis in range(3):
+        own[:, axis, MATRIX.start + 3 * axis : MATRIX.start + 3 * axis + 3] = rate
+        own[:, axis, BIAS.start + axis] = 1.0
+    parameters[still, GYROSCOPE] = own.reshape(-1, 12)
+    parameters[3 * q :, ACCELEROMETER] = length_columns(IDENTITY, force)
+    unseen = np.zeros((n, 3))
+    unseen[still] = (-turn.transpose(0, 2, 1)).reshape(-1, 3) @ _root(unseen_covariance(earth, site.latitude_deg))
+    gravity = np.zeros((n, 1))
+    gravity[3 * q :] = np.hypot(site.gravity_sigma_mps2, SITE_MPS2)
+    white = np.zeros(n)
+    white[still] = np.concatenate([noise.angle_random_walk**2 / s.duration_s for noise, s in zip(noises, stills, strict=True)])
+    white[3 * q :] = [
+        float(np.mean(noise.velocity_random_walk**2)) / s.duration_s + ACCEL_INSTABILITY_MPS2**2
+        for noise, s in zip(noises, stills, strict=True)
+    ]
+    instability = bias_instability_of(session.config.sensor, logs, {0: earth})
+    spans = np.array([s.duration_s for s in stills])
+
+    def in_time(profile: Profile) -> np.ndarray:
+        columns = np.zeros((n, 3))
+        inside = [np.mean(profile(np.linspace(at - span / 2, at + span / 2, 21))) for at, span in zip(middle_s, spans, strict=True)]
+        columns[still] = -np.kron(np.array(inside)[:, None], np.eye(3))
+        return columns
+
+    temps = np.array([s.temp_c for s in stills])
+    return Rows(
+        r=r,
+        parameters=parameters,
+        known=np.concatenate([unseen, gravity], axis=1),
+        spans_s=np.ones(n),
+        white=np.diag(white),
+        components=_of_stills(middle_s, spans, instability, n, float(np.sqrt(np.median(white[still])))),
+        kinds={CLOSURE: slice(0, 0), STILL: still, LENGTH: slice(3 * q, n)},
+        blank=np.zeros(n, dtype=bool),
+        duration_s=duration_s,
+        temp_c=float(np.mean(temps)),
+        stills=q,
+        turns=0,
+        noise_freedom=_freedom(stills),
+        rest_rps=rate.mean(axis=0),
+        session=session,
+        steps_s=(middle_s[1:] + middle_s[:-1]) / 2,
+        in_time=in_time,
+    )
+
+
+def _of_stills(middle_s: np.ndarray, spans_s: np.ndarray, instability: BiasInstability, n: int, white: float) -> tuple[Component, ...]:
+    """The bias' drift between stills, with the prior of its source."""
+    V = np.zeros((n, n))
+    V[: 3 * len(middle_s), : 3 * len(middle_s)] = np.kron(wander_covariance(middle_s, spans_s, instability_rps=1.0), np.eye(3))
+    rps = instability.rps if instability.source != UNKNOWN and instability.rps > 0 else white
+    return (Component(WANDER, Sparse.of(V), rps, "rad/s", 1.0, "bias drift", Prior(rps, 0.5)),)
+
+
+def _root(covariance: np.ndarray) -> np.ndarray:
+    """(P, P): columns of one sigma each, R R' = covariance."""
+    size, axes = np.linalg.eigh((covariance + covariance.T) / 2)
+    return axes * np.sqrt(np.maximum(size, 0.0))
+
+
+def _freedom(stills: list[Still]) -> float:
+    """Degrees of freedom of the white noise, from blocks of 0.1 s with a filter's correlation, as in ``noise.channels``."""
+    return max(3.0, 3 * sum(still.duration_s for still in stills) / 0.1 * 0.66)

@@ -1,0 +1,327 @@
+"""One verdict on a stored calibration, by today's recording: holds, holds for E with B anew, does not hold, undecided."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from session.base.errors import DataError
+from session.base.texts import significant
+from session.base.units import DEG
+from session.log.folder import Session, read_session
+from tinygc.closure.motion import LIMIT_DEG, MINUTE_S
+from tinygc.features.unit.verification.causes import Cause, Diagnosis, Evidence, beyond_linear, candidate_causes, diagnose
+from tinygc.features.unit.verification.cost import (
+    Bound,
+    Cost,
+    bounds,
+    cost_of,
+    effects_deg,
+    estimated_change,
+    left_open,
+    turns_that_separate,
+    turns_that_tell,
+)
+from tinygc.features.unit.verification.expected import ZERO, Part, expected_parts, spread_of_unit
+from tinygc.features.unit.verification.old import OldCalibration, facts, is_its_own, with_bias_moved
+from tinygc.features.unit.verification.questions import FALSE_ALARM, GRAVITY, NOISE, B, E, Question, TodaysNoise, ask, todays_noise
+from tinygc.features.unit.verification.rows import Rows, rows_of
+from tinygc.noise.figures import read_figures
+from tinygc.planning.proposals import Proposal
+
+#: answers, and the exit code of each
+HOLDS, BIAS, FAILS, UNDECIDED = "holds", "holds for E, take B anew", "does not hold", "undecided"
+EXIT = {HOLDS: 0, BIAS: 1, FAILS: 1, UNDECIDED: 5}
+#: in whose way it fails, in words
+OF = {E: "E", B: "the zero", GRAVITY: "the accelerometer", NOISE: "what is left beyond noise"}
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a person may set: probability of a false alarm in total; limit_deg that a minute may miss; fitted sessions of this unit; a lot;
+    whether the sensor was switched off since, and how long ago that was; noise figures of the unit; whether another serial number is
+    accepted; whether the Earth's rate is used."""
+
+    false_alarm: float = FALSE_ALARM
+    limit_deg: float = LIMIT_DEG
+    history: tuple[Path, ...] = ()
+    lot: Path | None = None
+    switched_on: bool = True
+    elapsed_s: float | None = None
+    noise: Path | None = None
+    other_serial: bool = False
+    earth: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class Verification:
+    """The answer, with all that it stands on.
+
+    bias_anew (3,) rad/s: change of B that today's rests ask for, with covariance (3, 3); diagnosis: None where nothing speaks against the
+    calibration; tell, separate: turns that would tell what is open, and what the causes are; facts: what the settings say; notes;
+    bias_serves: whether the model may be used with B anew, as far as this recording tells.
+    """
+
+    old: OldCalibration
+    rows: Rows
+    options: Options
+    answer: str
+    headline: str
+    questions: tuple[Question, ...]
+    parts: tuple[Part, ...]
+    noise: TodaysNoise
+    bounds: tuple[Bound, ...]
+    cost: Cost
+    bias_anew: np.ndarray
+    bias_covariance: np.ndarray
+    diagnosis: Diagnosis | None
+    tell: tuple[Proposal, ...]
+    separate: tuple[Proposal, ...]
+    facts: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+    advice: str = ""
+    bias_serves: bool = True
+
+    @property
+    def exit_code(self) -> int:
+        """0 holds, 1 does not hold as it is, 5 undecided."""
+        return EXIT[self.answer]
+
+    @property
+    def alarm(self) -> bool:
+        """Whether a question was answered with no: the event whose probability without a fault is stated."""
+        return any(question.asked and not question.holds for question in self.questions)
+
+    @property
+    def new_bias(self) -> np.ndarray:
+        """(3,) rad/s: B with the change."""
+        return self.old.bias + self.bias_anew
+
+
+def verify_session(
+    old: OldCalibration,
+    session: Session,
+    options: Options | None = None,
+    progress: Callable[[str], None] = lambda what: None,
+    temp_then_c: float | None = None,
+) -> Verification:
+    """Verify a calibration by a session; temp_then_c: mean temperature of the old session, where its folder does not say it.  Raises
+    DataError for a session of another sensor, unless that is accepted, and the errors of ``rows_of`` and ``spread_of_unit``."""
+    options = options or Options()
+    told, other = facts(old, session)
+    told += [apart] if (apart := old.clocks_apart(session)) else []
+    if other and not options.other_serial:
+        raise DataError(
+            f"{session.folder}: of sensor {session.config.sensor.serial!r}, expected {old.sensor.get('serial')!r}, which the model "
+            "was fitted to; give a recording of that one, or --other-serial if it is the same sensor after all"
+        )
+    notes = list(old.lacks)
+    rows = rows_of(session, old, options.earth, progress)
+    if rows.remark:
+        told.append(rows.remark)
+    spread = spread_of_unit(old, rows, options.history, options.lot)
+    figures = None if options.noise is None else read_figures(options.noise)
+    temp_then_c = _temperature_of(old) if temp_then_c is None else temp_then_c
+    if not np.isfinite(rows.temp_c - temp_then_c):
+        which = "the model" if np.isfinite(rows.temp_c) else "today's recording"
+        notes.append(f"{which} does not say how warm the sensor was: a change by temperature is not told apart from a moved zero")
+    parts = expected_parts(
+        old,
+        rows,
+        spread,
+        temp_then_c=temp_then_c,
+        switched_on_since=options.switched_on,
+        elapsed_s=options.elapsed_s,
+        figures=figures,
+    )
+    if options.switched_on and spread.assumed:
+        words = f"how far the zero moves between switch-ons is {spread.sources[ZERO.start]}"
+        notes.append(f"{words}; --history with other sessions of this unit tells it")
+    if options.switched_on and spread.note:
+        notes.append(spread.note)
+    progress("noise of today")
+    noise = todays_noise(rows)
+    progress("questions")
+    questions = tuple(ask(rows, parts, noise, old, options.false_alarm))
+    W = left_open(rows, noise)
+    found_bounds = tuple(bounds(rows, old.linear, W, options.limit_deg, old.accelerometer is not None))
+    causes = candidate_causes(rows, old, temp_then_c)
+    evidence = Evidence(rows, parts, noise.found.s)
+    anew = evidence.of([cause for cause in causes if cause.name == "zero"])
+    refuted = [question for question in questions if question.asked and not question.holds]
+    diagnosis, change, covariance = None, anew.change, anew.covariance
+    if refuted:
+        progress("causes")
+        diagnosis = diagnose(evidence, causes)
+        change, covariance = diagnosis.best.change, diagnosis.best.covariance
+        if len(turned := diagnosis.best.of("rotation")):  # its second order would pass for further causes
+            more = beyond_linear(old.linear, turned)
+            diagnosis = diagnose(Evidence(replace(rows, r=rows.r + rows.parameters @ more), parts, noise.found.s), causes)
+            change, covariance = diagnosis.best.change + more, diagnosis.best.covariance
+    cost = cost_of(rows, old.linear, change, covariance, anew.change[ZERO], anew.covariance[ZERO, ZERO])
+    if diagnosis is not None and not diagnosis.best.causes:  # whatever it was, it is as large as today's data alone leave it
+        change, covariance = estimated_change(rows, noise, W), W
+    effects = effects_deg(rows, old.linear, change, covariance, old.accelerometer is not None)
+    effects[NOISE] = max(question.left_rps for question in questions) * MINUTE_S / DEG
+    if diagnosis is not None:  # a zero that moves within the recording
+        effects[NOISE] = max(effects[NOISE], *(float(np.linalg.norm(diagnosis.best.of(n))) * MINUTE_S / DEG for n in ("step", "warm-up")))
+    changed = {question.name: effects[question.name] for question in refuted}
+    new = bias_words(old.bias + anew.change[ZERO], anew.covariance[ZERO, ZERO])
+    decision = _decide(changed, found_bounds, cost, new, diagnosis, options, rows.turns > 0)
+    if rows.remark and decision.bias_serves:
+        decision = _Decision(FAILS, rows.remark, "mend the unit, the range or the data rate, then verify again", bias_serves=False)
+    if is_its_own(old, session):
+        said = "the model was fitted to this very recording, and agrees with itself"
+        decision = _Decision(UNDECIDED, said, "give another recording", bias_serves=False)
+    open_names = {bound.name for bound in found_bounds if not bound.is_seen}
+    return Verification(
+        old=old,
+        rows=rows,
+        options=options,
+        answer=decision.answer,
+        headline="; ".join(filter(None, (power_words(found_bounds), apart, decision.headline))),
+        questions=questions,
+        parts=tuple(parts),
+        noise=noise,
+        bounds=found_bounds,
+        cost=cost,
+        bias_anew=anew.change[ZERO],
+        bias_covariance=anew.covariance[ZERO, ZERO],
+        diagnosis=diagnosis,
+        tell=tuple(turns_that_tell(rows, noise, W, options.limit_deg)) if open_names - {B} else (),
+        separate=_separate(rows, noise, diagnosis, causes),
+        facts=tuple(told),
+        notes=tuple(notes),
+        advice=decision.advice,
+        bias_serves=decision.bias_serves,
+    )
+
+
+@dataclass(frozen=True)
+class _Decision:
+    """answer; headline: the one line that says why; advice: what to do; bias_serves: whether the model may be used with B anew."""
+
+    answer: str
+    headline: str
+    advice: str
+    bias_serves: bool = True
+
+
+def _decide(
+    changed: Mapping[str, float],
+    found: Sequence[Bound],
+    cost: Cost,
+    new: str,
+    diagnosis: Diagnosis | None,
+    options: Options,
+    turned: bool = True,
+) -> _Decision:
+    """Decide by the questions with a significant change, and the degrees that a minute of use misses by it at most (95 %); new: B anew, in
+    words; turned: whether there are turns, without which E is not asked."""
+    limit, uses = options.limit_deg * DEG, {bound.name: bound.use for bound in found}
+    matters = [name for name in changed if changed[name] > options.limit_deg]
+    by_size = sorted(changed, key=lambda name: -changed[name])
+
+    def amount(name: str) -> str:
+        return f"{significant(changed[name], 2)}° in {uses.get(name, uses[B])}"
+
+    amounts = {name: f"{OF[name]} (up to {amount(name)})" for name in by_size}
+    causes = () if diagnosis is None else diagnosis.best.causes
+    because = "" if diagnosis is None else "; ".join(diagnosis.best.words)
+    fit_again = "fit a new session, and look at `explain`"
+    if set(matters) - {B} or (matters and any(cause.name not in ("zero", "temperature") for cause in causes)):
+        why = because or "no cause of the list explains it; run explain"
+        moved = ", ".join(amounts[name] for name in by_size if name in matters and name != NOISE)
+        left = f"more than noise is left: up to {amount(NOISE)}" if NOISE in matters else ""
+        departs = f"{'; '.join(filter(None, (moved and f'departs from the calibration: {moved}', left)))} (95 %)"
+        return _Decision(
+            FAILS, f"{departs}; {why}", "; ".join(dict.fromkeys(cause.advice for cause in causes)) or fit_again, bias_serves=False
+        )
+    unseen = [bound for bound in found if not bound.is_seen]
+    e_seen = E not in [bound.name for bound in unseen]
+    small = [amounts[name] for name in by_size if name not in matters]
+    less = f"changed beyond chance, and by less than {options.limit_deg:g}° (95 %): {', '.join(small)}"
+    costs, anew = (float(np.linalg.norm(each)) for each in (cost.as_it_is, cost.bias_anew))
+    if matters or costs > max(limit, 2 * float(np.linalg.norm(cost.sigma))):
+        why = (because or "the zero moved by more than between switch-ons") if matters else "it moved as between switch-ons"
+        why += f", and costs {significant(costs / DEG, 2)}° in the next minute{f'; {less}' if small else ''}"
+        if anew > max(limit, 2 * float(np.linalg.norm(cost.bias_anew_sigma))):
+            return _Decision(
+                FAILS, f"{why}; with B anew the minute still misses {significant(anew / DEG, 2)}°", fit_again, bias_serves=False
+            )
+        take = "take B anew: --write FILE writes the model with it"
+        if e_seen:
+            return _Decision(BIAS, f"B = {new}; {why}", take)
+        said = f"take B anew: B = {new}; {why}; whether E holds stays open"
+        return _Decision(FAILS if matters else UNDECIDED, said, f"{take}; then record the turns above, which decide about E")
+    if unseen and (turned or B in [bound.name for bound in unseen]):
+        turns = "record the turns above, with a rest before and after each, then verify again"
+        if {bound.name for bound in unseen} == {B}:
+            turns = "let it lie still for some minutes, in several attitudes, then verify again"
+        open_ = " and ".join(OF[bound.name] for bound in unseen)
+        return _Decision(
+            UNDECIDED, f"{less if small else 'nothing significant'}, but {open_} may miss more than {options.limit_deg:g}°", turns
+        )
+    so_far = less if small else "within what noise, the old fit and a switch-on explain"
+    said = f"{so_far}; it costs {significant(costs / DEG, 2)}° in the next minute"
+    if unseen:  # at rest, the zero is all that is asked for
+        return _Decision(HOLDS, f"the zero holds: {said}", "use it as it is; turns would tell E (above)")
+    return _Decision(HOLDS, said, "use it as it is")
+
+
+def power_words(found: Sequence[Bound]) -> str:
+    """What this recording would have seen: ``this recording tells E to 1.3°, the zero to 0.2° (95 %)``."""
+    return f"this recording tells {', '.join(f'{OF[b.name]} to {significant(b.bound_deg, 2)}°' for b in found)} (95 %)"
+
+
+def bias_words(bias: np.ndarray, covariance: np.ndarray) -> str:
+    """B with its sigmas, dps."""
+    sigma = np.sqrt(np.diag(covariance)) / DEG
+    return ", ".join(f"{value / DEG:+.4f} ± {s:.4f}" for value, s in zip(bias, sigma, strict=True)) + " dps"
+
+
+def _separate(rows: Rows, noise: TodaysNoise, diagnosis: Diagnosis | None, causes: Sequence[Cause]) -> tuple[Proposal, ...]:
+    if diagnosis is None:
+        return ()
+    by_name = {cause.name: cause for cause in causes}
+    for name, others in diagnosis.rivals.items():
+        spans = [by_name[each].into for each in (name, *others[:1]) if by_name[each].into.any()]
+        if len(spans) > 1:
+            return tuple(turns_that_separate(rows, noise, spans))
+    return ()
+
+
+def _temperature_of(old: OldCalibration) -> float:
+    """Mean temperature of the session that the model was fitted to, °C: of the file, or of a session that lies around it; NaN where
+    neither says it."""
+    found, folder = old.table.get("temperature_c"), old.path.parent.parent
+    if found is None and old.path.parent.name == "fit" and (folder / "session.toml").is_file():
+        found = read_session(folder).temperature_c
+    return float("nan") if found is None else float(found)
+
+
+def written_model(found: Verification) -> tuple[Any, dict[str, Any]]:
+    """The model with B taken anew, and what its file holds besides.  Raises DataError where it does not hold with it either."""
+    if not found.bias_serves:
+        raise DataError(f"{found.old.path}: not written with B anew: {found.headline}; {found.advice}")
+    old = found.old
+    table = old.table
+    before = table["stored"] if isinstance(table.get("stored"), dict) else table
+    more: dict[str, Any] = {
+        "method": f"{table.get('method') or 'stored'}, bias anew",
+        "stored": {name: before.get(name) for name in ("method", "session", "sha256")},
+        **{name: table[name] for name in ("sensor", "accelerometer", "clock") if name in table},
+    }
+    if np.isfinite(found.rows.temp_c):
+        more["temperature_c"] = found.rows.temp_c
+    if np.shape(table.get("covariance") or ()) == (12, 12) and old.linear is old.model:
+        covariance = np.array(table["covariance"], dtype=float)
+        bias = slice(9, 12)
+        covariance[bias, :] = covariance[:, bias] = 0.0
+        covariance[bias, bias] = found.bias_covariance
+        more["covariance"] = covariance.tolist()
+    return with_bias_moved(old.model, found.bias_anew), more

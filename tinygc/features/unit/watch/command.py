@@ -1,0 +1,90 @@
+"""``watch``: whether a calibration still holds, while the sensor is in use."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+
+from session.base.errors import CalibrationError
+from tinygc.cli.arguments import STANDARD, count, duration, filled, is_standard_output, path_read, stream_header
+from tinygc.cli.options import add_log_options, answers_of
+from tinygc.cli.results import Interruption, complain, output
+
+SUMMARY = "watch a live stream or a log: whether the zero, gravity and the turns still agree with the calibration"
+USES_EFFECTS = True
+EPILOG = (
+    "exit code: 0 no alarm, 1 an alarm, 5 no rest to judge, or a zero that is to be taken anew; Ctrl-C ends a watch as the end of "
+    "the stream does"
+)
+#: exit code of a watch that could judge nothing
+UNDECIDED = 5
+USUAL = "30d"
+
+
+def add_arguments(command: argparse.ArgumentParser) -> None:
+    """Add the command's arguments."""
+    command.epilog = EPILOG
+    command.add_argument("model", type=path_read, help="model file, or the folder of a session: the model that its fit recommends")
+    command.add_argument("source", type=path_read, help="a log, a port, udp:HOST:PORT, or - for standard input")
+    command.add_argument("--follow", action="store_true", help="read a log on while it grows, until Ctrl-C")
+    every = "mean time at rest to a false alarm: 30d, 12h, 90min (%(default)s)"
+    command.add_argument("--false-alarm-every", type=duration, default=USUAL, metavar="TIME", help=every)
+    command.add_argument("--until-alarm", action="store_true", help="end at the first alarm")
+    command.add_argument("--command", type=filled, metavar="CMD", help="run at an alarm, without a shell; its JSON line is at the input")
+    command.add_argument("--noise", type=path_read, metavar="PATH", help="noise.json of this unit, or its folder (beside the model)")
+    command.add_argument("--session", type=path_read, metavar="DIR", help="where session.toml is: place, full scales, accelerometer")
+    command.add_argument("--verbose", action="store_true", help="print each rest and each turn")
+    command.add_argument("--baud", type=count(1), default=921600, help="of a port that has one (%(default)s)")
+    command.add_argument("--header", type=stream_header, metavar="LINE", help="of a text stream that does not send it: t_us,gx_dps,…")
+    add_log_options(command)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Watch a source until it ends; print events, write JSON lines, run a command at an alarm."""
+    from session.base.results import json_line
+    from tinygc.features.unit.watch.alarm_command import AlarmCommand, words_of
+    from tinygc.features.unit.watch.library import SourceOptions, events_of
+    from tinygc.features.unit.watch.lines import JsonLines
+
+    source = str(args.source)
+    to_standard = is_standard_output(args.json)
+    if args.follow and not args.source.is_file():
+        raise CalibrationError(f"--follow: {source} is no file; a port, UDP and standard input are followed anyway")
+    at_alarm = None if args.command is None else AlarmCommand(words_of(args.command), complain)
+    options = SourceOptions(args.follow, args.header, args.baud, answers_of(args))
+    lines = None if args.json is None else JsonLines(None if to_standard else args.json, complain)
+    shown = {"start", "alarm", "remark", "end"} | ({"rest", "turn"} if args.verbose else set())
+    interruption = Interruption()
+    # A table at standard input is read by calls that cannot be waited for: there Ctrl-C interrupts the call.
+    waits = source == STANDARD and options.is_table
+    alarmed, held = False, None
+
+    def ended() -> bool:
+        return interruption() or (alarmed and args.until_alarm)
+
+    with contextlib.nullcontext() if waits else interruption:
+        events = events_of(
+            args.model,
+            source,
+            options,
+            false_alarm_every_s=args.false_alarm_every,
+            noise=args.noise,
+            session=args.session,
+            ended=ended,
+        )
+        for event in events:
+            if event.kind in shown:
+                output(args).print(f"{event.t_s:10.1f} s  {event.words}", soft_wrap=True, markup=False)
+            if lines is not None:
+                lines.write(event.to_json())
+            if event.kind == "alarm":
+                alarmed = True
+                if at_alarm is not None:
+                    at_alarm(json_line(event.to_json()))
+            elif event.kind == "end":
+                held = event.table["held"]
+    if at_alarm is not None:
+        at_alarm.wait()
+    if lines is not None:
+        lines.end()
+    return UNDECIDED if held is None else 0 if held else 1

@@ -1,0 +1,219 @@
+"""What a calibrated sensor may read at rest while its calibration holds: sizes of noise, wander and switch-on, each with its source.
+
+    zero      calibrated rate at rest - Earth's vertical rate = offset + wander(t) + attitude + coefficient (T - T_fit) + noise
+    gravity   |f| / g - 1 = direction . zero of the accelerometer + attitude + coefficient (T - T_rest) + noise
+
+offset is one draw for each stream (``expected_zero``: covariance of B, switch-on), attitude one for each rest, wander goes on through the
+stream.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from session.base.errors import CalibrationError
+from session.base.units import DEG, DEG_PER_HOUR, EARTH_RATE_RPS, MDPS, MG, STANDARD_GRAVITY_MPS2, G
+from session.detect.accelerometer import BIASES
+from session.log.config import Config, read_config
+from tinygc import models
+from tinygc.closure.floor import BiasInstability, wander_covariance
+from tinygc.estimation.accelerometer import USUAL_SPREAD
+from tinygc.estimation.expected_zero import END_S, USUAL_ACCEL_PER_K, USUAL_PER_K, expected_zero, wander_variance
+from tinygc.estimation.repeatability import BiasRepeatability
+from tinygc.estimation.results import read_fit
+from tinygc.models.linear import BIAS, PARAMETERS
+from tinygc.models.model import Model
+from tinygc.noise.figures import FILE, NoiseFigures, read_figures
+from tinygc.noise.whitening import PRECALIBRATION_MPS2
+
+#: usual of MEMS gyroscopes where neither the fit nor the sensor's record says it: two-sided white density, bias instability, and spread of
+#: B that a fit without a covariance leaves
+USUAL_WHITE, USUAL_INSTABILITY, USUAL_COVARIANCE_RPS = 10 * MDPS / np.sqrt(2), 10 * DEG_PER_HOUR, 0.01 * DEG
+#: the same of accelerometers
+USUAL_ACCEL_WHITE, USUAL_ACCEL_INSTABILITY_MPS2 = 150e-6 * G / np.sqrt(2), 0.1 * MG
+#: zero of a rest that depends on its attitude (g-sensitivity), where the fit's stills do not show it
+USUAL_ATTITUDE_RPS = 0.002 * DEG
+#: how a spread that is not the unit's own is called
+SPREAD = "spread of the zero between switch-ons"
+#: degC: others are no temperature
+MOST_TEMPERATURE_C = 200.0
+#: gravity at sea level lies within 0.026 m/s^2 of its mean, one sigma of a place that nobody names
+UNKNOWN_GRAVITY_MPS2 = 0.015
+
+
+Wander = Callable[[float, float], np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class Expectation:
+    """SI, of the calibrated axes.
+
+    rate_hz of the samples; white (3,) rad/s/sqrt(Hz), two-sided; wander: (t, span) -> (3,) (rad/s)^2, mean square of the drift between two
+    means over span s, t s apart;
+    offset (3,), attitude (3,), per_k (3,): one sigma of the zero in a stream, of a rest, and of its coefficient; reference_c: the
+    coefficient's zero, None where temperature is taken off or not known; earth_rps: the Earth's vertical rate; gravity_mps2;
+    accel_white (3,) m/s^2/sqrt(Hz), two-sided; accel_wander, accel_offset (3,), accel_attitude, accel_per_k: as of the zero, m/s^2;
+    parameters (12, 12): covariance of E and B; turn_rad: error of a turn by itself; assumed: what is not this unit's own.
+    """
+
+    rate_hz: float
+    white: np.ndarray
+    wander: Wander
+    offset: np.ndarray
+    attitude: np.ndarray
+    per_k: np.ndarray
+    reference_c: float | None
+    earth_rps: float
+    gravity_mps2: float
+    accel_white: np.ndarray
+    accel_wander: Wander
+    accel_offset: np.ndarray
+    accel_attitude: float
+    accel_per_k: float
+    parameters: np.ndarray
+    turn_rad: float = 0.0
+    assumed: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class ModelInUse:
+    """model with its file's table; fit: ``fit.json`` or empty; config: ``session.toml`` or None; noise: figures of the unit or None;
+    temperature_c: of the session that was fitted, None where not known."""
+
+    model: Model
+    table: dict
+    fit: dict
+    config: Config | None
+    noise: NoiseFigures | None
+    temperature_c: float | None = None
+
+    @classmethod
+    def read(cls, path: Path, noise: Path | None = None) -> ModelInUse:
+        """Read a model file and what lies beside it: ``fit.json``, ``noise.json``, and the session's ``session.toml``.
+
+        noise: the unit's ``noise.json``, or its folder.  Raises FormatError for files that cannot be read, CalibrationError for a
+        model that follows the time of its session.
+        """
+        model, table = models.load_with_table(path)
+        if model.session_s is not None:
+            raise CalibrationError(f"{path}: follows the time of its own session; give {path.stem}_at_end.json beside it")
+        beside = path.parent
+        fit = read_fit(beside / "fit.json") if (beside / "fit.json").is_file() else {}
+        toml = beside.parent / "session.toml"
+        config = read_config(toml) if toml.is_file() and beside.name == "fit" else None
+        candidates = [beside / FILE] if noise is None else [noise, noise / FILE, noise / "fit" / FILE]
+        found = next((each for each in candidates if each.is_file()), None)
+        if noise is not None and found is None:
+            raise CalibrationError(f"{noise}: no {FILE} there; run `calibrate noise` first, or give the file itself")
+        figures = None if found is None else read_figures(found)
+        return cls(model, table, fit, config, figures, table.get("temperature_c"))
+
+
+def expect(known: ModelInUse, rate_hz: float) -> Expectation:
+    """What the model's sensor may read at rest, at this data rate."""
+    assumed: list[str] = []
+
+    def given(value: np.ndarray | float | None, usual: np.ndarray | float, words: str) -> np.ndarray:
+        if value is None:
+            assumed.append(words)
+        return np.broadcast_to(np.asarray(usual if value is None else value, dtype=float), (3,)).copy()
+
+    fit_noise, figures, config = known.fit.get("noise") or {}, known.noise, known.config
+    stills = {name: fit_noise.get(name) for name in ("gyro_dps_rthz", "accel_g_rthz")}
+    white = _white(figures, "gyro", stills["gyro_dps_rthz"], DEG)
+    accel_white = _white(figures, "accel", stills["accel_g_rthz"], G)
+    covariance = known.table.get("covariance")
+    own = None if covariance is None else np.asarray(covariance, dtype=float)[:PARAMETERS, :PARAMETERS]
+    if own is None:
+        assumed.append("covariance of the calibration")
+        own = np.diag(np.r_[np.full(9, 1e-3**2), np.full(3, USUAL_COVARIANCE_RPS**2)])
+    spread = known.table.get("bias_sigma_rps")
+    if spread is None and config is not None and config.sensor.gyro_bias_repeatability_dps is not None:
+        spread = [config.sensor.gyro_bias_repeatability_dps * DEG] * 3
+    repeatability = None if spread is None else BiasRepeatability(np.asarray(spread, dtype=float), "the model's")
+    zero = expected_zero(own[BIAS, BIAS], repeatability=repeatability)
+    if zero.assumed:
+        assumed.append(SPREAD)
+    instability = _instability(fit_noise, config)
+    if figures is None and instability is None:
+        assumed.append("bias instability of the gyroscope")
+        instability = BiasInstability(USUAL_INSTABILITY, "usual of MEMS gyroscopes")
+    usual = BiasInstability(USUAL_ACCEL_INSTABILITY_MPS2, "usual of MEMS accelerometers")
+    accel = None if figures is None or figures.accel is None else replace(figures, gyro=figures.accel)
+    if accel is None:
+        assumed.append("bias instability of the accelerometer")
+    attitude = _component(known.fit, "noise.still_rate", DEG)
+    latitude = None if config is None else config.site.latitude_deg
+    across = EARTH_RATE_RPS * (np.cos(latitude * DEG) if latitude is not None else 1.0) / np.sqrt(2 if latitude is not None else 3)
+    gravity = None if config is None else config.site.gravity_mps2
+    reference = _component(known.fit, "noise.reference", MG)
+    thermal = known.model.kind == "thermal"
+    if gravity is None:
+        assumed.append("gravity of the place")
+    if not thermal:
+        assumed.append("change of the zero with temperature")
+        if known.temperature_c is None:
+            assumed.append("temperature of the calibration")
+    return Expectation(
+        rate_hz,
+        given(white, USUAL_WHITE, "white noise of the gyroscope"),
+        lambda elapsed_s, span_s: _drift(elapsed_s, span_s, figures, instability),
+        zero.sigma,
+        np.full(3, float(np.hypot(across, USUAL_ATTITUDE_RPS if attitude is None else attitude))),
+        np.full(3, USUAL_PER_K),
+        None if thermal else known.temperature_c,
+        0.0 if latitude is None else float(EARTH_RATE_RPS * np.sin(latitude * DEG)),
+        STANDARD_GRAVITY_MPS2 if gravity is None else gravity,
+        given(accel_white, USUAL_ACCEL_WHITE, "white noise of the accelerometer"),
+        lambda elapsed_s, span_s: _drift(elapsed_s, span_s, accel, usual),
+        np.sqrt(2) * np.asarray(known.table.get("accelerometer_spread") or USUAL_SPREAD.spread, dtype=float)[BIASES],
+        float(np.hypot(PRECALIBRATION_MPS2 if reference is None else reference, 0.0 if gravity is not None else UNKNOWN_GRAVITY_MPS2)),
+        USUAL_ACCEL_PER_K,
+        own,
+        _component(known.fit, "noise.turn", DEG) or 0.0,
+        tuple(assumed),
+    )
+
+
+def _white(figures: NoiseFigures | None, kind: str, stills: list[float] | None, si: float) -> np.ndarray | None:
+    """(3,) two-sided density: N of the figures, else the one-sided density of the fit's stills over sqrt(2)."""
+    sensor = None if figures is None else figures.sensors().get(kind)
+    if sensor is not None and np.all(sensor.values("N") > 0):
+        return sensor.values("N")
+    return None if stills is None else np.asarray(stills, dtype=float) * si / np.sqrt(2)
+
+
+def _drift(elapsed_s: float, span_s: float, figures: NoiseFigures | None, instability: BiasInstability | None) -> np.ndarray:
+    """(3,) (rad/s)^2: as ``wander_variance``, of means over a span, in which flicker noise faster than it is averaged away."""
+    found = wander_variance(elapsed_s, figures, instability)
+    sizes = [0.0 if instability is None else instability.rps] * 3 if figures is None else list(figures.gyro.values("B"))
+    faster = _flicker(elapsed_s, 0.0) - _flicker(elapsed_s, span_s)
+    return np.maximum(found - np.square(sizes) * faster, 0.0)
+
+
+def _flicker(elapsed_s: float, span_s: float) -> float:
+    """Mean square of the drift of flicker noise of an instability of 1, between two means."""
+    covariance = wander_covariance(np.array([0.0, min(elapsed_s, END_S)]), span_s, instability_rps=1.0)
+    return float(covariance[0, 0] + covariance[1, 1] - 2 * covariance[0, 1])
+
+
+def _instability(fit_noise: dict, config: Config | None) -> BiasInstability | None:
+    """Of session.toml, else of the fit, else typical of the sensor; None where nothing says it."""
+    if config is not None and config.sensor.gyro_bias_instability_dph is not None:
+        return BiasInstability(config.sensor.gyro_bias_instability_dph * DEG_PER_HOUR, "given in session.toml")
+    if (found := fit_noise.get("gyro_bias_instability_dph")) is not None:
+        return BiasInstability(float(found) * DEG_PER_HOUR, str(fit_noise.get("gyro_bias_instability_source")))
+    typical = None if config is None else config.sensor.typical("gyro_bias_instability_dph")
+    return None if typical is None else BiasInstability(typical[1] * DEG_PER_HOUR, f"typical of {typical[0]}")
+
+
+def _component(fit: dict, name: str, si: float) -> float | None:
+    """Size of a noise component of the fit, or its sigma where that is larger: what its stills do not show may be so large."""
+    for each in (fit.get("noise") or {}).get("components") or ():
+        if each.get("name") == name:
+            return si * max(float(each.get("size") or 0.0), float(each.get("sigma") or 0.0))
+    return None

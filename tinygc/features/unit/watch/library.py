@@ -1,0 +1,114 @@
+"""The watch for Python and for the command."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from session.base.errors import CalibrationError
+from session.log.config import read_config
+from tinygc.deploy.apply import model_of
+from tinygc.deploy.calibration import Surroundings, surroundings
+from tinygc.features.unit.watch.expectation import ModelInUse
+from tinygc.features.unit.watch.source import SILENT_S, Remark, SourceOptions, items_of, require_source
+from tinygc.features.unit.watch.watch import FALSE_ALARM_EVERY_S, Event, Watch
+from tinygc.models.files import is_array_model
+
+__all__ = ["Event", "SourceOptions", "Watched", "events_of", "watch"]
+
+
+@dataclass(frozen=True)
+class Watched:
+    """Result of ``tinygc.watch``: events in their order; held: True, False after an alarm, None where nothing could be judged."""
+
+    events: tuple[Event, ...]
+
+    @property
+    def held(self) -> bool | None:
+        """Whether the calibration held."""
+        return self.events[-1].table["held"] if self.events else None
+
+    @property
+    def alarms(self) -> tuple[Event, ...]:
+        """The alarms alone."""
+        return tuple(event for event in self.events if event.kind == "alarm")
+
+    def summary(self) -> str:
+        """One line."""
+        return self.events[-1].words if self.events else ""
+
+    def to_json(self) -> list[dict]:
+        """A table of ``tinygc-watch/1`` for each event."""
+        return [event.to_json() for event in self.events]
+
+
+def surroundings_of(known: ModelInUse, model: Path, source: str, session: Path | None) -> Surroundings:
+    """Full scales and the accelerometer's calibration, as ``apply`` takes them; without a calibration gravity says nothing.
+
+    Raises CalibrationError where nobody has calibrated the accelerometer.
+    """
+    log = Path(source)
+    found = surroundings(known.table, model, log if log.is_file() else Path("-"), session)
+    if found.accelerometer is None:
+        raise CalibrationError(
+            f"{model}: no calibration of the accelerometer, without which gravity's length says nothing; fit again, or give --session DIR"
+        )
+    return found
+
+
+def events_of(
+    model: Path,
+    source: str,
+    options: SourceOptions,
+    *,
+    false_alarm_every_s: float = FALSE_ALARM_EVERY_S,
+    noise: Path | None = None,
+    session: Path | None = None,
+    ended: Callable[[], bool] = lambda: False,
+) -> Iterator[Event]:
+    """Events of a source until it ends, or ``ended`` says so.
+
+    Raises CalibrationError for what cannot be read.
+    """
+    require_source(source)
+    path = model_of(model)
+    if is_array_model(path):
+        raise CalibrationError(f"{path}: an array's model; watch one unit of it, by its own model")
+    known = ModelInUse.read(path, noise)
+    if session is not None:
+        known = ModelInUse(known.model, known.table, known.fit, read_config(session / "session.toml"), known.noise, known.temperature_c)
+    around = surroundings_of(known, path, source, session)
+    live = Watch(known, false_alarm_every_s, options.answers.odr_hz)
+    items = items_of(source, options, around)
+    heard_s, silent = time.monotonic(), False
+    with contextlib.suppress(KeyboardInterrupt):  # where a read cannot be waited for otherwise; a second one ends the program
+        for item in items:
+            if item is not None:
+                for event in live.take(item):
+                    yield event
+                    if ended():
+                        break
+            if item is not None and not isinstance(item, Remark):
+                heard_s, silent = time.monotonic(), False
+            elif not silent and time.monotonic() - heard_s > SILENT_S:
+                silent = True
+                yield Event("remark", live.t_s, f"no sample has come for {SILENT_S:.0f} s", {"what": "silent", "count": 1})
+            if ended():
+                break
+    yield from live.end()
+
+
+def watch(
+    model: Path,
+    source: str,
+    options: SourceOptions,
+    *,
+    false_alarm_every_s: float = FALSE_ALARM_EVERY_S,
+    noise: Path | None = None,
+    session: Path | None = None,
+) -> Watched:
+    """Watch a source to its end."""
+    return Watched(tuple(events_of(model, source, options, false_alarm_every_s=false_alarm_every_s, noise=noise, session=session)))

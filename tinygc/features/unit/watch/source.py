@@ -1,0 +1,313 @@
+"""Where a watched sensor's samples come from: a log, a log that grows, standard input, UDP, a port; in SI, with what went wrong on the way.
+
+Bytes of a stream go through the decoder of ``record``: frames or lines, with damage, losses and restarts.  A log goes through the reader
+of ``import`` and ``apply``: any program's table.
+"""
+
+from __future__ import annotations
+
+import os
+import queue
+import select
+import socket
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from session.base.errors import CalibrationError, DataError, DeviceError, FormatError
+from session.base.files import open_file, require_file
+from session.base.units import WORDS
+from session.bench.decoder import StreamDecoder
+from session.bench.events import Event, Info, SampleChunk, Trouble, starts_log
+from session.bench.port import Closed, Port, Received
+from session.log.config import Accelerometer
+from session.log.dialects import Answers
+from session.log.lines import PIECE_BYTES, STANDARD
+from session.log.logfile import already_calibrated, number_in
+from session.log.reader import Reader
+from session.log.registers import DEFAULT, RegisterUnits
+from tinygc.deploy.apply import LogSource
+from tinygc.deploy.calibration import Surroundings
+
+UDP = "udp:"
+#: bytes at a time; s without any after which a source says so, and the watch looks about
+BLOCK, IDLE_S = 1 << 16, 0.2
+#: s without a sample that are said, and after which another sender of datagrams is followed
+SILENT_S = 10.0
+#: bytes of a table at standard input that are read before they are examined
+LIVE_BYTES = 4096
+#: bytes of a stream in which a sample must have come
+BARREN = 1 << 20
+#: ends of the names of files: what has one is no port, also where it is not there
+LOG_SUFFIXES = (".csv", ".gz", ".txt", ".log", ".tsv", ".dat", ".bin", ".npz", ".json", ".jsonl", ".ulg", ".bag", ".mcap", ".bfl", ".bbl")
+#: options of ``Answers`` that mean a table of another program
+OF_TABLES = ("columns", "time_unit", "gyro_unit", "accel_unit", "rows", "where", "lines", "packed", "topic", "like")
+
+
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """Consecutive samples: t_ns (N,) int64; gyro (N, 3) rad/s as measured; accel (N, 3) m/s^2 calibrated; temp_c (N,) or None."""
+
+    t_ns: np.ndarray
+    gyro: np.ndarray
+    accel: np.ndarray
+    temp_c: np.ndarray | None
+
+
+@dataclass(frozen=True)
+class Restart:
+    """What follows does not continue what came before: why, in words; switched_on: whether the sensor may have been off."""
+
+    why: str
+    switched_on: bool = True
+
+
+@dataclass(frozen=True)
+class Remark:
+    """Something that went wrong without harm: kind, by which repetitions are counted, and words."""
+
+    kind: str
+    words: str
+    count: int = 1
+
+
+Item = Readings | Restart | Remark
+
+
+@dataclass(frozen=True)
+class SourceOptions:
+    """follow: whether a file is read on as it grows; header: of a text stream that does not send it; baud: of a port; answers: what a log
+    or the board does not say."""
+
+    follow: bool = False
+    header: str | None = None
+    baud: int = 921600
+    answers: Answers = field(default_factory=Answers)
+
+    @property
+    def is_table(self) -> bool:
+        """Whether the answers mean another program's table."""
+        return any(getattr(self.answers, name) for name in OF_TABLES)
+
+
+def require_source(source: str) -> None:
+    """Raise FormatError for what is neither a log nor a port, as a named pipe or a log that is not there, before anything waits for it."""
+    path = Path(source)
+    if path.is_dir():
+        raise FormatError(f"{source}: a folder; watch a log, a port, udp:HOST:PORT, or - for standard input")
+    named_as_log = path.suffix.lower() in LOG_SUFFIXES and not source.startswith("/dev/")
+    if source != STANDARD and (named_as_log or (path.exists() and not path.is_char_device())):
+        require_file(path)
+
+
+def items_of(source: str, options: SourceOptions, known: Surroundings) -> Iterator[Item | None]:
+    """Samples of a source and what goes wrong, in order; None whenever nothing has come for ``IDLE_S``.
+
+    source: a file, ``-``, ``udp:HOST:PORT``, or a port.  known: full scales and the accelerometer's calibration.
+    Raises FormatError for what is no log, DataError for a stream without samples, DeviceError for a port that cannot be opened.
+    """
+    path = Path(source)
+    if source == STANDARD:
+        return (
+            _table(path, options.answers, known, LIVE_BYTES)
+            if options.is_table
+            else _decoded(_standard_input(), options, known, "standard input")
+        )
+    if source.startswith(UDP):
+        return _decoded(_datagrams(source), options, known, source)
+    if not path.is_file():
+        return _decoded(_from_port(source, options.baud), options, known, source)
+    return _decoded(_growing(path), options, known, source) if options.follow else _table(path, options.answers, known)
+
+
+def _table(path: Path, answers: Answers, known: Surroundings, size: int = PIECE_BYTES) -> Iterator[Item]:
+    """A log of any program."""
+    reader = Reader(path, answers)
+    if reader.layout.gyro is None or reader.layout.accel is None:
+        raise FormatError(f"{path.name} holds no {'gyroscope' if reader.layout.gyro is None else 'accelerometer'}, and a watch needs both")
+    if (done := already_calibrated(reader.comments)) is not None:
+        raise FormatError(f"{path.name} is calibrated already ({', '.join(sorted(done))}): give the log that it was made of")
+    full_scales = (answers.gyro_fs_dps, answers.accel_fs_g)
+    said = [given or number_in(reader.comments, key) for given, key in zip(full_scales, ("gyro_fs_dps", "accel_fs_g"), strict=True)]
+    sensor = answers.sensor or reader.comments.get("sensor") or known.sensor.model
+    filled = {"gyro_fs_dps": said[0] or known.sensor.gyro_fs_dps, "accel_fs_g": said[1] or known.sensor.accel_fs_g, "sensor": sensor}
+    source = LogSource(reader, Answers(**{**vars(answers), **filled}), known)
+    for piece in source.pieces(size):
+        assert piece.accel is not None  # a log without forces was refused
+        yield Readings(piece.t_ns, piece.gyro, piece.accel, piece.temp)
+
+
+# Bytes of a stream, as they come: b"" where none have for a while, a Restart where it was interrupted.
+
+Bytes = Iterator[bytes | Restart | Remark]
+
+
+def _standard_input() -> Bytes:
+    number = sys.stdin.fileno()
+    while True:
+        if os.name == "posix" and not select.select([number], [], [], IDLE_S)[0]:
+            yield b""
+            continue
+        data = os.read(number, BLOCK)
+        if not data:
+            return
+        yield data
+
+
+def _datagrams(source: str) -> Bytes:
+    """Datagrams of one sender: another one beside it would look like a sensor that jumps.
+
+    A sender is an address, since a board that starts anew sends from another port.  Behind its silence another one is followed.
+    """
+    host, _, port = source.removeprefix(UDP).rpartition(":")
+    if not (port.isascii() and port.isdigit() and len(port) <= 5 and 0 < int(port) < 65536):
+        raise CalibrationError(f"{source}: expected {UDP}HOST:PORT, such as {UDP}0.0.0.0:9000")
+    try:
+        family, kind, _, _, address = socket.getaddrinfo(host.strip("[]") or "0.0.0.0", int(port), type=socket.SOCK_DGRAM)[0]
+        connection = socket.socket(family, kind)
+        connection.bind(address)
+    except OSError as error:
+        raise DeviceError(f"{source}: cannot be opened ({error.strerror or error}); is another program listening there?") from None
+    followed, heard_s = "", 0.0
+    with connection:
+        connection.settimeout(IDLE_S)
+        while True:
+            try:
+                data, (sender, *_) = connection.recvfrom(BLOCK)
+            except TimeoutError:
+                yield b""
+                continue
+            if not data:
+                continue
+            if sender != followed and followed and time.monotonic() - heard_s < SILENT_S:
+                yield Remark("stranger", f"{source}: datagrams came from another sender than {followed}: left out")
+                continue
+            if sender != followed and followed:
+                yield Restart(f"{source}: nothing has come from {followed} for {SILENT_S:.0f} s; {sender} is followed from here on")
+            followed = sender
+            yield data if data[-1] in (0, 10) else data + b"\n"
+            heard_s = time.monotonic()  # whoever takes the data may be slow
+
+
+def _growing(path: Path) -> Bytes:
+    """A file that somebody writes: from its beginning, then as it grows; begun anew where it was cut or replaced."""
+    while True:
+        with open_file(path) as file:
+            status = os.fstat(file.fileno())
+            while True:
+                if data := file.read(BLOCK):
+                    yield data
+                    continue
+                yield b""
+                time.sleep(IDLE_S)
+                try:
+                    now = path.stat()
+                except OSError:
+                    continue  # removed, or on its way to another place; what is open goes on
+                if (now.st_dev, now.st_ino) != (status.st_dev, status.st_ino) or now.st_size < file.tell():
+                    break
+        yield Restart(f"{path.name} was begun anew")
+
+
+def _from_port(name: str, baud: int) -> Bytes:
+    port = Port(name, baud)
+    opened = False
+    try:
+        while True:
+            try:
+                item = port.items.get(timeout=IDLE_S)
+            except queue.Empty:
+                yield b""
+                continue
+            if isinstance(item, Exception):
+                raise item
+            if isinstance(item, Closed):
+                yield Restart(f"{name}: {item.why}")
+            elif isinstance(item, Received):
+                opened = True
+                yield item.data
+            elif opened:
+                yield b""
+    finally:
+        port.close()
+
+
+# From bytes to samples.
+
+
+def _decoded(pieces: Bytes, options: SourceOptions, known: Surroundings, name: str) -> Iterator[Item | None]:
+    decoder, units = StreamDecoder(options.header), _Units(options.answers, known, name)
+    for piece in pieces:
+        if isinstance(piece, Restart):
+            yield from _items(decoder.finish(), units)
+        if isinstance(piece, Restart | Remark):
+            yield piece
+            continue
+        if not piece:
+            yield None
+            continue
+        yield from _items(decoder.feed(piece), units)
+        if not decoder.samples and decoder.taken > BARREN:
+            raise _no_samples(name)
+    yield from _items(decoder.finish(), units)
+    if not decoder.samples:
+        raise _no_samples(name)
+
+
+def _no_samples(name: str) -> DataError:
+    return DataError(
+        f"{name}: no sample in what came; expected the project's frames or lines (docs/stream.md); give --header LINE for lines without "
+        "one, or --columns or --like for another program's table on standard input"
+    )
+
+
+#: kind of a trouble -> its words
+TROUBLES = {
+    "lost": "samples are missing, by their numbers or stamps",
+    "crc": "frames failed their check",
+    "garbage": "bytes were neither frame nor line",
+    "implausible": "samples cannot follow those around them: left out",
+}
+
+
+def _items(events: list[Event], units: _Units) -> Iterator[Item]:
+    for event in events:
+        if isinstance(event, Info):
+            units.info = event
+        elif isinstance(event, SampleChunk) and len(event):
+            yield units.readings(event)
+        elif isinstance(event, Trouble):
+            if starts_log(event):
+                yield Restart("the device's clock began again: it was switched on again, or has reset itself")
+            elif event.kind in TROUBLES:
+                yield Remark(event.kind, TROUBLES[event.kind], event.count)
+
+
+class _Units:
+    """What a stream's registers mean: said by its options, the board, or the model, in this order."""
+
+    def __init__(self, answers: Answers, known: Surroundings, name: str):
+        self._answers, self._known, self._name = answers, known, name
+        self._accelerometer = known.accelerometer or Accelerometer(source="none")
+        self.info: Info | None = None
+
+    def readings(self, chunk: SampleChunk) -> Readings:
+        """Registers or physical units as SI.  FormatError for registers whose full scale nobody says."""
+        values = chunk.registers.astype(float)
+        if chunk.form.physical:
+            gyro, accel = (WORDS[kind][word] for kind, word in zip(("gyro", "accel"), chunk.form.units, strict=True))
+            temp_c = values[:, 6] if chunk.form.has_temperature else None
+        else:
+            answers, own, info = self._answers, self._known.sensor, self.info
+            gyro_fs = answers.gyro_fs_dps or (info.gyro_fs_dps if info else None) or own.gyro_fs_dps
+            accel_fs = answers.accel_fs_g or (info.accel_fs_g if info else None) or own.accel_fs_g
+            if gyro_fs is None or accel_fs is None:
+                raise FormatError(f"{self._name} sends registers and nobody says the full scale; give --gyro-fs and --accel-fs")
+            model = answers.sensor or (info.sensor if info and info.sensor else None) or own.model or DEFAULT
+            units = RegisterUnits(model, gyro_fs, accel_fs, **(own.own_units if model == own.model else {}))
+            gyro, accel, temp_c = units.gyro_rps, units.accel_mps2, units.temperature_c(values[:, 6])
+        return Readings(chunk.t_us * 1000, values[:, :3] * gyro, self._accelerometer.correct(values[:, 3:6] * accel), temp_c)

@@ -1,0 +1,474 @@
+r"""The watch of one stream: samples in, events out; constant memory however long it lasts.
+
+    samples -> calibrated rates -> detector (blocks, windows, tests) -> rests, alarms
+                               \-> turns between rests -> closures
+
+After an alarm the present reading is the new state, and the watch goes on.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from session.base.errors import DataError
+from session.base.texts import significant
+from session.base.units import DEG, MG, NS, NS_PER_S
+from session.log.pace import pace_of
+from tinygc.closure.motion import LIMIT_DEG, MINUTE_S, at_rest
+from tinygc.deploy.calibration import Calibration, Stream
+from tinygc.features.unit.watch.change import Change, WindowRecord, change_of
+from tinygc.features.unit.watch.detector import Detector, Judged, Window
+from tinygc.features.unit.watch.expectation import SPREAD, Expectation, ModelInUse, expect
+from tinygc.features.unit.watch.settings import BLOCKS, CHANNELS, CLIP, FORCE_WITHIN, SHIFTS, Settings, settings
+from tinygc.features.unit.watch.source import Item, Readings, Remark, Restart
+from tinygc.features.unit.watch.turns import LEAST_RAD, LONGEST_S, Turn, TurnTest
+from tinygc.models.linear import LinearModel
+
+DAY_S = 86400.0
+#: mean time at rest to a false alarm
+FALSE_ALARM_EVERY_S = 30 * DAY_S
+#: s of samples that show the data rate
+RATE_S = 2.0
+#: s: a longer step between two stamps is a gap; shorter ones are a clock's and a port's own
+GAP_S, GAP_STEPS = 0.1, 8
+#: windows that are remembered for the words of an alarm
+REMEMBERED = 4096
+#: s without a rest after which that is said, and then each time twice as long
+RESTLESS_S = 600.0
+SCHEMA = "tinygc-watch/1"
+#: of a block: calibrated and measured rate (N, 3) rad/s, and s of each sample (N,)
+Arrays = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class Event:
+    """kind: ``start``, ``rest``, ``turn``, ``alarm``, ``remark`` or ``end``; t_s since the first sample; words: one line; table:
+    figures."""
+
+    kind: str
+    t_s: float
+    words: str
+    table: dict[str, Any]
+
+    def to_json(self) -> dict[str, Any]:
+        """A line of ``tinygc-watch/1`` (docs/formats.md)."""
+        return {"schema": SCHEMA, "event": self.kind, "t_s": round(self.t_s, 3), "words": self.words, **self.table}
+
+
+class Watch:
+    """known: the model and what lies beside it; false_alarm_every_s: mean time at rest to a false alarm; rate_hz: where the stamps do not
+    say it."""
+
+    def __init__(self, known: ModelInUse, false_alarm_every_s: float = FALSE_ALARM_EVERY_S, rate_hz: float | None = None):
+        self._known, self._every_s, self._asked_hz = known, false_alarm_every_s, rate_hz
+        self._early: list[Readings] = []
+        self.expected: Expectation | None = None
+        self.settings: Settings | None = None
+        self.counts: Counter[str] = Counter()
+        self.alarms, self.windows, self.rests, self.turns, self.short = 0, 0, 0, 0, 0
+        self.t_s = self.rested_s = 0.0
+        self._base_ns = 0  # what makes stamps go on over restarts
+        self._last_ns: int | None = None
+        self._first_ns: int | None = None
+        self._here: list[np.ndarray] = []  # first and last window of the present rest: zero, its variance, gravity, warmer
+        self._zero: tuple[np.ndarray, np.ndarray] | None = None  # rad/s, of the last rest, and its sigma
+        self._windows_here = self._quiet_blocks = 0
+        self._force_sum, self._force_count = 0.0, 0  # m/s^2, of all samples
+
+    # From items to events.
+
+    def take(self, item: Item) -> Iterator[Event]:
+        """Events of what a source gives."""
+        if isinstance(item, Readings):
+            if len(item.t_ns):
+                yield from self._readings(item)
+        elif isinstance(item, Restart):
+            yield from self._restart(item)
+        else:
+            yield from self._remark(item)
+
+    def _remark(self, item: Remark) -> Iterator[Event]:
+        """Said at the first, then whenever the count has grown tenfold."""
+        before = self.counts[item.kind]
+        self.counts[item.kind] += item.count
+        now = self.counts[item.kind]
+        if before == 0 or len(str(now)) > len(str(before)):
+            yield Event("remark", self.t_s, f"{item.words} ({now} so far)", {"what": item.kind, "count": now})
+
+    def _restart(self, item: Restart) -> Iterator[Event]:
+        self.counts["restart"] += 1
+        self._end_quiet()
+        yield from self._end_rest()
+        self._base_ns += 0 if self._last_ns is None else self._last_ns
+        self._last_ns = self._first_ns = None
+        self._early = []
+        if self.settings is not None:
+            self._begin(item.switched_on)
+        yield Event("remark", self.t_s, item.why, {"what": "restart", "count": self.counts["restart"]})
+
+    def _readings(self, item: Readings) -> Iterator[Event]:
+        finite = np.isfinite(item.gyro).all(axis=1) & np.isfinite(item.accel).all(axis=1)
+        if not finite.all():
+            yield from self._remark(Remark("not a number", "readings are no numbers: left out", int(np.sum(~finite))))
+            item = _rows(item, finite)
+            if not len(item.t_ns):
+                return
+        if self.settings is None:
+            self._early.append(item)
+            item = _joined(self._early)
+            seconds = float(item.t_ns[-1] - item.t_ns[0]) * NS
+            if self._asked_hz is None and seconds < RATE_S and len(item.t_ns) < 100_000:
+                return
+            self._early = []
+            yield self._start(item)
+        for piece in _parts(item, self._gap_ns):
+            yield from self._piece(piece)
+
+    def _start(self, item: Readings) -> Event:
+        """The data rate is known: make the detector."""
+        rate_hz = self._asked_hz
+        if rate_hz is None:
+            if not (np.diff(item.t_ns) > 0).any():
+                raise DataError("the stamps stand still, and do not say the data rate; give --odr HZ")
+            begun = item.t_ns[item.t_ns <= item.t_ns[0] + round(RATE_S * NS_PER_S)]  # so that pieces do not matter
+            rate_hz = pace_of(begun if (np.diff(begun) > 0).any() else item.t_ns).rate_hz
+        temp_c = None if item.temp_c is None or not np.isfinite(item.temp_c).any() else float(np.nanmean(item.temp_c))
+        self.expected = expected = expect(self._known, rate_hz)
+        self.settings = chosen = settings(expected, self._every_s, None if self._known.model.kind == "thermal" else temp_c)
+        self.window_s = chosen.window_samples / rate_hz
+        self._gap_ns = round(max(GAP_S, GAP_STEPS / rate_hz) * NS_PER_S)
+        self._period_s = 1 / rate_hz
+        self._calibration = Calibration(self._known.model, rate_hz, self._known.table)
+        self._begin(True)
+        table = {
+            "rate_hz": rate_hz,
+            "window_s": self.window_s,
+            "false_alarm_every_s": self._every_s,
+            "zero_sigma_dps": (expected.offset / DEG).tolist(),
+            "window_sigma_dps": (chosen.rate_sigma_rps / DEG).tolist(),
+            "gravity_sigma_mg": chosen.gravity_sigma * expected.gravity_mps2 / MG,
+            "assumed": list(expected.assumed),
+        }
+        words = f"watching at {rate_hz:.4g} Hz: a rest of {self.window_s * (1 + 2 / BLOCKS):.1f} s or more is judged"
+        return Event("start", 0.0, words, table)
+
+    def _begin(self, switched_on: bool) -> None:
+        """A stream begins, or goes on after an interruption; switched_on: with another zero, perhaps."""
+        assert self.settings is not None
+        assert self.expected is not None
+        if switched_on:
+            self._detector = Detector(self.settings)
+            self._turn_test = TurnTest(self.expected, self._every_s / self.window_s)
+            self._since = np.zeros((len(CHANNELS), 2, len(SHIFTS)), dtype=int)
+            self._records: deque[WindowRecord] = deque(maxlen=REMEMBERED)
+        else:
+            self._detector.gap(0)
+        self._stream: Stream = self._calibration.stream()
+        self._waiting: deque[Readings] = deque()
+        self._left: Arrays = (np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+        self._forget_turn()
+        self._restless_s, self._restless_said_s = 0.0, RESTLESS_S
+        self._here, self._windows_here = [], 0
+
+    def _piece(self, piece: tuple[int, Readings]) -> Iterator[Event]:
+        """Consecutive samples behind a gap of so many ns, 0 for none."""
+        gap_ns, item = piece
+        if gap_ns < 0:
+            yield from self._restart(Restart("the stamps went back: the clock was set, or began again", switched_on=False))
+        elif gap_ns > 0:
+            samples = round(gap_ns * NS / self._period_s)
+            yield from self._remark(Remark("gap", f"a gap of {gap_ns * NS:.3g} s", 1))
+            self._end_quiet()
+            yield from self._end_rest()
+            self._detector.gap(samples)
+            self._stream = self._calibration.stream()
+            self._waiting.clear()
+            self._left = (self._left[0][:0], self._left[1][:0], self._left[2][:0])
+            self._forget_turn()
+        self._first_ns = int(item.t_ns[0]) if self._first_ns is None else self._first_ns
+        self._last_ns = int(item.t_ns[-1]) - self._first_ns
+        self._waiting.append(item)
+        omega = self._stream.push(item.gyro, item.accel, item.temp_c)
+        if len(omega):
+            yield from self._calibrated(omega, _taken(self._waiting, len(omega)))
+
+    def _calibrated(self, omega: np.ndarray, item: Readings) -> Iterator[Event]:
+        n = self._detector.chosen.samples
+        t_s = ((item.t_ns - (self._first_ns or 0)) + self._base_ns) * NS
+        self._force_sum += float(np.linalg.norm(item.accel, axis=1).sum())
+        self._force_count += len(item.accel)
+        rate, measured, times = (np.concatenate(pair) for pair in zip(self._left, (omega, item.gyro, t_s), strict=True))
+        k, steps = 0, np.full(n, self._period_s)
+        for quiet, window, judged in self._detector.feed(omega, item.accel, item.temp_c):
+            block = (rate[k : k + n], measured[k : k + n], steps)
+            k += n
+            self.t_s = float(times[k - 1])
+            yield from self._block(block, quiet, window, judged)
+        self._left = (rate[k:], measured[k:], times[k:])
+
+    # Blocks: rests, and the turns between them.
+
+    def _forget_turn(self) -> None:
+        self._turn: Turn | None = None
+        self._direction: np.ndarray | None = None  # force of the last judged rest, in g
+        self._pending: deque[Arrays] = deque()  # blocks since then that may be those of the next judged window
+
+    def _block(self, block: Arrays, quiet: bool, window: Window | None, judged: Judged | None) -> Iterator[Event]:
+        seconds = float(block[2].sum())
+        if quiet:
+            self.rested_s += seconds
+            self._quiet_blocks += 1
+        else:
+            self._end_quiet()
+        self._restless_s = 0.0 if window is not None else self._restless_s + seconds
+        if self._restless_s > self._restless_said_s:
+            self._restless_said_s *= 2
+            why = f"no rest of {self.window_s * (1 + 2 / BLOCKS):.1f} s for {self._restless_s / 60:.0f} min: nothing could be judged"
+            words = why + self._wrong_force()
+            yield Event("remark", self.t_s, words, {"what": "no rest", "count": 1})
+        if not quiet and self._here:
+            yield from self._end_rest()
+        if self._direction is not None:
+            yield from self._follow(block, window, judged)
+        if window is None or judged is None:
+            return
+        self._restless_said_s = RESTLESS_S
+        self.windows += 1
+        if self._direction is None:
+            self._pending.append(block)
+        self._direction = window.direction[:, 0]
+        self._resting_rps = block[1].mean(axis=0)
+        zero, variance = self._detector.filter.zero
+        self._here.append(np.concatenate([zero[:, 0], variance, [window.gravity[0]], window.warmer]))
+        if len(self._here) > 2:  # of a rest, the first and the last window are kept
+            del self._here[1]
+        self._windows_here += 1
+        yield from self._judged(window, judged)
+
+    def _end_quiet(self) -> None:
+        """A quiet stretch has ended; one of a second or more in which no window was complete is a rest that was passed over."""
+        self.short += self._quiet_blocks >= BLOCKS // 2 and not self._windows_here
+        self._quiet_blocks = 0
+
+    def _wrong_force(self) -> str:
+        """What to say where the mean length of the force is not that of a rest."""
+        assert self.expected is not None
+        mean, gravity = self._force_sum / max(self._force_count, 1), self.expected.gravity_mps2
+        if not self._force_count or abs(mean / gravity - 1) < FORCE_WITHIN:
+            return ""
+        return f"; the accelerometer reads {mean:.3g} m/s^2 on average, expected about {gravity:.3g}: check its unit and full scale"
+
+    def _follow(self, block: Arrays, window: Window | None, judged: Judged | None) -> Iterator[Event]:
+        """A turn goes from the end of one judged window to the beginning of the next: a hand begins and ends softly."""
+        kept = BLOCKS if window is not None else BLOCKS + 1
+        while len(self._pending) > kept:
+            if self._turn is None:
+                self._turn = Turn(self._turn_test.x[:9])
+                self._measured_rps = self._resting_rps
+                self._zero_rps = self._detector.filter.lasting[0][:, 0] * self._detector.chosen.rate_sigma_rps
+            omega, measured, dt = self._pending.popleft()
+            self._turn.add(omega - self._zero_rps, measured - self._measured_rps, dt)
+        turn = self._turn
+        if window is not None and judged is not None:
+            self._turn = None
+            self._pending.clear()
+            if turn is not None and turn.angle > LEAST_RAD:
+                yield from self._closed(turn, window.direction[:, 0], judged)
+        self._pending.append(block)
+        if turn is not None and turn.seconds > LONGEST_S:
+            self._forget_turn()
+
+    def _closed(self, turn: Turn, end: np.ndarray, judged: Judged) -> Iterator[Event]:
+        """judged: the window behind the turn.  A zero that has jumped did so at an unknown moment of the turn."""
+        innovation = judged.whole[:3, 0] * judged.sigma[0, 0]
+        jumped = np.max(np.where(np.abs(judged.whole[:3, 0]) >= CLIP, innovation**2, 0.0))
+        variance = float(np.max(self._detector.chosen.rate_sigma_rps) ** 2 * (self._detector.filter.lasting[1][0] + jumped))
+        assert self._direction is not None
+        closure = self._turn_test.judge(turn, self._direction, end, variance, self.window_s)
+        self.turns += 1
+        table = {
+            "tilt_deg": float(np.linalg.norm(closure.tilt_rad) / DEG),
+            "sigma_deg": closure.sigma_rad / DEG,
+            "chi_square": closure.square,
+            "seconds": closure.seconds,
+            "angle_deg": closure.angle_rad / DEG,
+        }
+        words = (
+            f"turn of {closure.angle_rad / DEG:.0f}° in {closure.seconds:.1f} s: tilt {np.linalg.norm(closure.tilt_rad) / DEG:.3f}°, "
+            f"stated {closure.sigma_rad / DEG:.3f}° (one sigma of a component)"
+        )
+        yield Event("turn", self.t_s, words, table)
+        if closure.alarm:
+            self.alarms += 1
+            advice = "take a new calibration, or `calibrate verify` with ten turns"
+            said = f"ALARM closure: turns close worse than stated; the last by {np.linalg.norm(closure.tilt_rad) / DEG:.3f}°; {advice}"
+            yield Event("alarm", self.t_s, said, {"channel": "closure", "channels": ["closure"], **table, "advice": advice})
+
+    # Windows: what the tests say.
+
+    def _judged(self, window: Window, judged: Judged) -> Iterator[Event]:
+        f = self._detector.filter
+        self._records.append(WindowRecord.of(self.t_s, window, judged))
+        alarmed = {int(k): int(judged.alarm[k, 0]) for k in np.flatnonzero(judged.alarm[:, 0])}
+        if alarmed:
+            begun = {k: self.windows - int(self._since[k, 0 if sign > 0 else 1, int(judged.shift[k, 0])]) for k, sign in alarmed.items()}
+            yield self._alarm(alarmed, {k: change_of(self._records, k, begun[k], self._detector.chosen) for k in alarmed})
+            self._records.clear()
+        self._since[f.cusum[..., 0] == 0] = self.windows
+
+    def _alarm(self, alarmed: dict[int, int], changes: dict[int, Change]) -> Event:
+        """One event of all channels that alarm in a window: their signs, and what has changed.  Its table is of the largest change."""
+        assert self.expected is not None
+        c, f = self._detector.chosen, self._detector.filter
+        self.alarms += 1
+        units = np.r_[c.rate_sigma_rps / DEG, c.gravity_sigma * self.expected.gravity_mps2 / MG]
+        sizes = {k: (change.size * float(units[k]), change.sigma * float(units[k])) for k, change in changes.items()}
+        zeros = [k for k in alarmed if k < 3]
+        first = max(zeros or alarmed, key=lambda k: abs(sizes[k][0]))
+        (size, sigma), change = sizes[first], changes[first]
+        table: dict[str, Any] = {"channel": CHANNELS[first], "channels": [CHANNELS[k] for k in alarmed], "sign": alarmed[first]}
+        table |= {"began_s": round(change.began_s, 1), "kind": change.kind}
+        after, advice = [], []
+        if zeros:
+            changed = np.zeros(3)
+            changed[zeros] = [sizes[k][0] * DEG for k in zeros]
+            zero = f.zero[0][:, 0] * c.rate_sigma_rps
+            cost = _cost_deg(changed)
+            table |= {"size_dps": size, "sigma_dps": sigma, "zero_dps": (zero / DEG).tolist()}
+            table |= {"cost_deg": cost, "zero_cost_deg": _cost_deg(zero)}
+            after.append(f"uncorrected it turns the attitude by {significant(cost, 2)}° in the next minute")
+            advice.append("take B anew (`calibrate verify` says how); a rest does not test E")
+        if 3 in alarmed:
+            size, sigma = sizes[3]
+            tilt_deg = float(np.degrees(abs(size) * 1e-3))
+            table |= {"size_mg": size, "sigma_mg": sigma}
+            table.setdefault("cost_deg", tilt_deg)
+            after.append(f"a tilt from it errs by up to {significant(tilt_deg, 2)}°")
+            advice.append("the accelerometer's zero or scale has changed: record it in six attitudes, then `calibrate verify`")
+        table["advice"] = "; ".join(advice)
+        order = sorted(alarmed, key=lambda k: k != first)
+        amounts = {k: f"{sizes[k][0]:+.3g} ± {sizes[k][1]:.2g} {'mg' if k == 3 else 'dps'}" for k in alarmed}
+        words = ", ".join(f"{CHANNELS[k]}: {changes[k].words(amounts[k])}" for k in order)
+        return Event("alarm", self.t_s, f"ALARM {words}; {'; '.join(after)}; {table['advice']}", table)
+
+    def _end_rest(self) -> Iterator[Event]:
+        """The rest has ended: what it was."""
+        here = self._here
+        if not here or self.settings is None or self.expected is None:
+            return
+        last, count = here[-1], self._windows_here
+        self._zero = last[:3] * self.settings.rate_sigma_rps, np.sqrt(last[3]) * self.settings.rate_sigma_rps
+        zero, sigma = (each / DEG for each in self._zero)
+        gravity = float(last[4] * self.settings.gravity_sigma * self.expected.gravity_mps2 / MG)
+        self.rests += 1
+        self._here, self._windows_here = [], 0
+        words = f"rest of {count * self.window_s:.0f} s: zero {', '.join(f'{each:+.4f}' for each in zero)} dps, gravity {gravity:+.2f} mg"
+        table = {"windows": count, "zero_dps": zero.tolist(), "zero_sigma_dps": sigma.tolist(), "gravity_mg": gravity}
+        yield Event("rest", self.t_s, words, table)
+
+    def end(self) -> Iterator[Event]:
+        """The stream has ended.  Raises DataError where it is too short to show its data rate."""
+        if self.settings is None:
+            if self._early:
+                item = _joined(self._early)
+                if len(item.t_ns) < 2:
+                    raise DataError("one sample alone came; a watch needs seconds of them")
+                self._early = []
+                yield self._start(item)
+                for piece in _parts(item, self._gap_ns):
+                    yield from self._piece(piece)
+        else:
+            rest = self._stream.flush()
+            if len(rest):
+                yield from self._calibrated(rest, _taken(self._waiting, len(rest)))
+        self._end_quiet()
+        yield from self._end_rest()
+        table = {
+            "windows": self.windows,
+            "rests": self.rests,
+            "short_rests": self.short,
+            "turns": self.turns,
+            "alarms": self.alarms,
+            "rested_s": round(self.rested_s, 1),
+            "counts": dict(self.counts),
+            "held": False if self.alarms else None if self._zero is None or self._zero_matters() else True,
+        }
+        if self._zero is not None:
+            zero, sigma = ((each / DEG).tolist() for each in self._zero)
+            table |= {"zero_dps": zero, "zero_sigma_dps": sigma, "zero_cost_deg": _cost_deg(self._zero[0])}
+        yield Event("end", self.t_s, self._ended_words(), table)
+
+    def _zero_matters(self) -> bool:
+        """Whether a minute at rest misses more than the limit by the last zero, as ``verify`` asks it: beyond two sigmas."""
+        assert self._zero is not None
+        zero, sigma = (float(np.linalg.norm(each)) for each in self._zero)
+        return _cost_deg(self._zero[0]) > LIMIT_DEG and zero > 2 * sigma
+
+    def _ended_words(self) -> str:
+        if self._zero is None or self.expected is None:
+            short = f" ({self.short} were too short)" if self.short else ""
+            return f"UNDECIDED: {self.t_s:.0f} s, and no rest that could be judged{short}{self._wrong_force() if self.settings else ''}"
+        short = f" ({self.short} shorter ones passed over)" if self.short else ""
+        what = f"{self.windows} windows of {self.window_s:.1f} s in {self.rests} rests{short}, {self.turns} turns, {self.t_s / 3600:.2f} h"
+        zero, allowed = self._zero[0] / DEG, float(np.sqrt(np.mean(self.expected.offset**2)))
+        usual = ", as usual" if SPREAD in self.expected.assumed else ""
+        costs = (
+            f"a zero of {', '.join(f'{each:+.4f}' for each in zero)} dps turns the attitude by {significant(_cost_deg(self._zero[0]), 2)}°"
+        )
+        costs = (
+            f"{costs} in a minute at rest; a switch-on may move each axis by {significant(allowed / DEG, 2)} dps "
+            f"({significant(allowed * MINUTE_S / DEG, 2)}°, one sigma{usual})"
+        )
+        if self.alarms:
+            return f"ALARMS: {self.alarms} in {what}; {costs}"
+        if self._zero_matters():
+            return f"UNDECIDED: no alarm, but {costs}: take B anew (`calibrate verify` says how); {what}"
+        return f"HELD: {what}, no alarm; {costs}"
+
+
+def _cost_deg(zero_rps: np.ndarray) -> float:
+    """Angle of the attitude's error after a minute at rest with this zero uncorrected, degrees."""
+    same = LinearModel(np.eye(3), np.zeros(3))
+    return float(np.linalg.norm(at_rest(same, MINUTE_S).largest_error(same, LinearModel(np.eye(3), zero_rps))[1]) / DEG)
+
+
+# Pieces of readings.
+
+
+def _rows(item: Readings, which: np.ndarray | slice) -> Readings:
+    return Readings(item.t_ns[which], item.gyro[which], item.accel[which], None if item.temp_c is None else item.temp_c[which])
+
+
+def _joined(items: list[Readings]) -> Readings:
+    if len(items) == 1:
+        return items[0]
+    warm = all(each.temp_c is not None for each in items)
+    temp_c = np.concatenate([each.temp_c for each in items if each.temp_c is not None]) if warm else None
+    t_ns, gyro, accel = (np.concatenate([getattr(each, name) for each in items]) for name in ("t_ns", "gyro", "accel"))
+    return Readings(t_ns, gyro, accel, temp_c)
+
+
+def _parts(item: Readings, gap_ns: int) -> Iterator[tuple[int, Readings]]:
+    """Parts without gaps, each with the ns before it where that is a gap, negative where stamps go back; 0 for none."""
+    steps = np.diff(item.t_ns)
+    cuts = np.flatnonzero((steps > gap_ns) | (steps < 0)) + 1
+    for number, (begin, stop) in enumerate(zip([0, *cuts.tolist()], [*cuts.tolist(), len(item.t_ns)], strict=True)):
+        yield 0 if number == 0 else int(steps[begin - 1]), _rows(item, slice(begin, stop))
+
+
+def _taken(waiting: deque[Readings], count: int) -> Readings:
+    """The first ``count`` rows of what waits."""
+    found, rows = [], count
+    while rows:
+        first = waiting.popleft()
+        if len(first.t_ns) > rows:
+            waiting.appendleft(_rows(first, slice(rows, None)))
+            first = _rows(first, slice(rows))
+        found.append(first)
+        rows -= len(first.t_ns)
+    return _joined(found)

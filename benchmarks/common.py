@@ -13,8 +13,8 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+from session.base.rotation import from_euler, matrix
 from session.log.folder import Session
-from tinygc.attitude.rotation import from_euler, matrix
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulator import simulate_session
 from tinygc.simulation.write import write_session

@@ -26,10 +26,10 @@ from common import in_parallel, markdown
 from scipy.signal import lfilter
 
 import tinygc
+from session.base import rotation
 from session.base.results import read_json
 from session.base.units import DEG, MG
 from session.log.folder import Session, read_session
-from tinygc.attitude import rotation
 from tinygc.closure.motion import LIMIT_DEG
 from tinygc.closure.residual import closure_angles
 from tinygc.estimation.between_sessions import course

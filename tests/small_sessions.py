@@ -16,7 +16,7 @@ from session.detect.stills import Noise, Still
 from session.log.config import Accelerometer
 from session.log.folder import Session
 from session.log.samples import Samples
-from tinygc.attitude.earth import EarthRate
+from tinygc.closure.earth import EarthRate
 from tinygc.closure.floor import BiasInstability, Floor
 from tinygc.closure.least_squares import StillRates
 from tinygc.closure.problem import Problem

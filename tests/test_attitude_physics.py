@@ -9,9 +9,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 from scipy.stats import multivariate_normal
 
+from session.base import rotation
+from session.base.rotation import steps
 from session.base.units import DEG, DEG_PER_HOUR, EARTH_RATE_RPS
-from tinygc.attitude import rotation
-from tinygc.attitude.earth import (
+from tinygc.closure.earth import (
     EarthRate,
     contradicts,
     estimate_heading,
@@ -21,7 +22,6 @@ from tinygc.attitude.earth import (
     vertical_rate,
     with_heading,
 )
-from tinygc.attitude.rotation import steps
 
 RNG = np.random.default_rng(0)
 
@@ -34,6 +34,16 @@ def unit(*shape):
 def same_attitude(p, q, atol):
     """p and -p are one attitude."""
     assert_allclose(p * np.sign(np.sum(p * q, axis=-1, keepdims=True)), q, atol=atol)
+
+
+def test_vectors_matrices_and_angles_are_their_definitions():
+    v, w = RNG.normal(size=(2, 5, 3))
+    assert_allclose(np.einsum("nij,nj->ni", rotation.cross_matrix(v), w), np.cross(v, w), atol=1e-15)
+    assert_allclose(rotation.unit_vectors(v), [each / np.sqrt(each @ each) for each in v], atol=1e-15)
+    assert_allclose(np.cos(rotation.angle_between(v, w)), np.sum(rotation.unit_vectors(v) * rotation.unit_vectors(w), axis=1), atol=1e-15)
+    turned = Rotation.random(rng=1).as_matrix()
+    assert_allclose(rotation.nearest_rotation(turned @ (np.eye(3) + 0.1 * v.T[:, :3] @ v[:3, :] / 5)), turned, atol=1e-12)
+    assert np.linalg.det(rotation.nearest_rotation(-turned)) > 0
 
 
 def test_exp_and_log_are_scipys():

@@ -10,12 +10,12 @@ from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 from small_turns import numeric_jacobian
 
+from session.base import rotation
+from session.base.rotation import sample_weights, steps
 from session.base.units import DEG, EARTH_RATE_RPS
 from session.log.samples import Samples
 from tinygc import closure
-from tinygc.attitude import rotation
-from tinygc.attitude.earth import vertical_only
-from tinygc.attitude.rotation import sample_weights, steps
+from tinygc.closure.earth import vertical_only
 from tinygc.closure.floor import wander_covariance
 from tinygc.closure.motion import Motion, at_rest, motion_of
 from tinygc.closure.residual import Batch, KnownTurns, attitudes, end_and_sensitivity, end_attitude

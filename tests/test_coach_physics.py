@@ -15,13 +15,13 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
 from scipy.special import j1
 
+from session.base import rotation
 from session.base.units import MG
 from session.bench.messages import Progress
 from session.bench.progress import LiveAccelerometerFit
 from session.detect.accelerometer import PARAMETERS, UPPER
 from session.detect.stills import Noise, Still
 from session.log.config import Accelerometer
-from tinygc.attitude import rotation
 from tinygc.effects.movement import Movement
 from tinygc.estimation.accelerometer import JOINT_NAMES
 from tinygc.models import linear

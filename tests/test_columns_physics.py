@@ -11,7 +11,7 @@ from simulated_twins import make_twin_of
 from small_turns import numeric_jacobian
 
 from session.base.units import EARTH_RATE_RPS, MG
-from tinygc.attitude.earth import no_earth, with_heading
+from tinygc.closure.earth import no_earth, with_heading
 from tinygc.effects import AppliedEffect, Movement, catalogue
 from tinygc.explanation.search import _line_frequencies, curves_like, lines_end_hz, slow_candidates, unknown_candidates
 from tinygc.noise.candidates import candidates

@@ -14,6 +14,7 @@ from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
+from session.base.rotation import angle_between
 from session.detect import dials
 from session.detect.axes import (
     _SIGNED_PERMUTATIONS,
@@ -341,7 +342,7 @@ def test_rotations_of_dials_are_those_of_scipy():
     assert dials._exp(vectors) == pytest.approx(Rotation.from_rotvec(vectors).as_matrix())
     assert dials._log(Rotation.from_rotvec(vectors).as_matrix()) == pytest.approx(Rotation.from_rotvec(vectors).as_rotvec(), abs=1e-9)
     assert np.linalg.norm(dials._log(np.diag([-1.0, 1, -1])[None])) == pytest.approx(np.pi)
-    assert dials.angles_between(np.eye(3), np.eye(3)[[0, 2, 1]]) == pytest.approx([0, np.pi / 2, np.pi / 2])
+    assert angle_between(np.eye(3), np.eye(3)[[0, 2, 1]]) == pytest.approx([0, np.pi / 2, np.pi / 2])
 
 
 def test_parts_of_a_segment_are_equal_in_time_without_the_line_between_its_stills():

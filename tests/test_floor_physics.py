@@ -18,7 +18,7 @@ from session.base.units import DEG, DEG_PER_HOUR
 from session.detect.stills import Noise, Still
 from session.log.samples import Samples
 from tinygc import closure
-from tinygc.attitude.earth import EarthRate
+from tinygc.closure.earth import EarthRate
 from tinygc.closure.floor import (
     ACCEL_NOISE,
     DIALS,

@@ -10,10 +10,10 @@ from scipy import linalg, optimize, stats
 from scipy.linalg import block_diag
 from small_turns import PERFECT, TRUE, angles_by_scipy, numeric_jacobian, small_turns, turned_ends, with_known_angles
 
+from session.base import rotation
 from session.base.units import DEG, DEG_PER_HOUR, EARTH_RATE_RPS
 from tinygc import closure
-from tinygc.attitude import rotation
-from tinygc.attitude.earth import EarthRate, with_heading
+from tinygc.closure.earth import EarthRate, with_heading
 from tinygc.closure.floor import BiasWander, Floor
 from tinygc.closure.least_squares import (
     HELD,

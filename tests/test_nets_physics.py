@@ -12,9 +12,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 from small_turns import PERFECT, TYPICAL, angles_by_scipy, small_turns, turned_ends, turns_by_scipy
 
+from session.base import rotation
 from session.base.errors import FitError, FormatError
 from tinygc import closure, models
-from tinygc.attitude import rotation
 from tinygc.closure.least_squares import LinearEnds, StillRates, fit_least_squares
 from tinygc.closure.prior import vague
 from tinygc.estimation import adamw, denoiser, network, particle_swarm

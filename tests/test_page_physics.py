@@ -22,11 +22,12 @@ from processes import PATIENCE_S, until
 from rich.console import Console
 
 from session.base.errors import CalibrationError
+from session.base.rotation import multiply_parts
 from session.bench.messages import Advice, GuideMessage, Kind, RequestedTurn, Stage
 from session.bench.operator import LONGEST_NOTE, Keyboard, _OperatorCommand, _TypingLine
 from session.bench.page import server as page_server
 from session.bench.page.server import PageServer
-from session.bench.page.state import Attitude, PageView, closure_deg, exp, inverse, multiply, rotated
+from session.bench.page.state import Attitude, PageView, closure_deg, exp, inverse, rotated
 from session.bench.screen import view
 from session.log.samples import Samples
 
@@ -107,7 +108,7 @@ def test_the_ghost_is_the_attitude_behind_the_coachs_turns():
     advice = Advice("do", "why", movements=(RequestedTurn((1.0, 0.0, 0.0), np.pi / 2), RequestedTurn((0.0, 0.0, 1.0), -np.pi)))
     page, _, states = watched(guide, TURNED.samples(), advice)
     target = states[-1]["target"]
-    expected = multiply(multiply(page._still, exp(np.pi / 2, 0.0, 0.0)), exp(0.0, 0.0, -np.pi))
+    expected = multiply_parts(multiply_parts(page._still, exp(np.pi / 2, 0.0, 0.0)), exp(0.0, 0.0, -np.pi))
     assert angle_deg(target["q"], expected) < 0.05
     assert [turn["angle_deg"] for turn in target["turns"]] == [90.0, -180.0]
     assert all(state["target"] is None for state in states if state["stage"] != "turn")

@@ -16,13 +16,13 @@ from scipy.spatial.transform import Rotation
 from truth_sessions import Wrong, made, write
 
 import calibrate
+from session.base import rotation
 from session.base.numeric import sigma_of
 from session.base.units import G
 from session.detect.segments import Segment
 from session.log.config import FOUND, GIVEN
 from session.log.logfile import Truth
 from session.log.samples import Samples
-from tinygc.attitude import rotation
 from tinygc.closure.floor import Floor
 from tinygc.closure.prepared import prepare
 from tinygc.closure.problem import Problem

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from conftest import DEG
 
+from session.base import rotation
 from session.log.config import Accelerometer
 from tinygc import models
-from tinygc.attitude import rotation
 from tinygc.features.unit.watch.expectation import ModelInUse
 from tinygc.features.unit.watch.source import Readings
 from tinygc.features.unit.watch.watch import Event, Watch

@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 from public.euroc import write_sequences, write_training_windows
 
+from session.base import rotation
+from session.base.rotation import steps
 from session.base.units import DEG
 from session.detect.truth_segments import moments_inside
 from session.log.folder import read_session
 from session.log.logfile import Truth
 from session.log.samples import Samples
-from tinygc.attitude import rotation
-from tinygc.attitude.rotation import steps
 from tinygc.closure.build import build_problem
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import RateMap

@@ -6,10 +6,25 @@ from collections.abc import Iterator
 
 import numpy as np
 
-# Scatter from medians, which a few wild values do not move.
+# Scatter of values, and from medians, which a few wild ones do not move.
 
 #: the median of |x| of a normal x, in standard deviations
 MEDIAN_SIGMAS = 0.6745
+
+
+def rms_of(values: np.ndarray) -> float:
+    """Root mean square of values (…)."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def sigmas_in(covariance: np.ndarray) -> np.ndarray:
+    """Standard deviations (p,) of a covariance (p, p)."""
+    return np.sqrt(np.diag(covariance))
+
+
+def finite_or_none(value: float) -> float | None:
+    """The number for a JSON; None where it is infinite or not a number."""
+    return float(value) if np.isfinite(value) else None
 
 
 def sigma_of(deviations: np.ndarray, axis: int | None = 0) -> np.ndarray:

@@ -96,3 +96,9 @@ def _marked(spread: np.ndarray, is_open: np.ndarray) -> np.ndarray:
     every = np.arange(found.shape[-1])
     found[..., every, every] = np.where(is_open, np.inf, spread[..., every, every])
     return found
+
+
+def unit_columns(columns: np.ndarray) -> np.ndarray:
+    """Those of the columns (n, P) that are not zero, each of length one."""
+    size = np.linalg.norm(columns, axis=0)
+    return columns[:, size > 0] / size[size > 0]

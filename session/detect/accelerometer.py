@@ -12,7 +12,8 @@ import numpy as np
 
 from session.base.errors import FormatError
 from session.base.files import MOST_TOML, copy_new, folder_whole, read_text, require_empty, write_new
-from session.base.numeric import sigma_of
+from session.base.numeric import sigma_of, sigmas_in
+from session.base.rotation import unit_vectors
 from session.base.toml import parse_toml
 from session.base.units import DEG, MG
 from session.detect.stills import Still
@@ -87,7 +88,7 @@ def corrected(x: np.ndarray, force: np.ndarray) -> np.ndarray:
 def length_columns(x: np.ndarray, force: np.ndarray) -> np.ndarray:
     """(S, 9): how each number changes the length of the corrected force: m/s^2 per 1, or per m/s^2."""
     found = corrected(x, force)
-    unit = found / np.linalg.norm(found, axis=1, keepdims=True)
+    unit = unit_vectors(found)
     rows, columns = UPPER
     return np.concatenate([unit[:, rows] * (force - x[BIAS])[:, columns], -unit @ matrix_of(x)], axis=1)
 
@@ -179,7 +180,7 @@ class ZeroDrift:
     @property
     def sigma_mps2(self) -> np.ndarray:
         """(3,) m/s^2 over the session."""
-        return np.sqrt(np.diag(self.covariance))
+        return sigmas_in(self.covariance)
 
     @property
     def words(self) -> str:
@@ -230,7 +231,7 @@ class LengthFit:
     def zero(self) -> tuple[np.ndarray, np.ndarray]:
         """(3,) m/s^2 in the sensor's axes, and its sigmas (3,)."""
         back = np.linalg.solve(self.accelerometer.matrix, matrix_of(self.x))  # of M0 in f = T (M0 (m - b0) - d)
-        return self.accelerometer.bias_mps2, np.sqrt(np.diag(back @ self.covariance[BIAS, BIAS] @ back.T))
+        return self.accelerometer.bias_mps2, sigmas_in(back @ self.covariance[BIAS, BIAS] @ back.T)
 
 
 def fit_lengths(
@@ -267,7 +268,7 @@ def fit_lengths(
                 x, left, weight, sigma, covariance = found
                 drift = drift.turned(before)
         x, covariance = x[:PARAMETERS], covariance[:PARAMETERS, :PARAMETERS]
-        hidden = unobserved_of(x - IDENTITY, np.sqrt(np.diag(covariance)), gravity_mps2)
+        hidden = unobserved_of(x - IDENTITY, sigmas_in(covariance), gravity_mps2)
         # All lengths in common: the matrix as a whole, and nothing else.
         common = np.where(np.arange(PARAMETERS) < BIASES[0], x, 0.0) * gravity_sigma_mps2 / gravity_mps2
         covariance = covariance + np.outer(common, common)

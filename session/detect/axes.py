@@ -9,12 +9,13 @@ from itertools import product as every
 
 import numpy as np
 
+from session.base import rotation
 from session.base.numeric import smallest_step
 from session.base.units import DEG, MDPS, NS
 from session.detect.findings import Axes, Correction, Finding
 from session.detect.segments import Ends
 from session.detect.stills import Still, references
-from session.log.config import Config, Sensor, product
+from session.log.config import Config, Sensor
 from session.log.logfile import Log
 from session.log.samples import Samples
 from session.log.sensors.profile import Profile
@@ -283,25 +284,13 @@ def _carried(turns: Turns, factors: np.ndarray, last: bool = True) -> np.ndarray
     not the last alone is asked for."""
     angle = np.einsum("fij,sbj->fsbi", factors, turns.angle)
     half = np.sqrt(np.sum(angle**2, axis=-1, keepdims=True)) / 2
-    turned = _chained(np.concatenate([np.cos(half), angle * (np.sinc(half / np.pi) / 2)], axis=-1))
+    turned = rotation.accumulate(np.concatenate([np.cos(half), angle * (np.sinc(half / np.pi) / 2)], axis=-1))
     w, v, first = turned[..., :1], turned[..., 1:], turns.first[:, None]
     if last:
         w, v, first = w[..., -1, :], v[..., -1, :], turns.first
     # A fixed direction seen from a body that turns.
     cross = np.cross(v, first)
     return np.asarray(first - 2 * w * cross + 2 * np.cross(v, cross))
-
-
-def _chained(turned: np.ndarray) -> np.ndarray:
-    """Products (..., B, 4) of the first quaternion to each: those of pairs, and of every other one with the pairs before it."""
-    if turned.shape[-2] == 1:
-        return turned
-    even, odd = turned[..., ::2, :], turned[..., 1::2, :]
-    found = np.empty_like(turned)
-    found[..., 1::2, :] = _chained(product(even[..., : odd.shape[-2], :], odd))
-    found[..., 2::2, :] = product(found[..., 1:-1:2, :], even[..., 1:, :])
-    found[..., 0, :] = turned[..., 0, :]
-    return found
 
 
 # Checks of the gyroscope against gravity: axes and signs, then the sensitivity.

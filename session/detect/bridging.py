@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from session.base.numeric import runs_of
+from session.base.numeric import rms_of, runs_of
 from session.base.units import DEG, NS
 from session.detect.events import register_end_dps
 from session.log.config import Sensor
@@ -57,7 +57,7 @@ def best_order(samples: Samples, rows: np.ndarray, count: int) -> tuple[int, flo
     missed = {}
     for order in ORDERS:
         crossed = np.einsum("s,psj->pj", _weights(count, order).sum(axis=0), samples.gyro[places[:, None] + around])
-        missed[order] = float(np.sqrt(np.mean((crossed - true) ** 2))) * samples.period_s
+        missed[order] = rms_of(crossed - true) * samples.period_s
     order = min(missed, key=missed.__getitem__)
     return order, missed[order]
 

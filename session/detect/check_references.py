@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from session.base.errors import CalibrationError
+from session.base.numeric import rms_of
+from session.base.rotation import angle_between
 from session.base.units import DEG, MG
 from session.detect.accelerometer import SCALES, LengthFit, ZeroDrift, fit_lengths, force_of, times_of, why_not
-from session.detect.dials import angles_between, down_of_dials
+from session.detect.dials import down_of_dials
 from session.detect.findings import Finding, axes_text, xyz_text
 from session.detect.segments import FoundTurn, LogSegments, Segment, angle_read, contradiction
 from session.detect.stills import SessionStills, references
@@ -54,7 +56,7 @@ def check_truth(log: Log, truth: Truth, config: Config, limited: bool = False) -
     start, end = (Rotation.from_quat(np.array([getattr(ends, name) for _, ends in picked]), scalar_first=True) for name in ("start", "end"))
     duration = np.array([segment.duration_s for segment, _ in picked])[:, None]
     turned = start.inv() * end
-    size = float(np.sqrt(np.mean(turned.magnitude() ** 2))) / DEG
+    size = rms_of(turned.magnitude()) / DEG
     if size < LEAST_DEG:
         return [*findings, Finding("note", where, "gyro against truth", f"hardly turned ({size:.1f} deg): it cannot test the gyro")]
     misfit, bias = _misfit(gyro, turned, duration)
@@ -265,7 +267,7 @@ def check_dials(session: Session, found: SessionStills) -> list[Finding]:
     rows = [i for i in rows if np.isfinite(session.attitudes[i]).all()]
     if not rows:
         return []
-    apart = np.degrees(angles_between(down_of_dials(session.attitudes[rows]), np.array([-stills[i].accel_mean for i in rows])))
+    apart = np.degrees(angle_between(down_of_dials(session.attitudes[rows]), np.array([-stills[i].accel_mean for i in rows])))
     says = f"down differs by {np.median(apart):.2f}° (median of {len(rows)} stills), {apart.max():.2f}° at most (bar {ASKEW_DEG:g}°)"
     if np.median(apart) > UPSIDE_DOWN_DEG:
         do = "all three axes of the accelerometer have the wrong sign, or the dials count z up: roll 0 is the sensor's z down, reading -1 g"

@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from session.base.numeric import rms_of
 from session.base.units import DEG, NS
 from session.detect.axes import share_of_stretch
 from session.detect.findings import Correction, Finding
@@ -229,7 +230,7 @@ class Missed:
     @property
     def rms_rad(self) -> float:
         """Over all turns; a false reading in one of them does not count for more than that turn can."""
-        return float(np.sqrt(np.mean(capped(self.error_rad) ** 2)))
+        return rms_of(capped(self.error_rad))
 
     @property
     def rate_needed_hz(self) -> float:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from session.base.rotation import angle_between
 from session.base.units import DEG, NS
 from session.detect.findings import Finding
 from session.detect.segments import APART_RAD, APART_SHARE, LogSegments, Segment
@@ -83,16 +84,11 @@ def down_of_dials(angles: np.ndarray) -> np.ndarray:
     return np.stack([-np.sin(pitch), np.cos(pitch) * np.sin(roll), np.cos(pitch) * np.cos(roll)], axis=-1)
 
 
-def angles_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(K,) rad between directions (K, 3)."""
-    return np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), np.sum(a * b, axis=-1))
-
-
 def _against_gravity(table: np.ndarray, stills: Sequence[Still], known: np.ndarray, dial_rad: float) -> list[WrongRow]:
     rows = np.flatnonzero(known)
     if len(rows) < FEWEST:
         return []
-    apart = angles_between(down_of_dials(table[rows]), np.array([-stills[i].accel_mean for i in rows.tolist()]))
+    apart = angle_between(down_of_dials(table[rows]), np.array([-stills[i].accel_mean for i in rows.tolist()]))
     usual = float(np.median(apart))
     sigma = max(usual / MEDIAN_OF_2, dial_rad)
     limit = sigma * np.sqrt(2 * np.log(len(rows) / BY_CHANCE))

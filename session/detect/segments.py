@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from session.base.rotation import angle_between
 from session.base.texts import command_line
 from session.base.units import DEG, NS
 from session.detect.events import clips, gyro_reach_dps
@@ -124,7 +125,7 @@ MOST_LEAPS = 0.25
 
 def without_leaps(segments: list[Segment], samples: Samples) -> list[Segment]:
     """The segments of one log; those in which gravity leaps farther than the gyroscope turned have a problem."""
-    tilt = np.array([_tilt_between(*segment.stills) for segment in segments])
+    tilt = np.array([angle_between(*(still.accel_mean for still in segment.stills)) for segment in segments])
     way = np.array([segment.turn_deg * DEG for segment in segments])
     missing = tilt > APART_RAD + (1 + APART_SHARE) * way
     if not 0 < np.count_nonzero(missing) <= MOST_LEAPS * len(segments):
@@ -133,11 +134,6 @@ def without_leaps(segments: list[Segment], samples: Samples) -> list[Segment]:
         replace(segment, problem=_says_leap(segment, samples, angle), breaks_yaw=True) if gone and segment.accepted else segment
         for segment, gone, angle in zip(segments, missing, tilt, strict=True)
     ]
-
-
-def _tilt_between(first: Still, last: Still) -> float:
-    a, b = first.accel_mean, last.accel_mean
-    return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
 
 
 def _says_leap(segment: Segment, samples: Samples, tilt: float) -> str:
@@ -221,7 +217,12 @@ def run_ends(samples: Samples, stills: list[Still], sensor: Sensor, put_in: np.n
     if len(good) < 2:
         return None
     first, last = good[0], good[-1]
-    return RunEnds(first, last, _tilt_between(first, last), why_broken(samples, slice(first.stop, last.start + 1), sensor, put_in))
+    return RunEnds(
+        first,
+        last,
+        float(angle_between(first.accel_mean, last.accel_mean)),
+        why_broken(samples, slice(first.stop, last.start + 1), sensor, put_in),
+    )
 
 
 # Turns that ``session.toml`` leaves out: each is found again by a moment in which it moved, whatever its number is.

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from session.base.numeric import runs_of, sigma_of, weighted_median
+from session.base.rotation import angle_between
 from session.base.units import DEG, NS
 from session.log.folder import Session
 from session.log.logfile import Log
@@ -455,7 +456,7 @@ def _knock_s(number: int, runs: list[tuple[int, int]], blocks: Blocks) -> float 
         (first, last) = sorted((runs[number], runs[other]))
         apart_s = (last[0] - first[1]) * blocks.duration_s
         down = [blocks.accel_mean[start:stop].mean(axis=0) for start, stop in (first, last)]
-        angle = np.arctan2(np.linalg.norm(np.cross(*down)), down[0] @ down[1])
+        angle = angle_between(*down)
         if apart_s <= KNOCK_S and angle < SAME_ATTITUDE_RAD:
             return apart_s
     return None

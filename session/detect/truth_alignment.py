@@ -10,6 +10,8 @@ from itertools import product as combinations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from session.base import rotation
+from session.base.numeric import finite_or_none, sigmas_in
 from session.base.units import DEG, NS, NS_PER_S
 from session.log.config import (
     ASSUMED,
@@ -22,9 +24,6 @@ from session.log.config import (
     TruthGiven,
     TruthReading,
     down_of,
-    inverse,
-    product,
-    quaternion,
 )
 from session.log.folder import Session
 from session.log.logfile import Truth
@@ -55,7 +54,7 @@ class Carried:
     def at(self, t_s: np.ndarray) -> np.ndarray:
         """(K, 4): attitude at any times, from the nearest sample by the rate that is straight to its neighbour, or holds next to a gap."""
         row, late = self.nearest(t_s)
-        return product(self.q[row], turn((self.rate[row] + self._slope(row, late) * late[:, None] / 2) * late[:, None]))
+        return rotation.multiply(self.q[row], rotation.exp((self.rate[row] + self._slope(row, late) * late[:, None] / 2) * late[:, None]))
 
     def rate_at(self, t_s: np.ndarray) -> np.ndarray:
         """(K, 3) rad/s, likewise."""
@@ -88,23 +87,9 @@ def carried(samples: Samples, rate: np.ndarray) -> Carried:
     """A log's attitude by rates (N, 3) rad/s: exact for a mean rate between samples, with the coning of a straight one."""
     dt = samples.dt_s
     steps = (rate[1:] + rate[:-1]) / 2 * dt[:, None] + np.cross(rate[:-1], rate[1:]) * (dt**2 / 12)[:, None]
-    q = np.concatenate([[[1.0, 0, 0, 0]], turn(steps)])
-    reach = 1
-    while reach < len(q):  # products of all that came before, doubling the reach
-        q = np.concatenate([q[:reach], product(q[:-reach], q[reach:])])
-        reach *= 2
+    q = rotation.accumulate(np.concatenate([[[1.0, 0, 0, 0]], rotation.exp(steps)]))
     gaps = np.concatenate([[0], np.cumsum(dt > GAP_PERIODS * samples.period_s)])
     return Carried(samples.t_s, rate, q, gaps)
-
-
-def turn(vector: np.ndarray) -> np.ndarray:
-    """(K, 4) of rotation vectors (K, 3) rad."""
-    return Rotation.from_rotvec(vector).as_quat(scalar_first=True)
-
-
-def vector(q: np.ndarray) -> np.ndarray:
-    """Rotation vectors (K, 3) rad, the shorter way, of (K, 4)."""
-    return Rotation.from_quat(q, scalar_first=True).as_rotvec()
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +106,7 @@ class Spans:
 
     def turned(self, q: np.ndarray) -> np.ndarray:
         """(K, 4): what attitudes (moments, 4) turn by from begin to end, in the axes at the beginning."""
-        return product(inverse(q[self.first]), q[self.last])
+        return rotation.multiply(rotation.conjugate(q[self.first]), q[self.last])
 
 
 def _spans_of(samples: Samples, truth: Truth, most: int = MOST_SPANS) -> Spans:
@@ -177,7 +162,7 @@ class _Way:
     @property
     def mounted(self) -> float:
         """rad."""
-        return float(np.linalg.norm(vector(quaternion(self.reading.mounting)[None])))
+        return float(np.linalg.norm(rotation.log(rotation.from_matrix(self.reading.mounting)[None])))
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,7 +190,8 @@ def ways(seen: Sequence[AlignedLog], given: TruthGiven, offset_s: float) -> list
         # Sum of the force (3,) in the file's world: gravity is what is left of it.
         total, length = np.zeros(3), 0.0
         for one in seen:
-            q = product(inverse(FRAMES[reading.frame]), reading.read(one.written[one.spans.first]))  # in the file's own world
+            # in the file's own world
+            q = rotation.multiply(rotation.conjugate(FRAMES[reading.frame]), reading.read(one.written[one.spans.first]))
             force = one.force[one.gyro.nearest(one.spans.begin_s + reading.offset_s)[0]]
             total += Rotation.from_quat(q, scalar_first=True).apply(force).sum(axis=0)  # a force that is not known is zero
             length += float(np.sum(np.linalg.norm(force, axis=1)))
@@ -236,8 +222,8 @@ def _turns(one: AlignedLog, reading: TruthReading) -> tuple[np.ndarray, np.ndarr
     """Rotation vectors (K, 3) rad of the truth and of the gyro, and durations (K,) s, of the spans that the log has whole."""
     begin, end = one.spans.begin_s + reading.offset_s, one.spans.end_s + reading.offset_s
     kept = one.gyro.whole(begin, end)
-    truth = vector(one.spans.turned(reading.read(one.written)))
-    gyro = vector(product(inverse(one.gyro.at(begin)), one.gyro.at(end)))
+    truth = rotation.log(one.spans.turned(reading.read(one.written)))
+    gyro = rotation.log(rotation.multiply(rotation.conjugate(one.gyro.at(begin)), one.gyro.at(end)))
     # Near half a turn the shorter way is not the one that was gone.
     kept &= (np.linalg.norm(truth, axis=1) < np.pi / 2) & (np.linalg.norm(gyro, axis=1) < np.pi / 2)
     return truth[kept], gyro[kept], (end - begin)[kept]
@@ -247,17 +233,12 @@ def _mounting(truth: np.ndarray, gyro: np.ndarray, duration: np.ndarray, given: 
     """The rotation (3, 3) from the gyro's vectors (K, 3) to the truth's, a constant bias taken off, and the share of squares left."""
     bias = np.zeros(3)
     for _ in range(5):
-        matrix = _nearest_rotation(truth.T @ (gyro + bias * duration[:, None])) if given is None else given
+        matrix = rotation.nearest_rotation(truth.T @ (gyro + bias * duration[:, None])) if given is None else given
         bias = np.median((truth @ matrix - gyro) / duration[:, None], axis=0)
     apart = truth - (gyro + bias * duration[:, None]) @ matrix.T
     size = np.sum(truth**2, axis=1)
     rough = np.sum(apart**2, axis=1) > 9 * np.median(np.sum(apart**2, axis=1)) + size  # wrong moments of truth
     return matrix, float(np.sum(apart[~rough] ** 2) / max(np.sum(size[~rough]), 1e-30))
-
-
-def _nearest_rotation(matrix: np.ndarray) -> np.ndarray:
-    left, _, right = np.linalg.svd(matrix)
-    return left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right
 
 
 # Where the truth's clock stands, roughly: where its speed of turning goes along best with the gyro's.
@@ -279,7 +260,7 @@ def _rough_offset(gyro: Sequence[Carried], truth: Sequence[tuple[Spans, np.ndarr
     (K, 4) that they turn by; around_s: the middle of what is searched, an offset that is known beforehand."""
     steps = STEP_S * np.arange(-round(REACH_S / STEP_S), round(REACH_S / STEP_S) + 1)
     offsets = around_s + steps
-    speeds = [np.linalg.norm(vector(q), axis=1) / (s.end_s - s.begin_s) for s, q in truth]
+    speeds = [np.linalg.norm(rotation.log(q), axis=1) / (s.end_s - s.begin_s) for s, q in truth]
     sums = [_summed(log) for log in gyro]
     likeness = np.array([_likeness(gyro, sums, truth, speeds, offset) for offset in offsets])
     # Movements that repeat are alike at many offsets: the nearest to the middle of those that are as good.
@@ -368,7 +349,7 @@ def refined(seen: Sequence[AlignedLog], samples: Sequence[Samples], reading: Tru
     pick = np.zeros((3, 13))
     for axis, (i, j) in enumerate(((2, 1), (0, 2), (1, 0))):
         pick[axis, 1 + 3 * i + j], pick[axis, 1 + 3 * j + i] = 0.5, -0.5
-    sigma = np.sqrt(np.diag(pick @ covariance @ pick.T))
+    sigma = sigmas_in(pick @ covariance @ pick.T)
     return Fine(offset_s, float(np.sqrt(covariance[0, 0])), mounting, sigma)
 
 
@@ -380,8 +361,8 @@ def span_rows(one: AlignedLog, gyro: Carried, reading: TruthReading) -> tuple[np
     begin, end = begin[kept], end[kept]
     truth = spans.turned(reading.read(one.written))[kept]  # with the mounting: in the gyro's axes
     at_begin, at_end = gyro.at(begin), gyro.at(end)
-    turned = product(inverse(at_begin), at_end)
-    error = vector(product(turned, inverse(truth)))
+    turned = rotation.multiply(rotation.conjugate(at_begin), at_end)
+    error = rotation.log(rotation.multiply(turned, rotation.conjugate(truth)))
     matrix = Rotation.from_quat(gyro.q, scalar_first=True).as_matrix()
     weight = np.gradient(gyro.t_s)[:, None, None]
     # What a constant error of the matrix and of the bias turns by, up to each sample, in the axes that all is carried from.
@@ -472,11 +453,11 @@ def alignment_table(alignment: TruthAlignment) -> dict:
     """JSON-ready; null for what the recording does not show."""
     reading = alignment.reading
     return {
-        "offset_s": _number(alignment.offset_s),
-        "offset_std_s": _number(alignment.offset_sigma_s),
+        "offset_s": finite_or_none(alignment.offset_s),
+        "offset_std_s": finite_or_none(alignment.offset_sigma_s),
         "offset_used_s": reading.offset_s,
-        "gyro_to_truth_deg": [_number(value) for value in alignment.turned / DEG],
-        "gyro_to_truth_std_deg": [_number(value) for value in alignment.turned_sigma / DEG],
+        "gyro_to_truth_deg": [finite_or_none(value) for value in alignment.turned / DEG],
+        "gyro_to_truth_std_deg": [finite_or_none(value) for value in alignment.turned_sigma / DEG],
         "mounting": reading.mounting.tolist(),
         "frame": reading.frame,
         "sense": reading.sense,
@@ -484,10 +465,6 @@ def alignment_table(alignment: TruthAlignment) -> dict:
         "up": None if alignment.up is None else alignment.up.tolist(),
         "source": {name.removesuffix("_s"): source for name, source in alignment.source.items()},
     }
-
-
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 # A session's truth files, read as session.toml states, or else as the recording shows.

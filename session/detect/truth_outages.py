@@ -8,10 +8,11 @@ import numpy as np
 from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
 
-from session.base.numeric import runs_of
+from session.base import rotation
+from session.base.numeric import rms_of, runs_of
 from session.base.solving import solve
 from session.base.units import NS
-from session.detect.truth_alignment import AlignedLog, Carried, Spans, align, carried, inverse, product, span_rows, vector
+from session.detect.truth_alignment import AlignedLog, Carried, Spans, align, carried, span_rows
 from session.log.config import TruthReading
 from session.log.folder import Session
 from session.log.logfile import Log, Truth, TruthOutage
@@ -88,8 +89,8 @@ def _rates(samples: Samples, truth: Truth) -> tuple[np.ndarray, np.ndarray]:
     gyro, spans = carried(samples, samples.gyro), _chain(samples, truth)
     whole = gyro.whole(spans.begin_s, spans.end_s)
     duration = (spans.end_s - spans.begin_s)[whole, None]
-    turned = vector(product(inverse(gyro.at(spans.begin_s)), gyro.at(spans.end_s)))[whole] / duration
-    truth_rate = vector(spans.turned(truth.q_nb))[whole] / duration
+    turned = rotation.log(rotation.multiply(rotation.conjugate(gyro.at(spans.begin_s)), gyro.at(spans.end_s)))[whole] / duration
+    truth_rate = rotation.log(spans.turned(truth.q_nb))[whole] / duration
     return truth_rate, turned - (np.median(turned - truth_rate, axis=0) if len(turned) else 0.0)
 
 
@@ -145,7 +146,7 @@ def find_outages(log: Log, truth: Truth) -> tuple[TruthOutage, ...]:
             last=int(ends[stop - 1]),
             from_s=float(parting.spans.begin_s[start]),
             to_s=float(parting.spans.end_s[stop - 1]),
-            size_rps=float(np.sqrt(np.mean(size[start:stop] ** 2))),
+            size_rps=rms_of(size[start:stop]),
             times_usual=float(parting.times_usual[start:stop].max()),
             spans=len(size),
             sure=seen.truth,
@@ -169,11 +170,11 @@ def _parting(samples: Samples, truth: Truth) -> Parting | None:
     rate = (error - columns @ theta) / duration
     dE = -theta[1:10].reshape(3, 3)
     gyro = carried(samples, samples.gyro @ (np.eye(3) + dE).T - theta[10:])
-    turned = vector(product(inverse(gyro.at(spans.begin_s)), gyro.at(spans.end_s))) / duration
+    turned = rotation.log(rotation.multiply(rotation.conjugate(gyro.at(spans.begin_s)), gyro.at(spans.end_s))) / duration
     change = np.linalg.norm(gyro.rate_at(spans.end_s) - gyro.rate_at(spans.begin_s), axis=1)
     size = np.linalg.norm(rate, axis=1)
     usual = _usual(size, np.column_stack([np.ones(len(size)), np.linalg.norm(turned, axis=1), change]))
-    return Parting(spans, rate, size / usual, vector(spans.turned(truth.q_nb)) / duration, turned, gyro)
+    return Parting(spans, rate, size / usual, rotation.log(spans.turned(truth.q_nb)) / duration, turned, gyro)
 
 
 def _chain(samples: Samples, truth: Truth) -> Spans:
@@ -277,8 +278,8 @@ def _off(truth: Truth, parting: Parting, moments: np.ndarray, least_rad: float) 
     if len(moments) < LEAST_SPANS:
         return 0
     apart = _apart(truth, parting, int(moments[0]), moments)
-    world = product(product(truth.q_nb[moments], apart), inverse(truth.q_nb[moments]))
-    off = vector(world)
+    world = rotation.multiply(rotation.multiply(truth.q_nb[moments], apart), rotation.conjugate(truth.q_nb[moments]))
+    off = rotation.log(world)
     sound = np.median(off[-(len(off) // 3) :], axis=0)
     least_rad = least_rad * np.sqrt(len(off) / 2)  # errors of truth and gyro add up on the way
     if np.linalg.norm(sound) < least_rad:
@@ -343,8 +344,8 @@ def witnesses(log: Log, truth: Truth, parting: Parting, start: int, stop: int) -
 def _apart(truth: Truth, parting: Parting, base: int, moments: np.ndarray) -> np.ndarray:
     """(M, 4) from the attitude that the gyro carries from a moment of the truth to the truth's own, at others."""
     gyro = parting.gyro.at(_times(truth, parting, np.append(moments, base)))
-    carried_on = product(truth.q_nb[base], product(inverse(gyro[-1]), gyro[:-1]))
-    return product(inverse(carried_on), truth.q_nb[moments])
+    carried_on = rotation.multiply(truth.q_nb[base], rotation.multiply(rotation.conjugate(gyro[-1]), gyro[:-1]))
+    return rotation.multiply(rotation.conjugate(carried_on), truth.q_nb[moments])
 
 
 def _times(truth: Truth, parting: Parting, moments: np.ndarray) -> np.ndarray:
@@ -365,7 +366,7 @@ def _returns(truth: Truth, parting: Parting, start: int, stop: int) -> bool:
     before, after = _bounds(parting, start, stop)
     if before is None or after is None:
         return False
-    angle = np.linalg.norm(vector(_apart(truth, parting, before, np.arange(before, after + 1))), axis=1)
+    angle = np.linalg.norm(rotation.log(_apart(truth, parting, before, np.arange(before, after + 1))), axis=1)
     return bool(angle[-1] < RETURNS * angle.max())
 
 
@@ -388,8 +389,8 @@ def _by_force(log: Log, truth: Truth, parting: Parting, start: int, stop: int) -
     outside = known & ~inside
     if outside.sum() < FEWEST or not known[moments].any():
         return False, False
-    noise = float(np.sqrt(np.mean((accel[row] - by_truth)[outside] ** 2)))
-    q_gyro = product(truth.q_nb[moments], inverse(_apart(truth, parting, base, moments)))
+    noise = rms_of((accel[row] - by_truth)[outside])
+    q_gyro = rotation.multiply(truth.q_nb[moments], rotation.conjugate(_apart(truth, parting, base, moments)))
     by_gyro = Rotation.from_quat(q_gyro, scalar_first=True).inv().apply(up)
     use = known[moments]
     way, seen = (by_truth[moments] - by_gyro)[use], (accel[row][moments] - by_gyro)[use]

@@ -8,6 +8,7 @@ import numpy as np
 
 from session.base.errors import DataError
 from session.base.numeric import runs_of
+from session.base.rotation import unit_vectors
 from session.base.units import DEG, NS, NS_PER_S
 from session.detect.segments import LONGEST_TURN_SEGMENTS, Segment, why_broken
 from session.log.config import Protocol, Sensor
@@ -129,7 +130,7 @@ def _at_samples(samples: Samples, truth: Truth, nearest: np.ndarray) -> np.ndarr
     half = samples.gyro[nearest] * late_s[:, None] / 2
     w, v = truth.q_nb[:, :1], truth.q_nb[:, 1:]
     q = np.concatenate([w - np.sum(v * half, axis=1, keepdims=True), v + w * half + np.cross(v, half)], axis=1)
-    return q / np.linalg.norm(q, axis=1, keepdims=True)
+    return unit_vectors(q)
 
 
 def _pairs(truth: Truth, segment_s: float) -> list[tuple[int, int]]:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from session.base.errors import DataError
+from session.base.rotation import unit_vectors
 from session.base.units import BEYOND_FULL_SCALE, DEG, LARGEST_DPS, NS, SI, WORDS, G, beyond_any_sensor, parse_unit
 from session.log.logfile import COLUMNS, KnownTurn, Log, Truth, known_turn, of_length_1
 from session.log.samples import Samples
@@ -125,7 +126,7 @@ def truths_of_arrays(names: Sequence[str], given: Sequence[Sequence[ArrayLike]])
             if not (window == np.rint(window)).all():
                 raise DataError(f"{where}window[{int(np.argmax(window != np.rint(window)))}] is no whole number")
             window = window.astype(np.int64)
-        truths.append(Truth(Path(name), _stamps(where, time), q / np.linalg.norm(q, axis=1, keepdims=True), window))
+        truths.append(Truth(Path(name), _stamps(where, time), unit_vectors(q), window))
     return tuple(truths)
 
 

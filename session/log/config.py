@@ -15,6 +15,7 @@ import numpy as np
 from session.base.errors import FormatError
 from session.base.names import TURNS, is_of_turns
 from session.base.results import Array, Flag, Keys, ListOf, MapOf, Mismatch, Number, Shape, Text, require, shown, unknown_keys
+from session.base.rotation import conjugate, from_matrix, multiply
 from session.base.toml import Note, read_toml
 from session.base.units import BEYOND, STANDARD_GRAVITY_MPS2
 from session.log.certificate import SHAPE as CERTIFICATE_SHAPE
@@ -81,55 +82,20 @@ class TruthReading:
     def read(self, q: np.ndarray) -> np.ndarray:
         """``q_nb`` (K, 4) of what is written, (K, 4)."""
         q = np.roll(q, 1, axis=1) if self.order == "xyzw" else q
-        q = inverse(q) if self.sense == "world_to_body" else q
-        return product(product(FRAMES[self.frame], q), quaternion(self.mounting))
+        q = conjugate(q) if self.sense == "world_to_body" else q
+        return multiply(multiply(FRAMES[self.frame], q), from_matrix(self.mounting))
 
     def written(self, q_nb: np.ndarray) -> np.ndarray:
         """What is written, (K, 4), where this reading gives ``q_nb`` (K, 4)."""
-        q = product(product(inverse(FRAMES[self.frame]), q_nb), inverse(quaternion(self.mounting)))
-        q = inverse(q) if self.sense == "world_to_body" else q
+        q = multiply(multiply(conjugate(FRAMES[self.frame]), q_nb), conjugate(from_matrix(self.mounting)))
+        q = conjugate(q) if self.sense == "world_to_body" else q
         return np.roll(q, -1, axis=1) if self.order == "xyzw" else q
-
-
-def product(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Hamilton product (..., 4) of quaternions, scalar first."""
-    (pw, px, py, pz), (qw, qx, qy, qz) = np.moveaxis(p, -1, 0), np.moveaxis(q, -1, 0)
-    return np.stack(
-        [
-            pw * qw - px * qx - py * qy - pz * qz,
-            pw * qx + qw * px + py * qz - pz * qy,
-            pw * qy + qw * py + pz * qx - px * qz,
-            pw * qz + qw * pz + px * qy - py * qx,
-        ],
-        axis=-1,
-    )
-
-
-def inverse(q: np.ndarray) -> np.ndarray:
-    """Of unit quaternions (..., 4)."""
-    return q * np.array([1.0, -1.0, -1.0, -1.0])
 
 
 def down_of(frame: str) -> np.ndarray:
     """(3,): where down is in the file's world."""
     w, x, y, z = FRAMES[frame]
     return np.array([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])
-
-
-def quaternion(matrix: np.ndarray) -> np.ndarray:
-    """(4,) scalar first, of a rotation matrix (3, 3): the strongest of its four squares, so that nothing is divided by little."""
-    m = matrix
-    squares = np.array(
-        [
-            [1 + m[0, 0] + m[1, 1] + m[2, 2], m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]],
-            [m[2, 1] - m[1, 2], 1 + m[0, 0] - m[1, 1] - m[2, 2], m[0, 1] + m[1, 0], m[0, 2] + m[2, 0]],
-            [m[0, 2] - m[2, 0], m[0, 1] + m[1, 0], 1 - m[0, 0] + m[1, 1] - m[2, 2], m[1, 2] + m[2, 1]],
-            [m[1, 0] - m[0, 1], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1], 1 - m[0, 0] - m[1, 1] + m[2, 2]],
-        ]
-    )
-    row = squares[int(np.argmax(np.diag(squares)))]
-    q = row / np.linalg.norm(row)
-    return q if q[0] >= 0 else -q
 
 
 #: where each part of a reading is from

@@ -7,7 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from session.base import rotation
 from session.base.errors import DataError, FitError, SegmentError
+from session.base.rotation import angle_between
 from session.base.texts import command_line
 from session.base.units import DEG, EARTH_RATE_RPS, NS
 from session.detect.dials import without_wrong_dials
@@ -18,14 +20,13 @@ from session.detect.stills import SessionStills, Still
 from session.log.folder import Session
 from session.log.samples import start_times
 from tinygc import closure
-from tinygc.attitude import rotation
-from tinygc.attitude.earth import EarthRate, contradicts, estimate_heading, no_earth, vertical_only, with_heading
+from tinygc.closure.earth import EarthRate, contradicts, estimate_heading, no_earth, vertical_only, with_heading
 from tinygc.closure.floor import Floor, closure_floor
 from tinygc.closure.least_squares import StillRates, fit_least_squares, naming_segments
 from tinygc.closure.prior import PriorOf
 from tinygc.closure.problem import CLIPPED, LEFT_OUT, NOT_TAKEN, Problem, Widening, bridged_sigma, widened_by_bridges
 from tinygc.closure.residual import TOGETHER, Batch, KnownTurns, attitudes, closure_angles, directions, nearest_yaw
-from tinygc.closure.stills import StillSet, angle_between, carry_yaw
+from tinygc.closure.stills import StillSet, carry_yaw
 from tinygc.closure.truth import build_truth_problem
 from tinygc.models import linear
 from tinygc.models.linear import PARAMETERS, LinearModel, bias_only

@@ -9,12 +9,12 @@ from itertools import pairwise
 
 import numpy as np
 
+from session.base import rotation
 from session.base.units import DEG_PER_HOUR
 from session.detect.stamp_errors import StampErrors, moved_by_stamps
 from session.detect.stills import Noise, Still
 from session.log.config import Sensor
-from tinygc.attitude import rotation
-from tinygc.attitude.earth import EarthRate
+from tinygc.closure.earth import EarthRate
 from tinygc.closure.least_squares import solve_lower
 from tinygc.closure.residual import Batch, directions, parts
 from tinygc.closure.stills import StillSet

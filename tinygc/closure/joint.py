@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from session.base.numeric import sigma_of
+from session.base import rotation
+from session.base.numeric import rms_of, sigma_of, sigmas_in
 from session.base.units import MG
 from session.detect.accelerometer import (
     BIAS,
@@ -28,7 +29,6 @@ from session.detect.accelerometer import (
 )
 from session.detect.stills import Still, references
 from tinygc import closure
-from tinygc.attitude import rotation
 from tinygc.closure.build import tilt_excess
 from tinygc.closure.problem import ACCELEROMETER, COUNT, DRIFT, GRAVITY, GYROSCOPE, JointFit, JointSystem, Problem, bent
 from tinygc.closure.residual import nearest_yaw
@@ -78,7 +78,7 @@ def fit_joint(problem: Problem, mode: str, sigma_mg: float = GIVEN_SIGMA_MG, jud
     white = np.sqrt(noise / np.array([still.duration_s for still in stills]))
     middle_s, duration_s = times_of([references(log.stills) for log in problem.logs], [log.samples for log in problem.logs])
     share = shares(middle_s, duration_s)
-    lengths = fit_lengths(force, gravity, None, 0.0, float(np.sqrt(np.mean(white**2))), middle_s, duration_s)
+    lengths = fit_lengths(force, gravity, None, 0.0, rms_of(white), middle_s, duration_s)
     drifts = drifts and lengths.drift is not None
     spread = SPREAD_MPS2 if mode == "fit" else np.full(PARAMETERS, sigma_mg * MG)
     site = problem.session.config.site
@@ -99,7 +99,7 @@ def fit_joint(problem: Problem, mode: str, sigma_mg: float = GIVEN_SIGMA_MG, jud
     # A parameter is observed if it would be with gravity's length known.
     told = replace(system, prior=np.where(np.arange(len(prior)) == GRAVITY, KNOWN_MPS2, prior)).covariance
     whole = np.concatenate([(accelerometer.matrix @ accelerometer.frame.T)[UPPER], accelerometer.matrix @ accelerometer.bias_mps2])
-    hidden = unobserved_of(whole - IDENTITY, np.sqrt(np.diag(told))[ACCELEROMETER], gravity)  # in the body's axes, as x is
+    hidden = unobserved_of(whole - IDENTITY, sigmas_in(told)[ACCELEROMETER], gravity)  # in the body's axes, as x is
     drift, zero = lengths.drift, np.zeros(DRIFTS)
     if drift is not None and drifts:
         zero = x[DRIFT]

@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from session.base import rotation
 from session.base.errors import FitError
+from session.base.numeric import sigmas_in
 from session.base.units import DEG
 from session.detect.axes import CLOSES_WITHIN
 from session.detect.segments import Segment
 from tinygc import closure
-from tinygc.attitude import rotation
 from tinygc.closure.prior import GaussianPrior
 from tinygc.closure.residual import Batch, RateMap
 from tinygc.models import linear
@@ -233,7 +234,7 @@ def fit_least_squares(
         turned = np.sum(np.linalg.norm(start(batch.rate[:, 1:]), axis=2) * batch.dt, axis=1)
         raise _NotSettled(off, off > CLOSES_WITHIN * np.minimum(turned, MOST_TURNED_RAD), loose)
     covariance = root @ np.linalg.inv(jacobian.T @ jacobian + np.eye(linear.PARAMETERS)) @ root.T
-    seen = np.sqrt(np.diag(covariance)) < OBSERVED_BELOW * PRIOR_SIGMA
+    seen = sigmas_in(covariance) < OBSERVED_BELOW * PRIOR_SIGMA
     if rest_rps is not None:
         seen[linear.BIAS] = True
         model = LinearModel.from_vector(vector)

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from session.base import rotation
 from session.base.errors import DataError
+from session.base.rotation import sample_weights, steps
 from session.base.units import NS
 from session.log.logfile import Log
 from session.log.samples import Samples
-from tinygc.attitude import rotation
-from tinygc.attitude.rotation import sample_weights, steps
 from tinygc.closure.floor import wander_covariance
 from tinygc.closure.residual import Batch, sensitivity
 from tinygc.models import linear

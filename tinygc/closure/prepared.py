@@ -18,8 +18,8 @@ from session.detect.first_look import check_session
 from session.detect.stamp_errors import STAMPS
 from session.detect.stills import SessionStills
 from session.log.folder import Session, read_session
-from tinygc.attitude.earth import vertical_only, vertical_rate
 from tinygc.closure.build import build_problem
+from tinygc.closure.earth import vertical_only, vertical_rate
 from tinygc.closure.joint import GIVEN_SIGMA_MG, REFUTED_P, fit_joint, recalibrated
 from tinygc.closure.prior import PriorOf
 from tinygc.closure.problem import NOT_TAKEN, AtRest, JointFit, Problem

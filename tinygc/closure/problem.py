@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from session.base import rotation
+from session.base.numeric import sigmas_in
 from session.base.units import DEG, MG
 from session.detect.accelerometer import DRIFTS, IDENTITY, NAMES, PARAMETERS, SCALES, ZeroDrift, corrected
 from session.detect.bridging import GAP
@@ -20,9 +22,8 @@ from session.log.folder import Session
 from session.log.logfile import Bridge
 from session.log.samples import start_times
 from tinygc import closure
-from tinygc.attitude import rotation
-from tinygc.attitude.earth import EarthRate
 from tinygc.closure.at_rest import MeasuredNoise
+from tinygc.closure.earth import EarthRate
 from tinygc.closure.floor import BiasInstability, BiasWander, Floor, bias_instability_of
 from tinygc.closure.least_squares import OBSERVED_BELOW, StillRates
 from tinygc.closure.prior import GaussianPrior
@@ -152,7 +153,7 @@ class JointFit:
         told = np.eye(PARAMETERS)
         told[np.ix_(SCALES, SCALES)] -= 1 / 3
         scale = np.concatenate([np.full(6, 1e-3), np.full(3, MG)])
-        off, sigma = told @ (self.x - IDENTITY) / scale, np.sqrt(np.diag(told @ self.covariance @ told.T)) / scale
+        off, sigma = told @ (self.x - IDENTITY) / scale, sigmas_in(told @ self.covariance @ told.T) / scale
         sure = np.abs(off) > SAID_SIGMAS * sigma
         sure[np.argmax(np.abs(off) / sigma)] = True
         found = zip(NAMES, off, sigma, sure, strict=True)

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from session.base import rotation
+from session.base import rotation as pairs
+from session.base.rotation import Array, sample_weights, step_vectors, steps
 from session.base.units import DEG
-from tinygc.attitude import rotation
-from tinygc.attitude import rotation as pairs
-from tinygc.attitude.rotation import Array, sample_weights, step_vectors, steps
 
 # The third angle of a turn of known angle: the gyro's angle about the turn's axis minus the known one.
 #

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from session.base import rotation
 from session.base.errors import DataError
 from session.base.units import DEG, NS
 from session.detect.segments import RETURN_RAD, run_ends
@@ -15,8 +16,7 @@ from session.log.folder import Session
 from session.log.logfile import Log
 from session.log.samples import Samples
 from tinygc import closure
-from tinygc.attitude import rotation
-from tinygc.attitude.earth import EarthRate, unseen_covariance, vertical_only
+from tinygc.closure.earth import EarthRate, unseen_covariance, vertical_only
 from tinygc.closure.floor import gyro_variance, stamp_variance, still_tilt_variance
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch

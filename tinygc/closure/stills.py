@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from session.base import rotation
+from session.base.rotation import angle_between
 from session.base.units import DEG, NS
 from session.detect.stills import Noise, Still
 from session.detect.truth_segments import Rest, find_rests
 from session.log.logfile import Bridge
 from session.log.samples import Samples
-from tinygc.attitude import rotation
 from tinygc.closure.residual import Batch, end_attitude, nearest_yaw
 from tinygc.models.linear import LinearModel
 
@@ -59,11 +60,6 @@ def goes_on(before: Samples, last: Still, after: Samples, first: Still) -> bool:
     pause_s = (after.t_ns[0] - before.t_ns[-1]) * NS
     moved_s = max((len(before) - last.stop) * before.period_s, first.start_s)
     return 0 <= pause_s < UNTOUCHED_S and moved_s < UNSEEN_S and angle_between(last.accel_mean, first.accel_mean) < UNTOUCHED_RAD
-
-
-def angle_between(a: np.ndarray, b: np.ndarray) -> float:
-    """Angle between two vectors (3,), rad."""
-    return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
 
 
 def carry_yaw(logs: list[StillSet], segments: list[Segment], chain: Batch, model: LinearModel) -> tuple[list[StillSet], Batch]:

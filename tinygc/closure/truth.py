@@ -14,7 +14,7 @@ from session.detect.stills import LogStills, Noise, SessionStills
 from session.detect.truth_segments import TruthEnds, cut_at_truth
 from session.log.folder import Session
 from session.log.samples import Samples, start_times
-from tinygc.attitude.earth import EarthRate, no_earth, vertical_only, with_heading
+from tinygc.closure.earth import EarthRate, no_earth, vertical_only, with_heading
 from tinygc.closure.floor import TRUTH, Floor, gyro_variance
 from tinygc.closure.least_squares import StillRates, fit_least_squares
 from tinygc.closure.problem import LEFT_OUT, Problem, widened_by_bridges

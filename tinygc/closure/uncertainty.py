@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from session.base import rotation
+from session.base.rotation import sample_weights
 from session.base.solving import solve
 from session.base.units import EARTH_RATE_RPS
 from tinygc import closure
-from tinygc.attitude import rotation
-from tinygc.attitude.earth import EarthRate
-from tinygc.attitude.rotation import sample_weights
+from tinygc.closure.earth import EarthRate
 from tinygc.closure.floor import GYRO_NOISE, BiasWander, Floor
 from tinygc.closure.least_squares import StillRates, solve_lower
 from tinygc.closure.prior import GaussianPrior

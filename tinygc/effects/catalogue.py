@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from session.base.rotation import unit_vectors
 from session.base.units import DEG
 from tinygc.effects.effect import Effect
 from tinygc.effects.movement import EffectError, Movement
@@ -66,7 +67,7 @@ def short_movement() -> Movement:
     """Return half a second of a hand's turn with warm-up and vibration."""
     t_s = np.arange(SAMPLES) / RATE_HZ
     turn = np.stack([np.sin(9 * t_s), np.cos(7 * t_s), np.sin(5 * t_s + 1)], axis=-1)
-    force = turn / np.linalg.norm(turn, axis=1, keepdims=True)
+    force = unit_vectors(turn)
     return Movement(
         t_s, 1 / RATE_HZ, 100 * DEG * turn, force, 25 + t_s, 0.1 + 0 * t_s, SAMPLES / RATE_HZ, FULL_SCALE_DPS * DEG, first_temp_c=25.0
     )

@@ -12,8 +12,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from session.base import rotation
 from session.base.units import DEG
-from tinygc.attitude import rotation
 from tinygc.effects.movement import Movement, Reach
 
 #: rad/s: a hand turns faster; a sensor at rest, with a bias of a few dps, reads less

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from session.base.numeric import sigmas_in
 from session.base.texts import significant
 from session.base.units import MG
 from session.detect.accelerometer import (
@@ -102,7 +103,7 @@ class AccelerometerFit:
     @cached_property
     def sigmas(self) -> np.ndarray | None:
         """Standard deviations (9,) of ``values``."""
-        return None if self.covariance is None else np.sqrt(np.diag(self.jacobian @ self.covariance @ self.jacobian.T))
+        return None if self.covariance is None else sigmas_in(self.jacobian @ self.covariance @ self.jacobian.T)
 
     @cached_property
     def any_session(self) -> np.ndarray | None:
@@ -136,7 +137,7 @@ class AccelerometerFit:
         """Rows of the sensor errors for display, as in ``field_parameters`` for the gyroscope: word, unit, values (3,), sigmas (3,), in
         that unit, and names.  The numbers in ``rows`` are those of the correction."""
         found, slope = triad_errors(self.values), self.slope
-        sigmas = None if self.covariance is None else np.sqrt(np.diag(slope @ self.covariance @ slope.T))
+        sigmas = None if self.covariance is None else sigmas_in(slope @ self.covariance @ slope.T)
         return [
             (word, unit, found[which] / UNITS[unit], None if sigmas is None else sigmas[which] / UNITS[unit], [NAMES[i] for i in which])
             for word, unit, which in (("scale factor error", "ppm", SCALES), ("nonorthogonality", "mrad", SHEARS), ("bias", "mg", BIASES))

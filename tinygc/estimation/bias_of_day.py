@@ -10,18 +10,18 @@ from pathlib import Path
 import numpy as np
 
 from session import VERSION
+from session.base import rotation
 from session.base.errors import FitError, SegmentError
 from session.base.files import result_folder
-from session.base.numeric import runs_of
+from session.base.numeric import runs_of, sigmas_in
 from session.base.results import read_json, write_whole
+from session.base.rotation import steps
 from session.base.units import DEG, NS, STANDARD_GRAVITY_MPS2, G
 from session.detect.truth_segments import find_rests, moments_inside
 from session.log import folder as hashes
 from session.log.folder import Session, hash_of_log
 from session.log.samples import Samples
 from tinygc import models
-from tinygc.attitude import rotation
-from tinygc.attitude.rotation import steps
 from tinygc.closure.prepared import prepare
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import closure_angles
@@ -128,7 +128,7 @@ def _bias_from_gravity(
         raise FitError("the bias from gravity left the finite numbers; are rate and specific force in the units that the header says?")
     variance, directions = np.linalg.eigh(covariance)
     walk = x[:count].reshape(-1, 3)
-    return _BiasOfDay(mean @ x, np.sqrt(np.diag(covariance)), directions.T, np.sqrt(variance), knots, walk)
+    return _BiasOfDay(mean @ x, sigmas_in(covariance), directions.T, np.sqrt(variance), knots, walk)
 
 
 def _prior(knots: np.ndarray, sigma: np.ndarray, size: int, run: _SmoothedRun) -> tuple[np.ndarray, np.ndarray]:

@@ -9,6 +9,7 @@ from typing import TypedDict
 
 import numpy as np
 
+from session.base.numeric import rms_of
 from session.base.units import DEG
 from session.detect.check_stills import ENOUGH_SEGMENTS
 from tinygc.closure.problem import Problem
@@ -37,19 +38,14 @@ def closure_figures(angles: np.ndarray) -> ClosureFigures:
         "tilt_rms_deg": float(np.hypot(rms[0], rms[1])),
         "roll_rms_deg": float(rms[0]),
         "pitch_rms_deg": float(rms[1]),
-        "yaw_rms_deg": float(np.sqrt(np.mean(third**2))) / DEG if len(third) else None,
+        "yaw_rms_deg": rms_of(third) / DEG if len(third) else None,
     }
-
-
-def rmse(error: np.ndarray) -> float:
-    """Root mean square over roll, pitch, yaw, rad."""
-    return float(np.sqrt(np.mean(error**2)))
 
 
 def run_figures(errors: np.ndarray) -> dict[str, float]:
     """Return the figures of one closure run, from roll, pitch, yaw errors (3,) rad."""
     roll, pitch, yaw = (float(error) / DEG for error in errors)
-    return {"roll_deg": roll, "pitch_deg": pitch, "yaw_deg": yaw, "rmse_deg": float(np.sqrt(np.mean(errors**2))) / DEG}
+    return {"roll_deg": roll, "pitch_deg": pitch, "yaw_deg": yaw, "rmse_deg": rms_of(errors) / DEG}
 
 
 # A calibration is useful only if its closure error on held-out turns is smaller than that of the raw rates.

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from session.base.numeric import sigmas_in
 from session.base.units import DEG, MG
 from tinygc.closure.floor import BiasInstability, wander_covariance
 from tinygc.estimation.repeatability import BiasRepeatability
@@ -50,7 +51,7 @@ class ExpectedZero:
     @property
     def sigma(self) -> np.ndarray:
         """(3,) rad/s."""
-        return np.sqrt(np.diag(self.covariance))
+        return sigmas_in(self.covariance)
 
 
 def expected_zero(

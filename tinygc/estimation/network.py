@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
+from session.base import rotation
 from session.base.errors import FitError
+from session.base.numeric import rms_of
 from tinygc import closure
-from tinygc.attitude import rotation
 from tinygc.closure.least_squares import LinearEnds, Rows, StillRates, fit_least_squares
 from tinygc.closure.prior import vague
 from tinygc.closure.problem import Problem
@@ -117,7 +118,7 @@ class _Problem:
         self.batch, self.still_rates = batch, still_rates
         self.parts = [batch.pick(some) for some in closure.parts(len(batch))]
         self.weight = 1 / sigma.reshape(len(batch), -1)
-        self.typical_rps = float(np.sqrt(np.mean(batch.rate[..., :3] ** 2)))
+        self.typical_rps = rms_of(batch.rate[..., :3])
         self.identity = CalibrationNet.identity().vector
 
     def residuals(self, vector: np.ndarray) -> np.ndarray:

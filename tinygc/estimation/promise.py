@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from session.base.numeric import rms_of
 from session.base.units import DEG_PER_HOUR, MDPS, MG
 from tinygc.closure.floor import ACCEL_NOISE, GYRO_NOISE, SINGLE_SEGMENTS, STAMPS, wander_covariance
 from tinygc.closure.problem import Problem
@@ -58,7 +59,7 @@ def promise_of(problem: Problem) -> Promise:
     tilt = (density * MDPS) ** 2 * problem.batch.duration_s + 2 * problem.batch.duration_s**2 * drift
     for cause, part in problem.floor.parts.items():
         tilt = tilt + shares.get(cause, 1.0) * (part.own[:, 0, 0] + part.own[:, 1, 1])
-    unit = float(np.sqrt(np.mean(problem.noise.gyro**2))) / MDPS
+    unit = rms_of(problem.noise.gyro) / MDPS
     noisier = f"this unit has {unit:.2g} mdps/√Hz of noise, {density:g} there" if unit > NOISIER * density else ""
     return Promise(turn_s, float(np.sqrt(np.mean(tilt))), source, noisier)
 

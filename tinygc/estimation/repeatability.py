@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from session.base.errors import FormatError
+from session.base.numeric import finite_or_none
 from session.base.results import read_json
 from session.base.texts import command_line
 from session.base.units import DEG
@@ -59,7 +60,7 @@ class BiasRepeatability:
         """Return ``bias_any_session`` of ``tinygc-fit/2``; own (3, 3): covariance of B in the fit."""
         return {
             "spread_dps": (self.rps / DEG).tolist(),
-            "degrees_of_freedom": [float(each) if np.isfinite(each) else None for each in self.freedom],
+            "degrees_of_freedom": [finite_or_none(each) for each in self.freedom],
             "sigma_dps": (self.sigma(own) / DEG).tolist(),
             "source": self.source,
         }

@@ -21,6 +21,7 @@ from typing import Literal
 
 import numpy as np
 
+from session.base.numeric import rms_of
 from session.base.texts import fixed, probability, significant
 from session.base.units import DEG
 from session.detect.accelerometer import NAMES as ACCELEROMETER_NAMES
@@ -28,7 +29,6 @@ from session.log.requirements import ATTITUDE, CLOSURE, CLOSURE_RUN, KINDS, SIMP
 from tinygc.closure.motion import at_rest
 from tinygc.estimation.accelerometer import AccelerometerFit
 from tinygc.estimation.bias import tilt_rms
-from tinygc.estimation.choice import rmse
 from tinygc.estimation.sources import Source, coverage_factor, effective_freedom, total
 from tinygc.models.linear import NAMES, PARAMETERS, LinearModel, field_jacobian, field_quantities, field_vector
 
@@ -351,7 +351,7 @@ def run_measured(file: str, error: np.ndarray, floor: np.ndarray | None) -> Meas
 
     sigma is the root mean square of what the true RMSE departs from it: near the floor it holds that noise adds to the size.
     """
-    size, words = rmse(error) / DEG, f"closure run {file}, RMSE"
+    size, words = rms_of(error) / DEG, f"closure run {file}, RMSE"
     if floor is None or not np.isfinite(size):
         return Measured(CLOSURE_RUN, words, "°", size, float("nan"))
     nodes, weights = np.polynomial.hermite_e.hermegauss(16)

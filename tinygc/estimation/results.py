@@ -16,6 +16,7 @@ import numpy as np
 from session import VERSION
 from session.base.errors import CalibrationError, FormatError
 from session.base.files import result_folder
+from session.base.numeric import rms_of
 from session.base.results import Array, Flag, Keys, ListOf, MapOf, Maybe, Number, Shape, Text, read_required, require, write_whole
 from session.base.units import DEG, G
 from session.detect.check_stills import NO_STILLS
@@ -410,7 +411,7 @@ def to_json(result: FitResult, limit_deg: float | None = None) -> dict:
             {
                 "file": run.file,
                 "duration_s": run.duration_s,
-                "floor_rmse_deg": float(np.sqrt(np.mean(run.floor_rad**2))) / DEG,
+                "floor_rmse_deg": rms_of(run.floor_rad) / DEG,
                 "earth": run.earth.source,
                 **({} if result.physics is None else {"lost_at_s": np.round(result.physics.lost_s[number], 3).tolist()}),
                 **{name: run_figures(error) for name, error in errors.items()},

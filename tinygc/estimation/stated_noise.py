@@ -12,8 +12,8 @@ from session.detect.accelerometer import PARAMETERS as ACCELEROMETER_PARAMETERS
 from session.detect.rounding import lsb_of, rounding_of_mean
 from session.detect.stills import BLOCK_S, NOISE_BLOCKS
 from tinygc import closure
-from tinygc.attitude.earth import unseen_covariance
 from tinygc.closure.build import bias_shares
+from tinygc.closure.earth import unseen_covariance
 from tinygc.closure.floor import ACCEL_NOISE, GYRO_NOISE, allan_freedom
 from tinygc.closure.least_squares import solve_lower
 from tinygc.closure.problem import GYROSCOPE, JointFit, Problem

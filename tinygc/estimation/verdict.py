@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from session.base.errors import FitError
+from session.base.numeric import rms_of, sigmas_in
 from session.base.texts import command_line, degrees, probability, significant
 from session.base.units import DEG
 from session.detect.accelerometer import PARAMETERS as ACCELEROMETER_PARAMETERS
@@ -31,7 +32,7 @@ from tinygc.closure.runs import ClosureRun
 from tinygc.closure.uncertainty import MISMATCH_P, chi_square_above
 from tinygc.estimation.accelerometer import AccelerometerFit
 from tinygc.estimation.bias import tilt_rms
-from tinygc.estimation.choice import AgainstRaw, rmse
+from tinygc.estimation.choice import AgainstRaw
 from tinygc.estimation.expected_zero import drift_between
 from tinygc.estimation.model_tests import RUN, TURNS, ModelTest, contradictions
 from tinygc.estimation.options import METHODS
@@ -204,10 +205,12 @@ def decide(
         freedom = "" if candidate.closure_freedom is None else f", {candidate.closure_freedom} degrees of freedom"
         reasons = [_by_chance(f"closure of the fitted segments{freedom}", closure_p, f"held out {significant(times, 2)} × the floor")]
     if runs:
-        reasons += [_against(f"{f}, RMSE: {degrees(rmse(e))}", each) for f, e, each in zip(files, candidate.run_errors, runs, strict=True)]
+        reasons += [
+            _against(f"{f}, RMSE: {degrees(rms_of(e))}", each) for f, e, each in zip(files, candidate.run_errors, runs, strict=True)
+        ]
     else:
         for file, error, p in zip(files, candidate.run_errors, candidate.run_p, strict=True):
-            reasons.append(_by_chance(f"{file}: off by {degrees(rmse(error))}", p if np.isfinite(rmse(error)) else float("nan")))
+            reasons.append(_by_chance(f"{file}: off by {degrees(rms_of(error))}", p if np.isfinite(rms_of(error)) else float("nan")))
     if limit_deg is not None:
         rules.append(f"Limit {significant(limit_deg, 3)}°: held-out closure of the segments and RMSE of each closure run at most that.")
     elif not segments or (len(files) and not runs):
@@ -245,7 +248,7 @@ def decide(
     closure = _closure(tilt, times, candidate, None if segments else promise, limit)
     if len(files):
         which = f", worst of {len(files)} closure runs " if len(files) > 1 else ", closure run "
-        closure += which + degrees(max(map(rmse, candidate.run_errors)))
+        closure += which + degrees(max(map(rms_of, candidate.run_errors)))
     found = [*_doubts(candidate, times, accelerometer), *doubts]
     if not segments and promise is not None and promise.noisier:
         found.append(f"noisier than {promise.source}: {promise.noisier}")
@@ -392,7 +395,7 @@ def run_p_values(
     trial vector; between: spread of the bias between sessions, for a run whose clock began anew; left: the errors to judge, those of
     ``vector`` if None.
     """
-    found, sigma, session = [], np.sqrt(np.diag(covariance)), problem.session
+    found, sigma, session = [], sigmas_in(covariance), problem.session
     by_same = {log.path.name for log in session.closures if session.nominal_rate is None or session.rate_of(log) is not None}
     for number, run in enumerate(runs):
         error, known = errors(vector, run), covariance

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtrc
 
+from session.base import rotation
 from session.base.numeric import runs_of, sigma_of_steps
 from session.base.units import DEG
 from session.detect.events import FALSE_ALARM, run_bar
 from session.detect.stills import CREEP_SIGMAS
 from session.log.samples import Samples, pieces
-from tinygc.attitude import rotation
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import closure_angles

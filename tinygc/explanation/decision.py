@@ -12,10 +12,10 @@ import numpy as np
 from scipy.special import chdtrc
 
 from session.base.errors import CalibrationError
+from session.base.rotation import matrix
 from session.base.units import DEG
 from session.detect.check_time import STEPS
 from session.detect.segments import Segment
-from tinygc.attitude.rotation import matrix
 from tinygc.closure.problem import Problem
 from tinygc.closure.uncertainty import MISMATCH_P
 from tinygc.effects import Effect, catalogue

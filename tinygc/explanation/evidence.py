@@ -12,6 +12,8 @@ from typing import Generic, TypeVar
 import numpy as np
 from scipy.special import fdtrc, lambertw
 
+from session.base.numeric import rms_of
+from session.base.solving import unit_columns
 from tinygc.effects import Effect
 from tinygc.estimation.systematic import PRIOR_ODDS, penalty
 from tinygc.noise.candidates import scanned
@@ -97,7 +99,7 @@ class Selection(Generic[Name]):
         """Orthonormal nuisance including the allowances, and the remaining groups, each with whether it is tested along the allowances."""
         if self._allowances is None:
             return self.q, [(group, False) for group in self.groups]
-        q = orthonormal(np.concatenate([_unit(self._nuisance), _unit(self._allowances)], axis=1), UNSEEN)
+        q = orthonormal(np.concatenate([unit_columns(self._nuisance), unit_columns(self._allowances)], axis=1), UNSEEN)
         groups = []
         for name, columns in self._candidates.items():
             basis = left_of(self.q, columns, UNSEEN) if name in self._along else left_of(q, columns, UNSEEN_BESIDE)
@@ -130,22 +132,16 @@ def _log_f_tail(ratio: np.ndarray, rank: int, freedom: int) -> np.ndarray:
     return np.where(np.isfinite(value), value, far)
 
 
-def _unit(columns: np.ndarray) -> np.ndarray:
-    """Those of the columns (n, P) that are not zero, each of length one."""
-    size = np.linalg.norm(columns, axis=0)
-    return columns[:, size > 0] / size[size > 0]
-
-
 def left_of(q: np.ndarray, columns: np.ndarray, unseen: float = UNSEEN) -> np.ndarray:
     """Orthonormal basis of the columns after projecting out q."""
-    columns = _unit(columns)
+    columns = unit_columns(columns)
     return orthonormal(columns - q @ (q.T @ columns), unseen, scaled=False)
 
 
 def orthonormal(columns: np.ndarray, unseen: float = 1e-9, scaled: bool = True) -> np.ndarray:
     """Orthonormal basis (n, r) of columns (n, P): directions with a singular value above ``unseen``, of columns of unit length if
     scaled."""
-    u, s, _ = np.linalg.svd(_unit(columns) if scaled else columns, full_matrices=False)
+    u, s, _ = np.linalg.svd(unit_columns(columns) if scaled else columns, full_matrices=False)
     return u[:, s > unseen]
 
 
@@ -341,7 +337,7 @@ class Evidence:
             part = claim_slice(fit.state.claims, number)
             # The lower limit is the sigma of the best-known direction: an unobservable direction carries no information on the size.
             least = float(np.sqrt(max(np.linalg.eigvalsh(fit.covariance[part, part])[0], 0.0)))
-            rms = float(np.sqrt(np.mean(claim.theta**2)))
+            rms = rms_of(claim.theta)
             prior[part] = min(max(rms, least, 1e-6 * claim.effect.parameter.plausible), claim.effect.parameter.plausible)
         return prior
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from session import VERSION
+from session.base.numeric import finite_or_none
 from session.base.units import DEG, MG, G
 from session.log.folder import file_key, hash_of_log
 from session.log.samples import pieces, start_times
@@ -398,11 +399,11 @@ def truth_to_json(e: TruthExplanation) -> dict:
                 for log, truth in enumerate(e.session.truths or ())
                 for outage in truth.outages
             ],
-            "sigma_deg": _number(e.truth_rad / DEG),
-            "gyro_walk_deg_rts": _number(e.walk_rad / DEG),
+            "sigma_deg": finite_or_none(e.truth_rad / DEG),
+            "gyro_walk_deg_rts": finite_or_none(e.walk_rad / DEG),
             "closure_deg_by_length_s": lengths,
             "gyro_noise_walk_deg_rts": e.gyro_rad / DEG,
-            "neighbours_correlation": {"before": _number(e.neighbours[0]), "after": _number(e.neighbours[1])},
+            "neighbours_correlation": {"before": finite_or_none(e.neighbours[0]), "after": finite_or_none(e.neighbours[1])},
             **({} if e.alignment is None else alignment_table(e.alignment)),
         },
         "force": None
@@ -427,7 +428,3 @@ def truth_to_json(e: TruthExplanation) -> dict:
 
 def _before_after(rms_rad: tuple[float, float]) -> dict:
     return {"before": rms_rad[0] / DEG, "after": rms_rad[1] / DEG}
-
-
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None

@@ -10,7 +10,7 @@ from itertools import combinations
 import numpy as np
 
 from session.base.units import DEG, EARTH_RATE_RPS
-from tinygc.attitude.earth import EarthRate
+from tinygc.closure.earth import EarthRate
 from tinygc.effects import Effect, Movement, Parameter, Reach, Scan, catalogue, diagonal, per_axis, without_vibration
 from tinygc.effects.effect import WORLD
 from tinygc.effects.movement import HAND_S, NOWHERE

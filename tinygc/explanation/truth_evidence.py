@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from session.base import rotation
 from session.base.numeric import sigma_of
 from session.base.units import DEG, NS
 from session.detect.findings import Finding
@@ -16,7 +17,6 @@ from session.detect.truth_segments import TruthEnds, cut_at_truth, moments_insid
 from session.log.config import TruthAlignment
 from session.log.folder import Session
 from tinygc import closure
-from tinygc.attitude import rotation
 from tinygc.closure.problem import Problem, conditions
 from tinygc.closure.residual import Batch, RateMap
 from tinygc.closure.truth import batch_of

@@ -9,9 +9,10 @@ from functools import cached_property
 import numpy as np
 from scipy.special import chdtrc
 
+from session.base import rotation
+from session.base.numeric import rms_of, sigmas_in
 from session.base.units import DEG
 from session.log.config import GIVEN
-from tinygc.attitude import rotation
 from tinygc.closure.floor import Floor, gyro_variance
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch, attitudes
@@ -364,7 +365,7 @@ def _claims(naming: Naming, fit: Refit) -> list[TruthClaim]:
 
 
 def _claim(fit: Refit, number: int, named: NamedEffect, chi_square: float) -> TruthClaim:
-    claim, sigma = fit.state.claims[number], np.sqrt(np.diag(fit.theta_covariance(number)))
+    claim, sigma = fit.state.claims[number], sigmas_in(fit.theta_covariance(number))
     share = float(np.clip(named.gain / chi_square, 0, 1))
     more = {"probability": named.probability, "rivals": named.rivals, "equivalent": named.equivalent}
     return truth_claim(claim.effect, claim.theta, sigma, named.p_value, share=share, **more)
@@ -384,7 +385,7 @@ def _shrunk(claim: AppliedEffect) -> Effect:
     """A slow bias with the prior used in its evidence, the rms of its own parameters; other effects unchanged."""
     if not claim.effect.id.startswith(NAMELESS):
         return claim.effect
-    rms = float(np.sqrt(np.mean(claim.theta**2)))
+    rms = rms_of(claim.theta)
     return replace(claim.effect, parameter=replace(claim.effect.parameter, plausible=rms))
 
 

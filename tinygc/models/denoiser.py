@@ -8,9 +8,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from session.base import rotation
 from session.base.errors import FormatError
 from session.base.results import Array, Keys, Number, require
-from tinygc.attitude import rotation
 from tinygc.models.model import FACTOR, BaseModel, Model
 
 # TinyGC-Net's denoising subnet: per axis, causal, three convolutions 1 -> 2 -> 2 -> 1 of kernel 7, no biases: 14 + 28 + 14 = 56 weights.

@@ -8,8 +8,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from session.base import rotation
+from session.base.numeric import sigmas_in
 from session.base.units import DEG
-from tinygc.attitude import rotation
 from tinygc.models.model import BaseModel
 
 # The linear model every calibration begins with: omega = E m + B, 12 parameters (docs/model.md).
@@ -164,7 +165,7 @@ def field_quantities(
     """
     values, jacobian = field_vector(vector), field_jacobian(vector)
     further = np.full(len(values), np.nan) if moved is None else moved(jacobian)
-    sigma = np.sqrt(np.diag(jacobian @ covariance @ jacobian.T))
+    sigma = sigmas_in(jacobian @ covariance @ jacobian.T)
     hidden = [i for i, name in enumerate(NAMES) if name in unobserved]
     quantities, at = [], 0
     for word, components, unit, si in WORDS:

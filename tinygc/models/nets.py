@@ -8,8 +8,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from session.base import rotation
 from session.base.results import Array, Keys, require
-from tinygc.attitude import rotation
 from tinygc.models.linear import PRIOR_SIGMA, LinearModel
 from tinygc.models.model import FACTOR, MATRIX, RATE, BaseModel
 

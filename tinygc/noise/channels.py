@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from session.base.numeric import rms_of
 from session.base.units import NS
 from tinygc.effects import CommonDelay, Convention
 from tinygc.models.linear import MATRIX
@@ -84,7 +85,7 @@ class WithinStills:
 
     def rms(self, name: str) -> float:
         """Root mean square of ``slope`` or ``scatter``, in sigmas."""
-        return float(np.sqrt(np.mean(getattr(self, name) ** 2)))
+        return rms_of(getattr(self, name))
 
 
 def within_stills(twin: Twin) -> WithinStills:

@@ -11,11 +11,11 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from session.base.numeric import sigma_of
+from session.base import rotation
+from session.base.numeric import rms_of, sigma_of
 from session.base.units import DEG, DEG_PER_HOUR, MG, G
 from session.detect.check_time import LEAST_EXPONENT, STEPS, capped, thinning_exponent, thinning_weights
 from tinygc import closure
-from tinygc.attitude import rotation
 from tinygc.closure.floor import wander_covariance
 from tinygc.closure.uncertainty import chi_square_above
 from tinygc.effects.signals import angular_acceleration
@@ -171,7 +171,7 @@ class Component:
 def components_of(twin: Twin, sizes: tuple[int, int, int], missed: Undersampling) -> list[Component]:
     """Variance components of a twin whose channels have sizes (S d, 3 Q, Q)."""
     white = replace(twin.problem.floor, tilt_excess=1.0, own=twin.problem.floor.white, wider=None)
-    floor = float(np.sqrt(np.mean(white.sigma[twin.batch.known] ** 2)))
+    floor = rms_of(white.sigma[twin.batch.known])
     references = [_reference(twin, sizes)] if twin.stills else _truth(twin, sizes)
     found = [_wander(twin, sizes), _still_rate(twin, sizes), *references, _turn(twin, sizes, floor)]
     if missed.rms_rad / np.sqrt(2) > LEAST_UNDERSAMPLING * floor:

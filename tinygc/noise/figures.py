@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from session.base.errors import FormatError
+from session.base.numeric import finite_or_none
 from session.base.results import Array, Flag, Keys, ListOf, MapOf, Maybe, Number, Shape, Text, read_required
 
 SCHEMA = "tinygc-noise/1"
@@ -387,7 +388,7 @@ def to_json(figures: NoiseFigures) -> dict:
 def _band_json(band: AllanBand) -> dict:
     columns = {name: getattr(band, name) for name in ("deviation", "low", "high")}
     return {"tau_s": band.tau_s.tolist()} | {
-        name: [[float(value) if np.isfinite(value) else None for value in row] for row in rows] for name, rows in columns.items()
+        name: [[finite_or_none(value) for value in row] for row in rows] for name, rows in columns.items()
     }
 
 

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from session.base import rotation
+from session.base.rotation import cross_matrix
 from session.base.solving import inverse
 from tinygc import closure
-from tinygc.attitude import rotation
 from tinygc.closure.uncertainty import signed_ranks_above
 from tinygc.noise.refit import Refit
 from tinygc.noise.twin import Twin
@@ -198,8 +199,8 @@ def lever_equations(twin: Twin, fit: Refit) -> _TurnEquations:
 def _lever(turn: _Turn, gravity_mps2: float) -> tuple[np.ndarray, np.ndarray]:
     alpha = np.gradient(turn.rate, turn.dt_s, axis=0)
     gravity = -gravity_mps2 * turn.attitude[:, 2]
-    crossed = _cross_matrix(turn.rate)
-    columns = np.concatenate([_cross_matrix(alpha) + crossed @ crossed, np.gradient(gravity, turn.dt_s, axis=0)[:, :, None]], axis=-1)
+    crossed = cross_matrix(turn.rate)
+    columns = np.concatenate([cross_matrix(alpha) + crossed @ crossed, np.gradient(gravity, turn.dt_s, axis=0)[:, :, None]], axis=-1)
     size = max(1, round(BLOCK_S / turn.dt_s))
     blocks = len(turn.force) // size
 
@@ -226,11 +227,3 @@ def turn_gravity(twin: Twin, fit: Refit) -> TurnGravity:
         turns=len(velocities.count),
         held_out_p=velocities.improvement_p(),
     )
-
-
-def _cross_matrix(vectors: np.ndarray) -> np.ndarray:
-    """Matrices (N, 3, 3) of the vector product: matrix @ r = vector x r."""
-    x, y, z = vectors.T
-    zero = np.zeros_like(x)
-    rows = [np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)]
-    return np.stack(rows, axis=1)

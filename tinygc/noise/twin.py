@@ -9,12 +9,13 @@ from itertools import groupby
 
 import numpy as np
 
+from session.base import rotation
+from session.base.rotation import unit_vectors
 from session.base.solving import solve
 from session.base.units import DEG, G
 from session.detect.accelerometer import IDENTITY, force_columns, units
 from session.detect.stills import Still
 from tinygc import closure
-from tinygc.attitude import rotation
 from tinygc.closure.problem import ACCELEROMETER, Problem, conditions
 from tinygc.closure.residual import Batch
 from tinygc.effects import AppliedEffect, Effect, Movement
@@ -195,7 +196,7 @@ class Twin:
             rows = np.concatenate([moved.closure.reshape(closure_rows, -1), moved.length])
             found = joint.system.response[ACCELEROMETER] @ rows
         else:  # from the lengths alone
-            down = self.force / np.linalg.norm(self.force, axis=1, keepdims=True)
+            down = unit_vectors(self.force)
             nine, own = (np.einsum("qi,qip->qp", down, columns) for columns in (force_columns(IDENTITY, self.force), own))
             found = solve(nine, own).shortest
         self._known_taken_up[effect] = found
@@ -369,7 +370,7 @@ class Twin:
 
     def precalibration_columns(self, state: State, rates: list[np.ndarray]) -> Channels:
         """Columns of the accelerometer's bias (3) and matrix (9), all in m/s^2; the matrix as an error at one g."""
-        down = self.force / np.linalg.norm(self.force, axis=1, keepdims=True)
+        down = unit_vectors(self.force)
         bias = np.broadcast_to(np.eye(3)[:, None], (3, len(self.stills), 3))
         matrix = np.einsum("ai,qj->ajqi", np.eye(3), down).reshape(9, len(self.stills), 3)
         return self._bending(state, rates, np.concatenate([bias, matrix]))

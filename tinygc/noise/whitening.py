@@ -10,8 +10,8 @@ from itertools import islice
 
 import numpy as np
 
+from session.base import rotation
 from session.base.units import MG
-from tinygc.attitude import rotation
 from tinygc.closure.least_squares import inverse_lower, solve_lower
 from tinygc.noise.twin import Twin
 

@@ -13,10 +13,12 @@ from typing import Protocol
 
 import numpy as np
 
+from session.base import rotation
+from session.base.numeric import sigmas_in
+from session.base.rotation import unit_vectors
 from session.base.units import DEG, DEG_PER_HOUR, MG, G
 from session.bench.messages import AcceptedTurn, Advice, Progress, RequestedTurn
 from tinygc import closure
-from tinygc.attitude import rotation
 from tinygc.closure.floor import BiasWander, Floor, gyro_variance, still_tilt_variance
 from tinygc.closure.residual import Batch
 from tinygc.closure.uncertainty import covariance_from_columns
@@ -150,7 +152,7 @@ class Coach:
             turn, rows = alone._best(place)
             place = _Place(place.information + rows.T @ rows, turn.carries(place.force), turn.angles)
             turns.append(turn)
-            sigmas.append(np.sqrt(np.diag(np.linalg.inv(place.information))))
+            sigmas.append(sigmas_in(np.linalg.inv(place.information)))
         return Rehearsal(tuple(turns), tuple(sigmas))
 
     def look(self, progress: Progress) -> None:
@@ -198,7 +200,7 @@ class Coach:
         return self._sigma_of(len(self._seen))
 
     def _sigma_of(self, count: int) -> np.ndarray:
-        return np.sqrt(np.diag(self._covariance_of(count))) / self.targets
+        return sigmas_in(self._covariance_of(count)) / self.targets
 
     def best_turn(self, measured: np.ndarray) -> Turn:
         """Return the best turn from where the accelerometer reads ``measured`` (3,) m/s^2."""
@@ -272,7 +274,7 @@ class Coach:
         """Return the directions (2, 3) of gravity at both ends, by the estimated accelerometer."""
         force = np.array([still.accel_mean for still in turn.segment.stills])
         force = force if self._own is None else self._own.accelerometer.correct(force)
-        return force / np.linalg.norm(force, axis=1, keepdims=True)
+        return unit_vectors(force)
 
     def _of(self, turn: AcceptedTurn) -> _Seen:
         """Return a segment's columns for its two angles and their noise."""

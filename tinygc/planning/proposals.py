@@ -8,7 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from session.base import rotation
 from session.base.errors import FormatError
+from session.base.numeric import sigmas_in
 from session.base.results import Keys, MapOf, Maybe, Text, read_required
 from session.base.texts import printable
 from session.base.units import DEG, STANDARD_GRAVITY_MPS2
@@ -17,7 +19,6 @@ from session.detect.check_references import with_aligned_truth, with_own_acceler
 from session.detect.check_samples import with_bridges
 from session.log.folder import Session, read_session, sha256_of
 from tinygc import closure
-from tinygc.attitude import rotation
 from tinygc.closure.build import build_problem
 from tinygc.closure.joint import GIVEN_SIGMA_MG, REFUTED_P, fit_joint, recalibrated, tilt_columns
 from tinygc.closure.problem import GYROSCOPE, Problem
@@ -167,7 +168,7 @@ def best_turns(known: Known, count: int) -> list[Proposal]:
     moves = [(move.words, _rows(move, known) * targets) for move in _moves()]
     information, proposals = np.linalg.inv(known.covariance / np.outer(targets, targets)), []
     for _ in range(count):
-        sigma = np.sqrt(np.diag(np.linalg.inv(information)))
+        sigma = sigmas_in(np.linalg.inv(information))
         worst = int(np.argmax(sigma))
         if sigma[worst] <= 1:
             break

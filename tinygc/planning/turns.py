@@ -8,6 +8,7 @@ from itertools import product
 
 import numpy as np
 
+from session.base import rotation
 from session.base.numeric import sigma_of
 from session.base.units import DEG, MG, G
 from session.bench.messages import AxisMove
@@ -15,7 +16,6 @@ from session.detect.accelerometer import PARAMETERS, UPPER, length_columns
 from session.detect.stills import Noise, Still
 from session.log.config import Accelerometer
 from tinygc import closure
-from tinygc.attitude import rotation
 from tinygc.closure.joint import tilt_columns
 from tinygc.closure.residual import Batch
 from tinygc.effects import Movement

@@ -10,10 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
+from session.base.numeric import rms_of
 from session.base.texts import command_line
 from session.base.units import DEG
 from session.detect.stamp_errors import STAMPS
-from tinygc.estimation.choice import RAW, closure_figures, rmse, run_figures
+from tinygc.estimation.choice import RAW, closure_figures, run_figures
 from tinygc.estimation.model_tests import contradictions
 from tinygc.estimation.results import FitResult
 from tinygc.estimation.verdict import Acceptance
@@ -74,7 +75,7 @@ def _closure(result: FitResult) -> Table:
 
 def _run_cells(errors: list[np.ndarray], several: bool) -> list[float]:
     if several:
-        each = [rmse(error) / DEG for error in errors]
+        each = [rms_of(error) / DEG for error in errors]
         return [float(np.median(each)), max(each)]
     return [value for error in errors for value in run_figures(error).values()]
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from session.base.numeric import sigmas_in
 from session.base.texts import command_line, printable
 from session.base.units import DEG, MG
 from session.detect.accelerometer import LengthFit
@@ -98,7 +99,7 @@ def remarks(result: FitResult) -> list[Text]:
             seen += " Whole circles show scale factors alone; rests half way round, or turns to other sides, show misalignments."
         said.append(Text(seen, "yellow"))
     covariance = result.covariance
-    sigma = np.sqrt(np.diag(covariance))
+    sigma = sigmas_in(covariance)
     correlation = covariance / np.outer(sigma, sigma)
     pairs = [(abs(correlation[i, j]), i, j) for i in range(PARAMETERS) for j in range(i) if abs(correlation[i, j]) > 0.5]
     if pairs:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from session.base.rotation import angle_between, multiply_parts
 from session.base.texts import printable
 from session.base.units import DEG, NS
 from session.bench.guide import Guide, View
@@ -22,17 +23,6 @@ from session.log.samples import Samples, joined
 Quaternion = tuple[float, float, float, float]
 NONE: Quaternion = (1.0, 0.0, 0.0, 0.0)
 UP = np.array([0.0, 0.0, 1.0])
-
-
-def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
-    """Hamilton's product: first b, then a."""
-    (aw, ax, ay, az), (bw, bx, by, bz) = a, b
-    return (
-        aw * bw - ax * bx - ay * by - az * bz,
-        aw * bx + ax * bw + ay * bz - az * by,
-        aw * by - ax * bz + ay * bw + az * bx,
-        aw * bz + ax * by - ay * bx + az * bw,
-    )
 
 
 def exp(x: float, y: float, z: float) -> Quaternion:
@@ -67,9 +57,9 @@ def levelled(q: Quaternion, force: np.ndarray, part: float = 1.0) -> Quaternion:
     axis, cosine = np.cross(up, UP), float(up @ UP)
     sine = float(np.linalg.norm(axis))
     if sine < 1e-9:
-        return q if cosine > 0 else normalised(multiply((0.0, 1.0, 0.0, 0.0), q))
+        return q if cosine > 0 else normalised(multiply_parts((0.0, 1.0, 0.0, 0.0), q))
     x, y, z = axis * part * math.atan2(sine, cosine) / sine
-    return normalised(multiply(exp(x, y, z), q))
+    return normalised(multiply_parts(exp(x, y, z), q))
 
 
 # The board's attitude, for a picture: from gravity in rests, from the gyro in turns.
@@ -117,7 +107,7 @@ def carried(q: Quaternion, rate: np.ndarray, dt_s: np.ndarray) -> Quaternion:
     steps = np.floor(np.cumsum(dt_s) / STEP_S)
     first = np.flatnonzero(np.diff(steps, prepend=-1.0))
     for x, y, z in np.add.reduceat(rate * dt_s[:, None], first).tolist():
-        q = multiply(q, exp(x, y, z))
+        q = multiply_parts(q, exp(x, y, z))
     return normalised(q)
 
 
@@ -127,7 +117,7 @@ def closure_deg(turn: AcceptedTurn) -> float:
     rate = np.asarray(turn.samples.gyro) - (first.gyro_mean + last.gyro_mean) / 2
     q = carried(levelled(NONE, first.accel_mean), (rate[1:] + rate[:-1]) / 2, turn.samples.dt_s)
     expected, found = rotated(inverse(q), UP), last.accel_mean / np.linalg.norm(last.accel_mean)
-    return float(np.arctan2(np.linalg.norm(np.cross(expected, found)), expected @ found) / DEG)
+    return float(angle_between(expected, found) / DEG)
 
 
 # The page's events: ``pose`` many times a second, ``state`` as often as the screen is drawn.  Degrees, dps; never NaN.
@@ -189,7 +179,7 @@ def _target(guide: Guide, still: Quaternion) -> dict[str, Any] | None:
         axis = np.array(movement.axis)
         angle_deg, words = round(movement.angle_rad / DEG, 1), printable(movement.words)
         turns.append({"from": _rounded(q, 4), "axis": _rounded(rotated(q, axis), 4), "angle_deg": angle_deg, "words": words})
-        q = multiply(q, exp(*(movement.angle_rad * axis).tolist()))
+        q = multiply_parts(q, exp(*(movement.angle_rad * axis).tolist()))
     return {"q": _rounded(q, 4), "turns": turns}
 
 

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from session.detect.accelerometer import IDENTITY, corrected
 from session.log.config import Accelerometer
-from tinygc.attitude.earth import EarthRate
+from tinygc.closure.earth import EarthRate
 from tinygc.closure.least_squares import StillRates
 from tinygc.closure.residual import Batch
 from tinygc.features.arrays.clocks import UnitPlace

@@ -15,7 +15,7 @@ from small_turns import numeric_jacobian, turns_by_scipy
 from session.base.units import EARTH_RATE_RPS, MG
 from session.base.units import G as STANDARD_G
 from session.detect.accelerometer import IDENTITY, SPREAD_MPS2, matrix_of
-from tinygc.attitude.earth import estimate_heading, with_heading
+from tinygc.closure.earth import estimate_heading, with_heading
 from tinygc.closure.joint import GIVEN_SIGMA_MG
 from tinygc.features.arrays.system import (
     GYROSCOPE,

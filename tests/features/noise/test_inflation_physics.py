@@ -8,11 +8,11 @@ import pytest
 from noise_records import axis, figures, sensor
 from scipy.optimize import brentq
 
+from session.base import rotation
 from session.base.errors import DataError, FormatError
 from session.base.units import DEG, DEG_PER_HOUR
 from session.log.folder import read_session
 from tinygc import closure
-from tinygc.attitude import rotation
 from tinygc.estimation.fit import fit_session
 from tinygc.estimation.options import FitOptions
 from tinygc.estimation.results import save_models

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from table_recordings import table_toml
 
+from session.base import rotation
 from session.base.units import DEG
 from tinygc import CalibrationError
-from tinygc.attitude import rotation
 from tinygc.features.tables.machines.description import Axis, Description, read_description
 from tinygc.features.tables.machines.kinematics import attitudes
 from tinygc.features.tables.planner import _LEAST_TURN_RAD, TableMoves, _seconds_of, plan_of

@@ -10,11 +10,11 @@ from conftest import config
 from scipy import stats
 from scipy.linalg import block_diag
 
+from session.base import rotation
 from session.base.errors import FormatError
 from session.base.units import DEG, MG, G
 from session.detect import accelerometer
 from tinygc import models
-from tinygc.attitude import rotation
 from tinygc.closure.floor import BiasInstability, wander_covariance
 from tinygc.effects import AppliedEffect, Conditions, effect_of
 from tinygc.estimation.accelerometer import JOINT_NAMES

@@ -19,8 +19,8 @@ from scipy.special import ndtr
 from scipy.stats import chi2
 from watched import ACCEL_WHITE, COVARIANCE, RATE_HZ, WHITE, G, csv, model_file, samples
 
+from session.base import rotation
 from session.base.errors import CalibrationError, DataError, FormatError
-from tinygc.attitude import rotation
 from tinygc.closure.floor import BiasInstability
 from tinygc.deploy.calibration import Surroundings
 from tinygc.features.unit.watch import source

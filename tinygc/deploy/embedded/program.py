@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from session.base.errors import FormatError
+from session.base.rotation import unit_vectors
 from session.log.config import Accelerometer, Config
 from session.log.registers import DEFAULT, RegisterUnits
 from session.log.sensors.profile import Thermometer
@@ -204,7 +205,7 @@ def vectors(program: Program, registers: Registers) -> tuple[np.ndarray, np.ndar
     numbers = rng.integers(-28000, 28000, size=(COUNT, 7)).astype(np.int16)
     direction = rng.normal(size=(COUNT, 3))
     one_g = 8192 * 4 / registers.accel_fs_g
-    numbers[:, 3:6] = np.rint(direction / np.linalg.norm(direction, axis=1, keepdims=True) * one_g)
+    numbers[:, 3:6] = np.rint(unit_vectors(direction) * one_g)
     span = round(SPAN_C * registers.thermometer.lsb_per_c)
     numbers[:, 6] = rng.integers(-span, span, size=COUNT)
     return numbers, program.run(registers.inputs(numbers))

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from session.base.errors import CalibrationError
+from session.base.rotation import nearest_rotation
 from session.detect.check_references import with_own_accelerometer
 from session.detect.check_stills import ACCEL_NOISE, GYRO_NOISE
 from session.detect.findings import Finding, worst
@@ -15,7 +16,7 @@ from session.detect.first_look import check_session
 from session.detect.stills import SessionStills
 from session.log.folder import Session
 from tinygc.features.arrays.clocks import ClockFit
-from tinygc.features.arrays.extrinsics import clock_fits, nearest_rotation
+from tinygc.features.arrays.extrinsics import clock_fits
 from tinygc.features.arrays.recording import ArraySession
 from tinygc.features.arrays.rest_noise import SharedNoise, shared_noise
 

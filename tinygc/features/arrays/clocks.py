@@ -10,7 +10,7 @@ from scipy.fft import irfft, next_fast_len, rfft
 from scipy.interpolate import CubicSpline
 
 from session.base.errors import CalibrationError
-from session.base.numeric import sigma_of
+from session.base.numeric import rms_of, sigma_of, sigmas_in
 from session.base.solving import inverse
 from session.base.units import DEG, NS
 from session.detect.events import register_end_dps
@@ -325,7 +325,7 @@ def nearest_clock(first: Sequence[Rates], unit: Sequence[Rates], name: str = "th
 
 
 def _as_fit(solved: _Solved, x: np.ndarray, about_s: float) -> ClockFit:
-    sigma = np.sqrt(np.diag(solved.covariance))
+    sigma = sigmas_in(solved.covariance)
     clock = UnitClock(float(x[0]), float(x[1]), about_s, float(sigma[0]), float(sigma[1]))
     return ClockFit(clock, solved.matrix, solved.matrix_sigma, solved.bias, solved.agreement, solved.covariance, solved.rms)
 
@@ -439,7 +439,7 @@ class _ClockRows:
             matrix_sigma=np.sqrt(np.diag(covariance)[:-2]).reshape(3, size)[:, :3],
             bias=coefficients[:, 3:].T,
             agreement=1 - float(np.square(residual).sum()) / total if total > 0 else 0.0,
-            rms=float(np.sqrt(np.mean(np.square(residual)))),
+            rms=rms_of(residual),
         )
 
     def _covariance(self, whole: np.ndarray, design: np.ndarray, clock: np.ndarray, residual: np.ndarray) -> np.ndarray:

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from session import VERSION
 from session.base.errors import CalibrationError
 from session.base.files import result_folder
+from session.base.numeric import finite_or_none, rms_of
 from session.base.results import write_whole
 from session.base.texts import printable
 from session.base.units import DEG, NS, G
@@ -259,7 +260,7 @@ def explained_to_json(found: ArrayExplanation) -> dict:
                 "own_rms_deg": unit.own_rad[0] / DEG,
                 "own_sigma_deg": unit.own_rad[1] / DEG if np.isfinite(unit.own_rad[1]) else None,
                 "own_p_value": float(p),
-                "own_upper95_deg": _or_none(part.upper_rad / DEG),
+                "own_upper95_deg": finite_or_none(part.upper_rad / DEG),
                 "own_standing": part.standing.value,
                 "explained": f"unit{unit.number}/explain.json" if unit.number in found.explanations else None,
             }
@@ -287,7 +288,7 @@ def explained_to_json(found: ArrayExplanation) -> dict:
 
 
 def _part(part: Part) -> dict:
-    sizes = {"size_deg": part.size_rad / DEG, "upper95_deg": _or_none(part.upper_rad / DEG)}
+    sizes = {"size_deg": part.size_rad / DEG, "upper95_deg": finite_or_none(part.upper_rad / DEG)}
     return {"what": part.statement.what, **part.statement.to_json(), **sizes}
 
 
@@ -309,10 +310,6 @@ def _slow_zero(slow: PooledSlowZero) -> dict:
 def _rest_noise(name: str, shared: SharedNoise) -> dict:
     correlation = {"correlation": shared.value, "correlation_sigma": shared.sigma, "source": shared.source}
     return {**shared.statement(name).to_json(), **correlation}
-
-
-def _or_none(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 def save_array_explanation(found: ArrayExplanation, folder: Path | None, table: dict) -> Path:
@@ -350,7 +347,7 @@ def array_page(fit: ArrayFit) -> Group:
     why = "as asked" if fit.bias_p is None else f"the stills are better by chance with p = {fit.bias_p:.2g}"
     turns = sum(len(rows) for rows in fit.same.turns)
     own = [1e3 * float(np.sqrt(np.mean(np.diag(unit.in_array(unit.noise_density))))) / DEG for unit in fit.fused.units]
-    fused, alone = 1e3 * float(np.sqrt(np.mean(fit.fused.noise_density**2))) / DEG, float(np.sqrt(np.mean(np.square(own))))
+    fused, alone = 1e3 * rms_of(fit.fused.noise_density) / DEG, rms_of(own)
     count = len(fit.fused)
     parts += [
         one_line(f"Biases {where} ({why}). {turns} turns of {len(fit.units)} units, {len(fit.same.spans)} of the body."),
@@ -402,7 +399,7 @@ def _closure(fit: ArrayFit) -> Table:
     for unit in fit.units:
         own, sigma = (part / DEG for part in unit.own_rad)
         diagonal = [0, 4, 8]
-        alone, array = (float(np.sqrt(np.mean(s[diagonal] ** 2))) * 1e6 for s in (unit.sigma_alone, unit.sigma))
+        alone, array = (rms_of(s[diagonal]) * 1e6 for s in (unit.sigma_alone, unit.sigma))
         table.add_row(
             str(unit.number),
             f"{unit.closure_rad / DEG:.4f}",

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from session.base.errors import CalibrationError
+from session.base.rotation import nearest_rotation, unit_vectors
 from session.base.units import NS
 from session.detect.check_references import with_own_accelerometer
 from session.detect.stills import SessionStills
@@ -42,12 +43,6 @@ class Mounting:
     stills: int
 
 
-def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
-    """Return the rotation (3, 3) nearest to a matrix of positive determinant (polar decomposition)."""
-    left, _, right = np.linalg.svd(matrix)
-    return np.asarray(left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right)
-
-
 def fit_mounting(first_force: np.ndarray, unit_force: np.ndarray, rate_matrix: np.ndarray) -> Mounting:
     """Estimate a unit's mounting.
 
@@ -55,7 +50,7 @@ def fit_mounting(first_force: np.ndarray, unit_force: np.ndarray, rate_matrix: n
     3): the unit's rates from the first unit's.  K may be 0.
     """
     from_rates = nearest_rotation(np.linalg.inv(rate_matrix))
-    ours, theirs = (force / np.linalg.norm(force, axis=1, keepdims=True) for force in (first_force, unit_force))
+    ours, theirs = (unit_vectors(force) for force in (first_force, unit_force))
     count = len(ours)
     mounting, sigma = from_rates, DIRECTION_RAD
     for _ in range(ROUNDS):

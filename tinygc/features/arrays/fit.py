@@ -16,8 +16,9 @@ from scipy.spatial.transform import Rotation
 from session import VERSION
 from session.base.errors import CalibrationError
 from session.base.files import result_folder
-from session.base.numeric import sigma_of
+from session.base.numeric import finite_or_none, sigma_of, sigmas_in
 from session.base.results import write_whole
+from session.base.rotation import cross_matrix
 from session.base.solving import inverse as covariance_of
 from session.base.units import DEG, DEG_PER_HOUR, NS, G
 from session.detect.accelerometer import corrected as corrected_force
@@ -40,7 +41,7 @@ from tinygc.features.arrays.joint import ArrayEvent, Joint, VarianceSplit, estim
 from tinygc.features.arrays.latency import SampleAges, ages_of, corrected
 from tinygc.features.arrays.model import ArrayModel
 from tinygc.features.arrays.recording import ArraySession
-from tinygc.features.arrays.system import MOUNTING, accelerometer_after, cross, force_problem
+from tinygc.features.arrays.system import MOUNTING, accelerometer_after, force_problem
 from tinygc.features.arrays.units import ArrayUnit, LeftOutUnit, SameStills, prepare_units, same_stills
 from tinygc.models.linear import BIAS, MATRIX, NAMES, PARAMETERS, PRIOR_SIGMA, LinearModel
 from tinygc.models.model import accelerometer_table, sensor_table
@@ -130,10 +131,10 @@ class _ArrayMotion:
                 continue
             splines = [each[log] for each in self.rate]
             omega, alpha, jerk = (np.mean([spline(t_s - delay_s, order) for spline in splines], axis=0) for order in range(3))
-            A = cross(alpha) + cross(omega) @ cross(omega)
+            A = cross_matrix(alpha) + cross_matrix(omega) @ cross_matrix(omega)
             columns = [A, np.broadcast_to(np.eye(3), A.shape), self.force[0][log](t_s, 1)[..., None]]
             if position is not None:
-                changed = cross(jerk) + cross(alpha) @ cross(omega) + cross(omega) @ cross(alpha)
+                changed = cross_matrix(jerk) + cross_matrix(alpha) @ cross_matrix(omega) + cross_matrix(omega) @ cross_matrix(alpha)
                 columns.append((changed @ position)[..., None])
             values = self.force[i][log](t_s) - self.force[0][log](t_s)
             found.append((np.concatenate(columns, axis=2).reshape(values.size, -1), values.reshape(-1)))
@@ -222,7 +223,7 @@ class UnitFit:
     @property
     def sigma(self) -> np.ndarray:
         """Return the sigmas (12,) of the model's numbers."""
-        return np.sqrt(np.diag(self.covariance))[:PARAMETERS]
+        return sigmas_in(self.covariance)[:PARAMETERS]
 
     @property
     def unobserved(self) -> tuple[str, ...]:
@@ -232,7 +233,7 @@ class UnitFit:
     @property
     def sigma_alone(self) -> np.ndarray:
         """Return the sigmas (12,) by the unit's own gravity alone."""
-        return np.sqrt(np.diag(self.covariance_alone))
+        return sigmas_in(self.covariance_alone)
 
 
 @dataclass(frozen=True, eq=False)
@@ -443,12 +444,12 @@ def _place_to_json(place: UnitPlace) -> dict:
         },
         "mounting": {
             "rotvec_deg": (Rotation.from_matrix(place.mounting).as_rotvec() / DEG).tolist(),
-            "sigma_deg": (np.sqrt(np.diag(place.mounting_covariance)) / DEG).tolist(),
+            "sigma_deg": (sigmas_in(place.mounting_covariance) / DEG).tolist(),
             "matrix": place.mounting.tolist(),
         },
         "position": {
             "metres": place.position_m.tolist() if known else None,  # type: ignore[union-attr]
-            "sigma_m": np.sqrt(np.diag(place.position_covariance)).tolist() if known else None,  # type: ignore[arg-type]
+            "sigma_m": sigmas_in(place.position_covariance).tolist() if known else None,  # type: ignore[arg-type]
         },
     }
 
@@ -462,9 +463,9 @@ def _unit(unit: UnitFit, own_p: float) -> dict:
             "alone_rms_deg": unit.closure_rad / DEG,
             "floor_rms_deg": unit.floor_rad / DEG,
             "own_rms_deg": unit.own_rad[0] / DEG,
-            "own_sigma_deg": _or_none(unit.own_rad[1] / DEG),
+            "own_sigma_deg": finite_or_none(unit.own_rad[1] / DEG),
             "own_p_value": own_p,
-            "minus_mean_rms_deg": _or_none(unit.minus_mean_rad / DEG),
+            "minus_mean_rms_deg": finite_or_none(unit.minus_mean_rad / DEG),
         },
         "noise": {
             "gyro_dps_rthz": (unit.noise.gyro / DEG).tolist(),
@@ -490,16 +491,16 @@ def split_to_json(split: VarianceSplit) -> dict:
     return {
         "common_rms_deg": split.common / DEG,
         "common_p_value": split.p_value,
-        "common_upper95_deg": _or_none(split.common_upper / DEG),
-        "equal_in_all_turns_deg": {"size": split.turn[0] / DEG, "sigma": _or_none(split.turn[1] / DEG)},
+        "common_upper95_deg": finite_or_none(split.common_upper / DEG),
+        "equal_in_all_turns_deg": {"size": split.turn[0] / DEG, "sigma": finite_or_none(split.turn[1] / DEG)},
         "undersampled_deg": {
             "size": split.fast[0] / DEG,
-            "sigma": _or_none(split.fast[1] / DEG),
+            "sigma": finite_or_none(split.fast[1] / DEG),
             "predicted": split.predicted / DEG,
         },
-        "level_acceleration_mg": {"size": 1e3 * split.level_mps2[0] / G, "sigma": _or_none(1e3 * split.level_mps2[1] / G)},
+        "level_acceleration_mg": {"size": 1e3 * split.level_mps2[0] / G, "sigma": finite_or_none(1e3 * split.level_mps2[1] / G)},
         "is_fast_motion": split.is_fast_motion,
-        "minus_mean_rms_deg": _or_none(split.minus_mean_rad / DEG),
+        "minus_mean_rms_deg": finite_or_none(split.minus_mean_rad / DEG),
         "description": split.words,
     }
 
@@ -516,10 +517,6 @@ def event_to_json(event: ArrayEvent, fit: ArrayFit) -> dict:
         "unit_of_size": "deg" if turn else "mg",
         "p_value": event.p_value,
     }
-
-
-def _or_none(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 def unit_model(unit: UnitFit) -> LinearModel:

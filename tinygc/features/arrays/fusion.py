@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from session.base.errors import CalibrationError
+from session.base.numeric import rms_of
 from session.base.results import write_whole
 from session.base.units import DEG
 from session.detect.events import FULL_SCALE_ROUNDING
@@ -256,7 +257,7 @@ def array_model_of(array: ArraySession, fitted: Sequence[FittedUnit], covariance
             unit.covariance[:PARAMETERS, :PARAMETERS],
             unit.session.config.sensor,
             None if unit.accelerometer.source == "none" else unit.accelerometer,
-            float(np.sqrt(np.mean(np.square(unit.noise.accel)))) or None,
+            rms_of(unit.noise.accel) or None,
             tuple(hash_of_log(log) for log in (*unit.session.logs, *unit.session.closures)),
         )
         for unit in fitted

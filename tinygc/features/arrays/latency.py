@@ -9,7 +9,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 from scipy.special import gammaincc, gammainccinv, ndtr
 
-from session.base.numeric import sigma_of
+from session.base.numeric import rms_of, sigma_of
 from session.base.units import NS
 from session.log.folder import Session
 from session.log.logfile import Log
@@ -395,7 +395,7 @@ def _is_echo(one: SampleAges, ages: Sequence[SampleAges]) -> bool:
 
 def _aged(before: SampleAges, difference: Difference, reader_s: float) -> SampleAges:
     """Estimate one unit's ages relative to the others' current ones."""
-    noise = float(np.sqrt(np.mean(noise_of(difference.excess) ** 2)))
+    noise = rms_of(noise_of(difference.excess))
     readings = age_readings(difference.t_s, difference.excess, difference.slope, noise, reader_s)
     beat = find_beat(readings)
     none = SampleAges(before.number, False, beat.p_value, clock=before.clock)

@@ -11,6 +11,7 @@ import numpy as np
 
 from session import VERSION
 from session.base.errors import CalibrationError, FormatError
+from session.base.numeric import sigmas_in
 from session.base.results import Array, Keys, ListOf, Maybe, Number, Text, read_json, require, require_schema, shown
 from session.log.config import Accelerometer, Sensor
 from tinygc.features.arrays.clocks import UnitClock, UnitPlace
@@ -45,7 +46,7 @@ def best_weights(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     Raises CalibrationError where the covariance is singular.  Weights may be negative where noise is correlated.
     """
     count = len(covariance) // 3
-    scale = np.sqrt(np.diag(covariance))
+    scale = sigmas_in(covariance)
     if not (scale > 0).all():
         raise CalibrationError("a unit's noise is 0: no best combination; give the noise of every axis")
     whitened = covariance / np.outer(scale, scale)
@@ -184,13 +185,13 @@ class ArrayModel:
     @property
     def noise_density(self) -> np.ndarray:
         """Return (3,) rad/s/sqrt(Hz), one-sided, of the combination."""
-        return np.sqrt(np.diag(self.fused_density))
+        return sigmas_in(self.fused_density)
 
     @property
     def bias_instability(self) -> np.ndarray | None:
         """Return (3,) rad/s of the combination, with independent units; None where a unit's is not known."""
         wander = instability_covariance(self.units)
-        return None if wander is None else np.sqrt(np.diag(combined(self.weights, wander)))
+        return None if wander is None else sigmas_in(combined(self.weights, wander))
 
     def parameter_sigma(self, rate: np.ndarray | None = None) -> np.ndarray | None:
         """Return (3,) rad/s, the combination's sigma from the parameters' uncertainty at a true rate (3,) rad/s, at rest by default.
@@ -201,11 +202,11 @@ class ArrayModel:
         columns = np.stack([unit.parameter_columns(rate) for unit in self.units])
         row = (self.weights @ columns).transpose(1, 0, 2).reshape(3, -1)
         if self.joint_covariance is not None:
-            return np.sqrt(np.diag(row @ self.joint_covariance @ row.T))
+            return sigmas_in(row @ self.joint_covariance @ row.T)
         own = [unit.covariance for unit in self.units]
         if any(each is None for each in own):
             return None
-        return np.sqrt(np.diag(row @ blocks(np.stack([each for each in own if each is not None])) @ row.T))
+        return sigmas_in(row @ blocks(np.stack([each for each in own if each is not None])) @ row.T)
 
     def __call__(self, measured: np.ndarray) -> np.ndarray:
         """Combine all units' measured rates (..., N, 3) rad/s of the same times into (..., 3) rad/s in the array's frame."""
@@ -228,7 +229,7 @@ def white_covariance(units: tuple[FusedUnit, ...], correlation: np.ndarray | Non
     whole = blocks(np.stack([unit.in_array(unit.noise_density) for unit in units]))
     if correlation is None:
         return whole
-    sigma = np.sqrt(np.diag(whole))
+    sigma = sigmas_in(whole)
     return correlation * np.outer(sigma, sigma)
 
 

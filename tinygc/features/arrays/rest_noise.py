@@ -9,6 +9,7 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 from scipy.special import ndtr
 
+from session.base.numeric import sigmas_in
 from session.base.units import NS
 from session.detect.stills import BLOCK_S, SessionStills, references
 from session.log.folder import Session
@@ -114,7 +115,7 @@ def correlated(groups: Sequence[Sequence[np.ndarray]]) -> SharedNoise | None:
 
 
 def _correlation(products: np.ndarray) -> np.ndarray:
-    size = np.sqrt(np.diag(products))
+    size = sigmas_in(products)
     return products / np.maximum(np.outer(size, size), 1e-300)
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtrc
 
+from session.base.numeric import rms_of
 from session.base.units import DEG
 from tinygc.explanation.standing import Standing, Statement, standing_of
 from tinygc.features.arrays.joint import Joint, VarianceSplit
@@ -53,7 +54,7 @@ def parts_of(joint: Joint, split: VarianceSplit, floors_rad: np.ndarray, numbers
 
     floors_rad (N,): what white noise makes each unit miss, tilt rms a turn, from which on a part matters; numbers of the units.
     """
-    floor = float(np.sqrt(np.mean(floors_rad**2)))
+    floor = rms_of(floors_rad)
     said = _stated("what all units miss by alike", split.p_value, split.common, split.common_upper, floor)
     common = Part(said, split.common, split.common_upper)
     own = tuple(

@@ -7,15 +7,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
+from session.base import rotation
+from session.base.numeric import sigmas_in
 from session.base.solving import inverse
 from session.base.units import MG, G
 from session.detect.accelerometer import IDENTITY, PARAMETERS, SPREAD_MPS2, after, corrected, force_columns, units
 from session.detect.accelerometer import PARAMETERS as OF_ACCELEROMETER
 from session.log.config import Accelerometer
 from tinygc import closure
-from tinygc.attitude import rotation
-from tinygc.attitude.earth import EarthRate, estimate_heading, with_heading
 from tinygc.closure.build import bias_shares, rest_biases
+from tinygc.closure.earth import EarthRate, estimate_heading, with_heading
 from tinygc.closure.floor import gyro_variance
 from tinygc.closure.joint import GIVEN_SIGMA_MG
 from tinygc.closure.problem import Problem
@@ -221,7 +222,7 @@ class Solution:
         P = (np.eye(counted.sum()) - taken.T @ taken) * root[:, None] * root
         V = self.system.V[:, counted]
         information = np.einsum("gi,ij,hj->gh", V, P**2, V, optimize=True) / 2
-        return np.sqrt(np.diag(inverse(information)))
+        return sigmas_in(inverse(information))
 
     def blocks(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return chi-square (B,) and error (B, d) of blocks of rows (B, d), each as predicted by all other rows.
@@ -328,7 +329,7 @@ def array_system(
     attitude, level, common = attitude.reshape(-1, 3), level.reshape(-1, 2), common.reshape(-1, 2)
     for i, unit in enumerate(rows):
         M = state.mountings[i]
-        q_bu = rotation_of(M)
+        q_bu = rotation.from_matrix(M)
         batch = replace(
             unit.batch, start=rotation.multiply(state.q_tb[unit.first], q_bu), end=rotation.multiply(state.q_tb[unit.last], q_bu)
         )
@@ -352,8 +353,8 @@ def array_system(
         base[at] = unit.white[:, None]
         V[len(rows) + i, at] = 1.0
         put(design, at, layout.unit(i, ACCELEROMETER), R_q @ M @ force_columns(state.accelerometers[i], unit.force))
-        put(design, at, layout.unit(i, MOUNTING), -R_q @ cross(seen))
-        turned = -cross(level_force)
+        put(design, at, layout.unit(i, MOUNTING), -R_q @ rotation.cross_matrix(seen))
+        turned = -rotation.cross_matrix(level_force)
         for k, q in enumerate(unit.stills):
             design[np.ix_(at[k], attitude[q])] = turned[k]
             design[at[k][:2], level[q]] = 1.0
@@ -397,22 +398,6 @@ def put(design: np.ndarray, rows: np.ndarray, columns: slice, blocks: np.ndarray
     design[rows.ravel(), columns] = blocks.reshape(rows.size, -1)
 
 
-def cross(v: np.ndarray) -> np.ndarray:
-    """Return (..., 3, 3), which takes w to v x w."""
-    found = np.zeros((*v.shape, 3))
-    x, y, z = np.moveaxis(v, -1, 0)
-    found[..., 0, 1], found[..., 0, 2], found[..., 1, 2] = -z, y, -x
-    found[..., 1, 0], found[..., 2, 0], found[..., 2, 1] = z, -y, x
-    return found
-
-
-def rotation_of(matrix: np.ndarray) -> np.ndarray:
-    """Return the quaternion (4,) scalar first of a rotation matrix."""
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_matrix(matrix).as_quat(scalar_first=True))
-
-
 # Each unit's contribution to the joint estimate, and the start of the search.
 
 
@@ -425,7 +410,7 @@ def start_state(units: list[ArrayUnit], rows: list[UnitRows], same: SameStills) 
         tuple(LinearModel.from_vector(unit.centre) for unit in rows),
         np.tile(IDENTITY, (len(units), 1)),
         np.array([unit.place.mounting for unit in units]),
-        rotation.multiply(carried, rotation_of(anchor.place.mounting.T)),
+        rotation.multiply(carried, rotation.from_matrix(anchor.place.mounting.T)),
         gravity,
     )
 
@@ -531,7 +516,7 @@ def common_earth(units: list[ArrayUnit], state: ArrayState, same: SameStills) ->
             if len(pairs) < 3:
                 continue
             q, row = (np.array(column) for column in zip(*pairs, strict=True))
-            attitude = rotation.multiply(state.q_tb[q], rotation_of(state.mountings[index]))
+            attitude = rotation.multiply(state.q_tb[q], rotation.from_matrix(state.mountings[index]))
             one = estimate_heading(latitude, attitude, unit.model(rates.rate[row]), rates.sigma[row])
             if one.source == "estimated" and one.heading_rad is not None:
                 headings.append((one.heading_rad, one.heading_sigma_rad))
@@ -547,7 +532,7 @@ def common_earth(units: list[ArrayUnit], state: ArrayState, same: SameStills) ->
 
 def with_earth(rows: UnitRows, model: LinearModel, mounting: np.ndarray, state: ArrayState, group: np.ndarray, earths: dict) -> UnitRows:
     """Return the unit's turns with the Earth's rate by the array's attitudes."""
-    q_bu = rotation_of(mounting)
+    q_bu = rotation.from_matrix(mounting)
     batch = replace(rows.batch, start=rotation.multiply(state.q_tb[rows.first], q_bu))
     at = closure.attitudes(batch, model(batch.rate))
     earth = np.empty_like(batch.rate)

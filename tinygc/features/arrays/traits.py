@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtrc
 
+from session.base import rotation
+from session.base.numeric import sigmas_in
 from session.base.units import EARTH_RATE_RPS
-from tinygc.attitude import rotation
 from tinygc.effects import Effect
 from tinygc.explanation.claims import Claim, measured
 from tinygc.explanation.engine import Explanation
@@ -45,7 +46,7 @@ class Estimate:
     @property
     def sigma(self) -> np.ndarray:
         """Return (P,) sigmas."""
-        return np.sqrt(np.diag(self.covariance))
+        return sigmas_in(self.covariance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,7 +222,7 @@ def _of_units(numbers: Sequence[int]) -> str:
 
 def _upper(theta: np.ndarray, covariance: np.ndarray) -> float:
     """Upper 95 % limit of the component that may be largest."""
-    return max(upper_limit(float(x), float(s)) for x, s in zip(theta, np.sqrt(np.diag(covariance)), strict=True))
+    return max(upper_limit(float(x), float(s)) for x, s in zip(theta, sigmas_in(covariance), strict=True))
 
 
 def _sizes(effect: Effect, theta: np.ndarray, covariance: np.ndarray) -> tuple[str, str]:

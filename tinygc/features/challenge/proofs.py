@@ -19,6 +19,7 @@ from scipy.interpolate import BSpline
 
 from session.base.errors import CalibrationError
 from session.base.files import write_new
+from session.base.numeric import rms_of
 from session.base.units import DEG, MG, NS_PER_S, G
 from session.log.folder import read_session
 from session.log.samples import Samples
@@ -279,7 +280,7 @@ HARDLY_SEEN = 1 / 3
 def recover(trial: EffectTrial) -> str:
     """Check the errors of all parameters in all sessions."""
     error, sigma, size = (np.concatenate(column) for column in zip(*map(_errors, trial.sessions), strict=True))
-    rms, worst = float(np.sqrt(np.mean((error / sigma) ** 2))), float((np.abs(error) / size).max())
+    rms, worst = rms_of(error / sigma), float((np.abs(error) / size).max())
     says = f"{len(SEEDS)} sessions, {len(error)} numbers: errors {rms:.2f} sigma rms, at most {100 * worst:.2g} % of the size"
     if (np.abs(error) > MOST_SIGMAS * np.hypot(sigma, MODEL_SHARE * size)).any():
         raise Wrong(f"{says}: more than the stated sigmas and {100 * MODEL_SHARE:g} % allow")

@@ -10,6 +10,7 @@ from textwrap import dedent, indent, wrap
 
 import numpy as np
 
+from session.base.numeric import rms_of
 from session.base.texts import printable
 from session.base.units import DEG
 from tinygc.effects import NEIGHBOURS, Movement, Reach, signals
@@ -168,7 +169,7 @@ def passes_in_c(form: LawForm, theta: np.ndarray, full_scale: float = FULL_SCALE
 
 
 def _least(theta: np.ndarray, left: Callable[[np.ndarray, int], bool]) -> int | None:
-    rng, rms = np.random.default_rng(0), float(np.sqrt(np.mean(theta**2)))
+    rng, rms = np.random.default_rng(0), rms_of(theta)
     sizes = [STRONGER * theta, *(STRONGER * rms * rng.choice((-1.0, 1.0), (DRAWN, len(theta))))]
     passes = PASSES
     for size in sizes:
@@ -318,7 +319,7 @@ class _File:
     def _effect(self) -> str:
         form, shape = self.form, self.code.shape
         size = f"({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"
-        plausible = PLAUSIBLE * float(np.sqrt(np.mean(self.law.theta**2))) / DEG
+        plausible = PLAUSIBLE * rms_of(self.law.theta) / DEG
         (unit, parameter), reach, own = coefficient_unit(form), self._reach(None), "" if self.scanned is None else "lambda m: "
         lines = [
             f'id="discovered.{self.name}",',

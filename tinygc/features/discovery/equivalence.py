@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from session.base.rotation import unit_vectors
 from session.base.units import DEG
 from tinygc.effects import Effect, Movement, NoC, Parameter, Reach, signals
 from tinygc.features.discovery.form import Factor, LawForm
@@ -33,7 +34,7 @@ def some_movement(seed: int) -> Movement:
         t_s=rng.uniform(0.1, 0.5) + t_s,
         dt_s=1 / RATE_HZ,
         rate=0.8 * FULL_SCALE * _turning(rng)[:, None] * _wandering(rng, 3),
-        force_g=force / np.linalg.norm(force, axis=1, keepdims=True) * rng.uniform(0.8, 1.2, (SAMPLES, 1)),
+        force_g=unit_vectors(force) * rng.uniform(0.8, 1.2, (SAMPLES, 1)),
         temp_c=25 + 10 * _wandering(rng, 1)[:, 0],
         vibration_g2=rng.uniform(0.0, 0.2, SAMPLES),
         duration_s=SAMPLES / RATE_HZ + 1.0,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from session.base.numeric import rms_of
 from session.base.units import DEG
 from tinygc.effects import Movement
 from tinygc.explanation.engine import Explanation
@@ -338,7 +339,7 @@ def _runner_up(e: Explanation, pair: Pair, points: list[Points], times: float, o
 
 def _what_is_left(points: list[Points]) -> str:
     def rms(values: list[np.ndarray]) -> float:
-        return float(np.sqrt(np.mean(np.concatenate(values) ** 2)))
+        return rms_of(np.concatenate(values))
 
     words = f"What is left: {rms([each.left / each.sigma for each in points]):.2g} sigmas rms with the law"
     others = [each.other_left / each.sigma for each in points if each.other_left is not None]

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from session.base.solving import unit_columns
 from tinygc.estimation.systematic import PRIOR_ODDS, SCALES
 from tinygc.explanation.evidence import UNSEEN, orthonormal
 from tinygc.features.discovery.form import LawForm
@@ -45,7 +46,7 @@ class Projection:
         n, p = self.q.shape
         self.free = n - p
         self._reflections = _reflections(self.q)
-        beside = np.concatenate([_unit(J), _unit(allowances)], axis=1)
+        beside = np.concatenate([unit_columns(J), unit_columns(allowances)], axis=1)
         self._wide, self._scale_rows = orthonormal(beside, UNSEEN), known[rows]
         #: directions that determine the noise's scale
         self.freedom = float(self._scale_rows.sum() - np.sum(self._wide[self._scale_rows] ** 2))
@@ -116,11 +117,6 @@ def _reflections(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return q, np.zeros(0)
     factored, tau, *_ = dgeqrf(q)
     return factored, tau
-
-
-def _unit(columns: np.ndarray) -> np.ndarray:
-    size = np.linalg.norm(columns, axis=0)
-    return columns[:, size > 0] / size[size > 0]
 
 
 # From a form's columns to its promise.

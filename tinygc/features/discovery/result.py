@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from session.base.numeric import sigmas_in
 from session.base.units import DEG
 from tinygc.explanation.claims import measured, p_entry, p_words
 from tinygc.features.discovery.law_code import law_code
@@ -49,7 +50,7 @@ def to_json(discovery: Discovery, files: Sequence[str | None]) -> dict:
 
 def _law(law: Law, file: str | None) -> dict:
     unit, name = coefficient_unit(law.form)
-    parameters, std = ((x / DEG).reshape(law_code(law.form).shape).tolist() for x in (law.theta, np.sqrt(np.diag(law.covariance))))
+    parameters, std = ((x / DEG).reshape(law_code(law.form).shape).tolist() for x in (law.theta, sigmas_in(law.covariance)))
     return {
         "id": law.effect.id if file is None else PurePosixPath(file).stem.replace("_", ".", 1),  # discovered_rate.py: discovered.rate
         "equation": equation(law.form),

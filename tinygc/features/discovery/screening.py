@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from session.base.numeric import rms_of
 from tinygc.features.discovery.form import LawForm
 from tinygc.features.discovery.projections import FAINT, Projection, basis_of, equivalent_forms, leaders, price, promise, seen_directions
 from tinygc.features.discovery.responses import ColumnPlan, ResponseBlock, Responses, SessionValues, planned
@@ -58,7 +59,7 @@ def beside_calibration(form: LawForm, theta: np.ndarray, values: SessionValues) 
             product = product * found[factor][component]
         added[term.axis] += product
     left = added - (added @ values.calibration) @ values.calibration.T
-    return float(np.sqrt(np.mean(left**2)))
+    return rms_of(left)
 
 
 # The turns of a long session by which all forms are screened.

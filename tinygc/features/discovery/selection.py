@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from session.base.numeric import sigmas_in
 from tinygc.effects import Effect, Movement
 from tinygc.explanation.evidence import Evidence, Guess, Hypothesis
 from tinygc.explanation.search import rewhitened
@@ -163,7 +164,7 @@ class Constants:
 
     def sigmas(self, form: LawForm) -> tuple[float, ...]:
         """Sigma of each constant, in its unit."""
-        return tuple((np.sqrt(np.diag(self.covariance)) * form.constants).tolist())
+        return tuple((sigmas_in(self.covariance) * form.constants).tolist())
 
     def widened(self, covariance: np.ndarray) -> np.ndarray:
         """Covariance (p, p) of the fit's parameters, with the constants free."""
@@ -176,7 +177,7 @@ def exact(evidence: FormEvidence, have: Hypothesis, law: Effect) -> tuple[Hypoth
         if evidence.exhausted:
             break
         known = Constants.of(evidence.twin, have, law, evidence.forms[law.id])
-        if np.all(np.abs(known.step) < ENOUGH * np.sqrt(np.diag(known.covariance))):
+        if np.all(np.abs(known.step) < ENOUGH * sigmas_in(known.covariance)):
             break
         better = next((found for share in SHARES if (found := _stepped(evidence, have, law, share * known.step))), None)
         if better is None:

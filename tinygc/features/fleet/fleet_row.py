@@ -14,6 +14,7 @@ import numpy as np
 
 from session import VERSION
 from session.base.errors import CalibrationError, FormatError
+from session.base.numeric import sigmas_in
 from session.base.results import json_text
 from session.base.texts import unicode_text
 from session.base.units import DEG
@@ -209,7 +210,7 @@ GYRO, ACCEL = slice(0, linear.PARAMETERS), slice(linear.PARAMETERS, COUNT)
 def fitted(result: FitResult) -> Row:
     """Return the fit's part of a row."""
     values, covariance = numbers_of(result)
-    sigmas = np.sqrt(np.diag(covariance))
+    sigmas = sigmas_in(covariance)
     runs = [run_figures(errors[LEAST_SQUARES])["rmse_deg"] for errors in result.run_errors]
     return {
         "segments": len(result.problem.used),

@@ -41,11 +41,12 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from session.base import rotation
 from session.base.errors import DataError
+from session.base.numeric import rms_of
 from session.base.results import write_whole
 from session.base.units import DEG
 from tinygc import closure
-from tinygc.attitude import rotation
 from tinygc.estimation.fit import fit_session
 from tinygc.estimation.options import FitOptions
 from tinygc.estimation.results import FitResult, read_fit
@@ -247,13 +248,13 @@ def inflation_lines(found: Sequence[Inflation], gyro: SensorNoise) -> list[str]:
     below = f", below {limit:.2g} rad/s/√s" if np.isfinite(limit) else ""
     lines = []
     for each in found:
-        factor = _rms(each.white)
+        factor = rms_of(each.white)
         much = f"{factor:.2f}"
         if each.white_sigma is not None and np.any(each.white_sigma > 0):
-            much += f" ± {_rms(each.white_sigma):.2f}"
-        if each.at_most is not None and _rms(each.at_most) > 1.005 * factor:
-            much += f" (at most {_rms(each.at_most):.2f})"
-        causes = sorted(((_rms(part), name) for name, part in each.parts.items()), reverse=True)
+            much += f" ± {rms_of(each.white_sigma):.2f}"
+        if each.at_most is not None and rms_of(each.at_most) > 1.005 * factor:
+            much += f" (at most {rms_of(each.at_most):.2f})"
+        causes = sorted(((rms_of(part), name) for name, part in each.parts.items()), reverse=True)
         # An error of each turn need not grow with a slower turn's time.
         bound = {_UNNAMED: "at most "} if each.motion.startswith(SLOWLY) else {}
         why = ", ".join(f"{name} {bound.get(name, '')}{part:.2f}" for part, name in causes if part > 1.005)
@@ -261,10 +262,6 @@ def inflation_lines(found: Sequence[Inflation], gyro: SensorNoise) -> list[str]:
         line += f": {why}" if why else ""
         if each.walk_density is not None:
             known = below and each.walk_density.any() and not np.all(each.walk_density < limit)
-            line += f"; walk not known{below}" if is_hidden and not known else f"; walk {_rms(each.walk_density):.2g} rad/s/√s"
+            line += f"; walk not known{below}" if is_hidden and not known else f"; walk {rms_of(each.walk_density):.2g} rad/s/√s"
         lines.append(line)
     return lines
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2)))

@@ -20,6 +20,7 @@ from session.base.errors import DataError, FormatError
 from session.base.features import find
 from session.base.files import MB, require_file
 from session.base.names import TURNS, has_recorded_name, log_paths, refuse_array
+from session.base.rotation import angle_between
 from session.base.texts import command_line, printable
 from session.base.units import DEG
 from session.detect.check_stills import check_rest
@@ -392,7 +393,7 @@ def _movement(log: RestLog) -> str | None:
     if not np.isnan(log.accel).all():
         ways = log.accel / np.linalg.norm(log.accel, axis=1)[:, None]
         usual = np.median(ways, axis=0)
-        angles = np.arctan2(np.linalg.norm(np.cross(ways, usual), axis=1), ways @ usual) / DEG
+        angles = angle_between(ways, usual) / DEG
         # A knock moves single blocks, another attitude many.
         turned_deg = float(np.percentile(angles, 95))
         if turned_deg > TURNED_DEG:

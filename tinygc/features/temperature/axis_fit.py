@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 from scipy.special import chdtrc
 
-from session.base.numeric import sigma_of_steps
+from session.base.numeric import rms_of, sigma_of_steps, sigmas_in
 from session.base.solving import solve as determined
 from session.log.rests import RestLog
 from tinygc.closure.floor import wander_covariance
@@ -212,7 +212,7 @@ class Hysteresis:
     @property
     def rms(self) -> float:
         """Root mean square over the temperatures."""
-        return float(np.sqrt(np.mean(self.difference**2)))
+        return rms_of(self.difference)
 
 
 def _hysteresis_of(knots: Knots, residual: np.ndarray, C: np.ndarray) -> Hysteresis | None:
@@ -233,7 +233,7 @@ def _hysteresis_of(knots: Knots, residual: np.ndarray, C: np.ndarray) -> Hystere
     if not rows:
         return None
     D = np.array(rows)
-    return Hysteresis(np.array(at), D @ residual, np.sqrt(np.diag(D @ C @ D.T)))
+    return Hysteresis(np.array(at), D @ residual, sigmas_in(D @ C @ D.T))
 
 
 # Model selection: the polynomial's order, and whether there is a lag, by cross-validation over sweeps.
@@ -408,7 +408,7 @@ class AxisFit:
     @property
     def sigma(self) -> np.ndarray:
         """(P + 2,) of terms, then tau_s."""
-        return np.sqrt(np.diag(self.covariance))
+        return sigmas_in(self.covariance)
 
     def held_out_of(self, order: int, lagged: bool) -> float:
         """Return the held-out rms of another candidate; NaN where it was not tried."""
@@ -466,7 +466,7 @@ def fit_axis(knots: Knots, blocks: np.ndarray, orders: tuple[int, ...] = ORDERS,
         covariance=of_terms * np.outer(scale, scale),
         examined=Examined(examined.candidates, examined.held_out * unit**2, index, examined.by),
         held_out=float(np.sqrt(examined.held_out[:, index].mean())) * unit,
-        left=float(np.sqrt(np.mean(residual**2))) * unit,
+        left=rms_of(residual) * unit,
         p_value=p_value,
         noise=_Coloured(noise.sizes * unit, noise.C * unit**2),
         hysteresis_before=_hysteresis_of(knots, plain * unit, noise.C * unit**2),

@@ -9,6 +9,7 @@ import numpy as np
 
 from session import VERSION
 from session.base.files import result_folder
+from session.base.numeric import finite_or_none, sigmas_in
 from session.base.results import write_whole
 from session.base.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MDPS, MG
 from tinygc import models
@@ -358,18 +359,18 @@ def of_sessions(sessions: SessionsFit) -> dict:
                 "segments": point.segments,
                 "E": point.values[MATRIX].reshape(3, 3).tolist(),
                 "zero_dps": _numbers(point.values[BIAS] / DEG),
-                "zero_std_dps": _numbers(np.sqrt(np.diag(point.covariance))[BIAS] / DEG),
+                "zero_std_dps": _numbers(sigmas_in(point.covariance)[BIAS] / DEG),
             }
             for point in sessions.points
         ],
         "E_goodness": {
             "chi_square": sessions.chi_square,
             "freedom": sessions.freedom,
-            "p_value": _number(sessions.p_value),
+            "p_value": finite_or_none(sessions.p_value),
             "variance_inflation": sessions.widened,
         },
         "E_constant_p_value": sessions.p_constant,
-        "turn_on_dps": _number(sessions.turn_on_rps / DEG),
+        "turn_on_dps": finite_or_none(sessions.turn_on_rps / DEG),
     }
 
 
@@ -381,7 +382,7 @@ def of_rests(rests: RestFit) -> dict:
                 "file": log.path.name,
                 "samples": log.samples,
                 "duration_s": log.duration_s,
-                "rate_hz": _number(1 / log.period_s),
+                "rate_hz": finite_or_none(1 / log.period_s),
                 "left_out_s": (len(log) - len(kept)) * log.block_s,
                 "temperature_c": _numbers([log.temp_c.min(), log.temp_c.max()]),
             }
@@ -407,9 +408,9 @@ def _axis(axis: str, fit: AxisFit, unit: float, word: str) -> dict:
         "p_value": fit.p_value,
         "held_out_by": fit.examined.by,
         f"held_out_{word}": fit.held_out / unit,
-        f"held_out_constant_{word}": _number(fit.held_out_of(0, False) / unit),
+        f"held_out_constant_{word}": finite_or_none(fit.held_out_of(0, False) / unit),
         f"left_{word}": fit.left / unit,
-        f"turn_on_{word}": _number(fit.turn_on / unit),
+        f"turn_on_{word}": finite_or_none(fit.turn_on / unit),
         f"line_{word}": None if fit.line is None else fit.line.slope / unit,
         f"line_std_{word}": None if fit.line is None else fit.line.sigma / unit,
         "line_or_walk": fit.line is not None and fit.line.order > 0,
@@ -431,11 +432,11 @@ def _noise_table(rests: RestFit, axis: int) -> dict:
     over = rests.noise
     return {
         "axis": "xyz"[axis],
-        "angle_random_walk_deg_rth": _number(walk.value / DEG_PER_SQRT_HOUR),
-        "angle_random_walk_std_deg_rth": _number(walk.sigma / DEG_PER_SQRT_HOUR),
-        "bias_instability_dph": _number(floor.value / DEG_PER_HOUR) if floor.observed else None,
-        "bias_instability_std_dph": _number(floor.sigma / DEG_PER_HOUR) if floor.observed else None,
-        "bias_instability_at_most_dph": _number(floor.at_most / DEG_PER_HOUR),
+        "angle_random_walk_deg_rth": finite_or_none(walk.value / DEG_PER_SQRT_HOUR),
+        "angle_random_walk_std_deg_rth": finite_or_none(walk.sigma / DEG_PER_SQRT_HOUR),
+        "bias_instability_dph": finite_or_none(floor.value / DEG_PER_HOUR) if floor.observed else None,
+        "bias_instability_std_dph": finite_or_none(floor.sigma / DEG_PER_HOUR) if floor.observed else None,
+        "bias_instability_at_most_dph": finite_or_none(floor.at_most / DEG_PER_HOUR),
         "rms_per_c": None if over is None else float(over.per_c[axis]),
         "rms_std_per_c": None if over is None else float(over.sigma[axis]),
         "rms_at_c": [] if over is None else _numbers(over.at_c),
@@ -443,12 +444,8 @@ def _noise_table(rests: RestFit, axis: int) -> dict:
     }
 
 
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
-
-
 def _numbers(values: Any) -> list[float | None]:
-    return [_number(value) for value in np.asarray(values, dtype=float).tolist()]
+    return [finite_or_none(value) for value in np.asarray(values, dtype=float).tolist()]
 
 
 # A fit over temperature as files: the model, the figures, the picture.

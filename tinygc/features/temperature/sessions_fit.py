@@ -9,6 +9,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from session.base.errors import FitError
+from session.base.numeric import sigmas_in
 from session.base.solving import inverse
 from session.log.config import Accelerometer
 from session.log.folder import Session
@@ -313,7 +314,7 @@ def _turn_on(values: np.ndarray, own: np.ndarray, known: list[np.ndarray], desig
 
 def _possible(covariance: np.ndarray) -> np.ndarray:
     """Limit correlations to valid ones: cross terms come from a mean, and may be slightly too large."""
-    sigma = np.sqrt(np.diag(covariance))
+    sigma = sigmas_in(covariance)
     scale = np.where(sigma > 0, sigma, 1.0)
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     if values.min() >= 0:
@@ -358,7 +359,7 @@ class ThermalFit:
     @property
     def sigma(self) -> np.ndarray:
         """(n,) sigma of each parameter."""
-        return np.sqrt(np.diag(self.covariance))
+        return sigmas_in(self.covariance)
 
 
 def of_rests_alone(name: str, rests: RestFit, sha256: dict[str, str]) -> ThermalFit:

@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtrc, logsumexp, ndtr
 
-from session.base.numeric import sigma_of
+from session.base.numeric import sigma_of, sigmas_in
 from tinygc.features.turns.angles import TurnAngle
 
 #: probability that a turn is lost, before the data
@@ -109,7 +109,7 @@ def estimate(angles: Sequence[TurnAngle]) -> TurnsEstimate:
     mean = weights @ means
     spread = np.einsum("k,kij->ij", weights, covariances) + np.einsum("k,ki,kj->ij", weights, means - mean, means - mean)
     width = [_half_width(weights, means[:, j], np.sqrt(covariances[:, j, j])) for j in range(len(mean))]
-    rescale = np.array(width) / np.sqrt(np.diag(spread))
+    rescale = np.array(width) / sigmas_in(spread)
     covariance = spread * np.outer(rescale, rescale)
     error = weights @ _variance(data, points)
     inside = np.einsum("ij,jk,ik->i", data.J, covariance, data.J)

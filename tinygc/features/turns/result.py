@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from session.base.numeric import sigmas_in
 from session.log.folder import Session
 from tinygc.features.turns.angles import LogOfTurns, RestNoise, TurnAngle
 from tinygc.features.turns.estimate import TurnsEstimate
@@ -60,7 +61,7 @@ class TurnsResult:
             for (axis, sense), value, sigma, turns in zip(
                 self.estimate.groups,
                 self.estimate.scale,
-                np.sqrt(np.diag(self.covariance)),
+                sigmas_in(self.covariance),
                 self.estimate.turns,
                 strict=True,
             )

@@ -9,6 +9,7 @@ from math import ceil, floor, log10
 import numpy as np
 from numpy.typing import ArrayLike
 
+from session.base.rotation import unit_vectors
 from session.base.texts import fixed
 from tinygc.reporting.html.markup import escape
 
@@ -250,7 +251,7 @@ def coverage(directions: np.ndarray) -> float:
     k = np.arange(_EVEN) + 0.5
     z, turn = 1 - 2 * k / _EVEN, np.pi * (1 + np.sqrt(5)) * k
     even = np.stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z], axis=1)
-    unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    unit = unit_vectors(directions)
     return float(np.mean((even @ unit.T).max(axis=1) >= np.cos(REACH_RAD)))
 
 
@@ -310,7 +311,7 @@ _ACROSS, _UP = np.array([-0.62, 0.78, 0.0]), np.array([-0.36, -0.30, -0.88])
 
 def enlargement(M: np.ndarray) -> float:
     """Round factor by which errors are enlarged."""
-    u = M / np.linalg.norm(M, axis=1, keepdims=True)
+    u = unit_vectors(M)
     largest = max(float(np.abs(u - np.eye(3)).max()), float(np.abs(np.linalg.norm(M, axis=1) - 1).max()), 1e-6)
     wanted = SHOWN_RAD / largest
     power = 10.0 ** np.floor(np.log10(wanted))

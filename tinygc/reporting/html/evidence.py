@@ -13,6 +13,7 @@ import numpy as np
 
 from session.base.features import find
 from session.base.names import CLOCKS
+from session.base.numeric import sigmas_in
 from session.base.texts import significant
 from session.base.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, EARTH_RATE_RPS, MG
 from session.log.config import Accelerometer
@@ -86,7 +87,7 @@ def _g_sensitivity(theta: np.ndarray, covariance: np.ndarray, plausible: float, 
         alike = np.eye(3).ravel()
         covariance = covariance + np.outer(alike, alike) * EARTH_RATE_RPS**2 / 3
         note = "the diagonal's mean may be the Earth's vertical rate: no latitude is given"
-    sigma = np.sqrt(np.diag(covariance))
+    sigma = sigmas_in(covariance)
     components = [(f"{axis} per g on {along}", note if axis == along else "") for axis in "xyz" for along in "xyz"]
     value, expanded, observed = theta / DEG, COVERAGE_FACTOR * sigma / DEG, sigma < OBSERVED_SHARE * plausible
     return [
@@ -96,7 +97,7 @@ def _g_sensitivity(theta: np.ndarray, covariance: np.ndarray, plausible: float, 
 
 
 def _asymmetry(half: np.ndarray, covariance: np.ndarray, plausible: float) -> list[Quantity]:
-    sigma = np.sqrt(np.diag(covariance))
+    sigma = sigmas_in(covariance)
     value, expanded, observed = 2 * half / PPM, COVERAGE_FACTOR * 2 * sigma / PPM, sigma < OBSERVED_SHARE * plausible
     return [
         Quantity("scale factor asymmetry", axis, "ppm", float(value[i]), float(expanded[i]), bool(observed[i]))

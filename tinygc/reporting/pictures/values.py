@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from session.base import rotation
 from session.base.units import DEG
-from tinygc.attitude import rotation
 from tinygc.closure.residual import closure_angles
 from tinygc.effects import Effect, EffectError, Movement, PictureData
 from tinygc.effects.effect import ENERGY_LAW, SCALE_LAW

@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from session.base.rotation import angle_between
 from session.base.units import DEG
 from tinygc.features.tables.machines.description import Description
 from tinygc.features.tables.machines.kinematics import attitudes, body_axes
@@ -67,7 +68,7 @@ class WordAgainstSensor:
                 sigma = TILT_SIGMA_RAD
         declared = [axis.sigma_rad**2 + (axis.backlash_rad / 2) ** 2 for axis in self._table.axes]
         sigma = float(np.sqrt(sigma**2 + (RAW_TILT_SIGMA_RAD**2 if raw else 0.0) + sum(declared)))
-        apart = float(np.arctan2(np.linalg.norm(np.cross(predicted, measured)), predicted @ measured))
+        apart = float(angle_between(predicted, measured))
         if apart <= SIGMAS * sigma:
             return []
         way = (

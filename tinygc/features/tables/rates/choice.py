@@ -21,6 +21,7 @@ from functools import cached_property
 import numpy as np
 
 from session.base.errors import DataError
+from session.base.numeric import rms_of
 from session.base.solving import solve
 from session.base.texts import printable
 from tinygc.features.tables.rates.curve import Curve, fit, fit_curve
@@ -295,7 +296,7 @@ def held_out(points: Points, hypothesis: Hypothesis, curve: int, fitted: Sequenc
             break
         offset += float(np.mean((here.output - predicted)[inside]))
     residuals = here.output - np.clip(free + offset, *found.limits)
-    within = float(np.sqrt(np.mean(residuals[~beyond] ** 2))) if (~beyond).any() else float("nan")
-    rms = float(np.sqrt(np.mean(residuals**2)))
+    within = rms_of(residuals[~beyond]) if (~beyond).any() else float("nan")
+    rms = rms_of(residuals)
     words = "" if fitted is None else "the widest curve alone"
     return HeldOut(hypothesis.name, points.curves[curve], words, len(here), rms, int(beyond.sum()), within)

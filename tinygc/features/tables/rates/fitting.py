@@ -9,6 +9,7 @@ from itertools import product
 
 import numpy as np
 
+from session.base.numeric import rms_of
 from session.base.solving import Solution, solve
 from tinygc.features.tables.rates.laws import EXTRAS, Hypothesis
 from tinygc.features.tables.rates.points import Points
@@ -99,7 +100,7 @@ class Fit:
     @property
     def rms(self) -> float:
         """Root mean square of the residuals."""
-        return float(np.sqrt(np.mean(self.residuals**2)))
+        return rms_of(self.residuals)
 
     @property
     def at_limits(self) -> tuple[np.ndarray, np.ndarray]:

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from session.base.errors import DataError, FormatError
+from session.base.numeric import rms_of
 from session.base.solving import solve
 from session.base.texts import printable
 from session.base.units import DEG
@@ -110,7 +111,7 @@ class Sweep:
     def left(self) -> tuple[float, float]:
         """What the model leaves, rms: of the gain, as a share of it, and of the phase, rad."""
         ratio = self.response.gain * np.exp(1j * self.response.phase) / transfer(self.model, self.response.frequency_hz, self.vector)
-        return float(np.sqrt(np.mean((np.abs(ratio) - 1) ** 2))), float(np.sqrt(np.mean(np.angle(ratio) ** 2)))
+        return rms_of(np.abs(ratio) - 1), rms_of(np.angle(ratio))
 
 
 def transfer(model: str, frequency_hz: np.ndarray, vector: np.ndarray) -> np.ndarray:

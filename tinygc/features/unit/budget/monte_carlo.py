@@ -20,8 +20,9 @@ from functools import cached_property
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
+from session.base import rotation
 from session.base.errors import CalibrationError, FitError
-from tinygc.attitude import rotation
+from session.base.numeric import sigmas_in
 from tinygc.closure.build import bias_shares
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.motion import Motion
@@ -83,7 +84,7 @@ class _Redrawn:
         self.result, self.problem, self.noise = result, problem, result.noise
         self.rng = np.random.default_rng(seed)
         self.model = model_of(result)
-        sigma = np.sqrt(np.diag(result.covariance))
+        sigma = sigmas_in(result.covariance)
         if not (np.abs(self.refit(self.nothing) - self.model.vector) < SAME_SIGMAS * sigma).all():
             raise CalibrationError("--monte-carlo: the fit cannot be made again from its own data; leave it out")
         self._roots = {source.name: _root(source.covariance) for source in channel_sources(problem, self.noise)}

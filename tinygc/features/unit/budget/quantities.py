@@ -7,11 +7,12 @@ from functools import partial
 
 import numpy as np
 
+from session.base.numeric import rms_of
 from session.base.texts import printable
 from session.base.units import DEG, DEG_PER_HOUR, MG, G
 from session.detect.accelerometer import NAMES as ACCELEROMETER_NAMES
 from session.detect.rounding import lsb_of
-from tinygc.attitude.earth import unseen_covariance
+from tinygc.closure.earth import unseen_covariance
 from tinygc.closure.floor import ACCEL_NOISE, DIALS, GYRO_NOISE, SINGLE_SEGMENTS, STAMPS, STOPS, TRUTH
 from tinygc.closure.motion import Motion
 from tinygc.closure.problem import GRAVITY
@@ -168,8 +169,8 @@ def _source_sizes(result: FitResult) -> dict[str, tuple[float, str]]:
     """Name of a source -> its size and unit; sources without a single size are missing."""
     problem, config, noise = result.problem, result.session.config, result.problem.noise
     found = {
-        GYRO_NOISE: (float(np.sqrt(np.mean(noise.gyro**2))) / DEG, "dps/√Hz"),
-        ACCEL_NOISE: (float(np.sqrt(np.mean(noise.accel**2))) / MG, "mg/√Hz"),
+        GYRO_NOISE: (rms_of(noise.gyro) / DEG, "dps/√Hz"),
+        ACCEL_NOISE: (rms_of(noise.accel) / MG, "mg/√Hz"),
         DIALS: (config.protocol.dial_sigma_deg, "°"),
         TRUTH: (config.protocol.truth_sigma_deg, "°"),
         BIAS_DRIFT: (problem.instability.rps / DEG_PER_HOUR, "°/h"),

@@ -14,6 +14,7 @@ from math import floor, log10
 
 import numpy as np
 
+from session.base.numeric import finite_or_none
 from tinygc.estimation.sources import COVERAGE, Kind, Source, coverage_factor, effective_freedom
 
 
@@ -104,7 +105,7 @@ class Budget:
             "unit_si": self.si,
             "value": None if self.value is None else self.value / self.si,
             "u": self.u / self.si,
-            "degrees_of_freedom": finite(self.freedom),
+            "degrees_of_freedom": finite_or_none(self.freedom),
             "k": self.k,
             "expanded_uncertainty": self.expanded / self.si,
             "variance_si": self.variance,
@@ -112,7 +113,7 @@ class Budget:
                 {
                     "source": row.source,
                     "type": row.kind,
-                    "degrees_of_freedom": finite(row.freedom),
+                    "degrees_of_freedom": finite_or_none(row.freedom),
                     "size": row.size,
                     "size_unit": row.size_unit,
                     "sensitivity": None if not row.size else abs(row.u) / self.si / row.size,
@@ -142,11 +143,6 @@ def budget_of(
         for source in sources
     )
     return Budget(name, unit, si, value, rows, tuple(beside))
-
-
-def finite(value: float) -> float | None:
-    """The number; None where it is infinite."""
-    return float(value) if np.isfinite(value) else None
 
 
 def apportioned(values: Sequence[float], decimals: int) -> list[float]:

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from session.base.errors import CalibrationError
+from session.base.numeric import rms_of
 from session.base.units import DEG, DEG_PER_HOUR
 from session.log.folder import read_session
 from tinygc.closure.floor import GYRO_NOISE
@@ -89,7 +90,7 @@ def sources_in_use(result: FitResult, use: Use, motion: Motion) -> tuple[list[So
     density, problem = result.problem.noise.angle_random_walk, result.problem
     found.append(Source(_NOISE_OF_USE, *kind_of(GYRO_NOISE, problem), motion.noise_covariance(model, density, 0.0)))
     rps, drift = _drift(result)
-    sizes = {_NOISE_OF_USE: (float(np.sqrt(np.mean(problem.noise.gyro**2))) / DEG, "dps/√Hz")}
+    sizes = {_NOISE_OF_USE: (rms_of(problem.noise.gyro) / DEG, "dps/√Hz")}
     sizes |= dict.fromkeys((_DRIFT_OF_USE, DRIFT_SINCE), (rps / DEG_PER_HOUR, "°/h"))
     in_use = motion.noise_covariance(model, np.zeros(3), rps)
     at = next((i for i, source in enumerate(found) if source.name == BIAS_DRIFT), None)

@@ -18,6 +18,7 @@ import numpy as np
 from session.base.errors import FormatError
 from session.base.files import open_file
 from session.base.names import CLOCKS
+from session.base.numeric import rms_of
 from session.base.texts import STANDIN_NAME, fixed, significant
 from session.base.toml import read_toml
 from session.base.units import MDPS
@@ -460,7 +461,7 @@ def _closure(data: ReportData) -> list[tuple[Measured, float]]:
     adopted = data.adopted
     runs = zip(data.fit.runs, adopted.run_errors, strict=True)
     found = [(closure_measured(adopted.angles, adopted.numbers), adopted.floor_rms)]
-    found += [(run_measured(run.file, error, run.floor_rad), float(np.sqrt(np.mean(run.floor_rad**2)))) for run, error in runs]
+    found += [(run_measured(run.file, error, run.floor_rad), rms_of(run.floor_rad)) for run, error in runs]
     return [(each, float(np.degrees(floor))) for each, floor in found]
 
 

@@ -12,6 +12,7 @@ from session.base.errors import CalibrationError, FormatError
 from session.base.features import need
 from session.base.files import KB, read_text
 from session.base.names import is_array, is_session, log_paths
+from session.base.numeric import sigmas_in
 from session.base.texts import command_line, printable
 from session.base.units import DEG, MG
 from session.detect.accelerometer import BIASES, PARAMETERS, SCALES, SHEARS
@@ -95,7 +96,7 @@ class UnitSession:
     @property
     def sigmas(self) -> np.ndarray:
         """(21,) SI."""
-        return np.sqrt(np.diag(self.covariance))
+        return sigmas_in(self.covariance)
 
 
 def sessions_of(

@@ -19,11 +19,12 @@ from typing import Any
 import numpy as np
 from scipy.special import logsumexp
 
+from session.base import rotation
+from session.base.numeric import sigmas_in
 from session.base.texts import command_line
 from session.base.units import DEG, MG
 from session.detect.accelerometer import BIASES
 from session.detect.accelerometer import SCALES as SCALES_OF_ACCELEROMETER
-from tinygc.attitude import rotation
 from tinygc.closure.least_squares import solve_lower
 from tinygc.estimation.systematic import AS_PROBABLE, PRIOR_ODDS, SCALES
 from tinygc.features.unit.verification.expected import ACCELEROMETER_ZERO, ZERO, Part
@@ -107,7 +108,7 @@ class Explanation:
     def words(self) -> list[str]:
         """A sentence for each cause."""
         said, at = [], 0
-        sigma = np.sqrt(np.diag(self.theta_covariance))
+        sigma = sigmas_in(self.theta_covariance)
         for cause in self.causes:
             own = slice(at, at + len(cause.sizes))
             if cause.name in WITH_USUAL and len(self.causes) == 1:  # its usual part is not told apart from it
@@ -179,8 +180,8 @@ def candidate_causes(rows: Rows, old: OldCalibration, temp_then_c: float = float
     )
     names = {"truth": "the truth's body", "table": "the table's dials"}
     reference = names.get(rows.session.config.protocol.reference, "the accelerometer")
-    turned = of_matrix(lambda theta: _cross(theta) @ E, 3)
-    turned[ZERO] = np.stack([_cross(axis) @ old.linear.B for axis in np.eye(3)], axis=1)
+    turned = of_matrix(lambda theta: rotation.cross_matrix(theta) @ E, 3)
+    turned[ZERO] = np.stack([rotation.cross_matrix(axis) @ old.linear.B for axis in np.eye(3)], axis=1)
     constant(
         "rotation",
         f"the gyroscope is turned against {reference}, as of a sensor that came loose or was mounted anew",
@@ -263,12 +264,6 @@ def _in_time(rows: Rows, zero: np.ndarray, minute_s: float) -> list[Cause]:
     return found
 
 
-def _cross(vector: np.ndarray) -> np.ndarray:
-    """(3, 3) matrix of the cross product."""
-    x, y, z = vector
-    return np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-
-
 def _unit(i: int, j: int) -> np.ndarray:
     found = np.zeros((3, 3))
     found[i, j] = 1.0
@@ -277,7 +272,7 @@ def _unit(i: int, j: int) -> np.ndarray:
 
 def beyond_linear(old: LinearModel, turned_rad: np.ndarray) -> np.ndarray:
     """(21,) change of the parameters by a rotation vector (3,) beyond that of the cause's linear columns."""
-    rest = rotation.matrix(rotation.exp(turned_rad)) - np.eye(3) - _cross(turned_rad)
+    rest = rotation.matrix(rotation.exp(turned_rad)) - np.eye(3) - rotation.cross_matrix(turned_rad)
     return np.r_[np.zeros(ACCELEROMETER.stop), LinearModel(rest @ old.E, rest @ old.B).vector]
 
 

@@ -17,9 +17,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from session.base import rotation
+from session.base.numeric import sigmas_in
 from session.base.units import DEG, STANDARD_GRAVITY_MPS2
 from session.detect.accelerometer import IDENTITY
-from tinygc.attitude import rotation
 from tinygc.closure.joint import tilt_columns
 from tinygc.closure.least_squares import solve_lower
 from tinygc.closure.motion import MINUTE_S, Motion, at_rest, motion_of
@@ -100,7 +101,7 @@ def _largest(motion: Motion, model: LinearModel, today: LinearModel, covariance:
     """(3,) largest error of a model, and its sigma from the covariance (12, 12) of today's."""
     part, error = motion.largest_error(model, today)
     slopes = [each.slope(today) for each in (part, motion)]
-    return error, np.max([np.sqrt(np.diag(slope @ covariance @ slope.T)) for slope in slopes], axis=0)
+    return error, np.max([sigmas_in(slope @ covariance @ slope.T) for slope in slopes], axis=0)
 
 
 def turn_about(axis: int, share: float) -> Motion:
@@ -174,11 +175,11 @@ def turns_that_separate(rows: Rows, noise: TodaysNoise, spans: list[np.ndarray])
     together = np.concatenate(spans, axis=1)
     floor = np.diag((1e-4 * PLAUSIBLE) ** 2)
     covariance = together @ together.T + floor
-    return best_turns(_known(rows, noise, covariance, np.sqrt(np.diag(covariance)) / 10 + 1e-5 * PLAUSIBLE), 3)
+    return best_turns(_known(rows, noise, covariance, sigmas_in(covariance) / 10 + 1e-5 * PLAUSIBLE), 3)
 
 
 def _known(rows: Rows, noise: TodaysNoise, covariance: np.ndarray, wanted: np.ndarray) -> Known:
-    sigma = np.sqrt(np.diag(noise.covariance))
+    sigma = sigmas_in(noise.covariance)
     closure, length = sigma[rows.kinds[CLOSURE]][~rows.blank[rows.kinds[CLOSURE]]], sigma[rows.kinds[LENGTH]]
     sigma_rad = float(np.median(closure)) if len(closure) else USUAL_TURN_DEG * DEG
     return Known(covariance, sigma_rad, float(np.median(length)) if len(length) else USUAL_LENGTH_MPS2, True, wanted)

@@ -18,6 +18,7 @@ import numpy as np
 
 from session.base.errors import FormatError
 from session.base.features import need
+from session.base.numeric import sigmas_in
 from session.base.units import DEG, G
 from tinygc.estimation.accelerometer import JOINT_NAMES
 from tinygc.estimation.accelerometer import USUAL_SPREAD as USUAL_ACCELEROMETER
@@ -167,7 +168,7 @@ def expected_parts(
     sources = {"temperature": f"{abs(warmer_k or 0):.1f} K apart, {USUAL_PER_K / DEG:g} dps/K as usual", "wander": "drift since then"}
     for name, covariance in zero.parts.items():
         if name in sources and covariance.any():
-            parts.append(_of_parameters(rows, name, ZERO, np.sqrt(np.diag(covariance)), np.inf, sources[name], name in zero.assumed))
+            parts.append(_of_parameters(rows, name, ZERO, sigmas_in(covariance), np.inf, sources[name], name in zero.assumed))
     for number in range(COUNT) if switched_on_since else ():
         if np.isfinite(spread.variance[number]):
             sigma = np.sqrt(2 * spread.variance[number : number + 1])
@@ -207,7 +208,7 @@ def _of_calibration(old: OldCalibration, rows: Rows, both: float = 0.0) -> list[
     gyroscope, accelerometer = np.zeros((COUNT, 12)), np.zeros((COUNT, 9))
     size, axes = np.linalg.eigh(known[GYROSCOPE, GYROSCOPE])
     gyroscope[GYROSCOPE] = axes * np.sqrt(np.maximum(size, 0.0))
-    accelerometer[ACCELEROMETER] = np.diag(np.sqrt(np.diag(old.covariance[ACCELEROMETER, ACCELEROMETER])))
+    accelerometer[ACCELEROMETER] = np.diag(sigmas_in(old.covariance[ACCELEROMETER, ACCELEROMETER]))
     in_lengths = np.zeros_like(rows.parameters)
     in_lengths[rows.kinds[LENGTH]] = rows.parameters[rows.kinds[LENGTH]]
     return [

@@ -13,6 +13,7 @@ import numpy as np
 from session import VERSION
 from session.base.errors import CalibrationError, FormatError
 from session.base.names import is_session
+from session.base.numeric import sigmas_in
 from session.base.questions import QuestionsError
 from session.base.results import write_whole
 from session.base.units import DEG
@@ -82,7 +83,7 @@ class Verified(Shown):
         """``tinygc-verify/1`` (docs/formats/verify.md)."""
         found = self.result
         diagnosis = found.diagnosis
-        sigma = np.sqrt(np.diag(found.bias_covariance))
+        sigma = sigmas_in(found.bias_covariance)
         return {
             "schema": SCHEMA,
             "version": VERSION,

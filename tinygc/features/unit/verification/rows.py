@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from session.base import rotation
 from session.base.errors import DataError, FitError, SegmentError
 from session.base.units import G
 from session.detect.accelerometer import IDENTITY, force_of, length_columns, times_of, units
@@ -25,8 +26,7 @@ from session.detect.first_look import check_session
 from session.detect.signatures import CAUSES
 from session.detect.stills import SessionStills, Still, references
 from session.log.folder import Session
-from tinygc.attitude import rotation
-from tinygc.attitude.earth import no_earth, unseen_covariance, vertical_only
+from tinygc.closure.earth import no_earth, unseen_covariance, vertical_only
 from tinygc.closure.floor import UNKNOWN, BiasInstability, bias_instability_of, wander_covariance
 from tinygc.closure.prepared import prepare
 from tinygc.closure.prior import GaussianPrior

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from session.base.errors import DataError
+from session.base.numeric import sigmas_in
 from session.base.texts import significant
 from session.base.units import DEG
 from session.log.folder import Session, read_session
@@ -280,7 +281,7 @@ def power_words(found: Sequence[Bound]) -> str:
 
 def bias_words(bias: np.ndarray, covariance: np.ndarray) -> str:
     """B with its sigmas, dps."""
-    sigma = np.sqrt(np.diag(covariance)) / DEG
+    sigma = sigmas_in(covariance) / DEG
     return ", ".join(f"{value / DEG:+.4f} ± {s:.4f}" for value, s in zip(bias, sigma, strict=True)) + " dps"
 
 

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from session.base import rotation
 from session.base.units import DEG
-from tinygc.attitude import rotation
 from tinygc.features.unit.watch.bars import squares_bar_of
 from tinygc.features.unit.watch.expectation import Expectation
 from tinygc.features.unit.watch.settings import TESTS
@@ -29,12 +29,6 @@ MOST_SQUARE = 25.0
 USUAL_MATRIX = 2e-4
 #: s and rad: the drift of a longer turn, and a smaller one, say nothing of E
 LONGEST_S, LEAST_RAD = 600.0, 10 * DEG
-
-
-def cross_matrix(v: np.ndarray) -> np.ndarray:
-    """(3, 3) that takes u to v x u."""
-    x, y, z = v
-    return np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
 
 
 class Turn:
@@ -104,7 +98,7 @@ class TurnTest:
         tilt = np.cross(up, R @ (end / np.linalg.norm(end)))
         across = np.linalg.svd(up[None])[2][1:]  # (2, 3) two directions across gravity
         y = across @ tilt
-        H = np.column_stack([across @ turn.slope, across @ cross_matrix(up) @ (R - np.eye(3)) / e.gravity_mps2])
+        H = np.column_stack([across @ turn.slope, across @ rotation.cross_matrix(up) @ (R - np.eye(3)) / e.gravity_mps2])
         readings = 2 * (e.accel_attitude**2 + np.max(e.accel_white**2) / window_s) / e.gravity_mps2**2
         own = np.max(e.white**2) * turn.seconds + np.max(e.attitude**2) * turn.seconds**2 + e.turn_rad**2 + readings
         lever = across @ turn.lever

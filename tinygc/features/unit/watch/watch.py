@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from session.base.errors import DataError
+from session.base.numeric import rms_of
 from session.base.texts import significant
 from session.base.units import DEG, MG, NS, NS_PER_S
 from session.log.pace import pace_of
@@ -415,7 +416,7 @@ class Watch:
             return f"UNDECIDED: {self.t_s:.0f} s, and no rest that could be judged{short}{self._wrong_force() if self.settings else ''}"
         short = f" ({self.short} shorter ones passed over)" if self.short else ""
         what = f"{self.windows} windows of {self.window_s:.1f} s in {self.rests} rests{short}, {self.turns} turns, {self.t_s / 3600:.2f} h"
-        zero, allowed = self._zero[0] / DEG, float(np.sqrt(np.mean(self.expected.offset**2)))
+        zero, allowed = self._zero[0] / DEG, rms_of(self.expected.offset)
         usual = ", as usual" if SPREAD in self.expected.assumed else ""
         costs = (
             f"a zero of {', '.join(f'{each:+.4f}' for each in zero)} dps turns the attitude by {significant(_cost_deg(self._zero[0]), 2)}°"

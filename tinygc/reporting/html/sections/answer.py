@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from session.base.numeric import rms_of
 from session.base.texts import degrees
 from session.base.units import DEG
 from tinygc.estimation.bias import tilt_rms
-from tinygc.estimation.choice import rmse
 from tinygc.estimation.verdict import NEAR_FLOOR, agrees
 from tinygc.reporting.html.chart import drawing, log_axis
 from tinygc.reporting.html.evidence import ReportData, misses_of, spread_text
@@ -26,9 +26,9 @@ def section(evidence: ReportData) -> Section:
     }
     run = None
     if fit.runs:
-        worst, after = max(enumerate(map(rmse, adopted.run_errors)), key=lambda pair: pair[1])
+        worst, after = max(enumerate(map(rms_of, adopted.run_errors)), key=lambda pair: pair[1])
         one = fit.runs[worst]
-        run = {"raw": rmse(one.errors(bias_only())), "after": after, "floor": rmse(one.floor_rad), "seconds": one.duration_s}
+        run = {"raw": rms_of(one.errors(bias_only())), "after": after, "floor": rms_of(one.floor_rad), "seconds": one.duration_s}
     before, misses = misses_of(evidence)
     spread = None
     if evidence.problem.session.truths is None and misses.size:

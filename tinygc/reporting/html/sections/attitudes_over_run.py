@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from session.base import rotation
+from session.base.numeric import rms_of
 from session.base.texts import fixed
 from session.base.units import DEG
 from tinygc import closure
-from tinygc.attitude import rotation
 from tinygc.closure.runs import ClosureRun
-from tinygc.estimation.choice import rmse
 from tinygc.models.linear import bias_only
 from tinygc.reporting.fit_text import TITLES
 from tinygc.reporting.html.chart import Axis, Chart, log_axis
@@ -38,13 +38,13 @@ def _run(evidence: ReportData, number: int, run: ClosureRun) -> dict:
     rows: list[list[str]] = []
     for name in rates:
         error = _error(evidence, run, name, number) / DEG
-        rows.append([TITLES.get(name, name), *(_signed(value, decimals) for value in error), fixed(rmse(error), decimals)])
-    rows.append([small(text) for text in ("noise floor, 1σ", *(fixed(value, decimals) for value in (*floor, rmse(floor))))])
+        rows.append([TITLES.get(name, name), *(_signed(value, decimals) for value in error), fixed(rms_of(error), decimals)])
+    rows.append([small(text) for text in ("noise floor, 1σ", *(fixed(value, decimals) for value in (*floor, rms_of(floor))))])
     return {
         "file": run.file,
         "seconds": run.duration_s,
         "attitude": lambda width: _attitude(t, tracks[adopted.name], tracks.get("raw"), width),
-        "raw": rmse(_error(evidence, run, "raw", number)),
+        "raw": rms_of(_error(evidence, run, "raw", number)),
         "straying": lambda width: _straying(t, tracks, adopted.name, run, width),
         "lines": [*((name, TITLES.get(name, name), "line") for name in moved), ("floor", "noise of the integrated rate, 1σ", "dash")],
         "rows": rows,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from session.base.numeric import rms_of
 from session.base.texts import degrees, significant
 from session.base.units import DEG
 from tinygc.closure.residual import closure_angles
@@ -78,7 +79,7 @@ def _by_segment(evidence: ReportData, raw: np.ndarray, numbers: list[int], width
 def _target(evidence: ReportData, sigma: np.ndarray, width: int) -> str:
     adopted = evidence.adopted
     side = min(width, 340)
-    one = float(np.sqrt(np.mean(sigma**2)))
+    one = rms_of(sigma)
     reach = max(3.4 * one, 1.08 * float(np.abs(adopted.angles[:, :2]).max()))
     centre, scale = side / 2, (side / 2 - 16) / reach
     parts = [f'<path class="grid" d="M12 {centre}H{side - 12}M{centre} 12V{side - 12}"/>']

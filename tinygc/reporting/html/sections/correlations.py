@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from session.base.numeric import sigmas_in
 from session.base.texts import fixed
 from tinygc.models.linear import PARAMETERS, field_jacobian
 from tinygc.reporting.html.chart import drawing
@@ -21,7 +22,7 @@ def section(evidence: ReportData) -> Section:
     adopted = evidence.adopted
     slope = field_jacobian(adopted.vector[:PARAMETERS])[list(INDEPENDENT)]
     covariance = slope @ adopted.covariance[:PARAMETERS, :PARAMETERS] @ slope.T
-    sigma = np.sqrt(np.diag(covariance))
+    sigma = sigmas_in(covariance)
     correlation = covariance / np.outer(sigma, sigma)
     pairs = sorted(((abs(correlation[i, j]), i, j) for i in range(PARAMETERS) for j in range(i)), reverse=True)
     strong = [f"{NAMES[j]} and {NAMES[i]} {fixed(correlation[i, j], 2)}" for size, i, j in pairs if size > STRONG][:6]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from session.base.numeric import rms_of
 from session.base.texts import degrees, significant
 from session.base.units import DEG
 from tinygc.closure.problem import Problem
@@ -50,8 +51,7 @@ def section(evidence: ReportData) -> Section | None:
 
 def _scatter(pieces: list[np.ndarray]) -> float:
     """Rms deviation from each piece's own mean over all axes, rad/s."""
-    apart = np.concatenate([piece - piece.mean(axis=0) for piece in pieces if len(piece) > 1])
-    return float(np.sqrt(np.mean(apart**2)))
+    return rms_of(np.concatenate([piece - piece.mean(axis=0) for piece in pieces if len(piece) > 1]))
 
 
 def _at_rest(before: np.ndarray, after: np.ndarray, period_s: float, width: int) -> str:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from session.base.numeric import rms_of
 from session.base.texts import NONE, degrees, fixed, significant
 from session.base.units import DEG
 from tinygc.estimation.bias import tilt_rms
-from tinygc.estimation.choice import closure_figures, rmse
+from tinygc.estimation.choice import closure_figures
 from tinygc.reporting.fit_text import SAME_FLOOR, TITLES
 from tinygc.reporting.html.chart import Axis, Chart, log_axis
 from tinygc.reporting.html.evidence import ReportData
@@ -77,7 +78,7 @@ def _cells(row: tuple, floor: float, runs: bool) -> list[str]:
         for value in (figures["roll_rms_deg"], figures["pitch_rms_deg"], figures["yaw_rms_deg"])
     ]
     if runs:
-        cells.append(", ".join(fixed(rmse(error) / DEG, decimals) for error in errors))
+        cells.append(", ".join(fixed(rms_of(error) / DEG, decimals) for error in errors))
     return [*cells, NONE if seconds is None else f"{seconds:.2f}"]
 
 
@@ -85,7 +86,7 @@ def _picture(evidence: ReportData, rows: list[tuple], width: int) -> str:
     floor = evidence.problem.floor.tilt_rms / DEG
     values = [floor]
     for _, _, fitted, held_out, errors, _ in rows:
-        values += [tilt_rms(held_out) / DEG, *(rmse(error) / DEG for error in errors)]
+        values += [tilt_rms(held_out) / DEG, *(rms_of(error) / DEG for error in errors)]
         values += [] if fitted is None else [tilt_rms(fitted) / DEG]
     x, count = log_axis(values, "closure, degrees", margin=1.3), len(rows)
     narrow = width < 500
@@ -102,7 +103,7 @@ def _picture(evidence: ReportData, rows: list[tuple], width: int) -> str:
             chart.text(20, float(b) + 6, title)
         chart.across(level, "quiet", style="grid")
         for error in errors:
-            chart.dots([rmse(error) / DEG], [level], "physics", [f"{title}, closure run: {degrees(rmse(error))}"], radius=3)
+            chart.dots([rms_of(error) / DEG], [level], "physics", [f"{title}, closure run: {degrees(rms_of(error))}"], radius=3)
         if fitted is not None:
             chart.dots([tilt_rms(fitted) / DEG], [level], kind, [f"{title}, fitted: {degrees(tilt_rms(fitted))}"], ring=True, radius=5.5)
         chart.dots([tilt_rms(held_out) / DEG], [level], kind, [f"{title}, held out: {degrees(tilt_rms(held_out))}"], radius=5)

@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from session.base import rotation
+from session.base.rotation import unit_vectors
 from session.base.units import DEG, EARTH_RATE_RPS, MG
 from session.detect.stills import CREEP_RPS, CREEP_SIGMAS, Still
-from tinygc.attitude import rotation
 from tinygc.closure.stills import StillSet
 from tinygc.explanation.claims import Claim
 from tinygc.explanation.engine import Explanation
@@ -126,7 +127,7 @@ def over_attitude(e: Explanation, claim: Claim, axes: Axes) -> None:
     For each axis the bias of the others is removed; before (filled), after (rings), and the line of the bias.
     """
     _, after = lengths_per_still(e)
-    down = e.twin.force / np.linalg.norm(e.twin.force, axis=1, keepdims=True)
+    down = unit_vectors(e.twin.force)
     for number, (axis, colour) in enumerate(AXES.items()):
         bias = theta(e, claim)[number]
         x = Variable("attitude", number).of_stills(e.twin)
@@ -146,7 +147,7 @@ def over_attitude(e: Explanation, claim: Claim, axes: Axes) -> None:
 
 def _length_explained(e: Explanation, claim: Claim) -> np.ndarray:
     """(Q,) m/s^2 that an effect of the accelerometer adds to gravity's length in each still."""
-    down = e.twin.force / np.linalg.norm(e.twin.force, axis=1, keepdims=True)
+    down = unit_vectors(e.twin.force)
     return np.sum(down * (e.twin.bent(claim.effect, e.twin.rests) @ theta(e, claim)), axis=1)
 
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from session.base import rotation
 from session.base.solving import solve
 from session.base.units import DEG, EARTH_RATE_RPS
-from tinygc.attitude import rotation
 
 _HEADINGS = np.arange(0, 360, 0.5) * DEG
 #: a heading less certain than this is reported as unknown

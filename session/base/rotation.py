@@ -5,13 +5,9 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from types import ModuleType
-from typing import TYPE_CHECKING, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from torch import Tensor
-
 
 # Unit quaternions as pairs of complex numbers, NumPy only: w + x i + y j + z k = a + b j with a = w + x i and b = y + z i.
 #
@@ -151,7 +147,7 @@ def _every_second(pairs: Pairs, first: int, stop: int) -> Pairs:
 # time.  Every function here is smooth at zero and, for tensors, differentiable.
 
 #: a NumPy array or a torch tensor; all arguments of a call are of one library
-Array = TypeVar("Array", np.ndarray, "Tensor")
+Array = TypeVar("Array", np.ndarray, Any)
 
 #: below this squared half-angle the series is exact to double precision (its next term is below 1e-18)
 _SERIES_BELOW = 1e-2
@@ -189,15 +185,17 @@ def multiply(p: Array, q: Array) -> Array:
     """Hamilton product (..., 4): first q, then p."""
     if isinstance(p, np.ndarray) and isinstance(q, np.ndarray):
         return _multiplied(p, q)
-    pw, px, py, pz = split(p)
-    qw, qx, qy, qz = split(q)
-    return join(
-        [
-            pw * qw - px * qx - py * qy - pz * qz,
-            pw * qx + px * qw + py * qz - pz * qy,
-            pw * qy - px * qz + py * qw + pz * qx,
-            pw * qz + px * qy - py * qx + pz * qw,
-        ]
+    return join(multiply_parts(split(p), split(q)))
+
+
+def multiply_parts(p: Sequence[Any], q: Sequence[Any]) -> tuple[Any, Any, Any, Any]:
+    """``multiply`` of four components each: of tensors, or of plain numbers, where NumPy is slow on four of them."""
+    (pw, px, py, pz), (qw, qx, qy, qz) = p, q
+    return (
+        pw * qw - px * qx - py * qy - pz * qz,
+        pw * qx + px * qw + py * qz - pz * qy,
+        pw * qy - px * qz + py * qw + pz * qx,
+        pw * qz + px * qy - py * qx + pz * qw,
     )
 
 
@@ -338,6 +336,34 @@ def accumulate(steps: Array) -> Array:
     xp = namespace(steps)
     both = xp.stack([xp.concatenate([steps[..., :1, :], later], -2)[..., : even // 2, :], pairs], -2).reshape(*steps.shape[:-2], even, 4)
     return both if even == count else xp.concatenate([both, later[..., -1:, :]], -2)
+
+
+# Vectors and matrices of rotations (NumPy only).
+
+
+def cross_matrix(v: np.ndarray) -> np.ndarray:
+    """(..., 3, 3), which takes w to v x w, of vectors v (..., 3)."""
+    found = np.zeros((*np.shape(v), 3))
+    x, y, z = np.moveaxis(v, -1, 0)
+    found[..., 0, 1], found[..., 0, 2], found[..., 1, 2] = -z, y, -x
+    found[..., 1, 0], found[..., 2, 0], found[..., 2, 1] = z, -y, x
+    return found
+
+
+def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
+    """The rotation (3, 3) nearest to a matrix, by its singular vectors."""
+    left, _, right = np.linalg.svd(matrix)
+    return np.asarray(left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right)
+
+
+def unit_vectors(vectors: np.ndarray) -> np.ndarray:
+    """Vectors (..., n) over their lengths."""
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+def angle_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Angle (...), rad, between vectors (..., 3) of any length."""
+    return np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), np.sum(a * b, axis=-1))
 
 
 # From rates to rotation steps.

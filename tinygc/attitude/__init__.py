@@ -1,1 +1,0 @@
-"""Rotations, their integration over time, and the Earth's rotation."""

@@ -24,6 +24,7 @@ from session.log.config import FOUND, GIVEN
 from session.log.logfile import Truth
 from session.log.samples import Samples
 from tinygc.closure.floor import Floor
+from tinygc.closure.least_squares import StillRates
 from tinygc.closure.prepared import prepare
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch
@@ -284,7 +285,7 @@ def errors(angles):
     floor = Floor(root @ root.transpose(0, 2, 1) + np.eye(3), 0.1 * root[1:], wider=0.5 * np.tile(np.eye(3), (count, 1, 1)))
     segments = [of(0, 10 * i, 10 * i + 11, 3.0 * i) for i in range(count)]
     batch = Batch(zero, np.full((count, 1), 0.01), zero, same, rotation.exp(-angles), True)
-    return Problem(None, segments, batch, floor, {}, [], lambda rate: rate, None, None)
+    return Problem(None, segments, batch, floor, {}, [], lambda rate: rate, StillRates(*np.zeros((3, 0, 3))), None)
 
 
 @pytest.mark.parametrize(("times", "cosine", "found"), [(5.01, -0.71, True), (4.99, -0.71, False), (5.01, -0.69, False)])

@@ -169,6 +169,13 @@ class Floor:
         more = more[:, :d, :d]
         return replace(self, own=self.own + more, wider=more if self.wider is None else self.wider + more)
 
+    def pick(self, which: np.ndarray) -> Floor:
+        """The floor of some segments (S,) bool: two that were not neighbours share no still."""
+        kept = np.flatnonzero(which)
+        neighbours = np.diff(kept) == 1
+        shared = np.where(neighbours[:, None, None], self.shared[kept[:-1]], 0.0)
+        return replace(self, own=self.own[kept], shared=shared, wider=None if self.wider is None else self.wider[kept], references={})
+
     def scaled(self, factor: np.ndarray) -> Floor:
         """Multiply the sigma of each segment by a factor (S,)."""
         square, both = factor[:, None, None] ** 2, (factor[:-1] * factor[1:])[:, None, None]

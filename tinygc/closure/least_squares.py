@@ -72,6 +72,10 @@ class StillRates:
     q_tb: np.ndarray | None = None
     middle_s: np.ndarray | None = None
 
+    def pick(self, which: np.ndarray) -> StillRates:
+        """The rates of some stills (Q,) bool."""
+        return StillRates(*(None if values is None else values[which] for values in vars(self).values()))
+
     def residuals(self, model: RateMap) -> np.ndarray:
         """(3 Q,) residuals in sigmas."""
         return ((model(self.rate) - self.earth) / self.sigma).ravel()

@@ -334,6 +334,28 @@ class Problem:
             other.__dict__["instability"] = self.instability
         return other
 
+    def without(self, held: np.ndarray, why: str = LEFT_OUT) -> Problem:
+        """The problem without the used segments held (S,) bool, and without the stills that only they touch; its bias instability is
+        estimated from its own stills where possible."""
+        used = self.used
+        left, kept = ([used[i] for i in np.flatnonzero(which)] for which in (held, ~held))
+        ends, others = ({id(still) for segment in part for still in (segment.first, segment.last)} for part in (left, kept))
+        gone = (ends - others) | {id(segment) for segment in left}
+
+        def marked(parts: list[Any]) -> list[Any]:
+            return [replace(part, problem=why) if id(part) in gone else part for part in parts]
+
+        return replace(
+            self,
+            segments=marked(self.segments),
+            batch=self.batch.pick(~held),
+            floor=self.floor.pick(~held),
+            logs=[replace(log, stills=marked(log.stills)) for log in self.logs],
+            still_rates=self.still_rates.pick(
+                np.array([id(still) not in gone for still in self.stills if still.problem is None], dtype=bool)
+            ),
+        )
+
     @property
     def wander(self) -> BiasWander:
         """Bias drift between the used segments."""

@@ -76,17 +76,8 @@ def without_wrong_moments(problem: Problem) -> tuple[Problem, list[tuple[int, fl
         keep[wrong] = keep[wrong + 1] = False
     if not len(wrong) or keep.sum() < len(keep) / 2:
         return problem, [], 1.0
-    numbers = {segment.number for segment, ok in zip(problem.used, keep, strict=True) if not ok}
-    segments = [replace(s, problem="one of its moments of truth is wrong") if s.number in numbers else s for s in problem.segments]
     jumps = [(problem.used[i].log, problem.used[i].start_s + problem.used[i].duration_s) for i in wrong]
-    wider = None if problem.floor.wider is None else problem.floor.wider[keep]
-    shared = np.zeros((max(keep.sum() - 1, 0), 3, 3))
-    floor = replace(problem.floor, own=problem.floor.own[keep], wider=wider, shared=shared, references={})
-    kept = replace(problem, segments=segments, batch=problem.batch.pick(keep), floor=floor)
-    # The covariance that two neighbours share is kept if both are kept.
-    both = np.flatnonzero(keep[:-1] & keep[1:])
-    new = np.cumsum(keep) - 1
-    floor.shared[new[both]] = problem.floor.shared[both]
+    kept = problem.without(~keep, "one of its moments of truth is wrong")
     return kept, jumps, _chance_of(float(size[np.isin(at, wrong)].max() / usual), len(at), len(angles))
 
 

@@ -31,7 +31,6 @@ from tinygc.features.discovery.search_state import (
     parted,
     refused,
     taken,
-    without,
 )
 from tinygc.features.discovery.selection import Constants, FormEvidence, _takes_calibration, exact, one_step
 from tinygc.noise.refit import Replay, refit
@@ -187,10 +186,10 @@ def test_a_form_that_needs_the_calibrations_place_is_told_from_a_law(seen):
 
 
 @pytest.mark.parametrize("turns", [(20,), (21,), (48,), (3,) * 10, (5,) * 6, (6,) * 4, (18, 9), (9, 9)])
-def test_of_any_session_a_third_is_put_away_and_at_least_as_much_is_left(turns, monkeypatch):
+def test_of_any_session_a_third_is_put_away_and_at_least_as_much_is_left(turns):
     """Many short logs are one session: none is counted anew.  Of several, the smallest that is enough for a test is put away whole."""
-    monkeypatch.setattr(search_state, "without", lambda problem, held: held)
-    problem = SimpleNamespace(used=[SimpleNamespace(log=number) for number, count in enumerate(turns) for _ in range(count)])
+    used = [SimpleNamespace(log=number) for number, count in enumerate(turns) for _ in range(count)]
+    problem = SimpleNamespace(used=used, without=lambda held: held)
     drawn = [parted(problem, seed) for seed in range(9)]
     for split in drawn:
         rest = sum(turns) - len(split.recording)
@@ -205,7 +204,7 @@ def test_a_problem_without_some_turns_is_the_same_problem_elsewhere(seen):
     """Its twin closes the turns that stay as the whole one does; neighbours across the gap share no still."""
     problem = seen.twin.problem
     held = np.isin(np.arange(12), [4, 5, 6, 7])
-    part = without(problem, held)
+    part = problem.without(held)
     whole, fewer = (twin.residuals(twin.start()) for twin in (seen.twin, Twin(part)))
     assert_allclose(fewer.closure, whole.closure[~held], atol=1e-12)
     still = ~np.isin(np.arange(len(seen.twin.stills)), [5, 6, 7])  # the stills between two turns that go

@@ -7,9 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from session.detect.segments import Segment
-from session.detect.stills import Still
-from tinygc.closure.problem import LEFT_OUT, Problem
+from tinygc.closure.problem import Problem
 from tinygc.closure.uncertainty import chi_square_above
 from tinygc.effects import Effect, Movement
 from tinygc.explanation.decision import LEAST_EXCESS, tilt_rms
@@ -66,45 +64,7 @@ def parted(problem: Problem, seed: int) -> HeldOutSplit:
         thirds = [np.isin(np.arange(len(rest)), piece) for piece in np.array_split(np.arange(len(rest)), SEEN + 1)]
     held = np.zeros(len(used), dtype=bool)
     held[rest[thirds[first]]] = True
-    return HeldOutSplit(without(problem, held | recording), np.flatnonzero(held), np.flatnonzero(recording), whole)
-
-
-def without(problem: Problem, held: np.ndarray) -> Problem:
-    """The problem without the used segments held (S,) bool, and without the stills that only they touch."""
-    used = problem.used
-    gone = {id(used[i]) for i in np.flatnonzero(held)}
-    kept_stills = {id(still) for i in np.flatnonzero(~held) for still in used[i].stills}
-    ends = {id(still) for i in np.flatnonzero(held) for still in used[i].stills} - kept_stills
-    at_rest = [still for log in problem.logs for still in log.stills if still.problem is None]
-    stays = np.array([id(still) not in ends for still in at_rest])
-
-    def still_of(still: Still) -> Still:
-        return replace(still, problem=LEFT_OUT) if id(still) in ends else still
-
-    def segment_of(segment: Segment) -> Segment:
-        return replace(segment, problem=LEFT_OUT) if id(segment) in gone else segment
-
-    rates = problem.still_rates
-    # The floor of the remaining segments: two that were not neighbours share no still
-    kept = np.flatnonzero(~held)
-    neighbours = np.diff(kept) == 1
-    shared = np.where(neighbours[:, None, None], problem.floor.shared[kept[:-1]], 0.0)
-    wider = None if problem.floor.wider is None else problem.floor.wider[kept]
-    return replace(  # its bias instability is estimated from its own stills where possible
-        problem,
-        segments=[segment_of(segment) for segment in problem.segments],
-        batch=problem.batch.pick(~held),
-        floor=replace(problem.floor, own=problem.floor.own[kept], shared=shared, wider=wider, references={}),
-        logs=[replace(log, stills=[still_of(still) for still in log.stills]) for log in problem.logs],
-        still_rates=replace(
-            rates,
-            rate=rates.rate[stays],
-            earth=rates.earth[stays],
-            sigma=rates.sigma[stays],
-            q_tb=None if rates.q_tb is None else rates.q_tb[stays],
-            middle_s=None if rates.middle_s is None else rates.middle_s[stays],
-        ),
-    )
+    return HeldOutSplit(problem.without(held | recording), np.flatnonzero(held), np.flatnonzero(recording), whole)
 
 
 # The result of a search for an equation.

@@ -13,7 +13,8 @@ import numpy as np
 from session.base.units import DEG, MG, G
 from tinygc.simulation.movement import move, table_to_body
 from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.simulator import Simulation, registers_of, simulate_session
+from tinygc.simulation.sensor import registers_of
+from tinygc.simulation.simulator import Simulation, simulate_session
 from tinygc.simulation.write import config_text
 
 
@@ -391,4 +392,4 @@ def write(r: Recording, folder: Path) -> None:
         table = np.column_stack([np.rint(r.t_s * 1e6), r.gyro / DEG, r.accel / G, r.temp_c])
     rows = [row % tuple(values) for values in table.tolist()]
     (folder / "log0001.csv").write_text("\n".join([r.comment + header, *rows, ""]))
-    (folder / "session.toml").write_text(config_text(r.simulation, concealed=False, calibrated=r.calibrated))
+    (folder / "session.toml").write_text(config_text(r.simulation.options, r.simulation.unit, calibrated=r.calibrated))

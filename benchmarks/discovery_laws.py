@@ -29,7 +29,8 @@ from scipy.spatial.transform import Rotation
 from session.base.units import G
 from session.log.samples import Samples
 from tinygc.effects import Conditions, Movement, catalogue, movement_of, using
-from tinygc.simulation import simulator
+from tinygc.simulation import sensor, simulator
+from tinygc.simulation.movement import motion_of
 from tinygc.simulation.options import GYRO_LPF2_HZ, SimulationOptions
 from tinygc.simulation.write import write_session
 
@@ -75,7 +76,7 @@ def unit_closure(options: SimulationOptions, added) -> tuple[float, float]:
     """rad rms of roll and pitch by which the turns miss through the law, beyond a calibration; and through noise."""
     plan, unit = simulator.plan_of(options), simulator.unit_of(options)
     t = np.arange(int(plan.log_s * ODR_HZ)) / ODR_HZ
-    rate, force, temp = simulator.true_signals(options, unit, plan, t)
+    rate, force, temp = motion_of(options, unit, plan)(t)
     columns = [added(t, rate, force, temp)]
     for axis in range(3):
         columns += [np.eye(3)[axis] * x[:, None] for x in (np.ones(len(t)), *rate.T)]
@@ -101,16 +102,16 @@ def unit_closure(options: SimulationOptions, added) -> tuple[float, float]:
 def signals_of(options: SimulationOptions, added, size: float) -> tuple[Movement, np.ndarray]:
     """Movement without noise, as the chip's low-pass shows it, and the law's rate (N, 3) behind the same low-pass."""
     plan, unit = simulator.plan_of(options), simulator.unit_of(options)
-    factor, run_up = simulator.oversampling(unit.odr_hz), simulator.run_up_samples(unit.odr_hz)
-    t = simulator.fine_times(unit.odr_hz, -run_up, int(np.ceil(plan.log_s * unit.odr_hz)))
-    rate, force, temp = simulator.true_signals(options, unit, plan, t)
+    factor, run_up = sensor.oversampling(unit.odr_hz), simulator.run_up_samples(unit.odr_hz)
+    t = sensor.fine_times(unit.odr_hz, -run_up, int(np.ceil(plan.log_s * unit.odr_hz)))
+    rate, force, temp = motion_of(options, unit, plan)(t)
 
     def sampled(values: np.ndarray, hz: float) -> np.ndarray:
-        return simulator.LowPass(hz, 0.0, unit.odr_hz, factor, np.random.default_rng(0))(values)[run_up:]
+        return sensor.LowPass(hz, 0.0, unit.odr_hz, np.random.default_rng(0))(values)[run_up:]
 
     hz = GYRO_LPF2_HZ[options.odr_hz]
     law, shown = sampled(size * added(t, rate, force, temp), hz), sampled(rate, hz)
-    felt = sampled(force, simulator.ACCEL_BANDWIDTH_ODR * unit.odr_hz)
+    felt = sampled(force, sensor.ACCEL_BANDWIDTH_ODR * unit.odr_hz)
     samples = Samples(np.rint(1e9 * t[run_up * factor :: factor]).astype(np.int64), shown, felt, temp[run_up * factor :: factor])
     return movement_of(samples, shown, Conditions(plan.log_s, options.gyro_fs_dps * DEG, options.temperature_start_c)), law
 

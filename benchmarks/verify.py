@@ -43,8 +43,8 @@ from tinygc.features.unit.verification.rows import LENGTH, Rows, rows_of
 from tinygc.features.unit.verification.verdict import BIAS, HOLDS, Options, Verification, verify_session
 from tinygc.library.simulations import Simulated
 from tinygc.models.linear import LinearModel
-from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.simulator import SimulatedUnit, simulate_session, unit_of
+from tinygc.simulation.options import SimulatedUnit, SimulationOptions
+from tinygc.simulation.simulator import simulate_session, unit_of
 
 #: turns of the calibration and of today; how far the accelerometer's calibration is off, and moves, m/s^2 at zero g
 THEN, TODAY = 30, 12

@@ -20,8 +20,9 @@ from tinygc.features.tables.machines.angles import header, row
 from tinygc.features.tables.machines.description import Axis, Description
 from tinygc.features.tables.machines.mechanics import AxisErrors, AxisTrack, TableErrors, true_attitudes
 from tinygc.features.tables.observed import Observed
-from tinygc.features.tables.sensor_on_table import SensorOnTable
+from tinygc.features.tables.sensor_on_table import motion_on
 from tinygc.simulation.options import SimulatedUnit, SimulationOptions
+from tinygc.simulation.sensor import SensorModel
 
 
 @dataclass(frozen=True)
@@ -295,8 +296,8 @@ def record(
     """Write the folder of a recording; latency_s: by which its angles are late."""
     folder.mkdir(parents=True, exist_ok=True)
     options = SimulationOptions(seed=1, gyro_noise_dps_rthz=noise * 1e-3, odr_hz=ODR_HZ, gyro_fs_dps=500, bias_instability_dph=0.0)
-    sensor = SensorOnTable(TABLE, TableErrors((AxisErrors(),)), options, unit(scale), distort)
-    log = sensor.take([track], int(ends_s * ODR_HZ))
+    motion = motion_on(TABLE, TableErrors((AxisErrors(),)), [track], options, unit(scale))
+    log = SensorModel(options, unit(scale), motion, distort).take(int(ends_s * ODR_HZ))
     lines = ["t_us,gx,gy,gz,ax,ay,az,temp"]
     lines += [",".join(map(str, cells)) for cells in np.column_stack([log.t_us, log.gyro, log.accel, log.temp]).tolist()]
     (folder / "rates0001.csv").write_text("\n".join(lines) + "\n")

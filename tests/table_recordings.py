@@ -10,14 +10,12 @@ import queue
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 from virtual_tables import SimulatedClock, VirtualLink
 
 from session.base.units import NS
 from session.bench import frames
-from session.bench.events import Info
 from session.bench.guide import Guide
 from session.bench.guided_session import GuidedRecording
 from session.bench.port import Opened, Received
@@ -31,10 +29,12 @@ from tinygc.features.tables.machines.verbs import TableFault
 from tinygc.features.tables.machines.virtual import VirtualTable
 from tinygc.features.tables.machines.virtual_motion import Fault
 from tinygc.features.tables.recording import TurnedRecording
-from tinygc.features.tables.sensor_on_table import SensorOnTable
+from tinygc.features.tables.sensor_on_table import motion_on
 from tinygc.planning.coach import Coach
-from tinygc.simulation.options import SimulationOptions, draw_unit
-from tinygc.simulation.simulator import RegisterLog
+from tinygc.simulation.options import SimulationOptions
+from tinygc.simulation.sensor import RegisterLog, SensorModel
+from tinygc.simulation.simulator import unit_of
+from tinygc.simulation.virtual_board import info_of
 from tinygc.simulation.write import config_text
 
 PORT = "virtual-bench"
@@ -61,10 +61,10 @@ class VirtualBench:
         self.description = description
         self.virtual = VirtualTable(description, self.errors, self.clock, faults)
         self.virtual.feed()  # its greeting: it was switched on before its port is opened
-        rng = np.random.default_rng(options.unit_drawn_from).spawn(1)[0]
-        self.unit = draw_unit(options, rng)
-        self._sensor = SensorOnTable(description, self.errors, options, self.unit, None)
-        self.info = Info(options.gyro_fs_dps, options.accel_fs_g, self.unit.odr_hz, str(options.unit_drawn_from), options.sensor)
+        self.unit = unit_of(options)
+        motion = motion_on(description, self.errors, self.virtual.tracks, options, self.unit)
+        self._sensor = SensorModel(options, self.unit, motion)
+        self.info = info_of(options, self.unit)
         self.silent = False
         self.holds: Callable[[], bool] = lambda: False
         self.sent = 0
@@ -93,8 +93,7 @@ class VirtualBench:
         self.clock.sleep(EVERY_S)
         before, log = self.sent, self._take()
         text = b"" if before and before // self._every == self.sent // self._every else frames.encode_info(before, self.info)
-        rows = np.column_stack([log.gyro, log.accel, log.temp])
-        text += frames.encode_samples(np.arange(before, self.sent) + 1, log.t_us, rows).tobytes()
+        text += frames.encode_samples(np.arange(before, self.sent) + 1, log.t_us, log.rows).tobytes()
         return b"" if self.silent else text
 
     @property
@@ -106,7 +105,7 @@ class VirtualBench:
         """The samples since the last ones."""
         count = int(self.clock.now_s() * self.unit.odr_hz) - self.sent
         self.sent += count
-        return self._sensor.take(self.virtual.tracks, count)
+        return self._sensor.take(count)
 
 
 class BenchPort:
@@ -202,7 +201,7 @@ class Bench:
         self.bench = VirtualBench(self.description, OPTIONS, errors, faults=Fault.parse(faults))
         self.bench.home()
         self.folder.mkdir()
-        text = config_text(SimpleNamespace(options=OPTIONS, unit=self.bench.unit), concealed=False)
+        text = config_text(OPTIONS, self.bench.unit)
         (self.folder / "session.toml").write_text(text.replace("SIM-", ""))
 
     def repair(self) -> None:

@@ -1,6 +1,7 @@
 """Rest logs as files: block means, what was mended, knocks, the first look, the refusals."""
 
 import gzip
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,16 +13,16 @@ from session.log.config import Sensor
 from session.log.registers import DEFAULT, RegisterUnits, accel_mps2_per_lsb, gyro_rps_per_lsb
 from session.log.rests import read_rest, rest_from_samples
 from session.log.samples import Samples
-from tinygc import read_session
+from tinygc import SimulationOptions, read_session
 from tinygc.features.temperature.options import RestOptions
-from tinygc.features.temperature.rest_simulation import Chip, simulate_rest
+from tinygc.features.temperature.rest_simulation import simulate_rest
 
 #: slow enough that a test of hours costs little
-CHIP = Chip(odr_hz=13.0, gyro_fs_dps=500.0, accel_fs_g=4.0, gyro_noise_dps_rthz=0.005, accel_noise_ug_rthz=60.0, bias_instability_dph=3.0)
+CHIP = SimpleNamespace(**vars(SimulationOptions()) | {"odr_hz": 13.0})
 
 
 def rest_samples(**options) -> Samples:
-    made = simulate_rest(RestOptions(**{"cycles": 3.0, "cycle_s": 1800.0, **options}), CHIP, 0)
+    made, _ = simulate_rest(RestOptions(**{"cycles": 3.0, "cycle_s": 1800.0, **options}), CHIP, 0)
     gyro, accel = made.gyro * gyro_rps_per_lsb(CHIP.gyro_fs_dps), made.accel * accel_mps2_per_lsb(CHIP.accel_fs_g)
     return Samples(made.t_us * 1000, gyro, accel, RegisterUnits(DEFAULT, None, None).temperature_c(made.temp))
 

@@ -16,9 +16,10 @@ from session.detect.stills import find_stills
 from session.log.registers import gyro_rps_per_lsb
 from tinygc import CalibrationError, SimulationOptions, read_session
 from tinygc.simulation import simulator, write
-from tinygc.simulation.movement import earth_rate_table, hand_plan, move, table_to_body
+from tinygc.simulation.movement import earth_rate_table, hand_plan, motion_of, move, table_to_body
 from tinygc.simulation.options import GYRO_LPF2_HZ, command_line
-from tinygc.simulation.simulator import LowPass, _true_signals, oversampling, simulate_session
+from tinygc.simulation.sensor import LowPass, oversampling
+from tinygc.simulation.simulator import simulate_session
 from tinygc.simulation.write import write_session
 
 SHORT = SimulationOptions(segments=3, closure_s=20, seed=5)
@@ -46,7 +47,7 @@ def test_at_rest_it_feels_gravity_and_the_earth_and_in_a_turn_the_lever_arm():
     start_s, stop_s = simulation.plan.turns[0]
     t_s = np.array([start_s - 0.1, (start_s + stop_s) / 2])
     motion = move(simulation.plan, t_s)
-    rate, force, _ = _true_signals(SHORT, simulation.unit, simulation.plan, t_s)
+    rate, force, _ = motion_of(SHORT, simulation.unit, simulation.plan)(t_s)
     to_body = attitude(motion.angles).inv()
     gravity = to_body.apply([0, 0, -SHORT.gravity_mps2])
     assert_allclose(force[0], gravity[0], atol=1e-12)
@@ -65,7 +66,7 @@ def test_at_rest_it_feels_gravity_and_the_earth_and_in_a_turn_the_lever_arm():
 def test_noise_has_the_stated_density_after_the_low_pass(odr_hz):
     factor, block = oversampling(odr_hz), int(odr_hz / 5)
     still = np.zeros((600 * block * factor, 3))
-    noise = LowPass(GYRO_LPF2_HZ[odr_hz], 0.005, odr_hz, factor, np.random.default_rng(6))(still)
+    noise = LowPass(GYRO_LPF2_HZ[odr_hz], 0.005, odr_hz, np.random.default_rng(6))(still)
     means = noise.reshape(-1, block, 3).mean(axis=1)
     assert np.sqrt(2 * means.var() * block / odr_hz) == pytest.approx(0.005, rel=0.06)
 

@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from session.base.units import DEG
-from tinygc.features.tables.machines.clocks import Clock
+from session.bench.clocks import Clock
 from tinygc.features.tables.machines.description import Axis, Description
 from tinygc.features.tables.machines.makefile import read_make
 from tinygc.features.tables.machines.makes import open_table

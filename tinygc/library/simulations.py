@@ -18,7 +18,8 @@ from tinygc.effects import Effect, Movement, effect_of
 from tinygc.effects.movement import vibration
 from tinygc.library.arguments import chosen, public
 from tinygc.simulation.options import BIAS_DIGITS, MATRIX_DIGITS, SimulationOptions
-from tinygc.simulation.simulator import Distort, RegisterLog, Simulation, plan_of, simulate_session
+from tinygc.simulation.sensor import Distort, RegisterLog
+from tinygc.simulation.simulator import Simulation, plan_of, simulate_session
 from tinygc.simulation.write import stopped_turns, truth_table, write_simulation
 
 

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Protocol
 
 import numpy as np
 
 from session.base.units import DEG, EARTH_RATE_RPS
-from tinygc.simulation.options import SimulationOptions
+from tinygc.simulation.options import SimulatedUnit, SimulationOptions
+from tinygc.simulation.sensor import Motion, self_heating
 
 # One push of the hand at one gimbal, as a function of time with exact derivatives.
 #
@@ -237,7 +239,7 @@ def not_faster(strokes: list[Stroke], limit_rps: float) -> list[Stroke]:
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class GimbalMotion:
     """The body's motion against the table.
 
     t_s (N,); angles (3, N) rad, outer middle inner; rate, acceleration (N, 3): of b against t, in b, rad/s and rad/s^2.
@@ -249,7 +251,7 @@ class Motion:
     acceleration: np.ndarray
 
 
-def move(plan: MovementPlan, t_s: np.ndarray) -> Motion:
+def move(plan: MovementPlan, t_s: np.ndarray) -> GimbalMotion:
     """The plan's motion at times t_s (N,) s, increasing."""
     angles, rates, accelerations = gimbal_angles(plan.start_rad, plan.strokes, t_s)
     _, sin_theta, sin_phi = np.sin(angles)
@@ -269,7 +271,7 @@ def move(plan: MovementPlan, t_s: np.ndarray) -> Motion:
         ],
         axis=-1,
     )
-    return Motion(t_s, angles, rate, acceleration)
+    return GimbalMotion(t_s, angles, rate, acceleration)
 
 
 def table_to_body(angles: np.ndarray, vector_t: np.ndarray) -> np.ndarray:
@@ -288,11 +290,26 @@ def earth_rate_table(latitude_rad: float, heading_rad: float) -> np.ndarray:
     return np.array([north * np.cos(heading_rad), -north * np.sin(heading_rad), down])
 
 
-def specific_force(motion: Motion, gravity_mps2: float, lever_m: np.ndarray) -> np.ndarray:
-    """Specific force (N, 3) m/s^2 in b at lever_m (3,) m in b from the crossing of the gimbal axes, which is at rest.
+def felt(
+    options: SimulationOptions, heading_deg: float, rate: np.ndarray, acceleration: np.ndarray, to_body: Callable[[np.ndarray], np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rate against inertial space (N, 3) rad/s and specific force (N, 3) m/s^2, in b, of a sensor at ``options.lever_m`` from what rests.
 
+    rate, acceleration (N, 3) of b against t, in b; to_body: components (N, 3) in b of a vector (3,) in t.
     ``f = R_bn (a - g)``, a = alpha x r + omega x (omega x r).  The Coriolis term of the Earth's rotation (below 1 ug here) is neglected.
     """
-    centripetal = np.cross(motion.rate, np.cross(motion.rate, lever_m))
-    tangential = np.cross(motion.acceleration, lever_m)
-    return table_to_body(motion.angles, np.array([0.0, 0.0, -gravity_mps2])) + tangential + centripetal
+    lever_m = np.array(options.lever_m)
+    centripetal, tangential = np.cross(rate, np.cross(rate, lever_m)), np.cross(acceleration, lever_m)
+    force = to_body(np.array([0.0, 0.0, -options.gravity_mps2])) + tangential + centripetal
+    return rate + to_body(earth_rate_table(options.latitude_deg * DEG, heading_deg * DEG)), force
+
+
+def motion_of(options: SimulationOptions, unit: SimulatedUnit, plan: MovementPlan) -> Motion:
+    """What a sensor feels that is fixed to the innermost gimbal and warms up by itself."""
+
+    def motion(t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        moved = move(plan, t_s)
+        inputs = felt(options, unit.heading_deg, moved.rate, moved.acceleration, partial(table_to_body, moved.angles))
+        return *inputs, self_heating(options, t_s)
+
+    return motion

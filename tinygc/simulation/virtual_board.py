@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -16,33 +15,18 @@ from session.base.results import write_text_whole
 from session.base.texts import comment
 from session.base.units import DEG, G
 from session.bench import frames
+from session.bench.clocks import Clock, HostClock
 from session.bench.events import HEADER, Info
-from session.log.config import Sensor
 from session.log.folder import Session, read_session
 from session.log.registers import DEFAULT, RegisterUnits
 from session.log.samples import Samples
 from session.log.sensors.profile import REGISTER_MAX
 from tinygc.simulation.movement import PEAK_RPS, GimbalTurn, MovementPlan, Stroke, not_faster, stroke
-from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.simulator import RegisterLog, plan_of, simulate_session
+from tinygc.simulation.options import SimulatedUnit, SimulationOptions
+from tinygc.simulation.simulator import plan_of, simulate_session
 
 if TYPE_CHECKING:
     from tinygc.simulation.terminal import Terminal
-
-# Clock that paces the board.
-
-
-class HostClock:
-    """Clock of the host."""
-
-    def now_s(self) -> float:
-        """Seconds since an arbitrary epoch."""
-        return time.monotonic()
-
-    def sleep(self, seconds: float) -> None:
-        """Wait for a time."""
-        time.sleep(seconds)
-
 
 # Faults between a sensor and its host, drawn from a seed.
 
@@ -142,6 +126,7 @@ class BoardSource:
 
     rows (n, 7) int16 registers of the session, at info.odr_hz; config: text of its session.toml, or None; units: scaling of the registers,
     if the model and the full scales of ``info`` do not define it; number: which take of a simulated sensor it is (``taken``).
+    live: instead of rows, the sensor itself, which gives its next so many; it ends never.
     """
 
     rows: np.ndarray
@@ -149,6 +134,7 @@ class BoardSource:
     config: str | None = None
     units: RegisterUnits | None = None
     number: int | None = None
+    live: Callable[[int], np.ndarray] | None = None
 
     def in_units(self, rows: np.ndarray) -> np.ndarray:
         """Registers (n, 7) in dps, g and degC; 0 degC if the temperature's scaling is unknown."""
@@ -160,6 +146,8 @@ class BoardSource:
 
     def take(self, start: int, stop: int, rng: np.random.Generator) -> np.ndarray:
         """Rows start <= i < stop; rows before 0 and after the last are drawn from the first and the last still."""
+        if self.live is not None:
+            return self.live(stop - start)
         count = max(1, min(len(self.rows), round(STILL_S * self.info.odr_hz)))
         before = rng.integers(0, count, max(0, min(stop, 0) - start))
         behind = len(self.rows) - 1 - rng.integers(0, count, max(0, stop - max(start, len(self.rows))))
@@ -174,11 +162,13 @@ def simulated(options: SimulationOptions, calibrated: bool = True) -> BoardSourc
     from tinygc.simulation.write import config_text
 
     simulation = simulate_session(options, plan=onto_the_mark(options, plan_of(options)))
-    parts = [part for part in (simulation.log, simulation.closure) if part is not None]
-    info = Info(options.gyro_fs_dps, options.accel_fs_g, simulation.unit.odr_hz, str(options.unit_drawn_from), options.sensor)
-    return BoardSource(
-        np.concatenate([_rows(part) for part in parts]), info, config_text(simulation, concealed=False, calibrated=calibrated)
-    )
+    rows = np.concatenate([part.rows for part in (simulation.log, simulation.closure) if part is not None])
+    return BoardSource(rows, info_of(options, simulation.unit), config_text(options, simulation.unit, calibrated=calibrated))
+
+
+def info_of(options: SimulationOptions, unit: SimulatedUnit) -> Info:
+    """What the board of a simulated sensor says of itself."""
+    return Info(options.gyro_fs_dps, options.accel_fs_g, unit.odr_hz, str(options.unit_drawn_from), options.sensor)
 
 
 def recorded(folder: Path) -> BoardSource:
@@ -187,18 +177,9 @@ def recorded(folder: Path) -> BoardSource:
     logs = [log.samples for log in (*session.logs, *session.closures)]
     sensor = session.config.sensor
     odr_hz = (len(logs[0]) - 1) / logs[0].duration_s
-    info = Info(sensor.gyro_fs_dps, sensor.accel_fs_g, odr_hz, sensor.serial, _word(sensor))
+    info = Info(sensor.gyro_fs_dps, sensor.accel_fs_g, odr_hz, sensor.serial, "" if sensor.profile is None else sensor.profile.name)
     rows = np.concatenate([_registers(samples, session) for samples in logs])
     return BoardSource(rows, info, read_text(folder / "session.toml", MOST_TOML), sensor.register_units)
-
-
-def _word(sensor: Sensor) -> str:
-    """The model as one word of a comment; empty if the model is unknown."""
-    return "" if sensor.profile is None else sensor.profile.name
-
-
-def _rows(recording: RegisterLog) -> np.ndarray:
-    return np.column_stack([recording.gyro, recording.accel, recording.temp])
 
 
 def _registers(samples: Samples, session: Session) -> np.ndarray:
@@ -291,7 +272,7 @@ class VirtualBoard:
     faults: LineFaults = field(default_factory=LineFaults)
     seed: int = 0
     say: Callable[[str], None] = lambda what: None
-    clock: HostClock = field(default_factory=HostClock)
+    clock: Clock = field(default_factory=HostClock)
     sent: int = 0
     starts: int = 0
 

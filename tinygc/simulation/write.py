@@ -21,8 +21,9 @@ from session.log.logfile import NAME as KNOWN_TURNS
 from session.log.logfile import KnownTurn
 from session.log.written import turns_text
 from tinygc.simulation.movement import MovementPlan, gimbal_angles, table_to_body
-from tinygc.simulation.options import BIAS_DIGITS, MATRIX_DIGITS, SimulationOptions, command_line
-from tinygc.simulation.simulator import Distort, RegisterLog, Simulation, simulate_session
+from tinygc.simulation.options import BIAS_DIGITS, MATRIX_DIGITS, SimulatedUnit, SimulationOptions, command_line
+from tinygc.simulation.sensor import Distort, RegisterLog
+from tinygc.simulation.simulator import Simulation, simulate_session
 
 # ``turns.csv`` of a simulated session: turns about one gimbal against a stop of given repeatability.
 
@@ -96,7 +97,9 @@ def write_simulation(
     default, if effects are given).  Raises FormatError as ``write_session`` does."""
     check_folder(folder, force)
     truth = json.dumps(truth_table(simulation, effects or {}), indent=1) + "\n"
-    write_files(simulation, folder, config_text(simulation, concealed=bool(effects) if concealed is None else concealed), truth)
+    hides = bool(effects) if concealed is None else concealed
+    text = config_text(simulation.options, simulation.unit, concealed=hides)
+    write_files(simulation, folder, text, truth)
     return folder
 
 
@@ -104,11 +107,11 @@ def write_files(simulation: Simulation, folder: Path, config: str, truth: str = 
     """Write the files of a recorded session: ``config`` as session.toml, log, closure run, turns of known angle; truth.json, if any."""
     with folder_whole(folder, (CONFIG, KNOWN_TURNS, REST, CLOSURE)) as work:  # those of an earlier one
         write_new(work / CONFIG, config)
-        _write_log(work / LOG, simulation, simulation.log)
+        write_log(work / LOG, simulation.options, simulation.unit.odr_hz, simulation.log)
         if turns := stopped_turns(simulation.plan, simulation.options):
             write_new(work / KNOWN_TURNS, turns_text(turns))
         if simulation.closure is not None:
-            _write_log(work / CLOSURE, simulation, simulation.closure)
+            write_log(work / CLOSURE, simulation.options, simulation.unit.odr_hz, simulation.closure)
         if truth:
             write_new(work / TRUTH, truth)
 
@@ -144,57 +147,65 @@ def _is_a_simulations(path: Path) -> bool:
     return not (has_recorded_name(path) and (path.is_symlink() or path.stat().st_nlink > 1))
 
 
-def _write_log(path: Path, simulation: Simulation, recording: RegisterLog) -> None:
-    options, odr_hz = simulation.options, simulation.unit.odr_hz
+def write_log(path: Path, options: SimulationOptions, odr_hz: float, log: RegisterLog, serial: str = "") -> None:
+    """Write a log as compressed text; odr_hz: its true rate; serial: of the unit, if not the options'."""
     ranges = f"gyro_fs_dps={options.gyro_fs_dps:g} accel_fs_g={options.accel_fs_g:g}"
-    said = f"# {ranges} odr_hz={odr_hz:.4f} serial={_serial(options)}"
-    write_new(path, packed_log(said, recording.t_us, recording.gyro, recording.accel, recording.temp))
-
-
-def packed_log(said: str, *columns: np.ndarray) -> bytes:
-    """Pack a log of registers, whole numbers, as compressed bytes; said: its comment; columns (N,) or (N, 3), eight in all."""
     packer = zlib.compressobj(GZIP_LEVEL, zlib.DEFLATED, GZIP_BITS)  # it writes no time: the same seed gives the same bytes
-    packed = [packer.compress(f"{said}\n{HEADER}\n".encode("ascii"))]
-    for first in range(0, len(columns[0]), ROWS):
-        part = np.column_stack([column[first : first + ROWS] for column in columns])
-        row = ",".join(["%d"] * part.shape[1]) + "\n"
-        packed.append(packer.compress((row * len(part) % tuple(part.ravel().tolist())).encode("ascii")))
-    return b"".join([*packed, packer.flush()])
+    head = f"# {ranges} odr_hz={odr_hz:.4f} serial={serial or serial_of(options)}\n{HEADER}\n"
+    packed = [packer.compress(head.encode("ascii"))]
+    for first in range(0, len(log.t_us), ROWS):
+        part = log.part(first, first + ROWS)
+        row = ",".join(["%d"] * 8) + "\n"
+        cells = np.column_stack([part.t_us, part.rows]).ravel().tolist()
+        packed.append(packer.compress((row * len(part.t_us) % tuple(cells)).encode("ascii")))
+    write_new(path, b"".join([*packed, packer.flush()]))
 
 
-def _serial(options: SimulationOptions) -> str:
+def serial_of(options: SimulationOptions) -> str:
+    """Serial number of the unit of a session."""
     return f"SIM-{options.unit_drawn_from}"
 
 
-def config_text(simulation: Simulation, concealed: bool, calibrated: bool = True) -> str:
+def config_text(options: SimulationOptions, unit: SimulatedUnit, *, concealed: bool = False, calibrated: bool = True) -> str:
     """Text of session.toml of a simulated session; calibrated: whether it holds the accelerometer's pre-calibration."""
-    options, unit = simulation.options, simulation.unit
-    matrix = ", ".join("[" + ", ".join(f"{x:.{MATRIX_DIGITS}f}" for x in row) + "]" for row in unit.accel_matrix)
-    bias = ", ".join(f"{x:.{BIAS_DIGITS}f}" for x in unit.accel_bias)
-    given = (
-        f"[accelerometer]  # a = matrix @ (measured_mps2 - bias_mps2)\nmatrix = [{matrix}]\nbias_mps2 = [{bias}]\n\n" if calibrated else ""
-    )
+    matrix, bias = accelerometer_texts(unit)
+    given = f"[accelerometer]  # a = matrix @ (measured_mps2 - bias_mps2)\nmatrix = {matrix}\nbias_mps2 = {bias}\n\n" if calibrated else ""
     heading = f"heading_deg = {unit.heading_deg!r}\n" if options.with_heading else ""
     remark = f"# Physics is concealed in it besides: {TRUTH} tells which.\n" if concealed else ""
     return f"""\
 {SIMULATED}, not recorded.  To make it again: {comment(command_line(options))}
-{remark}schema = "{SCHEMA}"
+{remark}{sensor_text(options, serial_of(options))}
+{given}{site_text(options)}{heading}
+{protocol_text(options)}"""
+
+
+def accelerometer_texts(unit: SimulatedUnit) -> tuple[str, str]:
+    """Matrix and bias of the accelerometer's pre-calibration, in TOML."""
+    rows = ("[" + ", ".join(f"{x:.{MATRIX_DIGITS}f}" for x in row) + "]" for row in unit.accel_matrix)
+    return "[" + ", ".join(rows) + "]", "[" + ", ".join(f"{x:.{BIAS_DIGITS}f}" for x in unit.accel_bias) + "]"
+
+
+def sensor_text(options: SimulationOptions, serial: str = "") -> str:
+    """Schema and sensor of a simulated session."""
+    return f"""\
+schema = "{SCHEMA}"
 
 [sensor]
-{line("model", options.sensor)}serial = "{_serial(options)}"
-odr_hz = {float(options.odr_hz)!r}
+{line("model", options.sensor)}{line("serial", serial) if serial else ""}odr_hz = {float(options.odr_hz)!r}
 gyro_fs_dps = {options.gyro_fs_dps:g}
 accel_fs_g = {options.accel_fs_g:g}
-
-{given}[site]
-latitude_deg = {float(options.latitude_deg)!r}
-gravity_mps2 = {float(options.gravity_mps2)!r}
-{heading}
-[protocol]
-still_s = {float(options.still_s)!r}
-segment_s = {float(2 * options.still_s + options.turn_s)!r}
-reference = "gravity"
 """
+
+
+def site_text(options: SimulationOptions) -> str:
+    """Site of a simulated session."""
+    return f"[site]\nlatitude_deg = {float(options.latitude_deg)!r}\ngravity_mps2 = {float(options.gravity_mps2)!r}\n"
+
+
+def protocol_text(options: SimulationOptions) -> str:
+    """Protocol of a simulated session with turns."""
+    segment_s = float(2 * options.still_s + options.turn_s)
+    return f'[protocol]\nstill_s = {float(options.still_s)!r}\nsegment_s = {segment_s!r}\nreference = "gravity"\n'
 
 
 def truth_table(simulation: Simulation, effects: Mapping[str, object]) -> dict:

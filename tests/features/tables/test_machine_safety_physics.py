@@ -13,7 +13,7 @@ from virtual_tables import HOMED, MAKES, OWN, Bench, SimulatedClock, VirtualLink
 
 from session.base.errors import CalibrationError, FormatError
 from session.base.units import DEG
-from tinygc.features.tables.machines.clocks import HostClock
+from session.bench.clocks import HostClock
 from tinygc.features.tables.machines.description import Description, read_description
 from tinygc.features.tables.machines.makefile import LONGEST_LINE, Pattern, read_make
 from tinygc.features.tables.machines.makes import MODULES, make_of, makes, open_table

@@ -98,7 +98,8 @@ def _board(args: argparse.Namespace) -> int:
             "everything else runs here, record with a real port too"
         ) from None
     from session.base.results import write_text_whole
-    from tinygc.simulation.virtual_board import HostClock, LineFaults, VirtualBoard
+    from session.bench.clocks import HostClock
+    from tinygc.simulation.virtual_board import LineFaults, VirtualBoard
 
     def say(what: str) -> None:
         if not args.quiet:

@@ -13,15 +13,26 @@ from scipy.spatial.transform import Rotation
 from session.base.errors import FormatError
 from session.base.files import MOST_TOML, folder_whole, read_bytes, write_new
 from session.base.texts import comment
-from session.base.toml import line
 from session.base.units import DEG, MG
-from session.log.config import SCHEMA
 from tinygc.features.arrays.options import ArrayOptions
 from tinygc.simulation import movement
 from tinygc.simulation.movement import MovementPlan
-from tinygc.simulation.options import BIAS_DIGITS, MATRIX_DIGITS, SimulationOptions, command_line
-from tinygc.simulation.simulator import Distort, RegisterLog, Simulation, plan_of, simulate_session, unit_of
-from tinygc.simulation.write import CONFIG, SIMULATED, TRUTH, names_in, packed_log, truth_table
+from tinygc.simulation.options import SimulationOptions, command_line
+from tinygc.simulation.sensor import Distort, Motion, RegisterLog
+from tinygc.simulation.simulator import Simulation, plan_of, simulate_session, unit_of
+from tinygc.simulation.write import (
+    CONFIG,
+    SIMULATED,
+    TRUTH,
+    accelerometer_texts,
+    names_in,
+    protocol_text,
+    sensor_text,
+    serial_of,
+    site_text,
+    truth_table,
+    write_log,
+)
 
 # Jerks: short rotations of the body in addition to the table's, about one axis each, that return; exact in rate, attitude and acceleration.
 
@@ -138,7 +149,8 @@ def simulate_array(options: SimulationOptions, array: ArrayOptions, distort: Map
         own = replace(options, seed=seed, unit_seed=seed, lever_m=(x, y, z), heading_deg=heading_deg)
         if array.synchronous and options.odr_error is None:
             own = replace(own, odr_error=0.0)
-        simulation = _unit(own, plan, truth, jerks, level, None if distort is None else distort.get(number))
+        felt = _motion_of(movement.motion_of(own, unit_of(own), plan), plan, truth, jerks, level, np.array(own.lever_m))
+        simulation = simulate_session(own, (distort or {}).get(number), plan=plan, motion=felt)
         simulation = replace(simulation, log=_by_clock(simulation.log, truth))
         if simulation.closure is not None:
             simulation = replace(simulation, closure=_by_clock(simulation.closure, truth))
@@ -168,29 +180,22 @@ def _placed(array: ArrayOptions, number: int, rng: np.random.Generator) -> UnitT
     )
 
 
-def _unit(
-    options: SimulationOptions, plan: MovementPlan, truth: UnitTruth, jerks: list[Jerks], level_mps2: np.ndarray, distort: Distort | None
-) -> Simulation:
-    lever = np.array(options.lever_m)
+def _motion_of(own: Motion, plan: MovementPlan, truth: UnitTruth, jerks: list[Jerks], level_mps2: np.ndarray, lever: np.ndarray) -> Motion:
+    """What a unit feels in its own axes, of what it would feel ``own`` in the first unit's without jerks and level accelerations."""
     ends = np.array([(start + stop) / 2 for start, stop in plan.turns])
 
-    def turned(t_s: np.ndarray, rate: np.ndarray, force: np.ndarray, temp_c: np.ndarray) -> np.ndarray:
-        for jerk in jerks:
-            rate = jerk.rate(t_s, rate)
-        rate = rate @ truth.mounting
-        return rate if distort is None else distort(t_s, rate, felt(t_s, force), temp_c)
-
-    def felt(t_s: np.ndarray, force: np.ndarray) -> np.ndarray:
+    def motion(t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        rate, force, temp_c = own(t_s)
         if level_mps2.any():
             level = np.column_stack([level_mps2[np.searchsorted(ends, t_s)], np.zeros(len(t_s))])
             angles = movement.move(plan, t_s).angles
             basis = [movement.table_to_body(angles, axis) for axis in np.eye(3)]
             force = force + np.asarray(sum(part[:, None] * axis for part, axis in zip(level.T, basis, strict=True)))
         for jerk in jerks:
-            force = jerk.force(t_s, force, lever)
-        return force @ truth.mounting
+            rate, force = jerk.rate(t_s, rate), jerk.force(t_s, force, lever)
+        return rate @ truth.mounting, force @ truth.mounting, temp_c
 
-    return simulate_session(options, turned, plan=plan, disturb=felt)
+    return motion
 
 
 def _by_clock(recording: RegisterLog, truth: UnitTruth) -> RegisterLog:
@@ -214,9 +219,9 @@ def write_array(array: SimulatedArray, folder: Path, force: bool = False) -> Pat
     with folder_whole(folder, earlier) as work:
         write_new(work / CONFIG, array_config_text(array))
         for number, unit in enumerate(array.units):
-            _write_log(work / f"log0001.unit{number}.csv.gz", number, unit, unit.log)
-            if unit.closure is not None:
-                _write_log(work / f"closure0001.unit{number}.csv.gz", number, unit, unit.closure)
+            for name, log in (("log0001", unit.log), ("closure0001", unit.closure)):
+                if log is not None:
+                    write_log(work / f"{name}.unit{number}.csv.gz", unit.options, unit.unit.odr_hz, log, _serial(unit, number))
         write_new(work / TRUTH, json.dumps(array_truth(array), indent=1) + "\n")
     return folder
 
@@ -235,14 +240,8 @@ def check_array_folder(folder: Path, force: bool) -> None:
         raise FormatError(f"{folder}: holds {what} beside or instead of a simulated array and is not replaced; give a new folder")
 
 
-def _write_log(path: Path, number: int, unit: Simulation, recording: RegisterLog) -> None:
-    ranges = f"gyro_fs_dps={unit.options.gyro_fs_dps:g} accel_fs_g={unit.options.accel_fs_g:g}"
-    said = f"# {ranges} odr_hz={unit.unit.odr_hz:.4f} serial={_serial(unit, number)}"
-    write_new(path, packed_log(said, recording.t_us, recording.gyro, recording.accel, recording.temp))
-
-
 def _serial(unit: Simulation, number: int) -> str:
-    return f"SIM-{unit.options.unit_drawn_from}-{number}"
+    return f"{serial_of(unit.options)}-{number}"
 
 
 def array_config_text(array: SimulatedArray) -> str:
@@ -250,35 +249,21 @@ def array_config_text(array: SimulatedArray) -> str:
     options = array.options
     units = []
     for number, each in enumerate(array.units):
-        matrix = ", ".join("[" + ", ".join(f"{x:.{MATRIX_DIGITS}f}" for x in row) + "]" for row in each.unit.accel_matrix)
-        bias = ", ".join(f"{x:.{BIAS_DIGITS}f}" for x in each.unit.accel_bias)
+        matrix, bias = accelerometer_texts(each.unit)
         units.append(f"""
 [[array.unit]]
 number = {number}
 sensor.serial = "{_serial(each, number)}"
-accelerometer.matrix = [{matrix}]
-accelerometer.bias_mps2 = [{bias}]
+accelerometer.matrix = {matrix}
+accelerometer.bias_mps2 = {bias}
 """)
     chosen = " ".join(f"{name}={value!r}" for name, value in asdict(array.array).items())
     return f"""\
 {SIMULATED}, not recorded: {comment(command_line(options))} --units {array.array.units}
 # {comment(chosen)}
-schema = "{SCHEMA}"
-
-[sensor]
-{line("model", options.sensor)}odr_hz = {float(options.odr_hz)!r}
-gyro_fs_dps = {options.gyro_fs_dps:g}
-accel_fs_g = {options.accel_fs_g:g}
-
-[site]
-latitude_deg = {float(options.latitude_deg)!r}
-gravity_mps2 = {float(options.gravity_mps2)!r}
-
-[protocol]
-still_s = {float(options.still_s)!r}
-segment_s = {float(2 * options.still_s + options.turn_s)!r}
-reference = "gravity"
-{"".join(units)}"""
+{sensor_text(options)}
+{site_text(options)}
+{protocol_text(options)}{"".join(units)}"""
 
 
 def array_truth(array: SimulatedArray) -> dict:

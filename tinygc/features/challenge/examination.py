@@ -95,7 +95,7 @@ def conceal(
             log, more = one.spoil(simulation.log)
             simulation, truth[one.id] = replace(simulation, log=log), truth[one.id] | more
     left_out = ("#", *(("latitude_deg", "heading_deg") if any(one.without_latitude for one in hidden) else ()))
-    lines = config_text(simulation, concealed=False).split("\n")
+    lines = config_text(options, simulation.unit).split("\n")
     return simulation, "\n".join(line for line in lines if not line.startswith(left_out)), truth
 
 

@@ -14,7 +14,7 @@ from session.log.sensors.profile import REGISTER_MAX
 from tinygc.features.challenge.rate_effects import RATE_EFFECTS, Concealment, Scene
 from tinygc.simulation.movement import MovementPlan
 from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.simulator import ACCEL_BANDWIDTH_ODR, RegisterLog, oversampling
+from tinygc.simulation.sensor import ACCEL_BANDWIDTH_ODR, RegisterLog, oversampling
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from scipy.signal import bilinear, lfilter
 
 from session.base.units import DEG, G
 from tinygc.simulation.movement import MovementPlan
-from tinygc.simulation.simulator import Distort, Disturb, RegisterLog
+from tinygc.simulation.sensor import Distort, Disturb, RegisterLog
 
 # One hidden effect of a simulated session, by its action.
 

@@ -172,7 +172,7 @@ def _moves(args: argparse.Namespace, table: Description) -> list[Move]:
 
 
 def _move(args: argparse.Namespace, guarded: Guarded, moves: Sequence[Move]) -> None:
-    from tinygc.features.tables.machines.clocks import HostClock
+    from session.bench.clocks import HostClock
 
     clock, tell = HostClock(), _teller(args)
     for move in moves:
@@ -202,7 +202,7 @@ def _virtual(args: argparse.Namespace, table: Description) -> int:
         from tinygc.simulation.terminal import Terminal
     except ImportError:
         raise CalibrationError("table virtual: needs a pseudo-terminal, which only POSIX systems have (Linux, macOS)") from None
-    from tinygc.features.tables.machines.clocks import HostClock
+    from session.bench.clocks import HostClock
     from tinygc.features.tables.machines.virtual import VirtualTable
     from tinygc.features.tables.machines.virtual_motion import Fault
 

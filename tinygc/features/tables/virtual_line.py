@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tinygc.features.tables.machines.clocks import Clock
+from session.bench.clocks import Clock
 from tinygc.features.tables.machines.virtual import VirtualTable
 
 if TYPE_CHECKING:

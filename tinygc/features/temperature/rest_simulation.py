@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -12,12 +12,24 @@ from scipy.signal import lfilter
 from session.base.errors import CalibrationError
 from session.base.files import folder_whole, write_new
 from session.base.units import DEG, DEG_PER_HOUR, G
-from session.log.config import SCHEMA
 from session.log.registers import DEFAULT, accel_mps2_per_lsb, gyro_rps_per_lsb
 from tinygc.features.temperature.options import RestOptions, rest_flag
 from tinygc.simulation.options import MOST_SAMPLES, SimulationOptions
-from tinygc.simulation.simulator import bias_instability, white
-from tinygc.simulation.write import CLOSURE, CONFIG, LOG, REST, SIMULATED, TRUTH, TRUTH_SCHEMA, check_folder, packed_log
+from tinygc.simulation.sensor import Flicker, RegisterLog, registers_of, white
+from tinygc.simulation.write import (
+    CLOSURE,
+    CONFIG,
+    LOG,
+    REST,
+    SIMULATED,
+    TRUTH,
+    TRUTH_SCHEMA,
+    check_folder,
+    sensor_text,
+    serial_of,
+    site_text,
+    write_log,
+)
 
 # A simulated rest log: temperature up and down, a zero with lag and hysteresis, white and coloured noise.
 #
@@ -29,36 +41,16 @@ PLAY_SHARE = 0.2
 TEMP_LSB_PER_C, TEMP_ZERO_C = 256.0, 25.0
 
 
-@dataclass(frozen=True, eq=False)
-class RestRecording:
-    """Registers of a rest log: t_us (N,), gyro and accel (N, 3), temp (N,), integers; knock_s: times of the knocks."""
+def simulate_rest(options: RestOptions, sensor: SimulationOptions, seed: int = 0) -> tuple[RegisterLog, np.ndarray]:
+    """Return the registers, and the times of the knocks, s; sensor: whose data rate, full scales and noise it has.
 
-    t_us: np.ndarray
-    gyro: np.ndarray
-    accel: np.ndarray
-    temp: np.ndarray
-    knock_s: np.ndarray
-
-
-@dataclass(frozen=True)
-class Chip:
-    """Sensor of the rest log: data rate Hz, full scales dps and g, white densities and bias instability of the datasheet."""
-
-    odr_hz: float
-    gyro_fs_dps: float
-    accel_fs_g: float
-    gyro_noise_dps_rthz: float
-    accel_noise_ug_rthz: float
-    bias_instability_dph: float
-
-
-def simulate_rest(options: RestOptions, chip: Chip, seed: int = 0) -> RestRecording:
-    """Return the registers.  Raises CalibrationError for a log that would not fit into memory."""
-    count = round(options.cycles * options.cycle_s * chip.odr_hz)
+    Raises CalibrationError for a log that would not fit into memory.
+    """
+    count = round(options.cycles * options.cycle_s * sensor.odr_hz)
     if not 2 <= count <= MOST_SAMPLES:
         raise CalibrationError(f"--rest-cycles makes {count} samples, expected 2 to {MOST_SAMPLES:.0e}; shorten it, or lower --odr-hz")
     rng = np.random.default_rng([seed, 13])
-    dt_s = 1 / chip.odr_hz
+    dt_s = 1 / sensor.odr_hz
     t_s = np.arange(count) * dt_s
     middle, half = (options.warm_c + options.cold_c) / 2, (options.warm_c - options.cold_c) / 2
     sign = np.array([1.0, -1.0, 1.0])
@@ -71,20 +63,22 @@ def simulate_rest(options: RestOptions, chip: Chip, seed: int = 0) -> RestRecord
         follows = follows + options.hysteresis_dps / 2 * (element - _play(element, play)) / play
     walk = options.random_walk_dps_rts * np.sqrt(dt_s) * np.cumsum(rng.standard_normal((count, 3)), axis=0)
     louder = 1 + options.noise_per_c * (element - middle)
-    noise = white(chip.gyro_noise_dps_rthz, chip.odr_hz, count, rng) * louder[:, None]
-    flicker = bias_instability(chip.bias_instability_dph * DEG_PER_HOUR / DEG, chip.odr_hz, count, rng)
+    noise = white(sensor.gyro_noise_dps_rthz, sensor.odr_hz, count, rng) * louder[:, None]
+    flicker = Flicker(sensor.bias_instability_dph * DEG_PER_HOUR / DEG, count / sensor.odr_hz, rng)(np.arange(count) / sensor.odr_hz)
     gyro_dps = np.array(options.zero_dps) + follows[:, None] * sign + walk + noise + flicker
-    accel_g = np.array([0.0, 0.0, -1.0]) + white(chip.accel_noise_ug_rthz * 1e-6, chip.odr_hz, count, rng)
+    accel_g = np.array([0.0, 0.0, -1.0]) + white(sensor.accel_noise_ug_rthz * 1e-6, sensor.odr_hz, count, rng)
     knock_s = np.sort(rng.uniform(0.05, 0.95, options.knocks)) * t_s[-1]
     for moment in knock_s:
         here = (t_s >= moment) & (t_s < moment + max(0.1, 2 * dt_s))
         gyro_dps[here] += rng.normal(size=(here.sum(), 3)) * 5
         accel_g[here] += rng.normal(size=(here.sum(), 3)) * 0.3
-    limit = 2**15 - 1
-    gyro = np.clip(np.rint(gyro_dps * DEG / gyro_rps_per_lsb(chip.gyro_fs_dps)), -limit - 1, limit)
-    accel = np.clip(np.rint(accel_g * G / accel_mps2_per_lsb(chip.accel_fs_g)), -limit - 1, limit)
-    temp = np.rint((reading - TEMP_ZERO_C) * TEMP_LSB_PER_C + rng.normal(size=count))
-    return RestRecording(np.rint(t_s * 1e6).astype(int), gyro.astype(int), accel.astype(int), temp.astype(int), knock_s)
+    log = RegisterLog(
+        np.rint(t_s * 1e6).astype(np.int64),
+        registers_of(gyro_dps * DEG, sensor.gyro_fs_dps * DEG, gyro_rps_per_lsb(sensor.gyro_fs_dps)),
+        registers_of(accel_g * G, sensor.accel_fs_g * G, accel_mps2_per_lsb(sensor.accel_fs_g)),
+        np.rint((reading - TEMP_ZERO_C) * TEMP_LSB_PER_C + rng.normal(size=count)).astype(np.int16),
+    )
+    return log, knock_s
 
 
 def _behind(values: np.ndarray, lag_s: float, dt_s: float) -> np.ndarray:
@@ -115,21 +109,11 @@ def write_rest(options: RestOptions, session: SimulationOptions, folder: Path, f
         raise CalibrationError(
             f"--sensor is {session.sensor!r}, expected {DEFAULT}: the registers of a rest log are simulated for it alone"
         )
-    chip = Chip(
-        session.odr_hz,
-        session.gyro_fs_dps,
-        session.accel_fs_g,
-        session.gyro_noise_dps_rthz,
-        session.accel_noise_ug_rthz,
-        session.bias_instability_dph,
-    )
-    made = simulate_rest(options, chip, session.seed)
-    ranges = f"gyro_fs_dps={chip.gyro_fs_dps:g} accel_fs_g={chip.accel_fs_g:g}"
-    comment = f"# {ranges} odr_hz={chip.odr_hz:.4f} serial=SIM-{session.unit_drawn_from}"
-    truth = {"schema": TRUTH_SCHEMA, "effects": {}, "rest": asdict(options) | {"knock_s": made.knock_s.tolist()}}
+    log, knock_s = simulate_rest(options, session, session.seed)
+    truth = {"schema": TRUTH_SCHEMA, "effects": {}, "rest": asdict(options) | {"knock_s": knock_s.tolist()}}
     with folder_whole(folder, (CONFIG, LOG, CLOSURE)) as work:  # those of an earlier one
         write_new(work / CONFIG, _config(session, options))
-        write_new(work / REST, packed_log(comment, made.t_us, made.gyro, made.accel, made.temp))
+        write_log(work / REST, session, session.odr_hz, log)
         write_new(work / TRUTH, json.dumps(truth, indent=1) + "\n")
     return folder
 
@@ -138,16 +122,5 @@ def _config(session: SimulationOptions, options: RestOptions) -> str:
     given = [f"{rest_flag('cycles')} {options.cycles:g}", f"--seed {session.seed}"]
     return f"""\
 {SIMULATED}, not recorded: calibrate.py simulate {" ".join(given)} and what truth.json holds besides
-schema = "{SCHEMA}"
-
-[sensor]
-model = "ASM330LHH"
-serial = "SIM-{session.unit_drawn_from}"
-odr_hz = {float(session.odr_hz)!r}
-gyro_fs_dps = {session.gyro_fs_dps:g}
-accel_fs_g = {session.accel_fs_g:g}
-
-[site]
-latitude_deg = {float(session.latitude_deg)!r}
-gravity_mps2 = {float(session.gravity_mps2)!r}
-"""
+{sensor_text(session, serial_of(session))}
+{site_text(session)}"""

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from session.base.units import DEG
-from tinygc.features.tables.machines.clocks import Clock
+from session.bench.clocks import Clock
 from tinygc.features.tables.machines.description import Description
 from tinygc.features.tables.machines.makefile import AGAIN, LONGEST_LINE, Make, Pattern, Step
 from tinygc.features.tables.machines.travel import require_travel

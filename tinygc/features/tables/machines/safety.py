@@ -30,7 +30,7 @@ import numpy as np
 
 from session.base.texts import printable
 from session.base.units import DEG
-from tinygc.features.tables.machines.clocks import Clock, HostClock
+from session.bench.clocks import Clock, HostClock
 from tinygc.features.tables.machines.description import Description
 from tinygc.features.tables.machines.verbs import Table, TableFault, TableLimit, Where, require_allowed, require_rate
 from tinygc.features.tables.machines.wire import PRESS

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tinygc.features.tables.machines.clocks import Clock, HostClock
+from session.bench.clocks import Clock, HostClock
 from tinygc.features.tables.machines.description import Description
 from tinygc.features.tables.machines.mechanics import AxisTrack, TableErrors
 from tinygc.features.tables.machines.virtual_makes import firmware_of

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from session.base.errors import CalibrationError
 from session.base.units import DEG
-from tinygc.features.tables.machines.clocks import Clock
+from session.bench.clocks import Clock
 from tinygc.features.tables.machines.description import Description
 from tinygc.features.tables.machines.mechanics import AxisTrack, TableErrors
 

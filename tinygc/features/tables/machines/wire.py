@@ -7,8 +7,8 @@ import threading
 from typing import Any, Protocol
 
 from session.base.texts import command_line
+from session.bench.clocks import Clock
 from session.bench.port import BUSY, UNPLUGGED, open_serial, reason
-from tinygc.features.tables.machines.clocks import Clock
 from tinygc.features.tables.machines.verbs import TableFault
 
 #: errors of a port that cannot be opened

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from session.base.errors import FormatError
 from session.base.texts import command_line
-from tinygc.features.tables.machines.clocks import Clock, HostClock
+from session.bench.clocks import Clock, HostClock
 from tinygc.features.tables.machines.description import Description
 from tinygc.features.tables.machines.dialogue import Dialogue
 from tinygc.features.tables.machines.makefile import AGAIN, FOLDER, Make, make_names, read_make

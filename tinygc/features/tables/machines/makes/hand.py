@@ -10,7 +10,7 @@ import numpy as np
 
 from session.base.texts import printable
 from session.base.units import DEG
-from tinygc.features.tables.machines.clocks import Clock
+from session.bench.clocks import Clock
 from tinygc.features.tables.machines.description import Description
 from tinygc.features.tables.machines.verbs import TableFault, Where
 

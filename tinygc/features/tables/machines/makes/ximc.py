@@ -19,7 +19,7 @@ import numpy as np
 
 from session.base.errors import FormatError
 from session.base.units import DEG
-from tinygc.features.tables.machines.clocks import Clock
+from session.bench.clocks import Clock
 from tinygc.features.tables.machines.description import Description
 from tinygc.features.tables.machines.verbs import TableFault, Where
 from tinygc.features.tables.machines.wire import LineLost

@@ -28,10 +28,11 @@ from session.log.folder import Session, read_session
 from tinygc import closure
 from tinygc.closure.build import build_problem
 from tinygc.closure.runs import ClosureRun, read_closure_runs
-from tinygc.estimation import denoiser
 from tinygc.estimation.choice import run_figures
-from tinygc.estimation.denoiser import DELAY, Material, of_problem, train_adamw, train_denoiser
-from tinygc.estimation.network import train_second_order
+from tinygc.estimation.denoised import Material, of_problem
+from tinygc.methods import denoiser
+from tinygc.methods.denoiser import DELAY, train_adamw, train_denoiser
+from tinygc.methods.network import train_second_order
 from tinygc.models.denoiser import REACH, DenoisedNet
 from tinygc.simulation.options import SimulationOptions
 

@@ -20,12 +20,11 @@ from tinygc.closure.residual import closure_angles
 from tinygc.closure.runs import read_closure_runs
 from tinygc.estimation import results
 from tinygc.estimation.accelerometer import USUAL_SPREAD
-from tinygc.estimation.adamw import device
 from tinygc.estimation.assembly import stated_uncertainty
 from tinygc.estimation.bias import choose
 from tinygc.estimation.choice import RAW, against_raw
 from tinygc.estimation.held_out import run_method
-from tinygc.estimation.options import NETS, FitOptions, MethodFit
+from tinygc.estimation.options import NETS, FitOptions, MethodFit, device
 from tinygc.estimation.repeatability import BiasRepeatability, accelerometer_between, repeatability_of
 from tinygc.estimation.results import FitResult
 from tinygc.estimation.stated_noise import stated_noise

@@ -45,12 +45,12 @@ class Method:
 METHODS = {
     method.name: method
     for method in (
-        Method("raw", "raw", "tinygc.estimation.raw:run", parameters=0),
-        Method("raw_bias_removed", "raw, first still's bias off", "tinygc.estimation.raw:run_bias_removed", parameters=3),
-        Method("least_squares", "least squares", "tinygc.estimation.least_squares:run"),
-        Method("pso", "PSO", "tinygc.estimation.particle_swarm:run"),
-        Method("tinygc", "TinyGC-Net", "tinygc.estimation.network:run", trained=True),
-        Method("tinygc_denoised", "TinyGC-Net, denoised", "tinygc.estimation.denoiser:run", trained=True),
+        Method("raw", "raw", "tinygc.methods.raw:run", parameters=0),
+        Method("raw_bias_removed", "raw, first still's bias off", "tinygc.methods.raw:run_bias_removed", parameters=3),
+        Method("least_squares", "least squares", "tinygc.methods.least_squares:run"),
+        Method("pso", "PSO", "tinygc.methods.particle_swarm:run"),
+        Method("tinygc", "TinyGC-Net", "tinygc.methods.network:run", trained=True),
+        Method("tinygc_denoised", "TinyGC-Net, denoised", "tinygc.methods.denoiser:run", trained=True),
         Method("physics", "linear model with physics", chosen=False),
         Method("tinygc_physics", "TinyGC-Net with physics", chosen=False),
     )
@@ -95,6 +95,29 @@ class Checkpoint:
 
     path: Path
     resume: bool = False
+
+
+def device() -> str:
+    """Return the available device: an accelerator with double precision, or the processor.  Whoever imports torch asks for it first.
+
+    Raises CalibrationError where PyTorch is not installed: nothing else needs it.
+    """
+    try:
+        import torch
+    except ModuleNotFoundError as error:
+        if error.name != "torch":
+            raise
+        raise CalibrationError(
+            "training as in the paper needs PyTorch: python -m pip install 'tinygc[torch]', or leave out --as-in-paper"
+        ) from None
+
+    return "cuda" if torch.cuda.is_available() else "cpu"
+
+
+def forget(folder: Path) -> None:
+    """Remove the checkpoints of a complete fit."""
+    for path in folder.glob(NAME.format("*")):
+        path.unlink(missing_ok=True)
 
 
 # Options of a fit.

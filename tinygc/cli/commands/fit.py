@@ -71,7 +71,7 @@ def _fit(args: argparse.Namespace) -> Done:
             "--resume goes on with a training as in the paper, and this fit has none; add --as-in-paper and a method that is trained "
             "(tinygc or tinygc_denoised), or leave --resume out"
         )
-    from tinygc.estimation.adamw import forget
+    from tinygc.estimation.options import forget
     from tinygc.library.fits import fit
     from tinygc.reporting.fit_screen import COLUMNS, files_line, fit_screen, next_line, verdict_text
     from tinygc.reporting.fit_text import fit_report

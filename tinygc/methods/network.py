@@ -18,9 +18,9 @@ from tinygc.closure.least_squares import LinearEnds, Rows, StillRates, fit_least
 from tinygc.closure.prior import vague
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch
-from tinygc.estimation.adamw import device, minimise
 from tinygc.estimation.held_out import FitInput, held_out
-from tinygc.estimation.options import Checkpoint, FitOptions, MethodFit, Progress
+from tinygc.estimation.options import Checkpoint, FitOptions, MethodFit, Progress, device
+from tinygc.methods.adamw import minimise
 from tinygc.models.linear import PARAMETERS, LinearModel, bias_only
 from tinygc.models.nets import TIES, CalibrationNet
 

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from session.base.errors import CalibrationError, FitError, FormatError
+from session.base.errors import FitError, FormatError
 from session.base.results import Array, Keys, Text, read_required, write_whole
-from tinygc.estimation.options import NAME, Checkpoint
+from tinygc.estimation.options import Checkpoint, device
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -29,23 +29,6 @@ SCHEMA = "tinygc-checkpoint/1"
 EPOCHS = 2000
 #: s between two checkpoints
 EVERY_S = 5.0
-
-
-def device() -> str:
-    """Return the available device: an accelerator with double precision, or the processor.  Whoever imports torch asks for it first.
-
-    Raises CalibrationError where PyTorch is not installed: nothing else needs it.
-    """
-    try:
-        import torch
-    except ModuleNotFoundError as error:
-        if error.name != "torch":
-            raise
-        raise CalibrationError(
-            "training as in the paper needs PyTorch: python -m pip install 'tinygc[torch]', or leave out --as-in-paper"
-        ) from None
-
-    return "cuda" if torch.cuda.is_available() else "cpu"
 
 
 def minimise(
@@ -105,12 +88,6 @@ def minimise(
     if checkpoint is not None and whole is not None:
         _write(checkpoint.path, whole)
     return _array(weights), best, losses
-
-
-def forget(folder: Path) -> None:
-    """Remove the checkpoints of a complete fit."""
-    for path in folder.glob(NAME.format("*")):
-        path.unlink(missing_ok=True)
 
 
 def _array(tensor: Tensor) -> np.ndarray:

@@ -1,41 +1,111 @@
-"""JSON Schema of every JSON that the tool writes, from ``docs/schema_tables``: ``python docs/make_schemas.py``."""
+"""What follows from the records of our files: the tables of keys in ``docs/formats`` and the JSON Schemas.
+
+``python docs/make_schemas.py`` writes the tables anew, each below its line ``<!-- keys of MODULE:RECORD -->`` (with
+``in SECTION`` where they stand in one);
+``python docs/make_schemas.py FOLDER`` writes a JSON Schema of each JSON into a folder, from the records and, as long as there are any, from
+``docs/schema_tables``.
+"""
 
 from __future__ import annotations
 
 import importlib
+import inspect
 import json
 import re
 import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 DOCS = Path(__file__).resolve().parent
-sys.path.insert(0, str(DOCS))
+sys.path[:0] = [str(DOCS), str(DOCS.parent)]
 
 from schema_tables.shapes import DEFINED, file_of, schema_of  # noqa: E402
 
-FOLDER = DOCS / "formats" / "schemas"
+from session.base.records import REQUIRED, Entry, Record, record_of  # noqa: E402
+from session.base.results import Array, Flag, Keys, ListOf, MapOf, Number, Shape, Text  # noqa: E402
+
 PAGES = (
     *("fit", "models", "explain", "lots", "simulation", "commands", "turns", "noise", "tables", "rates"),
     *("verify", "watch", "history", "budget"),
 )
-WIDTH = 120
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
+# Tables of keys.
 
-def schemas() -> dict[str, str]:
-    """File name -> text of each schema."""
+HEAD = "| key | type, range | default | meaning |\n| --- | --- | --- | --- |\n"
+MARK = re.compile(r"(<!-- keys of (\S+):(\w+)(?: in (\w+))? -->\n\n)(?:\|.*\n)*")
+
+
+def pages() -> dict[Path, str]:
+    """Each page that holds a table of keys -> its text with the tables as the records have them."""
+    texts = {path: path.read_text(encoding="utf-8") for path in sorted((DOCS / "formats").glob("*.md"))}
+    return {path: MARK.sub(lambda found: found[1] + _table(*found.groups()[1:]), text) for path, text in texts.items() if MARK.search(text)}
+
+
+def _table(module: str, name: str, section: str | None) -> str:
+    shape = record_of(getattr(importlib.import_module(module), name), null=False)
+    return HEAD + "".join(_rows(shape, f"{section}." if section else ""))
+
+
+def _rows(shape: Record, within: str) -> list[str]:
+    said, rows = _sentences(shape.kind), []
+    for entry in shape.entries:
+        if isinstance(entry.shape, Record):
+            rows += _rows(entry.shape, f"{within}{entry.name}.")
+        elif within:  # what stands outside of a section has one of its own on the page
+            rows.append(f"| `{within}{entry.name}` | {_range(entry.shape)} | {_default(entry)} | {said[entry.field.name]} |\n")
+    return rows
+
+
+def _sentences(kind: type) -> dict[str, str]:
+    """Field -> what the comments ``#:`` above it say."""
+    found = re.finditer(r"((?:    #: .*\n)+)    (\w+):", inspect.getsource(kind))
+    return {each[2]: " ".join(line.strip().removeprefix("#: ") for line in each[1].splitlines()) for each in found}
+
+
+def _range(shape: Shape) -> str:
+    if isinstance(shape, Number):
+        low, high = (f"{value:.9f}".rstrip("0").rstrip(".").replace("-", "−") for value in (shape.low, shape.high))
+        return f"above {low}, to {high}" if shape.above else f"{low} to {high}"
+    if isinstance(shape, Array):
+        sound = "" if shape.sound is None else ", " + (shape.sound.__doc__ or "").rstrip(".").lower()
+        return f"{'×'.join(map(str, shape.shape))} numbers, each {_range(shape.entry)}{sound}"
+    if isinstance(shape, Flag):
+        return "`true`, `false`"
+    if isinstance(shape, Text) and shape.one_of:
+        return ", ".join(f'`"{word}"`' for word in shape.one_of)
+    return {ListOf: "list of tables", MapOf: "table", Keys: "table"}.get(type(shape), shape.expected)
+
+
+def _default(entry: Entry) -> str:
+    value = entry.absent
+    if value is REQUIRED:
+        return "required"
+    if isinstance(value, np.ndarray):
+        return "identity" if value.shape == (3, 3) and (value == np.eye(3)).all() else ", ".join(f"{each:g}" for each in value.ravel())
+    if isinstance(value, str):
+        return f'`"{value}"`'
+    return "none" if value in (None, (), {}) else str(value)
+
+
+# Schemas.
+
+
+def schemas() -> dict[str, dict]:
+    """File name -> each schema."""
     made = {}
     for page in PAGES:
         for name, shape in importlib.import_module(f"schema_tables.{page}").TABLES.items():
             head = {"$schema": DIALECT, "title": name, "description": f"docs/formats/{page}.md"}
             known = {"type": "object", "properties": {"schema": {"const": name}}, "required": ["schema"]}
             whole = known | {"allOf": [schema_of(shape)]}
-            made[file_of(name)] = _text(head | whole | _definitions(whole)) + "\n"
+            made[file_of(name)] = head | whole | _definitions(whole)
     return made
 
 
-def _definitions(schema: dict) -> dict:
+def _definitions(schema: dict) -> dict[str, Any]:
     """``$defs`` of all names that a schema uses, and of those that these use."""
     used: dict[str, dict] = {}
     waiting = [schema]
@@ -47,27 +117,16 @@ def _definitions(schema: dict) -> dict:
     return {"$defs": dict(sorted(used.items()))} if used else {}
 
 
-def _text(value: Any, before: int = 0) -> str:
-    """JSON of which a line holds what fits on it."""
-    line = json.dumps(value, ensure_ascii=False)
-    if before + len(line) <= WIDTH or not isinstance(value, dict | list) or not value:
-        return line
-    pad = " " * (before + 1)
-    if isinstance(value, dict):
-        lines = [f"{pad}{json.dumps(key)}: {_text(inner, before + 1)}" for key, inner in value.items()]
-        return "{\n" + ",\n".join(lines) + "\n" + pad[1:] + "}"
-    return "[\n" + ",\n".join(pad + _text(inner, before + 1) for inner in value) + "\n" + pad[1:] + "]"
-
-
 def main() -> None:
-    """Write what is new, and remove what is gone."""
-    FOLDER.mkdir(exist_ok=True)
-    made = schemas()
-    for path in FOLDER.glob("*.json"):
-        if path.name not in made:
-            path.unlink()
-    for name, text in made.items():
-        (FOLDER / name).write_text(text, encoding="utf-8")
+    """Write the tables, or the schemas into the folder that is named."""
+    if len(sys.argv) == 1:
+        for path, text in pages().items():
+            path.write_text(text, encoding="utf-8")
+        return
+    folder = Path(sys.argv[1])
+    folder.mkdir(exist_ok=True)
+    for name, schema in schemas().items():
+        (folder / name).write_text(json.dumps(schema, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
-"""docs/formats.md and the pages below it as data: keys of each JSON format, effects with parameters, which keys of a table they lack; the
-schemas of docs/formats/schemas."""
+"""docs/formats.md and the pages below it as data: keys of each JSON format, effects with parameters, which keys of a table they lack; and
+docs/make_schemas.py."""
 
+import importlib.util
 import json
 import re
 from functools import cache
@@ -86,9 +87,18 @@ def leaves(value, path: tuple[str, ...] = ()):
 
 
 @cache
+def maker():
+    """docs/make_schemas.py."""
+    spec = importlib.util.spec_from_file_location("make_schemas", ROOT / "docs" / "make_schemas.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@cache
 def validators() -> dict[str, Draft202012Validator]:
     """Format -> what holds a table against its schema."""
-    schemas = {path.name: json.loads(path.read_text(encoding="utf-8")) for path in (ROOT / "docs" / "formats" / "schemas").glob("*.json")}
+    schemas = maker().schemas()
     registry = Registry().with_resources((name, Resource.from_contents(schema)) for name, schema in schemas.items())
     return {schema["title"]: Draft202012Validator(schema, registry=registry) for schema in schemas.values()}
 

@@ -1,16 +1,13 @@
 """docs/formats.md is the contract: whatever key a command writes, and whatever key the session file may hold, stands on that page."""
 
-import dataclasses
 import json
 import shutil
 from pathlib import Path
-from typing import get_type_hints
 
 import pytest
 from feature import all_features
-from formats_page import CODE, EFFECTS, PAGE, SCHEMA, keys_on_page, rows, section, strangers, told
+from formats_page import EFFECTS, PAGE, SCHEMA, keys_on_page, maker, rows, section, strangers, told
 
-from session.log.config import Config
 from tinygc.effects import catalogue
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -57,23 +54,9 @@ def test_the_effects_of_the_page_are_those_of_the_catalogue():
             assert effect.parameter.name in EFFECTS[name]
 
 
-def test_the_page_has_the_keys_of_session_toml_and_no_others():
-    page = [CODE.findall(row[0])[0] for row in rows("session.toml")]
-    sections = {name: kind for name, kind in get_type_hints(Config).items() if dataclasses.is_dataclass(kind)}
-    fields = [(name, field) for name, kind in sections.items() for field in dataclasses.fields(kind)]
-    assert set(page) == {f"{name}.{field.name}" for name, field in fields if field.metadata.get("toml", True)}
-    assert len(page) == len(set(page))
-
-
-def test_the_defaults_of_session_toml_are_those_of_the_page():
-    sections = {name: kind for name, kind in get_type_hints(Config).items() if dataclasses.is_dataclass(kind)}
-    for key, _, default, _ in rows("session.toml"):
-        name, field = CODE.findall(key)[0].split(".")
-        (found,) = (each for each in dataclasses.fields(sections[name]) if each.name == field)
-        if found.default not in (None, dataclasses.MISSING):
-            assert str(found.default) == default.strip('`"')
-        elif found.default is None:
-            assert default == "none"
+def test_the_tables_of_the_pages_are_those_of_the_records():
+    for path, text in maker().pages().items():
+        assert path.read_text(encoding="utf-8") == text, "python docs/make_schemas.py"
 
 
 def test_fit_and_every_file_that_it_leaves(folder):

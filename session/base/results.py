@@ -126,6 +126,10 @@ class Shape:
         """Raises Mismatch, which names ``where`` the value stands."""
         raise NotImplementedError
 
+    def made(self, value: Any) -> Any:
+        """What a record holds of a value that was checked."""
+        return value
+
     def refuse(self, value: Any, where: str) -> NoReturn:
         """Raises Mismatch for a value that is something else."""
         raise Mismatch(f"{where or 'it'} is {shown(value)}, expected {self.expected}")
@@ -148,6 +152,10 @@ class Number(Shape):
             raise Mismatch(f"{where} is {shown(value)}, which is not finite; expected {self.expected}")
         if not self.low <= value <= self.high or (self.above and value == self.low) or (self.whole and value != value // 1):
             self.refuse(value, where)
+
+    def made(self, value: Any) -> Any:
+        """A float, or a whole number."""
+        return int(value) if self.whole else float(value)
 
     @property
     def expected(self) -> str:  # type: ignore[override]
@@ -183,6 +191,12 @@ class Array(Shape):
             raise Mismatch(f"{where} has rows of different lengths, expected {self.expected}") from None
         if self.sound is not None and (wrong := self.sound(array)):
             raise Mismatch(f"{where} {wrong}")
+
+    def made(self, value: Any) -> Any:
+        """An array of floats."""
+        import numpy as np
+
+        return np.array(value, dtype=float)
 
     def _check_entries(self, value: Any, where: str, shape: tuple[int | None, ...]) -> None:
         if not shape:
@@ -243,6 +257,10 @@ class ListOf(Shape):
         for i, inner in enumerate(value):
             self.entry.check(inner, f"{where}[{i}]")
 
+    def made(self, value: Any) -> Any:
+        """A tuple."""
+        return tuple(map(self.entry.made, value))
+
 
 @dataclass(frozen=True)
 class MapOf(Shape):
@@ -257,6 +275,10 @@ class MapOf(Shape):
         for key, inner in value.items():
             self.entry.check(inner, _inside(where, key))
 
+    def made(self, value: Any) -> Any:
+        """A dict."""
+        return {key: self.entry.made(inner) for key, inner in value.items()}
+
 
 @dataclass(frozen=True)
 class Maybe(Shape):
@@ -268,6 +290,10 @@ class Maybe(Shape):
         """Raises Mismatch."""
         if value is not None:
             self.entry.check(value, where)
+
+    def made(self, value: Any) -> Any:
+        """None, or what the shape makes."""
+        return None if value is None else self.entry.made(value)
 
     @property
     def expected(self) -> str:  # type: ignore[override]
@@ -291,6 +317,10 @@ class Keys(Shape):
                 shape.check(value[key], _inside(where, key))
             elif key in self.must:
                 raise Mismatch(f"{_inside(where, key)} is missing, expected {shape.expected}")
+
+    def made(self, value: Any) -> Any:
+        """A dict of the keys that are known."""
+        return {key: shape.made(value[key]) for key, shape in self.known.items() if key in value}
 
     @property
     def known(self) -> dict[str, Shape]:

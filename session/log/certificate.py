@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import date, datetime
 from itertools import combinations
-from typing import Any
+from typing import Annotated, Any
 
-from session.base.results import Keys, ListOf, Mismatch, Shape, Text
+from session.base.results import Keys, Shape, Text
 
 #: places of a Digital Calibration Certificate
 PERFORMED_AT = ("laboratory", "customer", "laboratoryBranch", "customerBranch", "other")
@@ -17,50 +17,6 @@ LANGUAGES = ("en",)
 TRACED = ("gravity", "clock", "angle")
 #: characters of a text
 LONGEST = 300
-
-
-@dataclass(frozen=True)
-class Equipment:
-    """One piece of equipment: name, identification, number of its certificate, date on which its calibration is due."""
-
-    name: str
-    identification: str = ""
-    certificate: str = ""
-    due: date | None = None
-
-
-@dataclass(frozen=True)
-class CertificateGiven:
-    """The fields as they are given; empty, or None, where they are not."""
-
-    laboratory: str = ""
-    address: str = ""
-    country: str = ""
-    customer: str = ""
-    customer_address: str = ""
-    number: str = ""
-    amends: str = ""
-    item: str = ""
-    manufacturer: str = ""
-    condition: str = ""
-    place: str = ""
-    performed_at: str = ""
-    operator: str = ""
-    authorised_by: str = ""
-    role: str = ""
-    received: date | None = None
-    calibrated: date | None = None
-    issued: date | None = None
-    valid_until: date | None = None
-    next_calibration: date | None = None
-    method: str = ""
-    deviations: str = ""
-    conditions: str = ""
-    external: str = ""
-    remarks: str = ""
-    language: str = LANGUAGES[0]
-    equipment: tuple[Equipment, ...] = field(default_factory=tuple)
-    traceability: dict[str, str] = field(default_factory=dict)
 
 
 class Line(Text):
@@ -98,11 +54,11 @@ class Day(Shape):
             self.refuse(value, where)
 
 
+Words = Annotated[str, Line()]
+Date = Annotated[date | None, Day()]
 _DAYS = ("received", "calibrated", "issued", "valid_until", "next_calibration")
 #: every two of them, but for the last two, which have no order
 _IN_ORDER = [pair for pair in combinations(_DAYS, 2) if pair != _DAYS[-2:]]
-_OWN = {"country": Country(), "performed_at": Text(PERFORMED_AT), "language": Text(LANGUAGES)}
-_LINES = [name for name in CertificateGiven.__dataclass_fields__ if name not in (*_DAYS, *_OWN, "equipment", "traceability")]
 
 
 def out_of_order(days: Mapping[str, date | None]) -> tuple[str, str] | None:
@@ -114,32 +70,82 @@ def out_of_order(days: Mapping[str, date | None]) -> tuple[str, str] | None:
     return None
 
 
-class CertificateShape(Keys):
-    """The section's shape, and that its dates are in order."""
+@dataclass(frozen=True)
+class Equipment:
+    """One piece of equipment: name, identification, number of its certificate, date on which its calibration is due."""
 
-    def check(self, value: Any, where: str) -> None:
-        """Raises Mismatch."""
-        super().check(value, where)
-        if pair := out_of_order(value):
+    name: Words
+    identification: Words = ""
+    certificate: Words = ""
+    due: Date = None
+
+
+@dataclass(frozen=True)
+class CertificateGiven:
+    """The fields as they are given; empty, or None, where they are not."""
+
+    #: of [a certificate](../certificate.md): name of the laboratory. Texts of this section are on one line, not blank, and of at most
+    #: 300 characters
+    laboratory: Words = ""
+    #: its address
+    address: Words = ""
+    #: its country (ISO 3166-1); the Digital Calibration Certificate requires it
+    country: Annotated[str, Country()] = ""
+    #: name of the customer
+    customer: Words = ""
+    #: address of the customer
+    customer_address: Words = ""
+    #: the number of the certificate, one of its own
+    number: Words = ""
+    #: the number of the certificate that this one replaces
+    amends: Words = ""
+    #: what the item is
+    item: Words = ""
+    #: who made it
+    manufacturer: Words = ""
+    #: the condition in which it came
+    condition: Words = ""
+    #: where it was calibrated
+    place: Words = ""
+    #: the same in the words of the Digital Calibration Certificate, which requires it
+    performed_at: Annotated[str, Text(PERFORMED_AT)] = ""
+    #: who calibrated; `notes.operator` without it
+    operator: Words = ""
+    #: who authorises the certificate
+    authorised_by: Words = ""
+    #: as what
+    role: Words = ""
+    #: when the item came. Dates stand without quotes. The order of every two is checked; that of the day of the recording leaves a draft
+    received: Date = None
+    #: when it was calibrated; without it the day of the recording, where its port or its notes tell it
+    calibrated: Date = None
+    #: when the certificate is issued
+    issued: Date = None
+    #: stated only where it stands here, as agreed with the customer
+    valid_until: Date = None
+    #: likewise
+    next_calibration: Date = None
+    #: reference of the laboratory's procedure
+    method: Words = ""
+    #: what deviated from it
+    deviations: Words = ""
+    #: of the environment, such as temperature and humidity of the air
+    conditions: Words = ""
+    #: results of external providers
+    external: Words = ""
+    #: anything else
+    remarks: Words = ""
+    #: of the certificate
+    language: Annotated[str, Text(LANGUAGES)] = LANGUAGES[0]
+    #: `[[certificate.equipment]]`: `name`, and `identification`, `certificate` (its number), `due` (a date)
+    equipment: tuple[Equipment, ...] = ()
+    #: `[certificate.traceability]`: `gravity`, `clock`, `angle`: how each is traceable, a line of text
+    traceability: Annotated[Mapping[str, str], Keys(may=dict.fromkeys(TRACED, Line()))] = field(default_factory=dict)
+
+    @staticmethod
+    def fault(table: Mapping[str, Any]) -> str:
+        """What is wrong with the order of the section's dates."""
+        if pair := out_of_order(table):
             before, after = pair
-            raise Mismatch(f"{where}.{after} is {value[after]}, expected no day before {before}, {value[before]}")
-
-
-SHAPE = CertificateShape(
-    may=dict.fromkeys(_LINES, Line())
-    | dict.fromkeys(_DAYS, Day())
-    | _OWN
-    | {
-        "equipment": ListOf(Keys(must={"name": Line()}, may={"identification": Line(), "certificate": Line(), "due": Day()})),
-        "traceability": Keys(may=dict.fromkeys(TRACED, Line())),
-    }
-)
-
-
-def certificate_of(table: dict[str, Any]) -> CertificateGiven:
-    """Of a section that was compared with its shape."""
-    known = {key: value for key, value in table.items() if key in SHAPE.may}
-    own = Equipment.__dataclass_fields__
-    known["equipment"] = tuple(Equipment(**{k: v for k, v in row.items() if k in own}) for row in table.get("equipment", []))
-    known["traceability"] = {key: value for key, value in table.get("traceability", {}).items() if key in TRACED}
-    return CertificateGiven(**known)
+            return f"{after} is {table[after]}, expected no day before {before}, {table[before]}"
+        return ""

@@ -5,23 +5,23 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import date, time
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
 from session.base.errors import FormatError
 from session.base.names import TURNS, is_of_turns
-from session.base.results import Array, Flag, Keys, ListOf, MapOf, Mismatch, Number, Shape, Text, require, shown, unknown_keys
+from session.base.records import DERIVED, Key, record_of
+from session.base.results import Array, Keys, MapOf, Mismatch, Number, Shape, Text, require, shown, unknown_keys
 from session.base.rotation import conjugate, from_matrix, multiply
 from session.base.toml import Note, read_toml
 from session.base.units import BEYOND, STANDARD_GRAVITY_MPS2
-from session.log.certificate import SHAPE as CERTIFICATE_SHAPE
-from session.log.certificate import CertificateGiven, certificate_of
+from session.log.certificate import CertificateGiven
 from session.log.registers import DEFAULT, RegisterUnits, profile_of
-from session.log.requirements import Requirements, RequirementsShape, requirements_of
+from session.log.requirements import Requirements, RequirementsShape
 from session.log.rows import Wanted
 from session.log.sensors.profile import CLOCK_WITHIN, Profile
 
@@ -49,15 +49,49 @@ FRAMES = {
 SAME_FRAME = {"z_down": "ned", "z_up": "enu", "nwu": "enu", "nue": "y_up"}
 
 
+class _Frame(Text):
+    """A frame by any of its names."""
+
+    def made(self, value: str) -> str:
+        """Its own name."""
+        return SAME_FRAME.get(value, value)
+
+
+class _Rotation(Array):
+    """A rotation, which is made exactly orthogonal."""
+
+    def made(self, value: list) -> np.ndarray:
+        """(3, 3)."""
+        left, _, right = np.linalg.svd(value)
+        return left @ right
+
+
+#: of a rotation's rows from length 1 and a right angle: written to four digits
+ROTATION_WITHIN = 1e-3
+
+
+def _rotation_fault(matrix: np.ndarray) -> str:
+    """A rotation within 0.001."""
+    if np.abs(matrix @ matrix.T - np.eye(3)).max() > ROTATION_WITHIN or np.linalg.det(matrix) < 0:
+        return "is no rotation: its rows must be of length 1, at right angles, right-handed"
+    return ""
+
+
 @dataclass(frozen=True, eq=False)
 class TruthGiven:
     """``[truth]`` of session.toml; None: to be estimated.  mounting (3, 3): from the IMU's axes to the truth's body."""
 
-    offset_s: float | None = None
-    frame: str | None = None
-    sense: str | None = None
-    order: str | None = None
-    mounting: np.ndarray | None = None
+    #: none of these five: found out from the recording. What is added to a truth file's stamps to give the log's clock, s: the attitude
+    #: stamped t is the one of t + offset_s. Negative where the truth is late
+    offset_s: Annotated[float | None, Number(-3600, 3600)] = None
+    #: which way is up in the truth's world. Only that matters: any heading will do
+    frame: Annotated[str | None, _Frame((*FRAMES, *SAME_FRAME))] = None
+    #: what the quaternions take to what
+    sense: Annotated[str | None, Text(SENSES)] = None
+    #: the order of the four numbers, whatever the header calls them
+    order: Annotated[str | None, Text(ORDERS)] = None
+    #: takes vectors from the IMU's axes to those of the truth's body: v_truth = mounting v_imu
+    mounting: Annotated[np.ndarray | None, _Rotation((3, 3), Number(-10, 10), _rotation_fault)] = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,35 +171,71 @@ OWN_UNITS = ("gyro_mdps_per_lsb", "accel_mg_per_lsb", "temp_lsb_per_c", "temp_at
 
 #: serial numbers of a firmware that knows none
 NO_SERIAL = ("", "0")
+#: TOML's own bound of whole numbers, which Python does not hold it to
+LARGEST = 2**63
+DO = "correct it there"
 NEAREST_WITHIN = 0.1  #: relative tolerance of the nearest nominal rate: beyond it ``check`` reports another rate
 DIVIDED_WITHIN = 0.05  #: the same where a divider gives many rates
 
-#: of a field that no key of session.toml gives
-NOT_IN_TOML = {"toml": False}
+PerLsb = Annotated[float | None, Number(1e-6, 1e5)]
 
 
 @dataclass(frozen=True)
 class Sensor:
-    """The chip as session.toml names it: model, serial number, nominal data rate, full scales, and what is known of its noise."""
+    """The chip as session.toml names it: model, serial number, nominal data rate, full scales, and what is known of its noise.
 
-    model: str
-    serial: str
-    odr_hz: float  #: as it is stated, the board's own or the nominal one; the stamps say the true one
-    gyro_fs_dps: float
-    accel_fs_g: float  #: NaN of a gyroscope alone
-    gyro_bias_instability_dph: float | None = None  #: None: typical of the model where it is known, else estimated from the recording
-    gyro_bias_repeatability_dps: float | None = None  #: one sigma of the bias between switch-ons and days; None: not known
-    gyro_noise_mdps_rthz: float | None = None  #: one-sided; None: typical of the model where it is known, else there is no yardstick
-    gyro_mdps_per_lsb: float | None = None  #: of registers, here and below; None: the model's at its full scale
-    accel_mg_per_lsb: float | None = None
-    temp_lsb_per_c: float | None = None
-    temp_at_zero_c: float | None = None
-    rows: str | None = None  #: here and below: which rows of its logs are this sensor's (``session.log.rows.Wanted``)
+    accel_fs_g is NaN of a gyroscope alone; None: not known, or as the model has it where it is known.
+    """
+
+    #: which sensor it is, in whatever spelling ([those that are known](../sensors.md)). It says what registers mean, and what `check`
+    #: holds the recording against; a model that is not known is held against nothing
+    model: Annotated[str, Key(absent=DEFAULT)]
+    #: which one it is
+    serial: Annotated[str, Key(absent="")]
+    #: data rate, Hz: what the board said of itself, or the nominal one. The stamps decide the true rate
+    odr_hz: Annotated[float, Number(0.1, 50000)]
+    #: full scale of the gyroscope, dps
+    gyro_fs_dps: Annotated[float, Number(1, 1e5)]
+    #: full scale of the accelerometer, g. Not required with `protocol.reference = "turns"`
+    accel_fs_g: Annotated[float, Number(0.1, 1000)]
+    #: bias instability, °/h; it enters every sigma. [Figures at rest](../explain.md#noise-that-was-measured-at-rest) come before it.
+    #: Without it, that of the model (an ASM330LHH has 3); where that is not known, what the recording shows
+    gyro_bias_instability_dph: Annotated[float | None, Number(0, 1000)] = None
+    #: one sigma of the bias between switch-ons and days, dps; [the bias of any
+    #: session](../bias-of-the-day.md#this-session-and-any-session) has it
+    gyro_bias_repeatability_dps: Annotated[float | None, Number(0, 1000)] = None
+    #: white noise, mdps/√Hz, that `check` holds the measured one against. Without it, that of the model (an ASM330LHH has 5); where that
+    #: is not known, nothing
+    gyro_noise_mdps_rthz: Annotated[float | None, Number(1e-3, 1000)] = None
+    #: what one count of the gyroscope's registers is, of a sensor that is not known; without it, the model's at its full scale
+    gyro_mdps_per_lsb: PerLsb = None
+    #: the same of the accelerometer
+    accel_mg_per_lsb: PerLsb = None
+    #: counts per °C of its temperature register; without it, the model's, or the temperature is left out
+    temp_lsb_per_c: Annotated[float | None, Number(1e-3, 1e5)] = None
+    #: °C where that register reads 0, with `temp_lsb_per_c`; 0 without it
+    temp_at_zero_c: Annotated[float | None, Number(-300, 300)] = None
+    #: of logs that hold more than this sensor's rows: the word that its rows begin with, or their number of columns. Such a log is
+    #: refused without it, or `where`
+    rows: str | None = None
+    #: the same by a column's value, `"I=0"`
     where: str | None = None
-    odr_sigma: float | None = None  #: relative, of odr_hz where it stands for the clock; 0: it was measured; None: the model's
-    clock_sigma_ppm: float | None = None  #: relative, one sigma of the clock that stamps the logs; None: not known
-    even_sigma_ppm: float | None = None  #: relative, one sigma of the rate that was counted along the stamps; the clock's own beside
-    clock_ratio: float | None = None  #: what that clock counts in a second, as measured; clock_sigma_ppm is then what is left
+    #: relative standard uncertainty of `odr_hz`, where it stands for the clock: 0.001 for 0.1 %. Given, the logs' times count as counted
+    #: at that rate; 0: the rate was measured. Without it, logs that say `# stamps=counted` have the model's tolerance (5 % where it is
+    #: not known) over √3. The scale of all axes is no better known
+    odr_sigma: Annotated[float | None, Number(0, 0.5)] = None
+    #: relative standard uncertainty of the clock that stamps the logs, ppm; the scale of all axes has it. 0: it is known. Without it,
+    #: the clock's error is in no uncertainty, and `budget` and a certificate say so. Counted logs have `odr_sigma`
+    clock_sigma_ppm: Annotated[float | None, Number(0, 1e5)] = None
+    #: relative standard uncertainty of the rate that `import` counted along the stamps (coarse ones, bursts, or with `--even`), ppm, the
+    #: largest of the logs that it added; the scale of all axes has it, beside `clock_sigma_ppm`
+    even_sigma_ppm: Annotated[float | None, Number(0, 1e5)] = None
+    #: seconds that the board's clock counts in one of the computer's, as `record` measured it by the arrivals of the bytes; 1.0045: it
+    #: runs 4500 ppm fast. `clock_sigma_ppm` is then the sigma of this ratio by true seconds, the computer's own 30 ppm included
+    #: ([why](../boards.md#clocks)). As long as the stamps stand as they came, the scale of all axes has the whole difference from 1 as a
+    #: sigma; `--clock arrivals` of `check`, `fit`, `explain`, `report` and `budget` divides all times by the ratio, and what is left is
+    #: `clock_sigma_ppm`
+    clock_ratio: Annotated[float | None, Number(0.5, 2.0)] = None
 
     @property
     def profile(self) -> Profile | None:
@@ -269,12 +339,29 @@ class BoardGiven:
     source: sensor, or stand-in where there was none; registers: CTRL1_XL to CTRL10_C as hexadecimal digits.
     """
 
+    #: what the board said of its samples: `sensor`, or `stand-in` where it had none. `record` and `import` write this section, where the
+    #: board says it, into a file that they write; no command computes with it
     source: str = ""
+    #: its version
     firmware: str = ""
-    who_am_i: float | None = None
-    freq_fine: float | None = None
+    #: the sensor's `WHO_AM_I`; 107 (0x6B) is an ASM330LHH's and [its siblings'](../boards.md#recording-from-it)
+    who_am_i: Annotated[float | None, Number(0, 255)] = None
+    #: its `INTERNAL_FREQ_FINE`
+    freq_fine: Annotated[float | None, Number(-128, 127)] = None
+    #: `CTRL1_XL` to `CTRL10_C` as read back, two hexadecimal digits each: ranges, rates, filters
     registers: str = ""
-    odr_hz: float | None = None  #: nominal
+    #: the nominal data rate that it was set to, Hz
+    odr_hz: Annotated[float | None, Number(0.1, 50000)] = None
+
+
+def _matrix_fault(matrix: np.ndarray) -> str:
+    """Of determinant 0.1 to 10."""
+    determinant = float(np.linalg.det(matrix))
+    expected = "expected a 3x3 matrix close to the identity"
+    if determinant <= -0.1:
+        return f"is of determinant {determinant:.3g}: it mirrors the axes; {expected}; wrong signs are corrected where the log is written"
+    what = "singular" if determinant < 0.1 else f"of determinant {determinant:g}"
+    return "" if 0.1 <= determinant <= 10 else f"is {what}; {expected}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,10 +373,15 @@ class Accelerometer:
     recording's stills, so that it is no independent prior.
     """
 
-    matrix: np.ndarray = field(default_factory=lambda: np.eye(3))
-    bias_mps2: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    source: str = field(default="given", metadata=NOT_IN_TOML)
-    sigma_mg: float | None = None
+    #: pre-calibration: f = matrix (measured − bias), m/s²
+    matrix: Annotated[np.ndarray, Array((3, 3), Number(-100, 100), _matrix_fault)] = field(default_factory=lambda: np.eye(3))
+    #: its bias, m/s². With neither of the two, the accelerometer is [calibrated by the session's own stills](../accelerometer.md)
+    bias_mps2: Annotated[np.ndarray, Array((3,), Number(-BEYOND["accel"], BEYOND["accel"]))] = field(default_factory=lambda: np.zeros(3))
+    source: Annotated[str, DERIVED] = "given"
+    #: one sigma of each number of it, mg at one g, as a prior; 0.1 without it. It and the next need `matrix` or `bias_mps2`
+    sigma_mg: Annotated[float | None, Number(1e-3, 1000)] = None
+    #: whether the stills of this very recording gave it, as `python calibrate.py accelerometer` writes it: then it is no prior beside
+    #: them, and `fit` estimates it anew
     own_stills: bool | None = None
 
     def correct(self, measured: np.ndarray) -> np.ndarray:
@@ -311,9 +403,13 @@ class Accelerometer:
 class Site:
     """Where the table stands: what the Earth's rotation and gravity are there."""
 
-    latitude_deg: float | None = None  #: None: the Earth's rotation cannot be predicted
-    gravity_mps2: float | None = None  #: None: standard gravity is expected, loosely
-    heading_deg: float | None = None  #: the table's index direction, from true north
+    #: north positive. Without it the Earth's rotation stays in the rates
+    latitude_deg: Annotated[float | None, Number(-90, 90)] = None
+    #: local gravity: what the accelerometer is checked with, and what its scale is fitted to. Without it the scale that all axes share
+    #: is known to 0.2 %
+    gravity_mps2: Annotated[float | None, Number(9.7, 9.9)] = None
+    #: where the sensor's x axis points in the first still, east of true north
+    heading_deg: Annotated[float | None, Number(-360, 360)] = None
 
     @property
     def expected_gravity_mps2(self) -> float:
@@ -330,48 +426,17 @@ class Site:
 class Protocol:
     """How the table was turned: s of a still and of a segment, and what the attitudes are compared with."""
 
-    still_s: float = 1.0
-    segment_s: float = 5.0
-    reference: str = "gravity"
-    truth_sigma_deg: float = 0.1  #: of each angle of a truth file's attitudes
-    dial_sigma_deg: float = 0.05  #: of each angle that a table's dials, or a machine, say
-
-
-@dataclass(frozen=True)
-class LeftOut:
-    """A turn that does not count: the one that moved at ``at_s`` seconds of the clock of the log of this name."""
-
-    log: str
-    at_s: float
-
-
-@dataclass(frozen=True)
-class Config:
-    """unknown: keys that nothing reads, each with the known key nearest to it, or None; model_given: whether the file names the sensor;
-    notes: the operator's notes, by name; exclude: turns that do not count; requirements: limits, None without any; certificate: what a
-    certificate states."""
-
-    sensor: Sensor
-    accelerometer: Accelerometer
-    site: Site
-    protocol: Protocol
-    unknown: tuple[tuple[str, str | None], ...] = ()
-    model_given: bool = True
-    truth: TruthGiven = field(default_factory=TruthGiven)
-    notes: Mapping[str, Note] = field(default_factory=dict)
-    exclude: tuple[LeftOut, ...] = ()
-    board: BoardGiven = field(default_factory=BoardGiven)
-    requirements: Requirements | None = None
-    certificate: CertificateGiven = field(default_factory=CertificateGiven)
-
-
-# The shape of session.toml.
-
-#: of a rotation's rows from length 1 and a right angle: written to four digits
-ROTATION_WITHIN = 1e-3
-#: TOML's own bound of whole numbers, which Python does not hold it to
-LARGEST = 2**63
-DO = "correct it there"
+    #: the length of a still that was aimed at, s
+    still_s: Annotated[float, Number(0.1, 600)] = 1.0
+    #: the length of a segment that was aimed at, s
+    segment_s: Annotated[float, Number(0.5, 3600)] = 5.0
+    #: where attitudes come from; `"turns"`: from nowhere, the turns of `turns.csv` are all that is known ([a gyroscope
+    #: alone](session-folder.md#a-gyroscope-alone))
+    reference: Annotated[str, Text(REFERENCES)] = "gravity"
+    #: one sigma of each angle of a truth file, degrees
+    truth_sigma_deg: Annotated[float, Number(1e-4, 10)] = 0.1
+    #: one sigma of each angle of `attitudes.csv`, degrees: a dial's reading error, or the accuracy of a machine
+    dial_sigma_deg: Annotated[float, Number(1e-4, 10)] = 0.05
 
 
 class NoteValue(Shape):
@@ -387,94 +452,39 @@ class NoteValue(Shape):
             raise Mismatch(f"{where} is {shown(value)}, expected no whole number of more than 64 bits")
 
 
-def _matrix_fault(matrix: np.ndarray) -> str:
-    determinant = float(np.linalg.det(matrix))
-    expected = "expected a 3x3 matrix close to the identity"
-    if determinant <= -0.1:
-        return f"is of determinant {determinant:.3g}: it mirrors the axes; {expected}; wrong signs are corrected where the log is written"
-    what = "singular" if determinant < 0.1 else f"of determinant {determinant:g}"
-    return "" if 0.1 <= determinant <= 10 else f"is {what}; {expected}"
+@dataclass(frozen=True)
+class LeftOut:
+    """A turn that does not count: the one that moved at ``at_s`` seconds of the clock of the log of this name."""
+
+    log: str
+    at_s: Annotated[float, Number(-1e11, 1e11)]  # far beyond any clock
 
 
-def _rotation_fault(matrix: np.ndarray) -> str:
-    if np.abs(matrix @ matrix.T - np.eye(3)).max() > ROTATION_WITHIN or np.linalg.det(matrix) < 0:
-        return "is no rotation: its rows must be of length 1, at right angles, right-handed"
-    return ""
+@dataclass(frozen=True)
+class Config:
+    """unknown: keys that nothing reads, each with the known key nearest to it, or None; model_given: whether the file names the sensor;
+    notes: the operator's notes, by name; exclude: turns that do not count; requirements: limits, None without any; certificate: what a
+    certificate states."""
+
+    schema: ClassVar[str] = SCHEMA
+    sensor: Sensor
+    accelerometer: Annotated[Accelerometer, Key(absent=Accelerometer(source="none"))]
+    site: Annotated[Site, Key(absent=Site())]
+    protocol: Annotated[Protocol, Key(absent=Protocol())]
+    unknown: Annotated[tuple[tuple[str, str | None], ...], DERIVED] = ()
+    model_given: Annotated[bool, DERIVED] = True
+    truth: TruthGiven = field(default_factory=TruthGiven)
+    notes: Annotated[Mapping[str, Note], MapOf(NoteValue())] = field(default_factory=dict)
+    exclude: tuple[LeftOut, ...] = ()
+    board: BoardGiven = field(default_factory=BoardGiven)
+    requirements: Annotated[Requirements | None, RequirementsShape()] = None
+    certificate: CertificateGiven = field(default_factory=CertificateGiven)
 
 
-_ODR, _PER_LSB = Number(0.1, 50000), Number(1e-6, 1e5)
+#: what a session.toml holds
+SHAPE = record_of(Config, null=False)
 #: sections that an array has for all of its units
-SHARED = {
-    "notes": MapOf(NoteValue()),
-    "exclude": ListOf(Keys(must={"log": Text(), "at_s": Number(-1e11, 1e11)})),  # seconds of the log's clock; far beyond any clock
-}
-SHAPE = Keys(
-    must={
-        "schema": Text((SCHEMA,)),
-        "sensor": Keys(
-            must={"odr_hz": _ODR, "gyro_fs_dps": Number(1, 1e5), "accel_fs_g": Number(0.1, 1000)},
-            may={
-                "model": Text(),
-                "serial": Text(),
-                "gyro_bias_instability_dph": Number(0, 1000),
-                "gyro_bias_repeatability_dps": Number(0, 1000),
-                "gyro_noise_mdps_rthz": Number(1e-3, 1000),
-                "gyro_mdps_per_lsb": _PER_LSB,
-                "accel_mg_per_lsb": _PER_LSB,
-                "temp_lsb_per_c": Number(1e-3, 1e5),
-                "temp_at_zero_c": Number(-300, 300),
-                "odr_sigma": Number(0, 0.5),
-                "clock_sigma_ppm": Number(0, 1e5),
-                "even_sigma_ppm": Number(0, 1e5),
-                "clock_ratio": Number(0.5, 2.0),
-                "rows": Text(),
-                "where": Text(),
-            },
-        ),
-    },
-    may={
-        "accelerometer": Keys(
-            may={
-                "matrix": Array((3, 3), Number(-100, 100), _matrix_fault),
-                "bias_mps2": Array((3,), Number(-BEYOND["accel"], BEYOND["accel"])),
-                "sigma_mg": Number(1e-3, 1000),
-                "own_stills": Flag(),
-            }
-        ),
-        "site": Keys(may={"latitude_deg": Number(-90, 90), "gravity_mps2": Number(9.7, 9.9), "heading_deg": Number(-360, 360)}),
-        "protocol": Keys(
-            may={
-                "still_s": Number(0.1, 600),
-                "segment_s": Number(0.5, 3600),
-                "reference": Text(REFERENCES),
-                "truth_sigma_deg": Number(1e-4, 10),
-                "dial_sigma_deg": Number(1e-4, 10),
-            }
-        ),
-        "truth": Keys(
-            may={
-                "frame": Text((*FRAMES, *SAME_FRAME)),
-                "offset_s": Number(-3600, 3600),
-                "sense": Text(SENSES),
-                "order": Text(ORDERS),
-                "mounting": Array((3, 3), Number(-10, 10), _rotation_fault),
-            }
-        ),
-        **SHARED,
-        "board": Keys(
-            may={
-                "source": Text(),
-                "firmware": Text(),
-                "who_am_i": Number(0, 255),
-                "freq_fine": Number(-128, 127),
-                "registers": Text(),
-                "odr_hz": _ODR,
-            }
-        ),
-        "requirements": RequirementsShape(),
-        "certificate": CERTIFICATE_SHAPE,
-    },
-)
+SHARED = {name: SHAPE.may[name] for name in ("notes", "exclude")}
 
 
 def read_config(path: Path) -> Config:
@@ -493,46 +503,25 @@ def read_session_toml(path: Path) -> dict:
 
 def excluded_turns(table: dict) -> tuple[LeftOut, ...]:
     """``[[exclude]]`` of a table that was compared with its shape."""
-    return tuple(LeftOut(row["log"], float(row["at_s"])) for row in table.get("exclude", []))
+    return SHARED["exclude"].made(table.get("exclude", []))
 
 
 def config_of(path: Path, table: dict) -> Config:
     """The record of a parsed ``session.toml``; FormatError names path, key, what was expected and what came."""
     checked: dict[str, Any] = {"sensor": {}} | table
-    if is_of_turns(table) and isinstance(checked["sensor"], dict):  # a gyroscope alone has no full scale of an accelerometer
+    alone = is_of_turns(table) and isinstance(checked["sensor"], dict)  # a gyroscope alone has no full scale of an accelerometer
+    if alone:
         checked["sensor"] = {"accel_fs_g": 1} | checked["sensor"]
     require(checked, SHAPE, str(path), DO)
     calibrated = {"matrix", "bias_mps2"} & set(table.get("accelerometer", {}))
     if not calibrated and (of_it := sorted({"sigma_mg", "own_stills"} & set(table.get("accelerometer", {})))):
         raise FormatError(f"{path}: accelerometer.{of_it[0]} is of a calibration that is not there; give matrix or bias_mps2")
-    truth = _values(table, "truth")
-    if "frame" in truth:
-        truth["frame"] = SAME_FRAME.get(truth["frame"], truth["frame"])
-    if "mounting" in truth:  # made exactly orthogonal
-        left, _, right = np.linalg.svd(truth["mounting"])
-        truth["mounting"] = left @ right
-    return Config(
-        Sensor(**dict[str, Any](model=DEFAULT, serial="", accel_fs_g=math.nan) | _values(table, "sensor")),
-        Accelerometer(**_values(table, "accelerometer"), source="given" if calibrated else "none"),
-        Site(**_values(table, "site")),
-        Protocol(**_values(table, "protocol")),
-        unknown_keys(table, SHAPE),
-        "model" in table["sensor"],
-        TruthGiven(**truth),
-        dict(table.get("notes", {})),
-        excluded_turns(table),
-        BoardGiven(**_values(table, "board")),
-        requirements_of(table.get("requirements", {}), path.name),
-        certificate_of(table.get("certificate", {})),
+    config: Config = SHAPE.made(checked)
+    return replace(
+        config,
+        sensor=replace(config.sensor, accel_fs_g=math.nan) if "accel_fs_g" not in table["sensor"] else config.sensor,
+        accelerometer=config.accelerometer if calibrated else replace(config.accelerometer, source="none"),
+        unknown=unknown_keys(table, SHAPE),
+        model_given="model" in table["sensor"],
+        requirements=None if config.requirements is None else replace(config.requirements, source=path.name),
     )
-
-
-def _values(table: dict, section: str) -> dict[str, Any]:
-    """The known keys of a section as the records take them: whole numbers as float, lists as arrays."""
-    shape = SHAPE.known[section]
-    assert isinstance(shape, Keys)
-    return {
-        key: np.array(value, dtype=float) if isinstance(value, list) else float(value) if type(value) is int else value
-        for key, value in table.get(section, {}).items()
-        if key in shape.known
-    }

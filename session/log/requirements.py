@@ -9,10 +9,11 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+from session.base.records import Key, record_of
 from session.base.results import Keys, MapOf, Mismatch, Number, Text, require, require_schema, shown
 from session.base.toml import read_toml
 
@@ -49,10 +50,14 @@ class Rule:
     FAIL; least_ratio: smallest test uncertainty ratio (upper - lower) / 2 U with which simple acceptance decides, None for any.
     """
 
-    kind: str = SIMPLE
-    guard: float = 1.0
-    risk: float | None = None
-    least_ratio: float | None = None
+    #: how a value with its uncertainty is decided
+    kind: Annotated[str, Key("rule"), Text(RULES)] = SIMPLE
+    #: r of the guard band w = r U; with `"guard band"`
+    guard: Annotated[float, Number(0, 100)] = 1.0
+    #: in its place: the largest probability that a PASS, or a FAIL, is wrong
+    risk: Annotated[float | None, Number(1e-9, 0.5, above=True)] = None
+    #: with `"simple acceptance"`: nothing is decided where (upper − lower) / 2 U is smaller; every quantity then has both limits
+    least_ratio: Annotated[float | None, Number(0, 1e6, above=True)] = None
 
 
 @dataclass(frozen=True)
@@ -102,15 +107,8 @@ def _limits(section: Any, name: str) -> tuple[float, float]:
 
 # The section, and the file.
 
-_RULE = Keys(
-    may={
-        "rule": Text(RULES),
-        "guard": Number(0, 100),
-        "risk": Number(1e-9, 0.5, above=True),
-        "least_ratio": Number(0, 1e6, above=True),
-        "reference": Text(),
-    }
-)
+_RULE = record_of(Rule, null=False)
+_KNOWN = Keys(may={**_RULE.may, "reference": Text()})
 
 
 class RequirementsShape(MapOf):
@@ -124,9 +122,9 @@ class RequirementsShape(MapOf):
         """Raises Mismatch."""
         if not isinstance(value, dict):
             self.refuse(value, where)
-        _RULE.check(value, where)
+        _KNOWN.check(value, where)
         try:
-            limits = _bounds_of({k: v for k, v in value.items() if k not in _RULE.may})
+            limits = _bounds_of({k: v for k, v in value.items() if k not in _KNOWN.may})
         except Mismatch as mismatch:
             raise Mismatch(f"{where}.{mismatch}" if where else str(mismatch)) from None
         for key, (lower, upper) in limits.items():
@@ -147,16 +145,10 @@ class RequirementsShape(MapOf):
         if "least_ratio" in value and (one := next((key for key, sides in limits.items() if math.inf in map(abs, sides)), None)):
             raise Mismatch(f"{where}.least_ratio needs a lower and an upper limit, and {one} has one alone")
 
-
-def requirements_of(table: Mapping[str, Any], source: str) -> Requirements | None:
-    """Of a section that was compared with its shape; None of an empty one."""
-    if not table:
-        return None
-    sections = {key: value for key, value in table.items() if key not in _RULE.may}
-    ruled = {key: table[key] for key in ("guard", "risk", "least_ratio") if key in table}
-    rule = Rule(table.get("rule", SIMPLE), **{key: float(value) for key, value in ruled.items()})
-    limits = _bounds_of(sections)
-    return Requirements(limits, rule, table.get("reference", ""), source)
+    def made(self, value: Any) -> Requirements:
+        """Of no source."""
+        limits = _bounds_of({key: sides for key, sides in value.items() if key not in _KNOWN.may})
+        return Requirements(limits, _RULE.made(value), value.get("reference", ""))
 
 
 def read_requirements(path: Path) -> Requirements:
@@ -164,7 +156,5 @@ def read_requirements(path: Path) -> Requirements:
     table = read_toml(path)
     require_schema(table, SCHEMA, str(path), "write it at the top (docs/requirements.md)")
     sections = {key: value for key, value in table.items() if key != "schema"}
-    require(sections, RequirementsShape(), str(path), "correct it there (docs/requirements.md)")
-    found = requirements_of(sections, str(path))
-    assert found is not None  # its shape has limits
-    return found
+    require(sections, shape := RequirementsShape(), str(path), "correct it there (docs/requirements.md)")
+    return replace(shape.made(sections), source=str(path))

@@ -91,14 +91,17 @@ def limit_text(args: argparse.Namespace) -> str:
 
 def _read(path: Path) -> dict[str, Any]:
     """Return key -> value of the keys that are present."""
+    from session.base.records import record_of
     from session.base.results import Keys, Number, Text, require, unknown_keys
     from session.base.toml import read_toml
+    from session.log.config import Site
 
+    site = record_of(Site, null=False).may
     shape = Keys(
         must={"schema": Text((SCHEMA,))},
         may={
             "record": Keys(may={"like": Text(), "port": Text()}),
-            "site": Keys(may={"latitude_deg": Number(-90, 90), "gravity_mps2": Number(9.7, 9.9)}),
+            "site": Keys(may={name: site[name] for name in ("latitude_deg", "gravity_mps2")}),
             "limits": Keys(may={"closure_deg": Number(1e-6, 180)}),
         },
     )

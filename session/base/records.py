@@ -1,0 +1,179 @@
+"""Files of ours, each declared once: a frozen record whose annotated fields say what its file holds.
+
+A field's annotation gives its shape: a type alone (``float``, ``str``, ``tuple[Row, ...]``), or ``Annotated`` with bounds, choices, the
+shape of an array, its key and its unit in the file.  From it follow the check with its complaint (``read_record``), the record itself, what
+is written (``table_of``), and the page and the JSON Schema (``docs/make_formats.py``, which takes a field's sentence from the comment
+``#:`` above it).  A field without a default is a key that must be there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
+from functools import cache
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from session.base.results import Array, Flag, Keys, ListOf, MapOf, Maybe, Mismatch, Number, Shape, Text, read_required, require
+
+Size = Annotated[float, Number(0)]  #: such as a sigma or a duration
+Share = Annotated[float, Number(0, 1)]  #: such as a probability
+Count = Annotated[int, Number(0, whole=True)]
+Vector = Annotated[np.ndarray, Array((3,))]
+Matrix = Annotated[np.ndarray, Array((3, 3))]
+
+
+#: of a key that must be there
+REQUIRED = object()
+
+
+@dataclass(frozen=True)
+class Key:
+    """How a field stands in its file.
+
+    name: of its key, the field's own without one; si: SI per unit of what is written there; absent: what holds where the key is missing,
+    in place of the field's default; if_known: a value of None is not written; in_file: whether it has a key at all.
+    """
+
+    name: str = ""
+    si: float = 1.0
+    absent: Any = REQUIRED
+    if_known: bool = False
+    in_file: bool = True
+
+
+DERIVED = Key(in_file=False)
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One field of a record: its dataclass field, its key, and its shape."""
+
+    field: Field
+    key: Key
+    shape: Shape
+
+    @property
+    def name(self) -> str:
+        """Of its key."""
+        return self.key.name or self.field.name
+
+    @property
+    def absent(self) -> Any:
+        """What holds where the key is missing, or ``REQUIRED``."""
+        default, made = self.field.default, self.field.default_factory
+        if self.key.absent is not REQUIRED:
+            return self.key.absent
+        return made() if made is not MISSING else REQUIRED if default is MISSING else default
+
+
+@dataclass(frozen=True)
+class Record(Keys):
+    """The shape of a record's table.  A class may say with ``fault(table)`` what is wrong with a table of sound keys."""
+
+    kind: type = object
+    entries: tuple[Entry, ...] = ()
+
+    def check(self, value: Any, where: str) -> None:
+        """Raises Mismatch."""
+        super().check(value, where)
+        if wrong := getattr(self.kind, "fault", lambda table: "")(value):
+            raise Mismatch(f"{where}.{wrong}" if where else wrong)
+
+    def made(self, value: Any) -> Any:
+        """The record of a table that was checked."""
+        values = {}
+        for entry in self.entries:
+            if entry.name in value:
+                found = entry.shape.made(value[entry.name])
+                values[entry.field.name] = found if found is None or entry.key.si == 1 else found * entry.key.si
+            elif entry.key.absent is not REQUIRED:
+                values[entry.field.name] = entry.key.absent
+        return self.kind(**values)
+
+
+def _record_of(kind: Any, null: bool = True) -> Record:
+    """The shape of a record's table; null: whether what is not known is null in its file, which TOML has no word for.
+
+    A class variable ``schema`` is the key of that name, and its first.
+    """
+    hints = get_type_hints(kind, include_extras=True)
+    entries = tuple(entry for each in fields(kind) if (entry := _entry(each, hints[each.name], null)).key.in_file)
+    must: dict[str, Shape] = {"schema": Text((kind.schema,))} if hasattr(kind, "schema") else {}
+    must |= {entry.name: entry.shape for entry in entries if entry.absent is REQUIRED}
+    return Record(must, {entry.name: entry.shape for entry in entries if entry.name not in must}, kind, entries)
+
+
+record_of: Callable[..., Record] = cache(_record_of)
+
+
+def _entry(each: Field, hint: Any, null: bool) -> Entry:
+    marks = hint.__metadata__ if get_origin(hint) is Annotated else ()
+    key = next((mark for mark in marks if isinstance(mark, Key)), Key())
+    return Entry(each, key, shape_of(hint, null) if key.in_file else Shape())
+
+
+def shape_of(hint: Any, null: bool = True) -> Shape:
+    """The shape that an annotation declares."""
+    kind, inner = get_origin(hint) or hint, get_args(hint)
+    if kind is Annotated:
+        base, marks = inner[0], inner[1:]
+        shape = next((mark for mark in marks if isinstance(mark, Shape)), None)
+        if shape is None:
+            return shape_of(base, null)
+        return Maybe(shape) if null and NoneType in get_args(base) else shape
+    if kind in (Union, UnionType):
+        (base,) = (each for each in inner if each is not NoneType)
+        return Maybe(shape_of(base, null)) if null else shape_of(base, null)
+    if kind is Literal:
+        return Text(inner)
+    if kind is tuple:
+        return ListOf(shape_of(inner[0], null))
+    if kind in (dict, Mapping) or getattr(kind, "__name__", "") == "Mapping":
+        return MapOf(shape_of(inner[1], null))
+    if is_dataclass(kind):
+        return record_of(kind, null)
+    return {float: Number(), int: Number(whole=True), str: Text(), bool: Flag()}[kind]
+
+
+def read_record(kind: type[T], path: Path, do: str = "fit again, or correct the file") -> T:
+    """The record that a JSON file holds.  FormatError says, in one line, which key of which file is wrong, and what to do."""
+    shape = record_of(kind)
+    return shape.made(read_required(path, shape, do))
+
+
+def record_from(kind: type[T], table: Any, where: str, do: str = "fit again, or correct the file") -> T:
+    """The same of a parsed table; where: its file's name."""
+    shape = record_of(kind)
+    require(table, shape, where, do)
+    return shape.made(table)
+
+
+def table_of(record: Any) -> dict[str, Any]:
+    """What is written of a record: a table for JSON, in the units of its file, with its schema first."""
+    shape = record_of(type(record))
+    table = {"schema": record.schema} if "schema" in shape.must else {}
+    for entry in shape.entries:
+        value = getattr(record, entry.field.name)
+        if value is None and entry.key.if_known:
+            continue
+        # A shape of a structure of its own says how it is written.
+        table[entry.name] = getattr(entry.shape, "written", plain)(value if value is None or entry.key.si == 1 else value / entry.key.si)
+    return table
+
+
+def plain(value: Any) -> Any:
+    """A value as JSON has it: records as tables, arrays and tuples as lists, paths as text."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return table_of(value)
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {key: plain(inner) for key, inner in value.items()}
+    if isinstance(value, tuple | list):
+        return [plain(inner) for inner in value]
+    return str(value) if isinstance(value, Path) else value

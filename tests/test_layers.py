@@ -1,8 +1,8 @@
 """Who imports whom: the floors of ARCHITECTURE.md, held against every import, and nothing beside them.
 
-A room is a folder of ``session`` or ``tinygc``.  The page lists the floors from the ground up, and on each floor its rooms from left to
-right: a room imports rooms below it, or left of it on its own floor.  A feature imports the core and the features that the page names for
-it; the core imports no feature.  Imports count wherever they stand, in a function, too.
+A room is a folder of ``session`` or ``tinygc``.  Its floor follows from the imports: one above the highest room that it imports.  A feature
+imports the core and the features that the page names for it; the core imports no feature.  Imports count wherever they stand, in a
+function, too.
 """
 
 import re
@@ -51,11 +51,22 @@ def room_of(module: str) -> str:
     return ".".join(parts[: 3 if parts[1:2] == ["features"] else 2])
 
 
-def floors() -> list[list[str]]:
-    """The rooms of the page's table, a list for each floor, from the ground up."""
-    rows = re.findall(r"^\| (\d) \| (.+?) \|", PAGE, re.M)
-    assert [int(number) for number, _ in rows] == sorted(range(1, len(rows) + 1), reverse=True)
-    return [re.findall(r"`([\w.]+)`", rooms) for _, rooms in reversed(rows)]
+@cache
+def rooms() -> dict[str, set[str]]:
+    """Every room of the core and the other rooms that it imports, features among them."""
+    found: dict[str, set[str]] = {room_of(module): set() for module in FILES if module.count(".") and "features" not in room_of(module)}
+    for module, others in graph().items():
+        if room_of(module) in found:
+            found[room_of(module)] |= {room_of(other) for other in others if other.count(".")} - {room_of(module)}
+    return found
+
+
+def floors() -> dict[str, int]:
+    """The floor of each room: the ground floor, 1, imports no room."""
+    found: dict[str, int] = {}
+    for room in TopologicalSorter(rooms()).static_order():
+        found[room] = 1 + max((found[other] for other in rooms().get(room, ())), default=0)
+    return found
 
 
 def features() -> dict[str, set[str]]:
@@ -73,11 +84,14 @@ def circle(edges: dict[str, set[str]]) -> list[str]:
     return []
 
 
-def test_the_page_lists_every_room_and_every_feature_once():
-    listed = [room for floor in floors() for room in floor]
-    rooms = {room_of(module) for module in FILES if module.count(".")}
-    assert sorted(listed) == sorted(room for room in rooms if "features" not in room)
-    assert set(features()) == {room for room in rooms if "features." in room}
+def test_the_page_lists_every_room_on_its_floor_from_the_top_down():
+    listed = [(room, int(floor)) for floor, room in re.findall(r"^\| (\d+) \| `([\w.]+)` \|", PAGE, re.M)]
+    assert dict(listed) == floors()
+    assert [floor for _, floor in listed] == sorted((floor for _, floor in listed), reverse=True)
+
+
+def test_the_page_lists_every_feature():
+    assert set(features()) == {room_of(module) for module in FILES if "features." in room_of(module)}
 
 
 @pytest.mark.parametrize("package", PACKAGES)
@@ -87,15 +101,9 @@ def test_no_module_lies_beside_the_rooms(package):
         assert not path.is_dir() or not any(path.glob("*.py")) or (path / "__init__.py").exists(), f"{path} does not say what it is"
 
 
-def test_no_import_runs_up_and_none_runs_from_the_core_into_a_feature():
-    order = {room: number for number, room in enumerate(room for floor in floors() for room in floor)}
-    wrong = {
-        (module, other)
-        for module, others in graph().items()
-        for other in others
-        if room_of(module) in order and other not in PACKAGES and order.get(room_of(other), 99) > order[room_of(module)]
-    }
-    assert wrong == set()
+def test_the_core_imports_no_feature_and_no_two_rooms_import_each_other():
+    assert {(room, other) for room, others in rooms().items() for other in others if "features" in other} == set()
+    assert circle(rooms()) == []
 
 
 def test_a_feature_imports_the_core_and_the_features_that_the_page_names():

@@ -20,7 +20,7 @@ from session.base.errors import CalibrationError, FormatError
 from session.base.files import open_file, read_bytes
 from session.log.dialects import Answers
 from session.log.reader import Reader
-from tinygc.cli.commands import present_commands
+from tinygc.cli.commands import commands
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -144,7 +144,7 @@ def test_no_command_waits_for_what_is_no_file(bomb, folder, tmp_path, run, impat
     model = linear_model(tmp_path)
     log = shutil.copyfile(folder / "log0001.csv", tmp_path / "log.csv")
     path = bomb.put(folder)
-    for number, line in enumerate(line for line in readers_of(bomb) if line.split()[0] in present_commands()):
+    for number, line in enumerate(line for line in readers_of(bomb) if line.split()[0] in commands()):
         words = line.format(S=folder, B=path, M=model, L=log, O=tmp_path / f"out{number}").split()
         if words[0] in ("check", "list", "fleet"):  # whose table says it
             code, out, _ = run(*words)

@@ -15,7 +15,7 @@ from formats_page import strangers
 from processes import HEADER, QUICK, as_it_stands, refused, spoil
 
 from tinygc.cli.arguments import parser
-from tinygc.cli.commands import COMMANDS
+from tinygc.cli.commands import commands
 
 # Screens: of a session of four turns; that of a fit stands in docs/tutorial.md.
 
@@ -222,7 +222,7 @@ def test_formats_are_understood_in_other_spellings(text, name):
 
 #: what is typed -> some of what is offered; what is not
 TYPED = [
-    ("calibrate ", set(COMMANDS) | {"--version"}, {"--json"}),
+    ("calibrate ", set(commands()) | {"--version"}, {"--json"}),
     ("calibrate re", {"record", "report"}, {"fit"}),
     ("calibrate fit --acc", {"--accelerometer"}, {"--json"}),
     ("calibrate fit --quiet --bi", {"--bias", "--bias-dps", "--bias-per-log"}, {"--bi"}),

@@ -15,8 +15,6 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ("session", "tinygc")
 PAGE = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
-#: where names of features' modules stand as strings
-REGISTRIES = {"session.base.features"}
 
 
 def module_of(path: Path) -> str:
@@ -122,10 +120,10 @@ def test_no_two_modules_import_each_other():
     assert circle(graph()) == []
 
 
-def test_only_the_registry_names_modules_of_features():
+def test_no_string_of_the_core_names_a_module_of_a_feature():
     """Names in strings would be imports by another road."""
     named = {module for module, text in FILES.items() if re.search(r"""(["'])tinygc\.features\.[\w.]+\1""", text)}
-    assert {module for module in named if "features." not in module} <= REGISTRIES
+    assert {module for module in named if "features." not in module} == set()
 
 
 def test_the_bench_side_names_neither_the_estimators_nor_torch():

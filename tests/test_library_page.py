@@ -8,8 +8,7 @@ import pytest
 from conftest import ROOT
 
 import tinygc
-from session.base.features import SERVICES, is_present
-from tinygc.cli.commands import COMMANDS
+from tinygc.cli.commands import commands
 
 PAGE = (ROOT / "docs" / "library.md").read_text(encoding="utf-8")
 NOTEBOOK = ROOT / "docs" / "notebook.ipynb"
@@ -36,17 +35,15 @@ def there(dotted: str):
     raise AttributeError(dotted)
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("command", commands())
 def test_every_command_has_its_function_on_the_page(command):
     assert command in rows(), f"docs/library.md: the table has no row for {command}"
-    if command in SERVICES and not is_present(command):
-        pytest.skip(f"the feature of {command} was removed")
     assert callable(there(rows()[command]))
 
 
 def test_every_name_of_the_page_exists():
     """Of tinygc's own names; ``import_log`` belongs to the command ``import``."""
-    names = set(re.findall(r"tinygc\.(\w+)\b(?!\.)", PAGE)) - ({"import_log"} if "import" not in COMMANDS else set())
+    names = set(re.findall(r"tinygc\.(\w+)\b(?!\.)", PAGE)) - ({"import_log"} if "import" not in commands() else set())
     missing = {name for name in names if not hasattr(tinygc, name)} - {"toml"}
     assert missing - {"effects", "simulation", "features", "cli"} == set()
 

@@ -13,7 +13,7 @@ from processes import refused
 from session.base.errors import StorageError
 from session.base.results import write_text_whole
 from tinygc.cli import arguments
-from tinygc.cli.commands import command_module, present_commands
+from tinygc.cli.commands import command_module, commands
 
 #: a recording with one file of every name that docs/formats.md lists
 RECORDED = (
@@ -87,7 +87,7 @@ def idle(monkeypatch):
     def worked(args):
         raise AssertionError("the work began")
 
-    for name in present_commands():
+    for name in commands():
         monkeypatch.setattr(command_module(name), "run", worked)
 
 
@@ -101,10 +101,10 @@ def test_every_path_of_every_command_says_whether_it_is_read_or_written():
         if not isinstance(action, argparse._SubParsersAction)
     ]
     assert silent == [], "give it type=path_read, file_written or folder_written (tinygc/cli/arguments.py)"
-    assert {name for name, option in outputs(arguments.file_written) if option == "--json"} == set(present_commands())
+    assert {name for name, option in outputs(arguments.file_written) if option == "--json"} == set(commands())
     assert {*EACH_KIND, ("board", "--config"), ("board", "--link")} < set(outputs(*FILES))
     names = "check record import accelerometer noise rates history budget fit explain export simulate fleet demo"
-    assert {name for name, _ in outputs(arguments.folder_written)} == set(names.split()) & set(present_commands())
+    assert {name for name, _ in outputs(arguments.folder_written)} == set(names.split()) & set(commands())
 
 
 @pytest.mark.parametrize(("command", "option"), outputs(*FILES))

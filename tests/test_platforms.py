@@ -13,7 +13,7 @@ import processes
 import pytest
 
 from session.bench.rawfile import RawFile
-from tinygc.cli.commands import present_commands
+from tinygc.cli.commands import commands
 
 HIDE = """
 import errno, os, select, signal, sys, types
@@ -90,7 +90,7 @@ def test_a_line_that_was_cut_off_is_ended(tmp_path):
 
 def test_commands_run_and_the_virtual_board_says_in_one_line_that_it_is_posix_only(tmp_path):
     """Help, a port's name, a raw file that is gone on with: all without those modules."""
-    names = list(present_commands())
+    names = commands()
     code = f"""
 import contextlib, io, calibrate
 from pathlib import Path

@@ -68,6 +68,8 @@ if not hasattr(_session, "VERSION") or os.path.dirname(os.path.dirname(_found)) 
         path=_found,
     )
 
+from session.base import features as _features  # noqa: E402  # of this installation
+
 if TYPE_CHECKING:
     from session.base.errors import CalibrationError as CalibrationError
     from session.base.errors import DataError as DataError
@@ -87,7 +89,6 @@ if TYPE_CHECKING:
     from tinygc.library.applied import apply as apply
     from tinygc.library.biases import Rebias as Rebias
     from tinygc.library.biases import rebias as rebias
-    from tinygc.library.budgets import budget as budget
     from tinygc.library.checks import check as check
     from tinygc.library.comparisons import Compared as Compared
     from tinygc.library.comparisons import compare as compare
@@ -96,21 +97,12 @@ if TYPE_CHECKING:
     from tinygc.library.explanations import explain as explain
     from tinygc.library.fits import Fit as Fit
     from tinygc.library.fits import fit as fit
-    from tinygc.library.fits import fit_temperature as fit_temperature
-    from tinygc.library.fits import fit_turns as fit_turns
-    from tinygc.library.history import history as history
     from tinygc.library.known import list_sessions as list_sessions
     from tinygc.library.known import sensors as sensors
     from tinygc.library.logs import Imported as Imported
     from tinygc.library.logs import LogArrays as LogArrays
     from tinygc.library.logs import import_log as import_log
     from tinygc.library.logs import read_log as read_log
-    from tinygc.library.many import Array as Array
-    from tinygc.library.many import array as array
-    from tinygc.library.many import fleet as fleet
-    from tinygc.library.many import lot as lot
-    from tinygc.library.noise import estimate_noise as estimate_noise
-    from tinygc.library.rates import estimate_rates as estimate_rates
     from tinygc.library.records import Estimate as Estimate
     from tinygc.library.records import to_frame as to_frame
     from tinygc.library.reports import Exported as Exported
@@ -123,8 +115,6 @@ if TYPE_CHECKING:
     from tinygc.library.sessions import plan as plan
     from tinygc.library.simulations import Simulated as Simulated
     from tinygc.library.simulations import simulate as simulate
-    from tinygc.library.verification import verify as verify
-    from tinygc.library.watch import watch as watch
     from tinygc.simulation.options import SimulationOptions as SimulationOptions
 
 __version__ = _session.VERSION
@@ -141,41 +131,27 @@ _HOMES = {
     "tinygc.estimation.options": ("FitOptions",),
     "tinygc.library.applied": ("apply",),
     "tinygc.library.biases": ("Rebias", "rebias"),
-    "tinygc.library.budgets": ("budget",),
     "tinygc.library.checks": ("check",),
     "tinygc.library.comparisons": ("Compared", "compare"),
     "tinygc.library.explanations": ("FoundEffect", "Why", "explain"),
-    "tinygc.library.fits": ("Fit", "fit", "fit_temperature", "fit_turns"),
-    "tinygc.library.history": ("history",),
+    "tinygc.library.fits": ("Fit", "fit"),
     "tinygc.library.known": ("list_sessions", "sensors"),
     "tinygc.library.logs": ("Imported", "LogArrays", "import_log", "read_log"),
-    "tinygc.library.many": ("Array", "array", "fleet", "lot"),
-    "tinygc.library.noise": ("estimate_noise",),
-    "tinygc.library.rates": ("estimate_rates",),
-    "tinygc.library.verification": ("verify",),
     "tinygc.library.records": ("Estimate", "to_frame"),
     "tinygc.library.reports": ("Exported", "Report", "export", "report"),
     "tinygc.library.sessions": ("OwnAccelerometer", "Plan", "accelerometer", "plan"),
     "tinygc.library.simulations": ("Simulated", "simulate"),
-    "tinygc.library.watch": ("watch",),
     "tinygc.simulation.options": ("SimulationOptions",),
 }
-#: name -> the service of the feature that has it
-_OF_FEATURES = {
-    "ArraySession": "recordings of arrays",
-    "ThermalFit": "calibrations over temperature",
-    "TurnFit": "known turns of a gyroscope alone",
-}
+_features.look_in(os.path.join(_home, "tinygc", "features"), "tinygc.features")
 
 # There is no ``__all__``: ``help(tinygc)`` would print every class in full.  The docstring above lists the names, as ``dir`` does.
 
 
 def __getattr__(name: str) -> Any:
     module = next((importlib.import_module(home) for home, names in _HOMES.items() if name in names), None)
-    if name in _OF_FEATURES:
-        from session.base.features import find
-
-        module = find(_OF_FEATURES[name])
+    if module is None and not name.startswith("_"):
+        module = _features.named("public", name)
     if module is None:
         raise AttributeError(f"module 'tinygc' has no attribute {name!r}")
     value = globals()[name] = getattr(module, name)
@@ -183,4 +159,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted(["__doc__", "__version__", *_OF_FEATURES, *(name for names in _HOMES.values() for name in names)])
+    return sorted(["__doc__", "__version__", *_features.names("public"), *(name for names in _HOMES.values() for name in names)])

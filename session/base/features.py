@@ -1,95 +1,120 @@
-"""Features: parts of the tool that the core does not know, a folder each in ``tinygc/features``.
+"""Features: folders that add to the core, and that the core knows by what they serve alone.
 
-A folder may be removed.  The core holds this one table of names: which module of which feature serves what.  It imports none of them;
-``find`` and ``need`` import a module when its service is needed.
+A feature is a folder with a ``feature.py``, which declares one ``FEATURE``.  The features of the tool are found by their folders; those of
+other people by the entry points of the group ``tinygc.features`` (``mine = "my_package.feature:FEATURE"``).  Remove a folder, and nothing
+in the core has to change: what it served is unknown then, as any command, option or kind of model that never was.
+
+The core asks at a *point*, whose name says what the core needs there; ``POINTS`` lists them.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cache
 from importlib import import_module
-from importlib.util import find_spec
-from types import ModuleType
+from pathlib import Path
+from typing import Any
 
-from session.base.errors import CalibrationError
-
-#: what a feature serves, as messages name it -> its module
-SERVICES = {
-    "recordings of arrays": "tinygc.features.arrays.recording",
-    "arrays out of one log": "tinygc.features.arrays.importing",
-    "binary logs": "session.replay.binary.registry",
-    "a lot as prior (--lot)": "tinygc.features.fleet.fit",
-    "checks of arrays": "tinygc.features.arrays.checks",
-    "a search beyond the catalogue (--discover)": "tinygc.features.discovery.engine",
-    "reports of a discovery": "tinygc.features.discovery.report",
-    "discoveries in a calibration report": "tinygc.features.discovery.report_section",
-    "earlier discoveries": "tinygc.features.discovery.report_section",
-    "calibrations over temperature": "tinygc.features.temperature.library",
-    "commands on arrays": "tinygc.features.arrays.command",
-    "calibrations of arrays": "tinygc.features.arrays.library",
-    "lots and fleets": "tinygc.features.fleet.library",
-    "turns of known angle": "tinygc.features.turns.importing",
-    "known turns of a gyroscope alone": "tinygc.features.turns.library",
-    "a gyroscope alone": "tinygc.features.turns.command",
-    "rest logs and temperature": "tinygc.features.temperature.command",
-    "models over temperature": "tinygc.features.temperature.model",
-    "exports over temperature": "tinygc.features.temperature.deploy",
-    "noise": "tinygc.features.noise.command",
-    "noise figures": "tinygc.features.noise.library",
-    "noise while a rest is recorded (record --rest)": "tinygc.features.noise.live",
-    "table": "tinygc.features.tables.command",
-    "sessions turned by a machine (--table)": "tinygc.features.tables.recording",
-    "a virtual board on a virtual table (board --table)": "tinygc.features.tables.board",
-    "the table's own errors": "tinygc.features.tables.explanation",
-    "rates": "tinygc.features.tables.rates.command",
-    "rates of a table": "tinygc.features.tables.rates.library",
-    "rate steps recorded with a machine": "tinygc.features.tables.rates.recording",
-    "verify": "tinygc.features.unit.verification.command",
-    "verification of a calibration": "tinygc.features.unit.verification.library",
-    "watch": "tinygc.features.unit.watch.command",
-    "the watch of a calibration": "tinygc.features.unit.watch.library",
-    "history": "tinygc.features.unit.history.command",
-    "the history of a unit": "tinygc.features.unit.history.library",
-    "the history of a unit in a calibration report": "tinygc.features.unit.history.report_section",
-    "budget": "tinygc.features.unit.budget.command",
-    "uncertainty budgets": "tinygc.features.unit.budget.library",
-    "uncertainty by source in a calibration report": "tinygc.features.unit.budget.report_section",
-    "certificates (report --certificate)": "tinygc.features.unit.certificate.library",
-    "fleet": "tinygc.features.fleet.fleet_command",
-    "lot": "tinygc.features.fleet.command",
-    "challenge": "tinygc.features.challenge.command",
-    "the proof of an effect": "tinygc.features.challenge.proofs",
+#: where the core asks -> what it asks for: the arguments of a function and its answer, or what a module has
+POINTS = {
+    "options of COMMAND": "function(parser): adds options to a command of the core",
+    "fit of folders": "function(args) -> Done | None: fits all folders of ``fit`` together",
+    "fit of a folder": "function(args) -> Done | None: fits a folder that is no session of one sensor",
+    "explanation of a folder": "function(args) -> exit code | None: explains such a folder",
+    "check of a recording": "function(session or folder, clock, further) -> list of Finding | None: checks what is no session",
+    "use of a model": "function(model, log, out, answers, which, unit, session, progress) -> applied | None: ``apply`` of its model",
+    "import of logs": "function(paths, out, answers, columns, more) -> Converted | None: makes another folder of logs; more: its options",
+    "simulation": "function(args, options, chosen) -> exit code | None: simulates something else than a session",
+    "prior of a fit": "module: what least squares knows of the unit beforehand",
+    "figures of a rest": "function(relative) -> figures: of the noise, while a rest is recorded",
+    "command for a rest": "the name of a command that takes a rest log",
+    "machine of a recording": "module: what turns the table while ``record`` records",
+    "table under a virtual board": "function(...) -> table: what turns a virtual board",
+    "search beyond the catalogue": "module: discover(explanation, seed, progress) and report(explanation, found)",
+    "explanation of what turned": "function(problem, seed) -> explanation | None: of the machine that turned a recording",
+    "proof of an effect": "function(effect, ...) -> report",
+    "certificate of a report": "module: check_before(folder, form, dcc) and certificate_of(data, as_found)",
+    "earlier results of a report": "function(folder, logs) -> what an earlier command left in the folder for the report, or None",
+    "report section": "module: section(evidence) -> Section | None, as in tinygc/reporting/html/sections; BEHIND, the section before it",
 }
+GROUP = "tinygc.features"
 
 
-class MissingFeatureError(CalibrationError):
-    """The folder of a feature is not there."""
+@dataclass(frozen=True)
+class Feature:
+    """What a feature adds.  A value names a module of its folder, or ``module:attribute``; it is imported when it is used.
+
+    commands: name -> module with ``SUMMARY``, ``add_arguments(command)`` and ``run(args)``; public: name in ``tinygc`` -> module that has
+    it; kinds: kind of model -> module with ``to_table`` and ``from_table``; exports: kind of model -> module with ``stage`` and ``CARRIED``
+    (tinygc/deploy/__init__.py); serves: point -> what serves it there.
+    """
+
+    commands: Mapping[str, str] = field(default_factory=dict)
+    public: Mapping[str, str] = field(default_factory=dict)
+    kinds: Mapping[str, str] = field(default_factory=dict)
+    exports: Mapping[str, str] = field(default_factory=dict)
+    serves: Mapping[str, str | tuple[str, ...]] = field(default_factory=dict)
 
 
-def find(service: str) -> ModuleType | None:
-    """The module that serves it (a key of ``SERVICES``); None where its feature was removed."""
-    name = SERVICES[service]
-    try:
-        return import_module(name)
-    except ModuleNotFoundError as error:
-        # A feature may stand on another one.  A package that is not installed is another matter.
-        if error.name is None or (".features." not in error.name and not f"{name}.".startswith(f"{error.name}.")):
-            raise
-        return None
+#: folders that hold features, and the packages that these are
+_PLACES: dict[str, str] = {}
 
 
-def is_present(service: str) -> bool:
-    """Whether the folder of the feature that serves it is there; imports nothing of the feature."""
-    spec = find_spec(".".join(SERVICES[service].split(".")[:3]))
-    return spec is not None and spec.origin is not None  # a folder with nothing but a cache has no origin
+def look_in(folder: str, package: str) -> None:
+    """Find features in the folders of this one."""
+    _PLACES[folder] = package
+    beside.cache_clear()
 
 
-def need(service: str, option: str = "") -> ModuleType:
-    """The module that serves it.  Raises MissingFeatureError, in one line, where its feature was removed; option: that asked for it."""
-    module = find(service)
-    if module is None:
-        package, _, feature = SERVICES[service].split(".")[:3]
-        asked = f"{option}: {service}" if option else service
-        raise MissingFeatureError(
-            f"{asked}: served by the feature {feature}, which is not there ({package}/features/{feature}/); install the whole of TinyGC"
-        )
-    return module
+@cache
+def beside() -> dict[str, Feature]:
+    """Return package -> feature, of the folders."""
+    names = [f"{package}.{path.parent.name}" for folder, package in _PLACES.items() for path in sorted(Path(folder).glob("*/feature.py"))]
+    return {name: import_module(f"{name}.feature").FEATURE for name in names}
+
+
+@cache
+def installed() -> dict[str, Feature]:
+    """Return package -> feature, of other people's packages."""
+    from importlib.metadata import entry_points  # slow: 50 ms where SciPy has not imported it
+
+    return {entry.module.rpartition(".")[0]: entry.load() for entry in entry_points(group=GROUP)}
+
+
+def _everyone() -> Iterator[tuple[str, Feature]]:
+    """Yield those of the folders first: who finds there what is looked for never asks what is installed."""
+    yield from beside().items()
+    yield from installed().items()
+
+
+def _load(package: str, value: str) -> Any:
+    module, _, attribute = value.partition(":")
+    found = import_module(f"{package}.{module}")
+    return getattr(found, attribute) if attribute else found
+
+
+def named(table: str, name: str) -> Any:
+    """Return what a feature has by this name in ``commands``, ``public``, ``kinds`` or ``exports``; None where none has it."""
+    for package, feature in _everyone():
+        if (value := getattr(feature, table).get(name)) is not None:
+            return _load(package, value)
+    return None
+
+
+def names(table: str) -> list[str]:
+    """Return all names of one of these tables."""
+    return [name for _, feature in _everyone() for name in getattr(feature, table)]
+
+
+def each(point: str, among: Mapping[str, Feature] | None = None) -> Iterator[Any]:
+    """Yield what serves a point, imported one by one; among: these features alone."""
+    for package, feature in _everyone() if among is None else among.items():
+        values = feature.serves.get(point, ())
+        for value in (values,) if isinstance(values, str) else values:
+            yield _load(package, value)
+
+
+def first(point: str, *given: Any, **more: Any) -> Any:
+    """Return the first answer that is not None of the functions that serve a point; None without any."""
+    return next((answer for ask in each(point) if (answer := ask(*given, **more)) is not None), None)

@@ -8,12 +8,13 @@ from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
+from session.base import features
 from session.base.budget import budget
 from session.base.errors import FormatError
-from session.base.features import find, need
 from session.log.dialects import DIALECTS, Answers
 from session.log.forms import EXAMPLES
 from session.log.standard import OWN
+from session.replay.binary import registry
 from session.replay.convert import Converted, convert
 from session.replay.raw import convert_raw, is_raw, refuse_of_logs
 from session.replay.sources import BY_NAMES, head_of
@@ -59,10 +60,11 @@ def import_log(
             {"--add": add, "--serial": serial, "--turns": turns, "--where": answers.where, "--topic": answers.topic}
             | {"--even": answers.even},
         )
-        return need("arrays out of one log", "--array-by").import_array(paths, out, answers, array_by, columns)
     if turns is not None:
         _refuse_beside("--turns", {"--add": add, "--even": answers.even})
-        return need("turns of known angle", "--turns").import_turns(paths, out, answers, turns, columns, serial)
+    more = {"array_by": array_by, "turns": turns, "serial": serial}
+    if (made := features.first("import of logs", paths, out, answers, columns, more)) is not None:
+        return made
     return convert(paths, out, answers, add, serial, columns)
 
 
@@ -95,10 +97,7 @@ def _stem(path: Path) -> str:
 
 def _is_known(path: Path, answers: Answers) -> bool:
     """Whether a file with the name of a port's bytes is a binary log after all: by its bytes, or as ``--like`` says."""
-    registry = find("binary logs")
-    if registry is None or not path.is_file():
-        return False
-    return answers.like in registry.READERS or registry.reader_of(path, head_of(path)) is not None
+    return path.is_file() and (answers.like in registry.READERS or registry.reader_of(path, head_of(path)) is not None)
 
 
 def known_logs() -> Iterator[tuple[str, str, str]]:
@@ -109,7 +108,6 @@ def known_logs() -> Iterator[tuple[str, str, str]]:
     for name, (_, example) in EXAMPLES.items():
         yield name, example, ""
     yield BY_NAMES, "time_ms,accX,accY,accZ,gyroX,gyroY,gyroZ", ""
-    registry = find("binary logs")
-    for reader in map(import_module, registry.READERS.values()) if registry is not None else ():
+    for reader in map(import_module, registry.READERS.values()):
         needs = f"{reader.PACKAGE}: pip install 'tinygc[{reader.EXTRA}]'" if reader.PACKAGE else ""
         yield reader.NAME, reader.EXAMPLE, needs

@@ -19,7 +19,6 @@ import numpy as np
 
 from session.base.budget import budget, current
 from session.base.errors import FormatError
-from session.base.features import find
 from session.base.files import MOST_ARCHIVE, open_file, unreadable, write_new
 from session.base.questions import Question, QuestionsError, all_of
 from session.base.units import Unit, beyond_any_sensor, known, parse_unit
@@ -29,6 +28,7 @@ from session.log.lines import STANDARD
 from session.log.reader import Piece, Reader
 from session.log.recognise import CHOICES, NO_TIME, OTHER, parse_axes
 from session.log.streams import Stream, Topic
+from session.replay.binary import registry
 from session.replay.documents import is_document, unpack_document
 
 
@@ -118,9 +118,6 @@ def _binary(path: Path, head: bytes, like: str | None) -> ModuleType | None:
 
     FormatError where ``--like`` names a program whose log is text, and the file is none.
     """
-    registry = find("binary logs")
-    if registry is None:
-        return None
     reader: ModuleType | None = registry.reader_of(path, head)
     if like in registry.READERS and (reader is not None or like not in {dialect.name for dialect in DIALECTS}):
         return import_module(registry.READERS[like])

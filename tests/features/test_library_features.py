@@ -1,4 +1,4 @@
-"""What a notebook calls of features: the numbers and files of their commands; one line where a feature was removed."""
+"""What a notebook calls of features: the numbers and files of their commands."""
 
 import json
 
@@ -7,7 +7,6 @@ from fleets import written_fleet
 from formats_page import told as command
 
 import tinygc
-from session.base import features
 from tinygc import CalibrationError
 
 
@@ -36,12 +35,3 @@ def test_a_lot_gives_the_commands_numbers(tmp_path):
     found = tinygc.lot(tmp_path / "fleet")
     assert json.loads(json.dumps(found.to_json())) == theirs
     assert found.save(tmp_path / "mine.json").read_bytes() == (tmp_path / "theirs.json").read_bytes()
-
-
-@pytest.mark.parametrize("call", [tinygc.array, lambda x: tinygc.fleet(x, "y"), tinygc.lot])
-def test_a_removed_feature_is_one_line(call, monkeypatch):
-    for service, module in list(features.SERVICES.items()):
-        monkeypatch.setitem(features.SERVICES, service, module.replace(".features.", ".features.removed_"))
-    with pytest.raises(CalibrationError, match=r"served by the feature removed_.*, which is not there") as caught:
-        call("x")
-    assert "\n" not in str(caught.value)

@@ -14,12 +14,12 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NoReturn
 
+from session.base import features
 from session.base.errors import CalibrationError, FormatError
 from session.base.files import KB, is_stream, open_file, refuse_link
 from session.base.names import has_recorded_name, is_session
 from session.base.texts import printable, program
-from tinygc.cli.commands import COMMANDS, command_module, present_commands
-from tinygc.cli.extensions import add_feature_arguments
+from tinygc.cli.commands import command_module, commands
 from tinygc.estimation.options import CHOSEN
 
 # Path arguments: each is declared as read or written, and an output never replaces an input or a recorded file.
@@ -223,12 +223,15 @@ class _Parser(argparse.ArgumentParser):
 
     def parse_known_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:  # type: ignore[override]
         """Refuse a long option that is not known before what it stood for is found missing."""
-        words = [] if self._subparsers else list(itertools.takewhile(lambda word: word != "--", args or ()))
-        options = [option for option in self._option_string_actions if option.startswith("--")]
-        for name in (word.partition("=")[0] for word in words if word.startswith("--")):
-            if not any(option.startswith(name) for option in options):
-                self.error(f"{self.prog.split()[-1]} has no option {name[:80]}{meant(name, options)}")
+        for name in [] if self._subparsers else self.unknown(args or ()):
+            options = [option for option in self._option_string_actions if option.startswith("--")]
+            self.error(f"{self.prog.split()[-1]} has no option {name[:80]}{meant(name, options)}")
         return super().parse_known_args(args, namespace)
+
+    def unknown(self, words: Sequence[str]) -> list[str]:
+        """Return the long options among the words that this command does not have."""
+        names = [word.partition("=")[0] for word in itertools.takewhile(lambda word: word != "--", words) if word.startswith("--")]
+        return [name for name in names if not any(option.startswith(name) for option in self._option_string_actions)]
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is not None and value not in action.choices:
@@ -248,11 +251,12 @@ def parser(words: Sequence[str] = ()) -> argparse.ArgumentParser:
     from session import VERSION
 
     whole.add_argument("--version", action="version", version=f"TinyGC {VERSION}")
-    commands = whole.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    for name in words[:1] if words and words[0] in COMMANDS else present_commands():
-        module = command_module(name)
+    parsers = whole.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    one = command_module(words[0]) if words else None
+    for name, module in {words[0]: one}.items() if one is not None else ((name, command_module(name)) for name in commands()):
+        assert module is not None
         summary = module.SUMMARY
-        command = commands.add_parser(name, help=summary, description=summary[0].upper() + summary[1:] + ".")
+        command = parsers.add_parser(name, help=summary, description=summary[0].upper() + summary[1:] + ".")
         command.set_defaults(run=module.run)
         command.add_argument("--json", type=file_written, metavar="FILE", help="write the result as JSON (- for standard output)")
         command.add_argument("--seed", type=count(0, LARGEST_SEED), default=0, help="of every random draw (%(default)s)")
@@ -265,7 +269,11 @@ def parser(words: Sequence[str] = ()) -> argparse.ArgumentParser:
             command.add_argument("--no-defaults", action="store_true", help=own)
             command.set_defaults(takes_defaults=lambda args, known, takes=takes: takes)
         module.add_arguments(command)
-        add_feature_arguments(name, command)
+        for add in features.each(f"options of {name}", features.beside()):
+            add(command)
+        if one is None or command.unknown(words) or {"-h", "--help"} & set(words):
+            for add in features.each(f"options of {name}", features.installed()):
+                add(command)
         command.set_defaults(paths=Paths.of(command))
     return whole
 

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 from session.base.names import CLOCKS
 from tinygc.cli.arguments import METHODS, accel_full_scale, count, data_rate, gyro_full_scale, methods, path_read, segment_numbers
-from tinygc.cli.extensions import help_if_present
 from tinygc.estimation.options import ACCELEROMETERS, BIASES
 
 if TYPE_CHECKING:
@@ -42,7 +41,7 @@ def add_fit_arguments(command: argparse.ArgumentParser, of_day: tuple[str, ...] 
         "the accelerometer's calibration: as it is given, fitted, or given as a prior; auto: a prior while it holds, fitted where none is"
     )
     command.add_argument("--accelerometer", choices=ACCELEROMETERS, default="auto", help=what)
-    what = help_if_present("a lot as prior (--lot)", "prior from a production lot (lot.json): fewer turns are enough")
+    what = "prior from a production lot (lot.json): fewer turns are enough"
     command.add_argument("--lot", type=path_read, metavar="FILE", help=what)
     what = "a fitted session of the same unit; of two or more, the spread of their biases is that of any session"
     command.add_argument("--history", type=path_read, action="append", default=[], metavar="DIR", help=what)

@@ -14,8 +14,8 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
+from session.base import features
 from session.base.errors import CalibrationError
-from session.base.features import find, is_present, need
 from session.base.texts import command_line, printable
 
 if TYPE_CHECKING:
@@ -114,8 +114,6 @@ def views(args: argparse.Namespace, title: str, server: PageServer | None) -> It
 
 # A rest: its guide, with what the feature of the noise makes of it while it goes on.
 
-#: services of the features that a rest and its log are for
-LIVE_NOISE, NOISE = "noise while a rest is recorded (record --rest)", "noise"
 KNOWN_TO = 20.0  #: per cent
 
 
@@ -123,8 +121,7 @@ def rest_guide(args: argparse.Namespace, protocol: Protocol) -> RestGuide:
     """Return the guide of ``--rest``; without the feature it records all the same, and says nothing of the noise."""
     from session.bench.rest_guide import RestGuide
 
-    live = find(LIVE_NOISE)
-    figures = None if live is None else live.LiveNoise(args.known_to / 100)
+    figures = features.first("figures of a rest", args.known_to / 100)
     return RestGuide(protocol, args.rest * 3600 if args.rest else None, figures, args.stop_at_target)
 
 
@@ -137,13 +134,9 @@ def refuse_with_rest(args: argparse.Namespace) -> None:
     turns = {"--closure": args.closure, "--view": args.view}
     if given := next((name for name, value in turns.items() if value), None):
         raise CalibrationError(f"{given} is of turns, and with --rest nothing is turned; leave one of them out")
-    if args.stop_at_target and not is_present(LIVE_NOISE):
-        raise CalibrationError("--stop-at-target needs the feature noise, which is not there; give --rest HOURS instead")
 
 
 # A machine that turns the table.
-
-MACHINE = "sessions turned by a machine (--table)"
 
 
 @contextlib.contextmanager
@@ -162,7 +155,8 @@ def turned(args: argparse.Namespace, folder: Path, port: str) -> Iterator[Any]:
         raise CalibrationError("--table turns, and with --rest nothing is turned; leave one of them out")
     from session.bench.port import Port
 
-    recording = need(MACHINE, "--table")
+    if (recording := next(features.each("machine of a recording"), None)) is None:
+        raise CalibrationError("record has no option --table")
     if (words := recording.require_table_of(args.table, folder)) and not args.quiet:
         print(printable(words), file=sys.stderr)
     Port(port, args.baud).close()  # DeviceError where there is no board

@@ -5,8 +5,8 @@ from __future__ import annotations
 from types import ModuleType
 from typing import TYPE_CHECKING
 
+from session.base import features
 from session.base.errors import CalibrationError
-from session.base.features import need
 
 if TYPE_CHECKING:
     from tinygc.models.model import Model
@@ -25,8 +25,6 @@ ALSO_CALLED = {
     **dict.fromkeys(("vinsfusion", "vinsmono"), "vins"),
     **dict.fromkeys(("ovmsckf", "openvin"), "openvins"),
 }
-#: kind of model -> service of the feature that exports it
-FEATURE_KINDS = {"thermal": "exports over temperature"}
 
 
 def format_named(text: str) -> str:
@@ -45,5 +43,4 @@ def feature_exports(model: Model) -> ModuleType | None:
     It has ``stage(model, rate_hz)`` for C, ``px4(model, context)`` and ``ardupilot(model, context)`` for the text of these formats, and
     ``CARRIED``: what other formats cannot carry.
     """
-    service = FEATURE_KINDS.get(getattr(model, "kind", ""))
-    return None if service is None else need(service)
+    return features.named("exports", getattr(model, "kind", ""))

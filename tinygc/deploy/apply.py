@@ -42,7 +42,8 @@ Progress = Callable[[str, int, int], None]
 @dataclass(frozen=True)
 class Applied:
     """out: the file; rows: how many; kind of the model; delay_s: delay of the rates; notes: assumptions and data repairs; accelerometer:
-    source of the calibration of the specific force (``model``, ``session`` or ``none``), None where the log has no accelerometer."""
+    source of the calibration of the specific force (``model``, ``session`` or ``none``), None where the log has no accelerometer; model:
+    name of its file."""
 
     out: Path
     rows: int
@@ -50,10 +51,17 @@ class Applied:
     delay_s: float
     accelerometer: str | None
     notes: tuple[str, ...]
+    model: str
+
+    @property
+    def line(self) -> str:
+        """What was written, in one line."""
+        late = f", {1e3 * self.delay_s:.1f} ms late" if self.delay_s else ""
+        return f"{self.out}: {self.rows} samples, calibrated ({self.kind}{late}, {self.model})"
 
     def to_json(self) -> dict:
         """``tinygc-apply/1`` (docs/formats.md)."""
-        return {"schema": "tinygc-apply/1", **vars(self), "out": str(self.out)}
+        return {"schema": "tinygc-apply/1", **{name: value for name, value in vars(self).items() if name != "model"}, "out": str(self.out)}
 
 
 def model_of(path: Path) -> Path:
@@ -139,7 +147,7 @@ def apply_model(
     count = _write(out, log, source, pieces, calibration.stream(began_s), unit, progress)
     notes += reader.notes
     source_of_force = None if reader.layout.accel is None else known.source
-    return Applied(out, count, models.to_dict(model)["kind"], model.delay_s, source_of_force, tuple(notes))
+    return Applied(out, count, models.to_dict(model)["kind"], model.delay_s, source_of_force, tuple(notes), model_path.name)
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from session.base.features import need
+from session.base import features
+from session.base.errors import CalibrationError
 from tinygc.effects.effect import Effect
 
 
@@ -34,4 +35,6 @@ def check(effect: Effect, **how: Any) -> Any:
     how: size, SI, of the injected parameters (a twentieth of the plausible); value, SI, of the scanned shape; parts: names of those to run
     (all).  Raises EffectError for an object that is no effect, and a size that is not positive.
     """
-    return need("the proof of an effect").check(effect, **how)
+    if (report := features.first("proof of an effect", effect, **how)) is None:
+        raise CalibrationError("no feature is installed that proves an effect")
+    return report

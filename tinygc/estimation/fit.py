@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from session.base import features
 from session.base.errors import DataError, FitError, SegmentError
-from session.base.features import need
 from session.log.folder import Session, read_session
 from session.log.requirements import read_requirements
 from tinygc.closure.prepared import Prepared, prepare
@@ -59,7 +59,7 @@ def fit_session(
         read_requirements(options.requirements)  # before the work, not after it
     given = None
     if options.lot is not None:
-        lots = need("a lot as prior (--lot)")
+        lots = next(features.each("prior of a fit"))
         lots.require_possible(options)
     if prepared is not None:
         session = prepared.session

@@ -8,15 +8,15 @@ from typing import Any
 
 import numpy as np
 
+from session.base import features
 from session.base.errors import CalibrationError, FormatError
-from session.base.features import need
 from session.log.dialects import Answers
 from session.log.logfile import Log, already_calibrated
 from session.log.samples import Samples
 from tinygc.deploy.apply import Applied, apply_model, model_of
 from tinygc.deploy.calibration import Calibration
 from tinygc.library.arguments import Progress, answers_of, column_unit, is_fit, nothing, public
-from tinygc.models.files import is_array_model, load_with_table
+from tinygc.models.files import load_with_table
 
 
 @public(Answers)
@@ -132,15 +132,15 @@ def _apply_to_file(
     for source in (log, path):
         if source.exists() and Path(out).exists() and os.path.samefile(source, out):
             raise CalibrationError(f"{out}: is what is read, and nothing is written over it; give out another path")
-    if table is None and is_array_model(path):
-        return need("calibrations of arrays").apply(path, log, Path(out), answers, which, column_unit(unit), progress or nothing)
+    around = None if session is None else Path(session)
+    how: dict[str, Any] = {"which": which, "unit": column_unit(unit), "session": around, "progress": progress or nothing}
+    if table is None and (fused := features.first("use of a model", path, log, Path(out), answers, **how)) is not None:
+        return fused
     if log.is_dir():
         raise CalibrationError(f"{log}: cannot be read (it is a folder, expected a log); an array's folder goes with an array's model")
     if which:
         raise CalibrationError("--which goes with an array's model and the array's folder")
-    done: Applied = apply_model(
-        path, log, Path(out), answers, None if session is None else Path(session), column_unit(unit), progress, table
-    )
+    done: Applied = apply_model(path, log, Path(out), answers, around, how["unit"], progress, table)
     return done
 
 

@@ -7,9 +7,8 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from session.base.errors import CalibrationError
-from session.base.features import need
-from session.base.names import CLOCKS, is_array
+from session.base import features
+from session.base.names import CLOCKS
 from session.detect.findings import Finding, worst
 from session.detect.first_look import check_folder, check_session
 from session.detect.stills import SessionStills
@@ -49,21 +48,14 @@ def check(session: Any, clock: str = CLOCKS[0]) -> list[Finding]:
     False
 
     """
-    if isinstance(session, Session):
-        found = SessionStills(session := session.on_clock(clock))
-        findings = check_session(session, found)
-        return findings if worst(findings) == "error" else findings + first_look_at_fit(session, found, measured_noise())
-    if isinstance(session, str | PathLike):
-        folder = Path(session)
-        if not is_array(folder):
-            return check_folder(folder, partial(first_look_at_fit, at_rest=measured_noise()), clock)
-        if clock != CLOCKS[0]:
-            raise CalibrationError(f"{folder}: an array, whose units have clocks of their own; leave --clock {clock} out")
-        read_array = need("recordings of arrays").read_array
-        try:
-            session = read_array(folder)
-        except CalibrationError as error:
-            return [Finding("error", folder.name, "reading", str(error))]
-    elif not hasattr(session, "units"):
-        session_or_folder(session)
-    return need("checks of arrays").check_array(session, first_look_at_fit)
+    at_rest = measured_noise()
+    recording = Path(session) if isinstance(session, str | PathLike) else session
+    if (found := features.first("check of a recording", recording, clock, first_look_at_fit)) is not None:
+        return found
+    if isinstance(recording, Path):
+        return check_folder(recording, partial(first_look_at_fit, at_rest=at_rest), clock)
+    own = session_or_folder(recording)
+    assert isinstance(own, Session)
+    stills = SessionStills(session := own.on_clock(clock))
+    findings = check_session(session, stills)
+    return findings if worst(findings) == "error" else findings + first_look_at_fit(session, stills, at_rest)

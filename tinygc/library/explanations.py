@@ -8,8 +8,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from session.base import features
 from session.base.errors import CalibrationError
-from session.base.features import find, need
 from session.log.config import read_config
 from session.log.folder import Session, read_session
 from session.log.siblings import recordings_at, serial_of
@@ -74,7 +74,7 @@ class Why:
     @cached_property
     def _report(self) -> ExplanationReport:
         if self.discovery is not None:
-            report: ExplanationReport = need("reports of a discovery").DiscoveryReport(self.explanation, self.discovery)
+            report: ExplanationReport = next(features.each("search beyond the catalogue")).report(self.explanation, self.discovery)
         else:
             report = (TruthReport if self.explanation.session.config.protocol.reference == "truth" else ExplanationReport)(self.explanation)
         report.checked, report.turned_by = self.checked, self.turned_by
@@ -251,11 +251,10 @@ def _explained(where: Session | Path, seed: int, use_earth: bool, discover: bool
         from tinygc.explanation.truth_engine import explain_truth  # late: hardly any session has a truth file
 
         return Why(explain_truth(where, seed=seed, use_earth=use_earth, progress=progress, noise=noise))
-    search = need("a search beyond the catalogue (--discover)") if discover else None
+    search = next(features.each("search beyond the catalogue"), None) if discover else None
     explanation = explain_session(where, seed=seed, use_earth=use_earth, progress=progress, noise=noise)
     turned = not explanation.session.in_memory and (explanation.session.folder / "table.csv").exists()
-    bench = find("the table's own errors") if turned else None
-    turned_by = None if bench is None else bench.explain_table(explanation.problem, seed)
+    turned_by = features.first("explanation of what turned", explanation.problem, seed) if turned else None
     discovery = None if search is None else search.discover(explanation, seed=seed, progress=progress)
     return Why(explanation, discovery, turned_by=turned_by)
 

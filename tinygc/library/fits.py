@@ -1,8 +1,7 @@
-"""``tinygc.fit`` and ``tinygc.fit_temperature``: calibrations of a session, and what can be made of them."""
+"""``tinygc.fit``: the calibrations of a session, and what can be made of them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import nan
@@ -12,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from session.base.errors import FitError
-from session.base.features import need
 from session.base.numeric import sigmas_in
 from session.log.config import Config, read_config
 from session.log.folder import Session
@@ -252,70 +250,3 @@ def fit(session: Session | Path | str, options: FitOptions | None = None, *, pro
     from tinygc.explanation.physics import physics_methods
 
     return Fit(fit_session(where, options, progress or nothing, physics=physics_methods), where)
-
-
-@public()
-def fit_temperature(folders: Path | str | Sequence[Path | str], *, most_order: int = 5, progress: Progress | None = None) -> Any:
-    """Fit a calibration over temperature to rest logs and sessions with turns of one sensor.
-
-    Parameters
-    ----------
-    folders : str, Path or sequence of them
-        Folders of rest logs and sessions of one sensor.
-    most_order : int, optional
-        Highest order of the polynomials over temperature, 0 to 5.
-    progress : callable, optional
-        Called with the current step's description, the number of steps done and the number of all steps.
-
-    Returns
-    -------
-    ThermalFit
-        ``model``, ``covariance``, ``names``, ``values``, ``sigma``.  Rest logs alone give the zero rate over temperature; E is then the
-        identity.
-
-    Raises
-    ------
-    CalibrationError
-        For data that cannot be read or fitted, and if the temperature feature was removed; its message is one line.
-
-    Examples
-    --------
-    >>> import tinygc
-    >>> thermal = tinygc.fit_temperature(["data/rests", "data/session1"])  # doctest: +SKIP
-    >>> thermal.model(raw, temp=celsius)  # (N, 3) rad/s from (N, 3) rad/s and (N,) degC  # doctest: +SKIP
-
-    """
-    feature = need("calibrations over temperature")
-    return feature.fit_temperature(folders, most_order=most_order, progress=progress or nothing)
-
-
-@public()
-def fit_turns(session: Session | Path | str, *, progress: Progress | None = None) -> Any:
-    """Fit a gyroscope alone, without an accelerometer, to turns of known angle.
-
-    Parameters
-    ----------
-    session : Session, str or Path
-        A session with ``reference = "turns"``, or its folder, which holds ``turns.csv``.
-    progress : callable, optional
-        Called with the current step's description, the number of steps done and the number of all steps.
-
-    Returns
-    -------
-    TurnFit
-        ``scales`` of each axis and sense that was turned, ``asymmetry``, ``bias``, ``model``, ``angles`` of the turns, ``estimate`` with
-        the table's play and the turns that are lost; ``summary()``, ``to_json()``, ``save()``.
-
-    Raises
-    ------
-    CalibrationError
-        For data that cannot be read or fitted, and if the feature was removed; its message is one line.
-
-    Examples
-    --------
-    >>> import tinygc
-    >>> turned = tinygc.fit_turns("phone")  # doctest: +SKIP
-    >>> turned.scales[0].value, turned.scales[0].sigma  # doctest: +SKIP
-
-    """
-    return need("known turns of a gyroscope alone").fit_turns(session_or_folder(session), progress=progress or nothing)

@@ -9,8 +9,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from session.base import features
 from session.base.errors import CalibrationError
-from session.base.features import need
 from session.base.files import result_folder
 from session.base.names import is_array
 from session.base.results import write_text_whole
@@ -79,10 +79,10 @@ class Report(Shown):
     def certificate(self, as_found: Path | str | None = None) -> Any:
         """The form that a laboratory signs: ``html``, ``dcc``, ``draft``, ``missing``, ``save(path, pdf=False)``; of a feature.
 
-        as_found: model file of the calibration in use until now, whose errors are then stated.  Raises MissingFeatureError, and FormatError
-        for a file that is no linear model.
+        as_found: model file of the calibration in use until now, whose errors are then stated.  Raises FormatError for a file that is no
+        linear model.
         """
-        return need("certificates (report --certificate)").certificate_of(self.data, as_found)
+        return next(features.each("certificate of a report")).certificate_of(self.data, as_found)
 
     def save(self, path: Path | str, *, pdf: bool = False) -> list[Path]:
         """Write the HTML file, and the same as PDF beside it, which needs Chromium; returns the paths."""

@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import importlib
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
+from session.base import features
 from session.base.errors import FormatError
-from session.base.features import MissingFeatureError, need
 from session.base.results import read_json, require, require_schema, shown
 from tinygc.models.model import MODEL, Model, accelerometer_of, sensor_of
 
@@ -29,13 +28,11 @@ KINDS = {
     "physics": "tinygc.models.physics",
     "tinygc_physics": "tinygc.models.physics",
 }
-#: kinds that a feature brings -> what it serves them as
-FEATURE_KINDS = {"thermal": "models over temperature"}
 
 
 def to_dict(model: Model, **more: Any) -> dict:
     """Convert to a JSON-ready table with schema, kind, equation and units; ``more`` is added unchanged."""
-    return {"schema": SCHEMA, "kind": model.kind, "units": UNITS, **_module(model.kind, "model").to_table(model, to_dict), **more}
+    return {"schema": SCHEMA, "kind": model.kind, "units": UNITS, **_module(model.kind).to_table(model, to_dict), **more}
 
 
 def from_dict(table: Any, where: str = "model") -> Model:
@@ -44,10 +41,12 @@ def from_dict(table: Any, where: str = "model") -> Model:
     if (units := table.get("units", UNITS)) != UNITS:
         raise FormatError(f'{where}: units are {shown(units)}, expected "{UNITS}"; convert the numbers, or fit again')
     kind = table.get("kind")
-    if not isinstance(kind, str) or (kind not in KINDS and kind not in FEATURE_KINDS):
-        raise FormatError(f"{where}: kind is {shown(kind)}, expected one of {', '.join((*KINDS, *FEATURE_KINDS))}; fit again")
+    module = _module(kind) if isinstance(kind, str) else None
+    if module is None:
+        known = ", ".join((*KINDS, *features.names("kinds")))
+        raise FormatError(f"{where}: kind is {shown(kind)}, expected one of {known}; fit again")
     require(table, MODEL, where)
-    return _module(kind, where).from_table(table, where, from_dict)
+    return module.from_table(table, where, from_dict)
 
 
 def load(path: Path | str) -> Model:
@@ -78,10 +77,5 @@ def is_array_model(path: Path) -> bool:
     return isinstance(table, dict) and table.get("schema") == ARRAY_SCHEMA
 
 
-def _module(kind: str, where: str) -> ModuleType:
-    if kind in KINDS:
-        return importlib.import_module(KINDS[kind])
-    try:
-        return need(FEATURE_KINDS[kind])
-    except MissingFeatureError as error:
-        raise FormatError(f"{where}: {error}") from None
+def _module(kind: str) -> Any:
+    return importlib.import_module(KINDS[kind]) if kind in KINDS else features.named("kinds", kind)

@@ -36,10 +36,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Write a log with calibrated rates and specific force."""
     from session.base.errors import CalibrationError
-    from session.base.features import need
-    from tinygc.deploy.apply import model_of
     from tinygc.library.applied import apply
-    from tinygc.models.files import is_array_model
     from tinygc.reporting.terminal import progress_bar
 
     to_stdout = is_standard_output(args.out)
@@ -48,17 +45,12 @@ def run(args: argparse.Namespace) -> int:
     out = Path(STANDARD) if to_stdout else args.out
     if not to_stdout and out.is_file() and not args.force:
         raise CalibrationError(f"{args.out}: exists; give -o another file, or --force")
-    args.model = model_of(args.model)
-    if is_array_model(args.model):
-        return need("commands on arrays").apply(args, out)
     answers = vars(answers_of(args))
     try:
         with progress_bar(args.quiet) as progress:
             done = apply(args.model, args.log, out, unit=args.unit, session=args.session, which=args.which, progress=progress, **answers)
     except BrokenPipeError:  # whoever read the log has enough of it, and nothing else was asked for
         return 0
-    late = f", {1e3 * done.delay_s:.1f} ms late" if done.delay_s else ""
-    said = [f"{done.out}: {done.rows} samples, calibrated ({done.kind}{late}, {args.model.name})", *(f"  {note}" for note in done.notes)]
-    beside_log(args, said, to_stdout)
+    beside_log(args, [done.line, *(f"  {note}" for note in done.notes)], to_stdout)
     write_json(args.json, done.to_json())
     return 0

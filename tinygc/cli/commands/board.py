@@ -10,8 +10,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from session.base import features
 from session.base.errors import CalibrationError
-from session.base.features import need
 from session.base.texts import printable
 from tinygc.cli.arguments import (
     accel_full_scale,
@@ -24,14 +24,12 @@ from tinygc.cli.arguments import (
     positive,
     seconds,
 )
-from tinygc.cli.extensions import help_if_present
 from tinygc.cli.results import ended_by_signals, write_json
 
 if TYPE_CHECKING:
     from tinygc.simulation.options import SimulationOptions
     from tinygc.simulation.virtual_board import BoardSource
 
-ON_TABLE = "a virtual board on a virtual table (board --table)"
 SUMMARY = "a virtual board: streams a session through a pseudo-terminal"
 
 
@@ -76,7 +74,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     )
     command.add_argument("--link", type=file_written, metavar="PATH", help="name of the port (tinygc-board in the temporary folder)")
     on_table = "it lies on the virtual table of this table.toml, which has a port of its own, and turns with it"
-    command.add_argument("--table", type=path_read, metavar="FILE", help=help_if_present(ON_TABLE, on_table))
+    command.add_argument("--table", type=path_read, metavar="FILE", help=on_table)
     command.add_argument("--table-link", type=file_written, metavar="PATH", help="name of the table's port")
     command.add_argument("--table-faults", default="", metavar="NAME@S,…", help="what goes wrong with the table (docs/tables.md)")
     command.add_argument("--table-resets", action="store_true", help="the table restarts when its port is opened, as an Arduino Uno does")
@@ -119,9 +117,9 @@ def _board(args: argparse.Namespace) -> int:
     table = None
     try:
         if args.table:
-            bench = need(ON_TABLE, "--table")
             calibrated = not args.raw_accelerometer
-            table = bench.TableUnderBoard(args.table, args.table_link, _options(args), calibrated, args.table_faults, args.table_resets)
+            given = (args.table, args.table_link, _options(args), calibrated, args.table_faults, args.table_resets)
+            table = features.first("table under a virtual board", *given)
         source = table.source if table else _source(args, terminal.name, say)
         if args.config and source.config:
             write_text_whole(args.config, source.config)

@@ -6,12 +6,10 @@ import argparse
 import os
 from pathlib import Path
 
+from session.base import features
 from session.base.errors import CalibrationError
-from session.base.features import need
-from session.base.names import is_array
 from session.base.texts import command_line
 from tinygc.cli.arguments import folder_written, path_read
-from tinygc.cli.extensions import help_if_present
 from tinygc.cli.options import add_clock_argument, session_of
 from tinygc.cli.results import complain, output, print_commands, try_destinations, verdict, write_json
 
@@ -23,11 +21,10 @@ MOST_OFFERED = 3
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
-    command.add_argument("folder", type=path_read, help="session folder, or one of an array")
+    command.add_argument("folder", type=path_read, help="session folder")
     add_clock_argument(command)
     command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
     search = "search for the equation that no catalogue has, write it as an effect file, and prove it (docs/discover.md); takes longer"
-    search = help_if_present("a search beyond the catalogue (--discover)", search)
     command.add_argument("--discover", action="store_true", help=search)
     on = "other recordings of the unit, or a folder of them: each effect is checked there with the size that it has here"
     command.add_argument("--check-on", type=path_read, nargs="+", metavar="DIR", default=[], help=on)
@@ -41,9 +38,9 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Explain differences between recording and simulation; for an array, attribute them to its sensors."""
-    if is_array(args.folder):
-        return need("commands on arrays").explain(args)
+    """Explain differences between recording and simulation."""
+    if (code := features.first("explanation of a folder", args)) is not None:
+        return code
     from tinygc.library.explanations import explain
     from tinygc.reporting.terminal import progress_bar
 

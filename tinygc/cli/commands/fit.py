@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
-from pathlib import Path
 
+from session.base import features
 from session.base.errors import CalibrationError
-from session.base.features import need
-from session.base.names import CLOCKS, is_array, is_gyroscope_alone
 from tinygc.cli.arguments import folder_written, path_read, positive, three
 from tinygc.cli.defaults import defaults_json, limit_text
 from tinygc.cli.options import add_fit_arguments, fit_options, given
@@ -26,9 +24,8 @@ DEFAULTS = {"limit": "limits.closure_deg"}
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     limit = "pass only if the held-out tilt of the segments and each closure run's RMSE are at most this"
-    command.add_argument("folder", type=path_read, help="session folder, or one of an array; several are fitted one by one")
-    more = "further folders; with --temperature, of the same sensor"
-    command.add_argument("more", type=path_read, nargs="*", metavar="folder", help=more)
+    command.add_argument("folder", type=path_read, help="session folder; several are fitted one by one")
+    command.add_argument("more", type=path_read, nargs="*", metavar="folder", help="further folders")
     add_fit_arguments(command, OF_DAY)
     command.add_argument("--resume", action="store_true", help="go on with a training --as-in-paper that was interrupted")
     command.add_argument("--physics", metavar="auto|IDS", help="fit what explain names as well (auto), or effects by id, with commas")
@@ -42,10 +39,8 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Fit models to a session and report closure figures; several sessions are fitted separately."""
-    if args.temperature or (args.more and _has_only_rests(args.folder)):
-        done = need("rest logs and temperature").fit(args)
-    elif rests := [folder for folder in args.more if _has_only_rests(folder)]:
-        raise CalibrationError(f"{rests[0]}: holds rest logs alone; add --temperature to join them with the sessions in one model")
+    if (done := features.first("fit of folders", args)) is not None:
+        pass
     elif args.more:
         return run_each(args, _fit, "tinygc-fits/1", "Fits, degrees: held-out tilt rms, RMSE of each closure run")
     else:
@@ -55,15 +50,9 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _fit(args: argparse.Namespace) -> Done:
-    """Fit one session, one array, one folder of rest logs, or one of a gyroscope alone."""
-    if args.clock != CLOCKS[0] and (is_gyroscope_alone(args.folder) or is_array(args.folder) or _has_only_rests(args.folder)):
-        raise CalibrationError(f"{args.folder}: --clock is for the turns of one board; leave it out")
-    if is_gyroscope_alone(args.folder):
-        return need("a gyroscope alone").fit(args)
-    if is_array(args.folder):
-        return need("commands on arrays").fit(args)
-    if _has_only_rests(args.folder):
-        return need("rest logs and temperature").fit(args)
+    """Fit one session, or what a feature takes for a recording of its own."""
+    if (done := features.first("fit of a folder", args)) is not None:
+        return done
     if args.bias in OF_DAY or args.model or args.bias_dps:
         return _rebias(args)
     if args.resume and not fit_options(args).by_torch:
@@ -103,11 +92,6 @@ def _fit(args: argparse.Namespace) -> Done:
         complain(f"above {limit_text(args)}: {missed}" if args.limit is not None else decision.headline)
     code = 1 if not decision.passed or (args.strict and decision.answer != "pass") else 0
     return _done(code, table, use.method or use.best, decision.word)
-
-
-def _has_only_rests(folder: Path) -> bool:
-    """Whether a folder holds rest logs and no log with turns."""
-    return folder.is_dir() and any(folder.glob("rest*.csv*")) and not any(folder.glob("log*.csv*"))
 
 
 def _done(code: int, table: dict, method: str | None, says: str) -> Done:

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from session.base.features import is_present
+from session.base import features
 from session.base.texts import command_line, printable
 from tinygc.cli.arguments import (
     accel_full_scale,
@@ -24,13 +24,10 @@ from tinygc.cli.arguments import (
     within,
 )
 from tinygc.cli.defaults import defaults_json
-from tinygc.cli.extensions import help_if_present
 from tinygc.cli.recording import (
     DEFAULTS,
     KNOWN_TO,
     LOOPBACK,
-    MACHINE,
-    NOISE,
     bench,
     coach_of,
     counted,
@@ -104,7 +101,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--accel-fs", dest="accel_fs_g", type=accel_full_scale, metavar="G", help="full scale, likewise")
     command.add_argument("--no-coach", action="store_true", help="any turn will do")
     turned = "a machine turns: its table.toml; the plan is printed, and confirmed once (docs/table-sessions.md)"
-    command.add_argument("--table", type=path_read, metavar="FILE", help=help_if_present(MACHINE, turned))
+    command.add_argument("--table", type=path_read, metavar="FILE", help=turned)
     command.add_argument("--table-port", metavar="PORT", help="with --table: instead of the port in the file")
     rates = "with --table: no turns, but steps of these rates in both senses, dps; their log is rates0001.csv"
     command.add_argument("--rates", type=rates_dps, metavar="DPS,…", help=rates)
@@ -208,8 +205,9 @@ def _tell(
         print_commands(args, "next:", command_line("rates", folder))
     elif args.rest is None:
         print_commands(args, "next:", command_line("check", folder), command_line("fit", folder))
-    elif is_present(NOISE):
-        print_commands(args, "next:", command_line("noise", folder))
+    else:
+        for word in features.each("command for a rest"):
+            print_commands(args, "next:", command_line(word, folder))
     write_json(args.json, table(guide, folder, recorder) | defaults_json(args))
     return interrupted
 

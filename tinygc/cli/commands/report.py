@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import argparse
 
+from session.base import features
 from session.base.errors import CalibrationError
-from session.base.features import need
 from tinygc.cli.arguments import OWN_PLACE, file_written, path_read, positive
 from tinygc.cli.defaults import defaults_json, limit_text
-from tinygc.cli.extensions import help_if_present
 from tinygc.cli.options import add_fit_arguments, fit_options
 from tinygc.cli.results import Done, complain, output, run_each, try_file, verdict, write_json
 
@@ -27,13 +26,11 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--limit", type=positive, metavar="DEG", help=limit)
     command.add_argument("--strict", action="store_true", help="exit 1 for all but PASS without doubts")
     command.add_argument("--no-explain", action="store_true", help="do not ask why recording and simulation differ")
-    service = "certificates (report --certificate)"
     what = "write the certificate as well, the form that a laboratory signs (certificate.html in the session folder)"
-    what = help_if_present(service, what)
     command.add_argument("--certificate", type=file_written, nargs="?", const=OWN_PLACE, metavar="FILE", help=what)
-    what = help_if_present(service, "write the certificate as a Digital Calibration Certificate, XML")
+    what = "write the certificate as a Digital Calibration Certificate, XML"
     command.add_argument("--dcc", type=file_written, metavar="FILE", help=what)
-    what = help_if_present(service, "the model in use until now: the certificate states its errors as found")
+    what = "the model in use until now: the certificate states its errors as found"
     command.add_argument("--as-found", type=path_read, metavar="FILE", help=what)
     add_fit_arguments(command)
 
@@ -68,7 +65,8 @@ def _report(args: argparse.Namespace) -> Done:
     if args.as_found is not None and not certified:
         raise CalibrationError("--as-found is stated on a certificate: add --certificate, or leave it out")
     if certified:
-        need("certificates (report --certificate)", "--dcc" if form is None else "--certificate").check_before(args.folder, form, args.dcc)
+        for certificate in features.each("certificate of a report"):
+            certificate.check_before(args.folder, form, args.dcc)
     for each in (form, args.dcc):
         if each is not None:
             try_file(args, each)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
+from session.base import features
 from tinygc.cli.arguments import add_field_arguments, effect_parameters, folder_written, given_fields
-from tinygc.cli.extensions import extensions
 from tinygc.cli.results import output, write_json
 
 SUMMARY = "write a simulated session"
@@ -42,9 +42,8 @@ def run(args: argparse.Namespace) -> int:
         raise CalibrationError(f"--effect {twice} is given twice; give it once")
     if effects and (args.rest_cycles or args.units):
         raise CalibrationError("--effect hides an effect in a session of turns; leave out --rest-cycles and the options of an array")
-    for feature in extensions("simulate"):
-        if (code := feature.simulate(args, options, chosen)) is not None:
-            return code
+    if (code := features.first("simulation", args, options, chosen)) is not None:
+        return code
     folder = simulate(options, effects=effects).save(args.out, force=args.force)
     hides = f", hides {', '.join(effects)}" if effects else ""
     output(args).print(f"{folder}: simulated{hides}; the truth is in truth.json, which no command reads", soft_wrap=True)

@@ -194,6 +194,12 @@ class ArrayApplied:
     force: bool
     notes: tuple[str, ...]
 
+    @property
+    def line(self) -> str:
+        """What was written, in one line."""
+        density = ", ".join(f"{1e3 * value / DEG:.3g}" for value in self.noise_density)
+        return f"{self.out}: {self.rows} samples of {len(self.used)} units fused ({density} mdps/rtHz while all are in)"
+
     def to_json(self) -> dict:
         """Return ``tinygc-apply/1`` (docs/formats.md) of an array."""
         return {

@@ -1,4 +1,4 @@
-"""Commands for arrays: ``fit``, ``explain``, ``apply`` and ``simulate`` of several units on one rigid body.
+"""Commands for arrays: ``fit``, ``explain`` and ``simulate`` of several units on one rigid body.
 
 Imports nothing heavy at its top, since the core's commands load it for its options.
 """
@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from session.base.errors import CalibrationError
+from session.base.names import is_array
 from session.base.texts import command_line
-from tinygc.cli.arguments import STANDARD, add_field_arguments, given_fields
-from tinygc.cli.options import answers_of, given
-from tinygc.cli.results import Done, beside_log, complain, output, print_commands, try_destinations, verdict, write_json
+from tinygc.cli.arguments import add_field_arguments, given_fields
+from tinygc.cli.options import given
+from tinygc.cli.results import Done, complain, output, print_commands, try_destinations, verdict, write_json
 
 if TYPE_CHECKING:
     from tinygc.simulation.options import SimulationOptions
@@ -54,8 +54,10 @@ def simulate(args: argparse.Namespace, options: SimulationOptions, chosen: dict)
     return 0
 
 
-def fit(args: argparse.Namespace) -> Done:
-    """Estimate all units of one folder jointly."""
+def fit(args: argparse.Namespace) -> Done | None:
+    """Estimate all units of one folder jointly; None of what is no array."""
+    if not is_array(args.folder):
+        return None
     from tinygc.features.arrays import library
     from tinygc.reporting.terminal import progress_bar
 
@@ -84,8 +86,10 @@ def fit(args: argparse.Namespace) -> Done:
     return Done(1 if above else 0, table, f"{len(table['units'])} units")
 
 
-def explain(args: argparse.Namespace) -> int:
-    """Explain each unit by itself and by comparison with the others."""
+def explain(args: argparse.Namespace) -> int | None:
+    """Explain each unit by itself and by comparison with the others; None of what is no array."""
+    if not is_array(args.folder):
+        return None
     from tinygc.features.arrays import library
     from tinygc.features.arrays.explanation import array_verdict_line
     from tinygc.reporting.terminal import progress_bar
@@ -105,20 +109,3 @@ def explain(args: argparse.Namespace) -> int:
     verdict(args, array_verdict_line(found.result))
     write_json(args.json, found.to_json())
     return 1 if args.strict and found.result.verdict not in ("no_mismatch", "undecided") else 0
-
-
-def apply(args: argparse.Namespace, out: Path) -> int:
-    """Write an array's folder as one log of the fused units."""
-    from session.base.units import DEG
-    from tinygc.features.arrays import library
-    from tinygc.reporting.terminal import progress_bar
-
-    if args.session is not None:
-        raise CalibrationError("--session is for one sensor's model; an array's model says what each unit is")
-    with progress_bar(args.quiet) as progress:
-        done = library.apply(args.model, args.log, out, answers_of(args), args.which, args.unit, progress)
-    density = ", ".join(f"{1e3 * value / DEG:.3g}" for value in done.noise_density)
-    lines = [f"{done.out}: {done.rows} samples of {len(done.used)} units fused ({density} mdps/rtHz while all are in)"]
-    beside_log(args, [*lines, *(f"  {note}" for note in done.notes)], str(out) == STANDARD)
-    write_json(args.json, done.to_json())
-    return 0

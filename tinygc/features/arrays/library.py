@@ -1,14 +1,17 @@
-"""Python interface of ``fit``, ``explain`` and ``apply`` for an array: several units on one rigid body, estimated together."""
+"""Python interface of ``fit`` and ``explain`` for an array: several units on one rigid body, estimated together."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from session.base.errors import CalibrationError
+from session.detect.findings import Finding
 from session.log.dialects import Answers
-from tinygc.features.arrays.apply import ArrayApplied, apply_array
+from session.log.folder import Session
+from tinygc.features.arrays.apply import apply_array
 from tinygc.features.arrays.checked import CheckedArray, check_units, checked_units_page, checked_units_to_json
 from tinygc.features.arrays.explanation import (
     ArrayExplanation,
@@ -19,7 +22,8 @@ from tinygc.features.arrays.explanation import (
     save_array_explanation,
 )
 from tinygc.features.arrays.fit import ArrayFit, array_to_json, fit_array, save_array
-from tinygc.features.arrays.recording import ArraySession, read_array
+from tinygc.features.arrays.recording import ArraySession, array_of, read_array
+from tinygc.library.arguments import answers_of, column_unit, is_path, nothing, public
 from tinygc.reporting.terminal import Group, as_html, as_text
 
 #: called with the current step's name, the steps done, and their total
@@ -119,16 +123,93 @@ def explain(
     return ExplainedArray(found, tuple(check_units(found, other, seed=seed, use_earth=use_earth, progress=progress) for other in others))
 
 
-def apply(
-    model: Path,
-    folder: Path,
-    out: Path,
-    answers: Answers = Answers(),  # noqa: B008  # it is frozen
-    which: str | None = None,
-    unit: str = "rps",
-    progress: Progress = lambda what, done, of: None,
-) -> ArrayApplied:
-    """Fuse an array's folder into one log; which: its log, of several.  CalibrationError for what is no folder, and as ``apply_array``."""
-    if not folder.is_dir():
-        raise CalibrationError(f"{folder}: no folder; an array's model takes the array's folder")
-    return apply_array(model, folder, out, answers, which, unit, progress)
+@dataclass(frozen=True, eq=False, repr=False)
+class Array:
+    """Result of ``tinygc.array``: what the commands do with an array's folder."""
+
+    #: the units' sessions, with their numbers
+    session: Any
+
+    def __repr__(self) -> str:
+        return f"<Array {self.session.name}: units {', '.join(map(str, self.session.numbers))}>"
+
+    def check(self) -> list[Finding]:
+        """Check each unit, and whether all are on one body; as ``tinygc.check``."""
+        from tinygc.library.checks import check
+
+        return check(self.session)
+
+    @public()
+    def fit(self, *, bias: str = "auto", accelerometer: str = "auto", use_earth: bool = True, progress: Progress | None = None) -> Any:
+        """Estimate all units together.
+
+        bias: ``auto``, ``ends`` or ``stills``; accelerometer: ``auto``, ``given``, ``fit`` or ``prior``.  Returns a FittedArray:
+        ``result`` in SI, ``summary()``, ``save(folder)``, ``to_json()``.  Raises CalibrationError for data that cannot be fitted.
+        """
+        return fit(self.session, bias=bias, accelerometer=accelerometer, use_earth=use_earth, progress=progress or nothing)
+
+    @public()
+    def explain(self, *, seed: int = 0, use_earth: bool = True, check_on: Sequence[Any] = (), progress: Progress | None = None) -> Any:
+        """Explain each unit by itself and by comparison with the others.
+
+        check_on: other recordings of the array, or their folders.  Returns an ExplainedArray: ``result``, ``summary()``,
+        ``save(folder)``, ``to_json()``.  Raises CalibrationError for data that cannot be explained.
+        """
+        others = [each.session if isinstance(each, Array) else each for each in check_on]
+        return explain(self.session, seed=seed, use_earth=use_earth, check_on=others, progress=progress or nothing)
+
+    @public(Answers)
+    def apply(
+        self,
+        model: Path | str,
+        out: Path | str,
+        *,
+        which: str | None = None,
+        unit: str = "rad/s",
+        progress: Progress | None = None,
+        **choices: Any,
+    ) -> Any:
+        """Write the array's folder as one log: the fused units, without those that fault detection excludes.
+
+        model: the array's model file, as its fit saves it; which: the log, of several; unit: of the rates in the log, rad/s or dps;
+        choices: what the logs do not tell, as of ``tinygc.apply``.  Returns an ArrayApplied: ``rows``, ``used``, ``events``, ``notes``.
+        """
+        answers = answers_of(choices)
+        return apply_array(Path(model), self.session.folder, Path(out), answers, which, column_unit(unit), progress or nothing)
+
+
+@public()
+def array(units: Any, *, name: str = "array") -> Array:
+    """Take several units on one rigid body as one array.
+
+    Parameters
+    ----------
+    units : str, Path, ArraySession or sequence of Session
+        The array's folder, or the sessions of its units, as many logs of each, at the same times.
+    name : str, optional
+        Of an array of sessions, one word.
+
+    Returns
+    -------
+    Array
+        ``check()``, ``fit()``, ``explain()`` and ``apply(model, out)``; ``session`` holds the units.
+
+    Raises
+    ------
+    CalibrationError
+        For units that are no array; its message is one line.
+
+    Examples
+    --------
+    >>> import tinygc
+    >>> array = tinygc.array("data/array")  # doctest: +SKIP
+    >>> array.fit().save("fit")  # doctest: +SKIP
+
+    """
+    if is_path(units):
+        return Array(read_array(Path(units)))
+    if isinstance(units, list | tuple) and units and all(isinstance(unit, Session) for unit in units):
+        return Array(array_of(units, name))
+    if not hasattr(units, "units"):
+        raise CalibrationError(f"units is of type {type(units).__name__}, expected an array's folder or the sessions of its units")
+    return Array(units)

@@ -21,8 +21,8 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print and write the statistics of a lot."""
+    from tinygc.features.fleet.library import lot
     from tinygc.features.fleet.text import headline
-    from tinygc.library.many import lot
 
     found = lot(args.table, model=args.model)
     report = found.result

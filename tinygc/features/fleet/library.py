@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from session.base.errors import CalibrationError
 from tinygc.features.fleet.fleet_page import save as save_fleet_page
@@ -18,6 +19,7 @@ from tinygc.features.fleet.page import save as save_lot_page
 from tinygc.features.fleet.report import LotReport, save, to_json
 from tinygc.features.fleet.rest_noise import noise_section, unit_noises
 from tinygc.features.fleet.text import fleet_page, lot_page
+from tinygc.library.arguments import public
 from tinygc.library.records import Shown
 from tinygc.noise.figures import NoiseFigures
 from tinygc.reporting.terminal import Group
@@ -93,30 +95,6 @@ def summed_up(out: Path, tally: Tally | None, limit_deg: float | None) -> Fleet:
     return Fleet(out, tally, summary, lot, offered)
 
 
-def fleet(
-    folders: Iterable[Path],
-    out: Path,
-    options: FleetOptions,
-    *,
-    jobs: int | None,
-    scheduler: str | None,
-    retry: bool,
-    limit_deg: float | None,
-    progress: Callable[[Tally], None],
-) -> Fleet:
-    """Compute the session folders in these, and sum them up; without a folder, sum up the table that is there.
-
-    Raises CalibrationError where there is no session folder in them, and the errors of the table.
-    """
-    places = list(folders)
-    tally = None
-    if places:
-        tally = compute(session_folders(places), out, options, jobs=jobs, scheduler=scheduler, retry=retry, progress=progress)
-        if not tally.folders:
-            raise no_session(places)
-    return summed_up(out, tally, limit_deg)
-
-
 def no_session(places: Iterable[Path]) -> CalibrationError:
     """Return the error of places without a session folder."""
     return CalibrationError(f"{', '.join(map(str, places))}: no session folder there; one holds session.toml and log*.csv")
@@ -152,8 +130,104 @@ class LotStatistics(Shown):
         return save_lot_page(self.result, Path(path), [] if noise is None else [noise])
 
 
-def lot(table: Path, *, model: str | None) -> LotStatistics:
-    """Compute the statistics of a fleet's table: the folder of ``fleet``, or its fleet.sqlite."""
-    folder = table.parent if table.name == TABLE else table
+@public()
+def fleet(
+    folders: Path | str | Sequence[Path | str],
+    out: Path | str,
+    *,
+    steps: Sequence[str] = ("check", "fit", "explain"),
+    seed: int = 0,
+    use_earth: bool = True,
+    accelerometer: str = "auto",
+    effects: Sequence[Path | str] = (),
+    jobs: int | None = None,
+    scheduler: str | None = None,
+    retry: bool = False,
+    limit_deg: float | None = None,
+    progress: Callable[[Any], None] | None = None,
+) -> Fleet:
+    """Check, fit and explain many sessions, each once, into one table and one page.
+
+    Parameters
+    ----------
+    folders : str, Path or sequence of them
+        Where session folders lie, at any depth; none to sum up the table that is there.
+    out : str or Path
+        Folder of the table (fleet.sqlite), the page, and the lot's file.
+    steps : sequence of str, optional
+        Some of ``check``, ``fit``, ``explain``.
+    seed, use_earth, accelerometer : optional
+        As of ``fit`` and ``explain``.
+    effects : sequence of str or Path, optional
+        Folders with further effects.
+    jobs : int, optional
+        Processes, one for each core by default.  They import the main module: a script calls this under ``if __name__ == "__main__":``.
+    scheduler : str, optional
+        Address of a Dask scheduler, whose cluster computes instead.
+    retry : bool, optional
+        Compute again what has failed before.
+    limit_deg : float, optional
+        Of the verdict of each session: held-out tilt and closure runs, degrees.
+    progress : callable, optional
+        Called with the counts so far: ``done``, ``failed``, ``reused``.
+
+    Returns
+    -------
+    Fleet
+        ``result`` (counts, distributions, failures), ``lot``, ``files``, ``summary()``, ``to_json()``.
+
+    Raises
+    ------
+    CalibrationError
+        For folders without a session; its message is one line.
+
+    Examples
+    --------
+    >>> import tinygc
+    >>> found = tinygc.fleet("data", "fleet", steps=("check", "fit"))  # doctest: +SKIP
+    >>> found.result.passed  # doctest: +SKIP
+
+    """
+    places = [Path(each) for each in ([folders] if isinstance(folders, str | os.PathLike) else folders)]
+    if isinstance(steps, str):
+        steps = (steps,)
+    options = FleetOptions(tuple(steps), seed, use_earth, accelerometer, tuple(os.path.abspath(each) for each in effects))
+    tally, folder = None, Path(out)
+    if places:
+        how: dict[str, Any] = {"jobs": jobs, "scheduler": scheduler, "retry": retry, "progress": progress or (lambda tally: None)}
+        tally = compute(session_folders(places), folder, options, **how)
+        if not tally.folders:
+            raise no_session(places)
+    return summed_up(folder, tally, limit_deg)
+
+
+@public()
+def lot(table: Path | str, *, model: str | None = None) -> LotStatistics:
+    """Compute the statistics of a lot of sensors: mean, spread, drift, units that do not belong.
+
+    Parameters
+    ----------
+    table : str or Path
+        The folder that ``fleet`` wrote, or its fleet.sqlite.
+    model : str, optional
+        Of a table with several models of sensors, this one.
+
+    Returns
+    -------
+    LotStatistics
+        ``result``, ``summary()``, ``to_json()``; ``save(path)`` writes the lot's file for ``fit(…, lot=path)``, ``save_page(path)`` a page.
+
+    Raises
+    ------
+    CalibrationError
+        For a table that cannot be read, or has fewer than two fitted units.
+
+    Examples
+    --------
+    >>> import tinygc
+    >>> tinygc.lot("fleet").save("lot.json")  # doctest: +SKIP
+
+    """
+    folder = Path(table).parent if Path(table).name == TABLE else Path(table)
     with read_table(folder) as opened:
         return LotStatistics(lot_of_table(opened, model), unit_noises(opened))

@@ -10,6 +10,7 @@ from tinygc.cli.arguments import folder_written, path_read, seconds
 from tinygc.cli.options import add_log_options, answers_of
 from tinygc.cli.results import output, try_destinations, try_json, write_json
 
+NAME = "noise"
 SUMMARY = "the noise of a sensor at rest, from milliseconds to hours: each term with its sigma, and when the others will be known"
 
 
@@ -35,8 +36,8 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Estimate the noise of one unit, print it, and write noise.json and noise.png."""
-    from session.base.features import need
     from session.base.names import is_session
+    from tinygc.features.noise import library
     from tinygc.noise.figures import FILE
     from tinygc.reporting.terminal import progress_bar
 
@@ -50,7 +51,6 @@ def run(args: argparse.Namespace) -> int:
         try_destinations(argparse.Namespace(out=folder, json=args.json), "fit")
     else:
         try_json(args.json)
-    library = need("noise figures")  # it stands on another feature, which may have been removed
     with progress_bar(args.quiet) as progress:
         if args.curve is not None:
             found = library.noise_of_curve(args.curve, args.curve_units, args.duration, args.odr, args.sensor or "", args.serial)

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from session.base.errors import DataError, FormatError
-from session.base.features import find
 from session.base.files import MB, require_file
 from session.base.names import TURNS, has_recorded_name, log_paths, refuse_array
 from session.base.rotation import angle_between
@@ -38,6 +37,7 @@ from session.log.sensors.profile import CLOCK_WITHIN
 from session.log.stamps import evenly
 from session.log.thermometer import Sound
 from session.replay.answers import with_comments, with_sensor
+from session.replay.binary import registry
 from session.replay.convert import FASTEST_HZ, SLOWEST_HZ
 from session.replay.importing import kind_named
 from session.replay.join import join, rates_of
@@ -204,13 +204,12 @@ def _of_folder(folder: Path, answers: Answers, columns: Sequence[str]) -> Iterat
             raise FormatError(f"{folder}: neither a rest log nor a log; expected rest*.csv or log*.csv beside session.toml")
         yield from (_of_session(path, config) for path in paths)
         return
-    registry = find("binary logs")
-    if registry is not None and registry.reader_of(folder, b"") is not None:  # a bag is a folder
+    if registry.reader_of(folder, b"") is not None:  # a bag is a folder
         yield _Part(folder.name, None, partial(_read_log, [folder], answers, columns))
         return
     files = sorted(path for path in folder.iterdir() if path.is_file() and not path.name.startswith("."))
     text = [path for path in files if path.suffix.lower() in SUFFIXES]
-    binary = [path for path in files if path not in text and registry is not None and registry.reader_of(path, head_of(path)) is not None]
+    binary = [path for path in files if path not in text and registry.reader_of(path, head_of(path)) is not None]
     packed = [path for path in files if path.name.lower().endswith(".csv.gz")]
     if text:
         with Sources([folder], answers, columns) as sources:
@@ -291,9 +290,8 @@ def _rate_of(samples: Samples, name: str) -> float:
 def _flowing(path: Path, answers: Answers, columns: Sequence[str]) -> float | None:
     """Hz of a text log that can be read piece by piece, by its first piece; None of one that must be read whole: another kind of file, of
     one sensor alone, or with stamps that are coarser than its samples or come in bursts."""
-    registry = find("binary logs")
     head = head_of(path)
-    if answers.like or head.startswith(b"PK") or (registry is not None and registry.reader_of(path, head) is not None):
+    if answers.like or head.startswith(b"PK") or registry.reader_of(path, head) is not None:
         return None
     reader = Reader(path, answers if not columns else replace(answers, columns=columns[0]))
     if reader.layout.gyro is None or reader.layout.accel is None:

@@ -5,19 +5,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from session import VERSION
 from session.base.errors import CalibrationError
 from session.base.files import result_folder
 from session.base.results import write_whole
 from session.log.dialects import Answers
+from session.log.folder import Session
 from tinygc.features.noise.curve_file import estimate_of_curve
-from tinygc.features.noise.estimate import NoiseEstimate, estimate_noise
+from tinygc.features.noise.estimate import NoiseEstimate
+from tinygc.features.noise.estimate import estimate_noise as estimate_of
 from tinygc.features.noise.inputs import Input, read_inputs
 from tinygc.features.noise.picture import figure_of
 from tinygc.features.noise.text import against_data_sheet, kalibr_figures, noise_page, open_terms
-from tinygc.library.arguments import Progress
+from tinygc.library.arguments import Progress, answers_of, is_number, is_path, nothing, public
+from tinygc.library.logs import asking_for_keywords, columns_of
 from tinygc.library.records import Shown
 from tinygc.noise.figures import FILE, AllanBand, Inflation, NoiseFigures, to_json
 from tinygc.reporting.pictures.canvas import has_matplotlib, save, saved
@@ -100,7 +103,7 @@ class Noise(Shown):
 def noise_of(inputs: Sequence[Input], answers: Answers, columns: Sequence[str], serial: str, progress: Progress) -> Noise:
     """Estimate the noise of one unit.  Raises CalibrationError, in one line, for inputs that cannot be read or are of several units."""
     rests = read_inputs(inputs, answers, columns, serial, progress)
-    estimate = estimate_noise(rests.sums, progress)
+    estimate = estimate_of(rests.sums, progress)
     rests.sums.clear()  # of a day as large as its logs, which are fitted next
     figures = replace(estimate.figures, logs=tuple(rests.logs), sensor=rests.sensor, serial=rests.serial)
     remarks = list(rests.remarks)
@@ -131,3 +134,77 @@ def noise_of_curve(path: Path, units: str | None, duration_s: float | None, rate
     """Estimate the terms of an Allan curve in a file.  Raises CalibrationError, in one line."""
     estimate = estimate_of_curve(path, units, duration_s, rate_hz)
     return Noise(replace(estimate, figures=replace(estimate.figures, sensor=sensor, serial=serial)))
+
+
+@public(Answers)
+def estimate_noise(
+    logs: Any = None,
+    *,
+    curve: Path | str | None = None,
+    curve_units: str | None = None,
+    duration_s: float | None = None,
+    serial: str = "",
+    columns: Sequence[str] | None = None,
+    progress: Progress | None = None,
+    **answers: Any,
+) -> Any:
+    """Estimate the noise of one unit at rest: the terms of IEEE 952 of each axis, with their sigmas.
+
+    Parameters
+    ----------
+    logs : str, Path, Session, tuple of arrays, or sequence of them
+        Session folders, folders of rest logs, logs of any program, sessions, or ``(t_s, gyro_rps, accel_mps2)``: (N,) s, (N, 3) rad/s,
+        (N, 3) m/s².  Several are one estimate of one unit.  Of a log that moves, its stills are used.
+    curve : str or Path, optional
+        A file with an Allan curve, in place of logs.
+    curve_units : str, optional
+        Units of its deviations, where its header does not say them: ``"m/s2,deg/s"``.
+    duration_s : float, optional
+        How long the recording of the curve was, s.
+    serial : str, optional
+        Serial number of the sensor.
+    columns : str or sequence of str, optional
+        Which column is what, as of ``tinygc.import_log``.
+    progress : callable, optional
+        Called with what is done, how far, and of how much.
+    **answers
+        What a log does not say, as of ``tinygc.import_log``: ``sensor="MPU-6050"``, ``gyro_unit="dps"``, ``odr_hz=100`` and others.
+
+    Returns
+    -------
+    Noise
+        ``figures`` in SI, ``allan``, ``remarks``, ``summary()``, ``to_json()``, ``save(folder)``, ``plot(path)``.
+
+    Raises
+    ------
+    CalibrationError
+        For what cannot be read, for logs of two units or data rates; its message is one line.
+
+    Examples
+    --------
+    >>> import tinygc
+    >>> found = tinygc.estimate_noise(["rest0001.csv", "rest0002.csv"])  # doctest: +SKIP
+    >>> found.figures.gyro.values("N")  # doctest: +SKIP
+
+    """
+    told = answers_of(answers)
+    if curve is not None:
+        if logs is not None:
+            raise CalibrationError("estimate_noise: give logs or curve, not both")
+        return noise_of_curve(Path(curve), curve_units, duration_s, told.odr_hz, told.sensor or "", serial)
+    inputs = [_input(each) for each in (logs if isinstance(logs, list) else [logs])]
+    with asking_for_keywords():
+        own = columns_of(columns)
+        return noise_of(inputs, told, own, serial, progress or nothing)
+
+
+def _input(given: Any) -> Any:
+    """A path, a session, or three arrays; CalibrationError for anything else."""
+    if is_path(given):
+        return Path(given)
+    if isinstance(given, Session) or (isinstance(given, tuple) and len(given) == 3 and not any(map(is_number, given))):
+        return given
+    raise CalibrationError(
+        f"logs is of type {type(given).__name__}, expected the path of a log or folder, a tinygc.Session, a tuple of three arrays "
+        "(t_s, gyro_rps, accel_mps2), or a list of these"
+    )

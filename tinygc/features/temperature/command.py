@@ -6,6 +6,7 @@ Imports nothing heavy at its top, because the core's commands load it for its op
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from session.base.errors import CalibrationError
@@ -27,8 +28,12 @@ def add_fit_arguments(command: argparse.ArgumentParser) -> None:
     )
 
 
-def fit(args: argparse.Namespace) -> Done:
-    """Fit one model to all folders."""
+def fit(args: argparse.Namespace) -> Done | None:
+    """Fit one model to all folders; None where it is not asked for, and the first folder is none of rest logs."""
+    if not args.temperature and not _has_only_rests(args.folder):
+        if rests := [folder for folder in args.more if _has_only_rests(folder)]:
+            raise CalibrationError(f"{rests[0]}: holds rest logs alone; add --temperature to join them with the sessions in one model")
+        return None
     from tinygc.features.temperature.library import fit_temperature
     from tinygc.features.temperature.output import MODEL, save_thermal, temperature_report, to_json
     from tinygc.reporting.terminal import progress_bar
@@ -47,6 +52,11 @@ def fit(args: argparse.Namespace) -> Done:
     output(args).print(temperature_report(result))
     output(args).print(f"model: {folder / MODEL}", soft_wrap=True)
     return Done(0, to_json(result), f"a model over temperature: {MODEL}")
+
+
+def _has_only_rests(folder: Path) -> bool:
+    """Whether a folder holds rest logs and no log with turns."""
+    return folder.is_dir() and any(folder.glob("rest*.csv*")) and not any(folder.glob("log*.csv*"))
 
 
 def add_simulate_arguments(command: argparse.ArgumentParser) -> None:

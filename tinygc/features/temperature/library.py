@@ -10,23 +10,43 @@ from session.base.names import log_paths
 from session.base.texts import printable
 from session.log.config import read_config
 from session.log.folder import file_key, input_hashes, read_session, sha256_of
-from tinygc.features.temperature.axis_fit import ORDERS
 from tinygc.features.temperature.rest_fit import RestFit, fit_rests, read_rests
 from tinygc.features.temperature.sessions_fit import ThermalFit, join, joined, of_rests_alone, point_of
-from tinygc.library.arguments import Progress
+from tinygc.library.arguments import Progress, nothing, public
 
 
-def fit_temperature(
-    folders: Path | str | Sequence[Path | str],
-    *,
-    most_order: int = ORDERS[-1],
-    progress: Progress = lambda what, done, of: None,
-) -> ThermalFit:
-    """Fit one or more folders of one sensor: all their rest logs, and every session with turns.
+@public()
+def fit_temperature(folders: Path | str | Sequence[Path | str], *, most_order: int = 5, progress: Progress | None = None) -> ThermalFit:
+    """Fit a calibration over temperature to rest logs and sessions with turns of one sensor.
 
-    Rest logs alone give the zero over temperature, with the identity as E.  Raises CalibrationError, in one line, for data that cannot
-    be read or fitted.
+    Parameters
+    ----------
+    folders : str, Path or sequence of them
+        Folders of rest logs and sessions of one sensor.
+    most_order : int, optional
+        Highest order of the polynomials over temperature, 0 to 5.
+    progress : callable, optional
+        Called with the current step's description, the number of steps done and the number of all steps.
+
+    Returns
+    -------
+    ThermalFit
+        ``model``, ``covariance``, ``names``, ``values``, ``sigma``.  Rest logs alone give the zero rate over temperature; E is then the
+        identity.
+
+    Raises
+    ------
+    CalibrationError
+        For data that cannot be read or fitted; its message is one line.
+
+    Examples
+    --------
+    >>> import tinygc
+    >>> thermal = tinygc.fit_temperature(["data/rests", "data/session1"])  # doctest: +SKIP
+    >>> thermal.model(raw, temp=celsius)  # (N, 3) rad/s from (N, 3) rad/s and (N,) degC  # doctest: +SKIP
+
     """
+    progress = progress or nothing
     paths = [Path(folder) for folder in ([folders] if isinstance(folders, Path | str) else folders)]
     sensors = [read_config(folder / "session.toml").sensor for folder in paths]
     for folder, sensor in zip(paths[1:], sensors[1:], strict=True):

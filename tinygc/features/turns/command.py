@@ -5,12 +5,15 @@ from __future__ import annotations
 import argparse
 
 from session.base.errors import CalibrationError
+from session.base.names import is_gyroscope_alone
 from tinygc.cli.options import given
 from tinygc.cli.results import Done, output, try_destinations
 
 
-def fit(args: argparse.Namespace) -> Done:
-    """Fit scale and bias by the known turns."""
+def fit(args: argparse.Namespace) -> Done | None:
+    """Fit scale and bias by the known turns; None of a folder whose reference is another."""
+    if not is_gyroscope_alone(args.folder):
+        return None
     from tinygc.features.turns.library import fit_turns
     from tinygc.features.turns.output import MODEL
     from tinygc.reporting.terminal import progress_bar

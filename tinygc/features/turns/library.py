@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,9 +15,8 @@ from tinygc.features.turns.estimate import TurnsEstimate, estimate  # noqa: F401
 from tinygc.features.turns.folder import read_turn_session
 from tinygc.features.turns.output import save_turns, to_json, turns_report
 from tinygc.features.turns.result import RestBias, TurnsResult
+from tinygc.library.arguments import Progress, nothing, public
 from tinygc.reporting.terminal import Group, as_html, as_text
-
-Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -50,11 +48,36 @@ class TurnFit(TurnsResult):
         return save_turns(self, self.session.own_folder("fit") if folder is None else Path(folder))
 
 
-def fit_turns(session: Session | Path | str, *, progress: Progress = lambda what, done, of: None) -> TurnFit:
-    """Fit a session whose reference is turns of known angle, or its folder.
+@public()
+def fit_turns(session: Session | Path | str, *, progress: Progress | None = None) -> TurnFit:
+    """Fit a gyroscope alone, without an accelerometer, to turns of known angle.
 
-    Raises FormatError or DataError for what cannot be read, and FitError where no turn can be used.
+    Parameters
+    ----------
+    session : Session, str or Path
+        A session with ``reference = "turns"``, or its folder, which holds ``turns.csv``.
+    progress : callable, optional
+        Called with the current step's description, the number of steps done and the number of all steps.
+
+    Returns
+    -------
+    TurnFit
+        ``scales`` of each axis and sense that was turned, ``asymmetry``, ``bias``, ``model``, ``angles`` of the turns, ``estimate`` with
+        the table's play and the turns that are lost; ``summary()``, ``to_json()``, ``save()``.
+
+    Raises
+    ------
+    CalibrationError
+        For data that cannot be read or fitted; its message is one line.
+
+    Examples
+    --------
+    >>> import tinygc
+    >>> turned = tinygc.fit_turns("phone")  # doctest: +SKIP
+    >>> turned.scales[0].value, turned.scales[0].sigma  # doctest: +SKIP
+
     """
+    progress = progress or nothing
     if not isinstance(session, Session):
         session = read_turn_session(session)
     elif session.config.protocol.reference != TURNS:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from session.base.features import find
+from session.base import features
 from session.base.names import CLOCKS
 from session.base.numeric import sigmas_in
 from session.base.texts import significant
@@ -338,7 +338,6 @@ def gather(
             progress=lambda what: progress(what, 0, 1),
         )
     logs = {file_key(log.path): hash_of_log(log) for log in prepared.session.logs} if explain and prepared is not None else {}
-    discovery = find("earlier discoveries") if explain and folder is not None else None
     if fit is None:
         saved = None if folder is None else folder / "fit"
         fit = fit_session(session, options, progress, saved=saved, prepared=prepared, physics=physics_methods)
@@ -373,7 +372,7 @@ def gather(
         made=moment.strftime("%Y-%m-%d %H:%M UTC"),
         limit_deg=limit_deg,
         reused=fit.reused,
-        searched=None if discovery is None or folder is None else discovery.searched(folder, logs),
+        searched=features.first("earlier results of a report", folder, logs) if explain and folder is not None else None,
     )
 
 

@@ -10,18 +10,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from session import VERSION
-from session.base.errors import FormatError
-from session.base.features import need
+from session.base.errors import CalibrationError, FormatError
 from session.base.files import result_folder
 from session.base.results import write_text_whole, write_whole
 from tinygc.features.tables.rates.choice import Choice, choose
 from tinygc.features.tables.rates.page import page
 from tinygc.features.tables.rates.picture import figure_of
 from tinygc.features.tables.rates.points import Columns, Points, points_of, read_points, read_table, settings_of
+from tinygc.features.tables.rates.recording import read_recording
 from tinygc.features.tables.rates.sweep import Sweep, fit_response, is_response, read_response
 from tinygc.features.tables.rates.terms import terms
 from tinygc.features.tables.rates.text import rates_page
-from tinygc.library.arguments import Progress
+from tinygc.library.arguments import Progress, is_path, nothing, public
 from tinygc.library.records import Shown
 from tinygc.reporting.pictures.canvas import has_matplotlib, save, saved
 from tinygc.reporting.terminal import Group
@@ -138,7 +138,7 @@ def rates_of(path: Path, columns: Columns, progress: Progress) -> Rates:
     points: list[Points] = []
     sweeps: list[Sweep] = []
     if path.is_dir():
-        recording = need("rate steps recorded with a machine").read_recording(path, progress)
+        recording = read_recording(path, progress)
         points, remarks = list(recording.points), list(recording.remarks)
         sweeps = [fit_response(response) for response in recording.responses]
     elif is_response(read_table(path)[0]):
@@ -170,3 +170,61 @@ def _chosen(name: str, points: Sequence[Points], sweeps: Sequence[Sweep], remark
         choices.append(choose(settled))
         said += why
     return Rates(name, tuple(choices), tuple(sweeps), tuple(said))
+
+
+@public()
+def estimate_rates(
+    source: Any,
+    *,
+    sigma: Any = None,
+    unit: str = "",
+    rate_column: str = "",
+    output_column: str = "",
+    readings: int | None = None,
+    progress: Progress | None = None,
+) -> Any:
+    """Choose the law of a sensor's output over the rate of a table, with the terms of IEEE 1431; bandwidth and delay of a sweep.
+
+    Parameters
+    ----------
+    source : str, Path, or tuple of arrays
+        A CSV of rates and outputs, or of frequencies, gains and phases; a folder with ``rates*.csv``, ``table.toml`` and ``table.csv``; or
+        ``(rate_dps, output)``: (N,) °/s and (N,), in the order in which they were taken.
+    sigma : array_like, optional
+        (N,) sigma of each output, where it is known, of arrays.
+    unit : str, optional
+        Unit of the output, where the CSV does not say it.
+    rate_column, output_column : str, optional
+        Names of the columns of a CSV.
+    readings : int, optional
+        Readings behind each mean, where the CSV has their std.
+    progress : callable, optional
+        Called with what is done, how far, and of how much.
+
+    Returns
+    -------
+    Rates
+        ``choices``, ``sweeps``, ``remarks``, ``summary()``, ``html()``, ``to_json()``, ``save(folder)``, ``plot(path)``.
+
+    Raises
+    ------
+    CalibrationError
+        For what cannot be read, for too few rates; its message is one line.
+
+    Examples
+    --------
+    >>> import tinygc
+    >>> rates = [-60, -40, -20, 0, 20, 40, 60]
+    >>> found = tinygc.estimate_rates((rates, [-1.2001, -0.7998, -0.4001, 0.0002, 0.3999, 0.8001, 1.1999]), unit="V")
+    >>> found.choices[0].fit.hypothesis.name
+    'line'
+
+    """
+    if is_path(source):
+        if sigma is not None:
+            raise CalibrationError("estimate_rates: sigma is of arrays; a CSV has a column std and --readings")
+        columns = Columns(rate_column, output_column, unit, readings)
+        return rates_of(Path(source), columns, progress or nothing)
+    if not (isinstance(source, tuple) and len(source) == 2):
+        raise CalibrationError(f"source is of type {type(source).__name__}, expected a path or a tuple of two arrays (rate_dps, output)")
+    return rates_of_arrays(*source, sigma, unit or "units", progress or nothing)

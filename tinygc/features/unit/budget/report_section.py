@@ -9,6 +9,8 @@ from tinygc.features.unit.budget.text import largest_words
 from tinygc.reporting.html.evidence import ReportData
 from tinygc.reporting.html.markup import Section, code, escape, paragraph
 
+#: the section of the report that this one stands behind
+BEHIND = "correlations"
 #: the sensor errors that have a bar
 SHOWN = ("scale factor error", "misalignment", "bias")
 

@@ -11,6 +11,9 @@ from tinygc.features.unit.history.sessions import in_one_frame
 from tinygc.reporting.html.evidence import ReportData
 from tinygc.reporting.html.markup import Section
 
+#: the section of the report that this one stands behind
+BEHIND = "explanation_by_truth"
+
 
 def section(evidence: ReportData) -> Section | None:
     """Section on the unit's sessions, this one among them; None where the fit has no ``history``."""

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from session.base.errors import CalibrationError, FormatError
-from session.base.features import need
 from session.base.files import KB, read_text
 from session.base.names import is_array, is_session, log_paths
 from session.base.numeric import sigmas_in
@@ -236,7 +235,6 @@ def mean_temperature(folder: Path, config: Config) -> float | None:
 
 def _of_fleet(out: Path) -> Iterable[UnitSession]:
     """The fitted sessions of a fleet's table; their numbers are in the frame of each one's own accelerometer."""
-    need("lots and fleets", str(out))
     from tinygc.features.fleet.fleet_row import VALUES, unpacked
     from tinygc.features.fleet.fleet_summary import read_as_written
     from tinygc.features.fleet.fleet_table import EACH, read_table

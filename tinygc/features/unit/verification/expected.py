@@ -17,7 +17,6 @@ from pathlib import Path
 import numpy as np
 
 from session.base.errors import FormatError
-from session.base.features import need
 from session.base.numeric import sigmas_in
 from session.base.units import DEG, G
 from tinygc.estimation.accelerometer import JOINT_NAMES
@@ -99,7 +98,9 @@ def spread_of_unit(old: OldCalibration, rows: Rows, history: Sequence[Path] = ()
     given = rows.session.config.sensor.gyro_bias_repeatability_dps
     fill(ZERO, None if given is None else given * DEG, "given in session.toml")
     if lot is not None:
-        known = need("a lot as prior (--lot)", "--lot").lot_for(lot, rows.session.config.sensor.model).lot
+        from tinygc.features.fleet.fit import lot_for
+
+        known = lot_for(lot, rows.session.config.sensor.model).lot
         own = np.r_[known.repeatability[12:], known.repeatability[:12]]
         shown = f"{known.sessions} sessions of {known.units} units of a lot"
         fill(slice(COUNT), own, shown, float(max(1, known.sessions - known.units)))

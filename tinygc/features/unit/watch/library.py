@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from session.base.errors import CalibrationError
 from session.log.config import read_config
+from session.log.dialects import Answers
 from tinygc.deploy.apply import model_of
 from tinygc.deploy.calibration import Surroundings, surroundings
 from tinygc.features.unit.watch.expectation import ModelInUse
 from tinygc.features.unit.watch.source import SILENT_S, Remark, SourceOptions, items_of, require_source
 from tinygc.features.unit.watch.watch import FALSE_ALARM_EVERY_S, Event, Watch
+from tinygc.library.arguments import answers_of, is_number, is_path, public
 from tinygc.models.files import is_array_model
 
 __all__ = ["Event", "SourceOptions", "Watched", "events_of", "watch"]
@@ -101,14 +105,57 @@ def events_of(
     yield from live.end()
 
 
+@public(Answers)
 def watch(
-    model: Path,
-    source: str,
-    options: SourceOptions,
+    model: Path | str,
+    source: Path | str,
     *,
     false_alarm_every_s: float = FALSE_ALARM_EVERY_S,
-    noise: Path | None = None,
-    session: Path | None = None,
-) -> Watched:
-    """Watch a source to its end."""
-    return Watched(tuple(events_of(model, source, options, false_alarm_every_s=false_alarm_every_s, noise=noise, session=session)))
+    noise: Path | str | None = None,
+    session: Path | str | None = None,
+    **answers: Any,
+) -> Any:
+    """Hold a log's rests, its gravity and its turns against a calibration, one after the other, as the command ``watch`` does.
+
+    Parameters
+    ----------
+    model : str or Path
+        A model file, or the folder of a session: the model that its fit recommends.
+    source : str or Path
+        A log of any program, a port, ``udp:HOST:PORT``, or ``-`` for standard input; it is watched to its end.
+    false_alarm_every_s : float, optional
+        Mean time at rest to a false alarm, s; 30 days by default.
+    noise : str or Path, optional
+        ``noise.json`` of this unit, or its folder; the one beside the model by default.
+    session : str or Path, optional
+        Folder with the ``session.toml`` that holds: place, full scales, accelerometer.
+    **answers
+        What a log does not say, as of ``tinygc.import_log``.
+
+    Returns
+    -------
+    Watched
+        ``held`` (None where nothing could be judged), ``alarms``, ``events`` with ``t_s``, ``words`` and ``table``, ``summary()``.
+
+    Raises
+    ------
+    CalibrationError
+        For what cannot be read; its message is one line.
+
+    Examples
+    --------
+    >>> import tempfile, tinygc
+    >>> folder = tinygc.simulate(segments=12, closure_s=0.0, odr_hz=104.0, seed=1).save(tempfile.mkdtemp() + "/a")
+    >>> _ = tinygc.fit(folder, methods=("least_squares",)).save()
+    >>> tinygc.watch(folder, folder / "log0001.csv.gz").held
+    True
+
+    """
+    for name, value in (("model", model), ("source", source)):
+        if not is_path(value):
+            raise CalibrationError(f"{name} is of type {type(value).__name__}, expected a path")
+    if not is_number(false_alarm_every_s):
+        raise CalibrationError(f"false_alarm_every_s is {false_alarm_every_s!r:.40}, expected seconds")
+    options = SourceOptions(answers=answers_of(answers))
+    how: dict[str, Any] = {"noise": None if noise is None else Path(noise), "session": None if session is None else Path(session)}
+    return Watched(tuple(events_of(Path(model), os.fspath(source), options, false_alarm_every_s=float(false_alarm_every_s), **how)))

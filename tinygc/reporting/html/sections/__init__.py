@@ -1,17 +1,13 @@
 """Sections of a report, one file each.  Each has ``section(evidence)``, which returns a ``Section``, or None if the session has
-nothing to show."""
+nothing to show.  Those of features stand behind one of these, which their ``BEHIND`` names."""
 
 from collections.abc import Iterator
 from importlib import import_module
 from types import ModuleType
 
-from session.base.features import find
+from session.base import features
 
-#: the services of features that make a section; a section is omitted if its feature is
-DISCOVERIES = "discoveries in a calibration report"
-HISTORY = "the history of a unit in a calibration report"
-SOURCES = "uncertainty by source in a calibration report"
-#: module names in this folder, and those services
+#: module names in this folder
 SECTIONS = (
     "answer",
     "front",
@@ -22,13 +18,10 @@ SECTIONS = (
     "parameters",
     "accelerometer",
     "correlations",
-    SOURCES,
     "noise_at_rest",
     "denoising",
     "explanation",
     "explanation_by_truth",
-    DISCOVERIES,
-    HISTORY,
     "application",
     "provenance",
 )
@@ -36,7 +29,7 @@ SECTIONS = (
 
 def modules() -> Iterator[ModuleType]:
     """Yield the module of each section, in the order of the page."""
+    more = list(features.each("report section"))
     for name in SECTIONS:
-        module = find(name) if name in (DISCOVERIES, HISTORY, SOURCES) else import_module(f"{__name__}.{name}")
-        if module is not None:
-            yield module
+        yield import_module(f"{__name__}.{name}")
+        yield from (module for module in more if name == module.BEHIND)

@@ -1,0 +1,16 @@
+"""Recordings of several units on one rigid body: ``fit``, ``explain``, ``apply``, ``check``, ``import`` and ``simulate`` of an array."""
+
+from session.base.features import Feature
+
+FEATURE = Feature(
+    public={"array": "library", "Array": "library", "ArraySession": "recording"},
+    serves={
+        "options of simulate": "command:add_simulate_arguments",
+        "simulation": "command:simulate",
+        "fit of a folder": "command:fit",
+        "explanation of a folder": "command:explain",
+        "check of a recording": "points:check",
+        "use of a model": "points:apply",
+        "import of logs": "points:import_logs",
+    },
+)

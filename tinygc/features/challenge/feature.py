@@ -1,0 +1,8 @@
+"""The tool's blind examination, and the proof of an effect."""
+
+from session.base.features import Feature
+
+FEATURE = Feature(
+    commands={"challenge": "command"},
+    serves={"proof of an effect": "proofs:check"},
+)

@@ -1,0 +1,9 @@
+"""The noise of a sensor at rest, from milliseconds to hours; what a filter makes of it."""
+
+from session.base.features import Feature
+
+FEATURE = Feature(
+    commands={"noise": "command"},
+    public={"estimate_noise": "library"},
+    serves={"figures of a rest": "live:LiveNoise", "command for a rest": "command:NAME"},
+)

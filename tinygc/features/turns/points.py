@@ -1,0 +1,20 @@
+"""What the core asks of a gyroscope alone: each function answers None of any other, and imports the rest only where it is one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from session.log.dialects import Answers
+    from session.replay.convert import Converted
+
+
+def import_logs(paths: Sequence[Path], out: Path, answers: Answers, columns: Sequence[str], more: dict[str, Any]) -> Converted | None:
+    """Make a session folder of a gyroscope alone, by the known turns of the file that ``--turns`` names."""
+    if more.get("turns") is None:
+        return None
+    from tinygc.features.turns.importing import import_turns
+
+    return import_turns(paths, out, answers, more["turns"], columns, more["serial"])

@@ -1,0 +1,22 @@
+"""One unit over its life: whether a calibration holds, what its numbers do, what they are worth."""
+
+from session.base.features import Feature
+
+FEATURE = Feature(
+    commands={
+        "verify": "verification.command",
+        "watch": "watch.command",
+        "history": "history.command",
+        "budget": "budget.command",
+    },
+    public={
+        "verify": "verification.library",
+        "watch": "watch.library",
+        "history": "history.library",
+        "budget": "budget.library",
+    },
+    serves={
+        "report section": ("budget.report_section", "history.report_section"),
+        "certificate of a report": "certificate.library",
+    },
+)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from conftest import ROOT
 
+from tinygc.noise.stillness import density
 from tinygc.reporting.html import markup
 from tinygc.reporting.html.chart import Axis, Chart, linear_axis, log_axis
-from tinygc.reporting.html.evidence import density
 
 
 @pytest.mark.parametrize("shade", [0, 1], ids=["light", "dark"])

@@ -28,7 +28,7 @@ from tinygc.reporting.terminal import Group, one_line
 
 if TYPE_CHECKING:
     from tinygc.estimation.results import FitResult
-    from tinygc.reporting.html.evidence import ReportData
+    from tinygc.explanation.reported import ReportData
 
 # The report: one HTML file.
 
@@ -102,7 +102,7 @@ def report_of(
     where: Session | Path, options: FitOptions, fit: FitResult | None, explain: bool, limit_deg: float | None, progress: Progress | None
 ) -> Report:
     """Gather what the report of a session, or a session folder, shows; fit: its fit with these options, where it was run before."""
-    from tinygc.reporting.html.evidence import gather  # with the fit and the search for effects, which an export does not need
+    from tinygc.explanation.reported import gather  # with the fit and the search for effects, which an export does not need
 
     return Report(gather(where, options, explain=explain, limit_deg=limit_deg, fit=fit, progress=progress))
 

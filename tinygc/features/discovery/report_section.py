@@ -13,6 +13,7 @@ from session.base.errors import FormatError
 from session.base.files import MB, read_bytes
 from session.base.results import Array, Keys, ListOf, MapOf, Maybe, Number, Text, read_required, require
 from session.base.texts import shell_word
+from tinygc.explanation.reported import ReportData
 from tinygc.features.discovery.result import (
     MOST_RUNNERS_UP,
     abbreviated,
@@ -22,7 +23,6 @@ from tinygc.features.discovery.result import (
     runner_up_words,
     same_words,
 )
-from tinygc.reporting.html.evidence import ReportData
 from tinygc.reporting.html.markup import Section, code, escape, paragraph
 
 #: the section of the report that this one stands behind

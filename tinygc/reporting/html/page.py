@@ -11,7 +11,7 @@ from session.base.results import write_text_whole
 from session.base.units import DEG
 from tinygc.estimation.bias import tilt_rms
 from tinygc.estimation.choice import run_figures
-from tinygc.reporting.html.evidence import ReportData
+from tinygc.explanation.reported import ReportData
 from tinygc.reporting.html.markup import Section, render
 from tinygc.reporting.html.sections import modules
 from tinygc.reporting.html.sections.front import recorded

@@ -36,8 +36,8 @@ from tinygc.estimation.requirements import (
     run_measured,
 )
 from tinygc.estimation.sources import Source
+from tinygc.explanation.reported import LINEAR, ReportData
 from tinygc.models.linear import BIAS, PARAMETERS, LinearModel, Quantity
-from tinygc.reporting.html.evidence import LINEAR, ReportData
 from tinygc.reporting.html.sections.front import SOURCES, recorded
 
 NOT_STATED = "not stated"

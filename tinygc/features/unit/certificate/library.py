@@ -10,12 +10,12 @@ from session.base.errors import CalibrationError, FormatError
 from session.base.files import open_file, result_folder
 from session.base.results import write_text_whole
 from session.log.config import read_config
+from tinygc.explanation.reported import ReportData
 from tinygc.features.unit.certificate.content import Content, content_of
 from tinygc.features.unit.certificate.dcc_file import dcc_text, require_fields
 from tinygc.features.unit.certificate.page import TITLE, page
 from tinygc.models.files import load_with_table
 from tinygc.models.linear import LinearModel
-from tinygc.reporting.html.evidence import ReportData
 from tinygc.reporting.html.paper import print_pdf, require_browser
 
 #: bytes of a file that say whether it is a certificate

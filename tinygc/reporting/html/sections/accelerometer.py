@@ -6,13 +6,14 @@ from math import nan
 
 import numpy as np
 
+from session.base.texts import significant
 from session.base.units import MG
 from session.detect.accelerometer import NAMES, attitudes_of
 from tinygc.closure.joint import REFUTED_P
 from tinygc.estimation.accelerometer import UNITS, AccelerometerFit
+from tinygc.explanation.reported import ReportData, with_freedom
 from tinygc.models.linear import COVERAGE_FACTOR, Quantity
 from tinygc.reporting.html.chart import Axis, Chart, log_axis
-from tinygc.reporting.html.evidence import ReportData, misses_of, spread_text, with_freedom
 from tinygc.reporting.html.markup import Section, decimals_for, render
 
 #: term -> its meaning in one line
@@ -80,3 +81,17 @@ def _chart(before: np.ndarray | None, after: np.ndarray, width: int) -> str:
             titles = [f"still {n}: {miss / MG:+.3f} mg" for n, miss in zip(number, each, strict=True)]
             chart.dots(number, np.maximum(np.abs(each) / MG, LEAST_MG), kind, titles, ring=kind == "before")
     return chart.svg()
+
+
+def spread_text(misses: np.ndarray) -> str:
+    """Standard deviation of the residuals, as text in mg."""
+    return f"{significant(float(np.std(misses)) / MG, 2)} mg"
+
+
+def misses_of(evidence: ReportData) -> tuple[np.ndarray | None, np.ndarray]:
+    """Residuals of gravity's length in the reference stills, m/s^2, before (None if there is no other calibration) and after."""
+    found = evidence.fit.accelerometer
+    if found.misses_mps2 is not None:
+        return found.misses_mps2
+    gravity = evidence.problem.session.config.site.expected_gravity_mps2
+    return None, np.array([np.linalg.norm(s.accel_mean) - gravity for s in evidence.problem.stills if s.problem is None])

@@ -10,8 +10,8 @@ from session.base.results import json_text
 from session.base.texts import fixed
 from session.base.units import DEG
 from tinygc.deploy.calibration import Calibration
+from tinygc.explanation.reported import ReportData, model_table
 from tinygc.models.physics import PhysicsModel
-from tinygc.reporting.html.evidence import ReportData, model_table
 from tinygc.reporting.html.markup import Section, render
 
 #: measured rates as test input, dps

@@ -10,10 +10,10 @@ from session.base.texts import fixed
 from session.base.units import DEG
 from tinygc import closure
 from tinygc.closure.runs import ClosureRun
+from tinygc.explanation.reported import ReportData
 from tinygc.models.linear import bias_only
 from tinygc.reporting.fit_text import TITLES
 from tinygc.reporting.html.chart import Axis, Chart, log_axis
-from tinygc.reporting.html.evidence import ReportData
 from tinygc.reporting.html.markup import Section, aligned_decimals, render, small
 
 DENOISED = "tinygc_denoised"

@@ -6,9 +6,9 @@ import numpy as np
 
 from session.base.numeric import sigmas_in
 from session.base.texts import fixed
+from tinygc.explanation.reported import ReportData
 from tinygc.models.linear import PARAMETERS, field_jacobian
 from tinygc.reporting.html.chart import drawing
-from tinygc.reporting.html.evidence import ReportData
 from tinygc.reporting.html.markup import Section, render
 
 #: the independent ones of the field's 18 quantities: scale factors, misalignments, biases

@@ -9,9 +9,10 @@ from session.base.texts import degrees, significant
 from session.base.units import DEG
 from tinygc.closure.problem import Problem
 from tinygc.estimation.bias import tilt_rms
+from tinygc.explanation.reported import ReportData
 from tinygc.models.denoiser import REACH, DenoisedNet
+from tinygc.noise.stillness import density
 from tinygc.reporting.html.chart import Axis, Chart, linear_axis, log_axis
-from tinygc.reporting.html.evidence import ReportData, density
 from tinygc.reporting.html.markup import Section, render
 from tinygc.reporting.html.sections.noise_at_rest import still_pieces
 

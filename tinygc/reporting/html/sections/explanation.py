@@ -12,6 +12,7 @@ from tinygc.effects.effect import ENERGY_LAW, LAG_LAW, SCALE_LAW, TURNS
 from tinygc.estimation.bias import tilt_rms
 from tinygc.explanation.claims import LEFT, Claim
 from tinygc.explanation.engine import Explanation
+from tinygc.explanation.reported import ReportData
 from tinygc.explanation.result import (
     HEADING,
     chance_words,
@@ -26,7 +27,6 @@ from tinygc.explanation.result import (
 )
 from tinygc.reporting.explanation_text import parameter_lines, seconds_words, variable_words
 from tinygc.reporting.html.chart import Axis, Chart, linear_axis, log_axis
-from tinygc.reporting.html.evidence import ReportData
 from tinygc.reporting.html.markup import Section, render
 from tinygc.reporting.pictures.values import (
     AxisLaws,

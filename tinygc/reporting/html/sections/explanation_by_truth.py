@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from session.base.units import DEG
+from tinygc.explanation.reported import ReportData
 from tinygc.explanation.truth_evidence import TruthExplanation
 from tinygc.reporting.explanation_text import CANNOT, evidence_rows, refusals, values_of
 from tinygc.reporting.html.chart import Chart, log_axis
-from tinygc.reporting.html.evidence import ReportData
 from tinygc.reporting.html.markup import Section, render
 
 

@@ -6,7 +6,7 @@ import re
 
 from session.base.texts import printable
 from tinygc.estimation.session_times import date_of
-from tinygc.reporting.html.evidence import ReportData
+from tinygc.explanation.reported import ReportData
 from tinygc.reporting.html.markup import Section, render
 from tinygc.reporting.html.sections.parameters import common_decimals
 from tinygc.reporting.html.sections.recording import REFERENCES, temperature_words

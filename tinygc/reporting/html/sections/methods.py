@@ -7,9 +7,9 @@ from session.base.texts import NONE, degrees, fixed, significant
 from session.base.units import DEG
 from tinygc.estimation.bias import tilt_rms
 from tinygc.estimation.choice import closure_figures
+from tinygc.explanation.reported import ReportData
 from tinygc.reporting.fit_text import SAME_FLOOR, TITLES
 from tinygc.reporting.html.chart import Axis, Chart, log_axis
-from tinygc.reporting.html.evidence import ReportData
 from tinygc.reporting.html.markup import Section, aligned_decimals, render
 
 

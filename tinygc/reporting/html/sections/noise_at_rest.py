@@ -10,11 +10,12 @@ from tinygc.closure.at_rest import MeasuredNoise
 from tinygc.closure.floor import AllanCurve, Reading, angle_random_walk
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import RateMap
+from tinygc.explanation.reported import ReportData
 from tinygc.models.linear import COVERAGE_FACTOR
 from tinygc.noise.figures import NAMES, TERMS, NoiseFigures, Term, read_figures
 from tinygc.noise.measured import SHOWN
+from tinygc.noise.stillness import density
 from tinygc.reporting.html.chart import Axis, Chart, log_axis
-from tinygc.reporting.html.evidence import ReportData, density
 from tinygc.reporting.html.markup import Section, decimals_for, render
 
 

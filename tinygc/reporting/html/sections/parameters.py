@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from session.base.units import DEG_PER_HOUR
+from tinygc.explanation.reported import ReportData
 from tinygc.models.linear import Quantity
 from tinygc.reporting.html.chart import enlargement, triad
-from tinygc.reporting.html.evidence import ReportData
 from tinygc.reporting.html.markup import Section, decimals_for, render
 from tinygc.reporting.html.sections.recording import temperature_words
 

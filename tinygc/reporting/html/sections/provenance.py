@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from session.base.texts import STANDIN_NAME
 from session.log.config import BoardGiven
+from tinygc.explanation.reported import ReportData
 from tinygc.reporting.fit_text import TITLES
-from tinygc.reporting.html.evidence import ReportData
 from tinygc.reporting.html.markup import Section, render
 from tinygc.reporting.html.sections.recording import temperature_words
 

@@ -9,9 +9,9 @@ from session.base.units import DEG
 from session.detect.segments import Segment
 from session.log.samples import Samples
 from tinygc.closure.problem import Problem
+from tinygc.explanation.reported import ReportData
 from tinygc.reporting.fit_text import earth_words
 from tinygc.reporting.html.chart import Axis, Chart, coverage, drawing, hemispheres, linear_axis
-from tinygc.reporting.html.evidence import ReportData
 from tinygc.reporting.html.markup import Section, render
 
 REFERENCES = {"gravity": "gravity", "table": "table dials", "truth": "truth file"}

@@ -1,4 +1,4 @@
-"""Data of a report: the fit, the explanation, the reported calibration, pass or fail."""
+"""What a report states: the fit, the explanation, the calibration that is reported, pass or fail."""
 
 from __future__ import annotations
 
@@ -14,13 +14,12 @@ import numpy as np
 from session.base import features
 from session.base.names import CLOCKS
 from session.base.numeric import sigmas_in
-from session.base.texts import significant
-from session.base.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, EARTH_RATE_RPS, MG
+from session.base.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, EARTH_RATE_RPS
 from session.log.config import Accelerometer
 from session.log.folder import Session, file_key, hash_of_log, input_hashes, read_session
 from tinygc import models
 from tinygc.closure.build import build_problem
-from tinygc.closure.floor import AllanCurve, allan_curve, angle_random_walk, bias_instability
+from tinygc.closure.floor import AllanCurve, angle_random_walk, bias_instability
 from tinygc.closure.prepared import prepare
 from tinygc.closure.problem import Problem, conditions
 from tinygc.closure.runs import ClosureRun
@@ -45,6 +44,7 @@ from tinygc.models.physics import PhysicsModel
 from tinygc.noise.components import known_whitener
 from tinygc.noise.measured import measured_noise
 from tinygc.noise.refit import refit
+from tinygc.noise.stillness import stillness
 from tinygc.noise.twin import State, Twin
 from tinygc.noise.whitening import Whitener
 
@@ -269,9 +269,6 @@ def model_table(adopted: Adopted, fit: FitResult) -> dict:
 
 # Data of a report: the fit, the explanation, and further measurements.
 
-#: least number of samples in a piece for an Allan deviation
-SHORTEST_PIECE = 16
-
 
 @dataclass(frozen=True, eq=False)
 class ReportData:
@@ -383,19 +380,6 @@ def decided(fit: FitResult, explanation: Explanation | None, adopted: Adopted, l
     return fit.decided(adopted, is_linear, limit_deg, left)
 
 
-def stillness(problem: Problem) -> AllanCurve | None:
-    """Allan deviation of all undisturbed stills with a first calibration applied; None if they are too short."""
-    period_s = problem.logs[0].samples.period_s
-    pieces = [
-        problem.first(log.samples.gyro[still.start : still.stop])
-        for log in problem.logs
-        if abs(log.samples.period_s / period_s - 1) < 0.01
-        for still in log.stills
-        if still.problem is None and still.bumps == 0 and still.stop - still.start >= SHORTEST_PIECE
-    ]
-    return allan_curve(pieces, period_s) if pieces else None
-
-
 def _beyond(fit: FitResult, explanation: Explanation | None, adopted: Adopted) -> list[Quantity]:
     if explanation is not None and adopted.claims:
         return beyond_linear(explanation.twin, explanation.whiten, explanation.naming.fit.state)
@@ -420,49 +404,3 @@ def _noise(curve: AllanCurve | None) -> list[Quantity]:
         for number, axis in enumerate("xyz")
         for read in [reading(curve, number)]
     ]
-
-
-# Spread of gravity's length over the stills, before and after: shown in the answer's card and charted in the accelerometer section.
-
-
-def spread_text(misses: np.ndarray) -> str:
-    """Standard deviation of the residuals, as text in mg."""
-    return f"{significant(float(np.std(misses)) / MG, 2)} mg"
-
-
-def misses_of(evidence: ReportData) -> tuple[np.ndarray | None, np.ndarray]:
-    """Residuals of gravity's length in the reference stills, m/s^2, before (None if there is no other calibration) and after."""
-    found = evidence.fit.accelerometer
-    if found.misses_mps2 is not None:
-        return found.misses_mps2
-    gravity = evidence.problem.session.config.site.expected_gravity_mps2
-    return None, np.array([np.linalg.norm(s.accel_mean) - gravity for s in evidence.problem.stills if s.problem is None])
-
-
-# Spectrum of the stills: one-sided amplitude densities, averaged over windows that each lie within one still.
-
-#: window length in seconds, short enough for stills of a second or two; it sets the lowest frequency
-WINDOW_S = 1.0
-FEWEST_SAMPLES = 16
-
-
-def density(pieces: list[np.ndarray], period_s: float) -> tuple[np.ndarray, np.ndarray] | None:
-    """Frequencies (F,) Hz and densities (F, 3) in the unit of the pieces (N_i, 3) per sqrt(Hz); None if no piece holds a window."""
-    shortest = max((len(piece) for piece in pieces), default=0)
-    size = min(round(WINDOW_S / period_s), shortest)
-    if size < FEWEST_SAMPLES:
-        return None
-    # Welch's method with Hann windows that overlap by half, in NumPy: importing ``scipy.signal`` takes as long as half of a fit.
-    hann = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(size) / size)
-    total, count = np.zeros((size // 2 + 1, 3)), 0
-    for piece in pieces:
-        if len(piece) < size:
-            continue
-        windows = 2 * len(piece) // size - 1
-        cut = np.lib.stride_tricks.sliding_window_view(piece, size, axis=0)[:: size - size // 2]
-        spectrum = np.fft.rfft((cut - cut.mean(axis=-1, keepdims=True)) * hann)
-        total, count = total + np.mean(np.abs(spectrum) ** 2, axis=0).T * windows, count + windows
-    power = total / count * (2 * period_s / np.sum(hann**2))
-    if size % 2 == 0:
-        power[-1] /= 2  # the highest frequency is its own mirror image
-    return np.fft.rfftfreq(size, period_s)[1:], np.sqrt(power)[1:]

@@ -24,9 +24,8 @@ from session.base.errors import CalibrationError
 from session.base.units import DEG
 from session.log.folder import Session, read_session
 from tinygc import models
-from tinygc.deploy.embedded.program import Program, Registers, program
+from tinygc.deploy.embedded.program import Inputs, Program, Registers, program
 from tinygc.deploy.embedded.source import source_files
-from tinygc.deploy.embedded.stages import Inputs
 from tinygc.estimation.fit import fit_session
 from tinygc.estimation.options import FitOptions
 from tinygc.estimation.results import save_models

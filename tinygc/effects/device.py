@@ -32,13 +32,46 @@ class Cost:
 
 
 @dataclass(frozen=True, eq=False)
+class Stage:
+    """One step of a program: its body changes ``float r[3]`` in place, and may read ``in`` and change ``state``.
+
+    formula: a line of the header's formula; body: C statements; constants: name in C -> values, in double precision until a program
+    rounds them; numpy(c, rate, inputs) -> (N, 3) float32: what the body does to N samples, in the same order of operations, c: name ->
+    float32; cost of one sample; functions: C functions that the body calls; state: C members (names that no other stage has),
+    state_bytes: their size, start: statements that set them.
+    """
+
+    formula: str
+    body: str
+    constants: dict[str, np.ndarray]
+    numpy: Callable[[dict[str, np.ndarray], np.ndarray, Any], np.ndarray]
+    cost: Cost
+    functions: str = ""
+    state: str = ""
+    state_bytes: int = 0
+    start: str = ""
+
+
+#: cost of one affine map of three components, by a C function that every program has
+AFFINE_COST = Cost(multiply=9, add=9)
+
+
+def affine(w: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """W x + b, in the order of operations of the C function of this name: w (3, 4) with b last, x (N, 3), all float32."""
+    y = np.broadcast_to(w[:, 3], x.shape)
+    for j in range(3):
+        y = y + w[:, j] * x[:, j : j + 1]
+    return y
+
+
+@dataclass(frozen=True, eq=False)
 class PerAxisC:
     """The correction r_i -= term with one coefficient for each axis.
 
     name: the coefficients' name in C, capital letters; formula: a line of the header; term: a C expression of ``NAME[i]``,
     ``in``, other constants, and ``w``, the rate about axis i, where the term depends on it (then it is repeated ``passes`` times);
     numpy(c, w, inputs) -> (N, 3) float32, the same operations in the same order, c: name -> constant, w (N, 3), ``inputs.force`` (N, 3),
-    ``inputs.temp_c`` (N,); constants(theta, known) -> name -> array, ``name`` itself first; cost of one term.
+    ``inputs.temp_c`` (N,); constants(theta, known) -> name -> array, ``name`` itself first, theta by default; cost of one term.
     """
 
     name: str
@@ -49,9 +82,23 @@ class PerAxisC:
     passes: int = PASSES_IN_C
     constants: Callable[[np.ndarray, Conditions], dict[str, np.ndarray]] | None = None
 
-    def values(self, theta: np.ndarray, known: Conditions) -> dict[str, np.ndarray]:
-        """Return the constants in double precision: theta itself where nothing else is declared."""
-        return {self.name: theta} if self.constants is None else self.constants(theta, known)
+    def stage(self, theta: np.ndarray, known: Conditions) -> Stage:
+        """The correction by parameters theta (P,), SI; as in ``Effect.correct``, it is inverted by passes of r <- r - term(r)."""
+        body = f"for (int i = 0; i < 3; i++)\n    r[i] -= {self.term};"
+        if self.passes > 1:
+            body = (
+                "for (int i = 0; i < 3; i++) {\n    float w = r[i];\n"
+                f"    for (int pass = 0; pass < {self.passes}; pass++)\n        w = r[i] - {self.term};\n    r[i] = w;\n}}"
+            )
+
+        def run(c: dict[str, np.ndarray], rate: np.ndarray, inputs: Any) -> np.ndarray:
+            w = rate
+            for _ in range(self.passes):
+                w = rate - self.numpy(c, w, inputs)
+            return w
+
+        values = {self.name: theta} if self.constants is None else self.constants(theta, known)
+        return Stage(self.formula, body, values, run, sum([self.cost] * (3 * self.passes), Cost()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,15 +109,17 @@ class MatrixC:
     formula: str
     matrix: Callable[[np.ndarray, Conditions], np.ndarray]
 
+    def stage(self, theta: np.ndarray, known: Conditions) -> Stage:
+        """The correction by parameters theta (P,), SI."""
+        body = f"float s[3];\naffine({self.name}, in->force, s);\nfor (int i = 0; i < 3; i++)\n    r[i] -= s[i];"
+        values = {self.name: np.column_stack([self.matrix(theta, known), np.zeros(3)])}
+        cost = AFFINE_COST + Cost(add=3)
+        return Stage(self.formula, body, values, lambda c, rate, inputs: rate - affine(c[self.name], inputs.force), cost)
+
 
 @dataclass(frozen=True, eq=False)
 class StageC:
-    """Any other correction in C, with a state if it needs one.
-
-    body: statements that change ``r``; constants as in ``PerAxisC``; numpy(c, rate, inputs) -> (N, 3) float32: what the body does to N
-    samples, one after the other; state: C members (names that no other effect uses), state_bytes: their size, start: statements that set
-    them; functions: static C functions that the body calls; cost: of one sample.
-    """
+    """Any other correction in C, with a state if it needs one: the fields of ``Stage``, constants as in ``PerAxisC``."""
 
     formula: str
     body: str
@@ -81,6 +130,10 @@ class StageC:
     state: str = ""
     state_bytes: int = 0
     start: str = ""
+
+    def stage(self, theta: np.ndarray, known: Conditions) -> Stage:
+        """The correction by parameters theta (P,), SI."""
+        return Stage(**vars(self) | {"constants": self.constants(theta, known)})
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,8 @@ from noise_records import figures
 from session.log.samples import Samples
 from tinygc import CalibrationError
 from tinygc.deploy.calibration import Calibration
-from tinygc.deploy.embedded.program import program
+from tinygc.deploy.embedded.program import Inputs, program
 from tinygc.deploy.embedded.source import source_files
-from tinygc.deploy.embedded.stages import Inputs
 from tinygc.deploy.exports import ExportError, exporter
 from tinygc.features.temperature.model import ThermalModel, element_temperature
 from tinygc.library.reports import Exported

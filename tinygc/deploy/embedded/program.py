@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from session.base.errors import FormatError
 from session.base.rotation import unit_vectors
@@ -15,29 +16,51 @@ from session.log.config import Accelerometer, Config
 from session.log.registers import DEFAULT, RegisterUnits
 from session.log.sensors.profile import Thermometer
 from tinygc.deploy import ExportError, feature_exports
-from tinygc.deploy.embedded.stages import CalibrationNetStage, Denoise, Inputs, Linear, ProgramStage, affine, effect_stage, single, table
+from tinygc.deploy.embedded.stages import calibration_net, denoise, effect_stage, linear
 from tinygc.effects import Cost
+from tinygc.effects.device import Stage, affine
 from tinygc.models.denoiser import DenoisedNet
 from tinygc.models.linear import LinearModel
 from tinygc.models.model import Model
 from tinygc.models.nets import CalibrationNet
 from tinygc.models.physics import CarriedNet, PhysicsModel
 
+
+@dataclass(frozen=True, eq=False)
+class Inputs:
+    """Inputs of N samples on a device, all float32: rate (N, 3) rad/s, force (N, 3) m/s^2 pre-calibrated, temp_c (N,)."""
+
+    rate: np.ndarray
+    force: np.ndarray
+    temp_c: np.ndarray
+
+    @classmethod
+    def of(cls, rate: ArrayLike, force: ArrayLike | None = None, temp_c: ArrayLike | None = None) -> Inputs:
+        """Round to float32; missing inputs are zero."""
+        rates = np.asarray(rate, dtype=np.float32)
+        zeros = np.zeros_like(rates)
+        return cls(
+            rates,
+            zeros if force is None else np.asarray(force, dtype=np.float32),
+            zeros[:, 0] if temp_c is None else np.asarray(temp_c, dtype=np.float32),
+        )
+
+
 # A model as stages in single precision, in the order in which a device runs them.
 
 
 @dataclass(frozen=True, eq=False)
 class Program:
-    """stages: in order; parameters: number of parameters of the source model."""
+    """stages: in order, their constants in single precision; parameters: number of parameters of the source model."""
 
-    stages: tuple[ProgramStage, ...]
+    stages: tuple[Stage, ...]
     parameters: int
 
     def run(self, inputs: Inputs) -> np.ndarray:
         """Return calibrated rates (N, 3) float32, bit for bit those of the C code for the same N samples in sequence."""
         rate = inputs.rate
         for stage in self.stages:
-            rate = stage.run(inputs, rate)
+            rate = stage.numpy(stage.constants, rate, inputs)
         return rate
 
     @property
@@ -62,44 +85,41 @@ def program(model: Model, rate_hz: float | None = None) -> Program:
     Raises ExportError, which names what cannot be carried.
     """
     feature = feature_exports(model)
-    stages: tuple[ProgramStage, ...] = tuple(_stages(model)) if feature is None else (feature.stage(model, rate_hz),)
+    stages = _stages(model) if feature is None else [feature.stage(model, rate_hz)]
     names = [name for stage in stages for name in stage.constants]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise ExportError(f"two parts of the model call a constant {twice[0]} in C; json carries it, or give one of them another name")
-    return Program(stages, model.parameters)
+    return Program(tuple(replace(stage, constants=single(stage.constants, stage.formula)) for stage in stages), model.parameters)
 
 
-def _stages(model: Model) -> list[ProgramStage]:
+def single(constants: Mapping[str, ArrayLike], what: str) -> dict[str, np.ndarray]:
+    """Round constants to float32; raises ExportError where float32 cannot represent a value."""
+    with np.errstate(over="ignore"):
+        rounded = {name: np.asarray(values, dtype=float).astype(np.float32) for name, values in constants.items()}
+    if not all(np.isfinite(values).all() for values in rounded.values()):
+        raise ExportError(f"{what} holds numbers beyond single precision; C cannot carry it, json can")
+    return rounded
+
+
+def _stages(model: Model) -> list[Stage]:
     if type(model) not in STAGES:
         raise ExportError(f"a model of type {type(model).__name__} cannot be exported to C: there is no C for it; json carries it")
     return STAGES[type(model)](model)
 
 
-def _linear(model: LinearModel) -> list[ProgramStage]:
-    return [Linear(model, "LINEAR", "r = E r + B")]
-
-
-def _denoised(model: DenoisedNet) -> list[ProgramStage]:
-    return [*_stages(model.calibration), Denoise(model.denoiser)]
-
-
-def _physics(model: PhysicsModel) -> list[ProgramStage]:
-    return [*_linear(model.linear), *(effect_stage(claim, model.known) for claim in model.claims)]
-
-
-def _net_behind_physics(model: CarriedNet) -> list[ProgramStage]:
-    linear = model.physics.linear
-    inverse = np.linalg.inv(linear.E)
-    back = Linear(LinearModel(inverse, -inverse @ linear.B), "BACK", "r = E^-1 (r - B)")
+def _net_behind_physics(model: CarriedNet) -> list[Stage]:
+    known = model.physics.linear
+    inverse = np.linalg.inv(known.E)
+    back = linear(LinearModel(inverse, -inverse @ known.B), "BACK", "r = E^-1 (r - B)")
     return [*_stages(model.physics), back, *_stages(model.net)]
 
 
 #: kind of model -> its stages; other kinds cannot be exported to C
-STAGES: dict[type, Callable[[Any], list[ProgramStage]]] = {
-    LinearModel: _linear,
-    CalibrationNet: lambda model: [CalibrationNetStage(model)],
-    DenoisedNet: _denoised,
-    PhysicsModel: _physics,
+STAGES: dict[type, Callable[[Any], list[Stage]]] = {
+    LinearModel: lambda model: [linear(model, "LINEAR", "r = E r + B")],
+    CalibrationNet: lambda model: [calibration_net(model)],
+    DenoisedNet: lambda model: [*_stages(model.calibration), denoise(model.denoiser)],
+    PhysicsModel: lambda model: [*_stages(model.linear), *(effect_stage(claim, model.known) for claim in model.claims)],
     CarriedNet: _net_behind_physics,
 }
 
@@ -147,13 +167,13 @@ class Registers:
     @property
     def constants(self) -> dict[str, np.ndarray]:
         """rad/s per LSB; the accelerometer's sensitivity, matrix and bias as one affine map; degC per LSB and at zero."""
-        calibration, lsb, thermometer = self.accelerometer, self.units.accel_mps2, self.thermometer
-        force = table(calibration.matrix * lsb, -calibration.matrix @ calibration.bias_mps2, "the accelerometer's pre-calibration")
-        return {
-            "RPS_PER_LSB": single([self.units.gyro_rps], "the sensitivity"),
-            "FORCE": force,
-            "TEMPERATURE": single([1 / thermometer.lsb_per_c, thermometer.at_zero_c], "the temperature"),
+        lsb, thermometer = self.units.accel_mps2, self.thermometer
+        constants: dict[str, ArrayLike] = {
+            "RPS_PER_LSB": [self.units.gyro_rps],
+            "FORCE": force_map(self.accelerometer, lsb),
+            "TEMPERATURE": [1 / thermometer.lsb_per_c, thermometer.at_zero_c],
         }
+        return single(constants, "the meaning of the registers")
 
     def inputs(self, registers: np.ndarray) -> Inputs:
         """Convert (N, 7) int16, in the order of the C code."""
@@ -162,6 +182,11 @@ class Registers:
         return Inputs(
             numbers[:, :3] * constants["RPS_PER_LSB"], affine(constants["FORCE"], numbers[:, 3:6]), numbers[:, 6] * per_lsb + at_zero
         )
+
+
+def force_map(accelerometer: Accelerometer, unit: float = 1.0) -> np.ndarray:
+    """(3, 4) matrix and offset of a calibration, for readings of so many m/s^2."""
+    return np.column_stack([accelerometer.matrix * unit, -accelerometer.matrix @ accelerometer.bias_mps2])
 
 
 FORCE_FUNCTION = """\

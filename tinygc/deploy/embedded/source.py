@@ -8,10 +8,9 @@ import numpy as np
 
 from session.base.texts import comment
 from session.log.config import Accelerometer
-from tinygc.deploy.embedded.program import FORCE_FUNCTION, TOLERANCE, Program, Registers, vectors
+from tinygc.deploy.embedded.program import FORCE_FUNCTION, TOLERANCE, Program, Registers, force_map, single, vectors
 from tinygc.deploy.embedded.program import FUNCTION as REGISTERS_FUNCTION
-from tinygc.deploy.embedded.stages import FUNCTION as AFFINE_FUNCTION
-from tinygc.deploy.embedded.stages import ProgramStage, table
+from tinygc.effects.device import Stage
 
 #: characters in a line of comment
 LONGEST = 120
@@ -150,6 +149,21 @@ int tinygc_self_test(float *worst)
 """
 
 
+_AFFINE = """\
+/* y = W x + b; b is the last column of w. */
+static void affine(const float w[3][4], const float x[3], float y[3])
+{
+    for (int i = 0; i < 3; i++) {
+        float s = w[i][3];
+        s += w[i][0] * x[0];
+        s += w[i][1] * x[1];
+        s += w[i][2] * x[2];
+        y[i] = s;
+    }
+}
+"""
+
+
 def source_files(
     program: Program, sensor: Registers | None, title: str, facts: dict[str, str], accelerometer: Accelerometer | None = None
 ) -> dict[str, str]:
@@ -163,8 +177,8 @@ def source_files(
     accelerometer = accelerometer or known.accelerometer
     members, start = ("".join(getattr(stage, name) for stage in stages) for name in ("state", "start"))
     code = "\n".join(stage.body for stage in stages)
-    calibration = table(accelerometer.matrix, -accelerometer.matrix @ accelerometer.bias_mps2, "the accelerometer's calibration")
-    tables = constants | known.constants | {"ACCELEROMETER": calibration}
+    calibration = single({"ACCELEROMETER": force_map(accelerometer)}, "the accelerometer's calibration")
+    tables = constants | known.constants | calibration
     registers, rates = vectors(program, known)
     unread = "; this model does not read it"
     fill = {
@@ -184,7 +198,7 @@ def source_files(
         "defines": "" if sensor is None else _DEFINES.format(sensor=sensor, odr=literal(np.float32(sensor.odr_hz))),
         "prototype": _FORCE + ("" if sensor is None else _FROM_REGISTERS.format(sensor=sensor, model=commented(sensor.model))),
         "constants": "\n\n".join(constant(name, array) for name, array in tables.items()),
-        "functions": "\n".join([AFFINE_FUNCTION, *(stage.functions for stage in stages if stage.functions)]),
+        "functions": "\n".join([_AFFINE, *(stage.functions for stage in stages if stage.functions)]),
         "from_registers": FORCE_FUNCTION + "\n" + ("static " if sensor is None else "") + REGISTERS_FUNCTION,
         "start": indent(start or "state->unused = 0;", "    "),
         "body": indent("\n".join(["(void)state;"] * (not members) + [_block(stage) for stage in stages]), "    "),
@@ -195,7 +209,7 @@ def source_files(
     return {HEADER: _HEADER.format(**fill), SOURCE: _SOURCE.format(**fill)}
 
 
-def _block(stage: ProgramStage) -> str:
+def _block(stage: Stage) -> str:
     return f"{{ /* {commented(stage.formula)} */\n{indent(stage.body, '    ')}\n}}"
 
 

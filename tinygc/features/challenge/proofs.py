@@ -26,9 +26,8 @@ from session.log.samples import Samples
 from tinygc import models
 from tinygc.closure.build import build_problem
 from tinygc.deploy.calibration import Calibration
-from tinygc.deploy.embedded.program import program
+from tinygc.deploy.embedded.program import Inputs, program
 from tinygc.deploy.embedded.source import FLAGS, SOURCE, source_files
-from tinygc.deploy.embedded.stages import Inputs
 from tinygc.effects import AppliedEffect, CommonDelay, Conditions, Effect, EffectError, Movement, NoC, ReferenceConditions
 from tinygc.effects.catalogue import having, tried
 from tinygc.effects.effect import ANYWHERE

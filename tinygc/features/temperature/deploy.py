@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.polynomial import Polynomial
 
 from session.base.units import DEG
 from tinygc.deploy import ExportError
-from tinygc.deploy.embedded.stages import Inputs, ProgramStage, single
 from tinygc.deploy.exports import ardupilot as ardupilot_format
 from tinygc.deploy.exports import px4 as px4_format
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._text import LinearPart, cannot_scale, remarks
 from tinygc.effects import Cost
+from tinygc.effects.device import Stage
 from tinygc.features.temperature.model import ThermalModel, time_and_share, weights
 
 #: what a linear format cannot carry, and which formats can
@@ -56,6 +58,11 @@ for (int i = 0; i < 3; i++) {
 }
 state->reading = reading;
 """
+_MEMORY: dict[str, Any] = {
+    "state": "    float element[3];\n    float lost[3];\n    float reading;\n    float warm;\n",
+    "state_bytes": 32,
+    "start": "state->warm = 0.0f;\nstate->reading = 0.0f;\nfor (int i = 0; i < 3; i++)\n    state->element[i] = state->lost[i] = 0.0f;",
+}
 _BODY = """\
 float element[3], x[3], s[3];
 {follow}for (int i = 0; i < 3; i++) {{
@@ -79,68 +86,57 @@ for (int i = 0; i < 3; i++)
     r[i] = x[i] + s[i];"""
 
 
-class ThermalStage(ProgramStage):
+def stage(model: ThermalModel, rate_hz: float | None) -> Stage:
     """r = E(T) (r - zero(T_e)) as x + (E(T) - I) x."""
-
-    def __init__(self, model: ThermalModel, rate_hz: float | None):
-        matrices = model.E_terms.copy()
-        matrices[0] -= np.eye(3)
-        self._E, self._zero = single(matrices, "E over temperature"), single(model.zero_terms, "the zero over temperature")
-        self._c = single([model.reference_c, *model.range_c], "the temperatures")
-        self.formula = "r = E(T) (r - zero(T_e)), polynomials of the temperature"
-        self.constants = {"THERMAL_C": self._c, "THERMAL_ZERO": self._zero, "THERMAL_E": self._E}
-        self.functions, follow = _HELD, "for (int i = 0; i < 3; i++)\n    element[i] = in->temp_c;\n"
-        powers = len(self._zero) - 1, len(self._E) - 1
-        self.cost = Cost(3 * powers[0] + 9 * (powers[1] + 1), 3 * powers[0] + 9 * (powers[1] + 1) + 10, 8)
-        self._lag: np.ndarray | None = None
-        if model.lag_s.any():
-            if rate_hz is None:
-                raise ExportError("a lag of the temperature needs the data rate; give the session's sensor.odr_hz")
-            self._lag = single([_lag(float(tau), rate_hz) for tau in model.lag_s], "the lag")
-            self.constants["THERMAL_LAG"] = self._lag
-            self.state, self.state_bytes = "    float element[3];\n    float lost[3];\n    float reading;\n    float warm;\n", 32
-            self.start, follow = "state->warm = 0.0f;\nstate->reading = 0.0f;\n", _FOLLOW
-            self.start += "for (int i = 0; i < 3; i++)\n    state->element[i] = state->lost[i] = 0.0f;"
-            self.cost = self.cost + Cost(9, 27, 1)
-        self.body = _BODY.format(follow=follow, zero=powers[0], matrix=powers[1])
-
-    def run(self, inputs: Inputs, rate: np.ndarray) -> np.ndarray:
-        """Apply the body to rates (N, 3) float32, in the same order of operations."""
-        element = self._elements(inputs.temp_c)
-        t = self._held(element)
-        zero = np.broadcast_to(self._zero[-1], t.shape)
-        for terms in self._zero[-2::-1]:
-            zero = zero * t + terms
-        x, at = rate - zero, self._held(inputs.temp_c)
-        E = np.broadcast_to(self._E[-1], (len(x), 3, 3))
-        for matrix in self._E[-2::-1]:
-            E = E * at[:, None, None] + matrix
-        s = np.zeros_like(x)
-        for j in range(3):
-            s = s + E[:, :, j] * x[:, j : j + 1]
-        return x + s
-
-    def _held(self, celsius: np.ndarray) -> np.ndarray:
-        return np.minimum(np.maximum(celsius, self._c[1]), self._c[2]) - self._c[0]
-
-    def _elements(self, reading: np.ndarray) -> np.ndarray:
-        """(N, 3) float32, one sample after the other."""
-        if self._lag is None or not len(reading):
-            return np.repeat(reading[:, None], 3, axis=1)
-        out = np.zeros((len(reading), 3), dtype=np.float32)
-        a, new, share = self._lag.T
-        state, lost = np.full(3, reading[0]), np.zeros(3, dtype=np.float32)
-        before = reading[0]
-        for n, now in enumerate(reading):
-            step = a * ((before - state) - lost) + new * (now - before)
-            carried = lost + step
-            total = state + carried
-            lost, state, before = carried - (total - state), total, now
-            out[n] = total + share * (now - total)
-        return out
+    matrices = model.E_terms.copy()
+    matrices[0] -= np.eye(3)
+    constants = {"THERMAL_C": np.array([model.reference_c, *model.range_c]), "THERMAL_ZERO": model.zero_terms, "THERMAL_E": matrices}
+    zero, matrix = len(model.zero_terms) - 1, len(matrices) - 1
+    cost = Cost(3 * zero + 9 * (matrix + 1), 3 * zero + 9 * (matrix + 1) + 10, 8)
+    follow, memory = "for (int i = 0; i < 3; i++)\n    element[i] = in->temp_c;\n", {}
+    if model.lag_s.any():
+        if rate_hz is None:
+            raise ExportError("a lag of the temperature needs the data rate; give the session's sensor.odr_hz")
+        constants["THERMAL_LAG"] = np.array([_lag(float(tau), rate_hz) for tau in model.lag_s])
+        follow, memory, cost = _FOLLOW, _MEMORY, cost + Cost(9, 27, 1)
+    formula = "r = E(T) (r - zero(T_e)), polynomials of the temperature"
+    return Stage(formula, _BODY.format(follow=follow, zero=zero, matrix=matrix), constants, _calibrated, cost, _HELD, **memory)
 
 
-stage = ThermalStage  #: the name that ``program`` uses
+def _calibrated(c: dict[str, np.ndarray], rate: np.ndarray, inputs: Any) -> np.ndarray:
+    """What the body does to rates (N, 3) float32, in the same order of operations."""
+    t, at = (
+        np.minimum(np.maximum(celsius, c["THERMAL_C"][1]), c["THERMAL_C"][2]) - c["THERMAL_C"][0]
+        for celsius in (_elements(c.get("THERMAL_LAG"), inputs.temp_c), inputs.temp_c)
+    )
+    zero = np.broadcast_to(c["THERMAL_ZERO"][-1], t.shape)
+    for terms in c["THERMAL_ZERO"][-2::-1]:
+        zero = zero * t + terms
+    x = rate - zero
+    E = np.broadcast_to(c["THERMAL_E"][-1], (len(x), 3, 3))
+    for matrix in c["THERMAL_E"][-2::-1]:
+        E = E * at[:, None, None] + matrix
+    s = np.zeros_like(x)
+    for j in range(3):
+        s = s + E[:, :, j] * x[:, j : j + 1]
+    return x + s
+
+
+def _elements(lag: np.ndarray | None, reading: np.ndarray) -> np.ndarray:
+    """(N, 3) float32, one sample after the other."""
+    if lag is None or not len(reading):
+        return np.repeat(reading[:, None], 3, axis=1)
+    out = np.zeros((len(reading), 3), dtype=np.float32)
+    a, new, share = lag.T
+    state, lost = np.full(3, reading[0]), np.zeros(3, dtype=np.float32)
+    before = reading[0]
+    for n, now in enumerate(reading):
+        step = a * ((before - state) - lost) + new * (now - before)
+        carried = lost + step
+        total = state + carried
+        lost, state, before = carried - (total - state), total, now
+        out[n] = total + share * (now - total)
+    return out
 
 
 def _lag(tau_s: float, rate_hz: float) -> tuple[float, float, float]:

@@ -23,9 +23,9 @@ import yaml
 from rich.table import Table
 from rich.text import Text
 
+from session.base.console import PlainConsole
 from session.base.errors import CalibrationError
 from session.base.texts import comment, printable, unicode_text
-from session.bench.console import PlainConsole
 from session.bench.session_file import toml_text
 from session.detect.findings import Finding
 from session.log.config import Accelerometer, Config, LeftOut, Protocol, Sensor, Site

@@ -131,7 +131,7 @@ def test_a_terminal_obeys_the_page_and_nothing_that_it_quotes():
 
     from rich.text import Text
 
-    from session.bench.console import PlainConsole
+    from session.base.console import PlainConsole
 
     console = PlainConsole(file=StringIO(), width=80, force_terminal=True, color_system="standard")
     console.print(Text("a\x1b[2J\x9b2J\u202eb", "bold red"), "[red]c[/red]\nd", ":skull:")

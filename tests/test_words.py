@@ -8,7 +8,7 @@ from types import SimpleNamespace
 from processes import spoil
 
 from session import VERSION
-from session.bench.console import PlainConsole
+from session.base.console import PlainConsole
 from session.detect.findings import Finding
 from tinygc.estimation.model_tests import ModelTest
 from tinygc.reporting.fit_screen import next_line

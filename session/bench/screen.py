@@ -14,8 +14,8 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
+from session.base.console import PlainConsole
 from session.base.texts import printable
-from session.bench.console import PlainConsole
 from session.bench.guide import Guide
 from session.bench.live import StreamHealth
 from session.bench.messages import GuideMessage, Kind, Stage

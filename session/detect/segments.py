@@ -125,7 +125,8 @@ MOST_LEAPS = 0.25
 
 def without_leaps(segments: list[Segment], samples: Samples) -> list[Segment]:
     """The segments of one log; those in which gravity leaps farther than the gyroscope turned have a problem."""
-    tilt = np.array([angle_between(*(still.accel_mean for still in segment.stills)) for segment in segments])
+    ends = np.array([[still.accel_mean for still in segment.stills] for segment in segments]).reshape(-1, 2, 3)
+    tilt = angle_between(ends[:, 0], ends[:, 1])
     way = np.array([segment.turn_deg * DEG for segment in segments])
     missing = tilt > APART_RAD + (1 + APART_SHARE) * way
     if not 0 < np.count_nonzero(missing) <= MOST_LEAPS * len(segments):
@@ -180,7 +181,8 @@ def why_broken(samples: Samples, turn: slice, sensor: Sensor, put_in: np.ndarray
     rate_dps = np.abs(samples.gyro[turn]) / DEG
     if put_in is not None:  # beyond the register's end, perhaps, but not clipped any more
         rate_dps = np.where(put_in[turn][:, None], 0.0, rate_dps)
-    clipped = [clips(rate_dps[:, i], sensor.gyro_fs_dps, gyro_reach_dps(sensor)) for i in range(3)]
+    reach_dps = gyro_reach_dps(sensor)
+    clipped = [clips(axis, sensor.gyro_fs_dps, reach_dps) for axis in rate_dps.T]
     if any(clipped):
         axes = ", ".join(axis for axis, bad in zip("xyz", clipped, strict=True) if bad)
         return f"the gyro clips at {rate_dps[:, clipped].max():.0f} dps on {axes}: turn slower or choose a larger full scale"

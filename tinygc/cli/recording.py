@@ -97,7 +97,7 @@ def page_server(args: argparse.Namespace) -> Iterator[PageServer | None]:
 @contextlib.contextmanager
 def views(args: argparse.Namespace, title: str, server: PageServer | None) -> Iterator[tuple[View, Watch | None]]:
     """Yield the view of the recording, a live screen in a terminal and lines elsewhere, and the receiver of its samples."""
-    from session.bench.console import PlainConsole
+    from session.base.console import PlainConsole
     from session.bench.screen import LiveScreen, PlainLines
 
     console = PlainConsole(stderr=True, quiet=args.quiet)

@@ -13,8 +13,8 @@ from rich.console import RenderableType as RenderableType
 from rich.table import Table as Table
 from rich.text import Text as Text
 
-from session.bench.console import PlainConsole as PlainConsole
-from session.bench.console import one_line as one_line
+from session.base.console import PlainConsole as PlainConsole
+from session.base.console import one_line as one_line
 
 #: columns of a table in a pipe: wide enough that no cell wraps
 PIPED_WIDTH = 160

@@ -27,8 +27,8 @@ from tinygc import models
 from tinygc.deploy.embedded.program import Inputs, Program, Registers, program
 from tinygc.deploy.embedded.source import source_files
 from tinygc.estimation.fit import fit_session
+from tinygc.estimation.fit_file import save_models
 from tinygc.estimation.options import FitOptions
-from tinygc.estimation.results import save_models
 from tinygc.models.denoiser import DenoisedNet
 
 CORE_HZ, ODR_HZ = 168e6, 833

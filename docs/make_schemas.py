@@ -24,12 +24,14 @@ sys.path[:0] = [str(DOCS), str(DOCS.parent)]
 from schema_tables.shapes import DEFINED, file_of, schema_of  # noqa: E402
 
 from session.base.records import REQUIRED, Entry, Record, record_of  # noqa: E402
-from session.base.results import Array, Flag, Keys, ListOf, MapOf, Number, Shape, Text  # noqa: E402
+from session.base.results import LARGEST, Array, Flag, Keys, ListOf, MapOf, Maybe, Number, Shape, Text  # noqa: E402
 
 PAGES = (
     *("fit", "models", "explain", "lots", "simulation", "commands", "turns", "noise", "tables", "rates"),
     *("verify", "watch", "history", "budget"),
 )
+#: of JSON that the tool writes
+RECORDS = ("tinygc.estimation.fitted_file:Fitted",)
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 # Tables of keys.
@@ -96,6 +98,10 @@ def _default(entry: Entry) -> str:
 def schemas() -> dict[str, dict]:
     """File name -> each schema."""
     made = {}
+    for place in RECORDS:
+        module, name = place.split(":")
+        shape = record_of(getattr(importlib.import_module(module), name))
+        made[file_of(shape.kind.schema)] = {"$schema": DIALECT, "title": shape.kind.schema} | _schema(shape)
     for page in PAGES:
         for name, shape in importlib.import_module(f"schema_tables.{page}").TABLES.items():
             head = {"$schema": DIALECT, "title": name, "description": f"docs/formats/{page}.md"}
@@ -103,6 +109,31 @@ def schemas() -> dict[str, dict]:
             whole = known | {"allOf": [schema_of(shape)]}
             made[file_of(name)] = head | whole | _definitions(whole)
     return made
+
+
+def _schema(shape: Shape) -> dict[str, Any]:
+    """A shape in JSON Schema 2020-12; what it does not know may stand beside."""
+    if isinstance(shape, Number):
+        bounds = {"exclusiveMinimum" if shape.above else "minimum": shape.low, "maximum": shape.high}
+        return {"type": "integer" if shape.whole else "number"} | {key: value for key, value in bounds.items() if abs(value) < LARGEST}
+    if isinstance(shape, Array):
+        schema: dict[str, Any] = _schema(shape.entry)
+        for count in reversed(shape.shape):
+            schema = {"type": "array", "items": schema} | ({} if count is None else {"minItems": count, "maxItems": count})
+        return schema
+    if isinstance(shape, Maybe):
+        return {"anyOf": [_schema(shape.entry), {"type": "null"}]}
+    if isinstance(shape, Text):
+        return {"enum": list(shape.one_of)} if shape.one_of else {"type": "string"}
+    if isinstance(shape, ListOf):
+        return {"type": "array", "items": _schema(shape.entry)}
+    if isinstance(shape, MapOf):
+        return {"type": "object", "additionalProperties": _schema(shape.entry)}
+    if isinstance(shape, Keys) and shape.known:
+        written = [entry.name for entry in shape.entries if not entry.key.if_known] if isinstance(shape, Record) else shape.must
+        schema = {"type": "object", "properties": {key: _schema(inner) for key, inner in shape.known.items()}}
+        return schema | {"required": sorted({*shape.must, *written})}
+    return {"type": "boolean"} if isinstance(shape, Flag) else {"type": "object"} if isinstance(shape, Keys) else {}
 
 
 def _definitions(schema: dict) -> dict[str, Any]:

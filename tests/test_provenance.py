@@ -4,7 +4,7 @@ import hashlib
 
 from session.log.folder import input_hashes, sha256_of
 from tinygc import read_session
-from tinygc.estimation.results import versions
+from tinygc.models.versions import versions
 
 
 def test_every_file_of_a_session_is_hashed(simulated):

@@ -286,40 +286,6 @@ _TEMPERATURE = {
     "turn_on_dps?": maybe(SIZE),
 }
 
-_FITTED = {
-    "key": {
-        "version": TEXT,
-        "options": {
-            "folds": COUNT,
-            "seed": COUNT,
-            "still_rates": FLAG,
-            "as_in_paper": FLAG,
-            "earth": FLAG,
-            "exclude": [COUNT],
-            "bias_per_log": FLAG,
-            "bias": TEXT,
-            "accelerometer": TEXT,
-            "lot": NULL,
-            "clock": TEXT,
-        },
-        "inputs": {"<file>": HASH},
-    },
-    "methods": {
-        "<method>": {
-            "fitted_rad": array(NUMBER, None, None),
-            "held_out_rad": array(NUMBER, None, None),
-            "seconds": SIZE,
-            "notes": {
-                "steps?": COUNT,
-                "unobserved?": [TEXT],
-                "tie?": maybe(NUMBER),
-                "loss?": [NUMBER],
-                "denoiser?": DENOISED,
-            },
-        }
-    },
-}
-
 SPLIT = {
     "common_rms_deg": SIZE,
     "common_p_value": maybe(SHARE),
@@ -390,7 +356,6 @@ TABLES = {
     "tinygc-array-fit/2": _ARRAY,
     "tinygc-fit/2": when("bias", _REBIASED, _FIT),
     "tinygc-temperature/2": _TEMPERATURE,
-    "tinygc-fitted/1": _FITTED,
     "tinygc-checkpoint/1": {
         "of": TEXT,
         "losses": [NUMBER],

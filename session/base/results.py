@@ -319,8 +319,8 @@ class Keys(Shape):
                 raise Mismatch(f"{_inside(where, key)} is missing, expected {shape.expected}")
 
     def made(self, value: Any) -> Any:
-        """A dict of the keys that are known."""
-        return {key: shape.made(value[key]) for key, shape in self.known.items() if key in value}
+        """A dict of the keys that are known; of all where none is named."""
+        return {key: shape.made(value[key]) for key, shape in self.known.items() if key in value} if self.known else value
 
     @property
     def known(self) -> dict[str, Shape]:

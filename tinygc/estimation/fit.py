@@ -18,7 +18,7 @@ from tinygc.closure.prepared import Prepared, prepare
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import closure_angles
 from tinygc.closure.runs import read_closure_runs
-from tinygc.estimation import results
+from tinygc.estimation import fitted_file
 from tinygc.estimation.accelerometer import USUAL_SPREAD
 from tinygc.estimation.assembly import stated_uncertainty
 from tinygc.estimation.bias import choose
@@ -155,7 +155,7 @@ def _run_methods(
 
     Raises the error of the last one where none can run.
     """
-    known = {} if saved is None else results.saved_methods(saved, level, options, results.inputs_of(problem))
+    known = {} if saved is None else fitted_file.saved_methods(saved, level, options, fitted_file.inputs_of(problem))
     known.setdefault("least_squares", linear)
     if options.as_in_paper and any(name in NETS and name not in known for name in options.methods):
         device()  # what is missing is said before the work

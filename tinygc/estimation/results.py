@@ -1,41 +1,30 @@
-"""The result of a fit, and its files: ``fit.json``, models, methods that a later fit reuses."""
+"""The result of a fit."""
 
 from __future__ import annotations
 
-import platform
-import subprocess
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from importlib import metadata
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from session import VERSION
-from session.base.errors import CalibrationError, FormatError
-from session.base.files import result_folder
-from session.base.numeric import rms_of
-from session.base.results import Array, Flag, Keys, ListOf, MapOf, Maybe, Number, Shape, Text, read_required, require, write_whole
-from session.base.units import DEG, G
 from session.detect.check_stills import NO_STILLS
 from session.detect.check_time import looks_counted
 from session.detect.findings import Finding
 from session.detect.signatures import FILTER, TRACKED
 from session.log.config import NominalRate
-from session.log.folder import Session, file_key, input_hashes
+from session.log.folder import Session
 from session.log.requirements import Requirements, read_requirements
-from tinygc import models
 from tinygc.closure.prior import PriorUse
 from tinygc.closure.problem import Problem
 from tinygc.closure.runs import ClosureRun
 from tinygc.closure.uncertainty import GoodnessOfFit, goodness
-from tinygc.estimation.accelerometer import JOINT_NAMES, USUAL_SPREAD, AccelerometerFit, AnySession, accelerometer_fit
+from tinygc.estimation.accelerometer import USUAL_SPREAD, AccelerometerFit, AnySession, accelerometer_fit
 from tinygc.estimation.bias import BiasChoice
-from tinygc.estimation.choice import AgainstRaw, ModelToUse, closure_figures, model_to_use, run_figures
+from tinygc.estimation.choice import AgainstRaw, ModelToUse, model_to_use
 from tinygc.estimation.model_tests import GRAVITY, ModelTest, model_tests
-from tinygc.estimation.options import METHODS, FitOptions, MethodFit
+from tinygc.estimation.options import FitOptions, MethodFit
 from tinygc.estimation.physics import PART_NAMED, errors_with_physics, rate_covariance, rows_of_rates
 from tinygc.estimation.promise import promise_of
 from tinygc.estimation.repeatability import BiasRepeatability
@@ -43,8 +32,7 @@ from tinygc.estimation.sources import Source
 from tinygc.estimation.stated_noise import StatedNoise
 from tinygc.estimation.systematic import Systematic
 from tinygc.estimation.verdict import Acceptance, JudgedFit, decide, run_p_values, too_good, too_wide
-from tinygc.models.linear import BIAS, LinearModel
-from tinygc.models.model import accelerometer_table, sensor_table
+from tinygc.models.linear import LinearModel
 
 if TYPE_CHECKING:
     from tinygc.estimation.physics import PhysicsFit
@@ -53,47 +41,6 @@ if TYPE_CHECKING:
 #: findings of the first look beside which a pass is weak evidence: not all of the log was used, or not all turns are alike
 DOUBTED = (NO_STILLS, FILTER, TRACKED)
 
-# The versions that made a result.
-
-PACKAGES = ("numpy", "scipy")
-ROOT = Path(__file__).resolve().parents[2]
-
-
-def versions(by_torch: bool = False) -> dict[str, str]:
-    """Return the versions of this project, its commit if it runs from a checkout, Python, and the numerical packages; by_torch: whether
-    PyTorch trained what they are of."""
-    found = {"TinyGC": VERSION}
-    if commit := _commit():
-        found["commit"] = commit
-    found["Python"] = platform.python_version()
-    for name in (*PACKAGES, *(["torch"] if by_torch else [])):
-        try:
-            found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            continue
-    return found
-
-
-def _commit() -> str | None:
-    """Return the commit of the checkout that contains this file, marked if it has changed since; None without a checkout."""
-    if not (ROOT / ".git").exists() or not (ROOT / "calibrate.py").exists():
-        return None
-    try:
-        said = subprocess.run(
-            ["git", "-C", str(ROOT), "describe", "--always", "--dirty=, changed since", "--abbrev=12", "--exclude=*"],
-            capture_output=True,
-            text=True,
-            timeout=5,
-            check=True,
-        )
-    except (OSError, subprocess.SubprocessError):
-        return None
-    return said.stdout.strip() or None
-
-
-# The result of a fit.
-
-#: suffix of a model as of its session's end, valid at any time, where another model follows the session's time
 AT_END = "_at_end"
 #: methods that are fitted to the problem of the named physics
 PHYSICS = ("physics", "tinygc_physics")
@@ -298,338 +245,3 @@ class FitResult:
         if name is None:
             return None
         return f"model_{name}{AT_END if physics and name in PHYSICS and physics.model.session_s is not None else ''}.json"
-
-
-# A fit's errors on turns whose angle is known beforehand.
-
-
-def known_turns_json(result: FitResult) -> list[dict]:
-    """Return ``known_turns`` of ``tinygc-fit/2``: every row of turns.csv; errors of least squares, predicted less stated."""
-    problem, found = result.problem, []
-    row = {segment.number: i for i, segment in enumerate(problem.used)}
-    for turn in problem.known_turns:
-        i = row.get(turn.segment.number) if turn.problem is None and turn.segment is not None else None
-        third = None if i is None else (result.linear.angles[i, 2], result.linear.held_out[i, 2])
-        found.append(
-            {
-                "turn": turn.known.turn,
-                "log": turn.known.log,
-                "segment": None if turn.segment is None else turn.segment.number,
-                "axis": turn.known.axis.tolist(),
-                "angle_deg": turn.known.angle_rad / DEG,
-                "sigma_deg": turn.known.sigma_rad / DEG,
-                "gyro_deg": None if turn.reads is None else turn.along_rad / DEG,
-                "used": i is not None,
-                "why_not": turn.problem,
-                "error_deg": None if third is None else float(third[0]) / DEG,
-                "holdout_error_deg": None if third is None else float(third[1]) / DEG,
-            }
-        )
-    return found
-
-
-def known_turns_words(result: FitResult) -> str:
-    """Summarise them in one line for the terminal; empty where no turn has a known angle."""
-    turns = known_turns_json(result)
-    if not turns:
-        return ""
-    used = [turn for turn in turns if turn["used"]]
-    unused = f"; {len(turns) - len(used)} of {len(turns)} not used" if len(used) < len(turns) else ""
-    if not used:
-        where = "turns=" if result.session.in_memory else "turns.csv"
-        return f"{where}: none of {len(turns)} turns of known angle is used, see the first look"
-    each = ", ".join(f"{t['segment']} ({t['angle_deg']:g}° ± {t['sigma_deg']:g}°, left {t['error_deg']:+.3f}°)" for t in used)
-    return f"turns of known angle: segment{'s' * (len(used) != 1)} {each}{unused}"
-
-
-# A fit as ``tinygc-fit/2``.
-
-SCHEMA = "tinygc-fit/2"
-
-
-def to_json(result: FitResult, limit_deg: float | None = None) -> dict:
-    """Return the result as ``tinygc-fit/2`` (docs/formats.md); limit_deg: of the verdict."""
-    problem = result.problem
-    rejected = [segment for segment in problem.segments if not segment.accepted]
-    earth = problem.earth
-    return {
-        "schema": SCHEMA,
-        "session": result.session.name,
-        "stills": len(problem.stills),
-        "nominal_rate": None if result.nominal_rate is None else asdict(result.nominal_rate),
-        "segments": {
-            "found": len(problem.segments),
-            "used": len(problem.used),
-            "rejected": [{"segment": segment.number, "why": segment.problem} for segment in rejected],
-            "notes": [{"segment": s.number, "note": s.note} for s in problem.segments if s.accepted and s.note],
-            "variance_inflation": [each.to_json() for each in problem.widened],
-        },
-        "rests_not_used": [
-            {"log": log, "at_s": round(rest.start_s, 3), "duration_s": round(rest.duration_s, 3), "cause": rest.cause, "why": rest.why}
-            for log, rest in problem.unused_rests
-        ],
-        "noise": {
-            "gyro_dps_rthz": (problem.noise.gyro / DEG).tolist(),
-            "accel_g_rthz": (problem.noise.accel / G).tolist(),
-            **problem.instability.to_json(),
-            **({} if problem.at_rest is None else {"at_rest": problem.at_rest.to_json()}),
-            "closure_floor_rms_deg": problem.floor.tilt_rms / DEG,
-            "closure_all_rms_deg": None if result.noise is None else result.noise.tilt_rms / DEG,
-            "components": [] if result.noise is None else result.noise.to_json(),
-            **({} if result.physics is None else {"closure_floor_repaired_rms_deg": result.physics.problem.floor.tilt_rms / DEG}),
-        },
-        "accelerometer": {**result.accelerometer.to_json(), "effects": [] if result.physics is None else list(result.physics.of_force)},
-        "goodness": vars(result.goodness),
-        "bias_any_session": None if result.repeatability is None else result.repeatability.to_json(result.covariance[BIAS, BIAS]),
-        "systematic": None if result.allowed is None else result.allowed.to_json(),
-        "sources": [source.to_json() for source in result.sources],
-        "bias_from": result.bias_from.to_json(),
-        "lot": None if result.lot is None else result.lot.to_json(),
-        "known_turns": known_turns_json(result),
-        "truth": _truth_table(result.session),
-        "unobserved": result.linear.notes.get("unobserved", []),
-        "earth": {
-            "source": earth.source,
-            "heading_deg": None if earth.heading_rad is None or earth.source == "unknown" else earth.heading_rad / DEG,
-            "heading_sigma_deg": earth.heading_sigma_rad / DEG if earth.source == "estimated" else None,
-        },
-        "methods": {
-            name: {
-                "parameters": fit.parameters,
-                "seconds": round(fit.seconds, 3),
-                "train": closure_figures(fit.angles),
-                "holdout": closure_figures(fit.held_out),
-                **({"denoiser": fit.notes["denoiser"]} if "denoiser" in fit.notes else {}),
-            }
-            for name, fit in result.methods.items()
-        },
-        "not_run": [{"method": name, "why": why} for name, why in result.not_run.items()],
-        "use": {**result.use.to_json(), "model": result.file_to_use},
-        "against_raw": result.against_raw.to_json(),
-        "verdict": result.verdict(limit_deg).to_json(),
-        "closure_runs": [
-            {
-                "file": run.file,
-                "duration_s": run.duration_s,
-                "floor_rmse_deg": rms_of(run.floor_rad) / DEG,
-                "earth": run.earth.source,
-                **({} if result.physics is None else {"lost_at_s": np.round(result.physics.lost_s[number], 3).tolist()}),
-                **{name: run_figures(error) for name, error in errors.items()},
-            }
-            for number, (run, errors) in enumerate(zip(result.runs, result.run_errors, strict=True))
-        ],
-        "still_rates": {"used": result.options.still_rates, "other_choice_holdout": closure_figures(result.other_choice.held_out)},
-        "options": {
-            "seed": result.options.seed,
-            "folds": min(result.options.folds, len(problem.used)),
-            "as_in_paper": result.options.as_in_paper,
-            "bias_per_log": result.options.bias_per_log,
-            "bias": result.options.bias,
-            "accelerometer": result.options.accelerometer,
-            "clock": result.options.clock,
-        },
-        "version": VERSION,
-    }
-
-
-# ``fit.json`` and ``rebiased.json`` as ``export`` and ``compare`` read them; keys that are not used are not checked.
-
-#: dps and g per root Hz: a thousandth of any sensor's range
-_DENSITY = Array((3,), Number(0, 1e3))
-_TILT_DEG = Maybe(Number(0, 1e4))
-_NOISE: dict[str, Shape] = {
-    "gyro_dps_rthz": _DENSITY,
-    "accel_g_rthz": _DENSITY,
-    "gyro_bias_instability_dph": Maybe(Number(0, 1e9)),
-    "gyro_bias_instability_source": Maybe(Text()),
-    "closure_floor_rms_deg": _TILT_DEG,
-}
-_ACCELEROMETER: dict[str, Shape] = {
-    "mode": Text(("given", "fit", "prior")),
-    "unobserved": Maybe(ListOf(Text())),
-    "zero_drift": Maybe(Keys(may={"significant": Flag()})),
-    "effects": Maybe(ListOf(Keys({"id": Text()}))),
-}
-FILE_SHAPE = Keys(
-    {"schema": Text((SCHEMA,))},
-    {
-        "session": Text(),
-        "segments": Keys(may={"used": Number(0, whole=True)}),
-        "noise": Keys(may=_NOISE),
-        "accelerometer": Maybe(Keys(may=_ACCELEROMETER)),
-        "goodness": Maybe(Keys({"p_value": Number(0, 1)})),
-        "methods": MapOf(Keys(may={"holdout": Keys(may={"tilt_rms_deg": _TILT_DEG})})),
-        "against_raw": Maybe(Keys(may={"tilt_rms_deg": _TILT_DEG})),
-        "verdict": Maybe(Keys(may={"answer": Text(), "headline": Text()})),
-        "options": Maybe(Keys(may={"as_in_paper": Flag()})),
-        "use": Maybe(Keys(may={"method": Maybe(Text()), "model": Maybe(Text()), "why": Maybe(Text())})),
-    },
-)
-
-#: figures that the export of a model requires: its held-out closure, the number of turns, and the sensor's noise
-_JUDGED: dict[str, Shape] = {
-    "session": Text(),
-    "segments": Keys({"used": Number(0, whole=True)}),
-    "noise": Keys({"gyro_dps_rthz": _DENSITY, "accel_g_rthz": _DENSITY}),
-    "methods": MapOf(Keys({"holdout": Keys({"tilt_rms_deg": _TILT_DEG})})),
-}
-#: ``rebiased.json`` includes the stored calibration as a method, and has no raw rates
-JUDGED, REBIASED = Keys(_JUDGED | {"against_raw": Keys({"tilt_rms_deg": _TILT_DEG})}), Keys(_JUDGED)
-
-
-def read_judged(path: Path, do: str, method: str, *, rebiased: bool = False) -> dict:
-    """Read the figures of a fit that decide whether its model of that method may be exported.  A method that ``fit`` does not have, for
-    another program's model, may be absent.  Raises FormatError as ``read_fit``."""
-    fit = read_fit(path, do)
-    require(fit, REBIASED if rebiased else JUDGED, str(path), do)
-    if not rebiased and method in METHODS and method not in fit["methods"]:
-        raise FormatError(f"{path}: methods.{method} is missing, expected how well that model closes held-out turns; {do}")
-    return fit
-
-
-def read_fit(path: Path, do: str = "fit again") -> dict:
-    """Read the figures of a fit.  Raises FormatError with the key, what was expected there, and ``do``."""
-    return read_required(path, FILE_SHAPE, do)
-
-
-# Saved methods of ``fit``, reused where they were made from the same files, with the same options, by the same version.
-
-SAVED_NAME, SAVED_SCHEMA = "fitted.json", "tinygc-fitted/1"
-#: options that do not affect the numbers of a method
-IRRELEVANT = ("methods", "physics", "checkpoints", "resume", "history", "noise", "requirements")
-_ANGLES = Array((None, None))
-_METHOD = Keys({"fitted_rad": _ANGLES, "held_out_rad": _ANGLES, "seconds": Number(0), "notes": Keys()})
-SAVED_SHAPE = Keys({"schema": Text((SAVED_SCHEMA,)), "key": Keys(), "methods": MapOf(_METHOD)})
-
-
-def key(options: FitOptions, hashes: dict[str, str]) -> dict:
-    """Return what must be equal for reuse, JSON-ready."""
-    chosen = {
-        name: list(value) if isinstance(value, tuple) else str(value) if isinstance(value, Path) else value
-        for name, value in asdict(options).items()
-        if name not in IRRELEVANT
-    }
-    return {"options": chosen, "inputs": hashes, "version": VERSION}
-
-
-def inputs_of(problem: Problem) -> dict[str, str]:
-    """Return file -> SHA-256 of what a method's numbers follow from: the session's files, and noise figures at rest if there are any."""
-    return input_hashes(problem.session) | ({} if problem.at_rest is None else {problem.at_rest.file: problem.at_rest.sha256})
-
-
-def made_from(options: FitOptions, hashes: dict[str, str], methods: dict[str, MethodFit]) -> dict:
-    """Return the inputs of a fit, and for each method the error angles of each segment, rad, its seconds and its notes; JSON-ready."""
-    entries = {
-        name: {"fitted_rad": fit.angles.tolist(), "held_out_rad": fit.held_out.tolist(), "seconds": fit.seconds, "notes": fit.notes}
-        for name, fit in methods.items()
-    }
-    return {"schema": SAVED_SCHEMA, "key": key(options, hashes), "methods": entries}
-
-
-def saved_methods(folder: Path, problem: Problem, options: FitOptions, hashes: dict[str, str]) -> dict[str, MethodFit]:
-    """Read the requested methods that a folder of ``fit`` contains for this problem; none where anything differs or cannot be read."""
-    try:
-        table = read_required(folder / SAVED_NAME, SAVED_SHAPE)
-        if table["key"] != key(options, hashes):
-            return {}
-        found = {name: _read(folder, name, table["methods"][name], problem) for name in options.methods if name in table["methods"]}
-    except CalibrationError:
-        return {}
-    if "tinygc_denoised" in options.methods and "tinygc_denoised" not in found:
-        found.pop("tinygc", None)  # the denoiser is trained on the fits of the folds, which are not saved
-    return found
-
-
-def _read(folder: Path, name: str, entry: dict, problem: Problem) -> MethodFit:
-    angles, held_out = (np.asarray(entry[which], dtype=float) for which in ("fitted_rad", "held_out_rad"))
-    shape = (len(problem.batch), problem.batch.angles)
-    if angles.shape != shape or held_out.shape != shape:
-        raise FormatError(f"{name}: not the angles of {shape[0]} segments")
-    return MethodFit(name, models.load(folder / f"model_{name}.json"), angles, held_out, float(entry["seconds"]), dict(entry["notes"]))
-
-
-# A fit's models and figures as files.
-
-
-def save_models(result: FitResult, folder: Path | None = None, limit_deg: float | None = None) -> Path:
-    """Write each method's model, and the figures, into a folder, the session's ``fit`` by default; returns that folder.
-
-    limit_deg: of the verdict.  Raises CalibrationError where the session has no folder and none is given, and StorageError for what
-    cannot be written.
-    """
-    folder = folder or result.session.own_folder("fit")
-    with result_folder(folder):
-        tables = model_tables(result)
-        for name, table in tables.items():
-            write_whole(folder / f"model_{name}.json", table)
-            if name + AT_END not in tables:  # from an earlier fit, whose physics followed time
-                (folder / f"model_{name}{AT_END}.json").unlink(missing_ok=True)
-        made = made_from(result.options, inputs_of(result.problem), result.methods)
-        write_whole(folder / "fit.json", to_json(result, limit_deg))
-        write_whole(folder / SAVED_NAME, made)
-    return folder
-
-
-def _truth_table(session: Session) -> dict | None:
-    if session.alignment is None:
-        return None
-    from session.detect.truth_alignment import alignment_table  # imported late: it loads SciPy
-
-    return alignment_table(session.alignment)
-
-
-def model_tables(result: FitResult) -> dict[str, dict]:
-    """Return each method's model as ``tinygc-model/1``, with its inputs and its uncertainty.
-
-    Where one follows its session's time, there is a second for any time, NAME_at_end, as of the session's end.
-    """
-    # Models that use specific force, and users of calibrated force, need it in addition to the rates.
-    made_from: dict[str, Any] = {
-        "session": result.session.name,
-        "sha256": input_hashes(result.session),
-        "version": VERSION,
-        "clock": result.options.clock,
-        "sensor": sensor_table(result.session.config.sensor),
-    }
-    if (temperature_c := result.session.temperature_c) is not None:
-        made_from["temperature_c"] = temperature_c
-    tables = {}
-    for name, fit in result.methods.items():
-        # Models with physics may depend on another calibration of the accelerometer than those without.
-        problem = result.physics.problem if result.physics is not None and name in PHYSICS else result.problem
-        made_from["accelerometer"] = accelerometer_table(problem.session.config.accelerometer)
-        more: dict[str, Any] = {"method": name, **made_from}
-        if fit is result.linear:
-            if result.lot is not None:
-                more["lot"] = {key: result.lot.to_json()[key] for key in ("file", "hash", "used", "belongs_probability")}
-            more["covariance"] = result.covariance.tolist()
-            if result.accelerometer_covariance is not None:
-                more["accelerometer_covariance"] = result.accelerometer_covariance.tolist()
-            if result.joint_covariance is not None and result.joint_shared is not None:
-                more["joint_covariance"] = {
-                    "parameters": list(JOINT_NAMES),
-                    "matrix": result.joint_covariance.tolist(),
-                    "shared": result.joint_shared.tolist(),
-                }
-            more["unobserved"] = fit.notes.get("unobserved", [])
-        ended: dict[str, Any] = {"method": name + AT_END, **made_from}
-        if name == "physics" and result.physics is not None:
-            from tinygc.estimation.physics import covariance_at_end, covariance_table
-
-            covariance = rate_covariance(result.physics.fit, result.session.clock)
-            more |= covariance_table(result.physics.model.claims, covariance)
-            ended |= covariance_at_end(result.physics.model, covariance)
-        if result.repeatability is not None:
-            more["bias_sigma_rps"] = result.repeatability.rps.tolist()
-        if not result.accelerometer_between.usual:
-            more["accelerometer_spread"] = result.accelerometer_between.spread.tolist()
-        if fit.model.session_s is not None and result.physics is not None:
-            more["began_s"] = _began_s(result.physics.problem)
-            tables[name + AT_END] = models.to_dict(fit.model.at_end(), **ended)
-        tables[name] = models.to_dict(fit.model, **more)
-    return tables
-
-
-def _began_s(problem: Problem) -> dict[str, float]:
-    """Return the time, s of the session, at which each log begins."""
-    return {file_key(log.path): float(moment) for log, moment in zip(problem.session.logs, problem.began_s[:-1], strict=True)}

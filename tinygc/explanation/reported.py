@@ -29,7 +29,7 @@ from tinygc.estimation.fit import fit_session
 from tinygc.estimation.options import FitOptions
 from tinygc.estimation.physics import covariance_at_end, errors_with_physics, loss_words, model_at, rate_covariance, rows_of_rates
 from tinygc.estimation.requirements import field_measured, known_sources
-from tinygc.estimation.results import AT_END, FitResult, versions
+from tinygc.estimation.results import AT_END, FitResult
 from tinygc.estimation.sources import Source, coverage_factor, freedom_of
 from tinygc.estimation.systematic import Systematic
 from tinygc.estimation.verdict import Acceptance, JudgedFit, run_p_values
@@ -41,6 +41,7 @@ from tinygc.explanation.truth_evidence import TruthExplanation
 from tinygc.models.linear import COVERAGE_FACTOR, PARAMETERS, LinearModel, Quantity, field_quantities
 from tinygc.models.model import accelerometer_table, sensor_table
 from tinygc.models.physics import PhysicsModel
+from tinygc.models.versions import versions
 from tinygc.noise.components import known_whitener
 from tinygc.noise.measured import measured_noise
 from tinygc.noise.refit import refit

@@ -17,8 +17,9 @@ from session.log.folder import Session
 from tinygc.estimation.accelerometer import AccelerometerFit
 from tinygc.estimation.choice import ClosureFigures, closure_figures, run_figures
 from tinygc.estimation.fit import fit_session
+from tinygc.estimation.fit_file import model_tables, save_models, to_json
 from tinygc.estimation.options import FitOptions
-from tinygc.estimation.results import FitResult, model_tables, save_models, to_json
+from tinygc.estimation.results import FitResult
 from tinygc.estimation.verdict import Acceptance
 from tinygc.library.arguments import Progress, chosen, nothing, public, session_or_folder
 from tinygc.library.records import Estimate, Named, Shown, accelerometer_estimates

@@ -14,9 +14,10 @@ from session.detect.check_references import frame_text, mounting_text, offset_te
 from tinygc.estimation.accelerometer import AccelerometerFit, drift_json
 from tinygc.estimation.choice import closure_figures, run_figures
 from tinygc.estimation.expected_zero import USUAL_SPREAD
+from tinygc.estimation.fit_file import known_turns_words
 from tinygc.estimation.model_tests import NOISE, contradictions, gravity_test
 from tinygc.estimation.options import METHODS, MethodFit
-from tinygc.estimation.results import FitResult, known_turns_words
+from tinygc.estimation.results import FitResult
 from tinygc.models.linear import BIAS, NAMES, PARAMETERS, LinearModel, Quantity, field_quantities
 from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_line, plain_table
 

@@ -14,8 +14,8 @@ from session.base.units import DEG, DEG_PER_HOUR
 from session.log.folder import read_session
 from tinygc import closure
 from tinygc.estimation.fit import fit_session
+from tinygc.estimation.fit_file import save_models
 from tinygc.estimation.options import FitOptions
-from tinygc.estimation.results import save_models
 from tinygc.features.noise.inflation import (
     _MISALIGNMENT,
     _UNDERSAMPLING,

@@ -7,9 +7,9 @@ from tinygc import models
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._text import self_test
 from tinygc.estimation.options import NETS
-from tinygc.estimation.results import versions
 from tinygc.models import linear
 from tinygc.models.model import Model, accelerometer_table, sensor_table
+from tinygc.models.versions import versions
 from tinygc.noise.figures import to_json
 
 NAME = "json"

@@ -48,8 +48,9 @@ from session.base.results import write_whole
 from session.base.units import DEG
 from tinygc import closure
 from tinygc.estimation.fit import fit_session
+from tinygc.estimation.fit_file import read_fit
 from tinygc.estimation.options import FitOptions
-from tinygc.estimation.results import FitResult, read_fit
+from tinygc.estimation.results import FitResult
 from tinygc.models import linear
 from tinygc.models.linear import LinearModel
 from tinygc.noise.components import TURN, UNDERSAMPLED, WANDER, SessionNoise

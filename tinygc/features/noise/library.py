@@ -114,7 +114,7 @@ def noise_of(inputs: Sequence[Input], answers: Answers, columns: Sequence[str], 
         remarks.append(f"No inflation: it is to N at rest, and the terms do not describe gyroscope {axes}.")
         folders = []
     if folders:  # what fits is loaded where there is a fit
-        from tinygc.estimation.results import read_fit
+        from tinygc.estimation.fit_file import read_fit
         from tinygc.features.noise.inflation import inflations_of_folder
     for number, folder in enumerate(folders):
         progress("what filters need", number, len(folders))

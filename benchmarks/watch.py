@@ -21,7 +21,7 @@ from tinygc.closure.floor import TIMES_S, wander_covariance
 from tinygc.features.unit.watch.bars import squares_bar_of
 from tinygc.features.unit.watch.detector import Window, ZeroFilter
 from tinygc.features.unit.watch.expectation import Expectation, ModelInUse
-from tinygc.features.unit.watch.settings import BLOCK_S, BLOCKS, Settings, settings
+from tinygc.features.unit.watch.settings import BLOCKS, WATCHED_S, Settings, settings
 from tinygc.features.unit.watch.source import Readings
 from tinygc.features.unit.watch.turns import MOST_SQUARE, RATIO
 from tinygc.features.unit.watch.watch import Watch
@@ -31,7 +31,7 @@ from tinygc.models.model import accelerometer_of
 WILD = Path(__file__).resolve().parent.parent.parent / "shared" / "wild"
 #: an ASM330LHH: N 0.21 °/√h, B 3 °/h, at 104 Hz
 WHITE, INSTABILITY, ACCEL_WHITE, ACCEL_INSTABILITY = 6.2e-5, 3 * DEG_PER_HOUR, 4.3e-4, 1e-4
-WINDOW_S = BLOCK_S * BLOCKS
+WINDOW_S = WATCHED_S * BLOCKS
 RATE_HZ = 104.0
 
 

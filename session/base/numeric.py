@@ -12,6 +12,10 @@ import numpy as np
 MEDIAN_SIGMAS = 0.6745
 
 
+#: rows and columns of the upper triangle of a matrix (3, 3)
+UPPER = np.triu_indices(3)
+
+
 def rms_of(values: np.ndarray) -> float:
     """Root mean square of values (…)."""
     return float(np.sqrt(np.mean(np.square(values))))

@@ -21,6 +21,7 @@ DEG = pi / 180  #: rad per degree; also rad/s per dps
 MDPS = 1e-3 * DEG  #: rad/s per mdps
 G = STANDARD_GRAVITY_MPS2  #: m/s^2 per g
 MG = 1e-3 * G  #: m/s^2 per mg
+PPM = 1e-6  #: per part in a million
 DEG_PER_SQRT_HOUR = DEG / 60  #: rad/sqrt(s) per deg/sqrt(h), the unit of angle random walk
 DEG_PER_HOUR = DEG / 3600  #: rad/s per deg/h, the unit of bias instability
 NS = 1e-9  #: s per nanosecond

@@ -12,7 +12,7 @@ import numpy as np
 
 from session.base.errors import FormatError
 from session.base.files import MOST_TOML, copy_new, folder_whole, read_text, require_empty, write_new
-from session.base.numeric import sigma_of, sigmas_in
+from session.base.numeric import UPPER, sigma_of, sigmas_in
 from session.base.rotation import unit_vectors
 from session.base.toml import parse_toml
 from session.base.units import DEG, MG
@@ -25,7 +25,6 @@ from session.log.samples import Samples, start_times
 # The force is f = M (m - b), M upper triangular: the triad itself defines the body frame, x along the sensor's x axis, y in the plane
 # of its x and y.  A full matrix, as another program may give it, is such a triangle behind a frame of its own: f = T (M0 (m - b0) - d).
 
-UPPER = np.triu_indices(3)
 MATRIX, BIAS = slice(0, 6), slice(6, 9)
 PARAMETERS = BIAS.stop
 #: in the order of a vector: the matrix's upper triangle row by row, then the bias

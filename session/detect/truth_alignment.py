@@ -308,7 +308,7 @@ def _likeness(
 FEWEST = 20
 STEPS = 4
 #: a twentieth of the session, but no shorter than two spans and no longer than a vehicle's slow errors
-BLOCKS, BLOCK_S = 20, (1.0, 10.0)
+BLOCKS, DRAWN_BLOCK_S = 20, (1.0, 10.0)
 #: Huber's weights, in median lengths
 ROBUST, ROBUST_PASSES = 2.0, 4
 
@@ -386,7 +386,7 @@ def _independent(begin: np.ndarray) -> int:
 def _blocks(rows: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> tuple[np.ndarray, float]:
     """(K,) number of each span's block, and the blocks' length, s."""
     total = sum(float(begin[-1] - begin[0]) for _, _, begin in rows if len(begin))
-    length = float(np.clip(total / BLOCKS, *BLOCK_S))
+    length = float(np.clip(total / BLOCKS, *DRAWN_BLOCK_S))
     numbers: list[np.ndarray] = []
     first = 0
     for _, _, begin in rows:

@@ -20,7 +20,7 @@ from session.log.samples import Samples
 # A still (``session/detect/stills.py``) is quiet to the sensor's own noise; a rest need not be: only the means over quarter seconds of
 # rate and specific force stay where they are.  Good for a bias, not for a reference.
 
-BLOCK_S = 0.25
+MOTION_BLOCK_S = 0.25
 LEAST_S = 1.5
 #: scatter of the blocks' means, one sigma, per axis: a hovering vehicle sways by ten times as much
 RATE_RPS = 0.25 * DEG
@@ -38,8 +38,8 @@ class Rest:
 
 def find_rests(samples: Samples) -> list[Rest]:
     """All rests of at least 1.5 s, in order.  Rows whose specific force is exactly zero have none, and are no part of a rest."""
-    size = max(1, round(BLOCK_S / samples.period_s))
-    count, length = len(samples) // size, round(LEAST_S / BLOCK_S)
+    size = max(1, round(MOTION_BLOCK_S / samples.period_s))
+    count, length = len(samples) // size, round(LEAST_S / MOTION_BLOCK_S)
     if count < length:
         return []
     blocks = [values[: count * size].reshape(count, size, 3) for values in (samples.gyro, samples.accel)]

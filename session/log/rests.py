@@ -22,7 +22,7 @@ from session.log.stamps import counted, fresh
 from session.log.thermometer import NO_GRID, Grid, Sound, grid_with
 
 #: a block is a second, or so many samples where a second holds fewer: the scatter within it must mean something
-BLOCK_S, BLOCK_SAMPLES = 1.0, 8
+REST_BLOCK_S, BLOCK_SAMPLES = 1.0, 8
 #: six weeks, at some 200 bytes each
 MOST_BLOCKS = 4_000_000
 #: called with each piece of samples as it is read
@@ -88,7 +88,7 @@ def read_rest(path: Path, sensor: Sensor, watch: Watch = lambda samples: None, a
     anything).
     """
     reader = Reader(path, answers, sensor.wanted if answers is None else None)
-    blocks = BlockMeans(max(BLOCK_S, BLOCK_SAMPLES / sensor.odr_hz))
+    blocks = BlockMeans(max(REST_BLOCK_S, BLOCK_SAMPLES / sensor.odr_hz))
     repeated, steps_s, has_temperature, sound = 0, [], False, Sound()
     for samples, left_out in _pieces(reader, sensor, sound):
         repeated += left_out
@@ -209,6 +209,6 @@ class BlockMeans:
 
 def rest_from_samples(samples: Samples, name: str = "rest.csv") -> RestLog:
     """A rest log that was never a file."""
-    blocks = BlockMeans(max(BLOCK_S, BLOCK_SAMPLES * samples.period_s))
+    blocks = BlockMeans(max(REST_BLOCK_S, BLOCK_SAMPLES * samples.period_s))
     blocks.add(samples)
     return blocks.log(Path(name), samples.period_s)

@@ -13,6 +13,7 @@ from session.base import rotation
 from session.base.errors import FitError
 from session.base.numeric import sigmas_in
 from session.base.units import DEG
+from session.detect.accelerometer import OBSERVED_BELOW
 from session.detect.axes import CLOSES_WITHIN
 from session.detect.segments import Segment
 from tinygc import closure
@@ -95,8 +96,6 @@ class StillRates:
 # It minimises sum_s |r_s|^2 / (sigma_s / 2)^2 plus a weak prior, which matters only along directions that no segment observes.  (r is half
 # an angle, hence the half.)  A ``GaussianPrior`` may replace the weak prior.
 
-#: a parameter is observed if its sigma is below this share of its prior's
-OBSERVED_BELOW = 0.1
 MAX_STEPS = 50
 #: a direction that the segments tell no more than three times better than one that is not observed is hardly bound
 WEAK = 3 / OBSERVED_BELOW

@@ -21,11 +21,10 @@ from functools import cached_property
 import numpy as np
 
 from session.base.solving import solve
+from tinygc.estimation.sources import COVERAGE
 
 #: the share of a normal variable within one sigma
 ONE_SIGMA = 0.6826894921370859
-#: coverage of intervals and limits
-COVERAGE = 0.95
 #: probability that a history without a shock, a drift or an effect of temperature has any by chance, over all that is looked at
 CHANCE = 0.05
 #: numbers of a unit that are looked at: the gyroscope's twelve and the accelerometer's nine, also where only some of them are known

@@ -17,6 +17,7 @@ from session.base.numeric import runs_of, sigmas_in
 from session.base.results import read_json, write_whole
 from session.base.rotation import steps
 from session.base.units import DEG, NS, STANDARD_GRAVITY_MPS2, G
+from session.detect.stills import BLOCK_S
 from session.detect.truth_segments import find_rests, moments_inside
 from session.log import folder as hashes
 from session.log.folder import Session, hash_of_log
@@ -50,8 +51,6 @@ MODEL, FIGURES = "model_rebiased.json", "rebiased.json"
 # A prior near the stored bias constrains the rotation about the vertical, which gravity does not observe.  The solver is Gauss-Newton;
 # all but the attitude is linear.
 
-#: averaging time of velocities, a twentieth of their correlation time
-BLOCK_S = 0.1
 #: the vehicle's or the hand's own velocity, and its correlation time (by benchmarks/paper_tables.py, the EuRoC training sequences)
 VELOCITY_MPS, VELOCITY_LASTS_S = 0.5, 2.0
 #: random walk of a bias, rad/s/sqrt(s) (by the same); time between knots, in which that is 0.005 dps; more of them only cost time

@@ -14,7 +14,7 @@ import numpy as np
 from session.base import features
 from session.base.names import CLOCKS
 from session.base.numeric import sigmas_in
-from session.base.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, EARTH_RATE_RPS
+from session.base.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, EARTH_RATE_RPS, PPM
 from session.log.config import Accelerometer
 from session.log.folder import Session, file_key, hash_of_log, input_hashes, read_session
 from tinygc import models
@@ -55,7 +55,6 @@ from tinygc.noise.whitening import Whitener
 # part and the effects named before, on the closure, the stills' rates and gravity's length.
 
 G_SENSITIVITY, ASYMMETRY = "gyro.g_sensitivity", "gyro.scale_asymmetry"
-PPM = 1e-6
 #: a sigma above this share of the plausible size comes from the prior, not from the session
 OBSERVED_SHARE = 0.3
 

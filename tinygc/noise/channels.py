@@ -8,6 +8,7 @@ import numpy as np
 
 from session.base.numeric import rms_of
 from session.base.units import NS
+from session.detect.stills import BLOCK_S
 from tinygc.effects import CommonDelay, Convention
 from tinygc.models.linear import MATRIX
 from tinygc.noise.refit import KNOWN, Refit, prior_sigmas
@@ -70,8 +71,6 @@ def _p(twin: Twin, r: np.ndarray, taken: float, unknown: int) -> float:
 
 # Scatter within each still: the prediction is a constant rate with the measured noise, so no slope and the same scatter everywhere.
 
-#: s: longer than the response of a gyro's low-pass of 10 Hz or more, short enough for ten blocks in a still; as in ``session.detect``
-WITHIN_BLOCK_S = 0.1
 #: variance of the mean square of first differences of white noise, times the number of differences, in that mean square squared
 DIFFERENCES = 3.0
 
@@ -100,7 +99,7 @@ def within_stills(twin: Twin) -> WithinStills:
         from_middle = t_s - t_s.mean()
         slope = from_middle @ rate / (from_middle @ from_middle)
         slopes.append(slope / (walk * np.sqrt(12 / still.duration_s**3)))
-        size = max(round(WITHIN_BLOCK_S / samples.period_s), 1)
+        size = max(round(BLOCK_S / samples.period_s), 1)
         count = len(rate) // size
         difference = np.diff(rate[: count * size].reshape(count, size, 3).mean(axis=1), axis=0)
         expected = 2 * walk**2 / (size * samples.period_s)

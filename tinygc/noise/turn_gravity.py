@@ -36,7 +36,7 @@ MOVING, MARGIN = 0.02, 2
 #: largest p-value of the held-out improvement, as for every claim
 BORNE_OUT_P = 0.05
 #: s, length of a row of the lever arm's fit: at 200 dps gravity rotates by 5 degrees within one
-BLOCK_S = 0.025
+ROW_S = 0.025
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +188,7 @@ def _equations(rows: Sequence[tuple[np.ndarray, np.ndarray]]) -> _TurnEquations:
 
 
 def lever_equations(twin: Twin, fit: Refit) -> _TurnEquations:
-    """Build the equations of lever arm, m, and delay from the specific force itself, in rows of ``BLOCK_S``.
+    """Build the equations of lever arm, m, and delay from the specific force itself, in rows of ``ROW_S``.
 
     f(t) = -g R_bt e_down + [alpha x] r + [omega x]^2 r, read by the accelerometer later than by the gyro.  Here the hand's own acceleration
     is noise.
@@ -201,7 +201,7 @@ def _lever(turn: _Turn, gravity_mps2: float) -> tuple[np.ndarray, np.ndarray]:
     gravity = -gravity_mps2 * turn.attitude[:, 2]
     crossed = cross_matrix(turn.rate)
     columns = np.concatenate([cross_matrix(alpha) + crossed @ crossed, np.gradient(gravity, turn.dt_s, axis=0)[:, :, None]], axis=-1)
-    size = max(1, round(BLOCK_S / turn.dt_s))
+    size = max(1, round(ROW_S / turn.dt_s))
     blocks = len(turn.force) // size
 
     def mean(values: np.ndarray) -> np.ndarray:

@@ -10,9 +10,9 @@ import numpy as np
 
 from session.base import rotation
 from session.base.numeric import sigma_of
-from session.base.units import DEG, MG, G
+from session.base.units import DEG, G
 from session.bench.messages import AxisMove
-from session.detect.accelerometer import PARAMETERS, UPPER, length_columns
+from session.detect.accelerometer import PARAMETERS, UPPER, WANDERS_MPS2, length_columns
 from session.detect.stills import Noise, Still
 from session.log.config import Accelerometer
 from tinygc import closure
@@ -60,8 +60,6 @@ def straight(up: np.ndarray) -> np.ndarray:
 TARGETS = np.array([50e-6] * 6 + [50e-6 * G] * 3)
 #: prior sigma of an uncalibrated accelerometer: 10 %, and 0.6 g (an MPU-9250 had 0.5 g)
 PRIOR_SIGMA = np.array([0.1] * 6 + [0.6 * G] * 3)
-#: m/s^2: drift of a MEMS accelerometer within minutes, until it is estimated from the stills' residuals
-WANDERS_MPS2 = 0.05 * MG
 SPARE = 6  #: stills beyond nine that this estimate needs
 UNCALIBRATED = Accelerometer(source="none")
 

@@ -13,6 +13,7 @@ from session.detect.accelerometer import LengthFit
 from session.detect.check_references import frame_text, mounting_text, offset_text
 from tinygc.estimation.accelerometer import AccelerometerFit, drift_json
 from tinygc.estimation.choice import closure_figures, run_figures
+from tinygc.estimation.compare import DIGITS
 from tinygc.estimation.expected_zero import USUAL_SPREAD
 from tinygc.estimation.fit_file import known_turns_words
 from tinygc.estimation.model_tests import NOISE, contradictions, gravity_test
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
 
 # An accelerometer's calibration as a table in the terminal.
 
-DIGITS = {"ppm": 0, "mrad": 3, "mg": 3}
 #: least weight of a still that counts
 IDLE_WEIGHT = 0.1
 

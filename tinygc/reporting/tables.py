@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from session.base.names import CLOCKS
-from session.base.texts import command_line, printable
+from session.base.texts import NONE, command_line, printable
 from session.detect.findings import LEVELS, Finding, worst
 from tinygc.estimation.options import METHODS
 from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_line, plain_table
@@ -115,7 +115,6 @@ def verdict_line(findings: list[Finding], with_worst: bool = True) -> Text:
 
 # List of sessions in the terminal.
 
-NONE = "–"
 COLUMNS = ("session", "recorded", "sensor", "logs", "segments", "held out", "floor", "closure runs", "use", "explain")
 NUMBERS = ("logs", "segments", "held out", "floor", "closure runs")
 

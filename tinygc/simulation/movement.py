@@ -11,6 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from session.base.units import DEG, EARTH_RATE_RPS
+from session.bench.guide import PEAK_FULL_SCALE
 from tinygc.simulation.options import SimulatedUnit, SimulationOptions
 from tinygc.simulation.sensor import Motion, self_heating
 
@@ -124,7 +125,6 @@ LATE_S = 0.25  #: a second gimbal starts up to this later and stops up to this e
 TURN_CHANGE_RAD = (90 * DEG, 300 * DEG)  #: a gimbal's change in a turn
 TRAVEL_RAD = 400 * DEG  #: a turn that would end further from a gimbal's zero goes the other way, because of cables
 PEAK_RPS = 350 * DEG  #: fastest rate of a table turned by hand
-PEAK_FULL_SCALE = 0.85  #: of full scale; room for bias and sensitivity below 0.9
 # Irregularity of a stroke: slow waves in proportion to its change, tremor in rad (physiological tremor: 4 to 12 Hz).
 SLOW_WAVES, SLOW_HZ, SLOW_FRACTION = 3, (0.5, 1.6), 0.03
 TREMOR_WAVES, TREMOR_HZ, TREMOR_RAD = 2, (4.0, 9.0), 0.06 * DEG

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from session.base.numeric import UPPER
 from session.base.units import MG, G
 from tinygc.effects import Effect, Movement, Parameter, Parts, axis_of, largest, nothing
 from tinygc.effects.effect import GRAVITY_LENGTH
 
-UPPER = np.triu_indices(3)
 #: indices in the upper triangle row by row, after the bias
 SCALES, SHEARS = (3, 6, 8), (4, 5, 7)
 #: projection without the common scale of all axes, which is gravity's length and not known as accurately

@@ -2,12 +2,10 @@
 
 import numpy as np
 
-from session.base.units import G
+from session.base.units import PPM, G
 from tinygc.effects import Effect, Parameter, axis_of, diagonal, largest, nothing
 from tinygc.effects.device import OF_FORCE
 from tinygc.effects.effect import GRAVITY_LAW
-
-PPM = 1e-6
 
 EFFECT = Effect(
     id="accelerometer.scale_asymmetry",

@@ -1,11 +1,9 @@
 """The accelerometer's sensitivity moves with temperature (IEEE 1293: scale factor temperature sensitivity)."""
 
-from session.base.units import G
+from session.base.units import PPM, G
 from tinygc.effects import Effect, Parameter, axis_of, diagonal, largest, nothing
 from tinygc.effects.device import OF_FORCE
 from tinygc.effects.effect import GRAVITY_LAW
-
-PPM = 1e-6
 
 EFFECT = Effect(
     id="accelerometer.thermal_scale",

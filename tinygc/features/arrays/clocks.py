@@ -239,7 +239,7 @@ class _Front:
 # reading is less noisy between two readings than at one, and least squares would shift the clock towards there.
 
 #: s; readings of one block share their errors, such as those of one hand movement
-BLOCK_S = 2.0
+CLOCK_BLOCK_S = 2.0
 ROUNDS = 25
 #: s and 1; a smaller step ends the search
 ENOUGH_S, ENOUGH_RATE = 1e-8, 1e-10
@@ -383,7 +383,7 @@ class _ClockRows:
                     "ours": splines[number](at),
                     "slope": slopes[number](at),
                     "since": other.t_s[rows] - about_s,
-                    "block": np.floor(other.t_s[rows] / BLOCK_S) + 1e7 * number,
+                    "block": np.floor(other.t_s[rows] / CLOCK_BLOCK_S) + 1e7 * number,
                     "variance": variance,
                     "variance_slope": slope / one.period_s,
                 }

@@ -16,12 +16,14 @@ from session.base.results import Array, Keys, ListOf, Maybe, Number, Text, read_
 from session.log.config import Accelerometer, Sensor
 from tinygc.features.arrays.clocks import UnitClock, UnitPlace
 from tinygc.models.files import ARRAY_SCHEMA as SCHEMA
+from tinygc.models.files import UNITS
 from tinygc.models.linear import LinearModel
 from tinygc.models.model import (
     COVARIANCE,
     FACTOR,
     MATRIX,
     RATE,
+    ROUNDING,
     SECONDS,
     accelerometer_of,
     accelerometer_table,
@@ -241,9 +243,6 @@ def instability_covariance(units: tuple[FusedUnit, ...]) -> np.ndarray | None:
 
 # File of an array's model, ``tinygc-array-model/1`` (docs/formats.md); loading executes nothing.
 
-UNITS = "rad/s in, rad/s out"
-#: tolerance of a rotation, and of weights that sum to identity
-ROUNDING = 1e-6
 #: largest number of a unit (session/log/folder.py), and most units
 LARGEST_NUMBER, MOST_UNITS = 9999, 64
 

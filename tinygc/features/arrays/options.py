@@ -6,9 +6,9 @@ from dataclasses import dataclass, fields
 from math import isfinite
 
 from session.base.errors import CalibrationError
+from tinygc.features.arrays.model import MOST_UNITS
 from tinygc.simulation.options import choice
 
-MOST_UNITS = 64
 #: limits beyond any board, reader and hand motion
 LARGEST = {
     "mounting_deg": 30.0,

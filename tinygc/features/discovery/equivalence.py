@@ -9,6 +9,7 @@ import numpy as np
 from session.base.rotation import unit_vectors
 from session.base.units import DEG
 from tinygc.effects import Effect, Movement, NoC, Parameter, Reach, signals
+from tinygc.explanation.search import PLAUSIBLE_RPS
 from tinygc.features.discovery.form import Factor, LawForm
 from tinygc.features.discovery.words import equation as equation_of
 from tinygc.features.discovery.words import regime, splits
@@ -189,9 +190,6 @@ def _projected(columns: np.ndarray, held: np.ndarray, drawn: np.ndarray) -> np.n
 
 
 # A form as a catalogue effect, so that all code that ranks, fits and draws effects accepts it.
-
-#: rad/s: a prior and no limit, beyond the zero-rate level of any good part (3 dps)
-PLAUSIBLE_RPS = 5 * DEG
 
 
 def columns_of(form: LawForm, movement: Movement) -> np.ndarray:

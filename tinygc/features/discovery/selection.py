@@ -21,7 +21,7 @@ from tinygc.features.discovery.responses import Responses
 from tinygc.features.discovery.screening import Screening, screened
 from tinygc.features.discovery.within_turns import WithinTurns
 from tinygc.models.linear import MATRIX
-from tinygc.noise.refit import Refit, Replay
+from tinygc.noise.refit import FARTHEST, LOOSE, Refit, Replay
 from tinygc.noise.twin import LINEAR, Twin
 
 # The evidence of forms: as that of the catalogue's effects, with a price for each form's description.
@@ -127,8 +127,6 @@ def _takes_calibration(form: LawForm, responses: Responses, projection: Projecti
 
 #: ln of a constant, for a central difference: large enough that some samples pass a moving threshold
 STEP = 0.01
-#: ln of a constant: sigma of its prior, as wide as any grid; and the largest step
-LOOSE, FARTHEST = 1.0, 0.3
 #: steps, and fractions of one that are tried
 STEPS, SHARES = 6, (1.0, 0.3)
 #: least share of the residuals' squares that a step is assumed to leave

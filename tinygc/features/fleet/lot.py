@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from session.base.errors import CalibrationError
+from session.base.numeric import UPPER
 from session.base.units import DEG, G
 from tinygc.models import linear
 from tinygc.models.linear import BIAS, MATRIX
@@ -77,7 +78,6 @@ class UnitResult:
 
 #: positions of the accelerometer's numbers in a lot's vector: M's upper triangle less the identity, then the bias
 TRIAD, FORCE_BIAS = slice(12, 18), slice(18, 21)
-_UPPER = np.triu_indices(3)
 _STEP = 1e-6
 
 
@@ -141,7 +141,7 @@ def sensor_errors(values: np.ndarray) -> np.ndarray:
     leans = np.stack([np.arctan2(u[..., i, j], u[..., i, i]) for i, j in _LEANS], axis=-1)
     bias = -np.einsum("...ij,...j->...i", M, filled[..., BIAS])
     T = np.zeros((*shape, 3, 3))
-    T[..., _UPPER[0], _UPPER[1]] = filled[..., TRIAD]
+    T[..., UPPER[0], UPPER[1]] = filled[..., TRIAD]
     R = np.linalg.inv(T + np.eye(3))
     size = np.linalg.norm(R, axis=-1)
     r = R / size[..., None]

@@ -8,7 +8,7 @@ from math import ceil
 
 import numpy as np
 
-from session.base.texts import printable
+from session.base.texts import NONE, printable
 from session.log.registers import profile_of
 from tinygc.features.noise.estimate import NoiseEstimate, known_after_s
 from tinygc.features.noise.units import CALLED, ONE_SIDED, TERM_UNITS, TermUnit, duration_words
@@ -16,7 +16,6 @@ from tinygc.noise.figures import NoiseFigures, SensorNoise, Term, described_from
 from tinygc.reporting.pictures.canvas import plain
 from tinygc.reporting.terminal import Group, RenderableType, one_line, plain_table
 
-NONE = "–"
 #: lines and columns of the first screen
 SCREEN, WIDTH = 24, 100
 #: terms that are always shown; the others where an axis shows them

@@ -24,6 +24,7 @@ import numpy as np
 from scipy.interpolate import Akima1DInterpolator
 from scipy.spatial.transform import Rotation
 
+from session.base.numeric import UPPER
 from session.base.units import DEG, EARTH_RATE_RPS
 from tinygc.features.tables.machines.description import LATENCY_SIGMA_S
 from tinygc.features.tables.machines.kinematics import body_axes, rotations, stage_attitudes
@@ -45,8 +46,6 @@ LAG_SIGMA_S = 0.02
 BEGUN_RAD = 0.05 * DEG
 #: rad of an axis between two edges, below which it stands
 STANDS_RAD = 1e-3 * DEG
-#: upper triangle of the accelerometer's matrix: what turns its frame belongs to the mounting
-UPPER = np.triu_indices(3)
 #: names of the state's parts, and their sizes for K axes
 PARTS = ("gyroscope's matrix", "gyroscope's zero", "accelerometer's matrix", "accelerometer's zero", "mounting", "Earth's rate")
 SIZES = (9, 3, 6, 3, 3, 3)

@@ -25,6 +25,7 @@ import numpy as np
 from scipy.special import chdtrc, logsumexp, ndtr
 
 from session.base.numeric import sigma_of, sigmas_in
+from tinygc.estimation.between_sessions import ONE_SIGMA
 from tinygc.features.turns.angles import TurnAngle
 
 #: probability that a turn is lost, before the data
@@ -47,7 +48,6 @@ NEGLIGIBLE, GRIDS = 1e-4, 3
 BLOCK = 40
 #: a point of the grid that weighs less is left out
 NO_WEIGHT = 1e-6
-ONE_SIGMA = 0.6826894921370859
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,14 +19,13 @@ from session.base.errors import FormatError
 from session.base.results import Array, Keys, ListOf, Number, Text, require, shown
 from session.base.toml import read_toml
 from session.base.units import DEG
+from session.log.config import ROTATION_WITHIN
 
 SCHEMA = "tinygc-table/1"
 NAME = "table.toml"
 MOST_AXES = 3
 #: s that braking may take by its figures: so long a stop waits before it asks a silent table harder
 MOST_BRAKING_S = 60.0
-#: how far a matrix may be from a rotation
-ROTATION_WITHIN = 1e-3
 #: s of angles that a table takes to answer where nothing is declared: the prior of its latency
 LATENCY_SIGMA_S = 0.1
 

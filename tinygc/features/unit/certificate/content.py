@@ -24,6 +24,7 @@ from session.base.toml import read_toml
 from session.base.units import MDPS
 from session.log.certificate import TRACED, CertificateGiven, Equipment, out_of_order
 from session.log.config import Config
+from session.log.lines import GZIP
 from session.log.requirements import Rule
 from tinygc.estimation.requirements import (
     Conformity,
@@ -46,7 +47,7 @@ LACKING = "one effect that the model lacks"
 #: what begins the first line of a file that no sensor wrote
 SIMULATED = "SIMULATED"
 #: bytes that are read of a first line, and how a packed file begins
-LONGEST_LINE, GZIP = 4096, b"\x1f\x8b"
+LONGEST_LINE = 4096
 #: what a simulation leaves beside its recording
 TRUTH = "truth.json"
 #: fields that a certificate must have -> what they are, in words

@@ -28,6 +28,7 @@ from tinygc.estimation.between_sessions import COVERAGE, FEWEST_WITH_DRIFT
 from tinygc.estimation.session_times import YEAR_S
 from tinygc.features.unit.history.estimate import UnitHistory
 from tinygc.features.unit.history.sessions import GYROSCOPE, KEPT, NUMBERS
+from tinygc.features.unit.verification.verdict import FAILS, HOLDS, UNDECIDED
 from tinygc.models.linear import LinearModel, field_jacobian
 
 #: draws of the prediction: a share of 95 % has a sigma of 0.34 %
@@ -38,7 +39,6 @@ MOMENTS = 61
 CHANCES, OF_CHANCE = 200, 1000
 #: shocks that one draw may have until its end
 MOST_SHOCKS = 12
-HOLDS, FAILS, UNDECIDED = "holds", "does not hold", "undecided"
 ACCURACY = re.compile(r"([0-9]{1,9}(?:\.[0-9]{1,9})?) ?(deg|°|mrad|rad) ?/ ?([0-9]{1,9}(?:\.[0-9]{1,9})?) ?(s|min)")
 LIMIT = re.compile(r"([a-z][a-z ]{1,60}?) +([0-9]{1,9}(?:\.[0-9]{1,9})?) ?([a-z%°/]{1,10})")
 ANGLES = {"deg": DEG, "°": DEG, "mrad": 1e-3, "rad": 1.0}

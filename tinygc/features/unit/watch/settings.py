@@ -20,7 +20,7 @@ from tinygc.features.unit.watch.bars import bar_of
 from tinygc.features.unit.watch.expectation import Expectation, Wander
 
 #: s of a block, in which stillness is judged, and blocks of a window, whose mean is one reading of the zero
-BLOCK_S, BLOCKS = 0.125, 16
+WATCHED_S, BLOCKS = 0.125, 16
 #: samples of a block: fewer say nothing of its scatter
 FEWEST = 4
 #: means of a block beyond these belong to no rest: rad/s, share of gravity of the force
@@ -37,7 +37,7 @@ CLIP = 5.0
 #: windows over which the sensor's own noise is averaged, and how much larger than stated a window's scatter may be
 NOISE_WINDOWS, MOST_SCATTER = 64, 9.0
 #: blocks of a gap that count: a day
-MOST_GAP = round(END_S / BLOCK_S)
+MOST_GAP = round(END_S / WATCHED_S)
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,10 +86,10 @@ def settings(expected: Expectation, false_alarm_every_s: float, reference_c: flo
 
     Raises CalibrationError for a data rate that leaves a block without scatter, and a time of less than a hundred windows.
     """
-    samples = round(BLOCK_S * expected.rate_hz)
+    samples = round(WATCHED_S * expected.rate_hz)
     if samples < FEWEST:
         raise CalibrationError(
-            f"watch: {expected.rate_hz:.4g} samples a second; expected {FEWEST / BLOCK_S:g} or more, so that a block of {BLOCK_S:g} s "
+            f"watch: {expected.rate_hz:.4g} samples a second; expected {FEWEST / WATCHED_S:g} or more, so that a block of {WATCHED_S:g} s "
             "shows whether the sensor rests; record faster"
         )
     block_s = samples / expected.rate_hz

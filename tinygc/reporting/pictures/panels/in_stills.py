@@ -8,7 +8,7 @@ import numpy as np
 
 from session.base import rotation
 from session.base.rotation import unit_vectors
-from session.base.units import DEG, EARTH_RATE_RPS, MG
+from session.base.units import DEG, EARTH_RATE_RPS, MDPS, MG
 from session.detect.stills import CREEP_RPS, CREEP_SIGMAS, Still
 from tinygc.closure.stills import StillSet
 from tinygc.explanation.claims import Claim
@@ -87,8 +87,6 @@ def against_explained(e: Explanation, claim: Claim, axes: Axes) -> None:
 
 
 # A rate fixed in the world: the stills' rates, rotated into the table's frame, cluster at one nonzero value.
-
-MDPS = 1e-3 * DEG
 
 
 def in_the_table(e: Explanation, claim: Claim, axes: Axes, as_the_earths: bool = False) -> None:

@@ -40,7 +40,7 @@ class ExportError(CalibrationError):
 def feature_exports(model: Model) -> ModuleType | None:
     """Return the feature module that exports a model of this kind; None for a kind of the core.
 
-    It has ``stage(model, rate_hz)`` for C, ``px4(model, context)`` and ``ardupilot(model, context)`` for the text of these formats, and
-    ``CARRIED``: what other formats cannot carry.
+    It has ``stage(model, rate_hz)`` for C, ``zero(model, context, name, about_c)`` for autopilots, and ``CARRIED``: what other formats
+    cannot carry.
     """
     return features.named("exports", getattr(model, "kind", ""))

@@ -99,10 +99,14 @@ class Densities:
     walk: Density
 
 
-def densities(context: Context, name: str, needed: Iterable[str] = tuple(SENSORS), walks: bool = True) -> dict[str, Densities]:
-    """Densities by ``gyro`` and ``accel``, with the inflation of the context; name: of the format; walks: whether it has random walks.
+def densities(
+    context: Context, name: str, needed: Iterable[str] = tuple(SENSORS), walks: bool = True, of_rate: bool = False
+) -> dict[str, Densities]:
+    """Densities by ``gyro`` and ``accel``, with the inflation of the context; name: of the format; walks: whether it has random walks;
+    of_rate: whether its numbers depend on the data rate.
 
-    Reports the axes that are left out.  Raises ExportError where a sensor that is needed has none.
+    Reports what a person should know before he uses them: axes that are left out, guesses and limits.  Raises ExportError where a sensor
+    that is needed has none.
     """
     for line in _left_out(context):
         context.say(f"{name}: {line}")
@@ -131,7 +135,24 @@ def densities(context: Context, name: str, needed: Iterable[str] = tuple(SENSORS
             )
     if context.inflation is not None:
         found["gyro"] = _inflated(found["gyro"], context.inflation)
+    for line in _doubts(context, found, of_rate):
+        context.say(f"{name}: {line}")
     return found
+
+
+def _doubts(context: Context, found: Mapping[str, Densities], of_rate: bool) -> Iterable[str]:
+    """A line for each guess and limit."""
+    if context.noise is None and any(both.walk.known for both in found.values()):
+        yield "the random walks are guesses from bias instability; minutes of recording do not show them"
+    for kind, both in found.items() if context.noise is not None else ():
+        for what, density in (("white noise", both.white), ("random walk", both.walk)):
+            if density.known and density.source in (LIMIT, GUESSED):
+                known = "an upper limit (95 %)" if density.source == LIMIT else "guessed"
+                yield f"the {SENSORS[kind]}'s {what} is {known}: the log at rest does not show it"
+    if of_rate and not context.rate_known:
+        rate = f"{context.config.sensor.odr_hz:.6g} Hz"
+        guess = "is a guess, 1 over the shortest averaging time of a curve"
+        yield f"its data rate, {rate}, {guess}; give --odr to `calibrate noise --curve`"
 
 
 def _inflated(plain: Densities, motion: Inflation) -> Densities:
@@ -272,67 +293,3 @@ def _inflations(context: Context) -> list[str]:
 
 def _factors(values: np.ndarray) -> str:
     return ", ".join(f"{value:.3g}" for value in values)
-
-
-def say_of_noise(context: Context, name: str, found: Mapping[str, Densities]) -> None:
-    """Report what a person should know before he uses the densities: guesses and limits."""
-    if context.noise is None:
-        context.say(f"{name}: the random walks are guesses from bias instability; minutes of recording do not show them")
-        return
-    for kind, both in found.items():
-        for what, density in (("white noise", both.white), ("random walk", both.walk)):
-            if density.known and density.source in (LIMIT, GUESSED):
-                known = "an upper limit (95 %)" if density.source == LIMIT else "guessed"
-                context.say(f"{name}: the {SENSORS[kind]}'s {what} is {known}: the log at rest does not show it")
-
-
-def say_of_rate(context: Context, name: str) -> None:
-    """Report a data rate that nobody has said, of a format that depends on it."""
-    if not context.rate_known:
-        rate = f"{context.config.sensor.odr_hz:.6g} Hz"
-        guess = "is a guess, 1 over the shortest averaging time of a curve"
-        context.say(f"{name}: its data rate, {rate}, {guess}; give --odr to `calibrate noise --curve`")
-
-
-# The autopilots' filters: parameters of one step of the filter, each with a documented range.
-
-
-@dataclass(frozen=True)
-class StepParameter:
-    """A parameter p of which a filter adds (dt p)^2 to a variance at each step dt: name; density: its sensor, and N or K; default, least
-    and most: as documented."""
-
-    name: str
-    density: tuple[str, str]
-    default: float
-    least: float
-    most: float
-
-
-def step_parameters(
-    context: Context, name: str, parameters: Iterable[StepParameter], step_s: float, step_words: str
-) -> tuple[dict[str, float], tuple[str, ...]]:
-    """Values by name and lines for the file's head: p = N / sqrt(dt) or K / sqrt(dt), within its range; dt: step_s, in words step_words."""
-    found = densities(context, name, ("gyro",))
-    say_of_noise(context, name, found)
-    values, lines = {}, []
-    for each in parameters:
-        kind, term = each.density
-        if kind not in found:
-            continue
-        density = found[kind].white if term == "N" else found[kind].walk
-        value = density.largest / np.sqrt(step_s)
-        values[each.name] = float(np.clip(value, each.least, each.most))
-        end = "" if each.least <= value <= each.most else f"; {values[each.name]:g} IS WRITTEN, the end of its documented range"
-        lines.append(f"{each.name}: {term} / sqrt(dt) = {value:.4g}, {density.source}; default {each.default:g}{end}")
-    if "accel" not in found:
-        context.say(f"{name}: the accelerometer's noise is not known: its parameters are left out")
-    context.say(f"{name}: the noise parameters hold at rest, and vibration in flight is not in them; do not fly with them as they are")
-    return values, (
-        "NOISE AT REST.  Vibration in flight is not in it, and the defaults leave room for that: a filter that flies with noise at rest",
-        "trusts its gyroscope too much.  These are lower bounds; multiply them by what the vehicle's own log says.",
-        f"The filter adds (dt p)^2 to a variance at each step, dt = {step_words}:",
-        "p = N / sqrt(dt) for the readings, p = K / sqrt(dt) for their biases.",
-        *lines,
-        *noise_remarks(context, found),
-    )

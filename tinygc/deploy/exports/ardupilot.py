@@ -12,10 +12,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from tinygc.deploy import feature_exports
+from tinygc.deploy.exports._autopilots import StepParameter, step_parameters, zero_of
 from tinygc.deploy.exports._context import Context
-from tinygc.deploy.exports._noise import StepParameter, step_parameters
-from tinygc.deploy.exports._text import cannot_scale, force_terms, offsets, remarks
+from tinygc.deploy.exports._text import remarks
 from tinygc.models.model import Model
 
 NAME = "ardupilot"
@@ -38,31 +37,30 @@ NOISE = (
 
 def export(model: Model, context: Context) -> dict[str, str]:
     """Export the zero of linear models, also with thermal bias or over temperature; the noise where figures are known."""
-    noise = export_noise(context) if context.noise is not None else {}
-    if (feature := feature_exports(model)) is not None:
-        return {FILE: feature.ardupilot(model, context)} | noise
-    part, celsius = offsets(model, context, NAME)
-    values = {f"INS_GYROFFS_{axis}": value for axis, value in zip("XYZ", part.bias, strict=True)}
-    if celsius is not None:
-        slope = part.M @ part.k * SCALE
-        values |= {"INS_TCAL1_ENABLE": 1, "INS_TCAL1_TMIN": celsius[0], "INS_TCAL1_TMAX": max(celsius[1], celsius[0] + LEAST_C)}
-        values |= {"INS_GYR1_CALTEMP": part.first_c}
-        values |= {f"INS_TCAL1_GYR{power}_{axis}": slope[i] if power == 1 else 0.0 for power in (1, 2, 3) for i, axis in enumerate("XYZ")}
-    force = force_terms(context, NAME)
-    if force is not None:
-        values |= {f"INS_ACCOFFS_{axis}": value for axis, value in zip("XYZ", force[0], strict=True)}
-        values |= {f"INS_ACCSCAL_{axis}": value for axis, value in zip("XYZ", force[1], strict=True)}
+    zero = zero_of(model, context, NAME, ABOUT_C)
+    values = {f"INS_GYROFFS_{axis}": value for axis, value in zip("XYZ", zero.part.bias, strict=True)}
+    if zero.range_c is not None:
+        coldest, warmest = zero.range_c
+        values |= {"INS_TCAL1_ENABLE": 1, "INS_TCAL1_TMIN": coldest, "INS_TCAL1_TMAX": max(warmest, coldest + LEAST_C)}
+        values |= {"INS_GYR1_CALTEMP": zero.reference_c}
+        for sensor, terms in (("GYR", zero.terms), ("ACC", zero.accel)):
+            if terms is not None:
+                values |= {f"INS_TCAL1_{sensor}{n}_{axis}": terms[n, i] * SCALE for n in (1, 2, 3) for i, axis in enumerate("XYZ")}
+    for name, of_axes in zip(("OFFS", "SCAL"), zero.force or (), strict=False):
+        values |= {f"INS_ACC{name}_{axis}": value for axis, value in zip("XYZ", of_axes, strict=True)}
+    accel = "INS_TCAL1_ACC* likewise, m/s^2; INS_ACC1_CALTEMP is set by ArduPilot's own accelerometer calibration, which comes first."
     head = remarks(
         context,
-        *cannot_scale(part),
-        *(() if force is None else force[2]),
-        "corrected = measured - INS_GYROFFS_* - p(T - 35) + p(INS_GYR1_CALTEMP - 35),  p(d) = 1e-6 (GYR1 d + GYR2 d^2 + GYR3 d^3)",
-        *(() if force is None else ("corrected = (measured - INS_ACCOFFS_*) INS_ACCSCAL_*, m/s^2",)),
-        "rad/s, degC, in the axes of the first IMU as ArduPilot's driver turns them.  It calibrates the offset anew at each boot unless",
-        "INS_GYR_CAL is 0.",
+        *zero.head,
+        "corrected = measured - INS_GYROFFS_* - p(T - 35) + p(INS_GYR1_CALTEMP - 35),  p(d) = 1e-6 (GYR1 d + GYR2 d^2 + GYR3 d^3),",
+        "T and CALTEMP held within INS_TCAL1_TMIN to TMAX.",
+        *(("corrected = (measured - INS_ACCOFFS_*) INS_ACCSCAL_*, m/s^2",) if zero.force else ()),
+        *((accel,) if zero.accel is not None else ()),
+        "rad/s, degC, in the axes of the first IMU as ArduPilot's driver turns them.  It calibrates the gyro's offset anew at each boot",
+        "unless INS_GYR_CAL is 0.",
         longest=LONGEST,
     )
-    return {FILE: head + table(values)} | noise
+    return {FILE: head + table(values)} | (export_noise(context) if context.noise is not None else {})
 
 
 def export_noise(context: Context) -> dict[str, str]:

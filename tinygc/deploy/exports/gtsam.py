@@ -15,7 +15,7 @@ import numpy as np
 
 from session.base.results import json_text
 from tinygc.deploy.exports._context import Context
-from tinygc.deploy.exports._noise import densities, noise_remarks, say_of_noise
+from tinygc.deploy.exports._noise import densities, noise_remarks
 from tinygc.deploy.exports._text import remarks
 from tinygc.models.model import Model
 
@@ -63,7 +63,6 @@ def export(model: Model, context: Context) -> dict[str, str]:
 def export_noise(context: Context) -> dict[str, str]:
     """Export the noise, which needs no model."""
     found = densities(context, NAME)
-    say_of_noise(context, NAME, found)
     table, sources = {"integrationCovariance": np.eye(3) * INTEGRATION}, {"integrationCovariance": "not of the sensor"}
     for kind, names in KEYS.items():
         for name, density in zip(names, (found[kind].white, found[kind].walk), strict=True):

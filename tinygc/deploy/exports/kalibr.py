@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from tinygc.deploy.exports._context import Context
-from tinygc.deploy.exports._noise import densities, kalibr_keys, noise_remarks, say_of_noise, say_of_rate
+from tinygc.deploy.exports._noise import densities, kalibr_keys, noise_remarks
 from tinygc.deploy.exports._text import LinearPart, linear_part, lower, remarks, yaml_text
 from tinygc.models.model import Model
 
@@ -27,9 +27,7 @@ def export(model: Model, context: Context) -> dict[str, str]:
 
 def export_noise(context: Context) -> dict[str, str]:
     """Export ``imu.yaml`` alone, which needs no model."""
-    found = densities(context, NAME)
-    say_of_noise(context, NAME, found)
-    say_of_rate(context, NAME)
+    found = densities(context, NAME, of_rate=True)
     values, sources = kalibr_keys(found)
     table = {"rostopic": "/imu0", "update_rate": context.config.sensor.odr_hz} | values
     return {"imu.yaml": remarks(context, *noise_remarks(context, found)) + yaml_text(table, sources)}

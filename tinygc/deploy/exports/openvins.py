@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from tinygc.deploy.exports._context import Context
-from tinygc.deploy.exports._noise import densities, kalibr_keys, noise_remarks, say_of_noise, say_of_rate
+from tinygc.deploy.exports._noise import densities, kalibr_keys, noise_remarks
 from tinygc.deploy.exports._text import linear_part, lower, remarks, words, yaml_text
 from tinygc.models.model import Model
 
@@ -54,9 +54,7 @@ def export_noise(context: Context) -> dict[str, str]:
 
 
 def _file(context: Context, intrinsics: dict[str, np.ndarray], lines: tuple[str, ...]) -> dict[str, str]:
-    found = densities(context, NAME)
-    say_of_noise(context, NAME, found)
-    say_of_rate(context, NAME)
+    found = densities(context, NAME, of_rate=True)
     noise, sources = kalibr_keys(found)
     head = remarks(
         context,

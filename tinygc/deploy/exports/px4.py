@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from tinygc.deploy import feature_exports
+from tinygc.deploy.exports._autopilots import StepParameter, step_parameters, zero_of
 from tinygc.deploy.exports._context import Context
-from tinygc.deploy.exports._noise import StepParameter, step_parameters
-from tinygc.deploy.exports._text import cannot_scale, force_terms, offsets, remarks
+from tinygc.deploy.exports._text import remarks
 from tinygc.models.model import Model
 
 NAME = "px4"
@@ -30,29 +29,27 @@ NOISE = (
 
 def export(model: Model, context: Context) -> dict[str, str]:
     """Export the zero of linear models, also with thermal bias or over temperature; the noise where figures are known."""
-    noise = export_noise(context) if context.noise is not None else {}
-    if (feature := feature_exports(model)) is not None:
-        return {FILE: feature.px4(model, context)} | noise
-    part, celsius = offsets(model, context, NAME)
-    rates = {f"CAL_GYRO0_{axis}OFF": value for axis, value in zip("XYZ", part.bias, strict=True)}
-    if celsius is not None:
-        slope = part.M @ part.k
-        rates |= {"TC_G0_TMIN": celsius[0], "TC_G0_TMAX": celsius[1], "TC_G0_TREF": part.first_c}
-        rates |= {f"TC_G0_X{power}_{axis}": slope[axis] if power == 1 else 0.0 for power in range(4) for axis in range(3)}
-    force = force_terms(context, NAME)
-    if force is not None:
-        rates |= {f"CAL_ACC0_{axis}OFF": value for axis, value in zip("XYZ", force[0], strict=True)}
-        rates |= {f"CAL_ACC0_{axis}SCALE": value for axis, value in zip("XYZ", force[1], strict=True)}
+    zero = zero_of(model, context, NAME)
+    values = {f"CAL_GYRO0_{axis}OFF": value for axis, value in zip("XYZ", zero.terms[0], strict=True)}
+    over = {sensor: terms for sensor, terms in (("G", zero.terms), ("A", zero.accel)) if zero.range_c and terms is not None}
+    for sensor, terms in over.items():
+        ends = zip(("TMIN", "TMAX", "TREF"), (*(zero.range_c or ()), zero.reference_c), strict=True)
+        values |= {f"TC_{sensor}0_{name}": value for name, value in ends}
+        values |= {f"TC_{sensor}0_X{power}_{axis}": terms[power, axis] if power else 0.0 for power in range(4) for axis in range(3)}
+    for name, of_axes in zip(("OFF", "SCALE"), zero.force or (), strict=False):
+        values |= {f"CAL_ACC0_{axis}{name}": value for axis, value in zip("XYZ", of_axes, strict=True)}
+    accel = "TC_A0 likewise, m/s^2: what the accelerometer reads otherwise than at TC_A0_TREF in the one attitude in which it lay."
     head = remarks(
         context,
-        *cannot_scale(part),
-        *(() if force is None else force[2]),
-        "corrected = measured - CAL_GYRO0_*OFF - (TC_G0_X1_* dT + TC_G0_X2_* dT^2 + TC_G0_X3_* dT^3),  dT = T - TC_G0_TREF",
-        *(() if force is None else ("corrected = (measured - CAL_ACC0_*OFF) CAL_ACC0_*SCALE, m/s^2",)),
-        "rad/s, degC, in the sensor's axes before PX4 rotates the board.  CAL_GYRO0_ID, CAL_ACC0_ID (and TC_G0_ID) must hold its id:",
-        "they are not known here, and PX4 takes no offset without them.  Change the 0 if it is another instance.",
+        *zero.head,
+        "corrected = measured - CAL_GYRO0_*OFF - (TC_G0_X1_* dT + TC_G0_X2_* dT^2 + TC_G0_X3_* dT^3),  dT = T - TC_G0_TREF, T held",
+        "within TC_G0_TMIN to TC_G0_TMAX.",
+        *(("corrected = (measured - CAL_ACC0_*OFF) CAL_ACC0_*SCALE, m/s^2",) if zero.force else ()),
+        *((accel,) if "A" in over else ()),
+        "rad/s, degC, in the sensor's axes before PX4 rotates the board.  CAL_GYRO0_ID, CAL_ACC0_ID (and TC_G0_ID, TC_A0_ID) must hold its",
+        "id: they are not known here, and PX4 takes no offset without them.  Change the 0 if it is another instance.",
     )
-    return {FILE: head + table(rates, ("G",) if celsius is not None else ())} | noise
+    return {FILE: head + table(values, tuple(over))} | (export_noise(context) if context.noise is not None else {})
 
 
 def export_noise(context: Context) -> dict[str, str]:

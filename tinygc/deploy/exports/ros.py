@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tinygc.deploy.exports._context import Context
-from tinygc.deploy.exports._noise import Densities, densities, noise_remarks, say_of_noise, say_of_rate
+from tinygc.deploy.exports._noise import Densities, densities, noise_remarks
 from tinygc.deploy.exports._text import linear_part, remarks, yaml_text
 from tinygc.models.linear import NAMES
 from tinygc.models.model import Model
@@ -23,7 +23,7 @@ OWN_NODE = "No program reads this file as it is: its parameters are for a node o
 def export(model: Model, context: Context) -> dict[str, str]:
     """Export linear models, with g-sensitivity."""
     part = linear_part(model, NAME, carries=("force",))
-    found = densities(context, NAME, walks=False)
+    found = densities(context, NAME, walks=False, of_rate=True)
     accelerometer = context.accelerometer
     head = remarks(
         context,
@@ -57,9 +57,7 @@ def export(model: Model, context: Context) -> dict[str, str]:
 
 def export_noise(context: Context) -> dict[str, str]:
     """Export the covariances alone, of the readings as they are measured, which needs no model."""
-    found = densities(context, NAME, walks=False)
-    say_of_noise(context, NAME, found)
-    say_of_rate(context, NAME)
+    found = densities(context, NAME, walks=False, of_rate=True)
     values = _covariances(context, found, np.eye(3), np.eye(3))
     head = remarks(context, OWN_NODE, *_of_covariances(context, found))
     return {FILE: head + yaml_text({"/**": {"ros__parameters": _nested(values)}})}

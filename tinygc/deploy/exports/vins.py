@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from tinygc.deploy.exports._context import Context
-from tinygc.deploy.exports._noise import densities, noise_remarks, say_of_noise, say_of_rate
+from tinygc.deploy.exports._noise import densities, noise_remarks
 from tinygc.deploy.exports._text import remarks, yaml_text
 from tinygc.models.model import Model
 
@@ -32,9 +32,7 @@ def export(model: Model, context: Context) -> dict[str, str]:
 
 def export_noise(context: Context) -> dict[str, str]:
     """Export the noise, which needs no model."""
-    found = densities(context, NAME)
-    say_of_noise(context, NAME, found)
-    say_of_rate(context, NAME)
+    found = densities(context, NAME, of_rate=True)
     rate_hz = context.config.sensor.odr_hz
     values: dict[str, float] = {}
     sources: dict[str, str] = {}

@@ -9,10 +9,9 @@ from numpy.polynomial import Polynomial
 
 from session.base.units import DEG
 from tinygc.deploy import ExportError
-from tinygc.deploy.exports import ardupilot as ardupilot_format
-from tinygc.deploy.exports import px4 as px4_format
+from tinygc.deploy.exports._autopilots import Zero, say_of_scale
 from tinygc.deploy.exports._context import Context
-from tinygc.deploy.exports._text import LinearPart, cannot_scale, remarks
+from tinygc.deploy.exports._text import LinearPart
 from tinygc.effects import Cost
 from tinygc.effects.device import Stage
 from tinygc.features.temperature.model import ThermalModel, time_and_share, weights
@@ -172,22 +171,12 @@ def cubic_about(terms: np.ndarray, reference_c: float, range_c: tuple[float, flo
     return out, lost
 
 
-def part_at_reference(model: ThermalModel) -> LinearPart:
-    """Return the linear model at the reference temperature."""
-    linear = model.at(model.reference_c)
-    return LinearPart(linear.E, linear.B, np.zeros((3, 3)), np.zeros(3), model.reference_c)
-
-
-def say_lost(model: ThermalModel, context: Context, name: str, lost_rps: float) -> None:
-    """Report to the operator what the format cannot carry."""
-    full_scale = context.config.sensor.gyro_fs_dps
-    E = model.E(np.array(model.range_c))
-    lost = np.abs(E - np.eye(3)).sum(axis=2).max()
-    if lost > 0:  # rest logs alone do not determine E
-        context.say(
-            f"{name} carries the zero over temperature only, no scale and no misalignment: up to {100 * lost:.2f} % of the rate, "
-            f"{lost * full_scale:.2g} dps at {full_scale:g} dps, stays uncorrected"
-        )
+def zero(model: ThermalModel, context: Context, name: str, about_c: float | None) -> Zero:
+    """Return what an autopilot holds of the model, and report what it does not; about_c: of its terms, else the model's reference."""
+    reference, linear = model.reference_c, model.at(model.reference_c)
+    about_c = reference if about_c is None else about_c
+    terms, lost_rps = cubic_about(model.zero_terms, reference, model.range_c, about_c)
+    say_of_scale(context, name, model.E(np.array(model.range_c)))
     if lost_rps > 0:
         context.say(f"{name} has no power beyond the third: the nearest cubic is off by up to {lost_rps / DEG:.2g} dps")
     slope = np.abs(model.zero_terms[1]) if len(model.zero_terms) > 1 else np.zeros(3)
@@ -197,68 +186,7 @@ def say_lost(model: ThermalModel, context: Context, name: str, lost_rps: float) 
         context.say(
             f"{name} has no lag ({lags} s): while the temperature changes by 1 °C a minute the zero is off by up to {behind:.2g} dps"
         )
-
-
-def accel_change(context: Context) -> np.ndarray | None:
-    """(n + 1, 3) m/s^2 per degC^n about the reference: the accelerometer's change from rest logs; None where unknown."""
-    change = context.table.get("accel_change_mps2")
-    terms = np.asarray(change, dtype=float) if change else np.zeros((0, 3))
-    return np.vstack([np.zeros(3), terms]) if terms.size and terms.ndim == 2 else None
-
-
-def px4(model: ThermalModel, context: Context) -> str:
-    """Return PX4's terms: the zero as a cubic about the model's own reference, and the accelerometer's change where known."""
-    part, reference = part_at_reference(model), model.reference_c
-    terms, lost = cubic_about(model.zero_terms, reference, model.range_c, reference)
-    say_lost(model, context, px4_format.NAME, lost)
-    values = {f"CAL_GYRO0_{axis}OFF": value for axis, value in zip("XYZ", terms[0], strict=True)}
-    values |= _px4_terms("G", terms, model)
-    accel = accel_change(context)
-    switches: tuple[str, ...] = ("G",)
-    if accel is not None:
-        values |= _px4_terms("A", cubic_about(accel, reference, model.range_c, reference)[0], model)
-        switches = ("G", "A")
-    head = remarks(
-        context,
-        *cannot_scale(part),
-        "corrected = measured - CAL_GYRO0_*OFF - (TC_G0_X1_* dT + TC_G0_X2_* dT^2 + TC_G0_X3_* dT^3),  dT = T - TC_G0_TREF, T held",
-        "within TC_G0_TMIN to TC_G0_TMAX; rad/s, degC, in the sensor's axes before PX4 rotates the board.  TC_A0 likewise, m/s^2: what",
-        "the accelerometer reads otherwise than at TC_A0_TREF in the one attitude in which it lay.  CAL_GYRO0_ID, TC_G0_ID and TC_A0_ID",
-        "must hold this sensor's device ids: they are not known here.  Change the 0 if it is another instance.",
-    )
-    return head + px4_format.table(values, switches)
-
-
-def _px4_terms(sensor: str, terms: np.ndarray, model: ThermalModel) -> dict[str, float]:
-    values = {f"TC_{sensor}0_TMIN": model.range_c[0], f"TC_{sensor}0_TMAX": model.range_c[1], f"TC_{sensor}0_TREF": model.reference_c}
-    return values | {f"TC_{sensor}0_X{power}_{axis}": terms[power, axis] if power else 0.0 for power in range(4) for axis in range(3)}
-
-
-def ardupilot(model: ThermalModel, context: Context) -> str:
-    """Return ArduPilot's terms: the zero as a cubic about 35 degC, its constant in the offsets, which hold at INS_GYR1_CALTEMP."""
-    part, reference = part_at_reference(model), model.reference_c
-    terms, lost = cubic_about(model.zero_terms, reference, model.range_c, ardupilot_format.ABOUT_C)
-    say_lost(model, context, ardupilot_format.NAME, lost)
-    values: dict[str, float] = {f"INS_GYROFFS_{axis}": value for axis, value in zip("XYZ", part.bias, strict=True)}
-    values |= {"INS_TCAL1_ENABLE": 1, "INS_TCAL1_TMIN": model.range_c[0]}
-    values |= {"INS_TCAL1_TMAX": max(model.range_c[1], model.range_c[0] + ardupilot_format.LEAST_C), "INS_GYR1_CALTEMP": reference}
-    values |= _ardupilot_terms("GYR", terms)
-    accel = accel_change(context)
-    if accel is not None:
-        values |= _ardupilot_terms("ACC", cubic_about(accel, reference, model.range_c, ardupilot_format.ABOUT_C)[0])
-    head = remarks(
-        context,
-        *cannot_scale(part),
-        "corrected = measured - INS_GYROFFS_* - p(T - 35) + p(INS_GYR1_CALTEMP - 35),  p(d) = 1e-6 (GYR1 d + GYR2 d^2 + GYR3 d^3),",
-        "T and CALTEMP held within INS_TCAL1_TMIN to TMAX; rad/s, degC, in the axes of the first IMU as ArduPilot's driver turns them.",
-        "INS_TCAL1_ACC* likewise, m/s^2; INS_ACC1_CALTEMP is set by ArduPilot's own accelerometer calibration, which comes first.",
-        "It calibrates the gyro's offset anew at each boot unless INS_GYR_CAL is 0.",
-        longest=ardupilot_format.LONGEST,
-    )
-    return head + ardupilot_format.table(values)
-
-
-def _ardupilot_terms(sensor: str, terms: np.ndarray) -> dict[str, float]:
-    return {
-        f"INS_TCAL1_{sensor}{power}_{axis}": terms[power, i] * ardupilot_format.SCALE for power in (1, 2, 3) for i, axis in enumerate("XYZ")
-    }
+    part = LinearPart(linear.E, linear.B, np.zeros((3, 3)), np.zeros(3), reference)
+    change = np.asarray(context.table.get("accel_change_mps2") or np.zeros((0, 3)), dtype=float)  # from rest logs
+    accel = cubic_about(np.vstack([np.zeros(3), change]), reference, model.range_c, about_c)[0] if len(change) else None
+    return Zero(part, terms, reference, model.range_c, accel)

@@ -104,25 +104,25 @@ def test_the_source_is_the_one_asked_for_or_shown_to_be_better(monkeypatch, aske
     assert choice.p_value == (1 / 256 if stills < ends else 1.0)
     assert asked_for[0] == ("least_squares", None)
     assert set(asked_for[1][1]) == {"least_squares"}
-    assert choice.of_lot == (prior is not None)
+    assert choice.of_prior == (prior is not None)
     assert choice.unseen == (turns == 6 or unobserved == bias.NAMES[bias.BIAS][:1])
     table = choice.to_json()
     assert table["stills_holdout_tilt_rms_deg"] == pytest.approx(stills * np.sqrt(2))
 
 
 @pytest.mark.parametrize(
-    ("asked", "used", "unseen", "of_lot", "words"),
+    ("asked", "used", "unseen", "of_prior", "words"),
     [
         ("auto", "stills", False, False, "of each turn from the stills around it (which closes held-out turns better);"),
         ("auto", "ends", False, True, "from the ends of the turns (so few turns do not tell that the stills are better, p = 0.031);"),
         ("auto", "stills", True, False, "of each turn from the stills around it: the ends of so few turns do not show it."),
-        ("auto", "stills", False, True, "with a lot's prior and few turns, using their ends is not significantly better."),
+        ("auto", "stills", False, True, "with a prior and few turns, using their ends is not significantly better."),
         ("stills", "stills", True, True, "(as asked); held out with the ends 5.0000°, with the stills 1.0000°."),
     ],
 )
-def test_a_choice_says_why(asked, used, unseen, of_lot, words):
+def test_a_choice_says_why(asked, used, unseen, of_prior, words):
     held = {"ends": np.array([[3.0, 4.0]]) * DEG, "stills": np.array([[0.0, 1.0]]) * DEG}
-    assert words in BiasChoice(asked, used, held, 0.0312, unseen, of_lot).words
+    assert words in BiasChoice(asked, used, held, 0.0312, unseen, of_prior).words
 
 
 @pytest.mark.parametrize(

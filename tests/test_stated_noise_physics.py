@@ -26,7 +26,7 @@ from tinygc.closure.joint import fit_joint
 from tinygc.closure.prior import GaussianPrior
 from tinygc.closure.uncertainty import BIAS_DRIFT, EARTH
 from tinygc.estimation import assembly
-from tinygc.estimation.assembly import CLOCK, LOT, MISFIT, ROUNDING, stated_uncertainty
+from tinygc.estimation.assembly import CLOCK, MISFIT, ROUNDING, stated_uncertainty
 from tinygc.estimation.options import FitOptions
 from tinygc.estimation.sources import coverage_factor, effective_freedom, freedom_of, total
 from tinygc.estimation.stated_noise import (
@@ -499,14 +499,14 @@ def test_a_misfit_is_a_source_of_its_own(monkeypatch, estimated):
         assert_array_equal(plain.accelerometer, of_plain[CALIBRATION].covariance)
 
 
-def test_clock_lot_and_rounding_are_added_as_they_are(monkeypatch):
+def test_clock_prior_and_rounding_are_added_as_they_are(monkeypatch):
     """Not inflated: no misfit of the closure shows them."""
     problem = plain_session()
     covariance, vector = np.diag(np.arange(1.0, 13.0)) * 1e-8, problem.first.vector
     problem.session.clock = SimpleNamespace(covariance=lambda vector: 4e-6 * np.outer(vector, vector))
     monkeypatch.setattr(assembly, "rounding_covariance", lambda problem, model: 3 * covariance)
-    found = stated_with(monkeypatch, problem, loud(problem), 2.0, SimpleNamespace(more=covariance))
-    expected = {ROUNDING: 3 * covariance, LOT: covariance, CLOCK: 4e-6 * np.outer(vector, vector)}
+    found = stated_with(monkeypatch, problem, loud(problem), 2.0, SimpleNamespace(more=covariance, source="a prior"))
+    expected = {ROUNDING: 3 * covariance, "a prior": covariance, CLOCK: 4e-6 * np.outer(vector, vector)}
     assert [(source.name, source.freedom) for source in found.sources[-3:]] == [(name, np.inf) for name in expected]
     assert_array_equal([source.covariance for source in found.sources[-3:]], [*expected.values()])
 

@@ -136,7 +136,7 @@ _FIT = {
         "stills_holdout_tilt_rms_deg": maybe(SIZE),
         "p_value": maybe(SHARE),
     },
-    "lot": maybe(LOT),
+    "lot?": LOT,
     "known_turns": [
         {
             "turn": COUNT,

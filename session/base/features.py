@@ -9,12 +9,14 @@ The core asks at a *point*, whose name says what the core needs there; ``POINTS`
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+Record = TypeVar("Record")
 
 #: where the core asks -> what it asks for: the arguments of a function and its answer, or what a module has
 POINTS = {
@@ -26,7 +28,9 @@ POINTS = {
     "use of a model": "function(model, log, out, answers, which, unit, session, progress) -> applied | None: ``apply`` of its model",
     "import of logs": "function(paths, out, answers, columns, more) -> Converted | None: makes another folder of logs; more: its options",
     "simulation": "function(args, options, chosen) -> exit code | None: simulates something else than a session",
-    "prior of a fit": "module: what least squares knows of the unit beforehand",
+    "arguments of a fit": "function(parser): adds the options of these fields to a command that fits",
+    "options of a fit": "frozen dataclass: further fields of FitOptions",
+    "prior of a fit": "function(options, sensor) -> prior | None, a GivenPrior of tinygc/estimation/fit.py",
     "figures of a rest": "function(relative) -> figures: of the noise, while a rest is recorded",
     "command for a rest": "the name of a command that takes a rest log",
     "machine of a recording": "module: what turns the table while ``record`` records",
@@ -113,6 +117,18 @@ def each(point: str, among: Mapping[str, Feature] | None = None) -> Iterator[Any
         values = feature.serves.get(point, ())
         for value in (values,) if isinstance(values, str) else values:
             yield _load(package, value)
+
+
+def extended(point: str) -> Callable[[type[Record]], type[Record]]:
+    """Decorate a frozen dataclass: it gets the fields of the dataclasses that serve the point."""
+
+    def with_more(record: type[Record]) -> type[Record]:
+        if not (more := tuple(each(point, beside()))):
+            return record
+        own = {"__doc__": record.__doc__, "__module__": record.__module__}
+        return dataclass(frozen=True)(type(record.__name__, (record, *more), own))
+
+    return with_more
 
 
 def first(point: str, *given: Any, **more: Any) -> Any:

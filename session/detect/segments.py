@@ -309,7 +309,7 @@ def why_too_few(stills: Sequence[Still], segments: Sequence[Segment], turns: Seq
     if used >= FEWEST_SEGMENTS or _span_space(turns):
         return None
     return (
-        f"{used} usable segments, expected at least {FEWEST_SEGMENTS} (40 is good, fewer with the lot's --lot): "
+        f"{used} usable segments, expected at least {FEWEST_SEGMENTS} (40 is good, fewer with a prior): "
         "12 parameters, 2 angles a segment"
         + next((f"; turns.csv, {turn.known.name}: {turn.problem}" for turn in turns if turn.problem), "")
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
+from session.base import features
 from session.base.names import CLOCKS
 from tinygc.cli.arguments import METHODS, accel_full_scale, count, data_rate, gyro_full_scale, methods, path_read, segment_numbers
 from tinygc.estimation.options import ACCELEROMETERS, BIASES
@@ -18,9 +19,6 @@ if TYPE_CHECKING:
 
 
 # Options of a fit, the same for ``fit`` and ``report``, so that a report can use the saved fit.
-
-#: default methods of a fit with a lot's prior; of the fitted methods, only least squares uses the prior
-WITH_LOT = ("raw", "raw_bias_removed", "least_squares")
 
 
 def add_fit_arguments(command: argparse.ArgumentParser, of_day: tuple[str, ...] = (), trained: bool = True) -> None:
@@ -41,8 +39,6 @@ def add_fit_arguments(command: argparse.ArgumentParser, of_day: tuple[str, ...] 
         "the accelerometer's calibration: as it is given, fitted, or given as a prior; auto: a prior while it holds, fitted where none is"
     )
     command.add_argument("--accelerometer", choices=ACCELEROMETERS, default="auto", help=what)
-    what = "prior from a production lot (lot.json): fewer turns are enough"
-    command.add_argument("--lot", type=path_read, metavar="FILE", help=what)
     what = "a fitted session of the same unit; of two or more, the spread of their biases is that of any session"
     command.add_argument("--history", type=path_read, action="append", default=[], metavar="DIR", help=what)
     what = "noise figures of the unit, measured at rest: the prior of its bias drift (fit/noise.json in the session folder, if it is there)"
@@ -54,6 +50,8 @@ def add_fit_arguments(command: argparse.ArgumentParser, of_day: tuple[str, ...] 
     command.add_argument(
         "--exclude", type=segment_numbers, action="extend", default=[], metavar="N,N", help="numbers of segments to leave out"
     )
+    for add in features.each("arguments of a fit"):
+        add(command)
 
 
 def add_clock_argument(command: argparse.ArgumentParser) -> None:
@@ -81,9 +79,8 @@ def fit_options(args: argparse.Namespace) -> FitOptions:
     from tinygc.estimation.options import FitOptions
 
     chosen = {name: getattr(args, name) for name in FitOptions.__dataclass_fields__ if hasattr(args, name)}
-    methods = tuple(args.methods)
     chosen |= {
-        "methods": WITH_LOT if args.lot is not None and methods == tuple(METHODS.split(",")) else methods,
+        "methods": tuple(args.methods),
         "earth": not args.no_earth,
         "history": tuple(args.history),
         "exclude": tuple(dict.fromkeys(args.exclude)),

@@ -1,6 +1,6 @@
 """A Gaussian prior of the gyroscope's linear model, and the use that a fit made of one.
 
-Least squares accepts any such prior; its origin, such as a production lot, does not matter here.
+Least squares accepts any such prior; its origin, does not matter here.
 """
 
 from __future__ import annotations
@@ -64,6 +64,10 @@ class PriorUse(Protocol):
         """``yes``, ``no``, or ``partly`` if it is undecided whether the prior applies to this unit."""
 
     @property
+    def source(self) -> str:
+        """What the addition to the covariance is called."""
+
+    @property
     def more(self) -> np.ndarray:
         """(12, 12) addition to the covariance of the fit, due to the prior or to doubt about it."""
 
@@ -72,4 +76,7 @@ class PriorUse(Protocol):
         """One line for the report."""
 
     def to_json(self) -> dict:
-        """``lot`` of ``tinygc-fit/2``."""
+        """Keys of ``tinygc-fit/2`` that say it."""
+
+    def of_model(self) -> dict:
+        """Keys of the file of the least-squares model that say it."""

@@ -2,7 +2,7 @@
 
     noise, references, calibration of the accelerometer, Earth      C_i of each: through the response of the parameters
     misfit beyond the noise                                         (f - 1) sum C_i, where the closure refutes that noise explains it
-    rounding, clock, lot                                            added as they are
+    rounding, clock, prior                                          added as they are
 
 f is the variance inflation: chi-square of the closure over its degrees of freedom nu.  Its own uncertainty is f sqrt(2 / nu), so that the
 misfit's variance has nu ((f - 1) / f)^2 degrees of freedom.  What one effect that nobody modelled may have moved (``systematic``), and the
@@ -26,7 +26,7 @@ from tinygc.estimation.stated_noise import StatedNoise, kind_of, rounding_covari
 from tinygc.estimation.verdict import require_plausible
 from tinygc.models.linear import LinearModel
 
-MISFIT, ROUNDING, CLOCK, LOT = "misfit beyond the noise", "rounding of the registers", "clock", "prior of the lot"
+MISFIT, ROUNDING, CLOCK = "misfit beyond the noise", "rounding of the registers", "clock"
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ class StatedUncertainty:
 
 
 def stated_uncertainty(
-    problem: Problem, level: Problem, model: LinearModel, noise: StatedNoise | None, options: FitOptions, lot: PriorUse | None = None
+    problem: Problem, level: Problem, model: LinearModel, noise: StatedNoise | None, options: FitOptions, prior: PriorUse | None = None
 ) -> StatedUncertainty:
     """Assemble the uncertainty of a model fitted to ``level``, the problem with the selected bias.
 
@@ -78,7 +78,7 @@ def stated_uncertainty(
     joint = noise is not None and level.joint is not None
     gyroscope = [source.of(GYROSCOPE) for source in sources] if joint else sources
     require_plausible(model, total(gyroscope), problem.session.folder)
-    more = list(_as_they_are(problem, model, lot))
+    more = list(_as_they_are(problem, model, prior))
     there = tuple(source for source in (*gyroscope, *more) if source.covariance.any())
     if noise is None:
         return StatedUncertainty(found, widened, there)
@@ -89,10 +89,10 @@ def stated_uncertainty(
     return StatedUncertainty(found, widened, there, shared[GYROSCOPE, GYROSCOPE], whole, shared)
 
 
-def _as_they_are(problem: Problem, model: LinearModel, lot: PriorUse | None) -> Iterator[Source]:
+def _as_they_are(problem: Problem, model: LinearModel, prior: PriorUse | None) -> Iterator[Source]:
     yield Source(ROUNDING, "B", np.inf, rounding_covariance(problem, model))
-    if lot is not None:
-        yield Source(LOT, "B", np.inf, lot.more)
+    if prior is not None:
+        yield Source(prior.source, "B", np.inf, prior.more)
     if (clock := problem.session.clock) is not None:
         yield Source(CLOCK, "B", np.inf, clock.covariance(model.vector))
 

@@ -23,7 +23,7 @@ from tinygc.models.linear import BIAS, NAMES
 
 # The bias from the ends of the turns, or from the stills around each: as requested, or by the smaller held-out closure error.
 
-#: significance level of the one-sided test on paired held-out errors: a model with more parameters, or a lot's prior against the stills,
+#: significance level of the one-sided test on paired held-out errors: a model with more parameters, or a prior against the stills,
 #: must be better than by chance
 BETTER_P = 0.05
 #: relative difference below which two closures are equal (as are two floors in the report)
@@ -35,7 +35,7 @@ class BiasChoice:
     """The source of the bias.
 
     asked: the option; used: ``ends`` or ``stills``; held_out: held-out error angles (S, d) rad of least squares with both, where both were
-    tried; p_value: of the improvement by the stills; unseen: whether the bias is not observable at the ends; of_lot: whether a lot's prior
+    tried; p_value: of the improvement by the stills; unseen: whether the bias is not observable at the ends; of_prior: whether a prior
     is used.
     """
 
@@ -44,7 +44,7 @@ class BiasChoice:
     held_out: dict[str, np.ndarray]
     p_value: float | None = None
     unseen: bool = False
-    of_lot: bool = False
+    of_prior: bool = False
 
     def to_json(self) -> dict:
         """Return ``bias_from`` of ``tinygc-fit/2``."""
@@ -67,8 +67,8 @@ class BiasChoice:
         why = "as asked" if self.asked != "auto" else self._why
         if self.unseen and self.asked == "auto":
             return f"Bias {where}: the ends of so few turns do not show it."
-        if self.of_lot and self.asked == "auto" and self.used == "stills":
-            return f"Bias {where}: with a lot's prior and few turns, using their ends is not significantly better."
+        if self.of_prior and self.asked == "auto" and self.used == "stills":
+            return f"Bias {where}: with a prior and few turns, using their ends is not significantly better."
         return f"Bias {where} ({why}); held out with the ends {ends:.4f}°, with the stills {stills:.4f}°."
 
     @property
@@ -99,11 +99,13 @@ def choose(problem: Problem, options: FitOptions) -> tuple[BiasChoice, Problem, 
     p_value = less_by_chance(held["ends"], held["stills"])
     unseen = problem.batch.turns is not None and any(name in NAMES[BIAS] for name in fits["ends"].notes["unobserved"])
     unseen = unseen or (problem.batch.turns is None and len(problem.batch) < FEWEST_SEGMENTS)
-    of_lot = problem.prior is not None
-    # With a lot's prior the turns are few: the bias from their ends is many times less certain than from the stills.
-    stills = unseen or closes_better(held["ends"], held["stills"]) or (of_lot and less_by_chance(held["stills"], held["ends"]) >= BETTER_P)
+    of_prior = problem.prior is not None
+    # With a prior the turns are few: the bias from their ends is many times less certain than from the stills.
+    stills = (
+        unseen or closes_better(held["ends"], held["stills"]) or (of_prior and less_by_chance(held["stills"], held["ends"]) >= BETTER_P)
+    )
     used = asked if asked != "auto" else ("stills" if stills else "ends")
-    return BiasChoice(asked, used, held, p_value, unseen, of_lot), level if used == "stills" else problem, fits[used]
+    return BiasChoice(asked, used, held, p_value, unseen, of_prior), level if used == "stills" else problem, fits[used]
 
 
 def closes_better(usual: np.ndarray, other: np.ndarray) -> bool:

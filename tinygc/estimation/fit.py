@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -15,25 +15,43 @@ from session.base.errors import DataError, FitError, SegmentError
 from session.log.folder import Session, read_session
 from session.log.requirements import read_requirements
 from tinygc.closure.prepared import Prepared, prepare
+from tinygc.closure.prior import GaussianPrior, PriorUse
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import closure_angles
 from tinygc.closure.runs import read_closure_runs
 from tinygc.estimation import fitted_file
-from tinygc.estimation.accelerometer import USUAL_SPREAD
+from tinygc.estimation.accelerometer import USUAL_SPREAD, AnySession
 from tinygc.estimation.assembly import stated_uncertainty
-from tinygc.estimation.bias import choose
+from tinygc.estimation.bias import BiasChoice, choose
 from tinygc.estimation.choice import RAW, against_raw
 from tinygc.estimation.held_out import run_method
-from tinygc.estimation.options import NETS, FitOptions, MethodFit, device
+from tinygc.estimation.options import CHOSEN, NETS, FitOptions, MethodFit, device
 from tinygc.estimation.repeatability import BiasRepeatability, accelerometer_between, repeatability_of
 from tinygc.estimation.results import FitResult
-from tinygc.estimation.stated_noise import stated_noise
+from tinygc.estimation.stated_noise import StatedNoise, stated_noise
 from tinygc.estimation.systematic import systematic_of
 from tinygc.models.linear import LinearModel
 from tinygc.noise.measured import measured_noise
 
 #: callback with the current task, the number of steps done, and their total
 Progress = Callable[[str, int, int], None]
+
+
+class GivenPrior(Protocol):
+    """What least squares knows of the unit beforehand; methods: those that are fitted where none are asked for."""
+
+    methods: tuple[str, ...]
+
+    def prior(self, start: np.ndarray) -> GaussianPrior:
+        """Return the prior of the parameters; start (12,): the centre of numbers that it does not know."""
+
+    @property
+    def accelerometer_between(self) -> AnySession:
+        """How far a switch-on moves the accelerometer."""
+
+    def fit(self, problem: Problem, options: FitOptions, noise: StatedNoise | None) -> tuple[BiasChoice, Problem, MethodFit, PriorUse]:
+        """Return the choice of the bias, the problem with it and with the prior, its least squares, and the use of the prior."""
+
 
 if TYPE_CHECKING:
     from tinygc.estimation.physics import FitPhysics
@@ -57,16 +75,14 @@ def fit_session(
     """
     if options.requirements is not None:
         read_requirements(options.requirements)  # before the work, not after it
-    given = None
-    if options.lot is not None:
-        lots = next(features.each("prior of a fit"))
-        lots.require_possible(options)
     if prepared is not None:
         session = prepared.session
     elif not isinstance(session, Session):
         session = read_session(session, lambda name: progress(f"reading {name}", 0, 1))
-    if options.lot is not None:
-        given, saved = lots.lot_for(options.lot, session.config.sensor.model), None
+    given: GivenPrior | None = features.first("prior of a fit", options, session.config.sensor.model)
+    if given is not None:
+        saved = None
+        options = replace(options, methods=given.methods) if options.methods == CHOSEN else options
     if prepared is None:
         session = session.on_clock(options.clock)
         prepared = prepare(
@@ -84,7 +100,7 @@ def fit_session(
     runs, spread, floor = read_closure_runs(problem), None, problem.floor
     between, triad_between = repeatability_of(problem.session, options.history), accelerometer_between(options.history)
     if triad_between is None:
-        triad_between = USUAL_SPREAD if given is None else lots.accelerometer_between(given)
+        triad_between = USUAL_SPREAD if given is None else given.accelerometer_between
     if options.bias_per_log:
         from tinygc.estimation.bias import levelled
 
@@ -98,8 +114,8 @@ def fit_session(
     else:
         progress("noise", 0, 1)
         noise = stated_noise(problem)
-        progress("lot", 0, 1)
-        bias_from, level, linear, use = lots.fit_with_lot(problem, options, given, noise)
+        progress("prior", 0, 1)
+        bias_from, level, linear, use = given.fit(problem, options, noise)
     fits, reused, not_run = _run_methods(problem, level, options, linear, progress, saved)
     errors = [{name: run.errors(fit.model, options.integrator) for name, fit in fits.items()} for run in runs]
     linear = fits.get("least_squares") or linear
@@ -142,7 +158,7 @@ def fit_session(
         not_run=not_run,
         against_raw=against_raw(problem, options, fits),
         first_order_rad=float(np.linalg.norm(first_order - exact, axis=1).max()),
-        lot=use,
+        prior=use,
         **stated.parts,
     )
 

@@ -71,7 +71,7 @@ def to_json(result: FitResult, limit_deg: float | None = None) -> dict:
         "systematic": None if result.allowed is None else result.allowed.to_json(),
         "sources": [source.to_json() for source in result.sources],
         "bias_from": result.bias_from.to_json(),
-        "lot": None if result.lot is None else result.lot.to_json(),
+        **({} if result.prior is None else result.prior.to_json()),
         "known_turns": known_turns_json(result),
         "truth": _truth_table(result.session),
         "unobserved": result.linear.notes.get("unobserved", []),
@@ -273,8 +273,7 @@ def model_tables(result: FitResult) -> dict[str, dict]:
         made_from["accelerometer"] = accelerometer_table(problem.session.config.accelerometer)
         more: dict[str, Any] = {"method": name, **made_from}
         if fit is result.linear:
-            if result.lot is not None:
-                more["lot"] = {key: result.lot.to_json()[key] for key in ("file", "hash", "used", "belongs_probability")}
+            more |= {} if result.prior is None else result.prior.of_model()
             more["covariance"] = result.covariance.tolist()
             if result.accelerometer_covariance is not None:
                 more["accelerometer_covariance"] = result.accelerometer_covariance.tolist()

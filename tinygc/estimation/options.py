@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from session.base.errors import CalibrationError
+from session.base.features import extended
 from session.base.names import CLOCKS
 
 if TYPE_CHECKING:
@@ -126,9 +127,10 @@ BIASES = ("auto", "ends", "stills")
 ACCELEROMETERS = ("auto", "given", "fit", "prior")
 
 
+@extended("options of a fit")
 @dataclass(frozen=True)
 class FitOptions:
-    """Options that determine a fit's numbers.
+    """Options that determine a fit's numbers; features have further ones.
 
     Parameters
     ----------
@@ -160,8 +162,6 @@ class FitOptions:
     accelerometer : {"auto", "given", "fit", "prior"}, optional
         Its calibration is the one given, that of a fit, or a given one is a prior; ``auto``: a prior where one is given and agrees with
         the data, else a fit.
-    lot : str or Path, optional
-        File of a production lot, the prior of least squares; other methods are fitted without it.
     history : tuple of str or Path, optional
         Fitted session folders of the same unit, whose spread of the bias is that between sessions.
     noise : str or Path, optional
@@ -200,7 +200,6 @@ class FitOptions:
     bias_per_log: bool = False
     bias: str = "auto"
     accelerometer: str = "auto"
-    lot: Path | None = None
     history: tuple[Path, ...] = ()
     noise: Path | None = None
     clock: str = CLOCKS[0]
@@ -212,9 +211,9 @@ class FitOptions:
                 object.__setattr__(self, name, (getattr(self, name),))
         self._require(bool(self.methods) and set(self.methods) <= set(CHOSEN), "methods", f"some of {', '.join(CHOSEN)}")
         self._require(not self.as_in_paper or self.by_torch, "methods", f"a net ({', '.join(NETS)}) for --as-in-paper to train")
-        for name in ("checkpoints", "lot", "noise", "requirements"):
-            if (path := getattr(self, name)) is not None:
-                object.__setattr__(self, name, Path(path))
+        for each in fields(self):
+            if each.type == "Path | None" and (path := getattr(self, each.name)) is not None:
+                object.__setattr__(self, each.name, Path(path))
         object.__setattr__(self, "history", tuple(map(Path, self.history)))
         for name, known in (("bias", BIASES), ("accelerometer", ACCELEROMETERS), ("clock", CLOCKS)):
             self._require(getattr(self, name) in known, name, f"one of {', '.join(known)}")

@@ -1,5 +1,5 @@
 """The bias and the accelerometer of another session: their spread over switch-ons and days, from session.toml, the unit's other sessions,
-or a lot.
+or a prior.
 
 A fit's covariance is that of this session.  A number that is another one after the next switch-on is off by the difference of two draws
 from the spread between sessions, so its sigma in any other session is sqrt(covariance + 2 spread^2).

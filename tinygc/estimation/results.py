@@ -57,8 +57,8 @@ class FitResult:
     error of the paper's integrator on these segments; warnings of the first check; physics that was fitted as well, or None; reused:
     methods taken from saved files instead of being fitted; bias_sigma_rps (3,): spread of the logs' biases, where each had its own;
     joint_covariance (21, 21): of both sensors (``accelerometer.JOINT_NAMES``), inflated as well, where they were estimated jointly, and
-    joint_sources that it is the sum of; joint_shared (21, 21): its part from a given calibration; lot: the use of an external prior, None
-    without one; not_run: why a requested method cannot run on this session, by name; allowed: how far one effect that the recording still
+    joint_sources that it is the sum of; joint_shared (21, 21): its part from a given calibration; prior: its use, None without one;
+    not_run: why a requested method cannot run on this session, by name; allowed: how far one effect that the recording still
     allows moves the parameters, None where the noise is not estimated; repeatability: spread of the bias between sessions, None where
     nothing tells it; accelerometer_between: the same of the accelerometer; sources: the parts that ``covariance`` is the sum of.
     """
@@ -85,7 +85,7 @@ class FitResult:
     joint_covariance: np.ndarray | None = None
     joint_sources: tuple[Source, ...] = ()
     joint_shared: np.ndarray | None = None
-    lot: PriorUse | None = None
+    prior: PriorUse | None = None
     not_run: dict[str, str] = field(default_factory=dict)
     allowed: Systematic | None = None
     repeatability: BiasRepeatability | None = None

@@ -99,8 +99,8 @@ def _remarks(result: FitResult) -> list[Text]:
     lines += [one_line(f"see --verbose: {'; '.join(said)}", "yellow")] if said else []
     if words := result.session.config.sensor.clock_words:
         lines.append(one_line(f"{words}, which is in every scale's sigma; `--clock arrivals` takes it out", "yellow"))
-    if result.lot is not None:
-        lines.append(one_line(result.lot.words, "" if result.lot.used == "yes" else "yellow"))
+    if result.prior is not None:
+        lines.append(one_line(result.prior.words, "" if result.prior.used == "yes" else "yellow"))
     return lines
 
 

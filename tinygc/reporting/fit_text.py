@@ -84,8 +84,8 @@ def remarks(result: FitResult) -> list[Text]:
         found = result.session.alignment
         said.append(one_line(f"Truth: clock {offset_text(found)}; {frame_text(found)}; gyro to truth {mounting_text(found)}."))
     said.append(Text(result.bias_from.words))
-    if result.lot is not None:
-        said.append(one_line(result.lot.words, "" if result.lot.used == "yes" else "yellow"))
+    if result.prior is not None:
+        said.append(one_line(result.prior.words, "" if result.prior.used == "yes" else "yellow"))
     said += [Text(_denoiser_words(fit.notes["denoiser"])) for fit in result.methods.values() if "denoiser" in fit.notes]
     if result.physics is not None:
         said.append(Text(_physics_words(result.physics, bool(contradictions(result.tests))), "cyan"))

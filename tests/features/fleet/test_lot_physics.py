@@ -3,7 +3,6 @@
 import json
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -24,7 +23,7 @@ from tinygc.estimation.options import FitOptions
 from tinygc.estimation.stated_noise import stated_covariance, stated_goodness, stated_noise
 from tinygc.features.fleet import fit as lots_fit
 from tinygc.features.fleet.estimate import FAMILY_P, estimate, family, repeated
-from tinygc.features.fleet.fit import LEAST, _belonging, _require_usable, farthest, fit_with_lot, prior_of, require_possible
+from tinygc.features.fleet.fit import LEAST, LotFile, _belonging, _require_usable, farthest, prior_of
 from tinygc.features.fleet.lot import (
     NAMES,
     OWN,
@@ -39,6 +38,7 @@ from tinygc.features.fleet.lot import (
     sensor_errors,
 )
 from tinygc.features.fleet.outliers import outliers
+from tinygc.features.fleet.points import prior
 from tinygc.features.fleet.report import _lot_table
 from tinygc.models.linear import PARAMETERS, PRIOR_SIGMA, bias_only, field_vector
 from tinygc.simulation.options import SimulationOptions
@@ -458,7 +458,7 @@ def parts(problem):
 
 
 class Judged:
-    """``fit_with_lot`` with a belonging of this probability; what was given to the judgement."""
+    """``LotFile.fit`` with a belonging of this probability; what was given to the judgement."""
 
     def __init__(self, problem, monkeypatch, probability, few=False, options=OPTIONS, noise=None, of=None):
         really, self.given = _belonging, []
@@ -469,8 +469,8 @@ class Judged:
 
         monkeypatch.setattr(lots_fit, "_belonging", judge)
         monkeypatch.setattr(lots_fit, "FEWEST_SEGMENTS", len(problem.batch) + few)
-        file = SimpleNamespace(lot=of or lot(), file="lot.json", hash="0" * 64)
-        self.bias_from, self.level, self.fit, self.use = fit_with_lot(problem, options, file, noise)
+        file = LotFile(of or lot(), "lot.json", "0" * 64)
+        self.bias_from, self.level, self.fit, self.use = file.fit(problem, options, noise)
         self.vector = self.fit.model.vector
 
 
@@ -556,7 +556,7 @@ def test_a_use_is_told_in_words_and_in_json(problem, monkeypatch):
         ({"used": "partly"}, "E_xx is -6.0 sigmas of the lot from its mean; the sigmas are wide enough for both."),
     ):
         assert replace(use, **changed).words.endswith(words)
-    told = use.to_json()
+    told = use.to_json()["lot"]
     assert told["off"] == {"parameter": "E_xx", "sigmas": -6.04}
     assert [told[key] for key in ("belongs_probability", "distance", "freedom", "p_value")] == [0.5, 3.25, 12, 0.02]
 
@@ -572,11 +572,11 @@ def test_four_turns_fit_with_a_lot_and_a_unit_that_does_not_belong_is_left_alone
     write_whole(tmp_path / "lot.json", _lot_table(lot()))
     fit = tinygc.fit(folder, methods=("least_squares",), lot=tmp_path / "lot.json")
     result, table = fit.result, json.loads(json.dumps(fit.to_json()))
-    assert result.lot.used == ("no" if off else "yes")
-    assert (result.lot.belonging.probability < 0.05) == (off > 0)
+    assert result.prior.used == ("no" if off else "yes")
+    assert (result.prior.belonging.probability < 0.05) == (off > 0)
     assert np.abs((result.linear.model.vector - unit) / np.sqrt(np.diag(result.covariance))).max() < 4
     if off:
-        assert result.lot.off == ("E_yy", pytest.approx(off, rel=0.2))
+        assert result.prior.off == ("E_yy", pytest.approx(off, rel=0.2))
         return
     assert strangers(table) == []
     assert (table["lot"]["file"], len(table["lot"]["hash"])) == ("lot.json", 64)
@@ -586,4 +586,4 @@ def test_four_turns_fit_with_a_lot_and_a_unit_that_does_not_belong_is_left_alone
 @pytest.mark.parametrize(("options", "says"), [({"physics": "auto"}, "--physics fits"), ({"bias_per_log": True}, "--bias-per-log fits")])
 def test_options_without_a_prior_are_refused(options, says):
     with pytest.raises(CalibrationError, match=f"{says} without a lot's prior"):
-        require_possible(FitOptions(**options))
+        prior(FitOptions(**options, lot="lot.json"), "ASM330LHH")

@@ -541,8 +541,7 @@ def test_an_accelerometers_zero_moves_by_the_usual_where_nothing_shows_its_sprea
 def test_where_the_spread_is_from(tmp_path, monkeypatch, own, in_file, of_lot):
     """session.toml before the lot, that before the model file, and last the usual; a lot has the gyroscope first, and here lacks one."""
     lot = SimpleNamespace(repeatability=np.r_[1.0:10.0, np.nan, 11.0:22.0], sessions=30, units=10)
-    feature = SimpleNamespace(lot_for=lambda path, sensor: SimpleNamespace(lot=lot))
-    monkeypatch.setattr("tinygc.features.unit.verification.expected.need", lambda service, option: feature)
+    monkeypatch.setattr("tinygc.features.fleet.fit.lot_for", lambda path, sensor: SimpleNamespace(lot=lot))
     sigma, sources = np.full(COUNT, np.nan), [""] * COUNT
     for which, value, source in (
         (ZERO, USUAL_SPREAD.rps, USUAL_SPREAD.source),

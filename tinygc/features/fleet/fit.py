@@ -165,11 +165,17 @@ class LotUse:
     share: np.ndarray
     more: np.ndarray
     off: tuple[str, float] | None = None
+    #: what ``more`` is called among the sources of the uncertainty
+    source: str = "prior of the lot"
+
+    def of_model(self) -> dict:
+        """Return what the model's file says of it."""
+        return {"lot": {key: self.to_json()["lot"][key] for key in ("file", "hash", "used", "belongs_probability")}}
 
     def to_json(self) -> dict:
         """Return ``lot`` of ``tinygc-fit/2``."""
         found = self.belonging
-        return {
+        table = {
             "file": self.file,
             "hash": self.hash,
             "units": self.units,
@@ -181,6 +187,7 @@ class LotUse:
             "off": None if self.off is None else {"parameter": self.off[0], "sigmas": self.off[1]},
             "share": self.share.tolist(),
         }
+        return {"lot": table}
 
     @property
     def words(self) -> str:
@@ -205,6 +212,9 @@ class LotUse:
 class LotFile:
     """A lot as prior of one unit, with its file's name and hash."""
 
+    #: where none are asked for; of the fitted methods, only least squares uses the prior
+    methods = ("raw", "raw_bias_removed", "least_squares")
+
     lot: Lot
     file: str
     hash: str
@@ -213,72 +223,62 @@ class LotFile:
         """Return the prior of a unit that belongs to the lot; start (12,): the centre of numbers unknown to the lot."""
         return prior_of(self.lot, start)
 
+    @property
+    def accelerometer_between(self) -> AnySession:
+        """How far a switch-on moves the accelerometer of a unit of the lot; what it does not tell is as usual."""
+        repeats = self.lot.repeatability[-len(USUAL_SPREAD.spread) :]
+        if not np.isfinite(repeats).any():
+            return USUAL_SPREAD
+        return AnySession(np.where(np.isfinite(repeats), repeats, USUAL_SPREAD.spread), f"{self.lot.units} units of a lot")
+
+    def fit(self, problem: Problem, options: FitOptions, noise: StatedNoise | None) -> tuple[BiasChoice, Problem, MethodFit, LotUse]:
+        """Return the choice of the bias, the problem with it and with the prior used, its least squares, and the use of the lot.
+
+        Raises the errors of ``choose``.
+        """
+        lot, still = self.lot, problem.still_rates.rate
+        start = bias_only(still[0] if len(still) else -problem.first.B).vector
+        prior = prior_of(lot, start).weighed(_noise_factor(problem, noise))
+        bias_from, level, linear = choose(problem.changed(prior=prior), options)
+        share = prior_share(level, _model(linear), options.still_rates)
+        inside = _noise_covariance(level, linear, noise, options)
+        found = _belonging(prior, _model(linear).vector - prior.centre, inside, np.eye(PARAMETERS) - share)
+        few = len(problem.batch) < FEWEST_SEGMENTS
+        if found.probability >= (BELONGS if few else SURE):
+            more = share @ prior.covariance @ share.T
+            return bias_from, level, linear, LotUse(self.file, self.hash, lot.units, found, "yes", np.clip(np.diag(share), 0, 1), more)
+        # with few turns the unit's own numbers are hardly determined, and the report states so
+        own_prior = vague(start).weighed(prior.weight) if few else None
+        free = level.changed(prior=own_prior)
+        alone = run_method("least_squares", free, options)
+        covariance = _noise_covariance(free, alone, noise, options)
+        more = np.zeros((PARAMETERS, PARAMETERS))
+        if own_prior is not None:
+            free_share = prior_share(free, _model(alone), options.still_rates)
+            more = free_share @ own_prior.covariance @ free_share.T
+            covariance = covariance + more
+        unseen = alone.notes.get("unobserved", ())
+        off = farthest(lot, _model(alone).vector, covariance, np.array([name not in unseen for name in NAMES]))
+        if found.probability <= FOREIGN:
+            bias_from, level, linear = choose(problem.changed(prior=own_prior), options)
+            return bias_from, level, linear, LotUse(self.file, self.hash, lot.units, found, "no", np.zeros(PARAMETERS), more, off)
+        # undecided: the mean of both, weighted by their probabilities, with the covariance of the mixture
+        p, own = found.probability, _model(linear).vector
+        apart = own - _model(alone).vector
+        vector = own - (1 - p) * apart
+        mixed = LinearModel.from_vector(vector)
+        whole = p * (inside + share @ prior.covariance @ share.T) + (1 - p) * covariance + p * (1 - p) * np.outer(apart, apart)
+        linear = replace(linear, model=mixed, angles=closure_angles(level.batch, mixed, options.integrator))
+        used, off = ("yes", None) if p >= BELONGS else ("partly", off)
+        use = LotUse(self.file, self.hash, lot.units, found, used, np.clip(p * np.diag(share), 0, 1), whole - inside, off)
+        return bias_from, level, linear, use
+
 
 def lot_for(path: Path, sensor: str) -> LotFile:
     """Read the lot for units with this sensor.  Raises the errors of ``read_lot`` and ``_require_usable``."""
     lot = read_lot(path)
     _require_usable(lot, sensor, file_key(path))
     return LotFile(lot, file_key(path), sha256_of(path))
-
-
-def accelerometer_between(given: LotFile) -> AnySession:
-    """How far a switch-on moves the accelerometer of a unit of the lot; what it does not tell is as usual."""
-    repeats = given.lot.repeatability[-len(USUAL_SPREAD.spread) :]
-    if not np.isfinite(repeats).any():
-        return USUAL_SPREAD
-    return AnySession(np.where(np.isfinite(repeats), repeats, USUAL_SPREAD.spread), f"{given.lot.units} units of a lot")
-
-
-def require_possible(options: FitOptions) -> None:
-    """Raise CalibrationError for options that cannot use a lot."""
-    for idle, name in ((options.physics is not None, "--physics"), (options.bias_per_log, "--bias-per-log")):
-        if idle:
-            raise CalibrationError(f"{name} fits without a lot's prior; leave it or --lot out")
-
-
-def fit_with_lot(
-    problem: Problem, options: FitOptions, given: LotFile, noise: StatedNoise | None
-) -> tuple[BiasChoice, Problem, MethodFit, LotUse]:
-    """Return the choice of the bias, the problem with it and with the prior used, its least squares, and the use of the lot.
-
-    Raises the errors of ``choose``.
-    """
-    lot, still = given.lot, problem.still_rates.rate
-    start = bias_only(still[0] if len(still) else -problem.first.B).vector
-    prior = prior_of(lot, start).weighed(_noise_factor(problem, noise))
-    bias_from, level, linear = choose(problem.changed(prior=prior), options)
-    share = prior_share(level, _model(linear), options.still_rates)
-    inside = _noise_covariance(level, linear, noise, options)
-    found = _belonging(prior, _model(linear).vector - prior.centre, inside, np.eye(PARAMETERS) - share)
-    few = len(problem.batch) < FEWEST_SEGMENTS
-    if found.probability >= (BELONGS if few else SURE):
-        more = share @ prior.covariance @ share.T
-        return bias_from, level, linear, LotUse(given.file, given.hash, lot.units, found, "yes", np.clip(np.diag(share), 0, 1), more)
-    # with few turns the unit's own numbers are hardly determined, and the report states so
-    own_prior = vague(start).weighed(prior.weight) if few else None
-    free = level.changed(prior=own_prior)
-    alone = run_method("least_squares", free, options)
-    covariance = _noise_covariance(free, alone, noise, options)
-    more = np.zeros((PARAMETERS, PARAMETERS))
-    if own_prior is not None:
-        free_share = prior_share(free, _model(alone), options.still_rates)
-        more = free_share @ own_prior.covariance @ free_share.T
-        covariance = covariance + more
-    unseen = alone.notes.get("unobserved", ())
-    off = farthest(lot, _model(alone).vector, covariance, np.array([name not in unseen for name in NAMES]))
-    if found.probability <= FOREIGN:
-        bias_from, level, linear = choose(problem.changed(prior=own_prior), options)
-        return bias_from, level, linear, LotUse(given.file, given.hash, lot.units, found, "no", np.zeros(PARAMETERS), more, off)
-    # undecided: the mean of both, weighted by their probabilities, with the covariance of the mixture
-    p, own = found.probability, _model(linear).vector
-    apart = own - _model(alone).vector
-    vector = own - (1 - p) * apart
-    mixed = LinearModel.from_vector(vector)
-    whole = p * (inside + share @ prior.covariance @ share.T) + (1 - p) * covariance + p * (1 - p) * np.outer(apart, apart)
-    linear = replace(linear, model=mixed, angles=closure_angles(level.batch, mixed, options.integrator))
-    used, off = ("yes", None) if p >= BELONGS else ("partly", off)
-    use = LotUse(given.file, given.hash, lot.units, found, used, np.clip(p * np.diag(share), 0, 1), whole - inside, off)
-    return bias_from, level, linear, use
 
 
 def _noise_covariance(level: Problem, linear: MethodFit, noise: StatedNoise | None, options: FitOptions) -> np.ndarray:

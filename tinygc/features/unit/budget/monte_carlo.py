@@ -76,7 +76,7 @@ class _Redrawn:
 
     def __init__(self, result: FitResult, seed: int):
         options, problem = result.options, result.problem
-        if result.noise is None or result.lot is not None or options.bias_per_log:
+        if result.noise is None or result.prior is not None or options.bias_per_log:
             raise CalibrationError(
                 "--monte-carlo: the errors of this fit cannot be drawn in its data (a truth file, more than 400 segments, --lot or "
                 "--bias-per-log); leave it out"

@@ -18,8 +18,8 @@ from processes import PATIENCE_S, PIPE, refused, started
 from session.base import files
 from session.base.errors import CalibrationError, FormatError
 from session.base.files import open_file, read_bytes
-from session.log.dialects import Answers
-from session.log.reader import Reader
+from session.replay.dialects import Answers
+from session.replay.tables import TableReader
 from tinygc.cli.commands import commands
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -37,14 +37,14 @@ CHILD = r"""
 import json, re, signal, sys, time
 from pathlib import Path
 from session.base.errors import CalibrationError
-from session.log.dialects import Answers
-from session.log.reader import Reader
+from session.replay.dialects import Answers
+from session.replay.tables import TableReader
 from session.base.results import read_json
 from session.log.folder import read_session
 from session.replay.raw import convert_raw
 
 def as_foreign(path):
-    for piece in Reader(path, Answers(gyro_fs_dps=500, accel_fs_g=4)).pieces():
+    for piece in TableReader(path, Answers(gyro_fs_dps=500, accel_fs_g=4)).pieces():
         pass
 
 def read(folder, path):
@@ -191,4 +191,4 @@ def test_long_lines_of_any_text_are_seen_through_at_once(part, tmp_path, impatie
     line = part * (60_000 // len(part))
     (tmp_path / "log.txt").write_text("\n".join([line] * 20) + "\n")
     with pytest.raises(CalibrationError):
-        list(Reader(tmp_path / "log.txt", Answers()).pieces())
+        list(TableReader(tmp_path / "log.txt", Answers()).pieces())

@@ -7,7 +7,6 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from session.base.errors import DataError
-from session.log.clock import exact_ns
 from session.log.pace import WINDOW, not_caught_up, pace_of
 from session.log.stamps import (
     COUNTER,
@@ -22,6 +21,7 @@ from session.log.stamps import (
     placed_between,
     written_once,
 )
+from session.replay.clock import exact_ns
 
 
 def steps(*periods, period=10_000):

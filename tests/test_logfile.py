@@ -9,7 +9,6 @@ from dialect_logs import ACCEL_G, ACCELS, GYRO_DPS, GYROS, HEADER, SENSOR, TEMPS
 
 from session.base.errors import DataError, FormatError
 from session.log.config import Sensor
-from session.log.dialects import Answers
 from session.log.lines import PIECE_BYTES, Lines
 from session.log.reader import Reader
 from tinygc import CalibrationError, read_session
@@ -156,10 +155,10 @@ def test_rows_that_share_a_stamp_keep_their_readings_and_get_their_times(tmp_pat
 # In pieces
 
 
-def test_a_log_of_ours_gives_apply_what_it_gives_fit(tmp_path):
-    """The same stamps, and the same readings to the bit, whether it is read strictly and whole or in pieces."""
+def test_pieces_of_a_log_are_those_of_the_whole(tmp_path):
+    """The same stamps, and the same readings to the bit, as ``apply`` reads it and as ``fit`` does."""
     strict = read(tmp_path, joined(HEADER, *registers(20_000))).samples
-    reader = Reader(tmp_path / "log0001.csv", Answers())
+    reader = Reader(tmp_path / "log0001.csv")
     pieces = list(reader.pieces(size=5000))
     assert len(pieces) > 3
     whole = {name: np.concatenate([getattr(piece, name) for piece in pieces]) for name in ("t_ns", "gyro", "accel")}
@@ -228,7 +227,7 @@ def test_unsigned_registers_are_read_signed(tmp_path, columns, size):
     written = signed.copy()
     written[:, columns] %= 1 << 16
     path.write_text(joined(HEADER, *(",".join(map(str, (10_000 * i, *line))) for i, line in enumerate(written))))
-    reader = Reader(path, None)
+    reader = Reader(path)
     read = np.concatenate([np.column_stack([piece.gyro, piece.accel, piece.temp]) for piece in reader.pieces(size)])
     np.testing.assert_array_equal(read, signed)
     assert "unsigned registers; 65535 is read as -1" in reader.notes[0]
@@ -239,7 +238,7 @@ def test_other_numbers_beyond_sixteen_bits_are_refused(tmp_path, added):
     gyro, path = np.abs(wandering()[:, :3]) % 1000 + added[:, None], tmp_path / "log.csv"
     path.write_text(joined(HEADER[:-5], *(",".join(map(str, (10_000 * i, *line, 0, 0, 8192))) for i, line in enumerate(gyro))))
     with pytest.raises(FormatError, match="no 16-bit register value"):
-        list(Reader(path, None).pieces())
+        list(Reader(path).pieces())
 
 
 # What is refused
@@ -301,7 +300,7 @@ REFUSED = [
     (text_of().replace(HEADER, "Timestamp (us),Gyroscope X (deg/s),Gyroscope Y (deg/s),X (g),Y (g)"), "line 1: no header line but"),
     (
         joined("t_us,gx,gy,gz,ax,ay,az,imu", *(f"{5000 * (i // 2)},{i % 2},2,3,4,5,6,{i % 2}" for i in range(80))),
-        'give sensor.where = "imu=0" in session.toml',
+        "give --where imu=0 to import",
     ),
 ]
 
@@ -313,12 +312,3 @@ def test_a_malformed_log_says_what_and_where(tmp_path, text, said):
     assert said in str(error.value)
     assert "log0001.csv" in str(error.value)
     assert "\n" not in str(error.value)
-
-
-def test_a_sessions_own_log_says_its_rows_in_session_toml(tmp_path):
-    lines = [f"{5000 * (i // 2)},{i % 2},2,3,4,5,6,{i % 2}" for i in range(80)]
-    (tmp_path / "log0001.csv").write_text(joined("t_us,gx,gy,gz,ax,ay,az,imu", *lines))
-    (tmp_path / "session.toml").write_text(SESSION_TOML.replace("[sensor]\n", '[sensor]\nwhere = "imu=1"\n'))
-    samples = read_session(tmp_path).logs[0].samples
-    assert len(samples) == 40
-    assert (samples.gyro[:, 0] > 0).all()

@@ -11,7 +11,7 @@ from conftest import DEG, SESSION_TOML, Table, write_session
 from formats_page import strangers
 
 from session.base.errors import CalibrationError, FitError
-from session.replay.repair import repair
+from session.detect.repair import repair
 from tinygc import read_session
 from tinygc.closure.build import build_problem
 

@@ -6,8 +6,8 @@ from conftest import DEG
 
 from session.base.errors import FormatError
 from session.base.units import BEYOND, LONGEST, LONGEST_NS, G, beyond_any_sensor, endings, parse_unit
-from session.log.clock import exact_ns, find_clock, holds_intervals
-from session.log.headings import name_and_unit, spread, usual_columns
+from session.replay.clock import exact_ns, find_clock, holds_intervals
+from session.replay.headings import name_and_unit, spread, usual_columns
 
 
 @pytest.mark.parametrize(

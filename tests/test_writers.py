@@ -261,7 +261,7 @@ ELSEWHERE = {
     "session/bench/logwriter.py": {"rename"},
     "session/bench/rawfile.py": {"rename"},
     "session/replay/convert.py": {"rename"},
-    "session/replay/repair.py": {"rename"},
+    "session/detect/repair.py": {"rename"},
 }
 
 

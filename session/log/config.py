@@ -22,7 +22,6 @@ from session.base.units import BEYOND, STANDARD_GRAVITY_MPS2
 from session.log.certificate import CertificateGiven
 from session.log.registers import DEFAULT, RegisterUnits, profile_of
 from session.log.requirements import Requirements, RequirementsShape
-from session.log.rows import Wanted
 from session.log.sensors.profile import CLOCK_WITHIN, Profile
 
 # How the attitudes of a truth file are to be read: which way they turn, which way is up, whose axes, whose clock.
@@ -215,11 +214,6 @@ class Sensor:
     temp_lsb_per_c: Annotated[float | None, Number(1e-3, 1e5)] = None
     #: °C where that register reads 0, with `temp_lsb_per_c`; 0 without it
     temp_at_zero_c: Annotated[float | None, Number(-300, 300)] = None
-    #: of logs that hold more than this sensor's rows: the word that its rows begin with, or their number of columns. Such a log is
-    #: refused without it, or `where`
-    rows: str | None = None
-    #: the same by a column's value, `"I=0"`
-    where: str | None = None
     #: relative standard uncertainty of `odr_hz`, where it stands for the clock: 0.001 for 0.1 %. Given, the logs' times count as counted
     #: at that rate; 0: the rate was measured. Without it, logs that say `# stamps=counted` have the model's tolerance (5 % where it is
     #: not known) over √3. The scale of all axes is no better known
@@ -283,11 +277,6 @@ class Sensor:
     def clock_words(self) -> str:
         """How far the board's clock was measured to be off; empty where it was not, or its stamps were put right."""
         return "" if self.clock_ratio is None else clock_words(self.clock_ratio, self.clock_sigma_ppm)
-
-    @property
-    def wanted(self) -> Wanted:
-        """The rows of its logs that are this sensor's."""
-        return Wanted(self.rows, self.where)
 
     @property
     def own_units(self) -> dict[str, float | None]:

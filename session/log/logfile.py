@@ -16,7 +16,7 @@ import numpy as np
 from session.base.errors import DataError, FormatError
 from session.base.units import DEG, NS_PER_S, STAMP_NS
 from session.log.config import Sensor, TruthReading
-from session.log.dialects import Layout
+from session.log.layout import Layout
 from session.log.lines import Lines
 from session.log.reader import Reader
 from session.log.registers import RegisterUnits
@@ -116,7 +116,7 @@ def read_log(path: Path, sensor: Sensor, gyro_alone: bool = False) -> Log:
     Raises FormatError (what cannot be read: line and column are named) or DataError (a single sample).
     A last line that was cut off is left out and noted.  A log of another program is refused: ``import`` makes it one of ours.
     """
-    reader = Reader(path, None, sensor.wanted, gyro_alone=gyro_alone)
+    reader = Reader(path, gyro_alone)
     layout, units, stamps, packers = reader.layout, sensor.register_units, Growing(), (Packer(), Packer(), Packer())
     sound = Sound()
     for rows in reader.pieces(as_written=True):

@@ -15,7 +15,6 @@ import numpy as np
 from session.base.errors import DataError, FormatError
 from session.base.units import NS_PER_S
 from session.log.config import Sensor
-from session.log.dialects import Answers
 from session.log.reader import Reader
 from session.log.samples import Samples
 from session.log.stamps import counted, fresh
@@ -80,14 +79,14 @@ class RestLog:
         return replace(self, **{name: getattr(self, name)[which] for name in names})
 
 
-def read_rest(path: Path, sensor: Sensor, watch: Watch = lambda samples: None, answers: Answers | None = None) -> RestLog:
+def read_rest(path: Path, sensor: Sensor, watch: Watch = lambda samples: None, reader: Reader | None = None) -> RestLog:
     """Read one rest log; ``watch`` is called with each piece of samples (SI), so that nothing is read twice.
 
-    answers: options for a text log of another program, which holds a gyroscope and an accelerometer; without stamps its samples are
+    reader: of a log of another program, which holds a gyroscope and an accelerometer; without stamps its samples are
     counted at ``sensor.odr_hz``.  Raises FormatError (what cannot be read: line and column are named) or DataError (too short to mean
     anything).
     """
-    reader = Reader(path, answers, sensor.wanted if answers is None else None)
+    reader = reader or Reader(path)
     blocks = BlockMeans(max(REST_BLOCK_S, BLOCK_SAMPLES / sensor.odr_hz))
     repeated, steps_s, has_temperature, sound = 0, [], False, Sound()
     for samples, left_out in _pieces(reader, sensor, sound):

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from decimal import Decimal
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -25,6 +27,24 @@ NEAR_ENDS = 1 / 8
 LEAST_A_ROUND = 4
 #: stamps up to here, 146 years, can be told apart in ns without overflow
 ERA_NS = 2**62
+#: no time, whatever its unit
+BEYOND = Decimal(10) ** 40
+
+
+def decimal_ns(text: str, unit_ns: float) -> int:
+    """A decimal number of a unit as integer nanoseconds, to the last digit.  Raises ValueError for anything else."""
+    if isinstance(unit_ns, int):
+        with suppress(ValueError):
+            return int(text) * unit_ns
+    try:
+        scaled = Decimal(text) * Decimal(unit_ns)
+        if not abs(scaled) < BEYOND:  # also of "nan", and before an exponent of six digits is written out
+            raise ValueError
+        return int(scaled.to_integral_value())
+    except (ArithmeticError, ValueError):
+        raise ValueError(f"{text[:20]!r} is no time") from None
+
+
 #: share of rows that repeat the stamp before them, from which on stamps are coarse and not merely stuttering
 COARSE = 0.02
 #: of the stamps' own step: how far counted samples may lie from coarse stamps before samples must be missing

@@ -6,13 +6,14 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from difflib import get_close_matches
+from typing import TypeVar
 
 from session.base.errors import FormatError
 from session.base.units import STAMP_NS, endings
-from session.log.dialects import Layout, Triad, three
+from session.log.layout import Layout, Triad, three
 from session.log.thermometer import degrees_by
 
-OWN = "TinyGC"
+Kind = TypeVar("Kind", bound=Layout)
 TEMPERATURES = {f"temp{ending}": unit for ending, unit in endings("temp").items()}
 #: a temperature that says it is in another unit
 OTHER_TEMPERATURES = ("temp_f", "temp_k", "temp_degf", "temp_fahrenheit", "temp_kelvin", "temperature_f", "temperature_k")
@@ -26,18 +27,18 @@ MOST_NAMES = 200
 SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars"}
 
 
-def standard_layout(lines: list[str], name: str, gyro_alone: bool = False) -> Layout:
+def standard_layout(lines: list[str], name: str, gyro_alone: bool = False, instead: str = "") -> Layout:
     """The layout of a file whose first line that is neither blank nor a comment is a standard header.  FormatError where it is not.
 
-    gyro_alone: whether it may lack an accelerometer.
+    gyro_alone: whether it may lack an accelerometer; instead: what reads other logs.
     """
     number, line = next(
         ((number, line) for number, line in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")), (0, "")
     )
-    return with_degrees(parse_header(line, f"{name} line {number + 1}", number + 1, gyro_alone), lines)
+    return with_degrees(parse_header(line, f"{name} line {number + 1}", number + 1, gyro_alone, instead), lines)
 
 
-def with_degrees(layout: Layout, lines: list[str]) -> Layout:
+def with_degrees(layout: Kind, lines: list[str]) -> Kind:
     """The layout, with degC for a ``temp`` that holds whole degrees, as its first lines say, where all other columns state their units."""
     triads = [triad.unit for triad in (layout.gyro, layout.accel) if triad is not None]
     if layout.temp is None or layout.temp_unit is None or layout.temp_unit.si is not None or any(unit.si is None for unit in triads):
@@ -68,13 +69,15 @@ def flags_of(said: Mapping[str, str]) -> list[str]:
     return [name for name, (key, word) in FLAGS.items() if word in said.get(key, "").split(",")]
 
 
-def parse_header(line: str, where: str, first: int = 1, gyro_alone: bool = False) -> Layout:
-    """Read the header line, behind which the rows begin as line ``first`` from 0; gyro_alone: it may lack an accelerometer.
+def parse_header(line: str, where: str, first: int = 1, gyro_alone: bool = False, instead: str = "") -> Layout:
+    """Read the header line, behind which the rows begin as line ``first`` from 0; gyro_alone: it may lack an accelerometer; instead: what
+    reads other logs.
 
     FormatError (with ``where``) says which column is missing, doubled or in an unknown unit.
     """
     names = tuple(name.strip() for name in line.rstrip(",\r\n").split(","))
     expected = "expected t_us,gx,gy,gz,ax,ay,az,temp or units in the names (t_s, gx_dps, gx_rps, ax_g, ax_mps2, temp_c)"
+    expected += f"; {instead}" if instead else ""
     fewest = 4 if gyro_alone else 7
     for separator, called in SEPARATORS.items():
         if len(names) < fewest and line.count(separator) >= fewest - 1:
@@ -98,19 +101,15 @@ def parse_header(line: str, where: str, first: int = 1, gyro_alone: bool = False
     if len(temps) > 1:
         raise FormatError(f"{where}: two temperature columns ({', '.join(temps)[:80]}); keep one")
     return Layout(
-        dialect=OWN,
-        delimiter=",",
         first=first,
         time=names.index(times[0]),
         time_ns=STAMP_NS[times[0]],
-        clock=False,
         gyro=gyro,
         accel=accel,
         temp=names.index(temps[0]) if temps else None,
         temp_unit=TEMPERATURES[temps[0]] if temps else None,
         names=names,
         header_line=line.strip(),
-        standard=True,
     )
 
 

@@ -18,10 +18,9 @@ from session.detect.axes import EXPLAINED, agreement
 from session.detect.stills import find_stills
 from session.log.arrays import USUAL_DPS, USUAL_G
 from session.log.config import Sensor
-from session.log.dialects import Answers
 from session.log.registers import DEFAULT, nearest_name, profile_of, require_profile
 from session.log.samples import Samples, pieces
-from session.log.standard import OWN
+from session.replay.dialects import OWN, Answers
 from session.replay.join import LEAST_GRAVITY, Joined, join
 from session.replay.sources import Source, Sources
 

@@ -21,14 +21,12 @@ from session.base.units import NS, TIME, endings
 from session.bench.session_file import UNKNOWN
 from session.detect.findings import Finding
 from session.detect.first_look import check_folder
-from session.log.clock import TOLD
 from session.log.config import Sensor, read_config
-from session.log.dialects import AXES, Answers
 from session.log.logfile import CALIBRATED, read_log
 from session.log.pace import pace_of
 from session.log.registers import profile_of, require_registers
 from session.log.stamps import fresh
-from session.log.standard import OWN, flags_of
+from session.log.standard import flags_of
 from session.log.written import LATITUDE_REMOVES, OPTIONAL_SITE
 from session.replay.answers import (
     ASSUMED_RANGE,
@@ -39,6 +37,8 @@ from session.replay.answers import (
     with_sensor,
     with_unit_by_gravity,
 )
+from session.replay.clock import TOLD
+from session.replay.dialects import AXES, OWN, Answers
 from session.replay.join import Joined, join
 from session.replay.sources import Source, Sources
 from session.replay.took import said_took

@@ -10,9 +10,9 @@ from pathlib import Path
 from session.base.budget import current
 from session.base.errors import FormatError
 from session.base.files import read_bytes, write_new
-from session.log.forms import Number, flattened
-from session.log.headings import plain
-from session.log.rows import MOST_SENSORS, SENSORS
+from session.log.one_sensor import MOST_SENSORS, SENSORS
+from session.replay.forms import Number, flattened
+from session.replay.headings import plain
 
 #: of the first bytes: how far from their end a document may seem broken, since they cut it
 NEAR_END = 200

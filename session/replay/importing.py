@@ -11,11 +11,10 @@ from pathlib import Path
 from session.base import features
 from session.base.budget import budget
 from session.base.errors import FormatError
-from session.log.dialects import DIALECTS, Answers
-from session.log.forms import EXAMPLES
-from session.log.standard import OWN
 from session.replay.binary import registry
 from session.replay.convert import Converted, convert
+from session.replay.dialects import DIALECTS, OWN, Answers
+from session.replay.forms import EXAMPLES
 from session.replay.raw import convert_raw, is_raw, refuse_of_logs
 from session.replay.sources import BY_NAMES, head_of
 

@@ -10,12 +10,12 @@ import numpy as np
 from session.base.budget import current
 from session.base.errors import DataError, FormatError
 from session.base.units import G
-from session.log.dialects import Layout
 from session.log.pace import pace_of
 from session.log.reader import Piece
 from session.log.samples import Growing
 from session.log.stamps import COARSE, TWICE, UNCOUNTED, along_line, counted, evenly, fresh, written_once
 from session.log.thermometer import Sound
+from session.replay.dialects import TableLayout
 from session.replay.sources import Source, StreamSource
 
 #: beyond this many of its own periods a second file's neighbours are too far apart to read between them
@@ -36,9 +36,9 @@ class Joined:
     gyro: np.ndarray
     accel: np.ndarray
     temp: np.ndarray | None
-    gyro_layout: Layout
-    accel_layout: Layout
-    temp_layout: Layout | None
+    gyro_layout: TableLayout
+    accel_layout: TableLayout
+    temp_layout: TableLayout | None
     notes: tuple[str, ...]
     counted: bool = False
     even_sigma_ppm: float | None = None
@@ -195,7 +195,7 @@ def _only(whole: list[tuple[Source, Piece]], part: str, called: str) -> tuple[So
     raise FormatError(f"{named}: no gyroscope; give its file as well (this log needs the gyroscope's and the accelerometer's)")
 
 
-def without_gravity(accel: np.ndarray, layout: Layout) -> bool:
+def without_gravity(accel: np.ndarray, layout: TableLayout) -> bool:
     """Whether specific force (N, 3), as written, is far too small for gravity to be in it; registers are not judged."""
     si = None if layout.accel is None else layout.accel.unit.si
     return si is not None and float(np.median(np.linalg.norm(accel, axis=1))) * si < LEAST_GRAVITY * G

@@ -21,12 +21,12 @@ from session.bench.recorder import BLOCK, stream
 from session.bench.session_file import ASSUMED, NAME, PATIENCE_S, SessionFile
 from session.detect.first_look import check_folder
 from session.log.config import read_config
-from session.log.dialects import Answers
 from session.log.logfile import read_log
 from session.log.reader import Reader
-from session.log.standard import OWN
 from session.replay.convert import Converted
+from session.replay.dialects import OWN, Answers
 from session.replay.sources import head_of
+from session.replay.tables import TableReader
 from session.replay.took import said_port
 
 SUFFIX = ".bin"
@@ -49,7 +49,7 @@ def is_raw(path: Path, answers: Answers) -> bool:
     if b"\n" not in head or NO_TEXT.search(head):
         return True
     try:
-        return Reader(path, answers).layout.dialect == OWN
+        return TableReader(path, answers).layout.dialect == OWN
     except QuestionsError:
         return False
     except FormatError:
@@ -124,7 +124,7 @@ def _took(raw_path: Path, log: Path) -> tuple[str, ...]:
     try:
         sensor = read_config(log.with_name(NAME)).sensor
         samples = read_log(log, sensor).samples
-        layout = Reader(log, None, sensor.wanted).layout
+        layout = Reader(log).layout
     except CalibrationError:
         return ()
     rate = f"{samples.pace.rate_hz:.4g} Hz for {samples.duration_s:.1f} s" if np.diff(samples.t_ns).any() else "one sample"

@@ -22,21 +22,23 @@ from session.base.errors import FormatError
 from session.base.files import MOST_ARCHIVE, open_file, unreadable, write_new
 from session.base.questions import Question, QuestionsError, all_of
 from session.base.units import Unit, beyond_any_sensor, known, parse_unit
-from session.log.dialects import DIALECTS, Answers, Layout, Triad, three
-from session.log.forms import EXAMPLES
+from session.log.layout import Triad, three
 from session.log.lines import STANDARD
-from session.log.reader import Piece, Reader
-from session.log.recognise import CHOICES, NO_TIME, OTHER, parse_axes
-from session.log.streams import Stream, Topic
+from session.log.reader import Piece
 from session.replay.binary import registry
+from session.replay.dialects import DIALECTS, OTHER, Answers, TableLayout
 from session.replay.documents import is_document, unpack_document
+from session.replay.forms import EXAMPLES
+from session.replay.recognise import CHOICES, NO_TIME, parse_axes
+from session.replay.streams import Stream, Topic
+from session.replay.tables import TableReader
 
 
 class Source(Protocol):
     """path; layout: what is what; notes and comments as they are met."""
 
     path: Path
-    layout: Layout
+    layout: TableLayout
     notes: list[str]
     comments: dict[str, str]
 
@@ -95,9 +97,9 @@ class Sources:
 def _sources_of(path: Path, answers: Answers, stack: ExitStack, faults: list[FormatError]) -> list[Source]:
     """The sources of one path; faults: what is wrong with the files of a folder that are left out."""
     if str(path) == STANDARD or not path.exists():
-        return [Reader(path, answers)]
+        return [TableReader(path, answers)]
     if not path.is_file() and not path.is_dir():
-        return [Reader(path, answers)]  # a pipe
+        return [TableReader(path, answers)]  # a pipe
     head = b"" if path.is_dir() else head_of(path)
     reader = _binary(path, head, answers.like)
     if reader is not None:
@@ -133,17 +135,17 @@ BY_NAMES = "columns by their names"
 def _texts(path: Path, answers: Answers) -> list[Source]:
     """The reader of a text log, or one for each quantity of a table with empty cells, as of two files."""
     reader = _text(path, answers)
-    return [Reader(path, answers, only=kind) for kind in reader.parts] or [reader]
+    return [TableReader(path, answers, only=kind) for kind in reader.parts] or [reader]
 
 
-def _text(path: Path, answers: Answers) -> Reader:
+def _text(path: Path, answers: Answers) -> TableReader:
     """The reader of a text log.  FormatError for ``--topic``, and for ``--like`` with a form of text that it does not have."""
     if answers.topic is not None:
         raise FormatError(f"{path.name}: a text log has no topics; leave --topic out")
     like = answers.like
     if like not in (BY_NAMES, *EXAMPLES):
-        return Reader(path, answers)
-    reader = Reader(path, replace(answers, like=None))
+        return TableReader(path, answers)
+    reader = TableReader(path, replace(answers, like=None))
     forms = [note.removesuffix(": read as a table") for note in reader.notes if note.endswith(": read as a table")]
     if not (reader.layout.dialect == OTHER and not forms if like == BY_NAMES else any(form.startswith(like) for form in forms)):
         raise FormatError(f"{path.name}: read as {', '.join((*forms, reader.layout.dialect))}, and --like is {like!r}; leave --like out")
@@ -245,7 +247,7 @@ class StreamSource:
     """One stream of a binary log as a source."""
 
     path: Path
-    layout: Layout
+    layout: TableLayout
     stream: Stream
     notes: list[str]
     comments: dict[str, str] = field(default_factory=dict)
@@ -384,7 +386,7 @@ def _stream_source(path: Path, called: str, stream: Stream, answers: Answers, na
     if questions:
         raise QuestionsError(path.name, called, questions)
     counted = stream.t_ns is None or answers.time_unit == "none"
-    layout = Layout(
+    layout = TableLayout(
         dialect=called,
         delimiter=None,
         first=0,

@@ -10,10 +10,11 @@ import numpy as np
 from fuzz_targets.rules import choose, finite
 from session.base.errors import CalibrationError
 from session.log.config import Sensor
-from session.log.dialects import Answers
 from session.log.logfile import read_log
-from session.log.reader import Piece, Reader
+from session.log.reader import Piece
 from session.log.rests import read_rest
+from session.replay.dialects import Answers
+from session.replay.tables import TableReader
 
 SENSOR = Sensor("ASM330LHH", "1", 104.0, 500.0, 4.0)
 UNKNOWN = Sensor("no such sensor", "", 104.0, 500.0, 4.0)
@@ -54,7 +55,7 @@ def run(data: bytes, folder: Path) -> None:
 
 def _foreign(path: Path, answers: Answers) -> None:
     """In usual, and in small pieces: the same rows, unless a counter or a comma is told from more of them alone."""
-    usual = list(Reader(path, answers).pieces())
+    usual = list(TableReader(path, answers).pieces())
     if not usual:
         return
     parts = ([getattr(piece, name) for piece in usual] for name in ("t_ns", "gyro", "accel", "temp"))
@@ -62,7 +63,7 @@ def _foreign(path: Path, answers: Answers) -> None:
     finite(whole.gyro, whole.accel, whole.temp)
     assert whole.t_ns is None or (np.diff(whole.t_ns) >= 0).all()
     try:
-        pieces = list(Reader(path, answers).pieces(SMALL))
+        pieces = list(TableReader(path, answers).pieces(SMALL))
     except CalibrationError:
         return
     for name in ("gyro", "accel", "temp"):

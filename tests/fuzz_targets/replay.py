@@ -10,9 +10,9 @@ from fuzz_targets import logs
 from fuzz_targets.rules import choose, finite, must_hold
 from session.base.errors import DataError
 from session.log.config import read_config
-from session.log.dialects import Answers
 from session.log.folder import read_session
 from session.replay.convert import convert
+from session.replay.dialects import Answers
 
 FULL = Answers(odr_hz=104.0, gyro_fs_dps=500.0, accel_fs_g=4.0, sensor="ASM330LHH")
 NONE = Answers()

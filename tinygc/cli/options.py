@@ -13,8 +13,8 @@ from tinygc.estimation.options import ACCELEROMETERS, BIASES
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from session.log.dialects import Answers
     from session.log.folder import Session
+    from session.replay.dialects import Answers
     from tinygc.estimation.options import FitOptions
 
 
@@ -126,12 +126,12 @@ def add_log_options(command: argparse.ArgumentParser) -> None:
 
 
 def answers_of(args: argparse.Namespace, files: int = 1) -> Answers:
-    """Return ``session.log.dialects.Answers`` of the options; files: how many the command reads.
+    """Return ``session.replay.dialects.Answers`` of the options; files: how many the command reads.
 
     Raises FormatError where ``--columns`` is given more often than that.
     """
     from session.base.errors import FormatError
-    from session.log.dialects import Answers
+    from session.replay.dialects import Answers
 
     if len(args.columns or ()) > files:
         raise FormatError(f"--columns is given {len(args.columns)} times for {files} file{'s' * (files != 1)}; give it once for each")

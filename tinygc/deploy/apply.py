@@ -21,14 +21,14 @@ from session.base.texts import command_line
 from session.base.units import DEG
 from session.bench.session_file import ASSUMED
 from session.log.config import Accelerometer
-from session.log.dialects import Answers
 from session.log.lines import PIECE_BYTES, STANDARD
 from session.log.logfile import CALIBRATED, already_calibrated, number_in
 from session.log.pace import pace_of
-from session.log.reader import Reader
 from session.log.registers import DEFAULT, RegisterUnits, require_registers
 from session.log.stamps import counted
 from session.log.standard import flags_of
+from session.replay.dialects import Answers
+from session.replay.tables import TableReader
 from tinygc import models
 from tinygc.deploy.calibration import Calibration, Stream, Surroundings, began_in_session, surroundings
 
@@ -108,7 +108,7 @@ def apply_model(
     """
     model, table = models.load_with_table(model_path) if table is None else (models.from_dict(table, str(model_path)), table)
     began_s = None if model.session_s is None else began_in_session(model, table, model_path, log)
-    reader = Reader(log, answers)
+    reader = TableReader(log, answers)
     if reader.layout.gyro is None:
         raise FormatError(f"{log.name} holds no gyroscope")
     if (done := already_calibrated(reader.comments)) is not None:
@@ -169,7 +169,7 @@ class Applicable:
 class LogSource:
     """Pieces of a log in SI: time stamps, measured rate, calibrated force, temperature."""
 
-    def __init__(self, reader: Reader, answers: Answers, known: Surroundings):
+    def __init__(self, reader: TableReader, answers: Answers, known: Surroundings):
         self.reader, self.layout = reader, reader.layout
         self._odr_hz, self._accelerometer = answers.odr_hz, known.accelerometer or Accelerometer(source="none")
         # The units of the log's registers. Raises FormatError where the log has registers and their full scale is unknown.

@@ -106,7 +106,7 @@ def _stamped(folder: Path, config: Config) -> datetime | None:
     """When the first log began, where its stamps are nanoseconds since 1970."""
     try:
         paths = log_paths(folder, "log")
-        piece = next(Reader(paths[0], None, config.sensor.wanted).pieces(as_written=True), None) if paths else None
+        piece = next(Reader(paths[0]).pieces(as_written=True), None) if paths else None
     except CalibrationError:
         return None
     if piece is None or piece.t_ns is None or not FIRST_NS <= int(piece.t_ns[0]) <= LAST_NS:

@@ -10,9 +10,9 @@ import numpy as np
 
 from session.base import features
 from session.base.errors import CalibrationError, FormatError
-from session.log.dialects import Answers
 from session.log.logfile import Log, already_calibrated
 from session.log.samples import Samples
+from session.replay.dialects import Answers
 from tinygc.deploy.apply import Applied, apply_model, model_of
 from tinygc.deploy.calibration import Calibration
 from tinygc.library.arguments import Progress, answers_of, column_unit, is_fit, nothing, public

@@ -18,8 +18,8 @@ import numpy as np
 from session.base.errors import CalibrationError, DataError
 from session.base.units import DEG
 from session.log.arrays import si_of
-from session.log.dialects import Answers
 from session.log.folder import Session
+from session.replay.dialects import Answers
 
 #: progress callback: current step's description, steps done, steps in all
 Progress = Callable[[str, int, int], None]

@@ -17,8 +17,8 @@ import numpy as np
 from session.base.errors import CalibrationError, FormatError
 from session.base.questions import QuestionsError
 from session.detect.findings import Finding
-from session.log.dialects import Answers
 from session.log.folder import Session, read_session
+from session.replay.dialects import Answers
 from session.replay.importing import import_log as import_files
 from tinygc.library.arguments import answers_of, public
 

@@ -13,7 +13,7 @@ from tinygc.estimation.options import METHODS
 from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_line, plain_table
 
 if TYPE_CHECKING:
-    from session.replay.repair import Repaired
+    from session.detect.repair import Repaired
     from tinygc.estimation.before_after import RecordingClosure
     from tinygc.estimation.listing import ListedSession
 
@@ -50,7 +50,7 @@ def next_line(folder: Path, findings: list[Finding]) -> Text:
     by_arrivals = f"--clock {CLOCKS[1]}"  # where it was taken, or is advised
     again = by_arrivals.split() if not unit_lines(findings) and any(by_arrivals in finding.line for finding in findings) else []
     if worst(findings) == "error":
-        from session.replay.repair import can_be_repaired  # late: only errors are repaired
+        from session.detect.repair import can_be_repaired  # late: only errors are repaired
 
         repaired = command_line("check", folder, "--repair", "OUT")
         by_itself = Text("next: the cause of an error is known; a corrected copy is written by\n").append(one_line(f"  {repaired}"))

@@ -16,8 +16,8 @@ import numpy as np
 from session.base.budget import current
 from session.base.errors import FormatError
 from session.base.units import parse_unit
-from session.log.streams import Stream, Topic
 from session.replay.binary.source import Source, as_topics, microseconds, no_columns, one_line, picked
+from session.replay.streams import Stream, Topic
 
 NAME = "ArduPilot dataflash"
 PACKAGE, EXTRA, LICENCE = "", "", ""

@@ -13,9 +13,9 @@ from session.base.budget import current
 from session.base.errors import FormatError
 from session.base.files import require_file
 from session.log.samples import Growing
-from session.log.streams import Stream, Topic
 from session.replay.binary.arrays import Array, streams_of, topics_of
 from session.replay.binary.source import library, one_line
+from session.replay.streams import Stream, Topic
 
 NAME = "Arrow"
 PACKAGE, EXTRA, LICENCE = "pyarrow", "logs", "Apache-2.0"

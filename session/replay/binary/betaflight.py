@@ -21,8 +21,8 @@ import numpy as np
 from session.base.budget import RECORD, current
 from session.base.errors import FormatError
 from session.base.files import read_bytes, require_file
-from session.log.streams import Stream, Topic
 from session.replay.binary.source import Rows, as_topics, library, no_columns, one_line, picked, reason
+from session.replay.streams import Stream, Topic
 
 NAME = "Betaflight blackbox"
 PACKAGE, EXTRA, LICENCE = "orangebox", "betaflight", "GPL-3.0-or-later"

@@ -12,9 +12,9 @@ import numpy as np
 
 from session.base.budget import current
 from session.base.errors import FormatError
-from session.log.streams import Stream, Topic
 from session.replay.binary.arrays import Array, is_rate, rate_of, streams_of, topics_of
 from session.replay.binary.source import Source, library, one_line
+from session.replay.streams import Stream, Topic
 
 NAME = "HDF5"
 PACKAGE, EXTRA, LICENCE = "h5py", "logs", "BSD-3-Clause"

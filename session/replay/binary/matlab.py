@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from session.base.budget import RECORD, current
-from session.log.streams import Stream, Topic
 from session.replay.binary.arrays import Array, plans, rate_of, streams_of, topics_of
 from session.replay.binary.source import Cut, Source, one_line, reason
+from session.replay.streams import Stream, Topic
 
 NAME = "MATLAB"
 PACKAGE, EXTRA, LICENCE = "", "", ""

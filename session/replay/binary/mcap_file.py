@@ -15,10 +15,10 @@ from typing import Any
 
 from session.base.budget import RECORD, amount, current
 from session.base.errors import FormatError
-from session.log import streams
-from session.log.streams import Stream
+from session.replay import streams
 from session.replay.binary.ros import Layout, Topic, definitions_of, fields_of, json_decoder, refuse_empty
 from session.replay.binary.source import Cut, DamagedChunks, Source, as_topics, library, no_columns, one_line, picked, reason
+from session.replay.streams import Stream
 
 NAME = "MCAP"
 PACKAGE, EXTRA, LICENCE = "mcap", "logs", "MIT"

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from session.base.units import parse_unit
-from session.log.clock import CLOCKS, UNITS
+from session.replay.clock import CLOCKS, UNITS
 
 #: words of a quantity, the last ones of a name
 WORDS = {

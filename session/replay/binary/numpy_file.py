@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from session.base.files import open_file, read_npz
-from session.log.streams import Stream, Topic
 from session.replay.binary.arrays import Array, rate_of, streams_of, topics_of
 from session.replay.binary.source import one_line
+from session.replay.streams import Stream, Topic
 
 NAME = "NumPy"
 PACKAGE, EXTRA, LICENCE = "", "", ""

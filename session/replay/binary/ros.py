@@ -21,9 +21,9 @@ import numpy as np
 from session.base.budget import current
 from session.base.errors import CalibrationError, FormatError
 from session.base.units import NS_PER_S
-from session.log.streams import Stream
 from session.replay.binary.named import meaning, triads
 from session.replay.binary.source import Rows, library
+from session.replay.streams import Stream
 
 #: scalars of a definition -> struct's letter; ROS 1's char is a number
 LETTERS = {

@@ -16,10 +16,10 @@ from typing import Any
 from session.base.budget import RECORD, amount, current
 from session.base.errors import CalibrationError
 from session.base.units import NS_PER_S
-from session.log import streams
-from session.log.streams import Stream
+from session.replay import streams
 from session.replay.binary.ros import Layout, Topic, definitions_of, fields_of, refuse_empty
 from session.replay.binary.source import Cut, DamagedChunks, Source, as_topics, library, no_columns, one_line, picked, reason
+from session.replay.streams import Stream
 
 NAME = "ROS 1 bag"
 PACKAGE, EXTRA, LICENCE = "rosbags", "logs", "Apache-2.0"

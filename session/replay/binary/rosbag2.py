@@ -15,11 +15,11 @@ from typing import Any
 from session.base.budget import PACKED, RECORD, current, stored
 from session.base.errors import FormatError
 from session.base.files import MOST_TOML, open_file, read_text, require_file
-from session.log import streams
-from session.log.streams import Stream
+from session.replay import streams
 from session.replay.binary import mcap_file
 from session.replay.binary.ros import Layout, Topic, definitions_of, fields_of, refuse_empty
 from session.replay.binary.source import as_topics, library, no_columns, one_line, picked, reason
+from session.replay.streams import Stream
 
 NAME = "ROS 2 bag"
 PACKAGE, EXTRA, LICENCE = "rosbags", "logs", "Apache-2.0"

@@ -17,7 +17,7 @@ import numpy as np
 from session.base.budget import RECORD, current
 from session.base.errors import CalibrationError, FormatError
 from session.base.files import open_file
-from session.log.streams import Stream, Topic
+from session.replay.streams import Stream, Topic
 
 
 def library(path: Path, what: str, module: str, package: str, extra: str = "logs") -> Any:

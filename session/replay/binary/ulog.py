@@ -17,8 +17,8 @@ import numpy as np
 from session.base.budget import PACKED, current, stored
 from session.base.errors import FormatError
 from session.base.units import DEG, G
-from session.log.streams import Stream, Topic
 from session.replay.binary.source import Source, as_topics, library, microseconds, no_columns, one_line, picked
+from session.replay.streams import Stream, Topic
 
 NAME = "ULog"
 PACKAGE, EXTRA, LICENCE = "pyulog", "logs", "BSD-3-Clause"

@@ -9,8 +9,8 @@ from conftest import DEG, SESSION_TOML, Table, write_session
 
 from session.base.errors import CalibrationError
 from session.base.units import G
-from session.log.dialects import Answers
 from session.log.samples import Samples, joined
+from session.replay.dialects import Answers
 from tinygc.features.noise import inputs
 from tinygc.features.noise.inputs import read_inputs
 
@@ -76,7 +76,7 @@ def test_a_session_gives_its_rest_logs_whole_and_the_stills_of_its_log(tmp_path)
 
 
 def test_a_text_log_comes_in_pieces_and_each_reading_once(tmp_path, monkeypatch):
-    monkeypatch.setattr(inputs.Reader.pieces, "__defaults__", (2000,))
+    monkeypatch.setattr(inputs.TableReader.pieces, "__defaults__", (2000,))
     still = rest(registers=False)
     found = read(written(tmp_path / "phone.csv", still))
     (sums,) = found.sums

@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _repair(args: argparse.Namespace) -> int:
     """Write the corrected copy of a session, and show what it closes to before and after."""
-    from session.replay.repair import repair
+    from session.detect.repair import repair
     from tinygc.estimation.before_after import closure_of
     from tinygc.reporting.tables import repair_report, verdict_line
 

@@ -12,10 +12,10 @@ import numpy as np
 from session.base.errors import DataError, FormatError
 from session.base.numeric import decimal_rows
 from session.base.units import DEG, NS
-from session.log.dialects import Answers
 from session.log.folder import sha256_of
 from session.log.logfile import already_calibrated
-from session.log.reader import Reader
+from session.replay.dialects import Answers
+from session.replay.tables import TableReader
 from tinygc.deploy.apply import DECIMALS, Applicable, LogSource, columns_of, opened
 from tinygc.deploy.calibration import Surroundings
 from tinygc.features.arrays.clocks import UnitClock
@@ -49,7 +49,7 @@ class UnitLog:
 
         Raises FormatError for a file that is no gyroscope log, or is calibrated already.
         """
-        self.unit, self.clock, self.reader = unit, clock, Reader(path, answers)
+        self.unit, self.clock, self.reader = unit, clock, TableReader(path, answers)
         if self.reader.layout.gyro is None:
             raise FormatError(f"{path.name} holds no gyroscope")
         if already_calibrated(self.reader.comments) is not None:

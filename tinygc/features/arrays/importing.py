@@ -11,11 +11,11 @@ from session.base.errors import FormatError
 from session.base.files import folder_whole, require_empty, write_new
 from session.base.texts import command_line
 from session.detect.findings import Finding
-from session.log.dialects import Answers
-from session.log.forms import EXAMPLES
-from session.log.reader import Reader
 from session.replay.convert import Converted, convert
+from session.replay.dialects import Answers
+from session.replay.forms import EXAMPLES
 from session.replay.sources import BY_NAMES
+from session.replay.tables import TableReader
 from tinygc.features.arrays.recording import read_array
 
 #: a note or a finding
@@ -31,7 +31,7 @@ def import_array(paths: Sequence[Path], out: Path, answers: Answers, column: str
         raise FormatError(f"--array-by reads one log, not {len(paths)}; give the one that holds the rows of all sensors")
     require_empty(out, "exists; give --out a new folder")
     like = None if answers.like in (BY_NAMES, *EXAMPLES) else answers.like  # each unit's own import holds a form of text to it
-    values = Reader(paths[0], replace(answers, like=like), picking=column).values_of(column)
+    values = TableReader(paths[0], replace(answers, like=like), picking=column).values_of(column)
     made: list[Converted] = []
     with folder_whole(out) as work:
         for number, value in enumerate(values):

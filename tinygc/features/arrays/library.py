@@ -9,8 +9,8 @@ from typing import Any
 
 from session.base.errors import CalibrationError
 from session.detect.findings import Finding
-from session.log.dialects import Answers
 from session.log.folder import Session
+from session.replay.dialects import Answers
 from tinygc.features.arrays.apply import apply_array
 from tinygc.features.arrays.checked import CheckedArray, check_units, checked_units_page, checked_units_to_json
 from tinygc.features.arrays.explanation import (

@@ -12,8 +12,8 @@ from session.detect.findings import Finding
 from tinygc.models.files import is_array_model
 
 if TYPE_CHECKING:
-    from session.log.dialects import Answers
     from session.replay.convert import Converted
+    from session.replay.dialects import Answers
     from tinygc.features.arrays.apply import ArrayApplied
 
 

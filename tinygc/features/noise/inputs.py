@@ -25,11 +25,9 @@ from session.base.units import DEG
 from session.detect.check_stills import check_rest
 from session.detect.stills import find_stills, references
 from session.log.config import Config, Sensor, read_config
-from session.log.dialects import Answers
 from session.log.folder import Session, sha256_of
 from session.log.logfile import read_log
 from session.log.pace import pace_of
-from session.log.reader import Reader
 from session.log.registers import RegisterUnits, profile_of
 from session.log.rests import RestLog, read_rest, rest_from_samples
 from session.log.samples import TOGETHER, Samples, joined
@@ -39,9 +37,11 @@ from session.log.thermometer import Sound
 from session.replay.answers import with_comments, with_sensor
 from session.replay.binary import registry
 from session.replay.convert import FASTEST_HZ, SLOWEST_HZ
+from session.replay.dialects import Answers
 from session.replay.importing import kind_named
 from session.replay.join import join, rates_of
 from session.replay.sources import SUFFIXES, Sources, head_of
+from session.replay.tables import TableReader
 from tinygc.features.noise.summary import RestSums
 
 Progress = Callable[[str, int, int], None]
@@ -293,7 +293,7 @@ def _flowing(path: Path, answers: Answers, columns: Sequence[str]) -> float | No
     head = head_of(path)
     if answers.like or head.startswith(b"PK") or registry.reader_of(path, head) is not None:
         return None
-    reader = Reader(path, answers if not columns else replace(answers, columns=columns[0]))
+    reader = TableReader(path, answers if not columns else replace(answers, columns=columns[0]))
     if reader.layout.gyro is None or reader.layout.accel is None:
         return None
     if reader.layout.time is None:
@@ -322,7 +322,7 @@ def _stream(path: Path, sensor: Sensor, answers: Answers | None, rests: Rests) -
             sums.append(RestSums(rate_hz))
         sums[0].add(samples)
 
-    log = read_rest(path, sensor, add, answers)
+    log = read_rest(path, sensor, add, None if answers is None else TableReader(path, answers))
     rests.remarks += [f"{path.name}: {note}" for note in log.notes if "temp" not in note]
     _refuse_units(log)
     if (moves := _movement(log)) is None:

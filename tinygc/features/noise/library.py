@@ -11,8 +11,8 @@ from session import VERSION
 from session.base.errors import CalibrationError
 from session.base.files import result_folder
 from session.base.results import write_whole
-from session.log.dialects import Answers
 from session.log.folder import Session
+from session.replay.dialects import Answers
 from tinygc.features.noise.curve_file import estimate_of_curve
 from tinygc.features.noise.estimate import NoiseEstimate
 from tinygc.features.noise.estimate import estimate_noise as estimate_of

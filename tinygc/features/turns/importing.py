@@ -13,14 +13,14 @@ from session.base.errors import FormatError
 from session.base.texts import command_line
 from session.base.units import NS
 from session.log.config import Sensor, read_config
-from session.log.dialects import Answers
 from session.log.logfile import NAME, read_known_turns
 from session.log.pace import pace_of
 from session.replay.answers import with_comments
 from session.replay.convert import Converted
+from session.replay.dialects import Answers
 from session.replay.join import rates_of
 from session.replay.sources import Source, Sources
-from session.replay.took import said_clock, said_program, said_triad
+from session.replay.took import said_clock, said_program, said_source, said_triad
 from tinygc.features.turns.folder import GyroLog, write_turn_session
 
 #: files that are named one by one
@@ -94,7 +94,11 @@ def _took(used: Sequence[Source], logs: Sequence[GyroLog], answers: Answers, sen
 
     return (
         f"{each(lambda source: said_program(source.layout, answers))}: {', '.join(places[:NAMED])}{more}",
-        f"gyroscope: {each(lambda source: said_triad(source.layout, source.layout.gyro, 'gyro'))}, ±{sensor.gyro_fs_dps:g} dps{assumed}",
+        f"gyroscope: {each(_said_rates)}, ±{sensor.gyro_fs_dps:g} dps{assumed}",
         f"clock: {each(lambda source: said_clock(source.layout, answers, source.layout.time is None))}; "
         f"{slow if slow == fast else f'{slow} to {fast}'} Hz for {duration_s:.1f} s",
     )
+
+
+def _said_rates(source: Source) -> str:
+    return said_triad(source.layout, source.layout.gyro, said_source(source.layout, "gyro"))

@@ -225,7 +225,7 @@ def mean_temperature(folder: Path, config: Config) -> float | None:
     """Mean of the first log's temperatures, °C; None where it has none, or is not there any more."""
     try:
         paths = log_paths(folder, "log")
-        if not paths or Reader(paths[0], None, config.sensor.wanted).layout.temp is None:
+        if not paths or Reader(paths[0]).layout.temp is None:
             return None
         temperatures = read_log(paths[0], config.sensor).samples.temp_c
     except CalibrationError:

@@ -17,9 +17,9 @@ from session.base.numeric import sigmas_in
 from session.base.questions import QuestionsError
 from session.base.results import write_whole
 from session.base.units import DEG
-from session.log.dialects import Answers
 from session.log.folder import Session, read_session
 from session.replay.answers import ASSUMED_RANGE
+from session.replay.dialects import Answers
 from session.replay.importing import import_log
 from tinygc import models
 from tinygc.features.unit.verification.old import OldCalibration, read_old

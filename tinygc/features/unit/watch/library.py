@@ -12,7 +12,7 @@ from typing import Any
 
 from session.base.errors import CalibrationError
 from session.log.config import read_config
-from session.log.dialects import Answers
+from session.replay.dialects import Answers
 from tinygc.deploy.apply import model_of
 from tinygc.deploy.calibration import Surroundings, surroundings
 from tinygc.features.unit.watch.expectation import ModelInUse

@@ -25,11 +25,11 @@ from session.bench.decoder import StreamDecoder
 from session.bench.events import Event, Info, SampleChunk, Trouble, starts_log
 from session.bench.port import Closed, Port, Received
 from session.log.config import Accelerometer
-from session.log.dialects import Answers
 from session.log.lines import PIECE_BYTES, STANDARD
 from session.log.logfile import already_calibrated, number_in
-from session.log.reader import Reader
 from session.log.registers import DEFAULT, RegisterUnits
+from session.replay.dialects import Answers
+from session.replay.tables import TableReader
 from tinygc.deploy.apply import LogSource
 from tinygc.deploy.calibration import Surroundings
 
@@ -126,7 +126,7 @@ def items_of(source: str, options: SourceOptions, known: Surroundings) -> Iterat
 
 def _table(path: Path, answers: Answers, known: Surroundings, size: int = PIECE_BYTES) -> Iterator[Item]:
     """A log of any program."""
-    reader = Reader(path, answers)
+    reader = TableReader(path, answers)
     if reader.layout.gyro is None or reader.layout.accel is None:
         raise FormatError(f"{path.name} holds no {'gyroscope' if reader.layout.gyro is None else 'accelerometer'}, and a watch needs both")
     if (done := already_calibrated(reader.comments)) is not None:

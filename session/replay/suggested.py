@@ -10,9 +10,9 @@ import numpy as np
 
 from session.base.texts import shell_word
 from session.base.units import ENDINGS, NS_PER_S, WORDS, G, parse_unit
-from session.log.clock import CLOCKS, exact_ns
-from session.log.columns import DELIMITERS, split
-from session.log.headings import name_and_unit
+from session.replay.clock import CLOCKS, exact_ns
+from session.replay.columns import DELIMITERS, split
+from session.replay.headings import name_and_unit
 
 #: stands where a person puts the unit; nothing stands for registers
 UNIT = "UNIT"

@@ -8,13 +8,15 @@ from collections.abc import Iterator, Mapping
 from session.base.errors import FormatError
 from session.base.questions import Question, QuestionsError
 from session.base.units import COUNTS, STAMP_NS, Unit, known, parse_unit
-from session.log.clock import TOLD, find_clock, holds_intervals
-from session.log.columns import DELIMITERS, Column, from_columns, split
-from session.log.dialects import DIALECTS, Answers, Dialect, Layout, Triad, three
-from session.log.headings import name_and_unit, refuse_angles, spread, usual_columns
-from session.log.rows import FORMAT_WORD, MOST_SENSORS, Form, Rows, Wanted, Watch, place_of, refuse_kinds
-from session.log.standard import MOST_NAMES, OWN, parse_header, with_degrees
-from session.log.suggested import suggested
+from session.log.layout import Triad, three
+from session.log.one_sensor import MOST_SENSORS, Form
+from session.log.standard import MOST_NAMES, parse_header, with_degrees
+from session.replay.clock import TOLD, find_clock, holds_intervals
+from session.replay.columns import DELIMITERS, Column, from_columns, split
+from session.replay.dialects import DIALECTS, OTHER, OWN, Answers, Dialect, TableLayout
+from session.replay.headings import name_and_unit, refuse_angles, spread, usual_columns
+from session.replay.rows import FORMAT_WORD, Rows, Wanted, Watch, place_of, refuse_kinds
+from session.replay.suggested import suggested
 
 # From a file's first lines to a layout: which column is what, in which unit; or all that the file does not say.
 
@@ -23,8 +25,6 @@ HOW = "t_us=NAME,gx_dps=NAME,…,az_g=NAME"
 NUMBER = r"[-+]?(?:[0-9]++[.,]?[0-9]*+|[.,][0-9]++)(?:[eE][-+]?[0-9]++)?"
 #: stands where one of our own headers lacks the time
 NO_STAMPS = "t_us"
-#: what a table is called that no dialect knows
-OTHER = "other"
 NO_TIME = "when its samples were taken (it has no time stamps)"
 #: where a unit is from, as people are told
 BY_HEADER, DOCUMENTED = "header", "as that program documents"
@@ -32,7 +32,7 @@ BY_HEADER, DOCUMENTED = "header", "as that program documents"
 Match = tuple[tuple[int, int], int, str | None, Dialect | None, dict[str, Column], tuple[str, ...]]
 
 
-def recognise(lines: list[str], name: str, answers: Answers, picking: str | None = None, form: str = "") -> Layout:
+def recognise(lines: list[str], name: str, answers: Answers, picking: str | None = None, form: str = "") -> TableLayout:
     """The layout of a file that begins with these lines; picking: a column that tells several sensors apart; form: of lines that were
     made a table.
 
@@ -241,7 +241,7 @@ def _layout(
     lines: list[str],
     dialect: Dialect | None = None,
     picking: str | None = None,
-) -> Layout:
+) -> TableLayout:
     """columns: {t, gx, …, temp: column}; first: lines before the rows.  QuestionsError for the units that are not known."""
     columns = {
         key: (column, "", sign) if _is_no_register(word, column, delimiter, lines[first:]) else (column, word, sign)
@@ -292,7 +292,7 @@ def _layout(
     temp_unit = None if temp is None else _unit("temp", temp[1], "--columns temp_c=", name, questions)
     if questions:
         raise QuestionsError(name, called, questions)
-    return Layout(
+    return TableLayout(
         dialect=called,
         delimiter=delimiter,
         first=first,

@@ -16,7 +16,7 @@ import tinygc
 from session.base.errors import DataError, FormatError
 from session.base.questions import QuestionsError
 from session.base.units import TIME, G
-from session.log.forms import form_of
+from session.replay.forms import form_of
 from session.replay.importing import import_log, kind_named
 from session.replay.sources import Answers
 from tinygc import read_session

@@ -16,8 +16,8 @@ from typing import Protocol
 
 from session.base.errors import FormatError
 from session.base.units import parse_unit
-from session.log.clock import CLOCKS, UNITS
-from session.log.rows import SENSORS
+from session.log.one_sensor import SENSORS
+from session.replay.clock import CLOCKS, UNITS
 
 #: lines that are looked at, and the share of them that must be of a form
 LOOKED_AT, SHARE = 200, 0.5

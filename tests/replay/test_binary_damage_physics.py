@@ -16,10 +16,10 @@ from test_binary_logs_physics import ACCEL, ARRAYS, COUNT, COUNTS, FORMATS, GYRO
 
 from session.base.budget import GB, MB, budget
 from session.base.errors import FormatError
-from session.log.streams import Stream
 from session.replay.binary import betaflight
 from session.replay.binary.registry import reader_of
 from session.replay.sources import Sources
+from session.replay.streams import Stream
 
 #: writer, file in it, reader, the stream that is compared
 LOST_PLANE = {"blackbox": (written.write_blackbox, betaflight, "log1")}
@@ -267,7 +267,7 @@ BOMBS = {
 
 
 def _answers():
-    from session.log.dialects import Answers
+    from session.replay.dialects import Answers
 
     return Answers(odr_hz=100, gyro_fs_dps=500, accel_fs_g=4)
 

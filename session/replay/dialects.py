@@ -1,19 +1,18 @@
-"""Log dialects: the layout of a file, and the table of known logs.  A new dialect is one row."""
+"""Dialects of text logs: what a person may say of one, its layout, and the table of known logs.  A new dialect is one row."""
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
-import numpy as np
+from session.log.layout import Layout
 
-from session.base.units import NS_PER_S, Unit
-from session.log.registers import RegisterUnits
+# The options that state what a file does not, and the layout of a file.
 
-# A file's layout: which column is what, in which unit; and the options that state what the file does not.
-
+#: what this tool's own log is called, and a table that no dialect knows
+OWN, OTHER = "TinyGC", "other"
 #: the order of the axes as they are
 AXES = "x,y,z"
 
@@ -23,8 +22,8 @@ class Answers:
     """Options that state what a log does not: the sensor, units as words of ``units``, full scales, rate, columns, mounting.
 
     gyro_axes, accel_axes: the log's axes that become x, y, z, such as ``y,-x,z``.  rows, where, lines: the rows that are meant, as in
-    ``session.log.rows.Wanted``.  packed: the order of registers in a hexadecimal word (``session.log.forms``).  like: the dialect's name.
-    topic: of a binary log.  even: whether samples are counted along their stamps (``session.log.stamps.along_line``).
+    ``session.replay.rows.Wanted``.  packed: the order of registers in a hexadecimal word (``session.replay.forms``).  like: the dialect's
+    name.  topic: of a binary log.  even: whether samples are counted along their stamps (``session.log.stamps.along_line``).
     """
 
     odr_hz: float | None = None
@@ -47,55 +46,21 @@ class Answers:
 
 
 @dataclass(frozen=True)
-class Triad:
-    """columns of x, y, z by position, after signs and order of the axes; unit."""
+class TableLayout(Layout):
+    """Of any program's log.
 
-    columns: tuple[int, int, int]
-    signs: tuple[int, int, int]
-    unit: Unit
+    dialect's name; clock: the time is one of day; frame, as far as it is documented; finer: further terms of the time, as a second's
+    fraction beside whole seconds, each a column and its ns per unit; sources: where the unit of ``time``, ``gyro``, ``accel`` is from;
+    facts: what lines before the header say, as comments do; intervals: whether the time is that since the row before.
+    """
 
-
-def three(values: Iterable[int]) -> tuple[int, int, int]:
-    """One value each for x, y, z; ValueError for another number of them."""
-    x, y, z = values
-    return x, y, z
-
-
-@dataclass(frozen=True)
-class Layout:
-    """dialect's name; delimiter (None: white space); first: number of lines before the rows; time: column, or None where rows are only
-    counted; time_ns per unit of it; clock: it is a time of day; gyro, accel: what is there; temp: column; names of all columns;
-    frame, as far as it is documented; header_line as it stands in the file; standard: held to the letter of docs/formats.md, as a session's
-    logs are: commas, no quotes, whole numbers for registers and for stamps in ns or us, a counter only in us; finer: further terms of the
-    time, as a second's fraction beside whole seconds, each a column and its ns per unit; remark: what was chosen without being told;
-    sources: where the unit of ``time``, ``gyro``, ``accel`` is from; facts: what lines before the header say, as comments do; intervals:
-    whether the time is that since the row before."""
-
-    dialect: str
-    delimiter: str | None
-    first: int
-    time: int | None
-    time_ns: float
-    clock: bool
-    gyro: Triad | None
-    accel: Triad | None
-    temp: int | None
-    temp_unit: Unit | None
-    names: tuple[str, ...]
+    dialect: str = OTHER
+    clock: bool = False
     frame: str = ""
-    header_line: str = ""
-    standard: bool = False
     finer: tuple[tuple[int, int], ...] = ()
-    remark: str = ""
     sources: Mapping[str, str] = field(default_factory=dict)
     facts: Mapping[str, str] = field(default_factory=dict)
     intervals: bool = False
-
-    @property
-    def numbers(self) -> tuple[int, ...]:
-        """Columns of numbers, apart from the time: each once, the gyroscope's first."""
-        triads = (triad.columns for triad in (self.gyro, self.accel) if triad is not None)
-        return tuple(dict.fromkeys(column for columns in triads for column in columns)) + (() if self.temp is None else (self.temp,))
 
     @property
     def used(self) -> tuple[int, ...]:
@@ -103,55 +68,15 @@ class Layout:
         stamps = (() if self.time is None else (self.time,)) + tuple(column for column, _ in self.finer)
         return (*stamps, *self.numbers)
 
-    @property
-    def kinds(self) -> list[tuple[str, tuple[int, ...], Unit]]:
-        """Each quantity that is there: ``gyro``, ``accel`` or ``temp``, its columns, its unit."""
-        triads = (("gyro", self.gyro), ("accel", self.accel))
-        found: list[tuple[str, tuple[int, ...], Unit]] = [(kind, triad.columns, triad.unit) for kind, triad in triads if triad is not None]
-        return found + ([] if self.temp is None or self.temp_unit is None else [("temp", (self.temp,), self.temp_unit)])
+    def is_whole(self, column: int) -> bool:
+        """Whether a column may hold nothing but whole numbers: programs write registers and stamps as they like."""
+        return False
 
-    def only(self, kind: str) -> Layout:
+    def only(self, kind: str) -> TableLayout:
         """Of one quantity alone."""
         gyro, accel = (triad if kind == name else None for name, triad in (("gyro", self.gyro), ("accel", self.accel)))
         temp, unit = (self.temp, self.temp_unit) if kind == "temp" else (None, None)
         return replace(self, gyro=gyro, accel=accel, temp=temp, temp_unit=unit)
-
-    @property
-    def time_column(self) -> int:
-        """``time`` of a log that has stamps."""
-        assert self.time is not None  # the log has stamps
-        return self.time
-
-    def is_register(self, column: int) -> bool:
-        """Whether a column holds a sensor's registers."""
-        return any(column in columns and unit.si is None for _, columns, unit in self.kinds)
-
-    def is_whole(self, column: int) -> bool:
-        """Whether a column may hold nothing but whole numbers."""
-        return self.standard and (self.time_ns < NS_PER_S if column == self.time else self.is_register(column))
-
-    def name(self, column: int) -> str:
-        """A column's name, as a complaint says it."""
-        return self.names[column] if column < len(self.names) else f"column {column + 1}"
-
-    def gyro_si(self, units: RegisterUnits) -> float:
-        """rad/s per written unit; units: of registers.  FormatError where it holds registers whose meaning is not known."""
-        assert self.gyro is not None  # the caller has checked that it is there
-        if self.gyro.unit.si is not None:
-            return self.gyro.unit.si
-        return units.gyro_rps
-
-    def accel_si(self, units: RegisterUnits) -> float:
-        """m/s^2 per written unit; FormatError as for the gyroscope."""
-        assert self.accel is not None
-        if self.accel.unit.si is not None:
-            return self.accel.unit.si
-        return units.accel_mps2
-
-    def temperature_c(self, values: np.ndarray, units: RegisterUnits) -> np.ndarray | None:
-        """degC (N,) of temperatures as written; None of registers whose meaning is not known."""
-        assert self.temp_unit is not None
-        return units.temperature_c(values) if self.temp_unit.si is None else values * self.temp_unit.si
 
 
 # What lines before a header say, in the words of comments: units, full scales.

@@ -10,9 +10,10 @@ import re
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 from session.base.errors import FormatError
+from session.log import one_sensor
+from session.log.one_sensor import LEAST_ROWS, Form, bare
 
 #: a row's first cell where it is a word
 WORD = re.compile(r'\s*+"?([A-Za-z$][\w.$-]*+)"?\s*(?:[,;\t]|\s)')
@@ -20,42 +21,8 @@ WORD = re.compile(r'\s*+"?([A-Za-z$][\w.$-]*+)"?\s*(?:[,;\t]|\s)')
 FORMAT_WORD, FORMAT_KIND, FORMAT_NAMES = "FMT", 3, 5
 #: other rows of such a log that no sensor made, and words that begin what a sensor made
 PARAMETER_WORD, SENSOR_WORDS = "PARM", ("IMU", "RAW", "GYR")
-#: names of columns that say which sensor a row is of, without what is no letter
-SENSORS = (
-    "i",
-    "inst",
-    "instance",
-    "imu",
-    "imuid",
-    "imuno",
-    "sensor",
-    "sensorid",
-    "sensorno",
-    "device",
-    "deviceid",
-    "dev",
-    "unit",
-    "id",
-    "node",
-    "addr",
-    "address",
-    "chip",
-    "board",
-    "bus",
-    "side",
-    "source",
-    "mac",
-    "macaddress",
-    "name",
-    "devicename",
-    "sensorname",
-    "serial",
-    "serialno",
-)
-#: more are no sensors of one log: the column counts something
-MOST_SENSORS = 16
-#: rows that are looked through for another kind, and the share of them that is no accident
-LEAST_ROWS, SHARE = 8, 0.1
+#: the share of a log's first rows that is no accident
+SHARE = 0.1
 #: of a log: beyond any
 MOST_LINES = 10**12
 #: a comma at the end of some rows makes one column more
@@ -98,19 +65,6 @@ class Wanted:
         return sum(word_of(line) == self.word for line in lines)
 
 
-@dataclass(frozen=True)
-class Form:
-    """A log's columns: the file's name, delimiter (None: white space), names, columns that are read, the header's line; standard: the log
-    of a session folder, whose session.toml says which rows are wanted."""
-
-    file: str
-    delimiter: str | None
-    names: tuple[str, ...]
-    read: Collection[int]
-    header_line: str = ""
-    standard: bool = False
-
-
 def span_of(lines: str | None) -> tuple[int, int]:
     """The first line and the last, from 1, of ``FIRST-LAST``; all where None.  FormatError where it is no such span."""
     first, dash, last = (lines if lines is not None else "-").partition("-")
@@ -126,7 +80,7 @@ EMPTY_CELLS = ("", "nan", "null", "none", "na", "n/a", "-")
 
 def _holds(cells: Sequence[str], columns: Collection[int]) -> bool:
     """Whether a row has a reading in any of the columns, or lacks the columns: then it is torn, which its reader says."""
-    return any(column >= len(cells) or _bare(cells[column]).lower() not in EMPTY_CELLS for column in columns)
+    return any(column >= len(cells) or bare(cells[column]).lower() not in EMPTY_CELLS for column in columns)
 
 
 def sparse(lines: Sequence[str], form: Form, kinds: Mapping[str, Collection[int]]) -> tuple[str, ...]:
@@ -168,93 +122,30 @@ class Rows:
         cells = line.split(self._delimiter)
         if wanted.rows is not None and wanted.word is None and _width(cells) != int(wanted.rows):
             return False
-        return wanted.where is None or (self._column < len(cells) and _same(_bare(cells[self._column]), self._value))
+        return wanted.where is None or (self._column < len(cells) and _same(bare(cells[self._column]), self._value))
 
 
-class Watch:
-    """Refuses rows of several kinds or sensors, by a log's first rows and then piece by piece."""
+class Watch(one_sensor.Watch):
+    """Refuses rows of several kinds as well."""
 
     def __init__(self, lines: list[str], form: Form):
         """lines: the first rows that are wanted.  Raises FormatError, which says which rows there are and how to pick one kind."""
-        self._form = form
-        rows = self._rows(lines)
+        rows = form.rows(lines)
         refuse_kinds(rows, form)
         cells = [row.split(form.delimiter) for row in rows]
         widths = Counter(map(_width, cells))
         often = [width for width, count in widths.most_common() if count >= max(2, SHARE * len(cells)) and width > max(form.read)]
         if len(cells) >= LEAST_ROWS and len(often) > 1 and abs(often[0] - often[1]) >= WIDER:
-            raise FormatError(
-                f"{form.file}: rows of {often[0]} and rows of {often[1]} columns, so of several kinds; "
-                + _give(f"rows {often[0]}", form.standard)
-            )
+            several = f"rows of {often[0]} and rows of {often[1]} columns, so of several kinds"
+            raise FormatError(f"{form.file}: {several}; give --rows {often[0]}")
         self._begin_with_words = bool(rows) and all(word_of(row) is not None for row in rows)
-        self._sensors: dict[int, str] = {}
-        for column, called in enumerate(form.names):
-            if column in form.read or re.sub(r"[^a-z]", "", called.lower()) not in SENSORS:
-                continue
-            values = list(dict.fromkeys(_bare(row[column]) for row in cells if column < len(row)))
-            if len(values) <= min(MOST_SENSORS, len(rows) // 2):
-                self._refuse_sensors(column, values)
-                self._sensors |= {column: values[0]} if values else {}
+        super().__init__(lines, form)
 
     def __call__(self, lines: list[str]) -> None:
         """Raises FormatError for rows of another kind or sensor than the first."""
         if self._begin_with_words:
-            refuse_kinds(self._rows(lines), self._form)
-        for column, first in self._sensors.items():
-            rows = (line.split(self._form.delimiter) for line in self._rows(lines))
-            self._refuse_sensors(column, list(dict.fromkeys([first, *(_bare(row[column]) for row in rows if column < len(row))])))
-
-    def _rows(self, lines: list[str]) -> list[str]:
-        return [line for line in lines if line.split("#")[0].strip() and line.strip() != self._form.header_line]
-
-    def _refuse_sensors(self, column: int, values: Sequence[str]) -> None:
-        if len(values) > 1:
-            called, listed = self._form.names[column], ", ".join(values[:4]) + (", …" if len(values) > 4 else "")
-            raise FormatError(
-                f"{self._form.file}: the column {called!r} holds {listed}: rows of several sensors; "
-                + _give(f"where {called}={values[0]}", self._form.standard)
-            )
-
-
-#: of the mean step between rows: rows of one moment are closer, and rows of the next one further apart
-CLOSE = 0.3
-
-
-def refuse_turns(rows: Sequence[str], time: int, form: Form) -> None:
-    """FormatError where rows of one moment come from several sensors in turn, told apart by a column of any name.
-
-    rows: a log's first; time: the column of the stamps.  The column's values come round in each group of rows that share a stamp, or
-    nearly.
-    """
-    cells = [row.split(form.delimiter) for row in rows if row.split("#")[0].strip()]
-    stamps = [_number(row[time]) if time < len(row) else None for row in cells]
-    known = [stamp for stamp in stamps if stamp is not None]
-    if len(known) < 2 * LEAST_ROWS or len(known) < len(cells):
-        return
-    steps = [b - a for a, b in pairwise(known)]
-    mean = sum(steps) / len(steps)
-    for column, called in enumerate(form.names):
-        if column in form.read or column == time:
-            continue
-        values = [_bare(row[column]) if column < len(row) else "" for row in cells]
-        count = len(set(values))
-        if not 2 <= count <= MOST_SENSORS or any(a != b for a, b in zip(values, values[count:], strict=False)):
-            continue
-        within = [step for i, step in enumerate(steps) if (i + 1) % count]
-        if mean > 0 and all(step < CLOSE * mean for step in within):
-            listed = ", ".join(list(dict.fromkeys(values))[:4])
-            raise FormatError(
-                f"{form.file}: the column {called!r} holds {listed} in turn, at one time each: rows of several sensors; "
-                + _give(f"where {called}={values[0]}", form.standard)
-            )
-
-
-def _number(cell: str) -> float | None:
-    try:
-        return float(_bare(cell).replace(",", "."))
-    except ValueError:
-        return None
+            refuse_kinds(self.form.rows(lines), self.form)
+        super().__call__(lines)
 
 
 def sensor_kinds(lines: Sequence[str]) -> list[str]:
@@ -290,15 +181,7 @@ def refuse_kinds(rows: Sequence[str], form: Form) -> None:
         named = [word for word, _ in kinds.most_common() if word not in (FORMAT_WORD, PARAMETER_WORD)]
         meant = next((word for word in named if word.lstrip("$").upper().startswith(SENSOR_WORDS)), named[0])
         listed = ", ".join(named[:6]) + (", …" if len(named) > 6 else "")
-        raise FormatError(
-            f"{form.file}: rows of several kinds ({listed}), by the words that they begin with; " + _give(f"rows {meant}", form.standard)
-        )
-
-
-def _give(option: str, standard: bool) -> str:
-    """How to pick the rows: an option of what reads foreign logs, and a key of session.toml."""
-    key, _, value = option.partition(" ")
-    return f"give {f'sensor.{key}' if standard else f'--{key}'} {f'= {chr(34)}{value}{chr(34)} in session.toml' if standard else value}"
+        raise FormatError(f"{form.file}: rows of several kinds ({listed}), by the words that they begin with; give --rows {meant}")
 
 
 def _described_kind(line: str) -> str | None:
@@ -322,10 +205,6 @@ def place_of(called: str, form: Form) -> int:
     if called.isdigit() and 1 <= int(called) <= len(names):
         return int(called) - 1
     raise FormatError(f"{form.file}: no column {called!r} (where {called}=…) among {', '.join(form.names)[:80]}")
-
-
-def _bare(cell: str) -> str:
-    return cell.split("#")[0].strip().strip('"').strip()
 
 
 def _same(cell: str, value: str) -> bool:

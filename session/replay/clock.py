@@ -11,7 +11,6 @@ import re
 from collections.abc import Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from decimal import Decimal
 from itertools import accumulate, pairwise
 
 import numpy as np
@@ -19,12 +18,10 @@ import numpy as np
 from session.base.errors import FormatError
 from session.base.questions import Question, QuestionsError
 from session.base.units import NS, NS_PER_S, TIME, parse_unit
-from session.log.stamps import COUNTER, DAY_NS, ERA_NS, Unroll, bad_stamps
+from session.log.stamps import COUNTER, DAY_NS, ERA_NS, Unroll, bad_stamps, decimal_ns
 
 #: a time of day, behind a date or not, and its zone: Z, UTC, +01:00
 CLOCK = re.compile(r"(?:.*[ T])?(\d+):(\d+):([\d.]+) ?(?:Z|UTC|GMT|([+-])(\d\d):?(\d\d))?")
-#: no time, whatever its unit
-BEYOND = Decimal(10) ** 40
 #: minutes
 DAY_MIN = 1440
 
@@ -42,16 +39,7 @@ def exact_ns(text: str, unit_ns: float) -> int:
         east_min = 0 if sign is None else (int(zone_hours) * 60 + int(zone_minutes)) * (-1 if sign == "-" else 1)
         minutes_utc = int(hours) * 60 + int(minutes) - east_min
         return (minutes_utc if sign is None else minutes_utc % DAY_MIN) * 60 * NS_PER_S + exact_ns(seconds, NS_PER_S)
-    if isinstance(unit_ns, int):
-        with suppress(ValueError):
-            return int(text) * unit_ns
-    try:
-        scaled = Decimal(text) * Decimal(unit_ns)
-        if not abs(scaled) < BEYOND:  # also of "nan", and before an exponent of six digits is written out
-            raise ValueError
-        return int(scaled.to_integral_value())
-    except (ArithmeticError, ValueError):
-        raise ValueError(f"{text[:20]!r} is no time") from None
+    return decimal_ns(text, unit_ns)
 
 
 # Which column is the clock.

@@ -13,7 +13,7 @@ from itertools import product
 
 from session.base.errors import FormatError
 from session.base.units import COUNTS, parse_unit
-from session.log.columns import Column
+from session.replay.columns import Column
 
 #: what stands before or behind an axis, of a name in small letters without accents and without what is no letter
 USUAL = {

@@ -1,0 +1,180 @@
+"""The reader of text logs of any program: the standard log's, of rows that are found in other text first."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from session.base.errors import FormatError
+from session.base.files import MB
+from session.log.lines import PIECE_BYTES, Lines
+from session.log.one_sensor import MOST_SENSORS, Form, refuse_turns
+from session.log.reader import HEAD_LINES, Piece, Reader, first_of_content
+from session.log.stamps import COUNTER, DAY_NS, ERA_NS, Unroll
+from session.replay.dialects import Answers, TableLayout
+from session.replay.forms import TORN, form_of
+from session.replay.numbers import fault, parse
+from session.replay.recognise import recognise
+from session.replay.rows import Rows, Wanted, Watch, place_of, sensor_kinds, span_of, sparse
+
+#: characters that are looked through for the first rows of one kind: a flight controller writes its formats and parameters first
+MOST_HEAD = 16 * MB
+
+
+class TableReader(Reader):
+    """One text log of any program."""
+
+    layout: TableLayout
+    else_do = "or count samples: --time-unit none --odr HZ"
+
+    def __init__(self, path: Path, answers: Answers, picking: str | None = None, only: str | None = None):
+        """answers: what the log does not say.  picking: a column whose values tell several sensors apart, of which ``values_of`` gives
+        them.  only: the quantity that is read, one of ``parts``: those of a table that has no reading of a slower sensor in many of its
+        rows.
+
+        Raises FormatError for what cannot be read or recognised, and for rows of several sensors of which none are picked.
+        """
+        self._begin(path)
+        self._first_line, self._last_line = span_of(answers.lines)
+        wanted = Wanted(answers.rows, answers.where)
+        head = self._head_of(wanted)
+        if not wanted.rows and len(kinds := sensor_kinds(head)) == 1:
+            wanted, answers = Wanted(kinds[0], wanted.where), replace(answers, rows=kinds[0])
+            head = self._head_of(wanted)
+            self.notes.append(f"rows {kinds[0]} are taken: those that hold a gyroscope")
+        if not any(line.strip() for line in head):
+            raise self._empty()
+        self._text_form = None if wanted.rows else form_of(head, answers.packed, path.name)
+        if self._text_form is None:
+            layout = recognise(head, path.name, answers, picking)
+        else:
+            form, begins = self._text_form, head
+            head = [form.header] * bool(form.header) + form(begins)
+            layout = recognise(head, path.name, answers, picking, form.name)
+            head = head[bool(form.header) :]
+            layout = replace(layout, first=layout.first - bool(form.header))
+            self.notes.append(f"{form.name}: read as a table")
+            self._text_form = form_of(begins, answers.packed, path.name)  # one that remembers nothing of these lines
+        self.comments |= layout.facts
+        columns = Form(path.name, layout.delimiter, layout.names, layout.used, layout.header_line)
+        if picking is not None:
+            columns = replace(columns, read=(*layout.used, place_of(picking, columns)))
+        places, rows = {kind: own for kind, own, _ in layout.kinds}, Rows(wanted, columns)(head[layout.first :])
+        self.parts = () if only or layout.time is None or self._stream else sparse(rows, columns, places)
+        lacks = ""
+        if only is not None:
+            lack = sum(map(bool, rows)) - sum(map(bool, Rows(wanted, columns, places[only])(rows)))
+            cells = f"the cells of {', '.join(map(layout.name, places[only]))}"
+            lacks = f"{cells} are empty in {lack} of the first {sum(map(bool, rows))} rows: read as a log of its own" if lack else ""
+        self._wanted = Rows(wanted, columns, places[only] if only else ())
+        self._go_by(layout if only is None else layout.only(only), Watch(rows, columns))
+        self.notes += [lacks] if lacks else []
+        if picking is None and wanted.where is None and layout.time is not None:
+            refuse_turns(head[layout.first :], layout.time, columns)
+        self.picks_rows = bool(wanted) or answers.lines is not None
+        self.is_clock = layout.clock
+        self._added = 0  # ns, of intervals so far
+        self._commas = False  # in the place of decimal points; whole numbers at the beginning do not show it
+
+    def pieces(self, size: int = PIECE_BYTES, *, as_written: bool = False) -> Iterator[Piece]:
+        """All rows, a few ten thousand at a time.  Raises FormatError with the line that is at fault."""
+        yield from super().pieces(size, as_written=as_written)
+        if self._text_form is not None and self._text_form.left_out:
+            self._note(f"{self._text_form.left_out} lines hold no reading: left out")
+        if self._wanted.left_out:
+            self._note(f"{self._wanted.left_out} rows of other kinds or sensors: left out")
+
+    def values_of(self, name: str) -> list[str]:
+        """The values of a column in the rows that are wanted, in their order.  FormatError where they are too many for sensors."""
+        columns = Form(self.path.name, self.layout.delimiter, self.layout.names, ())
+        place, found = place_of(name, columns), dict[str, None]()
+        with Lines(self.path) as file:
+            number, lines = 1, file.take()
+            while lines:
+                skip = max(self.layout.first - number + 1, 0)
+                for line in self._rows(lines, number, skip):
+                    cells = line.split("#")[0].split(self.layout.delimiter)
+                    if place < len(cells) and (cell := cells[place].strip().strip('"').strip()) and line.strip() != self.layout.header_line:
+                        found[cell] = None
+                if len(found) > MOST_SENSORS:
+                    raise FormatError(
+                        f"{self.path.name}: the column {name!r} holds more than {MOST_SENSORS} values; it tells no sensors apart"
+                    )
+                number, lines = number + len(lines), file.take()
+        return list(found)
+
+    def _head_of(self, wanted: Wanted) -> list[str]:
+        """The first lines, or, where rows are told by a word, those among which enough of them stand."""
+        begun, found, characters = False, 0 if wanted.word else HEAD_LINES, 0
+
+        def is_enough(lines: list[str]) -> bool:
+            nonlocal begun, found, characters
+            begun |= first_of_content(lines) is not None
+            found, characters = found + wanted.count(lines), characters + sum(map(len, lines))
+            return begun and (found >= HEAD_LINES or characters >= MOST_HEAD)
+
+        lines = self._head(is_enough, None if wanted.word else HEAD_LINES)
+        if wanted.word and not found:
+            raise FormatError(
+                f"{self.path.name}: no row begins with {wanted.word!r} (rows); give the word that the sensor's rows begin with"
+            )
+        return wanted.in_head(lines)
+
+    def _unroll_of(self) -> Unroll:
+        layout = self.layout
+        if layout.clock or layout.finer:
+            return Unroll(DAY_NS if layout.clock else None, None)
+        return Unroll(None if COUNTER * layout.time_ns > ERA_NS else round(COUNTER * layout.time_ns), layout.time_ns)
+
+    def _as_table(self, lines: list[str], number: int) -> list[str]:
+        """The lines from ``number`` on as a table's, with blanks in the place of those that are not meant."""
+        first, last = self._first_line - number, self._last_line - number
+        if first > 0 or last < len(lines) - 1:
+            lines = [line if i < self.layout.first or first <= i <= last else "" for i, line in enumerate(lines)]
+        return lines if self._text_form is None else self._text_form(lines)
+
+    def _rows(self, lines: list[str], number: int, skip: int = 0) -> list[str]:
+        return self._wanted(self._as_table(lines, number)[skip:])
+
+    def _wrong_row(self, line: str) -> str:
+        return self._text_form.torn if self._text_form is not None and line == TORN else ""
+
+    def _parse(self, lines: list[str], unsigned: set[str] | None = None) -> tuple[np.ndarray, np.ndarray | None]:
+        lines = self._with_points(lines)
+        try:
+            table, stamps = parse(lines, self.layout, unsigned)
+        except ValueError:
+            if unsigned is None or self._commas or not self._has_decimal_commas(lines):
+                raise
+            self._commas = True
+            return self._parse(lines, unsigned)
+        if unsigned is not None and stamps is not None and len(stamps) and self.layout.intervals:
+            stamps = self._added + np.cumsum(stamps)
+            self._added = int(stamps[-1])
+        return table, stamps
+
+    def _with_points(self, lines: list[str]) -> list[str]:
+        return [line.replace(",", ".") for line in lines] if self._commas else lines
+
+    def _fault(self, line: str) -> str | None:
+        return fault(line, self.layout)
+
+    def _repaired(self, lines: list[str], number: int, last: bool) -> list[str]:
+        """Without a header that comes again, as well."""
+        header = self.layout.header_line
+        kept = ["" if line.strip() == header else line for line in lines]
+        if header and kept != lines:
+            self._note("the header comes again (the logger was restarted?): left out")
+        return super()._repaired(self._with_points(kept), number, last)
+
+    def _has_decimal_commas(self, lines: list[str]) -> bool:
+        """Whether numbers of these rows have commas in them, and none has a point: 1,234 next to 0.5 may be a thousand."""
+        if self.layout.delimiter not in (";", "\t"):
+            return False
+        rows = (line.split("#")[0].split(self.layout.delimiter) for line in lines if line.strip() != self.layout.header_line)
+        # Of a date, the time.
+        cells = [row[column].strip().split(" ")[-1] for row in rows for column in self.layout.used if column < len(row)]
+        return any("," in cell for cell in cells) and not any("." in cell for cell in cells)

@@ -20,8 +20,7 @@ except ImportError as error:
 
 from session.base.errors import CalibrationError
 from session.base.texts import printable
-from tinygc.cli.arguments import parser, refuse_overwriting
-from tinygc.cli.defaults import take_defaults
+from tinygc.cli.arguments import options_of, parser
 from tinygc.cli.results import ended_by_signals, silence, standard_output
 
 
@@ -58,14 +57,13 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _run(args: argparse.Namespace) -> int:
     """With the effects of the folders that were named, and no others, in the catalogue."""
-    take_defaults(args)
-    refuse_overwriting(args)
-    if not getattr(args, "effects", None):
-        return args.run(args)
+    options = options_of(args)
+    if not getattr(options, "effects", None):
+        return args.run(options)
     from tinygc.effects import using
 
-    with using(args.effects):
-        return args.run(args)
+    with using(options.effects):
+        return args.run(options)
 
 
 def _make_streams_safe() -> None:

@@ -170,7 +170,7 @@ READERS = {
     ],
     "model": [
         "apply {B} {L} -o {O}", "fit {S} --model {B} --bias start --out {O}", "noise --curve {B}",
-        "fit {S} --methods least_squares --requirements {B}", "report {S} --methods least_squares --certificate {O} --as-found {B}",
+        "report {S} --methods least_squares --certificate {O} --as-found {B}",
         "watch {B} {L}", "verify {B} {L}",
     ],
     "raw": ["import {B} --out {O} --gyro-fs 500 --accel-fs 4 --odr 208"],

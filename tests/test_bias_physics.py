@@ -137,8 +137,8 @@ def test_ends_and_stills_are_alike_within_a_percent(stills, why):
     ("more", "truths", "why"),
     [
         ({}, True, "do not lie between stills"),
-        ({"still_rates": True}, False, "--still-rates"),
-        ({"bias_per_log": True}, False, "--bias-per-log"),
+        ({"still_rates": True}, False, "still_rates"),
+        ({"bias_per_log": True}, False, "bias_per_log"),
     ],
 )
 def test_stills_that_cannot_be_used_are_refused_or_passed_over(monkeypatch, more, truths, why):

@@ -191,7 +191,7 @@ def test_list_says_what_lies_there(run, four, tmp_path):
     ("words", "says"),
     [
         ("fly", "; see --help"),
-        ("fit x --folds 1", "; see --help"),
+        ("budget x --seconds 0", "; see --help"),
         ("fit x --limit 0", "; see --help"),
         ("board --rate nan", "; see --help"),
         ("chek x", "'chek' is no command; is 'check' meant?"),
@@ -225,9 +225,9 @@ TYPED = [
     ("calibrate ", set(commands()) | {"--version"}, {"--json"}),
     ("calibrate re", {"record", "report"}, {"fit"}),
     ("calibrate fit --acc", {"--accelerometer"}, {"--json"}),
-    ("calibrate fit --quiet --bi", {"--bias", "--bias-dps", "--bias-per-log"}, {"--bi"}),
+    ("calibrate fit --quiet --bi", {"--bias", "--bias-dps"}, {"--bi"}),
     ("calibrate fit --bias ", {"auto", "ends", "stills", "gravity"}, {"--json"}),
-    ("calibrate fit --folds ", set(), {"log"}),
+    ("calibrate fit --limit ", set(), {"log"}),
     ("calibrate completion ", {"bash", "zsh", "fish"}, {"fit"}),
     ("calibrate --q", set(), {"--quiet"}),
 ]

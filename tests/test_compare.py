@@ -30,7 +30,7 @@ def monday(tmp_path_factory):
     folder = tmp_path_factory.mktemp("days") / "monday"
     for words in (
         ["simulate", "--out", str(folder), "--seed", "1", "--segments", "9", "--closure", "0", "--odr-hz", "62.5"],
-        ["fit", str(folder), "--methods", "least_squares", "--folds", "2"],
+        ["fit", str(folder), "--methods", "least_squares"],
     ):
         assert calibrate.main([*words, "--quiet"]) == 0
     return folder

@@ -9,9 +9,10 @@ from conftest import SESSION_TOML
 from formats_page import CODE, rows
 from processes import refused
 
+from session.base.options import declared
 from session.log.config import Site
 from tinygc.cli import defaults, recording
-from tinygc.cli.arguments import parser
+from tinygc.cli.arguments import options_of, parser
 from tinygc.cli.commands import COMMANDS
 
 WHOLE = """schema = "tinygc-defaults/1"
@@ -39,9 +40,7 @@ def own(tmp_path, monkeypatch):
 
 
 def asked(*words):
-    args = parser().parse_args([str(word) for word in words])
-    defaults.take_defaults(args)
-    return args
+    return options_of(parser().parse_args([str(word) for word in words]))
 
 
 def test_a_limit_is_taken_said_and_beaten_by_the_command_line(own, capsys):
@@ -49,10 +48,9 @@ def test_a_limit_is_taken_said_and_beaten_by_the_command_line(own, capsys):
     path = own()
     args = asked("fit", "x")
     assert (args.limit, args.defaults.to_json()) == (1e-5, {"file": str(path), "limits": {"closure_deg": 1e-5}})
-    assert f"of {path}: limits.closure_deg = 1e-05 (--no-defaults leaves it out)" in capsys.readouterr().err
-    for more, limit in ((("--limit", "45"), 45.0), (("--no-defaults",), None)):
-        args = asked("fit", "x", *more)
-        assert (args.defaults, args.limit) == (None, limit)
+    assert f"of {path}: limits.closure_deg = 1e-05 (TINYGC_DEFAULTS= leaves it out)" in capsys.readouterr().err
+    args = asked("fit", "x", "--limit", "45")
+    assert (args.defaults, args.limit) == (None, 45.0)
 
 
 def test_a_recording_takes_port_and_site_unless_something_nearer_says_them(own, tmp_path):
@@ -81,7 +79,6 @@ def test_a_recording_takes_port_and_site_unless_something_nearer_says_them(own, 
 def test_what_is_not_sound_is_one_line_with_file_and_key(run, own, tmp_path, text, said):
     path = own(text)
     refused(run("fit", tmp_path), str(path), said)
-    assert "session.toml" in run("fit", tmp_path, "--no-defaults")[2]  # that far it then comes
     path.unlink()
     refused(run("fit", tmp_path), "tinygc.toml: not found", "TINYGC_DEFAULTS")
 
@@ -109,5 +106,7 @@ def test_where_it_is_looked_for(monkeypatch, tmp_path, system, variable, value, 
 
 def test_the_page_has_the_keys_and_no_others():
     page = [CODE.findall(row[0])[0] for row in rows("Defaults")]
-    assert set(page) == {key for command in ("record", "fit", "report") for key in import_module(COMMANDS[command]).DEFAULTS.values()}
+    kinds = [import_module(COMMANDS[command]).Options for command in ("fit", "report")]
+    keys = {rule.default_key for kind in kinds for _, rule in declared(kind)} - {""}
+    assert set(page) == keys | set(recording.DEFAULTS.values())
     assert len(page) == len(set(page))

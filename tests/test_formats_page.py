@@ -32,7 +32,7 @@ def folder(tmp_path_factory, simulated):
     """A session with a closure run, fitted; what fit said is beside it."""
     folder = tmp_path_factory.mktemp("formats") / "session"
     shutil.copytree(simulated(), folder)
-    words = ("--methods", "least_squares,tinygc,tinygc_denoised", "--folds", 2)
+    words = ("--methods", "least_squares,tinygc,tinygc_denoised")
     told(folder.parent / "fit.json", "fit", folder, *words, "--physics", "gyro.thermal_bias")
     return folder
 

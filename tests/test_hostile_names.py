@@ -10,14 +10,15 @@ import tomllib
 import pytest
 from processes import refused
 
+from session.base.options import file_written, folder_written, log_written, path_read
 from session.log.config import read_config
 from session.log.logfile import read_log
-from tinygc.cli.arguments import file_written, folder_written, log_written, parser, path_read
+from tinygc.cli.arguments import parser
 
 #: bytes that are no UTF-8, line ends, a title for the terminal, rich's markup, HTML, a formula
 EVIL = os.fsdecode(b"caf\xe9\nINJECTED\x1b]0;t\x07[red]<b>$\\frac$ \xe2\x80\xa8x")
 SHOWN = r"caf\xe9\nINJECTED\x1b]0;t\x07[red]<b>$\frac$ \u2028x"
-FIT = ("--methods", "least_squares", "--folds", "2")
+FIT = ("--methods", "least_squares")
 
 
 @pytest.fixture

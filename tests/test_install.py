@@ -9,13 +9,15 @@ import pytest
 from conftest import ROOT
 from processes import CompletedProcess, WithoutTorch, environment, run
 
+import tinygc
 
-def test_a_net_that_needs_torch_says_so_in_one_line(simulated, tmp_path, run, monkeypatch):
+
+def test_a_net_that_needs_torch_says_so_in_one_line(simulated, monkeypatch):
     monkeypatch.delitem(sys.modules, "torch", raising=False)
     monkeypatch.setattr(sys, "meta_path", [WithoutTorch(), *sys.meta_path])
-    code, _, err = run("fit", simulated(), "--as-in-paper", "--folds", 2, "--out", tmp_path, "--quiet")
-    needs = "training as in the paper needs PyTorch: python -m pip install 'tinygc[torch]', or leave out --as-in-paper"
-    assert (code, err) == (2, f"calibrate: {needs}\n")
+    with pytest.raises(tinygc.CalibrationError) as said:
+        tinygc.fit(simulated(), as_in_paper=True, folds=2)
+    assert str(said.value) == "training as in the paper needs PyTorch: python -m pip install 'tinygc[torch]', or leave out as_in_paper"
 
 
 # Foreign modules of our names

@@ -11,6 +11,7 @@ import pytest
 from processes import refused
 
 from session.base.errors import StorageError
+from session.base.options import file_written, folder_written, log_written, path_read
 from session.base.results import write_text_whole
 from tinygc.cli import arguments
 from tinygc.cli.commands import command_module, commands
@@ -33,8 +34,8 @@ RECORDED = (
     "log0001.csv.changed1",
 )
 FILES, KINDS = (
-    (arguments.file_written, arguments.log_written),
-    (arguments.path_read, arguments.file_written, arguments.log_written, arguments.folder_written),
+    (file_written, log_written),
+    (path_read, file_written, log_written, folder_written),
 )
 #: what a help page calls a path
 METAVARS = {"FILE", "DIR", "PATH", "TOML", "CSV", "FOLDER"}
@@ -68,9 +69,7 @@ def least(name: str, folder: Path, option: str, path: Path) -> list[str]:
         words_alone = action.nargs == "*" and action.type not in KINDS
         if not needed or option in action.option_strings or action.nargs in ("?", 0) or words_alone:
             continue
-        value = (
-            folder if action.type is arguments.path_read else folder.parent / "new" if action.type in KINDS else next(iter(action.choices))
-        )
+        value = folder if action.type is path_read else folder.parent / "new" if action.type in KINDS else next(iter(action.choices))
         words += [*action.option_strings[-1:], str(value)]
     return [*words, option, str(path)]
 
@@ -101,10 +100,10 @@ def test_every_path_of_every_command_says_whether_it_is_read_or_written():
         if not isinstance(action, argparse._SubParsersAction)
     ]
     assert silent == [], "give it type=path_read, file_written or folder_written (tinygc/cli/arguments.py)"
-    assert {name for name, option in outputs(arguments.file_written) if option == "--json"} == set(commands())
+    assert {name for name, option in outputs(file_written) if option == "--json"} == set(commands())
     assert {*EACH_KIND, ("board", "--config"), ("board", "--link")} < set(outputs(*FILES))
-    names = "check record import accelerometer noise rates history budget fit explain export simulate fleet demo"
-    assert {name for name, _ in outputs(arguments.folder_written)} == set(names.split()) & set(commands())
+    names = "temperature check record import accelerometer noise rates history budget fit explain export simulate fleet demo"
+    assert {name for name, _ in outputs(folder_written)} == set(names.split()) & set(commands())
 
 
 @pytest.mark.parametrize(("command", "option"), outputs(*FILES))

@@ -70,7 +70,7 @@ folder = {str(tmp_path / "s")!r}
 log, model = folder + "/log0001.csv.gz", folder + "/fit/model_least_squares.json"
 for words in (
     ["simulate", "--out", folder, "--segments", "10", "--closure", "0", "--odr-hz", "104", "--quiet"],
-    ["fit", folder, "--methods", "raw,least_squares", "--folds", "2", "--quiet"],
+    ["fit", folder, "--methods", "raw,least_squares", "--quiet"],
     ["apply", model, log, "-o", folder + "/out.csv"],
     ["export", folder, "--to", "json", "--out", folder + "/export"],
 ):

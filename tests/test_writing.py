@@ -61,7 +61,7 @@ def test_other_errors_keep_what_they_say():
 
 def test_an_export_and_an_import_to_a_full_disk(simulated, full_disk, tmp_path, run):
     folder = shutil.copytree(simulated(), tmp_path / "s")
-    assert run("fit", folder, "--methods", "least_squares", "--folds", "2", "--quiet")[0] == 0
+    assert run("fit", folder, "--methods", "least_squares", "--quiet")[0] == 0
     full_disk()
     code, _, err = run("export", folder, "--to", "c", "--out", tmp_path / "new" / "x")
     (line,) = [line for line in err.splitlines() if "No space" in line]

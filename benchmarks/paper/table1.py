@@ -60,7 +60,7 @@ def table1(euroc: Euroc, progress: Callable[[str], None]) -> str:
     row("… and denoised", 195, "gyro", denoised)
     kept = [Checkpoint(RUNS / f"{name}.json", resume=True) for name in ("calibration", "denoiser")]
     as_in_paper = train_adamw(batch, sigma, checkpoint=kept[0], progress=advanced).net
-    row("TinyGC-Net, `--as-in-paper`", 27, "gyro", as_in_paper)
+    row("TinyGC-Net, `as_in_paper`", 27, "gyro", as_in_paper)
     row("… and denoised", 195, "gyro", denoiser.train_adamw(material, as_in_paper, 0, advanced, kept[1]).model)
     rows += [
         (f"*{title}*", n, inputs, *(f"{e:.2f}" for e in errors), f"{np.mean(errors):.2f}") for title, n, inputs, errors in PUBLISHED[:2]

@@ -21,15 +21,13 @@ Record = TypeVar("Record")
 #: where the core asks -> what it asks for: the arguments of a function and its answer, or what a module has
 POINTS = {
     "options of COMMAND": "function(parser): adds options to a command of the core",
-    "fit of folders": "function(args) -> Done | None: fits all folders of ``fit`` together",
     "fit of a folder": "function(args) -> Done | None: fits a folder that is no session of one sensor",
     "explanation of a folder": "function(args) -> exit code | None: explains such a folder",
     "check of a recording": "function(session or folder, clock, further) -> list of Finding | None: checks what is no session",
     "use of a model": "function(model, log, out, answers, which, unit, session, progress) -> applied | None: ``apply`` of its model",
     "import of logs": "function(paths, out, answers, columns, more) -> Converted | None: makes another folder of logs; more: its options",
     "simulation": "function(args, options, chosen) -> exit code | None: simulates something else than a session",
-    "arguments of a fit": "function(parser): adds the options of these fields to a command that fits",
-    "options of a fit": "frozen dataclass: further fields of FitOptions",
+    "options of a fit": "record of options: further fields of FitOptions, and options of the commands that fit",
     "prior of a fit": "function(options, sensor) -> prior | None, a GivenPrior of tinygc/estimation/fit.py",
     "figures of a rest": "function(relative) -> figures: of the noise, while a rest is recorded",
     "command for a rest": "the name of a command that takes a rest log",

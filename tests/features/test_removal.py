@@ -21,7 +21,7 @@ for found in sorted(ROOT.glob("tinygc/features/*/__init__.py")):
 GONE = {
     "arrays": ("simulate --units 3 --out array", "fit body"),
     "fleet": ("fleet data", "lot data", "fit data/session1 --lot lot.json"),
-    "temperature": ("fit data/session1 --temperature", "fit rests", "apply thermal.json data/session1/log0001.csv.gz -o t.csv"),
+    "temperature": ("temperature data/session1", "apply thermal.json data/session1/log0001.csv.gz -o t.csv"),
     "noise": ("noise data/session1",),
     "discovery": ("explain data/session1 --discover",),
     "challenge": ("challenge --cases 1",),
@@ -35,15 +35,15 @@ GONE = {
 MAIN_JOB = (
     "simulate --segments 10 --closure 0 --odr-hz 104 --out s",
     "check s",
-    "fit s --methods raw,least_squares --folds 2",
+    "fit s --methods raw,least_squares",
     "explain s --no-pictures",
-    "report s --methods raw,least_squares --folds 2",
+    "report s --methods raw,least_squares",
     "apply s/fit/model_least_squares.json s/log0001.csv.gz -o calibrated.csv",
     "export s --to px4",
     "export s --to c",
     "import s/log0001.csv.gz --out again",
     "demo",
-    "fit s --folds 2 --out nets",
+    "fit s --out nets",
 )
 #: runs commands in one process without PyTorch, and prints the exit codes as JSON on the last line of standard output
 RUN = f"""

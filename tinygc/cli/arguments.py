@@ -10,7 +10,6 @@ import re
 import stat
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import Field, dataclass, fields
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -18,9 +17,10 @@ from session.base import features
 from session.base.errors import CalibrationError, FormatError
 from session.base.files import KB, is_stream, open_file, refuse_link
 from session.base.names import has_recorded_name, is_session
+from session.base.options import add_arguments, file_written, folder_written, from_arguments, log_written, meant, path_read
 from session.base.texts import printable, program
 from tinygc.cli.commands import command_module, commands
-from tinygc.estimation.options import CHOSEN
+from tinygc.cli.defaults import take_defaults
 
 # Path arguments: each is declared as read or written, and an output never replaces an input or a recorded file.
 #
@@ -46,40 +46,9 @@ DERIVED = ("fit/*.json", "explain/explain.json", "*.py")
 OWN = {"fit": "fit.json", "explain": "explain.json", "noise": "noise.json", "rates": "rates.json"}
 
 
-def path_read(text: str) -> Path:
-    """Argument type: a file or folder that the command reads."""
-    return _path(text)
-
-
-def file_written(text: str) -> Path:
-    """Argument type: a file that the command writes."""
-    return _path(text)
-
-
-def log_written(text: str) -> Path:
-    """Argument type: a log that the command writes; a new one may lie in a session folder."""
-    return _path(text)
-
-
-def folder_written(text: str) -> Path:
-    """Argument type: a folder that the command writes files into."""
-    return _path(text)
-
-
 def is_standard_output(path: Path | None) -> bool:
     """Whether the path is standard output."""
     return str(path) in STANDARD_OUTPUT
-
-
-def _path(text: str) -> Path:
-    """Parse a file or folder.  An empty path is refused: it would be the current folder, from an unset shell variable."""
-    if not text.strip():
-        raise argparse.ArgumentTypeError("an empty name; give a file or folder (. for this one)")
-    return Path(text)
-
-
-for kind in (path_read, file_written, log_written, folder_written):
-    kind.__name__ = "path"  # for argparse's message "invalid path value"
 
 
 @dataclass(frozen=True)
@@ -99,6 +68,18 @@ class Paths:
             for kind in (file_written, log_written, folder_written)
         }
         return cls(command.prog.split()[-1], of_kind[file_written], of_kind[log_written], of_kind[folder_written])
+
+
+def options_of(args: argparse.Namespace) -> Any:
+    """The options of a command with the user's defaults, checked; its outputs replace nothing that is read or recorded."""
+    if args.kind is None:
+        take_defaults(args)
+        refuse_overwriting(args)
+        args.of_several = False
+        return args
+    options = take_defaults(from_arguments(args.kind, args))
+    refuse_overwriting(argparse.Namespace(**vars(options), paths=args.paths))
+    return options
 
 
 def refuse_overwriting(args: argparse.Namespace) -> None:
@@ -136,8 +117,11 @@ def refuse_overwriting(args: argparse.Namespace) -> None:
             if counts and has_recorded_name(place) and (place.parent in homes or is_session(place.parent)):
                 what = "is a file of the recording in" if there else "has the name of a recording's file in"
                 raise CalibrationError(f"{option} {path}: {what} {place.parent}, where nothing is written over; give {option} another path")
-        if option in paths.files.values() and not (args.force or path.is_symlink() or is_stream(path) or _is_result(path)):
-            raise CalibrationError(f"{option} {path}: is there, and is no result of this tool; give {option} another path, or --force")
+        if option in paths.files.values() and not (path.is_symlink() or is_stream(path) or _is_result(path)):
+            force = getattr(args, "force", None)
+            if not force:
+                instead = "" if force is None else ", or --force"
+                raise CalibrationError(f"{option} {path}: is there, and is no result of this tool; give {option} another path{instead}")
     for stream, said in ((1, "standard output"), (2, "standard error")):
         _refuse_known(said, _status(stream), known)
     for (one, first), (other, second) in itertools.combinations(written, 2):
@@ -194,8 +178,6 @@ def _identity(status: os.stat_result | None) -> tuple[int, int] | None:
 
 # Parsers of the command line.  Imports nothing heavy, so that --help is instant.
 
-METHODS = ",".join(CHOSEN)
-
 LONGEST_S = 1e9
 MOST = 10**9  #: of any count
 LARGEST_SEED = 2**63 - 1  #: accepted by every random generator
@@ -205,14 +187,6 @@ EFFECTS_HELP = "folder with further effects, a Python file each, which is run; m
 
 BEGIN = """To begin: {program} fit data/session1 calibrates the session that comes with the tool.  At the bench: record, then check, fit,
 explain and report, each with the session's folder.  {program} COMMAND --help says what a command takes."""
-
-
-def meant(word: str, known: Iterable[str]) -> str:
-    """Name the known word that is nearest to a wrong one: ``; is 'fit' meant?``; empty where none is near."""
-    plain = {each.lower(): each for each in known}
-    # shorter than argparse's own bar of 0.6: a command has few letters, and one of them is wrong or two have changed places
-    near = get_close_matches(word.lower(), plain, n=1, cutoff=0.5) if word else []
-    return f"; is {plain[near[0]]!r} meant?" if near else ""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -257,17 +231,18 @@ def parser(words: Sequence[str] = ()) -> argparse.ArgumentParser:
         assert module is not None
         summary = module.SUMMARY
         command = parsers.add_parser(name, help=summary, description=summary[0].upper() + summary[1:] + ".")
-        command.set_defaults(run=module.run)
+        command.set_defaults(run=module.run, kind=getattr(module, "Options", None))
+        if hasattr(module, "Options"):
+            command.epilog = getattr(module, "EPILOG", None)
+            add_arguments(command, module.Options)
+            command.set_defaults(paths=Paths.of(command))
+            continue
         command.add_argument("--json", type=file_written, metavar="FILE", help="write the result as JSON (- for standard output)")
         command.add_argument("--seed", type=count(0, LARGEST_SEED), default=0, help="of every random draw (%(default)s)")
         command.add_argument("--force", action="store_true", help="write over what is there: another's file, a log, an earlier simulation")
         command.add_argument("--quiet", action="store_true", help="print nothing but errors, and the verdict where one was asked for")
         if getattr(module, "USES_EFFECTS", False):
             command.add_argument("--effects", type=path_read, action="append", default=[], metavar="DIR", help=EFFECTS_HELP)
-        if takes := getattr(module, "DEFAULTS", {}):
-            own = f"take nothing from one's own defaults ({', '.join(takes.values())})"
-            command.add_argument("--no-defaults", action="store_true", help=own)
-            command.set_defaults(takes_defaults=lambda args, known, takes=takes: takes)
         module.add_arguments(command)
         for add in features.each(f"options of {name}", features.beside()):
             add(command)
@@ -305,17 +280,6 @@ def filled(text: str) -> str:
     return text
 
 
-def methods(text: str) -> list[str]:
-    """Parse names of methods, separated by commas."""
-    known, chosen = METHODS.split(","), [name.strip() for name in text.split(",") if name.strip()]
-    for name in chosen:
-        if name not in known:
-            raise argparse.ArgumentTypeError(f"{name!r} is no method; choose among {METHODS}{meant(name, known)}")
-    if not chosen:
-        raise argparse.ArgumentTypeError(f"name at least one of {METHODS}")
-    return list(dict.fromkeys(chosen))
-
-
 def count(least: int, most: int = MOST) -> Callable[[str], int]:
     """Return a parser of whole numbers from ``least`` to ``most``."""
 
@@ -337,14 +301,6 @@ def memory(text: str) -> int:
     if match is None or not float(match[1]):
         raise argparse.ArgumentTypeError(f"{text!r} is no amount of memory such as 3GB or 700MB")
     return int(float(match[1]) * {"M": 10**6, "G": 10**9}[match[2].upper()])
-
-
-def segment_numbers(text: str) -> list[int]:
-    """Parse numbers of segments, separated by commas."""
-    words = [word.strip() for word in text.split(",")]
-    if not all(word.isascii() and word.isdigit() and len(word) < 10 for word in words):
-        raise argparse.ArgumentTypeError(f"{text!r} is no list of segment numbers such as 3,17")
-    return list(map(int, words))
 
 
 def positive(text: str) -> float:

@@ -10,7 +10,7 @@ import argparse
 import shlex
 from collections.abc import Iterator
 
-from tinygc.cli.arguments import file_written, folder_written, log_written, path_read
+from session.base.options import file_written, folder_written, log_written, path_read
 
 SHELLS = ("bash", "zsh", "fish")
 #: possible names of the program

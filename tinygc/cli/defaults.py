@@ -10,11 +10,12 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from session.base.errors import FormatError
+from session.base.options import declared
 from session.base.texts import printable
 
 SCHEMA = "tinygc-defaults/1"
@@ -52,39 +53,44 @@ def place() -> Path | None:
     return Path(base) / NAME if os.path.isabs(base) else None
 
 
-def take_defaults(args: argparse.Namespace) -> None:
-    """Fill in arguments missing from the command line, and report them.
+def take_defaults(args: Any) -> Any:
+    """Return a command's options with those that the command line does not have from the file, and report these.
 
-    ``DEFAULTS`` of the command maps destination -> key; ``args.takes_defaults``, a function of the arguments and the file's keys, returns
-    those that apply.  ``args.defaults`` becomes the values used, or None.  Raises FormatError, with file and key, for an invalid file.
+    Raises FormatError, with file and key, for an invalid file.
     """
-    args.defaults = None
-    takes = getattr(args, "takes_defaults", None)
-    path = None if takes is None or args.no_defaults else place()
+    record = not isinstance(args, argparse.Namespace)
+    keys = {each.name: rule.default_key for each, rule in declared(args) if rule.default_key} if record else {}
+    if not record:
+        args.defaults = None
+    takes = (lambda args, known: keys) if keys else getattr(args, "takes_defaults", None)
+    path = None if takes is None else place()
     if path is None or not os.path.lexists(path):
         if path is not None and os.environ.get(ENVIRONMENT):
-            raise FormatError(f"{path}: not found; {ENVIRONMENT} names it. Mend that, or give --no-defaults")
-        return
+            raise FormatError(f"{path}: not found; {ENVIRONMENT} names it. Mend that, or leave it empty")
+        return args
     known = _read(path)
     wanted: dict[str, str] = takes(args, known) if takes else {}
-    used = {key: known[key] for dest, key in wanted.items() if key in known and getattr(args, dest) is None}
-    for dest, key in wanted.items():
-        if key in used:
-            setattr(args, dest, used[key])
+    used = {name: known[key] for name, key in wanted.items() if key in known and getattr(args, name) is None}
     if not used:
-        return
-    args.defaults = Defaults(path, {key: str(value) if isinstance(value, Path) else value for key, value in used.items()})
+        return args
+    values = {wanted[name]: str(value) if isinstance(value, Path) else value for name, value in used.items()}
+    used["defaults"] = Defaults(path, values)
+    if record:
+        args = replace(args, **used)
+    else:
+        vars(args).update(used)
     if not args.quiet:
-        said = ", ".join(f"{key} = {value}" for key, value in args.defaults.used.items())
-        print(f"calibrate: {printable(f'of {path}: {said}')} (--no-defaults leaves it out)", file=sys.stderr)
+        said = ", ".join(f"{key} = {value}" for key, value in values.items())
+        print(f"calibrate: {printable(f'of {path}: {said}')} ({ENVIRONMENT}= leaves it out)", file=sys.stderr)
+    return args
 
 
-def defaults_json(args: argparse.Namespace) -> dict:
+def defaults_json(args: Any) -> dict:
     """Return the command's JSON entry for defaults, empty where none was used."""
     return {} if args.defaults is None else {"defaults": args.defaults.to_json()}
 
 
-def limit_text(args: argparse.Namespace) -> str:
+def limit_text(args: Any) -> str:
     """Return ``--limit``, and its source if that is not the command line."""
     return f"--limit {args.limit:g} deg" + ("" if args.defaults is None else f" (limits.closure_deg of {args.defaults.path})")
 
@@ -106,7 +112,7 @@ def _read(path: Path) -> dict[str, Any]:
         },
     )
     table = read_toml(path)
-    require(table, shape, str(path), "correct it there, or give --no-defaults")
+    require(table, shape, str(path), "correct it there, or leave TINYGC_DEFAULTS empty")
     for key, near in unknown_keys(table, shape):
         meant = f"; did you mean {near}?" if near else ""
         print(f"calibrate: {printable(f'{path}: {key} is not known, and ignored{meant}')}", file=sys.stderr)

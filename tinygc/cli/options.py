@@ -3,55 +3,55 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from session.base import features
 from session.base.names import CLOCKS
-from tinygc.cli.arguments import METHODS, accel_full_scale, count, data_rate, gyro_full_scale, methods, path_read, segment_numbers
-from tinygc.estimation.options import ACCELEROMETERS, BIASES
+from session.base.options import Record, file_written, option
+from tinygc.cli.arguments import EFFECTS_HELP, LARGEST_SEED, accel_full_scale, data_rate, gyro_full_scale
+from tinygc.cli.defaults import Defaults
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from session.log.folder import Session
     from session.replay.dialects import Answers
-    from tinygc.estimation.options import FitOptions
+
+
+# Options that several commands have.
+
+
+@dataclass(frozen=True)
+class Command(Record):
+    """Options of every command; defaults: what was taken of the user's own; of_several: whether this is one of several folders."""
+
+    json: Path | None = option(None, "write the result as JSON (- for standard output)", read=file_written)
+    quiet: bool = option(False, "print nothing but errors, and the verdict where one was asked for")
+    defaults: Defaults | None = None
+    of_several: bool = False
+
+
+@dataclass(frozen=True)
+class UsesEffects(Record):
+    """Options of a command that uses the catalogue of effects."""
+
+    effects: tuple[Path, ...] = option((), EFFECTS_HELP, repeated=True)
+
+
+@dataclass(frozen=True)
+class Force(Record):
+    """Options of a command that writes where an option says."""
+
+    force: bool = option(False, "write over what is there: another's file, a log, an earlier simulation")
+
+
+@dataclass(frozen=True)
+class Seed(Record):
+    """Options of a command that draws."""
+
+    seed: int = option(0, "of every random draw", least=0, most=LARGEST_SEED)
 
 
 # Options of a fit, the same for ``fit`` and ``report``, so that a report can use the saved fit.
-
-
-def add_fit_arguments(command: argparse.ArgumentParser, of_day: tuple[str, ...] = (), trained: bool = True) -> None:
-    """Add the options that affect a fit's numbers; of_day: further sources of a bias, for a stored calibration; trained: those of the
-    methods too, without which a command sets ``methods`` itself."""
-    if trained:
-        _add_methods(command)
-    command.add_argument("--folds", type=count(2), default=5, help="folds of the held-out closure (%(default)s)")
-    command.add_argument("--still-rates", action="store_true", help="use the mean rate in each still as data, too")
-    command.add_argument(
-        "--bias-per-log", action="store_true", help="each log has a bias of its own, as of several days; their median is kept"
-    )
-    sources = "from the ends of the turns, from the stills around each, or whichever closes held-out segments better (auto)"
-    if of_day:
-        sources += "; with --model, of the day: the first still, gravity over the run, --bias-dps"
-    command.add_argument("--bias", choices=(*BIASES, *of_day), metavar="|".join((*BIASES, *of_day)), help=sources)
-    what = (
-        "the accelerometer's calibration: as it is given, fitted, or given as a prior; auto: a prior while it holds, fitted where none is"
-    )
-    command.add_argument("--accelerometer", choices=ACCELEROMETERS, default="auto", help=what)
-    what = "a fitted session of the same unit; of two or more, the spread of their biases is that of any session"
-    command.add_argument("--history", type=path_read, action="append", default=[], metavar="DIR", help=what)
-    what = "noise figures of the unit, measured at rest: the prior of its bias drift (fit/noise.json in the session folder, if it is there)"
-    command.add_argument("--noise", type=path_read, metavar="FILE", help=what)
-    what = "limits of closure and sensor errors, and the rule that decides (session.toml's [requirements])"
-    command.add_argument("--requirements", type=path_read, metavar="FILE", help=what)
-    add_clock_argument(command)
-    command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
-    command.add_argument(
-        "--exclude", type=segment_numbers, action="extend", default=[], metavar="N,N", help="numbers of segments to leave out"
-    )
-    for add in features.each("arguments of a fit"):
-        add(command)
 
 
 def add_clock_argument(command: argparse.ArgumentParser) -> None:
@@ -65,37 +65,6 @@ def session_of(args: argparse.Namespace) -> Path | Session:
     from session.log.folder import read_session
 
     return args.folder if args.clock == CLOCKS[0] else read_session(args.folder).on_clock(args.clock)
-
-
-def _add_methods(command: argparse.ArgumentParser) -> None:
-    """Add the choice of methods, and of the training of those that are nets."""
-    command.add_argument("--methods", type=methods, default=METHODS.split(","), metavar="A,B", help=f"among {METHODS} (all)")
-    what = "train the nets as the paper does: AdamW (needs PyTorch), the distance at the ends, the first-order integrator"
-    command.add_argument("--as-in-paper", action="store_true", help=what)
-
-
-def fit_options(args: argparse.Namespace) -> FitOptions:
-    """Return the fit's options from the parsed arguments, without physics."""
-    from tinygc.estimation.options import FitOptions
-
-    chosen = {name: getattr(args, name) for name in FitOptions.__dataclass_fields__ if hasattr(args, name)}
-    chosen |= {
-        "methods": tuple(args.methods),
-        "earth": not args.no_earth,
-        "history": tuple(args.history),
-        "exclude": tuple(dict.fromkeys(args.exclude)),
-        "bias": args.bias or "auto",
-        "physics": None,
-    }
-    return FitOptions(**chosen)
-
-
-def given(args: argparse.Namespace, but: tuple[str, ...]) -> list[str]:
-    """Return the options of a fit that differ from their defaults, as written, apart from ``but``, which are used."""
-    parser = argparse.ArgumentParser(add_help=False)
-    add_fit_arguments(parser)
-    usual = {**vars(parser.parse_args([])), "resume": False, "physics": None}
-    return [f"--{name.replace('_', '-')}" for name, value in usual.items() if name not in but and getattr(args, name) != value]
 
 
 # Options for what a foreign log may not contain, the same wherever one is read.

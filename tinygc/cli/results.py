@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import errno
 import os
@@ -11,7 +10,7 @@ import signal
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
@@ -108,20 +107,20 @@ def silence(file: int) -> None:
 # Results of every command: print them, write them as JSON, fail early if outputs cannot be written.
 
 
-def output(args: argparse.Namespace) -> PlainConsole:
+def output(args: Any) -> PlainConsole:
     """Return standard output for text; silent when quiet, and where the JSON uses standard output."""
     from tinygc.reporting import terminal
 
     return terminal.output(args.quiet or is_standard_output(args.json))
 
 
-def print_commands(args: argparse.Namespace, introduction: str, *commands: str) -> None:
+def print_commands(args: Any, introduction: str, *commands: str) -> None:
     """Print commands for the user to run, each alone on its line."""
     for line in (introduction, *(f"  {command}" for command in commands)):
         output(args).print(line, soft_wrap=True, markup=False)
 
 
-def beside_log(args: argparse.Namespace, lines: list[str], to_stdout: bool) -> None:
+def beside_log(args: Any, lines: list[str], to_stdout: bool) -> None:
     """Print lines about a log that was written: on standard error where the log itself goes to standard output."""
     for line in lines:
         if not to_stdout:
@@ -130,12 +129,12 @@ def beside_log(args: argparse.Namespace, lines: list[str], to_stdout: bool) -> N
             print(printable(line), file=sys.stderr)
 
 
-def verdict(args: argparse.Namespace, line: RenderableType) -> None:
+def verdict(args: Any, line: RenderableType) -> None:
     """Print the one-line result of a command with ``--quiet``; otherwise it is already in the output.  For several folders a table
     contains it."""
     from tinygc.reporting import terminal
 
-    if args.quiet and not is_standard_output(args.json) and not getattr(args, "of_several", False):
+    if args.quiet and not is_standard_output(args.json) and not args.of_several:
         terminal.output().print(line, soft_wrap=True)
 
 
@@ -144,30 +143,34 @@ def complain(line: str) -> None:
     print(f"calibrate: {printable(line)}", file=sys.stderr)
 
 
-def try_destinations(args: argparse.Namespace, default: str) -> None:
-    """Fail early if outputs cannot be written: create the folder, write a file, and remove both."""
-    if args.out is None and not args.folder.is_dir():
-        return  # the reading of the session reports the error
-    _try_folder(args.out or args.folder / default, args, "another folder")
+def inside(folder: Path, name: str) -> Path | None:
+    """Return the place of results in a session folder; None where there is no folder, which the reading of the session reports."""
+    return folder / name if folder.is_dir() else None
 
 
-def try_file(args: argparse.Namespace, path: Path) -> None:
-    """Fail early if a single output file cannot be written."""
-    if args.out is None and not args.folder.is_dir():
-        return
+def try_destinations(folder: Path | None, json: Path | None) -> None:
+    """Fail early if outputs cannot be written: create the folder, write a file, and remove both; None: only the JSON."""
+    if folder is None:
+        try_json(json)
+    else:
+        _try_folder(folder, json, "another folder")
+
+
+def try_file(path: Path, json: Path | None) -> None:
+    """Fail early if a single output file, and the JSON, cannot be written."""
     if path.is_dir():
         raise CalibrationError(f"{path}: that is a folder; give --out a file")
     refuse_link(path)
     refuse_recorded(Path(os.path.realpath(path)))
-    _try_folder(path.parent, args, "another file")
+    _try_folder(path.parent, json, "another file")
 
 
-def _try_folder(folder: Path, args: argparse.Namespace, instead: str) -> None:
+def _try_folder(folder: Path, json: Path | None, instead: str) -> None:
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=folder).close()
-        try_json(args.json)
+        try_json(json)
     except OSError as error:
         raise CalibrationError(f"{error.filename or folder}: {error.strerror or error}; give --out {instead}") from None
     finally:
@@ -233,7 +236,7 @@ class Done:
     runs_deg: tuple[float, ...] = ()
 
 
-def run_each(args: argparse.Namespace, one: Callable[[argparse.Namespace], Done], schema: str, title: str) -> int:
+def run_each(args: Any, one: Callable[[Any], Done], schema: str, title: str) -> int:
     """Run ``one`` for each folder, with ``--out DIR`` as DIR/NAME; the exit code is the worst of them.
 
     Raises CalibrationError, before any work, where two results would have the same path.
@@ -244,9 +247,8 @@ def run_each(args: argparse.Namespace, one: Callable[[argparse.Namespace], Done]
     folders, entries, rows, worst = list(dict.fromkeys([args.folder, *args.more])), [], [], 0
     places = _places(args, folders)
     for folder in folders:
-        each = argparse.Namespace(**{**vars(args), "folder": folder, "more": [], "out": places.get(folder), "of_several": True})
         try:
-            done = one(each)
+            done = one(replace(args, folder=folder, more=(), out=places.get(folder), of_several=True))
         except (CalibrationError, OSError) as error:
             said = str(error) if isinstance(error, CalibrationError) else f"{error.filename or folder}: {error.strerror or error}"
             code = error.exit_code if isinstance(error, CalibrationError) else 2
@@ -264,7 +266,7 @@ def run_each(args: argparse.Namespace, one: Callable[[argparse.Namespace], Done]
     return worst
 
 
-def _places(args: argparse.Namespace, folders: list[Path]) -> dict[Path, Path]:
+def _places(args: Any, folders: list[Path]) -> dict[Path, Path]:
     if args.out is None:
         return {}
     places = {folder: args.out / folder.resolve().name for folder in folders}

@@ -56,7 +56,7 @@ def inverse_lower(factor: np.ndarray) -> np.ndarray:
 
 # The mean rates of the stills as data: a body at rest turns with the Earth, so E m + B = R_bt w_earth.
 #
-# Optional (``--still-rates``): the method itself uses the endpoint loss alone, but the stills observe the bias best.
+# Optional (``still_rates``): the method itself uses the endpoint loss alone, but the stills observe the bias best.
 
 
 @dataclass(frozen=True, eq=False)

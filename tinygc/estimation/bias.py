@@ -136,9 +136,9 @@ def _why_not(problem: Problem, options: FitOptions) -> str:
     if problem.session.truths is not None or not len(problem.still_rates.rate):
         return "the turns of this session do not lie between stills; leave it out"
     if options.still_rates:
-        return "the stills are data already with --still-rates; leave one of them out"
+        return "the stills are data already with still_rates; leave one of them out"
     if options.bias_per_log:
-        return "with --bias-per-log each log has a bias of its own from its ends; leave one of them out"
+        return "with bias_per_log each log has a bias of its own from its ends; leave one of them out"
     return ""
 
 

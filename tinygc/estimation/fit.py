@@ -96,7 +96,7 @@ def fit_session(
         )
     problem = prepared.problem
     if options.still_rates and not len(problem.still_rates.rate):
-        raise SegmentError(f"{problem.session.folder}: no still to take a rate from; fit without --still-rates")
+        raise SegmentError(f"{problem.session.folder}: no still to take a rate from; fit without still_rates")
     runs, spread, floor = read_closure_runs(problem), None, problem.floor
     between, triad_between = repeatability_of(problem.session, options.history), accelerometer_between(options.history)
     if triad_between is None:

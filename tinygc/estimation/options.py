@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from session.base.errors import CalibrationError
 from session.base.features import extended
 from session.base.names import CLOCKS
+from session.base.options import Record, documented, option
 
 if TYPE_CHECKING:
     import numpy as np
@@ -32,7 +33,7 @@ class Method:
     (problem, options, progress, before), ``before`` being the methods fitted already, by name; None for named physics, which
     is an argument of ``fit_session``;
     parameters: number of fitted parameters, None for as many as its model has; chosen: whether ``--methods`` may name it (the others have
-    an option of their own); trained: whether it is a net, which ``--as-in-paper`` trains otherwise.
+    an option of their own); trained: whether it is a net, which ``as_in_paper`` trains otherwise.
     """
 
     name: str
@@ -109,16 +110,10 @@ def device() -> str:
         if error.name != "torch":
             raise
         raise CalibrationError(
-            "training as in the paper needs PyTorch: python -m pip install 'tinygc[torch]', or leave out --as-in-paper"
+            "training as in the paper needs PyTorch: python -m pip install 'tinygc[torch]', or leave out as_in_paper"
         ) from None
 
     return "cuda" if torch.cuda.is_available() else "cpu"
-
-
-def forget(folder: Path) -> None:
-    """Remove the checkpoints of a complete fit."""
-    for path in folder.glob(NAME.format("*")):
-        path.unlink(missing_ok=True)
 
 
 # Options of a fit.
@@ -127,49 +122,11 @@ BIASES = ("auto", "ends", "stills")
 ACCELEROMETERS = ("auto", "given", "fit", "prior")
 
 
+@documented
 @extended("options of a fit")
 @dataclass(frozen=True)
-class FitOptions:
+class FitOptions(Record):
     """Options that determine a fit's numbers; features have further ones.
-
-    Parameters
-    ----------
-    methods : tuple of str, optional
-        Some of ``CHOSEN``, in the order of the report; one name may replace a tuple of one.
-    folds : int, optional
-        Folds of the held-out closure, 2 or more.
-    seed : int, optional
-        Seed of the swarm, 0 or more.
-    still_rates : bool, optional
-        Whether the mean rate in each still is also data.
-    as_in_paper : bool, optional
-        Whether the nets are trained as in the paper: AdamW (PyTorch) on the distance at the ends, which the first-order integrator gives.
-    earth : bool, optional
-        Whether the Earth's rotation is subtracted.
-    physics : tuple of str, optional
-        Ids of effects to fit as well, ``("auto",)`` for those that ``explain`` would report.
-    exclude : tuple of int, optional
-        Numbers of segments to leave out.
-    checkpoints : str or Path, optional
-        Folder of the checkpoints of a training as in the paper.
-    resume : bool, optional
-        Whether that training continues from its checkpoints.
-    bias_per_log : bool, optional
-        Whether each log has a bias of its own, of which the median is kept.
-    bias : {"auto", "ends", "stills"}, optional
-        From the ends of the turns, as all other parameters, or from the stills around each; ``auto``: the source with the smaller closure
-        error on held-out segments.
-    accelerometer : {"auto", "given", "fit", "prior"}, optional
-        Its calibration is the one given, that of a fit, or a given one is a prior; ``auto``: a prior where one is given and agrees with
-        the data, else a fit.
-    history : tuple of str or Path, optional
-        Fitted session folders of the same unit, whose spread of the bias is that between sessions.
-    noise : str or Path, optional
-        Noise figures of the unit, measured at rest; ``fit/noise.json`` of the session's folder by default.
-    clock : {"board", "arrivals"}, optional
-        Times as the board stamped them, or divided by ``sensor.clock_ratio``, which ``record`` measured by the arrivals.
-    requirements : str or Path, optional
-        File of limits and a decision rule, in place of session.toml's ``[requirements]``; it changes no number of the fit.
 
     Raises
     ------
@@ -183,47 +140,57 @@ class FitOptions:
     ('least_squares',)
     >>> tinygc.FitOptions(folds=1)
     Traceback (most recent call last):
-    session.base.errors.CalibrationError: folds is 1, expected a whole number of 2 or more
+    session.base.options.OptionError: folds is 1, expected a whole number of 2 or more
 
     """
 
-    methods: tuple[str, ...] = CHOSEN
-    folds: int = 5
-    seed: int = 0
-    still_rates: bool = False
-    as_in_paper: bool = False
-    earth: bool = True
-    physics: tuple[str, ...] | None = None
-    exclude: tuple[int, ...] = ()
-    checkpoints: Path | None = None
-    resume: bool = False
-    bias_per_log: bool = False
-    bias: str = "auto"
-    accelerometer: str = "auto"
-    history: tuple[Path, ...] = ()
-    noise: Path | None = None
-    clock: str = CLOCKS[0]
-    requirements: Path | None = None
+    methods: tuple[str, ...] = option(CHOSEN, f"methods, in the order of the report, among {','.join(CHOSEN)}", some=CHOSEN)
+    folds: int = option(5, "folds of the held-out closure", least=2, cli=False)
+    seed: int = option(0, "seed of the swarm", least=0, cli=False)
+    still_rates: bool = option(False, "use the mean rate in each still as data, too", cli=False)
+    as_in_paper: bool = option(
+        False, "train the nets as the paper does: AdamW (needs PyTorch), the distance at the ends, the first-order integrator", cli=False
+    )
+    earth: bool = option(True, "subtract the Earth's rotation from the rates", off="leave the Earth's rotation in the rates")
+    physics: tuple[str, ...] | None = option(
+        None, "fit what explain names as well (auto), or effects by id, with commas", metavar="auto|IDS"
+    )
+    exclude: tuple[int, ...] = option((), "numbers of segments to leave out")
+    checkpoints: Path | None = option(None, "folder of the checkpoints of a training as in the paper", cli=False)
+    resume: bool = option(False, "go on with that training where it was interrupted", cli=False)
+    bias_per_log: bool = option(False, "each log has a bias of its own, as of several days; their median is kept", cli=False)
+    bias: str = option(
+        "auto", "from the ends of the turns, from the stills around each, or whichever closes held-out segments better", choices=BIASES
+    )
+    accelerometer: str = option(
+        "auto",
+        "the accelerometer's calibration: as it is given, fitted, or given as a prior; auto: a prior while it holds, fitted where none is",
+        choices=ACCELEROMETERS,
+    )
+    history: tuple[Path, ...] = option(
+        (),
+        "a fitted session of the same unit; of two or more, the spread of their biases is that of any session",
+        repeated=True,
+    )
+    noise: Path | None = option(
+        None,
+        "noise figures of the unit, measured at rest: the prior of its bias drift (fit/noise.json in the session folder, if it is there)",
+    )
+    clock: str = option(
+        CLOCKS[0],
+        "arrivals: divide the stamps by sensor.clock_ratio, the board's clock against the computer's as record measured it",
+        choices=CLOCKS,
+    )
+    requirements: Path | None = option(
+        None,
+        "limits of closure and sensor errors, and the rule that decides (session.toml's [requirements])",
+        cli=False,
+    )
 
     def __post_init__(self) -> None:
-        for name in ("methods", "physics"):
-            if isinstance(getattr(self, name), str):
-                object.__setattr__(self, name, (getattr(self, name),))
-        self._require(bool(self.methods) and set(self.methods) <= set(CHOSEN), "methods", f"some of {', '.join(CHOSEN)}")
-        self._require(not self.as_in_paper or self.by_torch, "methods", f"a net ({', '.join(NETS)}) for --as-in-paper to train")
-        for each in fields(self):
-            if each.type == "Path | None" and (path := getattr(self, each.name)) is not None:
-                object.__setattr__(self, each.name, Path(path))
-        object.__setattr__(self, "history", tuple(map(Path, self.history)))
-        for name, known in (("bias", BIASES), ("accelerometer", ACCELEROMETERS), ("clock", CLOCKS)):
-            self._require(getattr(self, name) in known, name, f"one of {', '.join(known)}")
-        for name, least in (("folds", 2), ("seed", 0)):
-            value = getattr(self, name)
-            self._require(isinstance(value, int) and value >= least, name, f"a whole number of {least} or more")
-
-    def _require(self, fine: bool, name: str, expected: str) -> None:
-        if not fine:
-            raise CalibrationError(f"{name} is {getattr(self, name)!r}, expected {expected}")
+        """Check each field, and that a training as in the paper has a net."""
+        super().__post_init__()
+        self.require(not self.as_in_paper or self.by_torch, "methods", f"a net ({', '.join(NETS)}) for as_in_paper to train")
 
     @property
     def integrator(self) -> str:

@@ -16,6 +16,7 @@ from typing import Any, ParamSpec, TypeVar
 import numpy as np
 
 from session.base.errors import CalibrationError, DataError
+from session.base.options import keywords as keywords_of
 from session.base.units import DEG
 from session.log.arrays import si_of
 from session.log.folder import Session
@@ -75,15 +76,15 @@ def _check_kinds(function: Callable[..., Any], given: Mapping[str, Any]) -> None
             raise CalibrationError(f"{function.__name__}: {name} is {value!r:.60}, expected {expected}")
 
 
-def public(options: type | None = None) -> Callable[[Callable[P, R]], Callable[P, R]]:
+def public(*records: type) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Decorate a public function or method: an unknown keyword, and an argument of another kind, raise a CalibrationError of one line.
 
-    options: a class whose fields are keywords of the function as well.
+    records: of options, whose fields are keywords of the function as well, in its signature and in its docstring.
     """
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
         parameters = [each.name for each in signature(function).parameters.values() if each.kind is not each.VAR_KEYWORD]
-        known = [*parameters, *([] if options is None else (each.name for each in fields(options)))]
+        known = [*parameters, *(each.name for record in records for each in fields(record))]
 
         @wraps(function)
         def call(*args: P.args, **keywords: P.kwargs) -> R:
@@ -101,6 +102,8 @@ def public(options: type | None = None) -> Callable[[Callable[P, R]], Callable[P
             _check_kinds(function, given)
             return function(*args, **keywords)
 
+        for record in records:
+            keywords_of(call, record)
         return call
 
     return decorate

@@ -221,8 +221,6 @@ def fit(session: Session | Path | str, options: FitOptions | None = None, *, pro
         Options that decide the fit's numbers.
     progress : callable, optional
         Called with the current step's description, the number of steps done and the number of all steps.
-    **choices
-        Single fields of ``FitOptions``: ``methods=("least_squares",)``, ``still_rates=True``, ``physics=("auto",)``.
 
     Returns
     -------

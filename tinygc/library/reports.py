@@ -137,8 +137,6 @@ def report(
         Print it as well, to a PDF beside it; needs Chromium.
     progress : callable, optional
         Called with the current step's description, the number of steps done and the number of all steps.
-    **choices
-        Single fields of ``FitOptions``.
 
     Returns
     -------

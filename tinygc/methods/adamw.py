@@ -109,9 +109,9 @@ def _read(path: Path, mark: str, shape: tuple[int, ...]) -> dict:
     arrays = {name: Array(shape) for name in ("weights", "best", "exp_avg", "exp_avg_sq")}
     wanted = Keys({"schema": Text((SCHEMA,)), "of": Text(), "losses": Array((None,)), **arrays})
     try:
-        table = read_required(path, wanted, "remove it, or train without --resume")
+        table = read_required(path, wanted, "remove it, or train without resume")
     except FormatError as error:
         raise FitError(str(error)) from None
     if table.get("of") != mark:
-        raise FitError(f"{path}: a checkpoint of other data or settings; remove it, or train without --resume")
+        raise FitError(f"{path}: a checkpoint of other data or settings; remove it, or train without resume")
     return {"losses": [float(value) for value in table["losses"]], **{name: np.asarray(table[name], dtype=float) for name in arrays}}

@@ -111,7 +111,7 @@ def remarks(result: FitResult) -> list[Text]:
     moved = np.abs(linear_of(result.other_choice).B - linear_of(result.linear).B) / np.sqrt(np.diag(result.covariance)[BIAS])
     said.append(
         Text(
-            f"{words[0].capitalize()} --still-rates: held out {other:.4f} instead of {now:.4f}; "
+            f"{words[0].capitalize()} still_rates: held out {other:.4f} instead of {now:.4f}; "
             f"the bias moves by up to {moved.max():.1f} sigma."
         )
     )

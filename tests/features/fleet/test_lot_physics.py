@@ -583,7 +583,7 @@ def test_four_turns_fit_with_a_lot_and_a_unit_that_does_not_belong_is_left_alone
     assert max(table["lot"]["share"]) > 0.5
 
 
-@pytest.mark.parametrize(("options", "says"), [({"physics": "auto"}, "--physics fits"), ({"bias_per_log": True}, "--bias-per-log fits")])
+@pytest.mark.parametrize(("options", "says"), [({"physics": "auto"}, "--physics fits"), ({"bias_per_log": True}, "bias_per_log fits")])
 def test_options_without_a_prior_are_refused(options, says):
     with pytest.raises(CalibrationError, match=f"{says} without a lot's prior"):
         prior(FitOptions(**options, lot="lot.json"), "ASM330LHH")

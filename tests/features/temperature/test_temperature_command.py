@@ -1,4 +1,4 @@
-"""``fit`` over temperature from the command line: what it prints, writes and refuses, and what the other commands make of it."""
+"""``temperature`` from the command line: what it prints, writes and refuses, and what the other commands make of it."""
 
 import json
 import re
@@ -29,7 +29,7 @@ def rests(tmp_path_factory):
 def fitted(rests, tmp_path_factory):
     folder = tmp_path_factory.mktemp("fitted") / "rests"
     shutil.copytree(rests, folder)
-    return folder, told(folder.parent / "x.json", "fit", folder)
+    return folder, told(folder.parent / "x.json", "temperature", folder)
 
 
 def test_the_numbers_are_the_truths_and_applied_nothing_is_left(fitted, tmp_path, run):
@@ -56,11 +56,9 @@ def test_export_takes_the_only_model_that_there_is(fitted, tmp_path, run):
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        ("fit RESTS --methods pso", "--methods: of no use over temperature"),
-        ("fit RESTS --no-earth", "--no-earth: of no use over temperature"),
-        ("fit FOLDER RESTS", "add --temperature"),
-        ("fit EMPTY --temperature", "neither a rest log nor a log"),
-        ("fit RESTS OTHER --temperature", "sensor.serial is 'SIM-4'"),
+        ("fit RESTS", "the command temperature"),
+        ("temperature EMPTY", "neither a rest log nor a log"),
+        ("temperature RESTS OTHER", "sensor.serial is 'SIM-4'"),
         ("simulate --out EMPTY/s --rest-cycles 1 --rest-warm-c 200", "--rest-cold-c"),
     ],
 )
@@ -81,7 +79,7 @@ def test_one_recording_is_not_two(folder, rests, tmp_path, run):
     shutil.copytree(folder, tmp_path / "copy")
     shutil.copytree(rests, tmp_path / "rests")
     for one, other, name in ((folder, folder, "log"), (folder, tmp_path / "copy", "log"), (rests, tmp_path / "rests", "rest")):
-        code, _, err = run("fit", one, other, "--temperature", "--out", tmp_path / "fit")
+        code, _, err = run("temperature", one, other, "--out", tmp_path / "fit")
         assert code == 2
         assert f"{one / name}0001.csv" in err
         assert f"{other / name}0001.csv" in err
@@ -111,7 +109,7 @@ def days(tmp_path_factory):
 
 def test_sessions_in_two_frames_do_not_scatter_and_the_model_is_in_the_first(days, tmp_path, run):
     """The force that ``apply`` writes is in E's frame, though the log's own session.toml says nothing of an accelerometer."""
-    code, _, err = run("fit", days / "turned", days / "bare", "--temperature", "--out", tmp_path / "fit", "--json", tmp_path / "fit.json")
+    code, _, err = run("temperature", days / "turned", days / "bare", "--out", tmp_path / "fit", "--json", tmp_path / "fit.json")
     assert code == 0, err
     found = json.loads((tmp_path / "fit.json").read_text())["E_goodness"]
     assert (found["p_value"] > 0.01, found["variance_inflation"] < 2.5) == (True, True)

@@ -46,9 +46,7 @@ def test_draws_are_in_the_json_as_its_page_says(folder, run):
     assert (code, drawn["answer"], [each["name"] for each in drawn["quantities"]]) == (5, "undecided", ["attitude x"])
 
 
-@pytest.mark.parametrize(
-    ("words", "says"), [("--seconds -1", "--seconds"), ("--warmer nan", "--warmer"), ("--monte-carlo 0", "--monte-carlo")]
-)
+@pytest.mark.parametrize(("words", "says"), [("--seconds -1", "--seconds"), ("--warmer nan", "--warmer")])
 def test_what_is_wrong_is_refused_in_one_line(folder, words, says, run):
     refused(run("budget", folder, *words.split(), "--quiet"), says)
 

@@ -1,9 +1,8 @@
 """The commands of ``calibrate.py``, one file each, in the order of ``--help``.
 
-A command's file has ``SUMMARY`` (one line), ``add_arguments(command)`` and ``run(args)``, which returns the exit code.  It imports
-nothing heavy at its top, so that ``--help`` is instant.  ``USES_EFFECTS = True`` adds ``--effects DIR``; ``DEFAULTS`` lists the
-arguments that a user's defaults file may fill in (``tinygc/cli/defaults.py``).  To add a command, add a file and its name
-below.
+A command's file has ``SUMMARY`` (one line), a record ``Options`` (``session/base/options.py``, with what is shared in
+``tinygc/cli/options.py``) and ``run(options)``, which returns the exit code.  It imports nothing heavy at its top, so that ``--help`` is
+instant.  To add a command, add a file and its name below.
 
 Features have further commands, and options of these (``session/base/features.py``).
 """

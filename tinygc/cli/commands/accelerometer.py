@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from tinygc.cli.arguments import folder_written, path_read
+from session.base.options import folder_written, path_read
 from tinygc.cli.results import output, write_json
 
 SUMMARY = "calibrate the accelerometer alone, from the stills of a session, into a copy of it"

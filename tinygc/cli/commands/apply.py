@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from tinygc.cli.arguments import STANDARD, filled, is_standard_output, log_written, path_read
+from session.base.options import log_written, path_read
+from tinygc.cli.arguments import STANDARD, filled, is_standard_output
 from tinygc.cli.options import add_log_options, answers_of
 from tinygc.cli.results import beside_log, write_json
 

@@ -12,18 +12,9 @@ from typing import TYPE_CHECKING
 
 from session.base import features
 from session.base.errors import CalibrationError
+from session.base.options import file_written, path_read
 from session.base.texts import printable
-from tinygc.cli.arguments import (
-    accel_full_scale,
-    count,
-    data_rate,
-    file_written,
-    gyro_full_scale,
-    is_standard_output,
-    path_read,
-    positive,
-    seconds,
-)
+from tinygc.cli.arguments import accel_full_scale, count, data_rate, gyro_full_scale, is_standard_output, positive, seconds
 from tinygc.cli.results import ended_by_signals, write_json
 
 if TYPE_CHECKING:

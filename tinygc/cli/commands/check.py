@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from session.base.errors import CalibrationError
-from tinygc.cli.arguments import folder_written, path_read
+from session.base.options import folder_written, path_read
 from tinygc.cli.options import add_clock_argument
 from tinygc.cli.results import complain, output, verdict, write_json
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from tinygc.cli.arguments import path_read
+from session.base.options import path_read
 from tinygc.cli.results import output, verdict, write_json
 
 SUMMARY = "say whether the calibrations of several sessions of one sensor agree"

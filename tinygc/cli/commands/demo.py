@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from tinygc.cli.arguments import folder_written
+from session.base.options import folder_written
 from tinygc.cli.results import output, print_commands, write_json
 
 SUMMARY = "try the tool: write a simulated session, fit it, compare with its truth"

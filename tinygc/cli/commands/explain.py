@@ -8,10 +8,10 @@ from pathlib import Path
 
 from session.base import features
 from session.base.errors import CalibrationError
+from session.base.options import folder_written, path_read
 from session.base.texts import command_line
-from tinygc.cli.arguments import folder_written, path_read
 from tinygc.cli.options import add_clock_argument, session_of
-from tinygc.cli.results import complain, output, print_commands, try_destinations, verdict, write_json
+from tinygc.cli.results import complain, inside, output, print_commands, try_destinations, verdict, write_json
 
 SUMMARY = "say why the recording differs from the simulation, and prove it"
 USES_EFFECTS = True
@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
     from tinygc.library.explanations import explain
     from tinygc.reporting.terminal import progress_bar
 
-    try_destinations(args, "explain")
+    try_destinations(args.out or inside(args.folder, "explain"), args.json)
     if args.discover:
         _try_effects((args.out or args.folder / "explain") / "effects")
     with progress_bar(args.quiet) as progress:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from tinygc.cli.arguments import filled, folder_written, path_read
+from session.base.options import folder_written, path_read
+from tinygc.cli.arguments import filled
 from tinygc.cli.results import complain, output, write_json
 from tinygc.deploy import FORMATS, format_named
 

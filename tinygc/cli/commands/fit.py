@@ -2,81 +2,81 @@
 
 from __future__ import annotations
 
-import argparse
-from dataclasses import replace
+from dataclasses import dataclass
+from pathlib import Path
 
 from session.base import features
 from session.base.errors import CalibrationError
-from tinygc.cli.arguments import folder_written, path_read, positive, three
+from session.base.options import argument, folder_written, given, option, part
+from tinygc.cli.arguments import three
 from tinygc.cli.defaults import defaults_json, limit_text
-from tinygc.cli.options import add_fit_arguments, fit_options, given
-from tinygc.cli.results import Done, complain, output, run_each, try_destinations, write_json
+from tinygc.cli.options import Command, UsesEffects
+from tinygc.cli.results import Done, complain, inside, output, run_each, try_destinations, write_json
+from tinygc.estimation.options import BIASES, FitOptions
 
-#: arguments of a fit that also apply when the bias is re-estimated
-HONOURED = ("exclude", "no_earth", "bias")
+#: options of a fit that also apply when the bias is re-estimated
+HONOURED = ("exclude", "earth", "bias")
 #: sources of a re-estimated bias of a stored calibration
 OF_DAY = ("start", "gravity", "given")
 SUMMARY = "fit the calibration, compare the methods, print the closure errors"
-USES_EFFECTS = True
-DEFAULTS = {"limit": "limits.closure_deg"}
 
 
-def add_arguments(command: argparse.ArgumentParser) -> None:
-    """Add the command's arguments."""
-    limit = "pass only if the held-out tilt of the segments and each closure run's RMSE are at most this"
-    command.add_argument("folder", type=path_read, help="session folder; several are fitted one by one")
-    command.add_argument("more", type=path_read, nargs="*", metavar="folder", help="further folders")
-    add_fit_arguments(command, OF_DAY)
-    command.add_argument("--resume", action="store_true", help="go on with a training --as-in-paper that was interrupted")
-    command.add_argument("--physics", metavar="auto|IDS", help="fit what explain names as well (auto), or effects by id, with commas")
-    command.add_argument("--model", type=path_read, metavar="FILE", help="a stored calibration, whose bias alone is taken anew (--bias)")
-    command.add_argument("--bias-dps", type=three, metavar="X,Y,Z", help="what the sensor reads at rest, for --bias given")
-    command.add_argument("--out", type=folder_written, metavar="DIR", help="where the models go (fit/ in the session folder)")
-    command.add_argument("--limit", type=positive, metavar="DEG", help=limit)
-    command.add_argument("--strict", action="store_true", help="exit 1 for all but PASS without doubts")
-    command.add_argument("--verbose", action="store_true", help="print all methods, noise components, alternatives and remarks")
+@dataclass(frozen=True)
+class Options(FitOptions, Command, UsesEffects):
+    """Options of ``fit``."""
+
+    folder: Path = argument("session folder; several are fitted one by one")
+    more: tuple[Path, ...] = argument("further folders", ())
+    bias: str = option(
+        "auto",
+        "from the ends of the turns, from the stills around each, or whichever closes held-out segments better (auto); "
+        "with --model, of the day: the first still, gravity over the run, --bias-dps",
+        choices=(*BIASES, *OF_DAY),
+    )
+    model: Path | None = option(None, "a stored calibration, whose bias alone is taken anew (--bias)")
+    bias_dps: tuple[float, ...] | None = option(
+        None, "what the sensor reads at rest, for --bias given", unit="dps", metavar="X,Y,Z", read=three
+    )
+    out: Path | None = option(None, "where the models go (fit/ in the session folder)", metavar="DIR", read=folder_written)
+    limit: float | None = option(
+        None,
+        "pass only if the held-out tilt of the segments and each closure run's RMSE are at most this",
+        unit="deg",
+        above=0,
+        default_key="limits.closure_deg",
+    )
+    strict: bool = option(False, "exit 1 for all but PASS without doubts")
+    verbose: bool = option(False, "print all methods, noise components, alternatives and remarks")
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Options) -> int:
     """Fit models to a session and report closure figures; several sessions are fitted separately."""
-    if (done := features.first("fit of folders", args)) is not None:
-        pass
-    elif args.more:
+    if args.more:
         return run_each(args, _fit, "tinygc-fits/1", "Fits, degrees: held-out tilt rms, RMSE of each closure run")
-    else:
-        done = _fit(args)
+    done = _fit(args)
     write_json(args.json, done.table)
     return done.code
 
 
-def _fit(args: argparse.Namespace) -> Done:
+def _fit(args: Options) -> Done:
     """Fit one session, or what a feature takes for a recording of its own."""
     if (done := features.first("fit of a folder", args)) is not None:
         return done
     if args.bias in OF_DAY or args.model or args.bias_dps:
         return _rebias(args)
-    if args.resume and not fit_options(args).by_torch:
-        raise CalibrationError(
-            "--resume goes on with a training as in the paper, and this fit has none; add --as-in-paper and a method that is trained "
-            "(tinygc or tinygc_denoised), or leave --resume out"
-        )
-    from tinygc.estimation.options import forget
     from tinygc.library.fits import fit
     from tinygc.reporting.fit_screen import COLUMNS, files_line, fit_screen, next_line, verdict_text
     from tinygc.reporting.fit_text import fit_report
     from tinygc.reporting.terminal import progress_bar
 
-    physics = None if args.physics is None else _physics(args.physics)
-    checkpoints = args.out or args.folder / "fit"
-    options = replace(fit_options(args), physics=physics, checkpoints=checkpoints, resume=args.resume)
-    try_destinations(args, "fit")
+    _require_known(args.physics)
+    try_destinations(args.out or inside(args.folder, "fit"), args.json)
     with progress_bar(args.quiet) as progress:
-        result = fit(args.folder, options, progress=progress)
+        result = fit(args.folder, part(args, FitOptions), progress=progress)
     decision, use = result.verdict(args.limit), result.result.use
     table = result.to_json(args.limit) | defaults_json(args)
     # Save the results first: a failing terminal must not lose them.
     folder = result.save(args.out, args.limit)
-    forget(checkpoints)
     console = output(args)
     if args.verbose:
         console.print(verdict_text(decision))
@@ -103,27 +103,25 @@ def _done(code: int, table: dict, method: str | None, says: str) -> Done:
     return Done(code, table, says, held_out, floor, runs)
 
 
-def _physics(words: str) -> tuple[str, ...]:
-    """Parse effect ids or ``auto``; unknown ids are reported before anything is read."""
+def _require_known(ids: tuple[str, ...] | None) -> None:
+    """Raise FitError for an effect that is none, before anything is read."""
     from session.base.errors import FitError
     from tinygc.effects import catalogue
 
-    ids = tuple(dict.fromkeys(name.strip() for name in words.split(",")))
-    if unknown := [name for name in ids if name not in catalogue() and ids != ("auto",)]:
+    if ids not in (None, ("auto",)) and (unknown := [name for name in ids or () if name not in catalogue()]):
         raise FitError(
             f"--physics: {unknown[0]!r} is no effect; give auto, or of {', '.join(catalogue())}, or its folder with --effects DIR"
         )
-    return ids
 
 
-def _rebias(args: argparse.Namespace) -> Done:
+def _rebias(args: Options) -> Done:
     """Re-estimate the bias of a stored calibration."""
     if args.model is None or args.bias not in OF_DAY or (args.bias == "given") != (args.bias_dps is not None):
         raise CalibrationError(
             "a bias of the day needs the stored calibration and its source: --model FILE --bias start, or --bias gravity, "
             "or --bias given --bias-dps X,Y,Z"
         )
-    if idle := given(args, HONOURED):
+    if idle := given(part(args, FitOptions, bias="auto"), HONOURED):
         raise CalibrationError(
             f"{', '.join(idle)}: of no use with --model and --bias, which fit nothing and take only the bias anew; "
             f"leave {'it' if len(idle) == 1 else 'them'} out"
@@ -132,11 +130,10 @@ def _rebias(args: argparse.Namespace) -> Done:
     from tinygc.library.biases import rebias
     from tinygc.reporting.terminal import progress_bar
 
-    try_destinations(args, "fit")
+    try_destinations(args.out or inside(args.folder, "fit"), args.json)
     with progress_bar(args.quiet) as progress:
-        exclude = tuple(dict.fromkeys(args.exclude))
         result = rebias(
-            args.folder, args.model, args.bias, bias_dps=args.bias_dps, use_earth=not args.no_earth, exclude=exclude, progress=progress
+            args.folder, args.model, args.bias, bias_dps=args.bias_dps, use_earth=args.earth, exclude=args.exclude, progress=progress
         )
     table = result.to_json() | defaults_json(args)
     folder = result.save(args.out)

@@ -6,7 +6,8 @@ import argparse
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from tinygc.cli.arguments import folder_written, memory, path_read, stream_header
+from session.base.options import folder_written, path_read
+from tinygc.cli.arguments import memory, stream_header
 from tinygc.cli.options import add_log_options, answers_of
 from tinygc.cli.results import output, write_json
 

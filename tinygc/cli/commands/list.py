@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from tinygc.cli.arguments import path_read
+from session.base.options import path_read
 from tinygc.cli.results import output, write_json
 
 SUMMARY = "list the sessions of a folder: date, sensor, closure, verdict"

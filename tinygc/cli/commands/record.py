@@ -9,16 +9,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from session.base import features
+from session.base.options import folder_written, path_read
 from session.base.texts import command_line, printable
 from tinygc.cli.arguments import (
     accel_full_scale,
     closure_seconds,
     count,
     data_rate,
-    folder_written,
     gyro_full_scale,
     note,
-    path_read,
     rates_dps,
     stream_header,
     within,

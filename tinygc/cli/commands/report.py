@@ -2,40 +2,49 @@
 
 from __future__ import annotations
 
-import argparse
+from dataclasses import dataclass
+from pathlib import Path
 
 from session.base import features
 from session.base.errors import CalibrationError
-from tinygc.cli.arguments import OWN_PLACE, file_written, path_read, positive
+from session.base.options import argument, file_written, option, part
+from tinygc.cli.arguments import OWN_PLACE
 from tinygc.cli.defaults import defaults_json, limit_text
-from tinygc.cli.options import add_fit_arguments, fit_options
+from tinygc.cli.options import Command, Force, UsesEffects
 from tinygc.cli.results import Done, complain, output, run_each, try_file, verdict, write_json
+from tinygc.estimation.options import FitOptions
 
 SUMMARY = "the calibration report: one HTML file that needs nothing else"
-USES_EFFECTS = True
-DEFAULTS = {"limit": "limits.closure_deg"}
 
 
-def add_arguments(command: argparse.ArgumentParser) -> None:
-    """Add the command's arguments."""
-    limit = "pass only if the held-out tilt of the segments and each closure run's RMSE are at most this; exit 1 if not"
-    command.add_argument("folder", type=path_read, help="session folder; of several, each gets a report of its own")
-    command.add_argument("more", type=path_read, nargs="*", metavar="folder", help="further folders")
-    command.add_argument("--out", type=file_written, metavar="FILE", help="the report (report.html in the session folder)")
-    command.add_argument("--pdf", action="store_true", help="print it as well, to a PDF beside it; needs Chromium")
-    command.add_argument("--limit", type=positive, metavar="DEG", help=limit)
-    command.add_argument("--strict", action="store_true", help="exit 1 for all but PASS without doubts")
-    command.add_argument("--no-explain", action="store_true", help="do not ask why recording and simulation differ")
-    what = "write the certificate as well, the form that a laboratory signs (certificate.html in the session folder)"
-    command.add_argument("--certificate", type=file_written, nargs="?", const=OWN_PLACE, metavar="FILE", help=what)
-    what = "write the certificate as a Digital Calibration Certificate, XML"
-    command.add_argument("--dcc", type=file_written, metavar="FILE", help=what)
-    what = "the model in use until now: the certificate states its errors as found"
-    command.add_argument("--as-found", type=path_read, metavar="FILE", help=what)
-    add_fit_arguments(command)
+@dataclass(frozen=True)
+class Options(FitOptions, Command, UsesEffects, Force):
+    """Options of ``report``."""
+
+    folder: Path = argument("session folder; of several, each gets a report of its own")
+    more: tuple[Path, ...] = argument("further folders", ())
+    out: Path | None = option(None, "the report (report.html in the session folder)", read=file_written)
+    pdf: bool = option(False, "print it as well, to a PDF beside it; needs Chromium")
+    limit: float | None = option(
+        None,
+        "pass only if the held-out tilt of the segments and each closure run's RMSE are at most this; exit 1 if not",
+        unit="deg",
+        above=0,
+        default_key="limits.closure_deg",
+    )
+    strict: bool = option(False, "exit 1 for all but PASS without doubts")
+    explain: bool = option(True, "ask why recording and simulation differ", off="do not ask why recording and simulation differ")
+    certificate: Path | None = option(
+        None,
+        "write the certificate as well, the form that a laboratory signs (certificate.html in the session folder)",
+        read=file_written,
+        alone=OWN_PLACE,
+    )
+    dcc: Path | None = option(None, "write the certificate as a Digital Calibration Certificate, XML", read=file_written)
+    as_found: Path | None = option(None, "the model in use until now: the certificate states its errors as found")
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Options) -> int:
     """Write the calibration as one HTML file, for several sessions one each."""
     if not args.more:
         done = _report(args)
@@ -51,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
     return run_each(args, _report, "tinygc-reports/1", "Reports, degrees: held-out tilt rms, RMSE of each closure run")
 
 
-def _report(args: argparse.Namespace) -> Done:
+def _report(args: Options) -> Done:
     from session.base.units import DEG
     from tinygc.estimation.bias import tilt_rms
     from tinygc.library.reports import report
@@ -59,7 +68,8 @@ def _report(args: argparse.Namespace) -> Done:
     from tinygc.reporting.terminal import progress_bar
 
     path = args.out or args.folder / "report.html"
-    try_file(args, path)
+    if args.folder.is_dir():  # else the reading of the session reports it
+        try_file(path, args.json)
     form = None if args.certificate is None else args.folder / "certificate.html" if args.certificate is OWN_PLACE else args.certificate
     certified = form is not None or args.dcc is not None
     if args.as_found is not None and not certified:
@@ -69,12 +79,12 @@ def _report(args: argparse.Namespace) -> Done:
             certificate.check_before(args.folder, form, args.dcc)
     for each in (form, args.dcc):
         if each is not None:
-            try_file(args, each)
+            try_file(each, args.json)
     if args.pdf:
         require_browser()
-        try_file(args, path.with_suffix(".pdf"))
+        try_file(path.with_suffix(".pdf"), args.json)
     with progress_bar(args.quiet) as progress:
-        made = report(args.folder, options=fit_options(args), explain=not args.no_explain, limit_deg=args.limit, progress=progress)
+        made = report(args.folder, options=part(args, FitOptions), explain=args.explain, limit_deg=args.limit, progress=progress)
     certificate = made.certificate(args.as_found) if certified else None
     files = made.save(path, pdf=args.pdf)
     if certificate is not None and form is not None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 
 from session.base import features
-from tinygc.cli.arguments import add_field_arguments, effect_parameters, folder_written, given_fields
+from session.base.options import folder_written
+from tinygc.cli.arguments import add_field_arguments, effect_parameters, given_fields
 from tinygc.cli.results import output, write_json
 
 SUMMARY = "write a simulated session"

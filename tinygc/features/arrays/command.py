@@ -7,22 +7,23 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import asdict
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from session.base.errors import CalibrationError
 from session.base.names import is_array
+from session.base.options import given, part
 from session.base.texts import command_line
 from tinygc.cli.arguments import add_field_arguments, given_fields
-from tinygc.cli.options import given
-from tinygc.cli.results import Done, complain, output, print_commands, try_destinations, verdict, write_json
+from tinygc.cli.results import Done, complain, inside, output, print_commands, try_destinations, verdict, write_json
+from tinygc.estimation.options import BIASES, FitOptions
 
 if TYPE_CHECKING:
     from tinygc.simulation.options import SimulationOptions
 
 #: options of ``fit`` that an array's fit uses
-USED = ("bias", "accelerometer", "no_earth")
+USED = ("bias", "accelerometer", "earth")
 #: further options of ``fit`` that do not apply to an array
-UNUSED = ("model", "bias_dps", "physics", "resume", "temperature")
+UNUSED = ("model", "bias_dps")
 
 
 def add_simulate_arguments(command: argparse.ArgumentParser) -> None:
@@ -54,26 +55,24 @@ def simulate(args: argparse.Namespace, options: SimulationOptions, chosen: dict)
     return 0
 
 
-def fit(args: argparse.Namespace) -> Done | None:
+def fit(args: Any) -> Done | None:
     """Estimate all units of one folder jointly; None of what is no array."""
     if not is_array(args.folder):
         return None
     from tinygc.features.arrays import library
     from tinygc.reporting.terminal import progress_bar
 
-    idle = [*given(args, USED), *(f"--{name.replace('_', '-')}" for name in UNUSED if getattr(args, name, None))]
+    if args.bias not in BIASES:
+        raise CalibrationError(f"--bias {args.bias}: a bias of the day is one unit's; an array takes --bias auto, ends or stills")
+    idle = [*given(part(args, FitOptions), USED), *(f"--{name.replace('_', '-')}" for name in UNUSED if getattr(args, name, None))]
     if idle := list(dict.fromkeys(idle)):
         raise CalibrationError(
             f"{', '.join(idle)}: of no use with {args.folder}, an array, whose units are all fitted by least squares together; "
             f"leave {'it' if len(idle) == 1 else 'them'} out, or give one unit a folder of its own"
         )
-    if args.bias not in (None, "auto", "ends", "stills"):
-        raise CalibrationError(f"--bias {args.bias}: a bias of the day is one unit's; an array takes --bias auto, ends or stills")
-    try_destinations(args, "fit")
+    try_destinations(args.out or inside(args.folder, "fit"), args.json)
     with progress_bar(args.quiet) as progress:
-        found = library.fit(
-            args.folder, bias=args.bias or "auto", accelerometer=args.accelerometer, use_earth=not args.no_earth, progress=progress
-        )
+        found = library.fit(args.folder, bias=args.bias, accelerometer=args.accelerometer, use_earth=args.earth, progress=progress)
     table = found.to_json()
     folder = found.save(args.out)
     output(args).print(found.page)
@@ -100,7 +99,7 @@ def explain(args: argparse.Namespace) -> int | None:
         raise CalibrationError(
             f"--discover: of no use with {args.folder}, an array; leave it out, or give one unit a folder of its own and search there"
         )
-    try_destinations(args, "explain")
+    try_destinations(args.out or inside(args.folder, "explain"), args.json)
     with progress_bar(args.quiet) as progress:
         found = library.explain(args.folder, seed=args.seed, use_earth=not args.no_earth, check_on=args.check_on, progress=progress)
     folder = found.save(args.out)

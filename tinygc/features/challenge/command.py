@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from tinygc.cli.arguments import count, path_read
+from session.base.options import path_read
+from tinygc.cli.arguments import count
 from tinygc.cli.results import output, try_json, write_json
 
 SUMMARY = "examine explain on sessions that conceal one to three effects, blind"

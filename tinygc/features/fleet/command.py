@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from tinygc.cli.arguments import file_written, path_read
+from session.base.options import file_written, path_read
 from tinygc.cli.results import output, verdict, write_json
 
 SUMMARY = "statistics of a lot of sensors: mean, spread, drift, units that do not belong"

@@ -14,8 +14,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from session.base.errors import CalibrationError
+from session.base.options import file_written, folder_written, path_read
 from session.base.texts import command_line
-from tinygc.cli.arguments import STANDARD, count, file_written, folder_written, path_read, positive
+from tinygc.cli.arguments import STANDARD, count, positive
 from tinygc.cli.results import complain, output, print_commands, write_json
 
 if TYPE_CHECKING:

@@ -2,22 +2,14 @@
 
 from __future__ import annotations
 
-import argparse
 from typing import TYPE_CHECKING
 
 from session.base.errors import CalibrationError
-from tinygc.cli.arguments import path_read
 from tinygc.features.fleet.options import LotOptions
 
 if TYPE_CHECKING:
     from tinygc.estimation.options import FitOptions
     from tinygc.features.fleet.fit import LotFile
-
-
-def add_arguments(command: argparse.ArgumentParser) -> None:
-    """Add ``--lot``."""
-    what = "prior from a production lot (lot.json): fewer turns are enough"
-    command.add_argument("--lot", type=path_read, metavar="FILE", help=what)
 
 
 def prior(options: FitOptions, sensor: str) -> LotFile | None:
@@ -28,7 +20,7 @@ def prior(options: FitOptions, sensor: str) -> LotFile | None:
     assert isinstance(options, LotOptions)
     if options.lot is None:
         return None
-    for idle, name in ((options.physics is not None, "--physics"), (options.bias_per_log, "--bias-per-log")):
+    for idle, name in ((options.physics is not None, "--physics"), (options.bias_per_log, "bias_per_log")):
         if idle:
             raise CalibrationError(f"{name} fits without a lot's prior; leave it or --lot out")
     from tinygc.features.fleet.fit import lot_for

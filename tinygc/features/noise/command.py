@@ -6,9 +6,10 @@ import argparse
 from pathlib import Path
 
 from session.base.errors import CalibrationError
-from tinygc.cli.arguments import folder_written, path_read, seconds
+from session.base.options import folder_written, path_read
+from tinygc.cli.arguments import seconds
 from tinygc.cli.options import add_log_options, answers_of
-from tinygc.cli.results import output, try_destinations, try_json, write_json
+from tinygc.cli.results import output, try_destinations, write_json
 
 NAME = "noise"
 SUMMARY = "the noise of a sensor at rest, from milliseconds to hours: each term with its sigma, and when the others will be known"
@@ -47,10 +48,7 @@ def run(args: argparse.Namespace) -> int:
         raise CalibrationError("--curve-units and --duration are of --curve FILE; leave them out")
     session = next((path for path in args.logs if path.is_dir() and is_session(path)), None)
     folder: Path | None = args.out or (None if session is None else session / "fit")
-    if folder is not None:
-        try_destinations(argparse.Namespace(out=folder, json=args.json), "fit")
-    else:
-        try_json(args.json)
+    try_destinations(folder, args.json)
     with progress_bar(args.quiet) as progress:
         if args.curve is not None:
             found = library.noise_of_curve(args.curve, args.curve_units, args.duration, args.odr, args.sensor or "", args.serial)

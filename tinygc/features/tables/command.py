@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from session.base.errors import CalibrationError
+from session.base.options import file_written, path_read
 from session.base.texts import command_line, printable
 from session.base.units import DEG
-from tinygc.cli.arguments import file_written, is_standard_output, path_read, positive
+from tinygc.cli.arguments import is_standard_output, positive
 from tinygc.cli.results import ended_by_signals, output, write_json
 
 if TYPE_CHECKING:

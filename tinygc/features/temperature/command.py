@@ -1,4 +1,4 @@
-"""Commands over temperature: ``fit`` of rest logs and of sessions at several temperatures, ``simulate`` of rest logs.
+"""``temperature``: a model over temperature of sessions and rest logs; ``simulate`` of rest logs.
 
 Imports nothing heavy at its top, because the core's commands load it for its options.
 """
@@ -6,57 +6,54 @@ Imports nothing heavy at its top, because the core's commands load it for its op
 from __future__ import annotations
 
 import argparse
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from session.base.errors import CalibrationError
-from tinygc.cli.arguments import add_field_arguments, count, given_fields
-from tinygc.cli.options import given
-from tinygc.cli.results import Done, output, try_destinations, write_json
+from session.base.options import argument, folder_written, option
+from tinygc.cli.arguments import add_field_arguments, given_fields
+from tinygc.cli.options import Command, UsesEffects
+from tinygc.cli.results import output, try_destinations, write_json
 
 if TYPE_CHECKING:
     from tinygc.simulation.options import SimulationOptions
 
 HIGHEST_ORDER = 20  #: above it powers of a temperature are indistinguishable in float64
+SUMMARY = "one calibration over temperature, of sessions and rest logs of one sensor"
 
 
-def add_fit_arguments(command: argparse.ArgumentParser) -> None:
-    """Add the options of ``fit``."""
-    command.add_argument("--temperature", action="store_true", help="one model over temperature, of all folders and their rests")
-    command.add_argument(
-        "--temperature-order", type=count(0, HIGHEST_ORDER), metavar="N", help="highest power of the temperature that is tried (5)"
-    )
+@dataclass(frozen=True)
+class Options(Command, UsesEffects):
+    """Options of ``temperature``."""
+
+    folders: tuple[Path, ...] = argument("session folders, and folders of rest logs, of one sensor", metavar="DIR")
+    order: int = option(5, "highest power of the temperature that is tried", least=0, most=HIGHEST_ORDER)
+    out: Path | None = option(None, "where the model goes (fit/ in the first folder)", metavar="DIR", read=folder_written)
 
 
-def fit(args: argparse.Namespace) -> Done | None:
-    """Fit one model to all folders; None where it is not asked for, and the first folder is none of rest logs."""
-    if not args.temperature and not _has_only_rests(args.folder):
-        if rests := [folder for folder in args.more if _has_only_rests(folder)]:
-            raise CalibrationError(f"{rests[0]}: holds rest logs alone; add --temperature to join them with the sessions in one model")
-        return None
+def run(args: Options) -> int:
+    """Fit one model to all folders."""
     from tinygc.features.temperature.library import fit_temperature
     from tinygc.features.temperature.output import MODEL, save_thermal, temperature_report, to_json
     from tinygc.reporting.terminal import progress_bar
 
-    limit = ["--limit"] if args.limit is not None and args.defaults is None else []
-    if idle := [*given(args, ()), *limit, *(["--model"] if args.model else [])]:
-        raise CalibrationError(
-            f"{', '.join(idle)}: of no use over temperature, where each session is fitted by least squares; "
-            f"leave {'it' if len(idle) == 1 else 'them'} out"
-        )
-    try_destinations(args, "fit")
-    most = {} if args.temperature_order is None else {"most_order": args.temperature_order}
+    folder = args.out or args.folders[0] / "fit"
+    try_destinations(folder, args.json)
     with progress_bar(args.quiet) as progress:
-        result = fit_temperature([args.folder, *args.more], progress=progress, **most)
-    folder = save_thermal(result, args.out or args.folder / "fit")
+        result = fit_temperature(args.folders, most_order=args.order, progress=progress)
+    save_thermal(result, folder)
     output(args).print(temperature_report(result))
     output(args).print(f"model: {folder / MODEL}", soft_wrap=True)
-    return Done(0, to_json(result), f"a model over temperature: {MODEL}")
+    write_json(args.json, to_json(result))
+    return 0
 
 
-def _has_only_rests(folder: Path) -> bool:
-    """Whether a folder holds rest logs and no log with turns."""
-    return folder.is_dir() and any(folder.glob("rest*.csv*")) and not any(folder.glob("log*.csv*"))
+def fit(args: Any) -> None:
+    """Refuse a folder of rest logs alone, in which nothing turns."""
+    folder: Path = args.folder
+    if folder.is_dir() and any(folder.glob("rest*.csv*")) and not any(folder.glob("log*.csv*")):
+        raise CalibrationError(f"{folder}: holds rest logs alone; the command temperature makes a model of them")
 
 
 def add_simulate_arguments(command: argparse.ArgumentParser) -> None:

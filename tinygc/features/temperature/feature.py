@@ -3,12 +3,12 @@
 from session.base.features import Feature
 
 FEATURE = Feature(
+    commands={"temperature": "command"},
     public={"fit_temperature": "library", "ThermalFit": "library"},
     kinds={"thermal": "model"},
     exports={"thermal": "deploy"},
     serves={
-        "options of fit": "command:add_fit_arguments",
-        "fit of folders": "command:fit",
+        "fit of a folder": "command:fit",
         "options of simulate": "command:add_simulate_arguments",
         "simulation": "command:simulate",
     },

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import argparse
+from typing import Any
 
 from session.base.errors import CalibrationError
 from session.base.names import is_gyroscope_alone
-from tinygc.cli.options import given
-from tinygc.cli.results import Done, output, try_destinations
+from session.base.options import given, part
+from tinygc.cli.results import Done, inside, output, try_destinations
+from tinygc.estimation.options import FitOptions
 
 
-def fit(args: argparse.Namespace) -> Done | None:
+def fit(args: Any) -> Done | None:
     """Fit scale and bias by the known turns; None of a folder whose reference is another."""
     if not is_gyroscope_alone(args.folder):
         return None
@@ -20,11 +21,11 @@ def fit(args: argparse.Namespace) -> Done | None:
 
     more = [name for name, value in (("--model", args.model), ("--bias-dps", args.bias_dps), ("--strict", args.strict)) if value]
     limit = ["--limit"] if args.limit is not None and args.defaults is None else []
-    if idle := [*given(args, ()), *limit, *more]:
+    if idle := [*given(part(args, FitOptions)), *limit, *more]:
         raise CalibrationError(
             f"{', '.join(idle)}: of no use for a gyroscope alone, which has no closure; leave {'it' if len(idle) == 1 else 'them'} out"
         )
-    try_destinations(args, "fit")
+    try_destinations(args.out or inside(args.folder, "fit"), args.json)
     with progress_bar(args.quiet) as progress:
         result = fit_turns(args.folder, progress=progress)
     folder = result.save(args.out)

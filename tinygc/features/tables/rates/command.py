@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import argparse
 
-from tinygc.cli.arguments import count, folder_written, path_read
-from tinygc.cli.results import output, try_destinations, try_json, write_json
+from session.base.options import folder_written, path_read
+from tinygc.cli.arguments import count
+from tinygc.cli.results import output, try_destinations, write_json
 
 SUMMARY = "rate steps and sine sweeps of a rate table: the law of the output, the terms of IEEE 1431, bandwidth and delay"
 
@@ -29,10 +30,7 @@ def run(args: argparse.Namespace) -> int:
     from tinygc.features.tables.rates.points import Columns
     from tinygc.reporting.terminal import progress_bar
 
-    if args.out is not None:
-        try_destinations(argparse.Namespace(out=args.out, json=args.json), "rates")
-    else:
-        try_json(args.json)
+    try_destinations(args.out, args.json)
     columns = Columns(args.rate_column, args.output_column, args.output_unit, args.readings)
     with progress_bar(args.quiet) as progress:
         found = rates_of(args.source, columns, progress)

@@ -2,52 +2,72 @@
 
 from __future__ import annotations
 
-import argparse
+from dataclasses import dataclass
+from pathlib import Path
 
-from tinygc.cli.arguments import count, filled, folder_written, path_read, positive, within
-from tinygc.cli.options import add_fit_arguments, fit_options
-from tinygc.cli.results import output, try_destinations, try_json, write_json
+from session.base.options import argument, folder_written, option, part
+from tinygc.cli.arguments import LARGEST_SEED, filled
+from tinygc.cli.options import Command
+from tinygc.cli.results import output, try_destinations, write_json
+from tinygc.estimation.options import FitOptions
 
 SUMMARY = "the uncertainty by source: of each parameter, and of the attitude after a motion"
 #: exit code by what the draws say
 EXIT = {"agrees": 0, "differs": 1, "undecided": 5}
 
 
-def add_arguments(command: argparse.ArgumentParser) -> None:
-    """Add the command's arguments."""
-    command.add_argument("folder", type=path_read, help="session folder; its least squares is fitted, as fit does")
-    of = "print the whole table of one quantity: bias_x, scale_factor_error_y, E_xy, attitude_total; may be repeated"
-    command.add_argument("--of", type=filled, action="append", default=[], metavar="NAME", help=of)
-    command.add_argument("--out", type=folder_written, metavar="DIR", help="where budget.json and budget.html go")
-    use = command.add_argument_group("the use whose attitude error is asked for")
-    motion = "rest, a session folder, or a log: the motion of the use (the session's own beginning)"
-    use.add_argument("--motion", type=path_read, metavar="rest|DIR|LOG", help=motion)
-    use.add_argument("--seconds", type=positive, default=60.0, metavar="S", help="how long (%(default)g s)")
-    elapsed = "the use is so long after the session and the sensor was not switched off since; else it is another switch-on"
-    use.add_argument("--elapsed", type=positive, metavar="S", help=elapsed)
-    use.add_argument(
-        "--warmer", type=within(-200, 200, "difference", "K"), metavar="K", help="how much warmer the sensor is in use than in the session"
+USE = "the use whose attitude error is asked for"
+
+
+@dataclass(frozen=True)
+class Options(FitOptions, Command):
+    """Options of ``budget``."""
+
+    folder: Path = argument("session folder; its least squares is fitted, as fit does")
+    of: tuple[str, ...] = option(
+        (),
+        "print the whole table of one quantity: bias_x, scale_factor_error_y, E_xy, attitude_total; may be repeated",
+        metavar="NAME",
+        read=filled,
+        repeated=True,
     )
-    check = command.add_argument_group("a check by Monte Carlo (JCGM 101)")
-    draws = "draw all errors anew, at most so often, fit each time, and compare; exit 1 if they differ, 5 if so few do not decide"
-    check.add_argument("--monte-carlo", type=count(1), default=0, metavar="N", help=draws)
-    add_fit_arguments(command, trained=False)
-    command.set_defaults(methods=["least_squares"])
+    out: Path | None = option(None, "where budget.json and budget.html go", metavar="DIR", read=folder_written)
+    motion: Path | None = option(
+        None,
+        "rest, a session folder, or a log: the motion of the use (the session's own beginning)",
+        metavar="rest|DIR|LOG",
+        group=USE,
+    )
+    seconds: float = option(60.0, "how long", unit="s", above=0, group=USE)
+    elapsed: float | None = option(
+        None,
+        "the use is so long after the session and the sensor was not switched off since; else it is another switch-on",
+        unit="s",
+        above=0,
+        group=USE,
+    )
+    warmer: float | None = option(
+        None, "how much warmer the sensor is in use than in the session", unit="K", least=-200, most=200, group=USE
+    )
+    monte_carlo: int = option(
+        0,
+        "draw all errors anew, at most so often, fit each time, and compare (JCGM 101); exit 1 if they differ, 5 if so few do not decide",
+        least=0,
+    )
+    methods: tuple[str, ...] = option(("least_squares",), "the fit whose budget it is", some=("least_squares",), cli=False)
+    seed: int = option(0, "of the draws", least=0, most=LARGEST_SEED)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Options) -> int:
     """Fit the session, and print the budget of what is asked for."""
     from tinygc.features.unit.budget.library import FILE, PAGE, budget_of_folder
     from tinygc.features.unit.budget.use import Use
     from tinygc.reporting.terminal import progress_bar
 
-    if args.out is not None:
-        try_destinations(argparse.Namespace(out=args.out, json=args.json), "budget")
-    else:
-        try_json(args.json)
+    try_destinations(args.out, args.json)
     use = Use(args.motion, args.seconds, args.elapsed, args.warmer)
     with progress_bar(args.quiet) as progress:
-        found = budget_of_folder(args.folder, fit_options(args), use, tuple(args.of), progress, args.monte_carlo, args.seed)
+        found = budget_of_folder(args.folder, part(args, FitOptions), use, args.of, progress, args.monte_carlo, args.seed)
     output(args).print(found.page)
     if args.out is not None:
         found.save(args.out)

@@ -176,8 +176,6 @@ def budget(
         Seed of the draws.
     progress : callable, optional
         Called with the current step's description, the number of steps done and the number of all steps.
-    **choices
-        Single fields of ``FitOptions``, of a session that is to be fitted: ``still_rates=True``.
 
     Returns
     -------

@@ -79,7 +79,7 @@ class _Redrawn:
         if result.noise is None or result.prior is not None or options.bias_per_log:
             raise CalibrationError(
                 "--monte-carlo: the errors of this fit cannot be drawn in its data (a truth file, more than 400 segments, --lot or "
-                "--bias-per-log); leave it out"
+                "bias_per_log); leave it out"
             )
         self.result, self.problem, self.noise = result, problem, result.noise
         self.rng = np.random.default_rng(seed)

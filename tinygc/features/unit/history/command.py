@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from tinygc.cli.arguments import folder_written, path_read
-from tinygc.cli.results import output, try_destinations, try_json, verdict, write_json
+from session.base.options import folder_written, path_read
+from tinygc.cli.results import output, try_destinations, verdict, write_json
 
 SUMMARY = "one unit over its sessions: scatter between switch-ons, drift a year, shocks, when to calibrate next"
 
@@ -33,10 +33,7 @@ def run(args: argparse.Namespace) -> int:
     from tinygc.features.unit.history.library import history_of_paths, read_dates, requirements_of
     from tinygc.reporting.terminal import progress_bar
 
-    if args.out is not None:
-        try_destinations(argparse.Namespace(out=args.out, json=args.json), "history")
-    else:
-        try_json(args.json)
+    try_destinations(args.out, args.json)
     requirements = requirements_of(args.accuracy, args.require)
     dates = {} if args.dates is None else read_dates(args.dates)
     with progress_bar(args.quiet) as progress:

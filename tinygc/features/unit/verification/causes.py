@@ -153,7 +153,7 @@ def candidate_causes(rows: Rows, old: OldCalibration, temp_then_c: float = float
     constant("zero", "the zero has moved", zero, np.full(3, ZERO_RPS), "dps", DEG, xyz, "take B anew")
     if np.isfinite(rows.temp_c - temp_then_c) and (warmer := rows.temp_c - temp_then_c):
         says = f"the zero follows the temperature, {warmer:+.1f} K since then"
-        advice = "take B anew at this temperature, or fit over temperature (fit --temperature)"
+        advice = "take B anew at this temperature, or fit over temperature (temperature)"
         constant("temperature", says, zero * warmer, np.full(3, PER_K), "dps/K", DEG, xyz, advice)
     if not rows.turns:  # what is read at rest is the zero, whatever else has changed
         return found + _of_accelerometer(rows, old) + _in_time(rows, zero, minute_s)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from tinygc.cli.arguments import file_written, path_read, seconds
+from session.base.options import file_written, path_read
+from tinygc.cli.arguments import seconds
 from tinygc.cli.options import add_log_options, answers_of
 from tinygc.cli.results import output, try_file, try_json, verdict, write_json
 
@@ -42,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
     from tinygc.reporting.terminal import progress_bar
 
     if args.write is not None:
-        try_file(argparse.Namespace(out=args.write, json=args.json), args.write)
+        try_file(args.write, args.json)
     try_json(args.json)
     options = Options(
         false_alarm=args.false_alarm,

@@ -6,7 +6,8 @@ import argparse
 import contextlib
 
 from session.base.errors import CalibrationError
-from tinygc.cli.arguments import STANDARD, count, duration, filled, is_standard_output, path_read, stream_header
+from session.base.options import path_read
+from tinygc.cli.arguments import STANDARD, count, duration, filled, is_standard_output, stream_header
 from tinygc.cli.options import add_log_options, answers_of
 from tinygc.cli.results import Interruption, complain, output
 

@@ -1,0 +1,461 @@
+"""Options, each declared once: a field of a frozen record, which states its meaning, unit, bounds and flag.
+
+    @dataclass(frozen=True)
+    class SearchOptions(Record):
+        folds: int = option(5, "folds of the held-out closure", least=2)
+        earth: bool = option(True, "leave the Earth's rotation in the rates")
+
+Read from the fields are the command line (``add_arguments``, ``from_arguments``), the check of a record that Python code makes
+(``check``), the keywords of a public function with their documentation (``keywords``, ``documented``), and the tables of the pages
+(docs/make_options.py).  Imports nothing heavy.
+
+A field's type decides how its text is read: ``bool`` is a flag, and with True as its default ``--no-…``; ``tuple[int, ...]`` and
+``tuple[str, ...]`` are lists with commas; ``tuple[float, float, float]`` are three words; None is allowed where the type says so.
+"""
+
+from __future__ import annotations
+
+import argparse
+import inspect
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import MISSING, Field, dataclass, field, fields
+from difflib import get_close_matches
+from functools import partial
+from math import isfinite
+from numbers import Integral, Real
+from os import PathLike
+from pathlib import Path
+from typing import Any, TypeVar
+
+from session.base.errors import CalibrationError
+
+R = TypeVar("R")
+
+
+@dataclass(frozen=True)
+class Rule:
+    """What a field states beside its name, type and default.
+
+    help: its meaning, as ``--help`` and the pages say it; off: that of ``--no-…``, of a field that is True by default; unit;
+    choices: the values there are; some: the words of a list; least, most, above: bounds of each number; metavar: its value in
+    ``--help``; group: heading in ``--help``; flags: in place of the field's name; positional; repeated: given once for each value;
+    alone: value of a flag without one; read: parser of its text; cli: whether the command line has it; default_key: of the user's
+    defaults file.
+    """
+
+    help: str
+    off: str = ""
+    unit: str = ""
+    choices: tuple[Any, ...] = ()
+    some: tuple[str, ...] = ()
+    least: float | None = None
+    most: float | None = None
+    above: float | None = None
+    metavar: str = ""
+    group: str = ""
+    flags: tuple[str, ...] = ()
+    positional: bool = False
+    repeated: bool = False
+    alone: Any = None
+    read: Callable[[str], Any] | None = None
+    cli: bool = True
+    default_key: str = ""
+
+
+def option(default: Any, help: str, **rule: Any) -> Any:
+    """A field of a record of options; rule: fields of ``Rule``."""
+    make: dict[str, Any] = {"default_factory": default} if inspect.isfunction(default) else {"default": default}
+    return field(**make, metadata={"rule": Rule(help, **rule)})
+
+
+def argument(help: str, default: Any = MISSING, **rule: Any) -> Any:
+    """A positional argument; required where it has no default."""
+    return field(default=default, kw_only=True, metadata={"rule": Rule(help, positional=True, **rule)})
+
+
+# Paths: a field declares by ``read=`` whether the command reads or writes there, so that no output replaces an input.
+
+
+def _path(text: str) -> Path:
+    """Parse a file or folder.  An empty path is refused: it would be the current folder, from an unset shell variable."""
+    if not text.strip():
+        raise argparse.ArgumentTypeError("an empty name; give a file or folder (. for this one)")
+    return Path(text)
+
+
+def path_read(text: str) -> Path:
+    """Argument type: a file or folder that the command reads."""
+    return _path(text)
+
+
+def file_written(text: str) -> Path:
+    """Argument type: a file that the command writes."""
+    return _path(text)
+
+
+def log_written(text: str) -> Path:
+    """Argument type: a log that the command writes; a new one may lie in a session folder."""
+    return _path(text)
+
+
+def folder_written(text: str) -> Path:
+    """Argument type: a folder that the command writes files into."""
+    return _path(text)
+
+
+for _type in (path_read, file_written, log_written, folder_written):
+    _type.__name__ = "path"  # for argparse's message "invalid path value"
+
+
+class OptionError(CalibrationError):
+    """A value outside of what its field declares."""
+
+    #: of the field
+    name = ""
+
+    @classmethod
+    def of(cls, name: str, value: Any, expected: str) -> OptionError:
+        """An error of a field, its value, and what was expected."""
+        error = cls(f"{name} is {value!r:.80}, expected {expected}")
+        error.name = name
+        return error
+
+
+class Record:
+    """A record of options whose fields are checked when it is made; ``require`` is for what several fields decide together."""
+
+    #: begins the flags of all its fields
+    PREFIX = ""
+
+    def __post_init__(self) -> None:
+        """Check each field by what it declares."""
+        check(self)
+
+    def require(self, fine: bool, name: str, expected: str) -> None:
+        """Raise OptionError for a field unless it is fine."""
+        if not fine:
+            raise OptionError.of(name, getattr(self, name), expected)
+
+
+def declared(kind: Any) -> Iterator[tuple[Field[Any], Rule]]:
+    """Yield the options of a record, those of its own class before those of its bases."""
+    known = {each.name: each for each in fields(kind)}
+    for base in (kind if isinstance(kind, type) else type(kind)).__mro__:
+        for name in inspect.get_annotations(base):
+            if (each := known.pop(name, None)) is not None and "rule" in each.metadata:
+                yield each, each.metadata["rule"]
+
+
+def flag(kind: Any, name: str) -> str:
+    """The flag of a field, as it is typed; the name of a positional argument."""
+    each = next(each for each in fields(kind) if each.name == name)
+    rule: Rule = each.metadata["rule"]
+    if rule.positional:
+        return name
+    return rule.flags[-1] if rule.flags else ("--no-" if each.default is True else "--") + kind.PREFIX + name.replace("_", "-")
+
+
+# Values
+
+
+def _kind(each: Field[Any]) -> str:
+    return str(each.type).removesuffix(" | None")
+
+
+def default_of(each: Field[Any]) -> Any:
+    """The default of a field; MISSING where it is required."""
+    return each.default if each.default_factory is MISSING else each.default_factory()
+
+
+def _one(kind: str, value: Any) -> Any:
+    """The value as one of a kind; ValueError for another."""
+    if kind == "Path":
+        if isinstance(value, PathLike) or (isinstance(value, str) and value.strip() and "\0" not in value):
+            return Path(value)
+    elif kind == "bool":
+        if isinstance(value, bool):
+            return value
+    elif kind == "int":
+        if isinstance(value, Integral) and not isinstance(value, bool):
+            return int(value)
+    elif kind == "float":
+        if isinstance(value, Real) and not isinstance(value, bool) and isfinite(value):
+            return value
+    elif kind != "str" or isinstance(value, str):
+        return value
+    raise ValueError
+
+
+def suited(each: Field[Any], rule: Rule, value: Any) -> Any:
+    """The value of a field, as its type has it; ValueError for one outside of what it declares."""
+    kind = _kind(each)
+    if kind.startswith("tuple["):
+        kinds = kind[6:-1].split(", ")
+        alone = isinstance(value, str | PathLike | Real)
+        values = (value,) if alone else tuple(value)
+        if kinds[-1] != "..." and len(values) != len(kinds):
+            raise ValueError
+        values = value = tuple(_one(kinds[0], each) for each in values)
+        if kind == "tuple[int, ...]":
+            values = value = tuple(dict.fromkeys(values))
+        if rule.some and not (values and set(values) <= set(rule.some)):
+            raise ValueError
+    else:
+        value = _one(kind, value)
+        values = (value,)
+    if rule.choices and value not in rule.choices:
+        raise ValueError
+    for number in values:
+        if (
+            (rule.least is not None and number < rule.least)
+            or (rule.most is not None and number > rule.most)
+            or (rule.above is not None and number <= rule.above)
+        ):
+            raise ValueError
+    return value
+
+
+#: one and several values of a kind
+WORDS = {
+    "bool": ("True or False", ""),
+    "int": ("a whole number", "whole numbers"),
+    "float": ("a number", "numbers"),
+    "str": ("text", "words"),
+    "Path": ("a path", "paths"),
+}
+
+
+def expected(each: Field[Any], rule: Rule) -> str:
+    """What a field declares, in words: ``a whole number of 2 or more``."""
+    if rule.choices or rule.some:
+        return f"{'one' if rule.choices else 'some'} of {', '.join(map(str, rule.choices or rule.some))}"
+    kind = _kind(each)
+    if kind.startswith("tuple["):
+        kinds = kind[6:-1].split(", ")
+        words = f"{'a list of' if kinds[-1] == '...' else 'three'} {WORDS.get(kinds[0], ('', 'values'))[1]}"
+    else:
+        words = WORDS.get(kind, (kind, ""))[0]
+    unit = f" {rule.unit}" if rule.unit else ""
+    if rule.above is not None:
+        return f"{words} above {rule.above:g}{unit}" + ("" if rule.most is None else f", at most {rule.most:g}{unit}")
+    if rule.least is not None:
+        return words + (f" of {rule.least:g} or more{unit}" if rule.most is None else f" from {rule.least:g} to {rule.most:g}{unit}")
+    return words + ("" if rule.most is None else f" of at most {rule.most:g}") + unit
+
+
+def check(record: Any) -> None:
+    """Raise OptionError for a field outside of what it declares; texts become paths, and lists tuples, where the type is one."""
+    for each, rule in declared(record):
+        value = getattr(record, each.name)
+        if value is None and (str(each.type).endswith("| None") or each.default is None):
+            continue
+        try:
+            object.__setattr__(record, each.name, suited(each, rule, value))
+        except (TypeError, ValueError, OverflowError):
+            raise OptionError.of(each.name, value, expected(each, rule)) from None
+
+
+def part(options: Any, kind: type[R], **changes: Any) -> R:
+    """The record of a kind out of one that has its fields, and more."""
+    return kind(**{each.name: getattr(options, each.name) for each in fields(kind)} | changes)  # type: ignore[arg-type]
+
+
+def given(options: Any, but: tuple[str, ...] = ()) -> list[str]:
+    """Flags of the options that differ from their defaults, apart from those of the fields ``but``."""
+    found = ((each, default_of(each)) for each, rule in declared(options) if rule.cli and not rule.positional and each.name not in but)
+    return [flag(options, each.name) for each, default in found if getattr(options, each.name) != default]
+
+
+# The command line
+
+
+def meant(word: str, known: Any) -> str:
+    """Name the known word that is nearest to a wrong one: ``; is 'fit' meant?``; empty where none is near."""
+    plain = {each.lower(): each for each in known}
+    # shorter than argparse's own bar of 0.6: a command has few letters, and one of them is wrong or two have changed places
+    near = get_close_matches(word.lower(), plain, n=1, cutoff=0.5) if word else []
+    return f"; is {plain[near[0]]!r} meant?" if near else ""
+
+
+def _number(text: str) -> float:
+    return float(text)
+
+
+def _whole(text: str) -> int:
+    return int(text)
+
+
+def _filled(text: str) -> str:
+    if not text.strip():
+        raise argparse.ArgumentTypeError("an empty name")
+    return text
+
+
+def _words(known: tuple[str, ...], text: str) -> list[str]:
+    """Parse names, separated by commas; each once."""
+    chosen = [name.strip() for name in text.split(",") if name.strip()]
+    for name in chosen:
+        if known and name not in known:
+            raise argparse.ArgumentTypeError(f"{name!r} is no choice, expected some of {','.join(known)}{meant(name, known)}")
+    if not chosen:
+        raise argparse.ArgumentTypeError(f"name at least one of {','.join(known)}")
+    return list(dict.fromkeys(chosen))
+
+
+def _whole_numbers(text: str) -> list[int]:
+    """Parse numbers of segments, separated by commas."""
+    words = [word.strip() for word in text.split(",")]
+    if not all(word.isascii() and word.isdigit() and len(word) < 10 for word in words):
+        raise argparse.ArgumentTypeError(f"{text!r} is no list of segment numbers such as 3,17")
+    return list(map(int, words))
+
+
+_number.__name__, _whole.__name__, _filled.__name__ = "number", "whole number", "text"
+#: type of a field -> parser of its text, or of one of its words
+READERS: dict[str, Callable[[str], Any]] = {
+    "int": _whole,
+    "float": _number,
+    "str": _filled,
+    "Path": path_read,
+    "tuple[int, ...]": _whole_numbers,
+    "tuple[Path, ...]": path_read,
+    "tuple[float, float, float]": _number,
+}
+
+
+def add_arguments(command: argparse.ArgumentParser, kind: Any) -> None:
+    """Add an argument for each field of a record that the command line has; what is not given is left out of the namespace."""
+    groups: dict[str, Any] = {"": command}
+    for each, rule in declared(kind):
+        if not rule.cli:
+            continue
+        if rule.group not in groups:
+            groups[rule.group] = command.add_argument_group(rule.group)
+        settings: dict[str, Any] = {"default": argparse.SUPPRESS, "help": help_of(each, rule).replace("%", "%%")}
+        words = [each.name] if rule.positional else [*rule.flags[:-1], flag(kind, each.name)]
+        if not rule.positional:
+            settings["dest"] = dest(kind, each.name)
+        if _kind(each) == "bool":
+            groups[rule.group].add_argument(*words, action="store_false" if each.default is True else "store_true", **settings)
+            continue
+        groups[rule.group].add_argument(*words, **settings, **_value(each, rule))
+
+
+def _value(each: Field[Any], rule: Rule) -> dict[str, Any]:
+    """How argparse reads the value of a field."""
+    kind, required = _kind(each), default_of(each) is MISSING
+    settings: dict[str, Any] = {"type": rule.read or (partial(_words, rule.some) if kind == "tuple[str, ...]" else READERS.get(kind))}
+    if shown := metavar(each, rule):
+        settings["metavar"] = shown
+    if rule.choices and kind == "str":
+        settings["choices"] = rule.choices
+    if rule.positional:
+        several = kind.startswith("tuple[")
+        settings["nargs"] = ("+" if required else "*") if several else None if required else "?"
+        return settings
+    if required:
+        settings["required"] = True
+    if rule.alone is not None:
+        settings |= {"nargs": "?", "const": rule.alone}
+    elif kind == "tuple[float, float, float]" and rule.read is None:
+        settings["nargs"] = 3
+    elif rule.repeated:
+        settings["action"] = "append"
+    elif kind == "tuple[int, ...]":
+        settings["action"] = "extend"
+    return settings
+
+
+def dest(kind: Any, name: str) -> str:
+    """The name of a field in the namespace of the parsed arguments."""
+    return kind.PREFIX.replace("-", "_") + name
+
+
+#: type of a field -> how its value is called where nothing says it
+METAVARS = {"int": "N", "str": "NAME", "Path": "FILE", "tuple[Path, ...]": "DIR", "tuple[int, ...]": "N,N", "tuple[str, ...]": "A,B"}
+
+
+def metavar(each: Field[Any], rule: Rule) -> str:
+    """How ``--help`` and the pages call a field's value; empty for a flag without one, and for choices that stand there."""
+    if rule.metavar or _kind(each) == "bool" or rule.positional:
+        return rule.metavar
+    if rule.choices and _kind(each) == "str":
+        return "|".join(rule.choices)
+    return rule.unit.upper() if rule.unit.isalpha() else METAVARS.get(_kind(each), "X")
+
+
+def help_of(each: Field[Any], rule: Rule) -> str:
+    """The meaning of a field with its unit, where that is not its value's name, and its default."""
+    unit = "" if not rule.unit or rule.unit.isalpha() else f"{rule.unit}, "
+    default = default_of(each)
+    plain = isinstance(default, str | int | float) and not isinstance(default, bool) and default != ""
+    return f"{unit}{rule.off or rule.help}" + (f" ({default})" if plain else "")
+
+
+def from_arguments(kind: type[R], args: argparse.Namespace) -> R:
+    """The record of parsed arguments.  Raises CalibrationError, with the flag as it is typed, for a value outside of what is declared."""
+    known = {each.name: dest(kind, each.name) for each, _ in declared(kind)}
+    try:
+        return kind(**{name: getattr(args, place) for name, place in known.items() if hasattr(args, place)})
+    except OptionError as error:
+        if error.name not in known:
+            raise
+        raise CalibrationError(f"{flag(kind, error.name)}{str(error).removeprefix(error.name)}; see --help") from None
+
+
+# Python
+
+
+def _typed(each: Field[Any], rule: Rule) -> str:
+    """The type and the default of a field, as numpydoc writes them."""
+    kind, default = _kind(each), default_of(each)
+    if rule.choices:
+        words = "{" + ", ".join(map(repr, rule.choices)) + "}"
+    elif kind.startswith("tuple["):
+        words = f"tuple of {kind[6:-1].split(', ')[0]}"
+    else:
+        words = "str or Path" if kind == "Path" else kind
+    return f"{words}, optional" if default in (None, ()) else f"{words}, default {default!r}"
+
+
+def parameters(kind: Any, but: Sequence[str] = ()) -> str:
+    """The fields of a record, apart from ``but``, as entries of a "Parameters" section."""
+    entries = []
+    for each, rule in declared(kind):
+        if each.name in but:
+            continue
+        bounds = f"; {expected(each, rule)}" if (rule.least, rule.most, rule.above) != (None, None, None) else ""
+        unit = f"{rule.unit}, " if rule.unit and not bounds else ""
+        text = f"{unit}{rule.help}{bounds}"
+        entries.append(f"{each.name} : {_typed(each, rule)}\n    {text[:1].upper()}{text[1:]}.")
+    return "\n".join(entries)
+
+
+def _with_parameters(text: str, kind: Any, but: Sequence[str] = ()) -> str:
+    """A docstring with the fields of a record at the end of its "Parameters" section, which is made where there is none."""
+    lines = inspect.cleandoc(text).split("\n")
+    heads = [index - 1 for index, line in enumerate(lines) if index and line and set(line) == {"-"}]
+    begin = next((index for index in heads if lines[index] == "Parameters"), None)
+    end = next((index for index in heads if begin is None or index > begin), len(lines))
+    before, after = "\n".join(lines[:end]).rstrip(), "\n".join(lines[end:])
+    head = "\n" if begin is not None else "\n\nParameters\n----------\n"
+    return f"{before}{head}{parameters(kind, but)}\n\n{after}".rstrip() + "\n"
+
+
+def documented(kind: type[R]) -> type[R]:
+    """Decorate a record: its docstring gets a "Parameters" section."""
+    kind.__doc__ = _with_parameters(kind.__doc__ or "", kind)
+    return kind
+
+
+def keywords(function: Callable[..., Any], kind: Any) -> None:
+    """Give a function that takes ``**choices`` the fields of a record as keywords, in its signature and in its docstring."""
+    own = [each for each in inspect.signature(function).parameters.values() if each.kind is not each.VAR_KEYWORD]
+    known = [each.name for each in own]
+    more = [
+        inspect.Parameter(each.name, inspect.Parameter.KEYWORD_ONLY, default=default_of(each), annotation=each.type)
+        for each, _ in declared(kind)
+        if each.name not in known
+    ]
+    function.__signature__ = inspect.signature(function).replace(parameters=[*own, *more])  # type: ignore[attr-defined]
+    function.__doc__ = _with_parameters(function.__doc__ or "", kind, known)

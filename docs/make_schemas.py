@@ -27,11 +27,11 @@ from session.base.records import REQUIRED, Entry, Record, record_of  # noqa: E40
 from session.base.results import LARGEST, Array, Flag, Keys, ListOf, MapOf, Maybe, Number, Shape, Text  # noqa: E402
 
 PAGES = (
-    *("fit", "models", "explain", "lots", "simulation", "commands", "turns", "noise", "tables", "rates"),
+    *("fit", "models", "explain", "lots", "simulation", "commands", "turns", "tables", "rates"),
     *("verify", "watch", "history", "budget"),
 )
 #: of JSON that the tool writes
-RECORDS = ("tinygc.estimation.fitted_file:Fitted",)
+RECORDS = ("tinygc.estimation.fitted_file:Fitted", "tinygc.features.noise.library:NoiseFile")
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 # Tables of keys.

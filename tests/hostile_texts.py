@@ -203,7 +203,17 @@ def context(text: str) -> Context:
     axis = AxisNoise(silent | {"N": Term(1e-4, 1e-6, 1.0), "K": Term(1e-6, 1e-7, 1.0)})
     sensor = SensorNoise((axis, axis, axis))
     motion = Inflation(text, np.ones(3), np.ones(3), {text: np.ones(3)}, text)
-    noise = NoiseFigures(sensor, sensor, 208.0, 3600.0, 748_800, (text,), text, text, (motion,))
+    noise = NoiseFigures(
+        gyro=sensor,
+        accel=sensor,
+        rate_hz=208.0,
+        duration_s=3600.0,
+        samples=748_800,
+        logs=(text,),
+        sensor=text,
+        serial=text,
+        inflations=(motion,),
+    )
     return Context(text, text, known, table, fit, {text: "0" * 64, f"{text}.csv": "1" * 64}, noise=noise)
 
 

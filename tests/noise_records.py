@@ -42,11 +42,12 @@ WALKING = Inflation("walking", np.array([2.0, 3.0, 4.0]), np.array([5.0, 6.0, 7.
 def figures(gyro=GYRO, accel=ACCEL, **changes) -> NoiseFigures:
     """Of ten hours at 208 Hz."""
     known = {"rate_hz": 208.0, "duration_s": 36_000.0, "samples": 7_488_000} | changes
-    return NoiseFigures(gyro, accel, **known)
+    return NoiseFigures(gyro=gyro, accel=accel, **known)
 
 
 def figures_of(
     gyro: SensorNoise, accel: SensorNoise | None = None, serial: str = "", logs: tuple[str, ...] = ("rest0001.csv",)
 ) -> NoiseFigures:
     """Figures of a rest of ten hours at 104 Hz."""
-    return NoiseFigures(gyro, accel, 104.0, 36_000.0, 3_744_000, logs, "ASM330LHH", serial)
+    known = {"rate_hz": 104.0, "duration_s": 36_000.0, "samples": 3_744_000, "sensor": "ASM330LHH"}
+    return NoiseFigures(gyro=gyro, accel=accel, logs=logs, serial=serial, **known)

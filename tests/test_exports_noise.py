@@ -13,11 +13,12 @@ from noise_records import ACCEL, GYRO, SIGMA, WALKING, axis, figures, sensor
 
 import tinygc
 from session.base.errors import CalibrationError
+from session.base.records import table_of
 from session.base.units import DEG_PER_HOUR, G
 from session.bench.session_file import toml_text
 from tinygc.deploy import FORMATS, NOISE_FORMATS
 from tinygc.deploy.exports import ExportError, exporter
-from tinygc.noise.figures import Term, to_json
+from tinygc.noise.figures import Term
 
 each_format = pytest.mark.parametrize("name", NOISE_FORMATS)
 
@@ -275,7 +276,7 @@ KNOWN = figures(inflations=(WALKING,), sensor="asm330lhh", serial="test")
 
 def written(path, known=KNOWN, **changes):
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(to_json(known) | changes), encoding="utf-8")
+    path.write_text(json.dumps(table_of(known) | changes), encoding="utf-8")
     return path
 
 
@@ -323,7 +324,7 @@ def test_figures_from_elsewhere_take_the_place_of_those_beside(name, rests, tmp_
 
 def in_unit(kind, name, unit):
     """A sensor's table of which one term of y has a unit."""
-    table = to_json(KNOWN)[kind]
+    table = table_of(KNOWN)[kind]
     table["y"]["terms"][name]["unit"] = unit
     return {kind: table}
 

@@ -12,10 +12,11 @@ from noise_records import axis_of, figures_of
 import calibrate
 import tinygc
 from session.base.errors import FitError
+from session.base.records import table_of
 from session.base.units import DEG
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.models.linear import LinearModel, bias_only
-from tinygc.noise.figures import SensorNoise, to_json
+from tinygc.noise.figures import SensorNoise
 
 
 def distorted(readings):
@@ -105,7 +106,7 @@ def test_a_fit_takes_the_figures_of_the_noise_beside_it(folder):
     white, instability = 5e-3 * DEG / np.sqrt(2), 3 * DEG / 3600
     axis = axis_of(N=(white, 0.02 * white), B=(instability, 0.2 * instability))
     (folder / "fit").mkdir(exist_ok=True)
-    (folder / "fit" / "noise.json").write_text(json.dumps(to_json(figures_of(SensorNoise((axis,) * 3)))))
+    (folder / "fit" / "noise.json").write_text(json.dumps(table_of(figures_of(SensorNoise((axis,) * 3)))))
     after = tinygc.fit(folder, methods="least_squares")
     assert strangers(after.to_json()) == []
     noise = after.to_json()["noise"]

@@ -14,13 +14,14 @@ from noise_records import axis_of, figures_of, sensor
 from scipy.stats import chi2, f, norm
 
 from session.base.errors import FormatError
+from session.base.records import table_of
 from session.base.units import DEG
 from session.detect.stills import Still
 from session.log.samples import Samples
 from tinygc.closure.at_rest import MeasuredNoise, NoiseComparison
 from tinygc.closure.floor import GRID_RPS, BiasInstability, allan_freedom
 from tinygc.closure.stills import StillSet
-from tinygc.noise.figures import SensorNoise, to_json
+from tinygc.noise.figures import SensorNoise
 from tinygc.noise.measured import (
     SHOWN,
     _allan_variance_of,
@@ -192,7 +193,7 @@ def with_figures(folder: Path, **more) -> Path:
     white = 5e-3 * DEG / np.sqrt(2)
     figures = figures_of(sensor(axis_of(N=(white, 0.02 * white), B=(3 * DPH, 0.6 * DPH))), **more)
     (folder / "fit").mkdir(exist_ok=True)
-    (folder / "fit" / "noise.json").write_text(json.dumps(to_json(figures)))
+    (folder / "fit" / "noise.json").write_text(json.dumps(table_of(figures)))
     return folder / "fit" / "noise.json"
 
 

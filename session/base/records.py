@@ -8,6 +8,7 @@ is written (``table_of``), and the page and the JSON Schema (``docs/make_formats
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
 from functools import cache
@@ -35,7 +36,7 @@ class Key:
     """How a field stands in its file.
 
     name: of its key, the field's own without one; si: SI per unit of what is written there; absent: what holds where the key is missing,
-    in place of the field's default; if_known: a value of None is not written; in_file: whether it has a key at all.
+    in place of the field's default; if_known: a value of None, or an empty table, is not written; in_file: whether it has a key at all.
     """
 
     name: str = ""
@@ -155,23 +156,28 @@ def record_from(kind: type[T], table: Any, where: str, do: str = "fit again, or 
 
 def table_of(record: Any) -> dict[str, Any]:
     """What is written of a record: a table for JSON, in the units of its file, with its schema first."""
-    shape = record_of(type(record))
-    table = {"schema": record.schema} if "schema" in shape.must else {}
-    for entry in shape.entries:
+    whole = record_of(type(record))
+    table = {"schema": record.schema} if "schema" in whole.must else {}
+    for entry in whole.entries:
         value = getattr(record, entry.field.name)
-        if value is None and entry.key.if_known:
+        if entry.key.if_known and (value is None or value == {}):
             continue
+        if value is not None and entry.key.si != 1:
+            value = value / entry.key.si
+        shape = entry.shape.entry if isinstance(entry.shape, Maybe) else entry.shape
         # A shape of a structure of its own says how it is written.
-        table[entry.name] = getattr(entry.shape, "written", plain)(value if value is None or entry.key.si == 1 else value / entry.key.si)
+        table[entry.name] = plain(value) if value is None else getattr(shape, "written", plain)(value)
     return table
 
 
 def plain(value: Any) -> Any:
-    """A value as JSON has it: records as tables, arrays and tuples as lists, paths as text."""
+    """A value as JSON has it: records as tables, arrays and tuples as lists, paths as text, null for a number that is not finite."""
     if is_dataclass(value) and not isinstance(value, type):
         return table_of(value)
     if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
+        return value.tolist() if value.dtype.kind not in "fO" or np.isfinite(value).all() else plain(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
     if isinstance(value, Mapping):
         return {key: plain(inner) for key, inner in value.items()}
     if isinstance(value, tuple | list):

@@ -16,16 +16,15 @@ tau_0 is the sample period: Q is the rms error of the angle at each sample.  For
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
-from session.base.errors import FormatError
-from session.base.numeric import finite_or_none
-from session.base.results import Array, Flag, Keys, ListOf, MapOf, Maybe, Number, Shape, Text, read_required
+from session.base.records import Count, Key, Share, Size, read_record, record_of, table_of
+from session.base.results import Array, Keys, ListOf, Maybe, Number, Text
 
-SCHEMA = "tinygc-noise/1"
 #: file of a unit's noise figures, beside ``fit.json``
 FILE = "noise.json"
 #: terms in the order of frequency, from the highest
@@ -41,6 +40,24 @@ NAMES = {
 SENSORS = {"gyro": "gyroscope", "accel": "accelerometer"}
 AGAIN = "write it again with `calibrate noise`"
 
+#: units of each term's value, of the gyroscope and of the accelerometer
+UNITS = {
+    "gyro": {"Q": "rad", "N": "rad/s/sqrt(Hz)", "G": "rad/s", "B": "rad/s", "K": "rad/s/sqrt(s)", "R": "rad/s^2"},
+    "accel": {"Q": "m/s", "N": "m/s^2/sqrt(Hz)", "G": "m/s^2", "B": "m/s^2", "K": "m/s^2/sqrt(s)", "R": "m/s^3"},
+}
+
+
+class _Rows(ListOf):
+    """A list, or rows of three, as an array; null is NaN."""
+
+    def made(self, value: Any) -> np.ndarray:
+        """(K,) or (K, 3)."""
+        return np.array(value, dtype=float).reshape(len(value), *[3] * isinstance(self.entry, ListOf))
+
+
+Above0 = Annotated[float, Number(0, above=True)]
+Sizes = Annotated[np.ndarray, Array((3,), Number(0))]
+Curve = Annotated[np.ndarray, _Rows(ListOf(Maybe(Number(0))))]
 
 #: of a normal distribution
 ONE_SIDED_95 = 1.645
@@ -63,12 +80,12 @@ class Term:
     logarithm times itself.
     """
 
-    value: float
-    sigma: float | None
-    probability: float
-    at_most: float | None = None
-    tau_s: float | None = None
-    tau_sigma_s: float | None = None
+    value: Size
+    sigma: Size | None
+    probability: Share
+    at_most: Size | None = None
+    tau_s: Above0 | None = None
+    tau_sigma_s: Size | None = None
 
     @property
     def chosen(self) -> bool:
@@ -97,8 +114,8 @@ class Term:
 class Line:
     """A line of the spectrum: frequency, Hz; rms, SI."""
 
-    hz: float
-    rms: float
+    hz: Above0
+    rms: Size
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,9 +125,9 @@ class AxisNoise:
 
     terms: Mapping[str, Term]
     lines: tuple[Line, ...] = ()
-    p_value: float | None = None
-    excess: float = 1.0
-    from_s: float = 0.0
+    p_value: Share | None = None
+    excess: Size = 1.0
+    from_s: Size = 0.0
 
     @property
     def is_described(self) -> bool:
@@ -191,27 +208,67 @@ class Inflation:
     """
 
     motion: str
-    white: np.ndarray
-    walk: np.ndarray
-    parts: Mapping[str, np.ndarray] = field(default_factory=dict)
+    white: Sizes
+    walk: Sizes
+    parts: Mapping[str, Sizes] = field(default_factory=dict)
     source: str = ""
-    white_sigma: np.ndarray | None = None
-    at_most: np.ndarray | None = None
-    white_density: np.ndarray | None = None
-    walk_density: np.ndarray | None = None
+    white_sigma: Sizes | None = None
+    at_most: Sizes | None = None
+    white_density: Sizes | None = None
+    walk_density: Sizes | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class AllanBand:
     """Allan deviation of one sensor: tau_s (K,); deviation, low, high (K, 3) SI, with 68 % bounds; NaN where an axis has none."""
 
-    tau_s: np.ndarray
-    deviation: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
+    tau_s: Annotated[np.ndarray, _Rows(Number(0, above=True))]
+    deviation: Curve
+    low: Curve
+    high: Curve
+
+    @staticmethod
+    def fault(table: Mapping[str, Any]) -> str:
+        """Which column has not three numbers for each averaging time; empty where all have."""
+        for name in ("deviation", "low", "high"):
+            if len(table[name]) != len(table["tau_s"]) or any(len(row) != 3 for row in table[name]):
+                return f"{name}: expected a row of three numbers for each of tau_s"
+        return ""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
+class OfSensor(Keys):
+    """The axes of a sensor in ``noise.json``, whose terms have its units and no others: nothing is converted."""
+
+    units: Mapping[str, str] = field(default_factory=dict)
+
+    def made(self, value: Any) -> SensorNoise:
+        """Of a table that was checked."""
+        x, y, z = (AxisNoise(**axis) for axis in super().made(value).values())
+        return SensorNoise((x, y, z))
+
+    def written(self, sensor: SensorNoise) -> dict[str, Any]:
+        """Each term with its unit; a correlation time of G alone."""
+        axes = dict(zip("xyz", map(table_of, sensor.axes), strict=True))
+        for axis in axes.values():
+            for name, term in axis["terms"].items():
+                term = {"value": 0.0, "sigma": None, "unit": self.units[name]} | term
+                axis["terms"][name] = {key: each for key, each in term.items() if name == "G" or not key.startswith("tau")}
+        return axes
+
+
+def _of_sensor(kind: str) -> OfSensor:
+    term, axis = record_of(Term), record_of(AxisNoise)
+    no_time = tuple(entry for entry in term.entries if not entry.name.startswith("tau"))
+    terms = {}
+    for name, unit in UNITS[kind].items():
+        entries = term.entries if name == "G" else no_time
+        may = {entry.name: entry.shape for entry in entries if entry.name not in term.must}
+        terms[name] = replace(term, may={**may, "unit": Text((unit,))}, entries=entries)
+    return OfSensor(dict.fromkeys("xyz", Keys({"terms": Keys(terms)}, axis.may)), {}, UNITS[kind])
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class NoiseFigures:
     """Noise figures of one unit.
 
@@ -220,17 +277,20 @@ class NoiseFigures:
     those that are kept for pictures; rate_known: whether rate_hz was measured or stated, and is no guess.
     """
 
-    gyro: SensorNoise
-    accel: SensorNoise | None
-    rate_hz: float
-    duration_s: float
-    samples: int
-    logs: tuple[str, ...] = ()
+    schema: ClassVar[str] = "tinygc-noise/1"
     sensor: str = ""
     serial: str = ""
-    inflations: tuple[Inflation, ...] = ()
-    allan: Mapping[str, AllanBand] = field(default_factory=dict)
+    logs: tuple[str, ...] = ()
+    rate_hz: Above0
     rate_known: bool = True
+    duration_s: Size
+    samples: Annotated[Count, Key(absent=0)]
+    gyro: Annotated[SensorNoise, _of_sensor("gyro")]
+    accel: Annotated[SensorNoise | None, _of_sensor("accel")]
+    inflations: tuple[Inflation, ...] = ()
+    allan: Annotated[Mapping[str, AllanBand], Keys(may=dict.fromkeys(UNITS, record_of(AllanBand))), Key(if_known=True)] = field(
+        default_factory=dict
+    )
 
     def sensors(self) -> dict[str, SensorNoise]:
         """By ``gyro`` and ``accel``, those that are there."""
@@ -252,161 +312,6 @@ def described_from(figures: NoiseFigures) -> list[str]:
     return [f"Described from: {', '.join(late)}; faster, a filter or a vibration shapes it."] if late else []
 
 
-# The file.
-
-#: units of each term's value, of the gyroscope and of the accelerometer
-UNITS = {
-    "gyro": {"Q": "rad", "N": "rad/s/sqrt(Hz)", "G": "rad/s", "B": "rad/s", "K": "rad/s/sqrt(s)", "R": "rad/s^2"},
-    "accel": {"Q": "m/s", "N": "m/s^2/sqrt(Hz)", "G": "m/s^2", "B": "m/s^2", "K": "m/s^2/sqrt(s)", "R": "m/s^3"},
-}
-_SIZE = Number(0)
-
-
-def _shape_of(units: Mapping[str, str]) -> Keys:
-    """Shape of a sensor whose terms have these units, and no others: nothing is converted."""
-    must: dict[str, Shape] = {"value": _SIZE, "sigma": Maybe(_SIZE), "probability": Number(0, 1)}
-    may: dict[str, Shape] = {"at_most": Maybe(_SIZE), "tau_s": Maybe(Number(0, above=True)), "tau_sigma_s": Maybe(_SIZE)}
-    terms = {name: Keys(must, may | {"unit": Text((unit,))}) for name, unit in units.items()}
-    line = Keys({"hz": Number(0, above=True), "rms": _SIZE})
-    axis = Keys({"terms": Keys(terms)}, {"lines": ListOf(line), "p_value": Maybe(Number(0, 1)), "excess": _SIZE, "from_s": _SIZE})
-    return Keys(dict.fromkeys("xyz", axis))
-
-
-_FACTORS = Array((3,), _SIZE)
-#: keys of an inflation that may be null
-_MORE = ("white_sigma", "at_most", "white_density", "walk_density")
-_CURVE = ListOf(ListOf(Maybe(_SIZE)))
-_BAND = Keys({"tau_s": ListOf(Number(0, above=True)), "deviation": _CURVE, "low": _CURVE, "high": _CURVE})
-SHAPE = Keys(
-    {
-        "schema": Text((SCHEMA,)),
-        "gyro": _shape_of(UNITS["gyro"]),
-        "accel": Maybe(_shape_of(UNITS["accel"])),
-        "rate_hz": Number(0, above=True),
-        "duration_s": _SIZE,
-    },
-    {
-        "rate_known": Flag(),
-        "samples": Number(0, whole=True),
-        "logs": ListOf(Text()),
-        "sensor": Text(),
-        "serial": Text(),
-        "allan": Keys({}, {"gyro": _BAND, "accel": _BAND}),
-        "inflations": ListOf(
-            Keys(
-                {"motion": Text(), "white": _FACTORS, "walk": _FACTORS},
-                {"parts": MapOf(_FACTORS), "source": Text(), **dict.fromkeys(_MORE, Maybe(_FACTORS))},
-            ),
-        ),
-    },
-)
-
-
 def read_figures(path: Path) -> NoiseFigures:
     """Read ``noise.json`` (docs/formats/noise.md).  Raises FormatError for what it does not hold."""
-    table = read_required(path, SHAPE, AGAIN)
-    accel = table["accel"]
-    return NoiseFigures(
-        gyro=_sensor(table["gyro"]),
-        accel=None if accel is None else _sensor(accel),
-        rate_hz=table["rate_hz"],
-        duration_s=table["duration_s"],
-        samples=int(table.get("samples", 0)),
-        logs=tuple(table.get("logs", ())),
-        sensor=table.get("sensor", ""),
-        serial=table.get("serial", ""),
-        inflations=tuple(
-            Inflation(
-                each["motion"],
-                np.array(each["white"], dtype=float),
-                np.array(each["walk"], dtype=float),
-                {name: np.array(part, dtype=float) for name, part in each.get("parts", {}).items()},
-                each.get("source", ""),
-                **{name: None if each.get(name) is None else np.array(each[name], dtype=float) for name in _MORE},
-            )
-            for each in table.get("inflations", ())
-        ),
-        allan={kind: _band(band, f"{path}: allan.{kind}") for kind, band in table.get("allan", {}).items() if kind in UNITS},
-        rate_known=table.get("rate_known", True),
-    )
-
-
-def _band(table: dict, where: str) -> AllanBand:
-    """A curve.  Raises FormatError for columns of another shape."""
-    tau_s = np.array(table["tau_s"], dtype=float)
-    for name in ("deviation", "low", "high"):
-        if len(table[name]) != len(tau_s) or any(len(row) != 3 for row in table[name]):
-            raise FormatError(f"{where}.{name}: expected a row of three numbers for each of tau_s; {AGAIN}")
-    deviation, low, high = (np.array(table[name], dtype=float).reshape(-1, 3) for name in ("deviation", "low", "high"))
-    return AllanBand(tau_s, deviation, low, high)
-
-
-def _sensor(table: dict) -> SensorNoise:
-    x, y, z = (_axis(table[axis]) for axis in "xyz")
-    return SensorNoise((x, y, z))
-
-
-def _axis(table: dict) -> AxisNoise:
-    names = ("value", "sigma", "probability", "at_most", "tau_s", "tau_sigma_s")
-    return AxisNoise(
-        {key: Term(**{name: each[name] for name in names if name in each}) for key, each in table["terms"].items()},
-        tuple(Line(each["hz"], each["rms"]) for each in table.get("lines", ())),
-        table.get("p_value"),
-        table.get("excess", 1.0),
-        table.get("from_s", 0.0),
-    )
-
-
-def to_json(figures: NoiseFigures) -> dict:
-    """``tinygc-noise/1`` (docs/formats/noise.md)."""
-    return {
-        "schema": SCHEMA,
-        "sensor": figures.sensor,
-        "serial": figures.serial,
-        "logs": list(figures.logs),
-        "rate_hz": figures.rate_hz,
-        "rate_known": figures.rate_known,
-        "duration_s": figures.duration_s,
-        "samples": figures.samples,
-        "gyro": _sensor_json(figures.gyro, "gyro"),
-        "accel": None if figures.accel is None else _sensor_json(figures.accel, "accel"),
-        "inflations": [
-            {
-                "motion": each.motion,
-                "white": each.white.tolist(),
-                "walk": each.walk.tolist(),
-                "parts": {name: part.tolist() for name, part in each.parts.items()},
-                "source": each.source,
-                **{name: None if (value := getattr(each, name)) is None else value.tolist() for name in _MORE},
-            }
-            for each in figures.inflations
-        ],
-        **({} if not figures.allan else {"allan": {kind: _band_json(band) for kind, band in figures.allan.items()}}),
-    }
-
-
-def _band_json(band: AllanBand) -> dict:
-    columns = {name: getattr(band, name) for name in ("deviation", "low", "high")}
-    return {"tau_s": band.tau_s.tolist()} | {
-        name: [[finite_or_none(value) for value in row] for row in rows] for name, rows in columns.items()
-    }
-
-
-def _sensor_json(sensor: SensorNoise, kind: str) -> dict:
-    return {axis: _axis_json(own, UNITS[kind]) for axis, own in zip("xyz", sensor.axes, strict=True)}
-
-
-def _axis_json(axis: AxisNoise, units: Mapping[str, str]) -> dict:
-    terms = {
-        name: {
-            "value": term.value,
-            "sigma": term.sigma,
-            "unit": units[name],
-            "probability": term.probability,
-            "at_most": term.at_most,
-            **({"tau_s": term.tau_s, "tau_sigma_s": term.tau_sigma_s} if name == "G" else {}),
-        }
-        for name, term in axis.terms.items()
-    }
-    lines = [{"hz": line.hz, "rms": line.rms} for line in axis.lines]
-    return {"terms": terms, "lines": lines, "p_value": axis.p_value, "excess": axis.excess, "from_s": axis.from_s}
+    return read_record(NoiseFigures, path, AGAIN)

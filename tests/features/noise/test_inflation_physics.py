@@ -10,6 +10,7 @@ from scipy.optimize import brentq
 
 from session.base import rotation
 from session.base.errors import DataError, FormatError
+from session.base.records import table_of
 from session.base.units import DEG, DEG_PER_HOUR
 from session.log.folder import read_session
 from tinygc import closure
@@ -31,7 +32,7 @@ from tinygc.features.noise.inflation import (
     walk_density,
 )
 from tinygc.models.linear import LinearModel
-from tinygc.noise.figures import FILE, AxisNoise, Inflation, SensorNoise, Term, to_json
+from tinygc.noise.figures import FILE, AxisNoise, Inflation, SensorNoise, Term
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
 
@@ -222,10 +223,10 @@ def test_the_inflations_of_a_folder_are_those_of_its_fit_with_these_figures_as_p
     assert inflations_of_folder(folder, rest) == ()
     save_models(result, folder / "fit")
     other = replace(rest, gyro=sensor(axis(N=N, B=1e-3)))
-    (folder / "fit" / FILE).write_text(json.dumps(to_json(other)))  # an earlier run's, which does not count
+    (folder / "fit" / FILE).write_text(json.dumps(table_of(other)))  # an earlier run's, which does not count
     found = inflations_of_folder(folder, rest)
     prior = tmp_path / "prior.json"
-    prior.write_text(json.dumps(to_json(rest)))
+    prior.write_text(json.dumps(table_of(rest)))
     expected = inflations(fit_session(read_session(folder), FitOptions(methods=("least_squares",), noise=prior)), rest)
     assert [each.motion for each in found] == [each.motion for each in expected]
     assert found[1].white == pytest.approx(expected[1].white)

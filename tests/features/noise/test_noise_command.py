@@ -52,7 +52,9 @@ def figures(**changes) -> NoiseFigures:
         )
     )
     accel = SensorNoise(tuple(axis(N=shown(n / 60, 0.003), B=shown(120 * UG, 0.1), K=hidden(500 * UG / 60)) for n in (0.17, 0.18, 0.2)))
-    made = NoiseFigures(gyro, accel, 100.0, 10_000.0, 1_000_000, ("imu1.npz",), "ADIS16405")
+    made = NoiseFigures(
+        gyro=gyro, accel=accel, rate_hz=100.0, duration_s=10_000.0, samples=1_000_000, logs=("imu1.npz",), sensor="ADIS16405"
+    )
     return dataclasses.replace(made, **changes)
 
 

@@ -245,7 +245,7 @@ def _holds_noise_alone(source: Path) -> bool:
         table = read_json(source)
     except (FormatError, OSError):
         return False
-    return isinstance(table, dict) and str(table.get("schema")).startswith(figures.SCHEMA.partition("/")[0])
+    return isinstance(table, dict) and str(table.get("schema")).startswith(NoiseFigures.schema.partition("/")[0])
 
 
 def _noise_file(source: Path) -> Path | None:

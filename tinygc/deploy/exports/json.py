@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from session.base.records import table_of
 from session.base.results import json_text
 from tinygc import models
 from tinygc.deploy.exports._context import Context
@@ -10,7 +11,6 @@ from tinygc.estimation.options import NETS
 from tinygc.models import linear
 from tinygc.models.model import Model, accelerometer_table, sensor_table
 from tinygc.models.versions import versions
-from tinygc.noise.figures import to_json
 
 NAME = "json"
 UNITS = "E: 1, B: rad/s, of an effect as theta_si; product of the two parameters' units"
@@ -41,7 +41,7 @@ def export(model: Model, context: Context) -> dict[str, str]:
         "sensor": sensor_table(context.config.sensor),
         "accelerometer": accelerometer_table(context.accelerometer),
         "noise": {key: context.fit.get("noise", {}).get(key) for key in ("gyro_dps_rthz", "accel_g_rthz")},
-        **({} if context.noise is None else {"noise_figures": to_json(context.noise)}),
+        **({} if context.noise is None else {"noise_figures": table_of(context.noise)}),
         "sha256": context.hashes,
         "self_test": self_test(model, context.config.sensor),
     }

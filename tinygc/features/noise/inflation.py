@@ -44,6 +44,7 @@ import numpy as np
 from session.base import rotation
 from session.base.errors import DataError
 from session.base.numeric import rms_of
+from session.base.records import table_of
 from session.base.results import write_whole
 from session.base.units import DEG
 from tinygc import closure
@@ -54,7 +55,7 @@ from tinygc.estimation.results import FitResult
 from tinygc.models import linear
 from tinygc.models.linear import LinearModel
 from tinygc.noise.components import TURN, UNDERSAMPLED, WANDER, SessionNoise
-from tinygc.noise.figures import FILE, ONE_SIDED_95, AxisNoise, Inflation, NoiseFigures, SensorNoise, to_json, unit_allan_variance
+from tinygc.noise.figures import FILE, ONE_SIDED_95, AxisNoise, Inflation, NoiseFigures, SensorNoise, unit_allan_variance
 
 # The walk at rest.
 
@@ -232,7 +233,7 @@ def inflations_of_folder(folder: Path, figures: NoiseFigures) -> tuple[Inflation
     read_fit(path)
     with TemporaryDirectory() as place:
         prior = Path(place) / FILE
-        write_whole(prior, to_json(figures))
+        write_whole(prior, table_of(figures))
         options = FitOptions(methods=("least_squares",), noise=prior)
         return inflations(fit_session(folder, options), figures)
 

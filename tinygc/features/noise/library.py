@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from session import VERSION
 from session.base.errors import CalibrationError
 from session.base.files import result_folder
-from session.base.results import write_whole
+from session.base.records import Key, Size, table_of
+from session.base.results import Keys, Maybe, Number, write_whole
 from session.log.folder import Session
 from session.replay.dialects import Answers
 from tinygc.features.noise.curve_file import estimate_of_curve
@@ -18,11 +19,11 @@ from tinygc.features.noise.estimate import NoiseEstimate
 from tinygc.features.noise.estimate import estimate_noise as estimate_of
 from tinygc.features.noise.inputs import Input, read_inputs
 from tinygc.features.noise.picture import figure_of
-from tinygc.features.noise.text import against_data_sheet, kalibr_figures, noise_page, open_terms
+from tinygc.features.noise.text import KALIBR, OpenTerm, SheetFigure, against_data_sheet, kalibr_figures, noise_page, open_terms
 from tinygc.library.arguments import Progress, answers_of, is_number, is_path, nothing, public
 from tinygc.library.logs import asking_for_keywords, columns_of
 from tinygc.library.records import Shown
-from tinygc.noise.figures import FILE, AllanBand, Inflation, NoiseFigures, to_json
+from tinygc.noise.figures import FILE, AllanBand, Inflation, NoiseFigures
 from tinygc.reporting.pictures.canvas import has_matplotlib, save, saved
 from tinygc.reporting.terminal import Group
 
@@ -32,6 +33,18 @@ if TYPE_CHECKING:
 PICTURE = "noise.png"
 #: in a session's folder, where it was fitted
 FITTED = "fit/fit.json"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class NoiseFile(NoiseFigures):
+    """``noise.json`` as it is written."""
+
+    version: Annotated[str, Key(absent="")] = VERSION
+    left_out_s: Size
+    remarks: tuple[str, ...]
+    kalibr: Annotated[Mapping[str, float | None], Keys(dict.fromkeys(KALIBR.values(), Maybe(Number(0))))]
+    open_terms: tuple[OpenTerm, ...]
+    data_sheet: tuple[SheetFigure, ...]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -72,15 +85,16 @@ class Noise(Shown):
     def to_json(self) -> dict:
         """``tinygc-noise/1`` (docs/formats/noise.md)."""
         figures = self.figures
-        return {
-            **to_json(figures),
-            "version": VERSION,
-            "left_out_s": self.estimate.left_out_s,
-            "remarks": list(self.remarks),
-            "kalibr": kalibr_figures(figures),
-            "open_terms": [each.to_json() for each in open_terms(figures)],
-            "data_sheet": [each.to_json() for each in against_data_sheet(figures)],
-        }
+        return table_of(
+            NoiseFile(
+                **vars(figures),
+                left_out_s=self.estimate.left_out_s,
+                remarks=self.remarks,
+                kalibr=kalibr_figures(figures),
+                open_terms=tuple(open_terms(figures)),
+                data_sheet=tuple(against_data_sheet(figures)),
+            )
+        )
 
     def save(self, folder: Path | str, pictures: bool = True) -> Path:
         """Write ``noise.json`` and, where matplotlib is installed, ``noise.png`` into a folder, and return it.

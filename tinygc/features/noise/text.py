@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from math import ceil
+from typing import Annotated
 
 import numpy as np
 
+from session.base.records import Size
+from session.base.results import Maybe, Number, Text
 from session.base.texts import NONE, printable
 from session.log.registers import profile_of
 from tinygc.features.noise.estimate import NoiseEstimate, known_after_s
@@ -163,19 +166,18 @@ def _without(sensor: SensorNoise) -> str:
 # What is still open, and when it will be known.
 
 
+OF = Text(("gyro", "accel"))
+
+
 @dataclass(frozen=True)
 class OpenTerm:
     """A term that is not known to 20 %: of ``gyro`` or ``accel``, axis ``x``, ``y`` or ``z``; known_after_s: rest after which it is, and
     before which it is not where the term does not show: it may be smaller than its limit."""
 
-    sensor: str
-    axis: str
-    term: str
-    known_after_s: float
-
-    def to_json(self) -> dict:
-        """An entry of ``open_terms``; null where no rest is long enough."""
-        return asdict(self)
+    sensor: Annotated[str, OF]
+    axis: Annotated[str, Text(("x", "y", "z"))]
+    term: Annotated[str, Text(("N", "B", "K"))]
+    known_after_s: Annotated[float, Maybe(Number(0))]
 
 
 def open_terms(figures: NoiseFigures) -> list[OpenTerm]:
@@ -251,18 +253,14 @@ class SheetFigure:
     in its source.
     """
 
-    sensor: str
-    term: str
+    sensor: Annotated[str, OF]
+    term: Annotated[str, Text(("N", "B"))]
     unit: str
-    value: float | None
-    at_most: float | None
-    sheet: float
+    value: Size | None
+    at_most: Size | None
+    sheet: Size
     source: str
-    verdict: str
-
-    def to_json(self) -> dict:
-        """An entry of ``data_sheet``."""
-        return asdict(self)
+    verdict: Annotated[str, Text(("within", "above", "below", "open", "not judged"))]
 
     @property
     def words(self) -> str:

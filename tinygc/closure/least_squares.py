@@ -75,7 +75,7 @@ class StillRates:
 
     def pick(self, which: np.ndarray) -> StillRates:
         """The rates of some stills (Q,) bool."""
-        return StillRates(*(None if values is None else values[which] for values in vars(self).values()))
+        return replace(self, **{name: values[which] for name, values in vars(self).items() if values is not None})
 
     def residuals(self, model: RateMap) -> np.ndarray:
         """(3 Q,) residuals in sigmas."""

@@ -59,7 +59,8 @@ def goes_on(before: Samples, last: Still, after: Samples, first: Still) -> bool:
     """Whether a log continues another: the first is still to its end, the device's time continues, gravity's direction is the same."""
     pause_s = (after.t_ns[0] - before.t_ns[-1]) * NS
     moved_s = max((len(before) - last.stop) * before.period_s, first.start_s)
-    return 0 <= pause_s < UNTOUCHED_S and moved_s < UNSEEN_S and angle_between(last.accel_mean, first.accel_mean) < UNTOUCHED_RAD
+    turned_rad = float(angle_between(last.accel_mean, first.accel_mean))
+    return 0 <= pause_s < UNTOUCHED_S and moved_s < UNSEEN_S and turned_rad < UNTOUCHED_RAD
 
 
 def carry_yaw(logs: list[StillSet], segments: list[Segment], chain: Batch, model: LinearModel) -> tuple[list[StillSet], Batch]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -15,14 +15,14 @@ from session.base.errors import DataError, FitError, SegmentError
 from session.log.folder import Session, read_session
 from session.log.requirements import read_requirements
 from tinygc.closure.prepared import Prepared, prepare
-from tinygc.closure.prior import GaussianPrior, PriorUse
+from tinygc.closure.prior import GaussianPrior, PriorOf, PriorUse
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import closure_angles
 from tinygc.closure.runs import read_closure_runs
 from tinygc.estimation import fitted_file
 from tinygc.estimation.accelerometer import USUAL_SPREAD, AnySession
 from tinygc.estimation.assembly import stated_uncertainty
-from tinygc.estimation.bias import BiasChoice, choose
+from tinygc.estimation.bias import BiasChoice, choose, levelled
 from tinygc.estimation.choice import RAW, against_raw
 from tinygc.estimation.held_out import run_method
 from tinygc.estimation.options import CHOSEN, NETS, FitOptions, MethodFit, device
@@ -56,6 +56,60 @@ class GivenPrior(Protocol):
 if TYPE_CHECKING:
     from tinygc.estimation.physics import FitPhysics
 
+# A fit reads and refuses all its inputs first, then computes.
+
+
+@dataclass(frozen=True, eq=False)
+class FitInputs:
+    """What a fit reads: its options, with the methods of a given prior; the session, ready to be fitted; what is known of the unit
+    beforehand, or None; and how far its bias and its accelerometer change between sessions: by its other sessions, session.toml, or usual.
+    """
+
+    options: FitOptions
+    prepared: Prepared
+    given: GivenPrior | None
+    between: BiasRepeatability | None
+    accelerometer_between: AnySession
+
+
+def read_inputs(session: Session | Path, options: FitOptions, progress: Progress, prepared: Prepared | None = None) -> FitInputs:
+    """Read what a fit needs; prepared: the session, if it is prepared already.
+
+    Raises FormatError for requirements or other sessions of the unit that cannot be read, the errors of ``prepare``, and SegmentError where
+    still rates are requested and there are none.
+    """
+    if options.requirements is not None:
+        read_requirements(options.requirements)
+    if prepared is not None:
+        session = prepared.session
+    elif not isinstance(session, Session):
+        session = read_session(session, lambda name: progress(f"reading {name}", 0, 1))
+    given: GivenPrior | None = features.first("prior of a fit", options, session.config.sensor.model)
+    if given is not None and options.methods == CHOSEN:
+        options = replace(options, methods=given.methods)
+    between, triad_between = repeatability_of(session, options.history), accelerometer_between(options.history)
+    if triad_between is None:
+        triad_between = USUAL_SPREAD if given is None else given.accelerometer_between
+    prepared = prepared or prepared_for(session, options, progress, None if given is None else given.prior)
+    if options.still_rates and not len(prepared.problem.still_rates.rate):
+        raise SegmentError(f"{prepared.session.folder}: no still to take a rate from; fit without still_rates")
+    return FitInputs(options, prepared, given, between, triad_between)
+
+
+def prepared_for(session: Session | Path, options: FitOptions, progress: Progress, prior: PriorOf | None = None) -> Prepared:
+    """Prepare a session, or a session folder, as the options of a fit have it; prior: of the unit.  Raises the errors of ``prepare``."""
+    if not isinstance(session, Session):
+        session = read_session(session, lambda name: progress(f"reading {name}", 0, 1))
+    return prepare(
+        session.on_clock(options.clock),
+        use_earth=options.earth,
+        exclude=options.exclude,
+        accelerometer=options.accelerometer,
+        prior=prior,
+        at_rest=measured_noise(options.noise),
+        progress=lambda what: progress(what, 0, 1),
+    )
+
 
 def fit_session(
     session: Session | Path,
@@ -70,40 +124,13 @@ def fit_session(
     progress: callback with the current task and its progress; saved: a folder of ``save_models`` whose methods are reused where they were
     made from the same files with the same options; prepared: the session, if it is prepared already; physics: fits the effects that
     ``options.physics`` names, and is required for that.
-    Raises the errors of ``prepare``, of ``read_closure_runs`` and of the methods, and SegmentError where still rates are requested and
-    there are none.
+    Raises the errors of ``read_inputs``, of ``read_closure_runs`` and of the methods.
     """
-    if options.requirements is not None:
-        read_requirements(options.requirements)  # before the work, not after it
-    if prepared is not None:
-        session = prepared.session
-    elif not isinstance(session, Session):
-        session = read_session(session, lambda name: progress(f"reading {name}", 0, 1))
-    given: GivenPrior | None = features.first("prior of a fit", options, session.config.sensor.model)
-    if given is not None:
-        saved = None
-        options = replace(options, methods=given.methods) if options.methods == CHOSEN else options
-    if prepared is None:
-        session = session.on_clock(options.clock)
-        prepared = prepare(
-            session,
-            use_earth=options.earth,
-            exclude=options.exclude,
-            accelerometer=options.accelerometer,
-            prior=None if given is None else given.prior,
-            at_rest=measured_noise(options.noise),
-            progress=lambda what: progress(what, 0, 1),
-        )
+    inputs = read_inputs(session, options, progress, prepared)
+    options, given, prepared, between = inputs.options, inputs.given, inputs.prepared, inputs.between
     problem = prepared.problem
-    if options.still_rates and not len(problem.still_rates.rate):
-        raise SegmentError(f"{problem.session.folder}: no still to take a rate from; fit without still_rates")
     runs, spread, floor = read_closure_runs(problem), None, problem.floor
-    between, triad_between = repeatability_of(problem.session, options.history), accelerometer_between(options.history)
-    if triad_between is None:
-        triad_between = USUAL_SPREAD if given is None else given.accelerometer_between
     if options.bias_per_log:
-        from tinygc.estimation.bias import levelled
-
         problem, spread = levelled(problem)
         if len(problem.logs) > 1:
             between = between or BiasRepeatability(spread, "the logs of this session")
@@ -116,7 +143,7 @@ def fit_session(
         noise = stated_noise(problem)
         progress("prior", 0, 1)
         bias_from, level, linear, use = given.fit(problem, options, noise)
-    fits, reused, not_run = _run_methods(problem, level, options, linear, progress, saved)
+    fits, reused, not_run = _run_methods(problem, level, options, linear, progress, saved if given is None else None)
     errors = [{name: run.errors(fit.model, options.integrator) for name, fit in fits.items()} for run in runs]
     linear = fits.get("least_squares") or linear
     named = None
@@ -148,7 +175,7 @@ def fit_session(
         linear=linear,
         allowed=systematic,
         repeatability=between,
-        accelerometer_between=triad_between,
+        accelerometer_between=inputs.accelerometer_between,
         noise=noise,
         bias_from=bias_from,
         fit_other_choice=other,

@@ -12,20 +12,18 @@ from typing import Any
 import numpy as np
 
 from session.base import features
-from session.base.names import CLOCKS
 from session.base.numeric import sigmas_in
 from session.base.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, EARTH_RATE_RPS, PPM
 from session.log.config import Accelerometer
-from session.log.folder import Session, file_key, hash_of_log, input_hashes, read_session
+from session.log.folder import Session, file_key, hash_of_log, input_hashes
 from tinygc import models
 from tinygc.closure.build import build_problem
 from tinygc.closure.floor import AllanCurve, angle_random_walk, bias_instability
-from tinygc.closure.prepared import prepare
 from tinygc.closure.problem import Problem, conditions
 from tinygc.closure.runs import ClosureRun
 from tinygc.effects import AppliedEffect, catalogue
 from tinygc.estimation.bias import tilt_rms
-from tinygc.estimation.fit import fit_session
+from tinygc.estimation.fit import fit_session, prepared_for
 from tinygc.estimation.options import FitOptions
 from tinygc.estimation.physics import covariance_at_end, errors_with_physics, loss_words, model_at, rate_covariance, rows_of_rates
 from tinygc.estimation.requirements import field_measured, known_sources
@@ -43,7 +41,6 @@ from tinygc.models.model import accelerometer_table, sensor_table
 from tinygc.models.physics import PhysicsModel
 from tinygc.models.versions import versions
 from tinygc.noise.components import known_whitener
-from tinygc.noise.measured import measured_noise
 from tinygc.noise.refit import refit
 from tinygc.noise.stillness import stillness
 from tinygc.noise.twin import State, Twin
@@ -323,17 +320,8 @@ def gather(
     progress = progress or (lambda what, done, of: None)
     prepared = None
     folder = session if isinstance(session, Path) else None if session.in_memory else session.folder
-    if options.clock != CLOCKS[0]:
-        session = (session if isinstance(session, Session) else read_session(session)).on_clock(options.clock)
     if explain or fit is None:
-        prepared = prepare(
-            session,
-            use_earth=options.earth,
-            exclude=options.exclude,
-            accelerometer=options.accelerometer,
-            at_rest=measured_noise(options.noise),
-            progress=lambda what: progress(what, 0, 1),
-        )
+        prepared = prepared_for(session, options, progress)
     logs = {file_key(log.path): hash_of_log(log) for log in prepared.session.logs} if explain and prepared is not None else {}
     if fit is None:
         saved = None if folder is None else folder / "fit"

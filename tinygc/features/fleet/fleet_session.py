@@ -18,15 +18,14 @@ from session.detect.findings import Finding, worst
 from session.detect.first_look import check_folder
 from session.log.config import Config, read_config
 from session.log.folder import Session, read_session
-from tinygc.closure.prepared import Prepared, first_look_at_fit, prepare
+from tinygc.closure.prepared import Prepared, first_look_at_fit
 from tinygc.effects import using
-from tinygc.estimation.fit import fit_session
+from tinygc.estimation.fit import fit_session, prepared_for
 from tinygc.estimation.results import FitResult
 from tinygc.estimation.session_times import date_of
 from tinygc.explanation.engine import explain_session
 from tinygc.explanation.truth_engine import explain_truth
 from tinygc.features.fleet.fleet_row import DONE, FAILED, FleetOptions, Row, cell_of, effects_hash, empty, fitted, key_of, number, told_by
-from tinygc.noise.measured import measured_noise
 
 #: length limits of an error message, and of the findings in a row: a hundred thousand of them are stored
 MOST_ERROR, MOST_FINDINGS = 500, 20
@@ -92,7 +91,7 @@ def _fill(row: Row, folder: Path, options: FleetOptions) -> None:
             raise CalibrationError(": ".join(errors[0][key] for key in ("where", "what", "description")))
         return
     session = read_session(folder)
-    prepared = prepare(session, use_earth=options.earth, accelerometer=options.accelerometer, at_rest=measured_noise())
+    prepared = prepared_for(session, options.of_fit, lambda what, done, of: None)
     if "check" in options.steps:
         _kept_findings(row, folder, prepared.findings + check_rests(session.rests, session.config.sensor))
     fit = None

@@ -9,7 +9,7 @@ import pytest
 
 from session.bench import frames
 from session.bench.decoder import StreamDecoder
-from session.bench.events import Event, Info, SampleChunk
+from session.bench.events import TROUBLES, Event, Info, SampleChunk
 
 PERIOD_US = 600
 
@@ -80,7 +80,7 @@ def troubles(events: list[Event]) -> dict[str, int]:
     """Counts by kind."""
     total: dict[str, int] = {}
     for event in events:
-        if hasattr(event, "kind"):
+        if event.kind in TROUBLES:
             total[event.kind] = total.get(event.kind, 0) + event.count
     return total
 

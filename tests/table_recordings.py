@@ -16,9 +16,9 @@ from virtual_tables import SimulatedClock, VirtualLink
 
 from session.base.units import NS
 from session.bench import frames
+from session.bench.events import Event
 from session.bench.guide import Guide
 from session.bench.guided_session import GuidedRecording
-from session.bench.port import Opened, Received
 from session.bench.recorder import Recorder
 from session.bench.session_file import SessionFile
 from tinygc.features.tables.machines.description import Description, read_description
@@ -124,11 +124,11 @@ class BenchPort:
         if not self._opened:
             self._opened = True
             self._bench.skip()
-            return self._kept(Opened(self._host_ns, self.name))
+            return self._kept(Event("open", text=self.name))
         text = self._bench.arrival()
         if not text:
             raise queue.Empty
-        return self._kept(Received(self._host_ns, text))
+        return self._kept(text)
 
     def get_nowait(self) -> object:
         """There is never more than one."""
@@ -145,7 +145,8 @@ class BenchPort:
     def _host_ns(self) -> int:
         return round(self._bench.clock.now_s() / NS)
 
-    def _kept(self, item: object) -> object:
+    def _kept(self, what: object) -> object:
+        item = self._host_ns, what
         self._keep(item)
         return item
 

@@ -20,7 +20,7 @@ from session.base.errors import DeviceError
 from session.bench import frames, port
 from session.bench.decoder import StreamDecoder
 from session.bench.events import Info
-from session.bench.port import BoardSetup, Closed, Opened, Port, Received, RequestedSettings
+from session.bench.port import BoardSetup, Port
 from session.bench.session_file import NAME, SessionFile, toml_text
 from session.log.config import BoardGiven, read_config
 from tinygc import CalibrationError, read_session
@@ -66,11 +66,11 @@ class Wire:
 
 def test_rate_and_ranges_are_asked_for_and_nothing_of_before_is_kept():
     wire = Wire()
-    board = BoardSetup(RequestedSettings(833.0, 2000.0, None))
+    board = BoardSetup({"odr_hz": 833.0, "gyro_fs_dps": 2000.0, "accel_fs_g": None})
     assert board(wire) == b""
     assert wire.asked == [(0x11, struct.pack("<f", 833.0)), (0x12, struct.pack("<HH", 2000, int(INFO.accel_fs_g)))]
     same = Wire()
-    BoardSetup(RequestedSettings(416.0, INFO.gyro_fs_dps, INFO.accel_fs_g))(same)
+    BoardSetup({"odr_hz": 416.0, "gyro_fs_dps": INFO.gyro_fs_dps, "accel_fs_g": INFO.accel_fs_g})(same)
     assert same.asked == []  # what is so already is not asked for
     assert board.said == ["data rate 833 Hz", f"ranges 2000 dps, {INFO.accel_fs_g:g} g"]
 
@@ -78,11 +78,11 @@ def test_rate_and_ranges_are_asked_for_and_nothing_of_before_is_kept():
 def test_6667_hz_needs_a_faster_port(monkeypatch):
     monkeypatch.setattr(port, "SPEAKS_S", 0.3)
     wire = Wire()
-    board = BoardSetup(RequestedSettings(odr_hz=6667.0))
+    board = BoardSetup({"odr_hz": 6667.0})
     board(wire)
     assert [kind for kind, _ in wire.asked] == [0x18, 0x17, 0x11]
     assert wire.baudrate == wire.baud == 2_000_000
-    again = BoardSetup(RequestedSettings(odr_hz=6667.0))
+    again = BoardSetup({"odr_hz": 6667.0})
     wire.baudrate, wire.odr_hz = 921600, 6667.0  # opened again, as the board was left
     again(wire)
     assert wire.baudrate == 2_000_000
@@ -94,21 +94,21 @@ def test_6667_hz_needs_a_faster_port(monkeypatch):
 )
 def test_a_refusal_is_one_line(result, says):
     with pytest.raises(CalibrationError, match=says) as raised:
-        BoardSetup(RequestedSettings(odr_hz=900.0))(Wire({0x11: result}))
+        BoardSetup({"odr_hz": 900.0})(Wire({0x11: result}))
     assert "\n" not in str(raised.value)
 
 
 def test_a_board_that_does_not_answer_is_waited_for_no_longer_than_it_takes(monkeypatch):
     monkeypatch.setattr(port, "ANSWER_S", 0.01)
     with pytest.raises(DeviceError, match="does not answer"):
-        BoardSetup(RequestedSettings(odr_hz=833.0))(Wire(deaf=True))
+        BoardSetup({"odr_hz": 833.0})(Wire(deaf=True))
     with pytest.raises(DeviceError, match="2000000 baud"):
-        BoardSetup(RequestedSettings(odr_hz=6667.0))(Wire(heard_at=115200))
+        BoardSetup({"odr_hz": 6667.0})(Wire(heard_at=115200))
 
 
 def test_of_a_board_that_takes_no_commands_every_byte_is_kept_and_nothing_is_sent():
     wire, reference = Wire(speaks=False), Wire(speaks=False)
-    heard = BoardSetup(RequestedSettings(833.0))(wire)
+    heard = BoardSetup({"odr_hz": 833.0})(wire)
     assert wire.asked == []
     assert heard
     assert b"".join(reference.read(1) for _ in range(wire._turn)) == heard
@@ -123,7 +123,7 @@ def test_a_resumed_recording_sets_the_board_as_its_session_toml_says(tmp_path):
     asked.configure(said, board=board)
     assert read_config(asked.path).board == BoardGiven("sensor", "1.2.3", 0x6B, -4, board.registers.hex(), 1667)
     assert "# 107 is 0x6B: an ASM330LHH, or a sibling of it (" in asked.path.read_text(encoding="utf-8")
-    assert SessionFile(tmp_path, None, None, None, None).wanted() == RequestedSettings(1667, 500, 4)
+    assert SessionFile(tmp_path, None, None, None, None).wanted() == {"odr_hz": 1667, "gyro_fs_dps": 500, "accel_fs_g": 4}
 
 
 def test_a_file_waits_for_the_serial_number_of_a_board_that_says_it(tmp_path):
@@ -151,7 +151,7 @@ def test_the_chip_that_answers_names_the_sensor_where_nobody_else_does(tmp_path,
 OTHER = frames.encode_info(0, INFO)  # 500 dps, 4 g: what the board is switched on with
 
 
-WANTED = RequestedSettings(odr_hz=833.0, gyro_fs_dps=2000.0)
+WANTED = {"odr_hz": 833.0, "gyro_fs_dps": 2000.0}
 
 
 @pytest.fixture
@@ -198,13 +198,13 @@ def test_the_port_sets_it_again_and_begins_another_connection(monkeypatch):
     made = BoardSetup(WANTED)
     opened = Port("wire", setup=made)
     items = []
-    while sum(isinstance(item, Opened) for item in items) < 2:
-        items.append(opened.items.get(timeout=PATIENCE_S))
+    while sum(not isinstance(item, bytes) for item in items) < 3:
+        items.append(opened.items.get(timeout=PATIENCE_S)[1])
     opened.close()
-    states = [type(item) for item in items if not isinstance(item, Received)]
-    assert states == [Opened, Closed, Opened]
-    assert "switched on again" in next(item.why for item in items if isinstance(item, Closed))
-    assert OTHER not in b"".join(item.data for item in items if isinstance(item, Received))
+    states = [item for item in items if not isinstance(item, bytes)]
+    assert [state.kind for state in states] == ["open", "close", "open"]
+    assert "switched on again" in states[1].text
+    assert OTHER not in b"".join(item for item in items if isinstance(item, bytes))
     again = [kind for kind, _ in wire.asked[wire.asked_before :]]
     assert again == [0x11, 0x12]
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from session.bench.continuity import Continuity, StepFilter
-from session.bench.events import REGISTERS, AcceptedSamples, ReceivedSamples, SampleChunk, StreamFormat, Trouble
+from session.bench.events import REGISTERS, Event, SampleChunk, StreamFormat
 
 P = 1000  # us, the period of these streams
 
@@ -20,16 +20,16 @@ def received(t_us, sequence=None):
     t_us = np.asarray(t_us, dtype=np.int64)
     registers = np.repeat((t_us % 2**32 % 30_000).astype(np.int16)[:, None], 7, axis=1)
     sequence = None if sequence is None else np.asarray(sequence, dtype=np.int64)
-    return ReceivedSamples(sequence, t_us, registers, np.zeros(len(t_us), dtype=bool))
+    return SampleChunk(t_us, registers, damaged=np.zeros(len(t_us), dtype=bool), sequence=sequence)
 
 
 def told(out):
     """Times and periods of what counts, and troubles as (kind, count, t_us)."""
-    good = [each for each in out if isinstance(each, AcceptedSamples)]
+    good = [each for each in out if isinstance(each, SampleChunk)]
     t_us = [t for each in good for t in each.t_us.tolist()]
     for each in good:
         assert (each.registers[:, 0] == each.t_us % 2**32 % 30_000).all()
-    return t_us, [p for each in good for p in each.periods.tolist()], [(e.kind, e.count, e.t_us) for e in out if isinstance(e, Trouble)]
+    return t_us, [p for each in good for p in each.periods.tolist()], [(e.kind, e.count, e.t_us) for e in out if isinstance(e, Event)]
 
 
 def begun(count=20, text=False, period=P):
@@ -261,21 +261,21 @@ def accepted(values, damaged=(), periods=None, dtype=np.int16, width=7):
     table[:, 2] = values
     hit = np.isin(np.arange(len(values)), damaged)
     periods = np.ones(len(values), np.int64) if periods is None else np.asarray(periods, np.int64)
-    return AcceptedSamples(1000 * np.arange(len(values), dtype=np.int64), table, hit, periods)
+    return SampleChunk(1000 * np.arange(len(values), dtype=np.int64), table, damaged=hit, periods=periods)
 
 
 def passed(out):
     """Values that are passed on, and places of those that are not."""
     values = [v for each in out if isinstance(each, SampleChunk) for v in each.registers[:, 2].tolist()]
-    assert all(each.count == 1 for each in out if isinstance(each, Trouble))
-    return values, [each.t_us // 1000 for each in out if isinstance(each, Trouble)]
+    assert all(each.count == 1 for each in out if isinstance(each, Event))
+    return values, [each.t_us // 1000 for each in out if isinstance(each, Event)]
 
 
 def in_parts(whole, cuts, form=REGISTERS):
     """All that a filter says of samples that are divided before these places."""
     step_filter, out = StepFilter(form), []
     for begin, end in pairwise([0, *cuts, len(whole.t_us)]):
-        out += step_filter.take(AcceptedSamples(*(array[begin:end] for array in whole.arrays)))
+        out += step_filter.take(whole.part(begin, end))
     return out + step_filter.finish()
 
 

@@ -16,6 +16,7 @@ from session.base.units import MDPS, MG, G
 from session.bench import board_clock, live
 from session.bench.board_clock import LEAST, ClockComparison, ClockRatio
 from session.bench.closure_guide import BEGIN, ClosureGuide, Step
+from session.bench.events import Event
 from session.bench.guide import Guide
 from session.bench.live import (
     _BAR_RPS,
@@ -37,7 +38,7 @@ from session.bench.live import (
 )
 from session.bench.messages import SETTLING_S, Advice, Kind, RequestedTurn, Stage
 from session.bench.progress import LiveAccelerometerFit, Window, accepted_turn, fastest_ns
-from session.bench.rawfile import RecordingDecision
+from session.bench.rawfile import raw_event
 from session.log.samples import Samples
 
 TWICE = Table().rest(3).turn(120, (1, 0, 0), 3).rest(2.5).turn(90, (0, 1, 0), 3).rest(2.5)
@@ -215,7 +216,7 @@ def test_enough_is_said_and_the_operator_finishes():
     play(guide, TWICE.samples())
     assert guide.stage is Stage.TURN
     assert guide.instruction.do == "enough: finish now"
-    changes = guide.decided(RecordingDecision("finish"))
+    changes = guide.decided(Event("finish"))
     assert said(changes, Kind.DONE) == ["done: 2 segments, finished by the operator"]
     assert guide.stage is Stage.DONE
 
@@ -300,7 +301,7 @@ def led_home(table: Table, spoil=lambda samples: None):
     for first in range(0, len(samples), 50):
         changes += play(guide, samples.between(first, first + 50))
         if guide.wants:
-            decided.append(guide.wants.text)
+            decided.append(raw_event(guide.wants))
             at_s.append((first + 50) / 208)
             changes += guide.decided(guide.wants)
     return guide, changes, decided, at_s

@@ -19,20 +19,17 @@ from streams import frame_list, sent
 from test_stream_physics import HELLO, board_frame, faults_frame
 
 from session.base.errors import FormatError, OtherSensor
+from session.bench.board import NO_SENSOR, RESET_SAYS, BoardReporter, SensorIdentity
 from session.bench.board_clock import ClockRatio
 from session.bench.decoder import StreamDecoder
-from session.bench.events import FAULTS, Comment, FaultCounts, Info, SampleChunk, Trouble, starts_log
+from session.bench.events import FAULTS, TROUBLES, Event, Info, SampleChunk, starts_log
 from session.bench.guide import _ANY_TURN, Guide
 from session.bench.guided_session import (
-    _RESET_SAYS,
-    NO_SENSOR,
     GuidedRecording,
-    _BoardReporter,
     _CoachThread,
-    _SensorIdentity,
 )
 from session.bench.messages import Advice, Kind, Stage
-from session.bench.rawfile import RecordingDecision
+from session.bench.rawfile import raw_event
 from session.bench.rest_guide import RestAnswer, RestGuide
 from session.log.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
 from tinygc import CalibrationError
@@ -131,13 +128,13 @@ def pulled(port):
 
 def plugged(port):
     port.connected, port.why = True, ""
-    return [Trouble("reconnect"), INFO]
+    return [Event("reconnect"), INFO]
 
 
 @pytest.mark.parametrize(("at", "accepted"), [(1, 0), (25, 1)])
 def test_pulled_and_reset_anywhere(at, accepted):
     """From before the check is over to the second turn: what was accepted stays, and the rest is asked for again."""
-    for steps in ([pulled, plugged], [Trouble("reset"), INFO]):
+    for steps in ([pulled, plugged], [Event("reset"), INFO]):
         port = Port([*WHOLE[: at + 1], *steps, *chunks(SESSION, seed=1)])
         guide, said = led(port, segments=3 + accepted)
         assert guide.accepted == 3 + accepted
@@ -155,7 +152,7 @@ def test_a_port_that_is_gone_and_a_stream_that_is_none_are_said(monkeypatch):
     def right_again(port):
         monkeypatch.setattr("session.bench.guided_session.SILENT_S", 60.0)
 
-    remark = Comment("nothing answers at 0x68")
+    remark = Event("comment", text="nothing answers at 0x68")
     guide, said = led(Port([INFO, pulled, plugged, silent, remark, silent, INFO, wrong_baud, right_again, *chunks(SESSION)]))
     why = [now.why for now in said.instructions]
     assert "/dev/ttyACM0: Input/output error; it is tried again and again" in why
@@ -188,7 +185,7 @@ def test_a_file_that_contradicts_all_that_was_recorded_sets_nothing_apart():
 def test_another_sensor_has_no_place_in_the_recording():
     """Neither when it is resumed nor behind a pulled cable; a word that was damaged on the wire is not repeated."""
     other = Info(500.0, 4.0, 208.0, "2")
-    swapped = [Trouble("reconnect"), other]
+    swapped = [Event("reconnect"), other]
     for port in (
         Port([lambda port: plugged(port) and swapped, *BEGUN[1:], other], resumed=BEGUN),
         Port([*BEGUN, pulled, lambda port: plugged(port) and swapped, other]),
@@ -269,7 +266,7 @@ def test_the_last_turn_is_dropped_where_it_moved():
     ((log, at_s),) = notes.rows
     assert log == "log0001.csv"
     assert 6 < at_s < 7.5
-    assert [decision.text for decision in port.decided] == [f"drop {round(at_s * 1e6)}"]
+    assert [raw_event(decision) for decision in port.decided] == [f"drop {round(at_s * 1e6)}"]
     assert any(text.startswith("the last turn is dropped (130° in 1.") for text in said.texts(Kind.STAGE))
     assert "the last turn does not count" in said.texts(Kind.WARNING)
     _, guide, said, notes = keyed(2, (7.1, "d"))
@@ -281,7 +278,7 @@ def test_the_last_turn_is_dropped_where_it_moved():
 def test_paused_nothing_is_judged():
     """The second of four turns is made in a pause: nobody counts it, and the first still after the pause is a new log's."""
     port, guide, said, _ = keyed(4, (5.9, "p"), (7.7, "p"))
-    assert [decision.text for decision in port.decided] == ["pause", "begin log"]
+    assert [raw_event(decision) for decision in port.decided] == ["pause", "begin log"]
     assert [text.split(":")[1].split(" in ")[0] for text in said.texts(Kind.ACCEPTED)] == [" 120°", " 140°", " 150°"]
     assert guide.log == 1
     assert {now.do for now in said.instructions if now.stage is Stage.PAUSED} == {"paused: nothing is examined"}
@@ -290,7 +287,7 @@ def test_paused_nothing_is_judged():
 def test_a_note_has_its_text_and_says_that_it_is_kept():
     port, guide, said, notes = keyed(1, (2.0, "nthe cable "), (2.5, "rubs\r"), (2.7, "nno place\r"), segments=1)
     assert notes.notes == ["the cable rubs"]
-    assert port.decided[0] == RecordingDecision("note", "the cable rubs")
+    assert port.decided[0] == Event("note", text="the cable rubs")
     assert "noted: the cable rubs" in said.texts(Kind.STAGE)
     assert said.texts(Kind.WARNING) == ["session.toml: no place"]  # and no recording ends by it
     assert guide.accepted == 1  # the letters of a note are no commands
@@ -298,22 +295,22 @@ def test_a_note_has_its_text_and_says_that_it_is_kept():
 
 def test_resumed_it_is_where_it_was_and_a_drop_that_was_taken_back_is_taken_back():
     port, _, _, notes = keyed(2, (9.7, "d"))
-    drop = RecordingDecision(port.decided[0].word, port.decided[0].rest, "log0001.csv")
+    drop = port.decided[0]
     for kept, accepted in ((notes, 1), (Notes(), 2)):
         _, guide, said, _ = keyed(0, resumed=[INFO, *chunks(session(2)), drop], notes=kept)
         assert guide.accepted == accepted
         assert f"resumed: {accepted} segments so far" in said.texts(Kind.STAGE)
     # A pause ends with the recording: what comes next goes to a log again.
-    past = [INFO, *chunks(session(2)), RecordingDecision("pause")]
-    port, guide, _, _ = keyed(1, resumed=past, segments=3, steps=[Trouble("reconnect")])
-    assert port.decided == [RecordingDecision("begin", "log")]
+    past = [INFO, *chunks(session(2)), Event("pause")]
+    port, guide, _, _ = keyed(1, resumed=past, segments=3, steps=[Event("reconnect")])
+    assert port.decided == [Event("begin", text="log")]
     assert guide.accepted == 3
 
 
 # A rest.
 
 
-REST, BEGIN = Table().rest(6), RecordingDecision("begin", "rest")
+REST, BEGIN = Table().rest(6), Event("begin", text="rest")
 
 
 class Figures:
@@ -361,9 +358,9 @@ def test_enough_is_said_once_and_ends_it_where_that_was_asked():
 def test_resumed_after_turns_the_rest_has_its_own_log_and_no_turn_counts():
     """What the port still held of the turns goes to no log; the rest's log begins with the new connection."""
     turns = Table().rest(3).turn(120, (1, 0, 0), 3).rest(3)
-    port = Port([Trouble("reconnect"), INFO, *chunks(REST, seed=1)], resumed=[INFO, *chunks(turns)])
+    port = Port([Event("reconnect"), INFO, *chunks(REST, seed=1)], resumed=[INFO, *chunks(turns)])
     guide, _ = led(port, guide=RestGuide(config().protocol, 4.0))
-    assert port.decided == [RecordingDecision("pause"), BEGIN]
+    assert port.decided == [Event("pause"), BEGIN]
     assert 4.0 <= guide.rested_s < 4.11
 
 
@@ -372,11 +369,11 @@ def test_resumed_after_turns_the_rest_has_its_own_log_and_no_turn_counts():
 
 def heard(*data: bytes) -> list[str]:
     """The lines of the messages and resets in a stream."""
-    words, said, decoder = _BoardReporter(), [], StreamDecoder()
+    words, said, decoder = BoardReporter(), [], StreamDecoder()
     for event in decoder.feed(HELLO + b"".join(data)) + decoder.finish():
         if starts_log(event):
             said += words.was_reset()
-        elif not isinstance(event, (Info, SampleChunk, Trouble)):
+        elif event.kind not in ("info", "samples", *TROUBLES):
             said += words.hear(event)
     return said
 
@@ -393,16 +390,16 @@ def test_a_fault_is_said_with_what_it_cost_and_what_to_do():
 
 def test_what_a_board_has_counted_is_counted_once_over_connections():
     """A cable that was pulled, or --resume: the board goes on counting unless it was switched on again."""
-    words, lines = _BoardReporter(), []
+    words, lines = BoardReporter(), []
     for counts in ({"lost": 4, "hang": 1}, {"lost": 163, "hang": 1, "parity": 3, "reset": 1}):
-        lines += words.hear(FaultCounts(tuple(counts.get(name, 0) for name in FAULTS)))
+        lines += words.hear(Event("faults", numbers=tuple(counts.get(name, 0) for name in FAULTS)))
     words.new_connection()
     whole = {"lost": 159, "parity": 3, "reset": 1}  # none of before the recording
     assert words.counted == whole
-    assert words.hear(words.faults) == []
+    assert words.hear(Event("faults", numbers=words.faults)) == []
     assert words.counted == whole
     words.new_connection()
-    assert len(words.hear(FaultCounts(tuple(int(name == "parity") for name in FAULTS)))) == 1  # they fell: switched on again
+    assert len(words.hear(Event("faults", numbers=tuple(int(name == "parity") for name in FAULTS)))) == 1  # they fell: switched on again
     assert words.counted == whole | {"parity": 4}
     assert [line.startswith("before this recording") for line in lines] == [True, False]
 
@@ -416,7 +413,7 @@ def test_a_stand_in_is_said():
 ON, HUNG, ASTRAY = 3, 3 | 8, 3 | 16
 
 
-WATCHDOG, FAULT = _RESET_SAYS["watchdog"], _RESET_SAYS["fault"]
+WATCHDOG, FAULT = RESET_SAYS["watchdog"], RESET_SAYS["fault"]
 
 
 def restarted(*states: int) -> list[bytes]:
@@ -445,7 +442,7 @@ def said(odr_hz: float) -> Info:
 
 
 def test_a_board_without_a_serial_number_is_another_where_its_rate_is_another():
-    same = _SensorIdentity()
+    same = SensorIdentity()
     same.require(said(421.06))
     same.require(said(432.4))  # within a connection nobody swaps a board: it has measured better
     same.new_connection()

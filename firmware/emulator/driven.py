@@ -13,7 +13,7 @@ from emulator.machine import Machine
 from emulator.sensor import STANDARD_GRAVITY, TEMPERATURE_ZERO_C, Asm330lhh, Fault, Made, Motion, Oscillator, SensorPort, Silicon
 from session.bench import frames
 from session.bench.decoder import StreamDecoder
-from session.bench.events import BOARD_TYPE, FAULTS, STANDIN, BoardStatus, CommandResult, FaultCounts, Info, SelfTestResult
+from session.bench.events import FAULTS, STANDIN, BoardStatus, Event, Info
 
 BAUD = 2_000_000
 NOMINAL_HZ = (12.5, 26.0, 52.0, 104.0, 208.0, 417.0, 833.0, 1667.0, 3333.0, 6667.0)
@@ -78,7 +78,7 @@ class Driven:
         self.info: Info | None = None
         self.board: BoardStatus | None = None
         self.counts = dict.fromkeys(FAULTS, 0)
-        self.tested: list[SelfTestResult] = []
+        self.tested: list[Event] = []
         self._rest, self._frames, self._from_standin = b"", list[bytes](), False
         self._asked, self.answers = 0, {}
         self.made_up = 0
@@ -102,7 +102,7 @@ class Driven:
             if len(frame) != frames.SAMPLE_BYTES:
                 if len(frame) >= frames.SHORTEST_OTHER:
                     (message,), (good,) = frames.decode_blocks(np.frombuffer(frame, np.uint8)[None])
-                    if good and message[0] == BOARD_TYPE:
+                    if good and message[0] == frames.BOARD_TYPE:
                         self._from_standin = message[3] == STANDIN
             elif self._from_standin:
                 self.made_up += 1
@@ -114,11 +114,11 @@ class Driven:
             self.info = event
         elif isinstance(event, BoardStatus):
             self.board = event
-        elif isinstance(event, CommandResult):
-            self.answers[event.sequence] = event.result
-        elif isinstance(event, FaultCounts):
-            self.counts = dict(zip(FAULTS, event.counts, strict=True))
-        elif isinstance(event, SelfTestResult):
+        elif event.kind == "done":
+            sequence, _, self.answers[sequence] = event.numbers
+        elif event.kind == "faults":
+            self.counts = dict(zip(FAULTS, event.numbers, strict=True))
+        elif event.kind == "tested":
             self.tested.append(event)
 
     def ask(self, command: int, *values: float, within_s: float = 4.0) -> None:

@@ -9,9 +9,9 @@ from __future__ import annotations
 from enum import Enum
 
 from session.base.units import DEG, NS
+from session.bench.events import Event
 from session.bench.live import TurnInProgress
 from session.bench.messages import Instruction, Kind, Stage
-from session.bench.rawfile import RecordingDecision
 from session.detect.segments import RETURN_RAD, run_ends
 from session.detect.stills import MIN_STILL_FRACTION, find_stills
 from session.log.config import Protocol, Sensor
@@ -23,7 +23,7 @@ STILL_PART = 0.05
 ENOUGH_PART = 0.8  #: of the planned time: a shorter run determines less
 AGAIN_S = 10.0  #: a still of this length away from the mark makes its place the new mark
 STIR_RAD = 2.0 * DEG
-BEGIN, KEEP = RecordingDecision("begin", "unclosed"), RecordingDecision("keep", "closure")
+BEGIN, KEEP = Event("begin", text="unclosed"), Event("keep", text="closure")
 MARK_WORDS = "set the table onto its index mark, then hands off"
 
 
@@ -42,19 +42,19 @@ class ClosureGuide:
     def __init__(self, sensor: Sensor, protocol: Protocol, hold_s: float, planned_s: float):
         self._sensor, self._protocol, self.planned_s = sensor, protocol, planned_s
         self.hold_s = max(hold_s, STILL_PART * planned_s)
-        self.wants: RecordingDecision | None = None
+        self.wants: Event | None = None
         self.says: list[tuple[Kind, str]] = []
         self._examined = self._went = False
         self._parts: list[Samples] = []
         self._to_the_mark()
 
-    def decided(self, decision: RecordingDecision) -> None:
+    def decided(self, decision: Event) -> None:
         """The request was carried out: a new file has begun, or the last one is kept."""
         self.wants = None
-        if decision.word == "begin":
+        if decision.kind == "begin":
             self.step = Step.STAY
             self._parts, self._moved_s, self._rested_s, self._here_s = [], 0.0, 0.0, 0.0
-        elif decision.word == "keep":
+        elif decision.kind == "keep":
             self.step = Step.WHOLE
 
     def interrupted(self) -> None:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from session.bench.events import REGISTERS, AcceptedSamples, ReceivedSamples, SampleChunk, StreamFormat, Trouble
+from session.bench.events import REGISTERS, Event, SampleChunk, StreamFormat, joined_chunk
 
 # The step filter: a step out and back within one sample, while the wire is bad, is an error and no motion.
 #
@@ -28,7 +29,7 @@ class StepFilter:
         self._before: np.ndarray | None = None  # (7,) the last sample passed on
         self._held: tuple[int, np.ndarray, int] | None = None  # t_us, registers, periods
 
-    def take(self, accepted: AcceptedSamples) -> list[SampleChunk | Trouble]:
+    def take(self, accepted: SampleChunk) -> list[SampleChunk | Event]:
         """The samples that are passed on, and counts of those that are left out."""
         if not (self._doubt or self._held or accepted.damaged.any()):
             self._before = accepted.registers[-1].astype(self._type)
@@ -40,7 +41,7 @@ class StepFilter:
         values = accepted.registers.astype(self._type)
         before = values[:1] if self._before is None else self._before[None]
         jumps = (np.abs(np.diff(values, axis=0, prepend=before)) > self._bars * accepted.periods[:, None]).any(axis=1) & doubted
-        out: list[SampleChunk | Trouble] = []
+        out: list[SampleChunk | Event] = []
         if self._held is not None:
             held, self._held = self._held, None
             self._decide(held, values[0], int(accepted.periods[0]), out)
@@ -60,21 +61,21 @@ class StepFilter:
                 break
             assert self._before is not None  # the first doubtful sample is compared with itself, and passed on
             if _alone(self._before, values[k], values[k + 1], self._bars * int(accepted.periods[k] + accepted.periods[k + 1]) / 2):
-                out.append(Trouble("implausible", 1, int(accepted.t_us[k])))
+                out.append(Event("implausible", 1, int(accepted.t_us[k])))
             else:
                 self._pass_on(accepted, values, k, k + 1, out)
             jumps[k + 1] = doubted[k + 1] and self._jumps(values[k + 1], int(accepted.periods[k + 1]))
             start = k + 1
         return out
 
-    def _pass_on(self, accepted: AcceptedSamples, values: np.ndarray, start: int, stop: int, out: list) -> None:
+    def _pass_on(self, accepted: SampleChunk, values: np.ndarray, start: int, stop: int, out: list) -> None:
         out.append(SampleChunk(accepted.t_us[start:stop], accepted.registers[start:stop], self._form))
         self._before = values[stop - 1]
 
-    def finish(self) -> list[SampleChunk | Trouble]:
+    def finish(self) -> list[SampleChunk | Event]:
         """The stream ends: a doubtful last sample is left out."""
         held, self._held, self._before, self._doubt = self._held, None, None, 0
-        return [Trouble("implausible", 1, held[0])] if held else []
+        return [Event("implausible", 1, held[0])] if held else []
 
     def _jumps(self, value: np.ndarray, periods: int) -> bool:
         return self._before is not None and bool((np.abs(value - self._before) > self._bars * periods).any())
@@ -82,7 +83,7 @@ class StepFilter:
     def _decide(self, held: tuple[int, np.ndarray, int], following: np.ndarray, periods: int, out: list) -> None:
         t_us, value, own = held
         if self._before is not None and _alone(self._before, value, following, self._bars * (own + periods) / 2):
-            out.append(Trouble("implausible", 1, t_us))
+            out.append(Event("implausible", 1, t_us))
         else:
             registers = value[None].astype(np.float64 if self._form.physical else np.int16)
             out.append(SampleChunk(np.array([t_us], np.int64), registers, self._form))
@@ -156,7 +157,7 @@ class Continuity:
         self._infos_have_numbers = True
         self._count = self._since = 0  # periods since the lock, and the unrolled time of the lock
         self._next_period = 0
-        self._held: AcceptedSamples | None = None  # text: a line counts when the next one follows it
+        self._held: SampleChunk | None = None  # text: a line counts when the next one follows it
         self._needed, self._shown = CHAIN, 0  # readings that a new start must show, and that the present one has
         self._at_once, self._singly = FEWEST, 0
 
@@ -165,9 +166,9 @@ class Continuity:
         if self._infos_have_numbers:
             self._infos = [*self._infos[-15:], sequence]
 
-    def take(self, readings: ReceivedSamples) -> list[AcceptedSamples | Trouble]:
+    def take(self, readings: SampleChunk) -> list[SampleChunk | Event]:
         """The readings that count, and troubles, in order."""
-        out: list[AcceptedSamples | Trouble] = []
+        out: list[SampleChunk | Event] = []
         start, total = 0, len(readings)
         while start < total:
             if self._begun and not (self._chain or self._infos or self._singly):
@@ -176,16 +177,16 @@ class Continuity:
                 start += self._take_singly(readings.part(start, min(total, start + MOST)), out)
         return out
 
-    def finish(self) -> list[AcceptedSamples | Trouble]:
+    def finish(self) -> list[SampleChunk | Event]:
         """The stream ends: readings that wait are left out."""
-        out: list[AcceptedSamples | Trouble] = []
+        out: list[SampleChunk | Event] = []
         self._leave_out(len(self._chain), out)
         if self._held is not None:
             out.append(self._held)
         self._begin()
         return out
 
-    def _take_smooth(self, readings: ReceivedSamples, out: list) -> int:
+    def _take_smooth(self, readings: SampleChunk, out: list) -> int:
         """Accept the first readings as long as each follows the one before; returns how many."""
         step_us = np.diff(readings.t_us, prepend=self._stamp)
         if readings.sequence is None or self._sequence is None:
@@ -203,14 +204,14 @@ class Continuity:
             # Stop where the period is updated, so that this happens at the same reading however they are divided.
             count = min(count, 1 + int(np.searchsorted(self._count + np.cumsum(periods[:count]), self._next_period)))
             t_us = self._t_us + np.cumsum(step_us[:count])
-            self._emit(AcceptedSamples(t_us, readings.registers[:count], readings.damaged[:count], periods[:count]), readings.sequence, out)
+            self._emit(replace(readings.part(0, count), t_us=t_us, periods=periods[:count]), readings.sequence, out)
             last = None if readings.sequence is None else int(readings.sequence[count - 1])
             self._advance(last, int(readings.t_us[count - 1]), int(t_us[-1]), int(periods[:count].sum()), count)
         broken = count == follow < len(readings)
         self._at_once, self._singly = (FEWEST, SINGLY) if broken else (min(MOST, 2 * self._at_once), 0)
         return count
 
-    def _take_singly(self, readings: ReceivedSamples, out: list) -> int:
+    def _take_singly(self, readings: SampleChunk, out: list) -> int:
         """Take readings one by one until some have followed each other; returns how many were taken."""
         run = _AcceptedRun()
         numbers = [None] * len(readings) if readings.sequence is None else readings.sequence.tolist()
@@ -247,12 +248,12 @@ class Continuity:
         self._flush(run, readings, out)
         return place + 1
 
-    def _flush(self, run: _AcceptedRun, readings: ReceivedSamples, out: list) -> _AcceptedRun:
+    def _flush(self, run: _AcceptedRun, readings: SampleChunk, out: list) -> _AcceptedRun:
         """Pass a run on, and start another."""
         if run.places:
             t_us, periods = np.array(run.t_us, np.int64), np.array(run.periods, np.int64)
-            accepted = AcceptedSamples(t_us, readings.registers[run.places], readings.damaged[run.places], periods)
-            self._emit(accepted, readings.sequence, out, run.before_us)
+            registers, damaged = readings.registers[run.places], readings.damaged[run.places]
+            self._emit(SampleChunk(t_us, registers, readings.form, damaged, None, periods), readings.sequence, out, run.before_us)
         return _AcceptedRun()
 
     @property
@@ -309,8 +310,8 @@ class Continuity:
             if gap is None:
                 if self._held is not None:
                     self._held = None
-                    out.append(Trouble("lost", 1, self._t_us))
-                out.append(Trouble("reset", 1, self._t_us))
+                    out.append(Event("lost", 1, self._t_us))
+                out.append(Event("reset", 1, self._t_us))
                 self._needed = CHAIN if self._shown >= LONGEST_CHAIN else min(LONGEST_CHAIN, 2 * self._needed)
                 self._shown = 0
             else:
@@ -319,7 +320,7 @@ class Continuity:
         t_us = first_us + np.concatenate([[0], np.cumsum(steps_us)]).astype(np.int64)
         registers, damaged = np.array([one.registers for one in chain]), np.array([one.damaged for one in chain])
         self._chain, self._since, self._count, self._next_period = [], int(t_us[0]), -first_periods, 16
-        accepted = AcceptedSamples(t_us, registers, damaged, np.array([first_periods, *periods], np.int64))
+        accepted = SampleChunk(t_us, registers, damaged=damaged, periods=np.array([first_periods, *periods], np.int64))
         self._emit(accepted, chain[-1].sequence, out, self._t_us if self._begun else None)
         self._begun, self._singly = True, SINGLY
         self._advance(chain[-1].sequence, chain[-1].t_us, int(t_us[-1]), first_periods + sum(periods), len(chain))
@@ -333,7 +334,7 @@ class Continuity:
         numbers = _numbers(self._sequence, one.sequence, self._infos)
         return (step_us, numbers) if 0 < step_us <= RATE_CHANGE_US and 1 <= numbers <= LONGEST_SKIP else None
 
-    def _emit(self, accepted: AcceptedSamples, sequence: object, out: list, before_us: int | None = None) -> None:
+    def _emit(self, accepted: SampleChunk, sequence: object, out: list, before_us: int | None = None) -> None:
         """Pass accepted readings on; sequence: None in text; before_us: unrolled time of the reading before, the last one without it."""
         lost = int(accepted.periods.sum()) - len(accepted.periods)
         if sequence is None:
@@ -343,12 +344,11 @@ class Continuity:
                 self._held = None
                 lost += 1
             if self._held is not None:
-                accepted = AcceptedSamples(*(np.concatenate(pair) for pair in zip(self._held.arrays, accepted.arrays, strict=True)))
-            self._held = AcceptedSamples(*(array[-1:] for array in accepted.arrays))
-            accepted = AcceptedSamples(*(array[:-1] for array in accepted.arrays))
+                accepted = joined_chunk([self._held, accepted])
+            self._held, accepted = accepted.part(len(accepted) - 1), accepted.part(0, len(accepted) - 1)
         if lost:
-            out.append(Trouble("lost", lost, self._t_us if before_us is None and self._begun else before_us))
-        if len(accepted.t_us):
+            out.append(Event("lost", lost, self._t_us if before_us is None and self._begun else before_us))
+        if len(accepted):
             out.append(accepted)
 
     def _advance(self, sequence: int | None, stamp: int, t_us: int, periods: int, count: int) -> None:
@@ -362,7 +362,7 @@ class Continuity:
 
     def _leave_out(self, count: int, out: list) -> None:
         if count:
-            out.append(Trouble("implausible", count, self._t_us if self._begun else None))
+            out.append(Event("implausible", count, self._t_us if self._begun else None))
 
 
 def _numbers(first: int | None, second: int | None, infos: list[int]) -> int:

@@ -16,21 +16,19 @@ import numpy as np
 from session.bench import frames
 from session.bench.continuity import Continuity, StepFilter
 from session.bench.events import (
+    CHANGES,
     REGISTERS,
-    AcceptedSamples,
-    BoardMessageFilter,
-    Comment,
+    REMARKS,
+    Allowance,
+    AnyEvent,
+    BoardStatus,
     Event,
     EventCollector,
     Info,
-    ModeChangeBudget,
-    ReceivedSamples,
-    RemarkBudget,
     SampleChunk,
     StreamFormat,
-    Trouble,
 )
-from session.bench.text_stream import LONGEST_LINE, Garbage, LineReader, TextRows, classify_lines, parse_comment
+from session.bench.text_stream import LONGEST_LINE, Garbage, LineReader, classify_lines, parse_comment
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,11 +49,11 @@ class DecodedFrames:
     left_over: np.ndarray
     crc_errors: int
 
-    def part(self, begin: int, stop: int) -> ReceivedSamples:
+    def part(self, begin: int, stop: int) -> SampleChunk:
         """Readings from begin up to stop."""
-        table = self.readings[begin:stop]
-        registers = table["registers"].astype(np.int16)
-        return ReceivedSamples(table["sequence"].astype(np.int64), table["t_us"].astype(np.int64), registers, self.damaged[begin:stop])
+        table, damaged = self.readings[begin:stop], self.damaged[begin:stop]
+        sequence = table["sequence"].astype(np.int64)
+        return SampleChunk(table["t_us"].astype(np.int64), table["registers"].astype(np.int16), REGISTERS, damaged, sequence)
 
 
 def decode_frames(codes: np.ndarray, ends: np.ndarray, lengths: np.ndarray) -> DecodedFrames:
@@ -161,7 +159,8 @@ class StreamDecoder:
         self._behind_zero = False  # in text: a zero byte is right before what is kept
         self._behind_terminator = False  # a zero byte and a line's end are
         self._skipping = False  # in frames: bytes up to the next zero byte are garbage
-        self._remarks, self._changes, self._board = RemarkBudget(), ModeChangeBudget(), BoardMessageFilter()
+        self._remarks, self._changes = Allowance(*REMARKS), Allowance(*CHANGES)
+        self._board: dict[int, bytes] = {}  # the last content of each message that a board repeats each second
         self._text_lines = LineReader(self._header, self._remarks)
         self._form = self._text_lines.form  # of the lines that are taken now
         self._continuity, self._steps = Continuity(), StepFilter(self._form)
@@ -175,7 +174,7 @@ class StreamDecoder:
         period_us = self._continuity.period_us or self._period_us
         return 1e6 / period_us if period_us else None
 
-    def feed(self, data: bytes) -> list[Event]:
+    def feed(self, data: bytes) -> list[AnyEvent]:
         """Decode bytes, with what was kept from before; never raises, whatever the bytes."""
         out, self.taken = EventCollector(), self.taken + len(data)
         data, at = self._buffer + data, 0
@@ -194,7 +193,7 @@ class StreamDecoder:
         self._buffer = data[at:]
         return out.events()
 
-    def finish(self) -> list[Event]:
+    def finish(self) -> list[AnyEvent]:
         """End the stream, or the connection: what is incomplete is dropped, and what follows starts a new one."""
         out = EventCollector()
         self._period_us = self._continuity.period_us or self._period_us
@@ -263,7 +262,7 @@ class StreamDecoder:
             self._garbage(int(lengths[row]) if row < count else 0, out)
         if len(change):
             self.mode = None
-            self._changes.change(self._place + int(starts[count]))
+            self._changes.spend(self._place + int(starts[count]))
         elif too_long[-1]:
             self._garbage(int(lengths[-1]), out)
             self._skipping = True
@@ -274,7 +273,7 @@ class StreamDecoder:
         blocks = decode_frames(np.frombuffer(data, np.uint8), ends, lengths)
         if blocks.crc_errors:
             self.crc_errors += blocks.crc_errors
-            out.add(Trouble("crc", blocks.crc_errors, self._last_us))
+            out.add(Event("crc", blocks.crc_errors, self._last_us))
         left_over, rows = blocks.left_over, blocks.rows
         remarks = [row for row in np.flatnonzero(left_over).tolist() if b"#" in data[starts[row] : ends[row]]] if left_over.any() else []
         self._garbage(int(left_over.sum()), out, damages=False)
@@ -282,10 +281,10 @@ class StreamDecoder:
         if len(rows):
             blocks.damaged[0] |= damaged_before
         begin = earned = 0
-        others = self._board.fresh(blocks.others)
+        others = self._news(blocks.others)
         placed = sorted({*blocks.infos, *others, *remarks})
         for row, stop in zip(placed, np.searchsorted(rows, placed).tolist(), strict=True):
-            self._remarks.earn(stop - earned)
+            self._remarks.at += stop - earned
             earned = stop
             if (row in blocks.infos or row in others) and not self._remarks.spend():
                 continue
@@ -296,17 +295,29 @@ class StreamDecoder:
                 out.add(others[row])
             else:
                 self._remark(blocks.infos.get(row), data[starts[row] : ends[row]], out)
-        self._remarks.earn(len(rows) - earned)
+        self._remarks.at += len(rows) - earned
         if len(rows) > begin:
             self._take(blocks.part(begin, len(rows)), out)
         self._damaged = blocks.behind or (damaged_before and not len(rows))
+
+    def _news(self, bodies: dict[int, np.ndarray]) -> dict[int, BoardStatus | Event]:
+        """Of bodies by block, in order, those that differ from the last of their type, and every answer."""
+        found: dict[int, BoardStatus | Event] = {}
+        for row in sorted(bodies):
+            body = bodies[row].tobytes()
+            kind, content = body[0], body[3:]
+            repeated = kind in (frames.BOARD_TYPE, frames.FAULTS_TYPE) and self._board.get(kind) == content
+            if not repeated and (message := frames.decode_message(body)) is not None:
+                self._board[kind] = content
+                found[row] = message
+        return found
 
     def _remark(self, body: np.ndarray | None, block: bytes, out: EventCollector) -> None:
         """Take an info frame's body; without one, comments: a board may send text before its first frame."""
         if body is None:
             for line in block.split(b"\n")[:-1]:
                 if line.startswith(b"#") and self._remarks.spend() and (comment := parse_comment(line.rstrip(b"\r"))):
-                    out.add(Comment(comment))
+                    out.add(Event("comment", text=comment))
             return
         info = frames.decode_info(body.tobytes())
         self._continuity.info(int(body[1]) | int(body[2]) << 8)
@@ -357,7 +368,7 @@ class StreamDecoder:
         elif frame is not None:
             self._garbage(begin - int(starts[count]), out)
             self.mode = "frames"
-            self._changes.change(self._place + int(ends[frame]))
+            self._changes.spend(self._place + int(ends[frame]))
         if used:
             self._behind_zero = frame is None and block[used - 1] == 0
             self._behind_terminator = frame is None and used == int(starts[count]) and bool(terminators[count])
@@ -365,30 +376,29 @@ class StreamDecoder:
 
     def _lines(self, block: bytes, torn: np.ndarray | None, out: EventCollector) -> None:
         for item in self._text_lines.take(block.replace(b"\r\n", b"\n"), torn):
-            if isinstance(item, TextRows):
-                damaged = item.damaged.copy()
-                damaged[0] |= self._damaged
+            if isinstance(item, SampleChunk):
+                item.damaged[0] |= self._damaged
                 self._damaged = False
-                self._take(ReceivedSamples(None, item.t_us, item.values, damaged), out)
+                self._take(item, out)
             elif isinstance(item, Garbage):
                 self._garbage(item.count, out, damages=item.behind)
             elif isinstance(item, StreamFormat):
                 # A header has changed the columns: what was before, if anything, is another recording.
                 self._pass_on(self._continuity.finish(), out)
                 if self._numbered_before is not None:
-                    self._pass_on([Trouble("reset", 1, self._last_us)], out)
+                    self._pass_on([Event("reset", 1, self._last_us)], out)
                 self._add(self._steps.finish(), out)
                 self._form, self._steps, self._numbered_before = item, StepFilter(item), None
             else:
                 self.info = item if isinstance(item, Info) else self.info
                 out.add(item)
 
-    def _take(self, readings: ReceivedSamples, out: EventCollector) -> None:
+    def _take(self, readings: SampleChunk, out: EventCollector) -> None:
         numbered = readings.sequence is not None
         if self._numbered_before not in (None, numbered):
             # The board has changed between frames and text: there is no sequence to continue.
             self._pass_on(self._continuity.finish(), out)
-            self._pass_on([Trouble("reset", 1, self._last_us)], out)
+            self._pass_on([Event("reset", 1, self._last_us)], out)
         if self._numbered_before != numbered:  # for the first, too: a header of text in physical units does not apply to frames
             self._steps = StepFilter(REGISTERS if numbered else self._form)
         self._numbered_before = numbered
@@ -398,18 +408,18 @@ class StreamDecoder:
         if count:
             self.garbage += count
             self._damaged |= damages
-            out.add(Trouble("garbage", count, self._last_us))
+            out.add(Event("garbage", count, self._last_us))
 
-    def _pass_on(self, items: list[AcceptedSamples | Trouble], out: EventCollector) -> None:
+    def _pass_on(self, items: list[SampleChunk | Event], out: EventCollector) -> None:
         for item in items:
-            if isinstance(item, AcceptedSamples):
+            if isinstance(item, SampleChunk):
                 self._add(self._steps.take(item), out)
                 continue
             if item.kind == "reset":
                 self._add(self._steps.finish(), out)
             self._add([item], out)
 
-    def _add(self, events: list[SampleChunk | Trouble], out: EventCollector) -> None:
+    def _add(self, events: list[SampleChunk | Event], out: EventCollector) -> None:
         for event in events:
             if isinstance(event, SampleChunk):
                 self.samples += len(event)

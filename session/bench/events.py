@@ -1,10 +1,9 @@
-"""Events of a stream: samples, info, comments, faults, board messages; the format of its columns; the order of events."""
+"""Events of a recording: samples, what the board says of itself, and everything else as one record; the columns of a stream; limits."""
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -89,31 +88,74 @@ def _triad(names: list[str], letter: str, units: tuple[str, ...]) -> tuple[str, 
     return found[0] if len(found) == 1 else None
 
 
-# Messages of a board about itself: frames 0x05 to 0x08 (docs/firmware.md).
+# Events, in the order of the stream.  Each has a ``kind``.
 
-BOARD_TYPE, FAULTS_TYPE, DONE_TYPE, TESTED_TYPE = 0x05, 0x06, 0x07, 0x08
+
+@dataclass(frozen=True, eq=False)
+class SampleChunk:
+    """Consecutive samples.  t_us (n,) int64, device time, increasing, its 32 bits unrolled; registers (n, 7) int16,
+    gx gy gz ax ay az temp, or, of a format in physical units, numbers (n, 6 or 7) float64.
+
+    Within the decoder also damaged (n,) bool, whether something unreadable came just before; and, of frames, before their continuity is
+    checked, sequence (n,) int64; behind that check periods (n,), sample periods since the one before, 1 without a loss.
+    """
+
+    kind = "samples"
+    t_us: np.ndarray
+    registers: np.ndarray
+    form: StreamFormat = REGISTERS
+    damaged: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
+    sequence: np.ndarray | None = None
+    periods: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
+
+    def __len__(self) -> int:
+        return len(self.t_us)
+
+    def part(self, start: int, stop: int | None = None) -> SampleChunk:
+        """Those from start up to stop."""
+        rows = slice(start, stop)
+        sequence = None if self.sequence is None else self.sequence[rows]
+        return SampleChunk(self.t_us[rows], self.registers[rows], self.form, self.damaged[rows], sequence, self.periods[rows])
+
+
+def joined_chunk(chunks: Sequence[SampleChunk]) -> SampleChunk:
+    """One chunk of neighbouring ones of the same format, without their sequence."""
+    if len(chunks) == 1:
+        return chunks[0]
+    t_us, registers, damaged, periods = (
+        np.concatenate([getattr(chunk, name) for chunk in chunks]) for name in ("t_us", "registers", "damaged", "periods")
+    )
+    return SampleChunk(t_us, registers, chunks[0].form, damaged, None, periods)
+
+
+@dataclass(frozen=True)
+class Info:
+    """The board's ranges and identity.  odr_hz is the true rate; serial is text, in frames a decimal number; sensor: model, or empty."""
+
+    kind = "info"
+    gyro_fs_dps: float
+    accel_fs_g: float
+    odr_hz: float
+    serial: str
+    sensor: str = ""
+
+    @property
+    def text(self) -> str:
+        """As a log's comment, without the ``#``."""
+        ranges = f"gyro_fs_dps={self.gyro_fs_dps:g} accel_fs_g={self.accel_fs_g:g} odr_hz={self.odr_hz:.4f} serial={self.serial}"
+        return ranges + (f" sensor={self.sensor}" if self.sensor else "")
+
+
 STANDIN, SENSOR = 0, 1
 #: WHO_AM_I -> the chip that the firmware runs it as; siblings have the same registers and the same identity
 CHIPS = {0x6B: "ASM330LHH", 0x6C: "LSM6DSO"}
-#: counts of a faults frame, in its order
-FAULTS = (
-    *("overrun", "order", "parity", "tag", "hang", "zeros", "ones", "reset"),
-    *("changed", "identity", "silent", "stamp", "incomplete", "starts", "lost", "crowded_out", "rate"),
-)
-FIRST_FAULTS_BYTES = 64  #: of firmware 1.0, which counted all but "rate"
-_HEAD = struct.Struct("<BH")
-_CONTENT = {
-    BOARD_TYPE: struct.Struct("<BBBBBBb10sIf"),
-    FAULTS_TYPE: struct.Struct("<17I"),
-    DONE_TYPE: struct.Struct("<BB"),
-    TESTED_TYPE: struct.Struct("<H6f"),
-}
 
 
 @dataclass(frozen=True)
 class BoardStatus:
     """The source of the samples, and its settings."""
 
+    kind = "board"
     source: int  #: STANDIN or SENSOR; another number is of a newer firmware
     streams: bool
     runs: bool
@@ -147,241 +189,88 @@ class BoardStatus:
 
 
 @dataclass(frozen=True)
-class FaultCounts:
-    """How often each of ``FAULTS`` has been counted since power-up."""
+class Event:
+    """What happened (kind), and how often, at which moment, in which words or numbers.  t_us: device time of the last good sample before
+    it, or None.
 
-    counts: tuple[int, ...]
-
-    @property
-    def text(self) -> str:
-        """As a log's comment, without the ``#``: the counts above zero."""
-        return " ".join(["faults", *(f"{name}={count}" for name, count in zip(FAULTS, self.counts, strict=True) if count)])
-
-    def since(self, before: FaultCounts | None) -> dict[str, int]:
-        """The counts that have risen, and by how much.  Where a count fell, the board was switched on again: it counts from zero."""
-        old = before.counts if before is not None else (0,) * len(FAULTS)
-        if any(now < then for now, then in zip(self.counts, old, strict=True)):
-            old = (0,) * len(FAULTS)
-        return {name: now - then for name, now, then in zip(FAULTS, self.counts, old, strict=True) if now > then}
-
-
-@dataclass(frozen=True)
-class CommandResult:
-    """The answer to a command: its sequence number, its type, and 0 or why it was refused."""
-
-    sequence: int
-    command: int
-    result: int
-
-
-@dataclass(frozen=True)
-class SelfTestResult:
-    """The sensor's self-test: failed, a bit for each axis; how far it moved the outputs, (3,) dps and (3,) mg."""
-
-    failed: int
-    gyro_dps: tuple[float, ...]
-    accel_mg: tuple[float, ...]
-
-
-BoardMessage = BoardStatus | FaultCounts | CommandResult | SelfTestResult
-
-
-def decode_message(body: bytes) -> BoardMessage | None:
-    """Decode a frame's body without its CRC; None where its type or its length is none of the four."""
-    if len(body) < _HEAD.size or body[0] not in _CONTENT:
-        return None
-    if body[0] == FAULTS_TYPE and len(body) == _HEAD.size + FIRST_FAULTS_BYTES:
-        body += bytes(_CONTENT[FAULTS_TYPE].size - FIRST_FAULTS_BYTES)
-    if len(body) != _HEAD.size + _CONTENT[body[0]].size:
-        return None
-    kind, sequence = _HEAD.unpack_from(body)
-    values = _CONTENT[kind].unpack_from(body, _HEAD.size)
-    if kind == BOARD_TYPE:
-        source, state, major, minor, patch, who, fine, registers, baud, odr_hz = values
-        firmware, states = f"{major}.{minor}.{patch}", [bool(state >> bit & 1) for bit in range(5)]
-        return BoardStatus(source, states[0], states[1], firmware, who, fine, registers, baud, odr_hz, *states[2:])
-    if kind == FAULTS_TYPE:
-        return FaultCounts(values)
-    if kind == DONE_TYPE:
-        return CommandResult(sequence, *values)
-    return SelfTestResult(values[0], values[1:4], values[4:7])
-
-
-class BoardMessageFilter:
-    """Drops repetitions: a board sends its status and its fault counts each second."""
-
-    def __init__(self) -> None:
-        self._last: dict[int, bytes] = {}
-
-    def fresh(self, bodies: Mapping[int, np.ndarray]) -> dict[int, BoardMessage]:
-        """Of bodies by block, in order, those that differ from the last of their type, and every answer."""
-        found: dict[int, BoardMessage] = {}
-        for row in sorted(bodies):
-            body = bodies[row].tobytes()
-            content = body[_HEAD.size :]
-            if body[0] in (BOARD_TYPE, FAULTS_TYPE) and self._last.get(body[0]) == content:
-                continue
-            if (message := decode_message(body)) is not None:
-                self._last[body[0]] = content
-                found[row] = message
-        return found
-
-
-# Limits of what a board may send besides samples: a few remarks, and a few changes between text and frames, but no flood.
-
-#: comments, headers and info frames that may come in a row
-MOST = 256
-#: readings after which there may be one more
-EACH = 8
-
-
-class RemarkBudget:
-    """``spend`` one for each remark, ``earn`` with each reading.  Remarks beyond the budget are skipped; the raw bytes hold them."""
-
-    def __init__(self) -> None:
-        self._credit = MOST * EACH
-
-    def earn(self, readings: int) -> None:
-        """So many readings have come."""
-        self._credit = min(MOST * EACH, self._credit + readings)
-
-    def spend(self) -> bool:
-        """Whether there may be one more remark."""
-        if self._credit < EACH:
-            return False
-        self._credit -= EACH
-        return True
-
-
-#: changes of mode that may follow each other at once, and bytes after which there may be one more
-CHANGES, CHANGE_BYTES = 16, 8192
-
-
-class ModeChangeBudget:
-    """Limits the changes between text and frames: the next is allowed from ``earliest`` on, a position in the stream."""
-
-    def __init__(self) -> None:
-        self._paid = 0
-
-    @property
-    def earliest(self) -> int:
-        """Bytes from the beginning of the connection."""
-        return self._paid - (CHANGES - 1) * CHANGE_BYTES
-
-    def change(self, place: int) -> None:
-        """The mode has changed at this position."""
-        self._paid = max(self._paid, place) + CHANGE_BYTES
-
-
-@dataclass(frozen=True, eq=False)
-class SampleChunk:
-    """Consecutive samples.  t_us (n,) int64, device time, increasing, its 32 bits unrolled; registers (n, 7) int16,
-    gx gy gz ax ay az temp, or, of a format in physical units, numbers (n, 6 or 7) float64."""
-
-    t_us: np.ndarray
-    registers: np.ndarray
-    form: StreamFormat = REGISTERS
-
-    def __len__(self) -> int:
-        return len(self.t_us)
-
-
-def joined_chunk(chunks: Sequence[SampleChunk]) -> SampleChunk:
-    """One chunk of neighbouring ones of the same format."""
-    if len(chunks) == 1:
-        return chunks[0]
-    return SampleChunk(
-        np.concatenate([chunk.t_us for chunk in chunks]), np.concatenate([chunk.registers for chunk in chunks]), chunks[0].form
-    )
-
-
-@dataclass(frozen=True)
-class Info:
-    """The board's ranges and identity.  odr_hz is the true rate; serial is text, in frames a decimal number; sensor: model, or empty."""
-
-    gyro_fs_dps: float
-    accel_fs_g: float
-    odr_hz: float
-    serial: str
-    sensor: str = ""
-
-    @property
-    def text(self) -> str:
-        """As a log's comment, without the ``#``."""
-        ranges = f"gyro_fs_dps={self.gyro_fs_dps:g} accel_fs_g={self.accel_fs_g:g} odr_hz={self.odr_hz:.4f} serial={self.serial}"
-        return ranges + (f" sensor={self.sensor}" if self.sensor else "")
-
-
-@dataclass(frozen=True)
-class Comment:
-    """A line of text that began with ``#``, without it."""
-
-    text: str
-
-
-@dataclass(frozen=True)
-class Trouble:
-    """What went wrong, and how often.  t_us: device time of the last good sample before it, or None.
-
-    kind    count of
-    lost         samples that the sequence, or in text the stamps, show to be missing, for whatever reason
-    crc          frames that failed their check
-    garbage      bytes that were neither frame nor line
-    implausible  samples that were readable, but cannot follow those around them: left out
-    reset        restarts of the device time: a new log
-    reconnect    openings of the port after the first: a new log
+    kind         what it is
+    lost         count of samples that the sequence, or in text the stamps, show to be missing, for whatever reason
+    crc          count of frames that failed their check
+    garbage      count of bytes that were neither frame nor line
+    implausible  count of samples that were readable, but cannot follow those around them: left out
+    reset        the device time has restarted: a new log
+    reconnect    the port was opened, not for the first time: a new log
+    comment      text of a line that began with ``#``, without it
+    faults       numbers: how often the board has counted each of ``FAULTS`` since power-up
+    done         numbers: the sequence number of a command that the board answers, its type, and 0 or why it was refused
+    tested       numbers of the sensor's self-test: failed, a bit for each axis; how far it moved the outputs, 3 dps and 3 mg
+    open, close  text: the port that was opened; why it was closed
+    begin, pause, keep, drop, finish, note: decisions at the table (``session.bench.rawfile``), with their text
     """
 
     kind: str
     count: int = 1
     t_us: int | None = None
+    text: str = ""
+    numbers: tuple[float, ...] = ()
 
-    def merges_with(self, other: Trouble) -> bool:
+    def merges_with(self, other: Event) -> bool:
         """Whether both are left-out samples at the same place."""
         return self.kind == other.kind == "implausible" and self.t_us == other.t_us
 
 
-Event = SampleChunk | Info | Comment | Trouble | BoardStatus | FaultCounts | CommandResult | SelfTestResult
+TROUBLES = ("lost", "crc", "garbage", "implausible", "reset", "reconnect")
+AnyEvent = Event | SampleChunk | Info | BoardStatus
 
 
-def starts_log(event: object) -> bool:
+def starts_log(event: AnyEvent) -> bool:
     """Whether an event begins a new log: device time has restarted, or the port was opened again."""
-    return isinstance(event, Trouble) and event.kind in ("reset", "reconnect")
+    return event.kind in ("reset", "reconnect")
 
 
-@dataclass(frozen=True, eq=False)
-class ReceivedSamples:
-    """Readings before their continuity is checked: sequence (n,) int64, or None in text; t_us (n,) int64, as sent; registers (n, 7)
-    int16; damaged (n,) bool, whether something unreadable came just before."""
-
-    sequence: np.ndarray | None
-    t_us: np.ndarray
-    registers: np.ndarray
-    damaged: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.t_us)
-
-    def part(self, start: int, stop: int) -> ReceivedSamples:
-        """Those from start up to stop."""
-        sequence = None if self.sequence is None else self.sequence[start:stop]
-        return ReceivedSamples(sequence, self.t_us[start:stop], self.registers[start:stop], self.damaged[start:stop])
+#: counts of a board's faults, in the order of its frame
+FAULTS = (
+    *("overrun", "order", "parity", "tag", "hang", "zeros", "ones", "reset"),
+    *("changed", "identity", "silent", "stamp", "incomplete", "starts", "lost", "crowded_out", "rate"),
+)
 
 
-@dataclass(frozen=True, eq=False)
-class AcceptedSamples:
-    """Readings that count.  t_us (n,) int64 unrolled; registers (n, 7); damaged (n,); periods (n,): sample periods since the one
-    before, 1 without a loss."""
+def faults_text(counts: Sequence[float]) -> str:
+    """Counts of ``FAULTS`` as a log's comment, without the ``#``: those above zero."""
+    return " ".join(["faults", *(f"{name}={count}" for name, count in zip(FAULTS, counts, strict=True) if count)])
 
-    t_us: np.ndarray
-    registers: np.ndarray
-    damaged: np.ndarray
-    periods: np.ndarray
+
+# Limits of what a board may send besides samples: a few remarks, and a few changes between text and frames, but no flood.
+
+
+class Allowance:
+    """Allows so many (most) at once, and one more after every ``each``: bytes of the connection, or readings.
+
+    at: where the stream is; earliest: where there may be one more.  What is beyond is skipped; the raw bytes hold it.
+    """
+
+    def __init__(self, most: int, each: int) -> None:
+        self._most, self._each = most, each
+        self._paid = self.at = 0
 
     @property
-    def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """All four, in this order."""
-        return self.t_us, self.registers, self.damaged, self.periods
+    def earliest(self) -> int:
+        """Where the next is allowed."""
+        return self._paid - (self._most - 1) * self._each
+
+    def spend(self, at: int | None = None) -> bool:
+        """Whether there may be one more here, which is then spent."""
+        self.at = self.at if at is None else at
+        allowed = self.at >= self.earliest
+        if allowed:
+            self._paid = max(self._paid, self.at) + self._each
+        return allowed
+
+
+#: comments, headers and info frames that may come in a row, and readings after which there may be one more
+REMARKS = 256, 8
+#: changes of mode that may follow each other at once, and bytes after which there may be one more
+CHANGES = 16, 8192
 
 
 class EventCollector:
@@ -390,26 +279,26 @@ class EventCollector:
     _COUNTED = ("lost", "crc", "garbage")
 
     def __init__(self) -> None:
-        self._done: list[Event] = []
+        self._done: list[AnyEvent] = []
         self._chunks: list[SampleChunk] = []
-        self._counts: dict[str, Trouble] = {}
+        self._counts: dict[str, Event] = {}
 
-    def add(self, event: Event) -> None:
+    def add(self, event: AnyEvent) -> None:
         """Append or merge an event."""
         if isinstance(event, SampleChunk):
             self._chunks.append(event)
-        elif isinstance(event, Trouble) and event.kind in self._COUNTED:
-            before = self._counts.get(event.kind, Trouble(event.kind, 0, event.t_us))
-            self._counts[event.kind] = Trouble(event.kind, before.count + event.count, before.t_us)
+        elif isinstance(event, Event) and event.kind in self._COUNTED:
+            before = self._counts.get(event.kind)
+            self._counts[event.kind] = event if before is None else replace(before, count=before.count + event.count)
         else:
             self._close()
             last = self._done[-1] if self._done else None
-            if isinstance(event, Trouble) and isinstance(last, Trouble) and last.merges_with(event):
-                self._done[-1] = Trouble(event.kind, last.count + event.count, event.t_us)
-            else:
-                self._done.append(event)
+            if isinstance(event, Event) and isinstance(last, Event) and last.merges_with(event):
+                self._done.pop()
+                event = replace(event, count=last.count + event.count)
+            self._done.append(event)
 
-    def events(self) -> list[Event]:
+    def events(self) -> list[AnyEvent]:
         """All so far."""
         self._close()
         return self._done

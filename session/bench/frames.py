@@ -12,7 +12,7 @@ import struct
 
 import numpy as np
 
-from session.bench.events import Info
+from session.bench.events import FAULTS, BoardStatus, Event, Info
 
 SAMPLE_TYPE, INFO_TYPE = 0x01, 0x02
 #: a sample frame without its CRC
@@ -95,6 +95,38 @@ def decode_info(body: bytes) -> Info | None:
     if not (gyro_fs and accel_fs and 0.1 <= odr_hz <= 1e5):
         return None
     return Info(float(gyro_fs), float(accel_fs), float(odr_hz), str(serial))
+
+
+# Messages of a board about itself: frames 0x05 to 0x08 (docs/firmware.md).
+
+BOARD_TYPE, FAULTS_TYPE, DONE_TYPE, TESTED_TYPE = 0x05, 0x06, 0x07, 0x08
+FIRST_FAULTS_BYTES = 64  #: of firmware 1.0, which counted all but "rate"
+_HEAD = struct.Struct("<BH")
+_CONTENT = {
+    BOARD_TYPE: struct.Struct("<BBBBBBb10sIf"),
+    FAULTS_TYPE: struct.Struct(f"<{len(FAULTS)}I"),
+    DONE_TYPE: struct.Struct("<BB"),
+    TESTED_TYPE: struct.Struct("<H6f"),
+}
+
+
+def decode_message(body: bytes) -> BoardStatus | Event | None:
+    """Decode a frame's body without its CRC; None where its type or its length is none of the four."""
+    if len(body) < _HEAD.size or body[0] not in _CONTENT:
+        return None
+    if body[0] == FAULTS_TYPE and len(body) == _HEAD.size + FIRST_FAULTS_BYTES:
+        body += bytes(_CONTENT[FAULTS_TYPE].size - FIRST_FAULTS_BYTES)
+    if len(body) != _HEAD.size + _CONTENT[body[0]].size:
+        return None
+    kind, sequence = _HEAD.unpack_from(body)
+    values = _CONTENT[kind].unpack_from(body, _HEAD.size)
+    if kind == BOARD_TYPE:
+        source, state, major, minor, patch, who, fine, registers, baud, odr_hz = values
+        firmware, states = f"{major}.{minor}.{patch}", [bool(state >> bit & 1) for bit in range(5)]
+        return BoardStatus(source, states[0], states[1], firmware, who, fine, registers, baud, odr_hz, *states[2:])
+    if kind == DONE_TYPE:
+        return Event("done", numbers=(sequence, *values))
+    return Event("faults" if kind == FAULTS_TYPE else "tested", numbers=values)
 
 
 def crc(bodies: np.ndarray) -> np.ndarray:

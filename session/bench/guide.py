@@ -8,18 +8,17 @@ from typing import Protocol as Interface
 
 from session.base.units import DEG, NS, WORDS
 from session.bench.closure_guide import MARK_WORDS, ClosureGuide
-from session.bench.events import Event, SampleChunk, joined_chunk
+from session.bench.events import AnyEvent, Event, SampleChunk, joined_chunk
 from session.bench.live import CHECK_S, MotionBlock, StreamHealth, TurnInProgress, Wait
 from session.bench.messages import SETTLING_S, AcceptedTurn, Advice, CoachRequest, GuideMessage, Instruction, Kind, Stage
 from session.bench.progress import AcceptedData, LiveAccelerometerFit, PresentLog, StillExamination, accepted_turn, fastest_ns, why_not
-from session.bench.rawfile import RecordingDecision
 from session.detect.segments import moved_at
 from session.detect.stills import MIN_STILL_FRACTION, Still
 from session.log.config import Config, Protocol, Sensor
 from session.log.samples import Samples
 
 
-def joined_chunks(events: Iterable[Event | RecordingDecision]) -> Iterator[Event | RecordingDecision]:
+def joined_chunks(events: Iterable[AnyEvent]) -> Iterator[AnyEvent]:
     """Merge neighbouring chunks: a busy computer reads many small ones at once."""
     for are_chunks, group in groupby(events, lambda event: isinstance(event, SampleChunk)):
         if are_chunks:
@@ -126,33 +125,33 @@ class Guide:
             self._segments_done(advice.reason if advice.missing else "every parameter has reached its target")
         return self._messages
 
-    def decided(self, decision: RecordingDecision) -> list[GuideMessage]:
+    def decided(self, decision: Event) -> list[GuideMessage]:
         """Take a decision of the operator, or of the guide itself (``wants``), that the files already hold."""
         self._messages = []
-        if decision.word == "begin":
-            self.at_rest = decision.rest == REST
-        if self.at_rest and decision.word in ("begin", "finish"):  # of a rest that was recorded into this session: nothing is examined
+        if decision.kind == "begin":
+            self.at_rest = decision.text == REST
+        if self.at_rest and decision.kind in ("begin", "finish"):  # of a rest that was recorded into this session: nothing is examined
             self.stage = self.stage if self.stage is Stage.DONE else Stage.PAUSED
-        elif decision.word == "pause":
+        elif decision.kind == "pause":
             self.stage = Stage.PAUSED
             self._say(Kind.STAGE, "paused: samples are stored, not examined")
-        elif self.stage is Stage.PAUSED and decision.word == "begin":
+        elif self.stage is Stage.PAUSED and decision.kind == "begin":
             self.stage = Stage.CHECK_STREAM
             self.new_log()
             self._say(Kind.STAGE, "it goes on")
-        elif decision.word == "drop":
-            self._drop(int(decision.rest) * 1000)
-        elif decision.word == "finish" and self.closure is None:
+        elif decision.kind == "drop":
+            self._drop(int(decision.text) * 1000)
+        elif decision.kind == "finish" and self.closure is None:
             self._segments_done(f"{self.accepted} segments, finished by the operator")
         elif self.closure is not None:
             self.closure.decided(decision)
             self.turn.accepted_still()
-            if decision.word == "keep":
+            if decision.kind == "keep":
                 self._finish(f"{self.accepted} segments and a closure run")
         return self._messages
 
     @property
-    def wants(self) -> RecordingDecision | None:
+    def wants(self) -> Event | None:
         """What is to be done with the files."""
         return self.closure.wants if self.closure is not None and self.stage is Stage.CLOSURE else None
 

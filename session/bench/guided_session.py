@@ -8,192 +8,25 @@ recording repeats them.
 from __future__ import annotations
 
 import time
-from collections import Counter
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 
 from session.base.errors import CalibrationError, OtherSensor, StorageError
 from session.base.texts import printable
+from session.bench.board import BoardReporter, SensorIdentity
 from session.bench.board_clock import OFF
 from session.bench.closure_guide import BEGIN
-from session.bench.events import (
-    CHIPS,
-    SENSOR,
-    STANDIN,
-    BoardMessage,
-    BoardStatus,
-    Comment,
-    Event,
-    FaultCounts,
-    Info,
-    SampleChunk,
-    SelfTestResult,
-    Trouble,
-    starts_log,
-)
+from session.bench.events import TROUBLES, AnyEvent, BoardStatus, Event, Info, SampleChunk, starts_log
 from session.bench.guide import REST, Guide, View, joined_chunks, samples_of
 from session.bench.logwriter import SHORT_STARTS, SHORT_US
 from session.bench.messages import Advice, GuideMessage, Kind, Progress, Stage
 from session.bench.mover import Moment, Mover
 from session.bench.operator import BrowserCommands, OperatorInput
 from session.bench.progress import LiveAccelerometerFit
-from session.bench.rawfile import RecordingDecision
 from session.bench.recorder import Recorder
 from session.bench.session_file import SessionFile
-from session.log.config import NO_SERIAL, Config, clock_words
+from session.log.config import Config, clock_words
 from session.log.samples import Samples
-
-# The board's messages about its sensor, in words: faults when their counts rise, a stand-in once.
-
-WIRES = "look at supply, wires and their length"
-#: each fault, and what to do about it
-FAULT_SAYS = {
-    "overrun": ("the sensor's FIFO ran over", "the board is too slow for this data rate: a lower --odr"),
-    "order": ("words of the FIFO were out of order", WIRES),
-    "parity": ("words of the FIFO had a wrong parity", WIRES),
-    "tag": ("the FIFO gave words that there are none of", WIRES),
-    "hang": ("the bus to the sensor hung", WIRES),
-    "zeros": ("the sensor's bus answered 0x00", WIRES),
-    "ones": ("the sensor's bus answered 0xFF", WIRES),
-    "reset": ("the sensor reset itself", "look at its supply"),
-    "changed": ("a register of the sensor changed by itself", "look at its supply"),
-    "identity": ("the sensor's identity is another's", WIRES),
-    "silent": ("the sensor fell silent", WIRES),
-    "stamp": ("the sensor's stamps did not follow each other", WIRES),
-    "incomplete": ("words of a sample did not come", WIRES),
-    "rate": ("the sensor gave samples at another rate than was set", "look at its supply"),
-    "crowded_out": ("the board's port had no room", "a higher --baud, or a lower --odr"),
-}
-#: counts of samples, or of consequences of another fault
-COUNTED_APART = ("lost", "starts")
-NO_SENSOR = (
-    "the board has no sensor (source 0): what comes is made up, or played to it, and calibrates no sensor; "
-    "look at the wiring, then switch the board on again (it looks for its sensor when it is switched on)"
-)
-FOUND = (
-    "the board has found its sensor: a new log begins; "
-    "those before it hold no sensor's samples: take them out of the folder (check names them)"
-)
-SETTLES = "the sensor's filters settle: samples come once they have (narrow filters at a low rate take up to a minute)"
-#: by ``BoardStatus.reset``; a board says it until power-up, so it need not have happened in this recording
-_RESET_SAYS = {
-    "watchdog": "the board's last reset since power-up was its watchdog's: its program had hung",
-    "fault": "the board's last reset since power-up was behind a fault of its core: its program had gone astray",
-}
-NOBODY = (0x00, 0xFF)  #: WHO_AM_I of a bus without an answer
-#: reports of faults; a sensor with a loose wire causes them all the time
-MOST_SAID = 20
-
-
-class _BoardReporter:
-    """Turns a board's messages into lines for the operator."""
-
-    def __init__(self) -> None:
-        self.board: BoardStatus | None = None
-        self.faults: FaultCounts | None = None  # the last counts, of whichever connection: a recording is of one board (_SensorIdentity)
-        self.counted: Counter[str] = Counter()  #: faults of the whole recording, by name; those before it are not the recording's
-        self._reports = 0
-        self._open_fault = False  # a fault was reported, and its lost samples may be counted only once the sensor is back
-        # A reset shows in the board's status and in the stamps of its samples, mostly in this order; its cause is said once.
-        self._status_first = self._stamps_first = False  # so far only the one, or only the other
-
-    def new_connection(self) -> None:
-        """Messages from here on may be of a board that was switched on again."""
-        self.board = None
-        self._open_fault = self._status_first = self._stamps_first = False
-
-    def was_reset(self) -> list[str]:
-        """The samples' stamps have begun anew: the line of what the reset came of, unless it is said already, or not known."""
-        cause = self.board.reset if self.board is not None else ""
-        known, self._status_first = self._status_first, False
-        self._stamps_first = not (known or cause)
-        return [_RESET_SAYS[cause]] if cause and not known else []
-
-    def changes_source(self, board: BoardStatus) -> bool:
-        """Whether the samples come from another source from here on: the sensor instead of its stand-in, or the reverse."""
-        return self.board is not None and board.source != self.board.source
-
-    def hear(self, message: BoardMessage) -> list[str]:
-        """The lines of a message; none where it brings no news."""
-        if isinstance(message, BoardStatus):
-            return self._status(message)
-        if isinstance(message, SelfTestResult):
-            return [f"the sensor's self-test failed (bits 0x{message.failed:X})"] if message.failed else []
-        return self._faults(message) if isinstance(message, FaultCounts) else []
-
-    def _status(self, message: BoardStatus) -> list[str]:
-        before, changes, self.board = self.board, self.changes_source(message), message
-        said = [FOUND] if changes and message.source == SENSOR else []
-        if message.source == SENSOR and message.settles and not (before is not None and before.settles):
-            said.append(SETTLES)
-        if before is None or message.reset != before.reset:
-            said += [_RESET_SAYS[message.reset]] if message.reset else []
-            self._status_first = before is not None and not self._stamps_first
-        self._stamps_first = False
-        if message.source != STANDIN or (before is not None and before.source == STANDIN):
-            return said
-        if message.who_am_i in NOBODY:
-            return [*said, NO_SENSOR]
-        who = "a sensor answers on its bus, but did not start"
-        if message.who_am_i not in CHIPS:
-            who = f"a chip that is no {' and no '.join(CHIPS.values())} answers on its bus"
-        return [*said, f"{NO_SENSOR}; {who}: WHO_AM_I 0x{message.who_am_i:02X}"]
-
-    def _faults(self, message: FaultCounts) -> list[str]:
-        before, self.faults = self.faults, message
-        risen = message.since(before)
-        if before is not None:
-            self.counted.update(risen)
-        kinds = [name for name in risen if name not in COUNTED_APART]
-        if not risen:
-            return []
-        if not kinds:  # samples lost without a fault are the cost of setting the sensor again
-            was_open, self._open_fault = self._open_fault and "lost" in risen, self._open_fault and "lost" not in risen
-            return [f"the sensor is back: {risen['lost']} samples lost"] if was_open else []
-        self._open_fault = True
-        self._reports += 1
-        if self._reports > MOST_SAID:
-            return []
-        what = "; ".join(f"{FAULT_SAYS[name][0]} ({risen[name]}×)" for name in kinds)
-        lost = risen.get("lost", 0) + risen.get("crowded_out", 0)
-        how_many = f"{lost} samples lost" if lost else "no sample lost so far"
-        do = "; ".join(dict.fromkeys(FAULT_SAYS[name][1] for name in kinds))
-        lines = [f"{'before this recording: ' if before is None else ''}{what}: {how_many}; {do}"]
-        if self._reports == MOST_SAID:
-            lines.append(f"this was the {MOST_SAID}th fault, later ones are not shown; the logs' comments hold all")
-        return lines
-
-
-#: relative change of a board's stated rate from one connection to the next: three steps of INTERNAL_FREQ_FINE (0.15 % each);
-#: two boards differ by some percent, and settings of the rate by a factor of two
-RATE_WITHIN = 0.005
-ANOTHER = "give another sensor another --out"
-
-
-class _SensorIdentity:
-    """Checks each info of a recording, resumed or not, for another sensor: two sensors have two calibrations."""
-
-    def __init__(self) -> None:
-        self._serial: str | None = None
-        self._connection = self._of = 0  # the present one, and the one of the stated rate
-        self._odr_hz: float | None = None
-
-    def new_connection(self) -> None:
-        """The port was opened again: the board may be another."""
-        self._connection += 1
-
-    def require(self, info: Info) -> None:
-        """OtherSensor where the info is of another sensor.  Within a connection a board may correct its rate."""
-        named = info.serial not in NO_SERIAL
-        if named and self._serial not in (None, info.serial):
-            raise OtherSensor(f"the board sends serial={info.serial}, this recording is of {self._serial}; {ANOTHER}")
-        changed = self._odr_hz is not None and abs(info.odr_hz / self._odr_hz - 1) > RATE_WITHIN
-        if changed and self._connection != self._of:
-            who = "this is another board, or it was set otherwise" if named else "this is another board (it has no serial number)"
-            raise OtherSensor(f"the board sends odr_hz={info.odr_hz:g}, this recording's {self._odr_hz:g}: {who}; {ANOTHER}")
-        self._serial = info.serial if named else self._serial
-        self._odr_hz, self._of = info.odr_hz, self._connection
-
 
 Coach = Callable[[Progress], Advice]
 
@@ -290,9 +123,9 @@ class GuidedRecording:
         self._new_logs = 0
         self._live = False  # decisions of an earlier recording are not made again
         self._resuming = False  # until the port is open
-        self.board = _BoardReporter()
+        self.board = BoardReporter()
         guide.board_faults = self.board.counted
-        self._same = _SensorIdentity()
+        self._same = SensorIdentity()
         self._checkpoints = self._sound = 0  # new logs and infos taken; up to which of them nothing was wrong
         self._agreed = False  # whether an info was of this recording's sensor
         #: whether the earlier recording held another board's bytes: they are set apart now, and a replay skips them
@@ -323,7 +156,7 @@ class GuidedRecording:
                 self._resuming = True
                 self.guide.new_log()
                 if self.guide.at_rest != (self.guide.stem == REST):  # its own log begins with the new connection
-                    self._operator.decide(RecordingDecision("pause"))
+                    self._operator.decide(Event("pause"))
                 self._say(Kind.STAGE, f"resumed: {self.guide.so_far} so far")
             while self.guide.stage is not Stage.DONE:
                 if stopped():
@@ -374,7 +207,7 @@ class GuidedRecording:
         for change in changes:
             self._view.change(change)
 
-    def _take(self, events: Iterable[Event | RecordingDecision]) -> None:
+    def _take(self, events: Iterable[AnyEvent]) -> None:
         for event in joined_chunks(events):
             if isinstance(event, SampleChunk):
                 self._heard_s, self._remark = time.monotonic(), ""
@@ -382,19 +215,19 @@ class GuidedRecording:
             elif isinstance(event, Info):
                 self._checkpoints, self._remark = self._checkpoints + 1, ""
                 self._hear_board(event)
-            elif isinstance(event, Comment):
-                self._remark = event.text
-            elif isinstance(event, BoardMessage):
+            elif isinstance(event, BoardStatus) or event.kind in ("faults", "tested"):
                 if isinstance(event, BoardStatus) and self.board.changes_source(event):
                     self.guide.new_log()
                 for words in self.board.hear(event):
                     self._say(Kind.WARNING, words)
-            elif isinstance(event, RecordingDecision):
-                self._operator.was_decided(event)
-            elif isinstance(event, Trouble):
+            elif event.kind == "comment":
+                self._remark = event.text
+            elif event.kind in TROUBLES:
                 self.guide.health.troubles[event.kind] += event.count
                 if starts_log(event):
                     self._new_log(event.kind)
+            else:
+                self._operator.was_decided(event)
 
     def _new_log(self, kind: str) -> None:
         self._checkpoints += 1

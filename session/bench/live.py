@@ -351,7 +351,7 @@ class StreamHealth:
 
     def __init__(self) -> None:
         self.samples = self.gaps = 0
-        self.troubles: Counter[str] = Counter()  #: by kind, as in ``Trouble``
+        self.troubles: Counter[str] = Counter()  #: by kind, as in ``Event``
         self._extra = 0  # periods that the steps hold beyond one each
         self.temp_c: float | None = None
         self.warmth = _WarmUp()

@@ -5,12 +5,12 @@ from __future__ import annotations
 import contextlib
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from session.base.errors import FormatError, StorageError
 from session.bench.decoder import StreamDecoder
-from session.bench.events import BoardStatus, Comment, Event, FaultCounts, Info, SampleChunk, StreamFormat, Trouble, starts_log
+from session.bench.events import TROUBLES, AnyEvent, BoardStatus, Event, Info, SampleChunk, StreamFormat, faults_text, starts_log
 from session.bench.rawfile import GrowingFile, Mark, put_aside
 from session.bench.text_stream import parse_info
 
@@ -39,10 +39,10 @@ class LogWriter:
         self._info: Info | None = None
         self.board: BoardStatus | None = None  # of this connection; it is written to every log
         self._waiting: list[str] = []  # comments before the first sample
-        self._left_out: Trouble | None = None  # samples left out, whose count may still grow
+        self._left_out: Event | None = None  # samples left out, whose count may still grow
         self._first_us: int | None = None  # of the samples since the last start
         self._short = 0  # starts in a row that lasted less than SHORT_US
-        self._held: list[Event] = []  # since the last start, while it may be short
+        self._held: list[AnyEvent] = []  # since the last start, while it may be short
         self.not_logged = self.not_logged_starts = 0  #: samples of short starts without a log, and those starts
         self.renamed: dict[str, str] = {}  #: logs that ``keep`` has named: first name -> last name
         self._own_stem = self.stem  # while another board's samples are written
@@ -108,7 +108,7 @@ class LogWriter:
             self.paths[-1] = target
             self.renamed[path.name] = target.name
 
-    def write(self, events: Iterable[Event]) -> None:
+    def write(self, events: Iterable[AnyEvent]) -> None:
         """Append; StorageError where that fails."""
         with self._storage():
             for event in events:
@@ -126,7 +126,7 @@ class LogWriter:
             self._left_out = self._left_out if whole else None
             self._end()
 
-    def _take(self, event: Event) -> None:
+    def _take(self, event: AnyEvent) -> None:
         """Write an event, or hold it until it is known whether this start is short."""
         if isinstance(event, SampleChunk) and len(event):
             self._first_us = int(event.t_us[0]) if self._first_us is None else self._first_us
@@ -165,23 +165,20 @@ class LogWriter:
             do = "make room, then go on with record --resume, or import raw.bin"
             raise StorageError(f"{self.folder}: {error.strerror or error}; {do}") from None
 
-    def _write(self, event: Event) -> None:
-        if isinstance(event, Trouble) and event.kind == "implausible":
+    def _write(self, event: AnyEvent) -> None:
+        if isinstance(event, Event) and event.kind == "implausible":
             before = self._left_out
-            if before is not None and before.t_us == event.t_us:
-                event = Trouble("implausible", before.count + event.count, event.t_us)
+            if before is not None and before.merges_with(event):
+                event = replace(event, count=before.count + event.count)
             else:
                 self._write_left_out()
             self._left_out = event
             return
-        if not isinstance(event, Trouble) or starts_log(event):
+        if event.kind not in TROUBLES or starts_log(event):
             self._write_left_out()
         if isinstance(event, SampleChunk):
             if len(event):
                 self._samples(event)
-        elif isinstance(event, Comment):
-            self._info = parse_info(event.text) or self._info
-            self._comment(event.text)
         elif isinstance(event, Info):
             if event != self._info:
                 self._info = event
@@ -192,10 +189,12 @@ class LogWriter:
             self.board = event
             if self._file is not None:
                 self._comment(event.text)
-        elif isinstance(event, FaultCounts):
-            if any(event.counts):
-                self._comment(event.text)
-        elif isinstance(event, Trouble) and starts_log(event):
+        elif event.kind == "comment":
+            self._info = parse_info(event.text) or self._info
+            self._comment(event.text)
+        elif event.kind == "faults" and any(event.numbers):
+            self._comment(faults_text(event.numbers))
+        elif starts_log(event):
             self._end()
             self.board = None if event.kind == "reconnect" else self.board
 
@@ -278,9 +277,9 @@ class BoardRouter:
         self._offset, self._since = offset, since
         self._turn()
 
-    def take(self, events: Iterable[Event]) -> list[Event]:
+    def take(self, events: Iterable[AnyEvent]) -> list[AnyEvent]:
         """Write each event to its log; returns those of the recording's own board."""
-        own: list[Event] = []
+        own: list[AnyEvent] = []
         for event in events:
             apart = self._logs.is_apart
             self._logs.write([event])

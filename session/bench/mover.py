@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
+from session.bench.events import Event
 from session.bench.messages import GuideMessage
-from session.bench.rawfile import RecordingDecision
 
 if TYPE_CHECKING:
     from session.bench.guide import Guide
@@ -29,7 +29,7 @@ class Moment:
 class Mover(Protocol):
     """Turns the table.  wants: a decision for the recording, until the next ``step``."""
 
-    wants: RecordingDecision | None
+    wants: Event | None
 
     def step(self, guide: Guide, moment: Moment | None, coaching: bool) -> list[GuideMessage]:
         """Begin what the guide waits for, never wait; moment: None before the first samples; coaching: whether advice is still to come."""

@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Any
 
 from session.base.errors import CalibrationError, StorageError
 from session.bench.closure_guide import BEGIN
+from session.bench.events import Event
 from session.bench.guide import Guide
 from session.bench.messages import GuideMessage, Kind, Stage
-from session.bench.rawfile import RecordingDecision
 from session.bench.recorder import Recorder
 
 if TYPE_CHECKING:
@@ -255,20 +255,22 @@ class OperatorInput:
         self._typing = _TypingLine()
 
     @property
-    def after_pause(self) -> RecordingDecision:
+    def after_pause(self) -> Event:
         """The decision that ends a pause: a log before the closure run, in the run no log until the table is on its mark."""
-        return RecordingDecision("begin", self._guide.stem) if self._guide.closure is None else BEGIN
+        return Event("begin", text=self._guide.stem) if self._guide.closure is None else BEGIN
 
-    def decide(self, decision: RecordingDecision) -> None:
+    def decide(self, decision: Event) -> None:
         """Apply a decision to the files and the guide."""
         self._recorder.decide(decision)
         self._tell(self._guide.decided(decision))
 
-    def was_decided(self, decision: RecordingDecision) -> None:
+    def was_decided(self, decision: Event) -> None:
         """Apply a decision of the resumed recording to the guide."""
-        if decision.word == "drop" and self._notebook and not self._notebook.excludes(decision.log, int(decision.rest) * 1e-6):
-            return  # the operator has withdrawn it
-        if decision.word != "note":
+        if decision.kind == "drop" and self._notebook:
+            log = self._recorder.logs.paths[-1].name if self._recorder.logs.paths else ""
+            if not self._notebook.excludes(log, int(decision.text) * 1e-6):
+                return  # the operator has withdrawn it
+        if decision.kind not in ("note", "done"):
             self._tell(self._guide.decided(decision))
 
     def obey(self, begun: bool) -> None:
@@ -291,7 +293,7 @@ class OperatorInput:
     def _do(self, command: _OperatorCommand, text: str, begun: bool) -> None:
         guide = self._guide
         if command is _OperatorCommand.NOTE and self._notebook is not None:
-            self._recorder.decide(RecordingDecision("note", text))  # first where nothing can refuse it
+            self._recorder.decide(Event("note", text=text))  # first where nothing can refuse it
             self._notebook.note(text, datetime.now(UTC))
             self._say(Kind.STAGE, f"noted: {text}")
         elif command is _OperatorCommand.HERE and guide.closure is not None:
@@ -299,15 +301,15 @@ class OperatorInput:
         elif command is _OperatorCommand.STOP and self._stop is not None:
             self._stop()
             if begun and guide.stage not in (Stage.PAUSED, Stage.DONE):
-                self.decide(RecordingDecision("pause"))
+                self.decide(Event("pause"))
             self._say(Kind.WARNING, "the table is stopped; p goes on with the next move")
         elif not begun or guide.stage is Stage.DONE:
             return
         elif command is _OperatorCommand.FINISH:
             if guide.enough:
-                self.decide(RecordingDecision("finish"))
+                self.decide(Event("finish"))
         elif command is _OperatorCommand.PAUSE:
-            self.decide(self.after_pause if guide.stage is Stage.PAUSED else RecordingDecision("pause"))
+            self.decide(self.after_pause if guide.stage is Stage.PAUSED else Event("pause"))
         elif command is _OperatorCommand.DROP and guide.closure is not None:
             guide.closure.interrupted()
         elif command is _OperatorCommand.DROP and self._notebook is not None:
@@ -317,7 +319,7 @@ class OperatorInput:
                 return
             # First where fit reads it, then where a replay does: a mark without its entry is a withdrawn one.
             self._notebook.exclude(self._recorder.logs.paths[-1].name, moment_us * 1e-6)
-            self.decide(RecordingDecision("drop", str(moment_us)))
+            self.decide(Event("drop", text=str(moment_us)))
 
     def _say(self, kind: Kind, text: str) -> None:
         self._tell([GuideMessage(kind, text, self._guide.now_s)])

@@ -9,10 +9,10 @@ import queue
 import tempfile
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import serial
@@ -22,7 +22,7 @@ from session.base.errors import CalibrationError, DeviceError
 from session.base.texts import command_line
 from session.bench import frames
 from session.bench.decoder import StreamDecoder
-from session.bench.events import STANDIN, BoardStatus, CommandResult, Info
+from session.bench.events import STANDIN, BoardStatus, Event, Info
 from session.bench.rawfile import is_locked
 
 if TYPE_CHECKING:
@@ -143,28 +143,9 @@ READ_S = 0.2
 RETRY_S = 0.25
 
 
-@dataclass(frozen=True)
-class Received:
-    """Bytes that arrived at host_ns (monotonic clock)."""
-
-    host_ns: int
-    data: bytes
-
-
-@dataclass(frozen=True)
-class Opened:
-    """The port was opened, for the first time or again."""
-
-    host_ns: int
-    name: str
-
-
-@dataclass(frozen=True)
-class Closed:
-    """The port was closed, and why; the thread tries to open it again."""
-
-    host_ns: int
-    why: str
+#: host_ns (monotonic clock), and the bytes that arrived then, or an event: ``open`` with the port's name, ``close`` with why (the thread
+#: tries to open it again); or the error that ended it all
+Arrival = tuple[int, Any]
 
 
 def open_serial(name: str, baudrate: int) -> serial.Serial:
@@ -175,14 +156,14 @@ def open_serial(name: str, baudrate: int) -> serial.Serial:
 
 
 class Port:
-    """Reads from construction to ``close``; ``items`` is a queue of Received, Opened, Closed, or of the error that ended it.
+    """Reads from construction to ``close``; ``items`` is a queue of arrivals.
 
     keep(item) is called in the reader thread before the item is queued, to store the bytes first.  setup, if given, is called with the port
     each time that it has been opened, and returns the first bytes of the connection; ``setup.forgotten`` finds where the board has
     restarted, which begins another connection.  DeviceError where the port cannot be opened at the start.
     """
 
-    def __init__(self, name: str, baudrate: int = 921600, keep: Callable[[object], None] | None = None, setup: BoardSetup | None = None):
+    def __init__(self, name: str, baudrate: int = 921600, keep: Callable[[Arrival], None] | None = None, setup: BoardSetup | None = None):
         self.name, self.baudrate, self._keep, self._setup = name, baudrate, keep, setup
         self._first = b""
         # Vendor, product and serial number of a USB device, which it keeps under another name; None without a serial number.
@@ -212,12 +193,16 @@ class Port:
         return port
 
     def _opened(self) -> None:
-        self._hand_over(Opened(time.monotonic_ns(), self.name))
+        self._hand_over(Event("open", text=self.name))
         first, self._first = self._first, b""
         if first:
-            self._hand_over(Received(time.monotonic_ns(), first))
+            self._hand_over(first)
 
-    def _hand_over(self, item: object) -> None:
+    def _closed(self, why: str) -> None:
+        self._hand_over(Event("close", text=why))
+
+    def _hand_over(self, what: bytes | Event) -> None:
+        item = time.monotonic_ns(), what
         if self._keep is not None:
             self._keep(item)
         self.items.put(item)
@@ -229,23 +214,23 @@ class Port:
                 try:
                     data = self._serial.read(max(1, self._serial.in_waiting))
                 except UNPLUGGED as error:
-                    self._hand_over(Closed(time.monotonic_ns(), reason(error)))
+                    self._closed(reason(error))
                     self._reopen()
                     continue
                 place = self._setup.forgotten(data) if data and self._setup else None
                 if data := data[:place]:
-                    self._hand_over(Received(time.monotonic_ns(), data))
+                    self._hand_over(data)
                 if place is not None and self._setup:
-                    self._hand_over(Closed(time.monotonic_ns(), SWITCHED_ON))
+                    self._closed(SWITCHED_ON)
                     try:
                         self._first = self._setup(self._serial)
                     except UNPLUGGED as error:  # meanwhile
-                        self._hand_over(Closed(time.monotonic_ns(), reason(error)))
+                        self._closed(reason(error))
                         self._reopen()
                         continue
                     self._opened()
         except CalibrationError as error:
-            self.items.put(error)
+            self.items.put((time.monotonic_ns(), error))
         finally:
             _close(self._serial)
 
@@ -304,30 +289,16 @@ FINE_STEP = 0.0015  #: of the data rate, for each step of INTERNAL_FREQ_FINE
 RATES = "12.5, 26, 52, 104, 208, 417, 833, 1667, 3333, 6667 Hz"
 
 
-@dataclass(frozen=True)
-class RequestedSettings:
-    """The settings that the user requests; None: as the board is."""
-
-    odr_hz: float | None = None
-    gyro_fs_dps: float | None = None
-    accel_fs_g: float | None = None
-
-    @property
-    def anything(self) -> bool:
-        """Whether anything is to be set."""
-        return any(value is not None for value in (self.odr_hz, self.gyro_fs_dps, self.accel_fs_g))
-
-
 class BoardSetup:
-    """Applies the requested settings to the board of an open port.
+    """Applies the requested settings (``odr_hz``, ``gyro_fs_dps``, ``accel_fs_g``; None: as it is) to the board of an open port.
 
     Called with the port, it returns the bytes that belong to the recording: all where the board takes no commands, else none of those
     before it was set.  CalibrationError where the board refuses, DeviceError where it does not answer.  ``forgotten`` checks the later
     bytes: a board that was switched on again while its port was open has its default settings.
     """
 
-    def __init__(self, wanted: RequestedSettings):
-        self._wanted = wanted
+    def __init__(self, wanted: Mapping[str, float | None]):
+        self._wanted = {name: value for name, value in wanted.items() if value is not None}
         self.said: list[str] = []  #: what was set, in words
         self._set_s: float | None = None  # when a board was set
         self._cut = b""  # possibly the beginning of a frame
@@ -359,14 +330,14 @@ class BoardSetup:
         info = frames.decode_info(bodies[0].tobytes()) if good.all() and bodies[0, 0] == frames.INFO_TYPE else None
         if info is None:
             return False
-        wanted = self._wanted
-        if wanted.odr_hz is not None and abs(info.odr_hz / wanted.odr_hz - 1) > TRUE_RATE_WITHIN:
+        wanted = vars(info) | self._wanted
+        if abs(info.odr_hz / wanted["odr_hz"] - 1) > TRUE_RATE_WITHIN:
             return True
-        return wanted.gyro_fs_dps not in (None, info.gyro_fs_dps) or wanted.accel_fs_g not in (None, info.accel_fs_g)
+        return (wanted["gyro_fs_dps"], wanted["accel_fs_g"]) != (info.gyro_fs_dps, info.accel_fs_g)
 
     def __call__(self, port: serial.Serial) -> bytes:
         """Takes at most some seconds for each step."""
-        if not self._wanted.anything:
+        if not self._wanted:
             return b""
         self.said, self._set_s, self._cut = [], None, b""
         talk = _Dialogue(port)
@@ -386,16 +357,17 @@ class BoardSetup:
     def _set(self, talk: _Dialogue) -> None:
         wanted, board = self._wanted, talk.board
         assert board is not None
-        if wanted.odr_hz is not None and (board.source == STANDIN or abs(wanted.odr_hz / board.odr_hz - 1) > RATE_WITHIN):
-            needed = frames.least_baud(wanted.odr_hz * (1 + FINE_STEP * board.freq_fine))
+        odr_hz = wanted.get("odr_hz")
+        if odr_hz is not None and (board.source == STANDIN or abs(odr_hz / board.odr_hz - 1) > RATE_WITHIN):
+            needed = frames.least_baud(odr_hz * (1 + FINE_STEP * board.freq_fine))
             if board.baud < needed:
                 self._raise_baud(talk, next((baud for baud in FASTER if baud >= needed), FASTER[-1]))
-            talk.command(frames.DATA_RATE, f"--odr {wanted.odr_hz:g}", wanted.odr_hz, hint=f"the data rates are {RATES}")
-            self.said.append(f"data rate {wanted.odr_hz:g} Hz")
+            talk.command(frames.DATA_RATE, f"--odr {odr_hz:g}", odr_hz, hint=f"the data rates are {RATES}")
+            self.said.append(f"data rate {odr_hz:g} Hz")
         talk.listen(lambda: talk.info is not None, ANSWER_S)
         if (info := talk.info) is None:
             raise DeviceError("the board does not send its ranges; switch it off and on")
-        gyro_fs, accel_fs = wanted.gyro_fs_dps or info.gyro_fs_dps, wanted.accel_fs_g or info.accel_fs_g
+        gyro_fs, accel_fs = wanted.get("gyro_fs_dps", info.gyro_fs_dps), wanted.get("accel_fs_g", info.accel_fs_g)
         if board.source == STANDIN or (gyro_fs, accel_fs) != (info.gyro_fs_dps, info.accel_fs_g):
             what = f"--gyro-fs {gyro_fs:g} --accel-fs {accel_fs:g}"
             hint = "the ranges are 125, 250, 500, 1000, 2000, 4000 dps and 2, 4, 8, 16 g"
@@ -442,8 +414,8 @@ class _Dialogue:
                     self.board = event
                 elif isinstance(event, Info):
                     self.info, self._infos = event, self._infos + 1
-                elif isinstance(event, CommandResult) and (event.sequence, event.command) == self._sent:
-                    self._answer = event.result
+                elif isinstance(event, Event) and event.kind == "done" and event.numbers[:2] == self._sent:
+                    self._answer = int(event.numbers[2])
         return enough()
 
     def command(self, kind: int, what: str, *values: float, hint: str = "") -> None:

@@ -2,7 +2,7 @@
 
 ``raw.bin`` holds what the port gave and nothing else, so any capture of a port replays.  ``raw.times`` is text, ``host_ns,bytes,event``: at
 host_ns (monotonic clock) the file held that many bytes.  Events are ``open`` (the port was opened, with wall-clock time and port),
-``close``, decisions at the table (``RecordingDecision``), and ``cut``: bytes that were noted before were gone when the recording
+``close``, decisions at the table (``decision_of``), and ``cut``: bytes that were noted before were gone when the recording
 went on, so their events are void.  A write goes straight to the operating system, so a killed process loses
 nothing; twice a second it is forced to the disk, against a power failure.  ``raw.bin`` is locked against other writers.  Files that are
 removed during a recording are saved under another name.
@@ -25,6 +25,7 @@ from pathlib import Path
 from session.base.errors import FormatError, StorageError
 from session.base.files import created, open_file, open_written
 from session.base.texts import unicode_text
+from session.bench.events import Event
 
 # File locks: the system releases them with the process that holds them, however it ends.
 
@@ -388,35 +389,26 @@ def said_cut(raw_path: Path) -> str:
 # count.  ``note TEXT``.
 
 
-@dataclass(frozen=True)
-class RecordingDecision:
-    """word: begin, pause, keep, drop, finish or note; rest: STEM, T_US, TEXT, or nothing; log: in a replay, the log that was growing."""
-
-    word: str
-    rest: str = ""
-    log: str = ""
-
-    @property
-    def text(self) -> str:
-        """As in raw.times."""
-        return f"{self.word} {self.rest}".rstrip()
+def raw_event(event: Event) -> str:
+    """As in raw.times."""
+    return f"{event.kind} {event.text}".rstrip()
 
 
-def decision_of(mark: Mark) -> RecordingDecision | None:
+def decision_of(mark: Mark) -> Event | None:
     """The decision of a mark; None for another event, and for an invalid one."""
     word, _, rest = mark.event.partition(" ")
     is_stem, is_time = rest.isidentifier(), rest.isascii() and rest.isdigit()
     valid = {"begin": is_stem, "keep": is_stem, "drop": is_time, "pause": True, "note": True, "finish": not rest}
-    return RecordingDecision(word, rest) if valid.get(word, False) else None
+    return Event(word, text=rest) if valid.get(word, False) else None
 
 
 def name_kept(marks: Sequence[Mark], begun: int) -> str | None:
     """The stem under which the file that marks[begun] begins was kept; None if it was not."""
     for mark in marks[begun + 1 :]:
         decision = decision_of(mark)
-        if decision is not None and decision.word == "keep":
-            return decision.rest
-        if mark.event.startswith("open") or (decision is not None and decision.word in ("begin", "pause")):
+        if decision is not None and decision.kind == "keep":
+            return decision.text
+        if mark.event.startswith("open") or (decision is not None and decision.kind in ("begin", "pause")):
             return None
     return None
 

@@ -6,8 +6,7 @@ import contextlib
 import itertools
 import queue
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import BinaryIO
@@ -15,15 +14,15 @@ from typing import BinaryIO
 from session.base.files import open_file
 from session.bench.board_clock import ClockComparison
 from session.bench.decoder import StreamDecoder
-from session.bench.events import Event, SampleChunk, Trouble, starts_log
+from session.bench.events import AnyEvent, Event, SampleChunk, starts_log
 from session.bench.logwriter import FOREIGN, WORD, BoardRouter, LogWriter, other_board
-from session.bench.port import BoardSetup, Closed, Opened, Port, Received, RequestedSettings, is_virtual
-from session.bench.rawfile import RAW, Mark, RawFile, RecordingDecision, decision_of, name_kept, read_events
+from session.bench.port import Arrival, BoardSetup, Port, is_virtual
+from session.bench.rawfile import RAW, Mark, RawFile, decision_of, name_kept, raw_event, read_events
 
 #: bytes decoded at once; the caller may stop between two such pieces
 BLOCK = 1 << 16
 
-Piece = tuple[int | None, list[Event | RecordingDecision]]
+Piece = tuple[int | None, list[AnyEvent]]
 
 
 def stream(raw_path: Path, decoder: StreamDecoder, logs: LogWriter, router: BoardRouter | None = None) -> Iterator[Piece]:
@@ -45,19 +44,19 @@ def _pieces(raw_path: Path, size: int, marks: list[Mark], decoder: StreamDecoder
             if mark.event.partition(" ")[0] == "open":
                 yield mark.host_ns, [*new_connection(decoder, router, mark.offset, other_board(marks, number))]
             elif (decision := decision_of(mark)) is not None:
-                if decision.word == "begin":  # a file that was kept has its last name from the beginning
-                    logs.begin(name_kept(marks, number) or decision.rest)
-                elif decision.word in ("pause", "keep"):
+                if decision.kind == "begin":  # a file that was kept has its last name from the beginning
+                    logs.begin(name_kept(marks, number) or decision.text)
+                elif decision.kind in ("pause", "keep"):
                     logs.pause()
-                yield mark.host_ns, [replace(decision, log=logs.paths[-1].name if logs.paths else "")]
+                yield mark.host_ns, [decision]
         yield from _until(raw, size, decoder, router)
 
 
-def new_connection(decoder: StreamDecoder, router: BoardRouter, offset: int, since: int | None = None) -> list[Event]:
+def new_connection(decoder: StreamDecoder, router: BoardRouter, offset: int, since: int | None = None) -> list[AnyEvent]:
     """The port was opened behind so many bytes: finish what came before.  since: as in ``BoardRouter.opened``."""
     events = router.take(decoder.finish())
     router.opened(offset, since)
-    return [*events, *router.take([Trouble("reconnect")])] if decoder.samples else events
+    return [*events, *router.take([Event("reconnect")])] if decoder.samples else events
 
 
 def _until(raw: BinaryIO, offset: int, decoder: StreamDecoder, router: BoardRouter) -> Iterator[Piece]:
@@ -81,7 +80,7 @@ class Recorder:
         name: str,
         baudrate: int = 921600,
         header: str | None = None,
-        wanted: RequestedSettings | None = None,
+        wanted: Mapping[str, float | None] | None = None,
         port: Callable[..., Port] | None = None,
     ):
         self.decoder, self.logs = StreamDecoder(header), LogWriter(folder)
@@ -96,21 +95,21 @@ class Recorder:
         try:
             if self.raw.size:
                 self._past = stream(folder / RAW, self.decoder, self.logs, self._router)
-            self.setting = BoardSetup(wanted or RequestedSettings())
+            self.setting = BoardSetup(wanted or {})
             self.port = (port or Port)(name, baudrate, self._keep, self.setting)
             self._has_clock = not is_virtual(name)  # a virtual board may run slower or faster than real time
         except BaseException:
             self.raw.discard()
             raise
 
-    def catch_up(self) -> Iterator[list[Event | RecordingDecision]]:
+    def catch_up(self) -> Iterator[list[AnyEvent]]:
         """Events of what the raw file held before, piece by piece; the caller may stop in between.  ``poll`` comes after it."""
         if self._past is not None:
             for _, events in self._past:
                 yield events
             self._past = None
 
-    def poll(self, timeout_s: float = 0.1) -> list[Event]:
+    def poll(self, timeout_s: float = 0.1) -> list[AnyEvent]:
         """Events of what has arrived, or of a part of it, waiting for the first at most so long.
 
         StorageError when the disk is full, or the files were removed.
@@ -119,27 +118,27 @@ class Recorder:
             raise self.raw.trouble
         return self._poll(timeout_s)
 
-    def _poll(self, timeout_s: float) -> list[Event]:
+    def _poll(self, timeout_s: float) -> list[AnyEvent]:
         assert self._past is None, "catch_up comes first"
-        items: list = []
+        items: list[Arrival] = []
         size = 0
         with contextlib.suppress(queue.Empty):
             while size < BLOCK:
                 items.append(self.port.items.get(timeout=timeout_s) if not items else self.port.items.get_nowait())
-                size += len(items[-1].data) if isinstance(items[-1], Received) else 0
+                size += len(items[-1][1]) if isinstance(items[-1][1], bytes) else 0
         events = self._take(items)
         self.logs.flush()
         return events
 
-    def decide(self, decision: RecordingDecision) -> None:
+    def decide(self, decision: Event) -> None:
         """Carry out a decision behind all samples that were polled; a replay repeats it.  Call it between two polls."""
-        self.raw.mark(time.monotonic_ns(), decision.text, self._decoded)
-        if decision.word == "begin":
-            self.logs.begin(decision.rest)
-        elif decision.word == "pause":
+        self.raw.mark(time.monotonic_ns(), raw_event(decision), self._decoded)
+        if decision.kind == "begin":
+            self.logs.begin(decision.text)
+        elif decision.kind == "pause":
             self.logs.pause()
-        elif decision.word == "keep":
-            self.logs.keep(decision.rest)
+        elif decision.kind == "keep":
+            self.logs.keep(decision.text)
 
     def set_apart(self, checkpoints: int) -> list[str]:
         """Events behind so many checkpoints were another board's, until the port is opened again: rename its logs.
@@ -173,41 +172,42 @@ class Recorder:
             self.raw.close()
             self.logs.close(whole=not self.undecoded)
 
-    def _keep(self, item: object) -> None:
+    def _keep(self, item: Arrival) -> None:
         """Store an item, in the reader thread."""
-        if isinstance(item, Received):
-            self.raw.append(item.host_ns, item.data)
-        elif isinstance(item, Opened):
-            self.raw.mark(item.host_ns, f"open {datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ} {item.name}")
-        elif isinstance(item, Closed):
-            self.raw.mark(item.host_ns, f"close {item.why}")
+        host_ns, what = item
+        if isinstance(what, bytes):
+            self.raw.append(host_ns, what)
+        elif what.kind == "open":
+            self.raw.mark(host_ns, f"open {datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ} {what.text}")
+        else:
+            self.raw.mark(host_ns, raw_event(what))
 
-    def _take(self, items: list) -> list[Event]:
+    def _take(self, items: list[Arrival]) -> list[AnyEvent]:
         """Decode and log; bytes that waited together are decoded together, which is faster."""
-        events: list[Event] = []
-        for kind, group in itertools.groupby(items, type):
-            if kind is Received:
-                arrivals = list(group)
-                data = b"".join(item.data for item in arrivals)
+        events: list[AnyEvent] = []
+        for kind, group in itertools.groupby(items, lambda item: type(item[1])):
+            if kind is bytes:
+                times_ns, parts = zip(*group, strict=True)
+                data = b"".join(parts)
                 self._decoded += len(data)
                 fresh = self.decoder.feed(data)
                 chunks = [event for event in fresh if isinstance(event, SampleChunk)]
                 if any(map(starts_log, fresh)):
                     self.clock.restart()
                 elif self._has_clock and chunks:
-                    self.clock.add(arrivals[-1].host_ns, int(chunks[-1].t_us[-1]), sum(map(len, chunks)))
+                    self.clock.add(times_ns[-1], int(chunks[-1].t_us[-1]), sum(map(len, chunks)))
                 if chunks:
-                    self.heard = arrivals[-1].host_ns, int(chunks[-1].t_us[-1])
+                    self.heard = times_ns[-1], int(chunks[-1].t_us[-1])
                 events += self._router.take(fresh)
             else:
-                events += [event for item in group for event in self._take_state(item)]
+                events += [event for _, item in group for event in self._take_state(item)]
         return events
 
-    def _take_state(self, item: Opened | Closed | Exception) -> list[Event]:
+    def _take_state(self, item: Event | Exception) -> list[AnyEvent]:
         if isinstance(item, Exception):
             raise item
-        self.connected = isinstance(item, Opened)
-        self.why = item.why if isinstance(item, Closed) else ""
+        self.connected = item.kind == "open"
+        self.why = "" if self.connected else item.text
         if not self.connected:
             return []
         self.clock.restart()

@@ -9,14 +9,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol as Interface
 
+from session.bench.events import Event
 from session.bench.guide import REST, Guide
 from session.bench.live import CEILING_S, MotionBlock, Stillness
 from session.bench.messages import GuideMessage, Instruction, Kind, Stage
-from session.bench.rawfile import RecordingDecision
 from session.log.config import Protocol
 from session.log.samples import Samples
 
-BEGIN_REST = RecordingDecision("begin", REST)
+BEGIN_REST = Event("begin", text=REST)
 #: between two warnings that the board moves: a table that trembles all night makes a page of them, not a hundred
 WARN_EVERY_S = 600.0
 #: blocks, 2 min, that show the sensor's noise: of a rest nearly all are calm, and a night of it is to be replayed within minutes
@@ -65,7 +65,7 @@ class RestGuide(Guide):
         return f"{in_words(self.rested_s)} of rest"
 
     @property
-    def wants(self) -> RecordingDecision | None:
+    def wants(self) -> Event | None:
         """The rest's log is begun before its first sample."""
         return None if self._begun or self.stage is Stage.PAUSED else BEGIN_REST
 
@@ -86,18 +86,18 @@ class RestGuide(Guide):
         if self._figures is not None:
             self._figures.new_log()
 
-    def decided(self, decision: RecordingDecision) -> list[GuideMessage]:
+    def decided(self, decision: Event) -> list[GuideMessage]:
         """Take a decision that the files already hold; those of turns in the same recording are not this guide's."""
         self._messages = []
-        if decision.word == "begin":
-            self.at_rest = self._begun = decision.rest == REST
+        if decision.kind == "begin":
+            self.at_rest = self._begun = decision.text == REST
             if self.at_rest and self.stage is Stage.PAUSED:
                 self.stage = Stage.CHECK_STREAM
                 self.new_log()
-        elif decision.word == "pause":
+        elif decision.kind == "pause":
             self.stage = Stage.PAUSED
             self._say(Kind.STAGE, "paused: samples are stored, and belong to no rest")
-        elif decision.word == "finish" and self.at_rest:
+        elif decision.kind == "finish" and self.at_rest:
             self._finish(f"{self.so_far}, finished by the operator")
         return self._messages
 

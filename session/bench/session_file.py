@@ -16,7 +16,6 @@ from session.base.texts import SENSOR_NAME
 from session.base.toml import Note, parse_toml, setting
 from session.bench.board_clock import ClockRatio
 from session.bench.events import CHIPS, SENSOR, STANDIN, BoardStatus, Info
-from session.bench.port import RequestedSettings
 from session.log.config import Accelerometer, Config, LeftOut, Protocol, Sensor, Site, TruthGiven, clock_words, config_of, read_config
 from session.log.folder import add_board, add_exclude, add_notes, set_sensor
 from session.log.registers import DEFAULT, profile_of
@@ -86,8 +85,8 @@ class SessionFile:
         known = self._own or self._like
         return known.protocol if known else Protocol()
 
-    def wanted(self) -> RequestedSettings:
-        """The settings for a board that takes commands: the user's, and in a resumed recording those of the file."""
+    def wanted(self) -> dict[str, float | None]:
+        """The settings for a board that takes commands (``BoardSetup``): the user's, and in a resumed recording those of the file."""
         given = self._given
         if self._own is not None and self._own.board.source == SENSOR_NAME and self._own.board.odr_hz is not None:
             mine = {
@@ -96,7 +95,7 @@ class SessionFile:
                 "accel_fs_g": self._own.sensor.accel_fs_g,
             }
             given = {name: given[name] if given[name] is not None else value for name, value in mine.items()}
-        return RequestedSettings(**given)
+        return given
 
     def configure(
         self,

@@ -14,7 +14,7 @@ from unicodedata import category
 import numpy as np
 
 from session.base.texts import printable
-from session.bench.events import COLUMNS, REGISTERS, Comment, Info, ModeChangeBudget, RemarkBudget, StreamFormat, parse_header
+from session.bench.events import CHANGES, COLUMNS, REGISTERS, REMARKS, Allowance, Event, Info, SampleChunk, StreamFormat, parse_header
 
 LONGEST_LINE = 512
 SHAPING = "Cf"  #: Unicode's category of characters that only shape, join or reverse others
@@ -151,16 +151,6 @@ def parse_info(comment: str) -> Info | None:
     return Info(gyro, accel, odr, pairs.get("serial", ""), pairs.get("sensor", "")) if all(0 < number < 1e6 for number in numbers) else None
 
 
-@dataclass(frozen=True, eq=False)
-class TextRows:
-    """Consecutive lines of numbers: t_us (n,) int64 as sent; values (n, 7) int16 registers, or (n, 6 or 7) float64; damaged (n,) bool,
-    whether something unreadable came just before."""
-
-    t_us: np.ndarray
-    values: np.ndarray
-    damaged: np.ndarray
-
-
 @dataclass(frozen=True)
 class Garbage:
     """Bytes of unreadable lines; behind: whether the last of them came behind all rows so far."""
@@ -169,7 +159,7 @@ class Garbage:
     behind: bool
 
 
-Item = TextRows | Comment | Info | Garbage | StreamFormat
+Item = SampleChunk | Event | Info | Garbage | StreamFormat
 
 
 class LineReader:
@@ -178,11 +168,11 @@ class LineReader:
     header: the header of a stream that does not send it; remarks: the budget for other lines than numbers.
     """
 
-    def __init__(self, header: str | None = None, remarks: RemarkBudget | None = None):
+    def __init__(self, header: str | None = None, remarks: Allowance | None = None):
         known = None if header is None else parse_header(header.encode())
         self.width, self._order, self.form = known or (0, tuple(range(len(REGISTERS.names))), REGISTERS)
         self._other_width, self.other_count = 0, 0
-        self.remarks, self._changes = remarks or RemarkBudget(), ModeChangeBudget()
+        self.remarks, self._changes = remarks or Allowance(*REMARKS), Allowance(*CHANGES)
         self.place = 0  # bytes of lines so far
         self.deaf = False  # whether lines of numbers are ignored, since their columns are not known
 
@@ -199,13 +189,17 @@ class LineReader:
             if torn is not None:
                 values, good = values[~torn[good]], good & ~torn
             if good.all():
-                self.remarks.earn(len(values))
+                self.remarks.at += len(values)
                 self.place += len(block)
                 self.other_count = 0
-                return [TextRows(*_registers(values), np.zeros(len(values), bool))]
+                return [self.rows(*_registers(values), np.zeros(len(values), bool))]
         items = _Block(self, block, good, values, torn).items()
         self.place += len(block)
         return items
+
+    def rows(self, t_us: np.ndarray, values: np.ndarray, damaged: np.ndarray) -> SampleChunk:
+        """Consecutive lines of numbers; t_us (n,) int64 as sent."""
+        return SampleChunk(t_us, values, self.form, damaged)
 
     def parse(self, line: bytes) -> tuple[int, list] | None:
         """How many columns a line of numbers has, and the log's; None where it is none."""
@@ -219,7 +213,7 @@ class LineReader:
         form = header[2] if self.changes_form(header, place) else None
         self.deaf = form is None and header[2] != self.form
         if form is not None:
-            self._changes.change(place)
+            self._changes.spend(place)
         if not self.deaf:
             self.width, self._order, self.form = header
         return form
@@ -278,7 +272,7 @@ class _Block:
                 comment = parse_comment(line) if self._reader.remarks.spend() else None
                 if comment is not None:
                     self._close(number, good_before)
-                    self._items.append(Comment(comment))
+                    self._items.append(Event("comment", text=comment))
                     if info := parse_info(comment):
                         self._items.append(info)
                     continue
@@ -291,7 +285,7 @@ class _Block:
                     self._good_up_to(good_before)
                     self._fresh.append(found[1])
                     self._fresh_lines.append(number)
-                    self._reader.remarks.earn(1)
+                    self._reader.remarks.at += 1
                     continue
                 if self._reader.width != width:
                     todo, place = self._reparse(number, good_before) or (todo, place)
@@ -326,7 +320,7 @@ class _Block:
         return list(zip(*(each.tolist() for each in (numbers, self._starts[numbers], self._ends[numbers], before)), strict=True))
 
     def _earn(self, good_before: int) -> None:
-        self._reader.remarks.earn(good_before - self._earned)
+        self._reader.remarks.at += good_before - self._earned
         self._earned = good_before
 
     def _good_up_to(self, stop: int) -> None:
@@ -357,7 +351,7 @@ class _Block:
         if self._parts:
             before = np.searchsorted(bad, lines)
             t_us, values = (np.concatenate(each) for each in zip(*self._parts, strict=True))
-            self._items.append(TextRows(t_us, values, np.diff(before, prepend=0) > 0))
+            self._items.append(self._reader.rows(t_us, values, np.diff(before, prepend=0) > 0))
         if len(bad):
             count = int((self._ends[bad] - self._starts[bad] + 1).sum())
             self._items.append(Garbage(count, not len(lines) or bool(bad[-1] > lines[-1])))

@@ -38,7 +38,7 @@ def run(data: bytes, folder: Path) -> None:
     (folder / TIMES).write_bytes(times if found else b"")
     for mark in read_marks(path):
         decision = decision_of(mark)
-        assert decision is None or decision.text
+        assert decision is None or decision.kind
     try:
         made = convert_raw(path, out, **options)
     except Exception:

@@ -13,10 +13,10 @@ import numpy as np
 
 from session.base.units import DEG, NS
 from session.bench.closure_guide import ClosureGuide, Step
+from session.bench.events import Event
 from session.bench.guide import Guide
 from session.bench.messages import AxisMove, GuideMessage, Kind, Stage
 from session.bench.mover import Moment
-from session.bench.rawfile import RecordingDecision
 from session.detect.segments import angle_read
 from tinygc.features.tables.machines.comparison import WordAgainstSensor
 from tinygc.features.tables.machines.driver import TableDriver
@@ -30,7 +30,7 @@ MOST_CONTRADICTIONS = 3
 NO_TURN_S, NO_STILL_S = 6.0, 30.0
 #: share of the sensor's full scale that a move may reach
 MOST_OF_SCALE = 0.6
-PAUSE = RecordingDecision("pause")
+PAUSE = Event("pause")
 THE_TABLE_TURNS = "hands off: the table turns"
 PUT_RIGHT = (
     "look at the table, put it right there, then p goes on "
@@ -53,7 +53,7 @@ class TableMover:
 
     def __init__(self, driver: TableDriver, moves: Moves):
         self.driver, self._moves = driver, moves
-        self.wants: RecordingDecision | None = None
+        self.wants: Event | None = None
         self._word = WordAgainstSensor(driver.table.description)
         self._stills: int | None = None  # of the guide, that were compared
         self._log, self._begun_ns = "", 0  # of the last still that was compared, and about when it began

@@ -10,10 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from session.base.units import DEG, NS
+from session.bench.events import Event
 from session.bench.guide import Guide
 from session.bench.messages import AxisMove, GuideMessage, Instruction, Kind, Stage
 from session.bench.mover import Moment
-from session.bench.rawfile import RecordingDecision
 from session.log.config import Protocol
 from session.log.samples import Samples
 from tinygc.features.tables.machines.description import Description
@@ -22,7 +22,7 @@ from tinygc.features.tables.machines.mover import BLIND_S, PAUSE, PUT_RIGHT
 from tinygc.features.tables.machines.verbs import TableLimit
 
 STEM = "rates"
-BEGIN_RATES = RecordingDecision("begin", STEM)
+BEGIN_RATES = Event("begin", text=STEM)
 #: s: rest before and after each step; of a rate until it is even, beyond its acceleration
 REST_S, SETTLE_S = 3.0, 1.0
 #: rad that stay between a step and the limits
@@ -78,7 +78,7 @@ class RatesGuide(Guide):
         return f"{self.made} of {self.steps} rate steps"
 
     @property
-    def wants(self) -> RecordingDecision | None:
+    def wants(self) -> Event | None:
         """The log is begun before its first sample."""
         return None if self._begun or self.stage is Stage.PAUSED else BEGIN_RATES
 
@@ -89,16 +89,16 @@ class RatesGuide(Guide):
             return Instruction(self.stage, "hands off: the table turns at known rates", f"{self.says}; {self.so_far}")
         return super().instruction
 
-    def decided(self, decision: RecordingDecision) -> list[GuideMessage]:
+    def decided(self, decision: Event) -> list[GuideMessage]:
         """Take a decision that the files already hold."""
         self._messages = []
-        if decision.word == "begin":
-            self._begun = decision.rest == STEM
+        if decision.kind == "begin":
+            self._begun = decision.text == STEM
             if self.stage is Stage.PAUSED:
                 self.stage = Stage.CHECK_STREAM
                 self.new_log()
                 self._say(Kind.STAGE, "it goes on")
-        elif decision.word == "pause":
+        elif decision.kind == "pause":
             self.stage = Stage.PAUSED
             self._say(Kind.STAGE, "paused: samples are stored, and belong to no step")
         return self._messages
@@ -124,7 +124,7 @@ class RateMover:
 
     def __init__(self, driver: TableDriver, steps: Sequence[RateStep]):
         self.driver, self._steps = driver, list(steps)
-        self.wants: RecordingDecision | None = None
+        self.wants: Event | None = None
         self._phase, self._since_s = "begin", 0.0
         self._stopped = self._was_paused = False
         self._log = ""

@@ -22,8 +22,8 @@ from session.base.errors import CalibrationError, DataError, DeviceError, Format
 from session.base.files import open_file, require_file
 from session.base.units import WORDS
 from session.bench.decoder import StreamDecoder
-from session.bench.events import Event, Info, SampleChunk, Trouble, starts_log
-from session.bench.port import Closed, Port, Received
+from session.bench.events import AnyEvent, Event, Info, SampleChunk, starts_log
+from session.bench.port import Port
 from session.log.config import Accelerometer
 from session.log.lines import PIECE_BYTES, STANDARD
 from session.log.logfile import already_calibrated, number_in
@@ -219,17 +219,17 @@ def _from_port(name: str, baud: int) -> Bytes:
     try:
         while True:
             try:
-                item = port.items.get(timeout=IDLE_S)
+                _, item = port.items.get(timeout=IDLE_S)
             except queue.Empty:
                 yield b""
                 continue
             if isinstance(item, Exception):
                 raise item
-            if isinstance(item, Closed):
-                yield Restart(f"{name}: {item.why}")
-            elif isinstance(item, Received):
+            if isinstance(item, bytes):
                 opened = True
-                yield item.data
+                yield item
+            elif item.kind == "close":
+                yield Restart(f"{name}: {item.text}")
             elif opened:
                 yield b""
     finally:
@@ -274,17 +274,16 @@ TROUBLES = {
 }
 
 
-def _items(events: list[Event], units: _Units) -> Iterator[Item]:
+def _items(events: list[AnyEvent], units: _Units) -> Iterator[Item]:
     for event in events:
         if isinstance(event, Info):
             units.info = event
         elif isinstance(event, SampleChunk) and len(event):
             yield units.readings(event)
-        elif isinstance(event, Trouble):
-            if starts_log(event):
-                yield Restart("the device's clock began again: it was switched on again, or has reset itself")
-            elif event.kind in TROUBLES:
-                yield Remark(event.kind, TROUBLES[event.kind], event.count)
+        elif starts_log(event):
+            yield Restart("the device's clock began again: it was switched on again, or has reset itself")
+        elif isinstance(event, Event) and event.kind in TROUBLES:
+            yield Remark(event.kind, TROUBLES[event.kind], event.count)
 
 
 class _Units:

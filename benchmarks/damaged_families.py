@@ -11,11 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from session.base.units import DEG, MG, G
+from session.log.written import toml_text
 from tinygc.simulation.movement import move, table_to_body
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.sensor import registers_of
 from tinygc.simulation.simulator import Simulation, simulate_session
-from tinygc.simulation.write import config_text
+from tinygc.simulation.write import config_of
 
 
 @dataclass
@@ -392,4 +393,4 @@ def write(r: Recording, folder: Path) -> None:
         table = np.column_stack([np.rint(r.t_s * 1e6), r.gyro / DEG, r.accel / G, r.temp_c])
     rows = [row % tuple(values) for values in table.tolist()]
     (folder / "log0001.csv").write_text("\n".join([r.comment + header, *rows, ""]))
-    (folder / "session.toml").write_text(config_text(r.simulation.options, r.simulation.unit, calibrated=r.calibrated))
+    (folder / "session.toml").write_text(toml_text(config_of(r.simulation.options, r.simulation.unit, r.calibrated)))

@@ -26,7 +26,7 @@ from tinygc.features.challenge.other_effects import bench, vibration_rectificati
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.sensor import LOWEST_FINE_HZ
 from tinygc.simulation.simulator import plan_of, simulate_session
-from tinygc.simulation.write import config_text, write_files
+from tinygc.simulation.write import config_of, write_files
 
 EFFECT = "gyro.vibration_rectification"
 #: data rate, Hz; band of the vibration, Hz
@@ -53,7 +53,7 @@ def fitted(job: Job) -> dict:
     fine_s = np.arange(0, plan.log_s, 1 / LOWEST_FINE_HZ)
     felt = one.disturb(fine_s, np.zeros((len(fine_s), 3))) / G
     with tempfile.TemporaryDirectory(prefix="tinygc-") as folder:
-        write_files(shaken, Path(folder), config_text(shaken.options, shaken.unit))
+        write_files(shaken, Path(folder), config_of(shaken.options, shaken.unit))
         found = fit_physics(build_problem(read_session(Path(folder))), (EFFECT,))
     (claim,) = found.model.claims
     true = np.array(one.truth["dps_per_g2"]) * DEG  # per g² that the accelerometer passes

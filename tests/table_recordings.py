@@ -21,6 +21,7 @@ from session.bench.guide import Guide
 from session.bench.guided_session import GuidedRecording
 from session.bench.recorder import Recorder
 from session.bench.session_file import SessionFile
+from session.log.written import toml_text
 from tinygc.features.tables.machines.description import Description, read_description
 from tinygc.features.tables.machines.makes import open_table
 from tinygc.features.tables.machines.mechanics import TableErrors
@@ -35,7 +36,7 @@ from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.sensor import RegisterLog, SensorModel
 from tinygc.simulation.simulator import unit_of
 from tinygc.simulation.virtual_board import info_of
-from tinygc.simulation.write import config_text
+from tinygc.simulation.write import config_of
 
 PORT = "virtual-bench"
 #: s of samples in each arrival
@@ -202,7 +203,7 @@ class Bench:
         self.bench = VirtualBench(self.description, OPTIONS, errors, faults=Fault.parse(faults))
         self.bench.home()
         self.folder.mkdir()
-        text = config_text(OPTIONS, self.bench.unit)
+        text = toml_text(config_of(OPTIONS, self.bench.unit))
         (self.folder / "session.toml").write_text(text.replace("SIM-", ""))
 
     def repair(self) -> None:

@@ -12,15 +12,14 @@ import numpy as np
 
 from session.base.errors import DataError
 from session.base.units import DEG, G
-from session.log.config import Accelerometer, Protocol, Site
 from session.log.folder import Session
 from tinygc.effects import Effect, Movement, effect_of
 from tinygc.effects.movement import vibration
 from tinygc.library.arguments import chosen, public
-from tinygc.simulation.options import BIAS_DIGITS, MATRIX_DIGITS, SimulationOptions
+from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.sensor import Distort, RegisterLog
 from tinygc.simulation.simulator import Simulation, plan_of, simulate_session
-from tinygc.simulation.write import stopped_turns, truth_table, write_simulation
+from tinygc.simulation.write import config_of, stopped_turns, truth_table, write_simulation
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -133,7 +132,7 @@ def _numbers(name: str, of: str, parameters: dict) -> np.ndarray:
 
 def _session(simulation: Simulation) -> Session:
     """Build the session that a reader would get from its files."""
-    options, unit = simulation.options, simulation.unit
+    options = simulation.options
 
     def arrays(recording: RegisterLog) -> tuple[np.ndarray, ...]:
         units = options.register_units
@@ -145,13 +144,7 @@ def _session(simulation: Simulation) -> Session:
         *arrays(simulation.log),
         closures=[] if simulation.closure is None else [arrays(simulation.closure)],
         name=f"simulated-{options.seed}",
-        model=options.sensor,
-        serial=f"SIM-{options.unit_drawn_from}",
         gyro_fs_dps=options.gyro_fs_dps,
         accel_fs_g=options.accel_fs_g,
-        accelerometer=Accelerometer(np.round(unit.accel_matrix, MATRIX_DIGITS), np.round(unit.accel_bias, BIAS_DIGITS)),
-        site=Site(options.latitude_deg, options.gravity_mps2, unit.heading_deg if options.with_heading else None),
-        protocol=Protocol(still_s=options.still_s, segment_s=2 * options.still_s + options.turn_s),
     )
-    turns = stopped_turns(simulation.plan, options)
-    return replace(session, config=replace(session.config, sensor=replace(session.config.sensor, odr_hz=options.odr_hz)), turns=turns)
+    return replace(session, config=config_of(options, simulation.unit), turns=stopped_turns(simulation.plan, options))

@@ -21,6 +21,7 @@ from session.log.folder import Session, read_session
 from session.log.registers import DEFAULT, RegisterUnits
 from session.log.samples import Samples
 from session.log.sensors.profile import REGISTER_MAX
+from session.log.written import toml_text
 from tinygc.simulation.movement import PEAK_RPS, GimbalTurn, MovementPlan, Stroke, not_faster, stroke
 from tinygc.simulation.options import SimulatedUnit, SimulationOptions
 from tinygc.simulation.simulator import plan_of, simulate_session
@@ -159,11 +160,12 @@ def simulated(options: SimulationOptions, calibrated: bool = True) -> BoardSourc
 
     calibrated: whether session.toml holds the accelerometer's pre-calibration.
     """
-    from tinygc.simulation.write import config_text
+    from tinygc.simulation.write import config_of, head_of
 
     simulation = simulate_session(options, plan=onto_the_mark(options, plan_of(options)))
     rows = np.concatenate([part.rows for part in (simulation.log, simulation.closure) if part is not None])
-    return BoardSource(rows, info_of(options, simulation.unit), config_text(options, simulation.unit, calibrated=calibrated))
+    text = head_of(options) + toml_text(config_of(options, simulation.unit, calibrated))
+    return BoardSource(rows, info_of(options, simulation.unit), text)
 
 
 def info_of(options: SimulationOptions, unit: SimulatedUnit) -> Info:

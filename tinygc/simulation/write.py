@@ -14,14 +14,13 @@ from session.base.errors import FormatError
 from session.base.files import MOST_TOML, folder_whole, read_bytes, refuse_unfinished, write_new
 from session.base.names import has_recorded_name
 from session.base.texts import comment
-from session.base.toml import line
 from session.base.units import DEG, MG
-from session.log.config import SCHEMA
+from session.log.config import Accelerometer, Config, Protocol, Sensor, Site
 from session.log.logfile import NAME as KNOWN_TURNS
 from session.log.logfile import KnownTurn
-from session.log.written import turns_text
+from session.log.written import toml_text, turns_text
 from tinygc.simulation.movement import MovementPlan, gimbal_angles, table_to_body
-from tinygc.simulation.options import BIAS_DIGITS, MATRIX_DIGITS, SimulatedUnit, SimulationOptions, command_line
+from tinygc.simulation.options import SimulatedUnit, SimulationOptions, command_line
 from tinygc.simulation.sensor import Distort, RegisterLog
 from tinygc.simulation.simulator import Simulation, simulate_session
 
@@ -97,16 +96,15 @@ def write_simulation(
     default, if effects are given).  Raises FormatError as ``write_session`` does."""
     check_folder(folder, force)
     truth = json.dumps(truth_table(simulation, effects or {}), indent=1) + "\n"
-    hides = bool(effects) if concealed is None else concealed
-    text = config_text(simulation.options, simulation.unit, concealed=hides)
-    write_files(simulation, folder, text, truth)
+    head = head_of(simulation.options, bool(effects) if concealed is None else concealed)
+    write_files(simulation, folder, config_of(simulation.options, simulation.unit), head, truth)
     return folder
 
 
-def write_files(simulation: Simulation, folder: Path, config: str, truth: str = "") -> None:
-    """Write the files of a recorded session: ``config`` as session.toml, log, closure run, turns of known angle; truth.json, if any."""
+def write_files(simulation: Simulation, folder: Path, config: Config, head: str = "", truth: str = "") -> None:
+    """Write the files of a recorded session: session.toml, log, closure run, turns of known angle; truth.json, if any."""
     with folder_whole(folder, (CONFIG, KNOWN_TURNS, REST, CLOSURE)) as work:  # those of an earlier one
-        write_new(work / CONFIG, config)
+        write_new(work / CONFIG, head + toml_text(config))
         write_log(work / LOG, simulation.options, simulation.unit.odr_hz, simulation.log)
         if turns := stopped_turns(simulation.plan, simulation.options):
             write_new(work / KNOWN_TURNS, turns_text(turns))
@@ -166,46 +164,20 @@ def serial_of(options: SimulationOptions) -> str:
     return f"SIM-{options.unit_drawn_from}"
 
 
-def config_text(options: SimulationOptions, unit: SimulatedUnit, *, concealed: bool = False, calibrated: bool = True) -> str:
-    """Text of session.toml of a simulated session; calibrated: whether it holds the accelerometer's pre-calibration."""
-    matrix, bias = accelerometer_texts(unit)
-    given = f"[accelerometer]  # a = matrix @ (measured_mps2 - bias_mps2)\nmatrix = {matrix}\nbias_mps2 = {bias}\n\n" if calibrated else ""
-    heading = f"heading_deg = {unit.heading_deg!r}\n" if options.with_heading else ""
+def config_of(options: SimulationOptions, unit: SimulatedUnit, calibrated: bool = True) -> Config:
+    """session.toml of a simulated session; calibrated: whether it holds the accelerometer's pre-calibration."""
+    return Config(
+        Sensor(options.sensor, serial_of(options), float(options.odr_hz), options.gyro_fs_dps, options.accel_fs_g),
+        Accelerometer(unit.accel_matrix, unit.accel_bias) if calibrated else Accelerometer(source="none"),
+        Site(float(options.latitude_deg), float(options.gravity_mps2), unit.heading_deg if options.with_heading else None),
+        Protocol(float(options.still_s), float(2 * options.still_s + options.turn_s)),
+    )
+
+
+def head_of(options: SimulationOptions, concealed: bool = False) -> str:
+    """First lines of session.toml: that it is simulated, and how to make it again."""
     remark = f"# Physics is concealed in it besides: {TRUTH} tells which.\n" if concealed else ""
-    return f"""\
-{SIMULATED}, not recorded.  To make it again: {comment(command_line(options))}
-{remark}{sensor_text(options, serial_of(options))}
-{given}{site_text(options)}{heading}
-{protocol_text(options)}"""
-
-
-def accelerometer_texts(unit: SimulatedUnit) -> tuple[str, str]:
-    """Matrix and bias of the accelerometer's pre-calibration, in TOML."""
-    rows = ("[" + ", ".join(f"{x:.{MATRIX_DIGITS}f}" for x in row) + "]" for row in unit.accel_matrix)
-    return "[" + ", ".join(rows) + "]", "[" + ", ".join(f"{x:.{BIAS_DIGITS}f}" for x in unit.accel_bias) + "]"
-
-
-def sensor_text(options: SimulationOptions, serial: str = "") -> str:
-    """Schema and sensor of a simulated session."""
-    return f"""\
-schema = "{SCHEMA}"
-
-[sensor]
-{line("model", options.sensor)}{line("serial", serial) if serial else ""}odr_hz = {float(options.odr_hz)!r}
-gyro_fs_dps = {options.gyro_fs_dps:g}
-accel_fs_g = {options.accel_fs_g:g}
-"""
-
-
-def site_text(options: SimulationOptions) -> str:
-    """Site of a simulated session."""
-    return f"[site]\nlatitude_deg = {float(options.latitude_deg)!r}\ngravity_mps2 = {float(options.gravity_mps2)!r}\n"
-
-
-def protocol_text(options: SimulationOptions) -> str:
-    """Protocol of a simulated session with turns."""
-    segment_s = float(2 * options.still_s + options.turn_s)
-    return f'[protocol]\nstill_s = {float(options.still_s)!r}\nsegment_s = {segment_s!r}\nreference = "gravity"\n'
+    return f"{SIMULATED}, not recorded.  To make it again: {comment(command_line(options))}\n{remark}"
 
 
 def truth_table(simulation: Simulation, effects: Mapping[str, object]) -> dict:

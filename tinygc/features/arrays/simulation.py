@@ -14,6 +14,7 @@ from session.base.errors import FormatError
 from session.base.files import MOST_TOML, folder_whole, read_bytes, write_new
 from session.base.texts import comment
 from session.base.units import DEG, MG
+from session.log.written import toml_text
 from tinygc.features.arrays.options import ArrayOptions
 from tinygc.simulation import movement
 from tinygc.simulation.movement import MovementPlan
@@ -24,12 +25,9 @@ from tinygc.simulation.write import (
     CONFIG,
     SIMULATED,
     TRUTH,
-    accelerometer_texts,
+    config_of,
     names_in,
-    protocol_text,
-    sensor_text,
     serial_of,
-    site_text,
     truth_table,
     write_log,
 )
@@ -247,23 +245,18 @@ def _serial(unit: Simulation, number: int) -> str:
 def array_config_text(array: SimulatedArray) -> str:
     """Return the text of the array's session.toml."""
     options = array.options
-    units = []
-    for number, each in enumerate(array.units):
-        matrix, bias = accelerometer_texts(each.unit)
-        units.append(f"""
+    config = config_of(options, array.units[0].unit, calibrated=False)
+    shared = toml_text(replace(config, site=replace(config.site, heading_deg=None))).splitlines(keepends=True)
+    own = [f"""
 [[array.unit]]
 number = {number}
 sensor.serial = "{_serial(each, number)}"
-accelerometer.matrix = {matrix}
-accelerometer.bias_mps2 = {bias}
-""")
+accelerometer.matrix = {each.unit.accel_matrix.tolist()}
+accelerometer.bias_mps2 = {each.unit.accel_bias.tolist()}
+""" for number, each in enumerate(array.units)]  # fmt: skip
     chosen = " ".join(f"{name}={value!r}" for name, value in asdict(array.array).items())
-    return f"""\
-{SIMULATED}, not recorded: {comment(command_line(options))} --units {array.array.units}
-# {comment(chosen)}
-{sensor_text(options)}
-{site_text(options)}
-{protocol_text(options)}{"".join(units)}"""
+    head = f"{SIMULATED}, not recorded: {comment(command_line(options))} --units {array.array.units}\n# {comment(chosen)}\n"
+    return "".join([head, *(line for line in shared if not line.startswith(("#", "serial"))), *own])
 
 
 def array_truth(array: SimulatedArray) -> dict:

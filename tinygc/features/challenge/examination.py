@@ -16,6 +16,7 @@ import numpy as np
 
 from session.base.errors import CalibrationError, DataError
 from session.base.units import G
+from session.log.config import Config, Site
 from session.log.folder import Session, read_session
 from tinygc.closure.prepared import prepare
 from tinygc.closure.problem import conditions
@@ -28,7 +29,7 @@ from tinygc.features.challenge.rate_effects import RATE_EFFECTS, Concealment, Sc
 from tinygc.reporting.terminal import Group, Table, Text
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulator import Simulation, plan_of, simulate_session
-from tinygc.simulation.write import config_text, write_files
+from tinygc.simulation.write import config_of, write_files
 
 # What is drawn: one to three effects that a recording can tell apart, and the strength of each.
 
@@ -76,8 +77,8 @@ def simulated(strengths: Mapping[str, float], rng: np.random.Generator, folder: 
 
 def conceal(
     strengths: Mapping[str, float], options: SimulationOptions, rng: np.random.Generator
-) -> tuple[Simulation, str, dict[str, dict]]:
-    """A simulation with these effects, its session.toml without the remarks that tell its options, and the truth: id -> parameters."""
+) -> tuple[Simulation, Config, dict[str, dict]]:
+    """A simulation with these effects, its session.toml, and the truth: id -> parameters."""
     plan = plan_of(options)
     hidden = [MAKERS[name](bench(rng, strength, options, plan)) for name, strength in strengths.items()]
     for one in hidden:
@@ -94,9 +95,10 @@ def conceal(
         if one.spoil:
             log, more = one.spoil(simulation.log)
             simulation, truth[one.id] = replace(simulation, log=log), truth[one.id] | more
-    left_out = ("#", *(("latitude_deg", "heading_deg") if any(one.without_latitude for one in hidden) else ()))
-    lines = config_text(options, simulation.unit).split("\n")
-    return simulation, "\n".join(line for line in lines if not line.startswith(left_out)), truth
+    config = config_of(options, simulation.unit)
+    if any(one.without_latitude for one in hidden):
+        config = replace(config, site=Site(gravity_mps2=config.site.gravity_mps2))
+    return simulation, config, truth
 
 
 def distorted(hidden: Iterable[Concealment], t: np.ndarray, rate: np.ndarray, force: np.ndarray, temp: np.ndarray) -> np.ndarray:

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from session.bench.clocks import HostClock
+from session.log.written import toml_text
 from tinygc.features.tables.machines.description import read_description
 from tinygc.features.tables.machines.mechanics import TableErrors
 from tinygc.features.tables.machines.virtual import VirtualTable
@@ -21,7 +22,7 @@ from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.sensor import SensorModel
 from tinygc.simulation.simulator import unit_of
 from tinygc.simulation.virtual_board import BoardSource, info_of
-from tinygc.simulation.write import config_text
+from tinygc.simulation.write import config_of, head_of
 
 
 class TableClock(HostClock):
@@ -52,7 +53,7 @@ class TableUnderBoard:
         table = VirtualTable(description, errors, HostClock(), Fault.parse(faults), options.seed)
         unit = unit_of(options)
         sensor = SensorModel(options, unit, motion_on(description, errors, table.tracks, options, unit))
-        text = config_text(options, unit, calibrated=calibrated).replace("SIM-", "")
+        text = (head_of(options) + toml_text(config_of(options, unit, calibrated))).replace("SIM-", "")  # as the board says its serial
 
         def rows(count: int) -> np.ndarray:
             if not sensor.next:  # the board was switched on later than the table

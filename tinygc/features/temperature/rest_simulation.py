@@ -13,9 +13,11 @@ from session.base.errors import CalibrationError
 from session.base.files import folder_whole, write_new
 from session.base.units import DEG, DEG_PER_HOUR, G
 from session.log.registers import DEFAULT, accel_mps2_per_lsb, gyro_rps_per_lsb
+from session.log.written import toml_text
 from tinygc.features.temperature.options import RestOptions, rest_flag
 from tinygc.simulation.options import MOST_SAMPLES, SimulationOptions
 from tinygc.simulation.sensor import Flicker, RegisterLog, registers_of, white
+from tinygc.simulation.simulator import unit_of
 from tinygc.simulation.write import (
     CLOSURE,
     CONFIG,
@@ -25,9 +27,7 @@ from tinygc.simulation.write import (
     TRUTH,
     TRUTH_SCHEMA,
     check_folder,
-    sensor_text,
-    serial_of,
-    site_text,
+    config_of,
     write_log,
 )
 
@@ -111,16 +111,10 @@ def write_rest(options: RestOptions, session: SimulationOptions, folder: Path, f
         )
     log, knock_s = simulate_rest(options, session, session.seed)
     truth = {"schema": TRUTH_SCHEMA, "effects": {}, "rest": asdict(options) | {"knock_s": knock_s.tolist()}}
+    given = f"{rest_flag('cycles')} {options.cycles:g} --seed {session.seed}"
+    head = f"{SIMULATED}, not recorded: calibrate.py simulate {given} and what truth.json holds besides\n"
     with folder_whole(folder, (CONFIG, LOG, CLOSURE)) as work:  # those of an earlier one
-        write_new(work / CONFIG, _config(session, options))
+        write_new(work / CONFIG, head + toml_text(config_of(session, unit_of(session), calibrated=False)))
         write_log(work / REST, session, session.odr_hz, log)
         write_new(work / TRUTH, json.dumps(truth, indent=1) + "\n")
     return folder
-
-
-def _config(session: SimulationOptions, options: RestOptions) -> str:
-    given = [f"{rest_flag('cycles')} {options.cycles:g}", f"--seed {session.seed}"]
-    return f"""\
-{SIMULATED}, not recorded: calibrate.py simulate {" ".join(given)} and what truth.json holds besides
-{sensor_text(session, serial_of(session))}
-{site_text(session)}"""

@@ -16,12 +16,12 @@ from common import in_parallel, markdown, simulated
 from scipy import stats
 
 from session.log.requirements import GUARDED, Rule
-from tinygc.estimation.fit import fit_session
 from tinygc.estimation.options import FitOptions
-from tinygc.estimation.requirements import Conformity, closure_measured, conforms_probability, field_measured, known_sources, run_measured
+from tinygc.fitting.fit import fit_session
 from tinygc.models.linear import LinearModel, field_vector
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulator import simulate_session
+from tinygc.verdict.requirements import Conformity, closure_measured, conforms_probability, field_measured, known_sources, run_measured
 
 #: of segments in a set
 COUNTS = (7, 13, 40, 100)

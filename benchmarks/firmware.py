@@ -26,9 +26,9 @@ from session.log.folder import Session, read_session
 from tinygc import models
 from tinygc.deploy.embedded.program import Inputs, Program, Registers, program
 from tinygc.deploy.embedded.source import source_files
-from tinygc.estimation.fit import fit_session
-from tinygc.estimation.fit_file import save_models
 from tinygc.estimation.options import FitOptions
+from tinygc.fitting.fit import fit_session
+from tinygc.fitting.fit_file import save_models
 from tinygc.models.denoiser import DenoisedNet
 
 CORE_HZ, ODR_HZ = 168e6, 833

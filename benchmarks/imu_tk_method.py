@@ -28,8 +28,8 @@ from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.prepared import prepare
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import closure_angles
-from tinygc.estimation.fit import fit_session
 from tinygc.estimation.options import FitOptions
+from tinygc.fitting.fit import fit_session
 from tinygc.models.linear import LinearModel, bias_only
 
 FOLDS = 5

@@ -33,7 +33,6 @@ from session.log.folder import Session, read_session
 from tinygc.closure.motion import LIMIT_DEG
 from tinygc.closure.residual import closure_angles
 from tinygc.estimation.between_sessions import course
-from tinygc.estimation.compare import read_calibrated
 from tinygc.estimation.expected_zero import USUAL_SPREAD
 from tinygc.features.unit.verification.cost import minute_of
 from tinygc.features.unit.verification.expected import Spread, expected_parts, spread_of_unit
@@ -41,6 +40,7 @@ from tinygc.features.unit.verification.old import ACCELEROMETER, COUNT, GYROSCOP
 from tinygc.features.unit.verification.questions import PLAUSIBLE, ask, todays_noise
 from tinygc.features.unit.verification.rows import LENGTH, Rows, rows_of
 from tinygc.features.unit.verification.verdict import BIAS, HOLDS, Options, Verification, verify_session
+from tinygc.fitting.compare import read_calibrated
 from tinygc.library.simulations import Simulated
 from tinygc.models.linear import LinearModel
 from tinygc.simulation.options import SimulatedUnit, SimulationOptions

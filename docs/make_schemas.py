@@ -31,7 +31,7 @@ PAGES = (
     *("verify", "watch", "history", "budget"),
 )
 #: of JSON that the tool writes
-RECORDS = ("tinygc.estimation.fitted_file:Fitted", "tinygc.features.noise.library:NoiseFile")
+RECORDS = ("tinygc.fitting.fitted_file:Fitted", "tinygc.features.noise.library:NoiseFile")
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 # Tables of keys.

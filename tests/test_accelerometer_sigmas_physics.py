@@ -27,7 +27,7 @@ from tinygc.estimation.accelerometer import (
     accelerometer_fit,
     triad_errors,
 )
-from tinygc.estimation.compare import SessionTriad, _compare_triads, into_frame_of
+from tinygc.fitting.compare import SessionTriad, _compare_triads, into_frame_of
 from tinygc.models.linear import BIAS, MATRIX
 
 BIAS_MPS2 = np.array([0.1, -0.2, 0.3])

@@ -40,7 +40,10 @@ from tinygc.estimation.between_sessions import (
     jump,
 )
 from tinygc.estimation.bias import BiasChoice, choose, closes_better, less_by_chance, levelled
-from tinygc.estimation.bias_of_day import (
+from tinygc.estimation.expected_zero import END_S, USUAL_PER_K, USUAL_SPREAD, drift_between, expected_zero, wander_variance
+from tinygc.estimation.options import FitOptions
+from tinygc.estimation.repeatability import BiasRepeatability, accelerometer_between, repeatability_of
+from tinygc.fitting.bias_of_day import (
     Origin,
     Rebiased,
     _bias_from_gravity,
@@ -55,9 +58,6 @@ from tinygc.estimation.bias_of_day import (
     rebias_to_json,
     remarks,
 )
-from tinygc.estimation.expected_zero import END_S, USUAL_PER_K, USUAL_SPREAD, drift_between, expected_zero, wander_variance
-from tinygc.estimation.options import FitOptions
-from tinygc.estimation.repeatability import BiasRepeatability, accelerometer_between, repeatability_of
 from tinygc.models.linear import BIAS, LinearModel
 
 

@@ -12,7 +12,7 @@ from scipy import stats
 
 import calibrate
 from session.base.errors import FormatError
-from tinygc.estimation.compare import agreement, compare, read_calibrated
+from tinygc.fitting.compare import agreement, compare, read_calibrated
 
 
 def test_two_sessions_are_judged_by_their_difference():

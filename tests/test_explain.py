@@ -15,12 +15,12 @@ from session.base.errors import DataError
 from session.base.units import DEG, G
 from session.log.siblings import others_beside, recordings_at
 from tinygc import SimulationOptions, explain, read_session
-from tinygc.estimation.fit import fit_session
 from tinygc.estimation.options import FitOptions
 from tinygc.explanation.checked import Outcome, check_on
 from tinygc.explanation.engine import explain_session
 from tinygc.explanation.physics import physics_methods
 from tinygc.explanation.result import to_json
+from tinygc.fitting.fit import fit_session
 from tinygc.reporting.checked_text import checked_page
 from tinygc.reporting.explanation_text import explanation_page
 from tinygc.reporting.html.sections.explanation import section

@@ -13,7 +13,7 @@ import tinygc
 from session.base.errors import FormatError
 from tinygc import CalibrationError, models
 from tinygc.effects import AppliedEffect, catalogue
-from tinygc.estimation.fit_file import read_fit
+from tinygc.fitting.fit_file import read_fit
 from tinygc.models.physics import PhysicsModel
 
 

@@ -12,8 +12,8 @@ from session.base.errors import FormatError
 from session.log.sensors.profile import CLOCK_WITHIN
 from tinygc import FitOptions, read_session
 from tinygc.estimation.assembly import CLOCK
-from tinygc.estimation.fit import fit_session
 from tinygc.features.unit.budget.quantities import sensor_error_budgets
+from tinygc.fitting.fit import fit_session
 
 TRUE_HZ, NOMINAL_HZ = 52.7, 50.0
 

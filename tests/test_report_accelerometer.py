@@ -11,9 +11,9 @@ from html_pages import parsed
 import tinygc
 from session.base.units import MG
 from tinygc.estimation.sources import coverage_factor, effective_freedom
-from tinygc.estimation.verdict import decide
 from tinygc.reporting.html.page import page
 from tinygc.reporting.html.sections import accelerometer
+from tinygc.verdict.acceptance import decide
 
 LEFT = ("nonorthogonality xy", "nonorthogonality yz")
 

@@ -11,8 +11,11 @@ from session.base.errors import FormatError
 from session.base.units import DEG
 from session.log.requirements import GROUPS, GUARDED, QUANTITIES, SIMPLE, Requirements, Rule, read_requirements
 from tinygc.estimation.choice import AgainstRaw
-from tinygc.estimation.compare import _frame_angle
-from tinygc.estimation.requirements import (
+from tinygc.estimation.sources import Source
+from tinygc.fitting.compare import _frame_angle
+from tinygc.models.linear import field_jacobian, field_quantities
+from tinygc.verdict.acceptance import JudgedFit, _against, _doubts, decide
+from tinygc.verdict.requirements import (
     Conformity,
     Measured,
     accelerometer_measured,
@@ -23,10 +26,7 @@ from tinygc.estimation.requirements import (
     run_measured,
     simply_accepted,
 )
-from tinygc.estimation.requirements import conformity as conformities
-from tinygc.estimation.sources import Source
-from tinygc.estimation.verdict import JudgedFit, _against, _doubts, decide
-from tinygc.models.linear import field_jacobian, field_quantities
+from tinygc.verdict.requirements import conformity as conformities
 
 INF = float("inf")
 BETWEEN = (-2.0, 3.0)

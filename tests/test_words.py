@@ -10,9 +10,9 @@ from processes import spoil
 from session import VERSION
 from session.base.console import PlainConsole
 from session.detect.findings import Finding
-from tinygc.estimation.model_tests import ModelTest
 from tinygc.reporting.fit_screen import next_line
 from tinygc.reporting.tables import findings_table, verdict_line
+from tinygc.verdict.model_tests import ModelTest
 
 
 def printed(renderable) -> list[str]:

@@ -28,7 +28,7 @@ POINTS = {
     "import of logs": "function(paths, out, answers, columns, more) -> Converted | None: makes another folder of logs; more: its options",
     "simulation": "function(args, options, chosen) -> exit code | None: simulates something else than a session",
     "options of a fit": "record of options: further fields of FitOptions, and options of the commands that fit",
-    "prior of a fit": "function(options, sensor) -> prior | None, a GivenPrior of tinygc/estimation/fit.py",
+    "prior of a fit": "function(options, sensor) -> prior | None, a GivenPrior of tinygc/fitting/fit.py",
     "figures of a rest": "function(relative) -> figures: of the noise, while a rest is recorded",
     "command for a rest": "the name of a command that takes a rest log",
     "machine of a recording": "module: what turns the table while ``record`` records",

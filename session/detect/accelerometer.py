@@ -132,7 +132,7 @@ WANDERS_MPS2 = 0.05 * MG
 # significant may still be there, and belongs into the sigmas of the nine.  Between six days of eight MPU-9150, nonorthogonalities differed
 # by 0.9 of their sigmas so, by 2.3 without.
 
-#: p-value at which a constant zero is rejected, as a fit is by its residuals (``tinygc/estimation/verdict.py``)
+#: p-value at which a constant zero is rejected, as a fit is by its residuals (``tinygc/verdict/acceptance.py``)
 DRIFT_P = 0.01
 DRIFTS = 3
 #: least F that has this p-value, of any number of stills: a third of chi-square's 11.34 with three degrees of freedom

@@ -1,7 +1,7 @@
 """Requirements: limits of quantities, and the rule by which a measured value meets them or not (docs/requirements.md).
 
 They stand in ``[requirements]`` of session.toml, or in a file of their own, ``tinygc-requirements/1``.  The rules are applied in
-``tinygc/estimation/requirements.py``.
+``tinygc/verdict/requirements.py``.
 """
 
 from __future__ import annotations

@@ -71,7 +71,7 @@ def model_of(path: Path) -> Path:
     """
     if not path.is_dir():
         return path
-    from tinygc.estimation.fit_file import read_fit  # heavy, and a model file needs nothing of it
+    from tinygc.fitting.fit_file import read_fit  # heavy, and a model file needs nothing of it
 
     fit = path / "fit"
     for only in (fit / name for name in ("model_array.json", "model_thermal.json", "model_turns.json")):

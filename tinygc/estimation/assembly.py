@@ -13,18 +13,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from session.base.errors import FitError
+from session.base.texts import command_line, significant
 from tinygc.closure.prior import PriorUse
 from tinygc.closure.problem import GYROSCOPE, Problem
 from tinygc.closure.uncertainty import GoodnessOfFit, covariance_parts, goodness
 from tinygc.estimation.options import FitOptions
 from tinygc.estimation.sources import Source, total
 from tinygc.estimation.stated_noise import StatedNoise, kind_of, rounding_covariance, shared_part, stated_goodness, stated_sources
-from tinygc.estimation.verdict import require_plausible
-from tinygc.models.linear import LinearModel
+from tinygc.models.linear import MATRIX, LinearModel
 
 MISFIT, ROUNDING, CLOCK = "misfit beyond the noise", "rounding of the registers", "clock"
 
@@ -101,3 +103,29 @@ def _embedded(source: Source, shape: tuple[int, ...]) -> Source:
     covariance = np.zeros(shape)
     covariance[GYROSCOPE, GYROSCOPE] = source.covariance
     return replace(source, covariance=covariance)
+
+
+# A calibration that no gyroscope can have, whatever its residuals.
+
+#: factor by which no gyroscope's sensitivity is off: data sheets allow 1 to 10 %, and the next usual mistake is a factor of 1.15 or 2
+GAIN_WITHIN = 1.25
+#: sigmas beyond that factor
+CLEARLY = 3.0
+
+
+def require_plausible(model: LinearModel, covariance: np.ndarray, folder: Path) -> None:
+    """Refuse a calibration whose E stretches or shrinks the rates along some direction as no gyroscope's errors do.
+
+    covariance (12, 12) of ``model.vector``: what the session hardly determines is not refused.  Raises FitError.
+    """
+    left, gains, right = np.linalg.svd(model.E)
+    for gain, u, v in zip(gains, left.T, right, strict=True):
+        slope = np.outer(u, v).ravel()  # of a singular value by the elements of E
+        sigma = float(np.sqrt(slope @ covariance[MATRIX, MATRIX] @ slope))
+        beyond = max(gain - GAIN_WITHIN, 1 / GAIN_WITHIN - gain)
+        if not beyond <= CLEARLY * sigma:
+            raise FitError(
+                f"{folder}: no gyroscope has this calibration: it multiplies rates about ({', '.join(f'{x:.2f}' for x in v)}) by "
+                f"{significant(gain)}, expected {1 / GAIN_WITHIN:g} to {GAIN_WITHIN:g}; rates or gravity are not what session.toml says: "
+                f"look at {command_line('check', folder)}"
+            )

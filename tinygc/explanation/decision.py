@@ -21,9 +21,7 @@ from tinygc.closure.uncertainty import MISMATCH_P
 from tinygc.effects import Effect, catalogue
 from tinygc.estimation.bias import SAME, choose, tilt_rms
 from tinygc.estimation.options import FitOptions, MethodFit
-from tinygc.estimation.results import FitResult
 from tinygc.estimation.stated_noise import stated_response
-from tinygc.estimation.verdict import NEAR_FLOOR
 from tinygc.explanation.claims import Claim
 from tinygc.explanation.evidence import FAMILY_WISE, Evidence, Hypothesis, left_of, orthonormal
 from tinygc.explanation.families import SLOW_ZERO
@@ -41,12 +39,14 @@ from tinygc.explanation.search import (
     unknown_candidates,
 )
 from tinygc.explanation.standing import Standing, standing_of
+from tinygc.fitting.results import FitResult
 from tinygc.models.linear import LinearModel
 from tinygc.noise.candidates import candidates, scanned
 from tinygc.noise.components import MOST_FACTOR, STILL_RATE, TURN, UNDERSAMPLED, SessionNoise
 from tinygc.noise.refit import Refit, Replay, at_known_shapes, prior_sigmas, refit
 from tinygc.noise.twin import FIRST_CLAIM, LINEAR, State, Twin, claim_slice
 from tinygc.noise.whitening import OPEN_MPS2, TOGETHER, Whitener
+from tinygc.verdict.acceptance import NEAR_FLOOR
 
 # Prove: closure on held-out segments, before, after, and the floor.
 

@@ -13,16 +13,14 @@ from session.detect.findings import Finding, as_arguments
 from session.log.folder import Session
 from tinygc.closure.prepared import Prepared, prepare
 from tinygc.closure.problem import Problem, weighed_down
-from tinygc.estimation.fit import fit_session
-from tinygc.estimation.model_tests import NOISE, ModelTest, contradictions, least_p
 from tinygc.estimation.options import FitOptions
-from tinygc.estimation.results import FitResult
-from tinygc.estimation.verdict import Acceptance
 from tinygc.explanation.claims import DIFFERS, VERDICTS, Claim, Considered, considered_of, named_claims, offset_claim, repair_claims
 from tinygc.explanation.data_repair import RepairedProblem, repair
 from tinygc.explanation.decision import FitClosure, Naming, Proof, Prover, decide, leaves_more
 from tinygc.explanation.evidence import FAMILY_WISE
 from tinygc.explanation.search import detection_limits
+from tinygc.fitting.fit import fit_session
+from tinygc.fitting.results import FitResult
 from tinygc.noise.channels import WithinStills, channel_p_values, in_gauge, own_p_values, within_stills
 from tinygc.noise.components import STILL_RATE, TURN, UNDERSAMPLED, SessionNoise
 from tinygc.noise.measured import measured_noise
@@ -30,6 +28,8 @@ from tinygc.noise.refit import Refit, Replay, over_shapes, refit
 from tinygc.noise.turn_gravity import TurnGravity, turn_gravity
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import Whitener
+from tinygc.verdict.acceptance import Acceptance
+from tinygc.verdict.model_tests import NOISE, ModelTest, contradictions, least_p
 
 
 @dataclass(eq=False)

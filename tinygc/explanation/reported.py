@@ -23,19 +23,17 @@ from tinygc.closure.problem import Problem, conditions
 from tinygc.closure.runs import ClosureRun
 from tinygc.effects import AppliedEffect, catalogue
 from tinygc.estimation.bias import tilt_rms
-from tinygc.estimation.fit import fit_session, prepared_for
 from tinygc.estimation.options import FitOptions
 from tinygc.estimation.physics import covariance_at_end, errors_with_physics, loss_words, model_at, rate_covariance, rows_of_rates
-from tinygc.estimation.requirements import field_measured, known_sources
-from tinygc.estimation.results import AT_END, FitResult
 from tinygc.estimation.sources import Source, coverage_factor, freedom_of
 from tinygc.estimation.systematic import Systematic
-from tinygc.estimation.verdict import Acceptance, JudgedFit, run_p_values
 from tinygc.explanation.claims import LEFT
 from tinygc.explanation.engine import Explanation, explain_session
 from tinygc.explanation.physics import lost_in, physics_methods
 from tinygc.explanation.truth_engine import explain_truth
 from tinygc.explanation.truth_evidence import TruthExplanation
+from tinygc.fitting.fit import fit_session, prepared_for
+from tinygc.fitting.results import AT_END, FitResult
 from tinygc.models.linear import COVERAGE_FACTOR, PARAMETERS, LinearModel, Quantity, field_quantities
 from tinygc.models.model import accelerometer_table, sensor_table
 from tinygc.models.physics import PhysicsModel
@@ -45,6 +43,8 @@ from tinygc.noise.refit import refit
 from tinygc.noise.stillness import stillness
 from tinygc.noise.twin import State, Twin
 from tinygc.noise.whitening import Whitener
+from tinygc.verdict.acceptance import Acceptance, JudgedFit, run_p_values
+from tinygc.verdict.requirements import field_measured, known_sources
 
 # Effects beyond the linear model, measured in every report: g-sensitivity and scale-factor asymmetry, each with its uncertainty.
 #

@@ -13,8 +13,8 @@ import numpy as np
 from session.base.errors import CalibrationError
 from session.log.folder import Session
 from tinygc.deploy.calibration import Calibration
-from tinygc.estimation.bias_of_day import Rebiased, rebias_session, rebias_to_json, rebiased_table, save_rebiased
 from tinygc.estimation.choice import ClosureFigures, closure_figures
+from tinygc.fitting.bias_of_day import Rebiased, rebias_session, rebias_to_json, rebiased_table, save_rebiased
 from tinygc.library.applied import stored_model
 from tinygc.library.arguments import Progress, nothing, public, session_or_folder
 from tinygc.library.records import Estimate, Named, Shown

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from session.base.errors import CalibrationError
-from tinygc.estimation.compare import DIFFERS_P, Comparison, Moved, calibrated_of, read_calibrated
-from tinygc.estimation.compare import compare as compare_calibrated
-from tinygc.estimation.compare import to_json as comparison_to_json
+from tinygc.fitting.compare import DIFFERS_P, Comparison, Moved, calibrated_of, read_calibrated
+from tinygc.fitting.compare import compare as compare_calibrated
+from tinygc.fitting.compare import to_json as comparison_to_json
 from tinygc.library.arguments import is_fit, is_path, public
 from tinygc.library.records import Listed, Shown
 from tinygc.reporting.comparison_text import comparison_page, comparison_verdict_line

@@ -16,11 +16,10 @@ from session.log.config import Config, read_config
 from session.log.folder import Session
 from tinygc.estimation.accelerometer import AccelerometerFit
 from tinygc.estimation.choice import ClosureFigures, closure_figures, run_figures
-from tinygc.estimation.fit import fit_session
-from tinygc.estimation.fit_file import model_tables, save_models, to_json
 from tinygc.estimation.options import FitOptions
-from tinygc.estimation.results import FitResult
-from tinygc.estimation.verdict import Acceptance
+from tinygc.fitting.fit import fit_session
+from tinygc.fitting.fit_file import model_tables, save_models, to_json
+from tinygc.fitting.results import FitResult
 from tinygc.library.arguments import Progress, chosen, nothing, public, session_or_folder
 from tinygc.library.records import Estimate, Named, Shown, accelerometer_estimates
 from tinygc.models.linear import NAMES
@@ -28,6 +27,7 @@ from tinygc.noise.figures import NoiseFigures
 from tinygc.reporting.fit_screen import verdict_text
 from tinygc.reporting.fit_text import fit_report, sensor_errors
 from tinygc.reporting.terminal import Group
+from tinygc.verdict.acceptance import Acceptance
 
 if TYPE_CHECKING:
     from tinygc.deploy.calibration import Calibration

@@ -12,7 +12,7 @@ from session.log.sensors.profile import Profile
 from tinygc.library.arguments import public
 
 if TYPE_CHECKING:
-    from tinygc.estimation.listing import ListedSession
+    from tinygc.fitting.listing import ListedSession
 
 
 @public()
@@ -80,6 +80,6 @@ def list_sessions(folder: Path | str = ".") -> list[ListedSession]:
     """
     if not Path(folder).is_dir():
         raise CalibrationError(f"{folder}: no folder; give one with session folders in it")
-    from tinygc.estimation.listing import list_sessions as listed  # which reads results of fits
+    from tinygc.fitting.listing import list_sessions as listed  # which reads results of fits
 
     return listed(Path(folder))

@@ -18,17 +18,17 @@ from session.log.folder import Session
 from tinygc.deploy import FORMATS, NOISE_FORMATS, ExportError, exports, format_named
 from tinygc.deploy.exports._context import ONLY, Context, NoiseSource, read_context
 from tinygc.estimation.options import FitOptions
-from tinygc.estimation.verdict import Acceptance
 from tinygc.library.arguments import Progress, chosen, is_fit, public, session_or_folder
 from tinygc.library.records import Shown
 from tinygc.models.files import is_array_model
 from tinygc.models.model import Model
 from tinygc.noise.figures import NoiseFigures
 from tinygc.reporting.terminal import Group, one_line
+from tinygc.verdict.acceptance import Acceptance
 
 if TYPE_CHECKING:
-    from tinygc.estimation.results import FitResult
     from tinygc.explanation.reported import ReportData
+    from tinygc.fitting.results import FitResult
 
 # The report: one HTML file.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tinygc.estimation.compare import DIFFERS_P, DIGITS, MODES, Agreement, Comparison
+from tinygc.fitting.compare import DIFFERS_P, DIGITS, MODES, Agreement, Comparison
 from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_line
 
 #: a change of at least so many sigmas is marked

@@ -15,11 +15,11 @@ from session.base.texts import command_line
 from session.base.units import DEG
 from session.detect.stamp_errors import STAMPS
 from tinygc.estimation.choice import RAW, closure_figures, run_figures
-from tinygc.estimation.model_tests import contradictions
-from tinygc.estimation.results import FitResult
-from tinygc.estimation.verdict import Acceptance
+from tinygc.fitting.results import FitResult
 from tinygc.reporting.fit_text import TITLES, linear_of, parameters_table
 from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_line
+from tinygc.verdict.acceptance import Acceptance
+from tinygc.verdict.model_tests import contradictions
 
 #: columns of the screen
 COLUMNS = 80

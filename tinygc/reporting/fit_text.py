@@ -13,18 +13,18 @@ from session.detect.accelerometer import LengthFit
 from session.detect.check_references import frame_text, mounting_text, offset_text
 from tinygc.estimation.accelerometer import AccelerometerFit, drift_json
 from tinygc.estimation.choice import closure_figures, run_figures
-from tinygc.estimation.compare import DIGITS
 from tinygc.estimation.expected_zero import USUAL_SPREAD
-from tinygc.estimation.fit_file import known_turns_words
-from tinygc.estimation.model_tests import NOISE, contradictions, gravity_test
 from tinygc.estimation.options import METHODS, MethodFit
-from tinygc.estimation.results import FitResult
+from tinygc.fitting.compare import DIGITS
+from tinygc.fitting.fit_file import known_turns_words
+from tinygc.fitting.results import FitResult
 from tinygc.models.linear import BIAS, NAMES, PARAMETERS, LinearModel, Quantity, field_quantities
 from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_line, plain_table
+from tinygc.verdict.model_tests import NOISE, contradictions, gravity_test
 
 if TYPE_CHECKING:
-    from tinygc.estimation.bias_of_day import Rebiased
     from tinygc.estimation.physics import PhysicsFit
+    from tinygc.fitting.bias_of_day import Rebiased
 
 
 # An accelerometer's calibration as a table in the terminal.
@@ -351,7 +351,7 @@ def _cell(quantity: Quantity, digits: int) -> str:
 
 def rebias_report(result: Rebiased) -> Group:
     """Table of a bias of the day: change of B and closure, by the source of the bias."""
-    from tinygc.estimation.bias_of_day import remarks
+    from tinygc.fitting.bias_of_day import remarks
 
     titles = {"stored": "stored bias", "start": "bias start", "gravity": "bias gravity", "given": "bias given"}
     table = Table(title=f"{result.path.name} in {result.problem.session.name}", title_justify="left", title_style="bold", box=None)

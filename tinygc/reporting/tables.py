@@ -14,8 +14,8 @@ from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_li
 
 if TYPE_CHECKING:
     from session.detect.repair import Repaired
-    from tinygc.estimation.before_after import RecordingClosure
-    from tinygc.estimation.listing import ListedSession
+    from tinygc.fitting.before_after import RecordingClosure
+    from tinygc.fitting.listing import ListedSession
 
 # The first look in the terminal: the verdict, then what is not ok, the worst first, then the next step.
 

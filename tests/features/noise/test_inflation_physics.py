@@ -14,8 +14,6 @@ from session.base.records import table_of
 from session.base.units import DEG, DEG_PER_HOUR
 from session.log.folder import read_session
 from tinygc import closure
-from tinygc.estimation.fit import fit_session
-from tinygc.estimation.fit_file import save_models
 from tinygc.estimation.options import FitOptions
 from tinygc.features.noise.inflation import (
     _MISALIGNMENT,
@@ -31,6 +29,8 @@ from tinygc.features.noise.inflation import (
     one_way,
     walk_density,
 )
+from tinygc.fitting.fit import fit_session
+from tinygc.fitting.fit_file import save_models
 from tinygc.models.linear import LinearModel
 from tinygc.noise.figures import FILE, AxisNoise, Inflation, SensorNoise, Term
 from tinygc.simulation.options import SimulationOptions

@@ -19,7 +19,6 @@ from tinygc.closure.floor import BiasInstability, wander_covariance
 from tinygc.effects import AppliedEffect, Conditions, effect_of
 from tinygc.estimation.accelerometer import JOINT_NAMES
 from tinygc.estimation.accelerometer import USUAL_SPREAD as USUAL_ACCELEROMETER
-from tinygc.estimation.compare import Calibrated, SessionTriad
 from tinygc.estimation.expected_zero import USUAL_PER_K, USUAL_SPREAD
 from tinygc.estimation.systematic import PRIOR_ODDS
 from tinygc.features.unit.verification import causes, verdict
@@ -46,6 +45,7 @@ from tinygc.features.unit.verification.questions import (
 )
 from tinygc.features.unit.verification.rows import CLOSURE, LENGTH, STILL, Rows
 from tinygc.features.unit.verification.verdict import FAILS, HOLDS, UNDECIDED, Options
+from tinygc.fitting.compare import Calibrated, SessionTriad
 from tinygc.models.linear import MATRIX, LinearModel
 from tinygc.models.model import accelerometer_table
 from tinygc.models.physics import PhysicsModel

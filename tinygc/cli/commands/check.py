@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
 def _repair(args: argparse.Namespace) -> int:
     """Write the corrected copy of a session, and show what it closes to before and after."""
     from session.detect.repair import repair
-    from tinygc.estimation.before_after import closure_of
+    from tinygc.fitting.before_after import closure_of
     from tinygc.reporting.tables import repair_report, verdict_line
 
     done = repair(args.folder, args.repair, args.cause)

@@ -21,7 +21,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Compare sessions of one sensor."""
-    from tinygc.estimation.compare import DIFFERS_P
+    from tinygc.fitting.compare import DIFFERS_P
     from tinygc.library.comparisons import compare
 
     found = compare(args.folders, bias=args.bias)

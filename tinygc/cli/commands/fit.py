@@ -126,7 +126,7 @@ def _rebias(args: Options) -> Done:
             f"{', '.join(idle)}: of no use with --model and --bias, which fit nothing and take only the bias anew; "
             f"leave {'it' if len(idle) == 1 else 'them'} out"
         )
-    from tinygc.estimation.bias_of_day import MODEL
+    from tinygc.fitting.bias_of_day import MODEL
     from tinygc.library.biases import rebias
     from tinygc.reporting.terminal import progress_bar
 
@@ -152,7 +152,7 @@ def _rebias(args: Options) -> Done:
 
 def _above(table: dict, limit_deg: float) -> list[str]:
     """Return the figures of a fit above ``--limit``: the best held-out tilt, and each closure run's best RMSE."""
-    from tinygc.estimation.requirements import simply_accepted
+    from tinygc.verdict.requirements import simply_accepted
 
     tilts = {name: method["holdout"]["tilt_rms_deg"] for name, method in table["methods"].items()}
     figures = [("the best held-out tilt", tilts)]

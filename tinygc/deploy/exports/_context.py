@@ -23,12 +23,12 @@ from session.log.logfile import read_log
 from tinygc import models
 from tinygc.deploy import ExportError
 from tinygc.deploy.calibration import effects_of_session_time
-from tinygc.estimation import bias_of_day
 from tinygc.estimation.accelerometer import USUAL_SPREAD, AccelerometerFit, AnySession
 from tinygc.estimation.choice import worse_in_table
-from tinygc.estimation.fit_file import model_tables, read_judged, to_json
 from tinygc.estimation.repeatability import BiasRepeatability
-from tinygc.estimation.results import AT_END, FitResult
+from tinygc.fitting import bias_of_day
+from tinygc.fitting.fit_file import model_tables, read_judged, to_json
+from tinygc.fitting.results import AT_END, FitResult
 from tinygc.models.model import Model, accelerometer_of
 from tinygc.noise import figures
 from tinygc.noise.figures import Inflation, NoiseFigures

@@ -23,8 +23,8 @@ from session.log.folder import file_key, sha256_of
 from tinygc.closure.prepared import ACCELEROMETERS, AUTO
 from tinygc.estimation.choice import closure_figures, run_figures
 from tinygc.estimation.options import FitOptions
-from tinygc.estimation.results import FitResult
 from tinygc.features.fleet.lot import NAMES
+from tinygc.fitting.results import FitResult
 from tinygc.models import linear
 from tinygc.noise.figures import FILE as NOISE
 

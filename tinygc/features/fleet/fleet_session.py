@@ -20,12 +20,12 @@ from session.log.config import Config, read_config
 from session.log.folder import Session, read_session
 from tinygc.closure.prepared import Prepared, first_look_at_fit
 from tinygc.effects import using
-from tinygc.estimation.fit import fit_session, prepared_for
-from tinygc.estimation.results import FitResult
 from tinygc.estimation.session_times import date_of
 from tinygc.explanation.engine import explain_session
 from tinygc.explanation.truth_engine import explain_truth
 from tinygc.features.fleet.fleet_row import DONE, FAILED, FleetOptions, Row, cell_of, effects_hash, empty, fitted, key_of, number, told_by
+from tinygc.fitting.fit import fit_session, prepared_for
+from tinygc.fitting.results import FitResult
 
 #: length limits of an error message, and of the findings in a row: a hundred thousand of them are stored
 MOST_ERROR, MOST_FINDINGS = 500, 20

@@ -14,11 +14,11 @@ import numpy as np
 
 from session.base.errors import CalibrationError
 from session.base.texts import printable
-from tinygc.estimation.requirements import simply_accepted
 from tinygc.features.fleet.fleet_row import COLUMNS, DONE, VALUES, told_by, unpacked
 from tinygc.features.fleet.fleet_table import COUNTED, EACH, Table, not_as_written, read_table
 from tinygc.features.fleet.lot import UnitResult
 from tinygc.features.fleet.report import LotReport, lot_of
+from tinygc.verdict.requirements import simply_accepted
 
 # Rows of a fleet's table as a lot's records, and as CSV.
 

@@ -48,10 +48,10 @@ from session.base.records import table_of
 from session.base.results import write_whole
 from session.base.units import DEG
 from tinygc import closure
-from tinygc.estimation.fit import fit_session
-from tinygc.estimation.fit_file import read_fit
 from tinygc.estimation.options import FitOptions
-from tinygc.estimation.results import FitResult
+from tinygc.fitting.fit import fit_session
+from tinygc.fitting.fit_file import read_fit
+from tinygc.fitting.results import FitResult
 from tinygc.models import linear
 from tinygc.models.linear import LinearModel
 from tinygc.noise.components import TURN, UNDERSAMPLED, WANDER, SessionNoise

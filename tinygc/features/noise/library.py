@@ -128,8 +128,8 @@ def noise_of(inputs: Sequence[Input], answers: Answers, columns: Sequence[str], 
         remarks.append(f"No inflation: it is to N at rest, and the terms do not describe gyroscope {axes}.")
         folders = []
     if folders:  # what fits is loaded where there is a fit
-        from tinygc.estimation.fit_file import read_fit
         from tinygc.features.noise.inflation import inflations_of_folder
+        from tinygc.fitting.fit_file import read_fit
     for number, folder in enumerate(folders):
         progress("what filters need", number, len(folders))
         try:

@@ -14,12 +14,12 @@ from session.base.solving import inverse
 from session.log.config import Accelerometer
 from session.log.folder import Session
 from session.log.logfile import Log
-from tinygc.estimation.compare import SessionTriad, into_frame_of
-from tinygc.estimation.fit import fit_session
 from tinygc.estimation.options import FitOptions
 from tinygc.features.temperature.axis_fit import AxisFit
 from tinygc.features.temperature.model import ThermalModel
 from tinygc.features.temperature.rest_fit import RestFit
+from tinygc.fitting.compare import SessionTriad, into_frame_of
+from tinygc.fitting.fit import fit_session
 from tinygc.models.linear import BIAS, MATRIX, LinearModel
 
 # Parameters of a model over temperature in one vector: E's terms, the zero's, the lags.

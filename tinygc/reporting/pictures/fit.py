@@ -11,7 +11,7 @@ from session.base.units import DEG
 from tinygc.closure.residual import closure_angles
 from tinygc.estimation.bias import tilt_rms
 from tinygc.estimation.options import METHODS
-from tinygc.estimation.results import FitResult
+from tinygc.fitting.results import FitResult
 from tinygc.models.linear import Quantity, bias_only
 from tinygc.reporting.pictures.canvas import AFTER, BEFORE, FLOOR, canvas
 

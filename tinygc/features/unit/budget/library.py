@@ -13,9 +13,7 @@ from session.base.files import result_folder
 from session.base.results import write_text_whole, write_whole
 from session.base.texts import printable
 from session.log.folder import Session
-from tinygc.estimation.fit import fit_session
 from tinygc.estimation.options import FitOptions
-from tinygc.estimation.results import FitResult
 from tinygc.features.unit.budget.monte_carlo import MonteCarlo, monte_carlo
 from tinygc.features.unit.budget.page import page
 from tinygc.features.unit.budget.quantities import accelerometer_budgets, named, parameter_budgets, sensor_error_budgets, use_budgets
@@ -23,6 +21,8 @@ from tinygc.features.unit.budget.rows import Budget
 from tinygc.features.unit.budget.text import drawn_page, overview, whole
 from tinygc.features.unit.budget.use import TOTAL
 from tinygc.features.unit.budget.use import Use as Use
+from tinygc.fitting.fit import fit_session
+from tinygc.fitting.results import FitResult
 from tinygc.library.arguments import Progress, chosen, is_fit, nothing, public, session_or_folder
 from tinygc.library.records import Shown
 from tinygc.reporting.terminal import Group, RenderableType

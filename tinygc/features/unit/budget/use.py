@@ -26,9 +26,9 @@ from tinygc.closure.floor import GYRO_NOISE
 from tinygc.closure.motion import MINUTE_S, Motion, at_rest, motion_of
 from tinygc.closure.uncertainty import BIAS_DRIFT
 from tinygc.estimation.expected_zero import drift_between, expected_zero
-from tinygc.estimation.results import FitResult
 from tinygc.estimation.sources import Source, freedom_of
 from tinygc.estimation.stated_noise import COMPONENTS, kind_of
+from tinygc.fitting.results import FitResult
 from tinygc.library.logs import read_log
 from tinygc.models.linear import BIAS, LinearModel
 from tinygc.noise.components import WANDER

@@ -26,7 +26,11 @@ from session.log.certificate import TRACED, CertificateGiven, Equipment, out_of_
 from session.log.config import Config
 from session.log.lines import GZIP
 from session.log.requirements import Rule
-from tinygc.estimation.requirements import (
+from tinygc.estimation.sources import Source
+from tinygc.explanation.reported import LINEAR, ReportData
+from tinygc.models.linear import BIAS, PARAMETERS, LinearModel, Quantity
+from tinygc.reporting.html.sections.front import SOURCES, recorded
+from tinygc.verdict.requirements import (
     Conformity,
     Measured,
     accelerometer_measured,
@@ -36,10 +40,6 @@ from tinygc.estimation.requirements import (
     rule_words,
     run_measured,
 )
-from tinygc.estimation.sources import Source
-from tinygc.explanation.reported import LINEAR, ReportData
-from tinygc.models.linear import BIAS, PARAMETERS, LinearModel, Quantity
-from tinygc.reporting.html.sections.front import SOURCES, recorded
 
 NOT_STATED = "not stated"
 #: what U holds beside the fit's own sources

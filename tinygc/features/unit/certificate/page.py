@@ -8,9 +8,9 @@ import numpy as np
 
 from session.base.texts import fixed, significant
 from session.log.requirements import ATTITUDE
-from tinygc.estimation.requirements import Conformity, Measured, share_words
 from tinygc.features.unit.certificate.content import Content, ResultRow
 from tinygc.reporting.html.markup import decimals_for, render_own
+from tinygc.verdict.requirements import Conformity, Measured, share_words
 
 TITLE, DRAFT = "Calibration certificate", "Draft of a calibration certificate"
 

@@ -20,9 +20,9 @@ from session.log.config import Config
 from session.log.logfile import read_log
 from session.log.reader import Reader
 from tinygc.estimation.accelerometer import SMALL, triad_errors
-from tinygc.estimation.compare import Calibrated, into_frame_of, read_calibrated, refuse_same, without_shared
-from tinygc.estimation.listing import folders_of
 from tinygc.estimation.session_times import Moment, moment_of, parsed
+from tinygc.fitting.compare import Calibrated, into_frame_of, read_calibrated, refuse_same, without_shared
+from tinygc.fitting.listing import folders_of
 from tinygc.library.arguments import Progress
 from tinygc.models.linear import BIAS, NAMES, WORDS, field_jacobian, field_quantities, field_vector
 

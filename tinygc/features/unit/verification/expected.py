@@ -22,7 +22,6 @@ from session.base.units import DEG, G
 from tinygc.estimation.accelerometer import JOINT_NAMES
 from tinygc.estimation.accelerometer import USUAL_SPREAD as USUAL_ACCELEROMETER
 from tinygc.estimation.between_sessions import course
-from tinygc.estimation.compare import SessionTriad, into_frame_of, read_calibrated
 from tinygc.estimation.expected_zero import (
     USUAL_ACCEL_PER_K,
     USUAL_PER_K,
@@ -34,6 +33,7 @@ from tinygc.estimation.repeatability import taken_out
 from tinygc.estimation.session_times import moment_of, times_of
 from tinygc.features.unit.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, OldCalibration
 from tinygc.features.unit.verification.rows import LENGTH, Rows
+from tinygc.fitting.compare import SessionTriad, into_frame_of, read_calibrated
 from tinygc.models.linear import BIAS
 from tinygc.noise.figures import NoiseFigures
 from tinygc.noise.whitening import PRECALIBRATION_MPS2

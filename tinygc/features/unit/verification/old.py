@@ -20,7 +20,7 @@ from session.log.folder import Session, hash_of_log
 from tinygc import models
 from tinygc.closure.joint import GIVEN_SIGMA_MG
 from tinygc.estimation.accelerometer import JOINT_NAMES
-from tinygc.estimation.fit_file import read_fit
+from tinygc.fitting.fit_file import read_fit
 from tinygc.models.files import is_array_model
 from tinygc.models.linear import BIAS, MATRIX, PARAMETERS, LinearModel
 from tinygc.models.model import Model, accelerometer_of

@@ -23,8 +23,8 @@ from tinygc import models
 from tinygc.closure.floor import BiasInstability, wander_covariance
 from tinygc.estimation.accelerometer import USUAL_SPREAD
 from tinygc.estimation.expected_zero import END_S, USUAL_ACCEL_PER_K, USUAL_PER_K, expected_zero, wander_variance
-from tinygc.estimation.fit_file import read_fit
 from tinygc.estimation.repeatability import BiasRepeatability
+from tinygc.fitting.fit_file import read_fit
 from tinygc.models.linear import BIAS, PARAMETERS
 from tinygc.models.model import Model
 from tinygc.noise.figures import FILE, NoiseFigures, read_figures

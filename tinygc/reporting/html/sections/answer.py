@@ -6,11 +6,11 @@ from session.base.numeric import rms_of
 from session.base.texts import degrees
 from session.base.units import DEG
 from tinygc.estimation.bias import tilt_rms
-from tinygc.estimation.verdict import NEAR_FLOOR, agrees
 from tinygc.explanation.reported import ReportData
 from tinygc.reporting.html.chart import drawing, log_axis
 from tinygc.reporting.html.markup import Section, render
 from tinygc.reporting.html.sections.accelerometer import misses_of, spread_text
+from tinygc.verdict.acceptance import NEAR_FLOOR, agrees
 
 
 def section(evidence: ReportData) -> Section:

@@ -9,11 +9,11 @@ from session.base.texts import degrees, significant
 from session.base.units import DEG
 from tinygc.closure.residual import closure_angles
 from tinygc.estimation.bias import tilt_rms
-from tinygc.estimation.verdict import NEAR_FLOOR, agrees
 from tinygc.explanation.reported import ReportData
 from tinygc.models.linear import bias_only
 from tinygc.reporting.html.chart import Axis, Chart, drawing, log_axis
 from tinygc.reporting.html.markup import Section, render
+from tinygc.verdict.acceptance import NEAR_FLOOR, agrees
 
 #: share of errors in two directions that lie within one, two, three sigmas
 RINGS = ((1, "39 %"), (2, "86 %"), (3, "99 %"))

@@ -19,7 +19,6 @@ from tinygc.closure.prior import GaussianPrior, PriorOf, PriorUse
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import closure_angles
 from tinygc.closure.runs import read_closure_runs
-from tinygc.estimation import fitted_file
 from tinygc.estimation.accelerometer import USUAL_SPREAD, AnySession
 from tinygc.estimation.assembly import stated_uncertainty
 from tinygc.estimation.bias import BiasChoice, choose, levelled
@@ -27,9 +26,10 @@ from tinygc.estimation.choice import RAW, against_raw
 from tinygc.estimation.held_out import run_method
 from tinygc.estimation.options import CHOSEN, NETS, FitOptions, MethodFit, device
 from tinygc.estimation.repeatability import BiasRepeatability, accelerometer_between, repeatability_of
-from tinygc.estimation.results import FitResult
 from tinygc.estimation.stated_noise import StatedNoise, stated_noise
 from tinygc.estimation.systematic import systematic_of
+from tinygc.fitting import fitted_file
+from tinygc.fitting.results import FitResult
 from tinygc.models.linear import LinearModel
 from tinygc.noise.measured import measured_noise
 

@@ -16,8 +16,8 @@ from session.base.names import array_folders, array_size, log_paths, unit_of
 from session.base.results import Keys, Text, read_required
 from session.base.texts import printable
 from session.log.config import read_config
-from tinygc.estimation.fit_file import read_fit
 from tinygc.estimation.session_times import date_of
+from tinygc.fitting.fit_file import read_fit
 
 #: folders below the one that is listed: data/2026/session1
 DEEPEST = 3

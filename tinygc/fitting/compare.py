@@ -19,9 +19,9 @@ from session.log.folder import hash_of_log, sha256_of
 from tinygc import models
 from tinygc.closure.uncertainty import chi_square_above, normal_above
 from tinygc.estimation.accelerometer import USUAL_SPREAD, AccelerometerFit
-from tinygc.estimation.fit_file import model_tables, read_fit
-from tinygc.estimation.fit_file import to_json as fit_to_json
-from tinygc.estimation.results import FitResult
+from tinygc.fitting.fit_file import model_tables, read_fit
+from tinygc.fitting.fit_file import to_json as fit_to_json
+from tinygc.fitting.results import FitResult
 from tinygc.models.linear import BIAS, MATRIX, NAMES, WORDS, LinearModel, field_jacobian, field_vector
 from tinygc.models.linear import PARAMETERS as GYROSCOPE_PARAMETERS
 from tinygc.models.model import Model, accelerometer_of, certain

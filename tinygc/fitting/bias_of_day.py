@@ -29,7 +29,7 @@ from tinygc.closure.residual import closure_angles
 from tinygc.closure.runs import ClosureRun, read_closure_runs
 from tinygc.closure.stills import StillSet
 from tinygc.estimation.choice import closure_figures, run_figures
-from tinygc.estimation.fit_file import SCHEMA
+from tinygc.fitting.fit_file import SCHEMA
 from tinygc.models.denoiser import DenoisedNet
 from tinygc.models.model import Model
 

@@ -28,8 +28,8 @@ from tinygc.models.model import accelerometer_table, sensor_table
 if TYPE_CHECKING:
     pass
 
-from tinygc.estimation.fitted_file import SAVED_NAME, inputs_of, made_from
-from tinygc.estimation.results import AT_END, PHYSICS, FitResult
+from tinygc.fitting.fitted_file import SAVED_NAME, inputs_of, made_from
+from tinygc.fitting.results import AT_END, PHYSICS, FitResult
 
 SCHEMA = "tinygc-fit/2"
 

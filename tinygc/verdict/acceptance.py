@@ -16,13 +16,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 
-from session.base.errors import FitError
 from session.base.numeric import rms_of, sigmas_in
-from session.base.texts import command_line, degrees, probability, significant
+from session.base.texts import degrees, probability, significant
 from session.base.units import DEG
 from session.detect.accelerometer import PARAMETERS as ACCELEROMETER_PARAMETERS
 from session.detect.check_stills import ENOUGH_SEGMENTS
@@ -34,11 +32,14 @@ from tinygc.estimation.accelerometer import AccelerometerFit
 from tinygc.estimation.bias import tilt_rms
 from tinygc.estimation.choice import AgainstRaw
 from tinygc.estimation.expected_zero import drift_between
-from tinygc.estimation.model_tests import RUN, TURNS, ModelTest, contradictions
 from tinygc.estimation.options import METHODS
-from tinygc.estimation.promise import Promise
 from tinygc.estimation.repeatability import BiasRepeatability
-from tinygc.estimation.requirements import (
+from tinygc.estimation.sources import Source
+from tinygc.estimation.systematic import Systematic
+from tinygc.models.linear import BIAS, PARAMETERS
+from tinygc.verdict.model_tests import RUN, TURNS, ModelTest, contradictions
+from tinygc.verdict.promise import Promise
+from tinygc.verdict.requirements import (
     Conformity,
     Measured,
     accelerometer_measured,
@@ -50,9 +51,6 @@ from tinygc.estimation.requirements import (
     rule_words,
     run_measured,
 )
-from tinygc.estimation.sources import Source
-from tinygc.estimation.systematic import Systematic
-from tinygc.models.linear import BIAS, MATRIX, PARAMETERS, LinearModel
 
 #: above this ratio to its floor, held-out closure is not noise, whatever the residuals of the fit
 NEAR_FLOOR = 2.0
@@ -349,32 +347,6 @@ def too_wide(tilt_rms_rad: float, limit_deg: float | None, raw: AgainstRaw) -> l
         return []
     than = "what the raw rates leave" if limit_deg is None else "the limit"
     return [f"one effect that the model lacks may have moved E and B by {degrees(tilt_rms_rad)} of a turn, more than {than}"]
-
-
-# A calibration that no gyroscope can have, whatever its residuals.
-
-#: factor by which no gyroscope's sensitivity is off: data sheets allow 1 to 10 %, and the next usual mistake is a factor of 1.15 or 2
-GAIN_WITHIN = 1.25
-#: sigmas beyond that factor
-CLEARLY = 3.0
-
-
-def require_plausible(model: LinearModel, covariance: np.ndarray, folder: Path) -> None:
-    """Refuse a calibration whose E stretches or shrinks the rates along some direction as no gyroscope's errors do.
-
-    covariance (12, 12) of ``model.vector``: what the session hardly determines is not refused.  Raises FitError.
-    """
-    left, gains, right = np.linalg.svd(model.E)
-    for gain, u, v in zip(gains, left.T, right, strict=True):
-        slope = np.outer(u, v).ravel()  # of a singular value by the elements of E
-        sigma = float(np.sqrt(slope @ covariance[MATRIX, MATRIX] @ slope))
-        beyond = max(gain - GAIN_WITHIN, 1 / GAIN_WITHIN - gain)
-        if not beyond <= CLEARLY * sigma:
-            raise FitError(
-                f"{folder}: no gyroscope has this calibration: it multiplies rates about ({', '.join(f'{x:.2f}' for x in v)}) by "
-                f"{significant(gain)}, expected {1 / GAIN_WITHIN:g} to {GAIN_WITHIN:g}; rates or gravity are not what session.toml says: "
-                f"look at {command_line('check', folder)}"
-            )
 
 
 # Closure runs against everything that is known to be uncertain in them.

@@ -23,16 +23,16 @@ from tinygc.closure.uncertainty import GoodnessOfFit, goodness
 from tinygc.estimation.accelerometer import USUAL_SPREAD, AccelerometerFit, AnySession, accelerometer_fit
 from tinygc.estimation.bias import BiasChoice
 from tinygc.estimation.choice import AgainstRaw, ModelToUse, model_to_use
-from tinygc.estimation.model_tests import GRAVITY, ModelTest, model_tests
 from tinygc.estimation.options import FitOptions, MethodFit
 from tinygc.estimation.physics import PART_NAMED, errors_with_physics, rate_covariance, rows_of_rates
-from tinygc.estimation.promise import promise_of
 from tinygc.estimation.repeatability import BiasRepeatability
 from tinygc.estimation.sources import Source
 from tinygc.estimation.stated_noise import StatedNoise
 from tinygc.estimation.systematic import Systematic
-from tinygc.estimation.verdict import Acceptance, JudgedFit, decide, run_p_values, too_good, too_wide
 from tinygc.models.linear import LinearModel
+from tinygc.verdict.acceptance import Acceptance, JudgedFit, decide, run_p_values, too_good, too_wide
+from tinygc.verdict.model_tests import GRAVITY, ModelTest, model_tests
+from tinygc.verdict.promise import promise_of
 
 if TYPE_CHECKING:
     from tinygc.estimation.physics import PhysicsFit

@@ -1,0 +1,1 @@
+"""The fit of a session from its inputs to its files, and what is made of fitted sessions."""

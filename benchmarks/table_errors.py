@@ -116,8 +116,7 @@ def table_of(directions: tuple[np.ndarray, ...]) -> Description:
     """A table with these axes, each accurate to 0.01 degrees."""
     names = ("outer", "middle", "inner")
     axes = tuple(
-        Axis(name, direction, -np.pi, np.pi, 200 * DEG, 400 * DEG, 0.01 * DEG, 0.0, name)
-        for name, direction in zip(names, directions, strict=False)
+        Axis(name, direction, 200 * DEG, 400 * DEG, 0.01 * DEG, -np.pi, np.pi) for name, direction in zip(names, directions, strict=False)
     )
     return Description("virtual", "virtual", axes)
 

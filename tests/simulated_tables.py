@@ -49,7 +49,7 @@ def fixed_moves(table: Description, count: int, rate_rps: float, seed: int = 0, 
     for number in range(count):
         axis = number % len(table.axes)
         of = table.axes[axis]
-        least, most = (-np.pi, np.pi) if of.least_rad is None or of.most_rad is None else (of.least_rad, of.most_rad)
+        least, most = (-np.pi, np.pi) if of.is_endless else (of.least_rad, of.most_rad)
         goals = step_rad * np.arange(np.ceil(least / step_rad - 1e-9), np.floor(most / step_rad + 1e-9) + 1)
         goals = goals[np.abs(goals - angles[axis]) > 1.9 * step_rad]
         angles = angles.copy()
@@ -216,7 +216,7 @@ def draw(summary: Summary, seed: int) -> Observed:
 ODR_HZ, ANSWERS_HZ = 104.0, 50.0
 
 
-DOWN = Axis("turn", np.array([0.0, 0.0, 1.0]), None, None, 400 * DEG, 400 * DEG, 0.005 * DEG, 0.0, "X")
+DOWN = Axis("turn", np.array([0.0, 0.0, 1.0]), 400 * DEG, 400 * DEG, 0.005 * DEG, word="X")
 
 
 TABLE = Description("bench", "virtual", (DOWN,))

@@ -146,9 +146,9 @@ WORDS = {"grbl": "XY", "scpi": ("AXIS1", "AXIS2"), "line": ("outer", "inner"), O
 
 
 def axis(name, word, limits=(-90, 270), direction=(0, 0, 1), **more):
-    least, most = (None, None) if limits is None else (limits[0] * DEG, limits[1] * DEG)
+    least, most = (-np.inf, np.inf) if limits is None else (limits[0] * DEG, limits[1] * DEG)
     figures = {"fastest_rps": 60 * DEG, "acceleration_rps2": 100 * DEG, "sigma_rad": 0.05 * DEG, "backlash_rad": 0.1 * DEG} | more
-    return Axis(name, np.array(direction, dtype=float), least, most, word=word, **figures)
+    return Axis(name, np.array(direction, dtype=float), least_rad=least, most_rad=most, word=word, **figures)
 
 
 def description(make, limits=(-90, 270), axes=1, **settings):

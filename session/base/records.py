@@ -27,6 +27,28 @@ Vector = Annotated[np.ndarray, Array((3,))]
 Matrix = Annotated[np.ndarray, Array((3, 3))]
 
 
+class _Rotation(Array):
+    """A rotation, which is made exactly orthogonal."""
+
+    def made(self, value: list) -> np.ndarray:
+        """(3, 3)."""
+        left, _, right = np.linalg.svd(value)
+        return left @ right
+
+
+#: of a rotation's rows from length 1 and a right angle: written to four digits
+ROTATION_WITHIN = 1e-3
+
+
+def _rotation_fault(matrix: np.ndarray) -> str:
+    """A rotation within 0.001."""
+    if np.abs(matrix @ matrix.T - np.eye(3)).max() > ROTATION_WITHIN or np.linalg.det(matrix) < 0:
+        return "is no rotation: its rows must be of length 1, at right angles, right-handed"
+    return ""
+
+
+ROTATION = _Rotation((3, 3), Number(-10, 10), _rotation_fault)
+
 #: of a key that must be there
 REQUIRED = object()
 

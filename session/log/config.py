@@ -14,7 +14,7 @@ import numpy as np
 
 from session.base.errors import FormatError
 from session.base.names import TURNS, is_of_turns
-from session.base.records import DERIVED, Key, record_of
+from session.base.records import DERIVED, ROTATION, Key, record_of
 from session.base.results import Array, Keys, MapOf, Mismatch, Number, Shape, Text, require, shown, unknown_keys
 from session.base.rotation import conjugate, from_matrix, multiply
 from session.base.toml import Note, read_toml
@@ -56,26 +56,6 @@ class _Frame(Text):
         return SAME_FRAME.get(value, value)
 
 
-class _Rotation(Array):
-    """A rotation, which is made exactly orthogonal."""
-
-    def made(self, value: list) -> np.ndarray:
-        """(3, 3)."""
-        left, _, right = np.linalg.svd(value)
-        return left @ right
-
-
-#: of a rotation's rows from length 1 and a right angle: written to four digits
-ROTATION_WITHIN = 1e-3
-
-
-def _rotation_fault(matrix: np.ndarray) -> str:
-    """A rotation within 0.001."""
-    if np.abs(matrix @ matrix.T - np.eye(3)).max() > ROTATION_WITHIN or np.linalg.det(matrix) < 0:
-        return "is no rotation: its rows must be of length 1, at right angles, right-handed"
-    return ""
-
-
 @dataclass(frozen=True, eq=False)
 class TruthGiven:
     """``[truth]`` of session.toml; None: to be estimated.  mounting (3, 3): from the IMU's axes to the truth's body."""
@@ -90,7 +70,7 @@ class TruthGiven:
     #: the order of the four numbers, whatever the header calls them
     order: Annotated[str | None, Text(ORDERS)] = None
     #: takes vectors from the IMU's axes to those of the truth's body: v_truth = mounting v_imu
-    mounting: Annotated[np.ndarray | None, _Rotation((3, 3), Number(-10, 10), _rotation_fault)] = None
+    mounting: Annotated[np.ndarray | None, ROTATION] = None
 
 
 @dataclass(frozen=True, eq=False)

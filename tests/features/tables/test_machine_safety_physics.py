@@ -16,10 +16,9 @@ from session.base.units import DEG
 from session.bench.clocks import HostClock
 from tinygc.features.tables.machines.description import Description, read_description
 from tinygc.features.tables.machines.makefile import LONGEST_LINE, Pattern, read_make
-from tinygc.features.tables.machines.makes import MODULES, make_of, makes, open_table
+from tinygc.features.tables.machines.makes import MODULES, make_of, makes, open_table, template
 from tinygc.features.tables.machines.makes.hand import Hand
 from tinygc.features.tables.machines.safety import Guarded, Move, plan_lines
-from tinygc.features.tables.machines.template import template
 from tinygc.features.tables.machines.verbs import TableFault, TableLimit
 from tinygc.features.tables.machines.virtual import VirtualTable
 from tinygc.features.tables.machines.virtual_motion import FAULTS, Fault
@@ -536,7 +535,7 @@ def test_a_wrong_fault_is_named(text):
 def turning(make="line", limits=(-90, 270), **more):
     """A bench whose moves are confirmed, and which is ready to move."""
     bench = Bench(description(make, limits), **more)
-    if bench.driver.make.clear:
+    if bench.driver.make.requests.clear:
         bench.driver.clear()
     bench.confirm()
     return bench

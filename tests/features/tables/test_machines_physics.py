@@ -18,9 +18,8 @@ from session.bench.messages import Stage
 from session.bench.mover import Moment
 from tinygc.features.tables.machines.angles import AngleLog, header, on_its_clock, read_angles
 from tinygc.features.tables.machines.comparison import WordAgainstSensor
-from tinygc.features.tables.machines.description import Axis, Description, read_description
+from tinygc.features.tables.machines.description import Axis, Description, attitudes, body_axes, read_description, roll_pitch_yaw
 from tinygc.features.tables.machines.driver import AngleFile, TableDriver, _DeviceTime
-from tinygc.features.tables.machines.kinematics import attitudes, body_axes, roll_pitch_yaw
 from tinygc.features.tables.machines.mechanics import AxisErrors, AxisTrack
 from tinygc.features.tables.machines.mover import PAUSE, TableMover
 from tinygc.features.tables.machines.rates import steps_of
@@ -28,7 +27,7 @@ from tinygc.features.tables.machines.verbs import Where
 
 
 def axis(name, direction, backlash_deg=0.0):
-    return Axis(name, np.array(direction, dtype=float), None, None, 90 * DEG, 200 * DEG, 0.01 * DEG, backlash_deg * DEG, name)
+    return Axis(name, np.array(direction, dtype=float), 90 * DEG, 200 * DEG, 0.01 * DEG, backlash_rad=backlash_deg * DEG)
 
 
 TABLE = Description("three", "virtual", (axis("outer", (0, 0, 1)), axis("middle", (0, 1, 0)), axis("inner", (1, 0, 0))))

@@ -16,8 +16,7 @@ from tinygc import CalibrationError
 from tinygc.cli.arguments import parser
 from tinygc.cli.commands import record
 from tinygc.features.tables.machines.description import read_description
-from tinygc.features.tables.machines.makes import makes
-from tinygc.features.tables.machines.template import template
+from tinygc.features.tables.machines.makes import makes, template
 from tinygc.features.tables.recording import TurnedRecording
 
 

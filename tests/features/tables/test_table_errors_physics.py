@@ -41,7 +41,7 @@ SMALL = 1e-6
 
 
 def table(*directions, sigma_deg=0.01):
-    axes = (Axis(n, d, -np.pi, np.pi, 200 * DEG, 400 * DEG, sigma_deg * DEG, 0.0, n) for n, d in zip("abc", directions, strict=False))
+    axes = (Axis(n, d, 200 * DEG, 400 * DEG, sigma_deg * DEG, -np.pi, np.pi) for n, d in zip("abc", directions, strict=False))
     return Description("bench", "virtual", tuple(axes))
 
 

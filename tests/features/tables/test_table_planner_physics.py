@@ -12,15 +12,14 @@ from table_recordings import table_toml
 from session.base import rotation
 from session.base.units import DEG
 from tinygc import CalibrationError
-from tinygc.features.tables.machines.description import Axis, Description, read_description
-from tinygc.features.tables.machines.kinematics import attitudes
+from tinygc.features.tables.machines.description import Axis, Description, attitudes, read_description
 from tinygc.features.tables.planner import _LEAST_TURN_RAD, TableMoves, _seconds_of, plan_of
 
 
-def axis(name, direction, limit_deg=None):
+def axis(name, direction, limit_deg=np.inf):
     """An axis of a table of 90 deg/s."""
-    most = None if limit_deg is None else limit_deg * DEG
-    return Axis(name, np.array(direction, dtype=float), None if most is None else -most, most, 90 * DEG, 200 * DEG, 0.02 * DEG, 0.0, name)
+    most = limit_deg * DEG
+    return Axis(name, np.array(direction, dtype=float), 90 * DEG, 200 * DEG, 0.02 * DEG, -most, most)
 
 
 @pytest.fixture

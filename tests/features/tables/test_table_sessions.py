@@ -24,8 +24,7 @@ from tinygc import CalibrationError, read_session
 from tinygc.closure.prepared import prepare
 from tinygc.features.tables.explanation import explain_table
 from tinygc.features.tables.machines.angles import read_angles
-from tinygc.features.tables.machines.description import read_description
-from tinygc.features.tables.machines.kinematics import attitudes
+from tinygc.features.tables.machines.description import attitudes, read_description
 from tinygc.features.tables.machines.mechanics import AxisErrors, TableErrors
 from tinygc.features.tables.machines.virtual import VirtualTable
 from tinygc.features.tables.recording import TurnedRecording, require_table_of

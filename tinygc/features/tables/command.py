@@ -71,8 +71,7 @@ def run(args: argparse.Namespace) -> int:
         given = f"; it has {len(args.words)} words" if args.words else ""
         raise CalibrationError(f"table {args.action}: expected {' '.join((args.action, *words))}{given}")
     if args.action in ("list", "new"):
-        from tinygc.features.tables.machines.makes import makes
-        from tinygc.features.tables.machines.template import template
+        from tinygc.features.tables.machines.makes import makes, template
 
         if args.action == "new":
             text = template(args.words[0], args.axes)
@@ -95,18 +94,15 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _check(args: argparse.Namespace, table: Description) -> int:
-    from tinygc.features.tables.machines.dialogue import example
     from tinygc.features.tables.machines.makes import MODULES, is_own, make_of
+    from tinygc.features.tables.machines.proof import example
 
     lines = [f"{table.name}: make {table.make}, port {table.port or 'none'}"]
     for axis in table.axes:
         direction = ", ".join(f"{x:g}" for x in axis.direction)
-        limits = "no limits"
-        if axis.least_rad is not None and axis.most_rad is not None:
-            limits = f"{axis.least_rad / DEG:g} to {axis.most_rad / DEG:g} deg"
         most = f"up to {axis.fastest_rps / DEG:g} dps, {axis.acceleration_rps2 / DEG:g} dps/s"
         errs = f"angle within {axis.sigma_rad / DEG:g} deg, play {axis.backlash_rad / DEG:g} deg"
-        lines.append(f"  {axis.name} ({axis.word}): about {direction}; {limits}; {most}; {errs}")
+        lines.append(f"  {axis.name} ({axis.word}): about {direction}; {axis.limits}; {most}; {errs}")
     if table.make not in MODULES:
         make = make_of(table, args.table.parent)
         lines += [f"sent for {what}: {text}" for what, text in example(table, make)]

@@ -16,8 +16,7 @@ from session.base.units import DEG
 from session.bench.messages import AxisMove
 from session.detect.segments import LONGEST_TURN_SEGMENTS
 from session.log.config import Protocol
-from tinygc.features.tables.machines.description import Description
-from tinygc.features.tables.machines.kinematics import attitudes, body_axes
+from tinygc.features.tables.machines.description import Description, attitudes, body_axes
 from tinygc.planning.coach import MOST_TO_GO, Coach, parameter_name
 from tinygc.planning.turns import Turn, TurnPart
 
@@ -63,11 +62,10 @@ class TableMoves:
 
     def __init__(self, table: Description, angles: np.ndarray, hold_s: float, seed: int = 0):
         self.table, self.angles, self.hold_s = table, np.array(angles, dtype=float), hold_s
-        least = [
-            at - MOST_WOUND_RAD if axis.least_rad is None else axis.least_rad for axis, at in zip(table.axes, self.angles, strict=True)
+        self.limits = [
+            (at - MOST_WOUND_RAD, at + MOST_WOUND_RAD) if axis.is_endless else (axis.least_rad, axis.most_rad)
+            for axis, at in zip(table.axes, self.angles, strict=True)
         ]
-        most = [at + MOST_WOUND_RAD if axis.most_rad is None else axis.most_rad for axis, at in zip(table.axes, self.angles, strict=True)]
-        self.limits = list(zip(least, most, strict=True))
         self.longest_s = LONGEST_TURN_SEGMENTS * Protocol().segment_s
         self.first: tuple[AxisMove, ...] = ()
         self._rng = np.random.default_rng(seed)

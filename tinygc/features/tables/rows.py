@@ -26,8 +26,7 @@ from scipy.spatial.transform import Rotation
 
 from session.base.numeric import UPPER
 from session.base.units import DEG, EARTH_RATE_RPS
-from tinygc.features.tables.machines.description import LATENCY_SIGMA_S
-from tinygc.features.tables.machines.kinematics import body_axes, rotations, stage_attitudes
+from tinygc.features.tables.machines.description import LATENCY_SIGMA_S, body_axes, rotations, stage_attitudes
 from tinygc.features.tables.machines.mechanics import TableErrors, normals, true_attitudes
 from tinygc.features.tables.observed import Observed
 

@@ -14,8 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from session.base.rotation import angle_between
 from session.base.units import DEG
-from tinygc.features.tables.machines.description import Description
-from tinygc.features.tables.machines.kinematics import attitudes, body_axes
+from tinygc.features.tables.machines.description import Description, attitudes, body_axes
 
 #: one sigma of what a gyroscope reads of a turn before it is calibrated, of its angle
 SCALE_SIGMA = 0.02

@@ -7,19 +7,16 @@ thread, and a motion whose requests are half sent ends there.
 
 from __future__ import annotations
 
-import re
 import threading
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
 from session.base.units import DEG
 from session.bench.clocks import Clock
-from tinygc.features.tables.machines.description import Description
-from tinygc.features.tables.machines.makefile import AGAIN, LONGEST_LINE, Make, Pattern, Step
-from tinygc.features.tables.machines.travel import require_travel
-from tinygc.features.tables.machines.verbs import TableFault, TableLimit, Where
+from tinygc.features.tables.machines.description import AGAIN, Description
+from tinygc.features.tables.machines.makefile import LONGEST_LINE, UNKNOWN, Make, Pattern, Step
+from tinygc.features.tables.machines.proof import request_text, require_travel, sent_text
+from tinygc.features.tables.machines.verbs import Table, TableFault, TableLimit, Where
 from tinygc.features.tables.machines.wire import Link
 
 #: how often ``where`` asks again where an answer is missing or garbled
@@ -38,16 +35,13 @@ STOP_S, POLL_STOP_S = 0.3, 0.05
 STATE_S = 0.2
 
 
-class Dialogue:
-    """``Table`` over a link, of a make that fits it (``proof.require_fit``).  To open it sends nothing; with ``stops`` a stop, at once.
-
-    has_rate_mode: whether it turns at a rate by itself.
-    """
+class Dialogue(Table):
+    """``Table`` over a link, of a make that is fitted to it (``proof.fitted``).  Opening sends nothing; with ``stops`` a stop, at once."""
 
     def __init__(self, description: Description, make: Make, link: Link, clock: Clock, stops: bool = False):
         self.description, self.make, self._link, self._clock = description, make, link, clock
-        self.has_rate_mode, self.angles_lost, self.warning = bool(make.turn_at), False, make.warning
-        self._settings: Mapping[str, Any] = {**make.settings, **description.settings}
+        self.has_rate_mode, self.angles_lost, self.warning = bool(make.requests.turn_at), False, make.warning
+        self._settings = make.settings
         self._exchange, self._writing = threading.RLock(), threading.Lock()
         self._buffer, self._lines = b"", list[str]()
         self._stops, self._harder = 0, 0
@@ -56,7 +50,7 @@ class Dialogue:
         self._awaited_home: float | None = None  # when homing counts as failed, where its acknowledgements come at its end
         self._owed = 0  # of these
         self._alarm, self._restarted, self._only_looks = "", False, False
-        self._begun = not make.begin
+        self._begun = not make.requests.begin
         self._answered, self._unread = "", ""  # the last lines that were an answer, and none
         self._angles = np.full(len(description.axes), np.nan)
         self._before: tuple[float, np.ndarray] | None = None
@@ -66,14 +60,14 @@ class Dialogue:
     @property
     def begins(self) -> str:
         """What ``begin`` will send, as text; empty where there is nothing, or it was sent."""
-        return "" if self._begun else sent_text(self.description, self.make, self.make.begin)
+        return "" if self._begun else sent_text(self.description, self.make, self.make.requests.begin)
 
     def begin(self) -> None:
         """Send what it wants before its first motion, such as to switch its motors on; nothing the second time."""
         with self._exchange:
             if not self._begun:
                 self._forget_restart()
-                self._requests(self.make.begin, None, 0.0, 0.0)
+                self._requests(self.make.requests.begin, None, 0.0, 0.0)
                 self._begun = True
 
     def require_rate(self, axis: int, rate_rps: float) -> None:
@@ -86,48 +80,50 @@ class Dialogue:
 
     def require_travel(self) -> None:
         """TableLimit where the controller's own settings do not fit the description; TableFault where it does not say them."""
-        for step in self.make.controller:
+        if (controller := self.make.controller) is None:
+            return
+        for step in controller.ask:
             with self._exchange:
                 self._receive(0.0)
                 self._hear((), 0.0)
                 with self._writing:
                     self._write(step, 0, 0.0, 0.0)
                 values = dict[int, float]()
-                while found := self._hear((*step.answers, *self.make.done), self._settings["answer_s"]):
+                while found := self._hear((*step.answers, *self.make.line.done), self._settings["answer_s"]):
                     if found["code"].isdigit():
                         values[int(found["code"])] = float(found["count"])
             if found is None:
                 raise TableFault(self._complaint("does not say its settings", step, step.answers))
-            require_travel(self.description, self.make.numbers, self.make.order, values, self._settings["per_deg"])
+            require_travel(self.description, self.make, controller, values)
 
     # The five verbs.
 
     def home(self) -> None:
         """Begin to search the reference marks."""
-        if not self.make.home:
+        if not self.make.requests.home:
             raise TableFault(f"{self.description.name}: a {self.make.name} has no homing; turn it to its zero by hand")
         with self._exchange:
             self._forget_restart()
             self._refuse_alarm()
             self._harder = 0
             count = len(self.description.axes)
-            if owed := sum(count if step.each else 1 for step in self.make.home if step.later):
+            if owed := sum(count if step.each else 1 for step in self.make.requests.home if step.later):
                 self._awaited_home, self._owed = self._clock.now_s() + self._settings["home_s"], owed
-            self._motion(self.make.home)
+            self._motion(self.make.requests.home)
 
     def turn_to(self, axis: int, angle_rad: float, rate_rps: float) -> None:
         """Begin to turn one axis to an angle."""
         with self._exchange:
             self._refuse_alarm()
             self._harder = 0
-            self._motion(self.make.turn_to, axis, angle_rad, rate_rps)
+            self._motion(self.make.requests.turn_to, axis, angle_rad, rate_rps)
 
     def turn_at(self, axis: int, rate_rps: float) -> None:
         """Begin to turn one axis at a rate: only where it has a rate mode."""
         with self._exchange:
             self._refuse_alarm()
             self._harder = 0
-            self._motion(self.make.turn_at, axis, 0.0, rate_rps)
+            self._motion(self.make.requests.turn_at, axis, 0.0, rate_rps)
 
     def where(self) -> Where:
         """Ask for angles and state.  TableFault for an alarm, a restart, a state that is a fault, and where no answer can be read."""
@@ -141,7 +137,7 @@ class Dialogue:
                     return found
                 if number + 1 < TRIES:
                     self._clock.sleep(0.05)
-            raise TableFault(self._complaint("does not say where it is", self.make.where[0], self.make.where[0].answers))
+            raise TableFault(self._complaint("does not say where it is", self.make.requests.where[0], self.make.requests.where[0].answers))
 
     def look(self) -> np.ndarray:
         """Angles (K,) rad, whatever else it reports: to see whether it rests after a fault.  TableFault where it says none."""
@@ -170,12 +166,12 @@ class Dialogue:
         self._before = None
 
     def _stop(self) -> None:
-        hardest = len(self.make.stop) - 1
+        hardest = len(self.make.requests.stop) - 1
         homes = self._awaited_home is not None  # a controller may then hear the hardest alone
         level, state = hardest if homes else min(self._harder, hardest), ""
         while True:
             self._harder = level + 1
-            steps, end_s, unread = self.make.stop[level], self._clock.now_s() + self._settings["answer_s"], True
+            steps, end_s, unread = self.make.requests.stop[level], self._clock.now_s() + self._settings["answer_s"], True
             while unread:
                 unread = not level and self._unread_motion and self._clock.now_s() < end_s
                 for step in steps:
@@ -186,7 +182,7 @@ class Dialogue:
                     break
                 self._hear_stop(steps[-1])
             level += 1
-            if level > hardest or not steps[-1].states or (state and state not in self.make.moving):
+            if level > hardest or not steps[-1].states or (state and state not in self.make.states.moving):
                 return
 
     def _write_stop(self, step: Step) -> None:
@@ -224,13 +220,13 @@ class Dialogue:
 
     def _state(self) -> str:
         """The reported state, of a moving axis if one moves; empty where none arrives in time."""
-        asks = (step for step in self.make.where if any("{state}" in pattern.text for pattern in step.answers))
+        asks = (step for step in self.make.requests.where if any("state" in pattern.fields for pattern in step.answers))
         if (step := next(asks, None)) is None:
             return ""
         for axis in range(len(self.description.axes)) if step.each else (0,):
             with self._writing:
                 self._write(step, axis, 0.0, 0.0)
-            if (state := (self._hear(step.answers, STATE_S) or {}).get("state", "")) in self.make.moving:
+            if (state := (self._hear(step.answers, STATE_S) or {}).get("state", "")) in self.make.states.moving:
                 break
         return state
 
@@ -241,7 +237,7 @@ class Dialogue:
             self._receive(min(POLL_STOP_S, longest_s))
             while self._lines:
                 line = self._lines.pop(0)
-                ends = any(pattern.match(line) is not None for pattern in (*self.make.done, *self.make.greeting))
+                ends = any(pattern.match(line) is not None for pattern in (*self.make.line.done, *self.make.line.greeting))
                 self._unread_motion = self._unread_motion and not ends and self.make.refused.meaning(line) is None
                 if found := [fields for pattern in wanted if (fields := pattern.match(line)) is not None]:
                     return found[0]
@@ -255,14 +251,14 @@ class Dialogue:
 
     def clear(self) -> None:
         """Clear an alarm, where a program can: only when a person has said so.  TableFault where it stays."""
-        if not self.make.clear:
+        if not self.make.requests.clear:
             raise TableFault(f"{self.description.name}: an alarm of a {self.make.name} is cleared at the machine, not from here")
         with self._exchange:
-            if self._awaited_home is not None or self._state() in self.make.moving:
+            if self._awaited_home is not None or self._state() in self.make.states.moving:
                 raise TableFault(f"{self.description.name}: it moves; stop it before you clear anything")
             alarm, self._alarm = self._alarm, ""
             try:
-                self._requests(self.make.clear, None, 0.0, 0.0)
+                self._requests(self.make.requests.clear, None, 0.0, 0.0)
                 self._require_accepted()
             except TableFault:
                 self._alarm = alarm
@@ -290,24 +286,23 @@ class Dialogue:
         self._lines.clear()
 
     def _heard_greeting(self) -> bool:
-        return any(pattern.match(line) is not None for line in self._lines for pattern in self.make.greeting)
+        return any(pattern.match(line) is not None for line in self._lines for pattern in self.make.line.greeting)
 
     def _motion(self, steps: tuple[Step, ...], axis: int | None = None, angle_rad: float = 0.0, rate_rps: float = 0.0) -> None:
-        self._before, self._unread_motion = None, bool(self.make.done)
+        self._before, self._unread_motion = None, bool(self.make.line.done)
         self._requests(steps, axis, angle_rad, rate_rps)
         self._unread_motion = False
         self._require_accepted()
 
     def _require_accepted(self) -> None:
         """TableFault where the make keeps errors until it is asked, and has one."""
-        if (ask := self.make.errors) is None:
-            return
-        found = next((found for _ in range(TRIES) if (found := self._ask(ask, 0))), None)
-        if found is None:
-            raise TableFault(self._complaint("does not say whether it takes the request", ask, ask.answers))
-        if (code := found["code"]) not in self.make.none:
-            words = {**self.make.alarms.words, **self.make.refused.words}.get(code, "a code that the make's file does not know")
-            raise TableFault(f"{self.description.name}: it refuses with {code} ({words}); nothing more was sent")
+        for ask in self.make.errors.ask[:1]:
+            found = next((found for _ in range(TRIES) if (found := self._ask(ask, 0))), None)
+            if found is None:
+                raise TableFault(self._complaint("does not say whether it takes the request", ask, ask.answers))
+            if (code := found["code"]) not in self.make.errors.none:
+                words = {**self.make.alarms.words, **self.make.refused.words}.get(code, UNKNOWN)
+                raise TableFault(f"{self.description.name}: it refuses with {code} ({words}); nothing more was sent")
 
     def _requests(self, steps: tuple[Step, ...], axis: int | None, angle_rad: float, rate_rps: float) -> None:
         stops = self._stops
@@ -325,15 +320,15 @@ class Dialogue:
                     self._clock.sleep(step.pause_s)
                 if step.answers and self._await(step, step.answers, self._text(step, number, angle_rad, rate_rps)) is None:
                     raise TableFault(self._complaint("answers something else", step, step.answers))
-                if not (step.later or step.unanswered or step.raw) and self.make.done:
-                    self._await(step, self.make.done, self._text(step, number, angle_rad, rate_rps))
+                if not (step.later or step.unanswered or step.raw) and self.make.line.done:
+                    self._await(step, self.make.line.done, self._text(step, number, angle_rad, rate_rps))
 
     def _text(self, step: Step, axis: int, angle_rad: float, rate_rps: float) -> str:
         return request_text(step, self._settings, self.description.axes[axis].word, axis, angle_rad, rate_rps)
 
     def _write(self, step: Step, axis: int, angle_rad: float, rate_rps: float) -> None:
         text = self._text(step, axis, angle_rad, rate_rps)
-        self._link.write((text if step.raw else text + self.make.end).encode("latin-1"))
+        self._link.write((text if step.raw else text + self.make.line.end).encode("latin-1"))
 
     # Answers.
 
@@ -341,7 +336,7 @@ class Dialogue:
         """Take what has come, and keep its whole lines."""
         self._buffer += self._link.read(longest_s)
         text = self._buffer.replace(b"\r", b"\n")
-        if prompt := self.make.prompt.encode("latin-1"):
+        if prompt := self.make.line.prompt.encode("latin-1"):
             text = text.replace(prompt, b"\n" + prompt + b"\n")
         *lines, self._buffer = text.split(b"\n")
         self._buffer = self._buffer[-LONGEST_BUFFER:]
@@ -360,7 +355,7 @@ class Dialogue:
     def _notice(self, line: str) -> None:
         """What a line says by itself: an alarm, a restart, the end of homing."""
         make, name = self.make, self.description.name
-        greets = any(pattern.match(line) is not None for pattern in make.greeting)
+        greets = any(pattern.match(line) is not None for pattern in make.line.greeting)
         if greets or make.alarms.meaning(line) is not None:
             self._unread_motion = False
         if self._stopping is not None and any(pattern.match(line) is not None for pattern in self._stopping.answers):
@@ -371,13 +366,13 @@ class Dialogue:
             if self._alarm and not self._restarted:  # a restart does not end an emergency stop
                 return
             self._restarted = self.angles_lost = True
-            self._begun = not make.begin
+            self._begun = not make.requests.begin
             self._alarm = f"{name}: the controller has restarted ({line!r}): its angles are lost; home it"
         elif self._awaited_home is not None:
             if (meaning := make.refused.meaning(line)) is not None:
                 self._awaited_home = None
                 self._alarm = f"{name}: homing was refused with {line!r} ({meaning})"
-            elif any(pattern.match(line) is not None for pattern in make.done):
+            elif any(pattern.match(line) is not None for pattern in make.line.done):
                 self._owed -= 1
                 self._awaited_home = self._awaited_home if self._owed else None
 
@@ -425,7 +420,7 @@ class Dialogue:
         line = seen[-1] if seen else self._unread
         heard = f"heard {line[:60]!r}" if line else "heard nothing that can be read"
         settings = f"within {self._settings['answer_s']:g} s"
-        silent = f"; {self.make.silent}" if self.make.silent and not line else ""
+        silent = f"; {self.make.states.silent}" if self.make.states.silent and not line else ""
         return (
             f"{self.description.name}: it {what}: sent {sent or step.send or step.raw!r}, {heard}, expected {expected} {settings}{silent}"
         )
@@ -437,9 +432,9 @@ class Dialogue:
             self._write(step, axis, 0.0, 0.0)
         text = self._text(step, axis, 0.0, 0.0)
         found = self._await(step, step.answers, text, self.description.axes[axis].word) or {}
-        if found and self.make.done and not (step.raw or step.unanswered):
+        if found and self.make.line.done and not (step.raw or step.unanswered):
             answered = self._answered
-            self._await(step, self.make.done, text, longest_s=ACKNOWLEDGED_S)  # else it would be taken for the next request's
+            self._await(step, self.make.line.done, text, longest_s=ACKNOWLEDGED_S)  # else it would be taken for the next request's
             self._answered = answered
         return found
 
@@ -458,19 +453,19 @@ class Dialogue:
         make, axes, settings = self.make, self.description.axes, self._settings
         angles, table_s = np.full(len(axes), np.nan), None
         moving: bool | None = None
-        for step in make.where:
+        for step in make.requests.where:
             once = None
             for axis, of in enumerate(axes):
                 if step.each or once is None:
                     once = self._ask(step, axis)
                     answered = self._answered
-                elif any(pattern.names_an_axis for pattern in step.answers):
+                elif any("word" in pattern.fields for pattern in step.answers):
                     once = next((found for pattern in step.answers if (found := pattern.match(answered, of.word)) is not None), {})
                 if not once:
                     return None
                 if "angles" in once:
                     values = once["angles"].split(",")
-                    place = make.order.index(of.word) if make.order else axis
+                    place = make.states.order.index(of.word) if make.states.order else axis
                     if place >= len(values):
                         raise TableFault(f"{self.description.name}: it says {len(values)} angles, and no {of.word}; {AGAIN}")
                     angles[axis] = float(values[place]) / settings["per_deg"] * DEG
@@ -487,8 +482,8 @@ class Dialogue:
                     moving = bool(moving) or state
                 if "clock" in once:
                     table_s = float(once["clock"]) / settings["clock_per_s"]
-                if (fault := once.get("fault", make.none[0])) not in make.none and not self._only_looks:
-                    meaning = make.alarms.words.get(fault, "a code that the make's file does not know")
+                if (fault := once.get("fault", make.errors.none[0])) not in make.errors.none and not self._only_looks:
+                    meaning = make.alarms.words.get(fault, UNKNOWN)
                     self._alarm = f"{self.description.name}: the table reports {fault}: {meaning}; see why, then `table clear`"
                     raise TableFault(self._alarm)
         if not np.isfinite(angles).all():
@@ -502,69 +497,15 @@ class Dialogue:
     def _is_moving(self, state: str) -> bool | None:
         """Whether a state is motion; None of one that the make's file does not know.  TableFault of one that is a fault."""
         make = self.make
-        if state in make.states and self._stopping is None:  # else it may be of our own stop
-            raise TableFault(f"{self.description.name}: the table is in state {state}: {make.states[state]}")
-        return state not in make.rest if state in (*make.moving, *make.rest, *make.states) else None
+        if state in make.states.faults and self._stopping is None:  # else it may be of our own stop
+            raise TableFault(f"{self.description.name}: the table is in state {state}: {make.states.faults[state]}")
+        return state not in make.states.rest if state in (*make.states.moving, *make.states.rest, *make.states.faults) else None
 
     def _is_changing(self, now_s: float, angles: np.ndarray) -> bool:
         """Where nothing else says it: whether angles have stayed for ``same_s``."""
-        counts = any("{count}" in pattern.text for step in self.make.where for pattern in step.answers)
+        counts = any("count" in pattern.fields for step in self.make.requests.where for pattern in step.answers)
         resolution = DEG * max(1.5 / abs(self._settings["count_per_deg"]) if counts else 0.0, RESOLUTION_DEG)
         if self._before is None or np.abs(angles - self._before[1]).max() > resolution:
             self._before = (now_s, angles)
             return True
         return now_s - self._before[0] < self._settings["same_s"]
-
-
-def request_text(step: Step, settings: Mapping[str, Any], word: str, axis: int, angle_rad: float, rate_rps: float) -> str:
-    """A request with its values filled in, without the end of its line."""
-    if step.raw:
-        return step.raw
-    decimals, signed = int(settings["decimals"]), rate_rps / DEG * settings["rate_per_dps"]
-    values = {
-        "word": word,
-        "axis": axis + 1,
-        "angle": f"{angle_rad / DEG * settings['per_deg']:.{decimals}f}",
-        "rate": f"{abs(signed):.{decimals}f}",
-        "signed_rate": f"{signed * np.sign(settings['per_deg']):.{decimals}f}",
-    }
-    return re.sub(r"\{(\w+)\}", lambda found: str(values.get(found[1], settings.get(found[1]))), step.send)
-
-
-def example(table: Description, make: Make) -> list[tuple[str, str]]:
-    """All that would be sent, and when, in this order: to compare with a manual before anything moves.  Turns with an example's numbers."""
-    rows = []
-    for name, steps in make.requests():
-        if name in ("turn_to", "turn_at"):
-            for number, axis in enumerate(table.axes if steps else ()):
-                angle = min(30 * DEG, axis.most_rad if axis.most_rad is not None else np.inf)
-                rate = min(10 * DEG, axis.fastest_rps)
-                what = f"{axis.name} {f'to {angle / DEG:g} deg ' if name == 'turn_to' else ''}at {rate / DEG:g} dps"
-                rows.append((what, sent_text(table, make, steps, number, angle, rate)))
-        elif steps:
-            harder = name == "stop" and any(what == WHEN["stop"] for what, _ in rows)
-            rows.append((f"{WHEN[name]}{', harder' * harder}", sent_text(table, make, steps)))
-    return rows
-
-
-#: when requests are sent, for a reader
-WHEN = {
-    "where": "where it is",
-    "controller": "its own settings, before a plan",
-    "begin": "the first motion, before it",
-    "home": "homing",
-    "ask": "whether it takes a motion",
-    "stop": "stop",
-    "clear": "clear",
-}
-
-
-def sent_text(table: Description, make: Make, steps: tuple[Step, ...], axis: int = 0, angle_rad: float = 0.0, rate_rps: float = 0.0) -> str:
-    """Requests as they would be sent, on one line."""
-    settings = {**make.settings, **table.settings}
-    texts = [
-        request_text(step, settings, table.axes[number].word, number, angle_rad, rate_rps)
-        for step in steps
-        for number in (range(len(table.axes)) if step.each else (axis,))
-    ]
-    return "; ".join(text if text.isprintable() else repr(text) for text in texts)

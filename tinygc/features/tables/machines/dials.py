@@ -17,8 +17,7 @@ from session.log.samples import Samples
 from session.log.written import attitudes_text
 from tinygc.features.tables.machines import angles, description
 from tinygc.features.tables.machines.angles import AngleLog, read_angles
-from tinygc.features.tables.machines.description import read_description
-from tinygc.features.tables.machines.kinematics import attitudes, roll_pitch_yaw
+from tinygc.features.tables.machines.description import attitudes, read_description, roll_pitch_yaw
 
 MOST_BYTES = 100_000_000
 #: answers in a still that differ by more of an axis's sigma are none of one attitude

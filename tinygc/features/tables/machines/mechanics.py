@@ -17,8 +17,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tinygc.features.tables.machines.description import Description
-from tinygc.features.tables.machines.kinematics import rotations
+from tinygc.features.tables.machines.description import Description, rotations
 
 
 @dataclass(frozen=True, eq=False)

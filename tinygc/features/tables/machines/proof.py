@@ -1,4 +1,5 @@
-"""What is proven of a make's requests before a port is opened: that they fit the table, and that a turn is the plan's and nothing more.
+"""What may be sent, and is proven of it: before a port is opened, that a make's requests fit the table, and that a turn is the plan's and
+nothing more; before a plan is confirmed, that the controller's own settings allow it.
 
 A make's file is a text of whoever wrote it, in a language that only the machine knows.  Proven is what needs no knowledge of it:
 
@@ -9,7 +10,7 @@ A make's file is a text of whoever wrote it, in a language that only the machine
 - No other request is given an angle or a rate, nor is any of them the make's own turn with numbers in it, or an axis and a number.
 - A question has an answer that says something.  A request is one line.
 
-The rest (what a word moves, how large a unit is) is shown by ``table check``, and a person confirms it.
+The rest (what a word moves, how large a unit is) is shown by ``table check`` (``example``), and a person confirms it.
 """
 
 from __future__ import annotations
@@ -18,11 +19,15 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Any
 
 from session.base.errors import FormatError
-from tinygc.features.tables.machines.description import Description
-from tinygc.features.tables.machines.makefile import AGAIN, LONGEST_LINE, Make, Step, require_settings
+from session.base.results import Keys, require
+from session.base.units import DEG
+from tinygc.features.tables.machines.description import AGAIN, Description, Settings
+from tinygc.features.tables.machines.makefile import LONGEST_LINE, PLACE, Controller, Make, Step
+from tinygc.features.tables.machines.verbs import TableLimit
 
 #: G-code that a turn may hold: a motion at a rate, degrees as millimetres, machine coordinates, absolute, a rate per minute
 MODAL = re.compile(r"(?<![A-Z0-9.])G0*+(?:1|21|53|90|94)(?![\d.])", re.IGNORECASE)
@@ -32,29 +37,39 @@ ENDS = ("\n", "\r", "\r\n", "\n\r", "\0", ";")
 LITERAL = re.compile(r"[A-Za-z0-9 $=:,._@&-]*")
 WORD = re.compile(r"[A-Za-z0-9$=:,._@&-]+")
 SIGNS = "$ = : , . _ @ & -"
-PLACE = re.compile(r"\{(\w+)\}")
 #: what is filled in to see which numbers a turn holds: whole, so that a digit, a point or a sign beside them makes others of them
 PROBE = {"angle": "7301", "rate": "6007", "signed_rate": "6011"}
 AXIS = "83"
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:E[-+]?\d+)?", re.IGNORECASE)
+#: deg by which a limit may lie beyond the travel: settings have three decimals
+WITHIN_DEG = 1e-3
+#: bits of ``homes``: it homes, and sets its zero there (grblHAL), which moves its travel
+HOMES, ZERO_THERE = 1, 8
 
 
-def require_fit(table: Description, make: Make) -> None:
-    """FormatError for settings or axes that a make does not have, and for requests that may do more than the plan says."""
-    require_settings(table.settings, f"{table.name}: settings", make.settings)
+def fitted(table: Description, make: Make) -> Make:
+    """The make with the table's settings.
+
+    FormatError for settings or axes that it does not have, and for requests that may do more than the plan says.
+    """
+    if unknown := [name for name in table.settings if name not in make.settings]:
+        has = f"this make has no such setting; it has {', '.join(make.settings)}"
+        raise FormatError(f"{table.name}: settings.{unknown[0][:40]}: {has}; {AGAIN}")
+    require({"settings": dict(table.settings)}, Keys({"settings": Settings()}), table.name, AGAIN)
+    make = replace(make, settings={**make.settings, **table.settings})
+    settings, of, order = make.settings, make.requests, make.states.order
     if len(table.axes) > make.most_axes:
         raise FormatError(f"{table.name}: {len(table.axes)} axes, and a {make.name} has at most {make.most_axes}; {AGAIN}")
     words = [axis.word for axis in table.axes]
-    if len(set(words)) < len(words) or (make.order and not all(len(word) == 1 and word in make.order for word in words)):
-        allowed = f" among {', '.join(make.order)}" if make.order else ""
+    if len(set(words)) < len(words) or (order and not all(len(word) == 1 and word in order for word in words)):
+        allowed = f" among {', '.join(order)}" if order else ""
         raise FormatError(f"{table.name}: words of the axes are {', '.join(words)}, expected words of their own{allowed}; {AGAIN}")
     if wrong := [word for word in words if not WORD.fullmatch(word)]:
         raise FormatError(f"{table.name}: the word of an axis is {wrong[0][:40]!r}, expected letters, digits and {SIGNS}; {AGAIN}")
-    if make.end not in ENDS:
-        raise FormatError(f"{make.name}: line.end is {make.end[:20]!r}, expected one of {', '.join(map(repr, ENDS))}; {AGAIN}")
-    settings: dict[str, Any] = {**make.settings, **table.settings}
-    homes = {_bare(step.send) for step in make.home}
-    for name, steps, numbers in (("turn_to", make.turn_to, {"angle": 1, "rate": 1}), ("turn_at", make.turn_at, {"signed_rate": 1})):
+    if make.line.end not in ENDS:
+        raise FormatError(f"{make.name}: line.end is {make.line.end[:20]!r}, expected one of {', '.join(map(repr, ENDS))}; {AGAIN}")
+    homes = {_bare(step.send) for step in of.home}
+    for name, steps, numbers in (("turn_to", of.turn_to, {"angle": 1, "rate": 1}), ("turn_at", of.turn_at, {"signed_rate": 1})):
         for word in words if steps else ():
             if why := _more_than_the_plan(steps, numbers, word, make.most_axes > 1):
                 raise FormatError(f"{make.name}: {name} {why}; a turn says the plan's axis, angle and rate, and nothing else; {AGAIN}")
@@ -65,14 +80,15 @@ def require_fit(table: Description, make: Make) -> None:
         if any(MODAL.search(step.send) for step in steps) and not in_minutes:
             said = f"settings.rate_per_dps is {rate:g}, and G-code wants F{{rate}} per minute in the unit of the angle, {60 * per_deg:g}"
             raise FormatError(f"{make.name}: {said}; {AGAIN}")
-    turns = [turn.send for turn in (*make.turn_to, *make.turn_at) if {"angle", "signed_rate"} & set(PLACE.findall(turn.send))]
+    turns = [turn.send for turn in (*of.turn_to, *of.turn_at) if {"angle", "signed_rate"} & set(PLACE.findall(turn.send))]
     begins = [(" *+".join(map(re.escape, head)), ".*") for turn in turns if (head := _head(turn))]
-    begins += [(word.upper(), " *+=?+ *+[-+]?+ *+[0.]*+") for word in {*words, *make.order} if word.isalpha()]
-    for name, steps in make.requests():
+    begins += [(word.upper(), " *+=?+ *+[-+]?+ *+[0.]*+") for word in {*words, *order} if word.isalpha()]
+    for name, steps in make.sent():
         for step in steps if name not in ("turn_to", "turn_at") else ():
             text = _filled(step.send, settings)
             if why := _may_move(name, step, text, begins):
                 raise FormatError(f"{make.name}: {name} {why} {(text or step.raw)[:60]!r}; {AGAIN}")
+    return make
 
 
 def _more_than_the_plan(steps: Iterable[Step], numbers: dict[str, int], word: str, names_an_axis: bool) -> str:
@@ -139,3 +155,88 @@ def _head(turn: str) -> str:
     parts = PLACE.split(MODAL.sub("", turn).upper().replace(" ", ""))
     literals = parts[::2] if PLACE.match(turn) is None else parts[2::2]
     return literals[0] if literals else ""
+
+
+def require_travel(table: Description, make: Make, number: Controller, values: Mapping[int, float]) -> None:
+    """TableLimit where the controller counts in inches, or an axis may turn beyond its travel; number: of each setting; values: by these.
+
+    A GRBL that homes ($22) has all its travel ($130 and on) below 0: its switch is at 0, or at the other end where $23 says so, and behind
+    homing it rests by $27 beside it.  A turn to the other side of 0 drives through the switch: an alarm with $21, nothing at all without.
+    """
+    if values.get(number.inches):
+        raise TableLimit(f"{table.name}: its controller has angles in inches: set ${number.inches} to 0; nothing was moved")
+    if int(values.get(number.homes, 0)) & (HOMES | ZERO_THERE) != HOMES:
+        return
+    pulloff, sense = values.get(number.pulloff, 0.0), int(values.get(number.sense, 0))
+    for axis in table.axes:
+        place = make.states.order.index(axis.word)
+        if (travel := values.get(number.travel + place)) is None:
+            continue
+        ends = (pulloff - travel, 0.0) if sense >> place & 1 else (-travel, -pulloff)
+        least, most = sorted(end / make.settings["per_deg"] + 0.0 for end in ends)  # no -0
+        if axis.is_endless:
+            if stops := [each for each in (number.soft, number.hard) if values.get(each)]:
+                why = f"turns without end by table.toml, and ${stops[0]} stops it at {least:g} and {most:g} deg"
+                raise TableLimit(f"{table.name}: {axis.name} {why}; set it to 0, or give limits; nothing was moved")
+        elif axis.least_rad / DEG < least - WITHIN_DEG or axis.most_rad / DEG > most + WITHIN_DEG:
+            allowed = f"{least:g} to {most:g} by its controller (${number.travel + place}, ${number.pulloff}, ${number.sense})"
+            raise TableLimit(
+                f"{table.name}: {axis.name} may turn from {axis.limits} by table.toml, and from {allowed}: beyond is its switch, or "
+                "nothing that stops it; correct least_deg and most_deg, or these settings; nothing was moved"
+            )
+
+
+# What is sent.
+
+
+def request_text(step: Step, settings: Mapping[str, Any], word: str, axis: int, angle_rad: float, rate_rps: float) -> str:
+    """A request with its values filled in, without the end of its line."""
+    if step.raw:
+        return step.raw
+    decimals, signed = int(settings["decimals"]), rate_rps / DEG * settings["rate_per_dps"]
+    values = {
+        "word": word,
+        "axis": axis + 1,
+        "angle": f"{angle_rad / DEG * settings['per_deg']:.{decimals}f}",
+        "rate": f"{abs(signed):.{decimals}f}",
+        "signed_rate": f"{signed * math.copysign(1.0, settings['per_deg']):.{decimals}f}",
+    }
+    return _filled(step.send, {**settings, **values})
+
+
+def example(table: Description, make: Make) -> list[tuple[str, str]]:
+    """All that would be sent, and when, in this order: to compare with a manual before anything moves.  Turns with an example's numbers."""
+    rows = []
+    for name, steps in make.sent():
+        if name in ("turn_to", "turn_at"):
+            for number, axis in enumerate(table.axes if steps else ()):
+                angle = min(30 * DEG, axis.most_rad)
+                rate = min(10 * DEG, axis.fastest_rps)
+                what = f"{axis.name} {f'to {angle / DEG:g} deg ' if name == 'turn_to' else ''}at {rate / DEG:g} dps"
+                rows.append((what, sent_text(table, make, steps, number, angle, rate)))
+        elif steps:
+            harder = name == "stop" and any(what == WHEN["stop"] for what, _ in rows)
+            rows.append((f"{WHEN[name]}{', harder' * harder}", sent_text(table, make, steps)))
+    return rows
+
+
+#: when requests are sent, for a reader
+WHEN = {
+    "where": "where it is",
+    "controller": "its own settings, before a plan",
+    "begin": "the first motion, before it",
+    "home": "homing",
+    "ask": "whether it takes a motion",
+    "stop": "stop",
+    "clear": "clear",
+}
+
+
+def sent_text(table: Description, make: Make, steps: tuple[Step, ...], axis: int = 0, angle_rad: float = 0.0, rate_rps: float = 0.0) -> str:
+    """Requests as they would be sent, on one line."""
+    texts = [
+        request_text(step, make.settings, table.axes[number].word, number, angle_rad, rate_rps)
+        for step in steps
+        for number in (range(len(table.axes)) if step.each else (axis,))
+    ]
+    return "; ".join(text if text.isprintable() else repr(text) for text in texts)

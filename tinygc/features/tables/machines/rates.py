@@ -51,12 +51,10 @@ def steps_of(table: Description, axis: int, rates_rps: Sequence[float], dwell_s:
             raise TableLimit(f"{of.name} at {rate / DEG:g} dps: expected above 0 and at most {of.fastest_rps / DEG:g}, its fastest")
         way = rate * (dwell_s + SETTLE_S + rate / of.acceleration_rps2) + MARGIN_RAD
         for sense in (1.0, -1.0):
-            start = None
-            if of.least_rad is not None and of.most_rad is not None:
-                if way > of.most_rad - of.least_rad:
-                    turns = f"{of.name} at {rate / DEG:g} dps for {dwell_s:g} s turns by {way / DEG:.0f} deg"
-                    raise TableLimit(f"{turns}, its limits leave {(of.most_rad - of.least_rad) / DEG:.0f}: a shorter --dwell")
-                start = of.least_rad if sense > 0 else of.most_rad
+            if way > of.most_rad - of.least_rad:
+                turns = f"{of.name} at {rate / DEG:g} dps for {dwell_s:g} s turns by {way / DEG:.0f} deg"
+                raise TableLimit(f"{turns}, its limits leave {(of.most_rad - of.least_rad) / DEG:.0f}: a shorter --dwell")
+            start = None if of.is_endless else of.least_rad if sense > 0 else of.most_rad
             found.append(RateStep(axis, sense * rate, dwell_s, start))
     return found
 

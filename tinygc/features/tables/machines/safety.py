@@ -87,19 +87,14 @@ class Move:
     @classmethod
     def anywhere(cls, table: Description, axis: int, fastest_rps: float) -> Move:
         """Any angle within an axis's limits: of moves that are computed on the way."""
-        of = table.axes[axis]
-        return cls(axis, -np.inf if of.least_rad is None else of.least_rad, np.inf if of.most_rad is None else of.most_rad, fastest_rps)
+        return cls(axis, table.axes[axis].least_rad, table.axes[axis].most_rad, fastest_rps)
 
     def text(self, table: Description) -> str:
         """One line of the plan."""
         if self.axis is None:
             return f"all axes ({', '.join(axis.name for axis in table.axes)}) search their reference marks, at the machine's own rate"
         of = table.axes[self.axis]
-        limits = (
-            "without limits"
-            if of.least_rad is None or of.most_rad is None
-            else f"limits {of.least_rad / DEG:g} to {of.most_rad / DEG:g} deg"
-        )
+        limits = of.limits if of.is_endless else f"limits {of.limits}"
         rate = f"{self.fastest_rps / DEG:g} dps"
         if self.at_rate:
             turned = f"{self.fastest_rps * self.longest_s / DEG:g} deg"
@@ -132,7 +127,7 @@ class Guarded:
     def __init__(self, table: Table, clock: Clock | None = None):
         self.description = table.description
         self._table, self._clock = table, clock or HostClock()
-        self.by_hand = bool(getattr(table, "by_hand", False))
+        self.by_hand = table.by_hand
         self._allowed: list[Move] = []
         self._rest = threading.Event()  # whether nothing was asked to move since it was seen at rest
         self._rest.set()
@@ -187,18 +182,18 @@ class Guarded:
     @property
     def has_rate_mode(self) -> bool:
         """Whether the machine turns at a rate by itself."""
-        return bool(getattr(self._table, "has_rate_mode", False))
+        return self._table.has_rate_mode
 
     @property
     def begins(self) -> str:
         """What will be sent before the first motion (``begin`` of its make), such as to switch its motors on; empty where nothing is."""
-        return str(getattr(self._table, "begins", ""))
+        return self._table.begins
 
     @property
     def notes(self) -> list[str]:
         """What belongs to a plan besides its moves: what is sent before the first, and what the make warns of."""
         begins = [f"before the first move it is sent: {self.begins}"] if self.begins else []
-        return begins + [warning for warning in (getattr(self._table, "warning", ""),) if warning]
+        return [*begins, *filter(None, [self._table.warning])]
 
     def confirm(self, moves: Sequence[Move], ask: Callable[[str], bool] | None, say: Callable[[str], None]) -> None:
         """Show a plan, check it against the limits, and have it confirmed; ask None: somebody confirmed it already (``--yes``).
@@ -214,7 +209,7 @@ class Guarded:
                 for angle in {move.least_rad, move.most_rad} if not move.at_rate else ():
                     if np.isfinite(angle):
                         require_allowed(self.description, move.axis, angle, move.fastest_rps)
-        getattr(self._table, "require_travel", lambda: None)()
+        self._table.require_travel()
         for line in plan_lines(self.description, moves, self.notes):
             say(line)
         if ask is not None and not ask("Move it?"):
@@ -223,7 +218,7 @@ class Guarded:
 
     def stands_at_zero(self) -> None:
         """A person says that every axis stands at its zero: a controller that restarted is right with its angles, or is set to zero."""
-        getattr(self._table, "set_zero", lambda: None)()
+        self._table.set_zero()
         self._table.angles_lost = False
 
     def require_angles(self) -> None:
@@ -284,13 +279,11 @@ class Guarded:
         if not direct:
             if not np.isfinite(here := angles[axis]):
                 raise TableLimit(f"{self.description.name}: {of.name} does not say where it is: home it; nothing was moved")
-            end = here + rate_rps * longest_s
-            if of.least_rad is not None and of.most_rad is not None:
-                limit = of.most_rad if rate_rps > 0 else of.least_rad
-                if (limit - here) * np.sign(rate_rps) < BESIDE_RAD:
-                    raise TableLimit(f"{self.description.name}: {of.name} is at its limit of {limit / DEG:g} deg; nothing was moved")
-                end = min(end, limit) if rate_rps > 0 else max(end, limit)
-            return self._turn_to(axis, self._switch_on(angles), float(end), abs(rate_rps))
+            limit = of.most_rad if rate_rps > 0 else of.least_rad
+            if (limit - here) * np.sign(rate_rps) < BESIDE_RAD:
+                raise TableLimit(f"{self.description.name}: {of.name} is at its limit of {limit / DEG:g} deg; nothing was moved")
+            end = float(np.clip(here + rate_rps * longest_s, of.least_rad, of.most_rad))
+            return self._turn_to(axis, self._switch_on(angles), end, abs(rate_rps))
         if rested := self.is_at_rest:
             angles = self._switch_on(angles)
         self._begin(None, longest_s)
@@ -350,13 +343,11 @@ class Guarded:
 
     def clear(self) -> None:
         """Clear an alarm: only where a person has said so.  TableFault where the machine cannot, or does not."""
-        if (clear := getattr(self._table, "clear", None)) is None:
-            raise TableFault(f"{self.description.name}: an alarm of a {self.description.make} is cleared at the machine")
-        clear()
+        self._table.clear()
 
     def forget_alarm(self) -> None:
         """A person has dealt with an alarm at the machine: ask it, and do not repeat what it said before."""
-        getattr(self._table, "forget_alarm", lambda: None)()
+        self._table.forget_alarm()
 
     def close(self) -> None:
         """Let go of the port."""
@@ -393,7 +384,7 @@ class Guarded:
         if self.begins:
             self._begin(None, 0.0)
             self._from = angles
-            self._guard(self._table.begin)  # type: ignore[attr-defined]
+            self._guard(self._table.begin)
             if angles is not None:
                 return self.settle().angles
         return angles
@@ -424,7 +415,7 @@ class Guarded:
             if self._homing:  # it changes angles at once
                 continue
             beside = 5 * axis.sigma_rad + axis.backlash_rad
-            if self._last is not None and axis.least_rad is not None and axis.most_rad is not None:
+            if self._last is not None and not axis.is_endless:
                 over, before = (max(axis.least_rad - said, said - axis.most_rad) for said in (angle, self._last[1][number]))
                 if over > BESIDE_RAD + beside and over > before + RESTS_RAD:  # back from beyond it may come
                     self._stop_for(f"{axis.name} says {angle / DEG:.2f} deg, beyond its limits")
@@ -463,7 +454,7 @@ class Guarded:
     def _require_rate(self, axis: int, rate_rps: float) -> None:
         """TableLimit for a rate that the axis cannot turn at, or that its make cannot say."""
         require_rate(self.description, axis, rate_rps)
-        getattr(self._table, "require_rate", lambda *of: None)(axis, rate_rps)
+        self._table.require_rate(axis, rate_rps)
 
     def _require_rest(self) -> None:
         if not self._rest.is_set():
@@ -481,11 +472,10 @@ class Guarded:
     def _is_seen_at_rest(self) -> bool:
         """Whether two looks see the same angles within the time that braking takes."""
         end_s = self._clock.now_s() + self.description.braking_s + REST_S
-        look = getattr(self._table, "look", None) or (lambda: self._table.where().angles)
         before: np.ndarray | None = None
         while self._clock.now_s() <= end_s:
             try:
-                angles = look()
+                angles = self._table.look()
             except TableFault:
                 return False
             if before is not None and np.abs(angles - before).max() < RESTS_RAD:

@@ -36,11 +36,13 @@ class Where:
 class Table(Protocol):
     """A machine that is connected.  All verbs raise TableFault where it does not answer, and for a fault that it reports.
 
-    angles_lost: it has restarted, and was not homed since.
+    has_rate_mode: whether it turns at a rate by itself; by_hand: a person turns it, who takes his time, and reads a dial; angles_lost: it
+    has restarted, and was not homed since; begins: what ``begin`` will send, as text; warning: what whoever lets it move must know.
     """
 
     description: Description
-    angles_lost: bool
+    has_rate_mode = by_hand = angles_lost = False
+    begins = warning = ""
 
     def home(self) -> None:
         """Begin to search the reference marks of all axes."""
@@ -64,14 +66,37 @@ class Table(Protocol):
     def close(self) -> None:
         """Let go of the port; the table is at rest before."""
 
+    # What not every machine has.
+
+    def begin(self) -> None:
+        """Send what it wants before its first motion, such as to switch its motors on; nothing the second time."""
+
+    def look(self) -> np.ndarray:
+        """Angles (K,) rad, whatever else it reports: to see whether it rests."""
+        return self.where().angles
+
+    def clear(self) -> None:
+        """Clear an alarm, where a program can: only when a person has said so.  TableFault where it stays."""
+        raise TableFault(f"{self.description.name}: an alarm of a {self.description.make} is cleared at the machine")
+
+    def forget_alarm(self) -> None:
+        """A person has dealt with an alarm at the machine: ask it, and do not repeat what it said before."""
+
+    def set_zero(self) -> None:
+        """A person says that every axis stands at its zero."""
+
+    def require_rate(self, axis: int, rate_rps: float) -> None:
+        """TableLimit for a rate (either sign) that its requests cannot say."""
+
+    def require_travel(self) -> None:
+        """TableLimit where the controller's own settings do not fit the description; TableFault where it does not say them."""
+
 
 def require_allowed(table: Description, axis: int, angle_rad: float, rate_rps: float) -> None:
     """TableLimit for an angle beyond the limits of an axis, or a rate beyond what it can do."""
     of = table.axes[axis]
     if not of.allows(angle_rad):
-        assert of.least_rad is not None and of.most_rad is not None  # noqa: PT018
-        limits = f"{of.least_rad / DEG:g} to {of.most_rad / DEG:g}"
-        raise TableLimit(f"{table.name}: {of.name} to {angle_rad / DEG:g} deg, expected {limits}; nothing was moved")
+        raise TableLimit(f"{table.name}: {of.name} to {angle_rad / DEG:g} deg, expected {of.limits}; nothing was moved")
     require_rate(table, axis, rate_rps)
 
 

@@ -25,8 +25,7 @@ from session.log.samples import Samples
 from tinygc.features.tables.machines.angles import NAME as ANGLES
 from tinygc.features.tables.machines.angles import AngleLog, on_its_clock, read_angles
 from tinygc.features.tables.machines.description import NAME as TABLE
-from tinygc.features.tables.machines.description import Description, read_description
-from tinygc.features.tables.machines.kinematics import body_axes
+from tinygc.features.tables.machines.description import Description, body_axes, read_description
 from tinygc.features.tables.machines.rates import MARGIN_RAD
 from tinygc.features.tables.rates.points import Points, points_of
 from tinygc.features.tables.rates.sweep import LEAST, Response
@@ -169,7 +168,7 @@ def _is_way_back(own: AngleLog, dwell: Dwell, table: Description) -> bool:
     axis = table.axes[dwell.axis]
     after = own.angles[dwell.stop :, dwell.axis]
     moves = np.flatnonzero(np.abs(np.diff(after)) <= AT_REST * axis.sigma_rad)
-    if abs(dwell.rate) <= RATE_WITHIN_DPS * DEG or not len(moves) or axis.least_rad is None or axis.most_rad is None:
+    if abs(dwell.rate) <= RATE_WITHIN_DPS * DEG or not len(moves) or axis.is_endless:
         return False
     rests = float(np.unwrap([axis.least_rad, after[moves[0]]])[1])
     return min(abs(rests - axis.least_rad), abs(rests - axis.most_rad)) < MARGIN_RAD / 2

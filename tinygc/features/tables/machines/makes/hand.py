@@ -12,19 +12,18 @@ from session.base.texts import printable
 from session.base.units import DEG
 from session.bench.clocks import Clock
 from tinygc.features.tables.machines.description import Description
-from tinygc.features.tables.machines.verbs import TableFault, Where
+from tinygc.features.tables.machines.verbs import Table, TableFault, Where
 
 TITLE = "turned by hand: each verb asks you, Enter confirms the angle"
 
 
-class Hand:
+class Hand(Table):
     """``Table`` whose motor is a person.  ask: prints a request and returns what was typed; TableFault where nobody can answer.
 
     A verb asks in a thread of its own, as a machine moves by itself: ``where`` says moving until Enter, or another angle, was typed.
     """
 
     has_rate_mode = by_hand = True
-    angles_lost = False
 
     def __init__(self, description: Description, ask: Callable[[str], str]):
         self.description, self._ask = description, ask

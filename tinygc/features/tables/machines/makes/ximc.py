@@ -21,7 +21,7 @@ from session.base.errors import FormatError
 from session.base.units import DEG
 from session.bench.clocks import Clock
 from tinygc.features.tables.machines.description import Description
-from tinygc.features.tables.machines.verbs import TableFault, Where
+from tinygc.features.tables.machines.verbs import Table, TableFault, Where
 from tinygc.features.tables.machines.wire import LineLost
 
 TITLE = "rotary stages on 8SMC controllers (libximc), a controller for each axis"
@@ -40,7 +40,7 @@ FAULTS = (
 )
 
 
-class Ximc:
+class Ximc(Table):
     """``Table`` over libximc."""
 
     has_rate_mode = True

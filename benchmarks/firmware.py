@@ -106,9 +106,9 @@ def _measure(method: str, model, session: Session, folder: Path, samples: int) -
     return rows, [method, f"{differ} of {expected.size}", *torch_off, *from_double, ", ".join(said)]
 
 
-def _random(sensor: Registers, samples: int) -> np.ndarray:
+def _random(registers: Registers, samples: int) -> np.ndarray:
     rng = np.random.default_rng(0)
-    top = sensor.gyro_fs_dps * DEG
+    top = registers.sensor.gyro_fs_dps * DEG
     rate = rng.uniform(-top, top, (samples, 3))
     return np.column_stack([rate, 9.8 * rng.normal(size=(samples, 3)), rng.uniform(10, 40, samples)]).astype(np.float32)
 

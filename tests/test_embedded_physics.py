@@ -28,7 +28,7 @@ from exported_models import (
 from numpy.testing import assert_allclose, assert_array_equal
 
 from session.base.units import DEG, G
-from session.log.config import Accelerometer
+from session.log.config import Accelerometer, Sensor
 from session.log.samples import Samples
 from tinygc.deploy.embedded.program import COUNT, TOLERANCE, Registers, program, vectors
 from tinygc.deploy.embedded.source import source_files
@@ -39,7 +39,7 @@ from tinygc.models.physics import PhysicsModel
 
 F = np.float32
 ACCELEROMETER = Accelerometer(np.eye(3) + 0.01 * RNG.normal(size=(3, 3)), np.array([0.1, -0.2, 0.3]))
-SENSOR = Registers(500, 4, 208.0, ACCELEROMETER)
+SENSOR = Registers(accelerometer=ACCELEROMETER)
 each_model = pytest.mark.parametrize("name", MODELS)
 
 
@@ -143,7 +143,7 @@ def test_a_constant_rate_passes_at_once_and_a_false_reading_is_gone_after_the_wi
 
 def test_a_program_knows_its_size_and_its_weights():
     made = program(NET)
-    files = source_files(made, Registers(250, 8, 104.0), "T.", {"model": "m", "made": "today"})
+    files = source_files(made, Registers(Sensor("ASM330LHH", "", 104.0, 250, 8)), "T.", {"model": "m", "made": "today"})
     header = files["tinygc_model.h"]
     assert made.parameters == 27
     assert made.identity == zlib.crc32(b"".join(array.tobytes() for array in made.constants.values()))
@@ -182,7 +182,7 @@ def test_registers_and_force_mean_what_they_mean_in_a_log(compiled):
 
 @pytest.mark.parametrize("accel_fs_g", [2, 8])
 def test_vectors_cover_rates_gravity_and_temperatures_and_are_the_programs(accel_fs_g):
-    sensor, made = Registers(500, accel_fs_g), program(LINEAR)
+    sensor, made = Registers(Sensor("ASM330LHH", "", 208.0, 500, accel_fs_g)), program(LINEAR)
     registers, rates = vectors(made, sensor)
     assert (registers.shape, registers.dtype, COUNT, TOLERANCE) == ((COUNT, 7), np.int16, 64, 2e-6)
     assert_array_equal(rates, made.run(sensor.inputs(registers)))

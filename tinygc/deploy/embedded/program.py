@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 
 from session.base.errors import FormatError
 from session.base.rotation import unit_vectors
-from session.log.config import Accelerometer, Config
-from session.log.registers import DEFAULT, RegisterUnits
+from session.log.config import Accelerometer, Config, Sensor
+from session.log.registers import DEFAULT
 from session.log.sensors.profile import Thermometer
 from tinygc.deploy import ExportError, feature_exports
 from tinygc.deploy.embedded.stages import calibration_net, denoise, effect_stage, linear
@@ -127,17 +127,16 @@ STAGES: dict[type, Callable[[Any], list[Stage]]] = {
 # The meaning of a sensor's registers, in single precision: gx gy gz ax ay az temp, as in a log or a frame.
 
 
+#: whose registers a self-test has where those of the sensor are not known
+USUAL = Sensor(DEFAULT, "", 208.0, 500, 4)
+
+
 @dataclass(frozen=True, eq=False)
 class Registers:
-    """gyro_fs_dps and accel_fs_g of the sensor; its nominal odr_hz; the accelerometer's pre-calibration; the register units;
-    model: the sensor's name; own_units: as in session.toml."""
+    """Of a sensor, with the accelerometer's calibration."""
 
-    gyro_fs_dps: float = 500
-    accel_fs_g: float = 4
-    odr_hz: float = 208.0
+    sensor: Sensor = USUAL
     accelerometer: Accelerometer = field(default_factory=Accelerometer)
-    model: str = DEFAULT
-    own_units: Mapping[str, float | None] = field(default_factory=dict)
 
     @classmethod
     def of(cls, config: Config, accelerometer: Accelerometer | None = None) -> Registers | None:
@@ -145,32 +144,27 @@ class Registers:
 
         accelerometer: the calibration on which the fit is based, where it differs from session.toml's.
         """
-        sensor = config.sensor
-        own = accelerometer or config.accelerometer
-        registers = cls(sensor.gyro_fs_dps, sensor.accel_fs_g, sensor.nominal_hz, own, sensor.model, sensor.own_units)
         try:
-            return registers if registers.units.gyro_rps and registers.units.accel_mps2 and registers.units.thermometer else None
+            units = config.sensor.register_units
+            known = units.gyro_rps and units.accel_mps2 and units.thermometer
         except FormatError:
             return None
-
-    @property
-    def units(self) -> RegisterUnits:
-        """Units per LSB, SI."""
-        return RegisterUnits(self.model, self.gyro_fs_dps, self.accel_fs_g, **self.own_units)
+        return cls(config.sensor, accelerometer or config.accelerometer) if known else None
 
     @property
     def thermometer(self) -> Thermometer:
         """Scale of the temperature register."""
-        assert self.units.thermometer is not None  # ``of`` has checked this
-        return self.units.thermometer
+        thermometer = self.sensor.register_units.thermometer
+        assert thermometer is not None  # ``of`` has checked this
+        return thermometer
 
     @property
     def constants(self) -> dict[str, np.ndarray]:
         """rad/s per LSB; the accelerometer's sensitivity, matrix and bias as one affine map; degC per LSB and at zero."""
-        lsb, thermometer = self.units.accel_mps2, self.thermometer
+        units, thermometer = self.sensor.register_units, self.thermometer
         constants: dict[str, ArrayLike] = {
-            "RPS_PER_LSB": [self.units.gyro_rps],
-            "FORCE": force_map(self.accelerometer, lsb),
+            "RPS_PER_LSB": [units.gyro_rps],
+            "FORCE": force_map(self.accelerometer, units.accel_mps2),
             "TEMPERATURE": [1 / thermometer.lsb_per_c, thermometer.at_zero_c],
         }
         return single(constants, "the meaning of the registers")
@@ -229,7 +223,7 @@ def vectors(program: Program, registers: Registers) -> tuple[np.ndarray, np.ndar
     rng = np.random.default_rng(_SEED)
     numbers = rng.integers(-28000, 28000, size=(COUNT, 7)).astype(np.int16)
     direction = rng.normal(size=(COUNT, 3))
-    one_g = 8192 * 4 / registers.accel_fs_g
+    one_g = 8192 * 4 / registers.sensor.accel_fs_g
     numbers[:, 3:6] = np.rint(unit_vectors(direction) * one_g)
     span = round(SPAN_C * registers.thermometer.lsb_per_c)
     numbers[:, 6] = rng.integers(-span, span, size=COUNT)

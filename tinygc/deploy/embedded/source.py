@@ -165,21 +165,22 @@ static void affine(const float w[3][4], const float x[3], float y[3])
 
 
 def source_files(
-    program: Program, sensor: Registers | None, title: str, facts: dict[str, str], accelerometer: Accelerometer | None = None
+    program: Program, registers: Registers | None, title: str, facts: dict[str, str], accelerometer: Accelerometer | None = None
 ) -> dict[str, str]:
-    """Return file name -> text.  sensor: None where its registers are unknown; title and facts go into comments; accelerometer: the
-    calibration that ``tinygc_force`` applies, the sensor's by default.
+    """Return file name -> text.  registers: None where those of the sensor are unknown; title and facts go into comments;
+    accelerometer: the calibration that ``tinygc_force`` applies, the registers' by default.
 
-    Without a sensor ``tinygc_from_registers`` is private to the self-test.
+    Without registers ``tinygc_from_registers`` is private to the self-test.
     """
-    known = Registers() if sensor is None else sensor
+    known = registers or Registers()
+    sensor = known.sensor
     constants, stages = program.constants, program.stages
     accelerometer = accelerometer or known.accelerometer
     members, start = ("".join(getattr(stage, name) for stage in stages) for name in ("state", "start"))
     code = "\n".join(stage.body for stage in stages)
     calibration = single({"ACCELEROMETER": force_map(accelerometer)}, "the accelerometer's calibration")
     tables = constants | known.constants | calibration
-    registers, rates = vectors(program, known)
+    inputs, rates = vectors(program, known)
     unread = "; this model does not read it"
     fill = {
         "title": commented(title),
@@ -195,15 +196,15 @@ def source_files(
         "averaged": _AVERAGED if "in->temp_c" in code else "",
         "force": "" if "in->force" in code else unread,
         "temp": "" if "in->temp_c" in code else unread,
-        "defines": "" if sensor is None else _DEFINES.format(sensor=sensor, odr=literal(np.float32(sensor.odr_hz))),
-        "prototype": _FORCE + ("" if sensor is None else _FROM_REGISTERS.format(sensor=sensor, model=commented(sensor.model))),
+        "defines": "" if registers is None else _DEFINES.format(sensor=sensor, odr=literal(np.float32(sensor.nominal_hz))),
+        "prototype": _FORCE + ("" if registers is None else _FROM_REGISTERS.format(sensor=sensor, model=commented(sensor.model))),
         "constants": "\n\n".join(constant(name, array) for name, array in tables.items()),
         "functions": "\n".join([_AFFINE, *(stage.functions for stage in stages if stage.functions)]),
-        "from_registers": FORCE_FUNCTION + "\n" + ("static " if sensor is None else "") + REGISTERS_FUNCTION,
+        "from_registers": FORCE_FUNCTION + "\n" + ("static " if registers is None else "") + REGISTERS_FUNCTION,
         "start": indent(start or "state->unused = 0;", "    "),
         "body": indent("\n".join(["(void)state;"] * (not members) + [_block(stage) for stage in stages]), "    "),
         "self_test": _SELF_TEST.format(
-            count=len(registers), registers=initialiser(registers), rates=initialiser(rates), tolerance=literal(np.float32(TOLERANCE))
+            count=len(inputs), registers=initialiser(inputs), rates=initialiser(rates), tolerance=literal(np.float32(TOLERANCE))
         ),
     }
     return {HEADER: _HEADER.format(**fill), SOURCE: _SOURCE.format(**fill)}

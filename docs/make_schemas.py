@@ -1,4 +1,4 @@
-"""What follows from the records of our files: the tables of keys in ``docs/formats`` and the JSON Schemas.
+"""What follows from the records of our files: the tables of keys in the pages and the JSON Schemas.
 
 ``python docs/make_schemas.py`` writes the tables anew, each below its line ``<!-- keys of MODULE:RECORD -->`` (with
 ``in SECTION`` where they stand in one);
@@ -23,6 +23,7 @@ sys.path[:0] = [str(DOCS), str(DOCS.parent)]
 
 from schema_tables.shapes import DEFINED, file_of, schema_of  # noqa: E402
 
+import tinygc  # noqa: E402, F401  # tells where the features are, which have keys as well
 from session.base.records import REQUIRED, Entry, Record, record_of  # noqa: E402
 from session.base.results import LARGEST, Array, Flag, Keys, ListOf, MapOf, Maybe, Number, Shape, Text  # noqa: E402
 
@@ -42,7 +43,7 @@ MARK = re.compile(r"(<!-- keys of (\S+):(\w+)(?: in (\w+))? -->\n\n)(?:\|.*\n)*"
 
 def pages() -> dict[Path, str]:
     """Each page that holds a table of keys -> its text with the tables as the records have them."""
-    texts = {path: path.read_text(encoding="utf-8") for path in sorted((DOCS / "formats").glob("*.md"))}
+    texts = {path: path.read_text(encoding="utf-8") for path in sorted(DOCS.rglob("*.md"))}
     return {path: MARK.sub(lambda found: found[1] + _table(*found.groups()[1:]), text) for path, text in texts.items() if MARK.search(text)}
 
 
@@ -76,7 +77,7 @@ def _range(shape: Shape) -> str:
         return f"{'×'.join(map(str, shape.shape))} numbers, each {_range(shape.entry)}{sound}"
     if isinstance(shape, Flag):
         return "`true`, `false`"
-    if isinstance(shape, Text) and shape.one_of:
+    if getattr(shape, "one_of", ()):
         return ", ".join(f'`"{word}"`' for word in shape.one_of)
     return {ListOf: "list of tables", MapOf: "table", Keys: "table"}.get(type(shape), shape.expected)
 

@@ -21,6 +21,10 @@ Record = TypeVar("Record")
 #: where the core asks -> what it asks for: the arguments of a function and its answer, or what a module has
 POINTS = {
     "options of COMMAND": "function(parser): adds options to a command of the core",
+    "kind of folder": "function(folder) -> what it is and what takes it, one sentence; None of a session, and of what cannot be read",
+    "line of a list": "function(folder) -> fields of ListedSession (tinygc/estimation/listing.py) of such a folder, or None",
+    "further reference": "a word of protocol.reference, of a recording without an accelerometer",
+    "section of session.toml": "frozen dataclass of records.py: what a section holds, whose name is its class variable section",
     "fit of a folder": "function(args) -> Done | None: fits a folder that is no session of one sensor",
     "explanation of a folder": "function(args) -> exit code | None: explains such a folder",
     "check of a recording": "function(session or folder, clock, further) -> list of Finding | None: checks what is no session",
@@ -124,7 +128,7 @@ def extended(point: str) -> Callable[[type[Record]], type[Record]]:
         if not (more := tuple(each(point, beside()))):
             return record
         own = {"__doc__": record.__doc__, "__module__": record.__module__}
-        return dataclass(frozen=True)(type(record.__name__, (record, *more), own))
+        return dataclass(frozen=True)(type(record.__name__, (*more, record), own))
 
     return with_more
 

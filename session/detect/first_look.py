@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from session.base.errors import CalibrationError
-from session.base.names import CLOCKS, TURNS, log_paths
+from session.base.names import CLOCKS, is_special, log_paths
 from session.base.units import NS
 from session.detect.axes import check_axes, check_gravity_moves
 from session.detect.check_references import check_dials, check_known_turns, check_truth, with_aligned_truth, with_own_accelerometer
@@ -262,10 +262,10 @@ def _read_what_there_is(folder: Path, error: CalibrationError) -> tuple[Session 
     def finding(where: str, error: CalibrationError) -> Finding:
         return Finding("error", where, "reading", str(error))
 
+    if is_special(folder):
+        return None, [finding(folder.name, error)]
     try:
         config = read_config(folder / "session.toml")
-        if config.protocol.reference == TURNS:
-            return None, [finding(folder.name, error)]
         paths = {stem: log_paths(folder, stem) for stem in ("log", "closure")}
     except CalibrationError:
         return None, [finding(folder.name, error)]

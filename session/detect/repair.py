@@ -16,7 +16,7 @@ from typing import Any
 from session import VERSION
 from session.base.errors import DataError, FormatError
 from session.base.files import MOST_TOML, copy_new, folder_whole, read_text, replaced
-from session.base.names import log_paths, refuse_array
+from session.base.names import log_paths, refuse_special
 from session.base.results import write_whole
 from session.base.toml import setting
 from session.base.units import ENDINGS, WORDS
@@ -88,7 +88,7 @@ def repair(source: Path, out: Path, cause: int | None = None) -> Repaired:
     """
     if out.exists():
         raise FormatError(f"{out}: exists; give --repair a new folder")
-    refuse_array(source)
+    refuse_special(source)
     read_config(source / "session.toml")  # what is not there is named as the user wrote it
     with folder_whole(out) as whole, tempfile.TemporaryDirectory(dir=whole) as work:
         copy, changes = Path(work) / "0", []

@@ -12,14 +12,13 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
+from session.base import features
 from session.base.errors import FormatError
-from session.base.names import TURNS, is_of_turns
-from session.base.records import DERIVED, ROTATION, Key, record_of
+from session.base.records import DERIVED, ROTATION, Key, Record, record_of
 from session.base.results import Array, Keys, MapOf, Mismatch, Number, Shape, Text, require, shown, unknown_keys
 from session.base.rotation import conjugate, from_matrix, multiply
 from session.base.toml import Note, read_toml
 from session.base.units import BEYOND, STANDARD_GRAVITY_MPS2
-from session.log.certificate import CertificateGiven
 from session.log.registers import DEFAULT, RegisterUnits, profile_of
 from session.log.requirements import Requirements, RequirementsShape
 from session.log.sensors.profile import CLOCK_WITHIN, Profile
@@ -143,7 +142,8 @@ class TruthAlignment:
 SCHEMA = "tinygc-session/1"
 #: normal gravity is 9.780 at the equator and 9.832 at the poles (WGS 84), and less by 0.003 for each km of height
 GRAVITY_OVER_EARTH_MPS2 = 0.02
-REFERENCES = ("gravity", "table", "truth", TURNS)
+#: where attitudes come from; a further reference of a feature is of a sensor without an accelerometer
+REFERENCES = ("gravity", "table", "truth")
 #: keys of a sensor whose registers are not this tool's to know
 OWN_UNITS = ("gyro_mdps_per_lsb", "accel_mg_per_lsb", "temp_lsb_per_c", "temp_at_zero_c")
 
@@ -391,6 +391,25 @@ class Site:
         return GRAVITY_OVER_EARTH_MPS2 if self.gravity_mps2 is None else 0.0
 
 
+class Reference(Shape):
+    """One of ``REFERENCES``, or of those of features."""
+
+    @property
+    def one_of(self) -> tuple[str, ...]:
+        """The words."""
+        return (*REFERENCES, *features.each("further reference"))
+
+    @property
+    def expected(self) -> str:  # type: ignore[override]
+        """``one of a, b``."""
+        return Text(self.one_of).expected
+
+    def check(self, value: Any, where: str) -> None:
+        """Raises Mismatch."""
+        if value not in REFERENCES and value not in features.each("further reference"):
+            self.refuse(value, where)
+
+
 @dataclass(frozen=True)
 class Protocol:
     """How the table was turned: s of a still and of a segment, and what the attitudes are compared with."""
@@ -401,7 +420,7 @@ class Protocol:
     segment_s: Annotated[float, Number(0.5, 3600)] = 5.0
     #: where attitudes come from; `"turns"`: from nowhere, the turns of `turns.csv` are all that is known ([a gyroscope
     #: alone](session-folder.md#a-gyroscope-alone))
-    reference: Annotated[str, Text(REFERENCES)] = "gravity"
+    reference: Annotated[str, Reference()] = "gravity"
     #: one sigma of each angle of a truth file, degrees
     truth_sigma_deg: Annotated[float, Number(1e-4, 10)] = 0.1
     #: one sigma of each angle of `attitudes.csv`, degrees: a dial's reading error, or the accuracy of a machine
@@ -432,8 +451,8 @@ class LeftOut:
 @dataclass(frozen=True)
 class Config:
     """unknown: keys that nothing reads, each with the known key nearest to it, or None; model_given: whether the file names the sensor;
-    notes: the operator's notes, by name; exclude: turns that do not count; requirements: limits, None without any; certificate: what a
-    certificate states."""
+    notes: the operator's notes, by name; exclude: turns that do not count; requirements: limits, None without any; sections: the
+    records of those that features read, by their names."""
 
     schema: ClassVar[str] = SCHEMA
     sensor: Sensor
@@ -447,13 +466,16 @@ class Config:
     exclude: tuple[LeftOut, ...] = ()
     board: BoardGiven = field(default_factory=BoardGiven)
     requirements: Annotated[Requirements | None, RequirementsShape()] = None
-    certificate: CertificateGiven = field(default_factory=CertificateGiven)
+    sections: Annotated[Mapping[str, Any], DERIVED] = field(default_factory=dict)
 
 
-#: what a session.toml holds
-SHAPE = record_of(Config, null=False)
-#: sections that an array has for all of its units
-SHARED = {name: SHAPE.may[name] for name in ("notes", "exclude")}
+#: what a session.toml holds, but for the sections that features read
+SHAPE: Record = record_of(Config, null=False)
+
+
+def sections() -> dict[str, Record]:
+    """Return the sections that features read: name -> shape."""
+    return {kind.section: record_of(kind, null=False) for kind in features.each("section of session.toml")}
 
 
 def read_config(path: Path) -> Config:
@@ -470,27 +492,26 @@ def read_session_toml(path: Path) -> dict:
     return table
 
 
-def excluded_turns(table: dict) -> tuple[LeftOut, ...]:
-    """``[[exclude]]`` of a table that was compared with its shape."""
-    return SHARED["exclude"].made(table.get("exclude", []))
-
-
 def config_of(path: Path, table: dict) -> Config:
     """The record of a parsed ``session.toml``; FormatError names path, key, what was expected and what came."""
     checked: dict[str, Any] = {"sensor": {}} | table
-    alone = is_of_turns(table) and isinstance(checked["sensor"], dict)  # a gyroscope alone has no full scale of an accelerometer
-    if alone:
+    more = sections() if set(table) - {*SHAPE.must, *SHAPE.may} else {}
+    whole = replace(SHAPE, may={**SHAPE.may, **more})
+    protocol = table.get("protocol")
+    reference = protocol.get("reference", REFERENCES[0]) if isinstance(protocol, dict) else REFERENCES[0]
+    if reference not in REFERENCES and isinstance(checked["sensor"], dict):
         checked["sensor"] = {"accel_fs_g": 1} | checked["sensor"]
-    require(checked, SHAPE, str(path), DO)
+    require(checked, whole, str(path), DO)
     calibrated = {"matrix", "bias_mps2"} & set(table.get("accelerometer", {}))
     if not calibrated and (of_it := sorted({"sigma_mg", "own_stills"} & set(table.get("accelerometer", {})))):
         raise FormatError(f"{path}: accelerometer.{of_it[0]} is of a calibration that is not there; give matrix or bias_mps2")
-    config: Config = SHAPE.made(checked)
+    config: Config = whole.made(checked)
     return replace(
         config,
         sensor=replace(config.sensor, accel_fs_g=math.nan) if "accel_fs_g" not in table["sensor"] else config.sensor,
         accelerometer=config.accelerometer if calibrated else replace(config.accelerometer, source="none"),
-        unknown=unknown_keys(table, SHAPE),
+        unknown=unknown_keys(table, whole),
+        sections={name: each.made(table[name]) for name, each in more.items() if name in table},
         model_given="model" in table["sensor"],
         requirements=None if config.requirements is None else replace(config.requirements, source=path.name),
     )

@@ -30,7 +30,7 @@ from session.base.files import (
     unreadable,
     write_new,
 )
-from session.base.names import CLOCKS, TURNS, log_paths, refuse_array
+from session.base.names import CLOCKS, log_paths, refuse_special
 from session.base.texts import command_line, printable, unicode_text
 from session.base.toml import Note, line, parse_toml, value_text
 from session.base.units import DEG
@@ -330,13 +330,8 @@ def read_session(folder: Path | str, progress: Callable[[str], None] = lambda wh
     if not folder.is_dir():
         hint = "that is a file; give the session folder" if folder.exists() else "not found"
         raise FormatError(f"{folder}: {hint}; a session folder holds session.toml and log*.csv")
-    refuse_array(folder)
+    refuse_special(folder)
     config = read_config(folder / "session.toml")
-    if config.protocol.reference == TURNS:
-        raise FormatError(
-            f'{folder}: protocol.reference is "{TURNS}": a gyroscope alone, whose turns are known; '
-            f"`{command_line('fit', folder)}` takes it (tinygc.fit_turns in Python), and `apply` its model"
-        )
     paths, closures = log_paths(folder, "log"), log_paths(folder, "closure")
     rests = log_paths(folder, "rest")
     if not paths and rests:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from session.base.errors import CalibrationError, DataError
-from session.base.names import is_array, is_session
+from session.base.names import is_session, is_special, refuse_special
 from session.log.config import read_config
 
 #: most folders beside a session that are looked at; a fleet's own command reads more
@@ -30,8 +30,8 @@ def recordings_at(place: Path, first: Path, serial: str) -> list[Path]:
     """
     if not place.exists():
         raise DataError(f"{place}: not found; give a session folder, or one that holds sessions of the unit")
-    if place.is_dir() and is_array(place):
-        raise DataError(f"{place}: is an array's folder; give one unit a folder of its own, or check an array on it")
+    if place.is_dir():
+        refuse_special(place)
     if place.resolve() == first.resolve():
         raise DataError(f"{place}: is the recording itself, which confirms nothing; give another one of the unit")
     if is_session(place):
@@ -55,7 +55,7 @@ def sessions_of(place: Path, serial: str, most: int | None = None) -> Iterator[P
     """
     for folder in sorted(path for path in place.iterdir() if path.is_dir())[:most]:
         try:
-            if is_session(folder) and not is_array(folder) and (not serial or serial_of(folder) == serial):
+            if is_session(folder) and not is_special(folder) and (not serial or serial_of(folder) == serial):
                 yield folder
         except CalibrationError:
             continue

@@ -65,7 +65,7 @@ class Applied:
 
 
 def model_of(path: Path) -> Path:
-    """Return the model file that a path means: of a session's or an array's folder the one that its fit recommends.
+    """Return the model file that a path means: of a folder the one that its fit recommends.
 
     Raises CalibrationError where the folder has no fit, or where its fit recommends no model.
     """
@@ -74,10 +74,9 @@ def model_of(path: Path) -> Path:
     from tinygc.fitting.fit_file import read_fit  # heavy, and a model file needs nothing of it
 
     fit = path / "fit"
-    for only in (fit / name for name in ("model_array.json", "model_thermal.json", "model_turns.json")):
-        if only.is_file() and not (fit / "fit.json").is_file():
-            return only
     if not (fit / "fit.json").is_file():
+        if len(only := list(fit.glob("model_*.json"))) == 1:
+            return only[0]
         raise CalibrationError(f"{path}: a folder without a fit; run `{command_line('fit', path)}` first, or give a model file")
     use = read_fit(fit / "fit.json").get("use") or {}
     if (name := use.get("model")) is None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from session.base.errors import DataError, FitError, FormatError
-from session.base.names import CLOCKS, log_paths, refuse_array
+from session.base.names import CLOCKS, log_paths, refuse_special
 from session.base.results import json_text, read_json_text
 from session.base.texts import command_line, printable
 from session.detect.accelerometer import NAMES as ACCELEROMETER_NAMES
@@ -294,7 +294,7 @@ def read_calibrated(folder: Path) -> Calibrated:
     """Read a session's least-squares calibration.  Raises FormatError where it has not been fitted."""
     config, path = read_config(folder / "session.toml"), folder / "fit" / "model_least_squares.json"
     if not path.exists():
-        refuse_array(folder)
+        refuse_special(folder)
         raise FormatError(f"{path}: not found; run `{command_line('fit', folder)}` first")
     model, table = models.load_with_table(path)
     hashes = tuple(sha256_of(log) for log in log_paths(folder, "log"))

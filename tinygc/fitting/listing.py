@@ -11,8 +11,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from session.base import features
 from session.base.errors import CalibrationError
-from session.base.names import array_folders, array_size, log_paths, unit_of
+from session.base.names import log_paths
 from session.base.results import Keys, Text, read_required
 from session.base.texts import printable
 from session.log.config import read_config
@@ -29,7 +30,7 @@ EXPLAINED = Keys({"schema": Text(("tinygc-explain/2",)), "verdict": Text()})
 class ListedSession:
     """One session folder.  date: of the recording, UTC, and date_from: ``port``, ``notes`` or ``file`` (a log's time); method: that of the
     model to use (None where there is none); held_out_deg, floor_deg: of it, or of least squares; verdict: of ``explain``; problem: why it
-    cannot be read; units: number in an array, whose logs and closure runs each include all units; an unknown part is None."""
+    cannot be read; units: number of sensors that are recorded together; an unknown part is None."""
 
     folder: Path
     date: str | None = None
@@ -73,8 +74,8 @@ def folders_of(folder: Path, depth: int = 0) -> Iterator[Path]:
 def _listed(folder: Path) -> ListedSession:
     known: dict[str, Any] = {}
     try:
-        if (units := array_size(folder)) is not None:
-            return ListedSession(folder, **_array(folder, units))
+        if (special := features.first("line of a list", folder)) is not None:
+            return ListedSession(folder, **special, **_fitted(folder / "fit" / "fit.json"))
         config = read_config(folder / "session.toml")
         known |= {"model": config.sensor.model, "serial": config.sensor.serial or None}
         logs, closures = log_paths(folder, "log"), log_paths(folder, "closure")
@@ -89,19 +90,6 @@ def _listed(folder: Path) -> ListedSession:
     except (CalibrationError, OSError) as error:
         known["problem"] = printable(str(error)).replace(f"{folder}/", "")
     return ListedSession(folder, **known)
-
-
-def _array(folder: Path, units: int) -> dict[str, Any]:
-    """Return an array's sensor from session.toml, or from its first unit's, and its first unit's logs."""
-    listed = array_folders(folder)
-    first = folder / listed[0] if listed else folder
-    config = read_config(first / "session.toml")
-    logs, closures = ([path for path in log_paths(first, stem)] for stem in ("log", "closure"))
-    date, source = date_of(folder, config, [*logs, *closures])
-    counts = [len(paths) if listed else len({found[0] for found in map(unit_of, paths) if found}) for paths in (logs, closures)]
-    serial = None if listed else config.sensor.serial or None
-    known = {"model": config.sensor.model, "serial": serial, "date": date, "date_from": source, "units": units}
-    return {**known, "logs": counts[0], "closures": counts[1], **_fitted(folder / "fit" / "fit.json")}
 
 
 def _fitted(path: Path) -> dict[str, Any]:

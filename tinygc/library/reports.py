@@ -12,15 +12,14 @@ from typing import TYPE_CHECKING, Any
 from session.base import features
 from session.base.errors import CalibrationError
 from session.base.files import result_folder
-from session.base.names import is_array
+from session.base.names import refuse_special
 from session.base.results import write_text_whole
 from session.log.folder import Session
-from tinygc.deploy import FORMATS, NOISE_FORMATS, ExportError, exports, format_named
-from tinygc.deploy.exports._context import ONLY, Context, NoiseSource, read_context
+from tinygc.deploy import FORMATS, NOISE_FORMATS, ExportError, exports, feature_exports, format_named
+from tinygc.deploy.exports._context import Context, NoiseSource, read_context
 from tinygc.estimation.options import FitOptions
 from tinygc.library.arguments import Progress, chosen, is_fit, public, session_or_folder
 from tinygc.library.records import Shown
-from tinygc.models.files import is_array_model
 from tinygc.models.model import Model
 from tinygc.noise.figures import NoiseFigures
 from tinygc.reporting.terminal import Group, one_line
@@ -201,7 +200,7 @@ class Exported:
         try:
             return cls(name, module.export(model, context), remarks)
         except ExportError as error:  # rest logs have a model over temperature, which few formats carry, and noise, which many do
-            if context.noise is None or context.method != ONLY or name not in NOISE_FORMATS:
+            if context.noise is None or feature_exports(model) is None or name not in NOISE_FORMATS:
                 raise
             context.say(f"{error}: the noise alone is exported, no calibration")
             return cls(name, module.export_noise(context), remarks)
@@ -230,7 +229,7 @@ def exported(
 ) -> Exported:
     """Export a fitted session folder or noise figures; say: is called with each remark as it comes up.
 
-    Raises CalibrationError for an array, and ExportError as ``read_context``.
+    Raises CalibrationError for a folder that is no session of one sensor, and ExportError as ``read_context``.
     """
     remarks: list[str] = []
 
@@ -238,8 +237,8 @@ def exported(
         remarks.append(line)
         say(line)
 
-    if is_array_model(source) or (model is None and is_array(source)):
-        raise CalibrationError(f"{source}: an array, and an export holds one sensor; give one unit a folder of its own")
+    if model is None and source.is_dir():
+        refuse_special(source)
 
     def context(name: str) -> tuple[Model | None, Context]:
         return read_context(source, model, noted, anyway=anyway, noise=noise, inflation=inflation)

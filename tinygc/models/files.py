@@ -16,8 +16,6 @@ from session.base.results import read_json, require, require_schema, shown
 from tinygc.models.model import MODEL, Model, accelerometer_of, sensor_of
 
 SCHEMA, UNITS = "tinygc-model/1", "rad/s in, rad/s out"
-#: schema of a sensor array's model, which ``tinygc.features.arrays`` reads
-ARRAY_SCHEMA = "tinygc-array-model/1"
 #: kinds whose covariance has exactly one row per parameter
 ALL_COVARIED = ("linear", "physics")
 #: kind in the file -> its module, imported on first use
@@ -66,15 +64,6 @@ def load_with_table(path: Path | str) -> tuple[Model, dict]:
     accelerometer_of(table, where)
     sensor_of(table, where)
     return model, table
-
-
-def is_array_model(path: Path) -> bool:
-    """Whether a file is a sensor array's model, by its schema; False if it cannot be read."""
-    try:
-        table = read_json(path) if path.is_file() else None
-    except (FormatError, OSError):
-        return False
-    return isinstance(table, dict) and table.get("schema") == ARRAY_SCHEMA
 
 
 def _module(kind: str) -> Any:

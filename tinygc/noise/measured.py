@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from session.base.errors import FormatError
-from session.base.names import is_array
+from session.base.names import is_special
 from session.base.units import DEG_PER_HOUR, DEG_PER_SQRT_HOUR, G
 from session.detect.rounding import lsb_of
 from session.log.config import NO_SERIAL
@@ -227,7 +227,7 @@ def measured_noise(noise: Path | None = None) -> AtRest:
     def of(problem: Problem) -> MeasuredNoise | None:
         session = problem.session
         # A folder that several units share has no figures of one of them.
-        path = noise or (None if session.in_memory or is_array(session.folder) else session.folder / "fit" / FILE)
+        path = noise or (None if session.in_memory or is_special(session.folder) else session.folder / "fit" / FILE)
         if path is None or (noise is None and not path.is_file()):
             return None
         figures = read_figures(path)

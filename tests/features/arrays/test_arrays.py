@@ -11,8 +11,8 @@ from formats_page import strangers
 
 import calibrate
 from session.base.errors import FormatError
-from session.base.names import is_array
 from tinygc import CalibrationError, SimulationOptions, check, read_session
+from tinygc.features.arrays.names import is_array
 from tinygc.features.arrays.options import ArrayOptions
 from tinygc.features.arrays.recording import read_array
 from tinygc.features.arrays.simulation import simulate_array, write_array

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from session.base.names import TURNS
 from session.base.units import DEG, NS
 from session.log.arrays import samples_of_arrays
 from session.log.config import Accelerometer, Config, Protocol, Sensor, Site
 from session.log.folder import Session
 from session.log.logfile import KnownTurn, Log
 from tinygc.features.turns.folder import GyroLog, _full_scale, _rate_hz, _refuse
+from tinygc.features.turns.names import TURNS
 
 RAMP_S = 0.2
 

@@ -35,8 +35,6 @@ from tinygc.noise.figures import Inflation, NoiseFigures
 
 #: the default method
 PREFERRED = "least_squares"
-#: the only method of a folder of rest logs
-ONLY = "thermal"
 LONGEST_NAME = 80
 #: what gives noise figures: a file, a folder that holds one, or the record
 NoiseSource = Path | NoiseFigures | None
@@ -334,7 +332,7 @@ def _model_path(folder: Path, method: str | None) -> Path:
     there = {path.stem.removeprefix("model_"): path for path in sorted((folder / "fit").glob("model_*.json"))}
     if not there:
         raise ExportError(f"{folder / 'fit'}: no model; run `{command_line('fit', folder)}` first, or give --model FILE")
-    wanted = method or (ONLY if set(there) == {ONLY} else PREFERRED)
+    wanted = method or (PREFERRED if len(there) > 1 else next(iter(there)))
     if wanted not in there:
         raise ExportError(f"{folder / 'fit'}: no model_{wanted}.json; there are {', '.join(there)}")
     return there[wanted]

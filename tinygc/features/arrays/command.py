@@ -10,12 +10,12 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from session.base.errors import CalibrationError
-from session.base.names import is_array
 from session.base.options import given, part
 from session.base.texts import command_line
 from tinygc.cli.arguments import add_field_arguments, given_fields
 from tinygc.cli.results import Done, complain, inside, output, print_commands, try_destinations, verdict, write_json
 from tinygc.estimation.options import BIASES, FitOptions
+from tinygc.features.arrays.names import is_array
 
 if TYPE_CHECKING:
     from tinygc.simulation.options import SimulationOptions

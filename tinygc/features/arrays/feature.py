@@ -5,6 +5,8 @@ from session.base.features import Feature
 FEATURE = Feature(
     public={"array": "library", "Array": "library", "ArraySession": "recording"},
     serves={
+        "kind of folder": "points:kind_of_folder",
+        "line of a list": "points:listed",
         "options of simulate": "command:add_simulate_arguments",
         "simulation": "command:simulate",
         "fit of a folder": "command:fit",

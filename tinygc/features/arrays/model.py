@@ -15,7 +15,7 @@ from session.base.numeric import sigmas_in
 from session.base.results import Array, Keys, ListOf, Maybe, Number, Text, read_json, require, require_schema, shown
 from session.log.config import Accelerometer, Sensor
 from tinygc.features.arrays.clocks import UnitClock, UnitPlace
-from tinygc.models.files import ARRAY_SCHEMA as SCHEMA
+from tinygc.features.arrays.names import SCHEMA
 from tinygc.models.files import UNITS
 from tinygc.models.linear import LinearModel
 from tinygc.models.model import (

@@ -7,14 +7,45 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from session.base.errors import CalibrationError
-from session.base.names import CLOCKS, is_array
+from session.base.names import CLOCKS
+from session.base.texts import command_line
 from session.detect.findings import Finding
-from tinygc.models.files import is_array_model
+from tinygc.features.arrays.names import array_folders, array_size, is_array, is_array_model, unit_of
 
 if TYPE_CHECKING:
     from session.replay.convert import Converted
     from session.replay.dialects import Answers
     from tinygc.features.arrays.apply import ArrayApplied
+
+
+def kind_of_folder(folder: Path) -> str | None:
+    """Say what the folder is, and what takes it."""
+    if (count := array_size(folder)) is None:
+        return None
+    return (
+        f"an array of {count} unit{'s' * (count != 1)} on one body, and no single session; "
+        f"`{command_line('check', folder)}` and `{command_line('fit', folder)}` take it whole; "
+        "to read one unit alone, give it a folder of its own"
+    )
+
+
+def listed(folder: Path) -> dict[str, Any] | None:
+    """Return the sensor from session.toml, or from the first unit's, and the first unit's logs: fields of ``ListedSession``."""
+    if (units := array_size(folder)) is None:
+        return None
+    from session.base.names import log_paths
+    from session.log.config import read_config
+    from tinygc.estimation.session_times import date_of
+
+    names = array_folders(folder)
+    first = folder / names[0] if names else folder
+    config = read_config(first / "session.toml")
+    logs, closures = ([path for path in log_paths(first, stem)] for stem in ("log", "closure"))
+    date, source = date_of(folder, config, [*logs, *closures])
+    counts = [len(paths) if names else len({found[0] for found in map(unit_of, paths) if found}) for paths in (logs, closures)]
+    serial = None if names else config.sensor.serial or None
+    known = {"model": config.sensor.model, "serial": serial, "date": date, "date_from": source, "units": units}
+    return {**known, "logs": counts[0], "closures": counts[1]}
 
 
 def check(recording: Any, clock: str, further: Callable[..., list[Finding]]) -> list[Finding] | None:

@@ -15,15 +15,16 @@ import numpy as np
 
 from session.base.errors import DataError, FormatError
 from session.base.files import require_file
-from session.base.names import FOLDERS, LARGEST_NUMBER, UNIT, array_section, array_size, is_array, log_paths, unit_numbers, unit_of
+from session.base.names import log_paths
 from session.base.results import Keys, require, shown
 from session.base.texts import printable
 from session.base.toml import read_toml
 from session.base.units import NS
-from session.log.config import DO, SHARED, Config, LeftOut, config_of, excluded_turns, read_session_toml
+from session.log.config import DO, SHAPE, Config, LeftOut, config_of, read_session_toml
 from session.log.folder import ATTITUDES, Session, read_logs, read_session
 from session.log.logfile import NAME as KNOWN_TURNS
 from session.log.logfile import Log
+from tinygc.features.arrays.names import FOLDERS, LARGEST_NUMBER, UNIT, array_section, array_size, unit_numbers, unit_of
 
 # Several units that were fixed to one rigid body and recorded at the same time: each a session of its own, on its own clock.
 
@@ -50,8 +51,8 @@ class ArraySession:
 
 # An array's folder as one record: logs that name their unit, or a list of session folders, one for each unit (docs/arrays.md).
 
-__all__ = ["is_array", "read_array"]
-
+#: sections that an array has for all of its units
+SHARED = {name: SHAPE.may[name] for name in ("notes", "exclude")}
 #: of a unit's table: sections of session.toml that are a unit's own
 OWN_SECTIONS = ("sensor", "accelerometer")
 UNIT_KEYS = ("number", *OWN_SECTIONS)
@@ -223,12 +224,12 @@ def _by_folders(folder: Path, path: Path, table: dict, section: dict, progress: 
     if UNIT in section:
         raise FormatError(f"{path}: [[array.unit]] with array.folders; each folder's own session.toml describes its unit")
     require(table, Keys(may=SHARED), str(path), DO)
-    notes, rows = table.get("notes", {}), excluded_turns(table)
+    notes, rows = table.get("notes", {}), SHARED["exclude"].made(table.get("exclude", []))
     places = [place_of(folder, path, name) for name in names]
     numbers = numbers_of(path, names)
     units = {}
     for number, place, name in zip(numbers, places, names, strict=True):
-        if is_array(place):
+        if array_size(place) is not None:
             raise FormatError(f"{path}: array.folders holds {shown(name)}, which is an array itself; name its units' folders")
         session = read_session(place, partial(_report, progress, name))
         if (reference := session.config.protocol.reference) != "gravity":

@@ -18,13 +18,13 @@ import numpy as np
 
 from session.base.errors import DataError, FormatError
 from session.base.files import MB, require_file
-from session.base.names import TURNS, has_recorded_name, log_paths, refuse_array
+from session.base.names import has_recorded_name, log_paths, refuse_special
 from session.base.rotation import angle_between
 from session.base.texts import command_line, printable
 from session.base.units import DEG
 from session.detect.check_stills import check_rest
 from session.detect.stills import find_stills, references
-from session.log.config import Config, Sensor, read_config
+from session.log.config import REFERENCES, Config, Sensor, read_config
 from session.log.folder import Session, sha256_of
 from session.log.logfile import read_log
 from session.log.pace import pace_of
@@ -194,7 +194,7 @@ def _is_a_pair(paths: Sequence[Path], answers: Answers, columns: Sequence[str]) 
 
 def _of_folder(folder: Path, answers: Answers, columns: Sequence[str]) -> Iterator[_Part]:
     """The logs of a folder.  FormatError where it holds none."""
-    refuse_array(folder)
+    refuse_special(folder)
     if (folder / "session.toml").exists():
         config = read_config(folder / "session.toml")
         if answers.sensor and profile_of(answers.sensor) is not profile_of(config.sensor.model):
@@ -226,8 +226,8 @@ def _of_session(path: Path, config: Config) -> _Part:
     """A log in a session folder: a rest log is read piece by piece, of any other the stills.  FormatError of a gyroscope alone."""
     require_file(path)
     sensor = config.sensor
-    if config.protocol.reference == TURNS:
-        raise FormatError(f"{path}: a gyroscope alone, whose stills gravity does not show; give its log at rest, outside of the session")
+    if config.protocol.reference not in REFERENCES:
+        raise FormatError(f"{path}: no accelerometer, and gravity shows no still; give its log at rest, outside of the session")
     if path.name.lower().startswith("rest"):
         return _Part(path.name, path, partial(_stream, path, sensor, None))
     return _Part(path.name, path, partial(_read_session_log, path, sensor))

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from session.base.errors import CalibrationError
-from session.base.names import is_gyroscope_alone
 from session.base.options import given, part
 from tinygc.cli.results import Done, inside, output, try_destinations
 from tinygc.estimation.options import FitOptions
+from tinygc.features.turns.names import is_gyroscope_alone
 
 
 def fit(args: Any) -> Done | None:

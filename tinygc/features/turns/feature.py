@@ -4,5 +4,10 @@ from session.base.features import Feature
 
 FEATURE = Feature(
     public={"fit_turns": "library", "TurnFit": "library"},
-    serves={"fit of a folder": "command:fit", "import of logs": "points:import_logs"},
+    serves={
+        "kind of folder": "points:kind_of_folder",
+        "further reference": "names:TURNS",
+        "fit of a folder": "command:fit",
+        "import of logs": "points:import_logs",
+    },
 )

@@ -14,7 +14,7 @@ import numpy as np
 
 from session.base.errors import DataError, FormatError
 from session.base.files import folder_whole, require_empty, require_file, write_new
-from session.base.names import TURNS, log_paths
+from session.base.names import log_paths
 from session.base.texts import printable
 from session.base.toml import Note, line, setting
 from session.base.units import DEG, NS_PER_S
@@ -22,6 +22,7 @@ from session.log.arrays import USUAL_DPS
 from session.log.config import read_config
 from session.log.folder import Session, read_logs
 from session.log.logfile import COLUMNS, LOG, NAME, KnownTurn, read_known_turns
+from tinygc.features.turns.names import TURNS
 
 HEADER = "t_ns,gx_rps,gy_rps,gz_rps"
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from session.base.errors import FitError
-from session.base.names import TURNS
 from session.log.folder import Session, input_hashes
 from tinygc.features.turns.angles import LogOfTurns, RestNoise, TurnAngle, measured_turns  # noqa: F401  # types of TurnFit's fields
 from tinygc.features.turns.estimate import TurnsEstimate, estimate  # noqa: F401
 from tinygc.features.turns.folder import read_turn_session
+from tinygc.features.turns.names import TURNS
 from tinygc.features.turns.output import save_turns, to_json, turns_report
 from tinygc.features.turns.result import RestBias, TurnsResult
 from tinygc.library.arguments import Progress, nothing, public

@@ -6,9 +6,22 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from session.base.texts import command_line
+from tinygc.features.turns.names import TURNS, is_gyroscope_alone
+
 if TYPE_CHECKING:
     from session.replay.convert import Converted
     from session.replay.dialects import Answers
+
+
+def kind_of_folder(folder: Path) -> str | None:
+    """Say what the folder is, and what takes it."""
+    if not is_gyroscope_alone(folder):
+        return None
+    return (
+        f'protocol.reference is "{TURNS}": a gyroscope alone, whose turns are known; '
+        f"`{command_line('fit', folder)}` takes it (tinygc.fit_turns in Python), and `apply` its model"
+    )
 
 
 def import_logs(paths: Sequence[Path], out: Path, answers: Answers, columns: Sequence[str], more: dict[str, Any]) -> Converted | None:

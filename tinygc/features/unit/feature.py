@@ -16,6 +16,7 @@ FEATURE = Feature(
         "budget": "budget.library",
     },
     serves={
+        "section of session.toml": "certificate.given:CertificateGiven",
         "report section": ("budget.report_section", "history.report_section"),
         "certificate of a report": "certificate.library",
     },

@@ -22,12 +22,12 @@ from session.base.numeric import rms_of
 from session.base.texts import STANDIN_NAME, fixed, significant
 from session.base.toml import read_toml
 from session.base.units import MDPS
-from session.log.certificate import TRACED, CertificateGiven, Equipment, out_of_order
 from session.log.config import Config
 from session.log.lines import GZIP
 from session.log.requirements import Rule
 from tinygc.estimation.sources import Source
 from tinygc.explanation.reported import LINEAR, ReportData
+from tinygc.features.unit.certificate.given import TRACED, CertificateGiven, Equipment, given_in, out_of_order
 from tinygc.models.linear import BIAS, PARAMETERS, LinearModel, Quantity
 from tinygc.reporting.html.sections.front import SOURCES, recorded
 from tinygc.verdict.requirements import (
@@ -155,7 +155,7 @@ class Content:
 
 def missing_fields(config: Config) -> list[str]:
     """Keys of session.toml that a certificate must have, whatever was recorded, and that are not there."""
-    given = config.certificate
+    given = given_in(config)
     missing = [f"certificate.{key}" for key in REQUIRED if not getattr(given, key)]
     missing += [] if config.sensor.serial else ["sensor.serial"]
     missing += [] if config.model_given else ["sensor.model"]
@@ -168,7 +168,7 @@ def content_of(data: ReportData, previous: tuple[str, LinearModel] | None = None
     Raises FormatError for a damaged table.toml of the session.
     """
     config = data.fit.session.config
-    given, vector = config.certificate, data.adopted.vector[:PARAMETERS]
+    given, vector = given_in(config), data.adopted.vector[:PARAMETERS]
     covariance = data.adopted.covariance[:PARAMETERS, :PARAMETERS]
     sources = known_sources(data.adopted.sources, covariance)
     calibrated, day = _calibrated(data)
@@ -221,7 +221,7 @@ def content_of(data: ReportData, previous: tuple[str, LinearModel] | None = None
 
 
 def _item(data: ReportData) -> list[Field]:
-    config, given = data.fit.session.config, data.fit.session.config.certificate
+    config, given = data.fit.session.config, given_in(data.fit.session.config)
     sensor, board = config.sensor, config.board
     filters = f"CTRL1_XL to CTRL10_C read back as {board.registers}" if board.registers else "not stated by the board"
     rows = [
@@ -254,7 +254,7 @@ def _by_arrivals(data: ReportData) -> bool:
 
 def _calibrated(data: ReportData) -> tuple[str, date | None]:
     """The day of the calibration, in words and as a date; no date where only the file's time tells."""
-    given = data.fit.session.config.certificate.calibrated
+    given = given_in(data.fit.session.config).calibrated
     when, source = recorded(data)
     day = None
     with contextlib.suppress(ValueError, TypeError):
@@ -293,7 +293,7 @@ def _conditions(data: ReportData) -> list[Field]:
         Field("Sensor temperature", words),
         Field("Latitude", NOT_STATED if site.latitude_deg is None else f"{site.latitude_deg:g}°", "site.latitude_deg"),
     ]
-    given = config.certificate
+    given = given_in(config)
     if given.conditions:
         rows.append(Field("Environment", given.conditions, "certificate.conditions"))
     operator, key = _operator(config)
@@ -302,15 +302,15 @@ def _conditions(data: ReportData) -> list[Field]:
 
 def _operator(config: Config) -> tuple[str, str]:
     """Who calibrated, empty where nobody is stated, and the key that says so."""
-    if not config.certificate.operator and "operator" in config.notes:
+    if not given_in(config).operator and "operator" in config.notes:
         return str(config.notes["operator"]), "notes.operator"
-    return config.certificate.operator, "certificate.operator"
+    return given_in(config).operator, "certificate.operator"
 
 
 def _traceability(data: ReportData) -> list[Field]:
     """How each reference is traceable, as it is stated, behind how it enters the calibration."""
     config = data.fit.session.config
-    site, protocol, stated = config.site, config.protocol, config.certificate.traceability
+    site, protocol, stated = config.site, config.protocol, given_in(config).traceability
     gravity = "standard gravity, taken as known to 0.2 %" if site.gravity_mps2 is None else f"{site.gravity_mps2:g} m/s²"
     counted = data.fit.nominal_rate is not None
     clock = f"time by counting samples at {_rate_words(data)}" if counted else "time by the stamps of the item's board"
@@ -346,7 +346,7 @@ def _machine(data: ReportData) -> Equipment | None:
 
 def _standards(data: ReportData) -> tuple[Equipment, ...]:
     """Gravity, and the clock of the stamps: what the scales are traced to."""
-    site, stated = data.fit.session.config.site, data.fit.session.config.certificate.traceability
+    site, stated = data.fit.session.config.site, given_in(data.fit.session.config).traceability
     gravity = "standard gravity" if site.gravity_mps2 is None else f"{site.gravity_mps2:g} m/s² at the place"
     clock = "samples counted at the nominal rate" if data.fit.nominal_rate is not None else "stamps of the item's board"
     clock = "the recording computer's, by the arrivals of the item's bytes" if _by_arrivals(data) else clock
@@ -483,7 +483,7 @@ def _method(data: ReportData) -> list[str]:
     ]
     if data.adopted.name != LINEAR:
         said.append(f"The model has further effects: {', '.join(claim.effect.id for claim in data.adopted.claims)}.")
-    reference = config.certificate.method
+    reference = given_in(config).method
     return [*said, f"Procedure: {reference or NOT_STATED}. Computed by TinyGC {data.versions['TinyGC']}, docs/model.md."]
 
 

@@ -20,6 +20,7 @@ from session.log.config import Config
 from session.log.requirements import GUARDED
 from tinygc.estimation.sources import COVERAGE
 from tinygc.features.unit.certificate.content import Content, ResultRow, missing_fields
+from tinygc.features.unit.certificate.given import given_in
 from tinygc.models.linear import NAMES, PARAMETERS
 from tinygc.verdict.requirements import Conformity, Measured
 
@@ -61,7 +62,7 @@ def require_fields(config: Config) -> None:
     """Raises CalibrationError, in one line, for what a Digital Calibration Certificate needs of session.toml and is not there."""
     if missing := missing_fields(config):
         raise CalibrationError(f"--dcc: a draft has no Digital Calibration Certificate; not stated: {', '.join(missing)}")
-    if absent := [f"certificate.{key} ({what})" for key, what in REQUIRED.items() if not getattr(config.certificate, key)]:
+    if absent := [f"certificate.{key} ({what})" for key, what in REQUIRED.items() if not getattr(given_in(config), key)]:
         raise CalibrationError(f"--dcc: session.toml lacks {', '.join(absent)}, which the schema requires; give it there")
 
 

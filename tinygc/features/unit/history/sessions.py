@@ -10,7 +10,7 @@ import numpy as np
 
 from session.base.errors import CalibrationError, FormatError
 from session.base.files import KB, read_text
-from session.base.names import is_array, is_session, log_paths
+from session.base.names import is_session, is_special, log_paths
 from session.base.numeric import sigmas_in
 from session.base.texts import command_line, printable
 from session.base.units import DEG, MG
@@ -151,7 +151,7 @@ def _fitted_folders(path: Path) -> tuple[list[Path], list[str]]:
         return [path], []
     found, passed = [], []
     for folder in folders_of(path):
-        if is_array(folder) or not (folder / "session.toml").exists():
+        if is_special(folder) or not (folder / "session.toml").exists():
             passed.append(f"{printable(folder.name)} is passed over: it is no session of one sensor")
         elif not (folder / MODEL).exists():
             passed.append(f"{printable(folder.name)} is passed over: it is not fitted; run `{command_line('fit', folder)}`")

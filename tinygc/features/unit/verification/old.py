@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from session.base.errors import FormatError
-from session.base.names import CLOCKS, is_session, refuse_array
+from session.base.names import CLOCKS, is_session, refuse_special
 from session.base.texts import command_line, printable
 from session.base.units import DEG, DEG_PER_HOUR, MG, G
 from session.detect.accelerometer import PARAMETERS as ACCELEROMETER_PARAMETERS
@@ -21,7 +21,6 @@ from tinygc import models
 from tinygc.closure.joint import GIVEN_SIGMA_MG
 from tinygc.estimation.accelerometer import JOINT_NAMES
 from tinygc.fitting.fit_file import read_fit
-from tinygc.models.files import is_array_model
 from tinygc.models.linear import BIAS, MATRIX, PARAMETERS, LinearModel
 from tinygc.models.model import Model, accelerometer_of
 from tinygc.models.physics import PhysicsModel
@@ -109,10 +108,8 @@ def read_old(where: Path) -> OldCalibration:
     path = where / "fit" / _IN_FIT if where.is_dir() else where
     if where.is_dir() and not path.exists():
         if is_session(where):
-            refuse_array(where)
+            refuse_special(where)
         raise FormatError(f"{path}: not found; run `{command_line('fit', where)}` first, or give a model file")
-    if is_array_model(path):
-        raise FormatError(f"{path}: an array's model, expected one of a single sensor; verify its units one by one")
     model, table = models.load_with_table(path)
     with_bias_moved(model, np.zeros(3))  # fail early for a model whose bias cannot be changed
     covariance, given, lacks = _covariance(model, table)

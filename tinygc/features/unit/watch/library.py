@@ -19,7 +19,6 @@ from tinygc.features.unit.watch.expectation import ModelInUse
 from tinygc.features.unit.watch.source import SILENT_S, Remark, SourceOptions, items_of, require_source
 from tinygc.features.unit.watch.watch import FALSE_ALARM_EVERY_S, Event, Watch
 from tinygc.library.arguments import answers_of, is_number, is_path, public
-from tinygc.models.files import is_array_model
 
 __all__ = ["Event", "SourceOptions", "Watched", "events_of", "watch"]
 
@@ -79,8 +78,6 @@ def events_of(
     """
     require_source(source)
     path = model_of(model)
-    if is_array_model(path):
-        raise CalibrationError(f"{path}: an array's model; watch one unit of it, by its own model")
     known = ModelInUse.read(path, noise)
     if session is not None:
         known = ModelInUse(known.model, known.table, known.fit, read_config(session / "session.toml"), known.noise, known.temperature_c)

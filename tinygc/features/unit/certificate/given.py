@@ -6,9 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import date, datetime
 from itertools import combinations
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from session.base.results import Keys, Shape, Text
+
+if TYPE_CHECKING:
+    from session.log.config import Config
 
 #: places of a Digital Calibration Certificate
 PERFORMED_AT = ("laboratory", "customer", "laboratoryBranch", "customerBranch", "other")
@@ -84,8 +87,8 @@ class Equipment:
 class CertificateGiven:
     """The fields as they are given; empty, or None, where they are not."""
 
-    #: of [a certificate](../certificate.md): name of the laboratory. Texts of this section are on one line, not blank, and of at most
-    #: 300 characters
+    section: ClassVar[str] = "certificate"
+    #: name of the laboratory. Texts of this section are on one line, not blank, and of at most 300 characters
     laboratory: Words = ""
     #: its address
     address: Words = ""
@@ -149,3 +152,9 @@ class CertificateGiven:
             before, after = pair
             return f"{after} is {table[after]}, expected no day before {before}, {table[before]}"
         return ""
+
+
+def given_in(config: Config) -> CertificateGiven:
+    """What a session's configuration states for a certificate."""
+    found: CertificateGiven = config.sections.get(CertificateGiven.section, CertificateGiven())
+    return found

@@ -114,7 +114,17 @@ def lot_of_units(spread: tuple[float, float, float], units: int) -> Lot:
     rows = np.array([drawn(spread, rng) for _ in range(units)])
     sigma = rows.std(axis=0, ddof=1)
     numbers = (rows.mean(axis=0), sigma / np.sqrt(units), sigma, np.zeros(PARAMETERS))
-    return Lot("simulated", units, units, *(np.pad(part, (0, len(LOT_NAMES) - PARAMETERS), constant_values=np.nan) for part in numbers))
+    mean, mean_sigma, spread, repeatability = (np.pad(part, (0, len(LOT_NAMES) - PARAMETERS), constant_values=np.nan) for part in numbers)
+    return Lot(
+        sensor="simulated",
+        units=units,
+        sessions=units,
+        names=LOT_NAMES,
+        mean=mean,
+        mean_sigma=mean_sigma,
+        spread=spread,
+        repeatability=repeatability,
+    )
 
 
 def one_unit(job: Job) -> dict:

@@ -31,8 +31,6 @@ PAGES = (
     *("fit", "models", "explain", "lots", "simulation", "commands", "turns", "tables", "rates"),
     *("verify", "watch", "history", "budget"),
 )
-#: of JSON that the tool writes
-RECORDS = ("tinygc.fitting.fitted_file:Fitted", "tinygc.features.noise.library:NoiseFile")
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 # Tables of keys.
@@ -99,10 +97,8 @@ def _default(entry: Entry) -> str:
 def schemas() -> dict[str, dict]:
     """File name -> each schema."""
     made = {}
-    for place in RECORDS:
-        module, name = place.split(":")
-        shape = record_of(getattr(importlib.import_module(module), name))
-        made[file_of(shape.kind.schema)] = {"$schema": DIALECT, "title": shape.kind.schema} | _schema(shape)
+    for name, kind in _records().items():
+        made[file_of(name)] = {"$schema": DIALECT, "title": name} | _schema(record_of(kind))
     for page in PAGES:
         for name, shape in importlib.import_module(f"schema_tables.{page}").TABLES.items():
             head = {"$schema": DIALECT, "title": name, "description": f"docs/formats/{page}.md"}
@@ -110,6 +106,20 @@ def schemas() -> dict[str, dict]:
             whole = known | {"allOf": [schema_of(shape)]}
             made[file_of(name)] = head | whole | _definitions(whole)
     return made
+
+
+def _records() -> dict[str, type]:
+    """Format -> the record of its JSON: of those that stand on one another the last, which is what is written."""
+    found: dict[str, type] = {}
+    for path in sorted(path for package in ("session", "tinygc") for path in (DOCS.parent / package).rglob("*.py")):
+        text = path.read_text(encoding="utf-8")
+        if "base.records import" in text and "base.toml import" not in text:
+            module = importlib.import_module(".".join(path.relative_to(DOCS.parent).with_suffix("").parts))
+            for kind in vars(module).values():
+                name = getattr(kind, "schema", None)
+                if isinstance(kind, type) and isinstance(name, str) and issubclass(kind, found.get(name, object)):
+                    found[name] = kind
+    return found
 
 
 def _schema(shape: Shape) -> dict[str, Any]:

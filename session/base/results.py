@@ -262,6 +262,16 @@ class ListOf(Shape):
         return tuple(map(self.entry.made, value))
 
 
+class Column(ListOf):
+    """A list, or rows of three, as an array; null is NaN."""
+
+    def made(self, value: Any) -> Any:
+        """(K,) or (K, 3)."""
+        import numpy as np
+
+        return np.array(value, dtype=float).reshape(len(value), *[3] * isinstance(self.entry, ListOf))
+
+
 @dataclass(frozen=True)
 class MapOf(Shape):
     """A table with any keys, every value of one shape."""

@@ -23,7 +23,7 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 
 from session.base.records import Count, Key, Share, Size, read_record, record_of, table_of
-from session.base.results import Array, Keys, ListOf, Maybe, Number, Text
+from session.base.results import Array, Column, Keys, ListOf, Maybe, Number, Text
 
 #: file of a unit's noise figures, beside ``fit.json``
 FILE = "noise.json"
@@ -47,17 +47,9 @@ UNITS = {
 }
 
 
-class _Rows(ListOf):
-    """A list, or rows of three, as an array; null is NaN."""
-
-    def made(self, value: Any) -> np.ndarray:
-        """(K,) or (K, 3)."""
-        return np.array(value, dtype=float).reshape(len(value), *[3] * isinstance(self.entry, ListOf))
-
-
 Above0 = Annotated[float, Number(0, above=True)]
 Sizes = Annotated[np.ndarray, Array((3,), Number(0))]
-Curve = Annotated[np.ndarray, _Rows(ListOf(Maybe(Number(0))))]
+Curve = Annotated[np.ndarray, Column(ListOf(Maybe(Number(0))))]
 
 #: of a normal distribution
 ONE_SIDED_95 = 1.645
@@ -222,7 +214,7 @@ class Inflation:
 class AllanBand:
     """Allan deviation of one sensor: tau_s (K,); deviation, low, high (K, 3) SI, with 68 % bounds; NaN where an axis has none."""
 
-    tau_s: Annotated[np.ndarray, _Rows(Number(0, above=True))]
+    tau_s: Annotated[np.ndarray, Column(Number(0, above=True))]
     deviation: Curve
     low: Curve
     high: Curve

@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy import optimize, stats
 
 import tinygc
+from session.base.records import table_of
 from session.base.results import write_whole
 from session.base.units import DEG, G
 from tinygc import CalibrationError
@@ -39,7 +40,6 @@ from tinygc.features.fleet.lot import (
 )
 from tinygc.features.fleet.outliers import outliers
 from tinygc.features.fleet.points import prior
-from tinygc.features.fleet.report import _lot_table
 from tinygc.models.linear import PARAMETERS, PRIOR_SIGMA, bias_only, field_vector
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulator import simulate_session, unit_of
@@ -278,7 +278,8 @@ def lot(sigma: np.ndarray = SIGMA, **changes) -> Lot:
     """Normal about no correction, one sigma (12,) between units; the accelerometer's numbers are not told."""
 
     whole = [np.pad(part, (0, len(NAMES) - 12), constant_values=np.nan) for part in (MEAN, np.zeros(12), sigma, np.zeros(12))]
-    return replace(Lot(MODEL, 500, 500, *whole), **changes)
+    numbers = dict(zip(("mean", "mean_sigma", "spread", "repeatability"), whole, strict=True))
+    return replace(Lot(sensor=MODEL, units=500, sessions=500, names=NAMES, **numbers), **changes)
 
 
 RNG = np.random.default_rng(7)
@@ -569,7 +570,7 @@ def test_four_turns_fit_with_a_lot_and_a_unit_that_does_not_belong_is_left_alone
     """30 sigmas of one number: the truth is within the fit's sigmas in either case."""
     unit = DRAWN + np.where(np.arange(PARAMETERS) == 4, off * SIGMA, 0.0)
     folder = session_of_unit(tmp_path / "session", unit, turns)
-    write_whole(tmp_path / "lot.json", _lot_table(lot()))
+    write_whole(tmp_path / "lot.json", table_of(lot()))
     fit = tinygc.fit(folder, methods=("least_squares",), lot=tmp_path / "lot.json")
     result, table = fit.result, json.loads(json.dumps(fit.to_json()))
     assert result.prior.used == ("no" if off else "yes")

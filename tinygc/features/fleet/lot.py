@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
+from session import VERSION
 from session.base.errors import CalibrationError
 from session.base.numeric import UPPER
+from session.base.records import Key
+from session.base.results import Column, Maybe, Number, shown
 from session.base.units import DEG, G
 from tinygc.models import linear
 from tinygc.models.linear import BIAS, MATRIX
@@ -16,7 +20,10 @@ from tinygc.models.linear import BIAS, MATRIX
 # A lot: prior knowledge of the next unit of a kind.
 
 
-@dataclass(frozen=True, eq=False)
+Sigmas = Annotated[np.ndarray, Column(Maybe(Number(0)))]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Lot:
     """The numbers ``tinygc.features.fleet.lot.NAMES`` over units of one kind.
 
@@ -25,13 +32,28 @@ class Lot:
     sensor: their model.  Unknown numbers are NaN.
     """
 
+    schema: ClassVar[str] = "tinygc-lot/3"
+    version: Annotated[str, Key(absent="")] = VERSION
     sensor: str
-    units: int
-    sessions: int
-    mean: np.ndarray
-    mean_sigma: np.ndarray
-    spread: np.ndarray
-    repeatability: np.ndarray
+    units: Annotated[int, Number(1, whole=True)]
+    sessions: Annotated[int, Number(1, whole=True)]
+    names: tuple[str, ...]
+    mean: Annotated[np.ndarray, Column(Maybe(Number()))]
+    mean_sigma: Sigmas
+    spread: Sigmas
+    repeatability: Sigmas
+
+    @staticmethod
+    def fault(table: Mapping[str, Any]) -> str:
+        """What is wrong with its names and how many numbers it has; empty where nothing is."""
+        if table["names"] != list(NAMES):
+            return f"names are {shown(table['names'])}, expected the {len(NAMES)} of docs/formats.md in their order"
+        if table["sessions"] < table["units"]:
+            return f"sessions is {table['sessions']}, expected at least one for each unit of {table['units']}"
+        for key in ("mean", "mean_sigma", "spread", "repeatability"):
+            if len(table[key]) != len(NAMES):
+                return f"{key} has {len(table[key])} entries, expected {len(NAMES)}, one for each name"
+        return ""
 
 
 # One session's results for one unit: the numbers a lot is made of.

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
+from session.base.records import Key, Share
 from tinygc.features.fleet.estimate import FAMILY_P, LotEstimate
 from tinygc.features.fleet.lot import OWN, SENSOR_ERRORS, LotSessions, error_sigmas, jacobian
 
@@ -28,9 +30,9 @@ class Outlier:
 
     serial: str
     session: str
-    p_value: float
+    p_value: Share
     reasons: tuple[Reason, ...]
-    says: str
+    says: Annotated[str, Key("description")]
 
 
 def outliers(lot: LotSessions, found: LotEstimate) -> list[Outlier]:

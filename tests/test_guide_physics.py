@@ -15,9 +15,8 @@ from scipy import stats
 from session.base.units import MDPS, MG, G
 from session.bench import board_clock, live
 from session.bench.board_clock import LEAST, ClockComparison, ClockRatio
-from session.bench.closure_guide import BEGIN, ClosureGuide, Step
 from session.bench.events import Event
-from session.bench.guide import Guide
+from session.bench.guide import BEGIN, SETTLING_S, ClosureGuide, Guide, Step
 from session.bench.live import (
     _BAR_RPS,
     _SEGMENT_S,
@@ -36,7 +35,7 @@ from session.bench.live import (
     stream_problem,
     worth_waiting,
 )
-from session.bench.messages import SETTLING_S, Advice, Kind, RequestedTurn, Stage
+from session.bench.messages import Advice, Kind, RequestedTurn, Stage
 from session.bench.progress import LiveAccelerometerFit, Window, accepted_turn, fastest_ns
 from session.bench.rawfile import raw_event
 from session.log.samples import Samples
@@ -80,9 +79,8 @@ def test_two_turns_go_through_all_stages_and_are_counted():
     hold, turn = Stage.HOLD_STILL, Stage.TURN
     assert stages == [Stage.CHECK_STREAM, hold, turn, hold, turn, hold, Stage.DONE]
     assert (guide.accepted, guide.feed(samples)) == (2, [])
-    coverage = guide.taken.coverage
-    assert coverage.turned_deg == pytest.approx({"+x": 180, "-x": 0, "+y": 0, "-y": 90, "+z": 0, "-z": 0}, abs=1)
-    assert coverage.stills == {"+x": 1, "-x": 0, "+y": 0, "-y": 0, "+z": 1, "-z": 1, "slanted": 0}
+    assert guide.taken.turned_deg == pytest.approx({"+x": 180, "-x": 0, "+y": 0, "-y": 90, "+z": 0, "-z": 0}, abs=1)
+    assert guide.taken.stills_up == {"+x": 1, "-x": 0, "+y": 0, "-y": 0, "+z": 1, "-z": 1, "slanted": 0}
 
 
 def test_a_hand_on_the_table_is_named_with_number_bar_and_axis():
@@ -561,7 +559,8 @@ def moved(seconds: float, rate_dps: float = 0.0, quiet: bool = False) -> MotionB
 @pytest.mark.parametrize(("rested", "step"), [(5, Step.MARK), (6, Step.RUN), (9, Step.RUN)])
 def test_a_still_before_a_closure_run_is_counted_and_may_end_early(rested, step):
     """Its length is that of its blocks; ended behind the part that a still needs it stands, before that the run begins anew."""
-    guide, turn = ClosureGuide(config().sensor, config().protocol, 1.0, 12.0), TurnInProgress()
+    says, turn = [], TurnInProgress()
+    guide = ClosureGuide(config().sensor, config().protocol, 1.0, 12.0, lambda kind, text: says.append(text))
     assert (guide.hold_s, guide.enough) == (1.0, False)
 
     def feed(block):
@@ -574,13 +573,13 @@ def test_a_still_before_a_closure_run_is_counted_and_may_end_early(rested, step)
     assert guide.instruction(turn).remaining_s == (12.0 if rested == 9 else 1.0 - 0.125 * rested)
     feed(moved(1.5, 50.0))
     assert guide.step is step
-    assert bool(guide.says) == (rested != 6)
+    assert bool(says) == (rested != 6)
     if step is Step.MARK:
-        assert "too short a still, 0.6 of 1.0 s" in guide.says[0][1]
+        assert "too short a still, 0.6 of 1.0 s" in says[0]
 
 
 def test_a_still_before_a_long_closure_run_is_five_seconds():
-    assert ClosureGuide(config().sensor, config().protocol, 1.0, 100.0).hold_s == pytest.approx(5.0)
+    assert ClosureGuide(config().sensor, config().protocol, 1.0, 100.0, print).hold_s == pytest.approx(5.0)
 
 
 def test_the_slope_of_the_temperature_and_the_data_rate_are_those_of_the_stamps():

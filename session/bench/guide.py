@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from enum import Enum
 from itertools import groupby
 from typing import Protocol as Interface
 
 from session.base.units import DEG, NS, WORDS
-from session.bench.closure_guide import MARK_WORDS, ClosureGuide
 from session.bench.events import AnyEvent, Event, SampleChunk, joined_chunk
 from session.bench.live import CHECK_S, MotionBlock, StreamHealth, TurnInProgress, Wait
-from session.bench.messages import SETTLING_S, AcceptedTurn, Advice, CoachRequest, GuideMessage, Instruction, Kind, Stage
+from session.bench.messages import AcceptedTurn, Advice, GuideMessage, Instruction, Kind, Stage
 from session.bench.progress import AcceptedData, LiveAccelerometerFit, PresentLog, StillExamination, accepted_turn, fastest_ns, why_not
-from session.detect.segments import moved_at
-from session.detect.stills import MIN_STILL_FRACTION, Still
+from session.detect.segments import RETURN_RAD, moved_at, run_ends
+from session.detect.stills import MIN_STILL_FRACTION, Still, find_stills
 from session.log.config import Config, Protocol, Sensor
-from session.log.samples import Samples
+from session.log.samples import Samples, joined
 
 
 def joined_chunks(events: Iterable[AnyEvent]) -> Iterator[AnyEvent]:
@@ -39,14 +39,166 @@ def samples_of(chunk: SampleChunk, config: Config) -> Samples:
     return Samples(chunk.t_us * 1000, values[:, 0:3] * gyro, config.accelerometer.correct(values[:, 3:6] * accel), temp_c)
 
 
+# The closure run after the last segment: onto the index mark, still, turn freely, back onto the same mark, still.
+#
+# It is driven by blocks, like the guide.  ``wants`` is the request to begin or keep a file; ``run_ends`` decides whether a run is complete,
+# as it will in ``fit``.
+
+STIR_DEG = 2.0  #: a smaller movement is no turn
+WAIT_S = 8.0  #: a table that is untouched for so long is on its mark
+#: shortest still at either end, as a part of the planned time: the noise is measured on the quietest twentieth of a log
+STILL_PART = 0.05
+ENOUGH_PART = 0.8  #: of the planned time: a shorter run determines less
+AGAIN_S = 10.0  #: a still of this length away from the mark makes its place the new mark
+BEGIN, KEEP = Event("begin", text="unclosed"), Event("keep", text="closure")
+MARK_WORDS = "set the table onto its index mark, then hands off"
+
+
+class Step(Enum):
+    """Stage of a closure run."""
+
+    MARK = "onto the mark"
+    STAY = "stay"
+    RUN = "turn freely"
+    WHOLE = "whole"
+
+
+class ClosureGuide:
+    """Guides a run with planned_s of turning.  wants: the request for the files, until ``decided``; say: takes messages."""
+
+    def __init__(self, sensor: Sensor, protocol: Protocol, hold_s: float, planned_s: float, say: Callable[[Kind, str], None]):
+        self._sensor, self._protocol, self.planned_s, self._say = sensor, protocol, planned_s, say
+        self.hold_s = max(hold_s, STILL_PART * planned_s)
+        self.wants: Event | None = None
+        self._examined = self._went = False
+        self._parts: list[Samples] = []
+        self._to_the_mark()
+
+    def decided(self, decision: Event) -> None:
+        """The request was carried out: a new file has begun, or the last one is kept."""
+        self.wants = None
+        if decision.kind == "begin":
+            self.step = Step.STAY
+            self._parts, self._moved_s, self._rested_s, self._here_s = [], 0.0, 0.0, 0.0
+        elif decision.kind == "keep":
+            self.step = Step.WHOLE
+
+    def interrupted(self) -> None:
+        """A new log, a pause, or the operator ends the run before it is complete."""
+        if self.step in (Step.STAY, Step.RUN):
+            self._say(Kind.WARNING, "this closure run is not complete, and restarts")
+        self._to_the_mark()
+
+    def on_the_mark(self) -> None:
+        """The operator confirms that the table is on its mark."""
+        if self.step is Step.MARK:
+            self._here_s = WAIT_S
+
+    def feed(self, samples: Samples, block_s: float, turn: TurnInProgress) -> None:
+        """Take a block of samples, after the turn in progress has."""
+        if self.step is Step.MARK:
+            self._went = self._went or turn.path_rad > STIR_DEG * DEG
+            self._here_s = 0.0 if turn.moving else self._here_s + block_s
+            if turn.still_s >= self.hold_s and (self._went or self._here_s >= WAIT_S):
+                self.wants = BEGIN
+        elif self.step in (Step.STAY, Step.RUN):
+            self._parts.append(samples)
+            if self.step is Step.STAY:
+                self._staying(block_s, turn)
+            else:
+                self._running(block_s, turn)
+
+    def instruction(self, turn: TurnInProgress) -> Instruction:
+        """What to do now, and why the guide waits."""
+        if self.step is Step.MARK:
+            why = f"{'it moves' if turn.moving else f'still for {turn.still_s:.1f} s'}; if it stands there already, leave it alone"
+            return Instruction(Stage.CLOSURE, f"closure run: {MARK_WORDS}", why, good=not turn.moving)
+        if self.step is Step.STAY:
+            left = max(self.hold_s - self._rested_s, 0.0)
+            why = f"the run's first still: {self._rested_s:.1f} of {self.hold_s:.1f} s"
+            return Instruction(Stage.CLOSURE, "on the mark: hands off the table", why, left, 1 - left / self.hold_s)
+        went = f"{self._moved_s:.0f} of {self.planned_s:.0f} s"
+        if not self.enough:
+            left, part = max(self.planned_s - self._moved_s, 0.0), min(self._moved_s / self.planned_s, 1.0)
+            return Instruction(
+                Stage.CLOSURE, "turn freely, through many attitudes, about all axes", f"{went}; rests do no harm", left, part
+            )
+        if turn.moving or not turn.still_s:
+            return Instruction(Stage.CLOSURE, "now back onto the same index mark, then hands off", f"{went}: enough")
+        why = self._missing or f"still for {turn.still_s:.1f} of {self.hold_s:.1f} s"
+        held = min(turn.still_s, self.hold_s)
+        left = max(self.hold_s - held, 0.0)
+        return Instruction(Stage.CLOSURE, "back on the mark: hands off the table", why, left, held / self.hold_s, not self._missing)
+
+    @property
+    def enough(self) -> bool:
+        """Whether there was so much turning that the table may go back onto its mark."""
+        return self._moved_s >= ENOUGH_PART * self.planned_s
+
+    def _to_the_mark(self) -> None:
+        self.step, self.wants = Step.MARK, None
+        self._parts = []
+        self._moved_s = self._rested_s = self._here_s = 0.0
+        self._went = False
+        self._missing = ""
+
+    def _staying(self, block_s: float, turn: TurnInProgress) -> None:
+        if not turn.moving:
+            self._rested_s += block_s
+            if self._rested_s >= self.hold_s:
+                self.step = Step.RUN
+                self._say(Kind.READY, f"turn freely for {self.planned_s:.0f} s through many attitudes, then back onto the mark")
+        elif turn.still_s == 0.0:
+            if self._rested_s >= MIN_STILL_FRACTION * self.hold_s:
+                self.step = Step.RUN
+                return
+            self._say(Kind.WARNING, f"too short a still, {self._rested_s:.1f} of {self.hold_s:.1f} s: {MARK_WORDS}")
+            self._to_the_mark()
+
+    def _running(self, block_s: float, turn: TurnInProgress) -> None:
+        if turn.path_rad > STIR_DEG * DEG or self._moved_s:
+            self._moved_s += block_s
+        if turn.moving or turn.still_s < self.hold_s:
+            self._missing, self._examined = "", False
+            return
+        if self._moved_s and not self._examined:
+            self._examined = True
+            self._examine()
+        if self._missing and turn.still_s >= AGAIN_S:
+            self._say(Kind.WARNING, "it stays there: that is the mark now, and the run restarts")
+            self._to_the_mark()
+            self._here_s = WAIT_S
+
+    def _examine(self) -> None:
+        """The table rests: decide whether the run is complete."""
+        samples = joined(self._parts)
+        ends = run_ends(samples, find_stills(samples, self._protocol.still_s)[0], self._sensor)
+        if ends is not None and ends.broken:
+            self._say(Kind.REJECTED, f"this closure run is not complete: {ends.broken}; it restarts from here")
+            self._to_the_mark()
+            self._here_s = WAIT_S
+        elif ends is None or not self.enough:
+            self._say(Kind.STAGE, f"{self._moved_s:.0f} of {self.planned_s:.0f} s: turn on")
+        elif not ends.returned:
+            self._missing = f"{ends.away_rad / DEG:.1f}° from where the run began, {RETURN_RAD / DEG:g}° at most: set it back onto the mark"
+            self._say(Kind.WARNING, self._missing)
+        else:
+            self.wants = KEEP
+            turned_s = float(samples.t_ns[ends.last.start] - samples.t_ns[ends.first.stop - 1]) * NS
+            self._say(Kind.ACCEPTED, f"closure run: {turned_s:.0f} s, back within {ends.away_rad / DEG:.2f}°")
+
+
 PEAK_FULL_SCALE = 0.85
 _ANY_TURN = "turn the board onto another side: by 90°, 180° or 270° about an axis of it that is level, in about 3 s"
 HOLD_STILLS = 1.5  #: times the protocol's still_s: a still serves two turns
 EXAMINE_EVERY_S = 0.2
 NEARLY = 0.85  #: of a rotation: behind it the next one counts, on the page as well (path.js)
 FINISH_WORDS = "f finishes"
-STIR_DEG = 2.0  #: a smaller movement is no turn
-REST = "rest"  #: stem of the logs of a rest (``session.bench.rest_guide``), in which no turn is looked for
+REST = "rest"  #: stem of the logs of a rest, in which no turn is looked for
+COACH_S = 2.0  #: how long to wait for the coach before any turn is accepted
+SETTLING_S = 0.3  #: rest after which a turn has ended
+BETWEEN = 0.6  #: times still_s: the same between two rotations of one movement; 0.7 of still_s is a still
+MOST_OF_IT = 0.75  #: of the requested angles: a rest before that is a rest between two rotations
 
 
 class Guide:
@@ -57,6 +209,8 @@ class Guide:
     """
 
     stem = "log"  #: of the logs that it asks for
+    takes_a_log = False  #: whether it examines the samples of logs of its own alone, which it begins before their first sample
+    of_a_pause = "not examined"  #: what its samples are
 
     def __init__(self, protocol: Protocol, segments: int = 40, stop_at_target: bool = False, closure_s: float = 0.0):
         self.protocol, self.segments, self.stop_at_target, self.closure_s = protocol, segments, stop_at_target, closure_s
@@ -64,12 +218,13 @@ class Guide:
         self.closure: ClosureGuide | None = None  #: once the segments are done
         self.stage, self.health, self.taken = Stage.FIND_PORT, StreamHealth(), AcceptedData()
         self.advice: Advice | None = None  #: the last
-        self.asked_for = CoachRequest()
+        self.asked: Advice | None = None  #: of it what is requested now; it holds for one still, until the board is turned
+        self._asks_since_s: float | None = None
         self.coached = False  #: whether advice is expected after each accepted segment
         self.any_turn = _ANY_TURN  #: what to do where the coach requests nothing
         self.rejected = self.dropped = self.log = 0  #: rejected segments; segments that the operator took back; number of the log
         self._before_s = 0.0  # duration of earlier logs
-        self.at_rest = False  #: whether the samples go to a rest log
+        self.begun = "" if self.takes_a_log else self.stem  #: stem of the log that the samples go to
         self.board_faults: Mapping[str, int] = {}  #: what the board has reported of itself, by name
         self.keys = ""  # the screen's last line
         self.waits_for = ""  # what the port or the stream lacks
@@ -101,45 +256,51 @@ class Guide:
 
     def feed(self, samples: Samples) -> list[GuideMessage]:
         """Take later samples of the present log, SI; returns the messages that they cause."""
-        if len(samples) == 0 or self.stage in (Stage.DONE, Stage.PAUSED):
+        if len(samples) == 0 or self.stage in (Stage.DONE, Stage.PAUSED) or not self.is_mine:
             return []
-        self._messages = []
         if self.stage is Stage.FIND_PORT:
             self.stage, self.waits_for = Stage.CHECK_STREAM, ""
         self.here.add(samples)
         checking = self.stage is Stage.CHECK_STREAM
         if checking and not self._stream_is_good():
-            return self._messages
+            return self._told()
         self.health.feed(self.here.pending if checking else samples, self.here.pace)
         for block in self.here.blocks():
             if self.stage is not Stage.DONE:
                 self._block(block)
-        return self._messages
+        return self._told()
 
     def advise(self, advice: Advice | None, stills: int | None = None) -> list[GuideMessage]:
         """Take the coach's advice, given at so many stills; its movement counts only while the board keeps that attitude."""
-        self._messages, self.advice = [], advice
+        self.advice = advice
         if stills in (None, len(self.taken.stills)) and self.turn.path_rad < STIR_DEG * DEG:
-            self.asked_for.answered(advice)
+            self.asked, self._asks_since_s = advice if advice and advice.words else None, None
         if advice and advice.reached and self.stop_at_target and self.stage is not Stage.DONE and self.closure is None:
             self._segments_done(advice.reason if advice.missing else "every parameter has reached its target")
-        return self._messages
+        return self._told()
 
     def decided(self, decision: Event) -> list[GuideMessage]:
         """Take a decision of the operator, or of the guide itself (``wants``), that the files already hold."""
-        self._messages = []
         if decision.kind == "begin":
-            self.at_rest = decision.text == REST
-        if self.at_rest and decision.kind in ("begin", "finish"):  # of a rest that was recorded into this session: nothing is examined
-            self.stage = self.stage if self.stage is Stage.DONE else Stage.PAUSED
-        elif decision.kind == "pause":
+            self.begun = decision.text
+        if decision.kind == "pause":
             self.stage = Stage.PAUSED
-            self._say(Kind.STAGE, "paused: samples are stored, not examined")
+            self._say(Kind.STAGE, f"paused: samples are stored, {self.of_a_pause}")
+        elif not self.is_mine:  # of another kind of recording into this session: nothing is examined
+            if decision.kind in ("begin", "finish") and not self.takes_a_log and self.stage is not Stage.DONE:
+                self.stage = Stage.PAUSED
         elif self.stage is Stage.PAUSED and decision.kind == "begin":
             self.stage = Stage.CHECK_STREAM
             self.new_log()
-            self._say(Kind.STAGE, "it goes on")
-        elif decision.kind == "drop":
+            if self.stem != REST:
+                self._say(Kind.STAGE, "it goes on")
+        else:
+            self._do(decision)
+        return self._told()
+
+    def _do(self, decision: Event) -> None:
+        """A decision about turns."""
+        if decision.kind == "drop":
             self._drop(int(decision.text) * 1000)
         elif decision.kind == "finish" and self.closure is None:
             self._segments_done(f"{self.accepted} segments, finished by the operator")
@@ -148,12 +309,23 @@ class Guide:
             self.turn.accepted_still()
             if decision.kind == "keep":
                 self._finish(f"{self.accepted} segments and a closure run")
-        return self._messages
+
+    @property
+    def is_mine(self) -> bool:
+        """Whether the samples go to a log that this guide examines."""
+        return self.begun == self.stem if self.takes_a_log else self.begun != REST
 
     @property
     def wants(self) -> Event | None:
         """What is to be done with the files."""
+        if self.takes_a_log:
+            return None if self.is_mine or self.stage is Stage.PAUSED else Event("begin", text=self.stem)
         return self.closure.wants if self.closure is not None and self.stage is Stage.CLOSURE else None
+
+    @property
+    def awaits_advice(self) -> bool:
+        """Whether to wait for the coach's advice."""
+        return self._asks_since_s is not None and self.here.now_s - self._asks_since_s < COACH_S
 
     @property
     def enough(self) -> bool:
@@ -252,8 +424,8 @@ class Guide:
         return Instruction(self.stage, "hold still: hands off the table", why, left, min(held / self.hold_s, 1.0), good)
 
     def _turn_instruction(self) -> Instruction:
-        turn, advice = self.turn, self.asked_for.advice
-        if self.taken.turns and self.asked_for.awaited(self.here.now_s) and not turn.moving:
+        turn, advice = self.turn, self.asked
+        if self.taken.turns and self.awaits_advice and not turn.moving:
             return Instruction(self.stage, "one moment: the coach evaluates the last turn", "for some 2 s at most")
         if self.enough and not turn.moving:
             return Instruction(self.stage, "enough: finish now", f"every target is met; {FINISH_WORDS}, or turn on")
@@ -270,9 +442,13 @@ class Guide:
         then = "then let go" if turn.path_rad >= NEARLY * before_last else "then at once the next turn"
         return Instruction(self.stage, do, f"peak {peak_dps:.0f} of {full_scale_dps:.0f} dps; {then}", far=turned)
 
+    def _asks(self, now_s: float | None = None) -> None:
+        """The board has another attitude now, or other turns count.  now_s: when the coach is asked again, None if it is not."""
+        self.asked, self._asks_since_s = None, now_s
+
     def _begin_log(self) -> None:
         self.here = PresentLog()
-        self.asked_for.ends()
+        self._asks()
         self.objection = ""  # why the present still does not count
         self._examined_s = 0.0
 
@@ -298,9 +474,6 @@ class Guide:
         block, ended_s = self.here.take(samples, remember=self.closure is None)
         if self.closure is not None:
             self.closure.feed(samples, block.duration_s, self.turn)
-            said, self.closure.says = self.closure.says, []
-            for kind, text in said:
-                self._say(kind, text)
         elif self.stage is Stage.TURN:
             self._turning()
         elif block.quiet:
@@ -311,9 +484,15 @@ class Guide:
     def _turning(self) -> None:
         if self.turn.path_rad < STIR_DEG * DEG:
             self.here.window.rest(self.turn.still_s)
-        elif max(self.turn.still_s, self.turn.restless_s) >= self.asked_for.settling_s(self.turn.path_rad, self.protocol.still_s):
+        elif max(self.turn.still_s, self.turn.restless_s) >= self._settling_s():
             self.stage, self.objection = Stage.HOLD_STILL, ""
             self._say(Kind.STAGE, f"turned {self.turn.path_rad / DEG:.0f}°: now hold still")
+
+    def _settling_s(self) -> float:
+        """The rest after which the turn has ended; longer while a second rotation is to come."""
+        movements = self.asked.movements if self.asked else ()
+        goes_on = len(movements) > 1 and self.turn.path_rad < MOST_OF_IT * sum(abs(movement.angle_rad) for movement in movements)
+        return max(SETTLING_S, BETWEEN * self.protocol.still_s) if goes_on else SETTLING_S
 
     def _holding(self, block: MotionBlock) -> None:
         self._examined_s += block.duration_s
@@ -343,7 +522,7 @@ class Guide:
         segment = examined.segment
         self.here.accept(examined.samples, still)
         self.stage, self.objection = Stage.TURN, ""
-        self.asked_for.ends(self.here.now_s if self.coached else None)
+        self._asks(self.here.now_s if self.coached else None)
         if self.taken.add_still(still) and (own := self.taken.own) is not None:
             self._say(Kind.WARNING if own.problem else Kind.STAGE, f"the accelerometer is known: {own.problem or own.words}")
         if segment is None:
@@ -374,7 +553,7 @@ class Guide:
             self._say(Kind.STAGE, "this turn will not count; its data stay")
             return
         self.dropped, self.here.refused = self.dropped + 1, True
-        self.asked_for.ends(self.here.now_s if self.coached else None)
+        self._asks(self.here.now_s if self.coached else None)
         which = f"{turn.segment.turn_deg:.0f}° in {turn.segment.turn_s:.1f} s"
         self._say(Kind.STAGE, f"the last turn is dropped ({which}): left out, its data stay")
 
@@ -382,12 +561,17 @@ class Guide:
         if not self.closure_s:
             self._finish(why)
             return
-        self.stage, self.closure = Stage.CLOSURE, ClosureGuide(self._sensor, self.protocol, self.hold_s, self.closure_s)
+        self.stage, self.closure = Stage.CLOSURE, ClosureGuide(self._sensor, self.protocol, self.hold_s, self.closure_s, self._say)
         self._say(Kind.READY, f"{why}: now the closure run; {MARK_WORDS}")
 
     def _finish(self, why: str) -> None:
         self.stage = Stage.DONE
         self._say(Kind.DONE, f"ended, {self.short_of}: {why}" if self.short_of else f"done: {why}")
+
+    def _told(self) -> list[GuideMessage]:
+        """The messages since the last call."""
+        told, self._messages = self._messages, []
+        return told
 
     def _say(self, kind: Kind, text: str, accepted: AcceptedTurn | None = None) -> None:
         self._messages.append(GuideMessage(kind, text, self.now_s, accepted))

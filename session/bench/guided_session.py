@@ -15,9 +15,8 @@ from session.base.errors import CalibrationError, OtherSensor, StorageError
 from session.base.texts import printable
 from session.bench.board import BoardReporter, SensorIdentity
 from session.bench.board_clock import OFF
-from session.bench.closure_guide import BEGIN
 from session.bench.events import TROUBLES, AnyEvent, BoardStatus, Event, Info, SampleChunk, starts_log
-from session.bench.guide import REST, Guide, View, joined_chunks, samples_of
+from session.bench.guide import BEGIN, REST, Guide, View, joined_chunks, samples_of
 from session.bench.logwriter import SHORT_STARTS, SHORT_US
 from session.bench.messages import Advice, GuideMessage, Kind, Progress, Stage
 from session.bench.mover import Moment, Mover
@@ -155,7 +154,7 @@ class GuidedRecording:
             elif self.guide.resumes():
                 self._resuming = True
                 self.guide.new_log()
-                if self.guide.at_rest != (self.guide.stem == REST):  # its own log begins with the new connection
+                if (self.guide.begun == REST) != (self.guide.stem == REST):  # its own log begins with the new connection
                     self._operator.decide(Event("pause"))
                 self._say(Kind.STAGE, f"resumed: {self.guide.so_far} so far")
             while self.guide.stage is not Stage.DONE:

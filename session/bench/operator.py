@@ -17,9 +17,8 @@ from http import HTTPStatus
 from typing import TYPE_CHECKING, Any
 
 from session.base.errors import CalibrationError, StorageError
-from session.bench.closure_guide import BEGIN
 from session.bench.events import Event
-from session.bench.guide import Guide
+from session.bench.guide import BEGIN, REST, Guide
 from session.bench.messages import GuideMessage, Kind, Stage
 from session.bench.recorder import Recorder
 
@@ -287,7 +286,7 @@ class OperatorInput:
                 self._say(Kind.WARNING, str(error))
         if self._keys is not None:
             self._guide.keys = self._typing.words(
-                self._guide.closure is not None, self._guide.enough, not self._guide.at_rest, self._stop is not None
+                self._guide.closure is not None, self._guide.enough, self._guide.begun != REST, self._stop is not None
             )
 
     def _do(self, command: _OperatorCommand, text: str, begun: bool) -> None:

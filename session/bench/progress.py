@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from session.base.units import MG, NS
+from session.base.units import DEG, MG, NS
 from session.bench.live import CHECK_S, FEWEST, MotionBlock, Stillness, TurnInProgress, stream_problem
-from session.bench.messages import AcceptedTurn, Coverage, Progress
+from session.bench.messages import AcceptedTurn, Progress
 from session.detect.accelerometer import attitudes_of, fit_lengths
 from session.detect.segments import Segment, cut_segments
 from session.detect.stills import MIN_STILL_FRACTION, Noise, Still, block_size, find_stills
@@ -246,21 +247,57 @@ class LiveAccelerometerFit:
 LEAST_TURN_DEG = 30.0  #: a smaller turn is not counted: it determines next to nothing
 
 
+FACES = ("+x", "-x", "+y", "-y", "+z", "-z")
+SLANTED = 0.90  #: cosine: an axis further than 26° from the vertical is not up
+
+
+def face_up(accel: np.ndarray) -> str:
+    """The sensor axis that points up, such as ``+z``, from specific force (3,); ``slanted`` where none does."""
+    axis = int(np.argmax(np.abs(accel)))
+    if abs(accel[axis]) < SLANTED * np.linalg.norm(accel):
+        return "slanted"
+    return f"{'+' if accel[axis] > 0 else '-'}{'xyz'[axis]}"
+
+
+def turned_deg(turn: AcceptedTurn) -> dict[str, float]:
+    """A turn's rotation about each axis in each direction."""
+    first, last = turn.segment.stills
+    rate = turn.samples.gyro - (first.gyro_mean + last.gyro_mean) / 2
+    step = np.diff(turn.samples.t_s)[:, None]
+    noise = 3 * np.maximum(first.gyro_std, last.gyro_std)  # rates within the noise are no rotation
+    moved = np.where(np.abs(rate[:-1]) > noise, rate[:-1], 0.0) * step / DEG
+    both = np.stack([moved, -moved], axis=2).clip(0.0)
+    return dict(zip(FACES, both.sum(axis=0).ravel().tolist(), strict=True))
+
+
 class AcceptedData:
-    """The turns that count, in order; all stills; what they cover; and the accelerometer that they calibrate (None where one was given)."""
+    """The turns that count, in order, and all stills; the accelerometer that they calibrate (None where one was given)."""
 
     def __init__(self) -> None:
         self.turns: list[AcceptedTurn] = []
         self.stills: list[Still] = []
-        self.coverage = Coverage()
+        self._turned: dict[int, dict[str, float]] = {}  # by the turn's identity
         self.own: LiveAccelerometerFit | None = None
         self.gyro_fs_rps = np.inf  #: full scale, once it is known
 
     def begin(self, own: LiveAccelerometerFit | None, gyro_fs_rps: float) -> None:
         """The sensor's calibration and full scale are known."""
         self.own, self.gyro_fs_rps = own, gyro_fs_rps
-        if own is not None:
-            self.coverage.correct = own.correct
+
+    def corrected(self, force: np.ndarray) -> np.ndarray:
+        """Calibrated specific force (3,), by what is known now."""
+        return force if self.own is None else self.own.correct(force)
+
+    @property
+    def stills_up(self) -> dict[str, int]:
+        """Number of stills with each face up, and ``slanted``."""
+        up = Counter(face_up(self.corrected(still.accel_mean)) for still in self.stills)
+        return {face: up[face] for face in (*FACES, "slanted")}
+
+    @property
+    def turned_deg(self) -> dict[str, float]:
+        """Total rotation about each axis in each direction."""
+        return {face: sum(self._turned[id(turn)][face] for turn in self.turns) for face in FACES}
 
     @property
     def progress(self) -> Progress:
@@ -272,7 +309,6 @@ class AcceptedData:
     def add_still(self, still: Still) -> bool:
         """Add a reference still; returns whether it has completed the accelerometer's calibration."""
         self.stills.append(still)
-        self.coverage.still(still.accel_mean)
         if self.own is None:
             return False
         known = self.own.known
@@ -282,7 +318,7 @@ class AcceptedData:
     def add(self, turn: AcceptedTurn) -> None:
         """Add an accepted turn."""
         self.turns.append(turn)
-        self.coverage.add(turn)
+        self._turned[id(turn)] = turned_deg(turn)
 
     def last_of(self, log: int) -> AcceptedTurn | None:
         """The last turn that counts, if it is of this log."""
@@ -293,7 +329,6 @@ class AcceptedData:
         for turn in self.turns:
             if turn.log == log and turn.samples.t_ns[0] <= at_ns <= turn.samples.t_ns[-1]:
                 self.turns = [kept for kept in self.turns if kept is not turn]
-                self.coverage.drop(turn)
                 return turn
         return None
 

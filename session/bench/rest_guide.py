@@ -12,11 +12,10 @@ from typing import Protocol as Interface
 from session.bench.events import Event
 from session.bench.guide import REST, Guide
 from session.bench.live import CEILING_S, MotionBlock, Stillness
-from session.bench.messages import GuideMessage, Instruction, Kind, Stage
+from session.bench.messages import Instruction, Kind, Stage
 from session.log.config import Protocol
 from session.log.samples import Samples
 
-BEGIN_REST = Event("begin", text=REST)
 #: between two warnings that the board moves: a table that trembles all night makes a page of them, not a hundred
 WARN_EVERY_S = 600.0
 #: blocks, 2 min, that show the sensor's noise: of a rest nearly all are calm, and a night of it is to be replayed within minutes
@@ -47,7 +46,7 @@ class RestFigures(Interface):
 class RestGuide(Guide):
     """Records a rest of rest_s (None: until the operator ends it); ``stop_at_target`` ends it as soon as the figures are known."""
 
-    stem = REST
+    stem, takes_a_log, of_a_pause = REST, True, "and belong to no rest"
 
     def __init__(
         self, protocol: Protocol, rest_s: float | None = None, figures: RestFigures | None = None, stop_at_target: bool = False
@@ -55,7 +54,6 @@ class RestGuide(Guide):
         self.rest_s, self._figures = rest_s, figures
         self.rested_s = self.moved_s = 0.0  #: rest that is recorded, and how much of it was no rest
         self.answer = RestAnswer(())
-        self._begun = False  # whether this run's logs have begun
         self._warned_s = -WARN_EVERY_S
         super().__init__(protocol, 0, stop_at_target)
 
@@ -63,11 +61,6 @@ class RestGuide(Guide):
     def so_far(self) -> str:
         """The recorded rest in words."""
         return f"{in_words(self.rested_s)} of rest"
-
-    @property
-    def wants(self) -> Event | None:
-        """The rest's log is begun before its first sample."""
-        return None if self._begun or self.stage is Stage.PAUSED else BEGIN_REST
 
     @property
     def enough(self) -> bool:
@@ -86,24 +79,9 @@ class RestGuide(Guide):
         if self._figures is not None:
             self._figures.new_log()
 
-    def decided(self, decision: Event) -> list[GuideMessage]:
-        """Take a decision that the files already hold; those of turns in the same recording are not this guide's."""
-        self._messages = []
-        if decision.kind == "begin":
-            self.at_rest = self._begun = decision.text == REST
-            if self.at_rest and self.stage is Stage.PAUSED:
-                self.stage = Stage.CHECK_STREAM
-                self.new_log()
-        elif decision.kind == "pause":
-            self.stage = Stage.PAUSED
-            self._say(Kind.STAGE, "paused: samples are stored, and belong to no rest")
-        elif decision.kind == "finish" and self.at_rest:
+    def _do(self, decision: Event) -> None:
+        if decision.kind == "finish":
             self._finish(f"{self.so_far}, finished by the operator")
-        return self._messages
-
-    def feed(self, samples: Samples) -> list[GuideMessage]:
-        """Take later samples of the present log, SI; those of turns in the same recording are passed over."""
-        return super().feed(samples) if self.at_rest else []
 
     @property
     def instruction(self) -> Instruction:

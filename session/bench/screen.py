@@ -140,9 +140,9 @@ def _state(guide: Guide) -> Table:
     table.add_row("stream", _stream(health))
     table.add_row("faults", _faults(health))
     table.add_row("warmth", _warmth(guide))
-    stills = guide.taken.coverage.stills
+    stills = guide.taken.stills_up
     table.add_row("up in stills", Text.assemble(*(_count(f"{face} {count}", count) for face, count in stills.items())))
-    turned = guide.taken.coverage.turned_deg.items()
+    turned = guide.taken.turned_deg.items()
     table.add_row("turned about", Text.assemble(*(_count(f"{axis} {degrees:.0f}°", degrees) for axis, degrees in turned)))
     return table
 

@@ -139,7 +139,7 @@ def pose_of(attitude: Attitude, full_scale_dps: float, t_s: float) -> dict[str, 
 def state_of(guide: Guide, still: Quaternion, said: Collection[tuple[int, str, float, str]], closure_deg: float | None) -> dict[str, Any]:
     """The ``state`` event.  still: attitude in the last accepted still, where the requested movement begins; said: the last messages."""
     now, health, wait = guide.instruction, guide.health, guide.wait
-    forces = [guide.taken.coverage.corrected(each.accel_mean) for each in guide.taken.stills[-MOST_STILLS:]]
+    forces = [guide.taken.corrected(each.accel_mean) for each in guide.taken.stills[-MOST_STILLS:]]
     sigmas = guide.advice.sigmas if guide.advice is not None else ()
     target = _target(guide, still)
     return {
@@ -171,7 +171,7 @@ def state_of(guide: Guide, still: Quaternion, said: Collection[tuple[int, str, f
 
 def _target(guide: Guide, still: Quaternion) -> dict[str, Any] | None:
     """The requested attitude, and the rotations to it, each about an axis of the frame with z up."""
-    advice = guide.asked_for.advice
+    advice = guide.asked
     if guide.stage is not Stage.TURN or advice is None or not advice.movements:
         return None
     q, turns = still if advice.up is None else levelled(still, np.array(advice.up)), []

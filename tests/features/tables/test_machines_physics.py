@@ -252,7 +252,7 @@ def test_three_stills_in_a_row_that_contradict_the_machine_pause_the_recording(t
     driver = Mock(trouble=None, fault="", busy=False, where=Where(np.zeros(2), False), table=SimpleNamespace(description=table))
     mover, stills, said = TableMover(driver, Mock()), [], []
     guide = MagicMock(stage=Stage.TURN, turning=True, taken=MagicMock(stills=stills, turns=[], own=None))
-    guide.taken.coverage.corrected = lambda force: force
+    guide.taken.corrected = lambda force: force
     for lie in lies:  # of gravity, by a right angle
         said += mover.step(guide, Moment("log0001.csv", 0, 0), False)
         stills.append(SimpleNamespace(accel_mean=np.array([9.8 * lie, 0, -9.8 * (1 - lie)]), duration_s=1.0))

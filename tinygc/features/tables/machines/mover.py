@@ -12,9 +12,8 @@ from typing import Protocol
 import numpy as np
 
 from session.base.units import DEG, NS
-from session.bench.closure_guide import ClosureGuide, Step
 from session.bench.events import Event
-from session.bench.guide import Guide
+from session.bench.guide import ClosureGuide, Guide, Step
 from session.bench.messages import AxisMove, GuideMessage, Kind, Stage
 from session.bench.mover import Moment
 from session.detect.segments import angle_read
@@ -144,7 +143,7 @@ class TableMover:
         turned = None
         if followed and last is not None:
             turned = angle_read(last.samples, replace(last.segment, start=0, stop=len(last.samples)))
-        force, raw = guide.taken.coverage.corrected(stills[-1].accel_mean), guide.taken.own is not None
+        force, raw = guide.taken.corrected(stills[-1].accel_mean), guide.taken.own is not None
         found = self._word.still(driver.where.angles, force, turned, raw)
         self._contradictions = self._contradictions + 1 if found else 0
         for words in found:
@@ -157,7 +156,7 @@ class TableMover:
         if guide.stage is Stage.CLOSURE and guide.closure is not None:
             self._close_run(guide, guide.closure)
         elif guide.stage is Stage.TURN and not guide.turning:
-            advice = guide.asked_for.advice
+            advice = guide.asked
             if self._made_s is not None and not self._waited(NO_TURN_S):
                 return  # its still has yet to come
             if self._made_s is not None:
@@ -166,7 +165,7 @@ class TableMover:
                 self._say("the machine says that it has turned, and the gyroscope saw nothing: it is stalled, or its coupling slips")
                 if self._contradictions >= MOST_CONTRADICTIONS:
                     self._halt(f"{self._contradictions} moves in a row were not seen by the sensor")
-            elif advice is None and (coaching or (guide.coached and guide.asked_for.awaited(guide.now_s))):
+            elif advice is None and (coaching or (guide.coached and guide.awaits_advice)):
                 return
             moves = advice.moves if advice is not None and advice.moves else self._moves.choose(self._most_rps(guide))
             self._make(moves)

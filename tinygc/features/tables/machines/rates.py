@@ -22,7 +22,6 @@ from tinygc.features.tables.machines.mover import BLIND_S, PAUSE, PUT_RIGHT
 from tinygc.features.tables.machines.verbs import TableLimit
 
 STEM = "rates"
-BEGIN_RATES = Event("begin", text=STEM)
 #: s: rest before and after each step; of a rate until it is even, beyond its acceleration
 REST_S, SETTLE_S = 3.0, 1.0
 #: rad that stay between a step and the limits
@@ -62,12 +61,11 @@ def steps_of(table: Description, axis: int, rates_rps: Sequence[float], dwell_s:
 class RatesGuide(Guide):
     """The guide of rate steps: it begins their log, shows how far they are, and looks for no turn."""
 
-    stem = STEM
+    stem, takes_a_log, of_a_pause = STEM, True, "and belong to no step"
 
     def __init__(self, protocol: Protocol, steps: int):
         self.steps, self.made = steps, 0
         self.says = ""  #: what the table does now
-        self._begun = False
         super().__init__(protocol, 0)
 
     @property
@@ -76,42 +74,22 @@ class RatesGuide(Guide):
         return f"{self.made} of {self.steps} rate steps"
 
     @property
-    def wants(self) -> Event | None:
-        """The log is begun before its first sample."""
-        return None if self._begun or self.stage is Stage.PAUSED else BEGIN_RATES
-
-    @property
     def instruction(self) -> Instruction:
         """What happens: hands off."""
         if self.stage is Stage.HOLD_STILL:
             return Instruction(self.stage, "hands off: the table turns at known rates", f"{self.says}; {self.so_far}")
         return super().instruction
 
-    def decided(self, decision: Event) -> list[GuideMessage]:
-        """Take a decision that the files already hold."""
-        self._messages = []
-        if decision.kind == "begin":
-            self._begun = decision.text == STEM
-            if self.stage is Stage.PAUSED:
-                self.stage = Stage.CHECK_STREAM
-                self.new_log()
-                self._say(Kind.STAGE, "it goes on")
-        elif decision.kind == "pause":
-            self.stage = Stage.PAUSED
-            self._say(Kind.STAGE, "paused: samples are stored, and belong to no step")
-        return self._messages
-
-    def feed(self, samples: Samples) -> list[GuideMessage]:
-        """Take later samples; those of turns in the same recording are passed over."""
-        return super().feed(samples) if self._begun else []
+    def _do(self, decision: Event) -> None:
+        """Nothing is decided about steps."""
 
     def step_made(self, step: RateStep) -> list[GuideMessage]:
         """A step is recorded; the last one ends the recording."""
-        self._messages, self.made = [], self.made + 1
+        self.made += 1
         self._say(Kind.ACCEPTED, f"step {self.made} of {self.steps}: {step.rate_rps / DEG:+g} dps for {step.dwell_s:g} s")
         if self.made >= self.steps:
             self._finish(self.so_far)
-        return self._messages
+        return self._told()
 
     def _block(self, samples: Samples) -> None:
         self.here.take(samples, remember=False)

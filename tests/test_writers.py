@@ -257,7 +257,7 @@ LASTS = {name.rpartition(".")[2] for name in BY_NAME} | {"open"}
 CANDIDATE = re.compile(rf"\b({'|'.join(LASTS - {'replace'})})\(|\.replace\((?![^,\n()]*,)")
 #: who gives a recording's own file another name, moves within a folder that is being made, or cuts off a half line
 ELSEWHERE = {
-    "tinygc/features/tables/machines/driver.py": {"os.truncate"},
+    "tinygc/features/tables/machines/angles.py": {"os.truncate"},
     "session/bench/logwriter.py": {"rename"},
     "session/bench/rawfile.py": {"rename"},
     "session/replay/convert.py": {"rename"},

@@ -8,7 +8,7 @@ from table_recordings import table_toml
 
 from session.base.errors import StorageError
 
-driver, verbs = feature("tinygc.features.tables.machines.driver"), feature("tinygc.features.tables.machines.verbs")
+table_csv, verbs = feature("tinygc.features.tables.machines.angles"), feature("tinygc.features.tables.machines.verbs")
 description, lines = feature("tinygc.features.tables.machines.description"), feature("tinygc.features.unit.watch.lines")
 
 
@@ -18,7 +18,7 @@ def table(folder):
 
 def angles(*logs):
     def write(folder):
-        file = driver.AngleFile(folder / "table.csv", description.read_description(folder / "table.toml"))
+        file = table_csv.AngleFile(folder / "table.csv", description.read_description(folder / "table.toml"))
         for log in logs:
             file.add(log, 1000, verbs.Where(np.array([0.1, 0.2]), False))
         file.close()

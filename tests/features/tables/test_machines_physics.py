@@ -16,10 +16,10 @@ from session.base.errors import CalibrationError, StorageError
 from session.base.units import DEG, NS
 from session.bench.messages import Stage
 from session.bench.mover import Moment
-from tinygc.features.tables.machines.angles import AngleLog, header, on_its_clock, read_angles
+from tinygc.features.tables.machines.angles import AngleFile, AngleLog, header, on_its_clock, read_angles
 from tinygc.features.tables.machines.comparison import WordAgainstSensor
 from tinygc.features.tables.machines.description import Axis, Description, attitudes, body_axes, read_description, roll_pitch_yaw
-from tinygc.features.tables.machines.driver import AngleFile, TableDriver, _DeviceTime
+from tinygc.features.tables.machines.driver import TableDriver, _DeviceTime
 from tinygc.features.tables.machines.mechanics import AxisErrors, AxisTrack
 from tinygc.features.tables.machines.mover import PAUSE, TableMover
 from tinygc.features.tables.machines.rates import steps_of

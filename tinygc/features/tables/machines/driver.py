@@ -6,29 +6,22 @@ round: a question, a row, and the next verb where the one before has ended.  A f
 
 from __future__ import annotations
 
-import os
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from io import TextIOWrapper
-from pathlib import Path
 
 import numpy as np
 
-from session.base.errors import CalibrationError, StorageError
-from session.base.files import open_written, read_bytes, refuse_link, replaced
+from session.base.errors import CalibrationError
 from session.base.units import NS
 from session.bench.messages import AxisMove
 from session.bench.mover import Moment
-from tinygc.features.tables.machines.angles import header, row
-from tinygc.features.tables.machines.description import Description
+from tinygc.features.tables.machines.angles import AngleFile
 from tinygc.features.tables.machines.safety import REST_S, Guarded
 from tinygc.features.tables.machines.verbs import TableFault, TableLimit, Where, require_allowed, require_rate
 from tinygc.features.tables.machines.wire import PRESS
 
-#: of ``table.csv``: 40 hours at 50 Hz
-MOST_BYTES = 1 << 30
 EVERY_S = 0.05  #: between two questions: 20 Hz
 #: arrivals that the device's time is taken from, s; bytes are late by some ms and never early
 ARRIVALS_S = 20.0
@@ -74,53 +67,6 @@ class _DeviceTime:
                 if rate == last:
                     break
         return float(arrivals[-1, 1] + np.max(since[:, 1] - rate * since[:, 0]) + rate * (host_s - arrivals[-1, 0]))
-
-
-class AngleFile:
-    """``table.csv``, appended to row by row; a line that a crash has cut is taken off.  Raises StorageError."""
-
-    def __init__(self, path: Path, table: Description):
-        self._path, self._last = path, ("", -1)
-        try:
-            if path.exists() and path.stat().st_size:
-                text = read_bytes(path, MOST_BYTES)
-                refuse_link(path)
-                os.truncate(path, text.rfind(b"\n") + 1)  # a row that was cut off
-                if not text.startswith(header(table).encode() + b"\n"):
-                    raise StorageError(f"{path}: is of a table with other axes; give another --out")
-            else:
-                path.parent.mkdir(parents=True, exist_ok=True)
-                with replaced(path) as file:
-                    file.write(f"{header(table)}\n".encode())
-            self._file = self._opened()
-        except OSError as error:
-            raise StorageError(f"{path}: cannot be written ({error.strerror or error})") from None
-
-    def _opened(self) -> TextIOWrapper:
-        return os.fdopen(open_written(self._path, os.O_WRONLY | os.O_APPEND | os.O_CREAT), "a", buffering=1)
-
-    def add(self, log: str, t_us: int, where: Where) -> None:
-        """Append an answer; one without a log, or with a time before the last one of its log, has no place there."""
-        if not log or (log == self._last[0] and t_us < self._last[1]) or not 0 <= t_us < 2**53:
-            return
-        self._last = log, t_us
-        try:
-            self._file.write(row(log, t_us, where.table_s, where.moving, where.angles) + "\n")
-        except OSError as error:
-            raise StorageError(f"{self._path}: cannot be written ({error.strerror or error})") from None
-
-    def rename(self, old: str, new: str) -> None:
-        """A log has another name now."""
-        self._file.close()
-        lines = read_bytes(self._path, MOST_BYTES).decode().splitlines(keepends=True)
-        with replaced(self._path) as file:
-            file.write("".join(new + line.removeprefix(old) if line.startswith(f"{old},") else line for line in lines).encode())
-        self._file = self._opened()
-        self._last = (new, self._last[1]) if self._last[0] == old else self._last
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
 
 
 class TableDriver:

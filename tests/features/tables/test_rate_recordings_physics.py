@@ -114,7 +114,7 @@ def stepped(tmp_path_factory):
 
 
 def test_rates_and_means_of_settled_dwells(stepped):
-    (points,) = read(stepped).points
+    (points,), _, _ = read(stepped)
     moved = np.abs(points.rate_dps) > 1
     assert points.rate_dps[moved] == pytest.approx([r for r in (*STEPPED, *STEPPED[-2::-1]) if r], abs=2e-3)
     errors = (points.output - points.output[~moved].mean() - 1.01 * points.rate_dps) / points.sigma
@@ -134,7 +134,7 @@ def test_a_way_back_to_a_limit_is_no_dwell(tmp_path):
         track.turn_to(t_s + 8.0, -170 * DEG, 80 * DEG, DOWN.acceleration_rps2)
         t_s += 14.0
     record(tmp_path, track, t_s, limits="least_deg = -170\nmost_deg = 170\n")
-    (points,) = read(tmp_path).points
+    (points,), _, _ = read(tmp_path)
     assert sorted(set(points.rate_dps.round())) == [0, 10, 20, 40]
 
 
@@ -146,7 +146,7 @@ def test_means_are_over_whole_turns(tmp_path):
         return rate + np.deg2rad(2) * np.sin(track.said_and_sense(t_s)[0])[:, None] * [0, 0, 1]
 
     record(tmp_path, track, ends_s, distort=distort, noise=0.5)
-    (points,) = read(tmp_path).points
+    (points,), _, _ = read(tmp_path)
     moved = points.rate_dps > 1
     assert points.output[moved] == pytest.approx(points.rate_dps[moved], abs=0.01)
 

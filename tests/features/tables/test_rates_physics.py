@@ -15,6 +15,7 @@ from tinygc.features.tables.rates.curve import Shape, fit_curve
 from tinygc.features.tables.rates.fitting import fit, floor, over_rate
 from tinygc.features.tables.rates.laws import CURVE, EXTRAS, LAWS, LIMITS, Hypothesis
 from tinygc.features.tables.rates.points import points_of
+from tinygc.features.tables.rates.report import lines
 from tinygc.features.tables.rates.terms import (
     Range,
     _asymmetry,
@@ -28,7 +29,6 @@ from tinygc.features.tables.rates.terms import (
     size,
     terms,
 )
-from tinygc.features.tables.rates.text import lines
 
 UP = np.linspace(-300.0, 300.0, 21)
 

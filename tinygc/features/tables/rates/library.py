@@ -14,13 +14,11 @@ from session.base.errors import CalibrationError, FormatError
 from session.base.files import result_folder
 from session.base.results import write_text_whole, write_whole
 from tinygc.features.tables.rates.choice import Choice, choose
-from tinygc.features.tables.rates.page import page
-from tinygc.features.tables.rates.picture import figure_of
 from tinygc.features.tables.rates.points import Columns, Points, points_of, read_points, read_table, settings_of
 from tinygc.features.tables.rates.recording import read_recording
-from tinygc.features.tables.rates.sweep import Sweep, fit_response, is_response, read_response
+from tinygc.features.tables.rates.report import figure_of, page, rates_page
+from tinygc.features.tables.rates.sweep import Response, Sweep, fit_response, is_response, read_response
 from tinygc.features.tables.rates.terms import terms
-from tinygc.features.tables.rates.text import rates_page
 from tinygc.library.arguments import Progress, is_path, nothing, public
 from tinygc.library.records import Shown
 from tinygc.reporting.pictures.canvas import has_matplotlib, save, saved
@@ -115,7 +113,6 @@ def _of_sensor(choice: Choice) -> dict[str, Any]:
 def _of_sweep(sweep: Sweep) -> dict[str, Any]:
     (gain, gain_sigma), (delay_s, delay_sigma_s) = sweep.gain, sweep.delay_s
     names = ("frequency_hz", "gain", "gain_sigma", "phase_deg", "phase_sigma_deg")
-    rows = [(f, k, ks, p, ps) for f, k, ks, p, ps in sweep.rows_deg]
     return {
         "name": sweep.response.name,
         "model": sweep.model,
@@ -128,27 +125,21 @@ def _of_sweep(sweep: Sweep) -> dict[str, Any]:
         "bandwidth_hz": sweep.bandwidth_hz,
         "bandwidth_sigma_hz": sweep.bandwidth_sigma_hz,
         "bandwidth_at_least_hz": sweep.bandwidth_at_least_hz,
-        "points": [dict(zip(names, row, strict=True)) for row in rows],
+        "points": [dict(zip(names, row, strict=True)) for row in sweep.rows_deg],
     }
 
 
 def rates_of(path: Path, columns: Columns, progress: Progress) -> Rates:
     """Rate steps and sweeps of a CSV or of a recording's folder.  Raises CalibrationError, in one line, for what cannot be read."""
-    remarks: list[str] = []
-    points: list[Points] = []
-    sweeps: list[Sweep] = []
+    points, responses = list[Points](), list[Response]()
     if path.is_dir():
-        recording = read_recording(path, progress)
-        points, remarks = list(recording.points), list(recording.remarks)
-        sweeps = [fit_response(response) for response in recording.responses]
+        points, responses, remarks = read_recording(path, progress)
     elif is_response(read_table(path)[0]):
-        sweeps = [fit_response(read_response(path))]
-        remarks.append(
-            "The CSV does not say how late the table's angle is; a latency of it counts with its sign against the sensor's delay."
-        )
+        responses = [read_response(path)]
+        remarks = ["The CSV does not say how late the table's angle is; a latency of it counts with its sign against the sensor's delay."]
     else:
         points, remarks = read_points(path, columns)
-    return _chosen(path.name, points, sweeps, remarks, progress)
+    return _chosen(path.name, points, [*map(fit_response, responses)], remarks, progress)
 
 
 def rates_of_arrays(

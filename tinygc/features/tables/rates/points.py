@@ -224,12 +224,12 @@ def read_points(path: Path, columns: Columns | None = None) -> tuple[list[Points
         remarks.append(f"The column {printable(header[output])!r} states no unit; --output-unit V gives one.")
     sensors: dict[str, list[tuple[str, float, float, float, float]]] = {}
     for line, row in rows:
-        n = columns.readings or (None if readings is None else _number(path, line, header[readings], row[readings]))
-        spread = None if std is None else _number(path, line, header[std], row[std])
+        n = columns.readings or (None if readings is None else number_in(path, line, header[readings], row[readings]))
+        spread = None if std is None else number_in(path, line, header[std], row[std])
         if (spread is not None and spread < 0) or (n is not None and n < 1):
             raise FormatError(f"{path} line {line}: a std below 0, or less than one reading; correct it, or leave the row out")
         sigma = np.nan if n is None or spread is None or n < 2 else spread / np.sqrt(n)
-        where = [_number(path, line, header[n], row[n]) for n in (rate, output)]
+        where = [number_in(path, line, header[n], row[n]) for n in (rate, output)]
         curve = ", ".join(f"{header[n]} {row[n]}" for n in others)
         numbers = (where[0] * factor, where[1], sigma, np.nan if spread is None else spread)
         sensors.setdefault(" ".join(row[n] for n in names) or path.stem, []).append((curve, *numbers))
@@ -338,7 +338,8 @@ def _unit(name: str) -> str:
     return OUTPUT_UNITS.get(_suffix(name), "")
 
 
-def _number(path: Path, line: int, name: str, text: str) -> float:
+def number_in(path: Path, line: int, name: str, text: str) -> float:
+    """The number of a cell; FormatError names its line and its column."""
     try:
         value = float(text)
     except ValueError:

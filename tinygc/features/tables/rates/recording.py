@@ -51,15 +51,6 @@ LEAST_SHARE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Recording:
-    """Points of each gyroscope axis that the table turned, responses of its sweeps, and remarks."""
-
-    points: tuple[Points, ...]
-    responses: tuple[Response, ...]
-    remarks: tuple[str, ...]
-
-
-@dataclass(frozen=True, eq=False)
 class Dwell:
     """A stretch of one log at one rate: axis of the table; answers ``start`` to ``stop`` of its angles; its rate, rad/s, roughly."""
 
@@ -69,8 +60,11 @@ class Dwell:
     rate: float
 
 
-def read_recording(folder: Path, progress: Progress) -> Recording:
-    """Read a folder of rate steps and sweeps.  Raises FormatError or DataError, which say what is missing or wrong."""
+def read_recording(folder: Path, progress: Progress) -> tuple[list[Points], list[Response], list[str]]:
+    """Points of each gyroscope axis that the table turned, responses of its sweeps, and remarks, of a recording's folder.
+
+    Raises FormatError or DataError, which say what is missing or wrong.
+    """
     for path in (folder / TABLE, folder / ANGLES):
         if not path.exists():
             raise FormatError(f"{path}: not found; a recording of rates has {STEM}*.csv, {TABLE} and {ANGLES} (docs/formats/rates.md)")
@@ -110,7 +104,7 @@ def read_recording(folder: Path, progress: Progress) -> Recording:
         points.append(points_of(f"gyroscope {'xyz'[axis]}", "°/s", columns[:, 0], columns[:, 1], [row[0] for row in rows], columns[:, 2]))
     if points:
         remarks.append("The table's mounting is taken as declared: a tilt of 1° against its axis is 150 ppm of the scale.")
-    return Recording(tuple(points), tuple(swings), tuple(remarks))
+    return points, swings, remarks
 
 
 def dwells(own: AngleLog) -> list[Dwell]:

@@ -19,7 +19,7 @@ from session.base.numeric import rms_of
 from session.base.solving import solve
 from session.base.texts import printable
 from session.base.units import DEG
-from tinygc.features.tables.rates.points import read_table
+from tinygc.features.tables.rates.points import number_in, read_table
 from tinygc.features.tables.rates.terms import size
 from tinygc.reporting.pictures.canvas import plain
 
@@ -222,24 +222,13 @@ def read_response(path: Path) -> Response:
         )
 
     def values(number: int) -> np.ndarray:
-        found = []
-        for line, row in rows:
-            try:
-                found.append(float(row[number]))
-            except ValueError:
-                found.append(float("nan"))
-            if not np.isfinite(found[-1]):
-                raise FormatError(f"{path} line {line}: {printable(header[number])} is {printable(row[number])[:40]!r}, expected a number")
-        return np.array(found)
+        return np.array([number_in(path, line, header[number], row[number]) for line, row in rows])
 
     f, gain, phase = (values(column(wanted)) for wanted in (FREQUENCY, GAIN, PHASE))
     for what, numbers, most in (("frequency", f, MOST_HZ), ("gain", gain, MOST_GAIN)):
         if ((numbers < 1 / most) | (numbers > most)).any():
             raise FormatError(f"{path}: a {what} is not between {1 / most:g} and {most:g}; correct the row, or leave it out")
-    sigmas = [
-        values(names.index(name)) if name in names else np.full(len(f), default)
-        for name, default in (("gain_sigma", 0.0), ("phase_sigma_deg", 0.0))
-    ]
+    sigmas = [values(names.index(name)) if name in names else np.zeros(len(f)) for name in ("gain_sigma", "phase_sigma_deg")]
     gain_sigma = np.where(sigmas[0] > 0, sigmas[0], 1e-3 * gain)
     phase_sigma = np.where(sigmas[1] > 0, sigmas[1] * DEG, 1e-3)
     return Response(path.stem, f, gain, phase * DEG, gain_sigma, phase_sigma)

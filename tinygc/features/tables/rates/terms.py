@@ -43,11 +43,11 @@ class TermRow:
 
     key: str
     name: str
-    value: float | None
-    sigma: float | None
-    at_most: float | None
     unit: str
     condition: str
+    value: float | None = None
+    sigma: float | None = None
+    at_most: float | None = None
 
 
 @dataclass(frozen=True)
@@ -98,24 +98,15 @@ def terms(choice: Choice) -> list[TermRow]:
     lack = found.lack_of_fit
     if lack is not None:
         known = "stated sigmas" if points.is_known else unit
-        rows.append(
-            TermRow(
-                "repeats",
-                "scatter of repeats",
-                lack.noise,
-                lack.noise / np.sqrt(2 * lack.freedom),
-                None,
-                known,
-                f"{lack.freedom} more than rates",
-            )
-        )
+        uncertain = lack.noise / np.sqrt(2 * lack.freedom)
+        rows.append(TermRow("repeats", "scatter of repeats", known, f"{lack.freedom} more than rates", lack.noise, uncertain))
     line = choice.line
     share = 100 * float(np.abs(line.residuals).max() / max(abs(line.coefficients[0]) * np.abs(points.rate_dps).max(), 1e-300))
-    rows.append(TermRow("straight_line", "a straight line would say: nonlinearity", share, None, None, "% of full scale", tested))
+    rows.append(TermRow("straight_line", "a straight line would say: nonlinearity", "% of full scale", tested, share))
     if not abs(scale) > FOLLOWS * scale_sigma and np.isfinite(scale_sigma):  # and then nothing over the scale is known
         why = "not measured: the output does not follow the rate"
         over_scale = [row.key for row in rows if row.unit in ("ppm", "°/s", "% of full scale") and not row.key.startswith("linear")]
-        rows = [TermRow(row.key, row.name, None, None, None, row.unit, why) if row.key in over_scale else row for row in rows]
+        rows = [TermRow(row.key, row.name, row.unit, why) if row.key in over_scale else row for row in rows]
     return rows
 
 
@@ -147,8 +138,8 @@ def derived(found: Fit, function: Callable[[Fit], float]) -> tuple[float, float]
 def _row(key: str, name: str, found: tuple[float, float], unit: str, condition: str) -> TermRow:
     """A row of a value and its sigma; without a number where this is infinite."""
     if not np.isfinite(found[1]):
-        return TermRow(key, name, None, None, None, unit, f"not determined by these rates: {condition}")
-    return TermRow(key, name, *found, None, unit, condition)
+        return TermRow(key, name, unit, f"not determined by these rates: {condition}")
+    return TermRow(key, name, unit, condition, *found)
 
 
 def _curves_words(points: Points) -> str:
@@ -161,8 +152,8 @@ def _drift(found: Fit) -> TermRow:
     value, sigma = derived(found, lambda law: float(law.offsets.std(ddof=1)))
     of_one = float(np.sqrt(np.mean(np.diag(found.covariance)[:count])))
     if value > LIMIT_95 * of_one:
-        return TermRow(key, name, value, sigma, None, found.points.unit, f"{count} curves")
-    return TermRow(key, name, None, None, value + LIMIT_95 * of_one, found.points.unit, f"{count} curves")
+        return TermRow(key, name, found.points.unit, f"{count} curves", value, sigma)
+    return TermRow(key, name, found.points.unit, f"{count} curves", at_most=value + LIMIT_95 * of_one)
 
 
 # The linear range, and the best line within it.
@@ -254,19 +245,17 @@ def _range_rows(choice: Choice, within: Range) -> list[TermRow]:
             same_end = [(rival, share) for rival, share in choice.rivals if _is_limit(rival, end) == _is_limit(found, end)]
             sigma = averaged(replace(choice, rivals=tuple(same_end)), lambda law, end=end: _end(law, 1.5 * end)[0])[1]  # type: ignore[misc]
         what = f"input limit, {name}" if why.startswith("limit") else f"linear range, {name} end"
-        row = TermRow(f"linear_{key}", what, end, sigma, None, "°/s", why)
+        row = TermRow(f"linear_{key}", what, "°/s", why, end, sigma)
         if beyond is not None and (beyond[0] > 0) == (n == 1) and end == beyond[1]:
             at, last, first = beyond
             open_to = f"beyond {size(last)} °/s" if first is None else f"{size(last)} to {size(first)} °/s"
             why = f"not determined, {open_to}: the reading at {size(at)} °/s is off"
-            row = TermRow(f"linear_{key}", f"linear range, {name} end", None, None, None, "°/s", why)
+            row = TermRow(f"linear_{key}", f"linear range, {name} end", "°/s", why)
         elif within.between[n]:
-            row = TermRow(
-                f"linear_{key}", what, None, None, None, "°/s", f"{why} before {size(end)} °/s, the smallest rate: not determined"
-            )
+            row = TermRow(f"linear_{key}", what, "°/s", f"{why} before {size(end)} °/s, the smallest rate: not determined")
         elif sigma is not None and not np.isfinite(sigma):
             low, high = sorted((min(ends := [_end(each, 1.5 * end)[0] for each in found.profile]), max(ends)))
-            row = TermRow(f"linear_{key}", what, None, None, None, "°/s", f"{why} between {size(low)} and {size(high)} °/s: not determined")
+            row = TermRow(f"linear_{key}", what, "°/s", f"{why} between {size(low)} and {size(high)} °/s: not determined")
         rows.append(row)
     return rows
 
@@ -314,10 +303,10 @@ def _uneven(found: Fit, within: Range) -> float:
 def _shown(key: str, name: str, value: tuple[float, float] | None, factor: float, unit: str, condition: str, shows: bool) -> TermRow:
     """A row of a term that the law has, where the points inside show it by themselves; else of what does not show: less than x."""
     if value is None:
-        return TermRow(key, name, None, None, None, unit, f"{condition}: these rates do not determine it")
+        return TermRow(key, name, unit, f"{condition}: these rates do not determine it")
     if shows and abs(value[0]) > LIMIT_95 * value[1]:
-        return TermRow(key, name, factor * value[0], abs(factor) * value[1], None, unit, condition)
-    return TermRow(key, name, None, None, abs(factor) * (abs(value[0]) + LIMIT_95 * value[1]), unit, condition)
+        return TermRow(key, name, unit, condition, factor * value[0], abs(factor) * value[1])
+    return TermRow(key, name, unit, condition, at_most=abs(factor) * (abs(value[0]) + LIMIT_95 * value[1]))
 
 
 def _nonlinearity(choice: Choice, within: Range, inside: Points) -> TermRow:
@@ -325,7 +314,7 @@ def _nonlinearity(choice: Choice, within: Range, inside: Points) -> TermRow:
     full = abs(best_line(choice.curve or choice.fit, within)[0]) * max(abs(within.low), abs(within.high))
     condition = f"of {size(full)} {choice.points.unit}, within {within.words}"
     if any(within.between):
-        return TermRow("nonlinearity", "nonlinearity", None, None, None, "ppm", "not determined: the linear range is not")
+        return TermRow("nonlinearity", "nonlinearity", "ppm", "not determined: the linear range is not")
     if _bends(choice.fit):
         return _row("nonlinearity", "nonlinearity", averaged(choice, lambda law: 1e6 * best_line(law, within)[1] / full), "ppm", condition)
     grid = np.linspace(within.low, within.high, GRID)
@@ -354,7 +343,7 @@ def _asymmetry(choice: Choice, within: Range, inside: Points, tested: str) -> Te
     """Slope of positive less slope of negative rates, ppm of their mean."""
     key, name = "asymmetry", "asymmetry of the scale"
     if not within.low < 0 < within.high:
-        return TermRow(key, name, None, None, None, "ppm", f"not measured: one sense only, {tested}")
+        return TermRow(key, name, "ppm", f"not measured: one sense only, {tested}")
     scale = best_line(choice.curve or choice.fit, within)[0]
     shows = "a" in choice.fit.names or _bends(choice.fit)
     condition = f"both senses, within ±{size(min(-within.low, within.high))} °/s"
@@ -371,7 +360,7 @@ def _hysteresis(choice: Choice, inside: Points, scale: float) -> TermRow:
     key, name = "hysteresis", "hysteresis"
     both = len(inside.both_ways)
     if both < 2:
-        return TermRow(key, name, None, None, None, "°/s", "not measured: the rates go one way; step up and down again")
+        return TermRow(key, name, "°/s", "not measured: the rates go one way; step up and down again")
     condition = f"{both} rates reached from both sides"
     likely = [choice.fit, *(rival for rival, _ in choice.rivals)]
     if all(any(name in each.hypothesis.extras for each in likely) for name in ("hysteresis", "drift")):
@@ -409,7 +398,7 @@ def _saturation(found: Fit) -> list[TermRow]:
             of_limit = [at for at in places if abs(float(found.at(np.array([at]))[0]) - value) < 1e-3 * span(found.points)]
             alone = ", by one reading whose std is far below all others" if found.is_limited.sum() == 1 else ""
             remark = f"the output's limit{alone}" + "".join(f", reached at {size(at)} °/s" for at in of_limit)
-            rows.append(TermRow(key, f"{name} (saturation)", value, sigma, None, found.points.unit, remark))
+            rows.append(TermRow(key, f"{name} (saturation)", found.points.unit, remark, value, sigma))
         else:
-            rows.append(TermRow(key, f"{name} seen", extreme, None, None, found.points.unit, "no limit is seen"))
+            rows.append(TermRow(key, f"{name} seen", found.points.unit, "no limit is seen", extreme))
     return rows

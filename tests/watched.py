@@ -6,9 +6,8 @@ import json
 from pathlib import Path
 
 import numpy as np
-from conftest import DEG
+from conftest import DEG, Table
 
-from session.base import rotation
 from session.log.config import Accelerometer
 from tinygc import models
 from tinygc.features.unit.watch.expectation import ModelInUse
@@ -50,23 +49,12 @@ def joined(*parts: Readings) -> Readings:
 
 def turning(turns: int, seed: int, scale=(1.0, 1.0, 1.0), rest_s: float = 4.0, angle_deg: float = 180.0, turn_s: float = 3.0) -> Readings:
     """Rests, and between them turns about changing axes, exact but for noise and the scale of each axis."""
-    rng = np.random.default_rng(seed)
-    q, parts = np.array([1.0, 0.0, 0.0, 0.0]), []
-    down = np.array([0.0, 0.0, -G])
-    for number in range(turns + 1):
-        parts.append(samples(rest_s, seed + 1000 * number, force=rotation.matrix(q).T @ down))
-        if number == turns:
-            break
-        axis = rng.normal(size=3)
-        axis /= np.linalg.norm(axis)
-        count = round(turn_s * RATE_HZ)
-        speed = (1 - np.cos(2 * np.pi * (np.arange(count) + 0.5) / count)) * angle_deg * DEG / turn_s
-        part = samples(turn_s, seed + 1000 * number + 500)
-        steps = rotation.multiply(q, rotation.accumulate(rotation.exp(axis * speed[:, None] / RATE_HZ)))
-        force = np.einsum("nji,j->ni", rotation.matrix(steps), down)
-        q = steps[-1] / np.linalg.norm(steps[-1])
-        parts.append(Readings(part.t_ns, part.gyro + speed[:, None] * axis * np.array(scale), part.accel - [0, 0, -G] + force, None))
-    return joined(*parts)
+    rng, table = np.random.default_rng(seed), Table().rest(rest_s)
+    for _ in range(turns):
+        table.turn(angle_deg, rng.normal(size=3), turn_s).rest(rest_s)
+    still = samples(table.duration_s, seed, force=np.zeros(3))
+    rate, attitude = table.truth(still.t_ns * 1e-9)
+    return Readings(still.t_ns, still.gyro + rate * scale, still.accel + attitude.inv().apply([0.0, 0.0, -G]), None)
 
 
 def watched(readings: Readings, piece: int = 700, **options) -> tuple[Watch, list[Event]]:

@@ -17,7 +17,6 @@ from session.log.folder import sha256_of
 from session.log.samples import Samples
 from tinygc import models
 from tinygc.effects.movement import NOWHERE, Reach
-from tinygc.models.denoiser import REACH, DenoisedNet, Denoiser
 from tinygc.models.model import KnownSensor, Model, accelerometer_of, accelerometer_table, sensor_of
 
 # Inputs of a model besides the rate, and the samples around one that it depends on, from the declarations of its effects.
@@ -142,7 +141,6 @@ class Stream:
         Raises CalibrationError where a needed rate or start time is missing, or where a model that needs later samples is used live.
         """
         self._model, self._needs, self._rate_hz = calibration.model, calibration.needs, calibration.rate_hz
-        self._whole = not self._model.rates_only  # physics depends on time, force and temperature
         self._live = live
         if live and (ahead := calibration.looks_ahead):
             raise CalibrationError(f"{', '.join(ahead)} is undone from what comes after a sample: no live use; give whole arrays")
@@ -151,7 +149,7 @@ class Stream:
             reach += TEMPERATURE_REACH
         #: samples before and after a sample on which its rate depends
         self._behind, self._ahead = reach.rows(self._rate_hz or 1.0)
-        self._own = self._model.stream(self._rate_hz)  # a kind with its own state, which needs no later samples
+        self._own = self._model.stream(self._rate_hz)
         if self._own is not None:
             self._behind, self._ahead = 0, 0
         if "rate_hz" in self._needs and self._rate_hz is None:
@@ -162,20 +160,14 @@ class Stream:
                 "of it; for any other log take at_end() of the model"
             )
         self._began_s = began_s or 0.0
-        self._denoiser = self._model.denoiser if isinstance(self._model, DenoisedNet) else None
-        self._tail: np.ndarray | None = None  # the denoiser's state: calibrated rates
         self._held = _rows(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), ())
         self._before = 0  # held rows that have been returned already
         self._first = 0  # number in the log of the first held row
 
     def push(self, raw: np.ndarray, acc: ArrayLike | None = None, temp: ArrayLike | None = None) -> np.ndarray:
         """Add rows (N, 3) rad/s, with force (N, 3) m/s^2 and temperature (N,) degC where needed; return the rows (M, 3) now calibrated."""
-        if self._denoiser is not None:
-            return self._denoised(raw, self._denoiser)
-        if not self._whole:
-            return self._model(raw)
         if self._own is not None:
-            rates, _, celsius = _rows(raw, acc, temp, self._needs)
+            rates, _, celsius = _rows(raw, acc, temp, self._needs) if self._needs else (raw, None, None)
             return self._own(rates, celsius)
         more = _rows(raw, acc, temp, self._needs)
         self._held = tuple(np.concatenate(pair) for pair in zip(self._held, more, strict=True))
@@ -184,19 +176,9 @@ class Stream:
         long_enough = 0 if self._live else max(self._ahead, self._behind)
         return self._give(ready) if ready - self._before >= long_enough else np.zeros((0, 3))
 
-    def _denoised(self, raw: np.ndarray, denoiser: Denoiser) -> np.ndarray:
-        """Denoise causally, each rate from its window; before the log the first rate is repeated."""
-        if not len(raw):
-            return np.zeros((0, 3))
-        rate = self._model.without_denoiser()(raw)
-        before = np.repeat(rate[:1], REACH, axis=0) if self._tail is None else self._tail
-        held = np.concatenate([before, rate])
-        self._tail = held[len(held) - REACH :]
-        return denoiser.windowed(held)
-
     def flush(self) -> np.ndarray:
         """Return the rows that were waiting for later samples, at the end of the log."""
-        return self._give(len(self._held[0])) if self._whole else np.zeros((0, 3))
+        return self._give(len(self._held[0]))
 
     def _give(self, stop: int) -> np.ndarray:
         if stop <= self._before:

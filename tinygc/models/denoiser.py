@@ -11,7 +11,7 @@ import numpy as np
 from session.base import rotation
 from session.base.errors import FormatError
 from session.base.results import Array, Keys, Number, require
-from tinygc.models.model import FACTOR, BaseModel, Model
+from tinygc.models.model import FACTOR, BaseModel, Model, Stream
 
 # TinyGC-Net's denoising subnet: per axis, causal, three convolutions 1 -> 2 -> 2 -> 1 of kernel 7, no biases: 14 + 28 + 14 = 56 weights.
 #
@@ -171,6 +171,21 @@ class DenoisedNet(BaseModel):
     def __call__(self, rate: Any) -> Any:
         """Calibrated and denoised rate (..., N, 3) rad/s."""
         return self.denoiser(self.calibration(rate))
+
+    def stream(self, rate_hz: float | None) -> Stream | None:
+        """Each rate from its window; before the log the first rate is repeated."""
+        tail: np.ndarray | None = None  # calibrated rates
+
+        def push(raw: np.ndarray, temp_c: object) -> np.ndarray:
+            nonlocal tail
+            if not len(raw):
+                return np.zeros((0, 3))
+            rate = self.calibration(raw)
+            held = np.concatenate([np.repeat(rate[:1], REACH, axis=0) if tail is None else tail, rate])
+            tail = held[len(held) - REACH :]
+            return self.denoiser.windowed(held)
+
+        return push
 
     def undelayed(self, rate: Any) -> Any:
         """Output with the delay removed; the last values are repeated (for attitudes in post-processing)."""

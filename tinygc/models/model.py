@@ -166,6 +166,10 @@ def sensor_of(table: dict, where: str = "model") -> KnownSensor:
 # The interface of all calibrations.
 
 
+#: rates (N, 3) rad/s and temperatures (N,) degC, None where the model needs none, of the next samples of a log -> calibrated rates (N, 3)
+Stream = Callable[[np.ndarray, Any], np.ndarray]
+
+
 @runtime_checkable
 class Model(Protocol):
     """A map from measured rates to calibrated ones.
@@ -214,9 +218,11 @@ class Model(Protocol):
     def calibrate(self, samples: Samples, began_s: float = 0.0, live: bool = False) -> np.ndarray:
         """True rates (N, 3) rad/s of one log, each at its own sample.  Raises CalibrationError outside the model's time."""
 
-    def stream(self, rate_hz: float | None) -> Callable[[np.ndarray, np.ndarray], np.ndarray] | None:
-        """Function that calibrates a log piece by piece, from rates (N, 3) rad/s and temperatures (N,) degC, for a kind with memory; else
-        None.  Raises CalibrationError if it needs the data rate and has none."""
+    def stream(self, rate_hz: float | None) -> Stream | None:
+        """Function that calibrates a log piece by piece; None for a kind that needs whole samples, earlier and later ones.
+
+        Raises CalibrationError if it needs the data rate and has none.
+        """
 
     def undelayed(self, rate: Any) -> Any:
         """Its output (N, 3) rad/s for measured rates (N, 3), with its delay removed."""
@@ -273,9 +279,9 @@ class BaseModel:
         log's start; live: causal, without smoothing of the temperature."""
         return self.undelayed(samples.gyro)
 
-    def stream(self, rate_hz: float | None) -> Callable[[np.ndarray, np.ndarray], np.ndarray] | None:
-        """None: most kinds need whole samples, or have no memory."""
-        return None
+    def stream(self, rate_hz: float | None) -> Stream | None:
+        """Function that calibrates a log piece by piece, of a kind without memory; None for one that needs whole samples."""
+        return (lambda rate, temp_c: self(rate)) if self.rates_only else None
 
     def undelayed(self, rate: Any) -> Any:
         """The model's output (N, 3) rad/s for measured rates (N, 3), with its delay removed."""

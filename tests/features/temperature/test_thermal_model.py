@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import DEG
-from exported_models import Compiled, needs_compiler
+from exported_models import LINEAR, Compiled, needs_compiler
 from exports_read_back import autopilot_parameters, autopilot_zero, context
 from noise_records import figures
 
@@ -17,6 +17,7 @@ from tinygc.deploy.embedded.source import source_files
 from tinygc.deploy.exports import ExportError, exporter
 from tinygc.features.temperature.model import ThermalModel, element_temperature
 from tinygc.library.reports import Exported
+from tinygc.models.denoiser import DenoisedNet, Denoiser
 
 RNG = np.random.default_rng(5)
 RATE_HZ = 104.0
@@ -151,6 +152,7 @@ def test_rest_logs_leave_as_noise_where_their_model_cannot():
     assert any("cannot carry a calibration over temperature" in line and "the noise alone is exported" in line for line in said)
     for name, names in ("px4", ["px4.params", "px4-noise.params"]), ("ardupilot", ["ardupilot.param", "ardupilot-noise.param"]):
         assert list(Exported.of(name, lambda name: (MODEL, of_rests), said).files) == names
-    for other in (replace(of_rests, method="least_squares"), replace(of_rests, noise=None)):
-        with pytest.raises(ExportError, match="cannot carry a calibration over temperature"):
-            Exported.of("kalibr", lambda name, other=other: (MODEL, other), said)
+    denoised = DenoisedNet(LINEAR, Denoiser.identity(), 208.0)  # not of rest logs: it is refused
+    for model, other, says in ((MODEL, replace(of_rests, noise=None), "a calibration over temp"), (denoised, of_rests, "has no memory")):
+        with pytest.raises(ExportError, match=says):
+            Exported.of("kalibr", lambda name, known=(model, other): known, said)

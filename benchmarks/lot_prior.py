@@ -23,7 +23,7 @@ from tinygc.closure.prepared import prepare
 from tinygc.estimation.bias import choose
 from tinygc.estimation.options import FitOptions
 from tinygc.estimation.stated_noise import stated_covariance, stated_goodness, stated_noise
-from tinygc.features.fleet.fit import LotFile, fit_with_lot
+from tinygc.features.fleet.fit import LotFile
 from tinygc.features.fleet.lot import NAMES as LOT_NAMES
 from tinygc.features.fleet.lot import Lot
 from tinygc.models.linear import PARAMETERS
@@ -143,7 +143,7 @@ def one_unit(job: Job) -> dict:
         fit_options = FitOptions(methods=("least_squares",))
         noise = stated_noise(problem)
         assert noise is not None
-        _, level, fit, use = fit_with_lot(problem, fit_options, LotFile(lot, "lot.json", ""), noise)
+        _, level, fit, use = LotFile(lot, "lot.json", "").fit(problem, fit_options, noise)
         covariance = _noise(level, fit, noise) + use.more
         sigma = np.sqrt(np.diag(covariance))
         found = {"used": use.used, "sigma": sigma, "z": (fit.model.vector - vector) / sigma}

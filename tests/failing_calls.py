@@ -21,7 +21,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from session.base.errors import CalibrationError
+from session.base.errors import CalibrationError, StorageError
 
 CALLS = (
     *("open", "read", "write", "fsync", "close", "lseek", "truncate", "ftruncate", "stat", "lstat", "listdir", "scandir"),
@@ -184,3 +184,26 @@ def _wrong(writer: Writer, there: dict[str, bytes], before: dict[str, bytes], af
 def _lacks(there: dict[str, bytes], after: dict[str, bytes], folder: Path) -> bool:
     """Whether a session's folder lacks what was to be written there; of an array each unit is a session."""
     return any(there.get(name) != data for name, data in after.items() if Path(name).is_relative_to(folder))
+
+
+def hold_whole(writer: Writer, name: str, tmp_path: Path) -> None:
+    """Whichever call fails, what stands there is whole, the old or the new; and nothing goes through a link."""
+    for fault in ("ENOSPC", KILLED):
+        (tmp_path / fault).mkdir()
+        count, wrong = tried(writer, tmp_path / fault / "w", fault, lambda number: True)
+        assert (wrong, count > 3) == ([], True)
+    (tmp_path / "w").mkdir()
+    writer.before(tmp_path / "w")
+    path, victim = tmp_path / "w" / name, tmp_path / "victim"
+    victim.write_bytes(path.read_bytes() if path.exists() else b"")
+    path.unlink(missing_ok=True)
+    path.symlink_to(victim)
+    before = contents(tmp_path)
+    said = ""
+    try:
+        writer.write(tmp_path / "w")
+    except StorageError as error:
+        said = str(error)
+    assert f"{path.name}: is a link to" in said
+    assert "remove it" in said
+    assert contents(tmp_path) == before

@@ -7,7 +7,7 @@ from types import ModuleType
 
 
 def feature(module: str) -> ModuleType | None:
-    """A module of a feature, ``tinygc.features.temperature.model``; None where the feature is not there."""
+    """A module of a feature; None where the feature is not there."""
     try:
         return importlib.import_module(module)
     except ModuleNotFoundError as missing:

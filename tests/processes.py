@@ -225,3 +225,30 @@ for group in groups:
 
 
 _WATCH = _Watch()
+
+
+def closed_pipe() -> int:
+    """The writing end of a pipe that nobody reads."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    return writer
+
+
+def unread(monkeypatch: Any, *words: str) -> int:
+    """Exit code of a command, in this process, whose standard output and standard error nobody reads."""
+    import calibrate
+
+    with (
+        open(closed_pipe(), "w", encoding="utf-8") as out,
+        open(closed_pipe(), "w", encoding="utf-8", buffering=1) as err,
+        monkeypatch.context() as patch,
+    ):
+        for name, stream in (("stdout", out), ("stderr", err)):
+            patch.setattr(sys, name, stream)
+            patch.setattr(sys, f"__{name}__", stream)
+        try:
+            return calibrate.main(list(words))
+        except SystemExit as stopped:  # argparse
+            return stopped.code
+        finally:
+            sys.stdout.flush()

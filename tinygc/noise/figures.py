@@ -38,7 +38,7 @@ NAMES = {
     "R": "ramp",
 }
 SENSORS = {"gyro": "gyroscope", "accel": "accelerometer"}
-AGAIN = "write it again with `calibrate noise`"
+AGAIN = "measure the noise again"
 
 #: units of each term's value, of the gyroscope and of the accelerometer
 UNITS = {

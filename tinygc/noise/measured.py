@@ -234,9 +234,7 @@ def measured_noise(noise: Path | None = None) -> AtRest:
         serial = session.config.sensor.serial
         if serial not in NO_SERIAL and figures.serial not in NO_SERIAL and figures.serial != serial:
             do = "give this unit's with --noise FILE" if noise is None else "give this unit's"
-            raise FormatError(
-                f"{path}: of the unit {figures.serial}, and the session is of {serial}; {do}, or make it with `calibrate noise`"
-            )
+            raise FormatError(f"{path}: of the unit {figures.serial}, and the session is of {serial}; {do}, or measure it")
         own = {log.path.name for log in session.logs}
         if noise is None and figures.logs and own.issuperset(figures.logs):
             return None

@@ -7,7 +7,7 @@ turns: correlations beyond a block add little information, and the cost of the f
 
 Explain, fit and the temperature feature call ``estimate``.  Where a covariance has a structure that makes the same likelihood cheaper, its
 feature writes it in that form, and a test holds it to this one (tests/test_noise_physics.py): an array's components are variances of
-single rows (``features.arrays.system``).  A lot's spreads are one variance each (``features.fleet.estimate``).  One estimate is of another
+single rows.  The spreads of many units are one variance each.  One estimate is of another
 kind: the bias instability of stills has innovations with outliers, and the posterior mean over a grid in place of a maximum
 (``closure.floor``).
 """

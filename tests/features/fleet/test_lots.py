@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 from fleets import simulated_lot, written_fleet
 from formats_page import strangers
+from formats_page import told as command
+from processes import unread
 
 import calibrate
+import tinygc
 from session.base.errors import FormatError
 from tinygc.features.fleet.page import page
 from tinygc.features.fleet.report import lot_of, read_lot, save
@@ -135,3 +138,16 @@ def test_a_table_without_a_lot_is_refused_in_one_line(fleet, words, says, capsys
     error = capsys.readouterr().err
     assert says in error
     assert error.count("\n") == 1
+
+
+def test_a_lot_gives_the_commands_numbers(tmp_path):
+    written_fleet(tmp_path / "fleet", "ASM330LHH")
+    theirs = command(tmp_path / "l.json", "lot", tmp_path / "fleet", "--out", tmp_path / "theirs.json")
+    found = tinygc.lot(tmp_path / "fleet")
+    assert json.loads(json.dumps(found.to_json())) == theirs
+    assert found.save(tmp_path / "mine.json").read_bytes() == (tmp_path / "theirs.json").read_bytes()
+
+
+def test_the_verdict_stands_though_nobody_reads(tmp_path, monkeypatch):
+    written_fleet(tmp_path / "lot", "ASM330LHH", drift=5.0)
+    assert unread(monkeypatch, "lot", str(tmp_path / "lot"), "--strict") == 1

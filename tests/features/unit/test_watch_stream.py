@@ -11,12 +11,14 @@ import numpy as np
 import processes
 import pytest
 from conftest import DEG
+from failing_calls import Writer, hold_whole
 from formats_page import strangers
 from watched import RATE_HZ, G, csv, joined, known, model_file, of_kind, samples, turning, watched
 
 import calibrate
 import tinygc
 from session.base.errors import CalibrationError
+from tinygc.features.unit.watch.lines import JsonLines
 from tinygc.features.unit.watch.source import Remark, Restart
 from tinygc.features.unit.watch.watch import Watch
 
@@ -226,3 +228,23 @@ def test_a_zero_that_jumps_within_a_turn_is_no_closure():
     assert all(event.table["chi_square"] < 14 for event in of_kind(events, "turn"))
     assert {event.table["channel"] for event in of_kind(events, "alarm")} <= {"zero x", "zero y", "zero z"}
     assert len(of_kind(events, "alarm")) == 1
+
+
+@pytest.mark.parametrize("more", ["", " --json -"])
+def test_the_verdict_stands_though_nobody_reads(more, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "step.csv").write_text(csv(joined(samples(40, 1), samples(30, 2, zero_dps=(0.0, 0.05, 0.0)))))
+    model_file(tmp_path / "model.json")
+    assert processes.unread(monkeypatch, *f"watch model.json step.csv{more}".split()) == 1
+
+
+def lines(folder):
+    written = JsonLines(folder / "watch.jsonl", lambda said: None)
+    for number in range(3):
+        written.write({"schema": "tinygc-watch/1", "number": number})
+    written.end()
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning", "ignore::ResourceWarning")  # the killed close nothing
+def test_whichever_call_fails_the_lines_are_whole(tmp_path):
+    hold_whole(Writer(lines, grows=True), "watch.jsonl", tmp_path)

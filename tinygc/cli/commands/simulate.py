@@ -32,7 +32,7 @@ def run(args: argparse.Namespace) -> int:
 
     chosen = given_fields(args, SimulationOptions)
     options = SimulationOptions(**chosen)
-    if not (args.units or 0) > 1:
+    if not (getattr(args, "units", None) or 0) > 1:
         check_folder(args.out, args.force)  # before the work
     # The parameters of each injected effect, by id. Raises CalibrationError for a repeated effect, and where nothing is turned.
     from session.base.errors import CalibrationError
@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
     if len(effects) < len(args.effect):
         twice = next(name for name in effects if sum(name == other for other, _ in args.effect) > 1)
         raise CalibrationError(f"--effect {twice} is given twice; give it once")
-    if effects and (args.rest_cycles or args.units):
+    if effects and (getattr(args, "rest_cycles", None) or getattr(args, "units", None)):
         raise CalibrationError("--effect hides an effect in a session of turns; leave out --rest-cycles and the options of an array")
     if (code := features.first("simulation", args, options, chosen)) is not None:
         return code

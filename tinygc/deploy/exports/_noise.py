@@ -121,17 +121,17 @@ def densities(
             stills = f", or move {FILE} away to export the noise of the stills" if context.fit.get("noise") else ""
             raise ExportError(
                 f"{name} needs the noise of the {SENSORS[kind]}, and the terms describe none of its axes (p = {chances}): record "
-                f"again away from what shakes or warms it, or see `calibrate noise`{stills}"
+                f"again away from what shakes or warms it{stills}"
             )
         elif kind in needed and white is None:
             raise ExportError(
-                f"{name} needs the noise of the {SENSORS[kind]}: run `calibrate noise` on a log at rest, or `{command_line('fit')}`, whose "
-                "fit.json beside the model holds that of the stills"
+                f"{name} needs the noise of the {SENSORS[kind]}: measure it on a log at rest (docs/noise.md), or "
+                f"`{command_line('fit')}`, whose fit.json beside the model holds that of the stills"
             )
         elif kind in needed:
             raise ExportError(
                 f"{name} needs a bias instability, since no log shows the {SENSORS[kind]}'s random walk: "
-                "give sensor.gyro_bias_instability_dph in session.toml, or a longer log at rest to `calibrate noise`"
+                "give sensor.gyro_bias_instability_dph in session.toml, or measure the noise on a longer log at rest"
             )
     if context.inflation is not None:
         found["gyro"] = _inflated(found["gyro"], context.inflation)
@@ -152,7 +152,7 @@ def _doubts(context: Context, found: Mapping[str, Densities], of_rate: bool) -> 
     if of_rate and not context.rate_known:
         rate = f"{context.config.sensor.odr_hz:.6g} Hz"
         guess = "is a guess, 1 over the shortest averaging time of a curve"
-        yield f"its data rate, {rate}, {guess}; give --odr to `calibrate noise --curve`"
+        yield f"its data rate, {rate}, {guess}; measure the noise again with --odr"
 
 
 def _inflated(plain: Densities, motion: Inflation) -> Densities:
@@ -270,7 +270,7 @@ def _remarks_of_stills(context: Context, found: Mapping[str, Densities]) -> tupl
         f"gyroscope {words(gyro)}, accelerometer {words(accel)} (x, y, z).",
         f"Random walks are NOT MEASURED: they have the Allan deviation at {WALK_S:g} s of bias instabilities of "
         f"{instability / DEG_PER_HOUR:.4g} deg/h and {ACCEL_INSTABILITY_MPS2:g} m/s^2{said}.  Replace them by an hour's recording:",
-        "`calibrate noise` measures them.  Vibration, temperature and scale error are in none of these: users inflate them 5 to 10 times.",
+        "They are measured at rest.  Vibration, temperature and scale error are in none of these: users inflate them 5 to 10 times.",
     )
 
 

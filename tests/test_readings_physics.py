@@ -12,11 +12,22 @@ from session.log.samples import PackedReadings, Packer, inserted, mapped, pick, 
 RNG = np.random.default_rng(8)
 
 
-def packed(*tables: np.ndarray) -> PackedReadings:
+def packer_of(*tables: np.ndarray) -> Packer:
     packer = Packer()
     for table in tables:
         packer.add(table)
-    return PackedReadings(*packer.packed())
+    return packer
+
+
+def packed(*tables: np.ndarray) -> PackedReadings:
+    return packer_of(*tables).readings(times(1.0), short=0)
+
+
+def test_a_short_log_is_read_into_plain_arrays():
+    table = RNG.normal(size=(5, 3))
+    assert_array_equal(packer_of(table).readings(times(2.0)), 2 * table)
+    assert isinstance(packer_of(table).readings(times(2.0)), np.ndarray)
+    assert isinstance(packer_of(table).readings(times(2.0), short=4), PackedReadings)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from session.log.layout import Layout
 from session.log.lines import Lines
 from session.log.reader import Reader
 from session.log.registers import RegisterUnits
-from session.log.samples import Growing, PackedReadings, Packer, Samples, times
+from session.log.samples import Growing, Packer, Samples, times
 from session.log.stamps import COARSE, TWICE, evenly, fresh, placed_between, written_once
 from session.log.thermometer import Sound
 
@@ -31,7 +30,7 @@ def _temperature(packer: Packer, layout: Layout, units: RegisterUnits) -> np.nda
     """(N,) degC; None where there is none, or its register's scale is unknown."""
     if layout.temp is None or layout.temperature_c(np.zeros(1), units) is None:
         return None
-    return cast(np.ndarray, PackedReadings(*packer.packed(), (partial(_in_degrees, layout, units),)))
+    return packer.readings(partial(_in_degrees, layout, units))
 
 
 def _in_degrees(layout: Layout, units: RegisterUnits, values: np.ndarray) -> np.ndarray:
@@ -136,7 +135,7 @@ def read_log(path: Path, sensor: Sensor, gyro_alone: bool = False) -> Log:
         raise FormatError(f"{path.name} holds registers: {error}") from None
     if gyro_alone:
         packers[1].add(np.full((len(t_ns), 3), np.nan))
-    gyro, accel = (cast(np.ndarray, PackedReadings(*p.packed(), (times(si),))) for p, si in zip(packers, factors, strict=False))
+    gyro, accel = (packer.readings(times(si)) for packer, si in zip(packers, factors, strict=False))
     samples = Samples(t_ns, gyro, accel, _temperature(packers[2], layout, units))
     notes = [*reader.notes, *sound.notes]
     if layout.temp is not None and samples.temp_c is None:

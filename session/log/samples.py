@@ -23,6 +23,8 @@ from session.log.pace import GAP_PERIODS, Pace, not_caught_up, pace_of
 Step = Callable[[np.ndarray], np.ndarray]
 #: rows that are converted to float64 at once where all are read
 TOGETHER = 1 << 17
+#: rows of a log that is read into plain arrays: four minutes at 208 Hz, 3 MB
+SHORT = 50_000
 #: rows of one access beyond which it is converted part by part, so that no step holds two copies of it
 AT_ONCE = 1 << 20
 
@@ -259,9 +261,10 @@ class Packer:
             self._kept.change(lambda kept, divisor=divisor: kept / divisor)  # type: ignore[misc]
         self._kept.add(np.array(table, dtype=float))
 
-    def packed(self) -> tuple[np.ndarray, float]:
-        """All rows, and what they are to be divided by."""
-        return self._kept.rows(), 10.0 ** (self._decimals or 0)
+    def readings(self, step: Step, short: int = SHORT) -> np.ndarray:
+        """All rows, in SI by a step of each; those of a log that is not short are kept as they were written, and converted on access."""
+        found = PackedReadings(self._kept.rows(), 10.0 ** (self._decimals or 0), (step,))
+        return cast(np.ndarray, found if len(found) > short else found[:])
 
     def _rescaled(self, decimals: int) -> bool:
         """Whether those before can have more decimals, too; then they have."""
@@ -281,8 +284,8 @@ class Samples:
     """Consecutive readings of one log, in the order of time.
 
     t_ns (N,) int64, device time, increasing; gyro (N, 3) rad/s, measured rate m; accel (N, 3) m/s^2, specific force as
-    measured or, after ``with_accel``, as pre-calibrated; temp_c (N,) degC, or None where the log has none.  Of a file the last three are
-    ``PackedReadings``, which act as such arrays: what is done to a whole log goes through their ``pieces``.
+    measured or, after ``with_accel``, as pre-calibrated; temp_c (N,) degC, or None where the log has none.  Of a long file the last three
+    are ``PackedReadings``, which act as such arrays: what is done to a whole log goes through their ``pieces``.
     """
 
     t_ns: np.ndarray

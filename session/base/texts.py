@@ -7,6 +7,7 @@ import os
 import re
 import shlex
 import sys
+from collections.abc import Sequence
 from math import floor, isfinite, log10
 from os import fspath
 
@@ -56,6 +57,11 @@ def escaped_json(text: str, ascii_only: bool = False) -> str:
     shown = str.isascii if ascii_only else str.isprintable
     escaped = {c: json.dumps(_escaped(c) if SURROGATE.match(c) else c)[1:-1] for c in set(text)}
     return "".join(c if c == "\n" or (c != "\x7f" and shown(c)) else escaped[c] for c in text)
+
+
+def listed(names: Sequence[str], most: int) -> str:
+    """``a, b, …``: names with commas, of more than the most the first."""
+    return ", ".join(names[:most]) + (", …" if len(names) > most else "")
 
 
 def shell_word(path: object) -> str:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from session.base import rotation
 from session.base.rotation import angle_between
 from session.base.units import DEG, NS
 from session.detect.findings import Finding
@@ -114,8 +115,8 @@ def _against_turns(
         return [], {}
     missed, usual = _missed(
         np.array([_blocks(samples, segment) for segment, samples, _, _ in found]),
-        _matrix(table[[first for _, _, first, _ in found]]),
-        _matrix(table[[last for _, _, _, last in found]]),
+        rotation.from_euler(*table[[first for _, _, first, _ in found]].T),
+        rotation.from_euler(*table[[last for _, _, _, last in found]].T),
         dial_rad,
     )
     sigma = max(usual / MEDIAN_OF_3, np.sqrt(2) * dial_rad)
@@ -145,16 +146,18 @@ def _against_turns(
 def _missed(turn: np.ndarray, first: np.ndarray, last: np.ndarray, dial_rad: float) -> tuple[np.ndarray, float]:
     """What the dials' turns differ from the gyroscope's by, (S,) rad, and the median of that.
 
-    turn (S, B, 3) rad: rotation vectors of consecutive parts; first, last (S, 3, 3): body to table by the dials.  The gyroscope's scale and
+    turn (S, B, 3) rad: rotation vectors of consecutive parts; first, last (S, 4): body to table by the dials.  The gyroscope's scale and
     alignment and a constant mounting are fitted by least squares with Cauchy weights, whose scale is the median residual's.
     """
     count, size, _ = turn.shape
-    step = _exp(turn)
+    q = rotation.exp(turn)
+    step = rotation.matrix(q)
     after, design = np.broadcast_to(np.eye(3), (count, 3, 3)), np.zeros((count, 3, 3, 3))
     for b in reversed(range(size)):  # after: from the part's end to the turn's
         design += np.einsum("sij,sk->sijk", after.transpose(0, 2, 1), turn[:, b])
         after = step[:, b] @ after
-    apart = _log(after.transpose(0, 2, 1) @ first.transpose(0, 2, 1) @ last)
+    turned = rotation.multiply(rotation.conjugate(first), last)
+    apart = rotation.log(rotation.multiply(rotation.conjugate(rotation.compose(q)), turned))
     columns = np.concatenate([design.reshape(count, 3, 9), np.eye(3) - after.transpose(0, 2, 1)], axis=2)
     prior = np.diag([PRIOR_E**-2.0] * 9 + [PRIOR_MOUNTING_RAD**-2.0] * 3)
     x = np.zeros(12)
@@ -178,30 +181,3 @@ def _blocks(samples: Samples, segment: Segment) -> np.ndarray:
     angle = np.concatenate([np.zeros((1, 3)), np.cumsum((rate[1:] + rate[:-1]) / 2 * np.diff(t_s)[:, None], axis=0)])
     edges = np.linspace(0, t_s[-1], BLOCKS + 1)
     return np.diff(np.stack([np.interp(edges, t_s, angle[:, i]) for i in range(3)], axis=1), axis=0)
-
-
-def _exp(vector: np.ndarray) -> np.ndarray:
-    """(…, 3, 3) rotation matrices of rotation vectors (…, 3)."""
-    angle = np.linalg.norm(vector, axis=-1)[..., None, None]
-    x, y, z = np.moveaxis(vector, -1, 0)
-    zero = np.zeros_like(x)
-    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*vector.shape, 3)
-    return np.eye(3) + np.sinc(angle / np.pi) * cross + np.sinc(angle / (2 * np.pi)) ** 2 / 2 * (cross @ cross)
-
-
-def _log(matrix: np.ndarray) -> np.ndarray:
-    """(S, 3) rotation vectors of rotation matrices (S, 3, 3), of angles up to 180 degrees."""
-    twice = np.stack([matrix[:, 2, 1] - matrix[:, 1, 2], matrix[:, 0, 2] - matrix[:, 2, 0], matrix[:, 1, 0] - matrix[:, 0, 1]], axis=1)
-    sine = np.linalg.norm(twice, axis=1) / 2
-    angle = np.arctan2(sine, (np.trace(matrix, axis1=1, axis2=2) - 1) / 2)
-    return (
-        twice / 2 * (angle / np.where(sine > 1e-9, sine, 1.0))[:, None]
-        + np.where((sine <= 1e-9) & (angle > 1), angle, 0.0)[:, None] * np.eye(3)[0]
-    )
-
-
-def _matrix(angles: np.ndarray) -> np.ndarray:
-    """(S, 3, 3) Rz(yaw) Ry(pitch) Rx(roll), body to table, of roll, pitch, yaw (S, 3) rad."""
-    axes = np.eye(3)
-    roll, pitch, yaw = (_exp(angles[:, i : i + 1] * axes[i]) for i in range(3))
-    return yaw @ pitch @ roll

@@ -13,6 +13,7 @@ from statistics import NormalDist
 
 import numpy as np
 
+from session.base.texts import listed
 from session.detect.stills import BLOCK_S, Still, block_size, references
 from session.log.samples import Samples
 
@@ -82,7 +83,7 @@ class RestSpectrum:
         """Describe it: ``no line, white, follows the accelerometer in less than 2 % (95 %)``; other: the other sensor's name; axis: whose
         lines are described."""
         hz = self.lines[axis].hz
-        named = ", ".join(f"{x:.3g}" for x in hz[:3]) + (", …" if len(hz) > 3 else "")
+        named = listed([f"{x:.3g}" for x in hz], 3)
         found = [f"{len(hz)} line{'s' * (len(hz) != 1)} ({named} Hz) with {100 * self.in_lines(axis):.0f} % of {'xyz'[axis]}"]
         found = found if hz else ["no line"]
         if abs(self.slope) + ONE_SIDED * self.slope_sigma < WHITE_SLOPE:

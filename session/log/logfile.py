@@ -109,6 +109,12 @@ def already_calibrated(comments: dict[str, str]) -> frozenset[str] | None:
     return frozenset(comments[CALIBRATED].split(",")) if CALIBRATED in comments else None
 
 
+def refuse_calibrated(comments: dict[str, str], name: str) -> None:
+    """Raise FormatError for a log that ``apply`` wrote."""
+    if (done := already_calibrated(comments)) is not None:
+        raise FormatError(f"{name} is calibrated already ({', '.join(sorted(done))}): give the log that it was made of")
+
+
 def read_log(path: Path, sensor: Sensor, gyro_alone: bool = False) -> Log:
     """Read one log file; gyro_alone: its accelerometer, which it may lack, is not read, and the specific force is NaN.
 

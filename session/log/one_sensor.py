@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from session.base.errors import FormatError
+from session.base.texts import listed
 
 #: names of columns that say which sensor a row is of, without what is no letter
 SENSORS = (
@@ -40,9 +41,9 @@ class Form:
     def refuse(self, column: int, values: Sequence[str], how: str = "") -> None:
         """FormatError for a column with several of these values."""
         if len(values) > 1:
-            called, listed = self.names[column], ", ".join(values[:4]) + (", …" if len(values) > 4 else "")
+            called, some = self.names[column], listed(values, 4)
             raise FormatError(
-                f"{self.file}: the column {called!r} holds {listed}{how}: rows of several sensors; "
+                f"{self.file}: the column {called!r} holds {some}{how}: rows of several sensors; "
                 f"give --where {called}={values[0]} to import"
             )
 

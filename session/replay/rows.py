@@ -12,6 +12,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 from session.base.errors import FormatError
+from session.base.texts import listed
 from session.log import one_sensor
 from session.log.one_sensor import LEAST_ROWS, Form, bare
 
@@ -180,8 +181,8 @@ def refuse_kinds(rows: Sequence[str], form: Form) -> None:
     if described or not form.header_line or max(widths) - min(widths) >= WIDER:
         named = [word for word, _ in kinds.most_common() if word not in (FORMAT_WORD, PARAMETER_WORD)]
         meant = next((word for word in named if word.lstrip("$").upper().startswith(SENSOR_WORDS)), named[0])
-        listed = ", ".join(named[:6]) + (", …" if len(named) > 6 else "")
-        raise FormatError(f"{form.file}: rows of several kinds ({listed}), by the words that they begin with; give --rows {meant}")
+        some = listed(named, 6)
+        raise FormatError(f"{form.file}: rows of several kinds ({some}), by the words that they begin with; give --rows {meant}")
 
 
 def _described_kind(line: str) -> str | None:

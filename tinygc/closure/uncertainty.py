@@ -101,8 +101,13 @@ def goodness(batch: closure.Batch, floor: Floor, model: LinearModel, wander: Bia
         bias, owner = design[:, linear.BIAS], np.repeat(np.arange(len(batch)), batch.angles)
         covariance = covariance + (bias @ bias.T) * wander.covariance()[np.ix_(owner, owner)]
     known = batch.known.ravel()
-    angles, design, covariance = angles[known], design[known], covariance[np.ix_(known, known)]
-    white = solve_lower(np.linalg.cholesky(covariance), np.column_stack([angles, design * PRIOR_SIGMA]))
+    return closure_goodness(angles[known], design[known], covariance[np.ix_(known, known)])
+
+
+def closure_goodness(angles: np.ndarray, design: np.ndarray, covariance: np.ndarray) -> GoodnessOfFit:
+    """Goodness of fit of angles (n,) rad with their covariance (n, n); design (n, p): of the first p parameters, each within its prior."""
+    columns = design * PRIOR_SIGMA[: design.shape[1]]
+    white = solve_lower(np.linalg.cholesky(covariance), np.column_stack([angles, columns]))
     found = solve(white[:, 1:], white[:, 0])
     left = white[:, 0] - white[:, 1:] @ found.shortest
     chi_square, freedom = float(left @ left), max(len(angles) - found.rank, 1)

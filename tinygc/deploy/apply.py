@@ -22,7 +22,7 @@ from session.base.units import DEG
 from session.bench.session_file import ASSUMED
 from session.log.config import Accelerometer
 from session.log.lines import PIECE_BYTES, STANDARD
-from session.log.logfile import CALIBRATED, already_calibrated, number_in
+from session.log.logfile import CALIBRATED, number_in, refuse_calibrated
 from session.log.pace import pace_of
 from session.log.registers import DEFAULT, RegisterUnits, require_registers
 from session.log.stamps import counted
@@ -110,8 +110,7 @@ def apply_model(
     reader = TableReader(log, answers)
     if reader.layout.gyro is None:
         raise FormatError(f"{log.name} holds no gyroscope")
-    if (done := already_calibrated(reader.comments)) is not None:
-        raise FormatError(f"{log.name} is calibrated already ({', '.join(sorted(done))}): give the log that it was made of")
+    refuse_calibrated(reader.comments, log.name)
     known = surroundings(table, model_path, log, session)
     answers = replace(
         answers,

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from session.base.texts import listed
 from session.log.config import NominalRate
 from tinygc.closure.problem import Problem
 from tinygc.closure.runs import ClosureRun
@@ -109,5 +110,5 @@ def loss_words(lost_s: np.ndarray) -> str:
     """Describe missing samples in one sentence, empty without any."""
     if not len(lost_s):
         return ""
-    first = ", ".join(f"{moment:.1f}" for moment in lost_s[:3]) + (", …" if len(lost_s) > 3 else "")
+    first = listed([f"{moment:.1f}" for moment in lost_s], 3)
     return f"samples seem lost in it, after {first} s; nothing in a closure run is mended, so its errors are not the calibration's"

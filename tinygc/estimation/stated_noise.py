@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from session.base.solving import solve
 from session.detect.accelerometer import PARAMETERS as ACCELEROMETER_PARAMETERS
 from session.detect.rounding import lsb_of, rounding_of_mean
 from session.detect.stills import BLOCK_S, NOISE_BLOCKS
@@ -17,7 +16,7 @@ from tinygc.closure.earth import unseen_covariance
 from tinygc.closure.floor import ACCEL_NOISE, GYRO_NOISE, allan_freedom
 from tinygc.closure.least_squares import solve_lower
 from tinygc.closure.problem import GYROSCOPE, JointFit, Problem
-from tinygc.closure.uncertainty import BIAS_DRIFT, EARTH, GoodnessOfFit, chi_square_above
+from tinygc.closure.uncertainty import BIAS_DRIFT, EARTH, GoodnessOfFit, closure_goodness
 from tinygc.estimation.sources import Kind, Source, freedom_of, total
 from tinygc.models import linear
 from tinygc.models.linear import BIAS, MATRIX, PARAMETERS, PRIOR_SIGMA, LinearModel
@@ -314,17 +313,8 @@ def stated_goodness(problem: Problem, model: LinearModel, noise: StatedNoise) ->
     earth = _earth(problem, noise)
     known = problem.batch.known.ravel()
     covariances = ((carry @ (given + earth) @ carry.T)[np.ix_(known, known)] for given in (noise.named, noise.covariance))
-    named, whole = (_goodness(angles[known], design[known], covariance) for covariance in covariances)
+    named, whole = (closure_goodness(angles[known], design[known], covariance) for covariance in covariances)
     return named, whole.excess
-
-
-def _goodness(angles: np.ndarray, design: np.ndarray, covariance: np.ndarray) -> GoodnessOfFit:
-    columns = design * PRIOR_SIGMA[: design.shape[1]]
-    white = solve_lower(np.linalg.cholesky(covariance), np.column_stack([angles, columns]))
-    found = solve(white[:, 1:], white[:, 0])
-    left = white[:, 0] - white[:, 1:] @ found.shortest
-    chi_square, freedom = float(left @ left), max(len(angles) - found.rank, 1)
-    return GoodnessOfFit(chi_square, freedom, chi_square_above(chi_square, freedom))
 
 
 def _response(problem: Problem, model: LinearModel, still_rates: bool) -> np.ndarray:

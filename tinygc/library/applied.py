@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from session.base import features
-from session.base.errors import CalibrationError, FormatError
-from session.log.logfile import Log, already_calibrated
+from session.base.errors import CalibrationError
+from session.log.logfile import Log, refuse_calibrated
 from session.log.samples import Samples
 from session.replay.dialects import Answers
 from tinygc.deploy.apply import Applied, apply_model, model_of
@@ -101,8 +101,7 @@ def _calibration(model: Any) -> Calibration:
 
 def _apply_to_log(calibration: Calibration, log: Log) -> Samples:
     """Return a log's samples with calibrated rates, and calibrated force where the model has the accelerometer's calibration."""
-    if (done := already_calibrated(log.comments)) is not None:
-        raise FormatError(f"{log.path.name} is calibrated already ({', '.join(sorted(done))}): give the log that it was made of")
+    refuse_calibrated(log.comments, log.path.name)
     samples = log.samples
     if calibration.rate_hz is None and calibration.uses_rate:
         calibration = Calibration(calibration.model, 1 / samples.period_s, calibration.to_json())

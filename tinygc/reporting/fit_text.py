@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from session.base.numeric import sigmas_in
-from session.base.texts import command_line, printable
+from session.base.texts import command_line, listed, printable
 from session.base.units import DEG, MG
 from session.detect.accelerometer import LengthFit
 from session.detect.check_references import frame_text, mounting_text, offset_text
@@ -63,8 +63,8 @@ def lengths_page(name: str, found: LengthFit, fit: AccelerometerFit) -> Group:
     parts: list[RenderableType] = [text, accelerometer_table(fit, "Accelerometer errors: value ± one sigma")]
     idle = np.flatnonzero(found.weight < IDLE_WEIGHT)
     if len(idle):
-        listed = ", ".join(f"{i} ({found.after[i] / MG:+.1f} mg)" for i in idle[:5]) + (", …" if len(idle) > 5 else "")
-        parts.append(Text(f"stills that hardly counted, their gravity being off: {listed}", "yellow"))
+        some = listed([f"{i} ({found.after[i] / MG:+.1f} mg)" for i in idle], 5)
+        parts.append(Text(f"stills that hardly counted, their gravity being off: {some}", "yellow"))
     if found.unobserved:
         do = "rest it on edges and corners, too"
         parts.append(Text(f"Not observed by these attitudes: {', '.join(found.unobserved)}; {do}.", "yellow"))

@@ -13,7 +13,7 @@ from typing import TextIO
 import numpy as np
 
 from session.base.errors import CalibrationError
-from session.base.texts import printable
+from session.base.texts import listed, printable
 from tinygc.features.fleet.fleet_row import COLUMNS, DONE, VALUES, told_by, unpacked
 from tinygc.features.fleet.fleet_table import COUNTED, EACH, Table, not_as_written, read_table
 from tinygc.features.fleet.lot import UnitResult
@@ -279,7 +279,7 @@ def lot_of_table(table: Table, model: str | None = None) -> LotReport:
     """
     fitted = f"FROM {EACH} WHERE held_out_deg IS NOT NULL"
     models = [name or "" for (name,) in table.rows(f"SELECT DISTINCT model {fitted} ORDER BY 1")]
-    named = ", ".join(printable(name or "(no name)") for name in models[:MOST_NAMED]) + (", …" if len(models) > MOST_NAMED else "")
+    named = listed([printable(name or "(no name)") for name in models], MOST_NAMED)
     if model is not None and model not in models:
         raise CalibrationError(f"{table.path}: no fitted session of a {printable(model)}; there are {named or 'none at all'}")
     if model is None and len(models) > 1:

@@ -25,6 +25,7 @@ from scipy.interpolate import Akima1DInterpolator
 from scipy.spatial.transform import Rotation
 
 from session.base.numeric import UPPER
+from session.base.rotation import cross_matrix
 from session.base.units import DEG, EARTH_RATE_RPS
 from tinygc.features.tables.machines.description import LATENCY_SIGMA_S, body_axes, rotations, stage_attitudes
 from tinygc.features.tables.machines.mechanics import TableErrors, normals, true_attitudes
@@ -399,9 +400,7 @@ def moved(state: np.ndarray, step: np.ndarray) -> np.ndarray:
 def _right_jacobian(vectors: np.ndarray) -> np.ndarray:
     """(…, 3, 3): Exp(v + d) = Exp(v) Exp(J d) for small d, of rotation vectors (…, 3)."""
     angle = np.linalg.norm(vectors, axis=-1)[..., None, None]
-    x, y, z = np.moveaxis(vectors, -1, 0)
-    zero = np.zeros_like(x)
-    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*vectors.shape, 3)
+    cross = cross_matrix(vectors)
     small = angle < 1e-4
     safe = np.where(small, 1.0, angle)
     first = np.where(small, 0.5, (1 - np.cos(safe)) / safe**2)

@@ -23,7 +23,7 @@ from scipy.optimize import minimize
 
 from tinygc.closure.floor import wander_covariance
 from tinygc.features.tables.rows import Comparison
-from tinygc.noise.reml import Prior, estimate
+from tinygc.noise.reml import ComponentEstimate, Prior, estimate
 
 WANDER, REPEATABILITY, AT_REST, IN_TURN = "bias wander", "repeatability", "accelerometer at rest", "gyroscope in a turn"
 #: spread (ln) of the bias instability about what is known of it
@@ -140,10 +140,8 @@ class NoiseModel:
 
     def estimated(self, r: np.ndarray, J: np.ndarray) -> RowsNoise:
         """Sizes from residuals r (n,) and columns J (n, p) of everything fitted, in units of their priors' sigmas."""
-        V, usual, priors = zip(*self.components.values(), strict=True)
-        rows = np.arange(self.outer)
-        found = estimate(r[: self.outer], J[: self.outer], self.white, list(V), np.array(usual), list(priors), [rows], steps=30)
-        C = self.white + sum((s**2 * v for s, v in zip(found.s, V, strict=True)), np.zeros_like(self.white))
+        found = self._sizes(r, J)
+        C = self.white + sum((s**2 * v for s, (v, _, _) in zip(found.s, self.components.values(), strict=True)), np.zeros_like(self.white))
         sizes, outer = dict(zip(self.components, found.s.tolist(), strict=True)), np.linalg.cholesky(C)
         x = np.log(USUAL_WORD)
         for _ in range(2 if self._within else 0):  # what the columns take up depends little on the noise of the word
@@ -152,6 +150,11 @@ class NoiseModel:
             left = r - J @ np.linalg.lstsq(white[:, :-1], white[:, -1], rcond=None)[0]
             x = self._word(left[self.outer :], x)
         return RowsNoise(sizes, found.value, np.exp(x), outer, self._factors(x))
+
+    def _sizes(self, r: np.ndarray, J: np.ndarray) -> ComponentEstimate:
+        V, usual, priors = zip(*self.components.values(), strict=True)
+        rows = np.arange(self.outer)
+        return estimate(r[: self.outer], J[: self.outer], self.white, list(V), np.array(usual), list(priors), [rows], steps=30)
 
     def excess(self, noise: RowsNoise) -> dict[str, float]:
         """Sizes that are beyond what sensor and table declare, by name, in units of the largest that is not."""
@@ -166,10 +169,7 @@ class NoiseModel:
 
     def value_of(self, r: np.ndarray, J: np.ndarray) -> float:
         """-2 log of the restricted likelihood, as ``RowsNoise.value``, with other columns."""
-        V, usual, priors = zip(*self.components.values(), strict=True)
-        rows = np.arange(self.outer)
-        found = estimate(r[: self.outer], J[: self.outer], self.white, list(V), np.array(usual), list(priors), [rows], steps=30)
-        return found.value
+        return self._sizes(r, J).value
 
     def known_alone(self, noise: RowsNoise) -> RowsNoise:
         """The same without what was estimated of the table, the accelerometer and single turns."""

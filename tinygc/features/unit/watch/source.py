@@ -26,7 +26,7 @@ from session.bench.events import AnyEvent, Event, Info, SampleChunk, starts_log
 from session.bench.port import Port
 from session.log.config import Accelerometer
 from session.log.lines import PIECE_BYTES, STANDARD
-from session.log.logfile import already_calibrated, number_in
+from session.log.logfile import number_in, refuse_calibrated
 from session.log.registers import DEFAULT, RegisterUnits
 from session.replay.dialects import Answers
 from session.replay.tables import TableReader
@@ -129,8 +129,7 @@ def _table(path: Path, answers: Answers, known: Surroundings, size: int = PIECE_
     reader = TableReader(path, answers)
     if reader.layout.gyro is None or reader.layout.accel is None:
         raise FormatError(f"{path.name} holds no {'gyroscope' if reader.layout.gyro is None else 'accelerometer'}, and a watch needs both")
-    if (done := already_calibrated(reader.comments)) is not None:
-        raise FormatError(f"{path.name} is calibrated already ({', '.join(sorted(done))}): give the log that it was made of")
+    refuse_calibrated(reader.comments, path.name)
     full_scales = (answers.gyro_fs_dps, answers.accel_fs_g)
     said = [given or number_in(reader.comments, key) for given, key in zip(full_scales, ("gyro_fs_dps", "accel_fs_g"), strict=True)]
     sensor = answers.sensor or reader.comments.get("sensor") or known.sensor.model

@@ -47,73 +47,55 @@ class Moves(Protocol):
         ...
 
 
-class TableMover:
-    """The mover of a recording (``session.bench.mover``)."""
+class MachineMover:
+    """What the movers of a recording (``session.bench.mover``) share: faults, pauses, and what is said of them."""
 
-    def __init__(self, driver: TableDriver, moves: Moves):
-        self.driver, self._moves = driver, moves
+    def __init__(self, driver: TableDriver):
+        self.driver = driver
         self.wants: Event | None = None
-        self._word = WordAgainstSensor(driver.table.description)
-        self._stills: int | None = None  # of the guide, that were compared
-        self._log, self._begun_ns = "", 0  # of the last still that was compared, and about when it began
-        self._contradictions = 0  # in a row
         self._stopped = False  # by the operator, a fault, or contradictions: until the recording goes on
         self._was_paused = False
-        self._made_s: float | None = None  # when the last move had ended, and no still has followed
-        self._mark: np.ndarray | None = None  # angles of the closure run's mark
         self._messages: list[GuideMessage] = []
         self._now_s = 0.0
 
     def step(self, guide: Guide, moment: Moment | None, coaching: bool) -> list[GuideMessage]:
         """One round of the recording."""
         self._messages, self.wants, self._now_s = [], None, guide.now_s
-        guide.any_turn = THE_TABLE_TURNS
-        driver = self.driver
+        driver, paused = self.driver, guide.stage is Stage.PAUSED
         if driver.trouble is not None:
             raise driver.trouble
         if moment is not None:
             driver.heard(moment)
-            # Nobody sees what the table does: it goes on when the guide has seen a still
-            if self.driver.busy and self.driver.now_s() - moment.host_ns * NS > BLIND_S and not self._stopped:
-                self.driver.stop()
-                self._word.interrupted()
-                guide.waits(Stage.CHECK_STREAM, "no samples while the table moves")
-                self._say(f"no samples for {BLIND_S:g} s while the table moves: it is stopped, and goes on with them")
         driver.tick_if_alone()
-        if driver.busy:
-            self._made_s = None if self._made_s is None else driver.now_s()
-        elif driver.where is not None:
-            self._moves.angles = driver.where.angles
-        self._watch(guide)
-        self._compare(guide, moment)
-        if driver.where is not None and not self._stopped and not driver.busy and guide.stage is not Stage.PAUSED:
-            try:
-                self._turn(guide, coaching)
-            except TableLimit as error:
-                self._halt(str(error))
+        if self._was_paused and not paused:
+            driver.clear()
+            self._stopped = False
+            self._goes_on()
+        self._was_paused = paused
+        if driver.fault and not self._stopped:
+            self._halt(f"the table is stopped: {driver.fault}")
+        else:
+            self._round(guide, moment, coaching)
         return self._messages
 
     def stop(self) -> None:
         """Bring the table to rest at once."""
         self.driver.stop()
         self._stopped = True
-        self._word.interrupted()
 
     def close(self) -> None:
         """Bring the table to rest and let go of it."""
         self.driver.close()
 
-    def _watch(self, guide: Guide) -> None:
-        """Faults, silence, and the end of a pause."""
-        driver = self.driver
-        paused = guide.stage is Stage.PAUSED
-        if self._was_paused and not paused:
-            driver.clear()
-            self._stopped, self._contradictions, self._made_s = False, 0, None
-            self._word.interrupted()
-        self._was_paused = paused
-        if driver.fault and not self._stopped:
-            self._halt(f"the table is stopped: {driver.fault}")
+    def _round(self, guide: Guide, moment: Moment | None, coaching: bool) -> None:
+        """Begin what the guide waits for, where nothing is wrong."""
+
+    def _goes_on(self) -> None:
+        """A pause has ended."""
+
+    def _is_blind(self, moment: Moment | None) -> bool:
+        """Whether nobody sees what the table does."""
+        return moment is not None and self.driver.now_s() - moment.host_ns * NS > BLIND_S
 
     def _halt(self, why: str) -> None:
         """Stop, and pause until somebody has looked at it."""
@@ -123,6 +105,48 @@ class TableMover:
 
     def _say(self, text: str) -> None:
         self._messages.append(GuideMessage(Kind.WARNING, text, self._now_s))
+
+
+class TableMover(MachineMover):
+    """Makes the turns of a session."""
+
+    def __init__(self, driver: TableDriver, moves: Moves):
+        super().__init__(driver)
+        self._moves = moves
+        self._word = WordAgainstSensor(driver.table.description)
+        self._stills: int | None = None  # of the guide, that were compared
+        self._log, self._begun_ns = "", 0  # of the last still that was compared, and about when it began
+        self._contradictions = 0  # in a row
+        self._made_s: float | None = None  # when the last move had ended, and no still has followed
+        self._mark: np.ndarray | None = None  # angles of the closure run's mark
+
+    def stop(self) -> None:
+        """Bring the table to rest at once."""
+        super().stop()
+        self._word.interrupted()
+
+    def _goes_on(self) -> None:
+        self._contradictions, self._made_s = 0, None
+        self._word.interrupted()
+
+    def _round(self, guide: Guide, moment: Moment | None, coaching: bool) -> None:
+        driver = self.driver
+        guide.any_turn = THE_TABLE_TURNS
+        if driver.busy and self._is_blind(moment) and not self._stopped:  # it goes on when the guide has seen a still
+            driver.stop()
+            self._word.interrupted()
+            guide.waits(Stage.CHECK_STREAM, "no samples while the table moves")
+            self._say(f"no samples for {BLIND_S:g} s while the table moves: it is stopped, and goes on with them")
+        if driver.busy:
+            self._made_s = None if self._made_s is None else driver.now_s()
+        elif driver.where is not None:
+            self._moves.angles = driver.where.angles
+        self._compare(guide, moment)
+        if driver.where is not None and not self._stopped and not driver.busy and guide.stage is not Stage.PAUSED:
+            try:
+                self._turn(guide, coaching)
+            except TableLimit as error:
+                self._halt(str(error))
 
     def _compare(self, guide: Guide, moment: Moment | None) -> None:
         """Hold the machine's word against each new still."""
@@ -168,19 +192,15 @@ class TableMover:
             elif advice is None and (coaching or (guide.coached and guide.awaits_advice)):
                 return
             moves = advice.moves if advice is not None and advice.moves else self._moves.choose(self._most_rps(guide))
-            self._make(moves)
+            if not self._stopped:
+                self.driver.make(moves)
+                self._made_s = self.driver.now_s()
         elif guide.stage is Stage.HOLD_STILL and self._made_s is not None and self._waited(NO_STILL_S):
             self._made_s = self.driver.now_s()
             self._say(f"no still for {NO_STILL_S:g} s although the table is at rest: {guide.objection or guide.here.why or 'it trembles'}")
 
     def _waited(self, seconds: float) -> bool:
         return self._made_s is not None and self.driver.now_s() - self._made_s > seconds
-
-    def _make(self, moves: tuple[AxisMove, ...]) -> None:
-        if self._stopped:
-            return
-        self.driver.make(moves)
-        self._made_s = self.driver.now_s()
 
     @staticmethod
     def _most_rps(guide: Guide) -> float:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from session.base.units import DEG, NS
+from session.base.units import DEG
 from session.bench.events import Event
 from session.bench.guide import Guide
 from session.bench.messages import AxisMove, GuideMessage, Instruction, Kind, Stage
@@ -18,7 +18,7 @@ from session.log.config import Protocol
 from session.log.samples import Samples
 from tinygc.features.tables.machines.description import Description
 from tinygc.features.tables.machines.driver import TableDriver
-from tinygc.features.tables.machines.mover import BLIND_S, PAUSE, PUT_RIGHT
+from tinygc.features.tables.machines.mover import MachineMover
 from tinygc.features.tables.machines.verbs import TableLimit
 
 STEM = "rates"
@@ -95,52 +95,30 @@ class RatesGuide(Guide):
         self.here.take(samples, remember=False)
 
 
-class RateMover:
+class RateMover(MachineMover):
     """Makes the steps, one after the other; one that was interrupted is made again."""
 
     def __init__(self, driver: TableDriver, steps: Sequence[RateStep]):
-        self.driver, self._steps = driver, list(steps)
-        self.wants: Event | None = None
+        super().__init__(driver)
+        self._steps = list(steps)
         self._phase, self._since_s = "begin", 0.0
-        self._stopped = self._was_paused = False
         self._log = ""
-
-    def step(self, guide: Guide, moment: Moment | None, coaching: bool) -> list[GuideMessage]:
-        """One round of the recording."""
-        assert isinstance(guide, RatesGuide)
-        self.wants, driver, messages = None, self.driver, list[GuideMessage]()
-        if driver.trouble is not None:
-            raise driver.trouble
-        if moment is not None:
-            driver.heard(moment)
-        driver.tick_if_alone()
-        paused = guide.stage is Stage.PAUSED
-        if self._was_paused and not paused:
-            driver.clear()
-            self._stopped = False
-        self._was_paused = paused
-        log = moment.log if moment is not None else ""
-        blind = moment is not None and driver.now_s() - moment.host_ns * NS > BLIND_S
-        if driver.fault and not self._stopped:
-            driver.stop()
-            self._stopped, self._phase, self.wants = True, "begin", PAUSE
-            messages.append(GuideMessage(Kind.WARNING, f"the table is stopped: {driver.fault}; {PUT_RIGHT}", guide.now_s))
-        elif paused or blind or log != self._log:  # whatever comes: the present step is made again, from rest
-            if self._phase not in ("begin", "rest"):
-                driver.stop()
-            self._phase, self._log = "begin", log
-        elif guide.stage is Stage.HOLD_STILL and not self._stopped and driver.where is not None:
-            messages += self._go_on(guide)
-        return messages
 
     def stop(self) -> None:
         """Bring the table to rest at once."""
-        self.driver.stop()
-        self._stopped, self._phase = True, "begin"
+        super().stop()
+        self._phase = "begin"
 
-    def close(self) -> None:
-        """Bring the table to rest and let go of it."""
-        self.driver.close()
+    def _round(self, guide: Guide, moment: Moment | None, coaching: bool) -> None:
+        assert isinstance(guide, RatesGuide)
+        log = moment.log if moment is not None else ""
+        # Whatever comes: the present step is made again, from rest
+        if guide.stage is Stage.PAUSED or self._is_blind(moment) or log != self._log:
+            if self._phase not in ("begin", "rest"):
+                self.driver.stop()
+            self._phase, self._log = "begin", log
+        elif guide.stage is Stage.HOLD_STILL and not self._stopped and self.driver.where is not None:
+            self._messages += self._go_on(guide)
 
     def _go_on(self, guide: RatesGuide) -> list[GuideMessage]:
         step, driver = self._steps[guide.made], self.driver

@@ -80,7 +80,7 @@ def test_a_table_at_a_port(run, table):
             assert code == 2
             if "has restarted" not in err:
                 break
-        assert "nobody can confirm it" in err.splitlines()[-1]
+        assert "standard input is no terminal" in err.splitlines()[-1]
         refused(run("table", "turn", "outer", "200", "--yes"), "expected -180 to 180")
         code, out, err = run("table", "turn", "outer", "12", "--home", "--rate", "30", "--yes")
         assert (code, out.splitlines()) == (0, ["outer  12.000 deg", "it rests"])

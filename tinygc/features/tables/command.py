@@ -222,14 +222,9 @@ def _virtual(args: argparse.Namespace, table: Description) -> int:
 
 def _confirm(args: argparse.Namespace, question: str) -> bool:
     """Ask the person at the terminal.  CalibrationError where there is none, or the answer is no."""
-    if args.yes:
-        return True
-    if sys.stdin is None or not sys.stdin.isatty():
-        raise CalibrationError(f"table {args.action}: nobody can confirm it: standard input is no terminal; give --yes if you are sure")
-    print(f"{printable(question)} [y/N] ", end="", file=sys.stderr, flush=True)
-    if sys.stdin.readline().strip().lower() not in ("y", "yes"):
-        raise CalibrationError(f"table {args.action}: not confirmed; nothing was moved")
-    return True
+    from tinygc.features.tables.machines.safety import ask_person
+
+    return args.yes or ask_person(f"{question} [y/N]", f"table {args.action}: not confirmed; nothing was moved")
 
 
 def _teller(args: argparse.Namespace) -> Callable[[str], None]:

@@ -31,7 +31,7 @@ from tinygc.features.tables.machines.driver import TableDriver
 from tinygc.features.tables.machines.makes import open_table
 from tinygc.features.tables.machines.mover import MOST_OF_SCALE, TableMover
 from tinygc.features.tables.machines.rates import RateMover, RatesGuide, RateStep, steps_of
-from tinygc.features.tables.machines.safety import Guarded, Move
+from tinygc.features.tables.machines.safety import Guarded, Move, ask_person
 from tinygc.features.tables.machines.verbs import TableFault, Where
 from tinygc.features.tables.planner import TableMoves, TablePlan, plan_of
 from tinygc.models.linear import PARAMETERS
@@ -156,14 +156,8 @@ class TurnedRecording:
     def _ask(lines: list[str], yes: bool, quiet: bool, *questions: str) -> None:
         if not (quiet and yes):
             print("\n".join(map(printable, lines)), file=sys.stderr, flush=True)
-        if yes:
-            return
-        if not sys.stdin.isatty():
-            raise CalibrationError(f"{UNCONFIRMED}: standard input is no terminal; --yes where you know the table")
-        for question in ("turn? (yes)", *questions):
-            print(f"{question} ", end="", file=sys.stderr, flush=True)
-            if sys.stdin.readline().strip().lower() not in ("y", "yes"):
-                raise CalibrationError(UNCONFIRMED)
+        for question in () if yes else ("turn? (yes)", *questions):
+            ask_person(question, UNCONFIRMED)
 
     def guide(self, protocol: Protocol) -> RatesGuide:
         """The guide of the rate steps that were confirmed."""

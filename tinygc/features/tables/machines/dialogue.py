@@ -14,7 +14,7 @@ import numpy as np
 from session.base.units import DEG
 from session.bench.clocks import Clock
 from tinygc.features.tables.machines.description import AGAIN, Description
-from tinygc.features.tables.machines.makefile import LONGEST_LINE, UNKNOWN, Make, Pattern, Step
+from tinygc.features.tables.machines.makefile import LONGEST_LINE, UNKNOWN, Make, Pattern, Step, matched
 from tinygc.features.tables.machines.proof import request_text, require_travel, sent_text
 from tinygc.features.tables.machines.verbs import Table, TableFault, TableLimit, Where
 from tinygc.features.tables.machines.wire import Link
@@ -67,7 +67,7 @@ class Dialogue(Table):
         with self._exchange:
             if not self._begun:
                 self._forget_restart()
-                self._requests(self.make.requests.begin, None, 0.0, 0.0)
+                self._requests(self.make.requests.begin)
                 self._begun = True
 
     def require_rate(self, axis: int, rate_rps: float) -> None:
@@ -87,7 +87,7 @@ class Dialogue(Table):
                 self._receive(0.0)
                 self._hear((), 0.0)
                 with self._writing:
-                    self._write(step, 0, 0.0, 0.0)
+                    self._write(step)
                 values = dict[int, float]()
                 while found := self._hear((*step.answers, *self.make.line.done), self._settings["answer_s"]):
                     if found["code"].isdigit():
@@ -105,25 +105,18 @@ class Dialogue(Table):
         with self._exchange:
             self._forget_restart()
             self._refuse_alarm()
-            self._harder = 0
             count = len(self.description.axes)
-            if owed := sum(count if step.each else 1 for step in self.make.requests.home if step.later):
+            if owed := sum(len(step.axes(count)) for step in self.make.requests.home if step.later):
                 self._awaited_home, self._owed = self._clock.now_s() + self._settings["home_s"], owed
             self._motion(self.make.requests.home)
 
     def turn_to(self, axis: int, angle_rad: float, rate_rps: float) -> None:
         """Begin to turn one axis to an angle."""
-        with self._exchange:
-            self._refuse_alarm()
-            self._harder = 0
-            self._motion(self.make.requests.turn_to, axis, angle_rad, rate_rps)
+        self._motion(self.make.requests.turn_to, axis, angle_rad, rate_rps)
 
     def turn_at(self, axis: int, rate_rps: float) -> None:
         """Begin to turn one axis at a rate: only where it has a rate mode."""
-        with self._exchange:
-            self._refuse_alarm()
-            self._harder = 0
-            self._motion(self.make.requests.turn_at, axis, 0.0, rate_rps)
+        self._motion(self.make.requests.turn_at, axis, 0.0, rate_rps)
 
     def where(self) -> Where:
         """Ask for angles and state.  TableFault for an alarm, a restart, a state that is a fault, and where no answer can be read."""
@@ -189,8 +182,8 @@ class Dialogue(Table):
         with self._writing:
             self._stops += 1
             self._stopping = step
-            for axis in range(len(self.description.axes)) if step.each else (0,):
-                self._write(step, axis, 0.0, 0.0)
+            for axis in step.axes(len(self.description.axes)):
+                self._write(step, axis)
             self._clock.sleep(step.pause_s)
 
     def _follow(self, step: Step, patient: bool) -> str:
@@ -223,9 +216,9 @@ class Dialogue(Table):
         asks = (step for step in self.make.requests.where if any("state" in pattern.fields for pattern in step.answers))
         if (step := next(asks, None)) is None:
             return ""
-        for axis in range(len(self.description.axes)) if step.each else (0,):
+        for axis in step.axes(len(self.description.axes)):
             with self._writing:
-                self._write(step, axis, 0.0, 0.0)
+                self._write(step, axis)
             if (state := (self._hear(step.answers, STATE_S) or {}).get("state", "")) in self.make.states.moving:
                 break
         return state
@@ -237,10 +230,10 @@ class Dialogue(Table):
             self._receive(min(POLL_STOP_S, longest_s))
             while self._lines:
                 line = self._lines.pop(0)
-                ends = any(pattern.match(line) is not None for pattern in (*self.make.line.done, *self.make.line.greeting))
+                ends = matched((*self.make.line.done, *self.make.line.greeting), line) is not None
                 self._unread_motion = self._unread_motion and not ends and self.make.refused.meaning(line) is None
-                if found := [fields for pattern in wanted if (fields := pattern.match(line)) is not None]:
-                    return found[0]
+                if (found := matched(wanted, line)) is not None:
+                    return found
                 self._notice(line)
             if self._clock.now_s() >= end_s:
                 return None
@@ -258,7 +251,7 @@ class Dialogue(Table):
                 raise TableFault(f"{self.description.name}: it moves; stop it before you clear anything")
             alarm, self._alarm = self._alarm, ""
             try:
-                self._requests(self.make.requests.clear, None, 0.0, 0.0)
+                self._requests(self.make.requests.clear)
                 self._require_accepted()
             except TableFault:
                 self._alarm = alarm
@@ -286,13 +279,16 @@ class Dialogue(Table):
         self._lines.clear()
 
     def _heard_greeting(self) -> bool:
-        return any(pattern.match(line) is not None for line in self._lines for pattern in self.make.line.greeting)
+        return any(matched(self.make.line.greeting, line) is not None for line in self._lines)
 
-    def _motion(self, steps: tuple[Step, ...], axis: int | None = None, angle_rad: float = 0.0, rate_rps: float = 0.0) -> None:
-        self._before, self._unread_motion = None, bool(self.make.line.done)
-        self._requests(steps, axis, angle_rad, rate_rps)
-        self._unread_motion = False
-        self._require_accepted()
+    def _motion(self, steps: tuple[Step, ...], axis: int = 0, angle_rad: float = 0.0, rate_rps: float = 0.0) -> None:
+        with self._exchange:
+            self._refuse_alarm()
+            self._harder = 0
+            self._before, self._unread_motion = None, bool(self.make.line.done)
+            self._requests(steps, axis, angle_rad, rate_rps)
+            self._unread_motion = False
+            self._require_accepted()
 
     def _require_accepted(self) -> None:
         """TableFault where the make keeps errors until it is asked, and has one."""
@@ -304,31 +300,28 @@ class Dialogue(Table):
                 words = {**self.make.alarms.words, **self.make.refused.words}.get(code, UNKNOWN)
                 raise TableFault(f"{self.description.name}: it refuses with {code} ({words}); nothing more was sent")
 
-    def _requests(self, steps: tuple[Step, ...], axis: int | None, angle_rad: float, rate_rps: float) -> None:
+    def _requests(self, steps: tuple[Step, ...], axis: int = 0, angle_rad: float = 0.0, rate_rps: float = 0.0) -> None:
         stops = self._stops
         for step in steps:
-            for number in range(len(self.description.axes)) if step.each else [axis or 0]:
+            for number in step.axes(len(self.description.axes), axis):
                 self._drain()
                 with self._writing:
-                    if self._stops != stops:
-                        self._unread_motion = False
-                        raise TableFault(
-                            f"{self.description.name}: stopped before {self._text(step, number, angle_rad, rate_rps)!r} was sent"
-                        )
-                    self._write(step, number, angle_rad, rate_rps)
+                    text = self._write(step, number, angle_rad, rate_rps, stops)
                 if step.pause_s:
                     self._clock.sleep(step.pause_s)
-                if step.answers and self._await(step, step.answers, self._text(step, number, angle_rad, rate_rps)) is None:
+                if step.answers and self._await(step, step.answers, text) is None:
                     raise TableFault(self._complaint("answers something else", step, step.answers))
                 if not (step.later or step.unanswered or step.raw) and self.make.line.done:
-                    self._await(step, self.make.line.done, self._text(step, number, angle_rad, rate_rps))
+                    self._await(step, self.make.line.done, text)
 
-    def _text(self, step: Step, axis: int, angle_rad: float, rate_rps: float) -> str:
-        return request_text(step, self._settings, self.description.axes[axis].word, axis, angle_rad, rate_rps)
-
-    def _write(self, step: Step, axis: int, angle_rad: float, rate_rps: float) -> None:
-        text = self._text(step, axis, angle_rad, rate_rps)
+    def _write(self, step: Step, axis: int = 0, angle_rad: float = 0.0, rate_rps: float = 0.0, stops: int | None = None) -> str:
+        """Send a request, and return it; stops: how many there were before, beyond which it is not sent."""
+        text = request_text(step, self._settings, self.description.axes[axis].word, axis, angle_rad, rate_rps)
+        if stops not in (None, self._stops):
+            self._unread_motion = False
+            raise TableFault(f"{self.description.name}: stopped before {text!r} was sent")
         self._link.write((text if step.raw else text + self.make.line.end).encode("latin-1"))
+        return text
 
     # Answers.
 
@@ -355,10 +348,10 @@ class Dialogue(Table):
     def _notice(self, line: str) -> None:
         """What a line says by itself: an alarm, a restart, the end of homing."""
         make, name = self.make, self.description.name
-        greets = any(pattern.match(line) is not None for pattern in make.line.greeting)
+        greets = matched(make.line.greeting, line) is not None
         if greets or make.alarms.meaning(line) is not None:
             self._unread_motion = False
-        if self._stopping is not None and any(pattern.match(line) is not None for pattern in self._stopping.answers):
+        if self._stopping is not None and matched(self._stopping.answers, line) is not None:
             return  # which another thread's question has come across
         if (meaning := make.alarms.meaning(line)) is not None:
             self._alarm = f"{name}: the table says {line!r}: {meaning or 'it has stopped'}; see why, then `table clear` or `table home`"
@@ -372,7 +365,7 @@ class Dialogue(Table):
             if (meaning := make.refused.meaning(line)) is not None:
                 self._awaited_home = None
                 self._alarm = f"{name}: homing was refused with {line!r} ({meaning})"
-            elif any(pattern.match(line) is not None for pattern in make.line.done):
+            elif matched(make.line.done, line) is not None:
                 self._owed -= 1
                 self._awaited_home = self._awaited_home if self._owed else None
 
@@ -396,10 +389,9 @@ class Dialogue(Table):
         while True:
             while self._lines:
                 line = self._lines.pop(0)
-                for pattern in wanted:
-                    if (found := pattern.match(line, word)) is not None:
-                        self._answered = line
-                        return found
+                if (found := matched(wanted, line, word)) is not None:
+                    self._answered = line
+                    return found
                 self._notice(line)
                 self._refuse_alarm()
                 if (meaning := self.make.refused.meaning(line)) is not None:
@@ -429,8 +421,7 @@ class Dialogue(Table):
         """A query's fields; empty where its answer cannot be read."""
         self._drain()
         with self._writing:
-            self._write(step, axis, 0.0, 0.0)
-        text = self._text(step, axis, 0.0, 0.0)
+            text = self._write(step, axis)
         found = self._await(step, step.answers, text, self.description.axes[axis].word) or {}
         if found and self.make.line.done and not (step.raw or step.unanswered):
             answered = self._answered
@@ -460,7 +451,7 @@ class Dialogue(Table):
                     once = self._ask(step, axis)
                     answered = self._answered
                 elif any("word" in pattern.fields for pattern in step.answers):
-                    once = next((found for pattern in step.answers if (found := pattern.match(answered, of.word)) is not None), {})
+                    once = matched(step.answers, answered, of.word)
                 if not once:
                     return None
                 if "angles" in once:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -68,6 +68,11 @@ class Pattern:
         return None if found is None else found.groupdict()
 
 
+def matched(patterns: Iterable[Pattern], line: str, word: str = "") -> dict[str, str] | None:
+    """The fields of the first pattern that a line has, or None."""
+    return next((found for pattern in patterns if (found := pattern.match(line, word)) is not None), None)
+
+
 class _Patterns(Shape):
     expected = f"a list of at most {MOST_PATTERNS} texts"
 
@@ -109,6 +114,10 @@ class Step:
     pause_s: Annotated[float, Number(0, 10)] = 0.0
     unanswered: bool = False
     states: tuple[str, ...] = ()
+
+    def axes(self, count: int, axis: int = 0) -> Sequence[int]:
+        """Numbers of the axes, of so many, that it is sent for; axis: the one that turns."""
+        return range(count) if self.each else (axis,)
 
     @staticmethod
     def fault(step: Mapping) -> str:
@@ -177,11 +186,10 @@ class Messages:
 
     def meaning(self, line: str) -> str | None:
         """What a line says; None where it says nothing of the kind."""
-        for pattern in self.patterns:
-            if (found := pattern.match(line)) is not None:
-                code = found.get("code", "")
-                return self.words.get(code, UNKNOWN if code else "")
-        return None
+        if (found := matched(self.patterns, line)) is None:
+            return None
+        code = found.get("code", "")
+        return self.words.get(code, UNKNOWN if code else "")
 
 
 SettingNumber = Annotated[int, Number(0, 1000, whole=True)]

@@ -237,6 +237,6 @@ def sent_text(table: Description, make: Make, steps: tuple[Step, ...], axis: int
     texts = [
         request_text(step, make.settings, table.axes[number].word, number, angle_rad, rate_rps)
         for step in steps
-        for number in (range(len(table.axes)) if step.each else (axis,))
+        for number in step.axes(len(table.axes), axis)
     ]
     return "; ".join(text if text.isprintable() else repr(text) for text in texts)

@@ -28,6 +28,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from session.base.errors import CalibrationError
 from session.base.texts import printable
 from session.base.units import DEG
 from session.bench.clocks import Clock, HostClock
@@ -113,6 +114,16 @@ def plan_lines(table: Description, moves: Sequence[Move], notes: Sequence[str] =
     if table.make == "hand":
         return [f"{table.name}: you will be asked to turn it:", *rows]
     return [f"{table.name} ({table.make}) will move:", *rows, "Keep clear of it, and its own emergency stop within reach."]
+
+
+def ask_person(question: str, unconfirmed: str) -> bool:
+    """Ask whoever is at the terminal; True.  CalibrationError, which begins with ``unconfirmed``, where nobody is, or the answer is no."""
+    if sys.stdin is None or not sys.stdin.isatty():
+        raise CalibrationError(f"{unconfirmed}: standard input is no terminal; --yes where you know the table")
+    print(f"{printable(question)} ", end="", file=sys.stderr, flush=True)
+    if sys.stdin.readline().strip().lower() not in ("y", "yes"):
+        raise CalibrationError(unconfirmed)
+    return True
 
 
 class Guarded:

@@ -171,7 +171,7 @@ def _one(kind: str, value: Any) -> Any:
     """The value as one of a kind; ValueError for another."""
     if kind == "Path":
         if isinstance(value, PathLike) or (isinstance(value, str) and value.strip() and "\0" not in value):
-            return Path(value)
+            return value if isinstance(value, Path) else Path(value)  # OWN_PLACE is told by its identity
     elif kind == "bool":
         if isinstance(value, bool):
             return value

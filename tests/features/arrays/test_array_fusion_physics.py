@@ -333,7 +333,6 @@ def test_what_does_not_go_together_is_refused_in_one_line(tmp_path, capsys):
         (["apply", path, array / "log0001.unit0.csv", *out], "no folder"),
         (["apply", path, array, *out], "2 logs; give --which one of log0001, log0002"),
         (["apply", path, array, *out, "--which", "log0002"], "logs of units 0, 2, the model has units 0, 1, 2"),
-        (["export", path, "--to", "json"], "array.json: an array, and an export holds one sensor; give one unit a folder of its own"),
     ):
         assert calibrate.main([*map(str, words)]) == 2
         (line,) = capsys.readouterr().err.strip().splitlines()

@@ -346,6 +346,10 @@ LEAST_SLOPE_S = 10.0
 TEMP_EVERY_S = 1.0
 
 
+#: kinds of trouble, in words
+FAULTS = {"lost": "lost", "crc": "CRC", "garbage": "garbage", "implausible": "implausible", "reset": "resets"}
+
+
 class StreamHealth:
     """Health of a session's stream: losses, the true data rate, the temperature and its slope."""
 
@@ -389,6 +393,11 @@ class StreamHealth:
         self._last_ns = None
         self._temps.clear()
         self.warmth.new_log()
+
+    @property
+    def faults(self) -> dict[str, int]:
+        """What went wrong, in words, and how often."""
+        return {words: self.troubles[kind] for kind, words in FAULTS.items()} | {"gaps": self.gaps}
 
     @property
     def missing(self) -> int:

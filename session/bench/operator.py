@@ -9,10 +9,8 @@ import re
 import select
 import sys
 import threading
-from collections import deque
 from collections.abc import Callable
 from datetime import UTC, datetime
-from enum import Enum
 from http import HTTPStatus
 from typing import TYPE_CHECKING, Any
 
@@ -116,41 +114,32 @@ ENTER, ESCAPE, ERASE = ("\r", "\n"), "\x1b", ("\x7f", "\b")
 LONGEST_NOTE = 200
 
 
-class _OperatorCommand(Enum):
-    """Commands of the operator, by their keys."""
-
-    PAUSE = "p"
-    DROP = "d"
-    NOTE = "n"
-    HERE = "Enter"
-    FINISH = "f"
-    STOP = "s"
+#: commands of the operator: by their keys, and those that a page may send without a text
+KEYS = {"p": "pause", "d": "drop", "f": "finish", "s": "stop"}
+NOTE_KEY, REPORT_WISH = "n", "report"
+WORDS = ("pause", "drop", "here", "finish", REPORT_WISH)
+#: a command with its text
+Command = tuple[str, str]
 
 
-#: keys of commands without a text
-PLAIN = tuple(each.value for each in (_OperatorCommand.PAUSE, _OperatorCommand.DROP, _OperatorCommand.FINISH, _OperatorCommand.STOP))
-
-
-class _TypingLine:
+class TypingLine:
     """Turns typed characters into commands.  note: the text that is being typed, or None."""
 
     def __init__(self) -> None:
         self.note: str | None = None
 
-    def take(self, typed: str) -> list[tuple[_OperatorCommand, str]]:
+    def take(self, typed: str) -> list[Command]:
         """Take characters; returns commands in order, with the text of a note."""
-        commands: list[tuple[_OperatorCommand, str]] = []
+        commands: list[Command] = []
         for sign in typed:
             if self.note is None:
-                if sign in ENTER:
-                    commands.append((_OperatorCommand.HERE, ""))
-                elif sign.lower() == _OperatorCommand.NOTE.value:
+                if sign.lower() == NOTE_KEY:
                     self.note = ""
-                elif sign.lower() in PLAIN:
-                    commands.append((_OperatorCommand(sign.lower()), ""))
+                elif word := "here" if sign in ENTER else KEYS.get(sign.lower()):
+                    commands.append((word, ""))
             elif sign in ENTER:
                 if text := " ".join(self.note.split()):
-                    commands.append((_OperatorCommand.NOTE, text))
+                    commands.append(("note", text))
                 self.note = None
             elif sign == ESCAPE:
                 self.note = None
@@ -160,19 +149,18 @@ class _TypingLine:
                 self.note += sign
         return commands
 
-    def words(self, closure: bool, enough: bool = False, turns: bool = True, machine: bool = False) -> str:
-        """The last line of the screen.  closure: whether the closure run is on; enough: whether the operator may finish; turns: whether
-        there are any; machine: whether one turns the table."""
+    def words(self, guide: Guide, machine: bool = False) -> str:
+        """The last line of the screen.  machine: whether one turns the table."""
         if self.note is not None:
             return f"note: {self.note}_   (Enter keeps it, Esc does not)"
-        last = "d the closure run again   Enter it is on its mark   " if closure else "d drop the last turn   " if turns else ""
+        last = "" if guide.begun == REST else "d drop the last turn   "
+        if guide.closure is not None:
+            last = "d the closure run again   Enter it is on its mark   "
         stop = "s stop the table   " if machine else ""
-        return f"keys: {stop}p pause   {last}n note{'   f finish' if enough else ''}"
+        return f"keys: {stop}p pause   {last}n note{'   f finish' if guide.enough else ''}"
 
 
 MOST = 8  #: waiting browser commands; a recording takes them ten times a second, and refuses more
-WORDS = {"pause": _OperatorCommand.PAUSE, "drop": _OperatorCommand.DROP, "here": _OperatorCommand.HERE, "finish": _OperatorCommand.FINISH}
-REPORT_WISH = "report"
 
 
 class BrowserCommands:
@@ -183,7 +171,7 @@ class BrowserCommands:
     """
 
     def __init__(self) -> None:
-        self._waiting: deque[tuple[_OperatorCommand, str]] = deque()
+        self._waiting: list[Command] = []
         self._changing, self._taken = threading.Lock(), False
         self.report = threading.Event()
 
@@ -197,11 +185,10 @@ class BrowserCommands:
         with self._changing:
             self._taken = False
 
-    def __call__(self) -> list[tuple[_OperatorCommand, str]]:
+    def __call__(self) -> list[Command]:
         """The waiting commands, in order, each once."""
-        taken = []
-        while self._waiting:
-            taken.append(self._waiting.popleft())
+        with self._changing:
+            taken, self._waiting = self._waiting, []
         return taken
 
     def hear(self, body: bytes) -> HTTPStatus:
@@ -214,20 +201,16 @@ class BrowserCommands:
         except UnicodeDecodeError:
             return HTTPStatus.BAD_REQUEST
         if word == "note":
-            note = " ".join("".join(sign if sign.isprintable() else " " for sign in text).split())[:LONGEST_NOTE]
-            return self._keep(_OperatorCommand.NOTE, note) if note else HTTPStatus.BAD_REQUEST
-        if text or (word not in WORDS and word != REPORT_WISH):
+            text = " ".join("".join(sign if sign.isprintable() else " " for sign in text).split())[:LONGEST_NOTE]
+        if bool(text) != (word == "note") or word not in ("note", *WORDS):
             return HTTPStatus.BAD_REQUEST
-        if word in WORDS:
-            return self._keep(WORDS[word], "")
-        self.report.set()
-        return HTTPStatus.OK
-
-    def _keep(self, command: _OperatorCommand, text: str) -> HTTPStatus:
+        if word == REPORT_WISH:
+            self.report.set()
+            return HTTPStatus.OK
         with self._changing:
             if not self._taken or len(self._waiting) >= MOST:
                 return HTTPStatus.SERVICE_UNAVAILABLE
-            self._waiting.append((command, text))
+            self._waiting.append((word, text))
         return HTTPStatus.OK
 
 
@@ -251,7 +234,7 @@ class OperatorInput:
         self._stop = stop
         self._guide, self._recorder, self._tell, self._notebook, self._keys = guide, recorder, tell, notebook, keys
         self.page = page or BrowserCommands()
-        self._typing = _TypingLine()
+        self._typing = TypingLine()
 
     @property
     def after_pause(self) -> Event:
@@ -285,33 +268,31 @@ class OperatorInput:
             except CalibrationError as error:  # no command may end a recording
                 self._say(Kind.WARNING, str(error))
         if self._keys is not None:
-            self._guide.keys = self._typing.words(
-                self._guide.closure is not None, self._guide.enough, self._guide.begun != REST, self._stop is not None
-            )
+            self._guide.keys = self._typing.words(self._guide, self._stop is not None)
 
-    def _do(self, command: _OperatorCommand, text: str, begun: bool) -> None:
+    def _do(self, command: str, text: str, begun: bool) -> None:
         guide = self._guide
-        if command is _OperatorCommand.NOTE and self._notebook is not None:
+        if command == "note" and self._notebook is not None:
             self._recorder.decide(Event("note", text=text))  # first where nothing can refuse it
             self._notebook.note(text, datetime.now(UTC))
             self._say(Kind.STAGE, f"noted: {text}")
-        elif command is _OperatorCommand.HERE and guide.closure is not None:
+        elif command == "here" and guide.closure is not None:
             guide.closure.on_the_mark()
-        elif command is _OperatorCommand.STOP and self._stop is not None:
+        elif command == "stop" and self._stop is not None:
             self._stop()
             if begun and guide.stage not in (Stage.PAUSED, Stage.DONE):
                 self.decide(Event("pause"))
             self._say(Kind.WARNING, "the table is stopped; p goes on with the next move")
         elif not begun or guide.stage is Stage.DONE:
             return
-        elif command is _OperatorCommand.FINISH:
+        elif command == "finish":
             if guide.enough:
                 self.decide(Event("finish"))
-        elif command is _OperatorCommand.PAUSE:
+        elif command == "pause":
             self.decide(self.after_pause if guide.stage is Stage.PAUSED else Event("pause"))
-        elif command is _OperatorCommand.DROP and guide.closure is not None:
+        elif command == "drop" and guide.closure is not None:
             guide.closure.interrupted()
-        elif command is _OperatorCommand.DROP and self._notebook is not None:
+        elif command == "drop" and self._notebook is not None:
             moment_us, why = guide.to_drop
             if moment_us is None:
                 self._say(Kind.WARNING, why)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Collection
-from types import TracebackType
+from collections.abc import Collection, Iterable
 
 from rich.console import Group, RenderableType
 from rich.live import Live
@@ -23,28 +22,19 @@ from session.bench.rest_guide import RestGuide
 
 BELLS = {Kind.READY: 1, Kind.ACCEPTED: 1, Kind.REJECTED: 2, Kind.WARNING: 2, Kind.DONE: 3}
 STYLES = {Kind.READY: "green", Kind.ACCEPTED: "green", Kind.REJECTED: "red", Kind.WARNING: "yellow", Kind.DONE: "bold green"}
-FAULTS = (("lost", "lost"), ("crc", "CRC"), ("garbage", "garbage"), ("implausible", "implausible"), ("reset", "resets"))
 COLOURS = {Stage.HOLD_STILL: "cyan", Stage.TURN: "magenta", Stage.CLOSURE: "magenta", Stage.DONE: "green"}
 WIDTH = 80  #: of a typed line its end is shown
 REMEMBERED = 4  #: messages that stay on the screen
 REMIND_S = 5.0  #: between two equal lines, where there is no terminal
 
 
-class LiveScreen:
+class LiveScreen(Live):
     """A context with the live view in a terminal."""
 
     def __init__(self, title: str, mute: bool = False, console: PlainConsole | None = None):
-        self.console = console or PlainConsole(stderr=True)
+        super().__init__(console=console or PlainConsole(stderr=True), auto_refresh=False, redirect_stdout=False, redirect_stderr=False)
         self._title, self._mute = printable(title), mute
         self._changes: deque[GuideMessage] = deque(maxlen=REMEMBERED)
-        self._live = Live(console=self.console, auto_refresh=False, redirect_stdout=False, redirect_stderr=False)
-
-    def __enter__(self) -> LiveScreen:
-        self._live.__enter__()
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None) -> None:
-        self._live.__exit__(kind, error, traceback)
 
     def change(self, change: GuideMessage) -> None:
         """Show a message, and ring its bell."""
@@ -56,7 +46,7 @@ class LiveScreen:
 
     def show(self, guide: Guide) -> None:
         """Draw the present state."""
-        self._live.update(view(guide, self._title, self._changes), refresh=True)
+        self.update(view(guide, self._title, self._changes), refresh=True)
 
 
 class PlainLines:
@@ -65,12 +55,6 @@ class PlainLines:
     def __init__(self, console: PlainConsole | None = None):
         self.console = console or PlainConsole(stderr=True)
         self._said, self._said_s = "", 0.0
-
-    def __enter__(self) -> PlainLines:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        pass
 
     def change(self, change: GuideMessage) -> None:
         """Print a message."""
@@ -123,33 +107,29 @@ def _instruction(guide: Guide, title: str) -> Panel:
 
 
 def _state(guide: Guide) -> Table:
-    health, table = guide.health, Table.grid(padding=(0, 2))
+    health, taken, table = guide.health, guide.taken, Table.grid(padding=(0, 2))
     table.add_column(style="dim")
     table.add_column(overflow="fold")
+    stream: list[tuple[str, RenderableType]] = [
+        ("stream", _stream(health)),
+        ("faults", _counts((f"{count} {name}", bool(count)) for name, count in health.faults.items())),
+        ("warmth", _warmth(guide)),
+    ]
     if isinstance(guide, RestGuide):
-        for name, text in guide.rows:
-            table.add_row(name, text)
-        table.add_row("stream", _stream(health))
-        table.add_row("faults", _faults(health))
-        table.add_row("warmth", _warmth(guide))
-        return table
-    table.add_row("segments", _segments(guide))
-    table.add_row("coach", _coach(guide))
-    if guide.taken.own is not None:
-        table.add_row("gravity", guide.taken.own.words)
-    table.add_row("stream", _stream(health))
-    table.add_row("faults", _faults(health))
-    table.add_row("warmth", _warmth(guide))
-    stills = guide.taken.stills_up
-    table.add_row("up in stills", Text.assemble(*(_count(f"{face} {count}", count) for face, count in stills.items())))
-    turned = guide.taken.turned_deg.items()
-    table.add_row("turned about", Text.assemble(*(_count(f"{axis} {degrees:.0f}°", degrees) for axis, degrees in turned)))
+        rows = [*guide.rows, *stream]
+    else:
+        gravity = [] if taken.own is None else [("gravity", taken.own.words)]
+        ups = _counts(((f"{face} {count}", not count) for face, count in taken.stills_up.items()), "yellow")
+        about = _counts(((f"{axis} {degrees:.0f}°", not degrees) for axis, degrees in taken.turned_deg.items()), "yellow")
+        rows = [("segments", _segments(guide)), ("coach", _coach(guide)), *gravity, *stream, ("up in stills", ups), ("turned about", about)]
+    for row in rows:
+        table.add_row(*row)
     return table
 
 
-def _count(text: str, count: float) -> tuple[str, str]:
-    """A count, highlighted while it is zero."""
-    return f"{text}  ", "" if count else "yellow"
+def _counts(counts: Iterable[tuple[str, bool]], style: str = "bold yellow") -> Text:
+    """Counts in a row; those that are marked are highlighted."""
+    return Text.assemble(*((f"{words}  ", style if marked else "") for words, marked in counts))
 
 
 def _segments(guide: Guide) -> Table:
@@ -177,13 +157,6 @@ def _stream(health: StreamHealth) -> Text:
     others = {"board says": health.info_odr_hz, "host clock": health.odr_by_host_hz}
     stated = ", ".join(f"{who} {odr_hz:.2f}" for who, odr_hz in others.items() if odr_hz)
     return Text(f"{health.odr_hz:.2f} Hz; {f'{stated}; ' if stated else ''}{health.samples} samples")
-
-
-def _faults(health: StreamHealth) -> Text:
-    text = Text()
-    for name, count in (*((name, health.troubles[kind]) for kind, name in FAULTS), ("gaps", health.gaps)):
-        text.append(f"{count} {name}  ", style="bold yellow" if count else "")
-    return text
 
 
 def _warmth(guide: Guide) -> Text:

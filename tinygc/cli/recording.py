@@ -102,7 +102,8 @@ def views(args: argparse.Namespace, title: str, server: PageServer | None) -> It
 
     console = PlainConsole(stderr=True, quiet=args.quiet)
     in_terminal = console.is_terminal and not args.quiet
-    with LiveScreen(title, args.mute, console) if in_terminal else PlainLines(console) as screen:
+    with contextlib.ExitStack() as shown:
+        screen: View = shown.enter_context(LiveScreen(title, args.mute, console)) if in_terminal else PlainLines(console)
         if server is None:
             yield screen, None
             return
@@ -206,11 +207,7 @@ def files_left(folder: Path) -> str:
 
 def faults_of(guide: Guide) -> str:
     """Name every fault of the board and of its stream, with how often it came; empty without any."""
-    from session.bench.screen import FAULTS
-
-    health = guide.health
-    counts = {name: health.troubles[kind] for kind, name in FAULTS} | {"gaps": health.gaps}
-    words = [f"{count} {name}" for name, count in counts.items() if count]
+    words = [f"{count} {name}" for name, count in guide.health.faults.items() if count]
     words += [f"the board counted {name} {count}×" for name, count in guide.board_faults.items() if count]
     return ", ".join(words)
 

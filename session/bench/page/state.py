@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from session.base.rotation import angle_between, multiply_parts
+from session.base import rotation
 from session.base.texts import printable
 from session.base.units import DEG, NS
 from session.bench.guide import Guide, View
@@ -18,62 +18,39 @@ from session.bench.messages import AcceptedTurn, GuideMessage, Kind, Stage
 from session.bench.page.server import PageServer
 from session.log.samples import Samples, joined
 
-# Unit quaternions, scalar first, as plain numbers: NumPy is slow on four of them, and a resumed recording has millions.
+# Unit quaternions (4,), scalar first: ``session.base.rotation``.
 
-Quaternion = tuple[float, float, float, float]
-NONE: Quaternion = (1.0, 0.0, 0.0, 0.0)
+NONE = np.array([1.0, 0.0, 0.0, 0.0])
 UP = np.array([0.0, 0.0, 1.0])
+HEAD_OVER = np.array([0.0, 1.0, 0.0, 0.0])  #: z down, about a fixed axis
 
 
-def exp(x: float, y: float, z: float) -> Quaternion:
-    """Quaternion of a rotation vector, rad."""
-    angle = math.sqrt(x * x + y * y + z * z)
-    if angle < 1e-12:
-        return NONE
-    by = math.sin(angle / 2) / angle
-    return (math.cos(angle / 2), x * by, y * by, z * by)
-
-
-def normalised(q: Quaternion) -> Quaternion:
-    """Normalise to length one."""
-    length = math.sqrt(sum(part * part for part in q))
-    return (q[0] / length, q[1] / length, q[2] / length, q[3] / length)
-
-
-def rotated(q: Quaternion, vector: np.ndarray) -> np.ndarray:
+def rotated(q: np.ndarray, vector: np.ndarray) -> np.ndarray:
     """A body vector (3,) in the frame that q maps to."""
-    w, v = q[0], np.array(q[1:])
-    return vector + 2 * w * np.cross(v, vector) + 2 * np.cross(v, np.cross(v, vector))
+    return rotation.matrix(q) @ vector
 
 
-def inverse(q: Quaternion) -> Quaternion:
-    """The inverse of a unit quaternion."""
-    return (q[0], -q[1], -q[2], -q[3])
-
-
-def levelled(q: Quaternion, force: np.ndarray, part: float = 1.0) -> Quaternion:
+def levelled(q: np.ndarray, force: np.ndarray, part: float = 1.0) -> np.ndarray:
     """q, rotated by the shortest way, or a part of it, so that the specific force (3,) of a rest points up; the heading is kept."""
     up = rotated(q, force / max(float(np.linalg.norm(force)), 1e-9))
     axis, cosine = np.cross(up, UP), float(up @ UP)
     sine = float(np.linalg.norm(axis))
     if sine < 1e-9:
-        return q if cosine > 0 else normalised(multiply_parts((0.0, 1.0, 0.0, 0.0), q))
-    x, y, z = axis * part * math.atan2(sine, cosine) / sine
-    return normalised(multiply_parts(exp(x, y, z), q))
+        return q if cosine > 0 else rotation.multiply(HEAD_OVER, q)
+    return rotation.multiply(rotation.exp(axis * part * math.atan2(sine, cosine) / sine), q)
 
 
 # The board's attitude, for a picture: from gravity in rests, from the gyro in turns.
 
 STEP_S = 0.002  #: in which the rate is taken as constant: coning inside it stays below 0.01°
 SETTLES_S = 0.2  #: time constant of the change from gyro to gravity in a rest, which hides the noise of samples
-HEAD_OVER: Quaternion = (0.0, 1.0, 0.0, 0.0)  #: z down, about a fixed axis
 
 
 class Attitude:
     """The board's attitude."""
 
     def __init__(self) -> None:
-        self.q: Quaternion = NONE  #: board to a frame with z up, whose heading is that of the first sample
+        self.q = NONE  #: board to a frame with z up, whose heading is that of the first sample
         self.rate = np.zeros(3)  #: of the last samples, rad/s
         self.peak_rps = 0.0  #: largest component of it
         self.zero_rps: np.ndarray | None = None  #: the gyro's reading at rest, None before the first accepted still
@@ -102,13 +79,12 @@ class Attitude:
             self.q = levelled(self.q, force, 1 - float(np.exp(-max(gap_s, 0.0) / SETTLES_S)))
 
 
-def carried(q: Quaternion, rate: np.ndarray, dt_s: np.ndarray) -> Quaternion:
+def carried(q: np.ndarray, rate: np.ndarray, dt_s: np.ndarray) -> np.ndarray:
     """q, rotated by rates (N, 3) rad/s, each for dt_s (N,)."""
     steps = np.floor(np.cumsum(dt_s) / STEP_S)
     first = np.flatnonzero(np.diff(steps, prepend=-1.0))
-    for x, y, z in np.add.reduceat(rate * dt_s[:, None], first).tolist():
-        q = multiply_parts(q, exp(x, y, z))
-    return normalised(q)
+    moved = rotation.multiply(q, rotation.compose(rotation.exp(np.add.reduceat(rate * dt_s[:, None], first))))
+    return moved / np.linalg.norm(moved)
 
 
 def closure_deg(turn: AcceptedTurn) -> float:
@@ -116,8 +92,8 @@ def closure_deg(turn: AcceptedTurn) -> float:
     first, last = turn.segment.stills
     rate = np.asarray(turn.samples.gyro) - (first.gyro_mean + last.gyro_mean) / 2
     q = carried(levelled(NONE, first.accel_mean), (rate[1:] + rate[:-1]) / 2, turn.samples.dt_s)
-    expected, found = rotated(inverse(q), UP), last.accel_mean / np.linalg.norm(last.accel_mean)
-    return float(angle_between(expected, found) / DEG)
+    expected, found = rotated(rotation.conjugate(q), UP), last.accel_mean / np.linalg.norm(last.accel_mean)
+    return float(rotation.angle_between(expected, found) / DEG)
 
 
 # The page's events: ``pose`` many times a second, ``state`` as often as the screen is drawn.  Degrees, dps; never NaN.
@@ -136,7 +112,7 @@ def pose_of(attitude: Attitude, full_scale_dps: float, t_s: float) -> dict[str, 
     }
 
 
-def state_of(guide: Guide, still: Quaternion, said: Collection[tuple[int, str, float, str]], closure_deg: float | None) -> dict[str, Any]:
+def state_of(guide: Guide, still: np.ndarray, said: Collection[tuple[int, str, float, str]], closure_deg: float | None) -> dict[str, Any]:
     """The ``state`` event.  still: attitude in the last accepted still, where the requested movement begins; said: the last messages."""
     now, health, wait = guide.instruction, guide.health, guide.wait
     forces = [guide.taken.corrected(each.accel_mean) for each in guide.taken.stills[-MOST_STILLS:]]
@@ -169,7 +145,7 @@ def state_of(guide: Guide, still: Quaternion, said: Collection[tuple[int, str, f
     }
 
 
-def _target(guide: Guide, still: Quaternion) -> dict[str, Any] | None:
+def _target(guide: Guide, still: np.ndarray) -> dict[str, Any] | None:
     """The requested attitude, and the rotations to it, each about an axis of the frame with z up."""
     advice = guide.asked
     if guide.stage is not Stage.TURN or advice is None or not advice.movements:
@@ -179,11 +155,11 @@ def _target(guide: Guide, still: Quaternion) -> dict[str, Any] | None:
         axis = np.array(movement.axis)
         angle_deg, words = round(movement.angle_rad / DEG, 1), printable(movement.words)
         turns.append({"from": _rounded(q, 4), "axis": _rounded(rotated(q, axis), 4), "angle_deg": angle_deg, "words": words})
-        q = multiply_parts(q, exp(*(movement.angle_rad * axis).tolist()))
+        q = rotation.multiply(q, rotation.exp(movement.angle_rad * axis))
     return {"q": _rounded(q, 4), "turns": turns}
 
 
-def _rounded(numbers: Quaternion | np.ndarray, digits: int) -> list[float]:
+def _rounded(numbers: np.ndarray, digits: int) -> list[float]:
     return [round(float(number), digits) for number in numbers]
 
 

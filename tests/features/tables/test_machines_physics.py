@@ -250,6 +250,7 @@ def test_a_table_that_moves_unseen_is_stopped(table, silent_s, told):
 @pytest.mark.parametrize(("lies", "paused"), [((0, 1, 1, 1), True), ((0, 1, 1, 0, 1, 1), False)])
 def test_three_stills_in_a_row_that_contradict_the_machine_pause_the_recording(table, lies, paused):
     driver = Mock(trouble=None, fault="", busy=False, where=Where(np.zeros(2), False), table=SimpleNamespace(description=table))
+    driver.now_s = lambda: 0.0
     mover, stills, said = TableMover(driver, Mock()), [], []
     guide = MagicMock(stage=Stage.TURN, turning=True, taken=MagicMock(stills=stills, turns=[], own=None))
     guide.taken.corrected = lambda force: force

@@ -127,7 +127,7 @@ def test_what_apply_wrote_is_read_again_and_calibrated_once(folder, tmp_path, ca
     (tmp_path / "old.csv").write_text(f"{header}\n# calibrated=gyro,accel\n{rows}")  # as files of earlier versions say it
     capsys.readouterr()
     for log in (again / "log0001.csv", tmp_path / "old.csv"):
-        assert applied(path, log, "-o", tmp_path / "twice.csv", *scales) == 2
+        assert applied(path, log, "-o", tmp_path / "twice.csv") == 2
         assert capsys.readouterr().err.count("\n") == 1
         assert not (tmp_path / "twice.csv").exists()
     assert applied(path, folder / "log0001.csv", "-o", folder / "log0002.csv") == 0
@@ -160,13 +160,15 @@ def test_a_folder_stands_for_the_model_that_its_fit_recommends(folder, tmp_path,
         (["model.json", "session/log0001.csv", "-o", "session/log0001.csv", "--force"], "that this command reads"),
         (["model.json", "session/log0001.csv", "-o", "torn.csv"], "exists"),
         (["model.json", "rates.csv", "-o", "out.csv"], "lacks the accelerometer"),
-        (["model.json", "torn.csv", "-o", "out.csv", "--gyro-fs", "500", "--accel-fs", "4"], "line 300"),
+        (["model.json", "torn.csv", "-o", "out.csv", "--session", "session"], "line 300"),
+        (["model.json", "phone.csv", "-o", "out.csv"], "import phone.csv` reads another program's log"),
         *(([f"bad{n}.json", "session/log0001.csv", "-o", "out.csv"], "accelerometer") for n in range(2)),
     ],
 )
 def test_bad_input_gets_one_line_and_leaves_no_output(arguments, words, folder, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "rates.csv").write_text("Time,G_x [mdps],G_y [mdps],G_z [mdps]\n" + "".join(f"{i / 100},1,2,3\n" for i in range(500)))
+    for name, header in (("rates.csv", "t_s,gx_dps,gy_dps,gz_dps"), ("phone.csv", "Time,G_x [mdps],G_y [mdps],G_z [mdps]")):
+        (tmp_path / name).write_text(f"{header}\n" + "".join(f"{i / 100},1,2,3\n" for i in range(500)))
     torn = (folder / "log0001.csv").read_text().split("\n")
     torn[299] = "1,2"
     (tmp_path / "torn.csv").write_text("\n".join(torn))

@@ -28,7 +28,7 @@ POINTS = {
     "fit of a folder": "function(args) -> Done | None: fits a folder that is no session of one sensor",
     "explanation of a folder": "function(args) -> exit code | None: explains such a folder",
     "check of a recording": "function(session or folder, clock, further) -> list of Finding | None: checks what is no session",
-    "use of a model": "function(model, log, out, answers, which, unit, session, progress) -> applied | None: ``apply`` of its model",
+    "use of a model": "function(model, log, out, which, unit, session, progress) -> applied | None: ``apply`` of its model",
     "import of logs": "function(paths, out, answers, columns, more) -> Converted | None: makes another folder of logs; more: its options",
     "simulation": "function(args, options, chosen) -> exit code | None: simulates something else than a session",
     "options of a fit": "record of options: further fields of FitOptions, and options of the commands that fit",

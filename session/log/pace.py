@@ -8,6 +8,8 @@ import numpy as np
 
 from session.base.units import NS
 
+#: data rates of session.toml: any sensor's, with room
+SLOWEST_HZ, FASTEST_HZ = 0.1, 50_000.0
 GAP_PERIODS = 2.5  #: a longer step between two stamps is a gap
 ROUNDS = 20  #: of counting, for a period that the counts confirm; two are usual
 #: long steps come evenly where a clock is coarse, and by chance where samples are lost: variance of a window's span, in periods,

@@ -17,7 +17,7 @@ from session.base.units import NS_PER_S
 from session.log.config import Sensor
 from session.log.reader import Reader
 from session.log.samples import Samples
-from session.log.stamps import counted, fresh
+from session.log.stamps import fresh
 from session.log.thermometer import NO_GRID, Grid, Sound, grid_with
 
 #: a block is a second, or so many samples where a second holds fewer: the scatter within it must mean something
@@ -79,14 +79,13 @@ class RestLog:
         return replace(self, **{name: getattr(self, name)[which] for name in names})
 
 
-def read_rest(path: Path, sensor: Sensor, watch: Watch = lambda samples: None, reader: Reader | None = None) -> RestLog:
+def read_rest(path: Path, sensor: Sensor, watch: Watch = lambda samples: None) -> RestLog:
     """Read one rest log; ``watch`` is called with each piece of samples (SI), so that nothing is read twice.
 
-    reader: of a log of another program, which holds a gyroscope and an accelerometer; without stamps its samples are
-    counted at ``sensor.odr_hz``.  Raises FormatError (what cannot be read: line and column are named) or DataError (too short to mean
+    Raises FormatError (what cannot be read: line and column are named) or DataError (too short to mean
     anything).
     """
-    reader = reader or Reader(path)
+    reader = Reader(path)
     blocks = BlockMeans(max(REST_BLOCK_S, BLOCK_SAMPLES / sensor.odr_hz))
     repeated, steps_s, has_temperature, sound = 0, [], False, Sound()
     for samples, left_out in _pieces(reader, sensor, sound):
@@ -119,17 +118,15 @@ def read_rest(path: Path, sensor: Sensor, watch: Watch = lambda samples: None, r
 
 def _pieces(reader: Reader, sensor: Sensor, sound: Sound) -> Iterator[tuple[Samples, int]]:
     """Samples in SI, and how many rows of each piece repeated a stamp."""
-    layout, last, count = reader.layout, None, 0
+    layout, last = reader.layout, None
     units = sensor.register_units
     try:
         gyro_si, accel_si = layout.gyro_si(units), layout.accel_si(units)
     except FormatError as error:
         raise FormatError(f"{reader.path.name} holds registers: {error}") from None
     for rows in reader.pieces():
-        assert rows.gyro is not None  # a log without one of these two was refused
-        assert rows.accel is not None
-        t_ns = counted(len(rows.gyro), sensor.odr_hz, count) if rows.t_ns is None else rows.t_ns
-        count += len(t_ns)
+        t_ns = rows.t_ns
+        assert t_ns is not None and rows.gyro is not None and rows.accel is not None  # noqa: PT018  # a standard log has them
         kept = fresh(t_ns) if last is None else np.diff(t_ns, prepend=last) > 0
         last = t_ns[-1]
         temp = None if rows.temp is None else sound(layout.temperature_c(rows.temp, units))

@@ -23,7 +23,7 @@ from session.detect.findings import Finding
 from session.detect.first_look import check_folder
 from session.log.config import Sensor, read_config
 from session.log.logfile import CALIBRATED, read_log
-from session.log.pace import pace_of
+from session.log.pace import FASTEST_HZ, SLOWEST_HZ, pace_of
 from session.log.registers import profile_of, require_registers
 from session.log.stamps import fresh
 from session.log.standard import flags_of
@@ -49,8 +49,6 @@ from session.replay.took import said_took
 US_NS = 1000
 #: key of session.toml
 EVEN_SIGMA = "even_sigma_ppm"
-#: the data rates of session.toml (docs/formats.md): any sensor's, with room
-SLOWEST_HZ, FASTEST_HZ = 0.1, 50_000.0
 
 
 @dataclass(frozen=True)

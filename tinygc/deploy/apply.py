@@ -8,7 +8,7 @@ import itertools
 import sys
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
@@ -24,11 +24,9 @@ from session.log.config import Accelerometer
 from session.log.lines import PIECE_BYTES, STANDARD
 from session.log.logfile import CALIBRATED, number_in, refuse_calibrated
 from session.log.pace import pace_of
-from session.log.registers import DEFAULT, RegisterUnits, require_registers
-from session.log.stamps import counted
+from session.log.reader import Reader
+from session.log.registers import DEFAULT, RegisterUnits
 from session.log.standard import flags_of
-from session.replay.dialects import Answers
-from session.replay.tables import TableReader
 from tinygc import models
 from tinygc.deploy.calibration import Calibration, Stream, Surroundings, began_in_session, surroundings
 
@@ -91,7 +89,6 @@ def apply_model(
     model_path: Path,
     log: Path,
     out: Path,
-    answers: Answers,
     session: Path | None = None,
     unit: str = "rps",
     progress: Progress | None = None,
@@ -107,28 +104,18 @@ def apply_model(
     """
     model, table = models.load_with_table(model_path) if table is None else (models.from_dict(table, str(model_path)), table)
     began_s = None if model.session_s is None else began_in_session(model, table, model_path, log)
-    reader = TableReader(log, answers)
-    if reader.layout.gyro is None:
-        raise FormatError(f"{log.name} holds no gyroscope")
-    refuse_calibrated(reader.comments, log.name)
     known = surroundings(table, model_path, log, session)
-    answers = replace(
-        answers,
-        gyro_fs_dps=answers.gyro_fs_dps or number_in(reader.comments, "gyro_fs_dps") or known.sensor.gyro_fs_dps,
-        accel_fs_g=answers.accel_fs_g or number_in(reader.comments, "accel_fs_g") or known.sensor.accel_fs_g,
-        sensor=answers.sensor or reader.comments.get("sensor") or known.sensor.model,
-    )
-    source = LogSource(reader, answers, known)
-    pieces, rate_hz, notes = source.pieces(), None, []
-    if not answers.sensor and any(unit.si is None for _, _, unit in reader.layout.kinds):
+    source = LogSource(log, known)
+    reader, pieces, rate_hz, notes = source.reader, source.pieces(), None, []
+    if not source.model and any(unit.si is None for _, _, unit in reader.layout.kinds):
         notes.append(ASSUMED)
     if model.made_for_hz or Calibration(model, 1.0).uses_rate:
         first = next(pieces, None)
         if first is None:
             raise _no_samples(log)
-        if not answers.odr_hz and not (np.diff(first.t_ns) > 0).any():
-            raise DataError("the log's stamps do not say its data rate, which the model needs; give --odr HZ")
-        rate_hz = answers.odr_hz or pace_of(first.t_ns).rate_hz
+        if not (np.diff(first.t_ns) > 0).any():
+            raise DataError("the log's stamps do not say its data rate, which the model needs; import counts samples at a rate: --odr HZ")
+        rate_hz = pace_of(first.t_ns).rate_hz
         pieces = itertools.chain([first], pieces)
         made_for = model.made_for_hz
         if made_for and abs(rate_hz / made_for - 1) > RATE_WITHIN:
@@ -165,36 +152,37 @@ class Applicable:
 
 
 class LogSource:
-    """Pieces of a log in SI: time stamps, measured rate, calibrated force, temperature."""
+    """Pieces of a standard log in SI: time stamps, measured rate, calibrated force, temperature."""
 
-    def __init__(self, reader: TableReader, answers: Answers, known: Surroundings):
-        self.reader, self.layout = reader, reader.layout
-        self._odr_hz, self._accelerometer = answers.odr_hz, known.accelerometer or Accelerometer(source="none")
-        # The units of the log's registers. Raises FormatError where the log has registers and their full scale is unknown.
-        for kind, full_scale, option in (("gyro", answers.gyro_fs_dps, "--gyro-fs"), ("accel", answers.accel_fs_g, "--accel-fs")):
-            if (triad := getattr(reader.layout, kind)) is not None and triad.unit.si is None and full_scale is None:
-                raise FormatError(f"{reader.path.name} holds registers and does not say the full scale; give {option}, or --session DIR")
-        own = known.sensor.own_units if answers.sensor == known.sensor.model else {}
-        self._units = RegisterUnits(answers.sensor or DEFAULT, answers.gyro_fs_dps, answers.accel_fs_g, **own)
+    def __init__(self, log: Path, known: Surroundings, gyro_alone: bool = True):
+        """The log's comments say its full scales and its sensor (``model``), or what surrounds it does; gyro_alone: whether it may lack an
+        accelerometer.
+
+        Raises FormatError for a log that is calibrated already, and for registers whose full scale nobody says.
+        """
+        self.reader = Reader(log, gyro_alone)
+        self.layout, comments, sensor = self.reader.layout, self.reader.comments, known.sensor
+        refuse_calibrated(comments, log.name)
+        self._accelerometer = known.accelerometer or Accelerometer(source="none")
+        self.model = comments.get("sensor") or sensor.model
+        gyro_fs_dps = number_in(comments, "gyro_fs_dps") or sensor.gyro_fs_dps
+        accel_fs_g = number_in(comments, "accel_fs_g") or sensor.accel_fs_g
+        for triad, full_scale, key in ((self.layout.gyro, gyro_fs_dps, "gyro_fs_dps"), (self.layout.accel, accel_fs_g, "accel_fs_g")):
+            if triad is not None and triad.unit.si is None and full_scale is None:
+                raise FormatError(f"{log.name} holds registers and does not say the full scale (# {key}=…); give --session DIR")
+        own = sensor.own_units if self.model == sensor.model else {}
+        self._units = RegisterUnits(self.model or DEFAULT, gyro_fs_dps, accel_fs_g, **own)
         self._gyro = self.layout.gyro_si(self._units)
         self._accel = 1.0 if self.layout.accel is None else self.layout.accel_si(self._units)
 
     def pieces(self, size: int = PIECE_BYTES) -> Iterator[Applicable]:
         """Yield the log's pieces of some ``size`` bytes in SI."""
-        first = 0
         for piece in self.reader.pieces(size):
-            assert piece.gyro is not None  # a log without rates was refused
-            stamps = piece.t_ns
-            if stamps is None:
-                assert self._odr_hz is not None  # otherwise the reader has raised an error
-                stamps = counted(first + len(piece.gyro), self._odr_hz)[first:]
-            first += len(piece.gyro)
-            for triad, values in ((self.layout.gyro, piece.gyro), (self.layout.accel, piece.accel)):
-                if triad is not None and triad.unit.si is None and values is not None:
-                    require_registers(values, f"{self.reader.path.name}: ")
+            assert piece.gyro is not None  # a standard log has rates and stamps
+            assert piece.t_ns is not None
             temp = None if piece.temp is None else self.layout.temperature_c(piece.temp, self._units)
             force = None if piece.accel is None else self._accelerometer.correct(piece.accel * self._accel)
-            yield Applicable(stamps, piece.gyro * self._gyro, force, temp)
+            yield Applicable(piece.t_ns, piece.gyro * self._gyro, force, temp)
 
     @property
     def calibrated(self) -> tuple[str, ...]:

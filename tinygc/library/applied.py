@@ -12,14 +12,13 @@ from session.base import features
 from session.base.errors import CalibrationError
 from session.log.logfile import Log, refuse_calibrated
 from session.log.samples import Samples
-from session.replay.dialects import Answers
 from tinygc.deploy.apply import Applied, apply_model, model_of
 from tinygc.deploy.calibration import Calibration
-from tinygc.library.arguments import Progress, answers_of, column_unit, is_fit, nothing, public
+from tinygc.library.arguments import Progress, column_unit, is_fit, nothing, public
 from tinygc.models.files import load_with_table
 
 
-@public(Answers)
+@public()
 def apply(
     model: Any,
     data: Any,
@@ -31,7 +30,6 @@ def apply(
     session: Path | str | None = None,
     which: str | None = None,
     progress: Progress | None = None,
-    **choices: Any,
 ) -> Any:
     """Calibrate the rates and the specific force of a log.
 
@@ -40,7 +38,7 @@ def apply(
     model : Calibration, Fit, str or Path
         A calibration, a model file, or the folder of a session: the model that its fit recommends.
     data : array_like, Log, str or Path
-        Measured rates (N, 3); a session's log; or a log file that ``import`` reads, with ``out``.
+        Measured rates (N, 3); a session's log; or a standard log's file, with ``out``.
     out : str or Path, optional
         The log to write, .csv or .csv.gz, of a log file.
     acc, temp : array_like, optional
@@ -53,8 +51,6 @@ def apply(
         Of an array's folder with several logs: ``log0002``.
     progress : callable, optional
         Called with the current step's description, the number of steps done and the number of all steps.
-    **choices
-        What a log file does not tell: ``sensor``, ``odr_hz``, ``gyro_fs_dps``, ``accel_fs_g``, ``time_unit``, ``columns``, ….
 
     Returns
     -------
@@ -77,9 +73,9 @@ def apply(
 
     """
     if isinstance(data, str | os.PathLike):
-        return _apply_to_file(model, Path(data), out, unit, session, which, progress, answers_of(choices))
-    if out is not None or session is not None or which is not None or choices:
-        given = [name for name, value in {"out": out, "session": session, "which": which, **choices}.items() if value is not None]
+        return _apply_to_file(model, Path(data), out, unit, session, which, progress)
+    given = [name for name, value in {"out": out, "session": session, "which": which}.items() if value is not None]
+    if given:
         raise CalibrationError(f"apply: {', '.join(given)} goes with a log file, and data is a {type(data).__name__}; leave it out")
     calibration = _calibration(model)
     if not isinstance(data, Log):
@@ -122,7 +118,6 @@ def _apply_to_file(
     session: Path | str | None,
     which: str | None,
     progress: Progress | None,
-    answers: Answers,
 ) -> Any:
     if out is None:
         raise CalibrationError(f"apply: {log} is a file; give out=, the log to write")
@@ -133,13 +128,13 @@ def _apply_to_file(
             raise CalibrationError(f"{out}: is what is read, and nothing is written over it; give out another path")
     around = None if session is None else Path(session)
     how: dict[str, Any] = {"which": which, "unit": column_unit(unit), "session": around, "progress": progress or nothing}
-    if table is None and (fused := features.first("use of a model", path, log, Path(out), answers, **how)) is not None:
+    if table is None and (fused := features.first("use of a model", path, log, Path(out), **how)) is not None:
         return fused
     if log.is_dir():
         raise CalibrationError(f"{log}: cannot be read (it is a folder, expected a log); an array's folder goes with an array's model")
     if which:
         raise CalibrationError("--which goes with an array's model and the array's folder")
-    done: Applied = apply_model(path, log, Path(out), answers, around, how["unit"], progress, table)
+    done: Applied = apply_model(path, log, Path(out), around, how["unit"], progress, table)
     return done
 
 

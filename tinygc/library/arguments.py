@@ -20,7 +20,6 @@ from session.base.options import keywords as keywords_of
 from session.base.units import DEG
 from session.log.arrays import si_of
 from session.log.folder import Session
-from session.replay.dialects import Answers
 
 #: progress callback: current step's description, steps done, steps in all
 Progress = Callable[[str, int, int], None]
@@ -130,32 +129,6 @@ def column_unit(unit: str) -> str:
     if si not in (1.0, DEG):
         raise DataError(f"unit is {unit!r}, and a log has rad/s or dps; give one of these")
     return "dps" if si == DEG else "rps"
-
-
-#: of an answer that is no number: an example of it; of the others, which are words, none is needed
-EXAMPLES = {
-    "time_unit": "'us'",
-    "gyro_unit": "'dps'",
-    "accel_unit": "'g'",
-    "columns": "'t_us=time,gx_dps=wx,…'",
-    "gyro_axes": "'y,-x,z'",
-    "accel_axes": "'y,-x,z'",
-    "rows": "'IMU' or '7'",
-    "where": "'id=0'",
-    "lines": "'1-2991'",
-    "packed": "'st'",
-}
-
-
-def answers_of(choices: Mapping[str, Any]) -> Answers:
-    """Return what a log does not tell, checked; DataError for a full scale or rate that is no number above 0, and for other than text."""
-    for name, value in choices.items():
-        number = name in ("odr_hz", "gyro_fs_dps", "accel_fs_g")
-        fine = is_number(value) and value > 0 if number else isinstance(value, bool if name == "even" else str)
-        if value is not None and not fine:
-            expected = "a number above 0" if number else f"text, as {EXAMPLES[name]}" if name in EXAMPLES else "text"
-            raise DataError(f"{name} is {value!r:.60}, expected {expected}")
-    return Answers(**{name: value for name, value in choices.items() if value is not None})
 
 
 def nothing(what: str, done: int, of: int) -> None:

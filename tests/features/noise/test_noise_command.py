@@ -105,7 +105,6 @@ def test_of_a_session_the_files_go_beside_its_fit_and_hold_the_noise_that_went_i
         ("curve.csv", "curve.csv: its first column is an averaging time, as of an Allan curve, and no log; run `"),
         ("curve.csv a.csv", "noise --curve curve.csv`"),
         ("--curve b.csv", "b.csv"),
-        ("a.csv --like nothing", "--like is 'nothing'"),
     ],
 )
 def test_what_is_refused_in_one_line(words, says, run, tmp_path, monkeypatch):

@@ -1,16 +1,15 @@
 """What lies at rest in the inputs of ``noise``: every reading at rest comes once, in SI, whatever the file; what is no rest is refused."""
 
 import shutil
-import zipfile
 
 import numpy as np
 import pytest
 from conftest import DEG, SESSION_TOML, Table, write_session
 
+import tinygc
 from session.base.errors import CalibrationError
 from session.base.units import G
 from session.log.samples import Samples, joined
-from session.replay.dialects import Answers
 from tinygc.features.noise import inputs
 from tinygc.features.noise.inputs import read_inputs
 
@@ -34,8 +33,8 @@ def kept(monkeypatch):
     monkeypatch.setattr(inputs, "RestSums", Kept)
 
 
-def read(*given, **told):
-    return read_inputs(given, Answers(**told))
+def read(*given):
+    return read_inputs(given)
 
 
 def rest(seconds: float = 20.0, seed: int = 0, **more) -> Samples:
@@ -76,7 +75,7 @@ def test_a_session_gives_its_rest_logs_whole_and_the_stills_of_its_log(tmp_path)
 
 
 def test_a_text_log_comes_in_pieces_and_each_reading_once(tmp_path, monkeypatch):
-    monkeypatch.setattr(inputs.TableReader.pieces, "__defaults__", (2000,))
+    monkeypatch.setattr(inputs.Reader.pieces, "__defaults__", (2000,))
     still = rest(registers=False)
     found = read(written(tmp_path / "phone.csv", still))
     (sums,) = found.sums
@@ -95,28 +94,16 @@ def test_stamps_coarser_than_the_samples_lose_none(tmp_path):
     assert any("share a stamp" in remark for remark in found.remarks)
 
 
-def test_arrays_in_a_file_with_a_rate_need_no_option(tmp_path):
-    still = rest(registers=False, odr_hz=100.0)
-    np.savez(tmp_path / "unit.npz", gyro_dps=still.gyro / DEG, accel_g=still.accel / G, rate_hz=100.0)
-    (sums,) = read(tmp_path / "unit.npz").sums
-    assert_same(sums.samples, still)
-    assert sums.rate_hz == 100.0
-
-
-def test_a_telephones_two_files_are_one_log(tmp_path):
+def test_a_gyroscope_alone_and_a_log_of_a_session_that_lies_still_are_rests(tmp_path):
     still = rest(registers=False)
-    rows = np.column_stack([still.t_ns * 1e-9, still.gyro / DEG, still.accel / G])
-    np.savetxt(tmp_path / "gyro.csv", rows[:, :4], fmt="%.9f", delimiter=",", header="t_s,gx_dps,gy_dps,gz_dps", comments="")
-    np.savetxt(tmp_path / "accel.csv", rows[:, [0, 4, 5, 6]], fmt="%.9f", delimiter=",", header="t_s,ax_g,ay_g,az_g", comments="")
-    with zipfile.ZipFile(tmp_path / "export.zip", "w") as archive:
-        for name in ("gyro.csv", "accel.csv"):
-            archive.write(tmp_path / name, name)
-    for given in ([tmp_path / "gyro.csv", tmp_path / "accel.csv"], [tmp_path / "export.zip"]):
-        (sums,) = read(*given).sums
-        assert_same(sums.samples, still)
+    rows = np.column_stack([still.t_ns * 1e-9, still.gyro / DEG])
+    np.savetxt(tmp_path / "gyro.csv", rows, fmt="%.9f", delimiter=",", header="t_s,gx_dps,gy_dps,gz_dps", comments="")
     (alone,) = read(tmp_path / "gyro.csv").sums
     assert np.isnan(alone.samples.accel).all()
     assert alone.samples.gyro == pytest.approx(still.gyro, abs=1e-7)
+    tinygc.import_log(written(tmp_path / "phone.csv", still), tmp_path / "made")
+    (sums,) = read(tmp_path / "made").sums
+    assert_same(sums.samples, still)
 
 
 def test_of_a_log_that_moves_the_stills_are_taken(tmp_path):
@@ -145,9 +132,9 @@ def test_what_turns_throughout_is_refused_in_one_line(plan, tmp_path):
 # What is refused
 
 
-def refused(*given, **told) -> str:
+def refused(*given) -> str:
     with pytest.raises(CalibrationError) as error:
-        read(*given, **told)
+        read(*given)
     assert "\n" not in str(error.value)
     return str(error.value)
 
@@ -165,7 +152,7 @@ def test_two_units_and_two_data_rates_are_refused(change, more, says, tmp_path):
     write_session(tmp_path / "b", rest(seed=1, **more), "rest0002.csv", SESSION_TOML.replace(*change))
     assert says in refused(tmp_path / "a", tmp_path / "b")
     with pytest.raises(CalibrationError, match="the serial number is 42, and you say 7; give the logs of one unit"):
-        read_inputs([tmp_path / "a"], Answers(), serial="7")
+        read_inputs([tmp_path / "a"], serial="7")
 
 
 def test_two_clocks_are_one_rate_and_logs_of_one_name_are_told_by_their_folders(tmp_path):
@@ -181,7 +168,8 @@ def test_units_and_files_that_cannot_be(tmp_path):
     still = rest(registers=False)
     doubled = Samples(still.t_ns, still.gyro, 2 * still.accel)
     assert "1.998 g at rest" in refused(written(tmp_path / "doubled.csv", doubled))
-    assert "--gyro-unit" in refused(written(tmp_path / "asked.csv", still, "t_s,gx,gy,gz,ax_g,ay_g,az_g"))
+    phone = written(tmp_path / "phone.csv", still, "t_s,wx,wy,wz,fx,fy,fz")
+    assert f"import {phone}` reads another program's log" in refused(phone)
     (tmp_path / "empty").mkdir()
     assert "it holds no log" in refused(tmp_path / "empty")
     (tmp_path / "bytes.csv").write_bytes(bytes(range(256)) * 40)
@@ -190,6 +178,8 @@ def test_units_and_files_that_cannot_be(tmp_path):
     write_session(tmp_path / "none", still).joinpath("log0001.csv").unlink()
     assert "neither a rest log nor a log" in refused(tmp_path / "none")
     write_session(tmp_path / "other", still)
-    assert "leave --sensor out" in refused(tmp_path / "other", sensor="MPU-9250")
-    write_session(tmp_path / "alone", still, toml=SESSION_TOML + '[protocol]\nreference = "turns"\n')
-    assert "a gyroscope alone" in refused(tmp_path / "alone")
+    with pytest.raises(CalibrationError, match="the sensor is ASM330LHH, and you say MPU-9250"):
+        read_inputs([tmp_path / "other"], "MPU-9250")
+    moved = Table().tumble(4, rest_s=3.0, seed=2).samples()
+    write_session(tmp_path / "alone", moved, toml=SESSION_TOML + '[protocol]\nreference = "turns"\n')
+    assert "gravity shows no still" in refused(tmp_path / "alone" / "log0001.csv")

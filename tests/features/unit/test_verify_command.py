@@ -15,6 +15,7 @@ import tinygc
 from session.base.errors import DataError
 from session.base.units import DEG, G
 from session.log.folder import input_hashes
+from session.log.written import toml_text
 from tinygc import SimulationOptions, models
 from tinygc.library.simulations import Simulated
 from tinygc.models.linear import LinearModel
@@ -40,16 +41,18 @@ def write(path, vector, config, **more):
     return path
 
 
-def rest_log(path, session, shift=0.0, seconds=30):
-    """A rest of the first still's readings, as CSV."""
+def rest_log(folder, session, shift=0.0, seconds=30):
+    """A session of one log, a rest of the first still's readings."""
     samples, rng = session.logs[0].samples, np.random.default_rng(1)
     rows = rng.integers(0, 90, int(seconds * 62.5))
     gyro, accel = samples.gyro[rows] / DEG + shift, samples.accel[rows] / G
     gyro += 1e-3 * rng.normal(size=gyro.shape) * (np.ptp(gyro, axis=0) > 0)  # no reading twice, but of an axis that is stuck
     lines = ["t_s,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g"]
     lines += [f"{k / 62.5:.6f}," + ",".join(f"{v:.7f}" for v in (*g, *a)) for k, (g, a) in enumerate(zip(gyro, accel, strict=True))]
-    path.write_text("\n".join(lines) + "\n")
-    return path
+    folder.mkdir()
+    (folder / "session.toml").write_text(toml_text(session.config))
+    (folder / "log0001.csv").write_text("\n".join(lines) + "\n")
+    return folder / "log0001.csv"
 
 
 #: noise of the old fit, as fit.json holds it
@@ -144,8 +147,8 @@ def test_what_changed_in_e_is_named_and_b_anew_is_not_written(model, unit, tmp_p
 )
 def test_verify_and_watch_say_the_same_of_a_rest(model, today, run, tmp_path, shift, code, words):
     """Within the noise; as a switch-on may move it, and more than a minute bears; beyond any switch-on, by more than a turn in a minute."""
-    log = rest_log(tmp_path / "rest.csv", today, shift=shift)
-    said = [run(command, model, log)[:2] for command in ("verify", "watch")]
+    log = rest_log(tmp_path / "rest", today, shift=shift)
+    said = [run("verify", model, log.parent)[:2], run("watch", model, log)[:2]]
     assert [code for code, _ in said] == [code, code]
     assert [each for each in words if each not in said[0][1]] == []
     costs = [float(re.search(r"(?:costs?|attitude by) ([\d.]+)°", " ".join(out.splitlines())).group(1)) for _, out in said]
@@ -157,6 +160,7 @@ def test_verify_and_watch_say_the_same_of_a_rest(model, today, run, tmp_path, sh
     [
         (("missing.json", "TODAY"), "cannot be read"),
         (("MODEL", "missing"), "not found"),
+        (("MODEL", "MODEL"), "no session folder; `"),
         (("TODAY", "TODAY"), "run `"),
         (("MODEL", "TODAY", "--write", "MODEL"), "model.json"),
         (("MODEL", "TODAY", "--false-alarm", "0"), "--false-alarm"),
@@ -187,23 +191,24 @@ def test_a_minute_at_rest_refuses_what_the_first_look_refuses(model, today, tmp_
     (log,) = today.logs
     samples = replace(log.samples, gyro=log.samples.gyro * np.array([1, axis, 1]), accel=log.samples.accel * factor)
     with pytest.raises(DataError, match=says):
-        tinygc.verify(model, rest_log(tmp_path / "rest.csv", replace(today, logs=(replace(log, samples=samples),))))
+        tinygc.verify(model, rest_log(tmp_path / "rest", replace(today, logs=(replace(log, samples=samples),))).parent)
 
 
-def rests_with(path, session, jump_dps):
+def rests_with(folder, session, jump_dps):
     """Six rests of 8 s in one attitude, moved to and fro between them; the zero jumps after the third."""
-    lines = rest_log(path, session, seconds=60).read_text().splitlines()
+    path = rest_log(folder, session, seconds=60)
+    lines = path.read_text().splitlines()
     for number, line in enumerate(lines[1:]):
         t, *rates, ax, ay, az = line.split(",")
         moved = jump_dps if number >= 30 * 62.5 else 0.0
         knock = 2.0 * np.sin(2 * np.pi * (number % 625) / 125) if number >= 625 and number % 625 < 125 else 0.0
         lines[1 + number] = ",".join([t, *(f"{float(rate) + moved + knock:.7f}" for rate in rates), ax, ay, az])
     path.write_text("\n".join(lines) + "\n")
-    return path
+    return folder
 
 
 def test_a_jump_between_rests_is_seen_and_knocks_are_no_turns(model, today, tmp_path):
-    found = tinygc.verify(model, rests_with(tmp_path / "rests.csv", today, jump_dps=0.1))
+    found = tinygc.verify(model, rests_with(tmp_path / "rests", today, jump_dps=0.1))
     noise = {question.name: question for question in found.result.questions}["noise"]
     assert (found.result.rows.turns, found.result.rows.stills, noise.rank, noise.holds) == (0, 6, 15, False)
     assert (found.result.diagnosis.best.names, found.answer) == (("step",), "does not hold")

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from session.base.options import log_written, path_read
 from tinygc.cli.arguments import STANDARD, filled, is_standard_output
-from tinygc.cli.options import add_log_options, answers_of
 from tinygc.cli.results import beside_log, write_json
 
 SUMMARY = "calibrate the rates and the specific force of a log"
@@ -18,7 +17,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     command.add_argument("model", type=path_read, help="model file, or the folder of a session: the model that its fit recommends")
     command.add_argument(
-        "log", type=path_read, help="a text log that import reads; -: standard input; of an array's model the array's folder"
+        "log", type=path_read, help="a standard log, as in a session folder; -: standard input; of an array's model the array's folder"
     )
     command.add_argument(
         "-o", "--out", type=log_written, required=True, metavar="CSV", help="to write (.csv or .csv.gz); -: standard output"
@@ -31,7 +30,6 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
         help="where session.toml is (beside the log); its [accelerometer] then holds, not the model's",
     )
     command.add_argument("--which", type=filled, metavar="LOG", help="of an array's folder with several logs: log0002")
-    add_log_options(command)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -46,10 +44,9 @@ def run(args: argparse.Namespace) -> int:
     out = Path(STANDARD) if to_stdout else args.out
     if not to_stdout and out.is_file() and not args.force:
         raise CalibrationError(f"{args.out}: exists; give -o another file, or --force")
-    answers = vars(answers_of(args))
     try:
         with progress_bar(args.quiet) as progress:
-            done = apply(args.model, args.log, out, unit=args.unit, session=args.session, which=args.which, progress=progress, **answers)
+            done = apply(args.model, args.log, out, unit=args.unit, session=args.session, which=args.which, progress=progress)
     except BrokenPipeError:  # whoever read the log has enough of it, and nothing else was asked for
         return 0
     beside_log(args, [done.line, *(f"  {note}" for note in done.notes)], to_stdout)

@@ -13,9 +13,6 @@ from session.base.errors import DataError, FormatError
 from session.base.numeric import decimal_rows
 from session.base.units import DEG, NS
 from session.log.folder import sha256_of
-from session.log.logfile import already_calibrated
-from session.replay.dialects import Answers
-from session.replay.tables import TableReader
 from tinygc.deploy.apply import DECIMALS, Applicable, LogSource, columns_of, opened
 from tinygc.deploy.calibration import Surroundings
 from tinygc.features.arrays.clocks import UnitClock
@@ -44,27 +41,17 @@ class Moments:
 class UnitLog:
     """One unit's log in SI, read piece by piece and resampled at any times."""
 
-    def __init__(self, unit: FusedUnit, clock: UnitClock | None, path: Path, answers: Answers):
-        """clock is None for a unit with an unknown clock, which then contributes nothing; answers: the user's description of all logs.
+    def __init__(self, unit: FusedUnit, clock: UnitClock | None, path: Path):
+        """clock is None for a unit with an unknown clock, which then contributes nothing.
 
         Raises FormatError for a file that is no gyroscope log, or is calibrated already.
         """
-        self.unit, self.clock, self.reader = unit, clock, TableReader(path, answers)
-        if self.reader.layout.gyro is None:
-            raise FormatError(f"{path.name} holds no gyroscope")
-        if already_calibrated(self.reader.comments) is not None:
-            raise FormatError(f"{path.name} is calibrated already: give the array's folder with the logs as they were recorded")
-        self.has_force = clock is not None and self.reader.layout.accel is not None and unit.accelerometer is not None
         sensor = unit.sensor
         known = KnownSensor() if sensor is None else KnownSensor(sensor.gyro_fs_dps, sensor.accel_fs_g, sensor.model, sensor.own_units)
-        answers = replace(
-            answers,
-            gyro_fs_dps=answers.gyro_fs_dps or known.gyro_fs_dps,
-            accel_fs_g=answers.accel_fs_g or known.accel_fs_g,
-            sensor=answers.sensor or known.model,
-        )
-        around = Surroundings(known, unit.accelerometer, "none" if unit.accelerometer is None else "model", "")
-        self._pieces = LogSource(self.reader, answers, around).pieces()
+        source = LogSource(path, Surroundings(known, unit.accelerometer, "none" if unit.accelerometer is None else "model", ""))
+        self.unit, self.clock, self.reader = unit, clock, source.reader
+        self.has_force = clock is not None and source.layout.accel is not None and unit.accelerometer is not None
+        self._pieces = source.pieces()
         self._resampler, self._ended = Resampler(6), False
 
     def pieces(self) -> Iterator[Applicable]:
@@ -99,12 +86,12 @@ def as_six(piece: Applicable, with_force: bool) -> np.ndarray:
 class ArrayLogs:
     """All units of one log; ``moments()`` reads them once in bounded memory, one piece of each unit's file at a time."""
 
-    def __init__(self, model: ArrayModel, clocks: dict[int, UnitClock], paths: dict[int, Path], answers: Answers):
+    def __init__(self, model: ArrayModel, clocks: dict[int, UnitClock], paths: dict[int, Path]):
         """clocks are by unit number; a unit without one contributes nothing.  Raises FormatError where a unit of the model has no log."""
         if not set(paths) >= set(model.numbers):
             there, wanted = (", ".join(map(str, sorted(numbers))) for numbers in (paths, model.numbers))
             raise FormatError(f"{next(iter(paths.values())).parent}: logs of units {there}, the model has units {wanted}; give its array")
-        self.units = [UnitLog(unit, clocks.get(unit.number), paths[unit.number], answers) for unit in model.units]
+        self.units = [UnitLog(unit, clocks.get(unit.number), paths[unit.number]) for unit in model.units]
 
     @property
     def progress(self) -> tuple[int, int]:
@@ -222,7 +209,6 @@ def apply_array(
     model_path: Path,
     folder: Path,
     out: Path,
-    answers: Answers,
     which: str | None = None,
     unit: str = "rps",
     progress: Progress = lambda what, done, of: None,
@@ -235,10 +221,10 @@ def apply_array(
     model = load_array_model(model_path)
     logs = array_log_paths(folder)
     which = _chosen(folder, logs, which)
-    clocks, source, notes = _clocks(model, folder, logs[which], answers)
+    clocks, source, notes = _clocks(model, folder, logs[which])
     if strangers := sorted(set(logs[which]) - set(model.numbers)):
         notes.append(f"the model has no unit {', '.join(map(str, strangers))}: left out")
-    reading = ArrayLogs(model, clocks, logs[which], answers)
+    reading = ArrayLogs(model, clocks, logs[which])
     force = any(each.has_force for each in reading.units)
     counts: Counter[str] = Counter()
     used = np.zeros(len(model))
@@ -297,13 +283,13 @@ def _chosen(folder: Path, logs: dict[str, dict[int, Path]], which: str | None) -
     return which
 
 
-def _clocks(model: ArrayModel, folder: Path, paths: dict[int, Path], answers: Answers) -> tuple[dict[int, UnitClock], str, list[str]]:
+def _clocks(model: ArrayModel, folder: Path, paths: dict[int, Path]) -> tuple[dict[int, UnitClock], str, list[str]]:
     """Return this recording's clocks by unit number, and notes.
 
     The model's clocks are used if the model was made from this recording, or needs none; otherwise they are estimated.
     """
     own = {unit.number: unit.place.clock for unit in model.units}
-    if all(clock.offset_s == 0 and clock.rate == 0 for clock in own.values()) and _at_the_same_moments(model, paths, answers):
+    if all(clock.offset_s == 0 and clock.rate == 0 for clock in own.values()) and _at_the_same_moments(model, paths):
         return own, "same", []
     if all(unit.number in paths and sha256_of(paths[unit.number]) in unit.sha256 for unit in model.units):
         return own, "model", []
@@ -314,12 +300,12 @@ def _clocks(model: ArrayModel, folder: Path, paths: dict[int, Path], answers: An
     return clocks, "found", [f"no clock, so no samples: {said}" for said in why.values()]
 
 
-def _at_the_same_moments(model: ArrayModel, paths: dict[int, Path], answers: Answers) -> bool:
+def _at_the_same_moments(model: ArrayModel, paths: dict[int, Path]) -> bool:
     """Return whether one reader stamped all units: the first stamps of a log agree to a tenth of a period, by their median."""
     stamps = []
     for unit in model.units:
         if unit.number in paths:
-            piece = next(UnitLog(unit, UnitClock(), paths[unit.number], answers).pieces(), None)
+            piece = next(UnitLog(unit, UnitClock(), paths[unit.number]).pieces(), None)
             stamps.append(np.zeros(0, np.int64) if piece is None else piece.t_ns[:FIRST_STAMPS])
     ours = stamps[0] if stamps else np.zeros(0, np.int64)
     if len(ours) < 2:

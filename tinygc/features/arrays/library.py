@@ -10,7 +10,6 @@ from typing import Any
 from session.base.errors import CalibrationError
 from session.detect.findings import Finding
 from session.log.folder import Session
-from session.replay.dialects import Answers
 from tinygc.features.arrays.apply import apply_array
 from tinygc.features.arrays.checked import CheckedArray, check_units, checked_units_page, checked_units_to_json
 from tinygc.features.arrays.explanation import (
@@ -23,7 +22,7 @@ from tinygc.features.arrays.explanation import (
 )
 from tinygc.features.arrays.fit import ArrayFit, array_to_json, fit_array, save_array
 from tinygc.features.arrays.recording import ArraySession, array_of, read_array
-from tinygc.library.arguments import answers_of, column_unit, is_path, nothing, public
+from tinygc.library.arguments import column_unit, is_path, nothing, public
 from tinygc.reporting.terminal import Group, as_html, as_text
 
 #: called with the current step's name, the steps done, and their total
@@ -158,7 +157,7 @@ class Array:
         others = [each.session if isinstance(each, Array) else each for each in check_on]
         return explain(self.session, seed=seed, use_earth=use_earth, check_on=others, progress=progress or nothing)
 
-    @public(Answers)
+    @public()
     def apply(
         self,
         model: Path | str,
@@ -167,15 +166,13 @@ class Array:
         which: str | None = None,
         unit: str = "rad/s",
         progress: Progress | None = None,
-        **choices: Any,
     ) -> Any:
         """Write the array's folder as one log: the fused units, without those that fault detection excludes.
 
-        model: the array's model file, as its fit saves it; which: the log, of several; unit: of the rates in the log, rad/s or dps;
-        choices: what the logs do not tell, as of ``tinygc.apply``.  Returns an ArrayApplied: ``rows``, ``used``, ``events``, ``notes``.
+        model: the array's model file, as its fit saves it; which: the log, of several; unit: of the rates in the log, rad/s or dps.
+        Returns an ArrayApplied: ``rows``, ``used``, ``events``, ``notes``.
         """
-        answers = answers_of(choices)
-        return apply_array(Path(model), self.session.folder, Path(out), answers, which, column_unit(unit), progress or nothing)
+        return apply_array(Path(model), self.session.folder, Path(out), which, column_unit(unit), progress or nothing)
 
 
 @public()

@@ -70,7 +70,6 @@ def apply(
     model: Path,
     folder: Path,
     out: Path,
-    answers: Answers,
     *,
     which: str | None,
     unit: str,
@@ -86,7 +85,7 @@ def apply(
         raise CalibrationError(f"{folder}: no folder; an array's model takes the array's folder")
     from tinygc.features.arrays.apply import apply_array
 
-    return apply_array(model, folder, out, answers, which, unit, progress)
+    return apply_array(model, folder, out, which, unit, progress)
 
 
 def import_logs(paths: Sequence[Path], out: Path, answers: Answers, columns: Sequence[str], more: dict[str, Any]) -> Converted | None:

@@ -7,8 +7,7 @@ from pathlib import Path
 
 from session.base.errors import CalibrationError
 from session.base.options import folder_written, path_read
-from tinygc.cli.arguments import seconds
-from tinygc.cli.options import add_log_options, answers_of
+from tinygc.cli.arguments import data_rate, seconds
 from tinygc.cli.results import output, try_destinations, write_json
 
 NAME = "noise"
@@ -22,9 +21,10 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
         type=path_read,
         nargs="*",
         metavar="DIR|LOG",
-        help="of one unit: session folders, folders of rest logs, or logs as of import",
+        help="of one unit: session folders, folders of rest logs, or standard logs",
     )
     command.add_argument("--out", type=folder_written, metavar="DIR", help="where noise.json and noise.png go (fit in the first session)")
+    command.add_argument("--sensor", default="", metavar="NAME", help="what the sensor is, such as MPU-9250")
     command.add_argument("--serial", default="", metavar="TEXT", help="which one it is")
     command.add_argument("--verbose", action="store_true", help="print every term, and all remarks")
     command.add_argument("--no-pictures", action="store_true", help="write no picture")
@@ -32,7 +32,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     curve.add_argument("--curve", type=path_read, metavar="FILE", help="columns of tau in s and deviations: 1 or 3 of each sensor")
     curve.add_argument("--curve-units", metavar="LIST", help="of its deviations, where its header does not say them: m/s2,deg/s")
     curve.add_argument("--duration", type=seconds, metavar="S", help="how long the recording was that it is from")
-    add_log_options(command)
+    curve.add_argument("--odr", type=data_rate, metavar="HZ", help="its data rate")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -51,10 +51,9 @@ def run(args: argparse.Namespace) -> int:
     try_destinations(folder, args.json)
     with progress_bar(args.quiet) as progress:
         if args.curve is not None:
-            found = library.noise_of_curve(args.curve, args.curve_units, args.duration, args.odr, args.sensor or "", args.serial)
+            found = library.noise_of_curve(args.curve, args.curve_units, args.duration, args.odr, args.sensor, args.serial)
         else:
-            columns = args.columns if args.columns and len(args.columns) > 1 else ()
-            found = library.noise_of(args.logs, answers_of(args, len(args.logs)), columns, args.serial, progress)
+            found = library.noise_of(args.logs, args.sensor, args.serial, progress)
     output(args).print(found.pages(args.verbose))
     if folder is not None:
         found.save(folder, pictures=not args.no_pictures)

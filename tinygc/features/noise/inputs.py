@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from session.base.errors import DataError, FormatError
-from session.base.files import MB, require_file
+from session.base.files import MB, open_file, require_file
 from session.base.names import has_recorded_name, log_paths, refuse_special
 from session.base.rotation import angle_between
 from session.base.texts import command_line, printable
@@ -26,22 +26,14 @@ from session.detect.check_stills import check_rest
 from session.detect.stills import find_stills, references
 from session.log.config import REFERENCES, Config, Sensor, read_config
 from session.log.folder import Session, sha256_of
-from session.log.logfile import read_log
-from session.log.pace import pace_of
-from session.log.registers import RegisterUnits, profile_of
+from session.log.logfile import number_in, read_log
+from session.log.pace import FASTEST_HZ, SLOWEST_HZ, pace_of
+from session.log.reader import Reader
+from session.log.registers import profile_of
 from session.log.rests import RestLog, read_rest, rest_from_samples
 from session.log.samples import TOGETHER, Samples, joined
 from session.log.sensors.profile import CLOCK_WITHIN
 from session.log.stamps import evenly
-from session.log.thermometer import Sound
-from session.replay.answers import with_comments, with_sensor
-from session.replay.binary import registry
-from session.replay.convert import FASTEST_HZ, SLOWEST_HZ
-from session.replay.dialects import Answers
-from session.replay.importing import kind_named
-from session.replay.join import join, rates_of
-from session.replay.sources import SUFFIXES, Sources, head_of
-from session.replay.tables import TableReader
 from tinygc.features.noise.summary import RestSums
 
 Progress = Callable[[str, int, int], None]
@@ -62,6 +54,7 @@ MOVED_SHARE = 0.2
 SHORTEST_S = 1.0
 #: how a file begins whose first column is called tau
 FIRST_OF_CURVE = re.compile(rb"\W*(\xcf\x84|(taus?|averaging[ _]?times?)(_?s)?\W)", re.IGNORECASE)
+FIRST_BYTES = 100
 #: bytes up to which two files of one size are compared
 MOST_COMPARED = 20_000 * MB
 
@@ -97,22 +90,14 @@ class Rests:
         self.sensor, self.serial, self.rate_hz = self.sensor or sensor, self.serial or serial, self.rate_hz or rate_hz
 
 
-def read_inputs(
-    inputs: Sequence[Input],
-    answers: Answers,
-    columns: Sequence[str] = (),
-    serial: str = "",
-    progress: Progress = lambda what, done, of: None,
-) -> Rests:
-    """Read all inputs of one unit; answers, columns, serial: what a log of another program does not say, as of ``import``.
+def read_inputs(inputs: Sequence[Input], sensor: str = "", serial: str = "", progress: Progress = lambda what, done, of: None) -> Rests:
+    """Read all inputs of one unit; sensor, serial: of which it is said to be.
 
     Raises FormatError and DataError, in one line, for what cannot be read, for logs of two units or data rates, for a recording that is
-    given twice, and where nothing is at rest; QuestionsError for all that a log does not say.
+    given twice, and where nothing is at rest.
     """
-    if answers.like is not None:
-        answers = replace(answers, like=kind_named(answers.like))
-    rests = Rests([], [], [], answers.sensor or "", serial)
-    parts = list(_parts(inputs, answers, columns))
+    rests = Rests([], [], [], sensor, serial)
+    parts = list(_parts(inputs))
     # The same recording given twice would count twice, and narrow every sigma
     paths = [part.path for part in parts if part.path is not None]
     seen: dict[str, int] = {}
@@ -142,35 +127,23 @@ class _Part:
     read: Callable[[Rests], None]
 
 
-def _parts(inputs: Sequence[Input], answers: Answers, columns: Sequence[str]) -> Iterator[_Part]:
+def _parts(inputs: Sequence[Input]) -> Iterator[_Part]:
     if not inputs:
         raise DataError("no log is given; give at least one log, session folder or tuple of arrays")
-    bare = [each for each in inputs if isinstance(each, Path) and not each.is_dir() and _session_of(each) is None]
-    for path in bare:
-        # An Allan curve is no log: its columns would be asked for in vain
-        if path.is_file() and FIRST_OF_CURVE.match(head_of(path)):
-            do = command_line("noise", "--curve", path)
-            raise FormatError(f"{path}: its first column is an averaging time, as of an Allan curve, and no log; run `{do}`")
-    if len(inputs) == 2 == len(bare) and _is_a_pair(bare, answers, columns):
-        yield _Part(" and ".join(path.name for path in bare), None, partial(_read_log, bare, answers, columns))
-        return
-    if len(columns) not in (0, 1, len(bare)):
-        raise FormatError(f"--columns is given {len(columns)} times for {len(bare)} logs; give it once, or once for each")
-    own = {path: [columns[place]] if len(columns) > 1 else columns for place, path in enumerate(bare)}
     for each in inputs:
         if isinstance(each, Session):
-            rests = [_Part(path.name, path, partial(_stream, path, each.config.sensor, None)) for path in each.rests]
+            rests = [_Part(path.name, path, partial(_stream, path, each.config.sensor)) for path in each.rests]
             logs = [_Part(log.path.name, None, partial(_add_log, log.samples, log.path.name, each.config.sensor)) for log in each.logs]
             yield from (*rests, *logs)
         elif not isinstance(each, Path):
             samples = Session.from_arrays(*each).logs[0].samples
             yield _Part("arrays", None, partial(_add_whole, samples, "arrays", ""))
         elif each.is_dir():
-            yield from _of_folder(each, answers, columns)
+            yield from _of_folder(each)
         elif (config := _session_of(each)) is not None:
             yield _of_session(each, config)
         else:
-            yield _Part(each.name, each, partial(_read_log, [each], answers, own[each]))
+            yield _Part(each.name, each, partial(_read_bare, each))
 
 
 def _session_of(path: Path) -> Config | None:
@@ -180,134 +153,92 @@ def _session_of(path: Path) -> Config | None:
     return read_config(settings) if named and settings.is_file() else None
 
 
-def _is_a_pair(paths: Sequence[Path], answers: Answers, columns: Sequence[str]) -> bool:
-    """Whether two files are the gyroscope's and the accelerometer's of one recording."""
-    if not all(path.is_file() and path.suffix.lower() in SUFFIXES for path in paths):
-        return False
-    with Sources(paths, answers, columns) as sources:
-        holds = sorted((source.layout.gyro is not None, source.layout.accel is not None) for source in sources)
-    return holds == [(False, True), (True, False)]
+# Folders: a session, or logs side by side.
 
 
-# Folders: a session, a program's export, or logs side by side.
-
-
-def _of_folder(folder: Path, answers: Answers, columns: Sequence[str]) -> Iterator[_Part]:
+def _of_folder(folder: Path) -> Iterator[_Part]:
     """The logs of a folder.  FormatError where it holds none."""
     refuse_special(folder)
     if (folder / "session.toml").exists():
         config = read_config(folder / "session.toml")
-        if answers.sensor and profile_of(answers.sensor) is not profile_of(config.sensor.model):
-            raise FormatError(f"{folder}: --sensor is {answers.sensor}, but the session's is {config.sensor.model}; leave --sensor out")
         paths = [*log_paths(folder, "rest"), *log_paths(folder, "log")]
         if not paths:
             raise FormatError(f"{folder}: neither a rest log nor a log; expected rest*.csv or log*.csv beside session.toml")
         yield from (_of_session(path, config) for path in paths)
         return
-    if registry.reader_of(folder, b"") is not None:  # a bag is a folder
-        yield _Part(folder.name, None, partial(_read_log, [folder], answers, columns))
-        return
-    files = sorted(path for path in folder.iterdir() if path.is_file() and not path.name.startswith("."))
-    text = [path for path in files if path.suffix.lower() in SUFFIXES]
-    binary = [path for path in files if path not in text and registry.reader_of(path, head_of(path)) is not None]
-    packed = [path for path in files if path.name.lower().endswith(".csv.gz")]
-    if text:
-        with Sources([folder], answers, columns) as sources:
-            text = [source.path for source in sources if source.layout.gyro is not None]
-        if len(text) == 1 < len(sources) and not binary and not packed:  # a telephone's export: a file for each sensor
-            yield _Part(folder.name, None, partial(_read_log, [folder], answers, columns))
-            return
-    if not text and not binary and not packed:
+    paths = sorted(path for path in folder.iterdir() if path.is_file() and path.name.lower().endswith((".csv", ".csv.gz")))
+    if not paths:
         raise FormatError(f"{folder}: cannot be read (it holds no log); expected a session, or the logs of one unit")
-    yield from (_Part(path.name, path, partial(_read_log, [path], answers, columns)) for path in sorted({*text, *binary, *packed}))
+    yield from (_Part(path.name, path, partial(_read_bare, path)) for path in paths)
 
 
 def _of_session(path: Path, config: Config) -> _Part:
-    """A log in a session folder: a rest log is read piece by piece, of any other the stills.  FormatError of a gyroscope alone."""
+    """A log in a session folder: a rest log is read piece by piece, of any other that moves the stills."""
     require_file(path)
     sensor = config.sensor
-    if config.protocol.reference not in REFERENCES:
-        raise FormatError(f"{path}: no accelerometer, and gravity shows no still; give its log at rest, outside of the session")
     if path.name.lower().startswith("rest"):
-        return _Part(path.name, path, partial(_stream, path, sensor, None))
-    return _Part(path.name, path, partial(_read_session_log, path, sensor))
+        return _Part(path.name, path, partial(_stream, path, sensor))
+    return _Part(path.name, path, partial(_read_session_log, path, sensor, config.protocol.reference not in REFERENCES))
 
 
 # One log: piece by piece where it is text with stamps, else whole.
 
 
-def _read_session_log(path: Path, sensor: Sensor, rests: Rests) -> None:
-    _add_log(read_log(path, sensor).samples, path.name, sensor, rests)
+def _read_session_log(path: Path, sensor: Sensor, gyro_alone: bool, rests: Rests) -> None:
+    _add_log(read_log(path, sensor, gyro_alone).samples, path.name, sensor, rests)
 
 
 def _add_log(samples: Samples, name: str, sensor: Sensor, rests: Rests) -> None:
     rests.require_same(name, sensor.model, sensor.serial, 1 / samples.period_s)
-    _add_stills(samples, name, rests)
+    moves = _movement(rest_from_samples(samples, name))
+    if moves is None:
+        rests.sums.append(_sums_of(samples, rests.rate_hz))
+    elif np.isnan(samples.accel[0]).any():
+        raise DataError(f"{name}: no accelerometer, and gravity shows no still, and {moves}; give its log at rest")
+    else:
+        _add_stills(samples, name, rests)
 
 
-def _read_log(paths: Sequence[Path], answers: Answers, columns: Sequence[str], rests: Rests) -> None:
-    """Add a log of any program, or the gyroscope's and the accelerometer's."""
-    name = " and ".join(path.name for path in paths)
-    with Sources(paths, answers, columns, gyro_alone=True) as sources:
-        answers = with_comments(answers, sources)
-        answers, assumed = with_sensor(sources, answers)
-        rests.remarks += [f"{name}: {each}" for each in assumed if "yardstick" not in each]
-        serial = next((printable(source.comments["serial"]) for source in sources if "serial" in source.comments), "")
-        sensor = Sensor(answers.sensor or UNKNOWN, serial, answers.odr_hz or 0.0, 0.0, 0.0)
-        units = RegisterUnits(sensor.model, answers.gyro_fs_dps, answers.accel_fs_g)
-        if len(sources) == 1 and paths[0].is_file() and (rate_hz := _flowing(paths[0], answers, columns)) is not None:
-            own = answers if not columns else replace(answers, columns=columns[0])
-            odr_hz, ranges = answers.odr_hz or rate_hz, (answers.gyro_fs_dps or 0.0, answers.accel_fs_g or 0.0)
-            _stream(paths[0], replace(sensor, odr_hz=odr_hz, gyro_fs_dps=ranges[0], accel_fs_g=ranges[1]), own, rests)
-            return
-        notes: tuple[str, ...]
-        if any(source.layout.accel is not None for source in sources):
-            whole, sound = join(sources, answers.odr_hz), Sound()
-            gyro, accel = whole.gyro * whole.gyro_layout.gyro_si(units), whole.accel * whole.accel_layout.accel_si(units)
-            temp = None if whole.temp is None or whole.temp_layout is None else whole.temp_layout.temperature_c(whole.temp, units)
-            samples, notes = Samples(whole.t_ns, gyro, accel, sound(temp)), (*whole.notes, *sound.notes)
-        else:
-            (source,) = sources
-            t_ns, rates, more = rates_of(source, answers.odr_hz)
-            samples, notes = Samples(t_ns, rates * source.layout.gyro_si(units), np.full(rates.shape, np.nan)), tuple(more)
-    rests.remarks += notes
-    kept = np.diff(samples.t_ns, prepend=samples.t_ns[0] - 1) > 0
-    samples = samples if kept.all() else samples.pick(kept)
-    if len(samples) < 2:
-        raise DataError(f"{name}: a single sample; expected a rest of minutes")
-    rests.require_same(name, sensor.model, sensor.serial, _rate_of(samples, name))
-    _add_whole(samples, name, sensor.model, rests)
+def _read_bare(path: Path, rests: Rests) -> None:
+    """Add a standard log outside of a session; its comments say of its sensor what it knows."""
+    with open_file(path) as file:
+        begins = file.read(FIRST_BYTES)
+    if FIRST_OF_CURVE.match(begins):
+        # An Allan curve is no log, and its columns would be missed in vain
+        do = command_line("noise", "--curve", path)
+        raise FormatError(f"{path}: its first column is an averaging time, as of an Allan curve, and no log; run `{do}`")
+    reader = Reader(path, gyro_alone=True)
+    said = reader.comments
+    ranges = [number_in(said, key) for key in ("gyro_fs_dps", "accel_fs_g")]
+    for triad, full_scale in zip((reader.layout.gyro, reader.layout.accel), ranges, strict=True):
+        if triad is not None and triad.unit.si is None and full_scale is None:
+            do = f"run `{command_line('import', path)}`, and give its folder"
+            raise FormatError(f"{path.name} holds registers and does not say the full scale (# gyro_fs_dps=… accel_fs_g=…); {do}")
+    first = next(reader.pieces(), None)
+    if first is None or first.t_ns is None:
+        raise FormatError(f"{path.name}: a header but no samples; was the recording stopped before it began?")
+    rate_hz = number_in(said, "odr_hz") or pace_of(first.t_ns).rate_hz
+    sensor = Sensor(said.get("sensor", UNKNOWN), printable(said.get("serial", "")), rate_hz, ranges[0] or 0.0, ranges[1] or 0.0)
+    # Stamps that are coarser than the samples, or come in bursts, are counted along all of them
+    if first.accel is not None and np.diff(first.t_ns).any() and evenly(first.t_ns, 1.0, path.name)[1] is None:
+        _stream(path, sensor, rests, bare=True)
+        return
+    log = read_log(path, sensor, gyro_alone=True)
+    rests.remarks += [f"{path.name}: {note}" for note in log.notes]
+    rests.require_same(path.name, sensor.model, sensor.serial, _rate_of(log.samples, path.name))
+    _add_whole(log.samples, path.name, sensor.model, rests)
 
 
 def _rate_of(samples: Samples, name: str) -> float:
     """Hz, by the stamps.  FormatError where no sensor has such a rate."""
     rate_hz = 1 / samples.period_s
     if not SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
-        raise FormatError(f"{name}: its stamps say {rate_hz:.4g} Hz, which no sensor has; is their unit right? --time-unit s, ms, us or ns")
+        raise FormatError(f"{name}: its stamps say {rate_hz:.4g} Hz, which no sensor has; is their unit right?")
     return rate_hz
 
 
-def _flowing(path: Path, answers: Answers, columns: Sequence[str]) -> float | None:
-    """Hz of a text log that can be read piece by piece, by its first piece; None of one that must be read whole: another kind of file, of
-    one sensor alone, or with stamps that are coarser than its samples or come in bursts."""
-    head = head_of(path)
-    if answers.like or head.startswith(b"PK") or registry.reader_of(path, head) is not None:
-        return None
-    reader = TableReader(path, answers if not columns else replace(answers, columns=columns[0]))
-    if reader.layout.gyro is None or reader.layout.accel is None:
-        return None
-    if reader.layout.time is None:
-        return answers.odr_hz
-    first = next(reader.pieces(), None)
-    if first is None or first.t_ns is None or not np.diff(first.t_ns).any():
-        return None
-    if evenly(first.t_ns, 1.0, path.name)[1] is not None:
-        return None
-    return pace_of(first.t_ns).rate_hz
-
-
-def _stream(path: Path, sensor: Sensor, answers: Answers | None, rests: Rests) -> None:
-    """Add a rest log, read once piece by piece; of one that moves, its stills."""
+def _stream(path: Path, sensor: Sensor, rests: Rests, bare: bool = False) -> None:
+    """Add a rest log, read once piece by piece; of one outside of a session that moves, its stills."""
     sums: list[RestSums] = []
     waiting: list[Samples] = []
 
@@ -322,19 +253,15 @@ def _stream(path: Path, sensor: Sensor, answers: Answers | None, rests: Rests) -
             sums.append(RestSums(rate_hz))
         sums[0].add(samples)
 
-    log = read_rest(path, sensor, add, None if answers is None else TableReader(path, answers))
+    log = read_rest(path, sensor, add)
     rests.remarks += [f"{path.name}: {note}" for note in log.notes if "temp" not in note]
     _refuse_units(log)
     if (moves := _movement(log)) is None:
         rests.sums += sums
         return
-    if answers is None:
+    if not bare:
         raise DataError(f"{path.name}: {moves}; a rest log lies still throughout; cut it there, or name it log*.csv")
-    with Sources([path], answers) as sources:
-        whole = join(sources, answers.odr_hz)
-    units = sensor.register_units
-    gyro, accel = whole.gyro * whole.gyro_layout.gyro_si(units), whole.accel * whole.accel_layout.accel_si(units)
-    _add_stills(Samples(whole.t_ns, gyro, accel), path.name, rests, moves)
+    _add_stills(read_log(path, sensor).samples, path.name, rests, moves)
 
 
 def _add_whole(samples: Samples, name: str, sensor: str, rests: Rests) -> None:

@@ -13,15 +13,13 @@ from session.base.files import result_folder
 from session.base.records import Key, Size, table_of
 from session.base.results import Keys, Maybe, Number, write_whole
 from session.log.folder import Session
-from session.replay.dialects import Answers
 from tinygc.features.noise.curve_file import estimate_of_curve
 from tinygc.features.noise.estimate import NoiseEstimate
 from tinygc.features.noise.estimate import estimate_noise as estimate_of
 from tinygc.features.noise.inputs import Input, read_inputs
 from tinygc.features.noise.picture import figure_of
 from tinygc.features.noise.text import KALIBR, OpenTerm, SheetFigure, against_data_sheet, kalibr_figures, noise_page, open_terms
-from tinygc.library.arguments import Progress, answers_of, is_number, is_path, nothing, public
-from tinygc.library.logs import asking_for_keywords, columns_of
+from tinygc.library.arguments import Progress, is_number, is_path, nothing, public
 from tinygc.library.records import Shown
 from tinygc.noise.figures import FILE, AllanBand, Inflation, NoiseFigures
 from tinygc.reporting.pictures.canvas import has_matplotlib, save, saved
@@ -114,9 +112,9 @@ class Noise(Shown):
         return figure if path is None else saved(figure, Path(path))
 
 
-def noise_of(inputs: Sequence[Input], answers: Answers, columns: Sequence[str], serial: str, progress: Progress) -> Noise:
+def noise_of(inputs: Sequence[Input], sensor: str, serial: str, progress: Progress) -> Noise:
     """Estimate the noise of one unit.  Raises CalibrationError, in one line, for inputs that cannot be read or are of several units."""
-    rests = read_inputs(inputs, answers, columns, serial, progress)
+    rests = read_inputs(inputs, sensor, serial, progress)
     estimate = estimate_of(rests.sums, progress)
     rests.sums.clear()  # of a day as large as its logs, which are fitted next
     figures = replace(estimate.figures, logs=tuple(rests.logs), sensor=rests.sensor, serial=rests.serial)
@@ -150,24 +148,24 @@ def noise_of_curve(path: Path, units: str | None, duration_s: float | None, rate
     return Noise(replace(estimate, figures=replace(estimate.figures, sensor=sensor, serial=serial)))
 
 
-@public(Answers)
+@public()
 def estimate_noise(
     logs: Any = None,
     *,
     curve: Path | str | None = None,
     curve_units: str | None = None,
     duration_s: float | None = None,
+    odr_hz: float | None = None,
+    sensor: str = "",
     serial: str = "",
-    columns: Sequence[str] | None = None,
     progress: Progress | None = None,
-    **answers: Any,
 ) -> Any:
     """Estimate the noise of one unit at rest: the terms of IEEE 952 of each axis, with their sigmas.
 
     Parameters
     ----------
     logs : str, Path, Session, tuple of arrays, or sequence of them
-        Session folders, folders of rest logs, logs of any program, sessions, or ``(t_s, gyro_rps, accel_mps2)``: (N,) s, (N, 3) rad/s,
+        Session folders, folders of rest logs, standard logs, sessions, or ``(t_s, gyro_rps, accel_mps2)``: (N,) s, (N, 3) rad/s,
         (N, 3) m/s².  Several are one estimate of one unit.  Of a log that moves, its stills are used.
     curve : str or Path, optional
         A file with an Allan curve, in place of logs.
@@ -175,14 +173,12 @@ def estimate_noise(
         Units of its deviations, where its header does not say them: ``"m/s2,deg/s"``.
     duration_s : float, optional
         How long the recording of the curve was, s.
-    serial : str, optional
-        Serial number of the sensor.
-    columns : str or sequence of str, optional
-        Which column is what, as of ``tinygc.import_log``.
+    odr_hz : float, optional
+        Its data rate, Hz.
+    sensor, serial : str, optional
+        The sensor's model and serial number.
     progress : callable, optional
         Called with what is done, how far, and of how much.
-    **answers
-        What a log does not say, as of ``tinygc.import_log``: ``sensor="MPU-6050"``, ``gyro_unit="dps"``, ``odr_hz=100`` and others.
 
     Returns
     -------
@@ -201,15 +197,12 @@ def estimate_noise(
     >>> found.figures.gyro.values("N")  # doctest: +SKIP
 
     """
-    told = answers_of(answers)
     if curve is not None:
         if logs is not None:
             raise CalibrationError("estimate_noise: give logs or curve, not both")
-        return noise_of_curve(Path(curve), curve_units, duration_s, told.odr_hz, told.sensor or "", serial)
+        return noise_of_curve(Path(curve), curve_units, duration_s, odr_hz, sensor, serial)
     inputs = [_input(each) for each in (logs if isinstance(logs, list) else [logs])]
-    with asking_for_keywords():
-        own = columns_of(columns)
-        return noise_of(inputs, told, own, serial, progress or nothing)
+    return noise_of(inputs, sensor, serial, progress or nothing)
 
 
 def _input(given: Any) -> Any:

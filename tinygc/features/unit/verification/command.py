@@ -1,4 +1,4 @@
-"""``verify``: whether a stored calibration still holds, by a short session, any log with rests and turns, or a minute at rest."""
+"""``verify``: whether a stored calibration still holds, by a short session, with turns or a minute at rest."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import argparse
 
 from session.base.options import file_written, path_read
 from tinygc.cli.arguments import seconds
-from tinygc.cli.options import add_log_options, answers_of
 from tinygc.cli.results import output, try_file, try_json, verdict, write_json
 
 USES_EFFECTS = True
@@ -16,7 +15,7 @@ SUMMARY = "say whether a calibration still holds by a short recording of today, 
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """Add the command's own arguments."""
     command.add_argument("model", type=path_read, metavar="MODEL", help="a model file, or a fitted session folder")
-    command.add_argument("today", type=path_read, metavar="TODAY", help="a session folder, or a log: turns and rests, or a minute at rest")
+    command.add_argument("today", type=path_read, metavar="TODAY", help="a session folder: turns and rests, or a minute at rest")
     what = "write the model with B taken anew from today's recording"
     command.add_argument("--write", type=file_written, metavar="FILE", help=what)
     what = "probability of any false alarm, over all questions (%(default)s)"
@@ -31,9 +30,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     spread.add_argument("--elapsed", type=seconds, metavar="S", help="how long ago that was; a day where it is not given")
     spread.add_argument("--noise", type=path_read, metavar="FILE", help="noise figures of the unit (noise.json): its drift in that time")
     command.add_argument("--other-serial", action="store_true", help="go on with a recording of another serial number")
-    command.add_argument("--serial", default="", metavar="TEXT", help="of a log: which sensor it is")
     command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
-    add_log_options(command)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -57,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
         earth=not args.no_earth,
     )
     with progress_bar(args.quiet) as progress:
-        found = verify_of(args.model, args.today, options, answers_of(args), args.serial, progress)
+        found = verify_of(args.model, args.today, options, progress)
     output(args).print(found.page)
     verdict(args, found.verdict_line)
     if args.write is not None:

@@ -2,31 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 from session import VERSION
 from session.base.errors import CalibrationError, FormatError
+from session.base.files import require_file
 from session.base.names import is_session
 from session.base.numeric import sigmas_in
-from session.base.questions import QuestionsError
 from session.base.results import write_whole
+from session.base.texts import command_line
 from session.base.units import DEG
 from session.log.folder import Session, read_session
-from session.replay.answers import ASSUMED_RANGE
-from session.replay.dialects import Answers
-from session.replay.importing import import_log
 from tinygc import models
-from tinygc.features.unit.verification.old import OldCalibration, read_old
+from tinygc.features.unit.verification.old import read_old
 from tinygc.features.unit.verification.text import verdict_line, verification_page
 from tinygc.features.unit.verification.verdict import Options, Verification, verify_session, written_model
-from tinygc.library.arguments import Progress, answers_of, is_path, nothing, public
-from tinygc.library.logs import asking_for_keywords
+from tinygc.library.arguments import Progress, is_path, nothing, public
 from tinygc.library.records import Shown
 from tinygc.reporting.terminal import Group, RenderableType
 
@@ -152,13 +148,11 @@ def verify_of(
     model: Path,
     today: Path | Session,
     options: Options,
-    answers: Answers | None = None,
-    serial: str = "",
     progress: Progress = lambda what, done, of: None,
 ) -> Verified:
-    """Verify a model file, or that of a fitted folder, by a session folder, a session, or a log that ``import`` reads.
+    """Verify a model file, or that of a fitted folder, by a session folder or a session.
 
-    answers, serial: what the log does not say.  Raises CalibrationError, in one line, for what cannot be read or compared.
+    Raises CalibrationError, in one line, for what cannot be read or compared.
     """
     old = read_old(model)
 
@@ -167,52 +161,17 @@ def verify_of(
 
     if isinstance(today, Session):
         return Verified(verify_session(old, today, options, step), today.name)
-    if today.is_dir() and is_session(today):
-        session = read_session(today, lambda name: step(f"reading {name}"))
-        return Verified(verify_session(old, session, options, step), session.name)
     if not today.exists():
-        raise FormatError(f"{today}: not found; give a session folder, or a log with rests, with turns or without")
-    return _of_log(old, today, options, answers or Answers(), serial, step)
+        raise FormatError(f"{today}: not found; give a session folder with rests, with turns or without")
+    if not today.is_dir():
+        require_file(today)
+    if not is_session(today):
+        raise FormatError(f"{today}: no session folder; `{command_line('import', today)}` makes one of a log, of any program")
+    session = read_session(today, lambda name: step(f"reading {name}"))
+    return Verified(verify_session(old, session, options, step), session.name)
 
 
-def _of_log(old: OldCalibration, path: Path, options: Options, answers: Answers, serial: str, step: Callable[[str], None]) -> Verified:
-    """A log of any program, imported into a folder that is gone afterwards; what it does not say of its sensor is the model's."""
-    with TemporaryDirectory(prefix="verify-") as folder:
-        step(f"reading {path.name}")
-        out = Path(folder) / "today"
-        try:
-            try:
-                made = import_log([path], out, answers, serial=serial)
-            except QuestionsError:
-                # What a log does not say of its sensor, from the model file
-                known = {
-                    "sensor": old.sensor.get("model"),
-                    "gyro_fs_dps": old.sensor.get("gyro_fs_dps"),
-                    "accel_fs_g": old.sensor.get("accel_fs_g"),
-                }
-                if known["sensor"] == "unknown":
-                    del known["sensor"]
-                missing = {name: value for name, value in known.items() if value is not None and getattr(answers, name) in (None, "")}
-                made = import_log([path], out, replace(answers, **missing), serial=serial)
-            session = _with_ranges(read_session(made.folder), old, made.notes)
-            return Verified(verify_session(old, session, options, step), path.name)
-        except QuestionsError:
-            raise
-        except CalibrationError as error:
-            raise type(error)(str(error).replace(str(out), str(path)).replace(folder, path.name)) from None
-
-
-def _with_ranges(session: Session, old: OldCalibration, notes: Sequence[str]) -> Session:
-    """The session with the model's full scales where the log does not say its own."""
-    assumed = [note for note in notes if ASSUMED_RANGE in note]
-    pairs = (("gyroscope", "gyro_fs_dps"), ("accelerometer", "accel_fs_g"))
-    known = {key: old.sensor.get(key) for called, key in pairs if any(called in note for note in assumed)}
-    stated: dict[str, Any] = {key: float(value) for key, value in known.items() if value is not None}
-    sensor = replace(session.config.sensor, **stated)
-    return replace(session, config=replace(session.config, sensor=sensor))
-
-
-@public(Answers)
+@public()
 def verify(
     model: Path | str,
     today: Any,
@@ -226,9 +185,7 @@ def verify(
     noise: Path | str | None = None,
     other_serial: bool = False,
     earth: bool = True,
-    serial: str = "",
     progress: Progress | None = None,
-    **answers: Any,
 ) -> Any:
     """Say whether a stored calibration still holds, and if not, why, what that costs, and what to do.
 
@@ -237,7 +194,7 @@ def verify(
     model : str or Path
         A model file, or a fitted session folder.
     today : Session, str or Path
-        A session, its folder, or a log of any program: with rests and turns, or a minute at rest.
+        A session, or its folder: with rests and turns, or a minute at rest.
     false_alarm : float, optional
         Probability of any false alarm, over all questions.
     limit_deg : float, optional
@@ -256,12 +213,8 @@ def verify(
         Whether to go on with a recording of another serial number.
     earth : bool, optional
         Whether the Earth's rotation is taken out of the rates.
-    serial : str, optional
-        Serial number of the sensor of a log.
     progress : callable, optional
         Called with what is done, how far, and of how much.
-    **answers
-        What a log does not say, as of ``tinygc.import_log``: ``gyro_fs_dps=500``, ``gyro_unit="dps"``, ``odr_hz=100`` and others.
 
     Returns
     -------
@@ -289,7 +242,7 @@ def verify(
         if not 0 < value < most:
             raise CalibrationError(f"verify: {name} is {value:g}, expected a number between 0 and {most:g}")
     if not isinstance(today, Session) and not is_path(today):
-        raise CalibrationError(f"today is of type {type(today).__name__}, expected a tinygc.Session, a session folder or a log")
+        raise CalibrationError(f"today is of type {type(today).__name__}, expected a tinygc.Session or a session folder")
     options = Options(
         false_alarm=false_alarm,
         limit_deg=limit_deg,
@@ -302,5 +255,4 @@ def verify(
         earth=earth,
     )
     given = today if isinstance(today, Session) else Path(today)
-    with asking_for_keywords():
-        return verify_of(Path(model), given, options, answers_of(answers), serial, progress or nothing)
+    return verify_of(Path(model), given, options, progress or nothing)

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 
 from session.base.errors import CalibrationError
 from session.base.options import path_read
-from tinygc.cli.arguments import STANDARD, count, duration, filled, is_standard_output, stream_header
-from tinygc.cli.options import add_log_options, answers_of
+from tinygc.cli.arguments import count, duration, filled, is_standard_output, stream_header
 from tinygc.cli.results import Interruption, complain, output
 
 SUMMARY = "watch a live stream or a log: whether the zero, gravity and the turns still agree with the calibration"
@@ -26,7 +24,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     """Add the command's arguments."""
     command.epilog = EPILOG
     command.add_argument("model", type=path_read, help="model file, or the folder of a session: the model that its fit recommends")
-    command.add_argument("source", type=path_read, help="a log, a port, udp:HOST:PORT, or - for standard input")
+    command.add_argument("source", type=path_read, help="a standard log, a port, udp:HOST:PORT, or - for standard input")
     command.add_argument("--follow", action="store_true", help="read a log on while it grows, until Ctrl-C")
     every = "mean time at rest to a false alarm: 30d, 12h, 90min (%(default)s)"
     command.add_argument("--false-alarm-every", type=duration, default=USUAL, metavar="TIME", help=every)
@@ -37,7 +35,6 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
     command.add_argument("--verbose", action="store_true", help="print each rest and each turn")
     command.add_argument("--baud", type=count(1), default=921600, help="of a port that has one (%(default)s)")
     command.add_argument("--header", type=stream_header, metavar="LINE", help="of a text stream that does not send it: t_us,gx_dps,…")
-    add_log_options(command)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -52,18 +49,16 @@ def run(args: argparse.Namespace) -> int:
     if args.follow and not args.source.is_file():
         raise CalibrationError(f"--follow: {source} is no file; a port, UDP and standard input are followed anyway")
     at_alarm = None if args.command is None else AlarmCommand(words_of(args.command), complain)
-    options = SourceOptions(args.follow, args.header, args.baud, answers_of(args))
+    options = SourceOptions(args.follow, args.header, args.baud)
     lines = None if args.json is None else JsonLines(None if to_standard else args.json, complain)
     shown = {"start", "alarm", "remark", "end"} | ({"rest", "turn"} if args.verbose else set())
     interruption = Interruption()
-    # A table at standard input is read by calls that cannot be waited for: there Ctrl-C interrupts the call.
-    waits = source == STANDARD and options.is_table
     alarmed, held = False, None
 
     def ended() -> bool:
         return interruption() or (alarmed and args.until_alarm)
 
-    with contextlib.nullcontext() if waits else interruption:
+    with interruption:
         events = events_of(
             args.model,
             source,

@@ -12,13 +12,12 @@ from typing import Any
 
 from session.base.errors import CalibrationError
 from session.log.config import read_config
-from session.replay.dialects import Answers
 from tinygc.deploy.apply import model_of
 from tinygc.deploy.calibration import Surroundings, surroundings
 from tinygc.features.unit.watch.expectation import ModelInUse
 from tinygc.features.unit.watch.source import SILENT_S, Remark, SourceOptions, items_of, require_source
 from tinygc.features.unit.watch.watch import FALSE_ALARM_EVERY_S, Event, Watch
-from tinygc.library.arguments import answers_of, is_number, is_path, public
+from tinygc.library.arguments import is_number, is_path, public
 
 __all__ = ["Event", "SourceOptions", "Watched", "events_of", "watch"]
 
@@ -82,7 +81,7 @@ def events_of(
     if session is not None:
         known = ModelInUse(known.model, known.table, known.fit, read_config(session / "session.toml"), known.noise, known.temperature_c)
     around = surroundings_of(known, path, source, session)
-    live = Watch(known, false_alarm_every_s, options.answers.odr_hz)
+    live = Watch(known, false_alarm_every_s)
     items = items_of(source, options, around)
     heard_s, silent = time.monotonic(), False
     with contextlib.suppress(KeyboardInterrupt):  # where a read cannot be waited for otherwise; a second one ends the program
@@ -102,7 +101,7 @@ def events_of(
     yield from live.end()
 
 
-@public(Answers)
+@public()
 def watch(
     model: Path | str,
     source: Path | str,
@@ -110,7 +109,6 @@ def watch(
     false_alarm_every_s: float = FALSE_ALARM_EVERY_S,
     noise: Path | str | None = None,
     session: Path | str | None = None,
-    **answers: Any,
 ) -> Any:
     """Hold a log's rests, its gravity and its turns against a calibration, one after the other, as the command ``watch`` does.
 
@@ -119,15 +117,13 @@ def watch(
     model : str or Path
         A model file, or the folder of a session: the model that its fit recommends.
     source : str or Path
-        A log of any program, a port, ``udp:HOST:PORT``, or ``-`` for standard input; it is watched to its end.
+        A standard log, a port, ``udp:HOST:PORT``, or ``-`` for standard input; it is watched to its end.
     false_alarm_every_s : float, optional
         Mean time at rest to a false alarm, s; 30 days by default.
     noise : str or Path, optional
         ``noise.json`` of this unit, or its folder; the one beside the model by default.
     session : str or Path, optional
         Folder with the ``session.toml`` that holds: place, full scales, accelerometer.
-    **answers
-        What a log does not say, as of ``tinygc.import_log``.
 
     Returns
     -------
@@ -153,6 +149,5 @@ def watch(
             raise CalibrationError(f"{name} is of type {type(value).__name__}, expected a path")
     if not is_number(false_alarm_every_s):
         raise CalibrationError(f"false_alarm_every_s is {false_alarm_every_s!r:.40}, expected seconds")
-    options = SourceOptions(answers=answers_of(answers))
     how: dict[str, Any] = {"noise": None if noise is None else Path(noise), "session": None if session is None else Path(session)}
-    return Watched(tuple(events_of(Path(model), os.fspath(source), options, false_alarm_every_s=float(false_alarm_every_s), **how)))
+    return Watched(tuple(events_of(Path(model), os.fspath(source), SourceOptions(), false_alarm_every_s=float(false_alarm_every_s), **how)))

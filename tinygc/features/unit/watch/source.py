@@ -1,7 +1,7 @@
 """Where a watched sensor's samples come from: a log, a log that grows, standard input, UDP, a port; in SI, with what went wrong on the way.
 
-Bytes of a stream go through the decoder of ``record``: frames or lines, with damage, losses and restarts.  A log goes through the reader
-of ``import`` and ``apply``: any program's table.
+Bytes of a stream go through the decoder of ``record``: frames or lines, with damage, losses and restarts.  A log is a standard
+one, read as ``apply`` does.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import socket
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -25,11 +25,8 @@ from session.bench.decoder import StreamDecoder
 from session.bench.events import AnyEvent, Event, Info, SampleChunk, starts_log
 from session.bench.port import Port
 from session.log.config import Accelerometer
-from session.log.lines import PIECE_BYTES, STANDARD
-from session.log.logfile import number_in, refuse_calibrated
+from session.log.lines import STANDARD
 from session.log.registers import DEFAULT, RegisterUnits
-from session.replay.dialects import Answers
-from session.replay.tables import TableReader
 from tinygc.deploy.apply import LogSource
 from tinygc.deploy.calibration import Surroundings
 
@@ -38,14 +35,10 @@ UDP = "udp:"
 BLOCK, IDLE_S = 1 << 16, 0.2
 #: s without a sample that are said, and after which another sender of datagrams is followed
 SILENT_S = 10.0
-#: bytes of a table at standard input that are read before they are examined
-LIVE_BYTES = 4096
 #: bytes of a stream in which a sample must have come
 BARREN = 1 << 20
 #: ends of the names of files: what has one is no port, also where it is not there
 LOG_SUFFIXES = (".csv", ".gz", ".txt", ".log", ".tsv", ".dat", ".bin", ".npz", ".json", ".jsonl", ".ulg", ".bag", ".mcap", ".bfl", ".bbl")
-#: options of ``Answers`` that mean a table of another program
-OF_TABLES = ("columns", "time_unit", "gyro_unit", "accel_unit", "rows", "where", "lines", "packed", "topic", "like")
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,18 +73,11 @@ Item = Readings | Restart | Remark
 
 @dataclass(frozen=True)
 class SourceOptions:
-    """follow: whether a file is read on as it grows; header: of a text stream that does not send it; baud: of a port; answers: what a log
-    or the board does not say."""
+    """follow: whether a file is read on as it grows; header: of a text stream that does not send it; baud: of a port."""
 
     follow: bool = False
     header: str | None = None
     baud: int = 921600
-    answers: Answers = field(default_factory=Answers)
-
-    @property
-    def is_table(self) -> bool:
-        """Whether the answers mean another program's table."""
-        return any(getattr(self.answers, name) for name in OF_TABLES)
 
 
 def require_source(source: str) -> None:
@@ -112,30 +98,17 @@ def items_of(source: str, options: SourceOptions, known: Surroundings) -> Iterat
     """
     path = Path(source)
     if source == STANDARD:
-        return (
-            _table(path, options.answers, known, LIVE_BYTES)
-            if options.is_table
-            else _decoded(_standard_input(), options, known, "standard input")
-        )
+        return _decoded(_standard_input(), options, known, "standard input")
     if source.startswith(UDP):
         return _decoded(_datagrams(source), options, known, source)
     if not path.is_file():
         return _decoded(_from_port(source, options.baud), options, known, source)
-    return _decoded(_growing(path), options, known, source) if options.follow else _table(path, options.answers, known)
+    return _decoded(_growing(path), options, known, source) if options.follow else _table(path, known)
 
 
-def _table(path: Path, answers: Answers, known: Surroundings, size: int = PIECE_BYTES) -> Iterator[Item]:
-    """A log of any program."""
-    reader = TableReader(path, answers)
-    if reader.layout.gyro is None or reader.layout.accel is None:
-        raise FormatError(f"{path.name} holds no {'gyroscope' if reader.layout.gyro is None else 'accelerometer'}, and a watch needs both")
-    refuse_calibrated(reader.comments, path.name)
-    full_scales = (answers.gyro_fs_dps, answers.accel_fs_g)
-    said = [given or number_in(reader.comments, key) for given, key in zip(full_scales, ("gyro_fs_dps", "accel_fs_g"), strict=True)]
-    sensor = answers.sensor or reader.comments.get("sensor") or known.sensor.model
-    filled = {"gyro_fs_dps": said[0] or known.sensor.gyro_fs_dps, "accel_fs_g": said[1] or known.sensor.accel_fs_g, "sensor": sensor}
-    source = LogSource(reader, Answers(**{**vars(answers), **filled}), known)
-    for piece in source.pieces(size):
+def _table(path: Path, known: Surroundings) -> Iterator[Item]:
+    """A standard log."""
+    for piece in LogSource(path, known, gyro_alone=False).pieces():
         assert piece.accel is not None  # a log without forces was refused
         yield Readings(piece.t_ns, piece.gyro, piece.accel, piece.temp)
 
@@ -239,7 +212,7 @@ def _from_port(name: str, baud: int) -> Bytes:
 
 
 def _decoded(pieces: Bytes, options: SourceOptions, known: Surroundings, name: str) -> Iterator[Item | None]:
-    decoder, units = StreamDecoder(options.header), _Units(options.answers, known, name)
+    decoder, units = StreamDecoder(options.header), _Units(known, name)
     for piece in pieces:
         if isinstance(piece, Restart):
             yield from _items(decoder.finish(), units)
@@ -259,8 +232,7 @@ def _decoded(pieces: Bytes, options: SourceOptions, known: Surroundings, name: s
 
 def _no_samples(name: str) -> DataError:
     return DataError(
-        f"{name}: no sample in what came; expected the project's frames or lines (docs/stream.md); give --header LINE for lines without "
-        "one, or --columns or --like for another program's table on standard input"
+        f"{name}: no sample in what came; expected the project's frames or lines (docs/stream.md); give --header LINE for lines without one"
     )
 
 
@@ -286,10 +258,10 @@ def _items(events: list[AnyEvent], units: _Units) -> Iterator[Item]:
 
 
 class _Units:
-    """What a stream's registers mean: said by its options, the board, or the model, in this order."""
+    """What a stream's registers mean: said by the board, or the model, in this order."""
 
-    def __init__(self, answers: Answers, known: Surroundings, name: str):
-        self._answers, self._known, self._name = answers, known, name
+    def __init__(self, known: Surroundings, name: str):
+        self._known, self._name = known, name
         self._accelerometer = known.accelerometer or Accelerometer(source="none")
         self.info: Info | None = None
 
@@ -300,12 +272,12 @@ class _Units:
             gyro, accel = (WORDS[kind][word] for kind, word in zip(("gyro", "accel"), chunk.form.units, strict=True))
             temp_c = values[:, 6] if chunk.form.has_temperature else None
         else:
-            answers, own, info = self._answers, self._known.sensor, self.info
-            gyro_fs = answers.gyro_fs_dps or (info.gyro_fs_dps if info else None) or own.gyro_fs_dps
-            accel_fs = answers.accel_fs_g or (info.accel_fs_g if info else None) or own.accel_fs_g
+            own, info = self._known.sensor, self.info
+            gyro_fs = (info.gyro_fs_dps if info else None) or own.gyro_fs_dps
+            accel_fs = (info.accel_fs_g if info else None) or own.accel_fs_g
             if gyro_fs is None or accel_fs is None:
-                raise FormatError(f"{self._name} sends registers and nobody says the full scale; give --gyro-fs and --accel-fs")
-            model = answers.sensor or (info.sensor if info and info.sensor else None) or own.model or DEFAULT
+                raise FormatError(f"{self._name} sends registers and nobody says the full scale; give --session DIR")
+            model = (info.sensor if info else None) or own.model or DEFAULT
             units = RegisterUnits(model, gyro_fs, accel_fs, **(own.own_units if model == own.model else {}))
             gyro, accel, temp_c = units.gyro_rps, units.accel_mps2, units.temperature_c(values[:, 6])
         return Readings(chunk.t_us * 1000, values[:, :3] * gyro, self._accelerometer.correct(values[:, 3:6] * accel), temp_c)

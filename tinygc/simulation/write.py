@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import zlib
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -66,6 +67,8 @@ GZIP_BITS = 16 + zlib.MAX_WBITS  #: gzip's header and checksum
 ROWS = 1 << 14  #: that are text at a time
 LOG, CLOSURE, CONFIG, TRUTH = "log0001.csv.gz", "closure0001.csv.gz", "session.toml", "truth.json"
 REST = "rest0001.csv.gz"
+#: files of a simulation, of a rest log and of an array too
+FILES = re.compile(r"session\.toml|truth\.json|turns\.csv|(log|closure|rest)0001(\.unit\d+)?\.csv\.gz")
 #: first words in the session.toml of a simulation
 SIMULATED = "# SIMULATED"
 
@@ -103,7 +106,7 @@ def write_simulation(
 
 def write_files(simulation: Simulation, folder: Path, config: Config, head: str = "", truth: str = "") -> None:
     """Write the files of a recorded session: session.toml, log, closure run, turns of known angle; truth.json, if any."""
-    with folder_whole(folder, (CONFIG, KNOWN_TURNS, REST, CLOSURE)) as work:  # those of an earlier one
+    with folder_whole(folder, earlier_in(folder)) as work:
         write_new(work / CONFIG, head + toml_text(config))
         write_log(work / LOG, simulation.options, simulation.unit.odr_hz, simulation.log)
         if turns := stopped_turns(simulation.plan, simulation.options):
@@ -116,33 +119,31 @@ def write_files(simulation: Simulation, folder: Path, config: Config, head: str 
 
 def check_folder(folder: Path, force: bool) -> None:
     """Raise FormatError if a simulation may not be written there: other files are present, or a simulation and ``force`` is not set."""
-    present = names_in(folder, force)
-    if not present:
-        return
-    if TRUTH not in present:
-        raise FormatError(f"{folder}: holds no simulation ({TRUTH} is missing) and is not replaced; give a new folder")
-    strangers = {name for name in present if has_recorded_name(Path(name))} - {LOG, CLOSURE, REST, CONFIG, TRUTH, KNOWN_TURNS}
-    strangers |= {name for name in present if not _is_a_simulations(folder / name)}
-    if strangers:
-        raise FormatError(f"{folder}: holds {min(strangers)} beside a simulation and is not replaced; give a new folder")
-
-
-def names_in(folder: Path, force: bool) -> set[str]:
-    """Names of files in the folder; FormatError if its path is a file, or if it is not empty and ``force`` is not set."""
     if folder.exists() and not folder.is_dir():
         raise FormatError(f"{folder}: that is a file; give a new folder")
     refuse_unfinished(folder)
     present = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
-    if present and not force:
+    if not present:
+        return
+    if not force:
         raise FormatError(f"{folder}: not empty; give a new folder, or --force to replace an earlier simulation")
-    return present
+    if TRUTH not in present:
+        raise FormatError(f"{folder}: holds no simulation ({TRUTH} is missing) and is not replaced; give a new folder")
+    if strangers := [name for name in present if not _is_a_simulations(folder / name)]:
+        raise FormatError(f"{folder}: holds {min(strangers)} beside a simulation and is not replaced; give a new folder")
+
+
+def earlier_in(folder: Path) -> list[str]:
+    """Names of the files of a simulation in a folder, which another one replaces."""
+    return [path.name for path in folder.glob("*") if FILES.fullmatch(path.name)]
 
 
 def _is_a_simulations(path: Path) -> bool:
     """Whether a simulation may have written the file: a linked file belongs to others, and session.toml of a simulation is marked."""
     if path.name == CONFIG and not path.is_symlink():
         return read_bytes(path, MOST_TOML).startswith(SIMULATED.encode())
-    return not (has_recorded_name(path) and (path.is_symlink() or path.stat().st_nlink > 1))
+    is_others = path.is_symlink() or path.stat().st_nlink > 1 or not FILES.fullmatch(path.name)
+    return not (has_recorded_name(path) and is_others)
 
 
 def write_log(path: Path, options: SimulationOptions, odr_hz: float, log: RegisterLog, serial: str = "") -> None:

@@ -243,10 +243,10 @@ def test_the_command_writes_what_the_reader_reads_and_replaces_nothing_but_a_sim
     assert calibrate.main([*words, "--force"]) == 0
     assert (folder / "log0001.unit1.csv.gz").read_bytes() == before
     assert calibrate.main(words) == 2
-    (folder / "notes.txt").write_text("mine")
+    (folder / "log0002.csv").write_text("mine")
     assert calibrate.main([*words, "--force"]) == 2
-    assert "notes.txt" in capsys.readouterr().err.splitlines()[-1]
-    (folder / "notes.txt").unlink()
+    assert "log0002.csv" in capsys.readouterr().err.splitlines()[-1]
+    (folder / "log0002.csv").unlink()
     (folder / "session.toml").write_text('schema = "tinygc-session/1"\n')
     assert calibrate.main([*words, "--force"]) == 2
     assert "not replaced" in capsys.readouterr().err

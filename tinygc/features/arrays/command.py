@@ -38,7 +38,8 @@ def add_simulate_arguments(command: argparse.ArgumentParser) -> None:
 def simulate(args: argparse.Namespace, options: SimulationOptions, chosen: dict) -> int | None:
     """Simulate several units on one body; return None if no array option is given."""
     from tinygc.features.arrays.options import ArrayOptions
-    from tinygc.features.arrays.simulation import check_array_folder, simulate_array, write_array
+    from tinygc.features.arrays.simulation import simulate_array, write_array
+    from tinygc.simulation.write import check_folder
 
     fields = given_fields(args, ArrayOptions)
     if not fields:
@@ -48,7 +49,7 @@ def simulate(args: argparse.Namespace, options: SimulationOptions, chosen: dict)
         raise CalibrationError("options of an array, and one unit; add --units N with two or more, or leave them out")
     if args.rest_cycles or options.stop_sigma_deg:
         raise CalibrationError("--units: an array has neither rest logs nor turns of known angle; simulate them apart")
-    check_array_folder(args.out, args.force)  # fail early
+    check_folder(args.out, args.force)  # fail early
     folder = write_array(simulate_array(options, array), args.out, args.force)
     output(args).print(f"{folder}: {array.units} units are simulated; the truth is in truth.json, which no command reads", soft_wrap=True)
     write_json(args.json, {"schema": "tinygc-simulate/1", "folder": str(folder), "options": chosen | {"array": asdict(array)}})

@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from session.base.errors import FormatError
-from session.base.files import MOST_TOML, folder_whole, read_bytes, write_new
+from session.base.files import folder_whole, write_new
 from session.base.texts import comment
 from session.base.units import DEG, MG
 from session.log.written import toml_text
@@ -25,8 +24,9 @@ from tinygc.simulation.write import (
     CONFIG,
     SIMULATED,
     TRUTH,
+    check_folder,
     config_of,
-    names_in,
+    earlier_in,
     serial_of,
     truth_table,
     write_log,
@@ -210,11 +210,10 @@ TRUTH_SCHEMA = "tinygc-array-truth/1"
 def write_array(array: SimulatedArray, folder: Path, force: bool = False) -> Path:
     """Write ``log0001.unit0.csv.gz`` and so on; return the folder.
 
-    Raises FormatError for a folder that is not empty; ``force`` replaces an earlier simulation of an array, and nothing else.
+    Raises FormatError for a folder that is not empty; ``force`` replaces an earlier simulation, and nothing else.
     """
-    check_array_folder(folder, force)
-    earlier = (CONFIG, *(path.name for path in folder.glob("*.unit*.csv.gz")))
-    with folder_whole(folder, earlier) as work:
+    check_folder(folder, force)
+    with folder_whole(folder, earlier_in(folder)) as work:
         write_new(work / CONFIG, array_config_text(array))
         for number, unit in enumerate(array.units):
             for name, log in (("log0001", unit.log), ("closure0001", unit.closure)):
@@ -222,20 +221,6 @@ def write_array(array: SimulatedArray, folder: Path, force: bool = False) -> Pat
                     write_log(work / f"{name}.unit{number}.csv.gz", unit.options, unit.unit.odr_hz, log, _serial(unit, number))
         write_new(work / TRUTH, json.dumps(array_truth(array), indent=1) + "\n")
     return folder
-
-
-def check_array_folder(folder: Path, force: bool) -> None:
-    """Raise FormatError where a simulated array may not be written."""
-    present = names_in(folder, force)
-    if not present:
-        return
-    mine = {name for name in present if name in (CONFIG, TRUTH, "fit", "explain") or (".unit" in name and name.endswith(".csv.gz"))}
-    config = folder / CONFIG
-    made = TRUTH in present and CONFIG in present and not config.is_symlink()
-    made = made and read_bytes(config, MOST_TOML).startswith(SIMULATED.encode())
-    if not made or present - mine:
-        what = min(present - mine, default=CONFIG)
-        raise FormatError(f"{folder}: holds {what} beside or instead of a simulated array and is not replaced; give a new folder")
 
 
 def _serial(unit: Simulation, number: int) -> str:

@@ -19,15 +19,14 @@ from tinygc.simulation.options import MOST_SAMPLES, SimulationOptions
 from tinygc.simulation.sensor import Flicker, RegisterLog, registers_of, white
 from tinygc.simulation.simulator import unit_of
 from tinygc.simulation.write import (
-    CLOSURE,
     CONFIG,
-    LOG,
     REST,
     SIMULATED,
     TRUTH,
     TRUTH_SCHEMA,
     check_folder,
     config_of,
+    earlier_in,
     write_log,
 )
 
@@ -113,7 +112,7 @@ def write_rest(options: RestOptions, session: SimulationOptions, folder: Path, f
     truth = {"schema": TRUTH_SCHEMA, "effects": {}, "rest": asdict(options) | {"knock_s": knock_s.tolist()}}
     given = f"{rest_flag('cycles')} {options.cycles:g} --seed {session.seed}"
     head = f"{SIMULATED}, not recorded: calibrate.py simulate {given} and what truth.json holds besides\n"
-    with folder_whole(folder, (CONFIG, LOG, CLOSURE)) as work:  # those of an earlier one
+    with folder_whole(folder, earlier_in(folder)) as work:
         write_new(work / CONFIG, head + toml_text(config_of(session, unit_of(session), calibrated=False)))
         write_log(work / REST, session, session.odr_hz, log)
         write_new(work / TRUTH, json.dumps(truth, indent=1) + "\n")

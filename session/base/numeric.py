@@ -56,6 +56,20 @@ def smallest_step(values: np.ndarray) -> float:
     return float(steps.min(initial=np.inf, where=steps > 1e-9 * max(size, 1e-300))) if (steps > 0).any() else 0.0
 
 
+# Rows by their time.
+
+
+def later_row(times: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Rows (…) of increasing times (N,), N of 2 or more, that with the row before lie on both sides of moments (…), or nearest to that."""
+    return np.clip(np.searchsorted(times, at), 1, len(times) - 1)
+
+
+def nearest_row(times: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Rows (…) of increasing times (N,), N of at least 2, nearest to moments (…); of two alike the earlier."""
+    after = later_row(times, at)
+    return after - (at - times[after - 1] < times[after] - at)
+
+
 # Readings that are held: rows of one sensor that come faster than it measures.
 
 

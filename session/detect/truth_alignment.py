@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from session.base import rotation
-from session.base.numeric import finite_or_none, sigmas_in
+from session.base.numeric import finite_or_none, nearest_row, sigmas_in
 from session.base.units import DEG, NS, NS_PER_S
 from session.log.config import (
     ASSUMED,
@@ -63,8 +63,7 @@ class Carried:
 
     def nearest(self, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(K,) rows, and s by which each time is later than its own."""
-        after = np.clip(np.searchsorted(self.t_s, t_s), 1, len(self.t_s) - 1)
-        row = after - (t_s - self.t_s[after - 1] < self.t_s[after] - t_s)
+        row = nearest_row(self.t_s, t_s)
         return row, t_s - self.t_s[row]
 
     def _slope(self, row: np.ndarray, late: np.ndarray) -> np.ndarray:

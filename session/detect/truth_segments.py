@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from session.base.errors import DataError
-from session.base.numeric import runs_of
+from session.base.numeric import nearest_row, runs_of
 from session.base.rotation import unit_vectors
 from session.base.units import DEG, NS, NS_PER_S
 from session.detect.segments import LONGEST_TURN_SEGMENTS, Segment, why_broken
@@ -78,7 +78,7 @@ def cut_at_truth(
     Raises DataError where the truth's times are not the log's.
     """
     moments_inside(samples, truth)  # or it is refused
-    nearest = _nearest(samples, truth)
+    nearest = nearest_row(samples.t_ns, truth.t_ns)
     there = np.abs(samples.t_ns[nearest] - truth.t_ns) * NS < samples.period_s
     q = _at_samples(samples, truth, nearest)
     segments: list[tuple[Segment, TruthEnds]] = []
@@ -111,17 +111,11 @@ def cut_at_truth(
 
 def moments_inside(samples: Samples, truth: Truth) -> tuple[np.ndarray, np.ndarray]:
     """Rows (K,) of the log that are nearest to the sound moments within it, and ``q_nb`` (K, 4) there.  DataError where there is none."""
-    nearest = _nearest(samples, truth)
+    nearest = nearest_row(samples.t_ns, truth.t_ns)
     inside = truth.sound & (np.abs(samples.t_ns[nearest] - truth.t_ns) * NS < samples.period_s)
     if not inside.any():
         raise DataError(f"{truth.path.name}: none of its {len(truth)} moments lies within the log; are its times on the log's clock?")
     return nearest[inside], _at_samples(samples, truth, nearest)[inside]
-
-
-def _nearest(samples: Samples, truth: Truth) -> np.ndarray:
-    """(K,) number of the sample nearest to each moment."""
-    after = np.clip(np.searchsorted(samples.t_ns, truth.t_ns), 1, len(samples) - 1)
-    return after - (truth.t_ns - samples.t_ns[after - 1] < samples.t_ns[after] - truth.t_ns)
 
 
 def _at_samples(samples: Samples, truth: Truth, nearest: np.ndarray) -> np.ndarray:

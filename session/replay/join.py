@@ -9,6 +9,7 @@ import numpy as np
 
 from session.base.budget import current
 from session.base.errors import DataError, FormatError
+from session.base.numeric import later_row
 from session.base.units import G
 from session.log.pace import pace_of
 from session.log.reader import Piece
@@ -218,7 +219,7 @@ def _at(t_ns: np.ndarray, there_ns: np.ndarray, values: np.ndarray) -> tuple[np.
     there_ns, values = there_ns[later], values[later]
     if len(there_ns) < 2:
         return np.zeros((len(t_ns), 3)), np.zeros(len(t_ns), dtype=bool)
-    after = np.clip(np.searchsorted(there_ns, t_ns), 1, len(there_ns) - 1)
+    after = later_row(there_ns, t_ns)
     gap = there_ns[after] - there_ns[after - 1]
     part = ((t_ns - there_ns[after - 1]) / gap)[:, None]
     # On the stamp itself the value must be the value, not nearly.

@@ -83,8 +83,7 @@ def rate_covariance(found: Refit, clock: NominalRate | None) -> np.ndarray:
     """Return the covariance (12 + P, 12 + P) of E row by row, B in rad/s, and the theta of each rate effect in SI; inflated where the
     refit's residuals exceed the noise.  clock: of the logs, with which all of them scale."""
     rows = rows_of_rates(found.state)
-    widen = max(1.0, found.chi_square / max(len(found.r) - found.J.shape[1], 1))
-    covariance = found.covariance[np.ix_(rows, rows)] * widen
+    covariance = found.covariance[np.ix_(rows, rows)] * found.widened
     return covariance if clock is None else covariance + clock.covariance(found.state.vector[rows])
 
 

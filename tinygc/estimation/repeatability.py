@@ -111,10 +111,16 @@ def between_sessions(
     A drift, of four sessions or more, and steps that are significant are taken out (``between_sessions.course``); sessions without dates
     count as they come.
     """
+    scatter, freedom, less = _scatters(biases, covariances, moments)
+    return BiasRepeatability(scatter, f"{len(biases)} {source}{less}", freedom)
+
+
+def _scatters(values: np.ndarray, own: np.ndarray, moments: Sequence[Moment | None]) -> tuple[np.ndarray, np.ndarray, str]:
+    """Scatter and freedom (q,) of values (n, q) with covariances own (n, q, q), and what is taken out of it, in words."""
     order, at = times_of(moments)
-    courses = [course(biases[order, axis], covariances[order, axis, axis], at) for axis in range(3)]
+    courses = [course(values[order, number], own[order, number, number], at) for number in range(values.shape[1])]
     scatter, freedom = (np.array([getattr(each.model, name) for each in courses], dtype=float) for name in ("counted", "freedom"))
-    return BiasRepeatability(scatter, f"{len(biases)} {source}{taken_out(courses)}", freedom)
+    return scatter, freedom, taken_out(courses)
 
 
 def taken_out(courses: Sequence[Course]) -> str:
@@ -133,11 +139,9 @@ def accelerometer_between(history: Sequence[Path]) -> AnySession | None:
     found = [(folder, *triad) for folder, triad in read if triad is not None]
     if len(found) < 2:
         return None
-    order, at = times_of([_moment(folder) for folder, _, _ in found])
-    values, own = (np.array([found[i][part] for i in order]) for part in (1, 2))
-    courses = [course(values[:, q], own[:, q, q], at) for q in range(values.shape[1])]
-    scatter, freedom = (np.array([getattr(each.model, name) for each in courses], dtype=float) for name in ("counted", "freedom"))
-    return AnySession(widened(scatter, freedom), f"{len(found)} other sessions of this unit{taken_out(courses)}")
+    folders, values, own = zip(*found, strict=True)
+    scatter, freedom, less = _scatters(np.array(values), np.array(own), [_moment(folder) for folder in folders])
+    return AnySession(widened(scatter, freedom), f"{len(found)} other sessions of this unit{less}")
 
 
 def _triad(folder: Path) -> tuple[np.ndarray, np.ndarray] | None:

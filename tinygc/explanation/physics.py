@@ -109,10 +109,10 @@ def fit_physics(
     rate_claims = tuple(claim for claim in fit.state.claims if claim.effect.kind == "rate")
     model = PhysicsModel(fit.state.model, rate_claims, conditions(mended.problem))
     # The fitted effects of the accelerometer with their parameters and std, inflated where the residuals exceed the noise.
-    widen, found = max(1.0, fit.chi_square / max(len(fit.r) - fit.J.shape[1], 1)), []
+    found = []
     for number, claim in enumerate(fit.state.claims):
         if claim.effect.kind == "force":
-            _, parameters, std = readable(claim, widen * fit.theta_covariance(number))
+            _, parameters, std = readable(claim, fit.widened * fit.theta_covariance(number))
             found.append({"id": claim.effect.id, "equation": claim.effect.equation, "parameters": parameters, "std": std})
     angles, unseen = left.fit.angles, proof.named
     return PhysicsFit(model, mended.problem, left.problem, fit, angles, unseen, tuple(mended.found), refused, of_force=tuple(found))

@@ -65,11 +65,10 @@ def beyond_linear(twin: Twin, whiten: Whitener, start: State | None = None) -> l
     # Fitted together, so that neither effect widens or biases the other through its residuals.
     tried = [catalogue()[name] for name in (G_SENSITIVITY, ASYMMETRY) if name not in known]
     fit = refit(twin, whiten, [*named, *tried], start) if tried else refit(twin, whiten, named, start)
-    widen = max(1.0, fit.chi_square / max(len(fit.r) - fit.J.shape[1], 1))  # variance inflation from the residuals
     latitude_known = twin.problem.earth.source != "none"
     quantities = []
     for number, claim in enumerate(fit.state.claims):
-        covariance = fit.theta_covariance(number) * widen
+        covariance = fit.theta_covariance(number) * fit.widened
         if claim.effect.id == G_SENSITIVITY:
             quantities += _g_sensitivity(claim.theta, covariance, claim.effect.parameter.plausible, latitude_known)
         if claim.effect.id == ASYMMETRY:

@@ -125,6 +125,11 @@ class Refit:
         """Probability that noise leaves a chi-square this large."""
         return chi_square_above(self.chi_square, max(len(self.r) - self.J.shape[1], 1))
 
+    @property
+    def widened(self) -> float:
+        """Variance inflation from the residuals, 1 or more."""
+        return max(1.0, self.chi_square / max(len(self.r) - self.J.shape[1], 1))
+
     def theta_covariance(self, number: int) -> np.ndarray:
         """Covariance (P, P) of one claim."""
         own = claim_slice(self.state.claims, number)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from session.base.errors import DataError, FormatError
-from session.base.numeric import decimal_rows
+from session.base.numeric import decimal_rows, nearest_row
 from session.base.units import DEG, NS
 from session.log.folder import sha256_of
 from tinygc.deploy.apply import DECIMALS, Applicable, LogSource, columns_of, opened
@@ -311,8 +311,7 @@ def _at_the_same_moments(model: ArrayModel, paths: dict[int, Path]) -> bool:
     if len(ours) < 2:
         return True
     limit_ns = ONE_READER * float(np.median(np.diff(ours)))
-    after = [np.clip(np.searchsorted(ours, theirs), 1, len(ours) - 1) for theirs in stamps[1:] if len(theirs)]
-    far = [np.minimum(np.abs(ours[k] - t), np.abs(ours[k - 1] - t)) for k, t in zip(after, (t for t in stamps[1:] if len(t)), strict=True)]
+    far = [np.abs(ours[nearest_row(ours, theirs)] - theirs) for theirs in stamps[1:] if len(theirs)]
     return all(float(np.median(each)) <= limit_ns for each in far)
 
 

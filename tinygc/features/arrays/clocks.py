@@ -10,7 +10,7 @@ from scipy.fft import irfft, next_fast_len, rfft
 from scipy.interpolate import CubicSpline
 
 from session.base.errors import CalibrationError
-from session.base.numeric import rms_of, sigma_of, sigmas_in
+from session.base.numeric import later_row, rms_of, sigma_of, sigmas_in
 from session.base.solving import inverse
 from session.base.units import DEG, NS
 from session.detect.events import register_end_dps
@@ -373,7 +373,7 @@ class _ClockRows:
             tau = other.t_s + x[0] + x[1] * (other.t_s - about_s)
             rows = np.flatnonzero(moves & one.covers(tau))
             at = tau[rows]
-            after = np.clip(np.searchsorted(one.t_s, at), 1, len(one) - 1)
+            after = later_row(one.t_s, at)
             phase = (at - one.t_s[after - 1]) / (one.t_s[after] - one.t_s[after - 1])
             variance, slope = interpolated_variance(phase)
             parts.append(

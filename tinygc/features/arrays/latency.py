@@ -9,7 +9,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 from scipy.special import gammaincc, gammainccinv, ndtr
 
-from session.base.numeric import rms_of, sigma_of
+from session.base.numeric import later_row, rms_of, sigma_of
 from session.base.units import NS
 from session.log.folder import Session
 from session.log.logfile import Log
@@ -157,7 +157,7 @@ class PhaseTrack:
         inside = np.clip(t_s, self.t_s[0], self.t_s[-1])
         phase = CubicHermiteSpline(self.t_s, self.cycles, self.frequency_hz)(inside)
         phase = phase + np.where(t_s < inside, self.frequency_hz[0], self.frequency_hz[-1]) * (t_s - inside)
-        nearest = np.abs(t_s - self.t_s[np.clip(np.searchsorted(self.t_s, t_s), 1, len(self.t_s) - 1) - 1])
+        nearest = np.abs(t_s - self.t_s[later_row(self.t_s, t_s) - 1])
         nearest = np.minimum(nearest, np.abs(self.t_s[np.clip(np.searchsorted(self.t_s, t_s), 0, len(self.t_s) - 1)] - t_s))
         sigma = np.interp(t_s, self.t_s, self.sigma_cycles)
         return phase, np.sqrt(sigma**2 + WALK_HZ**2 * nearest**3 / 3)

@@ -291,8 +291,7 @@ def recover(trial: EffectTrial) -> str:
 def _errors(one: FittedProof) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Errors (n,) and stated sigmas (n,) of the JSON's numbers, and the injected size (n,)."""
     claim, truth, parameter = one.claim, one.injected.theta, one.claim.effect.parameter
-    widen = max(1.0, one.fit.chi_square / max(len(one.fit.r) - one.fit.J.shape[1], 1))
-    sigma = np.ravel(readable(claim, one.fit.theta_covariance(0) * widen)[2][parameter.name]) * parameter.si
+    sigma = np.ravel(readable(claim, one.fit.theta_covariance(0) * one.fit.widened)[2][parameter.name]) * parameter.si
     keep = sigma > 0  # a convention fixes one entry exactly
     return (claim.theta - truth)[keep], sigma[keep], np.full(int(keep.sum()), np.sqrt(np.mean(truth**2)))
 

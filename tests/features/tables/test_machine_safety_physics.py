@@ -17,7 +17,6 @@ from session.bench.clocks import HostClock
 from tinygc.features.tables.machines.description import Description, read_description
 from tinygc.features.tables.machines.makefile import LONGEST_LINE, Pattern, read_make
 from tinygc.features.tables.machines.makes import MODULES, make_of, makes, open_table, template
-from tinygc.features.tables.machines.makes.hand import Hand
 from tinygc.features.tables.machines.safety import Guarded, Move, plan_lines
 from tinygc.features.tables.machines.verbs import TableFault, TableLimit
 from tinygc.features.tables.machines.virtual import VirtualTable
@@ -176,34 +175,6 @@ def test_no_pattern_makes_a_reader_wait():
 def test_a_description_that_does_not_fit_its_make(table, expected):
     with pytest.raises(FormatError, match=re.escape(expected)):
         open_table(table, link=Bench(description("line")).link, clock=SimulatedClock())
-
-
-def test_a_hand_confirms_each_verb():
-    """The same verbs; what is typed is the dial's reading, Enter alone the angle that was asked for."""
-    asked, typed = [], iter(["", "44.5", "", "31", "oops"])
-
-    def ask(text):
-        asked.append(text)
-        return next(typed)
-
-    table = description("hand")
-    hand = Hand(table, ask)
-    guarded = Guarded(hand, FastClock())
-    guarded.confirm([Move.home(), Move.anywhere(table, 0, 60 * DEG)], None, print)
-    guarded.home()
-    assert not guarded.settle().moving
-    guarded.turn_to(0, 45 * DEG, 30 * DEG)
-    assert guarded.settle().angles[0] == pytest.approx(44.5 * DEG)
-    guarded.turn_to(0, 30 * DEG, 30 * DEG)
-    assert guarded.settle().angles[0] == pytest.approx(30 * DEG)
-    hand.turn_at(0, -10 * DEG)
-    hand._thread.join()
-    assert hand.where().angles[0] == pytest.approx(31 * DEG)
-    hand.turn_to(0, 0.0, DEG)
-    hand._thread.join()
-    with pytest.raises(CalibrationError, match="no angle in degrees"):
-        hand.where()
-    assert "turn outer to 45 deg, at most at 30 dps" in asked[1]
 
 
 def test_a_stage_behind_libximc(tmp_path):

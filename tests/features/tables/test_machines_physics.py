@@ -150,7 +150,7 @@ def test_an_answer_has_the_time_between_question_and_answer():
         now[0] += 0.03
         return Where(np.zeros(2), False)
 
-    guarded = SimpleNamespace(where=where, is_at_rest=True, by_hand=False)
+    guarded = SimpleNamespace(where=where, is_at_rest=True)
     file = SimpleNamespace(add=lambda log, t_us, said: rows.append((log, t_us)))
     driver = TableDriver(guarded, file, lambda: now[0], in_thread=False)
     driver.heard(Moment("log0001.csv", 7_000_000, 7_000_000_000))

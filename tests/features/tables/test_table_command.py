@@ -12,12 +12,9 @@ from formats_page import strangers
 from processes import CALIBRATE, DEVNULL, PIPE, heard, refused, started
 from table_recordings import table_toml
 
-from tinygc import CalibrationError
 from tinygc.cli.arguments import parser
 from tinygc.cli.commands import record
-from tinygc.features.tables.machines.description import read_description
 from tinygc.features.tables.machines.makes import makes, template
-from tinygc.features.tables.recording import TurnedRecording
 
 
 @pytest.fixture
@@ -143,10 +140,3 @@ def test_a_recording_of_another_table_is_refused_before_this_one_is_opened(run, 
     (folder / "table.toml").write_text(absent.read_text().replace(old, new, 1))
     words = ("record", "--resume", "--table", absent, "--home", "--yes", "--port", tmp_path / "board-port", "--out", folder)
     refused(run(*words), "a session is of one table")
-
-
-def test_a_table_turned_by_hand_is_refused_before_anything_is_asked(tmp_path):
-    (tmp_path / "hand.toml").write_text(table_toml("middle", make="hand"))
-    assert read_description(tmp_path / "hand.toml").make == "hand"
-    with pytest.raises(CalibrationError, match="record asks a person for each turn by itself: leave --table out"):
-        TurnedRecording(tmp_path / "hand.toml")

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from session.base.errors import CalibrationError, FormatError
+from session.base.errors import FormatError
 from session.base.files import copy_new, read_text
 from session.base.names import log_paths
 from session.base.texts import printable
@@ -91,8 +91,6 @@ class TurnedRecording:
     ):
         self.file, self._home, self._opened, self._now_s = file, home, opened, now_s
         described = read_description(file)
-        if described.make == "hand":
-            raise CalibrationError(f"{file}: make is 'hand', and record asks a person for each turn by itself: leave --table out")
         self.description = described if port is None else replace(described, port=port)
         self._guards = ExitStack()
         self._plan: list[Move] = []

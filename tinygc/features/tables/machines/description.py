@@ -23,6 +23,7 @@ import numpy as np
 from session.base.errors import FormatError
 from session.base.records import ROTATION, Key, record_from, record_of
 from session.base.results import Array, Mismatch, Number, Shape, shown
+from session.base.rotation import cross_matrix
 from session.base.toml import read_toml
 from session.base.units import DEG
 
@@ -184,8 +185,7 @@ def read_description(path: Path) -> Description:
 
 def rotations(direction: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """(N, 3, 3) right-handed rotations by angles (N,) rad about a unit direction (3,)."""
-    x, y, z = direction
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    cross = cross_matrix(direction)
     angle = np.asarray(angle, dtype=float)[..., None, None]
     return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
 

@@ -189,7 +189,7 @@ class TableDriver:
         t_s = self._device.at((asked_s + self.now_s()) / 2)  # at what time between the two it answered is not known
         if t_s is not None:
             self._file.add(self._log, round(t_s * 1e6), where)
-        if not (where.moving and self.table.is_at_rest) or self.table.by_hand:  # a person is told to stop, and confirms it later
+        if not (where.moving and self.table.is_at_rest):
             self._unasked_s = None
         elif self._unasked_s is None:
             self._unasked_s = self.now_s()

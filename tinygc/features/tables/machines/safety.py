@@ -111,8 +111,6 @@ def plan_lines(table: Description, moves: Sequence[Move], notes: Sequence[str] =
     """The plan as a person reads it before anything moves; notes: as of ``Guarded.notes``."""
     rows = [f"  {number}. {move.text(table)}" for number, move in enumerate(moves, 1)]
     rows = [*(f"  {note}" for note in notes), *rows]
-    if table.make == "hand":
-        return [f"{table.name}: you will be asked to turn it:", *rows]
     return [f"{table.name} ({table.make}) will move:", *rows, "Keep clear of it, and its own emergency stop within reach."]
 
 
@@ -131,14 +129,11 @@ class Guarded:
 
     ``confirm`` first.  ``where`` is to be called some times a second while it moves; ``settle`` does that.  ``stop`` may be called from any
     thread.  TableLimit for what is not allowed (nothing is sent), TableFault for what went wrong (the table was stopped).
-
-    by_hand: a person turns it, who takes his time, and reads a dial.
     """
 
     def __init__(self, table: Table, clock: Clock | None = None):
         self.description = table.description
         self._table, self._clock = table, clock or HostClock()
-        self.by_hand = table.by_hand
         self._allowed: list[Move] = []
         self._rest = threading.Event()  # whether nothing was asked to move since it was seen at rest
         self._rest.set()
@@ -316,7 +311,7 @@ class Guarded:
                 self._stop_for("it says that it rests, asked for was a turn at a rate")
             found = self._guard(self._table.where)  # the angle may be older than the word that it rests
             # It says that the motion has ended: is it where it should be?
-            if self._target is not None and not self.by_hand:
+            if self._target is not None:
                 number, asked = self._target
                 axis, said = self.description.axes[number], found.angles[number]
                 if not abs(said - asked) <= BESIDE_RAD + 5 * axis.sigma_rad + axis.backlash_rad:  # it may begin late, and unwatched
@@ -414,12 +409,12 @@ class Guarded:
         self._way, self._origin, self._from, self._furthest = None, None, None, 0.0
         self._target, self._computed_s = target, computed_s
         self._looked_s = self._begin_s = self._clock.now_s()
-        self._due_s = np.inf if self.by_hand else self._begin_s + SLOWER * computed_s + LATER_S
+        self._due_s = self._begin_s + SLOWER * computed_s + LATER_S
         self._last = None
 
     def _compare(self, asked_s: float, now_s: float, found: Where) -> None:
         """An answer says where it was between the question and the answer."""
-        if not np.isfinite(found.angles).all() or self.by_hand:
+        if not np.isfinite(found.angles).all():
             return
         last_s = self._begin_s if self._last is None else self._last[0]
         for number, (axis, angle) in enumerate(zip(self.description.axes, found.angles, strict=True)):

@@ -36,12 +36,12 @@ class Where:
 class Table(Protocol):
     """A machine that is connected.  All verbs raise TableFault where it does not answer, and for a fault that it reports.
 
-    has_rate_mode: whether it turns at a rate by itself; by_hand: a person turns it, who takes his time, and reads a dial; angles_lost: it
-    has restarted, and was not homed since; begins: what ``begin`` will send, as text; warning: what whoever lets it move must know.
+    has_rate_mode: whether it turns at a rate by itself; angles_lost: it has restarted, and was not homed since; begins: what ``begin`` will
+    send, as text; warning: what whoever lets it move must know.
     """
 
     description: Description
-    has_rate_mode = by_hand = angles_lost = False
+    has_rate_mode = angles_lost = False
     begins = warning = ""
 
     def home(self) -> None:

@@ -281,8 +281,6 @@ def held_out(points: Points, hypothesis: Hypothesis, curve: int, fitted: Sequenc
     hypothesis = replace(hypothesis, apart=-1)
     numbers = [n for n in range(len(points.curves)) if n != curve] if fitted is None else list(fitted)
     others = points.part(np.isin(points.curve, numbers))
-    places = np.searchsorted(numbers, others.curve)
-    others = replace(others, curve=places, curves=tuple(points.curves[n] for n in numbers))
     found = fit(others, hypothesis) or fit(others, replace(hypothesis, lower=False, upper=False))
     if found is None:
         return None

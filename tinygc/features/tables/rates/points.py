@@ -117,9 +117,11 @@ class Points:
         return 0.0
 
     def part(self, which: np.ndarray) -> Points:
-        """The points (N,) bool that are chosen, the curves keeping their numbers."""
-        rows = ("rate_dps", "output", "sigma", "curve", "direction", "order", "std")
-        return replace(self, **{name: getattr(self, name)[which] for name in rows})
+        """The points (N,) bool that are chosen, with their curves alone."""
+        rows = ("rate_dps", "output", "sigma", "direction", "order", "std")
+        numbers, curve = np.unique(self.curve[which], return_inverse=True)
+        names = tuple(self.curves[n] for n in numbers)
+        return replace(self, curve=curve, curves=names, **{name: getattr(self, name)[which] for name in rows})
 
 
 def settings_of(points: Points) -> tuple[Points, list[str]]:

@@ -284,9 +284,7 @@ def _probe(choice: Choice, inside: Points, extra: str, within: Range | None = No
     law = "line" if of.law == extra else of.law if of.law in NOT_SMOOTH else "polynomial"
     if within is not None and law == "polynomial":  # a bend that one sense alone has would pull it
         inside = inside.part(np.abs(inside.rate_dps) <= min(-within.low, within.high))
-    numbers = np.unique(inside.curve)
-    own = replace(inside, curve=np.searchsorted(numbers, inside.curve), curves=tuple(inside.curves[n] for n in numbers))
-    found = fit(own, Hypothesis(law, extras=(*extras, extra)))
+    found = fit(inside, Hypothesis(law, extras=(*extras, extra)))
     if found is None:
         return None
     number = found.names.index(EXTRAS[extra].symbol.split()[0], len(found.offsets) + len(found.hypothesis.of.coefficients))

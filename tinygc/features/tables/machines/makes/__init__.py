@@ -10,13 +10,13 @@ from session.bench.clocks import Clock, HostClock
 from tinygc.features.tables.machines.description import AGAIN, Description
 from tinygc.features.tables.machines.dialogue import Dialogue
 from tinygc.features.tables.machines.makefile import FOLDER, Make, make_names, read_make
-from tinygc.features.tables.machines.makes import hand, ximc
+from tinygc.features.tables.machines.makes import ximc
 from tinygc.features.tables.machines.proof import fitted
 from tinygc.features.tables.machines.verbs import Table
 from tinygc.features.tables.machines.wire import PRESS, Link, SerialLink, VisaLink
 
 #: makes that are code
-MODULES = {"hand": hand, "ximc": ximc}
+MODULES = {"ximc": ximc}
 
 
 def makes() -> dict[str, str]:

@@ -56,7 +56,7 @@ def _rows(shape: Record, within: str) -> list[str]:
         if isinstance(entry.shape, Record):
             rows += _rows(entry.shape, f"{within}{entry.name}.")
         elif within:  # what stands outside of a section has one of its own on the page
-            rows.append(f"| `{within}{entry.name}` | {_range(entry.shape)} | {_default(entry)} | {said[entry.field.name]} |\n")
+            rows.append(f"| `{within}{entry.name}` | {_range(entry.shape)} | {_default(entry)} | {said[entry.attribute]} |\n")
     return rows
 
 

@@ -22,6 +22,18 @@ class Row:
     only_then: Annotated[int | None, Key(if_known=True)] = None
 
 
+@dataclass(frozen=True)
+class Measured:
+    written: ClassVar[tuple[str, ...]] = ("unit", "size", "words")
+    size: Annotated[float, Key(si=2.0)]
+    unit: str = "m"
+    beside: object = None
+
+    @property
+    def words(self) -> Annotated[str, Key("description")]:
+        return f"{self.size:g} {self.unit}"
+
+
 @dataclass(frozen=True, eq=False)
 class File:
     schema: ClassVar[str] = "tinygc-example/1"
@@ -88,6 +100,13 @@ def test_a_complaint_names_file_key_and_what_was_expected(table, says):
     with pytest.raises(FormatError) as caught:
         record_from(File, table, "x.json", "mend it")
     assert str(caught.value) == f"x.json: {says}; mend it"
+
+
+def test_what_is_written_may_be_named_with_properties_among_it():
+    assert table_of(Measured(3.0)) == {"unit": "m", "size": 1.5, "description": "3 m"}
+    assert list(table_of(Measured(3.0))) == ["unit", "size", "description"]
+    assert record_from(Measured, {"size": 1.5, "description": "x"}, "y") == Measured(3.0)
+    assert table_of(Measured(float("inf"))) == {"unit": "m", "size": None, "description": "inf m"}
 
 
 def test_the_sentence_of_a_key_is_the_comment_above_it():

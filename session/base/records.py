@@ -2,7 +2,7 @@
 
 A field's annotation gives its shape: a type alone (``float``, ``str``, ``tuple[Row, ...]``), or ``Annotated`` with bounds, choices, the
 shape of an array, its key and its unit in the file.  From it follow the check with its complaint (``read_record``), the record itself, what
-is written (``table_of``), and the page and the JSON Schema (``docs/make_formats.py``, which takes a field's sentence from the comment
+is written (``table_of``), and the page and the JSON Schema (``docs/make_schemas.py``, which takes a field's sentence from the comment
 ``#:`` above it).  A field without a default is a key that must be there.
 """
 
@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
+from enum import Enum
 from functools import cache
 from pathlib import Path
 from types import NoneType, UnionType
@@ -74,24 +75,19 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Entry:
-    """One field of a record: its dataclass field, its key, and its shape."""
+    """What is read or written of a record's attribute.  absent: what holds where the key is missing, or ``REQUIRED``; is_read: whether it
+    is a field, and no property, which is written alone."""
 
-    field: Field
+    attribute: str
     key: Key
     shape: Shape
+    absent: Any
+    is_read: bool
 
     @property
     def name(self) -> str:
         """Of its key."""
-        return self.key.name or self.field.name
-
-    @property
-    def absent(self) -> Any:
-        """What holds where the key is missing, or ``REQUIRED``."""
-        default, made = self.field.default, self.field.default_factory
-        if self.key.absent is not REQUIRED:
-            return self.key.absent
-        return made() if made is not MISSING else REQUIRED if default is MISSING else default
+        return self.key.name or self.attribute
 
 
 @dataclass(frozen=True)
@@ -111,33 +107,41 @@ class Record(Keys):
         """The record of a table that was checked."""
         values = {}
         for entry in self.entries:
-            if entry.name in value:
+            if entry.is_read and entry.name in value:
                 found = entry.shape.made(value[entry.name])
-                values[entry.field.name] = found if found is None or entry.key.si == 1 else found * entry.key.si
+                values[entry.attribute] = found if found is None or entry.key.si == 1 else found * entry.key.si
             elif entry.key.absent is not REQUIRED:
-                values[entry.field.name] = entry.key.absent
+                values[entry.attribute] = entry.key.absent
         return self.kind(**values)
 
 
 def _record_of(kind: Any, null: bool = True) -> Record:
     """The shape of a record's table; null: whether what is not known is null in its file, which TOML has no word for.
 
-    A class variable ``schema`` is the key of that name, and its first.
+    A class variable ``schema`` is the key of that name, and its first; one ``written`` names the attributes that are keys, properties, too.
     """
-    hints = get_type_hints(kind, include_extras=True)
-    entries = tuple(entry for each in fields(kind) if (entry := _entry(each, hints[each.name], null)).key.in_file)
+    hints, own = get_type_hints(kind, include_extras=True), {each.name: each for each in fields(kind)}
+    entries = tuple(entry for name in getattr(kind, "written", own) if (entry := _entry(kind, name, own, hints, null)).key.in_file)
     must: dict[str, Shape] = {"schema": Text((kind.schema,))} if hasattr(kind, "schema") else {}
-    must |= {entry.name: entry.shape for entry in entries if entry.absent is REQUIRED}
+    must |= {entry.name: entry.shape for entry in entries if entry.absent is REQUIRED and entry.is_read}
     return Record(must, {entry.name: entry.shape for entry in entries if entry.name not in must}, kind, entries)
 
 
 record_of: Callable[..., Record] = cache(_record_of)
 
 
-def _entry(each: Field, hint: Any, null: bool) -> Entry:
+def _entry(kind: Any, name: str, own: Mapping[str, Field], hints: Mapping[str, Any], null: bool) -> Entry:
+    absent = REQUIRED
+    if name in own:
+        hint, default, made = hints[name], own[name].default, own[name].default_factory
+        absent = made() if made is not MISSING else REQUIRED if default is MISSING else default
+    else:
+        found = getattr(kind, name)
+        hint = get_type_hints(found.fget if isinstance(found, property) else found.func, include_extras=True)["return"]
     marks = hint.__metadata__ if get_origin(hint) is Annotated else ()
     key = next((mark for mark in marks if isinstance(mark, Key)), Key())
-    return Entry(each, key, shape_of(hint, null) if key.in_file else Shape())
+    shape = shape_of(hint, null) if key.in_file else Shape()
+    return Entry(name, key, shape, absent if key.absent is REQUIRED else key.absent, name in own)
 
 
 def shape_of(hint: Any, null: bool = True) -> Shape:
@@ -181,7 +185,7 @@ def table_of(record: Any) -> dict[str, Any]:
     whole = record_of(type(record))
     table = {"schema": record.schema} if "schema" in whole.must else {}
     for entry in whole.entries:
-        value = getattr(record, entry.field.name)
+        value = getattr(record, entry.attribute)
         if entry.key.if_known and (value is None or value == {}):
             continue
         if value is not None and entry.key.si != 1:
@@ -198,6 +202,8 @@ def plain(value: Any) -> Any:
         return table_of(value)
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist() if value.dtype.kind not in "fO" or np.isfinite(value).all() else plain(value.tolist())
+    if isinstance(value, Enum):
+        return value.value
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, Mapping):

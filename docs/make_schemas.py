@@ -21,11 +21,11 @@ import numpy as np
 DOCS = Path(__file__).resolve().parent
 sys.path[:0] = [str(DOCS), str(DOCS.parent)]
 
-from schema_tables.shapes import DEFINED, file_of, schema_of  # noqa: E402
+from schema_tables.shapes import DEFINED, file_of, json_schema, schema_of  # noqa: E402
 
 import tinygc  # noqa: E402, F401  # tells where the features are, which have keys as well
 from session.base.records import REQUIRED, Entry, Record, record_of  # noqa: E402
-from session.base.results import LARGEST, Array, Flag, Keys, ListOf, MapOf, Maybe, Number, Shape, Text  # noqa: E402
+from session.base.results import Array, Flag, Keys, ListOf, MapOf, Number, Shape  # noqa: E402
 
 PAGES = (
     *("fit", "models", "explain", "lots", "simulation", "commands", "turns", "tables", "rates"),
@@ -98,7 +98,7 @@ def schemas() -> dict[str, dict]:
     """File name -> each schema."""
     made = {}
     for name, kind in _records().items():
-        made[file_of(name)] = {"$schema": DIALECT, "title": name} | _schema(record_of(kind))
+        made[file_of(name)] = {"$schema": DIALECT, "title": name} | json_schema(record_of(kind))
     for page in PAGES:
         for name, shape in importlib.import_module(f"schema_tables.{page}").TABLES.items():
             head = {"$schema": DIALECT, "title": name, "description": f"docs/formats/{page}.md"}
@@ -113,38 +113,13 @@ def _records() -> dict[str, type]:
     found: dict[str, type] = {}
     for path in sorted(path for package in ("session", "tinygc") for path in (DOCS.parent / package).rglob("*.py")):
         text = path.read_text(encoding="utf-8")
-        if "base.records import" in text and "base.toml import" not in text:
+        if "base.records import" in text and not re.search(r"\b(read_toml|toml_of)\(", text):
             module = importlib.import_module(".".join(path.relative_to(DOCS.parent).with_suffix("").parts))
-            for kind in vars(module).values():
-                name = getattr(kind, "schema", None)
-                if isinstance(kind, type) and isinstance(name, str) and issubclass(kind, found.get(name, object)):
+            own = [kind for kind in vars(module).values() if isinstance(kind, type) and kind.__module__ == module.__name__]
+            for kind in own:
+                if isinstance(name := getattr(kind, "schema", None), str) and issubclass(kind, found.get(name, object)):
                     found[name] = kind
     return found
-
-
-def _schema(shape: Shape) -> dict[str, Any]:
-    """A shape in JSON Schema 2020-12; what it does not know may stand beside."""
-    if isinstance(shape, Number):
-        bounds = {"exclusiveMinimum" if shape.above else "minimum": shape.low, "maximum": shape.high}
-        return {"type": "integer" if shape.whole else "number"} | {key: value for key, value in bounds.items() if abs(value) < LARGEST}
-    if isinstance(shape, Array):
-        schema: dict[str, Any] = _schema(shape.entry)
-        for count in reversed(shape.shape):
-            schema = {"type": "array", "items": schema} | ({} if count is None else {"minItems": count, "maxItems": count})
-        return schema
-    if isinstance(shape, Maybe):
-        return {"anyOf": [_schema(shape.entry), {"type": "null"}]}
-    if isinstance(shape, Text):
-        return {"enum": list(shape.one_of)} if shape.one_of else {"type": "string"}
-    if isinstance(shape, ListOf):
-        return {"type": "array", "items": _schema(shape.entry)}
-    if isinstance(shape, MapOf):
-        return {"type": "object", "additionalProperties": _schema(shape.entry)}
-    if isinstance(shape, Keys) and shape.known:
-        written = [entry.name for entry in shape.entries if not entry.key.if_known] if isinstance(shape, Record) else shape.must
-        schema = {"type": "object", "properties": {key: _schema(inner) for key, inner in shape.known.items()}}
-        return schema | {"required": sorted({*shape.must, *written})}
-    return {"type": "boolean"} if isinstance(shape, Flag) else {"type": "object"} if isinstance(shape, Keys) else {}
 
 
 def _definitions(schema: dict) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from scipy import stats
 from scipy.linalg import block_diag
 
 from session.base.errors import FitError
+from session.base.records import table_of
 from session.base.units import DEG, DEG_PER_HOUR, MG
 from session.detect.accelerometer import NAMES as ACCELEROMETER
 from session.log.config import Accelerometer, NominalRate
@@ -59,7 +60,7 @@ def test_nothing_better_than_raw_is_a_fail_and_one_that_is_worse_is_said(held_ou
         against = AgainstRaw("raw_bias_removed", 1.0, held_out, segments)
         assert (against.worse, against.failed, bool(against.words)) == (worse, failed and enough, bool(worse))
         assert [against.condemns(tilt) for tilt in (1.0, 1.0001)] == [False, enough]
-        assert [against.to_json()[key] for key in ("worse", "passed")] == [list(worse), not (failed and enough)]
+        assert [table_of(against)[key] for key in ("worse", "passed")] == [list(worse), not (failed and enough)]
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from .shapes import (
     array,
     maybe,
     named,
+    of,
     other,
     when,
     words,
@@ -32,7 +33,7 @@ KINDS = (
     "thermal",
 )
 LEVELS = ("ok", "note", "warning", "error")
-FINDING = named("finding", {"level": words(*LEVELS), "where": TEXT, "what": TEXT, "description": TEXT, "advice": TEXT})
+FINDING = named("finding", of("session.detect.findings:Finding"))
 VERSIONS = {name: maybe(TEXT) for name in ("TinyGC", "commit", "Python", "numpy", "scipy")} | {"torch?": TEXT}
 
 _RMS = {"raw_bias_removed": SIZE, "least_squares": SIZE}
@@ -104,23 +105,6 @@ def _each(result: Shape) -> dict:
     return {"sessions": [{"folder": TEXT, "exit_code": COUNT, "error": maybe(TEXT), "result": maybe(result)}]}
 
 
-_LISTED = {
-    "folder": TEXT,
-    "problem": maybe(TEXT),
-    "date": maybe(TEXT),
-    "date_from": maybe(words("port", "notes", "file")),
-    "model": maybe(TEXT),
-    "serial": maybe(TEXT),
-    "logs": maybe(COUNT),
-    "closures": maybe(COUNT),
-    "segments": maybe(COUNT),
-    "method": maybe(TEXT),
-    "held_out_deg": maybe(SIZE),
-    "floor_deg": maybe(SIZE),
-    "runs_deg": [maybe(SIZE)],
-    "verdict": maybe(TEXT),
-    "units": maybe(COUNT),
-}
 _CHI = {"chi_square": SIZE, "freedom": COUNT, "p_value": SHARE}
 _COMPARE = {
     "sessions": [TEXT],
@@ -151,15 +135,12 @@ _COMPARE = {
     },
     "notes": [TEXT],
 }
-_APPLY = {
+_APPLY_ARRAY = {
     "out": TEXT,
     "rows": COUNT,
-    "kind": words(*KINDS),
     "delay_s": NUMBER,
     "accelerometer": maybe(words("model", "session", "none")),
     "notes": [TEXT],
-}
-_APPLY_ARRAY = _APPLY | {
     "kind": words("array"),
     "log": TEXT,
     "clocks": words("model", "same", "found"),
@@ -216,21 +197,11 @@ TABLES = {
     "tinygc-report/1": _REPORT,
     "tinygc-fits/1": _each(other("tinygc-fit/2", "tinygc-temperature/2", "tinygc-array-fit/2")),
     "tinygc-reports/1": _each(other("tinygc-report/1")),
-    "tinygc-list/1": {"sessions": [_LISTED]},
+    "tinygc-list/1": {"sessions": [of("tinygc.fitting.listing:ListedSession")]},
     "tinygc-completion/1": {"shell": words("bash", "zsh", "fish"), "script": TEXT},
     "tinygc-compare/2": _COMPARE,
-    "tinygc-apply/1": when("log", _APPLY_ARRAY, _APPLY),
+    "tinygc-apply/1": when("log", _APPLY_ARRAY, of("tinygc.deploy.apply:Applied")),
     "tinygc-export/2": {"format": TEXT, "files": [TEXT], "remarks": [TEXT]},
-    "tinygc-replay/2": {
-        "folder": TEXT,
-        "log": TEXT,
-        "dialects": [TEXT],
-        "samples": COUNT,
-        "took": [TEXT],
-        "notes": [TEXT],
-        "next": [TEXT],
-        "findings": [FINDING],
-    },
     "tinygc-readers/1": {"readers": [{"name": TEXT, "example": TEXT, "needs": TEXT}]},
     "tinygc-record/1": _RECORD,
     "tinygc-board/1": {"samples": COUNT, "dropped": COUNT, "starts": COUNT, "take": maybe(COUNT)},

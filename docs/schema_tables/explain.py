@@ -280,9 +280,4 @@ _ARRAY = {
 TABLES = {
     "tinygc-explain/2": when("truth", _TRUTH, _EXPLAIN),
     "tinygc-array-explain/2": _ARRAY,
-    "tinygc-plan/2": {
-        "requested": maybe(TEXT),
-        "proposals": [{"words": TEXT, "parameter": TEXT, "now": maybe(NUMBER), "after": maybe(NUMBER)}],
-        "enough": maybe(COUNT),
-    },
 }

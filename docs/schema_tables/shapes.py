@@ -6,8 +6,13 @@ Keys that a table does not name are allowed, as every reader ignores them (docs/
 
 from __future__ import annotations
 
+import importlib
 from dataclasses import dataclass
 from typing import Any
+
+from session.base.records import Record, record_of
+from session.base.results import LARGEST, Array, Flag, Keys, ListOf, MapOf, Maybe, Number, Text
+from session.base.results import Shape as Declared
 
 #: a declared shape: an ``Of``, a table, or a list of one shape
 Shape = Any
@@ -34,6 +39,37 @@ def schema_of(shape: Shape) -> dict[str, Any]:
     if rest:
         table["additionalProperties"] = schema_of(rest[0] if len(rest) == 1 else either(*rest))
     return {key: value for key, value in table.items() if value not in ({}, [])}
+
+
+def json_schema(shape: Declared) -> dict[str, Any]:
+    """A shape in JSON Schema 2020-12; what it does not know may stand beside."""
+    if isinstance(shape, Number):
+        bounds = {"exclusiveMinimum" if shape.above else "minimum": shape.low, "maximum": shape.high}
+        return {"type": "integer" if shape.whole else "number"} | {key: value for key, value in bounds.items() if abs(value) < LARGEST}
+    if isinstance(shape, Array):
+        schema: dict[str, Any] = json_schema(shape.entry)
+        for count in reversed(shape.shape):
+            schema = {"type": "array", "items": schema} | ({} if count is None else {"minItems": count, "maxItems": count})
+        return schema
+    if isinstance(shape, Maybe):
+        return {"anyOf": [json_schema(shape.entry), {"type": "null"}]}
+    if isinstance(shape, Text):
+        return {"enum": list(shape.one_of)} if shape.one_of else {"type": "string"}
+    if isinstance(shape, ListOf):
+        return {"type": "array", "items": json_schema(shape.entry)}
+    if isinstance(shape, MapOf):
+        return {"type": "object", "additionalProperties": json_schema(shape.entry)}
+    if isinstance(shape, Keys) and shape.known:
+        written = [entry.name for entry in shape.entries if not entry.key.if_known] if isinstance(shape, Record) else shape.must
+        schema = {"type": "object", "properties": {key: json_schema(inner) for key, inner in shape.known.items()}}
+        return schema | {"required": list(dict.fromkeys([*shape.must, *written]))}
+    return {"type": "boolean"} if isinstance(shape, Flag) else {"type": "object"} if isinstance(shape, Keys) else {}
+
+
+def of(place: str) -> Of:
+    """The record ``MODULE:NAME``."""
+    module, name = place.split(":")
+    return Of(json_schema(record_of(getattr(importlib.import_module(module), name))))
 
 
 TEXT, FLAG, NULL = (Of({"type": name}) for name in ("string", "boolean", "null"))

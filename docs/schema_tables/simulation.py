@@ -19,7 +19,6 @@ from .shapes import (
     maybe,
     other,
     when,
-    words,
 )
 
 OPTIONS = {
@@ -87,32 +86,6 @@ _REST = {
     }
 }
 
-_CHALLENGE = {
-    "seed": COUNT,
-    "recording": maybe(TEXT),
-    "own": [TEXT],
-    "sessions": [
-        {
-            "verdict": TEXT,
-            "hidden": [
-                {
-                    "id": TEXT,
-                    "strength": NUMBER,
-                    "parameters": PARAMETERS,
-                    "size": maybe(SIZE),
-                    "detection_limit": maybe(SIZE),
-                    "unit": TEXT,
-                    "outcome": words("right", "limit", "missed"),
-                }
-            ],
-            "wrong": [TEXT],
-            "before_deg": maybe(SIZE),
-            "after_deg": maybe(SIZE),
-        }
-    ],
-    "totals": dict.fromkeys(("hidden", "right", "missed", "limit", "wrong"), COUNT),
-}
-
 TABLES = {
     "tinygc-simulate/1": {
         "folder": TEXT,
@@ -134,5 +107,4 @@ TABLES = {
         ],
         "jerks_s": [NUMBER],
     },
-    "tinygc-challenge/3": _CHALLENGE,
 }

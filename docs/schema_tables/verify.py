@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .shapes import COUNT, FLAG, NUMBER, SHARE, SIZE, TEXT, VECTOR, maybe, words
+from .shapes import COUNT, FLAG, NUMBER, SHARE, SIZE, TEXT, VECTOR, maybe, of, words
 
 _QUESTION = {
     "name": words("E", "B", "gravity's length", "noise"),
@@ -40,7 +40,7 @@ TABLES = {
         "bias_anew": {"bias_dps": VECTOR, "change_dps": VECTOR, "sigma_dps": VECTOR},
         "cause": maybe(_CAUSE),
         "cost": {"motion": TEXT, "as_it_is_deg": VECTOR, "sigma_deg": VECTOR, "bias_anew_deg": VECTOR, "bias_anew_sigma_deg": VECTOR},
-        "bounds": [{"name": TEXT, "bound_deg": SIZE, "limit_deg": SIZE, "use": TEXT, "seen": FLAG}],
+        "bounds": [of("tinygc.features.unit.verification.cost:Bound")],
         "turns_that_tell": [TEXT],
         "turns_that_separate": [TEXT],
         "facts": [TEXT],

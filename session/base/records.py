@@ -158,13 +158,13 @@ def shape_of(hint: Any, null: bool = True) -> Shape:
         return Maybe(shape_of(base, null)) if null else shape_of(base, null)
     if kind is Literal:
         return Text(inner)
-    if kind is tuple:
+    if isinstance(kind, type) and issubclass(kind, tuple | list):
         return ListOf(shape_of(inner[0], null))
     if kind in (dict, Mapping) or getattr(kind, "__name__", "") == "Mapping":
         return MapOf(shape_of(inner[1], null))
     if is_dataclass(kind):
         return record_of(kind, null)
-    return {float: Number(), int: Number(whole=True), str: Text(), bool: Flag()}[kind]
+    return {float: Number(), int: Number(whole=True), str: Text(), bool: Flag(), Path: Text()}[kind]
 
 
 def read_record(kind: type[T], path: Path, do: str = "fit again, or correct the file") -> T:

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 from session.base.errors import DataError
+from session.base.records import DERIVED, Key
+from session.base.results import Text
 from session.base.texts import printable
 
 LEVELS = ("ok", "note", "warning", "error")
@@ -40,22 +43,18 @@ class Finding:
     do: what to do about it, or nothing; corrections: the causes that explain it, each with what undoes it; none where it is not known.
     """
 
-    level: str
+    level: Annotated[str, Text(LEVELS)]
     where: str
     what: str
-    says: str
-    do: str = ""
-    corrections: tuple[Correction, ...] = ()
+    says: Annotated[str, Key("description")]
+    do: Annotated[str, Key("advice")] = ""
+    corrections: Annotated[tuple[Correction, ...], DERIVED] = ()
 
     def __post_init__(self) -> None:
         if self.level not in LEVELS:
             raise ValueError(f"level is {self.level!r}, expected one of {', '.join(LEVELS)}")
         for name in ("where", "says", "do"):  # they may quote a file
             object.__setattr__(self, name, printable(getattr(self, name)))
-
-    def to_json(self) -> dict[str, str]:
-        """Return one of ``findings`` of ``tinygc-check/2``."""
-        return {"level": self.level, "where": self.where, "what": self.what, "description": self.says, "advice": self.do}
 
     @property
     def line(self) -> str:

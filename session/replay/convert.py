@@ -6,7 +6,7 @@ import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from session.base.files import MOST_TOML, copy_new, created, folder_whole, read_
 from session.base.names import log_paths
 from session.base.numeric import formatted_rows
 from session.base.questions import QuestionsError
+from session.base.records import Count, Key
 from session.base.texts import command_line, comment
 from session.base.toml import line, setting
 from session.base.units import NS, TIME, endings
@@ -56,14 +57,21 @@ class Converted:
     """folder and log that were written; dialects read; samples; notes on what was repaired, assumed or left out; findings of the first
     look; next: what to run; took: what was taken for what, in three lines."""
 
+    schema = "tinygc-replay/2"
+    written = ("folder", "log_name", "dialects", "samples", "took", "notes", "findings", "next")
     folder: Path
     log: Path
     dialects: tuple[str, ...]
-    samples: int
+    samples: Count
     notes: tuple[str, ...]
     findings: tuple[Finding, ...]
     next: tuple[str, ...]
     took: tuple[str, ...] = ()
+
+    @property
+    def log_name(self) -> Annotated[str, Key("log")]:
+        """Of its file."""
+        return self.log.name
 
 
 def convert(

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from session.base.records import Share, Size
 from session.base.texts import significant
 from session.detect.findings import Finding
 from tinygc.closure.floor import BiasInstability
@@ -24,10 +25,11 @@ LEAST_RATIO, FAR = 0.1, 2.0
 class NoiseComparison:
     """Noise of a session over that at rest, rms: ratio, its 95 % interval low to high, and the p-value (two-sided) of the ratio 1."""
 
-    ratio: float
-    low: float
-    high: float
-    p_value: float
+    written = ("ratio", "low", "high", "p_value", "contradicted")
+    ratio: Size
+    low: Size
+    high: Size
+    p_value: Share
 
     @property
     def contradicted(self) -> bool:
@@ -43,10 +45,6 @@ class NoiseComparison:
             return f"{significant(self.low, 2)} to {significant(self.high, 2)} times as large (95 %)"
         return f"within {significant(100 * max(1 - self.low, self.high - 1), 2)} % (95 %)"
 
-    def to_json(self) -> dict:
-        """One of ``noise.at_rest`` (docs/formats/fit.md)."""
-        return {**vars(self), "contradicted": self.contradicted}
-
 
 @dataclass(frozen=True, eq=False)
 class MeasuredNoise:
@@ -56,6 +54,7 @@ class MeasuredNoise:
     white: of each axis, empty where the session shows none; drift: of all axes together, None where the session or the figures show none.
     """
 
+    written = ("file", "sha256", "white", "drift")
     path: Path
     sha256: str
     instability: BiasInstability | None
@@ -87,15 +86,6 @@ class MeasuredNoise:
         if self.drift is not None and self.drift.contradicted:
             found.append(_warning(where, self.drift, "bias drift from still to still", self.file, DRIFTS, "; no prior of this session"))
         return found + ([Finding("note", where, WHAT, self.words)] if self.words else [])
-
-    def to_json(self) -> dict:
-        """``noise.at_rest`` (docs/formats/fit.md)."""
-        return {
-            "file": self.file,
-            "sha256": self.sha256,
-            "white": [each.to_json() for each in self.white],
-            "drift": None if self.drift is None else self.drift.to_json(),
-        }
 
 
 SHAKES = "does the table shake? put it on a quiet floor"

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from session.base import rotation
 from session.base.numeric import sigmas_in
+from session.base.records import Count, Key
+from session.base.results import Maybe, Number, Text
 from session.base.units import DEG, MG
 from session.detect.accelerometer import DRIFTS, IDENTITY, NAMES, PARAMETERS, SCALES, ZeroDrift, corrected
 from session.detect.bridging import GAP
@@ -197,19 +199,15 @@ class Widening:
     segment: its number; cause: ``gap``, ``clipped`` or ``impact``; sigma_rad: added rms tilt; says: description with place.
     """
 
-    segment: int
-    cause: str
-    sigma_rad: float
-    says: str
+    segment: Count
+    cause: Annotated[str, Text(("gap", "clipped", "impact"))]
+    sigma_rad: Annotated[float, Maybe(Number(0)), Key("sigma_deg", DEG)]
+    says: Annotated[str, Key("description")]
 
     @property
     def words(self) -> str:
         """Description with the added uncertainty, for a table."""
         return f"{self.says}: weighed down, ± {self.sigma_rad / DEG:.2g}° of tilt more"
-
-    def to_json(self) -> dict:
-        """Entry of ``segments.variance_inflation`` of ``tinygc-fit/2``."""
-        return {"segment": self.segment, "cause": self.cause, "sigma_deg": self.sigma_rad / DEG, "description": self.says}
 
 
 def weighed_down(session: str, widened: Sequence[Widening]) -> list[Finding]:

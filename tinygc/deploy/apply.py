@@ -10,13 +10,14 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import Annotated, BinaryIO
 
 import numpy as np
 
 from session.base.errors import CalibrationError, DataError, FormatError
 from session.base.numeric import decimal_rows
-from session.base.results import whole
+from session.base.records import Count, table_of
+from session.base.results import Text, whole
 from session.base.texts import command_line
 from session.base.units import DEG
 from session.bench.session_file import ASSUMED
@@ -43,11 +44,13 @@ class Applied:
     source of the calibration of the specific force (``model``, ``session`` or ``none``), None where the log has no accelerometer; model:
     name of its file."""
 
+    schema = "tinygc-apply/1"
+    written = ("out", "rows", "kind", "delay_s", "accelerometer", "notes")
     out: Path
-    rows: int
+    rows: Count
     kind: str
     delay_s: float
-    accelerometer: str | None
+    accelerometer: Annotated[str | None, Text(("model", "session", "none"))]
     notes: tuple[str, ...]
     model: str
 
@@ -59,7 +62,7 @@ class Applied:
 
     def to_json(self) -> dict:
         """``tinygc-apply/1`` (docs/formats.md)."""
-        return {"schema": "tinygc-apply/1", **{name: value for name, value in vars(self).items() if name != "model"}, "out": str(self.out)}
+        return table_of(self)
 
 
 def model_of(path: Path) -> Path:

@@ -10,6 +10,7 @@ from typing import TypedDict
 import numpy as np
 
 from session.base.numeric import rms_of
+from session.base.records import Share, Size
 from session.base.units import DEG
 from session.detect.check_stills import ENOUGH_SEGMENTS
 from tinygc.closure.problem import Problem
@@ -62,8 +63,9 @@ class AgainstRaw:
     """The comparison with raw rates: method: the better of the raw ones; its tilt_rms_deg; held_out: method -> the held-out tilt of each
     fitted method; segments: their number."""
 
+    written = ("method", "tilt_rms_deg", "worse", "passed")
     method: str
-    tilt_rms_deg: float
+    tilt_rms_deg: Size
     held_out: Mapping[str, float]
     segments: int = ENOUGH_SEGMENTS
 
@@ -98,9 +100,10 @@ class AgainstRaw:
             "Record more turns, to more attitudes, and look at the first look's warnings."
         )
 
-    def to_json(self) -> dict:
-        """Return ``against_raw`` of ``tinygc-fit/2``."""
-        return {"method": self.method, "tilt_rms_deg": self.tilt_rms_deg, "worse": list(self.worse), "passed": not self.failed}
+    @property
+    def passed(self) -> bool:
+        """Whether a fitted method is better than raw, or that is not known."""
+        return not self.failed
 
 
 def against_raw(problem: Problem, options: FitOptions, fits: Mapping[str, MethodFit]) -> AgainstRaw:
@@ -139,12 +142,8 @@ class ModelToUse:
 
     method: str | None
     best: str | None
-    p_value: float | None
+    p_value: Share | None
     why: str
-
-    def to_json(self) -> dict:
-        """Return ``use`` of ``tinygc-fit/2``."""
-        return {"method": self.method, "best": self.best, "p_value": self.p_value, "why": self.why}
 
 
 def model_to_use(fits: Mapping[str, MethodFit], raw: AgainstRaw, numbers: Mapping[str, list[int]]) -> ModelToUse:

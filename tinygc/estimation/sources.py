@@ -10,9 +10,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from statistics import NormalDist
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
+
+from session.base.records import Key
+from session.base.results import Array, Maybe, Number
 
 #: probability that an expanded uncertainty covers
 COVERAGE = 0.95
@@ -28,19 +31,20 @@ class Source:
     the parameters' units.
     """
 
-    name: str
-    kind: Kind
-    freedom: float
+    written = ("name", "kind", "freedom", "variances")
+    name: Annotated[str, Key("source")]
+    kind: Annotated[Kind, Key("type")]
+    freedom: Annotated[float, Maybe(Number(0)), Key("degrees_of_freedom")]
     covariance: np.ndarray
 
     def variance(self, slope: np.ndarray) -> np.ndarray:
         """(Q,) of quantities with this derivative (Q, P) by the parameters."""
         return np.einsum("qi,ij,qj->q", slope, self.covariance, slope)
 
-    def to_json(self) -> dict:
-        """Return one entry of ``sources`` of ``tinygc-fit/2``: the variances alone."""
-        freedom = self.freedom if np.isfinite(self.freedom) else None
-        return {"source": self.name, "type": self.kind, "degrees_of_freedom": freedom, "variance": np.diag(self.covariance).tolist()}
+    @property
+    def variances(self) -> Annotated[np.ndarray, Array((None,)), Key("variance")]:
+        """(P,)."""
+        return np.diag(self.covariance)
 
     def through(self, response: np.ndarray) -> Source:
         """The source of what responds (Q, P) to its errors."""

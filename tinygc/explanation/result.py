@@ -10,6 +10,7 @@ import numpy as np
 
 from session import VERSION
 from session.base.numeric import finite_or_none
+from session.base.records import plain, table_of
 from session.base.units import DEG, MG, G
 from session.log.folder import file_key, hash_of_log
 from session.log.samples import pieces, start_times
@@ -325,7 +326,7 @@ def _head(e: Explanation | TruthExplanation, closure_deg: float, expected_deg: f
 
 def _at_rest(problem: Problem) -> dict:
     """The entry of noise figures at rest; empty without them."""
-    return {} if problem.at_rest is None else {"at_rest": problem.at_rest.to_json()}
+    return {} if problem.at_rest is None else {"at_rest": table_of(problem.at_rest)}
 
 
 def to_json(e: Explanation) -> dict:
@@ -362,7 +363,7 @@ def to_json(e: Explanation) -> dict:
             name: {"size": size if np.isfinite(size) else None, "unit": catalogue()[name].parameter.unit}
             for name, size in e.detection_limits.items()
         },
-        "warnings": [warning.to_json() for warning in e.warnings],
+        "warnings": plain(e.warnings),
         "next": what_next(e),
         "logs": {file_key(log.path): hash_of_log(log) for log in e.session.logs},
         "version": VERSION,

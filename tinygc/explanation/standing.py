@@ -8,9 +8,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Annotated
 
 import numpy as np
 from scipy.special import chdtrc, ndtri
+
+from session.base.records import Key
+from session.base.results import Maybe, Number, Text
 
 #: level of every test of this table, and of the limits: they hold with 95 %
 LEVEL = 0.05
@@ -63,16 +67,17 @@ class Statement:
     """A statement with its evidence.  what: its subject; test: the name of the test; size, limit: with units; claimed: the size that was
     claimed, if one was."""
 
+    written = ("standing", "test", "p_value", "words")
     what: str
-    standing: Standing
+    standing: Annotated[Standing, Text(tuple(each.value for each in Standing))]
     test: str
-    p_value: float
+    p_value: Annotated[float, Maybe(Number(0, 1))]
     size: str
     limit: str
     claimed: str = ""
 
     @property
-    def words(self) -> str:
+    def words(self) -> Annotated[str, Key("description")]:
         """Return one sentence without its full stop."""
         tested = f"{self.test}, p = {self.p_value:.2g}"
         if self.standing is Standing.FOR:
@@ -82,7 +87,3 @@ class Statement:
         if self.standing is Standing.BOUNDED:
             return f"{self.what}: below {self.limit} with 95 % ({tested})"
         return f"{self.what}: undecided; {self.size}; more than {self.limit} is excluded with 95 % ({tested})"
-
-    def to_json(self) -> dict:
-        """Return the statement as in docs/formats/explain.md."""
-        return {"standing": self.standing.value, "test": self.test, "p_value": self.p_value, "description": self.words}

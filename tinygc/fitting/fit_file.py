@@ -12,7 +12,7 @@ from session import VERSION
 from session.base.errors import FormatError
 from session.base.files import result_folder
 from session.base.numeric import rms_of
-from session.base.records import table_of
+from session.base.records import plain, table_of
 from session.base.results import Array, Flag, Keys, ListOf, MapOf, Maybe, Number, Shape, Text, read_required, require, write_whole
 from session.base.units import DEG, G
 from session.log.folder import Session, file_key, input_hashes
@@ -49,7 +49,7 @@ def to_json(result: FitResult, limit_deg: float | None = None) -> dict:
             "used": len(problem.used),
             "rejected": [{"segment": segment.number, "why": segment.problem} for segment in rejected],
             "notes": [{"segment": s.number, "note": s.note} for s in problem.segments if s.accepted and s.note],
-            "variance_inflation": [each.to_json() for each in problem.widened],
+            "variance_inflation": plain(problem.widened),
         },
         "rests_not_used": [
             {"log": log, "at_s": round(rest.start_s, 3), "duration_s": round(rest.duration_s, 3), "cause": rest.cause, "why": rest.why}
@@ -59,7 +59,7 @@ def to_json(result: FitResult, limit_deg: float | None = None) -> dict:
             "gyro_dps_rthz": (problem.noise.gyro / DEG).tolist(),
             "accel_g_rthz": (problem.noise.accel / G).tolist(),
             **problem.instability.to_json(),
-            **({} if problem.at_rest is None else {"at_rest": problem.at_rest.to_json()}),
+            **({} if problem.at_rest is None else {"at_rest": plain(problem.at_rest)}),
             "closure_floor_rms_deg": problem.floor.tilt_rms / DEG,
             "closure_all_rms_deg": None if result.noise is None else result.noise.tilt_rms / DEG,
             "components": [] if result.noise is None else result.noise.to_json(),
@@ -69,7 +69,7 @@ def to_json(result: FitResult, limit_deg: float | None = None) -> dict:
         "goodness": vars(result.goodness),
         "bias_any_session": None if result.repeatability is None else result.repeatability.to_json(result.covariance[BIAS, BIAS]),
         "systematic": None if result.allowed is None else result.allowed.to_json(),
-        "sources": [source.to_json() for source in result.sources],
+        "sources": plain(result.sources),
         "bias_from": result.bias_from.to_json(),
         **({} if result.prior is None else result.prior.to_json()),
         "known_turns": known_turns_json(result),
@@ -91,8 +91,8 @@ def to_json(result: FitResult, limit_deg: float | None = None) -> dict:
             for name, fit in result.methods.items()
         },
         "not_run": [{"method": name, "why": why} for name, why in result.not_run.items()],
-        "use": {**result.use.to_json(), "model": result.file_to_use},
-        "against_raw": result.against_raw.to_json(),
+        "use": {**table_of(result.use), "model": result.file_to_use},
+        "against_raw": table_of(result.against_raw),
         "verdict": result.verdict(limit_deg).to_json(),
         "closure_runs": [
             {

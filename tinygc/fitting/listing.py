@@ -9,11 +9,12 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from session.base import features
 from session.base.errors import CalibrationError
 from session.base.names import log_paths
+from session.base.records import Count, Size
 from session.base.results import Keys, Text, read_required
 from session.base.texts import printable
 from session.log.config import read_config
@@ -34,23 +35,19 @@ class ListedSession:
 
     folder: Path
     date: str | None = None
-    date_from: str | None = None
+    date_from: Annotated[str | None, Text(("port", "notes", "file"))] = None
     model: str | None = None
     serial: str | None = None
-    logs: int | None = None
-    closures: int | None = None
-    segments: int | None = None
+    logs: Count | None = None
+    closures: Count | None = None
+    segments: Count | None = None
     method: str | None = None
-    held_out_deg: float | None = None
-    floor_deg: float | None = None
-    runs_deg: tuple[float, ...] = field(default=())
+    held_out_deg: Size | None = None
+    floor_deg: Size | None = None
+    runs_deg: tuple[Size, ...] = field(default=())
     verdict: str | None = None
     problem: str | None = None
-    units: int | None = None
-
-    def to_json(self) -> dict:
-        """Return a row of ``tinygc-list/1``."""
-        return {**vars(self), "folder": str(self.folder), "runs_deg": list(self.runs_deg)}
+    units: Count | None = None
 
 
 def list_sessions(folder: Path) -> list[ListedSession]:

@@ -7,6 +7,7 @@ from functools import cached_property
 from pathlib import Path
 
 from session.base.errors import CalibrationError, SegmentError
+from session.base.records import table_of
 from session.base.texts import command_line
 from session.detect.accelerometer import LengthFit, why_not, write_calibrated_copy
 from session.detect.check_references import own_fit
@@ -116,6 +117,8 @@ def accelerometer(session: Session | Path | str) -> OwnAccelerometer:
 class Plan(Shown):
     """Result of ``tinygc.plan``."""
 
+    schema = "tinygc-plan/2"
+    written = ("requested", "proposals", "enough")
     result: RecordingPlan
 
     def __repr__(self) -> str:
@@ -158,8 +161,7 @@ class Plan(Shown):
 
     def to_json(self) -> dict:
         """``tinygc-plan/2`` (docs/formats.md)."""
-        found = {"requested": self.requested, "proposals": [vars(each) for each in self.proposals], "enough": self.enough}
-        return {"schema": "tinygc-plan/2", **found}
+        return table_of(self)
 
 
 @public()

@@ -20,6 +20,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from session.base.numeric import rms_of, sigmas_in
+from session.base.records import plain
 from session.base.texts import degrees, probability, significant
 from session.base.units import DEG
 from session.detect.accelerometer import PARAMETERS as ACCELEROMETER_PARAMETERS
@@ -149,7 +150,7 @@ class Acceptance:
             "reasons": [{"met": met, "reason": text} for met, text in self.reasons],
             "doubts": self.doubts,
             "undecided": self.undecided,
-            "tests": [test.to_json() for test in self.tests],
+            "tests": plain(self.tests),
             "conformity": [each.to_json() for each in self.conformities],
         }
 

@@ -10,9 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
+from session.base.results import Maybe, Number, Text
 from session.base.texts import probability
 from tinygc.closure.joint import REFUTED_P
 from tinygc.closure.uncertainty import MISMATCH_P, GoodnessOfFit
@@ -28,8 +30,9 @@ class ModelTest:
     """One test: p_value, the probability of as much without a contradiction, or of EFFECT that no effect is missing; least_p, below which
     it contradicts the model; says: a sentence."""
 
-    name: str
-    p_value: float
+    written = ("name", "p_value", "contradicts", "says")
+    name: Annotated[str, Text((TURNS, RUN, NOISE, EFFECT, GRAVITY))]
+    p_value: Annotated[float, Maybe(Number(0, 1))]
     least_p: float
     says: str
 
@@ -42,15 +45,6 @@ class ModelTest:
     def leaves_open(self) -> bool:
         """Whether the recording neither contradicts the model nor supports it: an effect is more probably missing than not."""
         return self.name == EFFECT and self.least_p <= self.p_value < none_missing(SUSPECTED)
-
-    def to_json(self) -> dict:
-        """Return an entry of ``tests`` of ``tinygc-fit/2`` and ``tinygc-explain/2``."""
-        return {
-            "name": self.name,
-            "p_value": self.p_value if np.isfinite(self.p_value) else None,
-            "contradicts": self.contradicts,
-            "says": self.says,
-        }
 
 
 def model_tests(

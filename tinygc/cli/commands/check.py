@@ -6,6 +6,7 @@ import argparse
 
 from session.base.errors import CalibrationError
 from session.base.options import folder_written, path_read
+from session.base.records import plain
 from tinygc.cli.options import add_clock_argument
 from tinygc.cli.results import complain, output, verdict, write_json
 
@@ -42,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
     console.print(next_line(args.folder, findings), soft_wrap=True)
     if worst(findings) != "error":
         verdict(args, verdict_line(findings))
-    write_json(args.json, {"schema": "tinygc-check/2", "findings": [finding.to_json() for finding in findings]})
+    write_json(args.json, {"schema": "tinygc-check/2", "findings": plain(findings)})
     if worst(findings) == "error":
         if output(args).quiet:  # without the table, print at least what prevents a calibration
             errors = [finding for finding in findings if finding.level == "error"]
@@ -62,5 +63,5 @@ def _repair(args: argparse.Namespace) -> int:
     output(args).print(repair_report(done, before, after))
     verdict(args, verdict_line(list(done.findings)))
     closure = {"before": before.to_json(), "after": after.to_json()}
-    write_json(args.json, {**done.to_json(), "closure": closure, "findings": [finding.to_json() for finding in done.findings]})
+    write_json(args.json, {**done.to_json(), "closure": closure, "findings": plain(done.findings)})
     return 2 if any(finding.level == "error" for finding in done.findings) else 0

@@ -7,12 +7,13 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from session.base.options import folder_written, path_read
+from session.base.records import table_of
 from tinygc.cli.arguments import memory, stream_header
 from tinygc.cli.options import add_log_options, answers_of
 from tinygc.cli.results import output, write_json
 
 if TYPE_CHECKING:
-    from session.replay.convert import Converted
+    pass
 
 SUMMARY = "make a session folder of any log: a logger's, a telephone's, a robot's, a flight controller's, or a port's raw bytes"
 
@@ -75,18 +76,5 @@ def run(args: argparse.Namespace) -> int:
     console.print("next:")
     for step in made.next:
         console.print(f"  {step}", soft_wrap=True, markup=False)
-    write_json(args.json, {"schema": "tinygc-replay/2", **_table(made)})
+    write_json(args.json, table_of(made))
     return 0
-
-
-def _table(made: Converted) -> dict:
-    return {
-        "folder": str(made.folder),
-        "log": made.log.name,
-        "dialects": list(made.dialects),
-        "samples": made.samples,
-        "took": list(made.took),
-        "notes": list(made.notes),
-        "findings": [finding.to_json() for finding in made.findings],
-        "next": list(made.next),
-    }

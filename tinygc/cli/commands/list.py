@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from session.base.options import path_read
+from session.base.records import plain
 from tinygc.cli.results import output, write_json
 
 SUMMARY = "list the sessions of a folder: date, sensor, closure, verdict"
@@ -23,5 +24,5 @@ def run(args: argparse.Namespace) -> int:
 
     sessions = list_sessions(args.folder)
     output(args).print(sessions_table(args.folder, sessions))
-    write_json(args.json, {"schema": "tinygc-list/1", "sessions": [session.to_json() for session in sessions]})
+    write_json(args.json, {"schema": "tinygc-list/1", "sessions": plain(sessions)})
     return 0

@@ -13,6 +13,7 @@ from session import VERSION
 from session.base.errors import CalibrationError
 from session.base.files import result_folder
 from session.base.numeric import finite_or_none, rms_of
+from session.base.records import table_of
 from session.base.results import write_whole
 from session.base.texts import printable
 from session.base.units import DEG, NS, G
@@ -289,7 +290,7 @@ def explained_to_json(found: ArrayExplanation) -> dict:
 
 def _part(part: Part) -> dict:
     sizes = {"size_deg": part.size_rad / DEG, "upper95_deg": finite_or_none(part.upper_rad / DEG)}
-    return {"what": part.statement.what, **part.statement.to_json(), **sizes}
+    return {"what": part.statement.what, **table_of(part.statement), **sizes}
 
 
 def _trait(trait: Trait) -> dict:
@@ -297,19 +298,19 @@ def _trait(trait: Trait) -> dict:
         {"number": number, "named": each.named, "value": each.theta.tolist(), "std": each.sigma.tolist()}
         for number, each in (trait.estimates or {}).items()
     ]
-    stated = trait.statement.to_json() | {"description": trait.words}
+    stated = table_of(trait.statement) | {"description": trait.words}
     scope = {"scope": trait.scope, "apart": list(trait.apart), "equivalent": list(trait.instead)}
     return {"id": trait.id, "units": list(trait.units), **scope, **stated, "of_units": list(trait.says), "by_unit": by_unit}
 
 
 def _slow_zero(slow: PooledSlowZero) -> dict:
     sizes = [{"number": n, "size_dps": rps / DEG, "named": list(slow.named[n])} for n, rps in slow.sizes_rps.items()]
-    return {**slow.statement.to_json(), "shares": slow.shares, "by_unit": sizes}
+    return {**table_of(slow.statement), "shares": slow.shares, "by_unit": sizes}
 
 
 def _rest_noise(name: str, shared: SharedNoise) -> dict:
     correlation = {"correlation": shared.value, "correlation_sigma": shared.sigma, "source": shared.source}
-    return {**shared.statement(name).to_json(), **correlation}
+    return {**table_of(shared.statement(name)), **correlation}
 
 
 def save_array_explanation(found: ArrayExplanation, folder: Path | None, table: dict) -> Path:

@@ -20,12 +20,13 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the blind test and print its table."""
-    from tinygc.features.challenge.examination import examine, page, to_json
+    from session.base.records import table_of
+    from tinygc.features.challenge.examination import examine, page
     from tinygc.reporting.terminal import progress_bar
 
     try_json(args.json)
     with progress_bar(args.quiet) as progress:
         result = examine(args.cases, args.seed, args.on, progress=progress)
     output(args).print(page(result))
-    write_json(args.json, to_json(result))
+    write_json(args.json, table_of(result))
     return 0

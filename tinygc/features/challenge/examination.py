@@ -7,14 +7,16 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
+from session.base import results
 from session.base.errors import CalibrationError, DataError
+from session.base.records import Size
 from session.base.units import G
 from session.log.config import Config, Site
 from session.log.folder import Session, read_session
@@ -161,6 +163,7 @@ def _in_steps(old: np.ndarray, change: np.ndarray, rng: np.random.Generator) -> 
 # The answer for one session, against the truth.
 
 RIGHT, MISSED, LIMIT = "right", "missed", "limit"
+COUNTED = ("hidden", RIGHT, MISSED, LIMIT, "wrong")
 #: prefix of shapes without a name in ``explain``: no names, so never wrong ones
 NAMELESS = "unknown."
 #: in a recording never wrong: the Earth turns; and the delay of its clocks, where it measures one beyond two sigmas without naming it
@@ -175,11 +178,11 @@ class Hidden:
 
     id: str
     strength: float
-    parameters: dict
-    size: float | None
-    detection_limit: float | None
+    parameters: Annotated[dict, results.Keys()]
+    size: Size | None
+    detection_limit: Size | None
     unit: str
-    outcome: str
+    outcome: Annotated[str, results.Text((RIGHT, LIMIT, MISSED))]
 
 
 @dataclass(frozen=True)
@@ -189,18 +192,27 @@ class Answer:
     verdict: str
     hidden: tuple[Hidden, ...]
     wrong: tuple[str, ...]
-    before_deg: float | None
-    after_deg: float | None
+    before_deg: Size | None
+    after_deg: Size | None
 
 
 @dataclass(frozen=True)
 class Examination:
     """recording: its name, None for simulated sessions; own: names that it gets untouched, neither right nor wrong; the answers."""
 
+    schema = "tinygc-challenge/3"
+    written = ("seed", "recording", "own", "sessions", "totals")
     seed: int
     recording: str | None
     own: tuple[str, ...]
     sessions: tuple[Answer, ...]
+
+    @property
+    def totals(self) -> Annotated[dict[str, int], results.Keys(dict.fromkeys(COUNTED, results.Number(0, whole=True)))]:
+        """Counts over all sessions."""
+        hidden = [one.outcome for each in self.sessions for one in each.hidden]
+        counts = {outcome: hidden.count(outcome) for outcome in (RIGHT, MISSED, LIMIT)}
+        return {"hidden": len(hidden), **counts, "wrong": sum(len(each.wrong) for each in self.sessions)}
 
 
 def size_of(name: str, truth: Mapping[str, Any]) -> float | None:
@@ -272,18 +284,6 @@ def examine(
 # What is printed and written.
 
 
-def totals(result: Examination) -> dict:
-    """Counts over all sessions."""
-    hidden = [one.outcome for each in result.sessions for one in each.hidden]
-    counts = {outcome: hidden.count(outcome) for outcome in (RIGHT, MISSED, LIMIT)}
-    return {"hidden": len(hidden), **counts, "wrong": sum(len(each.wrong) for each in result.sessions)}
-
-
-def to_json(result: Examination) -> dict:
-    """``tinygc-challenge/3``."""
-    return {"schema": "tinygc-challenge/3", **asdict(result), "totals": totals(result)}
-
-
 def page(result: Examination) -> Group:
     """The table and what it comes to."""
     where = "simulated sessions" if result.recording is None else f"copies of {result.recording}"
@@ -296,7 +296,7 @@ def page(result: Examination) -> Group:
         closure = ("–", each.verdict) if each.before_deg is None else (f"{each.before_deg:.3f}°", f"{each.after_deg:.3f}°")
         for place, row in enumerate(rows):
             table.add_row(*(("", *row, "", "") if place else (str(number), *row, *closure)))
-    t = totals(result)
+    t = result.totals
     closed = [(each.before_deg, each.after_deg) for each in result.sessions if each.before_deg is not None and each.after_deg is not None]
     lines = [f"its own, neither right nor wrong: {', '.join(result.own)}"] if result.own else []
     lines.append(

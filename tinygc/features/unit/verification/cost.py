@@ -14,11 +14,13 @@ not show a misalignment: about an axis that leans a little it closes.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from session.base import rotation
 from session.base.numeric import sigmas_in
+from session.base.records import Key, Size
 from session.base.units import DEG, STANDARD_GRAVITY_MPS2
 from session.detect.accelerometer import IDENTITY
 from tinygc.closure.joint import tilt_columns
@@ -59,13 +61,14 @@ class Cost:
 class Bound:
     """What today's data leave open: name of the question; degrees that a minute of use may miss by it (95 %); limit; what the use is."""
 
+    written = ("name", "bound_deg", "limit_deg", "use", "is_seen")
     name: str
-    bound_deg: float
-    limit_deg: float
+    bound_deg: Size
+    limit_deg: Size
     use: str
 
     @property
-    def is_seen(self) -> bool:
+    def is_seen(self) -> Annotated[bool, Key("seen")]:
         """Whether a change that matters would have been seen."""
         return self.bound_deg <= self.limit_deg
 

@@ -14,6 +14,7 @@ from session.base.errors import CalibrationError, FormatError
 from session.base.files import require_file
 from session.base.names import is_session
 from session.base.numeric import sigmas_in
+from session.base.records import plain
 from session.base.results import write_whole
 from session.base.texts import command_line
 from session.base.units import DEG
@@ -130,9 +131,7 @@ class Verified(Shown):
                 "bias_anew_deg": (found.cost.bias_anew / DEG).tolist(),
                 "bias_anew_sigma_deg": (found.cost.bias_anew_sigma / DEG).tolist(),
             },
-            "bounds": [
-                {"name": b.name, "bound_deg": b.bound_deg, "limit_deg": b.limit_deg, "use": b.use, "seen": b.is_seen} for b in found.bounds
-            ],
+            "bounds": plain(found.bounds),
             "turns_that_tell": [proposal.words for proposal in found.tell],
             "turns_that_separate": [proposal.words for proposal in found.separate],
             "facts": list(found.facts),

@@ -135,7 +135,7 @@ def _judge(unseen: Material, run: ClosureRun, net, model, calibrated) -> dict:
 
 def _in_motion(unseen: Material, net, answer, before: np.ndarray) -> float:
     """dps: the answer against the noisy rate of its own sample, less what noise they share (found with a second dose of it)."""
-    noise = denoiser.autocovariance([net(x) for x in unseen.stills], TAPS)[:, 0]
+    noise = denoiser.autocovariance_at_rest([net(x) for x in unseen.stills], TAPS)[:, 0]
     rng, total = np.random.default_rng(0), []
     for x, count in zip(unseen.context, unseen.counts, strict=True):
         x = net(x[: 2 * REACH + count])

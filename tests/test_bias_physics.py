@@ -39,7 +39,7 @@ from tinygc.estimation.between_sessions import (
     course,
     jump,
 )
-from tinygc.estimation.bias import BiasChoice, choose, closes_better, less_by_chance, levelled
+from tinygc.estimation.bias import BiasChoice, choose, closes_better, less_by_chance, with_level_bias
 from tinygc.estimation.expected_zero import END_S, USUAL_PER_K, USUAL_SPREAD, drift_between, expected_zero, wander_variance
 from tinygc.estimation.options import FitOptions
 from tinygc.estimation.repeatability import BiasRepeatability, accelerometer_between, repeatability_of
@@ -157,7 +157,7 @@ def test_biases_of_days_are_those_of_one_fit_of_all_beside_a_common_matrix():
     owner = np.array([segment.log for segment in problem.used])
     moved = problem.batch.rate + (owner == 1)[:, None, None] * np.array([2e-3, -3e-3, 3e-3])
     problem = replace(problem, batch=replace(problem.batch, rate=moved), first=PERFECT)
-    found, spread = levelled(problem)
+    found, spread = with_level_bias(problem)
 
     def left(x):
         shifted = replace(problem.batch, earth=problem.batch.earth - (owner == 1)[:, None, None] * x[12:])
@@ -174,7 +174,7 @@ def test_biases_of_days_are_those_of_one_fit_of_all_beside_a_common_matrix():
     factor = np.repeat(factor, 2)
     assert_allclose(found.floor.dense(), problem.floor.dense() * np.outer(factor, factor), rtol=1e-12)
     lone = small_session((8, 1))  # a log of one turn has no bias of its own
-    found, spread = levelled(lone)
+    found, spread = with_level_bias(lone)
     assert_array_equal(found.batch.earth[-1], lone.batch.earth[-1])
     assert_allclose(spread, 0, atol=1e-12)
 

@@ -17,8 +17,8 @@ from tinygc.explanation.clipped_turns import (
     _plateaus_of,
     about_the_vertical,
     excess_of,
-    find_ceiling,
     find_clipping,
+    find_reached_ceiling,
 )
 from tinygc.explanation.data_repair import (
     repair,
@@ -49,19 +49,19 @@ def test_a_ceiling_is_a_level_that_is_kept_for_longer_than_noise_keeps_it():
     quiet = strokes()
     level = np.rint(200 / 17.5e-3) * LSB - 2 * LSB
     clipped = replace(quiet, gyro=np.clip(quiet.gyro, -level, level))
-    ceiling = find_ceiling(clipped, FS)
+    ceiling = find_reached_ceiling(clipped, FS)
     assert ceiling.level == pytest.approx(level)
     at = (np.abs(clipped.gyro) >= level - 1.5 * LSB).any(axis=1)
     assert_array_equal(ceiling.mask, at)
     short = np.array(clipped.gyro)
     short[50:52, 1], short[55, 2] = -level, level - 2 * LSB  # two readings at it on another axis, and one below
-    assert_array_equal(find_ceiling(replace(clipped, gyro=short), FS).mask, at | np.isin(np.arange(len(at)), [50, 51]))
+    assert_array_equal(find_reached_ceiling(replace(clipped, gyro=short), FS).mask, at | np.isin(np.arange(len(at)), [50, 51]))
     short[60:62, 1] = level + 2 * LSB  # an axis that exceeds it has no ceiling there
-    assert_array_equal(find_ceiling(replace(clipped, gyro=short), FS).mask, at)
-    assert find_ceiling(replace(clipped, gyro=-clipped.gyro), FS).level == pytest.approx(level)
+    assert_array_equal(find_reached_ceiling(replace(clipped, gyro=short), FS).mask, at)
+    assert find_reached_ceiling(replace(clipped, gyro=-clipped.gyro), FS).level == pytest.approx(level)
     for share, found in ((19.9, True), (20.1, False)):
-        assert (find_ceiling(clipped, share * level) is not None) == found
-    assert find_ceiling(samples_of(np.zeros((50, 3))), FS) is None
+        assert (find_reached_ceiling(clipped, share * level) is not None) == found
+    assert find_reached_ceiling(samples_of(np.zeros((50, 3))), FS) is None
 
 
 def top(values, noise=0.0, least=1.0, shortest=5.0):

@@ -17,7 +17,7 @@ from processes import PIPE, run
 
 from session.base.results import json_text
 from session.base.texts import comment, printable, shell_word, unicode_text
-from session.base.toml import line
+from session.base.toml import toml_line
 from tinygc.deploy.exports import FORMATS, exporter
 
 PIECES = [
@@ -103,7 +103,7 @@ def test_json_and_toml_give_back_what_they_were_given(text):
     plain.encode("utf-8")
     assert json.loads(json_text({text: [text]})) == {plain: [plain]}
     assert json.loads(json_text({text: [text]}, ascii_only=True).encode("ascii")) == {plain: [plain]}
-    assert tomllib.loads(line(text, text)) == {plain: plain}
+    assert tomllib.loads(toml_line(text, text)) == {plain: plain}
     assert printable(text).isprintable()
     assert comment(text).isprintable()
     if text.isprintable():

@@ -191,7 +191,7 @@ def test_the_error_in_motion_is_measured_without_the_truth():
     moments that they promise."""
     seen, clean = material(seed=2, count=24)
     delay = 8
-    risk = denoiser.measure(list(seen.batch.rate), seen.stills, REACH + 1, delay)
+    risk = denoiser.risk_of(list(seen.batch.rate), seen.stills, REACH + 1, delay)
     assert_allclose(np.sqrt(risk.noise[:, 0]), NOISE_RPS, rtol=0.03)
     ideal, _ = risk.ideal(2.0)
     assert_allclose(denoiser.moments(REACH + 1, delay) @ ideal.T, np.eye(4)[:, [0, 0, 0]], atol=1e-8)
@@ -214,7 +214,7 @@ def test_the_error_in_motion_is_that_of_all_windows_multiplied_out():
         products = [np.sum(x[lag:] * x[: max(len(x) - lag, 0)], axis=0) for x in about]
         noise[:, lag] = sum(products) / sum(max(len(x) - 1 - lag, 0) for x in about)
     for some in (rates, rates[:1]):
-        risk = denoiser.measure(some, stills, taps, delay)
+        risk = denoiser.risk_of(some, stills, taps, delay)
         steps = np.concatenate([[x[k - taps : k][::-1] - x[k - 1 - delay] for k in range(taps, len(x) + 1)] for x in some])
         assert_allclose(risk.motion, np.einsum("kia,kja->aij", steps, steps) / len(steps), atol=1e-12)
         assert_allclose(risk.noise, noise, atol=1e-12)

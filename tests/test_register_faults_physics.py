@@ -26,7 +26,6 @@ from tinygc.explanation.faulty_readings import (
     _local_scatter,
     _possible_losses,
     _steps_at,
-    bridged,
     crossing,
     find_glitches,
     find_jumps,
@@ -34,6 +33,7 @@ from tinygc.explanation.faulty_readings import (
     proposed,
     register_step,
     with_lost,
+    without_false_readings,
 )
 
 LSB = 17.5e-3 * DEG
@@ -320,7 +320,7 @@ def test_events_of_every_log_are_proposed_and_bridged_in_their_own():
         (FALSE, 1, 501, 5, True),
         (LOST, 1, 699, 0, False),
     ]
-    first, second = (log.samples for log in bridged(session, events).logs)
+    first, second = (log.samples for log in without_false_readings(session, events).logs)
     assert_array_equal(first.gyro, clean.gyro)
     empty = [215, *range(501, 506)]
     for name, rows, noise in (("gyro", sorted([*empty, 400, 401]), 4 * LSB), ("accel", empty, 40 * 1.2e-3)):

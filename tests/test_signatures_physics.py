@@ -8,7 +8,7 @@ from conftest import DEG, Table, session_of
 from looks import G, with_sensor
 from scipy.signal import butter, lfilter
 
-from session.detect.rest_noise import Lines, RestSpectrum, Share, _coherent_share, lines_of, slope_of, spectra
+from session.detect.rest_noise import Lines, RestSpectrum, Share, _coherent_share, density_slope, lines_of, spectra
 from session.detect.signatures import _NEW_ZERO, FILTER, TRACKED, check_signatures
 from session.log.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
 
@@ -211,9 +211,9 @@ def test_a_line_is_found_at_its_frequency_with_its_share():
 
 
 def test_the_slope_of_white_noise_is_zero_and_of_integrated_noise_minus_two():
-    slope, sigma = slope_of(spectra(noise(3)), HZ)
+    slope, sigma = density_slope(spectra(noise(3)), HZ)
     assert abs(slope) < 3 * sigma
-    walk, _ = slope_of(spectra(np.cumsum(noise(3), axis=1)), HZ)
+    walk, _ = density_slope(spectra(np.cumsum(noise(3), axis=1)), HZ)
     assert walk == pytest.approx(-2, abs=0.2)
     # It is said from one percent on, of both sides together: 2.576 sigmas.
     none, slopes = ((Lines(0, (), 0.0),) * 3, Share(0.0, 0.01)), 0.3 * np.array([2.57, 2.58, -2.57, -2.58])

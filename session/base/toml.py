@@ -86,7 +86,7 @@ def value_text(value: Value) -> str:
     return item(value).as_string()
 
 
-def line(name: str, value: Value) -> str:
+def toml_line(name: str, value: Value) -> str:
     """``name = value`` and the line's end; a whole number of an instrument's setting stands without its ``.0`` (``setting``)."""
     return f"{_key(name)} = {value_text(value)}\n"
 

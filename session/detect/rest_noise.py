@@ -110,7 +110,7 @@ def rest_spectrum(samples: Samples, stills: Sequence[Still], accelerometer: bool
     hz = np.fft.rfftfreq(rows[0][1] - rows[0][0], samples.period_s)
     passed = np.sinc(hz * block_size(samples.period_s) * samples.period_s) ** 2
     weights = np.mean(np.abs(own) ** 2, axis=0) * passed[:, None]
-    slope, sigma = slope_of(own, hz)
+    slope, sigma = density_slope(own, hz)
     among = [_coherent_share(own[:, :, [i]], np.delete(own, i, axis=2), weights[:, [i]]) for i in range(3)]
     together = Share(float(np.mean([s.value for s in among])), float(np.mean([s.sigma for s in among])))
     return RestSpectrum(lines_of(own, hz, weights), slope, sigma, together, _coherent_share(own, other, weights))
@@ -181,7 +181,7 @@ def lines_of(x: np.ndarray, hz: np.ndarray, weights: np.ndarray) -> tuple[Lines,
     return tuple(found)
 
 
-def slope_of(x: np.ndarray, hz: np.ndarray) -> tuple[float, float]:
+def density_slope(x: np.ndarray, hz: np.ndarray) -> tuple[float, float]:
     """Slope of log density over log frequency below 5 Hz, the band of means of 0.1 s, and its sigma, over the axes of x (K, F, n)."""
     use = np.flatnonzero((np.arange(len(hz)) >= 2) & (hz < 0.5 / BLOCK_S))
     if len(use) < 3:

@@ -32,7 +32,7 @@ from session.base.files import (
 )
 from session.base.names import CLOCKS, log_paths, refuse_special
 from session.base.texts import command_line, printable, unicode_text
-from session.base.toml import Note, line, parse_toml, value_text
+from session.base.toml import Note, parse_toml, toml_line, value_text
 from session.base.units import DEG
 from session.log.arrays import TRUTH_ARRAYS, logs_of_arrays, require_kind, si_of, truths_of_arrays, turns_of_arrays, usual_ranges
 from session.log.config import (
@@ -530,7 +530,7 @@ def set_sensor(path: Path, values: Mapping[str, float]) -> str:
     """Give keys of ``[sensor]`` these values, and give the file's text."""
     text, table = _read(path)
     without = re.sub(rf"^[ \t]*({'|'.join(values)})[ \t]*=.*\n?", "", text, flags=re.MULTILINE)
-    tried = _with_lines(without, "sensor", "".join(line(name, value) for name, value in values.items()))
+    tried = _with_lines(without, "sensor", "".join(toml_line(name, value) for name, value in values.items()))
     return _replace(path, tried[::-1], table | {"sensor": {**table["sensor"], **values}})
 
 
@@ -539,7 +539,7 @@ def add_board(path: Path, board: Mapping[str, str | float], remarks: Mapping[str
     text, table = _read(path)
     if "board" in table:
         return text
-    lines = "".join((f"# {remarks[name]}\n" if name in remarks else "") + line(name, value) for name, value in board.items())
+    lines = "".join((f"# {remarks[name]}\n" if name in remarks else "") + toml_line(name, value) for name, value in board.items())
     return _replace(path, [_ended(text) + f"\n[board]\n{lines}"], table | {"board": dict(board)})
 
 

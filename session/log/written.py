@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from session.base.toml import Note, Value, line, setting
+from session.base.toml import Note, Value, setting, toml_line
 from session.base.units import DEG, EARTH_RATE_RPS, MDPS
 from session.log.config import OWN_UNITS, SCHEMA, BoardGiven, Config, LeftOut, Protocol
 from session.log.logfile import COLUMNS, LOG, KnownTurn, Log, Truth
@@ -43,7 +43,7 @@ def toml_text(config: Config, further: tuple[str, ...] = ()) -> str:
     truth = f"\n[truth]\n{truth}" if truth else ""  # none where the recording determines how the file is read
     notes = f"\n[notes]\n{notes_text(config.notes)}" if config.notes else ""
     return f"""\
-{line("schema", SCHEMA)}
+{toml_line("schema", SCHEMA)}
 [sensor]
 {_lines(chip)}
 {accelerometer}
@@ -54,17 +54,17 @@ def toml_text(config: Config, further: tuple[str, ...] = ()) -> str:
 
 
 def _lines(table: Mapping[str, Value | None]) -> str:
-    return "".join(line(name, value) for name, value in table.items() if value is not None)
+    return "".join(toml_line(name, value) for name, value in table.items() if value is not None)
 
 
 def notes_text(notes: Mapping[str, Note]) -> str:
     """Lines of ``[notes]``."""
-    return "".join(line(name, value) for name, value in notes.items())
+    return "".join(toml_line(name, value) for name, value in notes.items())
 
 
 def exclude_text(rows: tuple[LeftOut, ...]) -> str:
     """``[[exclude]]`` of each turn."""
-    return "".join(f"\n[[exclude]]\n{line('log', row.log)}{line('at_s', row.at_s)}" for row in rows)
+    return "".join(f"\n[[exclude]]\n{toml_line('log', row.log)}{toml_line('at_s', row.at_s)}" for row in rows)
 
 
 def board_text(board: BoardGiven) -> str:

@@ -17,7 +17,7 @@ from session.base.numeric import formatted_rows
 from session.base.questions import QuestionsError
 from session.base.records import Count, Key
 from session.base.texts import command_line, comment
-from session.base.toml import line, setting
+from session.base.toml import setting, toml_line
 from session.base.units import NS, TIME, endings
 from session.bench.session_file import UNKNOWN
 from session.detect.findings import Finding
@@ -245,14 +245,14 @@ def _toml(
 ) -> str:
     assert answers.gyro_fs_dps is not None and answers.accel_fs_g is not None  # noqa: PT018  # ``with_full_scales`` has found them
     model, serial = answers.sensor or UNKNOWN, serial or sources[0].comments.get("serial", "")
-    clock = "" if even_sigma_ppm is None else line(EVEN_SIGMA, float(f"{even_sigma_ppm:.2g}"))
+    clock = "" if even_sigma_ppm is None else toml_line(EVEN_SIGMA, float(f"{even_sigma_ppm:.2g}"))
     return f"""\
 # from {_source(sources)}
 schema = "tinygc-session/1"
 
 [sensor]
-{line("model", model)}{line("serial", serial)}{line("odr_hz", odr_hz)}{clock}\
-{line("gyro_fs_dps", setting(answers.gyro_fs_dps))}{line("accel_fs_g", setting(answers.accel_fs_g))}\
+{toml_line("model", model)}{toml_line("serial", serial)}{toml_line("odr_hz", odr_hz)}{clock}\
+{toml_line("gyro_fs_dps", setting(answers.gyro_fs_dps))}{toml_line("accel_fs_g", setting(answers.accel_fs_g))}\
 {"".join(f"# {comment(each).replace('=', '_')}" + chr(10) for each in assumed if ASSUMED_RANGE in each)}\
 # optional: gyro_bias_instability_dph, deg/h of the data sheet; without it, it is estimated from the recording
 # optional: gyro_noise_mdps_rthz, one-sided, of the data sheet; what `check` holds the noise against

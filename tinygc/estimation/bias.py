@@ -191,7 +191,7 @@ def level_days(problem: Problem) -> Levelled:
     return Levelled(batch, sigma, offsets, np.sqrt(np.sum(known**2, axis=0) / max(len(known) - 1, 1)))
 
 
-def levelled(problem: Problem) -> tuple[Problem, np.ndarray]:
+def with_level_bias(problem: Problem) -> tuple[Problem, np.ndarray]:
     """Return the problem with each log's bias shifted to the median, for any method, and the biases' spread (3,) rad/s."""
     days = level_days(problem)
     floor = problem.floor.scaled((days.sigma / problem.floor.sigma)[:, 0])

@@ -37,7 +37,7 @@ class ReachedCeiling:
     mask: np.ndarray
 
 
-def find_ceiling(samples: Samples, full_scale_rps: float) -> ReachedCeiling | None:
+def find_reached_ceiling(samples: Samples, full_scale_rps: float) -> ReachedCeiling | None:
     """Find a rate below the register's range that an axis reaches repeatedly and never exceeds."""
     found = []
     steps = [register_step(samples.gyro[:, axis]) for axis in range(3)]
@@ -159,7 +159,7 @@ class Clipping:
 def find_clipping(problem: Problem) -> Clipping | None:
     """Find clipping in the registers, or plateaus clipped before noise was added; None if no level is reached."""
     full_scale = problem.session.config.sensor.gyro_fs_dps * DEG
-    ceilings: list[ReachedCeiling | None] = [find_ceiling(log.samples, full_scale) for log in problem.logs]
+    ceilings: list[ReachedCeiling | None] = [find_reached_ceiling(log.samples, full_scale) for log in problem.logs]
     known_to, chance, bar = LEVEL_KNOWN, 6 * len(ceilings) * FALSE_ALARM, CEILING_EXCESS
     if not any(ceilings):
         known_to, bar = SAME, PLATEAU_EXCESS  # the linear errors act after clipping

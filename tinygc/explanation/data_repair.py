@@ -26,7 +26,7 @@ from tinygc.estimation.systematic import PRIOR_ODDS, SCALES
 from tinygc.explanation import faulty_readings
 from tinygc.explanation.clipped_turns import FEWEST_WHOLE, Clipping, about_the_vertical, chance_of_creep, find_clipping
 from tinygc.explanation.evidence import Evidence, Hypothesis
-from tinygc.explanation.faulty_readings import FALSE, LOST, Crossing, RegisterFault, bridged, crossing, proposed
+from tinygc.explanation.faulty_readings import FALSE, LOST, Crossing, RegisterFault, crossing, proposed, without_false_readings
 from tinygc.explanation.search import search
 from tinygc.noise.candidates import candidates
 from tinygc.noise.components import first_noise, undersampling
@@ -467,7 +467,7 @@ def tried_events(problem: Problem, clipping: Clipping | None, progress: Callable
         return [], ()
     progress("events on trial")
     false, lost = ([e for e in events if e.id == name] for name in (FALSE, LOST))
-    quiet = rebuilt(problem, bridged(problem.session, false)) if false else problem
+    quiet = rebuilt(problem, without_false_readings(problem.session, false)) if false else problem
     reference = reference_effects(problem, quiet, false, lost)
     trial = ClosureTrial(problem, reference, quiet)
     verdicts = [trial.test(FALSE, false, [])] if false else []
@@ -488,7 +488,7 @@ def reference_effects(problem: Problem, quiet: Problem, false: list[RegisterFaul
         is_open = left_open(problem, np.array([s.number in touched for s in problem.used]))
         if (~is_open).sum() >= FEWEST_WHOLE:
             open_ones = tuple(s.number for s, each in zip(problem.used, is_open, strict=True) if each)
-            tried.append(_searched(rebuilt(problem, bridged(problem.session, in_rests), left_out=open_ones)))
+            tried.append(_searched(rebuilt(problem, without_false_readings(problem.session, in_rests), left_out=open_ones)))
     if not tried or tried[0].noise.unusual:
         session, count = quiet.session, _common_count(quiet, lost) if lost else 0
         if count:
@@ -511,7 +511,7 @@ def _with_accepted(problem: Problem, verdicts: list[Verdict], found: dict, chanc
         at = [sum(len(log.samples) for log in problem.session.logs[: e.log]) + e.row for e in false]  # counted over all logs
         found[FALSE] = ({"at": at, "samples": int(np.median([e.samples for e in false]))}, {})  # a count has no std
     gaps: list[Gap] = []
-    session = bridged(problem.session, false)
+    session = without_false_readings(problem.session, false)
     if lost:
         (length,) = (v.length for v in verdicts if v.id == LOST)
         began, times = 0.0, []

@@ -386,7 +386,7 @@ def _in_bridge(session: Session, event: RegisterFault) -> bool:
     return any(first <= each.row + each.count + bridging.SIDE and last >= each.row - bridging.SIDE for each in gaps)
 
 
-def bridged(session: Session, events: list[RegisterFault]) -> Session:
+def without_false_readings(session: Session, events: list[RegisterFault]) -> Session:
     """The session with false readings interpolated from their neighbours; losses are unchanged."""
     logs = []
     for number, log in enumerate(session.logs):

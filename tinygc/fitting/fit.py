@@ -21,7 +21,7 @@ from tinygc.closure.residual import closure_angles
 from tinygc.closure.runs import read_closure_runs
 from tinygc.estimation.accelerometer import USUAL_SPREAD, AnySession
 from tinygc.estimation.assembly import stated_uncertainty
-from tinygc.estimation.bias import BiasChoice, choose, levelled
+from tinygc.estimation.bias import BiasChoice, choose, with_level_bias
 from tinygc.estimation.choice import RAW, against_raw
 from tinygc.estimation.held_out import run_method
 from tinygc.estimation.options import CHOSEN, NETS, FitOptions, MethodFit, device
@@ -131,7 +131,7 @@ def fit_session(
     problem = prepared.problem
     runs, spread, floor = read_closure_runs(problem), None, problem.floor
     if options.bias_per_log:
-        problem, spread = levelled(problem)
+        problem, spread = with_level_bias(problem)
         if len(problem.logs) > 1:
             between = between or BiasRepeatability(spread, "the logs of this session")
     noise, use = None, None

@@ -101,7 +101,7 @@ def moments(taps: int, delay: int) -> np.ndarray:
     return ((np.arange(taps) - delay) / 10.0) ** np.arange(MOMENTS)[:, None]
 
 
-def autocovariance(stills: list[np.ndarray], taps: int) -> np.ndarray:
+def autocovariance_at_rest(stills: list[np.ndarray], taps: int) -> np.ndarray:
     """Return the autocovariance (3, taps) of the rates (n, 3) rad/s in each still about their mean, zero beyond LAGS."""
     lags = min(LAGS + 1, taps)
     total, count = np.zeros((3, taps)), np.zeros(taps)
@@ -131,7 +131,7 @@ def _positive(noise: np.ndarray) -> np.ndarray:
     return raised * (noise[0] / raised[0])
 
 
-def measure(rates: list[np.ndarray], stills: list[np.ndarray], taps: int, delay: int) -> Risk:
+def risk_of(rates: list[np.ndarray], stills: list[np.ndarray], taps: int, delay: int) -> Risk:
     """Estimate the loss from calibrated rates (n, 3) rad/s of whole stretches of movement, and of stills."""
     # C_ij, the sum over k of d_k-i d_k-j, d the steps from sample to sample: along each diagonal it grows by what enters at the first k,
     # and shrinks by what leaves at the last.
@@ -149,7 +149,7 @@ def measure(rates: list[np.ndarray], stills: list[np.ndarray], taps: int, delay:
     # x_k-i - x_k-D is the sum of the steps between.
     tap, step = np.arange(taps), np.arange(lags)[:, None]
     between = 1.0 * ((tap <= step) & (step < delay)) - 1.0 * ((delay <= step) & (step < tap))
-    return Risk(autocovariance(stills, taps), between.T @ C @ between / max(count, 1), delay, count)
+    return Risk(autocovariance_at_rest(stills, taps), between.T @ C @ between / max(count, 1), delay, count)
 
 
 # The start and the result of the denoiser's training.
@@ -237,7 +237,7 @@ def smoothing_rows(material: Material, calibration: Model) -> Term:
     """Return rows and their design (rows, 3, K): the square root of the quadratic loss, less its minimum, in units of that minimum."""
     rates = [calibration(x) for x in material.stretches]
     stills = [calibration(x) for x in material.stills]
-    risk = measure(rates, stills, REACH + 1, DELAY)
+    risk = risk_of(rates, stills, REACH + 1, DELAY)
     if not (np.isfinite(risk.motion).all() and (risk.noise[:, 0] > 0).all()):
         raise FitError("no noise in the stills to learn from, or rates that are not finite; is the log made of smoothed values?")
     best, weight = risk.ideal(REDUCTION)

@@ -27,7 +27,7 @@ from tinygc.features.arrays.joint import (
     _worst_of_each_turn,
     candidates,
     estimate,
-    own_p_values,
+    excess_p_values,
     split_of,
     unit_block,
     units_covariance,
@@ -290,13 +290,13 @@ def test_gains_are_drops_of_the_likelihood_from_no_common_part(pair):
 
 def test_an_own_excess_is_tested_by_the_likelihood_without_it(pair):
     """Half of a chi square of one degree of freedom (Self and Liang 1987), over both units; one where there is no excess."""
-    whole, found = least(pair), own_p_values(pair)
+    whole, found = least(pair), excess_p_values(pair)
     for i in range(2):
         assert found[i] == pytest.approx(2 * chi2.sf(least(pair, i) - whole, 1) / 2, rel=2e-2)
     assert found[1] < 0.05
     assert found[1] < found[0] < 1
     without = SimpleNamespace(**{**vars(pair), "solution": pair.solution.system.solved(np.array([0.0, 4.0, 1, 1, 0]))})
-    assert own_p_values(without)[0] == 1.0
+    assert excess_p_values(without)[0] == 1.0
 
 
 def test_turns_are_split_by_intervals_and_a_unit_minus_the_mean_is_of_turns_that_all_have():

@@ -40,7 +40,7 @@ from tinygc.features.temperature.axis_fit import (
     make_knots,
     predicted,
     simplest,
-    solve,
+    solve_axis,
 )
 from tinygc.features.temperature.model import ThermalModel, element_temperature
 from tinygc.features.temperature.rest_fit import (
@@ -344,7 +344,7 @@ def test_a_covariance_is_the_numeric_derivative_of_the_estimate_times_that_of_th
         return np.append(np.linalg.lstsq(columns(knots, at, 2), values, rcond=None)[0], at)
 
     slope = numeric_jacobian(estimate, y, 1e-3)
-    coefficients, covariance = solve(knots, y, noise, tau, chosen)
+    coefficients, covariance = solve_axis(knots, y, noise, tau, chosen)
     assert coefficients == pytest.approx(truth)
     assert covariance == pytest.approx(slope @ noise.C @ slope.T, rel=5e-3)
 
@@ -399,7 +399,7 @@ def test_a_fit_is_put_together_from_these(lag_s):
     assert (fit.order, fit.tau_s > 0) == (2, lag_s > 0)
     y = knots.mean(np.concatenate([log.gyro[:, 0] for log in logs]))
     chosen, A, plain = Candidate(2, lag_s > 0), columns(knots, fit.tau_s, 2), columns(knots, 0.0, 2)
-    coefficients, covariance = solve(knots, y, fit.noise, fit.tau_s, chosen)
+    coefficients, covariance = solve_axis(knots, y, fit.noise, fit.tau_s, chosen)
     # Per degree, and the zero the mean of both logs.
     per_c, size = block_diag([[0.5, 0.5]], 1 / knots.half_c, 1 / knots.half_c**2, *[1] * chosen.lagged), 3 + chosen.lagged
     assert fit.terms == pytest.approx(per_c[:3, :4] @ coefficients)

@@ -24,10 +24,10 @@ from tinygc.features.unit.history.forecast import (
     HOLDS,
     UNDECIDED,
     _draws_of,
+    attitude_slope,
     outlooks_of,
     parse_accuracy,
     parse_limit,
-    slope_of,
 )
 from tinygc.features.unit.history.sessions import GYROSCOPE, NUMBERS, ZERO, UnitSession
 from tinygc.features.unit.history.text import lines, rows, significant
@@ -264,7 +264,7 @@ def test_a_day_that_has_passed_fails_only_where_the_chance_is_surely_less():
 def test_a_minute_at_rest_turns_by_the_bias():
     """The zero alone turns a sensor at rest, by a minute's worth of it."""
     history = long_history()
-    slope = slope_of(history, 60.0)
+    slope = attitude_slope(history, 60.0)
     assert_allclose(slope[:, ZERO], -60 * np.eye(3), atol=1e-6)
     assert_allclose(slope[:, :9], 0, atol=1e-6)
     (as_angle,) = outlooks_of(history, [parse_accuracy("5.4deg/60s")], today=history.sessions[-1].moment.when)

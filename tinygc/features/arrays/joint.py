@@ -417,7 +417,7 @@ def split_of(joint: Joint) -> VarianceSplit:
     minus, of_unit = _minus_mean(joint)
     return VarianceSplit(
         own,
-        own_p_values(joint),
+        excess_p_values(joint),
         _times(turn, both),
         _times(fast, predicted),
         predicted,
@@ -441,7 +441,7 @@ def common_upper_of(joint: Joint, predicted: float) -> float:
     return float(max(*limits, found))
 
 
-def own_p_values(joint: Joint) -> np.ndarray:
+def excess_p_values(joint: Joint) -> np.ndarray:
     """Return (N,) p-values of each unit's own excess, over all units: likelihood ratio, zero half of the time (Self & Liang 1987).
 
     A component's size over its sigma is no test near zero, where half of all estimates are zero and the others small.

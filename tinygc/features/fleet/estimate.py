@@ -104,7 +104,7 @@ def repeated(lot: LotSessions, belongs: np.ndarray) -> np.ndarray:
     return np.where(freedom > 0, np.maximum((share * square).sum(axis=0), 0.0) / np.maximum(freedom, 1), np.nan)
 
 
-def line(y: np.ndarray, x: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def straight_line(y: np.ndarray, x: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return mean and drift (21, 2) of values (U, 21) at x (U, 21) with weights w, their covariance (21, 2, 2), residuals (U, 21).
 
     Where x is zero there is no drift: 0, as all that is not determined.
@@ -123,10 +123,10 @@ def moments(w: np.ndarray, x: np.ndarray) -> np.ndarray:
 def spread_of(y: np.ndarray, x: np.ndarray, noise: np.ndarray) -> np.ndarray:
     """Return the spread's variances (21,) of the largest restricted likelihood, by Fisher's scoring; noise (U, 21), infinite if unknown."""
     known = np.isfinite(noise)
-    scale = variance = (np.where(known, line(y, x, 1.0 * known)[2], 0.0) ** 2).sum(axis=0)
+    scale = variance = (np.where(known, straight_line(y, x, 1.0 * known)[2], 0.0) ** 2).sum(axis=0)
     for _ in range(STEPS):
         w = 1 / (noise + variance)
-        _, covariance, residual = line(y, x, w)
+        _, covariance, residual = straight_line(y, x, w)
         hat = covariance @ moments(w**2, x)
         trace = w.sum(axis=0) - np.einsum("nii->n", hat)
         information = (w**2).sum(axis=0) - np.einsum("nij,nji->n", covariance, 2 * moments(w**3, x)) + np.einsum("nij,nji->n", hat, hat)
@@ -148,7 +148,7 @@ def without(lot: LotSessions, excluded: np.ndarray) -> LotEstimate:
     weighed, filled = np.where(counted, noise, np.inf), np.nan_to_num(y)
     variance = spread_of(filled, along, weighed)
     w = 1 / (weighed + variance)
-    beta, covariance, _ = line(filled, along, w)
+    beta, covariance, _ = straight_line(filled, along, w)
     freedom = np.maximum(units - np.where(units > 2, 2, 1), 1)
     mean, drift = beta.T
     (mean_variance, mixed), (_, drift_variance) = np.moveaxis(covariance, 0, -1)

@@ -439,7 +439,7 @@ def fit_axis(knots: Knots, blocks: np.ndarray, orders: tuple[int, ...] = ORDERS,
         if not _lag_shows(knots, y, L, tau, chosen.order):
             chosen = Candidate(chosen.order, False)
     tau = tau if chosen.lagged else 0.0
-    coefficients, covariance = solve(knots, y, noise, tau, chosen)
+    coefficients, covariance = solve_axis(knots, y, noise, tau, chosen)
     p_value, needed, tried = _none_by_chance(knots, y, V, white, chosen, tau), chosen.order, max(chosen.order, 1)
     if p_value >= BY_CHANCE:
         needed = 0
@@ -453,9 +453,9 @@ def fit_axis(knots: Knots, blocks: np.ndarray, orders: tuple[int, ...] = ORDERS,
     if not needed:
         noise = about(knots, y, V, white, 0)
         line = _line_in(knots, y, V, white, noise, tried, unit) if tried in orders else None
-    coefficients, covariance = solve(knots, y, noise, tau, chosen)
+    coefficients, covariance = solve_axis(knots, y, noise, tau, chosen)
     residual = y - columns(knots, tau, chosen.order) @ coefficients[: len(knots.logs) + chosen.order]
-    plain = y - columns(knots, 0.0, chosen.order) @ solve(knots, y, noise, 0.0, Candidate(chosen.order, False))[0]
+    plain = y - columns(knots, 0.0, chosen.order) @ solve_axis(knots, y, noise, 0.0, Candidate(chosen.order, False))[0]
     terms, of_terms = _in_degrees(knots, coefficients, covariance, chosen)
     zeros = coefficients[: len(knots.logs)]
     scale = np.append(np.full(len(terms), unit), 1.0)
@@ -479,8 +479,8 @@ def fit_axis(knots: Knots, blocks: np.ndarray, orders: tuple[int, ...] = ORDERS,
 def _line_in(knots: Knots, y: np.ndarray, V: list[np.ndarray], white: float, noise: _Coloured, order: int, unit: float) -> Line:
     """The line of an axis whose zero is taken as constant; noise: of the constant; order: that was tried; unit: SI per unit of y."""
     per_c = unit / knots.half_c
-    coefficients, covariance = solve(knots, y, noise, 0.0, Candidate(1, False))
-    own = solve(knots, y, about(knots, y, V, white, order), 0.0, Candidate(order, False))
+    coefficients, covariance = solve_axis(knots, y, noise, 0.0, Candidate(1, False))
+    own = solve_axis(knots, y, about(knots, y, V, white, order), 0.0, Candidate(order, False))
     shows = by_chance(*own, len(knots.logs), 0, order) < BY_CHANCE
     return Line(float(coefficients[-1]) * per_c, float(np.sqrt(covariance[-1, -1])) * per_c, order if shows else 0)
 
@@ -497,7 +497,7 @@ def _lag_shows(knots: Knots, y: np.ndarray, L: np.ndarray, tau: float, order: in
     return bool(chdtrc(2, max(without - lagged, 0.0)) < BY_CHANCE)
 
 
-def solve(knots: Knots, y: np.ndarray, noise: _Coloured, tau: float, chosen: Candidate) -> tuple[np.ndarray, np.ndarray]:
+def solve_axis(knots: Knots, y: np.ndarray, noise: _Coloured, tau: float, chosen: Candidate) -> tuple[np.ndarray, np.ndarray]:
     """Return zeros of the logs and coefficients of x, x^2, …, then tau's change where there is a lag, and their covariance.
 
     Every estimate is linear in the knots, so its covariance follows from theirs.  Coefficients have equal weights, the lag the weights

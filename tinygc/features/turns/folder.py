@@ -16,7 +16,7 @@ from session.base.errors import DataError, FormatError
 from session.base.files import folder_whole, require_empty, require_file, write_new
 from session.base.names import log_paths
 from session.base.texts import printable
-from session.base.toml import Note, line, setting
+from session.base.toml import Note, setting, toml_line
 from session.base.units import DEG, NS_PER_S
 from session.log.arrays import USUAL_DPS
 from session.log.config import read_config
@@ -88,11 +88,11 @@ def write_turn_session(
     require_empty(out, "is there, and is no empty folder; choose another one")
     _refuse(logs)
     names = [f"{log.name}.csv.gz" for log in logs]
-    toml = 'schema = "tinygc-session/1"\n\n[sensor]\n' + line("model", model) + line("serial", serial)
-    toml += line("odr_hz", float(f"{_rate_hz(logs):.4g}")) + line("gyro_fs_dps", setting(gyro_fs_dps or _full_scale(logs)))
+    toml = 'schema = "tinygc-session/1"\n\n[sensor]\n' + toml_line("model", model) + toml_line("serial", serial)
+    toml += toml_line("odr_hz", float(f"{_rate_hz(logs):.4g}")) + toml_line("gyro_fs_dps", setting(gyro_fs_dps or _full_scale(logs)))
     toml += f'\n[protocol]\nreference = "{TURNS}"\n'
     if notes:
-        toml += "\n[notes]\n" + "".join(line(name, value) for name, value in notes.items())
+        toml += "\n[notes]\n" + "".join(toml_line(name, value) for name, value in notes.items())
     files = {"session.toml": toml.encode()}
     for name, log in zip(names, logs, strict=True):
         files[name] = gzip.compress("\n".join([HEADER, *_rows(log), ""]).encode(), compresslevel=6, mtime=0)

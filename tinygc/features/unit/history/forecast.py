@@ -239,13 +239,13 @@ def meets(history: UnitHistory, requirement: Requirement, draws: Draws) -> Calla
     if requirement.numbers:
         places = list(requirement.numbers)
         return None if unknown[places].any() else lambda difference: np.all(np.abs(difference[:, places]) <= requirement.limit, axis=1)
-    slope = slope_of(history, requirement.seconds)
+    slope = attitude_slope(history, requirement.seconds)
     if (unknown[:GYROSCOPE] & (np.abs(slope) > 1e-6).any(axis=0)).any():
         return None
     return lambda difference: np.linalg.norm(np.nan_to_num(difference[:, :GYROSCOPE]) @ slope.T, axis=1) <= requirement.limit
 
 
-def slope_of(history: UnitHistory, seconds: float) -> np.ndarray:
+def attitude_slope(history: UnitHistory, seconds: float) -> np.ndarray:
     """(3, 12) rad per unit: error of the attitude after so many seconds at rest by each of the gyroscope's numbers."""
     vector = history.sessions[-1].vector
     model = LinearModel.from_vector(vector)

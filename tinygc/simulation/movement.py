@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Protocol
 
 import numpy as np
 
@@ -28,16 +27,16 @@ class Stroke:
     """A change of one gimbal's angle between start_s and start_s + duration_s.
 
     gimbal 0 outer, 1 middle, 2 inner; change_rad the net change; wave_rad, wave_hz, wave_phase (K,) the irregularity:
-    amplitudes rad, frequencies Hz, phases rad.
+    amplitudes rad, frequencies Hz, phases rad; none by default.
     """
 
     gimbal: int
     start_s: float
     duration_s: float
     change_rad: float
-    wave_rad: np.ndarray
-    wave_hz: np.ndarray
-    wave_phase: np.ndarray
+    wave_rad: np.ndarray = field(default_factory=partial(np.zeros, 0))
+    wave_hz: np.ndarray = field(default_factory=partial(np.zeros, 0))
+    wave_phase: np.ndarray = field(default_factory=partial(np.zeros, 0))
 
     @property
     def stop_s(self) -> float:
@@ -72,30 +71,7 @@ class Stroke:
         )
 
 
-class GimbalTurn(Protocol):
-    """Movement of one gimbal between two times, such as a ``Stroke``."""
-
-    @property
-    def gimbal(self) -> int:
-        """0 outer, 1 middle, 2 inner."""
-
-    @property
-    def start_s(self) -> float:
-        """Start time, s since the session's first sample."""
-
-    @property
-    def stop_s(self) -> float:
-        """End time, s since the session's first sample."""
-
-    @property
-    def change_rad(self) -> float:
-        """Net change of the angle, rad."""
-
-    def angle(self, t_s: np.ndarray) -> np.ndarray:
-        """(3, N): angle since the start, rad, and its two derivatives, at t_s (N,) s between the two moments."""
-
-
-def gimbal_angles(start_rad: np.ndarray, strokes: Sequence[GimbalTurn], t_s: np.ndarray) -> np.ndarray:
+def gimbal_angles(start_rad: np.ndarray, strokes: Sequence[Stroke], t_s: np.ndarray) -> np.ndarray:
     """Angles, rates and accelerations of gimbals moved by strokes.
 
     start_rad (3,) rad, outer middle inner, before the first stroke; t_s (N,) s, increasing.
@@ -145,7 +121,7 @@ class MovementPlan:
     """
 
     start_rad: np.ndarray
-    strokes: tuple[GimbalTurn, ...]
+    strokes: tuple[Stroke, ...]
     turns: tuple[tuple[float, float], ...]
     log_s: float
     closure: tuple[float, float] | None

@@ -22,7 +22,7 @@ from session.log.registers import DEFAULT, RegisterUnits
 from session.log.samples import Samples
 from session.log.sensors.profile import REGISTER_MAX
 from session.log.written import toml_text
-from tinygc.simulation.movement import PEAK_RPS, GimbalTurn, MovementPlan, Stroke, not_faster, stroke
+from tinygc.simulation.movement import PEAK_RPS, MovementPlan, not_faster, stroke
 from tinygc.simulation.options import SimulatedUnit, SimulationOptions
 from tinygc.simulation.simulator import plan_of, simulate_session
 
@@ -94,7 +94,7 @@ def onto_the_mark(options: SimulationOptions, plan: MovementPlan) -> MovementPla
         return plan
     rng = np.random.default_rng([options.seed, 99])
     angles = plan.start_rad.copy()
-    before: list[GimbalTurn] = [each for each in plan.strokes if each.start_s < plan.log_s]
+    before = [each for each in plan.strokes if each.start_s < plan.log_s]
     for each in before:
         angles[each.gimbal] += each.change_rad
     begin_s, rest_s = plan.log_s, max(REST_PART * options.closure_s, REST_STILLS * options.still_s) + REST_MORE_S
@@ -104,15 +104,10 @@ def onto_the_mark(options: SimulationOptions, plan: MovementPlan) -> MovementPla
         seconds = options.turn_s * float(way[0].change_rad / slower[0].change_rad)
         way = [replace(each, duration_s=seconds) for each in way]
     later_s = max(each.duration_s for each in way) + rest_s
-    run = [_later(each, later_s) for each in plan.strokes if each.start_s >= plan.log_s]
+    run = [replace(each, start_s=each.start_s + later_s) for each in plan.strokes if each.start_s >= plan.log_s]
     log_s, closure = plan.log_s + later_s, (plan.closure[0] + later_s, plan.closure[1] + later_s)
     turns = (*plan.turns, (begin_s, begin_s + later_s - rest_s))
     return MovementPlan(plan.start_rad, (*before, *way, *run), turns, log_s, closure, plan.duration_s + later_s)
-
-
-def _later(each: GimbalTurn, seconds: float) -> Stroke:
-    assert isinstance(each, Stroke)  # a hand's plan holds only strokes
-    return replace(each, start_s=each.start_s + seconds)
 
 
 # Readings of the board's sensor: still, then a session, then still without end.

@@ -12,7 +12,7 @@ from session.base.units import DEG, MG, G
 from session.log.registers import gyro_rps_per_lsb
 from session.log.sensors.profile import REGISTER_MAX
 from tinygc.features.challenge.rate_effects import RATE_EFFECTS, Concealment, Scene
-from tinygc.simulation.movement import MovementPlan
+from tinygc.simulation.movement import MovementPlan, Stroke
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.sensor import ACCEL_BANDWIDTH_ODR, RegisterLog, oversampling
 
@@ -125,24 +125,13 @@ def accelerometer(scene: Bench) -> Concealment:
     return Concealment("reference.accelerometer", {"bias_mg": (bias / MG).tolist()}, disturb=lambda t, force: force + bias)
 
 
-@dataclass(frozen=True, eq=False)
-class Creep:
-    """A gimbal that turns at a steady rate between two moments, with the interface of ``Stroke``."""
-
-    gimbal: int
-    start_s: float
-    stop_s: float
-    rate_rps: float
-
-    @property
-    def change_rad(self) -> float:
-        """Net change of the gimbal's angle, rad."""
-        return self.rate_rps * (self.stop_s - self.start_s - CREEP_STARTS_S)
+class Creep(Stroke):
+    """A gimbal that turns at a steady rate; the rate starts and stops linearly."""
 
     def angle(self, t_s: np.ndarray) -> np.ndarray:
-        """(3, N): angle since the start, rad, and its two derivatives; the rate starts and stops linearly."""
+        """(3, N): angle since the start, rad, and its two derivatives."""
         ramps = np.array([self.start_s, self.start_s + CREEP_STARTS_S, self.stop_s - CREEP_STARTS_S, self.stop_s])
-        slope = np.array([1.0, -1.0, -1.0, 1.0])[:, None] * self.rate_rps / CREEP_STARTS_S
+        slope = np.array([1.0, -1.0, -1.0, 1.0])[:, None] * self.change_rad / (self.duration_s - CREEP_STARTS_S) / CREEP_STARTS_S
         since = np.maximum(t_s - ramps[:, None], 0)
         return np.stack([np.sum(slope * since**2 / 2, axis=0), np.sum(slope * since, axis=0), np.sum(slope * (since > 0), axis=0)])
 
@@ -151,10 +140,11 @@ def not_still(scene: Bench) -> Concealment:
     """In some stills between two turns a gimbal creeps."""
     turns = scene.plan.turns
     stills = np.sort(scene.rng.choice(np.arange(1, len(turns)), round(CREEPING * len(turns)), replace=False))
-    creeps = [
-        Creep(int(scene.rng.integers(3)), turns[i - 1][1], turns[i][0], float(scene.rng.choice((-1, 1))) * scene.strength * CREEP_RPS)
-        for i in stills
-    ]
+    creeps = []
+    for i in stills:
+        gimbal, rate_rps = int(scene.rng.integers(3)), float(scene.rng.choice((-1, 1))) * scene.strength * CREEP_RPS
+        rest_s = turns[i][0] - turns[i - 1][1]
+        creeps.append(Creep(gimbal, turns[i - 1][1], rest_s, rate_rps * (rest_s - CREEP_STARTS_S)))
 
     def movement(plan: MovementPlan) -> MovementPlan:
         return replace(plan, strokes=(*plan.strokes, *creeps))

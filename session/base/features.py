@@ -32,6 +32,8 @@ POINTS = {
     "import of logs": "function(paths, out, answers, columns, more) -> Converted | None: makes another folder of logs; more: its options",
     "simulation": "function(args, options, chosen) -> exit code | None: simulates something else than a session",
     "options of a fit": "record of options: further fields of FitOptions, and options of the commands that fit",
+    "fitted sessions of a table": "function(path) -> rows of folder, model, serial, date, numbers, covariance; None of no such table",
+    "zero over temperature": "module: knots_of(rest logs), part_of(knots, means) -> part and its columns, None without any",
     "prior of a fit": "function(options, sensor) -> prior | None, a GivenPrior of tinygc/fitting/fit.py",
     "figures of a rest": "function(relative) -> figures: of the noise, while a rest is recorded",
     "command for a rest": "the name of a command that takes a rest log",

@@ -5,5 +5,9 @@ from session.base.features import Feature
 FEATURE = Feature(
     commands={"fleet": "fleet_command", "lot": "command"},
     public={"fleet": "library", "lot": "library"},
-    serves={"options of a fit": "options:LotOptions", "prior of a fit": "points:prior"},
+    serves={
+        "options of a fit": "options:LotOptions",
+        "prior of a fit": "points:prior",
+        "fitted sessions of a table": "points:fitted_sessions",
+    },
 )

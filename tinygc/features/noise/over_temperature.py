@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
+from session.base import features
 from session.log.rests import RestLog
 from tinygc.features.noise.scales import Rest
-
-if TYPE_CHECKING:
-    from tinygc.features.temperature.axis_fit import Knots
 
 #: degC: a smaller range has nothing to tell, and the self-heating of a switched-on sensor is larger
 LEAST_RANGE_C = 1.0
@@ -37,8 +35,9 @@ def is_long(rest: Rest) -> bool:
     return int(np.count_nonzero(~rest.bad)) >= LEAST_BLOCKS
 
 
-def knots_of(rests: Sequence[Rest]) -> Knots | None:
-    """Return the long rests' good blocks over temperature; None where one has no temperature, or where it hardly changes."""
+def knots_of(rests: Sequence[Rest]) -> Any:
+    """Return the long rests' good blocks over temperature; None where one has no temperature, where it hardly changes, or without a feature
+    that knows what a zero does over temperature."""
     logs = []
     for rest in filter(is_long, rests):
         good, blocks = ~rest.bad, rest.blocks
@@ -49,16 +48,18 @@ def knots_of(rests: Sequence[Rest]) -> Knots | None:
         count = np.full(len(none), blocks.size)
         number, temp_c, rates, forces = blocks.number[good], blocks.temp_c[good], means[:, :3], means[:, 3:]
         logs.append(RestLog(Path("rest"), number, rest.block_s, temp_c, rates, forces, none, none, count, 0, 1.0, grid=blocks.grid))
-    if not logs or max(float(np.ptp(log.temp_c)) for log in logs) < LEAST_RANGE_C:
+    if not logs or max(float(np.ptp(log.temp_c)) for log in logs) < LEAST_RANGE_C or (model := _model()) is None:
         return None
-    from tinygc.features.temperature.axis_fit import make_knots
-    from tinygc.features.temperature.sweeps import sweeps_of
-
-    return make_knots(logs, [sweep for index, log in enumerate(logs) for sweep in sweeps_of(log.temp_c, index)])
+    return model.knots_of(logs)
 
 
-def temperature_part(rests: Sequence[Rest], channel: int, knots: Knots | None) -> TemperaturePart:
-    """Fit the channel's zero over temperature by the model of the temperature feature, with its lag; without knots there is no part."""
+def _model() -> Any:
+    """What knows how a zero follows temperature; None where nothing does."""
+    return next(features.each("zero over temperature"), None)
+
+
+def temperature_part(rests: Sequence[Rest], channel: int, knots: Any) -> TemperaturePart:
+    """Fit the channel's zero over temperature with its lag; without knots there is no part."""
     raw = [rest.blocks.mean[:, channel] for rest in rests]
     none = TemperaturePart(raw, [np.zeros((len(own), 0)) for own in raw])
     if knots is None:
@@ -67,21 +68,15 @@ def temperature_part(rests: Sequence[Rest], channel: int, knots: Knots | None) -
         return none
     kept = [~rest.bad if is_long(rest) else np.zeros(len(rest.bad), bool) for rest in rests]
     means = np.concatenate([own[mask] for own, mask in zip(raw, kept, strict=True)])
-    from tinygc.features.temperature.axis_fit import fit_axis
-    from tinygc.features.temperature.rest_fit import zero_of_blocks
-
-    found = fit_axis(knots, means)
-    if not found.order:
+    if (part := _model().part_of(knots, means)) is None:
         return none
-    zero = zero_of_blocks(knots, found)
-    element = knots.element_c(found.tau_s) - knots.reference_c
-    powers = element[:, None] ** np.arange(1, found.order + 1)
+    zero, powers = part
     edges = np.cumsum([np.count_nonzero(mask) for mask in kept])[:-1]
     residuals, columns = [], []
     for own, mask, of_zero, of_powers in zip(raw, kept, np.split(zero, edges), np.split(powers, edges), strict=True):
-        less, wide = own.copy(), np.zeros((len(own), found.order))
+        less, wide = own.copy(), np.zeros((len(own), powers.shape[1]))
         less[mask] -= of_zero
         wide[mask] = of_powers
         residuals.append(less)
         columns.append(wide)
-    return TemperaturePart(residuals, columns, float(np.std(zero)), found.order)
+    return TemperaturePart(residuals, columns, float(np.std(zero)), powers.shape[1])

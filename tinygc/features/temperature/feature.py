@@ -8,6 +8,7 @@ FEATURE = Feature(
     kinds={"thermal": "model"},
     exports={"thermal": "deploy"},
     serves={
+        "zero over temperature": "points",
         "fit of a folder": "command:fit",
         "options of simulate": "command:add_simulate_arguments",
         "simulation": "command:simulate",

@@ -1,13 +1,14 @@
-"""The sessions of a history: fitted folders, folders that hold such, or a fleet's table; grouped by unit, in the order of their dates."""
+"""The sessions of a history: fitted folders, folders that hold such, or a table of them; grouped by unit, in the order of their dates."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
+from session.base import features
 from session.base.errors import CalibrationError, FormatError
 from session.base.files import KB, read_text
 from session.base.names import is_session, is_special, log_paths
@@ -28,8 +29,6 @@ from tinygc.models.linear import BIAS, NAMES, WORDS, field_jacobian, field_quant
 
 #: a fit's file that a session of a history must have
 MODEL = Path("fit") / "model_least_squares.json"
-#: the table of a fleet, as ``fleet --out`` names it
-FLEET = "fleet.sqlite"
 #: a table of dates has a line for each session
 MOST_DATES = 256 * KB
 
@@ -111,8 +110,8 @@ def sessions_of(
     remarks: list[str] = []
     used: set[str] = set()
     for path in paths:
-        if path.name == FLEET or (path / FLEET).is_file():
-            for session in _of_fleet(path.parent if path.name == FLEET else path):
+        if (fitted := features.first("fitted sessions of a table", path)) is not None:
+            for session in (each for row in fitted if (each := _of_row(*row)) is not None):
                 units.setdefault((session.model, session.serial), []).append(_dated(session, dates, used))
             continue
         folders, passed = _fitted_folders(path)
@@ -146,7 +145,7 @@ def _named(units: Mapping[tuple[str, str], Sequence[UnitSession]]) -> str:
 def _fitted_folders(path: Path) -> tuple[list[Path], list[str]]:
     if not path.is_dir():
         what = "that is a file" if path.exists() else "not found"
-        raise FormatError(f"{path}: {what}; expected a fitted session folder, a folder that holds such, or a fleet's folder")
+        raise FormatError(f"{path}: {what}; expected a fitted session folder, a folder that holds such, or a table of them")
     if is_session(path):
         return [path], []
     found, passed = [], []
@@ -233,28 +232,11 @@ def mean_temperature(folder: Path, config: Config) -> float | None:
     return None if temperatures is None or not np.isfinite(temperatures).any() else float(np.nanmean(temperatures))
 
 
-def _of_fleet(out: Path) -> Iterable[UnitSession]:
-    """The fitted sessions of a fleet's table; their numbers are in the frame of each one's own accelerometer."""
-    from tinygc.features.fleet.fleet_row import VALUES, unpacked
-    from tinygc.features.fleet.fleet_summary import read_as_written
-    from tinygc.features.fleet.fleet_table import EACH, read_table
-
-    names = ("folder", "model", "serial", "recorded", "covariance")
-    sql = f"SELECT {', '.join((*names, *VALUES))} FROM {EACH} WHERE held_out_deg IS NOT NULL AND covariance IS NOT NULL ORDER BY folder"
-    found = []
-    with read_table(out) as table:
-        for folder, model, serial, recorded, blob, *row in table.each(sql):
-            with read_as_written(table, folder):
-                values, covariance = np.array(row, dtype=float), unpacked(blob)
-                if np.isnan(values[:GYROSCOPE]).any() or np.isnan(covariance[:GYROSCOPE, :GYROSCOPE]).any():
-                    continue  # an axis that was not turned: its numbers have no field values
-                when = parsed(recorded or "")
-                moment = None if when is None else Moment(when, "notes")
-                found.append(_of_row(folder, model or "", serial or "", moment or moment_of(Path(folder), None), values, covariance))
-    return found
-
-
-def _of_row(folder: str, model: str, serial: str, moment: Moment | None, row: np.ndarray, covariance: np.ndarray) -> UnitSession:
+def _of_row(folder: str, model: str, serial: str, recorded: str, row: np.ndarray, covariance: np.ndarray) -> UnitSession | None:
+    """A fitted session of a table; its numbers are in the frame of its own accelerometer.  None where an axis was not turned."""
+    if np.isnan(row[:GYROSCOPE]).any() or np.isnan(covariance[:GYROSCOPE, :GYROSCOPE]).any():
+        return None
+    when = parsed(recorded)
     vector, own = row[: len(NAMES)], covariance[: len(NAMES), : len(NAMES)]
     values, gyro, _ = gyroscope_numbers(vector, own, own)
     triad = np.full(PARAMETERS, np.nan), np.full((PARAMETERS, PARAMETERS), np.nan)
@@ -264,7 +246,7 @@ def _of_row(folder: str, model: str, serial: str, moment: Moment | None, row: np
         printable(Path(folder).name),
         printable(model),
         printable(serial),
-        moment,
+        moment_of(Path(folder), None) if when is None else Moment(when, "notes"),
         np.concatenate([values, triad[0]]),
         _blocks(gyro, triad[1]),
         vector[BIAS],

@@ -22,7 +22,7 @@ from tinygc.effects import Effect
 from tinygc.estimation.choice import run_figures
 from tinygc.explanation.engine import Explanation, explain_session
 from tinygc.explanation.families import SLOW_ZERO
-from tinygc.explanation.faulty_readings import FALSE, bridged, proposed
+from tinygc.explanation.faulty_readings import FALSE, proposed, without_false_readings
 from tinygc.explanation.result import to_json
 from tinygc.explanation.standing import Standing, Statement
 from tinygc.features.arrays.fit import ArrayFit, UnitFit, begins_s, event_to_json, fit_array, split_to_json
@@ -80,7 +80,7 @@ def moments_of(fit: ArrayFit) -> list[Moment]:
     for i, unit in enumerate(fit.prepared):
         session = unit.problem.session
         events = [event for event in proposed(session) if event.id == FALSE]
-        calm = bridged(session, events)
+        calm = without_false_readings(session, events)
         for event in events:
             rows = np.arange(event.row, event.row + event.samples)
             samples, smooth = (each.logs[event.log].samples for each in (session, calm))

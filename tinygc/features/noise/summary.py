@@ -22,7 +22,7 @@ from session.log.samples import Samples
 from session.log.thermometer import NO_GRID, Grid, grid_with
 
 #: s: no more of a block; a still of a session holds one or two
-SUMMARY_BLOCK_S = 0.5
+SUMS_S = 0.5
 #: samples of a block, at least; means of a window, at most
 LEAST_BLOCK, MOST_WINDOW = 16, 16
 #: periods without a reading that end a run; fewer missing rows shift the noise by no more than their own time
@@ -86,9 +86,7 @@ class RestSums:
         if not 0 < rate_hz < 1e6:
             raise DataError(f"the data rate is {rate_hz:g} Hz, expected above 0 and below 1e6")
         self.rate_hz = float(rate_hz)
-        self.size = (
-            max(LEAST_BLOCK, 2 ** int(np.floor(np.log2(rate_hz * SUMMARY_BLOCK_S)))) if rate_hz * SUMMARY_BLOCK_S >= 1 else LEAST_BLOCK
-        )
+        self.size = max(LEAST_BLOCK, 2 ** int(np.floor(np.log2(rate_hz * SUMS_S)))) if rate_hz * SUMS_S >= 1 else LEAST_BLOCK
         self.ratios = ratios_of(self.size)
         self.samples, self._grid = 0, NO_GRID
         self._each = 1  # blocks of a chunk

@@ -113,6 +113,19 @@ def test_without_one_feature_the_main_job_runs(name, tmp_path):
     hold((name,), tmp_path, MAIN_JOB)
 
 
+@pytest.mark.broad
+def test_the_feature_of_the_page_works_as_it_stands(tmp_path):
+    without((), tmp_path)
+    page = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").split("## Add a feature", 1)[1].split("\n## ", 1)[0]
+    for text, name in re.findall(r"```python\n(# (\S+?\.py).*?)```", page, re.S):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    codes, printed, _ = run(tmp_path, "rests data/session1", "report data/session1 --no-explain --out report.html --methods least_squares")
+    assert codes == [0, 0]
+    assert re.search(r"^[0-9.]+ s at rest$", printed, re.M)
+    assert 'id="rests-title"' in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
 def test_what_a_feature_declares_is_there():
     for package, feature in features.beside().items():
         for point in feature.serves:

@@ -43,7 +43,7 @@ WAY_FREE = "is the way free, and does the table stand where its angles say (--ho
 UNCONFIRMED = "the plan is not confirmed, and nothing was moved"
 #: what is asked besides of a table that shows less than this share of the parameters
 LEAST_SHOWN, SHOWS_LITTLE = 0.5, "such a session calibrates little of the sensor: turn nevertheless? (yes)"
-LINE, HARD_SPACE = 140, "\N{NO-BREAK SPACE}"  #: characters of a line of the plan
+LINE, HARD_SPACE = 138, "\N{NO-BREAK SPACE}"  #: characters of a line of the plan
 
 
 Opened = Callable[[Description, Path], Guarded]
@@ -117,13 +117,14 @@ class TurnedRecording:
         plan = plan_of(self.moves, own, segments, stop_at_target)
         parameters = PARAMETERS + accelerometer.PARAMETERS * own
         shows_little = len(plan.unseen) > (1 - LEAST_SHOWN) * parameters
-        self._ask(self.plan_lines(plan, segments, closure_s, parameters), yes, quiet, *([SHOWS_LITTLE] if shows_little else []))
+        axes = enumerate(zip(self.description.axes, self.moves.limits, strict=True))
         self.moves.first = plan.turns[0].moves
-        self._plan = [
-            Move(k, *limits, axis.fastest_rps)
-            for k, (axis, limits) in enumerate(zip(self.description.axes, self.moves.limits, strict=True))
-        ]
-        self._homed()
+        self._confirm(
+            self._turns_lines(plan, segments, closure_s, parameters),
+            [Move(k, *limits, axis.fastest_rps) for k, (axis, limits) in axes],
+            (yes, quiet),
+            *([SHOWS_LITTLE] if shows_little else []),
+        )
 
     def confirmed_rates(
         self,
@@ -139,39 +140,43 @@ class TurnedRecording:
         self._steps = steps_of(table, number, [rate * DEG for rate in rates_dps], dwell_s)
         of, seconds = table.axes[number], sum(step.seconds(table) for step in self._steps)
         rates = ", ".join(f"{step.rate_rps / DEG:+g}" for step in self._steps)
-        lines = [f"plan of {table.name} ({table.make}): from here on it turns by itself"]
-        lines += self._first()
-        lines.append(f"  {of.name} at {rates} dps, {dwell_s:g} s each, with rests between: {len(self._steps)} steps in {in_words(seconds)}")
+        each = f"{of.name} at {rates} dps, {dwell_s:g} s each, with rests between"
         limits = "it turns many times: may the sensor's cable?" if of.is_endless else "each step begins at a limit of the axis"
-        lines.append(f"  {limits}")
-        self._ask([*lines, f"  {MASTER}", f"  {WAY_FREE}"], yes, quiet)
         fastest = max(abs(step.rate_rps) for step in self._steps)
         back = [] if of.is_endless else [Move.anywhere(table, number, of.fastest_rps)]
-        self._plan = [Move.at(number, fastest, max(step.seconds(table) for step in self._steps)), *back]
-        self._homed()
+        self._confirm(
+            [f"{each}: {len(self._steps)} steps in {in_words(seconds)}", limits],
+            [Move.at(number, fastest, max(step.seconds(table) for step in self._steps)), *back],
+            (yes, quiet),
+        )
 
-    @staticmethod
-    def _ask(lines: list[str], yes: bool, quiet: bool, *questions: str) -> None:
+    def _confirm(self, lines: Sequence[str], moves: list[Move], yes_quiet: tuple[bool, bool], *questions: str) -> None:
+        """Print a plan, have it confirmed, and search the reference marks where that was asked for: it is part of the plan."""
+        table, (yes, quiet) = self.description, yes_quiet
         if not (quiet and yes):
-            print("\n".join(map(printable, lines)), file=sys.stderr, flush=True)
+            of = [*self._notes, *([HOME] if self._home else []), *lines, MASTER, WAY_FREE]
+            plan = [f"plan of {table.name} ({table.make}): from here on it turns by itself", *(f"  {line}" for line in of)]
+            print("\n".join(map(printable, plan)), file=sys.stderr, flush=True)
         for question in () if yes else ("turn? (yes)", *questions):
             ask_person(question, UNCONFIRMED)
+        self._plan = moves
+        if self._home and self._table is not None:
+            self._table.confirm([Move.home()], None, lambda line: None)
+            self._table.home()
+            self.moves.angles = self._angles(self._table.settle())
 
     def guide(self, protocol: Protocol) -> RatesGuide:
         """The guide of the rate steps that were confirmed."""
         return RatesGuide(protocol, len(self._steps))
 
-    def plan_lines(self, plan: TablePlan, segments: int, closure_s: float, parameters: int) -> list[str]:
-        """The plan: axes with the largest angle and rate that will be used, likely turns, their time, and what they do not show."""
-        table, count = self.description, len(plan.turns)
-        lines = [f"plan of {table.name} ({table.make}): from here on it turns by itself"]
-        lines += self._first()
-        lines += [
+    def _turns_lines(self, plan: TablePlan, segments: int, closure_s: float, parameters: int) -> list[str]:
+        """Axes with the largest angle and rate that will be used, likely turns, their time, and what they do not show."""
+        lines = [
             _axis_line(axis, limits, self.moves.reach_rad(k))
-            for k, (axis, limits) in enumerate(zip(table.axes, self.moves.limits, strict=True))
+            for k, (axis, limits) in enumerate(zip(self.description.axes, self.moves.limits, strict=True))
         ]
         closing = f", then a closure run of {closure_s:.0f} s" if closure_s else ""
-        lines.append(f"  {segments} turns at most; {count} in {in_words(plan.seconds)} if all goes well{closing}")
+        lines.append(f"{segments} turns at most; {len(plan.turns)} in {in_words(plan.seconds)} if all goes well{closing}")
         turns = [f"{number} {', '.join(part.words for part in turn.parts)}" for number, turn in enumerate(plan.turns, 1)]
         lines += _wrapped("likely turns:", turns)
         if plan.unseen:
@@ -184,8 +189,8 @@ class TurnedRecording:
                 f"no turn of this table shows {len(plan.unseen)} of {parameters} parameters:",
                 [f"{kind} {', '.join(which)}" for kind, which in kinds.items()],
             )
-            lines.append("    set the sensor on another side and record once more, or use a table with one more axis")
-        return [*lines, f"  {MASTER}", f"  {WAY_FREE}"]
+            lines.append("  set the sensor on another side and record once more, or use a table with one more axis")
+        return lines
 
     def mover(self, folder: Path, guide: Guide) -> Mover:
         """The mover of a recording in a folder, which gets a copy of table.toml; a copy that was corrected since is put aside.
@@ -226,18 +231,6 @@ class TurnedRecording:
             raise TableFault(f"{self.description.name}: it does not know its angles; --home, or `table home`, then begin again")
         return where.angles
 
-    def _first(self) -> list[str]:
-        """Lines of the plan: what comes before the first turn."""
-        return [*(f"  {note}" for note in self._notes), *([f"  {HOME}"] if self._home else [])]
-
-    def _homed(self) -> None:
-        """Search the reference marks, where that was asked for: it is part of the plan that was confirmed."""
-        if not self._home or self._table is None:
-            return
-        self._table.confirm([Move.home()], None, lambda line: None)
-        self._table.home()
-        self.moves.angles = self._angles(self._table.settle())
-
     def _open(self) -> Guarded:
         return self._guards.enter_context(self._opened(self.description, self.file.parent))
 
@@ -247,13 +240,13 @@ def _axis_line(axis: Axis, limits: tuple[float, float], reach_rad: float) -> str
     reach = f"; too slow for turns of more than {reach_rad / DEG:.0f} deg" if reach_rad < min(2 * np.pi, limits[1] - limits[0]) else ""
     endless = " (it has no limits; a cable may)" if axis.is_endless else ""
     rate = f"at most {axis.fastest_rps / DEG:g} dps, and {MOST_OF_SCALE:.0%} of the sensor's full scale{reach}"
-    return f"  {axis.name:8s} {least:.0f} to {most:.0f} deg{endless}, {rate}"
+    return f"{axis.name:8s} {least:.0f} to {most:.0f} deg{endless}, {rate}"
 
 
 def _wrapped(begin: str, items: Sequence[str]) -> list[str]:
     """Lines of items, none of them torn apart."""
     text = f"{begin} {'; '.join(item.replace(' ', HARD_SPACE) for item in items)}"
-    return [line.replace(HARD_SPACE, " ") for line in textwrap.wrap(text, LINE, initial_indent="  ", subsequent_indent="    ")]
+    return [line.replace(HARD_SPACE, " ") for line in textwrap.wrap(text, LINE, subsequent_indent="  ")]
 
 
 def is_raw(folder: Path, like: Path | None) -> bool:

@@ -91,7 +91,7 @@ class Unseen:
 class Selected:
     """named, strongest first; limits: by candidate, SI: the size seen with 90 % probability in its weakest visible direction, NaN where
     none
-    is visible; unseen; first_p, smallest_p: family-wise, before anything is named and of what is left; noise, chi_square, count, latency_s
+    is visible; unseen; first_p, smallest_p: family-wise, before anything is named and of what is left; noise, latency_s
     and its sigma, of the last fit; excess: sizes of the noise beyond what is declared (``NoiseModel.excess``); suspected: ids of what is
     left that is significant, or has evidence, and not both."""
 
@@ -102,8 +102,6 @@ class Selected:
     first_p: float
     smallest_p: float
     noise: RowsNoise
-    chi_square: float
-    count: int
     latency_s: float
     latency_sigma_s: float
     excess: dict[str, float]
@@ -141,12 +139,16 @@ class _Base:
     covariance: np.ndarray
     state: np.ndarray
     candidates: list[Candidate]
-    count: int
     model: NoiseModel
     fitted: np.ndarray
     r: np.ndarray
     prior_left: np.ndarray
     named: list[Candidate]
+
+    @property
+    def count(self) -> int:
+        """Of the rows, without those of the priors."""
+        return len(self.r)
 
     def place_of(self, candidate: Candidate) -> slice | None:
         """Of a named error among ``theta``; None where it is not named here."""
@@ -291,9 +293,7 @@ def select(observed: Observed, seed: int = 0, make: Make = candidates_of) -> Sel
         for direction in each.right[:, ~each.seen].T:
             unseen.append(Unseen(each.candidate, _hidden_in(base, each, direction)))
     found = sorted(found, key=lambda each: -each.log_evidence)
-    chi_square = float(base.left @ base.left)
-    excess = base.model.excess(base.noise)
-    return Selected(observed, found, limits, unseen, first_p, least, base.noise, chi_square, base.count, latency, sigma, excess, suspected)
+    return Selected(observed, found, limits, unseen, first_p, least, base.noise, latency, sigma, base.model.excess(base.noise), suspected)
 
 
 def _late(base: _Base, latency_s: float, sigma_s: float, p_value: float, evidence: float) -> Named:
@@ -386,9 +386,7 @@ def _fitted(observed: Observed, before: _Base | None, named: list[Candidate], ma
     covariance = inverse @ inverse.T * np.outer(scale, scale)
     left = y - basis @ (basis.T @ y)
     theta = x * scale + np.concatenate([np.zeros(len(state)), *thetas])
-    return _Base(
-        comparison, noise, design, basis, left, theta, covariance, state, candidates, len(r), model, N, r, y[len(r) :], list(named)
-    )
+    return _Base(comparison, noise, design, basis, left, theta, covariance, state, candidates, model, N, r, y[len(r) :], list(named))
 
 
 def _odd_inside(base: _Base) -> np.ndarray:

@@ -19,7 +19,7 @@ from session.bench.messages import AxisMove
 from session.bench.mover import Moment
 from tinygc.features.tables.machines.angles import AngleFile
 from tinygc.features.tables.machines.safety import REST_S, Guarded
-from tinygc.features.tables.machines.verbs import TableFault, TableLimit, Where, require_allowed, require_rate
+from tinygc.features.tables.machines.verbs import TableFault, TableLimit, Where
 from tinygc.features.tables.machines.wire import PRESS
 
 EVERY_S = 0.05  #: between two questions: 20 Hz
@@ -108,7 +108,7 @@ class TableDriver:
     def make(self, moves: Sequence[AxisMove]) -> None:
         """Make these moves one after the other, each once the one before has ended.  TableLimit for one beyond limits; none is made."""
         for move in moves:
-            require_allowed(self.table.description, move.axis, move.angle_rad, move.rate_rps)
+            self.table.require_move(move.axis, move.angle_rad, move.rate_rps)
         with self._lock:
             self._halted = False
             self._queue.extend(moves)
@@ -116,7 +116,7 @@ class TableDriver:
     def turn_at(self, axis: int, rate_rps: float) -> None:
         """Turn an axis at a rate with its sign from now on; 0 brings it to rest.  TableLimit for a rate beyond what it can do."""
         if rate_rps:
-            require_rate(self.table.description, axis, rate_rps)
+            self.table.require_rate(axis, rate_rps)
         with self._lock:
             self._halted = False
             self._rate = axis, rate_rps
@@ -135,7 +135,7 @@ class TableDriver:
 
     def clear(self) -> None:
         """Whoever stands at the table has dealt with the fault: ask the table again."""
-        getattr(self.table, "forget_alarm", lambda: None)()
+        self.table.forget_alarm()
         self.fault = ""
 
     def tick(self) -> None:

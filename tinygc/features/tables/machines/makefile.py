@@ -23,7 +23,6 @@ from session.base.results import MapOf, Mismatch, Number, Shape, Text, shown
 from session.base.toml import toml_of
 from tinygc.features.tables.machines.description import AGAIN, Settings
 
-FOLDER = Path(__file__).parent / "makes"
 #: characters of a line that are looked at, and of a request
 LONGEST_LINE = 200
 #: characters and wildcards of a pattern: a line is tried in at most so many ways as its length to this power
@@ -250,11 +249,6 @@ class Make:
         yield from (("begin", of.begin), ("home", of.home), ("turn_to", of.turn_to), ("turn_at", of.turn_at), ("ask", self.errors.ask))
         yield from (("stop", steps) for steps in of.stop)
         yield "clear", of.clear
-
-
-def make_names() -> list[str]:
-    """The makes that come with the tool as files."""
-    return sorted(path.stem for path in FOLDER.glob("*.toml"))
 
 
 def read_make(path: Path) -> Make:

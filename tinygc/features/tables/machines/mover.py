@@ -7,7 +7,7 @@ its angles is held against gyroscope and gravity in each still.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from session.detect.segments import angle_read
 from tinygc.features.tables.machines.comparison import WordAgainstSensor
 from tinygc.features.tables.machines.driver import TableDriver
 from tinygc.features.tables.machines.verbs import TableLimit
+
+if TYPE_CHECKING:
+    from tinygc.features.tables.planner import TableMoves
 
 #: without samples while the table moves, s: nobody sees what it does
 BLIND_S = 2.0
@@ -35,16 +38,6 @@ PUT_RIGHT = (
     "look at the table, put it right there, then p goes on "
     "(where a command must do it, or angles are lost: Ctrl-C, `table clear` if need be, then --resume with --home)"
 )
-
-
-class Moves(Protocol):
-    """Knows the moves of a table.  angles (K,) rad: the present ones."""
-
-    angles: np.ndarray
-
-    def choose(self, most_rps: float) -> tuple[AxisMove, ...]:
-        """Return any turn from the present angles; most_rps: largest rate."""
-        ...
 
 
 class MachineMover:
@@ -110,7 +103,7 @@ class MachineMover:
 class TableMover(MachineMover):
     """Makes the turns of a session."""
 
-    def __init__(self, driver: TableDriver, moves: Moves):
+    def __init__(self, driver: TableDriver, moves: TableMoves):
         super().__init__(driver)
         self._moves = moves
         self._word = WordAgainstSensor(driver.table.description)

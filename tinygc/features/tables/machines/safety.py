@@ -33,7 +33,7 @@ from session.base.texts import printable
 from session.base.units import DEG
 from session.bench.clocks import Clock, HostClock
 from tinygc.features.tables.machines.description import Description
-from tinygc.features.tables.machines.verbs import Table, TableFault, TableLimit, Where, require_allowed, require_rate
+from tinygc.features.tables.machines.verbs import Table, TableFault, TableLimit, Where
 from tinygc.features.tables.machines.wire import PRESS
 
 T = TypeVar("T")
@@ -211,10 +211,10 @@ class Guarded:
             self.require_angles()
         for move in moves:
             if move.axis is not None:
-                self._require_rate(move.axis, move.fastest_rps)
+                self.require_rate(move.axis, move.fastest_rps)
                 for angle in {move.least_rad, move.most_rad} if not move.at_rate else ():
                     if np.isfinite(angle):
-                        require_allowed(self.description, move.axis, angle, move.fastest_rps)
+                        self.require_move(move.axis, angle, move.fastest_rps)
         self._table.require_travel()
         for line in plan_lines(self.description, moves, self.notes):
             say(line)
@@ -235,6 +235,22 @@ class Guarded:
                 "(--home), or turn every axis to its zero by hand and say so (--at-zero); nothing was moved"
             )
 
+    def require_move(self, axis: int, angle_rad: float, rate_rps: float) -> None:
+        """TableLimit for an angle beyond the limits of an axis, and as ``require_rate``."""
+        of = self.description.axes[axis]
+        if not of.allows(angle_rad):
+            asked = f"{of.name} to {angle_rad / DEG:g} deg, expected {of.limits}"
+            raise TableLimit(f"{self.description.name}: {asked}; nothing was moved")
+        self.require_rate(axis, rate_rps)
+
+    def require_rate(self, axis: int, rate_rps: float) -> None:
+        """TableLimit for a rate (either sign) that is not finite, zero, beyond what the axis can do, or that its make cannot say."""
+        of = self.description.axes[axis]
+        if not 0 < abs(rate_rps) <= of.fastest_rps * (1 + 1e-9):
+            asked = f"{of.name} at {rate_rps / DEG:g} dps, expected up to {of.fastest_rps / DEG:g}"
+            raise TableLimit(f"{self.description.name}: {asked}; nothing was moved")
+        self._table.require_rate(axis, rate_rps)
+
     # The five verbs.
 
     def home(self) -> None:
@@ -248,8 +264,7 @@ class Guarded:
 
     def turn_to(self, axis: int, angle_rad: float, rate_rps: float) -> None:
         """Begin to turn one axis to an angle; it rests before."""
-        require_allowed(self.description, axis, angle_rad, rate_rps)
-        self._require_rate(axis, rate_rps)
+        self.require_move(axis, angle_rad, rate_rps)
         of = self.description.axes[axis]
         allowed = any(
             move.axis == axis
@@ -273,7 +288,7 @@ class Guarded:
                 self._begin(None, of.fastest_rps / of.acceleration_rps2)
                 return self._guard(lambda: self._table.turn_at(axis, 0.0))
             return self.stop()
-        self._require_rate(axis, rate_rps)
+        self.require_rate(axis, rate_rps)
         longest_s = max(
             (move.longest_s for move in self._allowed if move.axis == axis and abs(rate_rps) <= move.fastest_rps * (1 + 1e-9)), default=0.0
         )
@@ -456,11 +471,6 @@ class Guarded:
     def _require_confirmed(self, allowed: bool, what: str) -> None:
         if not allowed:
             raise TableLimit(f"{self.description.name}: {what} is in no plan that was confirmed; nothing was moved")
-
-    def _require_rate(self, axis: int, rate_rps: float) -> None:
-        """TableLimit for a rate that the axis cannot turn at, or that its make cannot say."""
-        require_rate(self.description, axis, rate_rps)
-        self._table.require_rate(axis, rate_rps)
 
     def _require_rest(self) -> None:
         if not self._rest.is_set():

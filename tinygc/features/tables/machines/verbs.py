@@ -1,18 +1,16 @@
 """The five verbs of a table: home, turn to an angle, turn at a rate, where are you, stop.
 
 A make implements ``Table``.  A verb that moves starts the motion and returns; ``where`` says when it has ended.  Nothing here moves without
-``require_allowed``: limits are checked before each move, whatever the machine itself would do.
+``Guarded.require_move``: limits are checked before each move, whatever the machine itself would do.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from session.base.errors import CalibrationError, DeviceError
-from session.base.units import DEG
 from tinygc.features.tables.machines.description import Description
 
 
@@ -33,40 +31,50 @@ class Where:
     table_s: float | None = None
 
 
-class Table(Protocol):
+class Table:
     """A machine that is connected.  All verbs raise TableFault where it does not answer, and for a fault that it reports.
 
-    has_rate_mode: whether it turns at a rate by itself; angles_lost: it has restarted, and was not homed since; begins: what ``begin`` will
-    send, as text; warning: what whoever lets it move must know.
+    has_rate_mode: whether it turns at a rate by itself; angles_lost: it has restarted, and was not homed since; warning: what whoever lets
+    it move must know.
     """
 
     description: Description
     has_rate_mode = angles_lost = False
-    begins = warning = ""
+    warning = ""
 
     def home(self) -> None:
         """Begin to search the reference marks of all axes."""
+        raise NotImplementedError
 
     def turn_to(self, axis: int, angle_rad: float, rate_rps: float) -> None:
         """Begin to turn one axis to an angle, at most that fast (above 0)."""
+        raise NotImplementedError
 
     def turn_at(self, axis: int, rate_rps: float) -> None:
         """Begin to turn one axis at a rate with its sign, until another verb; 0 brings it to rest.
 
         Makes without ``has_rate_mode`` are sent turns to an angle instead.
         """
+        raise NotImplementedError
 
     def where(self) -> Where:
         """Ask for angles and state."""
-        ...
+        raise NotImplementedError
 
     def stop(self) -> None:
         """Bring all axes to rest at once.  It may be called at any time and from any thread."""
+        raise NotImplementedError
 
     def close(self) -> None:
         """Let go of the port; the table is at rest before."""
+        raise NotImplementedError
 
     # What not every machine has.
+
+    @property
+    def begins(self) -> str:
+        """What ``begin`` will send, as text; empty where there is nothing, or it was sent."""
+        return ""
 
     def begin(self) -> None:
         """Send what it wants before its first motion, such as to switch its motors on; nothing the second time."""
@@ -90,18 +98,3 @@ class Table(Protocol):
 
     def require_travel(self) -> None:
         """TableLimit where the controller's own settings do not fit the description; TableFault where it does not say them."""
-
-
-def require_allowed(table: Description, axis: int, angle_rad: float, rate_rps: float) -> None:
-    """TableLimit for an angle beyond the limits of an axis, or a rate beyond what it can do."""
-    of = table.axes[axis]
-    if not of.allows(angle_rad):
-        raise TableLimit(f"{table.name}: {of.name} to {angle_rad / DEG:g} deg, expected {of.limits}; nothing was moved")
-    require_rate(table, axis, rate_rps)
-
-
-def require_rate(table: Description, axis: int, rate_rps: float) -> None:
-    """TableLimit for a rate (either sign) that is not finite, zero, or beyond what the axis can do."""
-    of = table.axes[axis]
-    if not 0 < abs(rate_rps) <= of.fastest_rps * (1 + 1e-9):
-        raise TableLimit(f"{table.name}: {of.name} at {rate_rps / DEG:g} dps, expected up to {of.fastest_rps / DEG:g}; nothing was moved")

@@ -9,21 +9,20 @@ from session.base.texts import command_line, comment
 from session.bench.clocks import Clock, HostClock
 from tinygc.features.tables.machines.description import AGAIN, Description
 from tinygc.features.tables.machines.dialogue import Dialogue
-from tinygc.features.tables.machines.makefile import FOLDER, Make, make_names, read_make
+from tinygc.features.tables.machines.makefile import Make, read_make
 from tinygc.features.tables.machines.makes import ximc
 from tinygc.features.tables.machines.proof import fitted
 from tinygc.features.tables.machines.verbs import Table
 from tinygc.features.tables.machines.wire import PRESS, Link, SerialLink, VisaLink
 
-#: makes that are code
+#: makes that are code, and those that are files
 MODULES = {"ximc": ximc}
+FILES = {path.stem: path for path in sorted(Path(__file__).parent.glob("*.toml"))}
 
 
 def makes() -> dict[str, str]:
     """Name -> title of each make."""
-    return {name: read_make(FOLDER / f"{name}.toml").title for name in make_names()} | {
-        name: module.TITLE for name, module in MODULES.items()
-    }
+    return {name: read_make(path).title for name, path in FILES.items()} | {name: module.TITLE for name, module in MODULES.items()}
 
 
 def make_of(table: Description, folder: Path | None = None) -> Make:
@@ -42,10 +41,10 @@ def is_own(table: Description) -> bool:
 
 def make_of_name(name: str) -> Make:
     """A make that comes with the tool.  FormatError where it is none, or no file."""
-    if name not in make_names():
-        known = ", ".join([*make_names(), *MODULES])
+    if name not in FILES:
+        known = ", ".join([*FILES, *MODULES])
         raise FormatError(f"no make {name[:40]!r}; it is one of {known}, or a file of your own such as ./mine.toml; {AGAIN}")
-    return read_make(FOLDER / f"{name}.toml")
+    return read_make(FILES[name])
 
 
 def open_table(

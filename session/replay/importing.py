@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
 
 from session.base import features
@@ -107,6 +106,6 @@ def known_logs() -> Iterator[tuple[str, str, str]]:
     for name, (_, example) in EXAMPLES.items():
         yield name, example, ""
     yield BY_NAMES, "time_ms,accX,accY,accZ,gyroX,gyroY,gyroZ", ""
-    for reader in map(import_module, registry.READERS.values()):
-        needs = f"{reader.PACKAGE}: pip install 'tinygc[{reader.EXTRA}]'" if reader.PACKAGE else ""
-        yield reader.NAME, reader.EXAMPLE, needs
+    for reader in map(registry.format_of, registry.READERS):
+        needs = f"{reader.package}: pip install 'tinygc[{reader.extra}]'" if reader.package else ""
+        yield reader.name, reader.example, needs

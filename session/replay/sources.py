@@ -10,9 +10,7 @@ import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
-from importlib import import_module
 from pathlib import Path
-from types import ModuleType
 from typing import Protocol
 
 import numpy as np
@@ -26,6 +24,8 @@ from session.log.layout import Triad, three
 from session.log.lines import STANDARD
 from session.log.reader import Piece
 from session.replay.binary import registry
+from session.replay.binary.arrays import Tables
+from session.replay.binary.source import Messages
 from session.replay.dialects import DIALECTS, OTHER, Answers, TableLayout
 from session.replay.documents import is_document, unpack_document
 from session.replay.forms import EXAMPLES
@@ -115,16 +115,16 @@ def _sources_of(path: Path, answers: Answers, stack: ExitStack, faults: list[For
     return _texts(path, answers)
 
 
-def _binary(path: Path, head: bytes, like: str | None) -> ModuleType | None:
+def _binary(path: Path, head: bytes, like: str | None) -> Messages | Tables | None:
     """The reader of a binary log: the one that knows its bytes, or that ``--like`` names; None for text.
 
     FormatError where ``--like`` names a program whose log is text, and the file is none.
     """
-    reader: ModuleType | None = registry.reader_of(path, head)
+    reader = registry.reader_of(path, head)
     if like in registry.READERS and (reader is not None or like not in {dialect.name for dialect in DIALECTS}):
-        return import_module(registry.READERS[like])
+        return registry.format_of(like)
     if reader is not None and like is not None:
-        raise FormatError(f"{path.name}: by its bytes a log of {reader.NAME}, and --like is {like[:40]!r}; leave --like out")
+        raise FormatError(f"{path.name}: by its bytes a log of {reader.name}, and --like is {like[:40]!r}; leave --like out")
     return reader
 
 
@@ -288,15 +288,14 @@ class StreamSource:
         return values[:, [column - first for column in triad.columns]] * np.array(triad.signs, dtype=float)
 
 
-def _streams(path: Path, reader: ModuleType, answers: Answers) -> Iterator[StreamSource]:
+def _streams(path: Path, reader: Messages | Tables, answers: Answers) -> Iterator[StreamSource]:
     for option in ("rows", "where", "lines", "packed"):
         if getattr(answers, option) is not None:
-            raise FormatError(f"{path.name} ({reader.NAME}): --{option} is of a text log; leave it out")
+            raise FormatError(f"{path.name} ({reader.name}): --{option} is of a text log; leave it out")
     with current().again():
-        topics: list[Topic] = reader.topics(path, answers.columns)
-    for stream in reader.read(path, _chosen(path, reader.NAME, topics, answers.topic), answers.columns):
-        columns = next((topic.columns for topic in topics if topic.name == stream.name), ())
-        yield _stream_source(path, reader.NAME, stream, answers, _names(reader.NAME, stream, columns))
+        topics = reader.topics(path, answers.columns)
+    for stream in reader.read(path, _chosen(path, reader.name, topics, answers.topic), answers.columns):
+        yield _stream_source(path, reader.name, stream, answers, _names(reader, stream))
 
 
 #: what the end of a column's name says of its axis
@@ -305,15 +304,9 @@ AXIS = re.compile(r"(.*?)[\[_.]?([xyzXYZ012])\]?")
 KINDS = {"gyro": re.compile(r"gyr|angular_velocity", re.I), "accel": re.compile(r"acc", re.I)}
 
 
-#: readers of arrays, whose topics name the stamps first, where there are any
-OF_ARRAYS = ("HDF5", "MATLAB", "NumPy", "Arrow")
-
-
-def _names(called: str, stream: Stream, columns: Sequence[str]) -> tuple[str, ...]:
-    """Of stamps, gyroscope, accelerometer and temperature: how the file calls them, and where that is not clear, what they are of.
-
-    columns: of the stream's topic.
-    """
+def _names(reader: Messages | Tables, stream: Stream) -> tuple[str, ...]:
+    """Of stamps, gyroscope, accelerometer and temperature: how the file calls them, and where that is not clear, what they are of."""
+    columns, of_arrays = stream.columns, isinstance(reader, Tables)  # which name the stamps first, where there are any
     triads: dict[str, list[str]] = {}
     for name in columns:
         if (match := AXIS.fullmatch(name)) is not None:
@@ -324,11 +317,11 @@ def _names(called: str, stream: Stream, columns: Sequence[str]) -> tuple[str, ..
     for kind, pattern in KINDS.items():
         found = [names for stem, names in triads.items() if pattern.search(stem) or (alone and not stem)]
         # An array of three columns has one name.
-        whole = [name for name in columns if pattern.search(name) and called in OF_ARRAYS]
+        whole = [name for name in columns if pattern.search(name) and of_arrays]
         if not found and len(whole) == 1:
             found = [[f"{whole[0]}[{axis}]" for axis in range(3)]]
         named += found[0] if len(found) == 1 else [f"{stream.name} {kind} {axis}" for axis in "xyz"]
-    stamps = columns[0] if called in OF_ARRAYS and columns and stream.t_ns is not None else f"the stamps of {stream.name}"
+    stamps = columns[0] if of_arrays and columns and stream.t_ns is not None else f"the stamps of {stream.name}"
     return (stamps, *named, "temperature")
 
 

@@ -17,7 +17,7 @@ class Stream:
     None where nothing stamps them.  gyro, accel (N, 3) and temp (N,) float64 as written, None where the stream holds none.  Units: words
     of ``session.base.units`` (``rad/s``, ``dps``, ``lsb``, ``0.061dps``), ``""`` where the file does not say.  Full scales and odr_hz where
     the file states them.  frame: what is documented of its axes.  notes: what was repaired, where a damaged file stops, what an assumption
-    rests on.
+    rests on.  columns as the file calls them.
     """
 
     name: str
@@ -34,6 +34,12 @@ class Stream:
     sensor: str | None = None
     frame: str = ""
     notes: tuple[str, ...] = ()
+    columns: tuple[str, ...] = ()
+
+    @property
+    def topic(self) -> Topic:
+        """What is there to choose."""
+        return Topic(self.name, len(self), self.holds, self.columns)
 
     @property
     def holds(self) -> tuple[str, ...]:

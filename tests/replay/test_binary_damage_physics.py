@@ -22,7 +22,7 @@ from session.replay.sources import Sources
 from session.replay.streams import Stream
 
 #: writer, file in it, reader, the stream that is compared
-LOST_PLANE = {"blackbox": (written.write_blackbox, betaflight, "log1")}
+LOST_PLANE = {"blackbox": (written.write_blackbox, betaflight.FORMAT, "log1")}
 
 
 STREAMED = FORMATS | LOST_PLANE

@@ -51,32 +51,32 @@ def with_(write, **options):
 
 #: writer, the reader, the stream with both sensors
 FORMATS = {
-    "ROS 1": (written.write_ros1, rosbag1, written.TOPIC),
-    "ROS 1, bz2": (with_(written.write_ros1, compression="bz2"), rosbag1, written.TOPIC),
-    "ROS 1, lz4": (with_(written.write_ros1, compression="lz4"), rosbag1, written.TOPIC),
-    "ROS 2": (written.write_ros2, rosbag2, written.TOPIC),
-    "ROS 2, zstd": (with_(written.write_ros2, packed=True), rosbag2, written.TOPIC),
-    "ROS 2, MCAP": (with_(written.write_ros2, storage="mcap"), rosbag2, written.TOPIC),
-    "MCAP": (written.write_mcap, mcap_file, written.TOPIC),
-    "MCAP, unpacked": (with_(written.write_mcap, compression="NONE"), mcap_file, written.TOPIC),
-    "MCAP, ROS 1": (with_(written.write_mcap, form="ros1", compression="LZ4"), mcap_file, written.TOPIC),
-    "MCAP, JSON": (with_(written.write_mcap, form="json"), mcap_file, written.TOPIC),
-    "ULog": (written.write_ulog, ulog, "sensor_combined[0]"),
-    "dataflash": (written.write_ardupilot, ardupilot, "IMU[0]"),
+    "ROS 1": (written.write_ros1, rosbag1.FORMAT, written.TOPIC),
+    "ROS 1, bz2": (with_(written.write_ros1, compression="bz2"), rosbag1.FORMAT, written.TOPIC),
+    "ROS 1, lz4": (with_(written.write_ros1, compression="lz4"), rosbag1.FORMAT, written.TOPIC),
+    "ROS 2": (written.write_ros2, rosbag2.FORMAT, written.TOPIC),
+    "ROS 2, zstd": (with_(written.write_ros2, packed=True), rosbag2.FORMAT, written.TOPIC),
+    "ROS 2, MCAP": (with_(written.write_ros2, storage="mcap"), rosbag2.FORMAT, written.TOPIC),
+    "MCAP": (written.write_mcap, mcap_file.FORMAT, written.TOPIC),
+    "MCAP, unpacked": (with_(written.write_mcap, compression="NONE"), mcap_file.FORMAT, written.TOPIC),
+    "MCAP, ROS 1": (with_(written.write_mcap, form="ros1", compression="LZ4"), mcap_file.FORMAT, written.TOPIC),
+    "MCAP, JSON": (with_(written.write_mcap, form="json"), mcap_file.FORMAT, written.TOPIC),
+    "ULog": (written.write_ulog, ulog.FORMAT, "sensor_combined[0]"),
+    "dataflash": (written.write_ardupilot, ardupilot.FORMAT, "IMU[0]"),
 }
 
 
 ARRAYS = {
-    "HDF5": (written.write_hdf5, hdf5, "imu"),
-    "HDF5, packed": (with_(written.write_hdf5, chunks=50), hdf5, "imu"),
-    "MATLAB 7.3": (written.write_mat73, hdf5, "imu"),
-    "MATLAB 5": (written.write_mat, matlab, "imu"),
-    "MATLAB 5, unpacked": (with_(written.write_mat, compress=False), matlab, "imu"),
-    "MATLAB 4": (with_(written.write_mat, version="4"), matlab, "imu"),
-    "npz": (written.write_npz, numpy_file, "imu"),
-    "npy": (written.write_npy, numpy_file, "imu"),
-    "Parquet": (written.write_parquet, arrow, "imu"),
-    "Feather": (written.write_feather, arrow, "imu"),
+    "HDF5": (written.write_hdf5, hdf5.FORMAT, "imu"),
+    "HDF5, packed": (with_(written.write_hdf5, chunks=50), hdf5.FORMAT, "imu"),
+    "MATLAB 7.3": (written.write_mat73, hdf5.FORMAT, "imu"),
+    "MATLAB 5": (written.write_mat, matlab.FORMAT, "imu"),
+    "MATLAB 5, unpacked": (with_(written.write_mat, compress=False), matlab.FORMAT, "imu"),
+    "MATLAB 4": (with_(written.write_mat, version="4"), matlab.FORMAT, "imu"),
+    "npz": (written.write_npz, numpy_file.FORMAT, "imu"),
+    "npy": (written.write_npy, numpy_file.FORMAT, "imu"),
+    "Parquet": (written.write_parquet, arrow.FORMAT, "imu"),
+    "Feather": (written.write_feather, arrow.FORMAT, "imu"),
 }
 
 
@@ -154,13 +154,13 @@ def test_more_than_the_budget_is_refused(name, tmp_path):
 @pytest.mark.parametrize(
     ("write", "reader", "module", "said"),
     [
-        (written.write_ulog, ulog, "pyulog", "a ULog; reading it needs pyulog"),
-        (written.write_ros1, rosbag1, "rosbags.rosbag1.reader", "a ROS 1 bag; reading it needs rosbags"),
-        (written.write_ros2, rosbag2, "rosbags.typesys", "a ROS 2 bag; reading it needs rosbags"),
-        (written.write_mcap, mcap_file, "mcap.stream_reader", "an MCAP file; reading it needs mcap"),
-        (written.write_hdf5, hdf5, "h5py", "an HDF5 file; reading it needs h5py"),
-        (written.write_parquet, arrow, "pyarrow", "a table of Arrow; reading it needs pyarrow"),
-        (written.write_blackbox, betaflight, "orangebox", "a blackbox log; reading it needs orangebox"),
+        (written.write_ulog, ulog.FORMAT, "pyulog", "a ULog; reading it needs pyulog"),
+        (written.write_ros1, rosbag1.FORMAT, "rosbags.rosbag1.reader", "a ROS 1 bag; reading it needs rosbags"),
+        (written.write_ros2, rosbag2.FORMAT, "rosbags.typesys", "a ROS 2 bag; reading it needs rosbags"),
+        (written.write_mcap, mcap_file.FORMAT, "mcap.stream_reader", "an MCAP file; reading it needs mcap"),
+        (written.write_hdf5, hdf5.FORMAT, "h5py", "an HDF5 file; reading it needs h5py"),
+        (written.write_parquet, arrow.FORMAT, "pyarrow", "a table of Arrow; reading it needs pyarrow"),
+        (written.write_blackbox, betaflight.FORMAT, "orangebox", "a blackbox log; reading it needs orangebox"),
     ],
 )
 def test_a_package_that_is_not_installed_is_named(write, reader, module, said, tmp_path, monkeypatch):
@@ -182,11 +182,11 @@ def ulog_file(tmp_path, rows, **more):
 def test_ulog_keeps_instances_apart_and_reads_temperatures(tmp_path):
     path = tmp_path / "a.ulg"
     written.write_ulog(path, *RECORDING)
-    first, second = ulog.read(path, ["sensor_gyro[0]", "sensor_gyro[1]"], None)
+    first, second = ulog.FORMAT.read(path, ["sensor_gyro[0]", "sensor_gyro[1]"], None)
     assert_allclose(second.gyro - first.gyro, 1, atol=1e-6)
     assert_array_equal(first.temp, TEMP)
     assert_array_equal(first.t_ns, T_NS)  # of the sample, not of the message
-    (accel,) = ulog.read(path, ["sensor_accel[0]"], None)
+    (accel,) = ulog.FORMAT.read(path, ["sensor_accel[0]"], None)
     assert (accel.gyro, accel.holds, accel.temp_unit) == (None, ("accel", "temp"), "degc")
     assert any("2 dropouts of the logger, 42 ms in all, the longest 30 ms" in note for note in accel.notes)
 
@@ -245,7 +245,7 @@ def test_ulog_that_nests_without_end_is_refused_before_it_is_unfolded(tmp_path):
         bad = whole[:place] + b"".join(written.ulog_message("F", text.encode()) for text in formats) + whole[place:]
         (tmp_path / "a.ulg").write_bytes(bad)
         with pytest.raises(FormatError, match=said):
-            ulog.topics(tmp_path / "a.ulg", None)
+            ulog.FORMAT.topics(tmp_path / "a.ulg", None)
 
 
 # ROS.
@@ -430,8 +430,8 @@ def test_blackbox_counts_come_back_with_their_units(tmp_path):
     pytest.importorskip("orangebox")
     path = tmp_path / "a.bbl"
     written.write_blackbox(path, *RECORDING, key="gyro.scale")
-    assert reader_of(path, head_of(path)) is betaflight
-    (topic,) = betaflight.topics(path, None)
+    assert reader_of(path, head_of(path)) is betaflight.FORMAT
+    (topic,) = betaflight.FORMAT.topics(path, None)
     assert (topic.name, topic.rows, topic.holds) == ("log1", COUNT, ("gyro", "accel"))
     same(stream := one(path), *COUNTS)
     assert (stream.gyro_unit, stream.accel_unit) == ("0.1dps", "g/2048")
@@ -453,7 +453,7 @@ def test_blackbox_intervals_without_end_are_refused(tmp_path):
     for bad in (b"P interval:0/1", b"P interval:1/0", b"P interval:abc"):
         (tmp_path / "a.bbl").write_bytes(written.blackbox_bytes(T_NS // 1000, *COUNTS).replace(b"P interval:1/1", bad))
         with pytest.raises(FormatError, match="log1 cannot be read"):
-            betaflight.topics(tmp_path / "a.bbl", None)
+            betaflight.FORMAT.topics(tmp_path / "a.bbl", None)
 
 
 def test_blackbox_header_without_its_interval_has_the_default(tmp_path):
@@ -533,7 +533,7 @@ def test_arrays_without_stamps_or_units_have_none_and_a_rate_where_it_stands(tmp
 )
 def test_what_is_not_clear_is_listed(arrays, said, tmp_path):
     with pytest.raises(FormatError) as raised:
-        numpy_file.read(npz(tmp_path, **arrays), [], None)
+        numpy_file.FORMAT.read(npz(tmp_path, **arrays), [], None)
     assert said in str(raised.value)
     assert "\n" not in str(raised.value)
 
@@ -541,9 +541,9 @@ def test_what_is_not_clear_is_listed(arrays, said, tmp_path):
 def test_columns_name_whole_arrays(tmp_path):
     path = npz(tmp_path, one=T_NS * 1e-9, two=GYRO, three=ACCEL, four=TEMP)
     text = "t_s=1,gyro_dps=two,accel_mps2=-3,temp_c=4"  # by its name or its place
-    (topic,) = numpy_file.topics(path, text)
+    (topic,) = numpy_file.FORMAT.topics(path, text)
     assert (topic.name, topic.holds, topic.columns) == ("columns", ("gyro", "accel", "temp"), ("one", "two", "three", "four"))
-    (stream,) = numpy_file.read(path, [], text)
+    (stream,) = numpy_file.FORMAT.read(path, [], text)
     same(stream, GYRO, -ACCEL)
     assert (stream.gyro_unit, stream.accel_unit, stream.temp_unit) == ("dps", "mps2", "c")
 
@@ -568,7 +568,7 @@ def test_columns_name_whole_arrays(tmp_path):
 def test_wrong_columns_are_refused_in_one_line(text, said, tmp_path):
     path = npz(tmp_path, one=T_NS * 1e-9, two=GYRO, three=ACCEL, short=np.arange(100.0))
     with pytest.raises(FormatError) as raised:
-        numpy_file.topics(path, text)
+        numpy_file.FORMAT.topics(path, text)
     assert said in str(raised.value)
     assert "\n" not in str(raised.value)
 
@@ -582,7 +582,7 @@ def test_pickles_are_never_opened(tmp_path):
     assert_array_equal(one(path).gyro, GYRO)
     np.save(tmp_path / "a.npy", np.array([Trap()], dtype=object), allow_pickle=True)
     with pytest.raises(FormatError):
-        numpy_file.read(tmp_path / "a.npy", [], None)
+        numpy_file.FORMAT.read(tmp_path / "a.npy", [], None)
 
 
 def test_hdf5_opens_no_other_file(tmp_path):
@@ -596,7 +596,7 @@ def test_hdf5_opens_no_other_file(tmp_path):
         layout[:] = h5py.VirtualSource(str(tmp_path / "other.h5"), "imu/acc", ACCEL.shape)
         file.create_virtual_dataset("accel", layout)
     with pytest.raises(FormatError, match="it holds no arrays of numbers"):
-        hdf5.topics(tmp_path / "a.h5", None)
+        hdf5.FORMAT.topics(tmp_path / "a.h5", None)
 
 
 def deep(value):

@@ -16,12 +16,9 @@ import numpy as np
 from session.base.budget import current
 from session.base.errors import FormatError
 from session.base.units import parse_unit
-from session.replay.binary.source import Source, as_topics, microseconds, no_columns, one_line, picked
-from session.replay.streams import Stream, Topic
+from session.replay.binary.source import Messages, Source, microseconds, one_line
+from session.replay.streams import Stream
 
-NAME = "ArduPilot dataflash"
-PACKAGE, EXTRA, LICENCE = "", "", ""
-EXAMPLE = "ArduPilot's APM/LOGS/00000042.BIN, with IMU, or with GYR and ACC (INS_RAW_LOG_OPT)"
 MARK = b"\xa3\x95"
 FMT = 0x80
 FMT_LENGTH = 89
@@ -54,19 +51,6 @@ def is_mine(path: Path, head: bytes) -> bool:
     return head.startswith(MARK + bytes([FMT]))
 
 
-def topics(path: Path, columns: str | None) -> list[Topic]:
-    """IMU, GYR and ACC of each sensor."""
-    no_columns(path, "a dataflash log", columns)
-    held, labels = _read(path, ())
-    return as_topics(held, labels)
-
-
-def read(path: Path, names: Sequence[str], columns: str | None) -> list[Stream]:
-    """The streams of these messages and sensors, ``IMU[0]``; all of them for no name."""
-    no_columns(path, "a dataflash log", columns)
-    return picked(path, _read(path, names)[0], names)
-
-
 @dataclass
 class _Type:
     """A type of message: its length with the head, letters, columns; units and multipliers of FMTU; the bytes of its messages."""
@@ -95,18 +79,16 @@ class _Type:
         return np.frombuffer(self.data, dtype, len(self.data) // dtype.itemsize)
 
 
-def _read(path: Path, names: Sequence[str]) -> tuple[list[Stream], dict[str, tuple[str, ...]]]:
-    """The streams of these names, all for no name or where none of them is there; and the columns of each."""
+def _read(path: Path, names: Sequence[str]) -> list[Stream]:
+    """The streams of these messages and sensors, ``IMU[0]``; all for no name or where none of them is there."""
     wanted = {name.partition("[")[0] for name in names} & set(IMU) or set(IMU)
     with one_line(path, "a dataflash log"), Source(path) as source:
         log = _Log(path, wanted)
         log.walk(source)
         held: list[Stream] = []
-        labels: dict[str, tuple[str, ...]] = {}
         for kind in log.types.values():
             if kind.name in wanted and kind.data:
                 held += _streams(kind, log, names)
-                labels |= {stream.name: kind.columns for stream in held if stream.name not in labels}
                 kind.data = bytearray()
     if not held and names:
         return _read(path, ())  # for the complaint, which lists what is there
@@ -114,7 +96,7 @@ def _read(path: Path, names: Sequence[str]) -> tuple[list[Stream], dict[str, tup
         there = ", ".join(sorted({kind.name for kind in log.types.values()}))[:200]
         why = f" ({'; '.join(log.notes)})" if log.notes else ""
         raise FormatError(f"{path}: a dataflash log without IMU, GYR or ACC messages{why}; it describes {there or 'nothing'}")
-    return sorted(held, key=lambda stream: (not stream.name.startswith("IMU"), stream.name)), labels
+    return sorted(held, key=lambda stream: (not stream.name.startswith("IMU"), stream.name))
 
 
 class _Log:
@@ -235,6 +217,7 @@ def _streams(kind: _Type, log: _Log, names: Sequence[str]) -> Iterator[Stream]:
             _unit(kind, log, "T", "T", []) if has_temp else "",
             frame="forward, right, down",
             notes=tuple(notes),
+            columns=kind.columns,
         )
 
 
@@ -263,3 +246,15 @@ def _unit(kind: _Type, log: _Log, column: str, what: str, notes: list[str]) -> s
     scaled = f"{multiplier:g}{word}"
     quantity = {"Gyr": "gyro", "Acc": "accel", "T": "temp"}[what]
     return word if multiplier in (0.0, 1.0) or parse_unit(quantity, scaled) is None else scaled
+
+
+FORMAT = Messages(
+    "ArduPilot dataflash",
+    "a dataflash log",
+    "",
+    "",
+    "",
+    "ArduPilot's APM/LOGS/00000042.BIN, with IMU, or with GYR and ACC (INS_RAW_LOG_OPT)",
+    is_mine,
+    _read,
+)

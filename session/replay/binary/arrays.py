@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from session.base.budget import current
 from session.base.errors import FormatError
 from session.base.units import NS_PER_S, TIME
 from session.replay.binary.named import Meaning, meaning
+from session.replay.binary.source import Format, one_line
 from session.replay.columns import parse_columns
 from session.replay.streams import Stream, Topic
 
@@ -79,32 +81,48 @@ class Plan:
         """All that it reads."""
         return (*([self.t] if self.t else []), *(array for part in self.parts.values() for array in part))
 
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Their names."""
+        return tuple(array.name for array in self.arrays)
 
-def topics_of(path: Path, what: str, arrays: Sequence[Array], columns: str | None) -> list[Topic]:
-    """The streams that these arrays make.  FormatError as ``plans``."""
-    made = plans(path, what, arrays, columns)
-    return [Topic(plan.name, plan.rows, tuple(plan.parts), tuple(array.name for array in plan.arrays)) for plan in made]
+
+@dataclass(frozen=True)
+class Opened:
+    """An open file: its arrays; values: of the names that are wanted, what reads an array by its name; rate_hz where it says one; notes;
+    words: the file, where more is to be said of it than its format."""
+
+    arrays: Sequence[Array]
+    values: Callable[[set[str]], Callable[[str], np.ndarray]]
+    rate_hz: float | None = None
+    notes: Sequence[str] = ()
+    words: str = ""
 
 
-def streams_of(
-    path: Path,
-    what: str,
-    arrays: Sequence[Array],
-    values: Callable[[str], np.ndarray],
-    names: Sequence[str],
-    columns: str | None,
-    rate_hz: float | None = None,
-    notes: Sequence[str] = (),
-) -> list[Stream]:
-    """The streams of these names, all of them for no name; values: reads an array by its name.  FormatError as ``plans``."""
-    made = plans(path, what, arrays, columns)
-    there = {plan.name: plan for plan in made}
-    if missing := [name for name in names if name not in there]:
-        raise FormatError(f"{path}: no stream {missing[0]!r}; it holds {', '.join(there)}")
-    chosen = [there[name] for name in names] if names else made
-    current().numbers(path, sum(math.prod(array.shape) for plan in chosen for array in plan.arrays))
-    with np.errstate(all="ignore"):  # whatever a damaged file holds as numbers
-        return [_stream(path, plan, values, rate_hz, notes) for plan in chosen]
+@dataclass(frozen=True)
+class Tables(Format):
+    """A format of arrays of any name, of which only those are read that are asked for."""
+
+    opened: Callable[[Path], AbstractContextManager[Opened]]
+
+    def topics(self, path: Path, columns: str | None) -> list[Topic]:
+        """The streams that the arrays make.  FormatError as ``plans``."""
+        with one_line(path, self.what), self.opened(path) as file:
+            made = plans(path, file.words or self.what, file.arrays, columns)
+        return [Topic(plan.name, plan.rows, tuple(plan.parts), plan.columns) for plan in made]
+
+    def read(self, path: Path, names: Sequence[str], columns: str | None) -> list[Stream]:
+        """The streams of these names, all of them for no name.  FormatError as ``plans``."""
+        with one_line(path, self.what), self.opened(path) as file:
+            made = plans(path, file.words or self.what, file.arrays, columns)
+            there = {plan.name: plan for plan in made}
+            if missing := [name for name in names if name not in there]:
+                raise FormatError(f"{path}: no stream {missing[0]!r}; it holds {', '.join(there)}")
+            chosen = [there[name] for name in names] if names else made
+            current().numbers(path, sum(math.prod(array.shape) for plan in chosen for array in plan.arrays))
+            values = file.values({name for plan in chosen for name in plan.columns})
+            with np.errstate(all="ignore"):  # whatever a damaged file holds as numbers
+                return [_stream(path, plan, values, file.rate_hz, file.notes) for plan in chosen]
 
 
 def plans(path: Path, what: str, arrays: Sequence[Array], columns: str | None) -> list[Plan]:
@@ -292,6 +310,7 @@ def _stream(path: Path, plan: Plan, values: Callable[[str], np.ndarray], rate_hz
         plan.units.get("temp", ""),
         odr_hz=rate_hz,
         notes=tuple(notes),
+        columns=plan.columns,
     )
 
 

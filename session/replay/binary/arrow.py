@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +14,10 @@ from session.base.budget import current
 from session.base.errors import FormatError
 from session.base.files import require_file
 from session.log.samples import Growing
-from session.replay.binary.arrays import Array, streams_of, topics_of
-from session.replay.binary.source import library, one_line
-from session.replay.streams import Stream, Topic
+from session.replay.binary.arrays import Array, Opened, Tables
+from session.replay.binary.source import library
 
-NAME = "Arrow"
-PACKAGE, EXTRA, LICENCE = "pyarrow", "logs", "Apache-2.0"
-EXAMPLE = "df.to_parquet('log.parquet') or df.to_feather('log.feather') with t_s, gyro_x, …, acc_z"
+PACKAGE = "pyarrow"
 PARQUET, FEATHER, FEATHER_1 = b"PAR1", b"ARROW1\0\0", b"FEA1"
 #: rows that are read at once
 AT_ONCE = 1 << 16
@@ -30,17 +28,10 @@ def is_mine(path: Path, head: bytes) -> bool:
     return head.startswith((PARQUET, FEATHER, FEATHER_1))
 
 
-def topics(path: Path, columns: str | None) -> list[Topic]:
-    """The streams that the columns make; FormatError lists the columns where that is not clear."""
-    with one_line(path, "a table of Arrow"):
-        return topics_of(path, "a table of Arrow", _Table(path).arrays, columns)
-
-
-def read(path: Path, names: Sequence[str], columns: str | None) -> list[Stream]:
-    """The streams of these names; only their columns are read."""
-    with one_line(path, "a table of Arrow"):
-        table = _Table(path)
-        return streams_of(path, "a table of Arrow", table.arrays, table.values, names, columns)
+@contextmanager
+def _opened(path: Path) -> Iterator[Opened]:
+    table = _Table(path)
+    yield Opened(table.arrays, lambda names: table.values)
 
 
 class _Table:
@@ -173,3 +164,15 @@ def _array(field: Any, rows: int) -> Array | None:
     said = field.metadata or {}
     unit = next((said[key] for key in (b"units", b"unit") if key in said), b"").decode("utf-8", "replace")
     return None if dtype.kind not in "iufM" else Array(field.name, (rows, 3) if _is_list(field.type) else (rows,), dtype, unit)
+
+
+FORMAT = Tables(
+    "Arrow",
+    "a table of Arrow",
+    PACKAGE,
+    "logs",
+    "Apache-2.0",
+    "df.to_parquet('log.parquet') or df.to_feather('log.feather') with t_s, gyro_x, …, acc_z",
+    is_mine,
+    _opened,
+)

@@ -12,7 +12,7 @@ import math
 import re
 import struct
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +21,10 @@ import numpy as np
 from session.base.budget import RECORD, current
 from session.base.errors import FormatError
 from session.base.files import read_bytes, require_file
-from session.replay.binary.source import Rows, as_topics, library, no_columns, one_line, picked, reason
-from session.replay.streams import Stream, Topic
+from session.replay.binary.source import Messages, Rows, library, one_line, reason
+from session.replay.streams import Stream
 
-NAME = "Betaflight blackbox"
-PACKAGE, EXTRA, LICENCE = "orangebox", "betaflight", "GPL-3.0-or-later"
-EXAMPLE = "Betaflight's LOG00001.BFL or btfl_001.bbl, with gyroADC and accSmooth; streams are log1, log2, …"
+PACKAGE = "orangebox"
 MAGIC = b"H Product:Blackbox"
 #: what Betaflight's drivers set gyroscopes to, whatever the sensor
 ASSUMED_FS_DPS = 2000.0
@@ -53,19 +51,6 @@ def is_mine(path: Path, head: bytes) -> bool:
     return head.startswith(MAGIC)
 
 
-def topics(path: Path, columns: str | None) -> list[Topic]:
-    """A stream of each log in the file, and one more of its unfiltered rates where they are there."""
-    no_columns(path, "a blackbox log", columns)
-    held, labels = _read(path)
-    return as_topics(held, labels)
-
-
-def read(path: Path, names: Sequence[str], columns: str | None) -> list[Stream]:
-    """The streams of these names, ``log1``; all of them for no name."""
-    no_columns(path, "a blackbox log", columns)
-    return picked(path, _read(path)[0], names)
-
-
 @contextlib.contextmanager
 def _silent() -> Iterator[None]:
     """orangebox logs each damaged frame; nobody here reads that."""
@@ -78,13 +63,13 @@ def _silent() -> Iterator[None]:
         logger.setLevel(before)
 
 
-def _read(path: Path) -> tuple[list[Stream], dict[str, tuple[str, ...]]]:
-    orangebox = library(path, "a blackbox log", "orangebox", PACKAGE, EXTRA)
+def _read(path: Path, names: Sequence[str]) -> list[Stream]:
+    """A stream of each log in the file, ``log1``, and one more of its unfiltered rates where they are there."""
+    orangebox = library(path, "a blackbox log", "orangebox", PACKAGE, "betaflight")
     require_file(path)
     size = path.stat().st_size
     current().take(path, 3 * size)  # orangebox holds all of it
     held: list[Stream] = []
-    labels: dict[str, tuple[str, ...]] = {}
     problems: list[str] = []
     with one_line(path, "a blackbox log"), _silent():
         _mend_defaults(orangebox)
@@ -98,14 +83,13 @@ def _read(path: Path) -> tuple[list[Stream], dict[str, tuple[str, ...]]]:
             except Exception as error:
                 problems.append(f"log{number} cannot be read ({reason(error)})")
                 continue
-            held += streams
-            labels |= {stream.name: columns for stream in streams}
+            held += [replace(stream, columns=columns) for stream in streams]
     if not held:
         why = f" ({'; '.join(problems)[:200]})" if problems else ""
         raise FormatError(
             f"{path}: a blackbox log without gyroADC and accSmooth{why}; log them (blackbox_disable_gyro = OFF), or give another file"
         )
-    return held, labels
+    return held
 
 
 def _mend_defaults(orangebox: Any) -> None:
@@ -239,3 +223,15 @@ def _header(headers: dict[str, Any]) -> _Header:
     if "Firmware revision" in headers:
         notes.append(f"firmware: {str(headers['Firmware revision'])[:60]}")
     return _Header(gyro_unit, accel_unit, accel_fs_g, tuple(notes))
+
+
+FORMAT = Messages(
+    "Betaflight blackbox",
+    "a blackbox log",
+    PACKAGE,
+    "betaflight",
+    "GPL-3.0-or-later",
+    "Betaflight's LOG00001.BFL or btfl_001.bbl, with gyroADC and accSmooth; streams are log1, log2, …",
+    is_mine,
+    _read,
+)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +13,10 @@ import numpy as np
 
 from session.base.budget import current
 from session.base.errors import FormatError
-from session.replay.binary.arrays import Array, is_rate, rate_of, streams_of, topics_of
-from session.replay.binary.source import Source, library, one_line
-from session.replay.streams import Stream, Topic
+from session.replay.binary.arrays import Array, Opened, Tables, is_rate, rate_of
+from session.replay.binary.source import Source, library
 
-NAME = "HDF5"
-PACKAGE, EXTRA, LICENCE = "h5py", "logs", "BSD-3-Clause"
-EXAMPLE = "any .h5, .hdf5 or MATLAB 7.3 .mat with arrays (N, 3), such as imu_gyr and imu_acc, and a time"
+PACKAGE = "h5py"
 MAGIC = b"\x89HDF\r\n\x1a\n"
 #: a global heap, of version 1
 HEAP = b"GCOL\1\0\0\0"
@@ -35,32 +33,21 @@ def is_mine(path: Path, head: bytes) -> bool:
     return any(head.startswith(MAGIC, begin) for begin in (0, 512, 1024, 2048))
 
 
-def topics(path: Path, columns: str | None) -> list[Topic]:
-    """The streams that the datasets make; FormatError lists the datasets where that is not clear."""
-    with one_line(path, "an HDF5 file"), _open(path) as file:
-        arrays, _ = _arrays(path, file)
-        return topics_of(path, "an HDF5 file", arrays, columns)
-
-
-def read(path: Path, names: Sequence[str], columns: str | None) -> list[Stream]:
-    """The streams of these names; only their datasets are read."""
-    with one_line(path, "an HDF5 file"), _open(path) as file:
+@contextmanager
+def _opened(path: Path) -> Iterator[Opened]:
+    h5py = library(path, "an HDF5 file", "h5py", PACKAGE)
+    _require_heaps(path)
+    with h5py.File(path, "r") as file:
         arrays, rate_hz = _arrays(path, file)
 
-        def values(name: str) -> np.ndarray:
+        def value(name: str) -> np.ndarray:
             dataset, _, column = name.rpartition(".") if name not in file else (name, "", "")
             stored = file[dataset]
             if stored.chunks is not None:  # a chunk is unpacked whole, beside its packed bytes
                 current().need(path, 2 * math.prod(stored.chunks) * stored.dtype.itemsize)
             return np.asarray(stored[column] if column else stored[()])
 
-        return streams_of(path, "an HDF5 file", arrays, values, names, columns, rate_hz)
-
-
-def _open(path: Path) -> Any:
-    h5py = library(path, "an HDF5 file", "h5py", PACKAGE)
-    _require_heaps(path)
-    return h5py.File(path, "r")
+        yield Opened(arrays, lambda names: value, rate_hz)
 
 
 def _require_heaps(path: Path) -> None:
@@ -148,3 +135,15 @@ def _columns(item: Any, name: str) -> list[Array]:
     # An attribute that is a text, however it was written
     value = next((np.ravel(value)[0] for value in _attributes(item, UNITS.__contains__).values()), "")
     return [Array(name, item.shape, item.dtype, value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value))]
+
+
+FORMAT = Tables(
+    "HDF5",
+    "an HDF5 file",
+    PACKAGE,
+    "logs",
+    "BSD-3-Clause",
+    "any .h5, .hdf5 or MATLAB 7.3 .mat with arrays (N, 3), such as imu_gyr and imu_acc, and a time",
+    is_mine,
+    _opened,
+)

@@ -10,19 +10,16 @@ from __future__ import annotations
 import math
 import struct
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
 from session.base.budget import RECORD, current
-from session.replay.binary.arrays import Array, plans, rate_of, streams_of, topics_of
-from session.replay.binary.source import Cut, Source, one_line, reason
-from session.replay.streams import Stream, Topic
+from session.replay.binary.arrays import Array, Opened, Tables, rate_of
+from session.replay.binary.source import Cut, Source, reason
 
-NAME = "MATLAB"
-PACKAGE, EXTRA, LICENCE = "", "", ""
-EXAMPLE = "any .mat of MATLAB 4 to 7.2 with arrays or structs of them: imu.gyro (N, 3), imu.acc (N, 3), imu.t"
 MAGIC = b"MATLAB 5.0 MAT-file"
 HEAD = 128
 #: packed bytes that are unpacked at once, and letters of a text that are kept
@@ -49,47 +46,27 @@ def is_mine(path: Path, head: bytes) -> bool:
     return path.suffix.lower() == ".mat" and len(head) >= 20 and _fourth_head(head[:20]) is not None
 
 
-def topics(path: Path, columns: str | None) -> list[Topic]:
-    """The streams that the arrays make; FormatError lists the arrays where that is not clear."""
-    with one_line(path, "a MATLAB file"):
-        file = _File(path)
-        return topics_of(path, file.words, file.arrays, columns)
+@contextmanager
+def _opened(path: Path) -> Iterator[Opened]:
+    """Names, shapes and units of the arrays, which are not kept until some are wanted; notes on where the file is damaged."""
+    notes: list[str] = []
+    shapes: dict[str, np.ndarray] = {}
+    texts: dict[str, str] = {}
+    scalars: dict[str, object] = {}
+    for name, value in _variables(path, notes):
+        if isinstance(value, str):
+            texts[name] = value[:LONGEST_TEXT]
+        elif value.size == 1:
+            scalars[name] = value.copy()
+        else:
+            shapes[name] = np.broadcast_to(value.dtype.type(0), value.shape)
+    arrays = [Array(name, value.shape, value.dtype, _unit(name, texts)) for name, value in shapes.items()]
 
+    def values(names: set[str]) -> Callable[[str], np.ndarray]:
+        kept = {key: value.copy() for key, value in _variables(path, []) if key in names and isinstance(value, np.ndarray)}
+        return kept.__getitem__
 
-def read(path: Path, names: Sequence[str], columns: str | None) -> list[Stream]:
-    """The streams of these names; only their arrays are kept."""
-    with one_line(path, "a MATLAB file"):
-        file = _File(path)
-        made = plans(path, file.words, file.arrays, columns)
-        wanted = {array.name for plan in made for array in plan.arrays if not names or plan.name in names}
-        values: dict[str, np.ndarray] = {}
-
-        def value_of(name: str) -> np.ndarray:
-            if not values:
-                values.update({key: value.copy() for key, value in _variables(path, []) if key in wanted and isinstance(value, np.ndarray)})
-            return values[name]
-
-        return streams_of(path, file.words, file.arrays, value_of, names, columns, file.rate_hz, file.notes)
-
-
-class _File:
-    """Names, shapes and units of the arrays of a file, which are not kept; notes on where it is damaged."""
-
-    def __init__(self, path: Path) -> None:
-        self.notes: list[str] = []
-        shapes: dict[str, np.ndarray] = {}
-        texts: dict[str, str] = {}
-        scalars: dict[str, object] = {}
-        for name, value in _variables(path, self.notes):
-            if isinstance(value, str):
-                texts[name] = value[:LONGEST_TEXT]
-            elif value.size == 1:
-                scalars[name] = value.copy()
-            else:
-                shapes[name] = np.broadcast_to(value.dtype.type(0), value.shape)
-        self.arrays = [Array(name, value.shape, value.dtype, _unit(name, texts)) for name, value in shapes.items()]
-        self.rate_hz = rate_of(scalars)
-        self.words = f"a MATLAB file ({self.notes[0]})" if self.notes else "a MATLAB file"
+    yield Opened(arrays, values, rate_of(scalars), notes, f"a MATLAB file ({notes[0]})" if notes else "")
 
 
 def _unit(name: str, texts: dict[str, str]) -> str:
@@ -232,3 +209,15 @@ def _fourth(source: Source) -> tuple[str, Value]:
     if is_complex:
         source.read(values.nbytes)
     return name, "".join(chr(int(code)) for code in values.ravel(order="C")[:LONGEST_TEXT]) if is_text else values
+
+
+FORMAT = Tables(
+    "MATLAB",
+    "a MATLAB file",
+    "",
+    "",
+    "",
+    "any .mat of MATLAB 4 to 7.2 with arrays or structs of them: imu.gyro (N, 3), imu.acc (N, 3), imu.t",
+    is_mine,
+    _opened,
+)

@@ -15,14 +15,11 @@ from typing import Any
 
 from session.base.budget import RECORD, amount, current
 from session.base.errors import FormatError
-from session.replay import streams
-from session.replay.binary.ros import Layout, Topic, definitions_of, fields_of, json_decoder, refuse_empty
-from session.replay.binary.source import Cut, DamagedChunks, Source, as_topics, library, no_columns, one_line, picked, reason
+from session.replay.binary.ros import Topic, definitions_of, fields_of, json_decoder, streams_of, topic_of
+from session.replay.binary.source import Cut, DamagedChunks, Messages, Source, library, one_line, reason
 from session.replay.streams import Stream
 
-NAME = "MCAP"
-PACKAGE, EXTRA, LICENCE = "mcap", "logs", "MIT"
-EXAMPLE = "ros2 bag record --storage mcap /imu/data_raw: rosbag2_2026_11_26-10_15_02_0.mcap; also with JSON messages"
+PACKAGE = "mcap"
 MAGIC = b"\x89MCAP0\r\n"
 #: codes of records that are used, and what the mcap package calls them
 FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, STATISTICS, DATA_END = 2, 3, 4, 5, 6, 11, 15
@@ -42,31 +39,16 @@ def is_mine(path: Path, head: bytes) -> bool:
     return head.startswith(MAGIC)
 
 
-def topics(path: Path, columns: str | None) -> list[streams.Topic]:
-    """The topics that hold an IMU."""
-    no_columns(path, "an MCAP file", columns)
-    found, held = _read(path, None)
-    return as_topics(held, {topic.name: tuple(topic.fields.paths) for topic in found})
-
-
-def read(path: Path, names: Sequence[str], columns: str | None) -> list[Stream]:
-    """The streams of these topics; all that hold an IMU for no name."""
-    no_columns(path, "an MCAP file", columns)
-    return picked(path, _read(path, names or None)[1], names)
-
-
-def _read(path: Path, names: Sequence[str] | None) -> tuple[list[Topic], list[Stream]]:
+def _read(path: Path, names: Sequence[str]) -> list[Stream]:
+    """The streams of these topics; of all that hold an IMU for no name."""
     found: dict[str, Topic] = {}
     seen: dict[str, None] = {}
     notes: list[str] = []
     walk(path, names, found, seen, notes)
-    held = [stream for topic in found.values() if (stream := topic.stream(notes)) is not None]
-    if not held:
-        raise refuse_empty(path, "an MCAP file", names, sorted(seen), notes)
-    return list(found.values()), held
+    return streams_of(path, "an MCAP file", names, found.values(), seen, notes)
 
 
-def walk(path: Path, names: Sequence[str] | None, found: dict[str, Topic], seen: dict[str, None], notes: list[str]) -> None:
+def walk(path: Path, names: Sequence[str], found: dict[str, Topic], seen: dict[str, None], notes: list[str]) -> None:
     """Read the messages of a file into their topics (found), with the topics that are there (seen) and notes on damage."""
     reader = library(path, "an MCAP file", "mcap.stream_reader", PACKAGE)
     damaged = DamagedChunks()
@@ -200,7 +182,7 @@ class _Channels:
     """Schemas and channels as they come, and the topic of each channel: None where it holds no IMU or is not wanted."""
 
     def __init__(
-        self, path: Path, reader: Any, names: Sequence[str] | None, found: dict[str, Topic], seen: dict[str, None], notes: list[str]
+        self, path: Path, reader: Any, names: Sequence[str], found: dict[str, Topic], seen: dict[str, None], notes: list[str]
     ) -> None:
         self.path, self._reader, self._names, self._found, self._seen, self._notes = path, reader, names, found, seen, notes
         self._schemas: dict[int, Any] = {}
@@ -255,32 +237,43 @@ class _Channels:
 
     def _topic(self, number: int, first: bytes) -> Topic | None:
         channel = self._channels.get(number)
-        if channel is None or (self._names is not None and channel.topic not in self._names) or channel.message_encoding not in ENCODINGS:
+        if channel is None or (self._names and channel.topic not in self._names) or channel.message_encoding not in ENCODINGS:
             return None
         if channel.topic in self._found:
             return self._found[channel.topic]
         schema = self._schemas.get(channel.schema_id)
         name, text, encoding = ("", b"", "") if schema is None else (schema.name, schema.data, schema.encoding)
+        if channel.message_encoding == "json":
+            topic = self._of_json(channel.topic, name, first)
+        else:
+            ros1 = channel.message_encoding == "ros1"
+            kind = name if "/msg/" in name else name.replace("/", "/msg/", 1)
+
+            def definitions() -> dict[str, Any]:
+                return definitions_of(self.path, kind, text.decode(), encoding == "ros2idl", ros1)
+
+            topic = topic_of(self.path, channel.topic, kind, definitions, not ros1, self._notes)
+        return None if topic is None else self._found.setdefault(channel.topic, topic)
+
+    def _of_json(self, called: str, kind: str, first: bytes) -> Topic | None:
         try:
-            if channel.message_encoding == "json":
-                paths, want = json_decoder(self.path, first)
-                fields = fields_of(paths, name)
-                if fields is None:
-                    return None
-                decode: Callable[[bytes], Sequence[float]] = want(fields.paths)
-            else:
-                ros1 = channel.message_encoding == "ros1"
-                kind = name if "/msg/" in name else name.replace("/", "/msg/", 1)
-                definitions = definitions_of(self.path, kind, text.decode(), encoding == "ros2idl", ros1)
-                layout = Layout(self.path, definitions, kind, cdr=not ros1)
-                fields, name = fields_of(layout.paths, kind), kind
-                if fields is None:
-                    return None
-                layout.want(fields.paths)
-                decode = layout
+            paths, want = json_decoder(self.path, first)
+            fields = fields_of(paths, kind)
         except FormatError:
             raise
         except Exception as error:
-            self._notes.append(f"the messages of {channel.topic} cannot be read ({reason(error)})")
+            self._notes.append(f"the messages of {called} cannot be read ({reason(error)})")
             return None
-        return self._found.setdefault(channel.topic, Topic(self.path, channel.topic, name, decode, fields))
+        return None if fields is None else Topic(self.path, called, kind, want(fields.paths), fields)
+
+
+FORMAT = Messages(
+    "MCAP",
+    "an MCAP file",
+    PACKAGE,
+    "logs",
+    "MIT",
+    "ros2 bag record --storage mcap /imu/data_raw: rosbag2_2026_11_26-10_15_02_0.mcap; also with JSON messages",
+    is_mine,
+    _read,
+)

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from session.base.files import open_file, read_npz
-from session.replay.binary.arrays import Array, rate_of, streams_of, topics_of
-from session.replay.binary.source import one_line
-from session.replay.streams import Stream, Topic
+from session.replay.binary.arrays import Array, Opened, Tables, rate_of
 
-NAME = "NumPy"
-PACKAGE, EXTRA, LICENCE = "", "", ""
-EXAMPLE = "np.savez('log.npz', t_ns=t, gyro_dps=gyro, accel_g=accel); a .npy with named columns"
 MAGIC = b"\x93NUMPY"
 ZIP = b"PK\x03\x04"
 #: of a zip file's first entry: its name stands behind 30 bytes
@@ -32,17 +29,11 @@ def is_mine(path: Path, head: bytes) -> bool:
     return head.startswith(ZIP) and (first.endswith(b".npy") or path.suffix.lower() == ".npz")
 
 
-def topics(path: Path, columns: str | None) -> list[Topic]:
-    """The streams that the arrays make; FormatError lists the arrays where that is not clear."""
-    with one_line(path, "a NumPy file"):
-        return topics_of(path, "a NumPy file", _arrays(path)[0], columns)
-
-
-def read(path: Path, names: Sequence[str], columns: str | None) -> list[Stream]:
-    """The streams of these names; only their arrays are read, without pickles."""
-    with one_line(path, "a NumPy file"):
-        arrays, rate_hz = _arrays(path)
-        return streams_of(path, "a NumPy file", arrays, lambda name: _values(path, name), names, columns, rate_hz)
+@contextmanager
+def _opened(path: Path) -> Iterator[Opened]:
+    """Arrays are read without pickles."""
+    arrays, rate_hz = _arrays(path)
+    yield Opened(arrays, lambda names: partial(_values, path), rate_hz)
 
 
 def _is_archive(path: Path) -> bool:
@@ -97,3 +88,15 @@ def _values(path: Path, name: str) -> np.ndarray:
     if array.dtype.names:
         return np.asarray(array[name])
     return np.asarray(array[:, int(name) - 1] if name.isdigit() else array)
+
+
+FORMAT = Tables(
+    "NumPy",
+    "a NumPy file",
+    "",
+    "",
+    "",
+    "np.savez('log.npz', t_ns=t, gyro_dps=gyro, accel_g=accel); a .npy with named columns",
+    is_mine,
+    _opened,
+)

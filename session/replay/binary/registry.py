@@ -1,21 +1,16 @@
 """The readers of binary logs, and which of them reads a file.
 
-A reader is a module with ``NAME``, ``PACKAGE`` (what pip installs, or ``""``), ``EXTRA`` (of this project), ``LICENCE`` of the package and
-``EXAMPLE`` (one line that shows such a file), and with three functions:
-
-- ``is_mine(path, head)`` says whether a file is of this format, by its first bytes.
-- ``topics(path, columns)`` lists the streams that hold a gyroscope or an accelerometer.
-- ``read(path, names, columns)`` returns the streams of these names; of all of them where no name is given.
-
-columns is the text of ``--columns``; a reader whose format names its own columns refuses it.  Both raise FormatError, in one line, for
-what cannot be read.
+A reader is a module with a ``FORMAT``: of messages that name their own columns (``source.Messages``), or of arrays of any name
+(``arrays.Tables``).
 """
 
 from __future__ import annotations
 
 from importlib import import_module
 from pathlib import Path
-from types import ModuleType
+
+from session.replay.binary.arrays import Tables
+from session.replay.binary.source import Messages
 
 #: how people call the format -> module, in the order in which the formats are listed and tried
 READERS = {
@@ -32,9 +27,15 @@ READERS = {
 }
 
 
-def reader_of(path: Path, head: bytes) -> ModuleType | None:
-    """The module that reads a file which begins with head; None where no reader knows it.
+def format_of(name: str) -> Messages | Tables:
+    """The format of a name in ``READERS``."""
+    found: Messages | Tables = import_module(READERS[name]).FORMAT
+    return found
+
+
+def reader_of(path: Path, head: bytes) -> Messages | Tables | None:
+    """The format of a file that begins with head; None where no reader knows it.
 
     head: its first bytes, as ``session/replay/sources.py`` reads them; of a folder none.
     """
-    return next((module for module in map(import_module, READERS.values()) if module.is_mine(path, head)), None)
+    return next((each for each in map(format_of, READERS) if each.is_mine(path, head)), None)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import re
 import struct
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from operator import getitem
@@ -22,7 +22,7 @@ from session.base.budget import current
 from session.base.errors import CalibrationError, FormatError
 from session.base.units import NS_PER_S
 from session.replay.binary.named import meaning, triads
-from session.replay.binary.source import Rows, library
+from session.replay.binary.source import Rows, library, reason
 from session.replay.streams import Stream
 
 #: scalars of a definition -> struct's letter; ROS 1's char is a number
@@ -245,6 +245,9 @@ def fields_of(paths: Sequence[str], kind: str) -> Fields | None:
 
 # Topics that grow while a file is read.
 
+#: unpacks a message
+Unpack = Callable[[bytes], bytes]
+
 
 class Topic:
     """One topic: its rows so far, by the message's own stamp and by the recorder's."""
@@ -315,6 +318,7 @@ class Topic:
             fields.temp_unit if "temp" in parts else "",
             frame="the frame of its header's frame_id" if self.kind == IMU else "",
             notes=tuple(said),
+            columns=tuple(fields.paths),
         )
 
 
@@ -374,7 +378,37 @@ def _numbers(value: Any, path: str, keys: tuple[str | int, ...]) -> Iterator[tup
         yield path, keys
 
 
-def refuse_empty(path: Path, what: str, names: Sequence[str] | None, seen: Sequence[str], notes: Sequence[str]) -> FormatError:
+def topic_of(
+    path: Path, name: str, kind: str, definitions: Callable[[], dict[str, Any]], cdr: bool, notes: list[str], unpack: Unpack = bytes
+) -> Topic | None:
+    """A topic of messages of this type, which ``unpack`` may have to unpack first; None where it holds no IMU, and with a note where its
+    definition cannot be read."""
+    try:
+        known = definitions()
+        if kind not in known:
+            return None  # a type of somebody's own, in a bag that holds no definitions
+        layout = Layout(path, known, kind, cdr)
+    except CalibrationError:
+        raise
+    except Exception as error:
+        notes.append(f"the definition of {name} cannot be read ({reason(error)})")
+        return None
+    fields = fields_of(layout.paths, kind)
+    if fields is None:
+        return None
+    layout.want(fields.paths)
+    return Topic(path, name, kind, lambda data: layout(unpack(data)), fields)
+
+
+def streams_of(path: Path, what: str, names: Sequence[str], topics: Iterable[Topic], seen: Iterable[str], notes: list[str]) -> list[Stream]:
+    """The streams of topics.  FormatError for a recording where none holds an IMU, or none of these names; seen: all of its topics."""
+    held = [stream for topic in topics if (stream := topic.stream(notes)) is not None]
+    if not held:
+        raise _refuse_empty(path, what, names, sorted(seen), notes)
+    return held
+
+
+def _refuse_empty(path: Path, what: str, names: Sequence[str], seen: Sequence[str], notes: Sequence[str]) -> FormatError:
     """The complaint about a recording without an IMU, or without the topics of these names; seen: its topics with their types."""
     there = f"; its topics are {', '.join(seen[:20])[:200]}" if seen else ""
     why = f" ({'; '.join(notes[:20])[:300]})" if notes else ""

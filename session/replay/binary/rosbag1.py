@@ -10,20 +10,18 @@ import bz2
 import contextlib
 import io
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from session.base.budget import RECORD, amount, current
 from session.base.errors import CalibrationError
 from session.base.units import NS_PER_S
-from session.replay import streams
-from session.replay.binary.ros import Layout, Topic, definitions_of, fields_of, refuse_empty
-from session.replay.binary.source import Cut, DamagedChunks, Source, as_topics, library, no_columns, one_line, picked, reason
+from session.replay.binary.ros import Topic, definitions_of, streams_of, topic_of
+from session.replay.binary.source import Cut, DamagedChunks, Messages, Source, library, one_line, reason
 from session.replay.streams import Stream
 
-NAME = "ROS 1 bag"
-PACKAGE, EXTRA, LICENCE = "rosbags", "logs", "Apache-2.0"
-EXAMPLE = "rosbag record /imu/data_raw: 2026-11-26-10-15-02.bag, with topics of sensor_msgs/Imu"
+PACKAGE = "rosbags"
 MAGIC = b"#ROSBAG V2.0\n"
 MESSAGE, CHUNK, CONNECTION = 2, 5, 7
 #: beside these the bag's head, and parts of its index
@@ -37,21 +35,8 @@ def is_mine(path: Path, head: bytes) -> bool:
     return head.startswith(MAGIC)
 
 
-def topics(path: Path, columns: str | None) -> list[streams.Topic]:
-    """The topics that hold an IMU."""
-    no_columns(path, "a ROS 1 bag", columns)
-    found, held = _read(path, None)
-    return as_topics(held, {topic.name: tuple(topic.fields.paths) for topic in found})
-
-
-def read(path: Path, names: Sequence[str], columns: str | None) -> list[Stream]:
-    """The streams of these topics; all that hold an IMU for no name."""
-    no_columns(path, "a ROS 1 bag", columns)
-    return picked(path, _read(path, names or None)[1], names)
-
-
-def _read(path: Path, names: Sequence[str] | None) -> tuple[list[Topic], list[Stream]]:
-    """The topics and their streams; of these names, or of all that hold an IMU.  FormatError where none does."""
+def _read(path: Path, names: Sequence[str]) -> list[Stream]:
+    """The streams of these topics; of all that hold an IMU for no name.  FormatError where none does."""
     bag = _Bag(path, names)
     with one_line(path, "a ROS 1 bag"), Source(path) as source:
         try:
@@ -62,16 +47,14 @@ def _read(path: Path, names: Sequence[str] | None) -> tuple[list[Topic], list[St
             bag.notes.append(f"the bag is cut in the record at byte {bag.at} ({error})")
         except Exception as error:
             bag.notes.append(f"the bag is damaged at byte {bag.at} and is read up to there ({reason(error)})")
-    held = [stream for topic in bag.topics.values() if topic is not None and (stream := topic.stream(bag.said())) is not None]
-    if not held:
-        raise refuse_empty(path, "a ROS 1 bag", names, sorted(bag.seen), bag.said())
-    return [topic for topic in bag.topics.values() if topic is not None], held
+    topics = {id(topic): topic for topic in bag.topics.values() if topic is not None}
+    return streams_of(path, "a ROS 1 bag", names, topics.values(), bag.seen, bag.said())
 
 
 class _Bag:
     """What was read of a bag so far.  topics: of each connection, None where it holds no IMU or is not wanted; at: byte of a record."""
 
-    def __init__(self, path: Path, names: Sequence[str] | None) -> None:
+    def __init__(self, path: Path, names: Sequence[str]) -> None:
         self._path, self._names = path, names
         self._reader = library(path, "a ROS 1 bag", "rosbags.rosbag1.reader", PACKAGE)
         self.topics: dict[int, Topic | None] = {}
@@ -154,20 +137,12 @@ class _Bag:
         kind = self._reader.normalize_msgtype(header.get_string("type"))
         self.seen.add(f"{name} ({header.get_string('type')})")
         self.topics[number] = None
-        if self._names is not None and name not in self._names:
+        if self._names and name not in self._names:
             return
-        try:
-            definitions = definitions_of(self._path, kind, header.get_string("message_definition"), ros1=True)
-            layout = Layout(self._path, definitions, kind, cdr=False)
-        except CalibrationError:
-            raise
-        except Exception as error:
-            self.notes.append(f"the definition of {name} cannot be read ({reason(error)})")
-            return
-        fields = fields_of(layout.paths, kind)
-        if fields is not None:
-            layout.want(fields.paths)
-            self.topics[number] = self._by_name.setdefault(name, Topic(self._path, name, kind, layout, fields))
+        known = partial(definitions_of, self._path, kind, header.get_string("message_definition"), ros1=True)
+        topic = topic_of(self._path, name, kind, known, False, self.notes)
+        if topic is not None:
+            self.topics[number] = self._by_name.setdefault(name, topic)
 
 
 def _unpacked(path: Path, compression: str, data: bytes) -> tuple[bytes, bool]:
@@ -191,3 +166,15 @@ def _unpacked(path: Path, compression: str, data: bytes) -> tuple[bytes, bool]:
     if len(whole) >= budget.piece:
         raise ValueError(f"unpacks to more than {amount(budget.piece)}, the memory that is left")
     return whole, unpack.eof
+
+
+FORMAT = Messages(
+    "ROS 1 bag",
+    "a ROS 1 bag",
+    PACKAGE,
+    "logs",
+    "Apache-2.0",
+    "rosbag record /imu/data_raw: 2026-11-26-10-15-02.bag, with topics of sensor_msgs/Imu",
+    is_mine,
+    _read,
+)

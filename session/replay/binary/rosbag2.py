@@ -9,21 +9,19 @@ from __future__ import annotations
 import re
 import sqlite3
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from session.base.budget import PACKED, RECORD, current, stored
 from session.base.errors import FormatError
 from session.base.files import MOST_TOML, open_file, read_text, require_file
-from session.replay import streams
 from session.replay.binary import mcap_file
-from session.replay.binary.ros import Layout, Topic, definitions_of, fields_of, refuse_empty
-from session.replay.binary.source import as_topics, library, no_columns, one_line, picked, reason
+from session.replay.binary.ros import Topic, definitions_of, streams_of, topic_of
+from session.replay.binary.source import Messages, library, one_line, reason
 from session.replay.streams import Stream
 
-NAME = "ROS 2 bag"
-PACKAGE, EXTRA, LICENCE = "rosbags", "logs", "Apache-2.0"
-EXAMPLE = "ros2 bag record /imu/data_raw: rosbag2_2026_11_26-10_15_02/, or its rosbag2_2026_11_26-10_15_02_0.db3"
+PACKAGE = "rosbags"
 MAGIC = b"SQLite format 3\0"
 METADATA = "metadata.yaml"
 #: how a table's SQL begins, and what no column of one is called: it would be another order of rows
@@ -42,35 +40,16 @@ def is_mine(path: Path, head: bytes) -> bool:
     return (path / METADATA).is_file() if path.is_dir() else head.startswith(MAGIC)
 
 
-def topics(path: Path, columns: str | None) -> list[streams.Topic]:
-    """The topics that hold an IMU."""
-    no_columns(path, "a ROS 2 bag", columns)
-    found, held = _read(path, None)
-    return as_topics(held, {topic.name: tuple(topic.fields.paths) for topic in found})
-
-
-def read(path: Path, names: Sequence[str], columns: str | None) -> list[Stream]:
-    """The streams of these topics, over all files of the bag; all that hold an IMU for no name."""
-    no_columns(path, "a ROS 2 bag", columns)
-    return picked(path, _read(path, names or None)[1], names)
-
-
-def _read(path: Path, names: Sequence[str] | None) -> tuple[list[Topic], list[Stream]]:
-    """The topics and their streams; of these names, or of all that hold an IMU.  FormatError where none does."""
+def _read(path: Path, names: Sequence[str]) -> list[Stream]:
+    """The streams of these topics, over all files of the bag; of all that hold an IMU for no name.  FormatError where none does."""
     found: dict[str, Topic] = {}
     seen: dict[str, None] = {}
     notes: list[str] = []
     for file in _files(path):
         said: list[str] = []
-        if file.suffix == ".mcap":
-            mcap_file.walk(file, names, found, seen, said)
-        else:
-            _walk(file, names, found, seen, said)
+        (mcap_file.walk if file.suffix == ".mcap" else _walk)(file, names, found, seen, said)
         notes += [f"{file.name}: {note}" for note in said] if path.is_dir() else said
-    held = [stream for topic in found.values() if (stream := topic.stream(notes)) is not None]
-    if not held:
-        raise refuse_empty(path, "a ROS 2 bag", names, sorted(seen), notes)
-    return list(found.values()), held
+    return streams_of(path, "a ROS 2 bag", names, found.values(), seen, notes)
 
 
 def _files(path: Path) -> list[Path]:
@@ -93,7 +72,7 @@ def _files(path: Path) -> list[Path]:
     return files
 
 
-def _walk(path: Path, names: Sequence[str] | None, found: dict[str, Topic], seen: dict[str, None], notes: list[str]) -> None:
+def _walk(path: Path, names: Sequence[str], found: dict[str, Topic], seen: dict[str, None], notes: list[str]) -> None:
     """Read the messages of one SQLite file into their topics."""
     library(path, "a ROS 2 bag", "rosbags.typesys", PACKAGE)
     require_file(path)
@@ -123,11 +102,12 @@ def _walk(path: Path, names: Sequence[str] | None, found: dict[str, Topic], seen
             for number, name, kind, form in list(_rows(path, database, "topics", "id, name, type, serialization_format")):
                 current().take(path, RECORD + len(f"{name}{kind}"))
                 seen[f"{name} ({kind})"] = None
-                if form != "cdr" or (names is not None and name not in names):
+                if form != "cdr" or (names and name not in names):
                     continue
                 if name not in found:
                     encoding, text = texts.get(kind, ("", ""))
-                    topic = ros2_topic(path, name, kind, text, encoding == "ros2idl", notes)
+                    known = partial(definitions_of, path, kind, text, encoding == "ros2idl")
+                    topic = topic_of(path, name, kind, known, True, notes, partial(_unpacked, path))
                     if topic is None:
                         continue
                     found[name] = topic
@@ -170,27 +150,20 @@ def _rows(path: Path, database: sqlite3.Connection, table: str, columns: str) ->
         yield row
 
 
-def ros2_topic(path: Path, name: str, kind: str, text: str, idl: bool, notes: list[str]) -> Topic | None:
-    """A topic of CDR messages of this type and definition; None where it holds no IMU, with a note where its definition cannot be read."""
-    try:
-        definitions: dict[str, Any] = definitions_of(path, kind, text, idl)
-        if kind not in definitions:
-            return None  # a type of somebody's own, in a bag that holds no definitions
-        layout = Layout(path, definitions, kind, cdr=True)
-    except FormatError:
-        raise
-    except Exception as error:
-        notes.append(f"the definition of {name} cannot be read ({reason(error)})")
-        return None
-    fields = fields_of(layout.paths, kind)
-    if fields is None:
-        return None
-    layout.want(fields.paths)
-    return Topic(path, name, kind, lambda data: layout(_unpacked(path, data)), fields)
-
-
 def _unpacked(path: Path, data: bytes) -> bytes:
     """A message, which may be packed by itself."""
     if data[:4] != ZSTD:
         return data
     return mcap_file.unpacked(path, "zstd", data)
+
+
+FORMAT = Messages(
+    "ROS 2 bag",
+    "a ROS 2 bag",
+    PACKAGE,
+    "logs",
+    "Apache-2.0",
+    "ros2 bag record /imu/data_raw: rosbag2_2026_11_26-10_15_02/, or its rosbag2_2026_11_26-10_15_02_0.db3",
+    is_mine,
+    _read,
+)

@@ -6,7 +6,8 @@ import contextlib
 import os
 import warnings
 from array import array
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from importlib import import_module
 from io import BufferedIOBase
 from pathlib import Path
@@ -51,23 +52,42 @@ def reason(error: Exception) -> str:
     return " ".join(f"{type(error).__name__}: {error}".split())[:120].removesuffix(": ")
 
 
-def no_columns(path: Path, what: str, columns: str | None) -> None:
-    """FormatError where ``--columns`` is given for a format that names its own."""
-    if columns is not None:
-        raise FormatError(f"{path}: {what} names its own columns; leave --columns out")
+@dataclass(frozen=True)
+class Format:
+    """One format of binary logs.
+
+    name: how people call it; what: a file of it, in words; package: what pip installs, or ``""``, its extra of this project, and its
+    licence; example: one line that shows such a file; is_mine: whether a file is of this format, by its first bytes.
+    """
+
+    name: str
+    what: str
+    package: str
+    extra: str
+    licence: str
+    example: str
+    is_mine: Callable[[Path, bytes], bool]
 
 
-def picked(path: Path, streams: list[Stream], names: Sequence[str]) -> list[Stream]:
-    """The streams of these names in this order, all of them for no name.  FormatError lists what is there."""
-    there = {stream.name: stream for stream in streams}
-    if missing := [name for name in names if name not in there]:
-        raise FormatError(f"{path}: no stream {missing[0]!r}; it holds {', '.join(there) or 'no gyroscope and no accelerometer'}")
-    return [there[name] for name in names] if names else streams
+@dataclass(frozen=True)
+class Messages(Format):
+    """A format whose messages name their own columns; streams: those of these names, or more; all of them for no name."""
 
+    streams: Callable[[Path, Sequence[str]], list[Stream]]
 
-def as_topics(streams: list[Stream], columns: dict[str, tuple[str, ...]]) -> list[Topic]:
-    """The topics of streams that were read; columns: of each stream as the file calls them."""
-    return [Topic(stream.name, len(stream), stream.holds, columns.get(stream.name, ())) for stream in streams]
+    def topics(self, path: Path, columns: str | None) -> list[Topic]:
+        """The streams that hold a gyroscope or an accelerometer.  FormatError, in one line, for what cannot be read."""
+        return [stream.topic for stream in self.read(path, (), columns)]
+
+    def read(self, path: Path, names: Sequence[str], columns: str | None) -> list[Stream]:
+        """The streams of these names in this order, all of them for no name; columns: the text of ``--columns``, which is refused."""
+        if columns is not None:
+            raise FormatError(f"{path}: {self.what} names its own columns; leave --columns out")
+        streams = self.streams(path, names)
+        there = {stream.name: stream for stream in streams}
+        if missing := [name for name in names if name not in there]:
+            raise FormatError(f"{path}: no stream {missing[0]!r}; it holds {', '.join(there) or 'no gyroscope and no accelerometer'}")
+        return [there[name] for name in names] if names else streams
 
 
 #: bytes that one read counts at least where a parser's reads are counted: it makes two of a message

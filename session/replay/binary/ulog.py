@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import io
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +18,10 @@ import numpy as np
 from session.base.budget import PACKED, current, stored
 from session.base.errors import FormatError
 from session.base.units import DEG, G
-from session.replay.binary.source import Source, as_topics, library, microseconds, no_columns, one_line, picked
-from session.replay.streams import Stream, Topic
+from session.replay.binary.source import Messages, Source, library, microseconds, one_line
+from session.replay.streams import Stream
 
-NAME = "ULog"
-PACKAGE, EXTRA, LICENCE = "pyulog", "logs", "BSD-3-Clause"
-EXAMPLE = "PX4's log/2026-11-26/10_15_02.ulg, with sensor_combined, vehicle_imu, sensor_gyro or sensor_gyro_fifo"
+PACKAGE = "pyulog"
 MAGIC = b"ULog\x01\x12\x35"
 #: messages that hold an IMU, and the fields by which they are known
 MESSAGES = {
@@ -46,19 +45,13 @@ def is_mine(path: Path, head: bytes) -> bool:
     return head.startswith(MAGIC)
 
 
-def topics(path: Path, columns: str | None) -> list[Topic]:
-    """The IMU messages with their instances.  FormatError for a file that pyulog cannot read, or without one of them."""
-    no_columns(path, "a ULog", columns)
-    data, notes = _load(path, tuple(MESSAGES))
-    streams = _streams(path, data, notes)
-    return as_topics(streams, {f"{one.name}[{one.multi_id}]": tuple(one.data) for one in data})
+def _read(path: Path, names: Sequence[str]) -> list[Stream]:
+    """The streams of the IMU messages with their instances, ``sensor_combined[0]``, by their names at least.
 
-
-def read(path: Path, names: Sequence[str], columns: str | None) -> list[Stream]:
-    """The streams of these messages and instances, ``sensor_combined[0]``; all of them for no name."""
-    no_columns(path, "a ULog", columns)
+    FormatError for a file that pyulog cannot read, or without one of them.
+    """
     data, notes = _load(path, tuple({name.partition("[")[0] for name in names} & set(MESSAGES) or MESSAGES))
-    return picked(path, _streams(path, data, notes), names)
+    return [replace(_stream(path, one.name, f"{one.name}[{one.multi_id}]", one.data, list(notes)), columns=tuple(one.data)) for one in data]
 
 
 def _load(path: Path, messages: tuple[str, ...]) -> tuple[list[Any], list[str]]:
@@ -128,11 +121,6 @@ def _require_fields(path: Path, formats: dict[str, Any]) -> None:
 # From PX4's messages to streams.
 
 
-def _streams(path: Path, data: list[Any], notes: list[str]) -> list[Stream]:
-    """One of each dataset."""
-    return [_stream(path, one.name, f"{one.name}[{one.multi_id}]", one.data, list(notes)) for one in data]
-
-
 def _stream(path: Path, message: str, name: str, fields: dict[str, np.ndarray], notes: list[str]) -> Stream:
     if message.endswith("_fifo"):
         return _batches(path, message, name, fields, notes)
@@ -200,3 +188,15 @@ def _batches(path: Path, message: str, name: str, fields: dict[str, np.ndarray],
 def _three(fields: dict[str, np.ndarray], pattern: str, axes: str = "012") -> np.ndarray:
     """(N, 3) float64."""
     return np.column_stack([fields[pattern.format(axis)] for axis in axes]).astype(float)
+
+
+FORMAT = Messages(
+    "ULog",
+    "a ULog",
+    PACKAGE,
+    "logs",
+    "BSD-3-Clause",
+    "PX4's log/2026-11-26/10_15_02.ulg, with sensor_combined, vehicle_imu, sensor_gyro or sensor_gyro_fifo",
+    is_mine,
+    _read,
+)

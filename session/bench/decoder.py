@@ -63,22 +63,21 @@ def decode_frames(codes: np.ndarray, ends: np.ndarray, lengths: np.ndarray) -> D
     line nothing counts.
     """
     sample, info, bad = frames.SAMPLE_BYTES, frames.INFO_BYTES, lengths > 0
-    readings, rows = np.zeros(0, frames.SAMPLE), np.zeros(0, np.int64)
-    if len(candidates := np.flatnonzero((lengths >= sample) & (lengths <= LONGEST_LINE))):
-        bodies, good = frames.decode_blocks(codes[ends[candidates, None] + np.arange(-sample, 0)])
-        rows = candidates[good]
-        bad[rows] = False
-        table = np.ascontiguousarray(bodies[good]).view(frames.SAMPLE)[:, 0]
-        ours = table["type"] == frames.SAMPLE_TYPE
-        readings, rows = table[ours], rows[ours]
-    infos: dict[int, np.ndarray] = {}
-    if len(candidates := np.flatnonzero(lengths == info)):
-        bodies, good = frames.decode_blocks(codes[ends[candidates, None] + np.arange(-info, 0)])
-        bad[candidates[good]] = False
-        good &= bodies[:, 0] == frames.INFO_TYPE
-        infos = dict(zip(candidates[good].tolist(), bodies[good], strict=True))
-    passed, others = _others(codes, ends, lengths, bad)
-    bad[passed] = False
+    rows, bodies = _good_frames(codes, ends, np.flatnonzero((lengths >= sample) & (lengths <= LONGEST_LINE)), sample)
+    bad[rows] = False
+    table = np.ascontiguousarray(bodies).view(frames.SAMPLE)[:, 0]
+    ours = table["type"] == frames.SAMPLE_TYPE
+    readings, rows = table[ours], rows[ours]
+    found, bodies = _good_frames(codes, ends, np.flatnonzero(lengths == info), info)
+    bad[found] = False
+    infos = {row: body for row, body in zip(found.tolist(), bodies, strict=True) if body[0] == frames.INFO_TYPE}
+    left = np.flatnonzero(bad & (lengths >= frames.SHORTEST_OTHER) & (lengths <= frames.LONGEST_OTHER))
+    left = left[frames.is_other(codes[ends[left] - lengths[left] + 1])]
+    others: dict[int, np.ndarray] = {}
+    for length in np.unique(lengths[left]).tolist():
+        found, bodies = _good_frames(codes, ends, left[lengths[left] == length], length)
+        others.update(zip(found.tolist(), bodies, strict=True))
+        bad[found] = False
     wrong = bad & ((lengths == sample) | (lengths == info))
     left_over = np.where(bad & ~wrong, lengths, 0)
     left_over[rows] = lengths[rows] - sample
@@ -88,18 +87,10 @@ def decode_frames(codes: np.ndarray, ends: np.ndarray, lengths: np.ndarray) -> D
     return DecodedFrames(readings, rows, damaged, behind, infos, others, left_over, int(np.count_nonzero(wrong)))
 
 
-def _others(codes: np.ndarray, ends: np.ndarray, lengths: np.ndarray, bad: np.ndarray) -> tuple[np.ndarray, dict[int, np.ndarray]]:
-    """The bad blocks that are good frames of another type, and their bodies by block."""
-    rows = np.flatnonzero(bad & (lengths >= frames.SHORTEST_OTHER) & (lengths <= frames.LONGEST_OTHER))
-    rows = rows[frames.is_other(codes[ends[rows] - lengths[rows] + 1])]
-    found = [np.zeros(0, np.int64)]
-    contents: dict[int, np.ndarray] = {}
-    for length in np.unique(lengths[rows]).tolist():
-        alike = rows[lengths[rows] == length]
-        bodies, good = frames.decode_blocks(codes[ends[alike, None] + np.arange(-length, 0)])
-        found.append(alike[good])
-        contents.update(zip(alike[good].tolist(), bodies[good], strict=True))
-    return np.concatenate(found), contents
+def _good_frames(codes: np.ndarray, ends: np.ndarray, rows: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
+    """Those of the rows whose block ends in a good frame of so many bytes, and the bodies (n, size - 3) of these."""
+    bodies, good = frames.decode_blocks(codes[ends[rows, None] + np.arange(-size, 0)])
+    return rows[good], bodies[good]
 
 
 def frame_ending_at(codes: np.ndarray, places: np.ndarray, tried: np.ndarray, lengths: np.ndarray) -> tuple[int | None, int]:
@@ -107,9 +98,8 @@ def frame_ending_at(codes: np.ndarray, places: np.ndarray, tried: np.ndarray, le
     there is no such frame."""
     found = [(len(places), 0)]
     for size, right in ((frames.INFO_BYTES, lengths == frames.INFO_BYTES), (frames.SAMPLE_BYTES, lengths >= frames.SAMPLE_BYTES)):
-        if len(rows := np.flatnonzero(tried & right)):
-            good = frames.decode_blocks(codes[places[rows, None] + np.arange(-size, 0)])[1]
-            found += [(int(k), int(places[k]) - size) for k in rows[good][:1]]
+        good, _ = _good_frames(codes, places, np.flatnonzero(tried & right), size)
+        found += [(int(k), int(places[k]) - size) for k in good[:1]]
     first, begin = min(found)
     return (None, 0) if first == len(places) else (first, begin)
 

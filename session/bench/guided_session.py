@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
+from datetime import UTC, datetime
 
 from session.base.errors import CalibrationError, OtherSensor, StorageError
 from session.base.texts import printable
@@ -20,7 +21,7 @@ from session.bench.guide import BEGIN, REST, Guide, View, joined_chunks, samples
 from session.bench.logwriter import SHORT_STARTS, SHORT_US
 from session.bench.messages import Advice, GuideMessage, Kind, Progress, Stage
 from session.bench.mover import Moment, Mover
-from session.bench.operator import BrowserCommands, OperatorInput
+from session.bench.operator import BrowserCommands, TypingLine
 from session.bench.progress import LiveAccelerometerFit
 from session.bench.recorder import Recorder
 from session.bench.session_file import SessionFile
@@ -92,8 +93,8 @@ class GuidedRecording:
 
     configure(info or None, seconds of samples without one) returns the session's configuration, or None while that is not enough; it raises
     CalibrationError where the board contradicts what is known.  keys returns the characters typed since the last call; None: there are no
-    keys.  watch gets all samples, after the guide; page: the commands from a browser; mover: a machine that turns the table, None: the
-    operator does.
+    keys.  notebook: the session.toml that takes notes and dropped turns; watch gets all samples, after the guide; page: the commands from a
+    browser; mover: a machine that turns the table, None: the operator does.
     """
 
     def __init__(
@@ -111,7 +112,7 @@ class GuidedRecording:
     ):
         self.guide, self.recorder, self._configure, self._view, self._watch = guide, recorder, configure, view, watch
         self._mover = mover
-        self._operator = OperatorInput(guide, recorder, self._tell, notebook, keys, page, None if mover is None else mover.stop)
+        self._notebook, self._keys, self._page, self._typing = notebook, keys, page or BrowserCommands(), TypingLine()
         self.config: Config | None = None
         guide.coached, self._coach = coach is not None, _CoachThread(coach)
         self._early: list[SampleChunk] = []  # samples whose ranges are not known yet
@@ -137,7 +138,7 @@ class GuidedRecording:
         """
         stopped = interrupted or (lambda: False)
         self._view.show(self.guide)
-        self._operator.page.begin()
+        self._page.begin()
         try:
             # Take in an earlier recording, piece by piece.
             anything = False
@@ -150,20 +151,20 @@ class GuidedRecording:
             if not anything:
                 self._live = True
                 if (decision := self.guide.wants) is not None:  # a rest's log, before its first sample
-                    self._operator.decide(decision)
+                    self._decide(decision)
             elif self.guide.resumes():
                 self._resuming = True
                 self.guide.new_log()
                 if (self.guide.begun == REST) != (self.guide.stem == REST):  # its own log begins with the new connection
-                    self._operator.decide(Event("pause"))
+                    self._decide(Event("pause"))
                 self._say(Kind.STAGE, f"resumed: {self.guide.so_far} so far")
             while self.guide.stage is not Stage.DONE:
                 if stopped():
                     raise KeyboardInterrupt
                 self._take(self.recorder.poll())
                 if (decision := self.guide.wants) is not None:
-                    self._operator.decide(decision)
-                self._operator.obey(self.config is not None)
+                    self._decide(decision)
+                self._obey()
                 self._check_port()
                 self._check_clock()
                 self._tell(self._coach.hear(self.guide))
@@ -173,12 +174,12 @@ class GuidedRecording:
             while self._coach.busy(self.guide) and time.monotonic() < until_s:
                 self._tell(self._coach.hear(self.guide))
                 time.sleep(0.01)
-            self._operator.page.end()
-            self._operator.obey(self.config is not None)
+            self._page.end()
+            self._obey()
         finally:
             if self._mover is not None:
                 self._mover.close()
-            self._operator.page.end()
+            self._page.end()
             self._coach.close()
             self._view.show(self.guide)
 
@@ -195,7 +196,7 @@ class GuidedRecording:
         moment = None if heard is None else Moment(self.recorder.logs.present, heard[1], heard[0])
         self._tell(self._mover.step(self.guide, moment, self.coaching))
         if (decision := self._mover.wants) is not None:
-            self._operator.decide(decision)
+            self._decide(decision)
 
     def _show(self) -> None:
         if time.monotonic() - self._shown_s > SHOW_EVERY_S:
@@ -226,7 +227,7 @@ class GuidedRecording:
                 if starts_log(event):
                     self._new_log(event.kind)
             else:
-                self._operator.was_decided(event)
+                self._was_decided(event)
 
     def _new_log(self, kind: str) -> None:
         self._checkpoints += 1
@@ -238,7 +239,7 @@ class GuidedRecording:
             self._same.new_connection()
         if self._live or self._resuming:
             if self._resuming and self.guide.stage is Stage.PAUSED:  # a pause ends with its recording
-                self._operator.decide(self._operator.after_pause)
+                self._decide(self._after_pause)
             elif self.guide.closure is not None and self.guide.stage is not Stage.PAUSED:  # a closure run restarts
                 self.recorder.decide(BEGIN)  # the next samples belong to no log
             self._live, self._resuming = True, False
@@ -313,6 +314,72 @@ class GuidedRecording:
         for chunk in early:
             self._samples(chunk)
         return True
+
+    # Decisions are written down where a replay finds them.
+    @property
+    def _after_pause(self) -> Event:
+        """The decision that ends a pause: a log before the closure run, in the run no log until the table is on its mark."""
+        return Event("begin", text=self.guide.stem) if self.guide.closure is None else BEGIN
+
+    def _decide(self, decision: Event) -> None:
+        """Apply a decision to the files and the guide."""
+        self.recorder.decide(decision)
+        self._tell(self.guide.decided(decision))
+
+    def _was_decided(self, decision: Event) -> None:
+        """Apply a decision of the resumed recording to the guide."""
+        if decision.kind == "drop" and self._notebook:
+            paths = self.recorder.logs.paths
+            if not self._notebook.excludes(paths[-1].name if paths else "", int(decision.text) * 1e-6):
+                return  # the operator has withdrawn it
+        if decision.kind not in ("note", "done"):
+            self._tell(self.guide.decided(decision))
+
+    def _obey(self) -> None:
+        """Carry out the operator's commands, from keys and page."""
+        commands = self._page()
+        if self._keys is not None:
+            commands += self._typing.take(self._keys())
+        for command, text in commands:
+            try:
+                self._do(command, text)
+            except StorageError:
+                raise
+            except CalibrationError as error:  # no command may end a recording
+                self._say(Kind.WARNING, str(error))
+        if self._keys is not None:
+            self.guide.keys = self._typing.words(self.guide, self._mover is not None)
+
+    def _do(self, command: str, text: str) -> None:
+        guide, begun = self.guide, self.config is not None and self.guide.stage is not Stage.DONE
+        if command == "note" and self._notebook is not None:
+            self.recorder.decide(Event("note", text=text))  # first where nothing can refuse it
+            self._notebook.note(text, datetime.now(UTC))
+            self._say(Kind.STAGE, f"noted: {text}")
+        elif command == "here" and guide.closure is not None:
+            guide.closure.on_the_mark()
+        elif command == "stop" and self._mover is not None:
+            self._mover.stop()
+            if begun and guide.stage is not Stage.PAUSED:
+                self._decide(Event("pause"))
+            self._say(Kind.WARNING, "the table is stopped; p goes on with the next move")
+        elif not begun:
+            return
+        elif command == "finish":
+            if guide.enough:
+                self._decide(Event("finish"))
+        elif command == "pause":
+            self._decide(self._after_pause if guide.stage is Stage.PAUSED else Event("pause"))
+        elif command == "drop" and guide.closure is not None:
+            guide.closure.interrupted()
+        elif command == "drop" and self._notebook is not None:
+            moment_us, why = guide.to_drop
+            if moment_us is None:
+                self._say(Kind.WARNING, why)
+                return
+            # First where fit reads it, then where a replay does: a mark without its entry is a withdrawn one.
+            self._notebook.exclude(self.recorder.logs.paths[-1].name, moment_us * 1e-6)
+            self._decide(Event("drop", text=str(moment_us)))
 
     def _check_port(self) -> None:
         silent_s = time.monotonic() - self._heard_s

@@ -1,4 +1,4 @@
-"""The operator's input: keys, typed notes, commands from a browser; decisions are written down where a replay finds them."""
+"""The operator's input: keys, typed notes, commands from a browser."""
 
 from __future__ import annotations
 
@@ -9,19 +9,10 @@ import re
 import select
 import sys
 import threading
-from collections.abc import Callable
-from datetime import UTC, datetime
 from http import HTTPStatus
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from session.base.errors import CalibrationError, StorageError
-from session.bench.events import Event
-from session.bench.guide import BEGIN, REST, Guide
-from session.bench.messages import GuideMessage, Kind, Stage
-from session.bench.recorder import Recorder
-
-if TYPE_CHECKING:
-    from session.bench.session_file import SessionFile
+from session.bench.guide import REST, Guide
 
 try:
     import termios
@@ -212,94 +203,3 @@ class BrowserCommands:
                 return HTTPStatus.SERVICE_UNAVAILABLE
             self._waiting.append((word, text))
         return HTTPStatus.OK
-
-
-class OperatorInput:
-    """Carries out the operator's commands, and writes down decisions.
-
-    tell shows messages; notebook is the session.toml that takes notes and dropped turns; keys returns typed characters, None: there are
-    no keys; page: the commands from a browser; stop: stops the machine that turns the table, None: there is none.
-    """
-
-    def __init__(
-        self,
-        guide: Guide,
-        recorder: Recorder,
-        tell: Callable[[list[GuideMessage]], None],
-        notebook: SessionFile | None,
-        keys: Callable[[], str] | None,
-        page: BrowserCommands | None = None,
-        stop: Callable[[], None] | None = None,
-    ):
-        self._stop = stop
-        self._guide, self._recorder, self._tell, self._notebook, self._keys = guide, recorder, tell, notebook, keys
-        self.page = page or BrowserCommands()
-        self._typing = TypingLine()
-
-    @property
-    def after_pause(self) -> Event:
-        """The decision that ends a pause: a log before the closure run, in the run no log until the table is on its mark."""
-        return Event("begin", text=self._guide.stem) if self._guide.closure is None else BEGIN
-
-    def decide(self, decision: Event) -> None:
-        """Apply a decision to the files and the guide."""
-        self._recorder.decide(decision)
-        self._tell(self._guide.decided(decision))
-
-    def was_decided(self, decision: Event) -> None:
-        """Apply a decision of the resumed recording to the guide."""
-        if decision.kind == "drop" and self._notebook:
-            log = self._recorder.logs.paths[-1].name if self._recorder.logs.paths else ""
-            if not self._notebook.excludes(log, int(decision.text) * 1e-6):
-                return  # the operator has withdrawn it
-        if decision.kind not in ("note", "done"):
-            self._tell(self._guide.decided(decision))
-
-    def obey(self, begun: bool) -> None:
-        """Carry out the commands from keys and page.  begun: whether samples are examined."""
-        commands = self.page()
-        if self._keys is not None:
-            commands += self._typing.take(self._keys())
-        for command, text in commands:
-            try:
-                self._do(command, text, begun)
-            except StorageError:
-                raise
-            except CalibrationError as error:  # no command may end a recording
-                self._say(Kind.WARNING, str(error))
-        if self._keys is not None:
-            self._guide.keys = self._typing.words(self._guide, self._stop is not None)
-
-    def _do(self, command: str, text: str, begun: bool) -> None:
-        guide = self._guide
-        if command == "note" and self._notebook is not None:
-            self._recorder.decide(Event("note", text=text))  # first where nothing can refuse it
-            self._notebook.note(text, datetime.now(UTC))
-            self._say(Kind.STAGE, f"noted: {text}")
-        elif command == "here" and guide.closure is not None:
-            guide.closure.on_the_mark()
-        elif command == "stop" and self._stop is not None:
-            self._stop()
-            if begun and guide.stage not in (Stage.PAUSED, Stage.DONE):
-                self.decide(Event("pause"))
-            self._say(Kind.WARNING, "the table is stopped; p goes on with the next move")
-        elif not begun or guide.stage is Stage.DONE:
-            return
-        elif command == "finish":
-            if guide.enough:
-                self.decide(Event("finish"))
-        elif command == "pause":
-            self.decide(self.after_pause if guide.stage is Stage.PAUSED else Event("pause"))
-        elif command == "drop" and guide.closure is not None:
-            guide.closure.interrupted()
-        elif command == "drop" and self._notebook is not None:
-            moment_us, why = guide.to_drop
-            if moment_us is None:
-                self._say(Kind.WARNING, why)
-                return
-            # First where fit reads it, then where a replay does: a mark without its entry is a withdrawn one.
-            self._notebook.exclude(self._recorder.logs.paths[-1].name, moment_us * 1e-6)
-            self.decide(Event("drop", text=str(moment_us)))
-
-    def _say(self, kind: Kind, text: str) -> None:
-        self._tell([GuideMessage(kind, text, self._guide.now_s)])

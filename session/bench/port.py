@@ -212,27 +212,24 @@ class Port:
             self._opened()
             while not self._stop.is_set():
                 try:
-                    data = self._serial.read(max(1, self._serial.in_waiting))
+                    self._read_once()
                 except UNPLUGGED as error:
                     self._closed(reason(error))
                     self._reopen()
-                    continue
-                place = self._setup.forgotten(data) if data and self._setup else None
-                if data := data[:place]:
-                    self._hand_over(data)
-                if place is not None and self._setup:
-                    self._closed(SWITCHED_ON)
-                    try:
-                        self._first = self._setup(self._serial)
-                    except UNPLUGGED as error:  # meanwhile
-                        self._closed(reason(error))
-                        self._reopen()
-                        continue
-                    self._opened()
         except CalibrationError as error:
             self.items.put((time.monotonic_ns(), error))
         finally:
             _close(self._serial)
+
+    def _read_once(self) -> None:
+        data = self._serial.read(max(1, self._serial.in_waiting))
+        place = self._setup.forgotten(data) if data and self._setup else None
+        if data := data[:place]:
+            self._hand_over(data)
+        if place is not None and self._setup:
+            self._closed(SWITCHED_ON)
+            self._first = self._setup(self._serial)
+            self._opened()
 
     def _reopen(self) -> None:
         _close(self._serial)

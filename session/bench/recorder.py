@@ -114,12 +114,9 @@ class Recorder:
 
         StorageError when the disk is full, or the files were removed.
         """
-        if self.raw.trouble is not None:
-            raise self.raw.trouble
-        return self._poll(timeout_s)
-
-    def _poll(self, timeout_s: float) -> list[AnyEvent]:
         assert self._past is None, "catch_up comes first"
+        if self.raw.trouble is not None and not self._closed:
+            raise self.raw.trouble
         items: list[Arrival] = []
         size = 0
         with contextlib.suppress(queue.Empty):
@@ -163,7 +160,7 @@ class Recorder:
         deadline = time.monotonic() + LAST_S
         try:
             while self._past is None and not self.port.items.empty() and time.monotonic() < deadline:
-                self._poll(0)
+                self.poll(0)
             if self._past is None and self.port.items.empty():
                 self._router.take(self.decoder.finish())
             else:  # a resumed recording completes the logs: nothing is finished here

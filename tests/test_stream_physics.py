@@ -28,7 +28,7 @@ from session.bench.events import (
 )
 from session.bench.guide import samples_of
 from session.bench.logwriter import LogWriter
-from session.bench.text_stream import _parse_decimals, _parse_lines, parse_comment, parse_info
+from session.bench.text_stream import LineReader, parse_comment, parse_info, parse_line
 from session.log.registers import RegisterUnits
 
 # Frames, byte by byte.
@@ -292,9 +292,10 @@ def test_of_many_damaged_frames_none_enters():
     ],
 )
 def test_lines_that_are_none(line):
-    good, values = _parse_lines(f"10,0,-1,2,3,4,5,6\n{line}\n20,0,-32768,32767,3,4,5,6\n".encode(), 8, tuple(range(8)))
-    assert good.tolist() == [True, False, True]
-    assert values.tolist() == [[10, 0, -1, 2, 3, 4, 5, 6], [20, 0, -32768, 32767, 3, 4, 5, 6]]
+    rows, garbage = LineReader().take(f"10,0,-1,2,3,4,5,6\n{line}\n20,0,-32768,32767,3,4,5,6\n".encode())
+    assert rows.t_us.tolist() == [10, 20]
+    assert rows.registers.tolist() == [[0, -1, 2, 3, 4, 5, 6], [0, -32768, 32767, 3, 4, 5, 6]]
+    assert (rows.damaged.tolist(), garbage.count, garbage.behind) == ([False, True], len(line) + 1, False)
     t_us, registers = sent(100)
     lines = line_list(t_us, registers)
     lines[50] = f"{line}\n".encode()
@@ -447,9 +448,9 @@ def test_what_is_no_header(header):
 @pytest.mark.parametrize("cell", ["nan", "inf", "1e999", "0x1", "01.5", "--1", "1_0", "", ".", "1.2.3", "1,", "٣"])
 def test_numbers_that_are_none(cell):
     _, order, form = parse_header(HEADER.encode())
-    good = _parse_decimals(b"10,1.5,-.5,2.,1e-3,+0.25,0,25", order, form)
+    good = parse_line(b"10,1.5,-.5,2.,1e-3,+0.25,0,25", order, form)
     assert good == (8, [10, 1.5, -0.5, 2.0, 0.001, 0.25, 0.0, 25.0])
-    found = _parse_decimals(f"10,{cell},-.5,2,1e-3,0.25,0,25".encode(), order, form)
+    found = parse_line(f"10,{cell},-.5,2,1e-3,0.25,0,25".encode(), order, form)
     assert found is None or cell == "1,"  # an empty column more is another width
 
 

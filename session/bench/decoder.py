@@ -28,7 +28,7 @@ from session.bench.events import (
     SampleChunk,
     StreamFormat,
 )
-from session.bench.text_stream import LONGEST_LINE, Garbage, LineReader, classify_lines, parse_comment
+from session.bench.text_stream import LONGEST_LINE, Garbage, LineReader, parse_comment
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,7 +208,7 @@ class StreamDecoder:
         frame, begin = frame_ending_at(codes, places, is_zero, places - zeros[:-1])
         terminators = behind_terminators(codes, places, self._behind_zero, self._behind_terminator)
         whole = ~is_zero | (terminators[:-1] & before_line_ends(codes, places))
-        worth = classify_lines(codes, lines[:-1], places)[1] & whole & (places - lines[:-1] <= LONGEST_LINE)
+        worth = whole & (places > lines[:-1]) & (places - lines[:-1] <= LONGEST_LINE)
         if self._torn:
             worth[:1] = False
         for k in np.flatnonzero(worth[:frame]).tolist():

@@ -112,41 +112,7 @@ _MODEL = {
         "omega_rps": array(NUMBER, None, 3),
     },
 }
-_ARRAY = {
-    "version": TEXT,
-    "equation": TEXT,
-    "rates": _RATES,
-    "session": TEXT,
-    "rate_hz": SIZE,
-    "best_for": words("white", "instability"),
-    "reason": TEXT,
-    "units": [
-        {
-            "number": COUNT,
-            "E": MATRIX,
-            "B": VECTOR,
-            "covariance": maybe(array(NUMBER, 12, 12)),
-            "mounting": MATRIX,
-            "mounting_covariance": MATRIX,
-            "position_m": maybe(VECTOR),
-            "position_covariance": maybe(MATRIX),
-            "clock": {"offset_s": NUMBER, "rate": NUMBER, "about_s": NUMBER, "offset_sigma_s": SIZE, "rate_sigma": SIZE},
-            "noise_density_rps_rthz": VECTOR,
-            "bias_instability_rps": maybe(VECTOR),
-            "accel_noise_density_mps2_rthz": maybe(SIZE),
-            "weights": MATRIX,
-            "sha256": [HASH],
-            "sensor": maybe(_SENSOR),
-            "accelerometer": maybe(_ACCELEROMETER),
-        }
-    ],
-    "noise_correlation": maybe(_COVARIANCE),
-    "joint_covariance": maybe(_COVARIANCE),
-    "fused": {"noise_density_rps_rthz": VECTOR, "bias_instability_rps": maybe(VECTOR), "bias_sigma_rps": maybe(VECTOR)},
-}
-
 TABLES = {
     "tinygc-model/1": both(_MODEL, by_kind("kind", _KINDS)),
-    "tinygc-array-model/1": _ARRAY,
     "tinygc-accelerometer/1": {"session": TEXT, "stills": COUNT, **ACCELEROMETER},
 }

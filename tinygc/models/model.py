@@ -97,7 +97,6 @@ MODEL = Keys(
 EQUATION = "f = matrix @ (measured - bias_mps2), m/s^2"
 SOURCES = ("given", "prior", "stills", "none")
 FULL_SCALES = ("gyro_fs_dps", "accel_fs_g")
-_KEYS = Keys({"matrix": MATRIX, "bias_mps2": Array((3,), FORCE)}, {"source": Text(SOURCES), "equation": Text()})
 _ABOVE_0 = Maybe(Number(0, above=True))
 _SENSOR = Keys(
     may={
@@ -120,15 +119,27 @@ def accelerometer_table(accelerometer: Accelerometer) -> dict:
     }
 
 
+class OfAccelerometer(Keys):
+    """The table ``accelerometer``."""
+
+    written = staticmethod(accelerometer_table)
+
+    def made(self, value: Any) -> Accelerometer | None:
+        """None where it is uncalibrated."""
+        found = Accelerometer(**{key: each for key, each in super().made(value).items() if key != "equation"})
+        return None if found.source == "none" else found
+
+
+ACCELEROMETER = OfAccelerometer({"matrix": MATRIX, "bias_mps2": Array((3,), FORCE)}, {"source": Text(SOURCES), "equation": Text()})
+
+
 def accelerometer_of(table: dict, where: str = "model") -> Accelerometer | None:
     """Read the accelerometer of a model file; None if absent or uncalibrated.  Raises FormatError for an invalid calibration."""
     entry = table.get("accelerometer")
     if entry is None:
         return None
-    require(table, Keys({"accelerometer": _KEYS}), where)
-    matrix, bias = (np.asarray(entry[key], dtype=float) for key in ("matrix", "bias_mps2"))
-    source = entry.get("source", "given")
-    return None if source == "none" else Accelerometer(matrix, bias, source)
+    require(table, Keys({"accelerometer": ACCELEROMETER}), where)
+    return ACCELEROMETER.made(entry)
 
 
 def sensor_table(sensor: Sensor) -> dict:

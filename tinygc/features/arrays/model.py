@@ -2,31 +2,32 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from session import VERSION
 from session.base.errors import CalibrationError, FormatError
 from session.base.numeric import sigmas_in
-from session.base.results import Array, Keys, ListOf, Maybe, Number, Text, read_json, require, require_schema, shown
-from session.log.config import Accelerometer, Sensor
+from session.base.records import record_from, record_of, table_of
+from session.base.results import Array, Keys, Maybe, Number, Text, read_json, require_schema, shown
+from session.log.config import OWN_UNITS, Accelerometer, Sensor
 from tinygc.features.arrays.clocks import UnitClock, UnitPlace
 from tinygc.features.arrays.names import SCHEMA
 from tinygc.models.files import UNITS
 from tinygc.models.linear import LinearModel
 from tinygc.models.model import (
+    ACCELEROMETER,
     COVARIANCE,
     FACTOR,
     MATRIX,
     RATE,
     ROUNDING,
     SECONDS,
-    accelerometer_of,
-    accelerometer_table,
     certain,
     covariance,
     sensor_table,
@@ -258,102 +259,119 @@ def _correlation(matrix: np.ndarray) -> str:
     return "" if np.abs(np.diag(matrix) - 1).max() < ROUNDING else "has a diagonal other than 1, expected a correlation"
 
 
-_CLOCK = Keys(
-    dict.fromkeys(("offset_s", "about_s"), SECONDS) | {"rate": Number(-0.5, 0.5)},
-    dict.fromkeys(("offset_sigma_s", "rate_sigma"), Number(0)),
+class _OfSensor(Keys):
+    """The table ``sensor`` of a unit."""
+
+    written = staticmethod(sensor_table)
+
+    def made(self, value: Any) -> Sensor:
+        """Of a table that was checked."""
+        return Sensor(**{"model": "", "serial": ""} | {key: each for key, each in super().made(value).items() if each is not None})
+
+
+#: of a table of JSON: an offset that is missing is none
+_CLOCK = replace(
+    record_of(UnitClock),
+    must=dict.fromkeys(("offset_s", "about_s"), SECONDS) | {"rate": Number(-0.5, 0.5)},
+    may=dict.fromkeys(("offset_sigma_s", "rate_sigma"), Number(0)),
 )
 _SPACE = Array((3, 3), sound=covariance)
-_SENSOR = Keys(
+_SENSOR = _OfSensor(
     {"odr_hz": Number(0, above=True), "gyro_fs_dps": Number(0, above=True), "accel_fs_g": Number(0, above=True)},
-    {"model": Maybe(Text()), "serial": Maybe(Text())},
+    {"model": Maybe(Text()), "serial": Maybe(Text()), **dict.fromkeys(OWN_UNITS, Number())},
 )
-_UNIT = Keys(
-    {
-        "number": Number(0, LARGEST_NUMBER, whole=True),
-        "E": MATRIX,
-        "B": Array((3,), RATE),
-        "mounting": Array((3, 3), FACTOR, _rotation),
-        "clock": _CLOCK,
-        "noise_density_rps_rthz": Array((3,), Number(0, RATE.high, above=True)),
-        "weights": Array((3, 3), FACTOR),
-    },
-    {
-        "mounting_covariance": _SPACE,
-        "position_m": Maybe(Array((3,), Number(-1e3, 1e3))),
-        "position_covariance": Maybe(_SPACE),
-        "bias_instability_rps": Maybe(Array((3,), Number(0, RATE.high, above=True))),
-        "covariance": Maybe(Array((12, 12), sound=covariance)),
-        "accel_noise_density_mps2_rthz": Maybe(Number(0, above=True)),
-        "sensor": Maybe(_SENSOR),
-        "sha256": ListOf(Text()),
-    },
-)
-SHAPE = Keys(
-    {"rate_hz": Number(0, 1e6, above=True), "units": ListOf(_UNIT), "best_for": Text((WHITE, INSTABILITY))},
-    {
-        "reason": Text(),
-        "session": Text(),
-        "version": Text(),
-        "noise_correlation": Maybe(Array((None, None), Number(-1 - ROUNDING, 1 + ROUNDING), _correlation)),
-        "joint_covariance": Maybe(COVARIANCE),
-    },
-)
+_SIGMAS = Array((3,), Number(0, RATE.high, above=True))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class UnitEntry:
+    """One of ``units``, as ``FusedUnit``; weights (3, 3) of the unit."""
+
+    number: Annotated[int, Number(0, LARGEST_NUMBER, whole=True)]
+    E: Annotated[np.ndarray, MATRIX]
+    B: Annotated[np.ndarray, Array((3,), RATE)]
+    covariance: Annotated[np.ndarray | None, Array((12, 12), sound=covariance)] = None
+    mounting: Annotated[np.ndarray, Array((3, 3), FACTOR, _rotation)]
+    mounting_covariance: Annotated[np.ndarray, _SPACE] = field(default_factory=lambda: np.zeros((3, 3)))
+    position_m: Annotated[np.ndarray | None, Array((3,), Number(-1e3, 1e3))] = None
+    position_covariance: Annotated[np.ndarray | None, _SPACE] = None
+    clock: Annotated[UnitClock, _CLOCK]
+    noise_density_rps_rthz: Annotated[np.ndarray, _SIGMAS]
+    bias_instability_rps: Annotated[np.ndarray | None, _SIGMAS] = None
+    accel_noise_density_mps2_rthz: Annotated[float | None, Number(0, above=True)] = None
+    weights: Annotated[np.ndarray, Array((3, 3), FACTOR)]
+    sha256: tuple[str, ...] = ()
+    sensor: Annotated[Sensor | None, _SENSOR] = None
+    accelerometer: Annotated[Accelerometer | None, ACCELEROMETER] = None
+
+    @classmethod
+    def of(cls, unit: FusedUnit, weights: np.ndarray) -> UnitEntry:
+        """The entry of a unit."""
+        return cls(
+            **vars(unit.place),
+            E=unit.model.E,
+            B=unit.model.B,
+            covariance=unit.covariance,
+            noise_density_rps_rthz=unit.noise_density,
+            bias_instability_rps=unit.bias_instability,
+            accel_noise_density_mps2_rthz=unit.accel_noise_density,
+            weights=weights,
+            sha256=unit.sha256,
+            sensor=unit.sensor,
+            accelerometer=unit.accelerometer,
+        )
+
+    @property
+    def unit(self) -> FusedUnit:
+        """The unit of an entry."""
+        return FusedUnit(
+            UnitPlace(**{name: getattr(self, name) for name in UnitPlace.__dataclass_fields__}),
+            LinearModel(self.E, self.B),
+            self.noise_density_rps_rthz,
+            self.bias_instability_rps,
+            self.covariance,
+            self.sensor,
+            self.accelerometer,
+            self.accel_noise_density_mps2_rthz,
+            self.sha256,
+        )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ArrayFile:
+    """``model_array.json``, as ``ArrayModel``; fused: of the combination, for people."""
+
+    schema = SCHEMA
+    version: str = VERSION
+    equation: str = EQUATION
+    rates: str = UNITS
+    session: str = ""
+    rate_hz: Annotated[float, Number(0, 1e6, above=True)]
+    best_for: Annotated[str, Text((WHITE, INSTABILITY))]
+    reason: str = ""
+    units: tuple[UnitEntry, ...]
+    noise_correlation: Annotated[np.ndarray | None, Array((None, None), Number(-1 - ROUNDING, 1 + ROUNDING), _correlation)] = None
+    joint_covariance: Annotated[np.ndarray | None, COVARIANCE] = None
+    fused: Annotated[Mapping[str, np.ndarray | None], Keys()] = field(default_factory=dict)
 
 
 def to_table(model: ArrayModel) -> dict:
     """Return a JSON-ready table."""
-    wander, own = model.bias_instability, model.parameter_sigma()
-    return {
-        "schema": SCHEMA,
-        "version": VERSION,
-        "equation": EQUATION,
-        "rates": UNITS,
-        "session": model.session,
-        "rate_hz": model.rate_hz,
-        "best_for": model.best_for,
-        "reason": model.reason,
-        "units": [_unit_table(unit, weights) for unit, weights in zip(model.units, model.weights, strict=True)],
-        "noise_correlation": _listed(model.correlation),
-        "joint_covariance": _listed(model.joint_covariance),
-        "fused": {
-            "noise_density_rps_rthz": model.noise_density.tolist(),
-            "bias_instability_rps": _listed(wander),
-            "bias_sigma_rps": _listed(own),
+    file = ArrayFile(
+        session=model.session,
+        rate_hz=model.rate_hz,
+        best_for=model.best_for,
+        reason=model.reason,
+        units=tuple(map(UnitEntry.of, model.units, model.weights)),
+        noise_correlation=model.correlation,
+        joint_covariance=model.joint_covariance,
+        fused={
+            "noise_density_rps_rthz": model.noise_density,
+            "bias_instability_rps": model.bias_instability,
+            "bias_sigma_rps": model.parameter_sigma(),
         },
-    }
-
-
-def _listed(array: np.ndarray | None) -> list | None:
-    return None if array is None else np.asarray(array).tolist()
-
-
-def _unit_table(unit: FusedUnit, weights: np.ndarray) -> dict:
-    place, clock = unit.place, unit.place.clock
-    table = {
-        "number": unit.number,
-        "E": unit.model.E.tolist(),
-        "B": unit.model.B.tolist(),
-        "covariance": _listed(unit.covariance),
-        "mounting": place.mounting.tolist(),
-        "mounting_covariance": place.mounting_covariance.tolist(),
-        "position_m": _listed(place.position_m),
-        "position_covariance": _listed(place.position_covariance),
-        "clock": {
-            "offset_s": clock.offset_s,
-            "rate": clock.rate,
-            "about_s": clock.about_s,
-            "offset_sigma_s": clock.offset_sigma_s,
-            "rate_sigma": clock.rate_sigma,
-        },
-        "noise_density_rps_rthz": np.asarray(unit.noise_density).tolist(),
-        "bias_instability_rps": _listed(unit.bias_instability),
-        "accel_noise_density_mps2_rthz": unit.accel_noise_density,
-        "weights": weights.tolist(),
-        "sha256": list(unit.sha256),
-    }
-    table["sensor"] = None if unit.sensor is None else sensor_table(unit.sensor)
-    table["accelerometer"] = None if unit.accelerometer is None else accelerometer_table(unit.accelerometer)
-    return table
+    )
+    return table_of(file)
 
 
 def load_array_model(path: Path | str) -> ArrayModel:
@@ -366,66 +384,30 @@ def from_table(table: Any, where: str = "array model") -> ArrayModel:
     require_schema(table, SCHEMA, where)
     if (units := table.get("rates", UNITS)) != UNITS:
         raise FormatError(f'{where}: rates are {shown(units)}, expected "{UNITS}"; convert the numbers, or fit again')
-    require(table, SHAPE, where)
-    count = len(table["units"])
+    file = record_from(ArrayFile, table, where)
+    count = len(file.units)
     if not 2 <= count <= MOST_UNITS:
         raise FormatError(f"{where}: units has {count} entries, expected 2 to {MOST_UNITS}; fit again")
-    numbers = [entry["number"] for entry in table["units"]]
+    numbers = [entry.number for entry in file.units]
     if twice := next((number for number in numbers if numbers.count(number) > 1), None):
         raise FormatError(f"{where}: unit {twice} stands twice, expected each number once; fit again, or mend the file")
     for key, each in (("noise_correlation", 3), ("joint_covariance", 12)):
-        if table.get(key) is not None and np.shape(table[key]) != (each * count, each * count):
-            raise FormatError(f"{where}: {key} has {len(table[key])} rows, expected {each * count}, {each} of each unit; fit again")
-    weights = np.array([entry["weights"] for entry in table["units"]], dtype=float)
+        matrix = getattr(file, key)
+        if matrix is not None and matrix.shape != (each * count, each * count):
+            raise FormatError(f"{where}: {key} has {len(matrix)} rows, expected {each * count}, {each} of each unit; fit again")
+    weights = np.array([entry.weights for entry in file.units])
     if (off := np.abs(weights.sum(axis=0) - np.eye(3)).max()) > ROUNDING:
         raise FormatError(f"{where}: the units' weights miss identity by {off:.2g}, expected weights that sum to identity; fit again")
     model = ArrayModel(
-        tuple(_unit(entry, f"{where}: units[{i}]") for i, entry in enumerate(table["units"])),
+        tuple(entry.unit for entry in file.units),
         weights,
-        float(table["rate_hz"]),
-        table["best_for"],
-        table.get("reason", ""),
-        _array(table.get("noise_correlation")),
-        _array(table.get("joint_covariance")),
-        table.get("session", ""),
+        file.rate_hz,
+        file.best_for,
+        file.reason,
+        file.noise_correlation,
+        file.joint_covariance,
+        file.session,
     )
     if not divisible(weights, model.best_covariance):
         raise FormatError(f"{where}: a unit's weights are not positive, so that they cannot be shared out when a unit is out; fit again")
     return model
-
-
-def _array(value: Any) -> np.ndarray | None:
-    return None if value is None else np.asarray(value, dtype=float)
-
-
-def _unit(entry: dict, where: str) -> FusedUnit:
-    clock = UnitClock(**{key: float(value) for key, value in entry["clock"].items() if key in UnitClock.__dataclass_fields__})
-    turned = _array(entry.get("mounting_covariance"))
-    place = UnitPlace(
-        entry["number"],
-        clock,
-        np.asarray(entry["mounting"], dtype=float),
-        np.zeros((3, 3)) if turned is None else turned,
-        _array(entry.get("position_m")),
-        _array(entry.get("position_covariance")),
-    )
-    noise = np.asarray(entry["noise_density_rps_rthz"], dtype=float)
-    model = LinearModel(np.asarray(entry["E"], dtype=float), np.asarray(entry["B"], dtype=float))
-    return FusedUnit(
-        place,
-        model,
-        noise,
-        _array(entry.get("bias_instability_rps")),
-        _array(entry.get("covariance")),
-        _sensor(entry.get("sensor")),
-        accelerometer_of(entry, where),
-        entry.get("accel_noise_density_mps2_rthz"),
-        tuple(entry.get("sha256", ())),
-    )
-
-
-def _sensor(entry: dict | None) -> Sensor | None:
-    if entry is None:
-        return None
-    own = {key: entry[key] for key in ("gyro_mdps_per_lsb", "accel_mg_per_lsb", "temp_lsb_per_c", "temp_at_zero_c") if key in entry}
-    return Sensor(entry.get("model") or "", entry.get("serial") or "", entry["odr_hz"], entry["gyro_fs_dps"], entry["accel_fs_g"], **own)

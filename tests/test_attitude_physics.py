@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 from scipy.stats import multivariate_normal
 
-from session.base import rotation
+from session.base import numeric, rotation
 from session.base.rotation import steps
 from session.base.units import DEG, DEG_PER_HOUR, EARTH_RATE_RPS
 from tinygc.closure.earth import (
@@ -44,6 +44,18 @@ def test_vectors_matrices_and_angles_are_their_definitions():
     turned = Rotation.random(rng=1).as_matrix()
     assert_allclose(rotation.nearest_rotation(turned @ (np.eye(3) + 0.1 * v.T[:, :3] @ v[:3, :] / 5)), turned, atol=1e-12)
     assert np.linalg.det(rotation.nearest_rotation(-turned)) > 0
+
+
+def test_sums_and_lengths_are_their_definitions():
+    values = RNG.normal(size=(2, 4, 3))
+    assert_allclose(numeric.running_sum(values, axis=1), [[each[:k].sum(axis=0) for k in range(5)] for each in values], atol=1e-15)
+    assert numeric.running_sum([True, False, True]).tolist() == [0, 1, 1, 2]
+    assert numeric.running_sum(np.zeros((0, 3))).tolist() == [[0, 0, 0]]
+    assert numeric.rms_length(np.array([[3.0, 4], [0, 1]])) == pytest.approx(np.sqrt(13))
+    assert numeric.median_length(np.array([[3.0, 4], [0, 1], [0, 2]])) == 2
+    times, at = np.array([0, 2, 3]), np.array([-1, 0, 1, 2, 9])
+    assert numeric.later_row(times, at).tolist() == [1, 1, 1, 1, 2]
+    assert numeric.nearest_row(times, at).tolist() == [0, 0, 1, 1, 2]
 
 
 def test_exp_and_log_are_scipys():

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 # Scatter of values, and from medians, which a few wild ones do not move.
 
@@ -19,6 +20,21 @@ UPPER = np.triu_indices(3)
 def rms_of(values: np.ndarray) -> float:
     """Root mean square of values (…)."""
     return float(np.sqrt(np.mean(np.square(values))))
+
+
+def rms_length(vectors: np.ndarray) -> float:
+    """Root mean square of the lengths of vectors (N, n)."""
+    return float(np.sqrt(np.mean(np.sum(vectors**2, axis=1))))
+
+
+def median_length(vectors: np.ndarray) -> float:
+    """Median of the lengths of vectors (N, n)."""
+    return float(np.median(np.linalg.norm(vectors, axis=1)))
+
+
+def running_sum(values: ArrayLike, axis: int = 0) -> np.ndarray:
+    """Sums of none, the first, the first two, … and all of the values along an axis."""
+    return np.insert(np.cumsum(values, axis=axis), 0, 0, axis=axis)
 
 
 def sigmas_in(covariance: np.ndarray) -> np.ndarray:

@@ -350,6 +350,11 @@ def cross_matrix(v: np.ndarray) -> np.ndarray:
     return found
 
 
+def identities(*shape: int) -> np.ndarray:
+    """Identity matrices (*shape, 3, 3), read only."""
+    return np.broadcast_to(np.eye(3), (*shape, 3, 3))
+
+
 def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
     """The rotation (3, 3) nearest to a matrix, by its singular vectors."""
     left, _, right = np.linalg.svd(matrix)

@@ -59,6 +59,11 @@ def escaped_json(text: str, ascii_only: bool = False) -> str:
     return "".join(c if c == "\n" or (c != "\x7f" and shown(c)) else escaped[c] for c in text)
 
 
+def letters_of(text: str) -> str:
+    """Its small letters and digits alone: in how many ways a name may be written."""
+    return re.sub(r"[^a-z0-9]", "", text.lower())
+
+
 def listed(names: Sequence[str], most: int) -> str:
     """``a, b, …``: names with commas, of more than the most the first."""
     return ", ".join(names[:most]) + (", …" if len(names) > most else "")

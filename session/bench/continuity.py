@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from session.base.numeric import running_sum
 from session.bench.events import REGISTERS, Event, SampleChunk, StreamFormat, joined_chunk
 
 # The step filter: a step out and back within one sample, while the wire is bad, is an error and no motion.
@@ -317,7 +318,7 @@ class Continuity:
             else:
                 first_us, first_periods = self._t_us + gap[0], gap[1]
         self.period_us = sum(steps_us) / sum(periods)
-        t_us = first_us + np.concatenate([[0], np.cumsum(steps_us)]).astype(np.int64)
+        t_us = first_us + running_sum(steps_us).astype(np.int64)
         registers, damaged = np.array([one.registers for one in chain]), np.array([one.damaged for one in chain])
         self._chain, self._since, self._count, self._next_period = [], int(t_us[0]), -first_periods, 16
         accepted = SampleChunk(t_us, registers, damaged=damaged, periods=np.array([first_periods, *periods], np.int64))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from session.base.numeric import sigma_of
+from session.base.numeric import median_length, sigma_of
 from session.base.units import DEG, MDPS, MG, NS, STANDARD_GRAVITY_MPS2, G
 from session.bench.board_clock import ClockRatio
 from session.bench.messages import AcceptedTurn
@@ -146,7 +146,7 @@ def stream_problem(samples: Samples, odr_hz: float, accel_fs_g: float, calibrate
     if not np.ptp(samples.gyro, axis=0).all():
         axis = "xyz"[int(np.argmin(np.ptp(samples.gyro, axis=0)))]
         return f"the gyro's {axis} does not change at all: is it on?"
-    force = float(np.median(np.linalg.norm(samples.accel, axis=1)))
+    force = median_length(samples.accel)
     low, high = GRAVITY_RATIO if calibrated else UNCALIBRATED_RATIO
     if not low < force / STANDARD_GRAVITY_MPS2 < high:
         return f"specific force {force / G:.2f} g, {low:g} to {high:g} g expected: was the range really ±{accel_fs_g:g} g?"

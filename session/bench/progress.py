@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from session.base.numeric import median_length
 from session.base.units import DEG, MG, NS
 from session.bench.live import CHECK_S, FEWEST, MotionBlock, Stillness, TurnInProgress, stream_problem
 from session.bench.messages import AcceptedTurn, Progress
@@ -196,7 +197,7 @@ class LiveAccelerometerFit:
         self.stills.append(still)
         force = self._force
         self.attitudes = attitudes_of(force)
-        scale = float(np.median(np.linalg.norm(force, axis=1))) / self._gravity_mps2
+        scale = median_length(force) / self._gravity_mps2
         scale = scale if abs(scale - 1) > SCALE_RIGHT else 1.0  # another full scale: the robust fit does not converge from so far
         fit = fit_lengths(force / scale, self._gravity_mps2)
         if fit.rung is None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from session.base.errors import CalibrationError
+from session.base.numeric import median_length
 from session.base.units import DEG, MDPS, MG, STANDARD_GRAVITY_MPS2, G
 from session.detect.accelerometer import APART_RAD, attitudes_of, force_of
 from session.detect.events import knocked
@@ -493,7 +494,7 @@ def check_rest(log: RestLog) -> list[Finding]:
 
 
 def _gravity(log: RestLog, where: str) -> Finding:
-    length_g = float(np.median(np.linalg.norm(log.accel, axis=1))) / G
+    length_g = median_length(log.accel) / G
     says = f"{length_g:.3f} g at rest (1 within {GRAVITY_WITHIN:g})"
     if abs(length_g - 1) <= GRAVITY_WITHIN:
         return Finding("ok", where, "gravity", says)

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from session.base.numeric import rms_of
+from session.base.numeric import rms_of, running_sum
 from session.base.units import DEG, NS
 from session.detect.axes import share_of_stretch
 from session.detect.findings import Correction, Finding
@@ -313,7 +313,7 @@ def _sums(rate: np.ndarray, t_s: np.ndarray, rows: np.ndarray, looked_at: np.nda
     looked_at (N,): their rows in the log, by which every ``step``-th is counted."""
     kept = np.flatnonzero((looked_at - offset) % step == 0)
     some, at_s = rate[kept], t_s[kept]
-    running = np.concatenate([np.zeros((1, 3)), np.cumsum((some[1:] + some[:-1]) * (np.diff(at_s) / 2)[:, None], axis=0)])
+    running = running_sum((some[1:] + some[:-1]) * (np.diff(at_s) / 2)[:, None])
     first, last = rows
     begin, end = np.searchsorted(kept, first), np.searchsorted(kept, last, side="right") - 1
     before = (rate[first] + some[begin]) * ((at_s[begin] - t_s[first]) / 2)[:, None]

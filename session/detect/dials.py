@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from session.base import rotation
-from session.base.rotation import angle_between
+from session.base.numeric import running_sum
+from session.base.rotation import angle_between, identities
 from session.base.units import DEG, NS
 from session.detect.findings import Finding
 from session.detect.segments import APART_RAD, APART_SHARE, LogSegments, Segment
@@ -152,7 +153,7 @@ def _missed(turn: np.ndarray, first: np.ndarray, last: np.ndarray, dial_rad: flo
     count, size, _ = turn.shape
     q = rotation.exp(turn)
     step = rotation.matrix(q)
-    after, design = np.broadcast_to(np.eye(3), (count, 3, 3)), np.zeros((count, 3, 3, 3))
+    after, design = identities(count), np.zeros((count, 3, 3, 3))
     for b in reversed(range(size)):  # after: from the part's end to the turn's
         design += np.einsum("sij,sk->sijk", after.transpose(0, 2, 1), turn[:, b])
         after = step[:, b] @ after
@@ -178,6 +179,6 @@ def _blocks(samples: Samples, segment: Segment) -> np.ndarray:
     t_s = (samples.t_ns[rows] - samples.t_ns[segment.start]) * NS
     share = (t_s / t_s[-1])[:, None]
     rate = samples.gyro[rows] - (first.gyro_mean * (1 - share) + last.gyro_mean * share)
-    angle = np.concatenate([np.zeros((1, 3)), np.cumsum((rate[1:] + rate[:-1]) / 2 * np.diff(t_s)[:, None], axis=0)])
+    angle = running_sum((rate[1:] + rate[:-1]) / 2 * np.diff(t_s)[:, None])
     edges = np.linspace(0, t_s[-1], BLOCKS + 1)
     return np.diff(np.stack([np.interp(edges, t_s, angle[:, i]) for i in range(3)], axis=1), axis=0)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from session.base.errors import FormatError
-from session.base.numeric import held_for, new_readings, runs_of, sigma_of
+from session.base.numeric import held_for, new_readings, running_sum, runs_of, sigma_of
 from session.base.units import DEG, MDPS, G
 from session.detect.axes import agreement
 from session.detect.events import FULL_SCALE_ROUNDING, gyro_reach_dps
@@ -411,7 +411,7 @@ def _row_of_change(rests: _Rests, at: int, axes: list[int]) -> int:
     sides = [np.concatenate([jerks(rests.rows(i)) for i in part]).mean(axis=0) for part in (range(at), range(at, count))]
     before, behind = ((square / side + np.log(side)).sum(axis=1) / -2 for side in sides)
     gained = np.clip(before - behind, -MOST_LIKELIHOOD, MOST_LIKELIHOOD)
-    return first + int(np.argmax(np.concatenate([[0.0], np.cumsum(gained)])))
+    return first + int(np.argmax(running_sum(gained)))
 
 
 # A high-pass: the rate behind a turn is less by a share of the angle turned, and comes back.  With w at rest before and behind a turn the

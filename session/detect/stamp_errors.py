@@ -14,6 +14,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from session.base.numeric import running_sum
 from session.base.units import NS
 from session.detect.bridging import short_gaps
 from session.log.pace import GAP_PERIODS, LOST
@@ -152,7 +153,7 @@ def _about_lines(t_ns: np.ndarray, count: np.ndarray, half: int) -> np.ndarray:
     the ends: a rate that wanders slowly leaves nothing."""
     t_s = (t_ns - t_ns[0]) * NS
     t_s = t_s - t_s[-1] / (count[-1] - count[0]) * (count - count[0])
-    running = np.concatenate([[0.0], np.cumsum(t_s)])
+    running = running_sum(t_s)
     row = np.arange(len(t_s))
     reach = np.minimum(half, np.minimum(row, row[::-1]))
     return t_s - (running[row + reach + 1] - running[row - reach]) / (2 * reach + 1)

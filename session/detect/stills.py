@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from session.base.numeric import runs_of, sigma_of, weighted_median
+from session.base.numeric import running_sum, runs_of, sigma_of, weighted_median
 from session.base.rotation import angle_between
 from session.base.units import DEG, NS
 from session.log.folder import Session
@@ -318,7 +318,7 @@ def _noise(runs: list[list[tuple[int, int]]], blocks: Blocks) -> Noise:
 
 def _allan_steps(mean: np.ndarray, size: int) -> np.ndarray:
     """Differences (…, 3) between the means of neighbouring spans of ``size`` blocks, at every start."""
-    total = np.concatenate([np.zeros((1, 3)), np.cumsum(mean, axis=0)])
+    total = running_sum(mean)
     span = (total[size:] - total[:-size]) / size
     return span[size:] - span[:-size]
 

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from session.base import rotation
-from session.base.numeric import finite_or_none, nearest_row, sigmas_in
+from session.base.numeric import finite_or_none, nearest_row, running_sum, sigmas_in
 from session.base.units import DEG, NS, NS_PER_S
 from session.log.config import (
     ASSUMED,
@@ -87,7 +87,7 @@ def carried(samples: Samples, rate: np.ndarray) -> Carried:
     dt = samples.dt_s
     steps = (rate[1:] + rate[:-1]) / 2 * dt[:, None] + np.cross(rate[:-1], rate[1:]) * (dt**2 / 12)[:, None]
     q = rotation.accumulate(np.concatenate([[[1.0, 0, 0, 0]], rotation.exp(steps)]))
-    gaps = np.concatenate([[0], np.cumsum(dt > GAP_PERIODS * samples.period_s)])
+    gaps = running_sum(dt > GAP_PERIODS * samples.period_s)
     return Carried(samples.t_s, rate, q, gaps)
 
 
@@ -275,7 +275,7 @@ def _rough_offset(gyro: Sequence[Carried], truth: Sequence[tuple[Spans, np.ndarr
 def _summed(log: Carried) -> np.ndarray:
     """(3, N) rad: the rate, summed in the body's own axes; each axis lies together, as it is read at hundreds of offsets."""
     steps = (log.rate[1:] + log.rate[:-1]) / 2 * np.diff(log.t_s)[:, None]
-    return np.ascontiguousarray(np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)]).T)
+    return np.ascontiguousarray(running_sum(steps).T)
 
 
 def _likeness(

@@ -9,7 +9,7 @@ from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
 
 from session.base import rotation
-from session.base.numeric import rms_of, runs_of
+from session.base.numeric import median_length, rms_of, runs_of
 from session.base.solving import solve
 from session.base.units import NS
 from session.detect.truth_alignment import AlignedLog, Carried, Spans, align, carried, span_rows
@@ -383,7 +383,7 @@ def _by_force(log: Log, truth: Truth, parting: Parting, start: int, stop: int) -
     inside[moments] = True
     row = parting.gyro.nearest(_times(truth, parting, np.arange(len(truth))))[0]
     known = np.abs(accel[row]).sum(axis=1) > 0
-    g = float(np.median(np.linalg.norm(accel[row][known], axis=1))) if known.any() else 0.0
+    g = median_length(accel[row][known]) if known.any() else 0.0
     up = np.array([0.0, 0.0, -g])
     by_truth = Rotation.from_quat(truth.q_nb, scalar_first=True).inv().apply(up)
     outside = known & ~inside

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from session.base.numeric import running_sum
 from session.base.units import NS
 
 #: data rates of session.toml: any sensor's, with room
@@ -70,7 +71,7 @@ def pace_of(t_ns: np.ndarray) -> Pace:
         return Pace(fine * NS)
     rows = np.flatnonzero(steps > GAP_PERIODS * usual)
     if len(steps) >= 4 * WINDOW:
-        rows = rows[not_caught_up(np.concatenate([[0], np.cumsum(steps)]), rows, usual * NS)]
+        rows = rows[not_caught_up(running_sum(steps), rows, usual * NS)]
     within = float(steps.sum() - steps[rows].sum()) / max(len(steps) - len(rows), 1)
     return Pace(float(steps.sum()) / (len(steps) - len(rows) + float(np.rint(steps[rows] / within).sum())) * NS, coarse=True)
 

@@ -10,6 +10,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from session.base.errors import FormatError
+from session.base.texts import letters_of
 from session.base.units import MDPS, MG
 from session.log.sensors import invensense, others, st
 from session.log.sensors.profile import REGISTER_SPAN, Profile, Thermometer
@@ -39,7 +40,7 @@ def profile_of(model: str) -> Profile | None:
     """The known sensor that a text names; None where it names none, or two.  ``generic`` counts only by itself."""
     if model.strip().lower() == _GENERIC:
         return next(profile for profile in PROFILES if profile.name == _GENERIC)
-    near = [(_pattern(name), profile) for name, profile in _NAMES if _plain(name) in _plain(model)]  # the rest need no pattern
+    near = [(_pattern(name), profile) for name, profile in _NAMES if letters_of(name) in letters_of(model)]  # the rest need no pattern
     found = [(match.span(), profile) for pattern, profile in near for match in pattern.finditer(model)]
     # LSM6DS3TR-C begins like LSM6DS3TR: the longer name counts.
     named = {
@@ -52,13 +53,9 @@ def profile_of(model: str) -> Profile | None:
 
 def nearest_name(model: str) -> str | None:
     """The known name that is most like a text, if any is."""
-    names = {_plain(name): name for profile in PROFILES for name in (profile.name, *profile.also)}
-    close = get_close_matches(_plain(model), names, n=1, cutoff=0.75)
+    names = {letters_of(name): name for profile in PROFILES for name in (profile.name, *profile.also)}
+    close = get_close_matches(letters_of(model), names, n=1, cutoff=0.75)
     return names[close[0]] if close else None
-
-
-def _plain(text: str) -> str:
-    return re.sub(r"[^a-z0-9]", "", text.lower())
 
 
 # What a sensor's registers mean: rad/s, m/s^2 and degC per count, by its model (``profiles``) or by its data sheet's numbers.

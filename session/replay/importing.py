@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 from session.base import features
 from session.base.budget import budget
 from session.base.errors import FormatError
+from session.base.texts import letters_of
 from session.replay.binary import registry
 from session.replay.convert import Converted, convert
 from session.replay.dialects import DIALECTS, OWN, Answers
@@ -75,8 +75,8 @@ def _refuse_beside(option: str, others: Mapping[str, object]) -> None:
 def kind_named(text: str) -> str:
     """The name of ``import --list`` that a text means: its whole, or a beginning that only one has.  FormatError for others."""
     names = list(dict.fromkeys(name for name, _, _ in known_logs()))
-    plain = {name: re.sub(r"[^a-z0-9]", "", name.lower()) for name in names}
-    wanted = re.sub(r"[^a-z0-9]", "", text.lower())
+    plain = {name: letters_of(name) for name in names}
+    wanted = letters_of(text)
     near = [name for name in names if wanted and plain[name].startswith(wanted)]
     whole = [name for name in near if plain[name] == wanted]
     if len(whole or near) == 1:

@@ -9,7 +9,7 @@ import numpy as np
 
 from session.base.budget import current
 from session.base.errors import DataError, FormatError
-from session.base.numeric import later_row
+from session.base.numeric import later_row, median_length
 from session.base.units import G
 from session.log.pace import pace_of
 from session.log.reader import Piece
@@ -199,7 +199,7 @@ def _only(whole: list[tuple[Source, Piece]], part: str, called: str) -> tuple[So
 def without_gravity(accel: np.ndarray, layout: TableLayout) -> bool:
     """Whether specific force (N, 3), as written, is far too small for gravity to be in it; registers are not judged."""
     si = None if layout.accel is None else layout.accel.unit.si
-    return si is not None and float(np.median(np.linalg.norm(accel, axis=1))) * si < LEAST_GRAVITY * G
+    return si is not None and median_length(accel) * si < LEAST_GRAVITY * G
 
 
 def _showing_gravity(whole: list[tuple[Source, Piece]], notes: list[str]) -> list[tuple[Source, Piece]]:

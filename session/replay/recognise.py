@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 
 from session.base.errors import FormatError
 from session.base.questions import Question, QuestionsError
+from session.base.texts import letters_of
 from session.base.units import COUNTS, STAMP_NS, Unit, known, parse_unit
 from session.log.layout import Triad, three
 from session.log.one_sensor import MOST_SENSORS, Form
@@ -82,8 +83,8 @@ def _like(text: str) -> Dialect | str:
     if text.lower() == OWN.lower():
         return OWN
     # The dialect that a text names, however it is written; None for another.
-    plain = re.sub(r"[^a-z0-9]", "", text.lower())
-    dialect = next((dialect for dialect in DIALECTS if re.sub(r"[^a-z0-9]", "", dialect.name.lower()).startswith(plain)), None)
+    plain = letters_of(text)
+    dialect = next((dialect for dialect in DIALECTS if letters_of(dialect.name).startswith(plain)), None)
     if dialect is None:
         known_ones = ", ".join((OWN, *(each.name for each in DIALECTS)))
         raise FormatError(f"--like is {text[:40]!r}; expected one of {known_ones}, or another name of `import --list`")

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from session.base.numeric import median_length
 from session.base.texts import shell_word
 from session.base.units import ENDINGS, NS_PER_S, WORDS, G, parse_unit
 from session.replay.clock import CLOCKS, exact_ns
@@ -37,7 +38,7 @@ def suggested(lines: Sequence[str]) -> tuple[int, str] | None:
     time = next(iter((*said, *(c for c in rises if c not in clocks and (np.diff(values[:, c]) != 1).any()), *sorted(clocks), *rises)), None)
     left = [c for c in range(count) if c not in (time, *clocks) and np.isfinite(values[:, c]).all()]
     triads = [c for c in left if {c + 1, c + 2} <= set(left)]
-    lengths = {c: float(np.median(np.linalg.norm(values[:, c : c + 3], axis=1))) for c in triads}
+    lengths = {c: median_length(values[:, c : c + 3]) for c in triads}
     far = {(c, word): abs(length / g - 1) for c, length in lengths.items() for word, g in GRAVITY if abs(length / g - 1) < NEAR}
     accel, unit = min(far, key=lambda each: far[each], default=(None, UNIT))
     apart = [c for c in triads if accel is None or abs(c - accel) >= 3]

@@ -9,6 +9,7 @@ import numpy as np
 
 from session.base import rotation
 from session.base.errors import DataError, FitError, SegmentError
+from session.base.numeric import running_sum
 from session.base.rotation import angle_between
 from session.base.texts import command_line
 from session.base.units import DEG, EARTH_RATE_RPS, NS
@@ -217,7 +218,7 @@ def bias_shares(problem: Problem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     last = np.array([number[id(segment.last)] for segment in problem.used])
     began = problem.began_s
     start = np.array([began[segment.log] + segment.start_s for segment in problem.used])
-    at_s = start[:, None] + np.concatenate([np.zeros((len(first), 1)), np.cumsum(problem.batch.dt, axis=1)], axis=1)
+    at_s = start[:, None] + running_sum(problem.batch.dt, axis=1)
     before, after = rates.middle_s[first][:, None], rates.middle_s[last][:, None]
     return first, last, np.clip((at_s - before) / (after - before), 0.0, 1.0)
 

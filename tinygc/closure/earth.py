@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from session.base import rotation
+from session.base.rotation import identities
 from session.base.solving import solve
 from session.base.units import DEG, EARTH_RATE_RPS
 
@@ -62,7 +63,7 @@ def estimate_heading(latitude_deg: float, q_tb: np.ndarray, rate: np.ndarray, si
     turn = rotation.matrix(q_tb)
     known = turn[:, 2, :] * _down(latitude_deg)
     count = len(rate)
-    design = np.concatenate([np.broadcast_to(np.eye(3), (count, 3, 3)), turn[:, 0, :, None], turn[:, 1, :, None]], axis=-1)
+    design = np.concatenate([identities(count), turn[:, 0, :, None], turn[:, 1, :, None]], axis=-1)
     jacobian = (design / sigma[..., None]).reshape(-1, 5)
     value = ((rate - known) / sigma).ravel()
     freedom = len(value) - 5
@@ -90,7 +91,7 @@ def vertical_rate(q_tb: np.ndarray, rate: np.ndarray, sigma: np.ndarray) -> tupl
     """
     turn = rotation.matrix(q_tb)
     count = len(rate)
-    design = np.concatenate([np.broadcast_to(np.eye(3), (count, 3, 3)), turn.transpose(0, 2, 1)], axis=-1)
+    design = np.concatenate([identities(count), turn.transpose(0, 2, 1)], axis=-1)
     jacobian = (design / sigma[..., None]).reshape(-1, 6)
     value = (rate / sigma).ravel()
     freedom = len(value) - 6

@@ -14,6 +14,7 @@ import numpy as np
 
 from session.base import rotation
 from session.base.errors import DataError
+from session.base.numeric import running_sum
 from session.base.rotation import sample_weights, steps
 from session.base.units import NS
 from session.log.logfile import Log
@@ -92,7 +93,7 @@ class Motion:
         found = np.einsum("tik,tjk->ij", white, white)
         if instability_rps > 0:
             blocks = np.array_split(np.arange(len(turn)), max(1, min(len(turn), MOST_BLOCKS, round(self.duration_s))))
-            time = np.concatenate([[0.0], np.cumsum(self.dt)])
+            time = running_sum(self.dt)
             each = np.array([turn[block].sum(axis=0) for block in blocks])
             middle = np.array([time[block].mean() for block in blocks])
             wander = wander_covariance(middle, self.duration_s / len(blocks), instability_rps=instability_rps)

@@ -10,7 +10,7 @@ import numpy as np
 
 from session.base import rotation
 from session.base import rotation as pairs
-from session.base.rotation import Array, sample_weights, step_vectors, steps
+from session.base.rotation import Array, identities, sample_weights, step_vectors, steps
 from session.base.units import DEG
 
 # The third angle of a turn of known angle: the gyro's angle about the turn's axis minus the known one.
@@ -252,7 +252,7 @@ def directions(batch: Batch, q_end: np.ndarray) -> np.ndarray:
 
     x, y and z; with known turns, each turn's axis instead of z, or 0 if its angle is unknown.
     """
-    axes = np.broadcast_to(np.eye(3), (len(batch), 3, 3)).copy()
+    axes = identities(len(batch)).copy()
     if batch.turns is not None:
         axes[:, 2] = batch.turns.directions(batch.start, q_end)
     return axes

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from session.base.rotation import identities
 from tinygc.effects.device import PASSES
 from tinygc.effects.movement import Movement, Reach
 
@@ -70,7 +71,7 @@ def _with_slopes(measured: np.ndarray, movement: Movement, added: Callable[[Move
     here = found = aim
     least, left = np.full(len(rows), np.inf), np.zeros_like(aim)
     since = np.zeros(len(rows), dtype=int)
-    inverse, step = np.broadcast_to(np.eye(3), (len(rows), 3, 3)), left
+    inverse, step = identities(len(rows)), left
     for _ in range(MOST_PASSES):
         rate[rows] = here
         missing = aim - added(movement.with_rate(rate))[rows] - here

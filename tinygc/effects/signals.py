@@ -13,6 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from session.base import rotation
+from session.base.numeric import running_sum
 from session.base.units import DEG
 from tinygc.effects.movement import Movement, Reach
 
@@ -126,7 +127,7 @@ def temperature_rate(movement: Movement) -> np.ndarray:
     if not known.any():
         return found
     t_s, above = t_s[known], movement.temp_c[known] - movement.temp_c[known][0]
-    integral = np.concatenate([[0.0], np.cumsum(np.diff(t_s) * (above[1:] + above[:-1]) / 2)])
+    integral = running_sum(np.diff(t_s) * (above[1:] + above[:-1]) / 2)
     now, then, before = (np.interp(t_s - back, t_s, integral) for back in (0.0, SLOPE_S, 2 * SLOPE_S))
     found[known] = ((now - then) - (then - before)) / SLOPE_S**2
     return found
@@ -178,7 +179,7 @@ def play(values: np.ndarray, width: float) -> np.ndarray:
 def angle_turned(movement: Movement) -> np.ndarray:
     """Return the integral (N, 3) rad of each axis' rate since the log began."""
     rate, dt_s = movement.rate, np.diff(movement.t_s)[:, None]
-    turned = np.concatenate([np.zeros((1, 3)), np.cumsum(dt_s * (rate[1:] + rate[:-1]) / 2, axis=0)])
+    turned = running_sum(dt_s * (rate[1:] + rate[:-1]) / 2)
     return turned - turned[_first(movement)]
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from session.base.errors import CalibrationError
+from session.base.numeric import rms_length
 from session.base.solving import solve
 from session.base.units import DEG
 from session.detect.check_stills import ENOUGH_SEGMENTS
@@ -144,7 +145,7 @@ def _why_not(problem: Problem, options: FitOptions) -> str:
 
 def tilt_rms(angles: np.ndarray) -> float:
     """Root mean square tilt of error angles (S, 2 or 3), rad."""
-    return float(np.sqrt(np.mean(np.sum(angles[:, :2] ** 2, axis=1))))
+    return rms_length(angles[:, :2])
 
 
 # A calibration over several days: one E for all, a bias for each log, and the spread of the biases.

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.special import chdtrc, logsumexp
 
 from session.base.errors import DataError
+from session.base.numeric import rms_length
 from session.log.folder import Session, hash_of_log
 from tinygc.effects import AppliedEffect, Effect
 from tinygc.explanation.claims import readable
@@ -22,7 +23,7 @@ from tinygc.explanation.engine import Explanation
 from tinygc.explanation.evidence import Evidence, Hypothesis
 from tinygc.explanation.search import NAMELESS
 from tinygc.explanation.standing import LEVEL, ONE_SIDED, Standing
-from tinygc.explanation.truth_evidence import TruthExplanation, rms
+from tinygc.explanation.truth_evidence import TruthExplanation
 from tinygc.explanation.truth_names import OFFSET, TruthTwin
 from tinygc.noise.twin import Twin, claim_slice
 
@@ -301,7 +302,7 @@ def _closure(other: Explanation | TruthExplanation, twin: Twin, beside: _Predict
     state = replace(state, claims=(*state.claims[:-1], replace(state.claims[-1], theta=theta)))
     if isinstance(other, TruthExplanation):
         angles = FitClosure.of(cleared(other.problem, twin, state)).held_out
-        return None if angles is None else rms(angles)
+        return None if angles is None else rms_length(angles)
     stated = other.proof.stated
     angles = FitClosure.of(cleared(stated.base(other.problem, twin, state), twin, state), stated.options).held_out
     return None if angles is None else tilt_rms(angles)

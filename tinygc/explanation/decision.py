@@ -12,6 +12,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from session.base.errors import CalibrationError
+from session.base.numeric import rms_length
 from session.base.rotation import matrix
 from session.base.units import DEG
 from session.detect.check_time import STEPS
@@ -369,7 +370,7 @@ def _undersampled_claim(evidence: Evidence, whiten: Whitener, fit: Refit, noise:
     effect = catalogue()[UNDERSAMPLED]
     sigma = next(float(s) for s, c in zip(noise.sigma, noise.components, strict=True) if c.name == UNDERSAMPLED)
     angles = twin.residuals(fit.state).closure[:, :2]
-    own = float(np.sqrt(np.mean(np.sum(angles**2, axis=1))))
+    own = rms_length(angles)
     rates = missed.rate_hz / np.array([1, *STEPS])
     closure = np.sqrt(own**2 + np.concatenate([[0.0], 2 * missed.missed_rad**2]))
     size = factor * missed.rms_rad

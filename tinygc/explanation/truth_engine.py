@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from scipy.special import chdtrc, fdtrc, gammaincinv
 
+from session.base.numeric import median_length
 from session.base.units import DEG
 from session.log.config import FOUND, TruthAlignment
 from session.log.folder import Session
@@ -66,7 +67,7 @@ def without_wrong_moments(problem: Problem) -> tuple[Problem, list[tuple[int, fl
     for _ in range(3):
         model = fit_least_squares(problem.batch.pick(keep), problem.floor.sigma[keep], model).model
         angles = error_angles(problem.batch, model)
-        usual = float(np.median(np.linalg.norm(angles, axis=1)))
+        usual = median_length(angles)
         at = neighbours(problem)
         before, after = angles[at], angles[at + 1]
         size = np.minimum(np.linalg.norm(before, axis=1), np.linalg.norm(after, axis=1))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from session.base import rotation
-from session.base.numeric import sigma_of
+from session.base.numeric import rms_length, sigma_of
 from session.base.units import DEG, NS
 from session.detect.findings import Finding
 from session.detect.segments import Segment
@@ -313,12 +313,12 @@ class TruthExplanation:
     @property
     def closure_rms(self) -> tuple[float, float]:
         """rms closure, rad, of all three angles together, before and after."""
-        return rms(self.angles[0]), rms(self.angles[1])
+        return rms_length(self.angles[0]), rms_length(self.angles[1])
 
     @property
     def held_out_rms(self) -> tuple[float, float]:
         """rms closure, rad, of held-out segments, before and after."""
-        return rms(self.held_out[0]), rms(self.held_out[1])
+        return rms_length(self.held_out[0]), rms_length(self.held_out[1])
 
     @property
     def verdict(self) -> str:
@@ -327,8 +327,3 @@ class TruthExplanation:
             return "unexplained" if self.p_value <= FAMILY_WISE else "no_mismatch"
         slow = self.neighbours[1] > SLOW or any(claim.effect.id.startswith("unknown") for claim in self.claimed)
         return "partly_explained" if self.excess[1] > LEFT_EXCESS or slow else "explained"
-
-
-def rms(angles: np.ndarray) -> float:
-    """rms, rad, of all three of the angles (S, 3) together."""
-    return float(np.sqrt(np.mean(np.sum(angles**2, axis=1))))

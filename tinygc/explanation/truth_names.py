@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from session.base import rotation
-from session.base.numeric import rms_of, sigmas_in
+from session.base.numeric import rms_of, running_sum, sigmas_in
 from session.base.units import DEG
 from session.log.config import GIVEN
 from tinygc.closure.floor import Floor, gyro_variance
@@ -210,9 +210,7 @@ class TruthTwin(Twin):
         found = np.zeros((2, len(self.segments), 3))
         for log, log_stills in enumerate(self.problem.logs):
             samples = log_stills.samples
-            angle = np.concatenate(
-                [np.zeros((1, 3)), np.cumsum((samples.gyro[1:] + samples.gyro[:-1]) / 2 * samples.dt_s[:, None], axis=0)]
-            )
+            angle = running_sum((samples.gyro[1:] + samples.gyro[:-1]) / 2 * samples.dt_s[:, None])
             own = [i for i, segment in enumerate(self.problem.used) if segment.log == log]
             at = np.array([(self.problem.used[i].start, self.problem.used[i].stop - 1) for i in own]).reshape(-1, 2).T
             t_s = samples.t_s[at].clip(samples.t_s[0] + SMOOTHED_S, samples.t_s[-1] - SMOOTHED_S)

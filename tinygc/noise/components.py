@@ -12,7 +12,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from session.base import rotation
-from session.base.numeric import rms_of, sigma_of
+from session.base.numeric import rms_of, running_sum, sigma_of
 from session.base.units import DEG, DEG_PER_HOUR, MG, G
 from session.detect.check_time import LEAST_EXPONENT, STEPS, capped, thinning_exponent, thinning_weights
 from tinygc import closure
@@ -89,7 +89,7 @@ def _turned(twin: Twin) -> tuple[np.ndarray, np.ndarray]:
     batch = twin.batch
     rate = twin.problem.first(batch.rate)
     level = np.einsum("stij,stj->sti", rotation.matrix(closure.attitudes(batch, rate))[..., :2, :], rate - batch.earth)
-    at_s = np.concatenate([np.zeros((len(batch), 1)), np.cumsum(batch.dt, axis=1)], axis=1)
+    at_s = running_sum(batch.dt, axis=1)
     counts = np.array([segment.stop - segment.start for segment in twin.segments])
     return np.where(np.arange(rate.shape[1])[None, :, None] < counts[:, None, None], level, 0.0), at_s
 

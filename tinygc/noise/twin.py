@@ -10,6 +10,7 @@ from itertools import groupby
 import numpy as np
 
 from session.base import rotation
+from session.base.numeric import median_length
 from session.base.rotation import unit_vectors
 from session.base.solving import solve
 from session.base.units import DEG, G
@@ -212,7 +213,7 @@ class Twin:
     def start(self) -> State:
         """The initial state: the linear model alone."""
         here = self.problem.session.config.site.expected_gravity_mps2
-        length = float(np.median(np.linalg.norm(self.force, axis=1))) if self.stills else here
+        length = median_length(self.force) if self.stills else here
         north = self.problem.earth.rate_t * [1, 1, 0]
         size = np.linalg.norm(north)
         along = np.cross([0, 0, 1], north / size) if size > 0 else np.array([1.0, 0, 0])

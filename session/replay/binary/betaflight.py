@@ -21,6 +21,7 @@ import numpy as np
 from session.base.budget import RECORD, current
 from session.base.errors import FormatError
 from session.base.files import read_bytes, require_file
+from session.base.numeric import running_sum
 from session.replay.binary.source import Messages, Rows, library, one_line, reason
 from session.replay.streams import Stream
 
@@ -164,7 +165,7 @@ def _log(path: Path, number: int, orangebox: Any) -> tuple[list[Stream], tuple[s
     if not len(rows):
         return [], columns
     steps = np.diff(rows.t_ns)
-    t_ns = (rows.t_ns + WRAP_US * np.concatenate([[0], np.cumsum(steps < -WRAP_US // 2)])) * 1000
+    t_ns = (rows.t_ns + WRAP_US * running_sum(steps < -WRAP_US // 2)) * 1000
     parts = {what: rows.values[:, 3 * place : 3 * place + 3] for place, what in enumerate(places)}
     accel = parts.get("accel")
     streams = []

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from session.base.numeric import UPPER
+from session.base.rotation import identities
 from session.base.units import MG, G
 from tinygc.effects import Effect, Movement, Parameter, Parts, axis_of, largest, nothing
 from tinygc.effects.effect import GRAVITY_LENGTH
@@ -44,7 +45,7 @@ _BIAS = Effect(
     observable_in=("reference",),
     kind="force",
     columns=nothing(3),
-    bends=lambda movement: np.broadcast_to(np.eye(3), (len(movement.force_g), 3, 3)),
+    bends=lambda movement: identities(len(movement.force_g)),
     describe=_says,
     discriminating_motion="hold each axis of the accelerometer up and down: gravity's length must not change",
     conditions=("attitude", "g"),

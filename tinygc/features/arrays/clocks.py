@@ -10,7 +10,7 @@ from scipy.fft import irfft, next_fast_len, rfft
 from scipy.interpolate import CubicSpline
 
 from session.base.errors import CalibrationError
-from session.base.numeric import later_row, rms_of, sigma_of, sigmas_in
+from session.base.numeric import later_row, rms_of, running_sum, sigma_of, sigmas_in
 from session.base.solving import inverse
 from session.base.units import DEG, NS
 from session.detect.events import register_end_dps
@@ -196,7 +196,7 @@ def _search(first: Rates, unit: Rates, step_s: float, rates: np.ndarray) -> Roug
 def _speed(rates: Rates, t_s: np.ndarray, grid: np.ndarray) -> np.ndarray:
     """Return |rate| without the zero-rate offset, averaged over the steps of a grid that lies within the log."""
     speed = np.linalg.norm(rates.rate - np.median(rates.rate, axis=0), axis=1)
-    turned = np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2 * np.diff(t_s))])
+    turned = running_sum((speed[1:] + speed[:-1]) / 2 * np.diff(t_s))
     edges = np.append(grid, grid[-1] + (grid[-1] - grid[-2] if len(grid) > 1 else 1.0))
     return np.diff(np.interp(edges, t_s, turned))
 

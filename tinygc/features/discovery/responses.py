@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from session.base.numeric import running_sum
 from tinygc.features.discovery.form import Factor, LawForm
 from tinygc.features.discovery.quantities import QUANTITIES
 from tinygc.noise.refit import Replay
@@ -181,7 +182,7 @@ class Responses:
         self.angles = twin.batch.angles
         self.segments = np.arange(len(twin.segments)) if segments is None else segments
         self.stills = np.arange(len(twin.stills)) if stills is None else stills
-        starts = np.concatenate([[0], np.cumsum([len(movement.t_s) for movement in twin.movements])])
+        starts = running_sum([len(movement.t_s) for movement in twin.movements])
         self._turns, self._sensitivity, self._rests, self._weights = [], [], [], []
         for number in self.segments:
             segment = twin.segments[number]

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from session.base.numeric import rms_of
+from session.base.numeric import rms_of, running_sum
 from tinygc.features.discovery.form import LawForm
 from tinygc.features.discovery.projections import FAINT, Projection, basis_of, equivalent_forms, leaders, price, promise, seen_directions
 from tinygc.features.discovery.responses import ColumnPlan, ResponseBlock, Responses, SessionValues, planned
@@ -215,7 +215,7 @@ def _rows(
 ) -> tuple[dict[int, np.ndarray], dict[int, np.ndarray]]:
     """By size P: numbers (F,) of the forms of each partner, and the indices (F, P) of their columns, ``axis * products + product``."""
     _, _, _, h, k = block.closure.shape
-    begins = np.concatenate([[0], np.cumsum(plan.width[partners])])
+    begins = running_sum(plan.width[partners])
     numbers: dict[int, list[int]] = {}
     rows: dict[int, list[np.ndarray]] = {}
     for own, begin, is_alive in zip(forms, begins[:-1], alive, strict=True):

@@ -19,6 +19,7 @@ import numpy as np
 from session.base.errors import DataError, FormatError
 from session.base.files import MB, open_file, require_file
 from session.base.names import has_recorded_name, log_paths, refuse_special
+from session.base.numeric import median_length
 from session.base.rotation import angle_between
 from session.base.texts import command_line, printable
 from session.base.units import DEG
@@ -312,7 +313,7 @@ def _refuse_units(log: RestLog) -> None:
 
 def _movement(log: RestLog) -> str | None:
     """Why a log is no rest: it is turned, or is restless most of the time.  None where it lies still, knocks apart."""
-    rate_dps = float(np.median(np.linalg.norm(log.gyro, axis=1))) / DEG
+    rate_dps = median_length(log.gyro) / DEG
     if rate_dps > TURNING_DPS:
         return f"it turns at {rate_dps:.0f} dps"
     if not np.isnan(log.accel).all():

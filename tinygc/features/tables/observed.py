@@ -14,6 +14,7 @@ import numpy as np
 from scipy.interpolate import Akima1DInterpolator
 
 from session.base.errors import DataError
+from session.base.numeric import running_sum
 from session.base.units import DEG, NS
 from session.log.samples import Samples
 from tinygc.closure.problem import Problem
@@ -191,7 +192,7 @@ class Turn:
         self.poll_s, at = np.unique((word.t_ns[within] - samples.t_ns[start]) * NS, return_index=True)
         self.said = word.angles[within][at]
         self._trapezoid = (gyro[1:] + gyro[:-1]) / 2 * np.diff(self._t_s)[:, None]
-        self._angle = np.concatenate([np.zeros((1, 3)), np.cumsum(self._trapezoid, axis=0)])
+        self._angle = running_sum(self._trapezoid)
         turned = self._angle - zero * self._t_s[:, None]
         change, end = ends[1] - ends[0], turned[-1]
         moved = np.flatnonzero(np.abs(change) > TURNED_RAD)
@@ -210,7 +211,7 @@ class Turn:
         edges = np.linspace(0.0, t_s[-1], count + 1)
         at_edges = np.stack([np.interp(edges, t_s, angle[:, axis]) for axis in range(3)], axis=1)
         # Within a block: the rotation vector to second order, with the coning of its samples (Bortz 1971).
-        coning = np.concatenate([np.zeros((1, 3)), np.cumsum(np.cross(angle[:-1], trapezoid) / 2, axis=0)])
+        coning = running_sum(np.cross(angle[:-1], trapezoid) / 2)
         own = np.stack([np.interp(edges, t_s, coning[:, axis]) for axis in range(3)], axis=1)
         vectors = np.diff(at_edges, axis=0) + np.diff(own, axis=0) - np.cross(at_edges[:-1], np.diff(at_edges, axis=0)) / 2
         kept = ~(np.abs(self.beside_s) > limit_s)

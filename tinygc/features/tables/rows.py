@@ -24,8 +24,8 @@ import numpy as np
 from scipy.interpolate import Akima1DInterpolator
 from scipy.spatial.transform import Rotation
 
-from session.base.numeric import UPPER
-from session.base.rotation import cross_matrix
+from session.base.numeric import UPPER, running_sum
+from session.base.rotation import cross_matrix, identities
 from session.base.units import DEG, EARTH_RATE_RPS
 from tinygc.features.tables.machines.description import LATENCY_SIGMA_S, body_axes, rotations, stage_attitudes
 from tinygc.features.tables.machines.mechanics import TableErrors, normals, true_attitudes
@@ -160,7 +160,7 @@ class Comparison:
     def to_end(self) -> np.ndarray:
         """(S, B, 3, 3) s: rotation of the end, in its own axes, per rate in a block."""
         within = _right_jacobian(self.rates * self.observed.block_s[:, None, None])
-        found, after = np.empty_like(self._steps), np.broadcast_to(np.eye(3), (len(self._steps), 3, 3))
+        found, after = np.empty_like(self._steps), identities(len(self._steps))
         for block in reversed(range(self._steps.shape[1])):
             found[:, block] = after.transpose(0, 2, 1) @ within[:, block]
             after = self._steps[:, block] @ after
@@ -169,7 +169,7 @@ class Comparison:
     @cached_property
     def by_gyro(self) -> np.ndarray:
         """(S, 3, 3): begin to end, R_i^T R_j by the gyroscope."""
-        whole = np.broadcast_to(np.eye(3), (len(self._steps), 3, 3))
+        whole = identities(len(self._steps))
         for block in range(self._steps.shape[1]):
             whole = whole @ self._steps[:, block]
         return whole
@@ -218,7 +218,7 @@ class Comparison:
         rotation = Rotation.from_matrix(self.turned.transpose(0, 2, 1) @ self.by_gyro).as_rotvec()
         rate = seen.rate @ self.matrix.T + self._zero - np.einsum("qji,j->qi", self.at_rest, self._earth)
         along = np.einsum("sbi,si->sb", self.rates, self.axis) * seen.block_s[:, None]
-        way = np.concatenate([np.zeros((len(along), 1)), np.cumsum(along, axis=1)], axis=1)
+        way = running_sum(along, axis=1)
         within = self.pinned(way) - self.pinned(self.said_way)
         for size, late in zip(self._lag, (self.of_lag(), self.of_lag_squared()), strict=True):
             rotation, within = rotation - size * late.rotation[..., 0], within - size * late.within[:, 0]
@@ -266,7 +266,7 @@ class Comparison:
             np.einsum("pij,sbj->sbip", basis, seen.rates @ self.matrix.T),
             np.einsum("pij,qj->qip", basis, seen.rate @ self.matrix.T),
         )
-        zero = np.broadcast_to(np.eye(3), (*seen.rates.shape[:2], 3, 3)), np.broadcast_to(np.eye(3), (rest, 3, 3))
+        zero = identities(*seen.rates.shape[:2]), identities(rest)
         earth = -self.earth_in_blocks, -self.at_rest.transpose(0, 2, 1)
         columns = [-self.of_rates(*pair).stacked() for pair in (gyro, zero)]
         upper = np.zeros((rest, 3, 6))
@@ -274,7 +274,7 @@ class Comparison:
             upper[:, i, number] = -seen.force[:, j]
         for force in (upper, np.broadcast_to(-np.eye(3), (rest, 3, 3))):
             columns.append(self.of_forces(force))
-        columns.append(self.of_attitudes(np.broadcast_to(np.eye(3), (rest, 3, 3))).stacked())
+        columns.append(self.of_attitudes(identities(rest)).stacked())
         columns.append(-self.of_rates(*earth).stacked())
         each = np.broadcast_to(np.eye(axes), (rest, axes, axes))
         about = self.about.transpose(0, 2, 1).copy()

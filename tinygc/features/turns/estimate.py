@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtrc, logsumexp, ndtr
 
-from session.base.numeric import sigma_of, sigmas_in
+from session.base.numeric import running_sum, sigma_of, sigmas_in
 from tinygc.estimation.between_sessions import ONE_SIGMA
 from tinygc.features.turns.angles import TurnAngle
 
@@ -361,7 +361,7 @@ def _component(weights: np.ndarray, values: np.ndarray, axis: _Size, repeats: bo
     if (at == 0).all():
         return Component(0.0, 0.0, 0.0, 0.0, True)
     at, mass = at[at > 0], mass[at > 0]
-    edges, below = np.concatenate([[at[0] / half], at * half]), none + np.concatenate([[0.0], np.cumsum(mass)])
+    edges, below = np.concatenate([[at[0] / half], at * half]), none + running_sum(mass)
     median, low, high, upper = (float(np.interp(share, below, edges)) if share > none else 0.0 for share in (0.5, 0.1587, 0.8413, 0.95))
     return Component(median, low, high, upper, True)
 

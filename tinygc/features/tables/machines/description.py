@@ -23,7 +23,7 @@ import numpy as np
 from session.base.errors import FormatError
 from session.base.records import ROTATION, Key, record_from, record_of
 from session.base.results import Array, Mismatch, Number, Shape, shown
-from session.base.rotation import cross_matrix
+from session.base.rotation import cross_matrix, identities
 from session.base.toml import read_toml
 from session.base.units import DEG
 
@@ -197,7 +197,7 @@ def attitudes(table: Description, angles: np.ndarray) -> np.ndarray:
 
 def stage_attitudes(directions: Sequence[np.ndarray], angles: np.ndarray) -> np.ndarray:
     """(N, 3, 3): the innermost stage to the table frame."""
-    product = np.broadcast_to(np.eye(3), (len(angles), 3, 3))
+    product = identities(len(angles))
     for direction, angle in zip(directions, np.asarray(angles, dtype=float).T, strict=True):
         product = product @ rotations(direction, angle)
     return product
@@ -205,7 +205,7 @@ def stage_attitudes(directions: Sequence[np.ndarray], angles: np.ndarray) -> np.
 
 def body_axes(table: Description, angles: np.ndarray) -> np.ndarray:
     """(N, K, 3): the body's rate, rad/s per rad/s of each axis, at angles (N, K) rad."""
-    outside, found = np.broadcast_to(np.eye(3), (len(angles), 3, 3)), []
+    outside, found = identities(len(angles)), []
     for axis, angle in zip(table.axes, np.asarray(angles, dtype=float).T, strict=True):
         found.append(outside @ axis.direction)
         outside = outside @ rotations(axis.direction, angle)

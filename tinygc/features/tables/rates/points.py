@@ -18,6 +18,7 @@ import numpy as np
 
 from session.base.errors import FormatError
 from session.base.files import MB, read_text
+from session.base.numeric import running_sum
 from session.base.texts import printable
 from session.base.units import DEG
 
@@ -135,7 +136,7 @@ def settings_of(points: Points) -> tuple[Points, list[str]]:
     if len(sizes) < 2 or (ratio := sizes[1:] / sizes[:-1]).max() < APART:
         return points, []
     setting = np.empty(len(points), dtype=int)
-    setting[order] = np.concatenate([[0], np.cumsum(gaps > sizes[np.argmax(ratio)])])
+    setting[order] = running_sum(gaps > sizes[np.argmax(ratio)])
     begins = np.concatenate([[True], (np.diff(setting) != 0) | (np.diff(points.curve) != 0)])
     visit = np.cumsum(begins) - 1
     count = np.bincount(visit)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from session.base import rotation
-from session.base.numeric import rms_of
+from session.base.numeric import rms_of, running_sum
 from session.base.texts import fixed
 from session.base.units import DEG
 from tinygc import closure
@@ -31,7 +31,7 @@ def _run(evidence: ReportData, number: int, run: ClosureRun) -> dict:
     adopted = evidence.adopted
     rates = _rates(evidence, run)
     tracks = {name: closure.attitudes(run.batch, rate[None])[0] for name, rate in rates.items()}
-    t = np.concatenate([[0.0], np.cumsum(run.batch.dt[0])])
+    t = running_sum(run.batch.dt[0])
     # The denoised attitude is left out: its output delay alone would make it deviate.
     moved = [name for name in tracks if name not in (adopted.name, DENOISED)]
     floor, decimals = run.floor_rad / DEG, aligned_decimals(float(run.floor_rad.min()) / DEG)

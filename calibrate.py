@@ -20,7 +20,7 @@ except ImportError as error:
 
 from session.base.errors import CalibrationError
 from session.base.texts import printable
-from tinygc.cli.arguments import options_of, parser
+from tinygc.cli.arguments import joined, options_of, parser
 from tinygc.cli.results import ended_by_signals, silence, standard_output
 
 
@@ -35,6 +35,7 @@ def main(arguments: list[str] | None = None) -> int:
             if not words:  # who types the name alone asks what there is; a script whose variable is empty must not take it for done
                 parser().print_help()
                 return 2
+            words = joined(words)
             args = parser(words).parse_args(words)
             code = _run(args)
             with standard_output():

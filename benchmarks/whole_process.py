@@ -59,7 +59,7 @@ OF_TURNS = "check {}/0", "fit {}/0 --methods least_squares", "explain {}/0"
 GROWTH = {
     "turns": ("--segments {} --closure 0", OF_TURNS, (40, 160, 640)),
     "rows": ("", ("noise rest.csv", "import rest.csv --out new"), (10**5, 10**6, 10**7)),
-    "sensors": (SENSOR, ("fleet {} --jobs 1 --out new", "lot new"), (50, 200, 800)),
+    "sensors": (SENSOR, ("fleet {} --jobs 1 --out new", "fleet --out new --lot"), (50, 200, 800)),
 }
 #: a process of its own, small, so that the peak that the system tells is that of the command
 PROBE = """

@@ -152,8 +152,8 @@ BOMBS = [
 
 #: place of a bomb, up to its number -> commands that read it; {S} session folder, {B} the bomb, {M} a good model, {L} a good log, {O} new
 SESSION_READERS = [
-    "check {S}", "fit {S} --methods least_squares", "explain {S}", "report {S} --methods least_squares", "plan {S}",
-    "accelerometer {S} --out {O}", "fleet {S} --out {O} --jobs 1", "board {S} --link {O}", "challenge --on {S} --cases 1",
+    "check {S}", "fit {S} --methods least_squares", "explain {S}", "report {S} --methods least_squares", "check {S} --plan",
+    "fit {S} --accelerometer alone --out {O}", "fleet {S} --out {O} --jobs 1", "board {S} --link {O}", "challenge --on {S} --cases 1",
 ]  # fmt: skip
 READERS = {
     "log": [
@@ -165,11 +165,12 @@ READERS = {
     "turns": SESSION_READERS,
     "attitudes": SESSION_READERS,
     "session": [
-        *SESSION_READERS, "import {L} --out {S} --add log", "apply {M} {L} --session {S} -o {O}", "compare {S} {S}", "export {S} --to json",
-        "record --port {O} --like {S} --out {O}", "list {S}", "history {S} --out {O}", "noise {S} --out {O}", "table check --table {B}",
+        *SESSION_READERS, "import {L} --out {S} --add log", "apply {M} {L} --session {S} -o {O}", "history {S} {S} --compare",
+        "export {S} --to json",
+        "record --port {O} --like {S} --out {O}", "check {S}", "history {S} --out {O}", "noise {S} --out {O}", "table check --table {B}",
     ],
     "model": [
-        "apply {B} {L} -o {O}", "fit {S} --model {B} --bias start --out {O}", "noise --curve {B}",
+        "apply {B} {L} -o {O}", "noise --curve {B}",
         "report {S} --methods least_squares --certificate {O} --as-found {B}",
         "watch {B} {L}", "verify {B} {L}",
     ],

@@ -12,7 +12,7 @@ from session.base.units import G
 from session.log.config import Sensor
 from session.log.logfile import read_log
 from session.replay.convert import convert
-from session.replay.dialects import Answers
+from session.replay.options import Answers
 from tinygc import read_session
 
 # Four readings: rates and forces as exact multiples of the registers' steps

@@ -63,7 +63,7 @@ def test_the_command_says_whether_they_agree_and_what_a_session_does_not_observe
     model, fit, (log,) = path / "fit" / "model_least_squares.json", path / "fit" / "fit.json", path.glob("log*")
     model.write_text(json.dumps({**json.loads(model.read_text()), "unobserved": ["E_xy"]}))
     log.write_bytes(log.read_bytes() + gzip.compress(b""))  # another file
-    code, out, _ = run("compare", monday, path, "--strict", "--json", tmp_path / "table.json")
+    code, out, _ = run("history", monday, path, "--compare", "--json", tmp_path / "table.json")
     table = json.loads((tmp_path / "table.json").read_text())
     assert (code, table["agree"], table["sessions"]) == (0, True, ["monday", "flat"])
     assert ("misalignments agree" in out, "E_xy" in out) == (True, True)
@@ -79,7 +79,7 @@ def test_bad_input_gets_one_line(monday, tmp_path, run):
     table = json.loads(path.read_text())
     for covariance, word in ((None, "12 x 12"), ((-np.eye(12)).tolist(), "positive")):
         path.write_text(json.dumps({**table, "covariance": covariance}))
-        code, _, err = run("compare", monday, broken)
+        code, _, err = run("history", monday, broken, "--compare")
         assert (code, err.count("\n"), word in err) == (2, 1, True)
     for others, word in (
         ([], "two sessions"),
@@ -87,5 +87,5 @@ def test_bad_input_gets_one_line(monday, tmp_path, run):
         ([unfitted], "calibrate.py fit"),
         ([monday], "same log"),
     ):
-        code, _, err = run("compare", monday, *others)
+        code, _, err = run("history", monday, *others, "--compare")
         assert (code, err.count("\n"), word in err) == (2, 1, True)

@@ -11,7 +11,7 @@ from processes import refused
 
 from session.base.options import declared
 from session.log.config import Site
-from tinygc.cli import defaults, recording
+from tinygc.cli import defaults
 from tinygc.cli.arguments import options_of, parser
 from tinygc.cli.commands import COMMANDS
 
@@ -56,15 +56,15 @@ def test_a_limit_is_taken_said_and_beaten_by_the_command_line(own, capsys):
 def test_a_recording_takes_port_and_site_unless_something_nearer_says_them(own, tmp_path):
     path, site = own(), {"latitude_deg": 48.14, "gravity_mps2": 9.8073}
     args = asked("record", "--quiet")
-    assert (args.port, recording.bench(args)) == ("/dev/ttyACM7", Site(**site))
+    assert (args.port, Site(args.latitude_deg, args.gravity_mps2)) == ("/dev/ttyACM7", Site(**site))
     assert args.defaults.to_json() == {"file": str(path), "record": {"port": "/dev/ttyACM7"}, "site": site}
     args = asked("record", "--quiet", "--port", "COM3", "--like", tmp_path / "bench.toml")  # which says where the table stands
-    assert (args.port, args.defaults, recording.bench(args)) == ("COM3", None, Site())
+    assert (args.port, args.defaults, Site(args.latitude_deg, args.gravity_mps2)) == ("COM3", None, Site())
     (tmp_path / "session.toml").write_text(SESSION_TOML)
     assert asked("record", "--quiet", "--out", tmp_path, "--resume").defaults.used == {"record.port": "/dev/ttyACM7"}
     own(WHOLE.replace("[site]", 'like = "bench/session.toml"\n[site]'))
     args = asked("record", "--quiet")
-    assert (args.like, recording.bench(args)) == (tmp_path / "bench" / "session.toml", Site())
+    assert (args.like, Site(args.latitude_deg, args.gravity_mps2)) == (tmp_path / "bench" / "session.toml", Site())
 
 
 @pytest.mark.parametrize(
@@ -106,7 +106,7 @@ def test_where_it_is_looked_for(monkeypatch, tmp_path, system, variable, value, 
 
 def test_the_page_has_the_keys_and_no_others():
     page = [CODE.findall(row[0])[0] for row in rows("Defaults")]
-    kinds = [import_module(COMMANDS[command]).Options for command in ("fit", "report")]
+    kinds = [import_module(COMMANDS[command]).Options for command in ("fit", "report", "record")]
     keys = {rule.default_key for kind in kinds for _, rule in declared(kind)} - {""}
-    assert set(page) == keys | set(recording.DEFAULTS.values())
+    assert set(page) == keys
     assert len(page) == len(set(page))

@@ -9,7 +9,6 @@ from conftest import Table, write_session
 from formats_page import strangers
 from noise_records import axis_of, figures_of
 
-import calibrate
 import tinygc
 from session.base.errors import FitError
 from session.base.records import table_of
@@ -71,9 +70,8 @@ def another_day(tmp_path_factory):
 @pytest.mark.parametrize(("source", "tilt_deg"), [("start", 0.04), ("gravity", 0.06), ("given", 0.03)])
 def test_a_stored_calibration_takes_the_bias_of_the_day(another_day, tmp_path, source, tilt_deg):
     folder, stored = another_day
-    arguments = ["--bias-dps=0.62,-0.35,0.51"] if source == "given" else []
-    arguments += ["--model", str(stored), "--bias", source, "--out", str(tmp_path), "--quiet"]
-    assert calibrate.main(["fit", str(folder), *arguments]) == 0
+    bias = {"bias_dps": (0.62, -0.35, 0.51)} if source == "given" else {}
+    tinygc.rebias(folder, stored, source, **bias).save(tmp_path)
     table = json.loads((tmp_path / "rebiased.json").read_text())
     tilt = {name: fit["holdout"]["tilt_rms_deg"] for name, fit in table["methods"].items()}
     assert tilt["stored"] > 0.3  # 0.16 dps over 5 s
@@ -81,25 +79,6 @@ def test_a_stored_calibration_takes_the_bias_of_the_day(another_day, tmp_path, s
     assert np.abs(np.array(table["bias"]["change_dps"][source]) - [-0.12, 0.05, 0.09]).max() < 0.02
     assert "fitted to other logs (first)" in table["bias"]["remarks"][0]
     assert len(table["bias"]["remarks"]) == 1  # a calibrated E: start and gravity agree
-
-
-HALVES = ["--bias start", "--model x.json", "--model x.json --bias given", "--bias-dps=1,2,3"]
-UNHEEDED = ["--physics auto", "--methods raw", "--accelerometer given"]
-
-
-@pytest.mark.parametrize(
-    ("more", "says"),
-    [
-        *((f"--model stored.json --bias start {more}", f"calibrate: {more.split()[0]}: ") for more in UNHEEDED),
-        *((more, "--model FILE --bias start") for more in HALVES),
-        ("--bias middle", "calibrate: "),
-    ],
-)
-def test_half_a_request_and_what_a_bias_of_the_day_does_not_heed_are_refused(another_day, more, says, run):
-    folder, stored = another_day
-    code, _, said = run("fit", folder, *more.replace("stored.json", str(stored)).split())
-    assert code == 2
-    assert says in said
 
 
 def test_a_fit_takes_the_figures_of_the_noise_beside_it(folder):

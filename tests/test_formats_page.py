@@ -79,7 +79,7 @@ def test_explain_where_nothing_is_missing_and_plan(folder, tmp_path):
     table = told(tmp_path / "x.json", "explain", folder, "--no-pictures", "--out", tmp_path)
     assert_on_page(table, "tinygc-explain/2")
     assert table["detection_limits"]
-    assert_on_page(told(tmp_path / "x.json", "plan", folder), "tinygc-plan/2")
+    assert_on_page(told(tmp_path / "x.json", "check", folder, "--plan"), "tinygc-plan/2")
 
 
 def test_apply_and_the_header_of_its_log(folder, tmp_path):

@@ -162,29 +162,28 @@ def test_every_export_of_a_fit_is_the_commands(kind, fits, folders, tmp_path):
 
 
 def test_compare_plan_and_accelerometer_give_the_commands_numbers(fits, of_arrays, folders, tmp_path):
-    theirs = command(tmp_path / "c.json", "compare", *folders)
+    theirs = command(tmp_path / "c.json", "history", *folders, "--compare")
     found = tinygc.compare(fits)  # which never were saved
     same(found.to_json(), theirs)
     assert (found.agree, found.p_value) == (theirs["agree"], theirs["lasting"]["p_value"])
     assert tinygc.compare(fits, bias=True).p_value == theirs["all"]["p_value"]
     assert tinygc.compare([of_arrays, fits[1]]).p_value == pytest.approx(found.p_value, rel=1e-4)
-    theirs = command(tmp_path / "p.json", "plan", folders[0], "--count", 3)
+    theirs = command(tmp_path / "p.json", "check", folders[0], "--plan", 3)
     same(tinygc.plan(folders[0], count=3).to_json(), theirs)
-    theirs = command(tmp_path / "a.json", "accelerometer", folders[0], "--out", tmp_path / "theirs")
+    theirs = command(tmp_path / "a.json", "fit", folders[0], "--accelerometer", "alone", "--out", tmp_path / "theirs")
     alone = tinygc.accelerometer(folders[0])
     same(alone.to_json(), theirs)
     assert (alone.save(tmp_path / "mine") / "session.toml").read_bytes() == (tmp_path / "theirs" / "session.toml").read_bytes()
 
 
-def test_rebias_gives_the_commands_numbers(folders, fits, tmp_path):
+def test_rebias_takes_a_fit_as_it_takes_its_file(folders, fits, tmp_path):
     model = folders[0] / "fit" / "model_least_squares.json"
-    theirs = command(tmp_path / "b.json", "fit", folders[1], "--model", model, "--bias", "start", "--out", tmp_path / "theirs")
-    made = tinygc.rebias(fits[1].source, fits[0], "start")
+    made, of_file = tinygc.rebias(fits[1].source, fits[0], "start"), tinygc.rebias(folders[1], model, "start")
     mine = json.loads(json.dumps(made.to_json()))
     mine["bias"]["model"] = str(model)
-    same(mine, theirs)
+    same(mine, json.loads(json.dumps(of_file.to_json())))
     saved = (made.save(tmp_path / "mine") / "model_rebiased.json").read_bytes()
-    assert saved == (tmp_path / "theirs" / "model_rebiased.json").read_bytes()
+    assert saved == (of_file.save(tmp_path / "theirs") / "model_rebiased.json").read_bytes()
     change = [each.value for each in made.change.values()]
     np.testing.assert_allclose(np.array(change) / DEG, mine["bias"]["change_dps"]["start"], rtol=1e-12)
     rate = np.array([[0.1, -0.2, 0.3]])

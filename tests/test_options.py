@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import inspect
 import re
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import ROOT
 
 from session.base.errors import CalibrationError
 from session.base.options import (
@@ -226,6 +228,14 @@ def test_a_function_has_the_fields_as_keywords_and_in_its_docstring():
     before = "Search.\n\nParameters\n----------\nsession : Session\n    The recording.\n"
     assert search.__doc__ == f"{before}{entries}\nReturns\n-------\nNone\n"
     assert Search.__doc__.startswith(f"Options of a search.\n\nParameters\n----------\n{ENTRIES}\nExamples\n--------\n")
+
+
+@pytest.mark.parametrize("name", ["commands.md", "library.md"])
+def test_the_pages_have_the_tables_as_they_are_made(name, monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "docs")
+    make_options = importlib.import_module("make_options")
+    page = (ROOT / "docs" / name).read_text(encoding="utf-8")
+    assert page == make_options.made(page, make_options.PAGES[name]()), "python docs/make_options.py"
 
 
 def test_every_command_says_of_every_option_what_it_means():

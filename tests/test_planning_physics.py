@@ -104,7 +104,7 @@ def asking(**more) -> str:
 def test_what_explain_asked_for_comes_first_in_plan_and_in_a_recording_like_it(short, tmp_path, capsys):
     asked = shutil.copytree(short, tmp_path / "asked")
     explained(asked, asking(next=WORDS))
-    assert calibrate.main(["plan", str(asked), "--json", str(tmp_path / "plan.json")]) == 0
+    assert calibrate.main(["check", str(asked), "--plan", "--json", str(tmp_path / "plan.json")]) == 0
     assert capsys.readouterr().out.splitlines()[0] == f"explain asks: {WORDS}"
     assert json.loads((tmp_path / "plan.json").read_text())["requested"] == WORDS
     words = ["record", "--port", str(tmp_path / "no-port"), "--out", str(tmp_path / "new"), "--like", str(asked / "session.toml")]
@@ -152,5 +152,5 @@ def test_a_damaged_explanation_does_not_stop_a_recording_and_a_folder_without_a_
     assert calibrate.main(words) == 3
     first, second = capsys.readouterr().err.splitlines()
     assert ("broken JSON" in first, "no-port" in second) == (True, True)
-    assert calibrate.main(["plan", str(tmp_path)]) == 2
+    assert calibrate.main(["check", str(tmp_path), "--plan"]) == 2
     assert capsys.readouterr().err.splitlines() == [f"calibrate: {tmp_path}: no log; expected log*.csv or log*.csv.gz next to session.toml"]

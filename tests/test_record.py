@@ -115,10 +115,8 @@ def test_the_signals_are_what_they_were_afterwards():
         (["--out", "{new}", "--like", "{new}/none.toml"], 2, "not found"),
         (["--out", "{new}"], 3, "cannot be opened"),
         (["--out", "{log}/log0001.csv"], 2, "log0001.csv"),
-        (["--out", "{new}", "--rest", "1", "--closure"], 2, "--closure is of turns, and with --rest nothing is turned"),
-        (["--out", "{new}", "--rest=-1"], 2, "-1 is no time from 0 to 1000 h"),
-        (["--out", "{new}", "--rest", "--view"], 2, "--view is of turns"),
-        (["--out", "{new}", "--known-to", "10"], 2, "--known-to says how well the noise of a rest is to be known; add --rest"),
+        (["--out", "{new}", "--closure", "4"], 2, "--closure is 4.0, expected a number from 5 to 3600 s"),
+        (["--out", "{new}", "--view", "here"], 2, "'here' is no address of this computer"),
     ],
 )
 def test_what_cannot_be_is_one_line(run, tmp_path, words, code, says):

@@ -163,11 +163,11 @@ def test_a_file_says_how_to_make_it_again_and_nothing_but_a_simulation_is_replac
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ({"odr_hz": 300}, "--odr-hz is 300, expected one of 62.5, 104, 208"),
-        ({"segments": 0}, "--segments"),
-        ({"closure_s": 3}, "--closure is 3"),
+        ({"odr_hz": 300}, "odr_hz is 300, expected one of 62.5, 104, 208"),
+        ({"segments": 0}, "segments"),
+        ({"closure_s": 3}, "closure_s is 3"),
         ({"gyro_fs_dps": 300}, "no ASM330LHH full scale"),
-        ({"gyro_noise_dps_rthz": float("nan")}, "--gyro-noise"),
+        ({"gyro_noise_dps_rthz": float("nan")}, "gyro_noise"),
     ],
 )
 def test_wrong_options_are_named(wrong, message):

@@ -121,7 +121,7 @@ WRITERS = {
     "import": Writer(imported(), written("card.csv", LOG), folder=True),
     "import --add": Writer(imported(add="log"), session, folder=True),
     "import of a port's bytes": Writer(taken_raw, ported, folder=True),
-    "accelerometer --out": Writer(
+    "fit --accelerometer alone": Writer(
         lambda folder: write_calibrated_copy(folder / "s", folder / "t", Accelerometer(source="file")), session, folder=True
     ),
     "Session.save": Writer(lambda folder: session_of(SAMPLES).save(folder / "s"), folder=True),

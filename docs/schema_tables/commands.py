@@ -198,7 +198,6 @@ TABLES = {
     "tinygc-fits/1": _each(other("tinygc-fit/2", "tinygc-temperature/2", "tinygc-array-fit/2")),
     "tinygc-reports/1": _each(other("tinygc-report/1")),
     "tinygc-list/1": {"sessions": [of("tinygc.fitting.listing:ListedSession")]},
-    "tinygc-completion/1": {"shell": words("bash", "zsh", "fish"), "script": TEXT},
     "tinygc-compare/2": _COMPARE,
     "tinygc-apply/1": when("log", _APPLY_ARRAY, of("tinygc.deploy.apply:Applied")),
     "tinygc-export/2": {"format": TEXT, "files": [TEXT], "remarks": [TEXT]},

@@ -1,4 +1,4 @@
-"""docs/formats/explain.md: what ``explain`` and ``plan`` write."""
+"""docs/formats/explain.md: what ``explain`` and ``check --plan`` write."""
 
 from __future__ import annotations
 

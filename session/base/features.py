@@ -20,7 +20,7 @@ Record = TypeVar("Record")
 
 #: where the core asks -> what it asks for: the arguments of a function and its answer, or what a module has
 POINTS = {
-    "options of COMMAND": "function(parser): adds options to a command of the core",
+    "options of COMMAND": "record of options: further ones of a command of the core",
     "kind of folder": "function(folder) -> what it is and what takes it, one sentence; None of a session, and of what cannot be read",
     "line of a list": "function(folder) -> fields of ListedSession (tinygc/estimation/listing.py) of such a folder, or None",
     "further reference": "a word of protocol.reference, of a recording without an accelerometer",
@@ -35,10 +35,7 @@ POINTS = {
     "fitted sessions of a table": "function(path) -> rows of folder, model, serial, date, numbers, covariance; None of no such table",
     "zero over temperature": "module: knots_of(rest logs), part_of(knots, means) -> part and its columns, None without any",
     "prior of a fit": "function(options, sensor) -> prior | None, a GivenPrior of tinygc/fitting/fit.py",
-    "figures of a rest": "function(relative) -> figures: of the noise, while a rest is recorded",
-    "command for a rest": "the name of a command that takes a rest log",
-    "machine of a recording": "module: what turns the table while ``record`` records",
-    "table under a virtual board": "function(...) -> table: what turns a virtual board",
+    "table under a virtual board": "function(args, options) -> table | None: what turns a virtual board",
     "search beyond the catalogue": "module: discover(explanation, seed, progress) and report(explanation, found)",
     "explanation of what turned": "function(problem, seed) -> explanation | None: of the machine that turned a recording",
     "proof of an effect": "function(effect, ...) -> report",

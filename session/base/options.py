@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import argparse
 import inspect
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields
 from difflib import get_close_matches
 from functools import partial
@@ -39,8 +39,8 @@ class Rule:
     help: its meaning, as ``--help`` and the pages say it; off: that of ``--no-…``, of a field that is True by default; unit;
     choices: the values there are; some: the words of a list; least, most, above: bounds of each number; metavar: its value in
     ``--help``; group: heading in ``--help``; flags: in place of the field's name; positional; repeated: given once for each value;
-    alone: value of a flag without one; read: parser of its text; cli: whether the command line has it; default_key: of the user's
-    defaults file.
+    several: one flag, and all words behind it; example: of a text; alone: value of a flag without one; read: parser of its text; cli:
+    whether the command line has it; default_key: of the user's defaults file.
     """
 
     help: str
@@ -56,6 +56,8 @@ class Rule:
     flags: tuple[str, ...] = ()
     positional: bool = False
     repeated: bool = False
+    several: bool = False
+    example: str = ""
     alone: Any = None
     read: Callable[[str], Any] | None = None
     cli: bool = True
@@ -63,14 +65,15 @@ class Rule:
 
 
 def option(default: Any, help: str, **rule: Any) -> Any:
-    """A field of a record of options; rule: fields of ``Rule``."""
-    make: dict[str, Any] = {"default_factory": default} if inspect.isfunction(default) else {"default": default}
-    return field(**make, metadata={"rule": Rule(help, **rule)})
+    """A field of a record of options, required where its default is ``...``; rule: fields of ``Rule``."""
+    if default is ...:
+        return field(kw_only=True, metadata={"rule": Rule(help, **rule)})
+    return field(default=default, metadata={"rule": Rule(help, **rule)})
 
 
-def argument(help: str, default: Any = MISSING, **rule: Any) -> Any:
-    """A positional argument; required where it has no default."""
-    return field(default=default, kw_only=True, metadata={"rule": Rule(help, positional=True, **rule)})
+def argument(help: str, default: Any = ..., **rule: Any) -> Any:
+    """A positional argument."""
+    return option(default, help, positional=True, **rule)
 
 
 # Paths: a field declares by ``read=`` whether the command reads or writes there, so that no output replaces an input.
@@ -122,7 +125,7 @@ class OptionError(CalibrationError):
 
 
 class Record:
-    """A record of options whose fields are checked when it is made; ``require`` is for what several fields decide together."""
+    """A record of options whose fields are checked when it is made; ``expect`` is for what several fields decide together."""
 
     #: begins the flags of all its fields
     PREFIX = ""
@@ -131,7 +134,7 @@ class Record:
         """Check each field by what it declares."""
         check(self)
 
-    def require(self, fine: bool, name: str, expected: str) -> None:
+    def expect(self, fine: bool, name: str, expected: str) -> None:
         """Raise OptionError for a field unless it is fine."""
         if not fine:
             raise OptionError.of(name, getattr(self, name), expected)
@@ -160,11 +163,6 @@ def flag(kind: Any, name: str) -> str:
 
 def _kind(each: Field[Any]) -> str:
     return str(each.type).removesuffix(" | None")
-
-
-def default_of(each: Field[Any]) -> Any:
-    """The default of a field; MISSING where it is required."""
-    return each.default if each.default_factory is MISSING else each.default_factory()
 
 
 def _one(kind: str, value: Any) -> Any:
@@ -234,7 +232,7 @@ def expected(each: Field[Any], rule: Rule) -> str:
         kinds = kind[6:-1].split(", ")
         words = f"{'a list of' if kinds[-1] == '...' else 'three'} {WORDS.get(kinds[0], ('', 'values'))[1]}"
     else:
-        words = WORDS.get(kind, (kind, ""))[0]
+        words = WORDS.get(kind, (kind, ""))[0] + (f", as {rule.example}" if rule.example else "")
     unit = f" {rule.unit}" if rule.unit else ""
     if rule.above is not None:
         return f"{words} above {rule.above:g}{unit}" + ("" if rule.most is None else f", at most {rule.most:g}{unit}")
@@ -260,10 +258,39 @@ def part(options: Any, kind: type[R], **changes: Any) -> R:
     return kind(**{each.name: getattr(options, each.name) for each in fields(kind)} | changes)  # type: ignore[arg-type]
 
 
+def records(choices: Mapping[str, Any], *kinds: type[Any]) -> tuple[Any, ...]:
+    """The record of each kind, of the keywords that are its fields."""
+    return tuple(kind(**{name: choices[name] for name in choices if name in kind.__dataclass_fields__}) for kind in kinds)
+
+
 def given(options: Any, but: tuple[str, ...] = ()) -> list[str]:
     """Flags of the options that differ from their defaults, apart from those of the fields ``but``."""
-    found = ((each, default_of(each)) for each, rule in declared(options) if rule.cli and not rule.positional and each.name not in but)
+    found = ((each, each.default) for each, rule in declared(options) if rule.cli and not rule.positional and each.name not in but)
     return [flag(options, each.name) for each, default in found if getattr(options, each.name) != default]
+
+
+def changed(options: Any) -> dict[str, Any]:
+    """Field -> value of the options that differ from their defaults."""
+    return {each.name: getattr(options, each.name) for each, _ in declared(options) if getattr(options, each.name) != each.default}
+
+
+def typed(options: Any, but: Sequence[str] = (), always: Sequence[str] = ()) -> list[str]:
+    """The words of a command line that gives these options: those that differ from their defaults, apart from ``but``."""
+    words: list[str] = []
+    for each, rule in declared(options):
+        value = getattr(options, each.name)
+        if not rule.cli or each.name in but or (value == each.default and each.name not in always):
+            continue
+        several = value if isinstance(value, tuple) else (value,)
+        texts = [] if isinstance(value, bool) or value == rule.alone else [_text(one) for one in several]
+        commas = isinstance(value, tuple) and rule.read is numbers
+        words += [] if rule.positional else [flag(options, each.name)]
+        words += [",".join(texts)] if commas else texts
+    return words
+
+
+def _text(value: Any) -> str:
+    return repr(value).removesuffix(".0") if isinstance(value, float) else str(value)
 
 
 # The command line
@@ -310,6 +337,12 @@ def _whole_numbers(text: str) -> list[int]:
     return list(map(int, words))
 
 
+def numbers(text: str) -> tuple[float, ...]:
+    """Argument type: numbers, separated by commas."""
+    return tuple(float(word) for word in text.split(","))
+
+
+numbers.__name__ = "list of numbers"
 _number.__name__, _whole.__name__, _filled.__name__ = "number", "whole number", "text"
 #: type of a field -> parser of its text, or of one of its words
 READERS: dict[str, Callable[[str], Any]] = {
@@ -319,6 +352,7 @@ READERS: dict[str, Callable[[str], Any]] = {
     "Path": path_read,
     "tuple[int, ...]": _whole_numbers,
     "tuple[Path, ...]": path_read,
+    "tuple[float, ...]": numbers,
     "tuple[float, float, float]": _number,
 }
 
@@ -343,7 +377,7 @@ def add_arguments(command: argparse.ArgumentParser, kind: Any) -> None:
 
 def _value(each: Field[Any], rule: Rule) -> dict[str, Any]:
     """How argparse reads the value of a field."""
-    kind, required = _kind(each), default_of(each) is MISSING
+    kind, required = _kind(each), each.default is MISSING
     settings: dict[str, Any] = {"type": rule.read or (partial(_words, rule.some) if kind == "tuple[str, ...]" else READERS.get(kind))}
     if shown := metavar(each, rule):
         settings["metavar"] = shown
@@ -359,6 +393,8 @@ def _value(each: Field[Any], rule: Rule) -> dict[str, Any]:
         settings |= {"nargs": "?", "const": rule.alone}
     elif kind == "tuple[float, float, float]" and rule.read is None:
         settings["nargs"] = 3
+    elif rule.several:
+        settings["nargs"] = "+"
     elif rule.repeated:
         settings["action"] = "append"
     elif kind == "tuple[int, ...]":
@@ -387,7 +423,7 @@ def metavar(each: Field[Any], rule: Rule) -> str:
 def help_of(each: Field[Any], rule: Rule) -> str:
     """The meaning of a field with its unit, where that is not its value's name, and its default."""
     unit = "" if not rule.unit or rule.unit.isalpha() else f"{rule.unit}, "
-    default = default_of(each)
+    default = each.default
     plain = isinstance(default, str | int | float) and not isinstance(default, bool) and default != ""
     return f"{unit}{rule.off or rule.help}" + (f" ({default})" if plain else "")
 
@@ -406,16 +442,16 @@ def from_arguments(kind: type[R], args: argparse.Namespace) -> R:
 # Python
 
 
-def _typed(each: Field[Any], rule: Rule) -> str:
-    """The type and the default of a field, as numpydoc writes them."""
-    kind, default = _kind(each), default_of(each)
+def typed_as(each: Field[Any], rule: Rule) -> tuple[str, str]:
+    """The type of a field in words, and its default; the default is empty where it is None or nothing."""
+    kind, default = _kind(each), each.default
     if rule.choices:
         words = "{" + ", ".join(map(repr, rule.choices)) + "}"
     elif kind.startswith("tuple["):
         words = f"tuple of {kind[6:-1].split(', ')[0]}"
     else:
         words = "str or Path" if kind == "Path" else kind
-    return f"{words}, optional" if default in (None, ()) else f"{words}, default {default!r}"
+    return words, "" if default in (None, ()) else repr(default)
 
 
 def parameters(kind: Any, but: Sequence[str] = ()) -> str:
@@ -427,7 +463,8 @@ def parameters(kind: Any, but: Sequence[str] = ()) -> str:
         bounds = f"; {expected(each, rule)}" if (rule.least, rule.most, rule.above) != (None, None, None) else ""
         unit = f"{rule.unit}, " if rule.unit and not bounds else ""
         text = f"{unit}{rule.help}{bounds}"
-        entries.append(f"{each.name} : {_typed(each, rule)}\n    {text[:1].upper()}{text[1:]}.")
+        kind, default = typed_as(each, rule)
+        entries.append(f"{each.name} : {kind}, {f'default {default}' if default else 'optional'}\n    {text[:1].upper()}{text[1:]}.")
     return "\n".join(entries)
 
 
@@ -453,7 +490,7 @@ def keywords(function: Callable[..., Any], kind: Any) -> None:
     own = [each for each in inspect.signature(function).parameters.values() if each.kind is not each.VAR_KEYWORD]
     known = [each.name for each in own]
     more = [
-        inspect.Parameter(each.name, inspect.Parameter.KEYWORD_ONLY, default=default_of(each), annotation=each.type)
+        inspect.Parameter(each.name, inspect.Parameter.KEYWORD_ONLY, default=each.default, annotation=each.type)
         for each, _ in declared(kind)
         if each.name not in known
     ]

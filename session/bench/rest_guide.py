@@ -1,4 +1,4 @@
-"""A rest that is recorded (``record --rest``): nothing is turned, and the operator sees how long is enough.
+"""A rest that is recorded (``noise record``): nothing is turned, and the operator sees how long is enough.
 
 The guide of a rest is driven as the guide of turns is: by samples, in blocks of 0.1 s, by messages about the port and by decisions.  Its
 samples go to ``rest*.csv``.  What they show of the noise so far is estimated elsewhere, by the ``RestFigures`` that are given.

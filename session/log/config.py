@@ -349,7 +349,7 @@ class Accelerometer:
     source: Annotated[str, DERIVED] = "given"
     #: one sigma of each number of it, mg at one g, as a prior; 0.1 without it. It and the next need `matrix` or `bias_mps2`
     sigma_mg: Annotated[float | None, Number(1e-3, 1000)] = None
-    #: whether the stills of this very recording gave it, as `python calibrate.py accelerometer` writes it: then it is no prior beside
+    #: whether the stills of this very recording gave it, as `fit --accelerometer alone` writes it: then it is no prior beside
     #: them, and `fit` estimates it anew
     own_stills: bool | None = None
 

@@ -20,8 +20,9 @@ from session.log.arrays import USUAL_DPS, USUAL_G
 from session.log.config import Sensor
 from session.log.registers import DEFAULT, nearest_name, profile_of, require_profile
 from session.log.samples import Samples, pieces
-from session.replay.dialects import OWN, Answers
+from session.replay.dialects import OWN
 from session.replay.join import LEAST_GRAVITY, Joined, join
+from session.replay.options import Answers
 from session.replay.sources import Source, Sources
 
 #: of a note on a full scale that nobody has stated

@@ -39,8 +39,9 @@ from session.replay.answers import (
     with_unit_by_gravity,
 )
 from session.replay.clock import TOLD
-from session.replay.dialects import AXES, OWN, Answers
+from session.replay.dialects import OWN
 from session.replay.join import Joined, join
+from session.replay.options import AXES, Answers
 from session.replay.sources import Source, Sources
 from session.replay.took import said_took
 

@@ -1,4 +1,4 @@
-"""Dialects of text logs: what a person may say of one, its layout, and the table of known logs.  A new dialect is one row."""
+"""Dialects of text logs: the layout of a file, and the table of known logs.  A new dialect is one row."""
 
 from __future__ import annotations
 
@@ -9,40 +9,10 @@ from dataclasses import dataclass, field, replace
 
 from session.log.layout import Layout
 
-# The options that state what a file does not, and the layout of a file.
+# The layout of a file.
 
 #: what this tool's own log is called, and a table that no dialect knows
 OWN, OTHER = "TinyGC", "other"
-#: the order of the axes as they are
-AXES = "x,y,z"
-
-
-@dataclass(frozen=True)
-class Answers:
-    """Options that state what a log does not: the sensor, units as words of ``units``, full scales, rate, columns, mounting.
-
-    gyro_axes, accel_axes: the log's axes that become x, y, z, such as ``y,-x,z``.  rows, where, lines: the rows that are meant, as in
-    ``session.replay.rows.Wanted``.  packed: the order of registers in a hexadecimal word (``session.replay.forms``).  like: the dialect's
-    name.  topic: of a binary log.  even: whether samples are counted along their stamps (``session.log.stamps.along_line``).
-    """
-
-    odr_hz: float | None = None
-    gyro_fs_dps: float | None = None
-    accel_fs_g: float | None = None
-    time_unit: str | None = None
-    gyro_unit: str | None = None
-    accel_unit: str | None = None
-    columns: str | None = None
-    gyro_axes: str = AXES
-    accel_axes: str = AXES
-    sensor: str | None = None
-    rows: str | None = None
-    where: str | None = None
-    lines: str | None = None
-    packed: str | None = None
-    like: str | None = None
-    topic: str | None = None
-    even: bool = False
 
 
 @dataclass(frozen=True)

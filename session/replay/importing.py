@@ -12,8 +12,9 @@ from session.base.errors import FormatError
 from session.base.texts import letters_of
 from session.replay.binary import registry
 from session.replay.convert import Converted, convert
-from session.replay.dialects import DIALECTS, OWN, Answers
+from session.replay.dialects import DIALECTS, OWN
 from session.replay.forms import EXAMPLES
+from session.replay.options import Answers
 from session.replay.raw import convert_raw, is_raw, refuse_of_logs
 from session.replay.sources import BY_NAMES, head_of
 

@@ -24,7 +24,8 @@ from session.log.config import read_config
 from session.log.logfile import read_log
 from session.log.reader import Reader
 from session.replay.convert import Converted
-from session.replay.dialects import OWN, Answers
+from session.replay.dialects import OWN
+from session.replay.options import Answers
 from session.replay.sources import head_of
 from session.replay.tables import TableReader
 from session.replay.took import said_port

@@ -14,8 +14,9 @@ from session.log.one_sensor import MOST_SENSORS, Form
 from session.log.standard import MOST_NAMES, parse_header, with_degrees
 from session.replay.clock import TOLD, find_clock, holds_intervals
 from session.replay.columns import DELIMITERS, Column, from_columns, split
-from session.replay.dialects import DIALECTS, OTHER, OWN, Answers, Dialect, TableLayout
+from session.replay.dialects import DIALECTS, OTHER, OWN, Dialect, TableLayout
 from session.replay.headings import name_and_unit, refuse_angles, spread, usual_columns
+from session.replay.options import Answers
 from session.replay.rows import FORMAT_WORD, Rows, Wanted, Watch, place_of, refuse_kinds
 from session.replay.suggested import suggested
 

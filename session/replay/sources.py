@@ -26,9 +26,10 @@ from session.log.reader import Piece
 from session.replay.binary import registry
 from session.replay.binary.arrays import Tables
 from session.replay.binary.source import Messages
-from session.replay.dialects import DIALECTS, OTHER, Answers, TableLayout
+from session.replay.dialects import DIALECTS, OTHER, TableLayout
 from session.replay.documents import is_document, unpack_document
 from session.replay.forms import EXAMPLES
+from session.replay.options import Answers
 from session.replay.recognise import CHOICES, NO_TIME, parse_axes
 from session.replay.streams import Stream, Topic
 from session.replay.tables import TableReader

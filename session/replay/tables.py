@@ -14,9 +14,10 @@ from session.log.lines import PIECE_BYTES, Lines
 from session.log.one_sensor import MOST_SENSORS, Form, refuse_turns
 from session.log.reader import HEAD_LINES, Piece, Reader, first_of_content
 from session.log.stamps import COUNTER, DAY_NS, ERA_NS, Unroll
-from session.replay.dialects import Answers, TableLayout
+from session.replay.dialects import TableLayout
 from session.replay.forms import TORN, form_of
 from session.replay.numbers import fault, parse
+from session.replay.options import Answers
 from session.replay.recognise import recognise
 from session.replay.rows import Rows, Wanted, Watch, place_of, sensor_kinds, span_of, sparse
 

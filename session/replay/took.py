@@ -8,8 +8,9 @@ from collections.abc import Sequence
 from session.base.units import NS_PER_S, TIME
 from session.log.config import Sensor
 from session.log.layout import Layout, Triad
-from session.replay.dialects import OTHER, OWN, Answers, TableLayout
+from session.replay.dialects import OTHER, OWN, TableLayout
 from session.replay.join import Joined
+from session.replay.options import Answers
 from session.replay.sources import BY_FILE, Source
 
 

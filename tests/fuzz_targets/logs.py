@@ -13,7 +13,7 @@ from session.log.config import Sensor
 from session.log.logfile import read_log
 from session.log.reader import Piece
 from session.log.rests import read_rest
-from session.replay.dialects import Answers
+from session.replay.options import Answers
 from session.replay.tables import TableReader
 
 SENSOR = Sensor("ASM330LHH", "1", 104.0, 500.0, 4.0)

@@ -12,7 +12,7 @@ from session.base.errors import DataError
 from session.log.config import read_config
 from session.log.folder import read_session
 from session.replay.convert import convert
-from session.replay.dialects import Answers
+from session.replay.options import Answers
 
 FULL = Answers(odr_hz=104.0, gyro_fs_dps=500.0, accel_fs_g=4.0, sensor="ASM330LHH")
 NONE = Answers()

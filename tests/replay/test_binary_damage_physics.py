@@ -267,7 +267,7 @@ BOMBS = {
 
 
 def _answers():
-    from session.replay.dialects import Answers
+    from session.replay.options import Answers
 
     return Answers(odr_hz=100, gyro_fs_dps=500, accel_fs_g=4)
 

@@ -16,7 +16,7 @@ import calibrate
 from session.base.errors import FormatError
 from session.base.units import G
 from session.replay.convert import convert
-from session.replay.dialects import Answers
+from session.replay.options import Answers
 from tinygc import CalibrationError, read_session
 
 FEW = Table().rest(1.2).turn(140, (1, 2, 0.5), 3.0).samples(odr_hz=104)

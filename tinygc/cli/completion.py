@@ -12,7 +12,6 @@ from collections.abc import Iterator
 
 from session.base.options import file_written, folder_written, log_written, path_read
 
-SHELLS = ("bash", "zsh", "fish")
 #: possible names of the program
 NAMES = ("calibrate", "calibrate.py")
 PATHS = (file_written, folder_written, log_written, path_read)
@@ -25,10 +24,11 @@ _calibrate_complete() {{
     for ((i = 1; i < COMP_CWORD; i++)); do
         case ${{COMP_WORDS[i]}} in -*) ;; *) command=${{COMP_WORDS[i]}}; break ;; esac
     done
+    case " {pairs} " in *" $command-${{COMP_WORDS[i+1]}} "*) command="$command ${{COMP_WORDS[i+1]}}" ;; esac
     COMPREPLY=()
     case $command in
 {commands}
-    *)  options="--help --version" words="{names}" ;;
+    *)  options="--help --version --completion" words="{names}" ;;
     esac
     case "$command $previous" in
 {values}
@@ -42,7 +42,7 @@ complete -o default -o bashdefault -F _calibrate_complete {called}
 
 
 def script(shell: str, whole: argparse.ArgumentParser) -> str:
-    """Return the script of a shell among ``SHELLS``."""
+    """Return the script of bash, zsh or fish."""
     if shell == "fish":
         return "\n".join(_fish(whole)) + "\n"
     text = _bash(whole)
@@ -57,10 +57,12 @@ def commands_of(whole: argparse.ArgumentParser) -> dict[str, argparse.ArgumentPa
 
 def _bash(whole: argparse.ArgumentParser) -> str:
     commands, values = [], []
-    for name, command in commands_of(whole).items():
+    known = commands_of(whole)
+    for name, command in known.items():
         flags = [flag for action in command._actions for flag in action.option_strings if flag.startswith("--")]
         words = " ".join(str(choice) for action in command._actions if not action.option_strings for choice in action.choices or ())
-        commands.append(f'    {name}) options="{" ".join(flags)}" words="{words}" ;;')
+        words = " ".join([words, *(other.split()[1] for other in known if other.startswith(f"{name} "))]).strip()
+        commands.append(f'    "{name}") options="{" ".join(flags)}" words="{words}" ;;')
         for action in command._actions:
             if not action.option_strings or action.nargs == 0:
                 continue
@@ -71,8 +73,9 @@ def _bash(whole: argparse.ArgumentParser) -> str:
                 values.append(f"    {cases}) words= ;;")
             elif action.nargs != "?":
                 values.append(f"    {cases}) compopt +o default +o bashdefault 2>/dev/null; return 0 ;;")
-    names = " ".join(commands_of(whole))
-    return _BASH.format(commands="\n".join(commands), values="\n".join(values), names=names, called=" ".join(NAMES))
+    names = " ".join(name for name in known if " " not in name)
+    pairs = " ".join(name.replace(" ", "-") for name in known if " " in name)
+    return _BASH.format(commands="\n".join(commands), values="\n".join(values), names=names, pairs=pairs, called=" ".join(NAMES))
 
 
 def _is_path(action: argparse.Action) -> bool:
@@ -84,9 +87,15 @@ def _fish(whole: argparse.ArgumentParser) -> Iterator[str]:
     for called in NAMES:
         begins = f"complete -c {called}"
         yield f"{begins} -n __fish_use_subcommand -f -l version -d 'print the version'"
+        yield f"{begins} -n __fish_use_subcommand -x -l completion -a 'bash zsh fish' -d 'print what makes a shell complete'"
         for name, command in commands_of(whole).items():
-            yield f"{begins} -n __fish_use_subcommand -f -a {name} -d {shlex.quote(summaries.get(name, ''))}"
-            inside = f"{begins} -n '__fish_seen_subcommand_from {name}'"
+            if " " not in name:
+                yield f"{begins} -n __fish_use_subcommand -f -a {name} -d {shlex.quote(summaries.get(name, ''))}"
+            first, _, second = name.partition(" ")
+            seen = f"__fish_seen_subcommand_from {first}" + (f"; and __fish_seen_subcommand_from {second}" if second else "")
+            inside = f"{begins} -n '{seen}'"
+            if second:
+                yield f"{begins} -n '__fish_seen_subcommand_from {first}' -f -a {second} -d {shlex.quote(summaries.get(name, ''))}"
             for action in command._actions:
                 yield from _fish_action(inside, action)
 

@@ -7,7 +7,6 @@ that ``record`` writes, so that the folder gives the same result everywhere.  Py
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 from dataclasses import dataclass, replace
@@ -53,36 +52,28 @@ def place() -> Path | None:
     return Path(base) / NAME if os.path.isabs(base) else None
 
 
-def take_defaults(args: Any) -> Any:
+def take_defaults(options: Any) -> Any:
     """Return a command's options with those that the command line does not have from the file, and report these.
 
-    Raises FormatError, with file and key, for an invalid file.
+    A record may say by ``takes(known)`` which of its fields do, of the keys of the file.  Raises FormatError, with file and key, for an
+    invalid file.
     """
-    record = not isinstance(args, argparse.Namespace)
-    keys = {each.name: rule.default_key for each, rule in declared(args) if rule.default_key} if record else {}
-    if not record:
-        args.defaults = None
-    takes = (lambda args, known: keys) if keys else getattr(args, "takes_defaults", None)
-    path = None if takes is None else place()
+    keys = {each.name: rule.default_key for each, rule in declared(options) if rule.default_key}
+    path = place() if keys else None
     if path is None or not os.path.lexists(path):
         if path is not None and os.environ.get(ENVIRONMENT):
             raise FormatError(f"{path}: not found; {ENVIRONMENT} names it. Mend that, or leave it empty")
-        return args
+        return options
     known = _read(path)
-    wanted: dict[str, str] = takes(args, known) if takes else {}
-    used = {name: known[key] for name, key in wanted.items() if key in known and getattr(args, name) is None}
+    wanted = options.takes(known) if hasattr(options, "takes") else keys
+    used = {name: known[keys[name]] for name in wanted if keys[name] in known and getattr(options, name) is None}
     if not used:
-        return args
-    values = {wanted[name]: str(value) if isinstance(value, Path) else value for name, value in used.items()}
-    used["defaults"] = Defaults(path, values)
-    if record:
-        args = replace(args, **used)
-    else:
-        vars(args).update(used)
-    if not args.quiet:
+        return options
+    values = {keys[name]: str(value) if isinstance(value, Path) else value for name, value in used.items()}
+    if not options.quiet:
         said = ", ".join(f"{key} = {value}" for key, value in values.items())
         print(f"calibrate: {printable(f'of {path}: {said}')} ({ENVIRONMENT}= leaves it out)", file=sys.stderr)
-    return args
+    return replace(options, **used, defaults=Defaults(path, values))
 
 
 def defaults_json(args: Any) -> dict:

@@ -10,13 +10,17 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
-from session.base import features
 from session.base.errors import CalibrationError
+from session.base.options import folder_written, option, typed
 from session.base.texts import command_line, printable
+from tinygc.cli.arguments import note as note_read
+from tinygc.cli.arguments import stream_header
+from tinygc.cli.options import Command
 
 if TYPE_CHECKING:
     from session.bench.guide import Guide, View
@@ -24,40 +28,8 @@ if TYPE_CHECKING:
     from session.bench.messages import Advice, Progress
     from session.bench.page.server import PageServer
     from session.bench.recorder import Recorder
-    from session.bench.rest_guide import RestGuide
-    from session.log.config import Protocol, Site
+    from session.log.config import Protocol
     from tinygc.planning.coach import Coach
-
-
-# Defaults that ``record`` uses: the port, and the bench's entries in a session.toml that it writes.
-
-PORT, LIKE = {"port": "record.port"}, {"like": "record.like"}
-SITE = {"latitude_deg": "site.latitude_deg", "gravity_mps2": "site.gravity_mps2"}
-DEFAULTS = PORT | LIKE | SITE
-
-
-def takes(args: argparse.Namespace, known: Mapping[str, object]) -> dict[str, str]:
-    """Return destination -> key of the defaults that apply to this recording; known: the keys of the file.
-
-    The folder's own session.toml overrides all but the port; a session.toml given by ``--like`` already contains the site.
-    """
-    if args.out is not None and (args.out / "session.toml").exists():
-        return PORT
-    if args.like is not None:
-        return PORT
-    return PORT | (LIKE if LIKE["like"] in known else SITE)
-
-
-def bench(args: argparse.Namespace) -> Site:
-    """Return the site of the table from these defaults."""
-    from session.log.config import Site
-
-    return Site(args.latitude_deg, args.gravity_mps2)
-
-
-# Views of a recording: a live screen in a terminal, lines elsewhere, and a web page on request.
-
-LOOPBACK = "127.0.0.1:0"
 
 
 def page_address(text: str) -> tuple[str, int]:
@@ -74,8 +46,110 @@ def page_address(text: str) -> tuple[str, int]:
     return str(address), number
 
 
+LOOPBACK = page_address("127.0.0.1:0")
+SHORTEST_CLOSURE_S = 5.0
+
+
+@dataclass(frozen=True)
+class Recording(Command):
+    """Options of every recording, with what one kind has otherwise than another: its guide, its machine, the commands to go on with."""
+
+    #: the command, as it is typed
+    NAME = "record"
+    #: whether a person turns, or a machine, from still to still
+    TURNS = True
+    view: Any = None
+
+    port: str | None = option(
+        None, "such as /dev/ttyACM0 (the only one there is, if it can be the board); list: those there are", default_key="record.port"
+    )
+    baud: int = option(921600, "of a port that has one", least=1)
+    out: Path | None = option(None, "session folder to write (the next free data/sessionN)", metavar="DIR", read=folder_written)
+    resume: bool = option(False, "go on with the recording in --out")
+    note: tuple[Any, ...] = option((), "for [notes] of session.toml, such as operator=…", metavar="KEY=TEXT", read=note_read, repeated=True)
+    like: Path | None = option(
+        None, "take accelerometer, site and protocol from this session.toml", metavar="TOML", default_key="record.like"
+    )
+    sensor: str | None = option(None, "what it is, where the board does not say (see the command sensors)")
+    header: str | None = option(None, "of a text stream that does not send it: t_us,gx_dps,…", metavar="LINE", read=stream_header)
+    odr_hz: float | None = option(
+        None, "data rate: set where the board takes commands, else what it is", unit="Hz", least=0.1, most=50_000, flags=("--odr",)
+    )
+    gyro_fs_dps: float | None = option(None, "full scale, likewise", unit="dps", least=1, most=1e5, flags=("--gyro-fs",))
+    accel_fs_g: float | None = option(None, "full scale, likewise", unit="g", least=0.1, most=1000, flags=("--accel-fs",))
+    mute: bool = option(False, "no bell")
+    latitude_deg: float | None = option(None, "of the site", cli=False, default_key="site.latitude_deg")
+    gravity_mps2: float | None = option(None, "of the site", cli=False, default_key="site.gravity_mps2")
+
+    def takes(self, known: Mapping[str, object]) -> Sequence[str]:
+        """Return the fields that the user's defaults fill in; known: the keys of the file.
+
+        The folder's own session.toml overrides all but the port; a session.toml given by ``--like`` already contains the site.
+        """
+        if self.like is not None or (self.out is not None and (self.out / "session.toml").exists()):
+            return ("port",)
+        return ("port", "like") if "record.like" in known else ("port", "latitude_deg", "gravity_mps2")
+
+    def machine(self, folder: Path, port: str) -> contextlib.AbstractContextManager[Any]:
+        """Return a context with what turns the table, its plan confirmed; None where a person does."""
+        return contextlib.nullcontext()
+
+    def guide(self, machine: Any, protocol: Protocol) -> Guide:
+        """Return the guide of the recording."""
+        raise NotImplementedError
+
+    def coach(self, machine: Any) -> Callable[[Progress], Advice] | None:
+        """Return who says which turn comes next; None without one."""
+        return None
+
+    def next(self, folder: Path) -> tuple[str, ...]:
+        """Return the commands to go on with."""
+        return (command_line("check", folder), command_line("fit", folder))
+
+    def again(self, folder: Path, port: str) -> str:
+        """Return the command that resumes the recording."""
+        but = [*Recording.__dataclass_fields__, "yes", "at_zero", "view"]
+        view = [] if self.view is None else ["--view"]
+        return command_line(*self.NAME.split(), "--resume", "--out", folder, "--port", port, *typed(self, but), *view)
+
+
+@dataclass(frozen=True)
+class Turning(Recording):
+    """Options of a recording of turns."""
+
+    segments: int = option(40, "to be accepted", least=1)
+    stop_at_target: bool = option(False, "stop as soon as every parameter has reached its target sigma")
+    closure: float = option(0.0, "then lead through a closure run with S seconds of turning (60)", unit="s", least=0, most=3600, alone=60.0)
+    coached: bool = option(True, "say which turn is wanted", off="any turn will do", flags=("--no-coach",))
+    view: Any = option(
+        None,
+        "show a page in a browser: the board, where it is wanted, what to do (this computer alone; or HOST:PORT to listen on)",
+        metavar="ADDRESS",
+        read=page_address,
+        alone=LOOPBACK,
+    )
+
+    def __post_init__(self) -> None:
+        """Check each field, and that a closure run is no instant."""
+        super().__post_init__()
+        self.expect(not 0 < self.closure < SHORTEST_CLOSURE_S, "closure", f"a number from {SHORTEST_CLOSURE_S:g} to 3600 s")
+
+    def guide(self, machine: Any, protocol: Protocol) -> Guide:
+        """Return the guide of the turns."""
+        from session.bench.guide import Guide
+
+        return Guide(protocol, self.segments, self.stop_at_target, self.closure)
+
+    def coach(self, machine: Any) -> Callable[[Progress], Advice] | None:
+        """Return the coach."""
+        return coach_of(machine) if self.coached else None
+
+
+# Views of a recording: a live screen in a terminal, lines elsewhere, and a web page on request.
+
+
 @contextlib.contextmanager
-def page_server(args: argparse.Namespace) -> Iterator[PageServer | None]:
+def page_server(args: Recording) -> Iterator[PageServer | None]:
     """Start the page's server if requested.  The page also shows the error that ends a recording."""
     if args.view is None:
         yield None
@@ -95,7 +169,7 @@ def page_server(args: argparse.Namespace) -> Iterator[PageServer | None]:
 
 
 @contextlib.contextmanager
-def views(args: argparse.Namespace, title: str, server: PageServer | None) -> Iterator[tuple[View, Watch | None]]:
+def views(args: Recording, title: str, server: PageServer | None) -> Iterator[tuple[View, Watch | None]]:
     """Yield the view of the recording, a live screen in a terminal and lines elsewhere, and the receiver of its samples."""
     from session.base.console import PlainConsole
     from session.bench.screen import LiveScreen, PlainLines
@@ -111,65 +185,6 @@ def views(args: argparse.Namespace, title: str, server: PageServer | None) -> It
 
         page = PageView(screen, server)
         yield page, page.watch
-
-
-# A rest: its guide, with what the feature of the noise makes of it while it goes on.
-
-KNOWN_TO = 20.0  #: per cent
-
-
-def rest_guide(args: argparse.Namespace, protocol: Protocol) -> RestGuide:
-    """Return the guide of ``--rest``; without the feature it records all the same, and says nothing of the noise."""
-    from session.bench.rest_guide import RestGuide
-
-    figures = features.first("figures of a rest", args.known_to / 100)
-    return RestGuide(protocol, args.rest * 3600 if args.rest else None, figures, args.stop_at_target)
-
-
-def refuse_with_rest(args: argparse.Namespace) -> None:
-    """CalibrationError for options of turns that a rest does not have, and for options of a rest without one."""
-    if args.rest is None:
-        if args.known_to != KNOWN_TO:
-            raise CalibrationError("--known-to says how well the noise of a rest is to be known; add --rest")
-        return
-    turns = {"--closure": args.closure, "--view": args.view}
-    if given := next((name for name, value in turns.items() if value), None):
-        raise CalibrationError(f"{given} is of turns, and with --rest nothing is turned; leave one of them out")
-
-
-# A machine that turns the table.
-
-
-@contextlib.contextmanager
-def turned(args: argparse.Namespace, folder: Path, port: str) -> Iterator[Any]:
-    """Yield the table of ``--table``, its plan confirmed; None where the operator turns.
-
-    What can be refused without it is refused before its port is opened, since --home moves it.
-    """
-    if args.table is None:
-        of_a_table = (args.table_port, args.rates, args.axis)
-        if args.yes or args.home or args.at_zero or any(value is not None for value in of_a_table):
-            raise CalibrationError("--yes, --home, --at-zero, --table-port, --rates and --axis are of a table; add --table FILE")
-        yield None
-        return
-    if args.rest is not None:
-        raise CalibrationError("--table turns, and with --rest nothing is turned; leave one of them out")
-    from session.bench.port import Port
-
-    if (recording := next(features.each("machine of a recording"), None)) is None:
-        raise CalibrationError("record has no option --table")
-    if (words := recording.require_table_of(args.table, folder)) and not args.quiet:
-        print(printable(words), file=sys.stderr)
-    Port(port, args.baud).close()  # DeviceError where there is no board
-    machine = recording.TurnedRecording(args.table, args.table_port, args.home, at_zero=args.at_zero)
-    try:
-        if args.rates is not None:
-            machine.confirmed_rates(args.rates, args.dwell, args.axis, args.yes, args.quiet)
-        else:
-            machine.confirmed(recording.is_raw(folder, args.like), args.segments, args.stop_at_target, args.closure, args.yes, args.quiet)
-        yield machine
-    finally:
-        machine.close()
 
 
 # The recorded data, in lines and as JSON.

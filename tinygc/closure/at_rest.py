@@ -96,5 +96,5 @@ def _warning(where: str, found: NoiseComparison, what: str, file: str, do: str, 
     ratio, low, high = (significant(value, 3) for value in (found.ratio, found.low, found.high))
     p = f"p = {found.p_value:.1g}" if found.p_value > 1e-99 else "p < 1e-99"
     says = f"{what}: {ratio} times that of {file} (95 %: {low} to {high}; {p}){more}"
-    of_file = f"is {file} of this unit, in this range? measure it again with record --rest"
+    of_file = f"is {file} of this unit, in this range? measure it again with noise record"
     return Finding("warning", where, WHAT, says, f"{do}; {of_file}" if found.ratio > 1 else of_file)

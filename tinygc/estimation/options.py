@@ -190,7 +190,7 @@ class FitOptions(Record):
     def __post_init__(self) -> None:
         """Check each field, and that a training as in the paper has a net."""
         super().__post_init__()
-        self.require(not self.as_in_paper or self.by_torch, "methods", f"a net ({', '.join(NETS)}) for as_in_paper to train")
+        self.expect(not self.as_in_paper or self.by_torch, "methods", f"a net ({', '.join(NETS)}) for as_in_paper to train")
 
     @property
     def integrator(self) -> str:

@@ -332,9 +332,7 @@ def rebias_session(
     if given_dps is not None:
         changes["given"] = (-_at_rest(stored, np.asarray(given_dps) * DEG), None)
     if source not in changes:
-        raise SegmentError(
-            f"{session.folder}: no still and no rest to take the bias from; use --bias gravity, or --bias given --bias-dps X,Y,Z"
-        )
+        raise SegmentError(f"{session.folder}: no still and no rest to take the bias from; use source gravity, or given with bias_dps")
     all_models = {"stored": stored} | {name: stored.with_bias_moved(change) for name, (change, _) in changes.items()}
     runs = read_closure_runs(problem)
     angles = {name: _closure(problem, model) for name, model in all_models.items()}

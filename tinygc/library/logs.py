@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from session.base.errors import CalibrationError, DataError, FormatError
+from session.base.errors import CalibrationError, FormatError
 from session.base.questions import QuestionsError
 from session.detect.findings import Finding
 from session.log.folder import Session, read_session
-from session.replay.dialects import Answers
 from session.replay.importing import import_log as import_files
-from tinygc.library.arguments import is_number, public
+from session.replay.options import Answers
+from tinygc.library.arguments import public
 
 Paths = str | PathLike[str] | Sequence[str | PathLike[str]]
 
@@ -119,32 +119,6 @@ def asking_for_keywords() -> Iterator[None]:
         raise QuestionsError(asked.file, asked.dialect, questions) from None
 
 
-#: of an answer that is no number: an example of it; of the others, which are words, none is needed
-EXAMPLES = {
-    "time_unit": "'us'",
-    "gyro_unit": "'dps'",
-    "accel_unit": "'g'",
-    "columns": "'t_us=time,gx_dps=wx,…'",
-    "gyro_axes": "'y,-x,z'",
-    "accel_axes": "'y,-x,z'",
-    "rows": "'IMU' or '7'",
-    "where": "'id=0'",
-    "lines": "'1-2991'",
-    "packed": "'st'",
-}
-
-
-def _answers_of(choices: Mapping[str, Any]) -> Answers:
-    """Return what a log does not tell, checked; DataError for a full scale or rate that is no number above 0, and for other than text."""
-    for name, value in choices.items():
-        number = name in ("odr_hz", "gyro_fs_dps", "accel_fs_g")
-        fine = is_number(value) and value > 0 if number else isinstance(value, bool if name == "even" else str)
-        if value is not None and not fine:
-            expected = "a number above 0" if number else f"text, as {EXAMPLES[name]}" if name in EXAMPLES else "text"
-            raise DataError(f"{name} is {value!r:.60}, expected {expected}")
-    return Answers(**{name: value for name, value in choices.items() if value is not None})
-
-
 def columns_of(columns: Sequence[str] | None) -> tuple[str, ...]:
     """Return what a list of columns, one for each file, says; none where it is left out."""
     return () if columns is None else (columns,) if isinstance(columns, str) else tuple(columns)
@@ -186,9 +160,6 @@ def import_log(
         ``turns.csv`` of a gyroscope alone.
     most_memory : int, optional
         Bytes that reading may take; 1 GB, or 20 times what the files take on the disk.
-    **answers
-        What the log does not say: ``sensor="MPU-6050"``, ``gyro_fs_dps=500``, ``gyro_unit="dps"``, ``odr_hz=100`` and others, as the
-        command's options.
 
     Returns
     -------
@@ -215,7 +186,7 @@ def import_log(
         made = import_files(
             _paths(paths),
             None if out is None else Path(out),
-            _answers_of(answers),
+            Answers(**answers),
             add=add,
             serial=serial,
             columns=columns_of(columns),
@@ -237,8 +208,6 @@ def read_log(paths: Paths, *, columns: Sequence[str] | None = None, **answers: A
         The log; or the gyroscope's and the accelerometer's; or a folder or an archive that holds them.
     columns : str or sequence of str, optional
         Which column is what, ``"t_us=time,gx_dps=wx,…"``; of several files, one for each.
-    **answers
-        What the log does not say, as in ``import_log``.
 
     Returns
     -------
@@ -261,7 +230,7 @@ def read_log(paths: Paths, *, columns: Sequence[str] | None = None, **answers: A
     """
     with asking_for_keywords(), TemporaryDirectory(prefix="read-log-") as folder:
         try:
-            made = import_files(_paths(paths), Path(folder) / "log", _answers_of(answers), columns=columns_of(columns))
+            made = import_files(_paths(paths), Path(folder) / "log", Answers(**answers), columns=columns_of(columns))
             session = read_session(made.folder)
         except CalibrationError as error:
             if folder not in str(error):

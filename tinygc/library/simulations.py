@@ -58,8 +58,6 @@ def simulate(
     effects : mapping, optional
         Effects hidden in the gyroscope: id -> parameters by their JSON names and units
         (``{"gyro.g_sensitivity": {"matrix_dps_per_g": [[…], […], […]]}}``).
-    **choices
-        Single fields of ``SimulationOptions``: ``segments=12``, ``odr_hz=416.0``, ``seed=3``.
 
     Returns
     -------

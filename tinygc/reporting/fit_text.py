@@ -55,7 +55,7 @@ def accelerometer_table(found: AccelerometerFit, title: str) -> Table:
 
 
 def lengths_page(name: str, found: LengthFit, fit: AccelerometerFit) -> Group:
-    """Output of ``calibrate.py accelerometer``."""
+    """Output of ``fit --accelerometer alone``."""
     text = Text(f"{name}: ", "bold")
     before, after = (float(np.std(each)) / MG for each in (found.before, found.after))
     said = f"{len(found.before)} stills in {found.attitudes} attitudes; gravity's spread {before:.2f} mg before, {after:.2f} mg after"

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -117,8 +118,9 @@ def test_fleet_says_of_one_model_what_its_units_are_together(fleet, tmp_path, ca
 
 
 def test_the_command(fleet, tmp_path, capsys):
-    out, html, told = (tmp_path / name for name in ("lot.json", "lot.html", "x.json"))
-    words = ["lot", fleet / "fleet.sqlite", "--model", "ASM330LHH", "--out", out, "--html", html, "--json", told]
+    copy = shutil.copytree(fleet, tmp_path / "fleet")
+    out, html, told = copy / "lot.json", copy / "lot.html", tmp_path / "x.json"
+    words = ["fleet", "--out", copy, "--lot", "ASM330LHH", "--json", told]
     assert calibrate.main([*map(str, words)]) == 0
     assert "ASM330LHH: 19 units, 29 sessions" in capsys.readouterr().out
     assert json.loads(told.read_text(encoding="utf-8")) == json.loads(out.read_text(encoding="utf-8"))
@@ -129,12 +131,12 @@ def test_the_command(fleet, tmp_path, capsys):
     ("words", "says"),
     [
         ([], "sensors of 2 models (ASM330LHH, MPU-9150)"),
-        (["--model", "LSM9DS1"], "no fitted session of a LSM9DS1"),
-        (["--model", "MPU-9150"], "two units or more, got 1"),
+        (["LSM9DS1"], "no fitted session of a LSM9DS1"),
+        (["MPU-9150"], "two units or more, got 1"),
     ],
 )
 def test_a_table_without_a_lot_is_refused_in_one_line(fleet, words, says, capsys):
-    assert calibrate.main(["lot", str(fleet), *words]) == 2
+    assert calibrate.main(["fleet", "--out", str(fleet), "--lot", *words]) == 2
     error = capsys.readouterr().err
     assert says in error
     assert error.count("\n") == 1
@@ -142,12 +144,12 @@ def test_a_table_without_a_lot_is_refused_in_one_line(fleet, words, says, capsys
 
 def test_a_lot_gives_the_commands_numbers(tmp_path):
     written_fleet(tmp_path / "fleet", "ASM330LHH")
-    theirs = command(tmp_path / "l.json", "lot", tmp_path / "fleet", "--out", tmp_path / "theirs.json")
+    theirs = command(tmp_path / "l.json", "fleet", "--out", tmp_path / "fleet", "--lot")
     found = tinygc.lot(tmp_path / "fleet")
     assert json.loads(json.dumps(found.to_json())) == theirs
-    assert found.save(tmp_path / "mine.json").read_bytes() == (tmp_path / "theirs.json").read_bytes()
+    assert found.save(tmp_path / "mine.json").read_bytes() == (tmp_path / "fleet" / "lot.json").read_bytes()
 
 
 def test_the_verdict_stands_though_nobody_reads(tmp_path, monkeypatch):
     written_fleet(tmp_path / "lot", "ASM330LHH", drift=5.0)
-    assert unread(monkeypatch, "lot", str(tmp_path / "lot"), "--strict") == 1
+    assert unread(monkeypatch, "fleet", "--out", str(tmp_path / "lot"), "--lot", "--strict") == 1

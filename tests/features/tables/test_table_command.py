@@ -1,10 +1,11 @@
-"""``table`` and ``record --table`` as commands: what they print, what is refused before anything moves, and a table at a port."""
+"""``table`` and ``table record`` as commands: what they print, what is refused before anything moves, and a table at a port."""
 
 from __future__ import annotations
 
 import json
 import shlex
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,8 +13,7 @@ from formats_page import strangers
 from processes import CALIBRATE, DEVNULL, PIPE, heard, refused, started
 from table_recordings import table_toml
 
-from tinygc.cli.arguments import parser
-from tinygc.cli.commands import record
+from tinygc.cli.arguments import joined, options_of, parser
 from tinygc.features.tables.machines.makes import makes, template
 
 
@@ -101,18 +101,18 @@ def test_a_table_at_a_port(run, table):
 @pytest.mark.parametrize(
     "given",
     [
-        ["--table", "t.toml", "--home", "--stop-at-target", "--segments", "12", "--closure", "30", "--table-port", "p"],
-        ["--rest", "2", "--stop-at-target", "--known-to", "10"],
-        ["--table", "t.toml", "--rates", "10,20", "--dwell", "5", "--axis", "inner"],
+        "table record --table t.toml --home --stop-at-target --segments 12 --closure 30 --table-port p",
+        "noise record --hours 2 --stop-at-target --known-to 10",
+        "rates record --table t.toml --rates 10,20 --dwell 5 --axis inner",
     ],
 )
 def test_the_printed_command_goes_on_with_what_was_asked(given):
     """Without --stop-at-target a machine would go on to the last of its segments."""
-    words = ["record", "--out", "s", "--port", "p", *given]
-    args = parser(words).parse_args(words)
-    again = shlex.split(record._again(args, Path("s"), "p"))
-    again = again[again.index("record") :]
-    assert vars(parser(again).parse_args(again)) == vars(args) | {"resume": True}
+    words = joined([*given.split(), "--out", "s", "--port", "p"])
+    options = options_of(parser(words).parse_args(words))
+    again = shlex.split(options.again(Path("s"), "p"))
+    again = joined(again[again.index(given.split()[0]) :])
+    assert options_of(parser(again).parse_args(again)) == replace(options, resume=True)
 
 
 @pytest.fixture
@@ -125,7 +125,7 @@ def absent(tmp_path):
 
 def test_a_board_that_is_not_there_is_refused_before_the_table_is_opened(run, absent, tmp_path):
     """--home would turn it first."""
-    code, _, err = run("record", "--table", absent, "--home", "--yes", "--port", tmp_path / "board-port", "--out", tmp_path / "s")
+    code, _, err = run("table", "record", "--table", absent, "--home", "--yes", "--port", tmp_path / "board-port", "--out", tmp_path / "s")
     assert (code, err.count("\n")) == (3, 1)
     assert "board-port: cannot be opened" in err
 
@@ -138,5 +138,5 @@ def test_a_recording_of_another_table_is_refused_before_this_one_is_opened(run, 
     folder.mkdir()
     (folder / "raw.bin").write_bytes(b"x")
     (folder / "table.toml").write_text(absent.read_text().replace(old, new, 1))
-    words = ("record", "--resume", "--table", absent, "--home", "--yes", "--port", tmp_path / "board-port", "--out", folder)
+    words = ("table", "record", "--resume", "--table", absent, "--home", "--yes", "--port", tmp_path / "board-port", "--out", folder)
     refused(run(*words), "a session is of one table")

@@ -59,7 +59,7 @@ def test_export_takes_the_only_model_that_there_is(fitted, tmp_path, run):
         ("fit RESTS", "the command temperature"),
         ("temperature EMPTY", "neither a rest log nor a log"),
         ("temperature RESTS OTHER", "sensor.serial is 'SIM-4'"),
-        ("simulate --out EMPTY/s --rest-cycles 1 --rest-warm-c 200", "--rest-cold-c"),
+        ("simulate --out EMPTY/s --rest-cycles 1 --rest-warm-c 200", "--rest-warm-c"),
     ],
 )
 def test_what_is_wrong_is_refused(folder, rests, tmp_path, run, words, says):

@@ -26,6 +26,7 @@ from tinygc.features.unit.verification.causes import Cause, Evidence, beyond_lin
 from tinygc.features.unit.verification.cost import _BOUND, Bound, Cost, bounds, cost_of, effects_deg, left_open
 from tinygc.features.unit.verification.expected import ACCELEROMETER_ZERO, ZERO, Part, Spread, expected_parts, spread_of_unit
 from tinygc.features.unit.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, _variance_and_freedom, read_old, with_bias_moved
+from tinygc.features.unit.verification.options import VerifyOptions as Options
 from tinygc.features.unit.verification.questions import (
     DRAWS,
     GRAVITY,
@@ -44,7 +45,7 @@ from tinygc.features.unit.verification.questions import (
     todays_noise,
 )
 from tinygc.features.unit.verification.rows import CLOSURE, LENGTH, STILL, Rows
-from tinygc.features.unit.verification.verdict import FAILS, HOLDS, UNDECIDED, Options
+from tinygc.features.unit.verification.verdict import FAILS, HOLDS, UNDECIDED
 from tinygc.fitting.compare import Calibrated, SessionTriad
 from tinygc.models.linear import MATRIX, LinearModel
 from tinygc.models.model import accelerometer_table

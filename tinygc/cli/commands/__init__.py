@@ -17,22 +17,16 @@ from session.base import features
 COMMANDS = {
     "demo": "tinygc.cli.commands.demo",
     "sensors": "tinygc.cli.commands.sensors",
-    "ports": "tinygc.cli.commands.ports",
     "board": "tinygc.cli.commands.board",
     "record": "tinygc.cli.commands.record",
     "import": "tinygc.cli.commands.import_",
-    "list": "tinygc.cli.commands.list",
     "check": "tinygc.cli.commands.check",
-    "accelerometer": "tinygc.cli.commands.accelerometer",
     "fit": "tinygc.cli.commands.fit",
     "explain": "tinygc.cli.commands.explain",
     "report": "tinygc.cli.commands.report",
-    "plan": "tinygc.cli.commands.plan",
     "apply": "tinygc.cli.commands.apply",
     "export": "tinygc.cli.commands.export",
-    "compare": "tinygc.cli.commands.compare",
     "simulate": "tinygc.cli.commands.simulate",
-    "completion": "tinygc.cli.commands.completion",
 }
 
 

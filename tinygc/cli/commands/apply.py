@@ -2,37 +2,32 @@
 
 from __future__ import annotations
 
-import argparse
+from dataclasses import dataclass
 from pathlib import Path
 
-from session.base.options import log_written, path_read
-from tinygc.cli.arguments import STANDARD, filled, is_standard_output
+from session.base.options import argument, log_written, option
+from tinygc.cli.arguments import STANDARD, is_standard_output
+from tinygc.cli.options import Command, Force, UsesEffects
 from tinygc.cli.results import beside_log, write_json
 
 SUMMARY = "calibrate the rates and the specific force of a log"
-USES_EFFECTS = True
 
 
-def add_arguments(command: argparse.ArgumentParser) -> None:
-    """Add the command's arguments."""
-    command.add_argument("model", type=path_read, help="model file, or the folder of a session: the model that its fit recommends")
-    command.add_argument(
-        "log", type=path_read, help="a standard log, as in a session folder; -: standard input; of an array's model the array's folder"
+@dataclass(frozen=True)
+class Options(Command, UsesEffects, Force):
+    """Options of ``apply``."""
+
+    model: Path = argument("model file, or the folder of a session: the model that its fit recommends")
+    log: Path = argument("a standard log, as in a session folder; -: standard input; of an array's model the array's folder")
+    out: Path = option(..., "to write (.csv or .csv.gz); -: standard output", metavar="CSV", flags=("-o", "--out"), read=log_written)
+    unit: str = option("rps", "of the rates; rps: rad/s", choices=("rps", "dps"))
+    session: Path | None = option(
+        None, "where session.toml is (beside the log); its [accelerometer] then holds, not the model's", metavar="DIR"
     )
-    command.add_argument(
-        "-o", "--out", type=log_written, required=True, metavar="CSV", help="to write (.csv or .csv.gz); -: standard output"
-    )
-    command.add_argument("--unit", choices=("rps", "dps"), default="rps", help="of the rates (%(default)s: rad/s)")
-    command.add_argument(
-        "--session",
-        type=path_read,
-        metavar="DIR",
-        help="where session.toml is (beside the log); its [accelerometer] then holds, not the model's",
-    )
-    command.add_argument("--which", type=filled, metavar="LOG", help="of an array's folder with several logs: log0002")
+    which: str | None = option(None, "of an array's folder with several logs: log0002", metavar="LOG")
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Options) -> int:
     """Write a log with calibrated rates and specific force."""
     from session.base.errors import CalibrationError
     from tinygc.library.applied import apply

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from session.base import features
 from session.base.errors import CalibrationError
-from session.base.options import file_written, path_read
+from session.base.options import argument, file_written, option
 from session.base.texts import printable
-from tinygc.cli.arguments import accel_full_scale, count, data_rate, gyro_full_scale, is_standard_output, positive, seconds
+from tinygc.cli.arguments import is_standard_output
+from tinygc.cli.options import LONGEST_S, Command, Force, Seed
 from tinygc.cli.results import ended_by_signals, write_json
 
 if TYPE_CHECKING:
@@ -24,61 +24,48 @@ if TYPE_CHECKING:
 SUMMARY = "a virtual board: streams a session through a pseudo-terminal"
 
 
-def add_arguments(command: argparse.ArgumentParser) -> None:
-    """Add the command's arguments."""
-    command.add_argument("folder", type=path_read, nargs="?", help="session folder to stream (a simulated one)")
-    command.add_argument("--rate", type=data_rate, default=416.0, metavar="HZ", help="data rate of the simulated sensor (%(default)g)")
-    command.add_argument("--segments", type=count(1), default=40, help="turns of the simulated session (%(default)s)")
-    command.add_argument(
-        "--closure", type=seconds, default=0.0, metavar="S", help="closure run behind it, s, begun on the index mark (%(default)g: none)"
+@dataclass(frozen=True)
+class Options(Command, Force, Seed):
+    """Options of ``board``."""
+
+    folder: Path | None = argument("session folder to stream (a simulated one)", None)
+    rate: float = option(416.0, "data rate of the simulated sensor", unit="Hz", least=0.1, most=50_000)
+    segments: int = option(40, "turns of the simulated session", least=1)
+    closure: float = option(0.0, "closure run behind it, begun on the index mark; 0: none", unit="s", least=0, most=LONGEST_S)
+    raw_accelerometer: float | None = option(
+        None,
+        "one that nobody has calibrated: bias of so many mg (30), scale 1 %, axes 5 mrad; --config then says nothing of it",
+        unit="mg",
+        above=0,
+        alone=30.0,
     )
-    command.add_argument(
-        "--raw-accelerometer",
-        type=positive,
-        nargs="?",
-        const=30.0,
-        metavar="MG",
-        help="one that nobody has calibrated: bias of so many mg (30), scale 1 %%, axes 5 mrad; --config then says nothing of it",
+    take: int | None = option(
+        None, "which movement of the simulated sensor to stream (the next one that a board at this link has not begun yet)", least=1
     )
-    takes = "which movement of the simulated sensor to stream (the next one that a board at this link has not begun yet)"
-    command.add_argument("--take", type=count(1), metavar="N", help=takes)
-    command.add_argument("--frames", action="store_true", help="send frames instead of text lines")
-    command.add_argument("--physical", action="store_true", help="send text lines in dps, g and degC instead of registers")
-    command.add_argument("--sensor", default="ASM330LHH", metavar="NAME", help="whose registers the simulated one has (%(default)s)")
-    command.add_argument("--gyro-fs", type=gyro_full_scale, default=500.0, metavar="DPS", help="its full scale (%(default)g)")
-    command.add_argument("--accel-fs", type=accel_full_scale, default=4.0, metavar="G", help="its full scale (%(default)g)")
-    command.add_argument("--speed", type=positive, default=1.0, metavar="X", help="so many times faster than real (%(default)g)")
-    command.add_argument("--lead", type=seconds, default=10.0, metavar="S", help="still time before the session (%(default)g)")
-    command.add_argument("--tail", type=seconds, metavar="S", help="still time behind it, then stop (go on for ever)")
-    command.add_argument("--uptime", type=seconds, default=0.0, metavar="S", help="device time at the start (%(default)g)")
-    command.add_argument(
-        "--faults",
-        default="",
-        metavar="NAME=X,…",
-        help="lost, torn, flip: probability; garbage: bytes; reset, unplug: s",
+    frames: bool = option(False, "send frames instead of text lines")
+    physical: bool = option(False, "send text lines in dps, g and degC instead of registers")
+    sensor: str = option("ASM330LHH", "whose registers the simulated one has")
+    gyro_fs: float = option(500.0, "its full scale", unit="dps", least=1, most=1e5)
+    accel_fs: float = option(4.0, "its full scale", unit="g", least=0.1, most=1000)
+    speed: float = option(1.0, "so many times faster than real", above=0)
+    lead: float = option(10.0, "still time before the session", unit="s", least=0, most=LONGEST_S)
+    tail: float | None = option(None, "still time behind it, then stop (go on for ever)", unit="s", least=0, most=LONGEST_S)
+    uptime: float = option(0.0, "device time at the start", unit="s", least=0, most=LONGEST_S)
+    faults: str = option("", "lost, torn, flip: probability; garbage: bytes; reset, unplug: s", metavar="NAME=X,…", read=str)
+    memory: int | None = option(
+        None, "what it holds back while its reader is busy (65536, times --speed if that is above 1)", least=1, metavar="BYTES"
     )
-    command.add_argument(
-        "--memory",
-        type=count(1),
-        metavar="BYTES",
-        help="what it holds back while its reader is busy (65536, times --speed if that is above 1)",
-    )
-    command.add_argument("--link", type=file_written, metavar="PATH", help="name of the port (tinygc-board in the temporary folder)")
-    on_table = "it lies on the virtual table of this table.toml, which has a port of its own, and turns with it"
-    command.add_argument("--table", type=path_read, metavar="FILE", help=on_table)
-    command.add_argument("--table-link", type=file_written, metavar="PATH", help="name of the table's port")
-    command.add_argument("--table-faults", default="", metavar="NAME@S,…", help="what goes wrong with the table (docs/tables.md)")
-    command.add_argument("--table-resets", action="store_true", help="the table restarts when its port is opened, as an Arduino Uno does")
-    command.add_argument("--config", type=file_written, metavar="FILE", help="write the session.toml that belongs to the stream")
+    link: Path | None = option(None, "name of the port (tinygc-board in the temporary folder)", metavar="PATH", read=file_written)
+    config: Path | None = option(None, "write the session.toml that belongs to the stream", read=file_written)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Options) -> int:
     """Run a virtual board until Ctrl-C or the end of ``--tail``, then remove its port's link."""
     with ended_by_signals(ignored_interrupt=True):
         return _board(args)
 
 
-def _board(args: argparse.Namespace) -> int:
+def _board(args: Options) -> int:
     try:
         from tinygc.simulation.terminal import MEMORY_BYTES, Terminal
     except ImportError:
@@ -98,19 +85,12 @@ def _board(args: argparse.Namespace) -> int:
         raise CalibrationError("board: frames hold registers; leave --frames or --physical out")
     if args.folder and args.take:
         raise CalibrationError("board: a folder is streamed as it was recorded; leave --take out")
-    if args.table and (args.folder or args.speed != 1):
-        raise CalibrationError("board: --table is a board of its own, in real time; leave the folder and --speed out")
-    if not args.table and (args.table_link or args.table_faults or args.table_resets):
-        raise CalibrationError("board: --table-link, --table-faults and --table-resets are of a table; add --table FILE")
     faults = LineFaults.parse(args.faults)
     # A faster board needs a larger buffer, because the host is no faster.
     terminal = Terminal(args.link, args.memory or round(MEMORY_BYTES * max(1.0, args.speed)))
     table = None
     try:
-        if args.table:
-            calibrated = not args.raw_accelerometer
-            given = (args.table, args.table_link, _options(args), calibrated, args.table_faults, args.table_resets)
-            table = features.first("table under a virtual board", *given)
+        table = features.first("table under a virtual board", args, _options(args))
         source = table.source if table else _source(args, terminal.name, say)
         if args.config and source.config:
             write_text_whole(args.config, source.config)
@@ -146,17 +126,24 @@ def _board(args: argparse.Namespace) -> int:
     return 0
 
 
-def _options(args: argparse.Namespace) -> SimulationOptions:
+def _options(args: Options) -> SimulationOptions:
     from tinygc.simulation.options import SimulationOptions
 
     odr_hz = int(args.rate) if args.rate == int(args.rate) else args.rate
-    ranges = {"sensor": args.sensor, "gyro_fs_dps": args.gyro_fs, "accel_fs_g": args.accel_fs}
-    options = SimulationOptions(segments=args.segments, closure_s=args.closure, odr_hz=odr_hz, seed=args.seed, **ranges)
+    options = SimulationOptions(
+        segments=args.segments,
+        closure_s=args.closure,
+        seed=args.seed,
+        odr_hz=odr_hz,
+        sensor=args.sensor,
+        gyro_fs_dps=args.gyro_fs,
+        accel_fs_g=args.accel_fs,
+    )
     # A raw accelerometer's scale and axes have typical errors, but the session.toml contains no calibration.
     return replace(options, accel_bias_mg=args.raw_accelerometer) if args.raw_accelerometer else options
 
 
-def _source(args: argparse.Namespace, link: Path, say: Callable[[str], None]) -> BoardSource:
+def _source(args: Options, link: Path, say: Callable[[str], None]) -> BoardSource:
     """Return the sensor's data: the folder's session, or a simulated one that no board at this link has streamed yet."""
     from tinygc.simulation.virtual_board import next_take, recorded, remember, simulated, taken
 

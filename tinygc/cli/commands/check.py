@@ -2,40 +2,48 @@
 
 from __future__ import annotations
 
-import argparse
+from dataclasses import dataclass
+from pathlib import Path
 
 from session.base.errors import CalibrationError
-from session.base.options import folder_written, path_read
+from session.base.names import is_session
+from session.base.options import argument, folder_written, option
 from session.base.records import plain
-from tinygc.cli.options import add_clock_argument
+from tinygc.cli.options import Command, UsesEffects
 from tinygc.cli.results import complain, output, verdict, write_json
 
-SUMMARY = "a first look at a session: units, scales, rates, gaps, axes, stills"
+SUMMARY = "a first look at a session: units, scales, rates, gaps, axes, stills; of a folder of sessions, a list of them"
 
 
-def add_arguments(command: argparse.ArgumentParser) -> None:
-    """Add the command's arguments."""
-    command.add_argument("folder", type=path_read, help="session folder, or an array's")
-    add_clock_argument(command)
-    command.add_argument("--strict", action="store_true", help="exit 1 on warnings")
-    command.add_argument("--all", action="store_true", help="a table of all that was looked at, what is ok included")
-    command.add_argument(
-        "--repair", type=folder_written, metavar="OUT", help="write the corrected copy of a session whose errors have a known cause"
+@dataclass(frozen=True)
+class Options(Command, UsesEffects):
+    """Options of ``check``."""
+
+    folder: Path = argument("session folder, or an array's; or one with sessions, three folders deep (this one)", Path())
+    strict: bool = option(False, "exit 1 on warnings")
+    all: bool = option(False, "a table of all that was looked at, what is ok included")
+    plan: int | None = option(None, "say which movements to record next, so many at most (5)", least=1, alone=5)
+    repair: Path | None = option(
+        None, "write the corrected copy of a session whose errors have a known cause", metavar="OUT", read=folder_written
     )
-    command.add_argument("--cause", type=int, metavar="N", help="with --repair: which of several causes that explain an error alike")
+    cause: int | None = option(None, "with --repair: which of several causes that explain an error alike")
 
 
-def run(args: argparse.Namespace) -> int:
-    """Print a first examination of a session, or write its corrected copy."""
+def run(args: Options) -> int:
+    """Print a first examination of a session, or its plan, or write its corrected copy; of a folder of sessions, list them."""
     if args.repair is not None:
-        return _repair(args)
+        return _repair(args, args.repair)
     if args.cause is not None:
         raise CalibrationError("--cause names one of several causes for --repair; add --repair OUT")
+    if args.plan is not None:
+        return _plan(args, args.plan)
+    if args.folder.is_dir() and not is_session(args.folder) and not any(args.folder.glob("*.csv*")):
+        return _list(args)
     from session.detect.findings import worst
     from tinygc.library.checks import check
     from tinygc.reporting.tables import finding_lines, findings_table, next_line, unit_lines, verdict_line
 
-    findings = check(args.folder, args.clock)
+    findings = check(args.folder)
     console = output(args)
     for line in (verdict_line(findings, with_worst=False), *unit_lines(findings)):  # one line each, for readers by program
         console.print(line, soft_wrap=True)
@@ -52,16 +60,38 @@ def run(args: argparse.Namespace) -> int:
     return 1 if args.strict and worst(findings) == "warning" else 0
 
 
-def _repair(args: argparse.Namespace) -> int:
+def _repair(args: Options, out: Path) -> int:
     """Write the corrected copy of a session, and show what it closes to before and after."""
     from session.detect.repair import repair
     from tinygc.fitting.before_after import closure_of
     from tinygc.reporting.tables import repair_report, verdict_line
 
-    done = repair(args.folder, args.repair, args.cause)
+    done = repair(args.folder, out, args.cause)
     before, after = closure_of(done.source), closure_of(done.folder)
     output(args).print(repair_report(done, before, after))
     verdict(args, verdict_line(list(done.findings)))
     closure = {"before": before.to_json(), "after": after.to_json()}
     write_json(args.json, {**done.to_json(), "closure": closure, "findings": plain(done.findings)})
     return 2 if any(finding.level == "error" for finding in done.findings) else 0
+
+
+def _plan(args: Options, count: int) -> int:
+    """Recommend what to record next."""
+    from tinygc.library.sessions import plan
+
+    found = plan(args.folder, count=count)
+    for line in found.lines:
+        output(args).print(line)
+    write_json(args.json, found.to_json())
+    return 0
+
+
+def _list(args: Options) -> int:
+    """List the sessions of a folder, with the last result of each; one that cannot be read is listed with the reason."""
+    from tinygc.library.known import list_sessions
+    from tinygc.reporting.tables import sessions_table
+
+    sessions = list_sessions(args.folder)
+    output(args).print(sessions_table(args.folder, sessions))
+    write_json(args.json, {"schema": "tinygc-list/1", "sessions": plain(sessions)})
+    return 0

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import argparse
+from dataclasses import dataclass
 from pathlib import Path
 
-from session.base.options import folder_written
+from session.base.options import folder_written, option
+from tinygc.cli.options import Command, Force, Seed
 from tinygc.cli.results import output, print_commands, write_json
 
 SUMMARY = "try the tool: write a simulated session, fit it, compare with its truth"
@@ -13,14 +14,14 @@ SUMMARY = "try the tool: write a simulated session, fit it, compare with its tru
 SEGMENTS, CLOSURE_S, FIRST_SEED = 40, 58.0, 1
 
 
-def add_arguments(command: argparse.ArgumentParser) -> None:
-    """Add the command's arguments."""
-    command.add_argument(
-        "--out", type=folder_written, default=Path("tinygc-demo"), metavar="DIR", help="session folder to write (./tinygc-demo)"
-    )
+@dataclass(frozen=True)
+class Options(Command, Force, Seed):
+    """Options of ``demo``."""
+
+    out: Path = option(Path("tinygc-demo"), "session folder to write (./tinygc-demo)", metavar="DIR", read=folder_written)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Options) -> int:
     """Simulate, save, fit by all methods, and hold the fitted parameters against the true ones."""
     import numpy as np
 

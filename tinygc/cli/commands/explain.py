@@ -2,42 +2,44 @@
 
 from __future__ import annotations
 
-import argparse
 import os
+from dataclasses import dataclass
 from pathlib import Path
 
 from session.base import features
 from session.base.errors import CalibrationError
-from session.base.options import folder_written, path_read
+from session.base.options import argument, folder_written, option
 from session.base.texts import command_line
-from tinygc.cli.options import add_clock_argument, session_of
+from tinygc.cli.options import Command, Seed, UsesEffects
 from tinygc.cli.results import complain, inside, output, print_commands, try_destinations, verdict, write_json
 
 SUMMARY = "say why the recording differs from the simulation, and prove it"
-USES_EFFECTS = True
 #: recordings of the unit that are offered for a check; each takes as long as the first
 MOST_OFFERED = 3
 
 
-def add_arguments(command: argparse.ArgumentParser) -> None:
-    """Add the command's arguments."""
-    command.add_argument("folder", type=path_read, help="session folder")
-    add_clock_argument(command)
-    command.add_argument("--no-earth", action="store_true", help="leave the Earth's rotation in the rates")
-    search = "search for the equation that no catalogue has, write it as an effect file, and prove it (docs/discover.md); takes longer"
-    command.add_argument("--discover", action="store_true", help=search)
-    on = "other recordings of the unit, or a folder of them: each effect is checked there with the size that it has here"
-    command.add_argument("--check-on", type=path_read, nargs="+", metavar="DIR", default=[], help=on)
-    noise = (
-        "noise figures of the unit, measured at rest: the prior of its bias drift (fit/noise.json in the session folder, if it is there)"
+@dataclass(frozen=True)
+class Options(Command, UsesEffects, Seed):
+    """Options of ``explain``."""
+
+    folder: Path = argument("session folder")
+    earth: bool = option(True, "subtract the Earth's rotation from the rates", off="leave the Earth's rotation in the rates")
+    discover: bool = option(
+        False, "search for the equation that no catalogue has, write it as an effect file, and prove it (docs/discover.md); takes longer"
     )
-    command.add_argument("--noise", type=path_read, metavar="FILE", help=noise)
-    command.add_argument("--no-pictures", action="store_true", help="write no picture")
-    command.add_argument("--out", type=folder_written, metavar="DIR", help="where the result goes (explain/ in the session folder)")
-    command.add_argument("--strict", action="store_true", help="exit 1 if there is a mismatch")
+    check_on: tuple[Path, ...] = option(
+        (), "other recordings of the unit, or a folder of them: each effect is checked there with the size that it has here", several=True
+    )
+    noise: Path | None = option(
+        None,
+        "noise figures of the unit, measured at rest: the prior of its bias drift (fit/noise.json in the session folder, if it is there)",
+    )
+    pictures: bool = option(True, "write a picture of each effect", off="write no picture")
+    out: Path | None = option(None, "where the result goes (explain/ in the session folder)", metavar="DIR", read=folder_written)
+    strict: bool = option(False, "exit 1 if there is a mismatch")
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Options) -> int:
     """Explain differences between recording and simulation."""
     if (code := features.first("explanation of a folder", args)) is not None:
         return code
@@ -49,9 +51,9 @@ def run(args: argparse.Namespace) -> int:
         _try_effects((args.out or args.folder / "explain") / "effects")
     with progress_bar(args.quiet) as progress:
         why = explain(
-            session_of(args),
+            args.folder,
             seed=args.seed,
-            use_earth=not args.no_earth,
+            use_earth=args.earth,
             discover=args.discover,
             check_on=args.check_on,
             noise=args.noise,
@@ -82,11 +84,11 @@ def _try_effects(folder: Path) -> None:
         raise CalibrationError(f"{folder}: nothing can be written there, and the laws that are found go there; give --out another folder")
 
 
-def _with_pictures(args: argparse.Namespace) -> bool:
+def _with_pictures(args: Options) -> bool:
     """Whether pictures are wanted and can be drawn; reports where they cannot."""
     from tinygc.reporting.pictures.canvas import has_matplotlib
 
-    if not args.no_pictures and not has_matplotlib():
+    if args.pictures and not has_matplotlib():
         complain("no picture: that needs matplotlib (python -m pip install 'tinygc[plot]')")
         return False
-    return not args.no_pictures
+    return args.pictures

@@ -2,29 +2,31 @@
 
 from __future__ import annotations
 
-import argparse
+from dataclasses import dataclass
+from pathlib import Path
 
-from session.base.options import folder_written, path_read
-from tinygc.cli.arguments import filled
+from session.base.options import argument, folder_written, option
+from tinygc.cli.options import Command, UsesEffects
 from tinygc.cli.results import complain, output, write_json
 from tinygc.deploy import FORMATS, format_named
 
 SUMMARY = "write the calibration for other programs"
-USES_EFFECTS = True
 
 
-def add_arguments(command: argparse.ArgumentParser) -> None:
-    """Add the command's arguments."""
-    command.add_argument("folder", type=path_read, help="session folder that was fitted, or noise.json")
-    command.add_argument("--to", required=True, type=format_named, choices=FORMATS, metavar="FORMAT", help=f"one of {', '.join(FORMATS)}")
-    command.add_argument("--model", type=filled, metavar="NAME", help="method of the fit, or a model file (least_squares)")
-    command.add_argument("--out", type=folder_written, metavar="DIR", help="where the files go (export/ in the session folder)")
-    command.add_argument("--noise", type=path_read, metavar="PATH", help="noise.json of this unit, or its folder (fit/noise.json)")
-    command.add_argument("--inflation", type=filled, metavar="MOTION", help="enlarge noise densities by the factors of this kind of motion")
-    command.add_argument("--anyway", action="store_true", help="export a model that closes held-out segments worse than raw rates, too")
+@dataclass(frozen=True)
+class Options(Command, UsesEffects):
+    """Options of ``export``."""
+
+    folder: Path = argument("session folder that was fitted, or noise.json")
+    to: str = option(..., f"one of {', '.join(FORMATS)}", metavar="FORMAT", read=format_named, choices=tuple(FORMATS))
+    model: str | None = option(None, "method of the fit, or a model file (least_squares)")
+    out: Path | None = option(None, "where the files go (export/ in the session folder)", metavar="DIR", read=folder_written)
+    noise: Path | None = option(None, "noise.json of this unit, or its folder (fit/noise.json)", metavar="PATH")
+    inflation: str | None = option(None, "enlarge noise densities by the factors of this kind of motion", metavar="MOTION")
+    anyway: bool = option(False, "export a model that closes held-out segments worse than raw rates, too")
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Options) -> int:
     """Write a calibration in another program's format."""
     from tinygc.library.reports import exported
 

@@ -6,18 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from session.base import features
-from session.base.errors import CalibrationError
-from session.base.options import argument, folder_written, given, option, part
-from tinygc.cli.arguments import three
+from session.base.options import argument, folder_written, option, part
 from tinygc.cli.defaults import defaults_json, limit_text
 from tinygc.cli.options import Command, UsesEffects
 from tinygc.cli.results import Done, complain, inside, output, run_each, try_destinations, write_json
-from tinygc.estimation.options import BIASES, FitOptions
+from tinygc.estimation.options import ACCELEROMETERS, FitOptions
 
-#: options of a fit that also apply when the bias is re-estimated
-HONOURED = ("exclude", "earth", "bias")
-#: sources of a re-estimated bias of a stored calibration
-OF_DAY = ("start", "gravity", "given")
 SUMMARY = "fit the calibration, compare the methods, print the closure errors"
 
 
@@ -27,15 +21,11 @@ class Options(FitOptions, Command, UsesEffects):
 
     folder: Path = argument("session folder; several are fitted one by one")
     more: tuple[Path, ...] = argument("further folders", ())
-    bias: str = option(
+    accelerometer: str = option(
         "auto",
-        "from the ends of the turns, from the stills around each, or whichever closes held-out segments better (auto); "
-        "with --model, of the day: the first still, gravity over the run, --bias-dps",
-        choices=(*BIASES, *OF_DAY),
-    )
-    model: Path | None = option(None, "a stored calibration, whose bias alone is taken anew (--bias)")
-    bias_dps: tuple[float, ...] | None = option(
-        None, "what the sensor reads at rest, for --bias given", unit="dps", metavar="X,Y,Z", read=three
+        "the accelerometer's calibration: as it is given, fitted, or given as a prior; auto: a prior while it holds, fitted where none is; "
+        "alone: nothing else is fitted, of the stills, and a copy of the session gets it (--out, FOLDER_calibrated)",
+        choices=(*ACCELEROMETERS, "alone"),
     )
     out: Path | None = option(None, "where the models go (fit/ in the session folder)", metavar="DIR", read=folder_written)
     limit: float | None = option(
@@ -60,10 +50,10 @@ def run(args: Options) -> int:
 
 def _fit(args: Options) -> Done:
     """Fit one session, or what a feature takes for a recording of its own."""
+    if args.accelerometer == "alone":
+        return _accelerometer(args)
     if (done := features.first("fit of a folder", args)) is not None:
         return done
-    if args.bias in OF_DAY or args.model or args.bias_dps:
-        return _rebias(args)
     from tinygc.library.fits import fit
     from tinygc.reporting.fit_screen import COLUMNS, files_line, fit_screen, next_line, verdict_text
     from tinygc.reporting.fit_text import fit_report
@@ -94,6 +84,18 @@ def _fit(args: Options) -> Done:
     return _done(code, table, use.method or use.best, decision.word)
 
 
+def _accelerometer(args: Options) -> Done:
+    """Estimate nine parameters of the accelerometer, or as many as the attitudes determine, and write a copy of the session with them."""
+    from tinygc.library.sessions import accelerometer
+
+    found = accelerometer(args.folder)
+    out = args.out or args.folder.resolve().with_name(args.folder.resolve().name + "_calibrated")
+    found.save(out)
+    output(args).print(found.page)
+    output(args).print(f"calibrated copy: {out}", soft_wrap=True)
+    return Done(0, found.to_json(), "the accelerometer alone")
+
+
 def _done(code: int, table: dict, method: str | None, says: str) -> Done:
     """Return the result with the figures of one method."""
     if method is None:
@@ -112,55 +114,3 @@ def _require_known(ids: tuple[str, ...] | None) -> None:
         raise FitError(
             f"--physics: {unknown[0]!r} is no effect; give auto, or of {', '.join(catalogue())}, or its folder with --effects DIR"
         )
-
-
-def _rebias(args: Options) -> Done:
-    """Re-estimate the bias of a stored calibration."""
-    if args.model is None or args.bias not in OF_DAY or (args.bias == "given") != (args.bias_dps is not None):
-        raise CalibrationError(
-            "a bias of the day needs the stored calibration and its source: --model FILE --bias start, or --bias gravity, "
-            "or --bias given --bias-dps X,Y,Z"
-        )
-    if idle := given(part(args, FitOptions, bias="auto"), HONOURED):
-        raise CalibrationError(
-            f"{', '.join(idle)}: of no use with --model and --bias, which fit nothing and take only the bias anew; "
-            f"leave {'it' if len(idle) == 1 else 'them'} out"
-        )
-    from tinygc.fitting.bias_of_day import MODEL
-    from tinygc.library.biases import rebias
-    from tinygc.reporting.terminal import progress_bar
-
-    try_destinations(args.out or inside(args.folder, "fit"), args.json)
-    with progress_bar(args.quiet) as progress:
-        result = rebias(
-            args.folder, args.model, args.bias, bias_dps=args.bias_dps, use_earth=args.earth, exclude=args.exclude, progress=progress
-        )
-    table = result.to_json() | defaults_json(args)
-    folder = result.save(args.out)
-    output(args).print(result.page)
-    output(args).print(f"model: {folder / MODEL}", soft_wrap=True)
-    chosen = f"stored_{args.bias}"
-    only = {
-        "methods": {chosen: table["methods"][chosen]},
-        "closure_runs": [{"file": run["file"], chosen: run[chosen]} for run in table["closure_runs"]],
-    }
-    above = [] if args.limit is None else _above(only, args.limit)
-    if above:
-        complain(f"above {limit_text(args)}: {'; '.join(above)}")
-    return _done(1 if above else 0, table, chosen, f"bias of the day: {args.bias}")
-
-
-def _above(table: dict, limit_deg: float) -> list[str]:
-    """Return the figures of a fit above ``--limit``: the best held-out tilt, and each closure run's best RMSE."""
-    from tinygc.verdict.requirements import simply_accepted
-
-    tilts = {name: method["holdout"]["tilt_rms_deg"] for name, method in table["methods"].items()}
-    figures = [("the best held-out tilt", tilts)]
-    for run in table["closure_runs"]:
-        figures.append((f"{run['file']}'s best RMSE", {name: run[name]["rmse_deg"] for name in tilts if name in run}))
-    said = []
-    for what, by_method in figures:
-        best = min(by_method, key=by_method.__getitem__)
-        if not simply_accepted(by_method[best], (0.0, limit_deg)):
-            said.append(f"{what} is {by_method[best]:.4g} deg ({best})")
-    return said

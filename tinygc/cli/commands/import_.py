@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import argparse
-from dataclasses import replace
+from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from session.base.options import folder_written, path_read
+from session.base.options import argument, folder_written, option, part
 from session.base.records import table_of
+from session.replay.options import GROUP, Answers
 from tinygc.cli.arguments import memory, stream_header
-from tinygc.cli.options import add_log_options, answers_of
+from tinygc.cli.options import Command
 from tinygc.cli.results import output, write_json
 
 if TYPE_CHECKING:
@@ -18,26 +19,38 @@ if TYPE_CHECKING:
 SUMMARY = "make a session folder of any log: a logger's, a telephone's, a robot's, a flight controller's, or a port's raw bytes"
 
 
-def add_arguments(command: argparse.ArgumentParser) -> None:
-    """Add the command's arguments."""
-    command.add_argument(
-        "logs", type=path_read, nargs="*", metavar="LOG", help="the log; or the gyroscope's and the accelerometer's; or raw.bin"
+@dataclass(frozen=True)
+class Options(Answers, Command):
+    """Options of ``import``."""
+
+    logs: tuple[Path, ...] = argument("the log; or the gyroscope's and the accelerometer's; or raw.bin", (), metavar="LOG")
+    out: Path | None = option(None, "session folder to make (named as the log, beside it)", metavar="DIR", read=folder_written)
+    add: str | None = option(None, "add to the session that is there, as a further log or a closure run", choices=("log", "closure"))
+    list: bool = option(False, "list what is read, each with an example line")
+    header: str | None = option(None, "of raw.bin in text that does not hold it: t_us,gx_dps,…", metavar="LINE", read=stream_header)
+    serial: str = option("", "which one it is", metavar="TEXT", read=str)
+    array_by: str | None = option(None, "of several sensors' rows: an array, of each value in this column a unit")
+    turns: Path | None = option(None, "of a gyroscope alone: turns.csv, the known angles of its turns")
+    even: bool = option(
+        False, "count the samples along their stamps, which scatter or are rounded: at one rate, on straight lines between gaps"
     )
-    command.add_argument("--out", type=folder_written, metavar="DIR", help="session folder to make (named as the log, beside it)")
-    command.add_argument("--add", choices=("log", "closure"), help="add to the session that is there, as a further log or a closure run")
-    command.add_argument("--list", action="store_true", help="list what is read, each with an example line")
-    command.add_argument("--header", type=stream_header, metavar="LINE", help="of raw.bin in text that does not hold it: t_us,gx_dps,…")
-    command.add_argument("--serial", default="", metavar="TEXT", help="which one it is")
-    command.add_argument("--array-by", metavar="NAME", help="of several sensors' rows: an array, of each value in this column a unit")
-    command.add_argument("--turns", type=path_read, metavar="FILE", help="of a gyroscope alone: turns.csv, the known angles of its turns")
-    what = "count the samples along their stamps, which scatter or are rounded: at one rate, on straight lines between gaps"
-    command.add_argument("--even", action="store_true", help=what)
-    what = "memory that reading may take, such as 3GB (1GB, or 20 times what the files take on the disk)"
-    command.add_argument("--most-memory", type=memory, metavar="SIZE", help=what)
-    add_log_options(command)
+    most_memory: int | None = option(
+        None,
+        "memory that reading may take, such as 3GB (1GB, or 20 times what the files take on the disk)",
+        metavar="SIZE",
+        read=memory,
+    )
+    columns: tuple[str, ...] = option(  # type: ignore[assignment]  # of one file ``Answers`` has one
+        (),
+        "of any other table: t_us=NAME,gx_dps=NAME,…,az_g=NAME,temp_c=NAME; once for each file",
+        metavar="LIST",
+        repeated=True,
+        read=str,
+        group=GROUP,
+    )
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Options) -> int:
     """Convert a log to a session folder."""
     from session.base.errors import FormatError
     from session.detect.check_samples import HELD
@@ -53,13 +66,17 @@ def run(args: argparse.Namespace) -> int:
         return 0
     if not args.logs:
         raise FormatError("import: no log; give its file, or --list for what is read")
+    if len(args.columns) > len(args.logs):
+        files = f"{len(args.logs)} file{'s' * (len(args.logs) != 1)}"
+        raise FormatError(f"--columns is given {len(args.columns)} times for {files}; give it once for each")
+    one, columns = (args.columns[0], ()) if len(args.columns) == 1 else (None, args.columns)
     made = import_log(
         args.logs,
         args.out,
-        replace(answers_of(args, len(args.logs)), even=args.even),
+        part(args, Answers, columns=one),
         add=args.add,
         serial=args.serial,
-        columns=args.columns if args.columns and len(args.columns) > 1 else (),
+        columns=columns,
         header=args.header,
         array_by=args.array_by,
         turns=args.turns,

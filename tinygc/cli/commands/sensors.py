@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import argparse
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
+from session.base.options import argument
+from tinygc.cli.options import Command
 from tinygc.cli.results import output, write_json
 
 if TYPE_CHECKING:
@@ -22,12 +23,14 @@ FIGURES = {
 }
 
 
-def add_arguments(command: argparse.ArgumentParser) -> None:
-    """Add the command's arguments."""
-    command.add_argument("name", nargs="?", metavar="NAME", help="as in session.toml or --sensor, such as mpu9250 (all)")
+@dataclass(frozen=True)
+class Options(Command):
+    """Options of ``sensors``."""
+
+    name: str | None = argument("as in session.toml or --sensor, such as mpu9250 (all)", None, metavar="NAME")
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Options) -> int:
     """Print one line for each sensor, or several for one."""
     from tinygc.library.known import sensors
 

@@ -5,49 +5,35 @@ Imports nothing heavy at its top, since the core's commands load it for its opti
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from session.base.errors import CalibrationError
-from session.base.options import given, part
+from session.base.options import changed, given, part
 from session.base.texts import command_line
-from tinygc.cli.arguments import add_field_arguments, given_fields
 from tinygc.cli.results import Done, complain, inside, output, print_commands, try_destinations, verdict, write_json
-from tinygc.estimation.options import BIASES, FitOptions
+from tinygc.estimation.options import FitOptions
 from tinygc.features.arrays.names import is_array
+from tinygc.features.arrays.options import ArrayOptions
 
 if TYPE_CHECKING:
     from tinygc.simulation.options import SimulationOptions
 
 #: options of ``fit`` that an array's fit uses
 USED = ("bias", "accelerometer", "earth")
-#: further options of ``fit`` that do not apply to an array
-UNUSED = ("model", "bias_dps")
 
 
-def add_simulate_arguments(command: argparse.ArgumentParser) -> None:
-    """Add the arguments of ``simulate``: a flag for each field of ``ArrayOptions``."""
-    from tinygc.features.arrays.options import ArrayOptions
-    from tinygc.simulation.options import flag
-
-    flags = {flag(name): (name, field) for name, field in ArrayOptions.__dataclass_fields__.items()}
-    add_field_arguments(command.add_argument_group("an array, with --units"), flags)
-
-
-def simulate(args: argparse.Namespace, options: SimulationOptions, chosen: dict) -> int | None:
+def simulate(args: Any, options: SimulationOptions, chosen: dict) -> int | None:
     """Simulate several units on one body; return None if no array option is given."""
-    from tinygc.features.arrays.options import ArrayOptions
+    array: ArrayOptions = args.of_feature(ArrayOptions)
+    if not changed(array):
+        return None
     from tinygc.features.arrays.simulation import simulate_array, write_array
     from tinygc.simulation.write import check_folder
 
-    fields = given_fields(args, ArrayOptions)
-    if not fields:
-        return None
-    array = ArrayOptions(**fields)
     if array.units < 2:
         raise CalibrationError("options of an array, and one unit; add --units N with two or more, or leave them out")
-    if args.rest_cycles or options.stop_sigma_deg:
+    if options.stop_sigma_deg or any(given(each) for each in args.of_features if each is not array):
         raise CalibrationError("--units: an array has neither rest logs nor turns of known angle; simulate them apart")
     check_folder(args.out, args.force)  # fail early
     folder = write_array(simulate_array(options, array), args.out, args.force)
@@ -63,10 +49,8 @@ def fit(args: Any) -> Done | None:
     from tinygc.features.arrays import library
     from tinygc.reporting.terminal import progress_bar
 
-    if args.bias not in BIASES:
-        raise CalibrationError(f"--bias {args.bias}: a bias of the day is one unit's; an array takes --bias auto, ends or stills")
-    idle = [*given(part(args, FitOptions), USED), *(f"--{name.replace('_', '-')}" for name in UNUSED if getattr(args, name, None))]
-    if idle := list(dict.fromkeys(idle)):
+    idle = given(part(args, FitOptions), USED)
+    if idle:
         raise CalibrationError(
             f"{', '.join(idle)}: of no use with {args.folder}, an array, whose units are all fitted by least squares together; "
             f"leave {'it' if len(idle) == 1 else 'them'} out, or give one unit a folder of its own"
@@ -86,7 +70,7 @@ def fit(args: Any) -> Done | None:
     return Done(1 if above else 0, table, f"{len(table['units'])} units")
 
 
-def explain(args: argparse.Namespace) -> int | None:
+def explain(args: Any) -> int | None:
     """Explain each unit by itself and by comparison with the others; None of what is no array."""
     if not is_array(args.folder):
         return None
@@ -102,7 +86,7 @@ def explain(args: argparse.Namespace) -> int | None:
         )
     try_destinations(args.out or inside(args.folder, "explain"), args.json)
     with progress_bar(args.quiet) as progress:
-        found = library.explain(args.folder, seed=args.seed, use_earth=not args.no_earth, check_on=args.check_on, progress=progress)
+        found = library.explain(args.folder, seed=args.seed, use_earth=args.earth, check_on=args.check_on, progress=progress)
     folder = found.save(args.out)
     output(args).print(found.page)
     output(args).print(f"written: {folder}", soft_wrap=True)

@@ -7,7 +7,7 @@ FEATURE = Feature(
     serves={
         "kind of folder": "points:kind_of_folder",
         "line of a list": "points:listed",
-        "options of simulate": "command:add_simulate_arguments",
+        "options of simulate": "options:ArrayOptions",
         "simulation": "command:simulate",
         "fit of a folder": "command:fit",
         "explanation of a folder": "command:explain",

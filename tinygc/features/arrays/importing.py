@@ -12,8 +12,8 @@ from session.base.files import folder_whole, require_empty, write_new
 from session.base.texts import command_line
 from session.detect.findings import Finding
 from session.replay.convert import Converted, convert
-from session.replay.dialects import Answers
 from session.replay.forms import EXAMPLES
+from session.replay.options import Answers
 from session.replay.sources import BY_NAMES
 from session.replay.tables import TableReader
 from tinygc.features.arrays.recording import read_array

@@ -18,6 +18,7 @@ from session.base.results import Array, Keys, Maybe, Number, Text, read_json, re
 from session.log.config import OWN_UNITS, Accelerometer, Sensor
 from tinygc.features.arrays.clocks import UnitClock, UnitPlace
 from tinygc.features.arrays.names import SCHEMA
+from tinygc.features.arrays.options import MOST_UNITS
 from tinygc.models.files import UNITS
 from tinygc.models.linear import LinearModel
 from tinygc.models.model import (
@@ -245,7 +246,7 @@ def instability_covariance(units: tuple[FusedUnit, ...]) -> np.ndarray | None:
 # File of an array's model, ``tinygc-array-model/1`` (docs/formats.md); loading executes nothing.
 
 #: largest number of a unit (session/log/folder.py), and most units
-LARGEST_NUMBER, MOST_UNITS = 9999, 64
+LARGEST_NUMBER = 9999
 
 
 def _rotation(matrix: np.ndarray) -> str:

@@ -14,7 +14,7 @@ from tinygc.features.arrays.names import array_folders, array_size, is_array, is
 
 if TYPE_CHECKING:
     from session.replay.convert import Converted
-    from session.replay.dialects import Answers
+    from session.replay.options import Answers
     from tinygc.features.arrays.apply import ArrayApplied
 
 

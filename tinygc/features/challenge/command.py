@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-import argparse
+from dataclasses import dataclass
+from pathlib import Path
 
-from session.base.options import path_read
-from tinygc.cli.arguments import count
+from session.base.options import option
+from tinygc.cli.options import Command, Seed, UsesEffects
 from tinygc.cli.results import output, try_json, write_json
 
 SUMMARY = "examine explain on sessions that conceal one to three effects, blind"
-USES_EFFECTS = True
 
 
-def add_arguments(command: argparse.ArgumentParser) -> None:
-    """Add the command's own arguments."""
-    command.add_argument("--on", type=path_read, metavar="DIR", help="conceal them in copies of this recording, not in simulated sessions")
-    command.add_argument("--cases", type=count(1), default=20, metavar="N", help="number of sessions (%(default)s)")
+@dataclass(frozen=True)
+class Options(Command, UsesEffects, Seed):
+    """Options of ``challenge``."""
+
+    on: Path | None = option(None, "conceal them in copies of this recording, not in simulated sessions", metavar="DIR")
+    cases: int = option(20, "number of sessions", least=1)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Options) -> int:
     """Run the blind test and print its table."""
     from session.base.records import table_of
     from tinygc.features.challenge.examination import examine, page

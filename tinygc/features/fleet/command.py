@@ -1,36 +1,205 @@
-"""``lot``: statistics of a lot from a fleet's table, and the lot's file for ``fit --lot``."""
+"""``fleet``: check, fit and explain hundreds to hundreds of thousands of sessions, each once."""
 
 from __future__ import annotations
 
-import argparse
+import os
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from io import TextIOWrapper
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from session.base.options import file_written, path_read
-from tinygc.cli.results import output, verdict, write_json
+from session.base.options import argument, file_written, folder_written, option
+from session.base.texts import command_line
+from tinygc.cli.arguments import STANDARD
+from tinygc.cli.options import Command, Force, Seed, UsesEffects
+from tinygc.cli.results import complain, output, print_commands, verdict, write_json
 
-SUMMARY = "statistics of a lot of sensors: mean, spread, drift, units that do not belong"
-
-
-def add_arguments(command: argparse.ArgumentParser) -> None:
-    """Add the command's own arguments."""
-    command.add_argument("table", type=path_read, metavar="FLEET", help="the folder that fleet wrote, or its fleet.sqlite")
-    command.add_argument("--out", type=file_written, metavar="FILE", help="write the lot's file, for fit --lot")
-    command.add_argument("--html", type=file_written, metavar="FILE", help="write a page")
-    command.add_argument("--model", metavar="NAME", help="of a table with several models of sensors, this one")
-    command.add_argument("--strict", action="store_true", help="exit 1 if the lot drifts, or a unit does not belong")
+if TYPE_CHECKING:
+    from tinygc.features.fleet.fleet_run import Tally
 
 
-def run(args: argparse.Namespace) -> int:
-    """Print and write the statistics of a lot."""
-    from tinygc.features.fleet.library import lot
+# Progress of a fleet: done, failed, reused, rate and time left; a bar on a terminal, else a line now and then.
+
+#: s between two updates, on a terminal and elsewhere
+OFTEN_S, SELDOM_S = 0.2, 30.0
+
+
+class Meter:
+    """Progress display as a context; call it with each new tally.  The folders are counted in a thread, so that the first does not wait."""
+
+    def __init__(self, quiet: bool, folders: Callable[[], Iterable[Any]] | None):
+        self._quiet, self._folders = quiet, folders
+        self._found, self._counted, self._ended = 0, False, False
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Meter:
+        from tinygc.reporting.terminal import progress_bar
+
+        self._show = self._stack.enter_context(progress_bar(self._quiet))
+        self._every_s = OFTEN_S if sys.stderr.isatty() else SELDOM_S
+        self._began = self._last = time.monotonic()
+        if self._folders is not None and not self._quiet:
+            threading.Thread(target=self._count, daemon=True).start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._ended = True
+        self._stack.close()
+
+    def __call__(self, tally: Tally) -> None:
+        """Show the tally, at most once per interval."""
+        now = time.monotonic()
+        if now - self._last < self._every_s:
+            return
+        self._last = now
+        self._show(self.words(tally, now - self._began), tally.folders, max(self._found, tally.folders, 1))
+
+    def words(self, tally: Tally, elapsed_s: float) -> str:
+        """Return ``812 done, 1 failed, 90 reused, 7.2/s, 20 min left``; the rate counts computed sessions only."""
+        computed = tally.done + tally.failed
+        rate = computed / elapsed_s if elapsed_s > 0 else 0.0
+        said = f"{tally.done} done, {tally.failed} failed, {tally.reused} reused, {rate:.3g}/s"
+        if self._counted and rate > 0:
+            left_s = max(self._found - tally.folders, 0) / rate
+            size, unit = (1, "s") if left_s < 100 else (60, "min") if left_s < 6000 else (3600, "h")
+            said += f", {left_s / size:.3g} {unit} left"
+        return said
+
+    def _count(self) -> None:
+        try:
+            for _ in self._folders():  # type: ignore[misc]
+                self._found += 1
+                if self._ended:
+                    return
+            self._counted = True
+        except Exception:  # the run meets the same error and reports it
+            return
+
+
+# ``fleet``: check, fit and explain hundreds to hundreds of thousands of sessions, each once, into one table.
+
+SUMMARY = "check, fit and explain thousands of sessions, each once, into one table and one page"
+STEPS = ("check", "fit", "explain")
+MOST_JOBS = 1024
+
+
+@dataclass(frozen=True)
+class Options(Command, UsesEffects, Force, Seed):
+    """Options of ``fleet``."""
+
+    folders: tuple[Path, ...] = argument("where session folders lie, at any depth", (), metavar="DIR")
+    listed: Path | None = option(None, "a list of session folders, one a line (- for standard input)", flags=("--from",))
+    out: Path = option(..., "where fleet.sqlite and fleet.html go; without DIR, renewed", metavar="OUT", read=folder_written)
+    lot: str | None = option(
+        None,
+        "print how the lot of OUT spreads, drifts and repeats, and which units do not belong, and write lot.json, for fit --lot, and "
+        "lot.html; of several models of sensors, of this one",
+        metavar="MODEL",
+        read=str,
+        alone="",
+    )
+    only: tuple[str, ...] = option(STEPS, "do these steps alone", some=STEPS, metavar=",".join(STEPS))
+    jobs: int | None = option(None, "processes (one for each core)", least=1, most=MOST_JOBS)
+    scheduler: str | None = option(None, "compute on the Dask cluster of this scheduler instead (tcp://host:8786)", metavar="ADDRESS")
+    retry: bool = option(False, "compute again what has failed before")
+    earth: bool = option(True, "subtract the Earth's rotation from the rates", off="leave the Earth's rotation in the rates")
+    accelerometer: str = option("auto", "as of fit", choices=("auto", "given", "fit", "prior"))
+    csv: Path | None = option(None, "write the table as CSV, too (- for standard output)", read=file_written)
+    limit: float | None = option(None, "exit 1 if a session fails by this limit, as in fit --limit", unit="deg", above=0)
+    strict: bool = option(False, "exit 1 if a session failed; with --lot, if the lot drifts, or a unit does not belong")
+
+
+def run(args: Options) -> int:
+    """Compute the missing sessions, then print a summary of the table."""
+    from tinygc.features.fleet.library import LOT, PAGE, summed_up
+
+    tally = _computed(args) if args.folders or args.listed is not None else None
+    if args.lot is not None:
+        return _lot(args)
+    found = summed_up(args.out, tally, args.limit)
+    summary, page = found.result, args.out / PAGE
+    _write_csv(args)
+    if found.lot is None and (args.out / LOT).exists():
+        complain(f"{args.out / LOT}: left as it was, and not of this table, whose sensors are of several models or too few for a lot")
+    output(args).print(found.page)
+    output(args).print(f"written: {', '.join(map(str, found.files))}", soft_wrap=True)
+    commands = [command_line("explain", first, "--check-on", *others) for first, others in found.offered]
+    if commands:
+        print_commands(args, "does what is named hold in the unit's other sessions?", *commands)
+    write_json(args.json, found.to_json())
+    failed = summary.failed + summary.died + summary.unreadable
+    if args.limit is not None and summary.missed:
+        fitted = summary.passed + summary.undecided + summary.missed
+        complain(f"FAIL with --limit {args.limit:g} deg: {summary.missed} of {fitted} fitted sessions")
+    if args.strict and failed:
+        complain(f"failed: {failed} of {summary.sessions + summary.unreadable} sessions, listed in {page}")
+    return 1 if (args.limit is not None and summary.missed) or (args.strict and failed) else 0
+
+
+def _lot(args: Options) -> int:
+    """Print and write the statistics of the lot."""
+    from tinygc.features.fleet.library import LOT, LOT_PAGE, lot
     from tinygc.features.fleet.text import headline
 
-    found = lot(args.table, model=args.model)
+    found = lot(args.out, model=args.lot or None)
     report = found.result
     output(args).print(found.page)
     verdict(args, headline(report))
-    if args.out is not None:
-        found.save(args.out)
-    if args.html is not None:
-        found.save_page(args.html)
+    files = [found.save(args.out / LOT), found.save_page(args.out / LOT_PAGE)]
+    output(args).print(f"written: {', '.join(map(str, files))}", soft_wrap=True)
     write_json(args.json, found.to_json())
     return 1 if args.strict and (report.estimate.drifts or report.outliers) else 0
+
+
+def _computed(args: Options):  # type: ignore[no-untyped-def]  # a Tally: its module is heavy
+    """Run the fleet; raises CalibrationError where there is no session at all."""
+    from tinygc.features.fleet.fleet_row import FleetOptions
+    from tinygc.features.fleet.library import compute, no_session
+
+    effects = tuple(os.path.abspath(folder) for folder in args.effects or ())  # a worker may have another working directory
+    options = FleetOptions(args.only, args.seed, args.earth, args.accelerometer, effects)
+    count = None if str(args.listed) == STANDARD else lambda: _folders(args)  # a pipe can be read only once
+    with Meter(args.quiet, count) as meter:
+        tally = compute(_folders(args), args.out, options, jobs=args.jobs, scheduler=args.scheduler, retry=args.retry, progress=meter)
+    if not tally.folders:
+        raise no_session([*args.folders, *([args.listed] if args.listed else [])])
+    return tally
+
+
+def _folders(args: Options) -> Iterator[Path]:
+    """Yield the sessions of the folders, then those of the list."""
+    from session.base.files import open_file
+    from tinygc.features.fleet.fleet_run import listed_folders, session_folders
+
+    yield from session_folders(args.folders)
+    if args.listed is None:
+        return
+    if str(args.listed) == STANDARD:
+        yield from listed_folders(sys.stdin)
+        return
+    with open_file(args.listed) as file:
+        yield from listed_folders(os.fsdecode(line) for line in file)
+
+
+def _write_csv(args: Options) -> None:
+    from session.base.results import whole
+    from tinygc.cli.results import standard_output
+    from tinygc.features.fleet.fleet_summary import write_csv
+    from tinygc.features.fleet.fleet_table import read_table
+
+    if args.csv is None:
+        return
+    with read_table(args.out) as table:
+        if str(args.csv) == STANDARD:
+            with standard_output():
+                write_csv(table, sys.stdout)
+            return
+        with whole(args.csv) as binary:
+            file = TextIOWrapper(binary, encoding="utf-8", newline="")
+            write_csv(table, file)
+            file.detach()

@@ -3,7 +3,7 @@
 from session.base.features import Feature
 
 FEATURE = Feature(
-    commands={"fleet": "fleet_command", "lot": "command"},
+    commands={"fleet": "command"},
     public={"fleet": "library", "lot": "library"},
     serves={
         "options of a fit": "options:LotOptions",

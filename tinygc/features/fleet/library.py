@@ -25,7 +25,7 @@ from tinygc.noise.figures import NoiseFigures
 from tinygc.reporting.terminal import Group
 
 #: in the output folder of a fleet
-TABLE, PAGE, LOT = "fleet.sqlite", "fleet.html", "lot.json"
+TABLE, PAGE, LOT, LOT_PAGE = "fleet.sqlite", "fleet.html", "lot.json", "lot.html"
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -1,4 +1,4 @@
-"""The page of ``calibrate.py lot``: numbers, and units that do not belong."""
+"""The page of ``fleet --lot``: numbers, and units that do not belong."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def _outliers(report: LotReport) -> str:
     return "".join(rows) + (paragraph(f"And {more} more, in the lot's file.", "soft") if more > 0 else "")
 
 
-# The page of ``calibrate.py lot``.
+# The page of ``fleet --lot``.
 
 
 def page(report: LotReport, more: Sequence[Section] = ()) -> str:

@@ -2,40 +2,35 @@
 
 from __future__ import annotations
 
-import argparse
+from dataclasses import dataclass
 from pathlib import Path
 
 from session.base.errors import CalibrationError
-from session.base.options import folder_written, path_read
-from tinygc.cli.arguments import data_rate, seconds
+from session.base.options import argument, folder_written, option
+from tinygc.cli.options import LONGEST_S, Command
 from tinygc.cli.results import output, try_destinations, write_json
 
-NAME = "noise"
+CURVE = "an Allan curve that is there already"
 SUMMARY = "the noise of a sensor at rest, from milliseconds to hours: each term with its sigma, and when the others will be known"
 
 
-def add_arguments(command: argparse.ArgumentParser) -> None:
-    """Add the command's own arguments."""
-    command.add_argument(
-        "logs",
-        type=path_read,
-        nargs="*",
-        metavar="DIR|LOG",
-        help="of one unit: session folders, folders of rest logs, or standard logs",
-    )
-    command.add_argument("--out", type=folder_written, metavar="DIR", help="where noise.json and noise.png go (fit in the first session)")
-    command.add_argument("--sensor", default="", metavar="NAME", help="what the sensor is, such as MPU-9250")
-    command.add_argument("--serial", default="", metavar="TEXT", help="which one it is")
-    command.add_argument("--verbose", action="store_true", help="print every term, and all remarks")
-    command.add_argument("--no-pictures", action="store_true", help="write no picture")
-    curve = command.add_argument_group("an Allan curve that is there already")
-    curve.add_argument("--curve", type=path_read, metavar="FILE", help="columns of tau in s and deviations: 1 or 3 of each sensor")
-    curve.add_argument("--curve-units", metavar="LIST", help="of its deviations, where its header does not say them: m/s2,deg/s")
-    curve.add_argument("--duration", type=seconds, metavar="S", help="how long the recording was that it is from")
-    curve.add_argument("--odr", type=data_rate, metavar="HZ", help="its data rate")
+@dataclass(frozen=True)
+class Options(Command):
+    """Options of ``noise``."""
+
+    logs: tuple[Path, ...] = argument("of one unit: session folders, folders of rest logs, or standard logs", (), metavar="DIR|LOG")
+    out: Path | None = option(None, "where noise.json and noise.png go (fit in the first session)", metavar="DIR", read=folder_written)
+    sensor: str = option("", "what the sensor is, such as MPU-9250", read=str)
+    serial: str = option("", "which one it is", metavar="TEXT", read=str)
+    verbose: bool = option(False, "print every term, and all remarks")
+    pictures: bool = option(True, "draw the picture", off="write no picture")
+    curve: Path | None = option(None, "columns of tau in s and deviations: 1 or 3 of each sensor", group=CURVE)
+    curve_units: str | None = option(None, "of its deviations, where its header does not say them: m/s2,deg/s", metavar="LIST", group=CURVE)
+    duration: float | None = option(None, "how long the recording was that it is from", unit="s", least=0, most=LONGEST_S, group=CURVE)
+    odr: float | None = option(None, "its data rate", unit="Hz", least=0.1, most=50_000, group=CURVE)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Options) -> int:
     """Estimate the noise of one unit, print it, and write noise.json and noise.png."""
     from session.base.names import is_session
     from tinygc.features.noise import library
@@ -56,9 +51,9 @@ def run(args: argparse.Namespace) -> int:
             found = library.noise_of(args.logs, args.sensor, args.serial, progress)
     output(args).print(found.pages(args.verbose))
     if folder is not None:
-        found.save(folder, pictures=not args.no_pictures)
+        found.save(folder, pictures=args.pictures)
         picture = folder / library.PICTURE
-        files = [folder / FILE, *([picture] if picture.exists() and not args.no_pictures else [])]
+        files = [folder / FILE, *([picture] if picture.exists() and args.pictures else [])]
         output(args).print(f"written: {', '.join(map(str, files))}", soft_wrap=True, markup=False)
     elif args.json is None:
         output(args).print("nothing is written; --out DIR keeps noise.json and noise.png", soft_wrap=True)

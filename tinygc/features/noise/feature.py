@@ -3,7 +3,6 @@
 from session.base.features import Feature
 
 FEATURE = Feature(
-    commands={"noise": "command"},
+    commands={"noise": "command", "noise record": "record_command"},
     public={"estimate_noise": "library"},
-    serves={"figures of a rest": "live:LiveNoise", "command for a rest": "command:NAME"},
 )

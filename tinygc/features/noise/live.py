@@ -1,4 +1,4 @@
-"""How long a rest is enough, while it is recorded (``record --rest``): ``session.bench.rest_guide.RestFigures`` over the estimate.
+"""How long a rest is enough, while it is recorded (``noise record``): ``session.bench.rest_guide.RestFigures`` over the estimate.
 
 The estimate runs in a thread of its own, on a copy of the sums, since a recording must not wait for it.  It is repeated each minute at
 first, then whenever the rest is a tenth longer, and never takes more than a tenth of the time.

@@ -7,15 +7,19 @@ one thread serves both.
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from session.base.errors import CalibrationError
+from session.base.options import given
 from session.bench.clocks import HostClock
 from session.log.written import toml_text
 from tinygc.features.tables.machines.description import read_description
 from tinygc.features.tables.machines.mechanics import TableErrors
 from tinygc.features.tables.machines.virtual import VirtualTable
 from tinygc.features.tables.machines.virtual_motion import Fault
+from tinygc.features.tables.options import TableOptions
 from tinygc.features.tables.sensor_on_table import motion_on
 from tinygc.features.tables.virtual_line import TableLine
 from tinygc.simulation.options import SimulationOptions
@@ -35,6 +39,18 @@ class TableClock(HostClock):
         """Answer the table's host, then wait."""
         self._line.answer()
         super().sleep(seconds)
+
+
+def table_under(args: Any, options: SimulationOptions) -> TableUnderBoard | None:
+    """The table of ``board --table``; None without one.  Raises CalibrationError for options that do not go with it."""
+    table: TableOptions = args.of_feature(TableOptions)
+    if table.file is None:
+        if others := given(table):
+            raise CalibrationError(f"board: {', '.join(others)}: of a table; add --table FILE")
+        return None
+    if args.folder or args.speed != 1:
+        raise CalibrationError("board: --table is a board of its own, in real time; leave the folder and --speed out")
+    return TableUnderBoard(table.file, table.link, options, not args.raw_accelerometer, table.faults, table.resets)
 
 
 class TableUnderBoard:

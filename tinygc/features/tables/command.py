@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from session.base.errors import CalibrationError
-from session.base.options import file_written, path_read
+from session.base.options import argument, file_written, option
 from session.base.texts import command_line, printable
 from session.base.units import DEG
-from tinygc.cli.arguments import is_standard_output, positive
+from tinygc.cli.arguments import is_standard_output
+from tinygc.cli.options import Command, Seed
 from tinygc.cli.results import ended_by_signals, output, write_json
 
 if TYPE_CHECKING:
@@ -42,31 +43,42 @@ TELL_S = 1.0
 SCHEMA = "tinygc-table-command/1"
 
 
-def add_arguments(command: argparse.ArgumentParser) -> None:
-    """Add the command's arguments."""
-    actions = "; ".join(f"{' '.join(filter(None, (name, words)))}: {what}" for name, (words, what) in ACTIONS.items())
-    command.add_argument("action", choices=tuple(ACTIONS), metavar="ACTION", help=actions)
-    command.add_argument("words", nargs="*", metavar="WORD", help="of the action, as above; then, if you like, FILE")
-    command.add_argument("--table", type=path_read, metavar="FILE", help="its description (table.toml)")
-    command.add_argument("--axes", type=int, choices=(1, 2, 3), default=1, metavar="N", help="of new: one to three (%(default)s)")
-    command.add_argument("--rate", type=positive, metavar="DPS", help=f"of turn ({RATE_DPS:g}, or as fast as the axis can if that is less)")
-    command.add_argument("--home", action="store_true", help="search the reference marks first: boards that restart when a port is opened")
-    zero = "every axis stands at its zero, where you turned it by hand: boards without marks that restart when a port is opened"
-    command.add_argument("--at-zero", action="store_true", help=zero)
-    command.add_argument("--yes", action="store_true", help="the plan is confirmed: do not ask")
-    virtual = command.add_argument_group("a virtual table")
-    virtual.add_argument("--link", type=file_written, metavar="PATH", help="name of its port (tinygc-table in the temporary folder)")
-    virtual.add_argument(
-        "--faults", default="", metavar="NAME@S,…", help="what goes wrong, and when: estop@20, stall@move2 (docs/tables.md)"
+VIRTUAL = "a virtual table"
+
+
+@dataclass(frozen=True)
+class Options(Command, Seed):
+    """Options of ``table``."""
+
+    action: str = argument(
+        "; ".join(f"{' '.join(filter(None, (name, words)))}: {what}" for name, (words, what) in ACTIONS.items()),
+        choices=tuple(ACTIONS),
+        metavar="ACTION",
     )
-    virtual.add_argument("--resets", action="store_true", help="it restarts when its port is opened, as an Arduino Uno does")
+    words: tuple[str, ...] = argument("of the action, as above; then, if you like, FILE", (), metavar="WORD", read=str)
+    table: Path | None = option(None, "its description (table.toml)")
+    axes: int = option(1, "of new: one to three", least=1, most=3)
+    rate: float | None = option(None, f"of turn ({RATE_DPS:g}, or as fast as the axis can if that is less)", unit="dps", above=0)
+    home: bool = option(False, "search the reference marks first: boards that restart when a port is opened")
+    at_zero: bool = option(
+        False,
+        "every axis stands at its zero, where you turned it by hand: boards without marks that restart when a port is opened",
+    )
+    yes: bool = option(False, "the plan is confirmed: do not ask")
+    link: Path | None = option(
+        None, "name of its port (tinygc-table in the temporary folder)", metavar="PATH", read=file_written, group=VIRTUAL
+    )
+    faults: str = option(
+        "", "what goes wrong, and when: estop@20, stall@move2 (docs/tables.md)", metavar="NAME@S,…", read=str, group=VIRTUAL
+    )
+    resets: bool = option(False, "it restarts when its port is opened, as an Arduino Uno does", group=VIRTUAL)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Options) -> int:
     """Do one action."""
     words = ACTIONS[args.action][0].split()
     if len(args.words) == len(words) + 1 and args.words[-1].endswith(".toml") and args.table is None and args.action not in ("list", "new"):
-        args.table = Path(args.words.pop())
+        args = replace(args, table=Path(args.words[-1]), words=args.words[:-1])
     if len(args.words) != len(words):
         given = f"; it has {len(args.words)} words" if args.words else ""
         raise CalibrationError(f"table {args.action}: expected {' '.join((args.action, *words))}{given}")
@@ -87,13 +99,14 @@ def run(args: argparse.Namespace) -> int:
         return 0
     from tinygc.features.tables.machines.description import read_description
 
-    args.table = args.table or Path("table.toml")  # no default: `table new … > table.toml` writes it
+    args = replace(args, table=args.table or Path("table.toml"))  # no default: `table new … > table.toml` writes it
+    assert args.table is not None
     table = read_description(args.table)
     with ended_by_signals(ignored_interrupt=True):
         return {"check": _check, "virtual": _virtual}.get(args.action, _machine)(args, table)
 
 
-def _check(args: argparse.Namespace, table: Description) -> int:
+def _check(args: Options, table: Description) -> int:
     from tinygc.features.tables.machines.makes import MODULES, is_own, make_of
     from tinygc.features.tables.machines.proof import example
 
@@ -104,6 +117,7 @@ def _check(args: argparse.Namespace, table: Description) -> int:
         errs = f"angle within {axis.sigma_rad / DEG:g} deg, play {axis.backlash_rad / DEG:g} deg"
         lines.append(f"  {axis.name} ({axis.word}): about {direction}; {axis.limits}; {most}; {errs}")
     if table.make not in MODULES:
+        assert args.table is not None
         make = make_of(table, args.table.parent)
         lines += [f"sent for {what}: {text}" for what, text in example(table, make)]
         if make.warning:
@@ -123,12 +137,13 @@ def _check(args: argparse.Namespace, table: Description) -> int:
     return 0
 
 
-def _machine(args: argparse.Namespace, table: Description) -> int:
+def _machine(args: Options, table: Description) -> int:
     """What needs the machine."""
     from tinygc.features.tables.machines.makes import open_table
     from tinygc.features.tables.machines.safety import Guarded
 
     moves = _moves(args, table)
+    assert args.table is not None
     machine = open_table(table, args.table.parent, stops=args.action == "stop")
     with Guarded(machine) as guarded:
         if args.at_zero:
@@ -149,7 +164,7 @@ def _machine(args: argparse.Namespace, table: Description) -> int:
     return 0
 
 
-def _moves(args: argparse.Namespace, table: Description) -> list[Move]:
+def _moves(args: Options, table: Description) -> list[Move]:
     """The plan of an action; empty for those that move nothing."""
     from tinygc.features.tables.machines.safety import Move
 
@@ -168,7 +183,7 @@ def _moves(args: argparse.Namespace, table: Description) -> list[Move]:
     return [*first, Move.to(axis, numbers[0] * DEG, rate_rps)]
 
 
-def _move(args: argparse.Namespace, guarded: Guarded, moves: Sequence[Move]) -> None:
+def _move(args: Options, guarded: Guarded, moves: Sequence[Move]) -> None:
     from session.bench.clocks import HostClock
 
     clock, tell = HostClock(), _teller(args)
@@ -192,7 +207,7 @@ def _move(args: argparse.Namespace, guarded: Guarded, moves: Sequence[Move]) -> 
             guarded.stop()
 
 
-def _virtual(args: argparse.Namespace, table: Description) -> int:
+def _virtual(args: Options, table: Description) -> int:
     """Run a virtual table until Ctrl-C."""
     try:
         from tinygc.features.tables.virtual_line import LINK, serve
@@ -220,14 +235,14 @@ def _virtual(args: argparse.Namespace, table: Description) -> int:
     return 0
 
 
-def _confirm(args: argparse.Namespace, question: str) -> bool:
+def _confirm(args: Options, question: str) -> bool:
     """Ask the person at the terminal.  CalibrationError where there is none, or the answer is no."""
     from tinygc.features.tables.machines.safety import ask_person
 
     return args.yes or ask_person(f"{question} [y/N]", f"table {args.action}: not confirmed; nothing was moved")
 
 
-def _teller(args: argparse.Namespace) -> Callable[[str], None]:
+def _teller(args: Options) -> Callable[[str], None]:
     """Prints to standard error; a plan is shown even with --quiet where it is asked about."""
     quiet = args.quiet and args.yes
     return lambda text: None if quiet else print(printable(text), file=sys.stderr, flush=True)
@@ -247,7 +262,7 @@ def _number(text: str) -> float:
     return value
 
 
-def _state(args: argparse.Namespace, table: Description, found: Where | None) -> dict:
+def _state(args: Options, table: Description, found: Where | None) -> dict:
     angles = [None] * len(table.axes) if found is None else [float(angle / DEG) if isfinite(angle) else None for angle in found.angles]
     return {
         "schema": SCHEMA,

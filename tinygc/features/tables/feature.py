@@ -3,11 +3,16 @@
 from session.base.features import Feature
 
 FEATURE = Feature(
-    commands={"table": "command", "rates": "rates.command"},
+    commands={
+        "table": "command",
+        "table record": "record_command",
+        "rates": "rates.command",
+        "rates record": "rates.record_command",
+    },
     public={"estimate_rates": "rates.library"},
     serves={
-        "machine of a recording": "recording",
-        "table under a virtual board": "board:TableUnderBoard",
+        "options of board": "options:TableOptions",
+        "table under a virtual board": "board:table_under",
         "explanation of what turned": "explanation:explain_table",
     },
 )

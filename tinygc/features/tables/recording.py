@@ -1,4 +1,4 @@
-"""``record --table FILE``: the table is opened, its plan is confirmed, and a recording gets its mover and its coach."""
+"""``table record``: the table is opened, its plan is confirmed, and a recording gets its mover and its coach."""
 
 from __future__ import annotations
 

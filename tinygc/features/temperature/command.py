@@ -5,16 +5,15 @@ Imports nothing heavy at its top, because the core's commands load it for its op
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from session.base.errors import CalibrationError
-from session.base.options import argument, folder_written, option
-from tinygc.cli.arguments import add_field_arguments, given_fields
+from session.base.options import argument, changed, folder_written, option
 from tinygc.cli.options import Command, UsesEffects
 from tinygc.cli.results import output, try_destinations, write_json
+from tinygc.features.temperature.options import RestOptions
 
 if TYPE_CHECKING:
     from tinygc.simulation.options import SimulationOptions
@@ -56,26 +55,15 @@ def fit(args: Any) -> None:
         raise CalibrationError(f"{folder}: holds rest logs alone; the command temperature makes a model of them")
 
 
-def add_simulate_arguments(command: argparse.ArgumentParser) -> None:
-    """Add the options of ``simulate``: a flag for each field of ``RestOptions``."""
-    from tinygc.features.temperature.options import RestOptions, rest_flag
-
-    flags = {rest_flag(name): (f"rest_{name}", field) for name, field in RestOptions.__dataclass_fields__.items()}
-    add_field_arguments(command.add_argument_group("a rest log, with --rest-cycles"), flags)
-
-
-def simulate(args: argparse.Namespace, options: SimulationOptions, chosen: dict) -> int | None:
+def simulate(args: Any, options: SimulationOptions, chosen: dict) -> int | None:
     """Simulate a rest log, in which nothing is turned, and return the exit code; None where none is requested."""
-    from tinygc.features.temperature.options import RestOptions
-
-    fields = given_fields(args, RestOptions, "rest_")
-    rest = RestOptions(**fields)
+    rest: RestOptions = args.of_feature(RestOptions)
     if not rest.cycles:
         return None
     from tinygc.features.temperature.rest_simulation import write_rest
 
     folder = write_rest(rest, options, args.out, args.force)
     output(args).print(f"{folder}: a rest log is simulated; the truth is in truth.json, which no command reads", soft_wrap=True)
-    chosen = {f"rest_{name}": value for name, value in fields.items()}
-    write_json(args.json, {"schema": "tinygc-simulate/1", "folder": str(folder), "options": chosen})
+    told = {f"rest_{name}": value for name, value in changed(rest).items()}
+    write_json(args.json, {"schema": "tinygc-simulate/1", "folder": str(folder), "options": told})
     return 0

@@ -10,7 +10,7 @@ FEATURE = Feature(
     serves={
         "zero over temperature": "points",
         "fit of a folder": "command:fit",
-        "options of simulate": "command:add_simulate_arguments",
+        "options of simulate": "options:RestOptions",
         "simulation": "command:simulate",
     },
 )

@@ -14,7 +14,7 @@ from session.base.files import folder_whole, write_new
 from session.base.units import DEG, DEG_PER_HOUR, G
 from session.log.registers import DEFAULT, accel_mps2_per_lsb, gyro_rps_per_lsb
 from session.log.written import toml_text
-from tinygc.features.temperature.options import RestOptions, rest_flag
+from tinygc.features.temperature.options import RestOptions
 from tinygc.simulation.options import MOST_SAMPLES, SimulationOptions
 from tinygc.simulation.sensor import Flicker, RegisterLog, registers_of, white
 from tinygc.simulation.simulator import unit_of
@@ -110,7 +110,7 @@ def write_rest(options: RestOptions, session: SimulationOptions, folder: Path, f
         )
     log, knock_s = simulate_rest(options, session, session.seed)
     truth = {"schema": TRUTH_SCHEMA, "effects": {}, "rest": asdict(options) | {"knock_s": knock_s.tolist()}}
-    given = f"{rest_flag('cycles')} {options.cycles:g} --seed {session.seed}"
+    given = f"--rest-cycles {options.cycles:g} --seed {session.seed}"
     head = f"{SIMULATED}, not recorded: calibrate.py simulate {given} and what truth.json holds besides\n"
     with folder_whole(folder, earlier_in(folder)) as work:
         write_new(work / CONFIG, head + toml_text(config_of(session, unit_of(session), calibrated=False)))

@@ -19,7 +19,7 @@ def fit(args: Any) -> Done | None:
     from tinygc.features.turns.output import MODEL
     from tinygc.reporting.terminal import progress_bar
 
-    more = [name for name, value in (("--model", args.model), ("--bias-dps", args.bias_dps), ("--strict", args.strict)) if value]
+    more = ["--strict"] if args.strict else []
     limit = ["--limit"] if args.limit is not None and args.defaults is None else []
     if idle := [*given(part(args, FitOptions)), *limit, *more]:
         raise CalibrationError(

@@ -17,8 +17,8 @@ from session.log.logfile import NAME, read_known_turns
 from session.log.pace import pace_of
 from session.replay.answers import with_comments
 from session.replay.convert import Converted
-from session.replay.dialects import Answers
 from session.replay.join import rates_of
+from session.replay.options import Answers
 from session.replay.sources import Source, Sources
 from session.replay.took import said_clock, said_program, said_source, said_triad
 from tinygc.features.turns.folder import GyroLog, write_turn_session

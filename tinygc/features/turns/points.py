@@ -11,7 +11,7 @@ from tinygc.features.turns.names import TURNS, is_gyroscope_alone
 
 if TYPE_CHECKING:
     from session.replay.convert import Converted
-    from session.replay.dialects import Answers
+    from session.replay.options import Answers
 
 
 def kind_of_folder(folder: Path) -> str | None:

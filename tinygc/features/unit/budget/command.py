@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from session.base.options import argument, folder_written, option, part
-from tinygc.cli.arguments import LARGEST_SEED, filled
-from tinygc.cli.options import Command
+from tinygc.cli.options import LARGEST_SEED, Command
 from tinygc.cli.results import output, try_destinations, write_json
 from tinygc.estimation.options import FitOptions
 
@@ -28,7 +27,7 @@ class Options(FitOptions, Command):
         (),
         "print the whole table of one quantity: bias_x, scale_factor_error_y, E_xy, attitude_total; may be repeated",
         metavar="NAME",
-        read=filled,
+        read=str,
         repeated=True,
     )
     out: Path | None = option(None, "where budget.json and budget.html go", metavar="DIR", read=folder_written)

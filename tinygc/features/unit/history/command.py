@@ -2,34 +2,60 @@
 
 from __future__ import annotations
 
-import argparse
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
 
-from session.base.options import folder_written, path_read
+from session.base.options import argument, folder_written, option
+from tinygc.cli.options import Command, UsesEffects
 from tinygc.cli.results import output, try_destinations, verdict, write_json
 
 SUMMARY = "one unit over its sessions: scatter between switch-ons, drift a year, shocks, when to calibrate next"
 
 
-def add_arguments(command: argparse.ArgumentParser) -> None:
-    """Add the command's own arguments."""
-    what = "fitted session folders of a unit, folders that hold such, or a fleet's folder"
-    command.add_argument("sessions", type=path_read, nargs="+", metavar="DIR|FLEET", help=what)
-    command.add_argument("--serial", default="", metavar="TEXT", help="only this unit, where there are several")
-    what = "a CSV of session,date, for sessions that do not say their date"
-    command.add_argument("--dates", type=path_read, metavar="FILE", help=what)
-    command.add_argument(
-        "--accuracy", default="", metavar="DEG/S", help="until when the attitude after this time at rest is within this: 1deg/60s"
+def _day(text: str) -> datetime:
+    found = datetime.fromisoformat(text)
+    return found.replace(tzinfo=UTC) if found.tzinfo is None else found
+
+
+_day.__name__ = "date"
+
+
+@dataclass(frozen=True)
+class Options(Command, UsesEffects):
+    """Options of ``history``."""
+
+    sessions: tuple[Path, ...] = argument(
+        "fitted session folders of a unit, folders that hold such, or a fleet's folder", metavar="DIR|FLEET"
     )
-    what = "until when each of these numbers is within a limit of the last calibration: 'bias 50 mdps'; may be repeated"
-    command.add_argument("--require", action="append", default=[], metavar="LIMIT", help=what)
-    command.add_argument("--today", type=_day, metavar="DATE", help="the day to answer for (today)")
-    command.add_argument("--all", action="store_true", help="show the accelerometer's numbers, and the values of each session")
-    command.add_argument("--out", type=folder_written, metavar="DIR", help="where history.json, history.html and history.png go")
-    command.add_argument("--no-pictures", action="store_true", help="write no picture")
+    compare: str | None = option(
+        None,
+        "only whether the calibrations of these sessions agree, exit 1 if not (p < 0.01): E; with bias E and B, of a sensor that was "
+        "never switched off in between",
+        choices=("lasting", "bias"),
+        alone="lasting",
+    )
+    serial: str = option("", "only this unit, where there are several", metavar="TEXT", read=str)
+    dates: Path | None = option(None, "a CSV of session,date, for sessions that do not say their date")
+    accuracy: str = option("", "until when the attitude after this time at rest is within this: 1deg/60s", metavar="DEG/S", read=str)
+    require: tuple[str, ...] = option(
+        (),
+        "until when each of these numbers is within a limit of the last calibration: 'bias 50 mdps'; may be repeated",
+        metavar="LIMIT",
+        read=str,
+        repeated=True,
+    )
+    today: Any = option(None, "the day to answer for (today)", metavar="DATE", read=_day)
+    all: bool = option(False, "show the accelerometer's numbers, and the values of each session")
+    out: Path | None = option(None, "where history.json, history.html and history.png go", metavar="DIR", read=folder_written)
+    pictures: bool = option(True, "draw the picture", off="write no picture")
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Options) -> int:
     """Estimate the history of each unit, print it, and write history.json, history.html and history.png."""
+    if args.compare is not None:
+        return _compare(args)
     from tinygc.features.unit.history.library import history_of_paths, read_dates, requirements_of
     from tinygc.reporting.terminal import progress_bar
 
@@ -41,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
     output(args).print(found.screen(args.all))
     verdict(args, found.verdict_line)
     if args.out is not None:
-        written = found.save(args.out, pictures=not args.no_pictures)
+        written = found.save(args.out, pictures=args.pictures)
         output(args).print(f"written: {', '.join(map(str, written))}", soft_wrap=True, markup=False)
     elif args.json is None:
         output(args).print("nothing is written; --out DIR keeps history.json, history.html and history.png", soft_wrap=True)
@@ -49,11 +75,13 @@ def run(args: argparse.Namespace) -> int:
     return found.exit_code
 
 
-def _day(text: str) -> object:
-    from datetime import UTC, datetime
+def _compare(args: Options) -> int:
+    """Say whether the calibrations of several sessions agree."""
+    from tinygc.fitting.compare import DIFFERS_P
+    from tinygc.library.comparisons import compare
 
-    found = datetime.fromisoformat(text)
-    return found.replace(tzinfo=UTC) if found.tzinfo is None else found
-
-
-_day.__name__ = "date"
+    found = compare(args.sessions, bias=args.compare == "bias")
+    output(args).print(found.page)
+    verdict(args, found.verdict_line)
+    write_json(args.json, found.to_json())
+    return 1 if found.p_value < DIFFERS_P else 0

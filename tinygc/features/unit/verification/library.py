@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,8 +20,9 @@ from session.base.units import DEG
 from session.log.folder import Session, read_session
 from tinygc import models
 from tinygc.features.unit.verification.old import read_old
+from tinygc.features.unit.verification.options import VerifyOptions
 from tinygc.features.unit.verification.text import verdict_line, verification_page
-from tinygc.features.unit.verification.verdict import Options, Verification, verify_session, written_model
+from tinygc.features.unit.verification.verdict import Verification, verify_session, written_model
 from tinygc.library.arguments import Progress, is_path, nothing, public
 from tinygc.library.records import Shown
 from tinygc.reporting.terminal import Group, RenderableType
@@ -146,7 +146,7 @@ def _finite(value: float) -> float | None:
 def verify_of(
     model: Path,
     today: Path | Session,
-    options: Options,
+    options: VerifyOptions,
     progress: Progress = lambda what, done, of: None,
 ) -> Verified:
     """Verify a model file, or that of a fitted folder, by a session folder or a session.
@@ -170,22 +170,8 @@ def verify_of(
     return Verified(verify_session(old, session, options, step), session.name)
 
 
-@public()
-def verify(
-    model: Path | str,
-    today: Any,
-    *,
-    false_alarm: float = 0.05,
-    limit_deg: float = 1.0,
-    history: Sequence[Path | str] = (),
-    lot: Path | str | None = None,
-    switched_on: bool = True,
-    elapsed_s: float | None = None,
-    noise: Path | str | None = None,
-    other_serial: bool = False,
-    earth: bool = True,
-    progress: Progress | None = None,
-) -> Any:
+@public(VerifyOptions)
+def verify(model: Path | str, today: Any, *, progress: Progress | None = None, **choices: Any) -> Any:
     """Say whether a stored calibration still holds, and if not, why, what that costs, and what to do.
 
     Parameters
@@ -194,24 +180,6 @@ def verify(
         A model file, or a fitted session folder.
     today : Session, str or Path
         A session, or its folder: with rests and turns, or a minute at rest.
-    false_alarm : float, optional
-        Probability of any false alarm, over all questions.
-    limit_deg : float, optional
-        Degrees that a minute of use may miss before a change matters.
-    history : sequence of str or Path, optional
-        Two or more other fitted sessions of this unit: they show how it moves between sessions.
-    lot : str or Path, optional
-        File of a production lot that shows it.
-    switched_on : bool, optional
-        Whether the sensor may have been switched off since the calibration.
-    elapsed_s : float, optional
-        How long ago that was, s, where it was not switched off.
-    noise : str or Path, optional
-        Noise figures of the unit, ``noise.json``: its drift in that time.
-    other_serial : bool, optional
-        Whether to go on with a recording of another serial number.
-    earth : bool, optional
-        Whether the Earth's rotation is taken out of the rates.
     progress : callable, optional
         Called with what is done, how far, and of how much.
 
@@ -237,21 +205,7 @@ def verify(
     'holds'
 
     """
-    for name, value, most in (("false_alarm", false_alarm, 1.0), ("limit_deg", limit_deg, 180.0)):
-        if not 0 < value < most:
-            raise CalibrationError(f"verify: {name} is {value:g}, expected a number between 0 and {most:g}")
     if not isinstance(today, Session) and not is_path(today):
         raise CalibrationError(f"today is of type {type(today).__name__}, expected a tinygc.Session or a session folder")
-    options = Options(
-        false_alarm=false_alarm,
-        limit_deg=limit_deg,
-        history=tuple(map(Path, history)),
-        lot=None if lot is None else Path(lot),
-        switched_on=switched_on,
-        elapsed_s=elapsed_s,
-        noise=None if noise is None else Path(noise),
-        other_serial=other_serial,
-        earth=earth,
-    )
     given = today if isinstance(today, Session) else Path(today)
-    return verify_of(Path(model), given, options, progress or nothing)
+    return verify_of(Path(model), given, VerifyOptions(**choices), progress or nothing)

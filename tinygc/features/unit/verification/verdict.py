@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from session.base.numeric import sigmas_in
 from session.base.texts import significant
 from session.base.units import DEG
 from session.log.folder import Session, read_session
-from tinygc.closure.motion import LIMIT_DEG, MINUTE_S
+from tinygc.closure.motion import MINUTE_S
 from tinygc.features.unit.verification.causes import Cause, Diagnosis, Evidence, beyond_linear, candidate_causes, diagnose
 from tinygc.features.unit.verification.cost import (
     Bound,
@@ -29,7 +28,8 @@ from tinygc.features.unit.verification.cost import (
 )
 from tinygc.features.unit.verification.expected import ZERO, Part, expected_parts, spread_of_unit
 from tinygc.features.unit.verification.old import OldCalibration, facts, is_its_own, with_bias_moved
-from tinygc.features.unit.verification.questions import FALSE_ALARM, GRAVITY, NOISE, B, E, Question, TodaysNoise, ask, todays_noise
+from tinygc.features.unit.verification.options import VerifyOptions
+from tinygc.features.unit.verification.questions import GRAVITY, NOISE, B, E, Question, TodaysNoise, ask, todays_noise
 from tinygc.features.unit.verification.rows import Rows, rows_of
 from tinygc.noise.figures import read_figures
 from tinygc.planning.proposals import Proposal
@@ -39,23 +39,6 @@ HOLDS, BIAS, FAILS, UNDECIDED = "holds", "holds for E, take B anew", "does not h
 EXIT = {HOLDS: 0, BIAS: 1, FAILS: 1, UNDECIDED: 5}
 #: in whose way it fails, in words
 OF = {E: "E", B: "the zero", GRAVITY: "the accelerometer", NOISE: "what is left beyond noise"}
-
-
-@dataclass(frozen=True)
-class Options:
-    """What a person may set: probability of a false alarm in total; limit_deg that a minute may miss; fitted sessions of this unit; a lot;
-    whether the sensor was switched off since, and how long ago that was; noise figures of the unit; whether another serial number is
-    accepted; whether the Earth's rate is used."""
-
-    false_alarm: float = FALSE_ALARM
-    limit_deg: float = LIMIT_DEG
-    history: tuple[Path, ...] = ()
-    lot: Path | None = None
-    switched_on: bool = True
-    elapsed_s: float | None = None
-    noise: Path | None = None
-    other_serial: bool = False
-    earth: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +52,7 @@ class Verification:
 
     old: OldCalibration
     rows: Rows
-    options: Options
+    options: VerifyOptions
     answer: str
     headline: str
     questions: tuple[Question, ...]
@@ -106,13 +89,13 @@ class Verification:
 def verify_session(
     old: OldCalibration,
     session: Session,
-    options: Options | None = None,
+    options: VerifyOptions | None = None,
     progress: Callable[[str], None] = lambda what: None,
     temp_then_c: float | None = None,
 ) -> Verification:
     """Verify a calibration by a session; temp_then_c: mean temperature of the old session, where its folder does not say it.  Raises
     DataError for a session of another sensor, unless that is accepted, and the errors of ``rows_of`` and ``spread_of_unit``."""
-    options = options or Options()
+    options = options or VerifyOptions()
     told, other = facts(old, session)
     told += [apart] if (apart := old.clocks_apart(session)) else []
     if other and not options.other_serial:
@@ -218,7 +201,7 @@ def _decide(
     cost: Cost,
     new: str,
     diagnosis: Diagnosis | None,
-    options: Options,
+    options: VerifyOptions,
     turned: bool = True,
 ) -> _Decision:
     """Decide by the questions with a significant change, and the degrees that a minute of use misses by it at most (95 %); new: B anew, in

@@ -2,42 +2,44 @@
 
 from __future__ import annotations
 
-import argparse
+from dataclasses import dataclass
+from pathlib import Path
 
 from session.base.errors import CalibrationError
-from session.base.options import path_read
-from tinygc.cli.arguments import count, duration, filled, is_standard_output, stream_header
+from session.base.options import argument, option
+from tinygc.cli.arguments import duration, is_standard_output, stream_header
+from tinygc.cli.options import Command, UsesEffects
 from tinygc.cli.results import Interruption, complain, output
 
 SUMMARY = "watch a live stream or a log: whether the zero, gravity and the turns still agree with the calibration"
-USES_EFFECTS = True
 EPILOG = (
     "exit code: 0 no alarm, 1 an alarm, 5 no rest to judge, or a zero that is to be taken anew; Ctrl-C ends a watch as the end of "
     "the stream does"
 )
 #: exit code of a watch that could judge nothing
 UNDECIDED = 5
-USUAL = "30d"
 
 
-def add_arguments(command: argparse.ArgumentParser) -> None:
-    """Add the command's arguments."""
-    command.epilog = EPILOG
-    command.add_argument("model", type=path_read, help="model file, or the folder of a session: the model that its fit recommends")
-    command.add_argument("source", type=path_read, help="a standard log, a port, udp:HOST:PORT, or - for standard input")
-    command.add_argument("--follow", action="store_true", help="read a log on while it grows, until Ctrl-C")
-    every = "mean time at rest to a false alarm: 30d, 12h, 90min (%(default)s)"
-    command.add_argument("--false-alarm-every", type=duration, default=USUAL, metavar="TIME", help=every)
-    command.add_argument("--until-alarm", action="store_true", help="end at the first alarm")
-    command.add_argument("--command", type=filled, metavar="CMD", help="run at an alarm, without a shell; its JSON line is at the input")
-    command.add_argument("--noise", type=path_read, metavar="PATH", help="noise.json of this unit, or its folder (beside the model)")
-    command.add_argument("--session", type=path_read, metavar="DIR", help="where session.toml is: place, full scales, accelerometer")
-    command.add_argument("--verbose", action="store_true", help="print each rest and each turn")
-    command.add_argument("--baud", type=count(1), default=921600, help="of a port that has one (%(default)s)")
-    command.add_argument("--header", type=stream_header, metavar="LINE", help="of a text stream that does not send it: t_us,gx_dps,…")
+@dataclass(frozen=True)
+class Options(Command, UsesEffects):
+    """Options of ``watch``."""
+
+    model: Path = argument("model file, or the folder of a session: the model that its fit recommends")
+    source: Path = argument("a standard log, a port, udp:HOST:PORT, or - for standard input")
+    follow: bool = option(False, "read a log on while it grows, until Ctrl-C")
+    false_alarm_every: float = option(
+        30 * 86400.0, "mean time at rest to a false alarm, s, or as 30d, 12h, 90min", metavar="TIME", read=duration, above=0
+    )
+    until_alarm: bool = option(False, "end at the first alarm")
+    command: str | None = option(None, "run at an alarm, without a shell; its JSON line is at the input", metavar="CMD")
+    noise: Path | None = option(None, "noise.json of this unit, or its folder (beside the model)", metavar="PATH")
+    session: Path | None = option(None, "where session.toml is: place, full scales, accelerometer", metavar="DIR")
+    verbose: bool = option(False, "print each rest and each turn")
+    baud: int = option(921600, "of a port that has one", least=1)
+    header: str | None = option(None, "of a text stream that does not send it: t_us,gx_dps,…", metavar="LINE", read=stream_header)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Options) -> int:
     """Watch a source until it ends; print events, write JSON lines, run a command at an alarm."""
     from session.base.results import json_line
     from tinygc.features.unit.watch.alarm_command import AlarmCommand, words_of

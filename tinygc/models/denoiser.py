@@ -10,6 +10,7 @@ import numpy as np
 
 from session.base import rotation
 from session.base.errors import FormatError
+from session.base.records import plain
 from session.base.results import Array, Keys, Number, require
 from tinygc.models.model import FACTOR, BaseModel, Model, Stream
 
@@ -208,15 +209,13 @@ _DENOISED = Keys({"rate_hz": Number(0, 1e6, above=True), "denoiser": _NET, "cali
 
 def to_table(model: DenoisedNet, write: Callable[..., dict]) -> dict:
     """Table of the weights (axis, channel out, channel in, tap), the last tap on the newest sample, taps ``dilation`` samples apart."""
-    net = model.denoiser
-    table: dict[str, Any] = {"window": WINDOW, "dilations": list(DILATIONS)}
-    table |= {name: np.asarray(getattr(net, name)).tolist() for name in SHAPES}
+    table = {"window": WINDOW, "dilations": DILATIONS, **{name: getattr(model.denoiser, name) for name in SHAPES}}
     return {
         "equation": EQUATION,
         "rate_hz": model.rate_hz,
         "delay_s": model.delay_s,
         "calibration": write(model.calibration),
-        "denoiser": table,
+        "denoiser": plain(table),
     }
 
 
@@ -224,7 +223,7 @@ def from_table(table: dict, where: str, read: Callable[..., Any]) -> DenoisedNet
     """Read the model from its table.  Raises FormatError for an invalid table."""
     require(table, _DENOISED, where)
     entries = table["denoiser"]
-    weights = {name: np.asarray(entries[name], dtype=float) for name in SHAPES}
+    weights = {name: each for name, each in _NET.made(entries).items() if name in SHAPES}
     if tuple(entries["dilations"]) != DILATIONS or entries.get("slope", 1) != 1:
         raise FormatError(f"{where}: the denoiser has other dilations than {DILATIONS}, or another slope than 1; fit again")
     denoiser = Denoiser(**weights)

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from session.base import rotation
+from session.base.records import plain
 from session.base.results import Array, Keys, require
 from tinygc.models.linear import PRIOR_SIGMA, LinearModel
 from tinygc.models.model import FACTOR, MATRIX, RATE, BaseModel
@@ -124,14 +125,15 @@ EQUATIONS = {
 
 def to_table(model: Any, write: Callable[..., dict]) -> dict:
     """Table with the equation and the weights by name."""
-    return {"equation": EQUATIONS[model.kind], "weights": {name: np.asarray(getattr(model, name)).tolist() for name in model.SHAPES}}
+    return {"equation": EQUATIONS[model.kind], "weights": plain({name: getattr(model, name) for name in model.SHAPES})}
 
 
 def from_table(table: dict, where: str, read: Callable[..., Any]) -> LinearModel | CalibrationNet:
     """Read the model from its table.  Raises FormatError for an invalid table."""
     cls = CLASSES[table["kind"]]
-    require(table, Keys({"weights": Keys({name: weight(name, shape) for name, shape in cls.SHAPES.items()})}), where)
-    return cls(**{name: np.asarray(table["weights"][name], dtype=float) for name in cls.SHAPES})
+    shape = Keys({"weights": Keys({name: weight(name, shape) for name, shape in cls.SHAPES.items()})})
+    require(table, shape, where)
+    return cls(**shape.made(table)["weights"])
 
 
 def weight(name: str, shape: tuple[int, ...]) -> Array:

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from session.base.errors import CalibrationError, FormatError
+from session.base.records import plain
 from session.base.results import Array, Keys, ListOf, Maybe, Number, Text, require
 from session.log.samples import Samples
 from tinygc.effects import AppliedEffect, Conditions, Effect, EffectError, Movement, effect_of, movement_of
@@ -220,9 +221,9 @@ def to_table(model: PhysicsModel | CarriedNet, write: Callable[..., dict]) -> di
     physics = model.physics if isinstance(model, CarriedNet) else model
     table: dict[str, Any] = {
         "equation": EQUATIONS[model.kind],
-        "linear": {"E": physics.linear.E.tolist(), "B": physics.linear.B.tolist()},
+        "linear": plain({name: getattr(physics.linear, name) for name in LinearModel.SHAPES}),
         "effects": [_claim(claim) for claim in physics.claims],
-        "conditions": {name: value if np.isfinite(value) else None for name, value in asdict(physics.known).items()},
+        "conditions": plain(asdict(physics.known)),
     }
     return table | {"net": write(model.net)} if isinstance(model, CarriedNet) else table
 
@@ -236,7 +237,7 @@ def _claim(claim: AppliedEffect) -> dict:
 def from_table(table: dict, where: str, read: Callable[..., Any]) -> PhysicsModel | CarriedNet:
     """Read the model from its table.  Raises FormatError for an invalid table."""
     require(table, _PHYSICS, where)
-    linear = LinearModel(*(np.asarray(table["linear"][name], dtype=float) for name in LinearModel.SHAPES))
+    linear = LinearModel(**_LINEAR.made(table["linear"]))
     claims = tuple(_read_claim(entry, f"{where}: effects[{i}]") for i, entry in enumerate(table["effects"]))
     known = known_of(table, {name for claim in claims for name in claim.effect.inputs}, where)
     physics = PhysicsModel(linear, claims, known)

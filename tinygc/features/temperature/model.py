@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.polynomial.polynomial import polyval
 
 from session.base.errors import CalibrationError
+from session.base.records import Key, record_of, table_of
 from session.base.results import Array, Keys, require
 from session.log.samples import Samples
 from tinygc.models.linear import LinearModel
@@ -84,11 +85,11 @@ class ThermalModel(BaseModel):
     pointwise: ClassVar[bool] = False
     rates_only: ClassVar[bool] = False
 
-    E_terms: np.ndarray
-    zero_terms: np.ndarray
-    lag_s: np.ndarray
-    reference_c: float
-    range_c: tuple[float, float]
+    E_terms: Annotated[np.ndarray, Array((None, 3, 3), FACTOR, _terms), Key("E")]
+    zero_terms: Annotated[np.ndarray, Array((None, 3), RATE, _terms), Key("zero_rps")]
+    lag_s: Annotated[np.ndarray, Array((3,), SECONDS)]
+    reference_c: Annotated[float, CELSIUS]
+    range_c: Annotated[tuple[float, float], _Range((2,), CELSIUS, _rising)]
 
     @property
     def parameters(self) -> int:
@@ -173,43 +174,26 @@ def _terms(values: np.ndarray) -> str:
     return invertible(values[0]) if values.ndim == 3 else ""
 
 
-def _range(values: np.ndarray) -> str:
+def _rising(values: np.ndarray) -> str:
     return "" if values[0] <= values[1] else "goes down, expected coldest and warmest"
 
 
-_THERMAL = Keys(
-    {
-        "thermal": Keys(
-            {
-                "E": Array((None, 3, 3), FACTOR, _terms),
-                "zero_rps": Array((None, 3), RATE, _terms),
-                "lag_s": Array((3,), SECONDS),
-                "reference_c": CELSIUS,
-                "range_c": Array((2,), CELSIUS, _range),
-            }
-        )
-    }
-)
+class _Range(Array):
+    """Coldest and warmest."""
+
+    def made(self, value: list) -> tuple[float, ...]:
+        """As numbers."""
+        return tuple(map(float, value))
 
 
 def to_table(model: ThermalModel, write: Callable[..., dict]) -> dict:
     """Return equation and coefficients, SI."""
-    return {
-        "equation": EQUATION,
-        "thermal": {
-            "E": model.E_terms.tolist(),
-            "zero_rps": model.zero_terms.tolist(),
-            "lag_s": model.lag_s.tolist(),
-            "reference_c": model.reference_c,
-            "range_c": list(model.range_c),
-        },
-    }
+    return {"equation": EQUATION, "thermal": table_of(model)}
 
 
 def from_table(table: dict, where: str, read: Callable[..., Any]) -> ThermalModel:
     """Return the model.  Raises FormatError for an invalid table."""
-    require(table, _THERMAL, where)
-    part = table["thermal"]
-    E, zero, lag = (np.asarray(part[name], dtype=float) for name in ("E", "zero_rps", "lag_s"))
-    low, high = map(float, part["range_c"])
-    return ThermalModel(E, zero, lag, float(part["reference_c"]), (low, high))
+    shape = Keys({"thermal": record_of(ThermalModel)})
+    require(table, shape, where)
+    found: ThermalModel = shape.made(table)["thermal"]
+    return found

@@ -18,7 +18,7 @@ from tinygc import CalibrationError, SimulationOptions, read_session
 from tinygc.simulation import simulator, write
 from tinygc.simulation.movement import earth_rate_table, hand_plan, motion_of, move, table_to_body
 from tinygc.simulation.options import GYRO_LPF2_HZ, command_line
-from tinygc.simulation.sensor import LowPass, oversampling
+from tinygc.simulation.sensor import Flicker, LowPass, oversampling
 from tinygc.simulation.simulator import simulate_session
 from tinygc.simulation.write import write_session
 
@@ -69,6 +69,15 @@ def test_noise_has_the_stated_density_after_the_low_pass(odr_hz):
     noise = LowPass(GYRO_LPF2_HZ[odr_hz], 0.005, odr_hz, np.random.default_rng(6))(still)
     means = noise.reshape(-1, block, 3).mean(axis=1)
     assert np.sqrt(2 * means.var() * block / odr_hz) == pytest.approx(0.005, rel=0.06)
+
+
+def test_flicker_goes_on_where_its_stretch_ends():
+    """Between two moments it changes as much across the end of a stretch as within one, and is as large behind it."""
+    drawn = [Flicker(1.0, 4.0, np.random.default_rng(seed))(np.array([1.9, 2.2, 3.9, 4.2, 9.0])) for seed in range(300)]
+    early, within, last, beyond, later = np.moveaxis(drawn, 1, 0)
+    assert np.std(beyond - last) == pytest.approx(np.std(within - early), rel=0.1)
+    assert np.std(later) == pytest.approx(np.std(early), rel=0.1)
+    assert np.corrcoef(last.ravel(), beyond.ravel())[0, 1] > 0.9
 
 
 def test_filters_begin_at_rest_and_a_sensor_without_noise_closes():

@@ -129,3 +129,9 @@ def test_no_string_of_the_core_names_a_module_of_a_feature():
 def test_the_bench_side_names_neither_the_estimators_nor_torch():
     for module, text in FILES.items():
         assert module.split(".")[0] != "session" or not re.search(r"^ *(from|import) (torch|tinygc)\b", text, re.M), module
+
+
+def test_nothing_but_import_knows_how_another_programs_log_is_read():
+    """The command and its function, and what a feature makes of such a log."""
+    theirs = {room_of(module) for module, others in graph().items() if any(room_of(other) == "session.replay" for other in others)}
+    assert theirs - {"session.replay"} <= {"tinygc.cli", "tinygc.library", "tinygc.features.arrays", "tinygc.features.turns"}

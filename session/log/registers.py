@@ -148,10 +148,3 @@ def _look_up(profile: Profile, table: Mapping[float, float] | None, full_scale: 
             "correct session.toml, or log physical units (gx_dps, ax_g, …)"
         )
     return table[full_scale]
-
-
-def require_registers(values: np.ndarray, where: str = "") -> None:
-    """Raise FormatError where values (N, …) that are taken for registers have fractions: they are in a unit that nobody named."""
-    if (values % 1).any():
-        units = "--gyro-unit dps, mdps or rad/s, --accel-unit g, mg or m/s2"
-        raise FormatError(f"{where}registers are whole numbers, but the log has fractions; give its unit: {units}")

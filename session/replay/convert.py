@@ -25,7 +25,7 @@ from session.detect.first_look import check_folder
 from session.log.config import Sensor, read_config
 from session.log.logfile import CALIBRATED, read_log
 from session.log.pace import FASTEST_HZ, SLOWEST_HZ, pace_of
-from session.log.registers import profile_of, require_registers
+from session.log.registers import profile_of
 from session.log.stamps import fresh
 from session.log.standard import flags_of
 from session.log.written import LATITUDE_REMOVES, OPTIONAL_SITE
@@ -216,7 +216,9 @@ def _columns(joined: Joined) -> tuple[list[str], list[np.ndarray], list[str]]:
 def _in_our_unit(values: np.ndarray, si: float | None, units: dict[str, float]) -> tuple[str, np.ndarray, str]:
     """The written numbers in the unit of ours that changes them least: not at all, or by a factor."""
     if si is None:
-        require_registers(values)
+        if (values % 1).any():
+            told = "--gyro-unit dps, mdps or rad/s, --accel-unit g, mg or m/s2"
+            raise FormatError(f"registers are whole numbers, but the log has fractions; give its unit: {told}")
         return "", values, "%d"
     for suffix, ours in units.items():
         if ours == si:

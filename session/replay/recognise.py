@@ -280,18 +280,18 @@ def _layout(
             questions.append(Question(NO_TIME, "--odr HZ", "the true data rate"))
     else:
         is_clock = time_column < len(row) and ":" in row[time_column]  # a time of day
-        unit = Unit(1, "clock") if is_clock else _unit("time", time_unit, "--time-unit", name, questions)
+        unit = Unit(1, "clock") if is_clock else unit_of("time", time_unit, "--time-unit", name, questions)
     finer: tuple[tuple[int, int], ...] = () if clock is None or clock.finer is None else (clock.finer,)
     if time_column is not None and not answers.time_unit:
         terms = [columns[key] for key in sorted(columns) if re.fullmatch(r"t\d", key)]
-        finer += tuple((column, int(_unit("time", word, "--columns t=", name, questions).si or 1)) for column, word, _ in terms)
+        finer += tuple((column, int(unit_of("time", word, "--columns t=", name, questions).si or 1)) for column, word, _ in terms)
     told = {"gyro": answers.gyro_unit, "accel": answers.accel_unit}
     triads = {
         kind: _triad(columns, kind, told[kind] or facts.get(f"{kind}_unit"), axes, name, questions)
         for kind, axes in (("gyro", answers.gyro_axes), ("accel", answers.accel_axes))
     }
     temp = columns.get("temp")
-    temp_unit = None if temp is None else _unit("temp", temp[1], "--columns temp_c=", name, questions)
+    temp_unit = None if temp is None else unit_of("temp", temp[1], "--columns temp_c=", name, questions)
     if questions:
         raise QuestionsError(name, called, questions)
     return TableLayout(
@@ -361,7 +361,7 @@ def _triad(columns: dict[str, Column], kind: str, stated: str | None, axes: str,
     units = {entry[1] for entry in found}
     if len(units) > 1 and not stated:
         raise FormatError(f"{name}: the three axes are in different units ({', '.join(sorted(units))}); expected one")
-    unit = _unit(kind, stated or found[0][1], f"--{kind}-unit", name, questions)
+    unit = unit_of(kind, stated or found[0][1], f"--{kind}-unit", name, questions)
     order, turned = parse_axes(axes, f"--{kind}-axes")
     return Triad(three(found[i][0] for i in order), three(found[i][2] * sign for i, sign in zip(order, turned, strict=True)), unit)
 
@@ -375,7 +375,7 @@ def parse_axes(text: str, option: str) -> tuple[list[int], list[int]]:
     return order, [-1 if word.startswith("-") else 1 for word in words]
 
 
-def _unit(kind: str, text: str, option: str, name: str, questions: list[Question]) -> Unit:
+def unit_of(kind: str, text: str, option: str, name: str, questions: list[Question]) -> Unit:
     """The unit; where there is none, a question, and any unit."""
     what = {"time": "time stamps", "gyro": "gyroscope", "accel": "accelerometer", "temp": "temperature"}[kind]
     if not text:

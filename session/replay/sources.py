@@ -19,19 +19,18 @@ from session.base.budget import budget, current
 from session.base.errors import FormatError
 from session.base.files import MOST_ARCHIVE, open_file, unreadable, write_new
 from session.base.questions import Question, QuestionsError, all_of
-from session.base.units import Unit, beyond_any_sensor, known, parse_unit
+from session.base.units import beyond_any_sensor
 from session.log.layout import Triad, three
 from session.log.lines import STANDARD
 from session.log.reader import Piece
 from session.replay.binary import registry
 from session.replay.binary.arrays import Tables
-from session.replay.binary.source import Messages
+from session.replay.binary.source import Messages, Stream, Topic
 from session.replay.dialects import DIALECTS, OTHER, TableLayout
 from session.replay.documents import is_document, unpack_document
 from session.replay.forms import EXAMPLES
 from session.replay.options import Answers
-from session.replay.recognise import CHOICES, NO_TIME, parse_axes
-from session.replay.streams import Stream, Topic
+from session.replay.recognise import NO_TIME, parse_axes, unit_of
 from session.replay.tables import TableReader
 
 
@@ -357,24 +356,15 @@ def _chosen(path: Path, called: str, topics: Sequence[Topic], told: str | None) 
 def _stream_source(path: Path, called: str, stream: Stream, answers: Answers, names: tuple[str, ...]) -> StreamSource:
     questions: list[Question] = []
 
-    def unit_of(kind: str, told: str | None, word: str) -> Unit:
-        unit = parse_unit(kind, told or word)
-        if unit is None:
-            what = {"gyro": "gyroscope", "accel": "accelerometer", "temp": "temperature"}[kind]
-            if told or word:
-                raise FormatError(
-                    f"{path.name}: {(told or word)[:30]!r} is no unit of the {what} that is known; give --{kind}-unit ({known(kind)})"
-                )
-            questions.append(Question(f"the unit of the {what}", f"--{kind}-unit", CHOICES[kind]))
-        return unit or Unit(1, "")
-
     def triad(kind: str, told: str | None, word: str, axes: str, first: int) -> Triad:
         order, signs = parse_axes(axes, f"--{kind}-axes")
-        return Triad(three(first + each for each in order), three(signs), unit_of(kind, told, word))
+        return Triad(
+            three(first + each for each in order), three(signs), unit_of(kind, told or word, f"--{kind}-unit", path.name, questions)
+        )
 
     gyro = None if stream.gyro is None else triad("gyro", answers.gyro_unit, stream.gyro_unit, answers.gyro_axes, 1)
     accel = None if stream.accel is None else triad("accel", answers.accel_unit, stream.accel_unit, answers.accel_axes, 4)
-    temp_unit = None if stream.temp is None else unit_of("temp", None, stream.temp_unit or "c")
+    temp_unit = None if stream.temp is None else unit_of("temp", stream.temp_unit or "c", "--columns temp_c=", path.name, questions)
     if stream.t_ns is None and answers.odr_hz is None and stream.odr_hz is None:
         questions.append(Question(NO_TIME, "--odr HZ", "the true data rate"))
     if questions:

@@ -18,8 +18,8 @@ from session.base.budget import GB, MB, budget
 from session.base.errors import FormatError
 from session.replay.binary import betaflight
 from session.replay.binary.registry import reader_of
+from session.replay.binary.source import Stream
 from session.replay.sources import Sources
-from session.replay.streams import Stream
 
 #: writer, file in it, reader, the stream that is compared
 LOST_PLANE = {"blackbox": (written.write_blackbox, betaflight.FORMAT, "log1")}

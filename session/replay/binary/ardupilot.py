@@ -16,8 +16,7 @@ import numpy as np
 from session.base.budget import current
 from session.base.errors import FormatError
 from session.base.units import parse_unit
-from session.replay.binary.source import Messages, Source, microseconds, one_line
-from session.replay.streams import Stream
+from session.replay.binary.source import Messages, Source, Stream, microseconds, one_line
 
 MARK = b"\xa3\x95"
 FMT = 0x80

@@ -22,8 +22,7 @@ from session.base.budget import RECORD, current
 from session.base.errors import FormatError
 from session.base.files import read_bytes, require_file
 from session.base.numeric import running_sum
-from session.replay.binary.source import Messages, Rows, library, one_line, reason
-from session.replay.streams import Stream
+from session.replay.binary.source import Messages, Rows, Stream, library, one_line, reason
 
 PACKAGE = "orangebox"
 MAGIC = b"H Product:Blackbox"

@@ -16,8 +16,7 @@ from typing import Any
 from session.base.budget import RECORD, amount, current
 from session.base.errors import FormatError
 from session.replay.binary.ros import Topic, definitions_of, fields_of, json_decoder, streams_of, topic_of
-from session.replay.binary.source import Cut, DamagedChunks, Messages, Source, library, one_line, reason
-from session.replay.streams import Stream
+from session.replay.binary.source import Cut, DamagedChunks, Messages, Source, Stream, library, one_line, reason
 
 PACKAGE = "mcap"
 MAGIC = b"\x89MCAP0\r\n"

@@ -18,8 +18,7 @@ from session.base.budget import RECORD, amount, current
 from session.base.errors import CalibrationError
 from session.base.units import NS_PER_S
 from session.replay.binary.ros import Topic, definitions_of, streams_of, topic_of
-from session.replay.binary.source import Cut, DamagedChunks, Messages, Source, library, one_line, reason
-from session.replay.streams import Stream
+from session.replay.binary.source import Cut, DamagedChunks, Messages, Source, Stream, library, one_line, reason
 
 PACKAGE = "rosbags"
 MAGIC = b"#ROSBAG V2.0\n"

@@ -18,8 +18,7 @@ from session.base.errors import FormatError
 from session.base.files import MOST_TOML, open_file, read_text, require_file
 from session.replay.binary import mcap_file
 from session.replay.binary.ros import Topic, definitions_of, streams_of, topic_of
-from session.replay.binary.source import Messages, library, one_line, reason
-from session.replay.streams import Stream
+from session.replay.binary.source import Messages, Stream, library, one_line, reason
 
 PACKAGE = "rosbags"
 MAGIC = b"SQLite format 3\0"

@@ -18,8 +18,7 @@ import numpy as np
 from session.base.budget import PACKED, current, stored
 from session.base.errors import FormatError
 from session.base.units import DEG, G
-from session.replay.binary.source import Messages, Source, library, microseconds, one_line
-from session.replay.streams import Stream
+from session.replay.binary.source import Messages, Source, Stream, library, microseconds, one_line
 
 PACKAGE = "pyulog"
 MAGIC = b"ULog\x01\x12\x35"

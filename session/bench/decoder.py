@@ -374,10 +374,7 @@ class StreamDecoder:
                 self._garbage(item.count, out, damages=item.behind)
             elif isinstance(item, StreamFormat):
                 # A header has changed the columns: what was before, if anything, is another recording.
-                self._pass_on(self._continuity.finish(), out)
-                if self._numbered_before is not None:
-                    self._pass_on([Event("reset", 1, self._last_us)], out)
-                self._add(self._steps.finish(), out)
+                self._end_run(out)
                 self._form, self._steps, self._numbered_before = item, StepFilter(item), None
             else:
                 self.info = item if isinstance(item, Info) else self.info
@@ -387,12 +384,17 @@ class StreamDecoder:
         numbered = readings.sequence is not None
         if self._numbered_before not in (None, numbered):
             # The board has changed between frames and text: there is no sequence to continue.
-            self._pass_on(self._continuity.finish(), out)
-            self._pass_on([Event("reset", 1, self._last_us)], out)
+            self._end_run(out)
         if self._numbered_before != numbered:  # for the first, too: a header of text in physical units does not apply to frames
             self._steps = StepFilter(REGISTERS if numbered else self._form)
         self._numbered_before = numbered
         self._pass_on(self._continuity.take(readings), out)
+
+    def _end_run(self, out: EventCollector) -> None:
+        """What follows continues nothing."""
+        self._pass_on(self._continuity.finish(), out)
+        if self._numbered_before is not None:
+            self._pass_on([Event("reset", 1, self._last_us)], out)
 
     def _garbage(self, count: int, out: EventCollector, damages: bool = True) -> None:
         if count:

@@ -130,31 +130,8 @@ def decode_message(body: bytes) -> BoardStatus | Event | None:
 
 
 def crc(bodies: np.ndarray) -> np.ndarray:
-    """CRC-16/CCITT-FALSE of each row of (n, k) uint8, k <= 78: (n,) uint16.
-
-    A CRC is linear over bits: that of a row is the exclusive or of the contributions of its bytes.
-    """
-    size = bodies.shape[1]
-    contributions = _CONTRIBUTION[_LONGEST - size :]
-    terms = contributions[np.arange(size), bodies]
-    return np.bitwise_xor.reduce(terms, axis=1) ^ np.uint16(_START[size])
-
-
-_LONGEST = LONGEST_OTHER - 3
-
-
-def _contributions() -> np.ndarray:
-    """(78, 256) uint16: contribution of each value of a byte with 77 … 0 bytes behind it."""
-    table = np.empty((_LONGEST, 256), np.uint16)
-    table[-1] = [binascii.crc_hqx(bytes([value]), 0) for value in range(256)]
-    for place in range(_LONGEST - 2, -1, -1):
-        table[place] = (table[place + 1] << 8) ^ table[-1][table[place + 1] >> 8]
-    return table
-
-
-_CONTRIBUTION = _contributions()
-#: contribution of the start value after so many bytes
-_START = [binascii.crc_hqx(bytes(size), CRC_START) for size in range(_LONGEST + 1)]
+    """CRC-16/CCITT-FALSE of each row of (n, k) uint8: (n,) uint16."""
+    return np.array([binascii.crc_hqx(body, CRC_START) for body in bodies], np.uint16)
 
 
 # Commands of a host to a board, frames 0x11 to 0x18, and the board's answers (docs/firmware.md).

@@ -302,62 +302,42 @@ MADE = (0, 1)  #: exit codes of ``report`` with a report: 1 is a calibration tha
 
 
 def stay(server: PageServer, folder: Path, wanted: Callable[[], bool]) -> None:
-    """Keep the page while a browser shows it, until an interruption."""
-    _Finished(server, folder).stay(wanted)
+    """Keep the page while a browser shows it, until an interruption; at once where no browser has opened it."""
+    path, ready = folder / "report.html", False
+
+    def say(report: str, words: str) -> None:
+        server.publish("end", {"words": printable(words), "command": command_line("report", folder), "report": report})
+
+    server.report = lambda: path.read_bytes() if ready and path.is_file() else None
+    say("offered", "The files are closed.")
+    if not server.visited:
+        return
+    print("the page stays while it is looked at, and can make the report; Ctrl-C ends it", file=sys.stderr, flush=True)
+    seen_s = time.monotonic()
+    while not wanted() and time.monotonic() - seen_s < GONE_S:  # a reload, or a sleeping phone
+        if server.wishes.report.is_set():
+            problem = _made(folder, wanted, lambda words: say("making", words))
+            ready = not problem and path.is_file()
+            say(*(("ready", f"The report is {path}.") if ready else ("failed", f"No report: {problem}.")))
+            server.wishes.report.clear()
+        if server.clients:
+            seen_s = time.monotonic()
+        time.sleep(LOOK_EVERY_S)
 
 
-class _Finished:
-    """A finished recording on the page."""
-
-    def __init__(self, server: PageServer, folder: Path):
-        self._server, self._path = server, folder / "report.html"
-        self._command, self._folder = command_line("report", folder), folder
-        self._ready = False
-        server.report = lambda: self._path.read_bytes() if self._ready and self._path.is_file() else None
-        self._say("offered", "The files are closed.")
-
-    def stay(self, wanted: Callable[[], bool]) -> None:
-        """Wait for a reload or a sleeping phone; end at once where no browser has opened the page."""
-        seen_s = time.monotonic()
-        if self._server.visited:
-            print("the page stays while it is looked at, and can make the report; Ctrl-C ends it", file=sys.stderr, flush=True)
-        else:
-            return
-        while not wanted() and time.monotonic() - seen_s < GONE_S:
-            if self._server.wishes.report.is_set():
-                self._make(wanted)
-                self._server.wishes.report.clear()
-            if self._server.clients:
-                seen_s = time.monotonic()
-            time.sleep(LOOK_EVERY_S)
-
-    def _make(self, wanted: Callable[[], bool]) -> None:
-        began_s = time.monotonic()
-        with tempfile.TemporaryFile() as said:
-            command = [
-                sys.executable,
-                str(CALIBRATE),
-                "report",
-                str(self._folder.resolve()),
-                "--quiet",
-            ]  # no name that looks like an option
-            with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=said) as making:
-                try:
-                    while making.poll() is None and not wanted():
-                        self._say(
-                            "making", f"The report is being made: {time.monotonic() - began_s:.0f} s so far, up to some minutes in all."
-                        )
-                        time.sleep(LOOK_EVERY_S)
-                finally:
-                    making.terminate()
-            self._ready = making.returncode in MADE and self._path.is_file()
-            if self._ready:
-                self._say("ready", f"The report is {self._path}.")
-            else:
-                self._say("failed", f"No report: {_last_line(said) or f'exit code {making.returncode}'}.")
-
-    def _say(self, report: str, words: str) -> None:
-        self._server.publish("end", {"words": printable(words), "command": self._command, "report": report})
+def _made(folder: Path, wanted: Callable[[], bool], say: Callable[[str], None]) -> str:
+    """Make the report in a process of its own, saying how long it takes; return why there is none, or nothing."""
+    began_s = time.monotonic()
+    command = [sys.executable, str(CALIBRATE), "report", str(folder.resolve()), "--quiet"]  # no name that looks like an option
+    with tempfile.TemporaryFile() as said:
+        with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=said) as making:
+            try:
+                while making.poll() is None and not wanted():
+                    say(f"The report is being made: {time.monotonic() - began_s:.0f} s so far, up to some minutes in all.")
+                    time.sleep(LOOK_EVERY_S)
+            finally:
+                making.terminate()
+        return "" if making.returncode in MADE else _last_line(said) or f"exit code {making.returncode}"
 
 
 def _last_line(said: IO[bytes]) -> str:

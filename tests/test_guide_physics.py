@@ -13,8 +13,8 @@ from conftest import DEG, GRAVITY, Table, config
 from scipy import stats
 
 from session.base.units import MDPS, MG, G
-from session.bench import board_clock, live
-from session.bench.board_clock import LEAST, ClockComparison, ClockRatio
+from session.bench import clocks, live
+from session.bench.clocks import LEAST, ClockComparison, ClockRatio
 from session.bench.events import Event
 from session.bench.guide import BEGIN, SETTLING_S, ClosureGuide, Guide, Step
 from session.bench.live import (
@@ -506,7 +506,7 @@ def test_a_clock_is_the_line_through_the_least_late_of_each_stretch():
 
 
 def test_stretches_become_longer_where_there_are_too_many(monkeypatch):
-    monkeypatch.setattr(board_clock, "MOST", 30)
+    monkeypatch.setattr(clocks, "MOST", 30)
     clock = ClockComparison()
     for k in range(4000):
         host_s, late_s = 0.01 * k, 0.004 * (k % 50 != 7)

@@ -20,7 +20,7 @@ from test_stream_physics import HELLO, board_frame, faults_frame
 
 from session.base.errors import FormatError, OtherSensor
 from session.bench.board import NO_SENSOR, RESET_SAYS, BoardReporter, SensorIdentity
-from session.bench.board_clock import ClockRatio
+from session.bench.clocks import ClockRatio
 from session.bench.decoder import StreamDecoder
 from session.bench.events import FAULTS, TROUBLES, Event, Info, SampleChunk, starts_log
 from session.bench.guide import _ANY_TURN, Guide

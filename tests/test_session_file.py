@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from session.bench.board_clock import ClockRatio
+from session.bench.clocks import ClockRatio
 from session.bench.events import Info
 from session.bench.session_file import SessionFile, toml_text
 from session.log.config import read_config

@@ -15,12 +15,11 @@ from datetime import UTC, datetime
 from session.base.errors import CalibrationError, OtherSensor, StorageError
 from session.base.texts import printable
 from session.bench.board import BoardReporter, SensorIdentity
-from session.bench.board_clock import OFF
+from session.bench.clocks import OFF
 from session.bench.events import TROUBLES, AnyEvent, BoardStatus, Event, Info, SampleChunk, starts_log
-from session.bench.guide import BEGIN, REST, Guide, View, joined_chunks, samples_of
+from session.bench.guide import BEGIN, REST, Guide, Moment, Mover, View, joined_chunks, samples_of
 from session.bench.logwriter import SHORT_STARTS, SHORT_US
 from session.bench.messages import Advice, GuideMessage, Kind, Progress, Stage
-from session.bench.mover import Moment, Mover
 from session.bench.operator import BrowserCommands, TypingLine
 from session.bench.progress import LiveAccelerometerFit
 from session.bench.recorder import Recorder

@@ -10,7 +10,7 @@ import numpy as np
 
 from session.base.numeric import median_length, sigma_of
 from session.base.units import DEG, MDPS, MG, NS, STANDARD_GRAVITY_MPS2, G
-from session.bench.board_clock import ClockRatio
+from session.bench.clocks import ClockRatio
 from session.bench.messages import AcceptedTurn
 from session.detect.stills import (
     BUMP_RAD,

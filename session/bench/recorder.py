@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from session.base.files import open_file
-from session.bench.board_clock import ClockComparison
+from session.bench.clocks import ClockComparison
 from session.bench.decoder import StreamDecoder
 from session.bench.events import AnyEvent, Event, SampleChunk, starts_log
 from session.bench.logwriter import FOREIGN, WORD, BoardRouter, LogWriter, other_board

@@ -14,7 +14,7 @@ from session.base.errors import CalibrationError, FormatError, OtherSensor, Stor
 from session.base.files import MOST_TOML, read_bytes, replaced, write_new
 from session.base.texts import SENSOR_NAME
 from session.base.toml import Note, parse_toml, setting
-from session.bench.board_clock import ClockRatio
+from session.bench.clocks import ClockRatio
 from session.bench.events import CHIPS, SENSOR, STANDIN, BoardStatus, Info
 from session.log.config import Accelerometer, Config, LeftOut, Protocol, Sensor, Site, TruthGiven, clock_words, config_of, read_config
 from session.log.folder import add_board, add_exclude, add_notes, set_sensor

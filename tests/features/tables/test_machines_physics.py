@@ -14,8 +14,8 @@ from table_recordings import table_toml
 
 from session.base.errors import CalibrationError, StorageError
 from session.base.units import DEG, NS
+from session.bench.guide import Moment
 from session.bench.messages import Stage
-from session.bench.mover import Moment
 from tinygc.features.tables.machines.angles import AngleFile, AngleLog, header, on_its_clock, read_angles
 from tinygc.features.tables.machines.comparison import WordAgainstSensor
 from tinygc.features.tables.machines.description import Axis, Description, attitudes, body_axes, read_description, roll_pitch_yaw

@@ -17,8 +17,7 @@ from session.base.files import copy_new, read_text
 from session.base.names import log_paths
 from session.base.texts import printable
 from session.base.units import DEG
-from session.bench.guide import HOLD_STILLS, Guide
-from session.bench.mover import Mover
+from session.bench.guide import HOLD_STILLS, Guide, Mover
 from session.bench.rawfile import put_aside
 from session.bench.rest_guide import in_words
 from session.detect import accelerometer

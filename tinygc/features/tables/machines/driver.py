@@ -15,8 +15,8 @@ import numpy as np
 
 from session.base.errors import CalibrationError
 from session.base.units import NS
+from session.bench.guide import Moment
 from session.bench.messages import AxisMove
-from session.bench.mover import Moment
 from tinygc.features.tables.machines.angles import AngleFile
 from tinygc.features.tables.machines.safety import REST_S, Guarded
 from tinygc.features.tables.machines.verbs import TableFault, TableLimit, Where

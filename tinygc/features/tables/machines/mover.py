@@ -13,9 +13,8 @@ import numpy as np
 
 from session.base.units import DEG, NS
 from session.bench.events import Event
-from session.bench.guide import ClosureGuide, Guide, Step
+from session.bench.guide import ClosureGuide, Guide, Moment, Step
 from session.bench.messages import AxisMove, GuideMessage, Kind, Stage
-from session.bench.mover import Moment
 from session.detect.segments import angle_read
 from tinygc.features.tables.machines.comparison import WordAgainstSensor
 from tinygc.features.tables.machines.driver import TableDriver
@@ -41,7 +40,7 @@ PUT_RIGHT = (
 
 
 class MachineMover:
-    """What the movers of a recording (``session.bench.mover``) share: faults, pauses, and what is said of them."""
+    """What the movers of a recording (``session.bench.guide.Mover``) share: faults, pauses, and what is said of them."""
 
     def __init__(self, driver: TableDriver):
         self.driver = driver

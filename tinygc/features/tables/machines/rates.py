@@ -11,9 +11,8 @@ from dataclasses import dataclass
 
 from session.base.units import DEG
 from session.bench.events import Event
-from session.bench.guide import Guide
+from session.bench.guide import Guide, Moment
 from session.bench.messages import AxisMove, GuideMessage, Instruction, Kind, Stage
-from session.bench.mover import Moment
 from session.log.config import Protocol
 from session.log.samples import Samples
 from tinygc.features.tables.machines.description import Description

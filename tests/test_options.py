@@ -74,10 +74,22 @@ class Rest(Record):
     cycles: float = option(0.0, "of the temperature")
 
 
+@dataclass(frozen=True)
+class Board(Record):
+    """Whose folder may be left out."""
+
+    folder: Path | None = argument("session folder", None)
+
+
 def parsed(*words: str, kind=Command):
     parser = argparse.ArgumentParser(exit_on_error=False)
     add_arguments(parser, kind)
     return from_arguments(kind, parser.parse_args(words))
+
+
+def test_an_argument_that_is_left_out_has_its_default():
+    assert parsed(kind=Board).folder is None
+    assert parsed(".", kind=Board).folder == Path()
 
 
 def test_the_command_line_gives_the_record_that_python_makes():

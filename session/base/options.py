@@ -372,7 +372,7 @@ def add_arguments(command: argparse.ArgumentParser, kind: Any) -> None:
         if _kind(each) == "bool":
             groups[rule.group].add_argument(*words, action="store_false" if each.default is True else "store_true", **settings)
             continue
-        groups[rule.group].add_argument(*words, **settings, **_value(each, rule))
+        groups[rule.group].add_argument(*words, **settings | _value(each, rule))
 
 
 def _value(each: Field[Any], rule: Rule) -> dict[str, Any]:
@@ -386,7 +386,8 @@ def _value(each: Field[Any], rule: Rule) -> dict[str, Any]:
     if rule.positional:
         several = kind.startswith("tuple[")
         settings["nargs"] = ("+" if required else "*") if several else None if required else "?"
-        return settings
+        # before Python 3.12 argparse would read its own word for "left out" as the value
+        return settings if several or required else settings | {"default": each.default}
     if required:
         settings["required"] = True
     if rule.alone is not None:

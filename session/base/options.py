@@ -319,8 +319,8 @@ def _filled(text: str) -> str:
 
 
 def _words(known: tuple[str, ...], text: str) -> list[str]:
-    """Parse names, separated by commas; each once."""
-    chosen = [name.strip() for name in text.split(",") if name.strip()]
+    """Parse names, separated by commas; each once.  Without known ones an empty text is an empty name, which the reader refuses."""
+    chosen = [name.strip() for name in text.split(",") if name.strip() or not known]
     for name in chosen:
         if known and name not in known:
             raise argparse.ArgumentTypeError(f"{name!r} is no choice, expected some of {','.join(known)}{meant(name, known)}")

@@ -41,38 +41,24 @@ FEWEST_COMMAS = 6  #: of a line of numbers, and of a header
 WIDTH_CHANGE = 3
 
 
-class _Numbers:
-    """Lines of such numbers, separated by commas."""
-
-    def __init__(self, number: bytes):
-        self._one, self._all = re.compile(number), re.compile(number + rb"(?:," + number + rb")*")
-
-    def cells(self, line: bytes, order: tuple[int, ...]) -> list[bytes] | None:
-        """The cells of a line without blanks; None where one of ``order`` is no such number, or a further one holds other characters."""
-        cells = line.split(b",")
-        if len(cells) <= max(order):
-            return None
-        if not self._all.fullmatch(line):  # nearly all lines do
-            cells = [cell.strip(b" \t") for cell in cells]
-            if not (all(self._one.fullmatch(cells[i]) for i in order) and all(map(_FURTHER.fullmatch, cells))):
-                return None
-        return cells
-
-
-_WHOLE_NUMBERS, _DECIMALS = _Numbers(_WHOLE), _Numbers(_DECIMAL)
+def _cells(line: bytes, order: tuple[int, ...], number: re.Pattern[bytes]) -> list[bytes] | None:
+    """The cells of a line without blanks; None where one of ``order`` is no such number, or a further one holds other characters."""
+    cells = [cell.strip(b" \t") for cell in line.split(b",")]
+    right = len(cells) > max(order) and all(number.fullmatch(cells[i]) for i in order) and all(map(_FURTHER.fullmatch, cells))
+    return cells if right else None
 
 
 @cache
 def _run(width: int, form: StreamFormat) -> re.Pattern[bytes]:
-    """Whole lines of so many numbers, as many as follow each other."""
+    """Whole lines of so many numbers, as many as follow each other, and empty ones behind them."""
     number = _DECIMAL if form.physical else _WHOLE
     stamp = _DECIMAL if form.time_us > 1.0 else rb"(?:[1-9][0-9]{0,17}|0)"
-    return re.compile(rb"(?:%s(?:,%s){%d}+\n)++" % (stamp, number, width - 1))
+    return re.compile(rb"(?:%s(?:,%s){%d}+\n++)++" % (stamp, number, width - 1))
 
 
 def _parse_run(lines: bytes, width: int, order: tuple[int, ...], form: StreamFormat) -> tuple[np.ndarray, np.ndarray] | None:
     """Stamps (n,) int64, whole us, and values of lines of a run; None where one of them is to be parsed for itself."""
-    table = np.fromstring(lines.replace(b"\n", b",")[:-1], float if form.physical else np.int64, sep=",").reshape(-1, width)[:, order]
+    table = np.fromstring(b",".join(lines.split()), float if form.physical else np.int64, sep=",").reshape(-1, width)[:, order]
     stamps, values = table[:, 0], table[:, 1:]
     if not form.physical:
         return (stamps, values.astype(np.int16)) if ((values >= -32768) & (values <= 32767)).all() else None
@@ -83,7 +69,7 @@ def _parse_run(lines: bytes, width: int, order: tuple[int, ...], form: StreamFor
 def parse_line(line: bytes, order: tuple[int, ...] = tuple(range(8)), form: StreamFormat = REGISTERS) -> tuple[int, list] | None:
     """The number of columns of a line of numbers, and the log's: the stamp in whole us, and the values; None for another line, and for
     values that no sensor measures."""
-    cells = (_DECIMALS if form.physical else _WHOLE_NUMBERS).cells(line, order)
+    cells = _cells(line, order, re.compile(_DECIMAL if form.physical else _WHOLE))
     if cells is None:
         return None
     stamp, *values = [cells[i] for i in order]
@@ -165,6 +151,7 @@ class LineReader:
 
     def take(self, block: bytes, torn: np.ndarray | None = None) -> list[Item]:
         """What the lines hold, in order; a ``StreamFormat`` where a header changes the columns.  torn (lines,) bool: incomplete lines."""
+        torn = torn if torn is not None and torn.any() else None
         number = at = 0
         while at < len(block):
             run = _run(self.width, self.form).match(block, at) if self.width and not self.deaf and torn is None else None

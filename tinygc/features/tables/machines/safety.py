@@ -124,6 +124,27 @@ def ask_person(question: str, unconfirmed: str) -> bool:
     return True
 
 
+@dataclass
+class _Motion:
+    """What was asked for last, and by when it ends; at rest nothing is.
+
+    target: axis and angle; way: axis and rate, with its sign; origin: time and angle that it turns from at that rate; start (K,) rad: where
+    all axes rested before; turns_by_s: s by which it surely turns, of a turn at a rate without an end; furthest: rad that it was seen to
+    have turned by.
+    """
+
+    begin_s: float = 0.0
+    computed_s: float = 0.0
+    due_s: float = np.inf
+    target: tuple[int, float] | None = None
+    way: tuple[int, float] | None = None
+    origin: tuple[float, float] | None = None
+    start: np.ndarray | None = None
+    turns_by_s: float | None = None
+    is_homing: bool = False
+    furthest: float = 0.0
+
+
 class Guarded:
     """A ``Table`` that does nothing which was not confirmed, and stops for everything that looks wrong.  Use it as a context.
 
@@ -138,14 +159,7 @@ class Guarded:
         self._rest = threading.Event()  # whether nothing was asked to move since it was seen at rest
         self._rest.set()
         self._last: tuple[float, np.ndarray] | None = None
-        self._target: tuple[int, float] | None = None  # axis and angle of the present move
-        self._homing = False
-        self._turns, self._turns_by_s = False, 0.0  # whether it turns at a rate without an end, and s by which it surely does
-        self._way: tuple[int, float] | None = None  # axis and rate, with its sign, of the present move
-        self._origin: tuple[float, float] | None = None  # time and angle that it turns from at that rate
-        self._from: np.ndarray | None = None  # where all axes rested before the present motion
-        self._furthest = 0.0  # rad that it was seen to have turned by
-        self._begin_s, self._due_s, self._computed_s = 0.0, np.inf, 0.0
+        self._motion = _Motion()
         self._looked_s = self._clock.now_s()
         self._closed, self._suspended = False, threading.Event()
         self._handlers = contextlib.ExitStack()
@@ -258,8 +272,7 @@ class Guarded:
         self._require_confirmed(any(move.axis is None for move in self._allowed), "home")
         self._require_rest()
         self._switch_on(None)
-        self._begin(None, HOME_S)
-        self._homing = True
+        self._begin(HOME_S, is_homing=True)
         self._guard(self._table.home)
 
     def turn_to(self, axis: int, angle_rad: float, rate_rps: float) -> None:
@@ -285,7 +298,7 @@ class Guarded:
         direct = self.has_rate_mode and of.is_endless
         if not rate_rps:
             if direct:
-                self._begin(None, of.fastest_rps / of.acceleration_rps2)
+                self._begin(of.fastest_rps / of.acceleration_rps2)
                 return self._guard(lambda: self._table.turn_at(axis, 0.0))
             return self.stop()
         self.require_rate(axis, rate_rps)
@@ -307,10 +320,8 @@ class Guarded:
             return self._turn_to(axis, self._switch_on(angles), end, abs(rate_rps))
         if rested := self.is_at_rest:
             angles = self._switch_on(angles)
-        self._begin(None, longest_s)
-        self._from = angles if rested else None
-        self._turns, self._turns_by_s = True, 2 * of.fastest_rps / of.acceleration_rps2 + START_S + 0.5
-        self._way, self._origin = (axis, rate_rps), (self._begin_s, angles[axis]) if rested else None
+        turns_by_s = 2 * of.fastest_rps / of.acceleration_rps2 + START_S + 0.5
+        self._begin(longest_s, angles if rested else None, way=(axis, rate_rps), turns_by_s=turns_by_s)
         return self._guard(lambda: self._table.turn_at(axis, rate_rps))
 
     def where(self) -> Where:
@@ -318,24 +329,25 @@ class Guarded:
         asked_s = self._clock.now_s()
         found = self._guard(self._table.where)
         now_s = self._looked_s = self._clock.now_s()
-        if not self._rest.is_set() and not found.moving and now_s - self._begin_s < (self._turns_by_s if self._turns else START_S):
+        motion = self._motion
+        if not self._rest.is_set() and not found.moving and now_s - motion.begin_s < (motion.turns_by_s or START_S):
             found = Where(found.angles, True, found.table_s)  # not begun yet, or between two senses
         self._compare(asked_s, now_s, found)
         if not found.moving and not self._rest.is_set():
-            if self._turns:
+            if motion.turns_by_s:
                 self._stop_for("it says that it rests, asked for was a turn at a rate")
             found = self._guard(self._table.where)  # the angle may be older than the word that it rests
             # It says that the motion has ended: is it where it should be?
-            if self._target is not None:
-                number, asked = self._target
+            if motion.target is not None:
+                number, asked = motion.target
                 axis, said = self.description.axes[number], found.angles[number]
                 if not abs(said - asked) <= BESIDE_RAD + 5 * axis.sigma_rad + axis.backlash_rad:  # it may begin late, and unwatched
                     self._stop_for(f"{axis.name} says that it rests at {said / DEG:.2f} deg, asked for was {asked / DEG:.2f}")
-            if self._homing:
+            if motion.is_homing:
                 self._table.angles_lost, self._last = False, None
             self._rests()
-        if found.moving and now_s > self._due_s:
-            self._stop_for(f"it still moves {now_s - self._begin_s:.1f} s after its move began; computed were {self._computed_s:.1f} s")
+        if found.moving and now_s > self._motion.due_s:
+            self._stop_for(f"it still moves {now_s - motion.begin_s:.1f} s after its move began; computed were {motion.computed_s:.1f} s")
         return found
 
     def settle(self) -> Where:
@@ -403,8 +415,7 @@ class Guarded:
         angles (K,) rad: where all axes rest; returns where they do behind it.  None where the angles mean nothing: it is homed next.
         """
         if self.begins:
-            self._begin(None, 0.0)
-            self._from = angles
+            self._begin(0.0, angles)
             self._guard(self._table.begin)
             if angles is not None:
                 return self.settle().angles
@@ -413,59 +424,68 @@ class Guarded:
     def _turn_to(self, axis: int, here: np.ndarray, angle_rad: float, rate_rps: float) -> None:
         """Send a turn from rest, with all axes at ``here``, to an angle."""
         of, way = self.description.axes[axis], angle_rad - here[axis]
-        self._begin((axis, angle_rad), abs(way) / rate_rps + rate_rps / of.acceleration_rps2)
-        self._way, self._origin, self._from = (axis, float(np.copysign(rate_rps, way))), (self._begin_s, here[axis]), here
-        self._last = (self._begin_s, here)
+        computed_s = abs(way) / rate_rps + rate_rps / of.acceleration_rps2
+        self._begin(computed_s, here, way=(axis, float(np.copysign(rate_rps, way))), target=(axis, angle_rad))
+        self._last = (self._motion.begin_s, here)
         self._guard(lambda: self._table.turn_to(axis, angle_rad, rate_rps))
 
-    def _begin(self, target: tuple[int, float] | None, computed_s: float) -> None:
+    def _begin(
+        self,
+        computed_s: float,
+        start: np.ndarray | None = None,
+        way: tuple[int, float] | None = None,
+        target: tuple[int, float] | None = None,
+        turns_by_s: float | None = None,
+        is_homing: bool = False,
+    ) -> None:
+        """A motion begins now, from ``start`` where it rests."""
         self._rest.clear()
-        self._turns = self._homing = False
-        self._way, self._origin, self._from, self._furthest = None, None, None, 0.0
-        self._target, self._computed_s = target, computed_s
-        self._looked_s = self._begin_s = self._clock.now_s()
-        self._due_s = self._begin_s + SLOWER * computed_s + LATER_S
+        self._looked_s = now_s = self._clock.now_s()
+        origin = None if way is None or start is None else (now_s, float(start[way[0]]))
+        due_s = now_s + SLOWER * computed_s + LATER_S
+        self._motion = _Motion(now_s, computed_s, due_s, target, way, origin, start, turns_by_s, is_homing)
         self._last = None
 
     def _compare(self, asked_s: float, now_s: float, found: Where) -> None:
         """An answer says where it was between the question and the answer."""
         if not np.isfinite(found.angles).all():
             return
-        last_s = self._begin_s if self._last is None else self._last[0]
+        motion = self._motion
+        last_s = motion.begin_s if self._last is None else self._last[0]
         for number, (axis, angle) in enumerate(zip(self.description.axes, found.angles, strict=True)):
-            if self._homing:  # it changes angles at once
+            if motion.is_homing:  # it changes angles at once
                 continue
             beside = 5 * axis.sigma_rad + axis.backlash_rad
             if self._last is not None and not axis.is_endless:
                 over, before = (max(axis.least_rad - said, said - axis.most_rad) for said in (angle, self._last[1][number]))
                 if over > BESIDE_RAD + beside and over > before + RESTS_RAD:  # back from beyond it may come
                     self._stop_for(f"{axis.name} says {angle / DEG:.2f} deg, beyond its limits")
-            if self._target is not None and self._target[0] == number and self._last is not None and self._way is not None:
-                over = (angle - self._target[1]) * np.sign(self._way[1])
+            if motion.target is not None and motion.target[0] == number and self._last is not None and motion.way is not None:
+                over = (angle - motion.target[1]) * np.sign(motion.way[1])
                 if over > BESIDE_RAD + beside:
-                    self._stop_for(f"{axis.name} is at {angle / DEG:.2f} deg, beyond the {self._target[1] / DEG:.2f} that it was sent to")
+                    self._stop_for(f"{axis.name} is at {angle / DEG:.2f} deg, beyond the {motion.target[1] / DEG:.2f} that it was sent to")
             round_rad = FASTER * axis.fastest_rps * (now_s - last_s) + JUMP_RAD + beside
             if self._last is not None and (change := abs(angle - self._last[1][number])) > round_rad:
                 self._stop_for(f"{axis.name} says that it turned by {change / DEG:.1f} deg within {now_s - last_s:.2f} s")
-            if self._way is None or self._way[0] != number:
-                if self._from is not None and abs(angle - self._from[number]) > JUMP_RAD + beside:
+            if motion.way is None or motion.way[0] != number:
+                if motion.start is not None and abs(angle - motion.start[number]) > JUMP_RAD + beside:
                     self._stop_for(f"{axis.name} turns, and was not asked to: it is at {angle / DEG:.2f} deg")
                 continue
-            if self._origin is None:  # it turned at another rate before
-                self._origin = (asked_s, angle) if now_s - self._begin_s > self._turns_by_s else None
+            if motion.origin is None:  # it turned at another rate before
+                motion.origin = (asked_s, angle) if now_s - motion.begin_s > (motion.turns_by_s or 0.0) else None
                 continue
-            along, lasted_s = (angle - self._origin[1]) * np.sign(self._way[1]), now_s - self._origin[0]
-            asked = f"asked for was {self._way[1] / DEG:+g} dps"
-            if along > FASTER * abs(self._way[1]) * lasted_s + round_rad:
+            along, lasted_s = (angle - motion.origin[1]) * np.sign(motion.way[1]), now_s - motion.origin[0]
+            asked = f"asked for was {motion.way[1] / DEG:+g} dps"
+            if along > FASTER * abs(motion.way[1]) * lasted_s + round_rad:
                 self._stop_for(f"{axis.name} says that it turned by {along / DEG:.1f} deg within {lasted_s:.2f} s, {asked}")
-            self._furthest = max(self._furthest, along)
-            if along < self._furthest - JUMP_RAD - beside:
+            motion.furthest = max(motion.furthest, along)
+            if along < motion.furthest - JUMP_RAD - beside:
                 self._stop_for(f"{axis.name} turns the wrong way: it is at {angle / DEG:.2f} deg, {asked}")
         self._last = (asked_s, found.angles)
 
     def _rests(self) -> None:
         """It was seen at rest."""
-        self._target, self._way, self._from, self._due_s, self._homing = None, None, None, np.inf, False
+        self._motion = _Motion(self._motion.begin_s)
         self._rest.set()
 
     def _require_confirmed(self, allowed: bool, what: str) -> None:

@@ -120,7 +120,7 @@ class TurnedRecording:
         self.moves.first = plan.turns[0].moves
         self._confirm(
             self._turns_lines(plan, segments, closure_s, parameters),
-            [Move(k, *limits, axis.fastest_rps) for k, (axis, limits) in axes],
+            [Move(k, limits[0], limits[1], axis.fastest_rps) for k, (axis, limits) in axes],
             (yes, quiet),
             *([SHOWS_LITTLE] if shows_little else []),
         )

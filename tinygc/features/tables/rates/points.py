@@ -221,7 +221,7 @@ def read_points(path: Path, columns: Columns | None = None) -> tuple[list[Points
         if n not in names and not header[n].strip().lower().startswith(MEASURED) and 1 < len({row[n] for _, row in rows}) <= len(rows) / 2
     ]
     remarks = []
-    unit = columns.unit or _unit(header[output])
+    unit = columns.unit or OUTPUT_UNITS.get(_suffix(header[output]), "")
     if not unit:
         unit = "units"
         remarks.append(f"The column {printable(header[output])!r} states no unit; --output-unit V gives one.")
@@ -335,10 +335,6 @@ def _rate_factor(path: Path, name: str) -> float:
         if unit in (name.strip().lower(), _suffix(name)) or name.strip().lower().endswith(f"_{unit}"):
             return factor
     raise FormatError(f"{path}: the column {printable(name)!r} states no unit; call it rate_dps, rate_rad_s or rate_rpm")
-
-
-def _unit(name: str) -> str:
-    return OUTPUT_UNITS.get(_suffix(name), "")
 
 
 def number_in(path: Path, line: int, name: str, text: str) -> float:

@@ -197,10 +197,10 @@ def wrong_width(lines: list[str], layout: Layout) -> int | None:
         names = names[:-1]
     if mark is None or not layout.header_line:
         return None
-    counts = [marks + 1 for marks in map(str.count, lines, repeat(mark))]
-    if set(counts) == {len(names)}:
+    if set(map(str.count, lines, repeat(mark))) == {len(names) - 1}:
         return None
-    for number, (line, count) in enumerate(zip(lines, counts, strict=True)):
+    for number, line in enumerate(lines):
+        count = line.count(mark) + 1
         if count == len(names) or not line.strip(EMPTY) or '"' in line or "#" in line or line.strip() == layout.header_line:
             continue
         if count < len(names) or any(cell.strip() for cell in line.split(mark)[len(layout.names) :]):

@@ -101,12 +101,12 @@ for name in ("termios", "fcntl", "pty"):
         print(name, "was not hidden")
 for name in {names!r}:
     with contextlib.suppress(SystemExit):
-        calibrate.main([name, "--help"])
+        calibrate.main([*name.split(), "--help"])
 for part in (b"a\\n", b"b\\r\\n"):
     raw = RawFile(Path({str(tmp_path)!r}))
     raw.append(1, part)
     raw.close()
-assert calibrate.main(["ports"]) == 0
+assert calibrate.main(["record", "--port", "list"]) == 0
 sys.exit(calibrate.main(["board"]))
 """
     done = hidden(code)

@@ -94,7 +94,11 @@ def _rest_commands(name: str, *, temperature: bool) -> tuple[str, ...]:
     if not temperature:
         return (*noise, *(f"export {name}/noise/noise.json --to {form} --out {name}/export/{form}" for form in ("kalibr", "openvins")))
     forms = ("px4", "ardupilot", "c", "json")
-    return (*noise, f"temperature {name} --json {name}/fit_out.json", *(f"export {name} --to {form} --out {name}/export/{form}" for form in forms))
+    return (
+        *noise,
+        f"temperature {name} --json {name}/fit_out.json",
+        *(f"export {name} --to {form} --out {name}/export/{form}" for form in forms),
+    )
 
 
 RECORDINGS = (

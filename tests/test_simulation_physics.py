@@ -17,7 +17,7 @@ from session.log.registers import gyro_rps_per_lsb
 from tinygc import CalibrationError, SimulationOptions, read_session
 from tinygc.simulation import simulator, write
 from tinygc.simulation.movement import earth_rate_table, hand_plan, motion_of, move, table_to_body
-from tinygc.simulation.options import GYRO_LPF2_HZ, command_line
+from tinygc.simulation.options import GYRO_LPF2_HZ, in_python
 from tinygc.simulation.sensor import Flicker, LowPass, oversampling
 from tinygc.simulation.simulator import simulate_session
 from tinygc.simulation.write import write_session
@@ -154,8 +154,8 @@ def test_purposes_have_their_own_stream_and_a_folder_reads_like_a_recorded_one(t
 
 def test_a_file_says_how_to_make_it_again_and_nothing_but_a_simulation_is_replaced(tmp_path):
     options = replace(SHORT, with_heading=True, odr_hz=104.0, heading_deg=-12.5)
-    expected = "calibrate.py simulate --segments 3 --closure 20 --seed 5 --odr-hz 104 --heading-deg -12.5 --with-heading"
-    assert command_line(options) == expected
+    expected = "tinygc.simulate(segments=3, closure_s=20, seed=5, odr_hz=104.0, heading_deg=-12.5, with_heading=True)"
+    assert in_python(options) == expected
     folder = write_session(options, tmp_path / "s")
     head = (folder / "session.toml").read_text().splitlines()[0]
     assert ("SIMULATED" in head, expected in head) == (True, True)

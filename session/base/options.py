@@ -274,12 +274,12 @@ def changed(options: Any) -> dict[str, Any]:
     return {each.name: getattr(options, each.name) for each, _ in declared(options) if getattr(options, each.name) != each.default}
 
 
-def typed(options: Any, but: Sequence[str] = (), always: Sequence[str] = ()) -> list[str]:
+def typed(options: Any, but: Sequence[str] = ()) -> list[str]:
     """The words of a command line that gives these options: those that differ from their defaults, apart from ``but``."""
     words: list[str] = []
     for each, rule in declared(options):
         value = getattr(options, each.name)
-        if not rule.cli or each.name in but or (value == each.default and each.name not in always):
+        if not rule.cli or each.name in but or value == each.default:
             continue
         several = value if isinstance(value, tuple) else (value,)
         texts = [] if isinstance(value, bool) or value == rule.alone else [_text(one) for one in several]

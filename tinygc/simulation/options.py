@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import shlex
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from session.base.options import Record, documented, option, typed
+from session.base.options import Record, changed, documented, option
 from session.base.units import DEG, MG
 from session.log.registers import DEFAULT
 
@@ -43,30 +42,34 @@ class SimulationOptions(Record):
 
     # Sensor
     odr_hz: float = option(208.0, "nominal: 62.5, 104, 208, 416, 833, 1667, 3333 or 6667", unit="Hz", choices=tuple(GYRO_LPF2_HZ))
-    odr_error: float | None = option(None, "fraction, rounded to the chip's steps of 0.15 %; None: drawn, 2 %", least=-0.19, most=0.19)
+    odr_error: float | None = option(
+        None, "fraction, rounded to the chip's steps of 0.15 %; None: drawn, 2 %", least=-0.19, most=0.19, cli=False
+    )
     sensor: str = option(DEFAULT, "whose registers it has (calibrate.py sensors); its noise stays what the other options say")
     gyro_fs_dps: float = option(500.0, "full scale", unit="dps")
     accel_fs_g: float = option(4.0, "full scale", unit="g")
-    gyro_noise_dps_rthz: float = option(0.005, "white, one-sided density", unit="dps/sqrt(Hz)", least=0, most=100)
-    accel_noise_ug_rthz: float = option(60.0, "white, one-sided density", unit="ug/sqrt(Hz)", least=0, most=1e6)
+    gyro_noise_dps_rthz: float = option(0.005, "white, one-sided density", unit="dps/sqrt(Hz)", least=0, most=100, cli=False)
+    accel_noise_ug_rthz: float = option(60.0, "white, one-sided density", unit="ug/sqrt(Hz)", least=0, most=1e6, cli=False)
     bias_instability_dph: float = option(
-        3.0, "flicker; the floor of the Allan deviation is 0.664 of it; 0: none", unit="deg/h", least=0, most=1000
+        3.0, "flicker; the floor of the Allan deviation is 0.664 of it; 0: none", unit="deg/h", least=0, most=1000, cli=False
     )
-    temperature_start_c: float = option(25.0, "at the first sample", unit="degC")
-    warm_up_c: float = option(1.5, "how far self-heating goes in the end", unit="degC")
+    temperature_start_c: float = option(25.0, "at the first sample", unit="degC", cli=False)
+    warm_up_c: float = option(1.5, "how far self-heating goes in the end", unit="degC", cli=False)
 
     # Linear errors of the unit, 1 sigma
-    gyro_scale_error: float = option(0.01, "fraction", least=0, most=0.1)
-    gyro_misalignment: float = option(0.005, "cross-axis terms", unit="rad", least=0, most=0.1)
-    gyro_bias_dps: float = option(1.0, "draws beyond 2 dps are cut to 2", unit="dps", least=0, most=1e4)
-    accel_scale_error: float = option(0.01, "fraction, session.toml's pre-calibration undoes it", least=0, most=0.1)
-    accel_misalignment: float = option(0.005, "session.toml's pre-calibration undoes it", unit="rad", least=0, most=0.1)
-    accel_bias_mg: float = option(15.0, "session.toml's pre-calibration undoes it", unit="mg", least=0, most=1e4)
-    accel_calibration_error_mg: float = option(0.0, "bias that has crept in since the pre-calibration", unit="mg", least=0, most=1e4)
+    gyro_scale_error: float = option(0.01, "fraction", least=0, most=0.1, cli=False)
+    gyro_misalignment: float = option(0.005, "cross-axis terms", unit="rad", least=0, most=0.1, cli=False)
+    gyro_bias_dps: float = option(1.0, "draws beyond 2 dps are cut to 2", unit="dps", least=0, most=1e4, cli=False)
+    accel_scale_error: float = option(0.01, "fraction, session.toml's pre-calibration undoes it", least=0, most=0.1, cli=False)
+    accel_misalignment: float = option(0.005, "session.toml's pre-calibration undoes it", unit="rad", least=0, most=0.1, cli=False)
+    accel_bias_mg: float = option(15.0, "session.toml's pre-calibration undoes it", unit="mg", least=0, most=1e4, cli=False)
+    accel_calibration_error_mg: float = option(
+        0.0, "bias that has crept in since the pre-calibration", unit="mg", least=0, most=1e4, cli=False
+    )
 
     # Bench
-    latitude_deg: float = option(31.03, "north positive", unit="deg", least=-90, most=90)
-    gravity_mps2: float = option(9.7946, "local gravity", unit="m/s^2", least=9.7, most=9.9)
+    latitude_deg: float = option(31.03, "north positive", unit="deg", least=-90, most=90, cli=False)
+    gravity_mps2: float = option(9.7946, "local gravity", unit="m/s^2", least=9.7, most=9.9, cli=False)
     heading_deg: float | None = option(
         None, "from true north to the table's index direction; None: drawn", unit="deg", least=-360, most=360
     )
@@ -75,7 +78,7 @@ class SimulationOptions(Record):
         (0.02, -0.015, 0.01), "from the crossing of the gimbals to the sensor, in b", unit="m", least=-10, most=10
     )
     vigour: float = option(1.0, "scales angles and rates of the turns; never beyond 0.85 of full scale", least=1e-3, most=1000)
-    still_s: float = option(1.0, "still that the protocol asks for on each side of a turn", unit="s", least=0.1)
+    still_s: float = option(1.0, "still that the protocol asks for on each side of a turn", unit="s", least=0.1, cli=False)
     turn_s: float = option(3.0, "usual length of a turn", unit="s", least=0.01)
     stop_sigma_deg: float = option(0.0, "a stop's repeatability: turns about one gimbal go into turns.csv; 0: none", unit="deg")
     unit_seed: int = option(-1, "seed of the unit's errors, for several sessions of one unit; -1: that of the rest", least=-1)
@@ -115,10 +118,10 @@ class SimulationOptions(Record):
         return RegisterUnits(self.sensor, self.gyro_fs_dps, self.accel_fs_g)
 
 
-def command_line(options: SimulationOptions) -> str:
-    """Command that reproduces this session: segments, closure and seed, and all options that differ from the default."""
-    words = typed(options, always=("segments", "closure_s", "seed"))
-    return " ".join(["calibrate.py simulate", *map(shlex.quote, words)])
+def in_python(options: SimulationOptions) -> str:
+    """The call that reproduces this session: segments, closure and seed, and all options that differ from the default."""
+    told = {name: getattr(options, name) for name in ("segments", "closure_s", "seed")} | changed(options)
+    return f"tinygc.simulate({', '.join(f'{name}={value!r}' for name, value in told.items())})"
 
 
 # One unit of the sensor on one bench: the errors that a calibration estimates, drawn once.

@@ -21,7 +21,7 @@ from session.log.logfile import NAME as KNOWN_TURNS
 from session.log.logfile import KnownTurn
 from session.log.written import toml_text, turns_text
 from tinygc.simulation.movement import MovementPlan, gimbal_angles, table_to_body
-from tinygc.simulation.options import SimulatedUnit, SimulationOptions, command_line
+from tinygc.simulation.options import SimulatedUnit, SimulationOptions, in_python
 from tinygc.simulation.sensor import Distort, RegisterLog
 from tinygc.simulation.simulator import Simulation, simulate_session
 
@@ -178,7 +178,7 @@ def config_of(options: SimulationOptions, unit: SimulatedUnit, calibrated: bool 
 def head_of(options: SimulationOptions, concealed: bool = False) -> str:
     """First lines of session.toml: that it is simulated, and how to make it again."""
     remark = f"# Physics is concealed in it besides: {TRUTH} tells which.\n" if concealed else ""
-    return f"{SIMULATED}, not recorded.  To make it again: {comment(command_line(options))}\n{remark}"
+    return f"{SIMULATED}, not recorded.  To make it again: {comment(in_python(options))}\n{remark}"
 
 
 def truth_table(simulation: Simulation, effects: Mapping[str, object]) -> dict:

@@ -23,17 +23,35 @@ class ArrayOptions(Record):
         group=GROUP,
     )
     mounting_deg: float = option(2.0, "about each axis, from the first unit's axes to another's", unit="deg", least=0, most=30, group=GROUP)
-    position_mm: float = option(20.0, "along each axis, from the first unit to another", unit="mm", least=0, most=1000, group=GROUP)
-    clock_offset_ms: float = option(20.0, "another unit's clock against the first one's", unit="ms", least=0, most=10000, group=GROUP)
-    clock_rate: float = option(0.002, "fraction, another unit's clock against the first one's", least=0, most=0.05, group=GROUP)
+    position_mm: float = option(
+        20.0, "along each axis, from the first unit to another", unit="mm", least=0, most=1000, group=GROUP, cli=False
+    )
+    clock_offset_ms: float = option(
+        20.0, "another unit's clock against the first one's", unit="ms", least=0, most=10000, group=GROUP, cli=False
+    )
+    clock_rate: float = option(0.002, "fraction, another unit's clock against the first one's", least=0, most=0.05, group=GROUP, cli=False)
     synchronous: bool = option(False, "one reader takes all units at one moment, by one clock", group=GROUP)
     jerk_deg: float = option(
-        0.0, "jerks quicker than half the data rate, three a turn, felt by all; 0: none", unit="deg", least=0, most=10, group=GROUP
+        0.0,
+        "jerks quicker than half the data rate, three a turn, felt by all; 0: none",
+        unit="deg",
+        least=0,
+        most=10,
+        group=GROUP,
+        cli=False,
     )
-    knock_deg: float = option(0.0, "of one knock in the middle turn, felt by all; 0: none", unit="deg", least=0, most=10, group=GROUP)
+    knock_deg: float = option(
+        0.0, "of one knock in the middle turn, felt by all; 0: none", unit="deg", least=0, most=10, group=GROUP, cli=False
+    )
     false_reading_dps: float = option(
-        0.0, "of three readings in a row of the last unit in the second turn; 0: none", unit="dps", least=0, most=2000, group=GROUP
+        0.0,
+        "of three readings in a row of the last unit in the second turn; 0: none",
+        unit="dps",
+        least=0,
+        most=2000,
+        group=GROUP,
+        cli=False,
     )
     reference_error_mg: float = option(
-        0.0, "a level acceleration in each still, felt by all; 0: none", unit="mg", least=0, most=100, group=GROUP
+        0.0, "a level acceleration in each still, felt by all; 0: none", unit="mg", least=0, most=100, group=GROUP, cli=False
     )

@@ -17,7 +17,7 @@ from session.log.written import toml_text
 from tinygc.features.arrays.options import ArrayOptions
 from tinygc.simulation import movement
 from tinygc.simulation.movement import MovementPlan
-from tinygc.simulation.options import SimulationOptions, command_line
+from tinygc.simulation.options import SimulationOptions, in_python
 from tinygc.simulation.sensor import Distort, Motion, RegisterLog
 from tinygc.simulation.simulator import Simulation, plan_of, simulate_session, unit_of
 from tinygc.simulation.write import (
@@ -240,7 +240,7 @@ accelerometer.matrix = {each.unit.accel_matrix.tolist()}
 accelerometer.bias_mps2 = {each.unit.accel_bias.tolist()}
 """ for number, each in enumerate(array.units)]  # fmt: skip
     chosen = " ".join(f"{name}={value!r}" for name, value in asdict(array.array).items())
-    head = f"{SIMULATED}, not recorded: {comment(command_line(options))} --units {array.array.units}\n# {comment(chosen)}\n"
+    head = f"{SIMULATED}, not recorded: {comment(in_python(options))}, {array.array.units} units\n# {comment(chosen)}\n"
     return "".join([head, *(line for line in shared if not line.startswith(("#", "serial"))), *own])
 
 

@@ -1,7 +1,7 @@
-"""What lies at rest in the inputs of ``noise``: rest logs, the stills of calibration logs, and any log that ``import`` reads.
+"""What lies at rest in the inputs of ``noise``: rest logs, other logs of sessions, and standard logs by themselves.
 
-All inputs are one unit's.  A text log with stamps is read piece by piece, in constant memory; any other log is read whole.  A log that
-moves gives the rests between its movements, each for itself, since nothing is known of the bias from one attitude to the next.
+All inputs are one unit's.  A rest log is read piece by piece, in constant memory; a session's log is read whole.  A log that moves gives
+the rests between its movements, each for itself, since nothing is known of the bias from one attitude to the next.
 """
 
 from __future__ import annotations

@@ -13,6 +13,7 @@ from http import HTTPStatus
 from typing import Any
 
 from session.bench.guide import REST, Guide
+from session.bench.port import UNPLUGGED, TerminalError
 
 try:
     import termios
@@ -46,17 +47,13 @@ class Keyboard:
                 self._file = sys.stdin.fileno()
                 self._before = termios.tcgetattr(self._file)
                 self._set_unbuffered()
-        except (OSError, ValueError):  # closed, or no terminal after all
-            self.there = False
-        except Exception as error:
-            if termios is None or not isinstance(error, termios.error):
-                raise
+        except (ValueError, OSError, TerminalError):  # closed, or no terminal after all
             self.there = False
         return self
 
     def __exit__(self, *error: object) -> None:
         if termios is not None and self._before is not None and self._in_foreground():
-            with contextlib.suppress(OSError, termios.error):
+            with contextlib.suppress(*UNPLUGGED):
                 termios.tcsetattr(self._file, termios.TCSADRAIN, self._before)
 
     def __call__(self) -> str:
@@ -77,7 +74,7 @@ class Keyboard:
             if not select.select([self._file], [], [], 0)[0]:
                 return ""
             data = os.read(self._file, READ_BYTES)
-        except (OSError, termios.error):
+        except UNPLUGGED:
             data = b""
         if not data:  # the terminal is gone
             self.there = False

@@ -74,12 +74,12 @@ def parse_line(line: bytes, order: tuple[int, ...] = tuple(range(8)), form: Stre
         return None
     stamp, *values = [cells[i] for i in order]
     if not form.physical:
-        t_us, numbers = int(stamp), list(map(int, values))
-        return (len(cells), [t_us, *numbers]) if t_us >= 0 and min(numbers) >= -32768 and max(numbers) <= 32767 else None
+        t_us, registers = int(stamp), [int(value) for value in values]
+        return (len(cells), [t_us, *registers]) if t_us >= 0 and min(registers) >= -32768 and max(registers) <= 32767 else None
     if form.time_us <= 1.0 and not stamp.isdigit():
         return None  # us and ns are whole numbers
     t_us = int(stamp) // 1000 if form.names[0] == "t_ns" else round(float(stamp) * form.time_us)
-    numbers = list(map(float, values))
+    numbers = [float(value) for value in values]
     if not 0 <= t_us < _LATEST_US or any(abs(number) > limit for number, limit in zip(numbers, form.limits, strict=True)):
         return None
     return len(cells), [t_us, *numbers]

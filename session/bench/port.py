@@ -45,6 +45,8 @@ ST_PRODUCTS = {
     0x5740: "STM32 virtual COM port",
     0xDF11: "STM32 in its boot loader: no stream comes from it",
 }
+#: the command that lists the ports
+LIST_PORTS = command_line("record", "--port", "list")
 #: links of this project's virtual boards, in the temporary folder
 VIRTUAL_STEM = "tinygc-board"
 
@@ -96,7 +98,7 @@ def only_candidate() -> KnownPort:
     """The only port with a board; DeviceError where there is none, or more than one."""
     candidates = [port for port in known_ports() if port.is_candidate]
     if not candidates:
-        raise DeviceError(f"no serial port with a board; plug it in ({command_line('ports')} lists what there is), or give --port")
+        raise DeviceError(f"no serial port with a board; plug it in ({LIST_PORTS} lists what there is), or give --port")
     boards = [port for port in candidates if port.usb and port.usb[0] == ST_VENDOR] or candidates
     if len(boards) > 1:
         raise DeviceError(f"more than one port may be the board: {', '.join(port.name for port in candidates)}; choose with --port")
@@ -174,7 +176,7 @@ class Port:
         try:
             self._serial = self._open()
         except UNPLUGGED as error:
-            raise DeviceError(f"{name}: cannot be opened ({reason(error)}); see {command_line('ports')}") from None
+            raise DeviceError(f"{name}: cannot be opened ({reason(error)}); see {LIST_PORTS}") from None
         self._thread = threading.Thread(target=self._read, name="port-reader", daemon=True)
         self._thread.start()
 

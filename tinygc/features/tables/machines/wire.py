@@ -6,9 +6,8 @@ import contextlib
 import threading
 from typing import Any, Protocol
 
-from session.base.texts import command_line
 from session.bench.clocks import Clock
-from session.bench.port import BUSY, UNPLUGGED, open_serial, reason
+from session.bench.port import BUSY, LIST_PORTS, UNPLUGGED, open_serial, reason
 from tinygc.features.tables.machines.verbs import TableFault
 
 #: errors of a port that cannot be opened
@@ -48,7 +47,7 @@ class SerialLink:
         except UNOPENED as error:
             if getattr(error, "errno", None) in BUSY:
                 raise LineLost(f"{name}: another program holds the table's port: Ctrl-C there stops the table; {PRESS}") from None
-            raise LineLost(f"{name}: the table's port cannot be opened ({reason(error)}); see {command_line('ports')}") from None
+            raise LineLost(f"{name}: the table's port cannot be opened ({reason(error)}); see {LIST_PORTS}") from None
 
     def write(self, data: bytes) -> None:
         """Send bytes."""

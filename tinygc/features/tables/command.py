@@ -85,18 +85,12 @@ def run(args: Options) -> int:
     if args.action in ("list", "new"):
         from tinygc.features.tables.machines.makes import makes, template
 
+        told = {"schema": SCHEMA, "action": args.action}
         if args.action == "new":
-            text = template(args.words[0], args.axes)
-            for line in text.splitlines():
-                output(args).print(line, markup=False, highlight=False, soft_wrap=True)
-            write_json(args.json, {"schema": SCHEMA, "action": "new", "make": args.words[0]})
-            return 0
+            return _told(args, template(args.words[0], args.axes).splitlines(), told | {"make": args.words[0]})
         known = makes()
-        for name, title in known.items():
-            output(args).print(f"{name:10}  {title}", markup=False, highlight=False, soft_wrap=True)
         listed = [{"name": name, "title": title} for name, title in known.items()]
-        write_json(args.json, {"schema": SCHEMA, "action": "list", "makes": listed})
-        return 0
+        return _told(args, [f"{name:10}  {title}" for name, title in known.items()], told | {"makes": listed})
     from tinygc.features.tables.machines.description import read_description
 
     args = replace(args, table=args.table or Path("table.toml"))  # no default: `table new … > table.toml` writes it
@@ -104,6 +98,14 @@ def run(args: Options) -> int:
     table = read_description(args.table)
     with ended_by_signals(ignored_interrupt=True):
         return {"check": _check, "virtual": _virtual}.get(args.action, _machine)(args, table)
+
+
+def _told(args: Options, lines: Sequence[str], table: dict) -> int:
+    """Print lines, and write the JSON."""
+    for line in lines:
+        output(args).print(printable(line), markup=False, highlight=False, soft_wrap=True)
+    write_json(args.json, table)
+    return 0
 
 
 def _check(args: Options, table: Description) -> int:
@@ -131,10 +133,7 @@ def _check(args: Options, table: Description) -> int:
                 if table.make_sha256 == make.sha256
                 else f"{table.make} is not confirmed; once you have read all of that, write beside make = in {args.table}: {line}"
             )
-    for line in lines:
-        output(args).print(printable(line), markup=False, highlight=False, soft_wrap=True)
-    write_json(args.json, _state(args, table, None))
-    return 0
+    return _told(args, lines, _state(args, table, None))
 
 
 def _machine(args: Options, table: Description) -> int:
@@ -157,11 +156,8 @@ def _machine(args: Options, table: Description) -> int:
             guarded.confirm(moves, None if args.yes else lambda question: _confirm(args, question), _teller(args))
             _move(args, guarded, moves)
         found = guarded.where()
-    for axis, angle in zip(table.axes, found.angles, strict=True):
-        output(args).print(f"{axis.name}  {_shown(angle, 3)}", markup=False, highlight=False)
-    output(args).print("it moves" if found.moving else "it rests")
-    write_json(args.json, _state(args, table, found))
-    return 0
+    lines = [f"{axis.name}  {_shown(angle, 3)}" for axis, angle in zip(table.axes, found.angles, strict=True)]
+    return _told(args, [*lines, "it moves" if found.moving else "it rests"], _state(args, table, found))
 
 
 def _moves(args: Options, table: Description) -> list[Move]:

@@ -14,6 +14,7 @@ from itertools import product
 from session.base.errors import FormatError
 from session.base.units import COUNTS, parse_unit
 from session.replay.columns import Column
+from session.replay.named import ENDINGS
 
 #: what stands before or behind an axis, of a name in small letters without accents and without what is no letter
 USUAL = {
@@ -31,10 +32,10 @@ USUAL = {
     ),
 }
 USUAL_TEMPERATURES = ("temp", "temperature", "tempc")
-#: words of a unit behind a name, as ``gyro_x_dps`` or ``accXmss``
+#: words of a unit behind a name, as ``gyro_x_dps`` or ``accXmss``; rad alone is an angle's
 UNIT_ENDINGS = {
-    "g": {"dps": "dps", "degs": "dps", "degps": "dps", "rads": "rad/s", "radps": "rad/s", "rps": "rad/s", "mdps": "mdps", "rpm": "rpm"},
-    "a": {"mps2": "m/s2", "ms2": "m/s2", "mss": "m/s2", "mg": "mg", "g": "g"},
+    kind[0]: {"".join(words): unit for words, unit in ENDINGS[kind].items() if unit not in COUNTS and words != ("rad",)}
+    for kind in ("gyro", "accel")
 }
 #: what an axis is called, and where it stands in the triad
 AXES = {"x": 0, "y": 1, "z": 2, "roll": 0, "pitch": 1, "yaw": 2, "wank": 0, "nick": 1, "gier": 2}

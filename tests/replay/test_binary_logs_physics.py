@@ -17,8 +17,8 @@ from session.base.budget import budget
 from session.base.errors import FormatError
 from session.base.units import parse_unit
 from session.replay.binary import ardupilot, arrow, betaflight, hdf5, matlab, mcap_file, numpy_file, ros, rosbag1, rosbag2, ulog
-from session.replay.binary.named import meaning
 from session.replay.binary.registry import reader_of
+from session.replay.named import meaning
 
 COUNT = 120
 

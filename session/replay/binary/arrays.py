@@ -18,9 +18,9 @@ import numpy as np
 from session.base.budget import current
 from session.base.errors import FormatError
 from session.base.units import NS_PER_S, TIME
-from session.replay.binary.named import Meaning, meaning
 from session.replay.binary.source import Format, Stream, Topic, one_line
 from session.replay.columns import parse_columns
+from session.replay.named import Meaning, meaning
 
 #: keys of ``--columns`` here: arrays beside the single columns of a text log
 KEY = re.compile(r"(t|gyro|accel|g[xyz]|a[xyz]|temp)(?:_(\S+))?")

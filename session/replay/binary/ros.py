@@ -21,8 +21,8 @@ import numpy as np
 from session.base.budget import current
 from session.base.errors import CalibrationError, FormatError
 from session.base.units import NS_PER_S
-from session.replay.binary.named import meaning, triads
 from session.replay.binary.source import Rows, Stream, library, reason
+from session.replay.named import meaning, triads
 
 #: scalars of a definition -> struct's letter; ROS 1's char is a number
 LETTERS = {

@@ -51,7 +51,8 @@ ENDINGS: dict[str, dict[tuple[str, ...], str]] = {
     "gyro": {
         **dict.fromkeys([("rad", "s"), ("rad", "sec"), ("rads",), ("rps",), ("radps",), ("rad", "per", "s"), ("rad",)], "rad/s"),
         **dict.fromkeys([("deg", "s"), ("deg", "sec"), ("dps",), ("degs",), ("degps",), ("deg", "per", "s")], "dps"),
-        **dict.fromkeys([("mdps",)], "mdps"),
+        ("mdps",): "mdps",
+        ("rpm",): "rpm",
         **dict.fromkeys([("lsb",), ("counts",)], "lsb"),
     },
     "accel": {

@@ -8,6 +8,7 @@
 
 from __future__ import annotations
 
+import argparse
 import importlib
 import inspect
 import json
@@ -136,11 +137,13 @@ def _definitions(schema: dict) -> dict[str, Any]:
 
 def main() -> None:
     """Write the tables, or the schemas into the folder that is named."""
-    if len(sys.argv) == 1:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", nargs="?", type=Path, help="of the schemas; without it the tables of the pages are written")
+    folder: Path | None = parser.parse_args().folder
+    if folder is None:
         for path, text in pages().items():
             path.write_text(text, encoding="utf-8")
         return
-    folder = Path(sys.argv[1])
     folder.mkdir(exist_ok=True)
     for name, schema in schemas().items():
         (folder / name).write_text(json.dumps(schema, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")

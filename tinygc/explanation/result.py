@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from session import VERSION
-from session.base.numeric import finite_or_none
 from session.base.records import plain, table_of
 from session.base.units import DEG, MG, G
 from session.log.folder import file_key, hash_of_log
@@ -332,42 +331,47 @@ def _at_rest(problem: Problem) -> dict:
 def to_json(e: Explanation) -> dict:
     """The complete result, JSON-ready."""
     assert e.within is not None  # an explanation that is reported is complete
-    return _head(e, tilt_rms(e.proof.before) / DEG, e.problem.floor.tilt_rms / DEG, where(e), e.claimed) | {
-        "decision": None if e.decision is None else {name: e.decision.to_json()[name] for name in ("answer", "headline", "tests")},
-        "findings": [claim.to_json() | {"share": claim.share} for claim in e.findings],
-        "families": [family.to_json() for family in families_of(e)],
-        "considered": [each.to_json() for each in e.considered],
-        "lines_end_hz": lines_end_hz(e.twin),
-        "fit": {
-            "holdout_closure_rms_deg": {
-                "before": tilt_rms(e.proof.before) / DEG,
-                "after": tilt_rms(e.proof.after) / DEG,
-                "floor": e.proof.floor_rms / DEG,
+    return plain(
+        _head(e, tilt_rms(e.proof.before) / DEG, e.problem.floor.tilt_rms / DEG, where(e), e.claimed)
+        | {
+            "decision": None if e.decision is None else {name: e.decision.to_json()[name] for name in ("answer", "headline", "tests")},
+            "findings": [claim.to_json() | {"share": claim.share} for claim in e.findings],
+            "families": [family.to_json() for family in families_of(e)],
+            "considered": [each.to_json() for each in e.considered],
+            "lines_end_hz": lines_end_hz(e.twin),
+            "fit": {
+                "holdout_closure_rms_deg": {
+                    "before": tilt_rms(e.proof.before) / DEG,
+                    "after": tilt_rms(e.proof.after) / DEG,
+                    "floor": e.proof.floor_rms / DEG,
+                },
+                "excess_removed": e.proof.removed,
+                "segments_after": len(e.proof.after_numbers),
             },
-            "excess_removed": e.proof.removed,
-            "segments_after": len(e.proof.after_numbers),
-        },
-        "channels": {
-            name: p_entry("p_before", before) | p_entry("p_after", after) | {"rms_sigmas": dict(zip(("before", "after"), rms, strict=True))}
-            for (name, (before, after)), rms in zip(e.own_p.items(), channel_rms(e).values(), strict=True)
-        },
-        "turn_gravity": {
-            "lever_m": e.gravity.lever_m.tolist(),
-            "offset_s": e.gravity.offset_s,
-            "offset_std_s": e.gravity.whole_sigma_s,
-            "rms_mg": {"before": 1e3 * e.gravity.before_mps2 / G, "after": 1e3 * e.gravity.after_mps2 / G},
-        },
-        "noise": e.problem.instability.to_json() | _at_rest(e.problem) | {"components": e.noise.to_json()},
-        "within_stills": {f"{name}_rms_sigmas": e.within.rms(name) for name in ("slope", "scatter")},
-        "detection_limits": {
-            name: {"size": size if np.isfinite(size) else None, "unit": catalogue()[name].parameter.unit}
-            for name, size in e.detection_limits.items()
-        },
-        "warnings": plain(e.warnings),
-        "next": what_next(e),
-        "logs": {file_key(log.path): hash_of_log(log) for log in e.session.logs},
-        "version": VERSION,
-    }
+            "channels": {
+                name: p_entry("p_before", before)
+                | p_entry("p_after", after)
+                | {"rms_sigmas": dict(zip(("before", "after"), rms, strict=True))}
+                for (name, (before, after)), rms in zip(e.own_p.items(), channel_rms(e).values(), strict=True)
+            },
+            "turn_gravity": {
+                "lever_m": e.gravity.lever_m,
+                "offset_s": e.gravity.offset_s,
+                "offset_std_s": e.gravity.whole_sigma_s,
+                "rms_mg": {"before": 1e3 * e.gravity.before_mps2 / G, "after": 1e3 * e.gravity.after_mps2 / G},
+            },
+            "noise": e.problem.instability.to_json() | _at_rest(e.problem) | {"components": e.noise.to_json()},
+            "within_stills": {f"{name}_rms_sigmas": e.within.rms(name) for name in ("slope", "scatter")},
+            "detection_limits": {
+                name: {"size": size if np.isfinite(size) else None, "unit": catalogue()[name].parameter.unit}
+                for name, size in e.detection_limits.items()
+            },
+            "warnings": plain(e.warnings),
+            "next": what_next(e),
+            "logs": {file_key(log.path): hash_of_log(log) for log in e.session.logs},
+            "version": VERSION,
+        }
+    )
 
 
 def truth_to_json(e: TruthExplanation) -> dict:
@@ -375,56 +379,59 @@ def truth_to_json(e: TruthExplanation) -> dict:
     from session.detect.truth_alignment import alignment_table  # late: hardly any session has a truth file
 
     expected_deg = float(np.sqrt(np.mean(np.trace(e.problem.floor.own, axis1=1, axis2=2)))) / DEG
-    lengths = {f"{length:g}": (row / DEG).tolist() for length, row in zip(e.lengths_s, e.closure_rad, strict=True)}
+    lengths = {f"{length:g}": row / DEG for length, row in zip(e.lengths_s, e.closure_rad, strict=True)}
     phases = sorted({phase for c in e.claimed for phase in c.effect.observable_in})
     place = {"phases": phases, "axes": [], "segments": [], "conditions": None}
-    return _head(e, e.closure_rms[0] / DEG, expected_deg, place, e.claimed) | {
-        "refused": [claim.to_json() for claim in e.refused],
-        "considered": [{"id": name, "probability": p} for name, p in e.naming.considered.items()],
-        "fit": {
-            "holdout_closure_rms_deg": {**_before_after(e.held_out_rms), "floor": expected_deg},
-            "closure_rms_deg": _before_after(e.closure_rms),
-        },
-        "noise": e.problem.instability.to_json() | _at_rest(e.problem) | {"components": e.noise.to_json()},
-        "truth": {
-            "wrong_moments": [{"log": log, "at_s": round(at, 3)} for log, at in e.jumps],
-            "outages": [
-                {
-                    "log": log,
-                    "from_s": round(outage.from_s, 3),
-                    "to_s": round(outage.to_s, 3),
-                    "rms_dps": outage.size_rps / DEG,
-                    "times_usual": outage.times_usual,
-                    "of": "truth" if outage.sure else "truth or gyro",
-                }
-                for log, truth in enumerate(e.session.truths or ())
-                for outage in truth.outages
-            ],
-            "sigma_deg": finite_or_none(e.truth_rad / DEG),
-            "gyro_walk_deg_rts": finite_or_none(e.walk_rad / DEG),
-            "closure_deg_by_length_s": lengths,
-            "gyro_noise_walk_deg_rts": e.gyro_rad / DEG,
-            "neighbours_correlation": {"before": finite_or_none(e.neighbours[0]), "after": finite_or_none(e.neighbours[1])},
-            **({} if e.alignment is None else alignment_table(e.alignment)),
-        },
-        "force": None
-        if e.force is None
-        else {
-            "bias_mg": (e.force.bias / MG).tolist(),
-            "bias_turned_mg": (e.force.turned / MG).tolist(),
-            "std_mg": (e.force.sigma / MG).tolist(),
-        },
-        "rests": None
-        if e.rests is None
-        else {
-            "seconds": e.rests.seconds,
-            "zero_less_motion_dps": (e.rests.difference / DEG).tolist(),
-            "vibration_g2": {"rest": e.rests.vibration_g2[0], "motion": e.rests.vibration_g2[1]},
-        },
-        "excess": {"before": e.excess[0], "after": e.excess[1]},
-        "next": None,
-        "version": VERSION,
-    }
+    return plain(
+        _head(e, e.closure_rms[0] / DEG, expected_deg, place, e.claimed)
+        | {
+            "refused": [claim.to_json() for claim in e.refused],
+            "considered": [{"id": name, "probability": p} for name, p in e.naming.considered.items()],
+            "fit": {
+                "holdout_closure_rms_deg": {**_before_after(e.held_out_rms), "floor": expected_deg},
+                "closure_rms_deg": _before_after(e.closure_rms),
+            },
+            "noise": e.problem.instability.to_json() | _at_rest(e.problem) | {"components": e.noise.to_json()},
+            "truth": {
+                "wrong_moments": [{"log": log, "at_s": round(at, 3)} for log, at in e.jumps],
+                "outages": [
+                    {
+                        "log": log,
+                        "from_s": round(outage.from_s, 3),
+                        "to_s": round(outage.to_s, 3),
+                        "rms_dps": outage.size_rps / DEG,
+                        "times_usual": outage.times_usual,
+                        "of": "truth" if outage.sure else "truth or gyro",
+                    }
+                    for log, truth in enumerate(e.session.truths or ())
+                    for outage in truth.outages
+                ],
+                "sigma_deg": e.truth_rad / DEG,
+                "gyro_walk_deg_rts": e.walk_rad / DEG,
+                "closure_deg_by_length_s": lengths,
+                "gyro_noise_walk_deg_rts": e.gyro_rad / DEG,
+                "neighbours_correlation": {"before": e.neighbours[0], "after": e.neighbours[1]},
+                **({} if e.alignment is None else alignment_table(e.alignment)),
+            },
+            "force": None
+            if e.force is None
+            else {
+                "bias_mg": e.force.bias / MG,
+                "bias_turned_mg": e.force.turned / MG,
+                "std_mg": e.force.sigma / MG,
+            },
+            "rests": None
+            if e.rests is None
+            else {
+                "seconds": e.rests.seconds,
+                "zero_less_motion_dps": e.rests.difference / DEG,
+                "vibration_g2": {"rest": e.rests.vibration_g2[0], "motion": e.rests.vibration_g2[1]},
+            },
+            "excess": {"before": e.excess[0], "after": e.excess[1]},
+            "next": None,
+            "version": VERSION,
+        }
+    )
 
 
 def _before_after(rms_rad: tuple[float, float]) -> dict:

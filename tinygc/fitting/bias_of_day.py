@@ -14,6 +14,7 @@ from session.base import rotation
 from session.base.errors import FitError, SegmentError
 from session.base.files import result_folder
 from session.base.numeric import runs_of, sigmas_in
+from session.base.records import plain
 from session.base.results import read_json, write_whole
 from session.base.rotation import steps
 from session.base.units import DEG, NS, STANDARD_GRAVITY_MPS2, G
@@ -454,38 +455,40 @@ def rebias_to_json(result: Rebiased) -> dict:
         held_out = closure_figures(result.angles[name])
         return own | {"train": dict.fromkeys(held_out), "holdout": held_out}
 
-    return {
-        "schema": SCHEMA,
-        "session": session.name,
-        "stills": len(result.problem.stills),
-        "segments": {
-            "found": len(result.problem.segments),
-            "used": len(result.problem.used),
-            "rejected": [{"segment": s.number, "why": s.problem} for s in result.problem.segments if not s.accepted],
-            "notes": [{"segment": s.number, "note": s.note} for s in result.problem.segments if s.accepted and s.note],
-        },
-        "noise": {
-            "gyro_dps_rthz": (result.problem.noise.gyro / DEG).tolist(),
-            "accel_g_rthz": (result.problem.noise.accel / G).tolist(),
-            **result.problem.instability.to_json(),
-            "closure_floor_rms_deg": result.problem.floor.tilt_rms / DEG,
-        },
-        "methods": {name if name == "stored" else f"stored_{name}": figures(name) for name in result.angles},
-        "bias": {
-            "model": str(result.path),
-            "source": result.source,
-            "fitted_here": result.origin.here,
-            "remarks": remarks(result),
-            "change_dps": {name: (change / DEG).tolist() for name, (change, _) in result.changes.items()},
-            "sigma_dps": {name: None if sigma is None else (sigma / DEG).tolist() for name, (_, sigma) in result.changes.items()},
-        },
-        "closure_runs": [
-            {"file": run.file, "duration_s": run.duration_s}
-            | {name if name == "stored" else f"stored_{name}": run_figures(error) for name, error in errors.items()}
-            for run, errors in zip(result.runs, result.run_errors, strict=True)
-        ],
-        "version": VERSION,
-    }
+    return plain(
+        {
+            "schema": SCHEMA,
+            "session": session.name,
+            "stills": len(result.problem.stills),
+            "segments": {
+                "found": len(result.problem.segments),
+                "used": len(result.problem.used),
+                "rejected": [{"segment": s.number, "why": s.problem} for s in result.problem.segments if not s.accepted],
+                "notes": [{"segment": s.number, "note": s.note} for s in result.problem.segments if s.accepted and s.note],
+            },
+            "noise": {
+                "gyro_dps_rthz": result.problem.noise.gyro / DEG,
+                "accel_g_rthz": result.problem.noise.accel / G,
+                **result.problem.instability.to_json(),
+                "closure_floor_rms_deg": result.problem.floor.tilt_rms / DEG,
+            },
+            "methods": {name if name == "stored" else f"stored_{name}": figures(name) for name in result.angles},
+            "bias": {
+                "model": str(result.path),
+                "source": result.source,
+                "fitted_here": result.origin.here,
+                "remarks": remarks(result),
+                "change_dps": {name: change / DEG for name, (change, _) in result.changes.items()},
+                "sigma_dps": {name: None if sigma is None else sigma / DEG for name, (_, sigma) in result.changes.items()},
+            },
+            "closure_runs": [
+                {"file": run.file, "duration_s": run.duration_s}
+                | {name if name == "stored" else f"stored_{name}": run_figures(error) for name, error in errors.items()}
+                for run, errors in zip(result.runs, result.run_errors, strict=True)
+            ],
+            "version": VERSION,
+        }
+    )
 
 
 def save_rebiased(result: Rebiased, folder: Path | None = None) -> Path:

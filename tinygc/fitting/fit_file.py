@@ -39,84 +39,86 @@ def to_json(result: FitResult, limit_deg: float | None = None) -> dict:
     problem = result.problem
     rejected = [segment for segment in problem.segments if not segment.accepted]
     earth = problem.earth
-    return {
-        "schema": SCHEMA,
-        "session": result.session.name,
-        "stills": len(problem.stills),
-        "nominal_rate": None if result.nominal_rate is None else asdict(result.nominal_rate),
-        "segments": {
-            "found": len(problem.segments),
-            "used": len(problem.used),
-            "rejected": [{"segment": segment.number, "why": segment.problem} for segment in rejected],
-            "notes": [{"segment": s.number, "note": s.note} for s in problem.segments if s.accepted and s.note],
-            "variance_inflation": plain(problem.widened),
-        },
-        "rests_not_used": [
-            {"log": log, "at_s": round(rest.start_s, 3), "duration_s": round(rest.duration_s, 3), "cause": rest.cause, "why": rest.why}
-            for log, rest in problem.unused_rests
-        ],
-        "noise": {
-            "gyro_dps_rthz": (problem.noise.gyro / DEG).tolist(),
-            "accel_g_rthz": (problem.noise.accel / G).tolist(),
-            **problem.instability.to_json(),
-            **({} if problem.at_rest is None else {"at_rest": plain(problem.at_rest)}),
-            "closure_floor_rms_deg": problem.floor.tilt_rms / DEG,
-            "closure_all_rms_deg": None if result.noise is None else result.noise.tilt_rms / DEG,
-            "components": [] if result.noise is None else result.noise.to_json(),
-            **({} if result.physics is None else {"closure_floor_repaired_rms_deg": result.physics.problem.floor.tilt_rms / DEG}),
-        },
-        "accelerometer": {**result.accelerometer.to_json(), "effects": [] if result.physics is None else list(result.physics.of_force)},
-        "goodness": vars(result.goodness),
-        "bias_any_session": None if result.repeatability is None else result.repeatability.to_json(result.covariance[BIAS, BIAS]),
-        "systematic": None if result.allowed is None else result.allowed.to_json(),
-        "sources": plain(result.sources),
-        "bias_from": result.bias_from.to_json(),
-        **({} if result.prior is None else result.prior.to_json()),
-        "known_turns": known_turns_json(result),
-        "truth": _truth_table(result.session),
-        "unobserved": result.linear.notes.get("unobserved", []),
-        "earth": {
-            "source": earth.source,
-            "heading_deg": None if earth.heading_rad is None or earth.source == "unknown" else earth.heading_rad / DEG,
-            "heading_sigma_deg": earth.heading_sigma_rad / DEG if earth.source == "estimated" else None,
-        },
-        "methods": {
-            name: {
-                "parameters": fit.parameters,
-                "seconds": round(fit.seconds, 3),
-                "train": closure_figures(fit.angles),
-                "holdout": closure_figures(fit.held_out),
-                **({"denoiser": fit.notes["denoiser"]} if "denoiser" in fit.notes else {}),
-            }
-            for name, fit in result.methods.items()
-        },
-        "not_run": [{"method": name, "why": why} for name, why in result.not_run.items()],
-        "use": {**table_of(result.use), "model": result.file_to_use},
-        "against_raw": table_of(result.against_raw),
-        "verdict": result.verdict(limit_deg).to_json(),
-        "closure_runs": [
-            {
-                "file": run.file,
-                "duration_s": run.duration_s,
-                "floor_rmse_deg": rms_of(run.floor_rad) / DEG,
-                "earth": run.earth.source,
-                **({} if result.physics is None else {"lost_at_s": np.round(result.physics.lost_s[number], 3).tolist()}),
-                **{name: run_figures(error) for name, error in errors.items()},
-            }
-            for number, (run, errors) in enumerate(zip(result.runs, result.run_errors, strict=True))
-        ],
-        "still_rates": {"used": result.options.still_rates, "other_choice_holdout": closure_figures(result.other_choice.held_out)},
-        "options": {
-            "seed": result.options.seed,
-            "folds": min(result.options.folds, len(problem.used)),
-            "as_in_paper": result.options.as_in_paper,
-            "bias_per_log": result.options.bias_per_log,
-            "bias": result.options.bias,
-            "accelerometer": result.options.accelerometer,
-            "clock": result.options.clock,
-        },
-        "version": VERSION,
-    }
+    return plain(
+        {
+            "schema": SCHEMA,
+            "session": result.session.name,
+            "stills": len(problem.stills),
+            "nominal_rate": None if result.nominal_rate is None else asdict(result.nominal_rate),
+            "segments": {
+                "found": len(problem.segments),
+                "used": len(problem.used),
+                "rejected": [{"segment": segment.number, "why": segment.problem} for segment in rejected],
+                "notes": [{"segment": s.number, "note": s.note} for s in problem.segments if s.accepted and s.note],
+                "variance_inflation": problem.widened,
+            },
+            "rests_not_used": [
+                {"log": log, "at_s": round(rest.start_s, 3), "duration_s": round(rest.duration_s, 3), "cause": rest.cause, "why": rest.why}
+                for log, rest in problem.unused_rests
+            ],
+            "noise": {
+                "gyro_dps_rthz": problem.noise.gyro / DEG,
+                "accel_g_rthz": problem.noise.accel / G,
+                **problem.instability.to_json(),
+                **({} if problem.at_rest is None else {"at_rest": problem.at_rest}),
+                "closure_floor_rms_deg": problem.floor.tilt_rms / DEG,
+                "closure_all_rms_deg": None if result.noise is None else result.noise.tilt_rms / DEG,
+                "components": [] if result.noise is None else result.noise.to_json(),
+                **({} if result.physics is None else {"closure_floor_repaired_rms_deg": result.physics.problem.floor.tilt_rms / DEG}),
+            },
+            "accelerometer": {**result.accelerometer.to_json(), "effects": [] if result.physics is None else result.physics.of_force},
+            "goodness": vars(result.goodness),
+            "bias_any_session": None if result.repeatability is None else result.repeatability.to_json(result.covariance[BIAS, BIAS]),
+            "systematic": None if result.allowed is None else result.allowed.to_json(),
+            "sources": result.sources,
+            "bias_from": result.bias_from.to_json(),
+            **({} if result.prior is None else result.prior.to_json()),
+            "known_turns": known_turns_json(result),
+            "truth": _truth_table(result.session),
+            "unobserved": result.linear.notes.get("unobserved", []),
+            "earth": {
+                "source": earth.source,
+                "heading_deg": None if earth.heading_rad is None or earth.source == "unknown" else earth.heading_rad / DEG,
+                "heading_sigma_deg": earth.heading_sigma_rad / DEG if earth.source == "estimated" else None,
+            },
+            "methods": {
+                name: {
+                    "parameters": fit.parameters,
+                    "seconds": round(fit.seconds, 3),
+                    "train": closure_figures(fit.angles),
+                    "holdout": closure_figures(fit.held_out),
+                    **({"denoiser": fit.notes["denoiser"]} if "denoiser" in fit.notes else {}),
+                }
+                for name, fit in result.methods.items()
+            },
+            "not_run": [{"method": name, "why": why} for name, why in result.not_run.items()],
+            "use": {**table_of(result.use), "model": result.file_to_use},
+            "against_raw": result.against_raw,
+            "verdict": result.verdict(limit_deg).to_json(),
+            "closure_runs": [
+                {
+                    "file": run.file,
+                    "duration_s": run.duration_s,
+                    "floor_rmse_deg": rms_of(run.floor_rad) / DEG,
+                    "earth": run.earth.source,
+                    **({} if result.physics is None else {"lost_at_s": np.round(result.physics.lost_s[number], 3)}),
+                    **{name: run_figures(error) for name, error in errors.items()},
+                }
+                for number, (run, errors) in enumerate(zip(result.runs, result.run_errors, strict=True))
+            ],
+            "still_rates": {"used": result.options.still_rates, "other_choice_holdout": closure_figures(result.other_choice.held_out)},
+            "options": {
+                "seed": result.options.seed,
+                "folds": min(result.options.folds, len(problem.used)),
+                "as_in_paper": result.options.as_in_paper,
+                "bias_per_log": result.options.bias_per_log,
+                "bias": result.options.bias,
+                "accelerometer": result.options.accelerometer,
+                "clock": result.options.clock,
+            },
+            "version": VERSION,
+        }
+    )
 
 
 # A fit's errors on turns whose angle is known beforehand.
@@ -134,7 +136,7 @@ def known_turns_json(result: FitResult) -> list[dict]:
                 "turn": turn.known.turn,
                 "log": turn.known.log,
                 "segment": None if turn.segment is None else turn.segment.number,
-                "axis": turn.known.axis.tolist(),
+                "axis": turn.known.axis,
                 "angle_deg": turn.known.angle_rad / DEG,
                 "sigma_deg": turn.known.sigma_rad / DEG,
                 "gyro_deg": None if turn.reads is None else turn.along_rad / DEG,
@@ -274,14 +276,14 @@ def model_tables(result: FitResult) -> dict[str, dict]:
         more: dict[str, Any] = {"method": name, **made_from}
         if fit is result.linear:
             more |= {} if result.prior is None else result.prior.of_model()
-            more["covariance"] = result.covariance.tolist()
+            more["covariance"] = result.covariance
             if result.accelerometer_covariance is not None:
-                more["accelerometer_covariance"] = result.accelerometer_covariance.tolist()
+                more["accelerometer_covariance"] = result.accelerometer_covariance
             if result.joint_covariance is not None and result.joint_shared is not None:
                 more["joint_covariance"] = {
-                    "parameters": list(JOINT_NAMES),
-                    "matrix": result.joint_covariance.tolist(),
-                    "shared": result.joint_shared.tolist(),
+                    "parameters": JOINT_NAMES,
+                    "matrix": result.joint_covariance,
+                    "shared": result.joint_shared,
                 }
             more["unobserved"] = fit.notes.get("unobserved", [])
         ended: dict[str, Any] = {"method": name + AT_END, **made_from}
@@ -292,9 +294,9 @@ def model_tables(result: FitResult) -> dict[str, dict]:
             more |= covariance_table(result.physics.model.claims, covariance)
             ended |= covariance_at_end(result.physics.model, covariance)
         if result.repeatability is not None:
-            more["bias_sigma_rps"] = result.repeatability.rps.tolist()
+            more["bias_sigma_rps"] = result.repeatability.rps
         if not result.accelerometer_between.usual:
-            more["accelerometer_spread"] = result.accelerometer_between.spread.tolist()
+            more["accelerometer_spread"] = result.accelerometer_between.spread
         if fit.model.session_s is not None and result.physics is not None:
             more["began_s"] = _began_s(result.physics.problem)
             tables[name + AT_END] = models.to_dict(fit.model.at_end(), **ended)

@@ -12,6 +12,7 @@ from typing import Any
 
 from session.base import features
 from session.base.errors import FormatError
+from session.base.records import plain
 from session.base.results import read_json, require, require_schema, shown
 from tinygc.models.model import MODEL, Model, accelerometer_of, sensor_of
 
@@ -29,8 +30,8 @@ KINDS = {
 
 
 def to_dict(model: Model, **more: Any) -> dict:
-    """Convert to a JSON-ready table with schema, kind, equation and units; ``more`` is added unchanged."""
-    return {"schema": SCHEMA, "kind": model.kind, "units": UNITS, **_module(model.kind).to_table(model, to_dict), **more}
+    """Convert to a JSON-ready table with schema, kind, equation and units; ``more`` is added."""
+    return {"schema": SCHEMA, "kind": model.kind, "units": UNITS, **_module(model.kind).to_table(model, to_dict), **plain(more)}
 
 
 def from_dict(table: Any, where: str = "model") -> Model:

@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 from session import VERSION
 from session.base.errors import CalibrationError
 from session.base.files import result_folder
-from session.base.numeric import finite_or_none, rms_of
-from session.base.records import table_of
+from session.base.numeric import rms_of
+from session.base.records import plain, table_of
 from session.base.results import write_whole
 from session.base.texts import printable
 from session.base.units import DEG, NS, G
@@ -247,64 +247,65 @@ NAME = "array.json"
 def explained_to_json(found: ArrayExplanation) -> dict:
     """Return the whole result, JSON-ready; times in seconds of the array's clock from its first sample."""
     fit = found.fit
-    return {
-        "schema": SCHEMA,
-        "array": fit.array.name,
-        "verdict": found.verdict,
-        "statements": [_part(part) for part in (found.parts.common, found.parts.fast, found.parts.all_own) if part is not None],
-        "split": split_to_json(fit.split),
-        "units": [
-            {
-                "number": unit.number,
-                "verdict": found.explanations[unit.number].verdict if unit.number in found.explanations else None,
-                "error": found.not_explained.get(unit.number),
-                "own_rms_deg": unit.own_rad[0] / DEG,
-                "own_sigma_deg": unit.own_rad[1] / DEG if np.isfinite(unit.own_rad[1]) else None,
-                "own_p_value": float(p),
-                "own_upper95_deg": finite_or_none(part.upper_rad / DEG),
-                "own_standing": part.standing.value,
-                "explained": f"unit{unit.number}/explain.json" if unit.number in found.explanations else None,
-            }
-            for unit, p, part in zip(fit.units, fit.split.own_p, found.parts.own, strict=True)
-        ],
-        "traits": [_trait(trait) for trait in found.traits],
-        "slow_zero": None if found.slow_zero is None else _slow_zero(found.slow_zero),
-        "rest_noise": {name: _rest_noise(name, shared) for name, shared in found.rest_noise.items()},
-        "events": [event_to_json(event, fit) for event in fit.joint.events],
-        "moments": [
-            {
-                "what": moment.what,
-                "at_s": moment.at_s - begins_s(fit),
-                "unit": moment.unit,
-                "units": list(moment.units),
-                "size_dps": moment.size_rps / DEG,
-                "felt_by_others": moment.felt,
-                "description": moment.words,
-            }
-            for moment in found.moments
-        ],
-        "left_out": [{"number": unit.number, "why": unit.why} for unit in fit.left_out],
-        "version": VERSION,
-    }
+    return plain(
+        {
+            "schema": SCHEMA,
+            "array": fit.array.name,
+            "verdict": found.verdict,
+            "statements": [_part(part) for part in (found.parts.common, found.parts.fast, found.parts.all_own) if part is not None],
+            "split": split_to_json(fit.split),
+            "units": [
+                {
+                    "number": unit.number,
+                    "verdict": found.explanations[unit.number].verdict if unit.number in found.explanations else None,
+                    "error": found.not_explained.get(unit.number),
+                    "own_rms_deg": unit.own_rad[0] / DEG,
+                    "own_sigma_deg": unit.own_rad[1] / DEG if np.isfinite(unit.own_rad[1]) else None,
+                    "own_p_value": float(p),
+                    "own_upper95_deg": part.upper_rad / DEG,
+                    "own_standing": part.standing.value,
+                    "explained": f"unit{unit.number}/explain.json" if unit.number in found.explanations else None,
+                }
+                for unit, p, part in zip(fit.units, fit.split.own_p, found.parts.own, strict=True)
+            ],
+            "traits": [_trait(trait) for trait in found.traits],
+            "slow_zero": None if found.slow_zero is None else _slow_zero(found.slow_zero),
+            "rest_noise": {name: _rest_noise(name, shared) for name, shared in found.rest_noise.items()},
+            "events": [event_to_json(event, fit) for event in fit.joint.events],
+            "moments": [
+                {
+                    "what": moment.what,
+                    "at_s": moment.at_s - begins_s(fit),
+                    "unit": moment.unit,
+                    "units": moment.units,
+                    "size_dps": moment.size_rps / DEG,
+                    "felt_by_others": moment.felt,
+                    "description": moment.words,
+                }
+                for moment in found.moments
+            ],
+            "left_out": [{"number": unit.number, "why": unit.why} for unit in fit.left_out],
+            "version": VERSION,
+        }
+    )
 
 
 def _part(part: Part) -> dict:
-    sizes = {"size_deg": part.size_rad / DEG, "upper95_deg": finite_or_none(part.upper_rad / DEG)}
+    sizes = {"size_deg": part.size_rad / DEG, "upper95_deg": part.upper_rad / DEG}
     return {"what": part.statement.what, **table_of(part.statement), **sizes}
 
 
 def _trait(trait: Trait) -> dict:
     by_unit = [
-        {"number": number, "named": each.named, "value": each.theta.tolist(), "std": each.sigma.tolist()}
-        for number, each in (trait.estimates or {}).items()
+        {"number": number, "named": each.named, "value": each.theta, "std": each.sigma} for number, each in (trait.estimates or {}).items()
     ]
     stated = table_of(trait.statement) | {"description": trait.words}
-    scope = {"scope": trait.scope, "apart": list(trait.apart), "equivalent": list(trait.instead)}
-    return {"id": trait.id, "units": list(trait.units), **scope, **stated, "of_units": list(trait.says), "by_unit": by_unit}
+    scope = {"scope": trait.scope, "apart": trait.apart, "equivalent": trait.instead}
+    return {"id": trait.id, "units": trait.units, **scope, **stated, "of_units": trait.says, "by_unit": by_unit}
 
 
 def _slow_zero(slow: PooledSlowZero) -> dict:
-    sizes = [{"number": n, "size_dps": rps / DEG, "named": list(slow.named[n])} for n, rps in slow.sizes_rps.items()]
+    sizes = [{"number": n, "size_dps": rps / DEG, "named": slow.named[n]} for n, rps in slow.sizes_rps.items()]
     return {**table_of(slow.statement), "shares": slow.shares, "by_unit": sizes}
 
 

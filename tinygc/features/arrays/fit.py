@@ -16,7 +16,8 @@ from scipy.spatial.transform import Rotation
 from session import VERSION
 from session.base.errors import CalibrationError
 from session.base.files import result_folder
-from session.base.numeric import finite_or_none, sigma_of, sigmas_in
+from session.base.numeric import sigma_of, sigmas_in
+from session.base.records import plain
 from session.base.results import write_whole
 from session.base.rotation import cross_matrix
 from session.base.solving import inverse as covariance_of
@@ -403,27 +404,29 @@ MODEL = "model_least_squares.json"
 def array_to_json(fit: ArrayFit) -> dict:
     """Return the whole result, JSON-ready; angles in degrees, times in seconds of the array's clock from its first sample."""
     begins = begins_s(fit)
-    return {
-        "schema": SCHEMA,
-        "array": fit.array.name,
-        "units": [_unit(unit, float(p)) for unit, p in zip(fit.units, fit.split.own_p, strict=True)],
-        "left_out": [{"number": unit.number, "why": unit.why} for unit in fit.left_out],
-        "turns_used": [len(rows) for rows in fit.same.turns],
-        "bias_from": {"used": fit.bias, "p_value": fit.bias_p},
-        "read_latency": [{"number": each.number, "beat_hz": each.beat_hz, "period_s": each.period_s} for each in fit.ages],
-        "split": split_to_json(fit.split),
-        "turns": [
-            {
-                "at_s": float(fit.same.time_s[turn.first, 1]) - begins,
-                "common_deg": float(np.linalg.norm(turn.common_rad)) / DEG,
-                "common_sigma_deg": float(np.linalg.norm(turn.sigma_rad)) / DEG,
-                "own_deg": [None if np.isnan(size) else size / DEG for size in turn.own_rad],
-            }
-            for turn in fit.split.turns
-        ],
-        "events": [event_to_json(event, fit) for event in fit.joint.events],
-        "version": VERSION,
-    }
+    return plain(
+        {
+            "schema": SCHEMA,
+            "array": fit.array.name,
+            "units": [_unit(unit, float(p)) for unit, p in zip(fit.units, fit.split.own_p, strict=True)],
+            "left_out": [{"number": unit.number, "why": unit.why} for unit in fit.left_out],
+            "turns_used": [len(rows) for rows in fit.same.turns],
+            "bias_from": {"used": fit.bias, "p_value": fit.bias_p},
+            "read_latency": [{"number": each.number, "beat_hz": each.beat_hz, "period_s": each.period_s} for each in fit.ages],
+            "split": split_to_json(fit.split),
+            "turns": [
+                {
+                    "at_s": float(fit.same.time_s[turn.first, 1]) - begins,
+                    "common_deg": float(np.linalg.norm(turn.common_rad)) / DEG,
+                    "common_sigma_deg": float(np.linalg.norm(turn.sigma_rad)) / DEG,
+                    "own_deg": [None if np.isnan(size) else size / DEG for size in turn.own_rad],
+                }
+                for turn in fit.split.turns
+            ],
+            "events": [event_to_json(event, fit) for event in fit.joint.events],
+            "version": VERSION,
+        }
+    )
 
 
 def begins_s(fit: ArrayFit) -> float:
@@ -443,13 +446,13 @@ def _place_to_json(place: UnitPlace) -> dict:
             "about_s": place.clock.about_s,
         },
         "mounting": {
-            "rotvec_deg": (Rotation.from_matrix(place.mounting).as_rotvec() / DEG).tolist(),
-            "sigma_deg": (sigmas_in(place.mounting_covariance) / DEG).tolist(),
-            "matrix": place.mounting.tolist(),
+            "rotvec_deg": Rotation.from_matrix(place.mounting).as_rotvec() / DEG,
+            "sigma_deg": sigmas_in(place.mounting_covariance) / DEG,
+            "matrix": place.mounting,
         },
         "position": {
-            "metres": place.position_m.tolist() if known else None,  # type: ignore[union-attr]
-            "sigma_m": sigmas_in(place.position_covariance).tolist() if known else None,  # type: ignore[arg-type]
+            "metres": place.position_m if known else None,
+            "sigma_m": sigmas_in(place.position_covariance) if known else None,  # type: ignore[arg-type]
         },
     }
 
@@ -463,22 +466,22 @@ def _unit(unit: UnitFit, own_p: float) -> dict:
             "alone_rms_deg": unit.closure_rad / DEG,
             "floor_rms_deg": unit.floor_rad / DEG,
             "own_rms_deg": unit.own_rad[0] / DEG,
-            "own_sigma_deg": finite_or_none(unit.own_rad[1] / DEG),
+            "own_sigma_deg": unit.own_rad[1] / DEG,
             "own_p_value": own_p,
-            "minus_mean_rms_deg": finite_or_none(unit.minus_mean_rad / DEG),
+            "minus_mean_rms_deg": unit.minus_mean_rad / DEG,
         },
         "noise": {
-            "gyro_dps_rthz": (unit.noise.gyro / DEG).tolist(),
-            "accel_g_rthz": (unit.noise.accel / G).tolist(),
+            "gyro_dps_rthz": unit.noise.gyro / DEG,
+            "accel_g_rthz": unit.noise.accel / G,
             "bias_instability_dph": unit.instability.rps / DEG_PER_HOUR,
         },
-        "E": unit.model.E.tolist(),
-        "B_dps": (unit.model.B / DEG).tolist(),
-        "E_sigma": unit.sigma[MATRIX].reshape(3, 3).tolist(),
-        "B_sigma_dps": (unit.sigma[BIAS] / DEG).tolist(),
-        "E_sigma_alone": unit.sigma_alone[MATRIX].reshape(3, 3).tolist(),
-        "B_sigma_alone_dps": (unit.sigma_alone[BIAS] / DEG).tolist(),
-        "unobserved": list(unit.unobserved),
+        "E": unit.model.E,
+        "B_dps": unit.model.B / DEG,
+        "E_sigma": unit.sigma[MATRIX].reshape(3, 3),
+        "B_sigma_dps": unit.sigma[BIAS] / DEG,
+        "E_sigma_alone": unit.sigma_alone[MATRIX].reshape(3, 3),
+        "B_sigma_alone_dps": unit.sigma_alone[BIAS] / DEG,
+        "unobserved": unit.unobserved,
         "closure_runs": [
             {"file": run.file, "duration_s": run.duration_s, "rmse_deg": run_figures(error)["rmse_deg"]} for run, error in unit.runs
         ],
@@ -491,16 +494,16 @@ def split_to_json(split: VarianceSplit) -> dict:
     return {
         "common_rms_deg": split.common / DEG,
         "common_p_value": split.p_value,
-        "common_upper95_deg": finite_or_none(split.common_upper / DEG),
-        "equal_in_all_turns_deg": {"size": split.turn[0] / DEG, "sigma": finite_or_none(split.turn[1] / DEG)},
+        "common_upper95_deg": split.common_upper / DEG,
+        "equal_in_all_turns_deg": {"size": split.turn[0] / DEG, "sigma": split.turn[1] / DEG},
         "undersampled_deg": {
             "size": split.fast[0] / DEG,
-            "sigma": finite_or_none(split.fast[1] / DEG),
+            "sigma": split.fast[1] / DEG,
             "predicted": split.predicted / DEG,
         },
-        "level_acceleration_mg": {"size": 1e3 * split.level_mps2[0] / G, "sigma": finite_or_none(1e3 * split.level_mps2[1] / G)},
+        "level_acceleration_mg": {"size": 1e3 * split.level_mps2[0] / G, "sigma": 1e3 * split.level_mps2[1] / G},
         "is_fast_motion": split.is_fast_motion,
-        "minus_mean_rms_deg": finite_or_none(split.minus_mean_rad / DEG),
+        "minus_mean_rms_deg": split.minus_mean_rad / DEG,
         "description": split.words,
     }
 
@@ -536,8 +539,8 @@ def unit_table(fit: ArrayFit, unit: UnitFit) -> dict:
         version=VERSION,
         sensor=sensor_table(unit.session.config.sensor),
         accelerometer=accelerometer_table(unit.accelerometer),
-        covariance=(unit.covariance[:PARAMETERS, :PARAMETERS] * pace**2).tolist(),
-        unobserved=list(unit.unobserved),
+        covariance=unit.covariance[:PARAMETERS, :PARAMETERS] * pace**2,
+        unobserved=unit.unobserved,
     )
 
 

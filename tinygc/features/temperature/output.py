@@ -9,7 +9,8 @@ import numpy as np
 
 from session import VERSION
 from session.base.files import result_folder
-from session.base.numeric import finite_or_none, sigmas_in
+from session.base.numeric import sigmas_in
+from session.base.records import plain
 from session.base.results import write_whole
 from session.base.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MDPS, MG
 from tinygc import models
@@ -330,13 +331,13 @@ def to_json(fit: ThermalFit) -> dict:
         "session": fit.name,
         "version": VERSION,
         "reference_c": model.reference_c,
-        "range_c": list(model.range_c),
-        "remaining_dps": _numbers(fit.remaining_rps / DEG),
+        "range_c": model.range_c,
+        "remaining_dps": fit.remaining_rps / DEG,
     }
     table["model"] = {
-        "E_per_c": model.E_terms.tolist(),
-        "zero_dps_per_c": (model.zero_terms / DEG).tolist(),
-        "lag_s": model.lag_s.tolist(),
+        "E_per_c": model.E_terms,
+        "zero_dps_per_c": model.zero_terms / DEG,
+        "lag_s": model.lag_s,
         "parameters": [
             {"name": name, "value": float(value), "std": float(sigma)}
             for name, value, sigma in zip(fit.names, fit.values, fit.sigma, strict=True)
@@ -346,7 +347,7 @@ def to_json(fit: ThermalFit) -> dict:
         table |= of_rests(fit.rests)
     if fit.sessions is not None:
         table |= of_sessions(fit.sessions)
-    return table
+    return plain(table)
 
 
 def of_sessions(sessions: SessionsFit) -> dict:
@@ -355,22 +356,22 @@ def of_sessions(sessions: SessionsFit) -> dict:
         "sessions": [
             {
                 "name": point.name,
-                "temperature_c": _numbers([point.low_c, point.temp_c, point.high_c]),
+                "temperature_c": [point.low_c, point.temp_c, point.high_c],
                 "segments": point.segments,
-                "E": point.values[MATRIX].reshape(3, 3).tolist(),
-                "zero_dps": _numbers(point.values[BIAS] / DEG),
-                "zero_std_dps": _numbers(sigmas_in(point.covariance)[BIAS] / DEG),
+                "E": point.values[MATRIX].reshape(3, 3),
+                "zero_dps": point.values[BIAS] / DEG,
+                "zero_std_dps": sigmas_in(point.covariance)[BIAS] / DEG,
             }
             for point in sessions.points
         ],
         "E_goodness": {
             "chi_square": sessions.chi_square,
             "freedom": sessions.freedom,
-            "p_value": finite_or_none(sessions.p_value),
+            "p_value": sessions.p_value,
             "variance_inflation": sessions.widened,
         },
         "E_constant_p_value": sessions.p_constant,
-        "turn_on_dps": finite_or_none(sessions.turn_on_rps / DEG),
+        "turn_on_dps": sessions.turn_on_rps / DEG,
     }
 
 
@@ -382,9 +383,9 @@ def of_rests(rests: RestFit) -> dict:
                 "file": log.path.name,
                 "samples": log.samples,
                 "duration_s": log.duration_s,
-                "rate_hz": finite_or_none(1 / log.period_s),
+                "rate_hz": 1 / log.period_s,
                 "left_out_s": (len(log) - len(kept)) * log.block_s,
-                "temperature_c": _numbers([log.temp_c.min(), log.temp_c.max()]),
+                "temperature_c": [log.temp_c.min(), log.temp_c.max()],
             }
             for log, kept in zip(rests.logs, rests.knots.logs, strict=True)
         ],
@@ -401,16 +402,16 @@ def _axis(axis: str, fit: AxisFit, unit: float, word: str) -> dict:
     return {
         "axis": axis,
         "order": int(terms[-1]),
-        f"terms_{word}": _numbers(fit.terms / unit),
-        f"terms_std_{word}": _numbers(fit.sigma[:-1] / unit),
+        f"terms_{word}": fit.terms / unit,
+        f"terms_std_{word}": fit.sigma[:-1] / unit,
         "lag_s": fit.tau_s if lagged else None,
         "lag_std_s": float(fit.sigma[-1]) if lagged else None,
         "p_value": fit.p_value,
         "held_out_by": fit.examined.by,
         f"held_out_{word}": fit.held_out / unit,
-        f"held_out_constant_{word}": finite_or_none(fit.held_out_of(0, False) / unit),
+        f"held_out_constant_{word}": fit.held_out_of(0, False) / unit,
         f"left_{word}": fit.left / unit,
-        f"turn_on_{word}": finite_or_none(fit.turn_on / unit),
+        f"turn_on_{word}": fit.turn_on / unit,
         f"line_{word}": None if fit.line is None else fit.line.slope / unit,
         f"line_std_{word}": None if fit.line is None else fit.line.sigma / unit,
         "line_or_walk": fit.line is not None and fit.line.order > 0,
@@ -432,20 +433,16 @@ def _noise_table(rests: RestFit, axis: int) -> dict:
     over = rests.noise
     return {
         "axis": "xyz"[axis],
-        "angle_random_walk_deg_rth": finite_or_none(walk.value / DEG_PER_SQRT_HOUR),
-        "angle_random_walk_std_deg_rth": finite_or_none(walk.sigma / DEG_PER_SQRT_HOUR),
-        "bias_instability_dph": finite_or_none(floor.value / DEG_PER_HOUR) if floor.observed else None,
-        "bias_instability_std_dph": finite_or_none(floor.sigma / DEG_PER_HOUR) if floor.observed else None,
-        "bias_instability_at_most_dph": finite_or_none(floor.at_most / DEG_PER_HOUR),
+        "angle_random_walk_deg_rth": walk.value / DEG_PER_SQRT_HOUR,
+        "angle_random_walk_std_deg_rth": walk.sigma / DEG_PER_SQRT_HOUR,
+        "bias_instability_dph": floor.value / DEG_PER_HOUR if floor.observed else None,
+        "bias_instability_std_dph": floor.sigma / DEG_PER_HOUR if floor.observed else None,
+        "bias_instability_at_most_dph": floor.at_most / DEG_PER_HOUR,
         "rms_per_c": None if over is None else float(over.per_c[axis]),
         "rms_std_per_c": None if over is None else float(over.sigma[axis]),
-        "rms_at_c": [] if over is None else _numbers(over.at_c),
-        "rms_dps": [] if over is None else _numbers(over.rms[:, axis] / DEG),
+        "rms_at_c": [] if over is None else over.at_c,
+        "rms_dps": [] if over is None else over.rms[:, axis] / DEG,
     }
-
-
-def _numbers(values: Any) -> list[float | None]:
-    return [finite_or_none(value) for value in np.asarray(values, dtype=float).tolist()]
 
 
 # A fit over temperature as files: the model, the figures, the picture.
@@ -475,15 +472,15 @@ def model_table(fit: ThermalFit) -> dict:
         "session": fit.name,
         "sha256": fit.sha256,
         "version": VERSION,
-        "covariance": fit.covariance.tolist(),
-        "covariance_of": list(fit.names),
+        "covariance": fit.covariance,
+        "covariance_of": fit.names,
         "covariance_units": UNITS,
-        "remaining_rps": [None if value != value else value for value in fit.remaining_rps.tolist()],
+        "remaining_rps": fit.remaining_rps,
     }
     if fit.sessions is not None:
         # All sessions were rotated into the first one's frame.  Without turns E is the identity, and has no frame.
         more["accelerometer"] = accelerometer_table(fit.sessions.points[0].accelerometer)
     if fit.rests is not None and fit.rests.accel:
         # At a single attitude, changes of scale and of zero cannot be separated, and the constant is gravity.
-        more["accel_change_mps2"] = zero_terms(fit.rests.accel)[1:].tolist()
+        more["accel_change_mps2"] = zero_terms(fit.rests.accel)[1:]
     return models.to_dict(fit.model, **more)

@@ -9,6 +9,7 @@ import numpy as np
 
 from session import VERSION
 from session.base.files import result_folder
+from session.base.records import plain
 from session.base.results import write_whole
 from session.base.texts import degrees, printable, probability, significant
 from session.base.units import DEG
@@ -175,12 +176,9 @@ def to_json(fit: TurnsResult) -> dict:
     """``tinygc-turns/1``."""
     estimate = fit.estimate
 
-    def number(value: float, unit: float = 1.0) -> float | None:
-        return float(value) / unit if np.isfinite(value) else None
-
     def component(found: Component, unit: float) -> dict | None:
         names = ("median", "low", "high", "upper")
-        return {name: number(getattr(found, name), unit) for name in names} if found.estimated else None
+        return {name: getattr(found, name) / unit for name in names} if found.estimated else None
 
     turns = [
         {
@@ -189,13 +187,13 @@ def to_json(fit: TurnsResult) -> dict:
             "axis": angle.turn.words,
             "stated_deg": angle.turn.angle_rad / DEG,
             "stated_sigma_deg": angle.turn.sigma_rad / DEG,
-            "measured_deg": number(np.sign(angle.turn.angle_rad) * angle.measured_rad, DEG),
-            "table_axis": None if angle.problem else angle.direction.tolist(),
-            "rate_dps": number(angle.rate_rps, DEG),
-            "duration_s": number(angle.duration_s),
-            "miss_deg": number(estimate.residual_rad[i], DEG),
-            "miss_sigma_deg": number(estimate.predicted_rad[i], DEG),
-            "lost_probability": number(estimate.lost[i]),
+            "measured_deg": np.sign(angle.turn.angle_rad) * angle.measured_rad / DEG,
+            "table_axis": None if angle.problem else angle.direction,
+            "rate_dps": angle.rate_rps / DEG,
+            "duration_s": angle.duration_s,
+            "miss_deg": estimate.residual_rad[i] / DEG,
+            "miss_sigma_deg": estimate.predicted_rad[i] / DEG,
+            "lost_probability": estimate.lost[i],
             "lost_s": angle.lost_s,
             "used": bool(estimate.used[i]),
             "problem": angle.problem,
@@ -203,50 +201,52 @@ def to_json(fit: TurnsResult) -> dict:
         }
         for i, angle in enumerate(fit.angles)
     ]
-    return {
-        "schema": SCHEMA,
-        "version": VERSION,
-        "session": fit.session.name,
-        "sha256": fit.sha256,
-        "scale": [
-            {
-                "axis": "xyz"[scale.axis],
-                "sense": "+" if scale.sense > 0 else "-",
-                "error_ppm": scale.value * 1e6,
-                "sigma_ppm": scale.sigma * 1e6,
-                "own_axis_within_ppm": scale.axis_bound * 1e6,
-                "turns": scale.turns,
-            }
-            for scale in fit.scales
-        ],
-        "scale_covariance_ppm2": (fit.covariance * 1e12).tolist(),
-        "asymmetry": [
-            {"axis": "xyz"[axis], "value_ppm": value * 1e6, "sigma_ppm": sigma * 1e6} for axis, (value, sigma) in fit.asymmetry.items()
-        ],
-        "bias": {
-            "mean_dps": (fit.bias.mean / DEG).tolist(),
-            "sigma_dps": (fit.bias.sigma / DEG).tolist(),
-            "wander_dps": (fit.bias.wander / DEG).tolist(),
-            "rests": fit.bias.rests,
-        },
-        "play_deg": component(estimate.play, DEG),
-        "repeat_ppm": component(estimate.repeat, 1e-6),
-        "chi_square": {"value": estimate.chi2, "dof": estimate.dof, "p": number(estimate.p_value)},
-        "repeats": [
-            {
-                "axis": "xyz"[cell.axis],
-                "sense": "+" if cell.sense > 0 else "-",
-                "stated_deg": cell.stated_rad / DEG,
-                "rate_dps": cell.rate_rps / DEG,
-                "turns": cell.count,
-                "mean_deg": cell.mean_rad / DEG,
-                "std_deg": cell.sigma_rad / DEG,
-            }
-            for cell in repeats(fit)
-        ],
-        "turns": turns,
-        "remarks": remarks(fit),
-    }
+    return plain(
+        {
+            "schema": SCHEMA,
+            "version": VERSION,
+            "session": fit.session.name,
+            "sha256": fit.sha256,
+            "scale": [
+                {
+                    "axis": "xyz"[scale.axis],
+                    "sense": "+" if scale.sense > 0 else "-",
+                    "error_ppm": scale.value * 1e6,
+                    "sigma_ppm": scale.sigma * 1e6,
+                    "own_axis_within_ppm": scale.axis_bound * 1e6,
+                    "turns": scale.turns,
+                }
+                for scale in fit.scales
+            ],
+            "scale_covariance_ppm2": fit.covariance * 1e12,
+            "asymmetry": [
+                {"axis": "xyz"[axis], "value_ppm": value * 1e6, "sigma_ppm": sigma * 1e6} for axis, (value, sigma) in fit.asymmetry.items()
+            ],
+            "bias": {
+                "mean_dps": fit.bias.mean / DEG,
+                "sigma_dps": fit.bias.sigma / DEG,
+                "wander_dps": fit.bias.wander / DEG,
+                "rests": fit.bias.rests,
+            },
+            "play_deg": component(estimate.play, DEG),
+            "repeat_ppm": component(estimate.repeat, 1e-6),
+            "chi_square": {"value": estimate.chi2, "dof": estimate.dof, "p": estimate.p_value},
+            "repeats": [
+                {
+                    "axis": "xyz"[cell.axis],
+                    "sense": "+" if cell.sense > 0 else "-",
+                    "stated_deg": cell.stated_rad / DEG,
+                    "rate_dps": cell.rate_rps / DEG,
+                    "turns": cell.count,
+                    "mean_deg": cell.mean_rad / DEG,
+                    "std_deg": cell.sigma_rad / DEG,
+                }
+                for cell in repeats(fit)
+            ],
+            "turns": turns,
+            "remarks": remarks(fit),
+        }
+    )
 
 
 def model_table(fit: TurnsResult) -> dict:
@@ -259,9 +259,9 @@ def model_table(fit: TurnsResult) -> dict:
         sha256=fit.sha256,
         version=VERSION,
         sensor={name: value for name, value in sensor.items() if value == value},  # no full scale of an accelerometer that is not there
-        covariance=fit.model_covariance.tolist(),
-        covariance_of=list(NAMES),
-        unobserved=list(fit.unobserved),
+        covariance=fit.model_covariance,
+        covariance_of=NAMES,
+        unobserved=fit.unobserved,
     )
 
 

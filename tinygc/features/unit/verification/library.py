@@ -82,61 +82,62 @@ class Verified(Shown):
         found = self.result
         diagnosis = found.diagnosis
         sigma = sigmas_in(found.bias_covariance)
-        return {
-            "schema": SCHEMA,
-            "version": VERSION,
-            "model": found.old.path.name,
-            "of": found.old.name,
-            "today": self.today,
-            "answer": found.answer,
-            "headline": found.headline,
-            "advice": found.advice,
-            "exit_code": found.exit_code,
-            "alarm": found.alarm,
-            "false_alarm": found.options.false_alarm,
-            "turns": found.rows.turns,
-            "rests": found.rows.stills,
-            "questions": [
-                {
-                    "name": question.name,
-                    "asked": question.asked,
-                    "holds": question.holds if question.asked else None,
-                    "statistic": question.statistic if question.asked else None,
-                    "chi_square": question.chi_square if question.asked else None,
-                    "freedom": question.rank,
-                    "p_value": question.p_value if question.asked else None,
-                    "level": question.level,
-                }
-                for question in found.questions
-            ],
-            "expected": [
-                {"name": part.name, "source": part.source, "freedom": _finite(part.freedom), "assumed": part.assumed}
-                for part in found.parts
-            ],
-            "bias_anew": {"bias_dps": (found.new_bias / DEG).tolist(), "change_dps": (found.bias_anew / DEG).tolist()}
-            | {"sigma_dps": (sigma / DEG).tolist()},
-            "cause": None
-            if diagnosis is None
-            else {
-                "names": list(diagnosis.best.names),
-                "words": diagnosis.best.words,
-                "probability": diagnosis.probability,
-                "instead": [{"name": name, "others": list(others)} for name, others in diagnosis.rivals.items()],
-                "alone": [{"name": name, "log_odds": odds} for name, odds in diagnosis.alone.items()],
-            },
-            "cost": {
-                "motion": found.cost.motion,
-                "as_it_is_deg": (found.cost.as_it_is / DEG).tolist(),
-                "sigma_deg": (found.cost.sigma / DEG).tolist(),
-                "bias_anew_deg": (found.cost.bias_anew / DEG).tolist(),
-                "bias_anew_sigma_deg": (found.cost.bias_anew_sigma / DEG).tolist(),
-            },
-            "bounds": plain(found.bounds),
-            "turns_that_tell": [proposal.words for proposal in found.tell],
-            "turns_that_separate": [proposal.words for proposal in found.separate],
-            "facts": list(found.facts),
-            "notes": list(found.notes),
-        }
+        return plain(
+            {
+                "schema": SCHEMA,
+                "version": VERSION,
+                "model": found.old.path.name,
+                "of": found.old.name,
+                "today": self.today,
+                "answer": found.answer,
+                "headline": found.headline,
+                "advice": found.advice,
+                "exit_code": found.exit_code,
+                "alarm": found.alarm,
+                "false_alarm": found.options.false_alarm,
+                "turns": found.rows.turns,
+                "rests": found.rows.stills,
+                "questions": [
+                    {
+                        "name": question.name,
+                        "asked": question.asked,
+                        "holds": question.holds if question.asked else None,
+                        "statistic": question.statistic if question.asked else None,
+                        "chi_square": question.chi_square if question.asked else None,
+                        "freedom": question.rank,
+                        "p_value": question.p_value if question.asked else None,
+                        "level": question.level,
+                    }
+                    for question in found.questions
+                ],
+                "expected": [
+                    {"name": part.name, "source": part.source, "freedom": _finite(part.freedom), "assumed": part.assumed}
+                    for part in found.parts
+                ],
+                "bias_anew": {"bias_dps": found.new_bias / DEG, "change_dps": found.bias_anew / DEG} | {"sigma_dps": sigma / DEG},
+                "cause": None
+                if diagnosis is None
+                else {
+                    "names": diagnosis.best.names,
+                    "words": diagnosis.best.words,
+                    "probability": diagnosis.probability,
+                    "instead": [{"name": name, "others": others} for name, others in diagnosis.rivals.items()],
+                    "alone": [{"name": name, "log_odds": odds} for name, odds in diagnosis.alone.items()],
+                },
+                "cost": {
+                    "motion": found.cost.motion,
+                    "as_it_is_deg": found.cost.as_it_is / DEG,
+                    "sigma_deg": found.cost.sigma / DEG,
+                    "bias_anew_deg": found.cost.bias_anew / DEG,
+                    "bias_anew_sigma_deg": found.cost.bias_anew_sigma / DEG,
+                },
+                "bounds": plain(found.bounds),
+                "turns_that_tell": [proposal.words for proposal in found.tell],
+                "turns_that_separate": [proposal.words for proposal in found.separate],
+                "facts": found.facts,
+                "notes": found.notes,
+            }
+        )
 
 
 def _finite(value: float) -> float | None:

@@ -127,17 +127,11 @@ class Context:
         """Names of the accelerometer's numbers that kept their initial values because the session does not observe them."""
         return tuple((self.fit.get("accelerometer") or {}).get("unobserved") or ())
 
-    @property
-    def gyro_noise(self) -> np.ndarray | None:
-        """(3,) rad/s/sqrt(Hz), one-sided white density measured in the stills."""
-        found = self.fit.get("noise", {}).get("gyro_dps_rthz")
-        return None if found is None else np.multiply(found, DEG)
-
-    @property
-    def accel_noise(self) -> np.ndarray | None:
-        """(3,) m/s^2/sqrt(Hz), one-sided white density measured in the stills."""
-        found = self.fit.get("noise", {}).get("accel_g_rthz")
-        return None if found is None else np.multiply(found, G)
+    def noise_of_stills(self, kind: str) -> np.ndarray | None:
+        """(3,) SI/sqrt(Hz) of ``gyro`` or ``accel``: one-sided white density measured in the stills."""
+        name, unit = {"gyro": ("gyro_dps_rthz", DEG), "accel": ("accel_g_rthz", G)}[kind]
+        found = self.fit.get("noise", {}).get(name)
+        return None if found is None else np.multiply(found, unit)
 
     @property
     def gyro_instability(self) -> tuple[float, str] | None:

@@ -182,7 +182,7 @@ def _density(context: Context, kind: str, term: str) -> Density | None:
             return None
     unknown = np.full(3, np.nan)
     if term == "N":
-        one_sided = {"gyro": context.gyro_noise, "accel": context.accel_noise}[kind]
+        one_sided = context.noise_of_stills(kind)
         return None if one_sided is None else Density(one_sided / np.sqrt(2), unknown, (OF_STILLS,) * 3)
     guess = context.gyro_instability if kind == "gyro" else (ACCEL_INSTABILITY_MPS2, "")
     return None if guess is None else Density(np.full(3, np.sqrt(3 / WALK_S) * FLOOR * guess[0]), unknown, (GUESSED,) * 3)

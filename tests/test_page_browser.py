@@ -177,20 +177,20 @@ def test_keys_and_pedals_ask_and_a_note_is_typed(browser, server):
     got = []
 
     def heard(*expected) -> bool:
-        got.extend((command.name, text) for command, text in server.wishes())
+        got.extend(server.wishes())
         return got == list(expected)
 
     assert browser.evaluate("document.getElementById('sound').ariaPressed") == "false"
     press("PageDown")
     press("PageDown")  # a foot that rests on the pedal
-    until(lambda: heard(("PAUSE", "")))
+    until(lambda: heard(("pause", "")))
     press("PageUp")
-    until(lambda: heard(("PAUSE", ""), ("DROP", "")))
+    until(lambda: heard(("pause", ""), ("drop", "")))
     press("Enter", "\r")  # there is no mark to stand on now
     press("n", "n")
     browser.ask("Input.insertText", {"text": "p is for pause"})
     press("Enter", "\r")
-    until(lambda: heard(("PAUSE", ""), ("DROP", ""), ("NOTE", "p is for pause")))
+    until(lambda: heard(("pause", ""), ("drop", ""), ("note", "p is for pause")))
     shown(browser, "document.getElementById('text').value === ''")
     assert browser.evaluate("document.getElementById('sound').ariaPressed") == "true"  # the first key turned it on
     server.publish("end", {"words": "The files are closed.", "command": "", "report": "offered"})

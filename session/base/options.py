@@ -293,6 +293,16 @@ def _text(value: Any) -> str:
     return repr(value).removesuffix(".0") if isinstance(value, float) else str(value)
 
 
+def record_in(records: Sequence[Any], kind: type[R]) -> R:
+    """Return the record of a kind among several; one of defaults where there is none."""
+    return next((each for each in records if isinstance(each, kind)), kind())
+
+
+def given_beside(records: Sequence[Any], own: Any) -> dict[str, bool]:
+    """Flags of the options that differ from their defaults, of all records but one."""
+    return {name: True for each in records if each is not own for name in given(each)}
+
+
 # The command line
 
 

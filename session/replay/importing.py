@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from session.base import features
 from session.base.budget import budget
 from session.base.errors import FormatError
+from session.base.options import given
 from session.base.texts import letters_of
 from session.replay.binary import registry
 from session.replay.convert import Converted, convert
@@ -28,19 +30,17 @@ def import_log(
     serial: str = "",
     columns: Sequence[str] = (),
     header: str | None = None,
-    array_by: str | None = None,
-    turns: Path | None = None,
+    further: Sequence[Any] = (),
     most_memory: int | None = None,
 ) -> Converted:
     """Make a session folder of a log; out: None for one with the log's name, in the folder where one works.
 
-    header: of a port's bytes as text; array_by: the column whose values tell the units of an array; turns: the known turns of a gyroscope
-    alone; most_memory: bytes that reading may take (session/base/budget.py).  Raises FormatError and DataError, QuestionsError for all that
-    the log does not say, StorageError.
+    header: of a port's bytes as text; further: records of options that features add; most_memory: bytes that reading may take
+    (session/base/budget.py).  Raises FormatError and DataError, QuestionsError for all that the log does not say, StorageError.
     """
     if most_memory is not None:
         with budget(paths, most_memory):
-            return import_log(paths, out, answers, add=add, serial=serial, columns=columns, header=header, array_by=array_by, turns=turns)
+            return import_log(paths, out, answers, add=add, serial=serial, columns=columns, header=header, further=further)
     if add not in (None, "log", "closure"):
         raise FormatError(f"add is {add!r:.40}, expected log or closure")
     if answers.like is not None:
@@ -48,29 +48,22 @@ def import_log(
     out = Path(_stem(paths[0])) if out is None else out
     alone = replace(answers, columns=columns[0]) if len(columns) == 1 else answers
     if len(paths) == 1 and not _is_known(paths[0], answers) and is_raw(paths[0], alone):
-        ignored = {"add": add is not None, "array_by": array_by is not None, "turns": turns is not None, "serial": bool(serial)}
+        ignored = {"add": add is not None, "serial": bool(serial)}
+        ignored |= {flag.removeprefix("--"): True for each in further for flag in given(each)}
         refuse_of_logs(paths[0], alone, ignored)
         return convert_raw(paths[0], out, answers.odr_hz, answers.gyro_fs_dps, answers.accel_fs_g, answers.sensor, header)
     if header is not None:
         raise FormatError(f"{paths[0].name}: --header is of a port's bytes, named .bin; of a log, --columns says what its columns are")
-    if array_by is not None:
-        _refuse_beside(
-            "--array-by",
-            {"--add": add, "--serial": serial, "--turns": turns, "--where": answers.where, "--topic": answers.topic}
-            | {"--even": answers.even},
-        )
-    if turns is not None:
-        _refuse_beside("--turns", {"--add": add, "--even": answers.even})
-    more = {"array_by": array_by, "turns": turns, "serial": serial}
-    if (made := features.first("import of logs", paths, out, answers, columns, more)) is not None:
+    how: dict[str, Any] = {"columns": columns, "serial": serial, "add": add, "further": further}
+    if (made := features.first("import of logs", paths, out, answers, **how)) is not None:
         return made
     return convert(paths, out, answers, add, serial, columns)
 
 
-def _refuse_beside(option: str, others: Mapping[str, object]) -> None:
+def refuse_beside(option: str, others: Mapping[str, object]) -> None:
     """FormatError for options that this one takes no notice of."""
-    if given := [name for name, value in others.items() if value]:
-        raise FormatError(f"{option} and {' and '.join(given)} do not go together; leave one out")
+    if idle := [name for name, value in others.items() if value]:
+        raise FormatError(f"{option} and {' and '.join(idle)} do not go together; leave one out")
 
 
 def kind_named(text: str) -> str:

@@ -20,6 +20,8 @@ from session.replay.forms import form_of
 from session.replay.importing import import_log, kind_named
 from session.replay.options import Answers
 from tinygc import read_session
+from tinygc.library.arguments import records_of
+from tinygc.library.logs import FURTHER
 
 GYR, ACC = "t_us,gx_dps,gy_dps,gz_dps\n" + rows(T_US, *GYRO["dps"].T), "t_us,ax_g,ay_g,az_g\n" + rows(T_US, *ACCEL["g"].T)
 
@@ -291,11 +293,18 @@ OF_A_PORT = [
     ({"lines": "1-5"}, "--lines"),
     ({"more": {"serial": "7"}}, "--serial"),
 ]
+
+
+def of_features(**told):
+    """Options that features add to an import."""
+    return {"further": records_of(told, *FURTHER)}
+
+
 TOGETHER = [
-    ({"array_by": "id", "add": "log"}, "--array-by and --add do not go together"),
-    ({"array_by": "id", "serial": "7"}, "--array-by and --serial"),
-    ({"array_by": "time_ms"}, "holds more than 16 values"),
-    ({"turns": "turns.csv", "add": "log"}, "--turns and --add"),
+    ({**of_features(array_by="id"), "add": "log"}, "--array-by and --add do not go together"),
+    ({**of_features(array_by="id"), "serial": "7"}, "--array-by and --serial"),
+    (of_features(array_by="time_ms"), "holds more than 16 values"),
+    ({**of_features(turns="turns.csv"), "add": "log"}, "--turns and --add"),
     ({"add": "foo"}, "add is 'foo', expected log or closure"),
 ]
 LOGGER = sensor_logger(SAMPLES)[0][1]

@@ -34,6 +34,11 @@ class Command(Record):
         """Return the record of a kind among those of the features."""
         return next(each for each in self.of_features if isinstance(each, kind))
 
+    @property
+    def further(self) -> dict[str, Any]:
+        """The options of features, as keywords of the function that the command calls."""
+        return {name: value for each in self.of_features for name, value in vars(each).items()}
+
 
 @dataclass(frozen=True)
 class UsesEffects(Record):

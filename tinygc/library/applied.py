@@ -10,15 +10,19 @@ import numpy as np
 
 from session.base import features
 from session.base.errors import CalibrationError
+from session.base.options import given
 from session.log.logfile import Log, refuse_calibrated
 from session.log.samples import Samples
 from tinygc.deploy.apply import Applied, apply_model, model_of
 from tinygc.deploy.calibration import Calibration
-from tinygc.library.arguments import Progress, column_unit, is_fit, nothing, public
+from tinygc.library.arguments import Progress, column_unit, is_fit, nothing, public, records_of
 from tinygc.models.files import load_with_table
 
+#: what features add to it
+FURTHER = tuple(features.each("options of apply", features.beside()))
 
-@public()
+
+@public(*FURTHER)
 def apply(
     model: Any,
     data: Any,
@@ -28,8 +32,8 @@ def apply(
     temp: Any = None,
     unit: str = "rad/s",
     session: Path | str | None = None,
-    which: str | None = None,
     progress: Progress | None = None,
+    **choices: Any,
 ) -> Any:
     """Calibrate the rates and the specific force of a log.
 
@@ -47,8 +51,6 @@ def apply(
         Of rates, in and out; of a log file the unit that is written.
     session : str or Path, optional
         Of a log file: where session.toml is (beside the log); its accelerometer's calibration then holds, not the model's.
-    which : str, optional
-        Of an array's folder with several logs: ``log0002``.
     progress : callable, optional
         Called with the current step's description, the number of steps done and the number of all steps.
 
@@ -73,9 +75,9 @@ def apply(
 
     """
     if isinstance(data, str | os.PathLike):
-        return _apply_to_file(model, Path(data), out, unit, session, which, progress)
-    given = [name for name, value in {"out": out, "session": session, "which": which}.items() if value is not None]
-    if given:
+        return _apply_to_file(model, Path(data), out, unit, session, progress, choices)
+    if out is not None or session is not None or choices:
+        given = [name for name, value in {"out": out, "session": session, **choices}.items() if value is not None]
         raise CalibrationError(f"apply: {', '.join(given)} goes with a log file, and data is a {type(data).__name__}; leave it out")
     calibration = _calibration(model)
     if not isinstance(data, Log):
@@ -116,8 +118,8 @@ def _apply_to_file(
     out: Path | str | None,
     unit: str,
     session: Path | str | None,
-    which: str | None,
     progress: Progress | None,
+    choices: dict[str, Any],
 ) -> Any:
     if out is None:
         raise CalibrationError(f"apply: {log} is a file; give out=, the log to write")
@@ -127,13 +129,14 @@ def _apply_to_file(
         if source.exists() and Path(out).exists() and os.path.samefile(source, out):
             raise CalibrationError(f"{out}: is what is read, and nothing is written over it; give out another path")
     around = None if session is None else Path(session)
-    how: dict[str, Any] = {"which": which, "unit": column_unit(unit), "session": around, "progress": progress or nothing}
+    further = records_of(choices, *FURTHER)
+    how: dict[str, Any] = {"unit": column_unit(unit), "session": around, "further": further, "progress": progress or nothing}
     if table is None and (fused := features.first("use of a model", path, log, Path(out), **how)) is not None:
         return fused
     if log.is_dir():
-        raise CalibrationError(f"{log}: cannot be read (it is a folder, expected a log); an array's folder goes with an array's model")
-    if which:
-        raise CalibrationError("--which goes with an array's model and the array's folder")
+        raise CalibrationError(f"{log}: cannot be read (it is a folder, expected a log)")
+    if idle := [flag for each in further for flag in given(each)]:
+        raise CalibrationError(f"{', '.join(idle)}: of no use with {path.name}, the model of one sensor")
     done: Applied = apply_model(path, log, Path(out), around, how["unit"], progress, table)
     return done
 

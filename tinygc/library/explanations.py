@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 from session.base import features
 from session.base.errors import CalibrationError
+from session.base.options import given
 from session.log.config import read_config
 from session.log.folder import Session, read_session
 from session.log.siblings import recordings_at, serial_of
 from tinygc.explanation.checked import Checked
 from tinygc.explanation.checked import check_on as check
 from tinygc.explanation.engine import explain_session
-from tinygc.library.arguments import Progress, nothing, public, session_or_folder
+from tinygc.library.arguments import Progress, nothing, public, records_of, session_or_folder
 from tinygc.library.records import Listed
 from tinygc.reporting.explanation_text import ExplanationReport, TruthReport
 from tinygc.reporting.pictures.canvas import saved
@@ -57,13 +58,13 @@ class FoundEffect:
 class Why:
     """Result of ``tinygc.explain``.
 
-    explanation: the complete result, in SI; discovery: result of the search beyond the catalogue, None if not requested; checked: outcome
+    explanation: the complete result, in SI; beyond: what was found beyond the catalogue, None if not requested; checked: outcome
     of each effect in each of the recordings that it was checked on; turned_by: what is said of the machine that turned the table (feature
     machines), None without one.
     """
 
     explanation: Any
-    discovery: Any = None
+    beyond: Any = None
     checked: Sequence[Checked] = ()
     turned_by: Any = None
 
@@ -73,8 +74,8 @@ class Why:
 
     @cached_property
     def _report(self) -> ExplanationReport:
-        if self.discovery is not None:
-            report: ExplanationReport = next(features.each("search beyond the catalogue")).report(self.explanation, self.discovery)
+        if self.beyond is not None:
+            report: ExplanationReport = features.first("report beyond the catalogue", self.explanation, self.beyond)
         else:
             report = (TruthReport if self.explanation.session.config.protocol.reference == "truth" else ExplanationReport)(self.explanation)
         report.checked, report.turned_by = self.checked, self.turned_by
@@ -99,6 +100,10 @@ class Why:
     def said_of_files(self) -> tuple[str, ...]:
         """Notes on the effect files that ``save`` has written: which user-edited file was kept, which file was removed."""
         return self._report.notes
+
+    def offers(self, folder: Path) -> list[tuple[str, str]]:
+        """Titles and commands of what may follow; folder: where it is saved."""
+        return self._report.offers(folder)
 
     @cached_property
     def effects(self) -> Listed[FoundEffect]:
@@ -163,16 +168,20 @@ class Why:
         return saved
 
 
-@public()
+#: what features add to it
+FURTHER = tuple(features.each("options of explain", features.beside()))
+
+
+@public(*FURTHER)
 def explain(
     session: Session | Path | str,
     *,
     seed: int = 0,
     use_earth: bool = True,
-    discover: bool = False,
     check_on: Sequence[Session | Path | str] = (),
     noise: Path | str | None = None,
     progress: Progress | None = None,
+    **further: Any,
 ) -> Why:
     """Explain the mismatch of a session against its reference: gravity in the stills, table dials, or a truth file.
 
@@ -184,8 +193,6 @@ def explain(
         Seed of the random draws behind the critical values.
     use_earth : bool, optional
         Whether the Earth's rotation is subtracted.
-    discover : bool, optional
-        Search for an equation outside the catalogue (docs/discover.md).
     check_on : sequence of Session, str or Path, optional
         Other recordings of the unit, or folders of them, on which each effect is checked with the size that it has here.
     noise : str or Path, optional
@@ -215,11 +222,11 @@ def explain(
     where = session_or_folder(session)
     others = _others(where, check_on)
     figures = None if noise is None else Path(noise)
-    why = _explained(where, seed, use_earth, discover, figures, progress)
+    why = _explained(where, seed, use_earth, records_of(further, *FURTHER), figures, progress)
     checked = []
     for other in others:
         try:
-            explained = _explained(other, seed, use_earth, False, figures, progress).explanation
+            explained = _explained(other, seed, use_earth, (), figures, progress).explanation
             checked.append(check(why.explanation, explained, seed))
         except CalibrationError as error:  # of the other recording: the first one's result stands
             checked.append(Checked(other, None, error=str(error)))
@@ -240,23 +247,18 @@ def _others(first: Session | Path, places: Sequence[Session | Path | str]) -> li
     return list(found.values())
 
 
-def _explained(where: Session | Path, seed: int, use_earth: bool, discover: bool, noise: Path | None, progress: Progress) -> Why:
+def _explained(where: Session | Path, seed: int, use_earth: bool, further: tuple[Any, ...], noise: Path | None, progress: Progress) -> Why:
     config = where.config if isinstance(where, Session) else read_config(where / "session.toml")
     if config.protocol.reference == "truth":
-        if discover:
-            raise CalibrationError(
-                "--discover searches turns between stills, and this session's reference is a truth file; leave it out, or record "
-                "turns between stills"
-            )
+        if idle := [flag for each in further for flag in given(each)]:
+            raise CalibrationError(f"{', '.join(idle)}: of no use where the reference is a truth file; leave it out")
         from tinygc.explanation.truth_engine import explain_truth  # late: hardly any session has a truth file
 
         return Why(explain_truth(where, seed=seed, use_earth=use_earth, progress=progress, noise=noise))
-    search = next(features.each("search beyond the catalogue"), None) if discover else None
     explanation = explain_session(where, seed=seed, use_earth=use_earth, progress=progress, noise=noise)
-    turned = not explanation.session.in_memory and (explanation.session.folder / "table.csv").exists()
-    turned_by = features.first("explanation of what turned", explanation.problem, seed) if turned else None
-    discovery = None if search is None else search.discover(explanation, seed=seed, progress=progress)
-    return Why(explanation, discovery, turned_by=turned_by)
+    turned_by = features.first("explanation of what turned", explanation, seed)
+    beyond = features.first("search beyond the catalogue", explanation, further, seed=seed, progress=progress)
+    return Why(explanation, beyond, turned_by=turned_by)
 
 
 def _found(entry: dict) -> FoundEffect:

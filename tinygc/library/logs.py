@@ -14,13 +14,14 @@ from typing import Any
 
 import numpy as np
 
+from session.base import features
 from session.base.errors import CalibrationError, FormatError
 from session.base.questions import QuestionsError
 from session.detect.findings import Finding
 from session.log.folder import Session, read_session
 from session.replay.importing import import_log as import_files
 from session.replay.options import Answers
-from tinygc.library.arguments import public
+from tinygc.library.arguments import public, records_of
 
 Paths = str | PathLike[str] | Sequence[str | PathLike[str]]
 
@@ -124,7 +125,11 @@ def columns_of(columns: Sequence[str] | None) -> tuple[str, ...]:
     return () if columns is None else (columns,) if isinstance(columns, str) else tuple(columns)
 
 
-@public(Answers)
+#: what features add to it
+FURTHER = tuple(features.each("options of import", features.beside()))
+
+
+@public(Answers, *FURTHER)
 def import_log(
     paths: Paths,
     out: Path | str | None = None,
@@ -133,8 +138,6 @@ def import_log(
     serial: str = "",
     columns: Sequence[str] | None = None,
     header: str | None = None,
-    array_by: str | None = None,
-    turns: Path | str | None = None,
     most_memory: int | None = None,
     **answers: Any,
 ) -> Imported:
@@ -154,10 +157,6 @@ def import_log(
         Which column is what, ``"t_us=time,gx_dps=wx,…"``; of several files, one for each.
     header : str, optional
         Header line of a port's bytes in text.
-    array_by : str, optional
-        Column that tells the units of an array apart.
-    turns : str or Path, optional
-        ``turns.csv`` of a gyroscope alone.
     most_memory : int, optional
         Bytes that reading may take; 1 GB, or 20 times what the files take on the disk.
 
@@ -186,13 +185,12 @@ def import_log(
         made = import_files(
             _paths(paths),
             None if out is None else Path(out),
-            Answers(**answers),
+            *records_of(answers, Answers),
             add=add,
             serial=serial,
             columns=columns_of(columns),
             header=header,
-            array_by=array_by,
-            turns=None if turns is None else Path(turns),
+            further=records_of(answers, *FURTHER),
             most_memory=most_memory,
         )
     return Imported(made.folder, made.took, made.notes, made.findings, made.next)

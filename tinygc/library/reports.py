@@ -9,7 +9,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from session.base import features
 from session.base.errors import CalibrationError
 from session.base.files import result_folder
 from session.base.names import refuse_special
@@ -74,14 +73,6 @@ class Report(Shown):
         from tinygc.reporting.html.page import summary
 
         return summary(self.data)
-
-    def certificate(self, as_found: Path | str | None = None) -> Any:
-        """The form that a laboratory signs: ``html``, ``dcc``, ``draft``, ``missing``, ``save(path, pdf=False)``; of a feature.
-
-        as_found: model file of the calibration in use until now, whose errors are then stated.  Raises FormatError for a file that is no
-        linear model.
-        """
-        return next(features.each("certificate of a report")).certificate_of(self.data, as_found)
 
     def save(self, path: Path | str, *, pdf: bool = False) -> list[Path]:
         """Write the HTML file, and the same as PDF beside it, which needs Chromium; returns the paths."""

@@ -231,6 +231,10 @@ class ExplanationReport:
     def __init__(self, explanation: Any):
         self.explanation = explanation
 
+    def offers(self, folder: Path) -> list[tuple[str, str]]:
+        """Titles and commands of what may follow; folder: where it is saved."""
+        return []
+
     def to_json(self) -> dict:
         """``tinygc-explain/2`` (docs/formats.md)."""
         by = {} if self.turned_by is None else {"table": self.turned_by.to_json()}

@@ -18,13 +18,12 @@ class Options(Command, UsesEffects, Force):
     """Options of ``apply``."""
 
     model: Path = argument("model file, or the folder of a session: the model that its fit recommends")
-    log: Path = argument("a standard log, as in a session folder; -: standard input; of an array's model the array's folder")
+    log: Path = argument("a standard log, as in a session folder; -: standard input")
     out: Path = option(..., "to write (.csv or .csv.gz); -: standard output", metavar="CSV", flags=("-o", "--out"), read=log_written)
     unit: str = option("rps", "of the rates; rps: rad/s", choices=("rps", "dps"))
     session: Path | None = option(
         None, "where session.toml is (beside the log); its [accelerometer] then holds, not the model's", metavar="DIR"
     )
-    which: str | None = option(None, "of an array's folder with several logs: log0002", metavar="LOG")
 
 
 def run(args: Options) -> int:
@@ -41,7 +40,7 @@ def run(args: Options) -> int:
         raise CalibrationError(f"{args.out}: exists; give -o another file, or --force")
     try:
         with progress_bar(args.quiet) as progress:
-            done = apply(args.model, args.log, out, unit=args.unit, session=args.session, which=args.which, progress=progress)
+            done = apply(args.model, args.log, out, unit=args.unit, session=args.session, progress=progress, **args.further)
     except BrokenPipeError:  # whoever read the log has enough of it, and nothing else was asked for
         return 0
     beside_log(args, [done.line, *(f"  {note}" for note in done.notes)], to_stdout)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from session.base import features
-from session.base.errors import CalibrationError
 from session.base.options import argument, folder_written, option
 from session.base.texts import command_line
 from tinygc.cli.options import Command, Seed, UsesEffects
@@ -24,9 +23,6 @@ class Options(Command, UsesEffects, Seed):
 
     folder: Path = argument("session folder")
     earth: bool = option(True, "subtract the Earth's rotation from the rates", off="leave the Earth's rotation in the rates")
-    discover: bool = option(
-        False, "search for the equation that no catalogue has, write it as an effect file, and prove it (docs/discover.md); takes longer"
-    )
     check_on: tuple[Path, ...] = option(
         (), "other recordings of the unit, or a folder of them: each effect is checked there with the size that it has here", several=True
     )
@@ -47,25 +43,23 @@ def run(args: Options) -> int:
     from tinygc.reporting.terminal import progress_bar
 
     try_destinations(args.out or inside(args.folder, "explain"), args.json)
-    if args.discover:
-        _try_effects((args.out or args.folder / "explain") / "effects")
     with progress_bar(args.quiet) as progress:
         why = explain(
             args.folder,
             seed=args.seed,
             use_earth=args.earth,
-            discover=args.discover,
             check_on=args.check_on,
             noise=args.noise,
             progress=progress,
+            **args.further,
         )
     folder = why.save(args.out, pictures=_with_pictures(args))
     output(args).print(why.page)
     output(args).print(f"written: {folder}", soft_wrap=True)
     for line in why.said_of_files:
         output(args).print(line, soft_wrap=True)
-    if why.discovery is not None and why.discovery.laws:
-        print_commands(args, "use it in another session:", command_line("explain", "OTHER", "--effects", folder / "effects"))
+    for title, command in why.offers(folder):
+        print_commands(args, title, command)
     from session.log.siblings import others_beside
 
     if why.effects and not args.check_on and (others := others_beside(args.folder)):
@@ -74,14 +68,6 @@ def run(args: Options) -> int:
     verdict(args, why.verdict_line)
     write_json(args.json, why.to_json())
     return 1 if args.strict and why.verdict != "no_mismatch" else 0
-
-
-def _try_effects(folder: Path) -> None:
-    """Fail before the search if the laws' files cannot be written."""
-    if os.path.lexists(folder) and not folder.is_dir():
-        raise CalibrationError(f"{folder}: that is no folder, and the laws that are found go into one; move it away, or give --out another")
-    if folder.is_dir() and not os.access(folder, os.W_OK | os.X_OK):
-        raise CalibrationError(f"{folder}: nothing can be written there, and the laws that are found go there; give --out another folder")
 
 
 def _with_pictures(args: Options) -> bool:

@@ -29,8 +29,6 @@ class Options(Answers, Command):
     list: bool = option(False, "list what is read, each with an example line")
     header: str | None = option(None, "of raw.bin in text that does not hold it: t_us,gx_dps,…", metavar="LINE", read=stream_header)
     serial: str = option("", "which one it is", metavar="TEXT", read=str)
-    array_by: str | None = option(None, "of several sensors' rows: an array, of each value in this column a unit")
-    turns: Path | None = option(None, "of a gyroscope alone: turns.csv, the known angles of its turns")
     even: bool = option(
         False, "count the samples along their stamps, which scatter or are rounded: at one rate, on straight lines between gaps"
     )
@@ -78,8 +76,7 @@ def run(args: Options) -> int:
         serial=args.serial,
         columns=columns,
         header=args.header,
-        array_by=args.array_by,
-        turns=args.turns,
+        further=args.of_features,
         most_memory=args.most_memory,
     )
     console.print(f"{made.log}: {made.samples} samples, {' and '.join(made.dialects)}", soft_wrap=True)

@@ -8,7 +8,6 @@ from pathlib import Path
 from session.base import features
 from session.base.errors import CalibrationError
 from session.base.options import argument, file_written, option, part
-from tinygc.cli.arguments import OWN_PLACE
 from tinygc.cli.defaults import defaults_json, limit_text
 from tinygc.cli.options import Command, Force, UsesEffects
 from tinygc.cli.results import Done, complain, output, run_each, try_file, verdict, write_json
@@ -34,14 +33,6 @@ class Options(FitOptions, Command, UsesEffects, Force):
     )
     strict: bool = option(False, "exit 1 for all but PASS without doubts")
     explain: bool = option(True, "ask why recording and simulation differ", off="do not ask why recording and simulation differ")
-    certificate: Path | None = option(
-        None,
-        "write the certificate as well, the form that a laboratory signs (certificate.html in the session folder)",
-        read=file_written,
-        alone=OWN_PLACE,
-    )
-    dcc: Path | None = option(None, "write the certificate as a Digital Calibration Certificate, XML", read=file_written)
-    as_found: Path | None = option(None, "the model in use until now: the certificate states its errors as found")
 
 
 def run(args: Options) -> int:
@@ -50,11 +41,8 @@ def run(args: Options) -> int:
         done = _report(args)
         write_json(args.json, done.table)
         return done.code
-    if args.certificate is not None and args.certificate is not OWN_PLACE:
-        raise CalibrationError("--certificate FILE names one file; of several folders each gets its certificate.html in it: leave FILE out")
-    if args.dcc is not None or args.as_found is not None:
-        option = "--dcc" if args.dcc is not None else "--as-found"
-        raise CalibrationError(f"{option} names one file, and there are several folders; report them one by one")
+    for ask in features.each("beside a report"):
+        ask(args)
     if args.out is not None:
         raise CalibrationError("--out names one file; of several folders each gets its report.html in it: leave --out out")
     return run_each(args, _report, "tinygc-reports/1", "Reports, degrees: held-out tilt rms, RMSE of each closure run")
@@ -70,36 +58,21 @@ def _report(args: Options) -> Done:
     path = args.out or args.folder / "report.html"
     if args.folder.is_dir():  # else the reading of the session reports it
         try_file(path, args.json)
-    form = None if args.certificate is None else args.folder / "certificate.html" if args.certificate is OWN_PLACE else args.certificate
-    certified = form is not None or args.dcc is not None
-    if args.as_found is not None and not certified:
-        raise CalibrationError("--as-found is stated on a certificate: add --certificate, or leave it out")
-    if certified:
-        for certificate in features.each("certificate of a report"):
-            certificate.check_before(args.folder, form, args.dcc)
-    for each in (form, args.dcc):
-        if each is not None:
-            try_file(each, args.json)
+    beside = [write for ask in features.each("beside a report") if (write := ask(args)) is not None]
     if args.pdf:
         require_browser()
         try_file(path.with_suffix(".pdf"), args.json)
     with progress_bar(args.quiet) as progress:
         made = report(args.folder, options=part(args, FitOptions), explain=args.explain, limit_deg=args.limit, progress=progress)
-    certificate = made.certificate(args.as_found) if certified else None
     files = made.save(path, pdf=args.pdf)
-    if certificate is not None and form is not None:
-        files += certificate.save(form, pdf=args.pdf)
     decision, evidence = made.verdict, made.data
     for line, style in made.lines:
         output(args).print(line, style=style)
     output(args).print(f"written: {', '.join(map(str, files))}", soft_wrap=True)
-    if certificate is not None and certificate.line:
-        complain(certificate.line)
     verdict(args, decision.headline)
-    if certificate is not None and args.dcc is not None:
-        output(args).print(f"written: {certificate.save_dcc(args.dcc)}", soft_wrap=True)
     table, code = made.to_json() | defaults_json(args), 0
-    table |= {} if certificate is None else {"certificate": certificate.to_json()}
+    for write in beside:
+        table |= write(made)
     if args.limit is not None and not decision.passed:
         complain(f"above {limit_text(args)}: {'; '.join(text for met, text in decision.reasons if met is False)}")
         code = 1

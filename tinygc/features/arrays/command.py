@@ -80,9 +80,9 @@ def explain(args: Any) -> int | None:
 
     if args.noise is not None:
         raise CalibrationError(f"--noise: of no use with {args.folder}, an array; leave it out, or give one unit a folder of its own")
-    if args.discover:
+    if idle := [flag for each in args.of_features for flag in given(each)]:
         raise CalibrationError(
-            f"--discover: of no use with {args.folder}, an array; leave it out, or give one unit a folder of its own and search there"
+            f"{', '.join(idle)}: of no use with {args.folder}, an array; leave it out, or give one unit a folder of its own"
         )
     try_destinations(args.out or inside(args.folder, "explain"), args.json)
     with progress_bar(args.quiet) as progress:

@@ -8,6 +8,8 @@ FEATURE = Feature(
         "kind of folder": "points:kind_of_folder",
         "line of a list": "points:listed",
         "options of simulate": "options:ArrayOptions",
+        "options of import": "options:ImportOptions",
+        "options of apply": "options:ApplyOptions",
         "simulation": "command:simulate",
         "fit of a folder": "command:fit",
         "explanation of a folder": "command:explain",

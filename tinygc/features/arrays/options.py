@@ -1,4 +1,4 @@
-"""Options of a simulated array, in addition to those of each unit's session."""
+"""Options that an array adds to commands of the core."""
 
 from __future__ import annotations
 
@@ -55,3 +55,17 @@ class ArrayOptions(Record):
     reference_error_mg: float = option(
         0.0, "a level acceleration in each still, felt by all; 0: none", unit="mg", least=0, most=100, group=GROUP, cli=False
     )
+
+
+@dataclass(frozen=True)
+class ImportOptions(Record):
+    """Options of ``import``."""
+
+    array_by: str | None = option(None, "of several sensors' rows: an array, of each value in this column a unit")
+
+
+@dataclass(frozen=True)
+class ApplyOptions(Record):
+    """Options of ``apply``."""
+
+    which: str | None = option(None, "of an array's folder with several logs: log0002", metavar="LOG")

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 from session.base.errors import CalibrationError
 from session.base.names import CLOCKS
+from session.base.options import given_beside, record_in
 from session.base.texts import command_line
 from session.detect.findings import Finding
 from tinygc.features.arrays.names import array_folders, array_size, is_array, is_array_model, unit_of
+from tinygc.features.arrays.options import ApplyOptions, ImportOptions
 
 if TYPE_CHECKING:
     from session.replay.convert import Converted
@@ -71,12 +73,12 @@ def apply(
     folder: Path,
     out: Path,
     *,
-    which: str | None,
     unit: str,
     session: Path | None,
+    further: Sequence[Any],
     progress: Callable[[str, int, int], None],
 ) -> ArrayApplied | None:
-    """Fuse an array's folder into one log; which: its log, of several.  CalibrationError for what is no folder, and as ``apply_array``."""
+    """Fuse an array's folder into one log; CalibrationError for what is no folder, and as ``apply_array``."""
     if not is_array_model(model):
         return None
     if session is not None:
@@ -85,13 +87,25 @@ def apply(
         raise CalibrationError(f"{folder}: no folder; an array's model takes the array's folder")
     from tinygc.features.arrays.apply import apply_array
 
-    return apply_array(model, folder, out, which, unit, progress)
+    return apply_array(model, folder, out, record_in(further, ApplyOptions).which, unit, progress)
 
 
-def import_logs(paths: Sequence[Path], out: Path, answers: Answers, columns: Sequence[str], more: dict[str, Any]) -> Converted | None:
+def import_logs(
+    paths: Sequence[Path], out: Path, answers: Answers, *, columns: Sequence[str], serial: str, add: str | None, further: Sequence[Any]
+) -> Converted | None:
     """Make an array of one log's rows, by the column that ``--array-by`` names."""
-    if more.get("array_by") is None:
+    own = record_in(further, ImportOptions)
+    if own.array_by is None:
         return None
+    from session.replay.importing import refuse_beside
     from tinygc.features.arrays.importing import import_array
 
-    return import_array(paths, out, answers, more["array_by"], columns)
+    others: dict[str, object] = {
+        "--add": add,
+        "--serial": serial,
+        "--where": answers.where,
+        "--topic": answers.topic,
+        "--even": answers.even,
+    }
+    refuse_beside("--array-by", {**others, **given_beside(further, own)})
+    return import_array(paths, out, answers, own.array_by, columns)

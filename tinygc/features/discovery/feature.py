@@ -4,7 +4,10 @@ from session.base.features import Feature
 
 FEATURE = Feature(
     serves={
-        "search beyond the catalogue": "points",
+        "options of explain": "options:SearchOptions",
+        "explanation of a folder": "points:before",
+        "search beyond the catalogue": "points:search",
+        "report beyond the catalogue": "points:report",
         "report section": "report_section",
         "earlier results of a report": "report_section:searched",
     },

@@ -16,7 +16,7 @@ from session import VERSION
 from session.base.errors import FormatError
 from session.base.files import MB, naming, read_bytes, result_folder
 from session.base.results import write_text_whole
-from session.base.texts import printable
+from session.base.texts import command_line, printable
 from session.base.units import DEG
 from session.log.folder import file_key, hash_of_log
 from tinygc.effects.catalogue import loaded_folders
@@ -148,6 +148,11 @@ class DiscoveryReport(ExplanationReport):
     def to_json(self) -> dict:
         """``tinygc-explain/2``, with the search's advice on what to do next."""
         return super().to_json() | {"next": self._following, "discovery": to_json(self.discovery, self._files)}
+
+    def offers(self, folder: Path) -> list[tuple[str, str]]:
+        """The laws, in another session."""
+        use = command_line("explain", "OTHER", "--effects", folder / "effects")
+        return [("use it in another session:", use)] if self.discovery.laws else []
 
     def _page(self) -> Group:
         """The terminal's page: the explanation, then the search with its advice on what to do next."""

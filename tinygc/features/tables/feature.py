@@ -13,6 +13,6 @@ FEATURE = Feature(
     serves={
         "options of board": "options:TableOptions",
         "table under a virtual board": "board:table_under",
-        "explanation of what turned": "explanation:explain_table",
+        "explanation of what turned": "points:explained",
     },
 )

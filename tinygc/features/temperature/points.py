@@ -14,7 +14,7 @@ from tinygc.features.temperature.sweeps import sweeps_of
 
 def knots_of(logs: Sequence[RestLog]) -> Knots:
     """Return the blocks of rests over temperature."""
-    return make_knots(logs, [sweep for index, log in enumerate(logs) for sweep in sweeps_of(log.temp_c, index)])
+    return make_knots(list(logs), [sweep for index, log in enumerate(logs) for sweep in sweeps_of(log.temp_c, index)])
 
 
 def part_of(knots: Knots, means: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:

@@ -8,6 +8,7 @@ FEATURE = Feature(
         "kind of folder": "points:kind_of_folder",
         "further reference": "names:TURNS",
         "fit of a folder": "command:fit",
+        "options of import": "options:ImportOptions",
         "import of logs": "points:import_logs",
     },
 )

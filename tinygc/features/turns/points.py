@@ -6,8 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from session.base.options import given_beside, record_in
 from session.base.texts import command_line
 from tinygc.features.turns.names import TURNS, is_gyroscope_alone
+from tinygc.features.turns.options import ImportOptions
 
 if TYPE_CHECKING:
     from session.replay.convert import Converted
@@ -24,10 +26,16 @@ def kind_of_folder(folder: Path) -> str | None:
     )
 
 
-def import_logs(paths: Sequence[Path], out: Path, answers: Answers, columns: Sequence[str], more: dict[str, Any]) -> Converted | None:
+def import_logs(
+    paths: Sequence[Path], out: Path, answers: Answers, *, columns: Sequence[str], serial: str, add: str | None, further: Sequence[Any]
+) -> Converted | None:
     """Make a session folder of a gyroscope alone, by the known turns of the file that ``--turns`` names."""
-    if more.get("turns") is None:
+    own = record_in(further, ImportOptions)
+    if own.turns is None:
         return None
+    from session.replay.importing import refuse_beside
     from tinygc.features.turns.importing import import_turns
 
-    return import_turns(paths, out, answers, more["turns"], columns, more["serial"])
+    others: dict[str, object] = {"--add": add, "--even": answers.even}
+    refuse_beside("--turns", {**others, **given_beside(further, own)})
+    return import_turns(paths, out, answers, own.turns, columns, serial)

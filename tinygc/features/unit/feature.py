@@ -10,6 +10,7 @@ FEATURE = Feature(
         "budget": "budget.command",
     },
     public={
+        "certificate": "certificate.library",
         "verify": "verification.library",
         "watch": "watch.library",
         "history": "history.library",
@@ -18,6 +19,7 @@ FEATURE = Feature(
     serves={
         "section of session.toml": "certificate.given:CertificateGiven",
         "report section": ("budget.report_section", "history.report_section"),
-        "certificate of a report": "certificate.library",
+        "options of report": "certificate.options:CertificateOptions",
+        "beside a report": "certificate.command:beside_report",
     },
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 from session.base.errors import CalibrationError, FormatError
 from session.base.files import open_file, result_folder
@@ -14,6 +15,7 @@ from tinygc.explanation.reported import ReportData
 from tinygc.features.unit.certificate.content import Content, content_of
 from tinygc.features.unit.certificate.dcc_file import dcc_text, require_fields
 from tinygc.features.unit.certificate.page import TITLE, page
+from tinygc.library.arguments import public
 from tinygc.models.files import load_with_table
 from tinygc.models.linear import LinearModel
 from tinygc.reporting.html.paper import print_pdf, require_browser
@@ -24,7 +26,7 @@ ENOUGH = 4096
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Certificate:
-    """Result of ``Report.certificate``: ``html``, ``dcc``, ``draft``, ``missing``, ``save(path)``, ``to_json()``."""
+    """Result of ``tinygc.certificate``: ``html``, ``dcc``, ``draft``, ``missing``, ``save(path)``, ``to_json()``."""
 
     content: Content
 
@@ -92,6 +94,36 @@ def check_before(folder: Path, form: Path | None, dcc: Path | None) -> None:
             raise CalibrationError(f"{path}: holds a certificate, which may be issued; move it to its place, or give another file")
     if dcc is not None and (toml := folder / "session.toml").is_file():
         require_fields(read_config(toml))
+
+
+@public()
+def certificate(report: Any, as_found: Path | str | None = None) -> Certificate:
+    """Make the form that a laboratory signs, of a report.
+
+    Parameters
+    ----------
+    report : Report
+        The report whose numbers it states.
+    as_found : str or Path, optional
+        Model file of the calibration in use until now, whose errors are then stated.
+
+    Returns
+    -------
+    Certificate
+        ``html``, ``dcc``, ``draft``, ``missing``, ``save(path, pdf=False)``, ``save_dcc(path)``.
+
+    Raises
+    ------
+    CalibrationError
+        For a file that is no linear model.
+
+    Examples
+    --------
+    >>> import tinygc
+    >>> tinygc.certificate(tinygc.report("data/session1")).save("certificate.html")  # doctest: +SKIP
+
+    """
+    return certificate_of(report.data, as_found)
 
 
 def certificate_of(data: ReportData, as_found: Path | str | None = None) -> Certificate:

@@ -110,5 +110,5 @@ def test_stops_err_as_they_are_asked_to_and_change_nothing_else():
     np.testing.assert_array_equal(coarse.logs[0].samples.gyro, none.logs[0].samples.gyro)
     errors = np.subtract(*([turn.angle_rad for turn in session.turns] for session in (coarse, fine))) / (1.98 * DEG)
     assert 0.3 < np.sqrt(np.mean(errors**2)) < 2
-    with pytest.raises(CalibrationError, match="--stop-sigma-deg is -1"):
+    with pytest.raises(CalibrationError, match="stop_sigma_deg is -1"):
         SimulationOptions(stop_sigma_deg=-1.0)

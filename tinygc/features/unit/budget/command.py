@@ -9,17 +9,15 @@ from session.base.options import argument, folder_written, option, part
 from tinygc.cli.options import LARGEST_SEED, Command
 from tinygc.cli.results import output, try_destinations, write_json
 from tinygc.estimation.options import FitOptions
+from tinygc.features.unit.budget.options import Use
 
 SUMMARY = "the uncertainty by source: of each parameter, and of the attitude after a motion"
 #: exit code by what the draws say
 EXIT = {"agrees": 0, "differs": 1, "undecided": 5}
 
 
-USE = "the use whose attitude error is asked for"
-
-
 @dataclass(frozen=True)
-class Options(FitOptions, Command):
+class Options(Use, FitOptions, Command):
     """Options of ``budget``."""
 
     folder: Path = argument("session folder; its least squares is fitted, as fit does")
@@ -31,23 +29,6 @@ class Options(FitOptions, Command):
         repeated=True,
     )
     out: Path | None = option(None, "where budget.json and budget.html go", metavar="DIR", read=folder_written)
-    motion: Path | None = option(
-        None,
-        "rest, a session folder, or a log: the motion of the use (the session's own beginning)",
-        metavar="rest|DIR|LOG",
-        group=USE,
-    )
-    seconds: float = option(60.0, "how long", unit="s", above=0, group=USE)
-    elapsed: float | None = option(
-        None,
-        "the use is so long after the session and the sensor was not switched off since; else it is another switch-on",
-        unit="s",
-        above=0,
-        group=USE,
-    )
-    warmer: float | None = option(
-        None, "how much warmer the sensor is in use than in the session", unit="K", least=-200, most=200, group=USE
-    )
     monte_carlo: int = option(
         0,
         "draw all errors anew, at most so often, fit each time, and compare (JCGM 101); exit 1 if they differ, 5 if so few do not decide",
@@ -60,13 +41,11 @@ class Options(FitOptions, Command):
 def run(args: Options) -> int:
     """Fit the session, and print the budget of what is asked for."""
     from tinygc.features.unit.budget.library import FILE, PAGE, budget_of_folder
-    from tinygc.features.unit.budget.use import Use
     from tinygc.reporting.terminal import progress_bar
 
     try_destinations(args.out, args.json)
-    use = Use(args.motion, args.seconds, args.elapsed, args.warmer)
     with progress_bar(args.quiet) as progress:
-        found = budget_of_folder(args.folder, part(args, FitOptions), use, args.of, progress, args.monte_carlo, args.seed)
+        found = budget_of_folder(args.folder, part(args, FitOptions), part(args, Use), args.of, progress, args.monte_carlo, args.seed)
     output(args).print(found.page)
     if args.out is not None:
         found.save(args.out)

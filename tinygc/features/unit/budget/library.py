@@ -15,12 +15,12 @@ from session.base.texts import printable
 from session.log.folder import Session
 from tinygc.estimation.options import FitOptions
 from tinygc.features.unit.budget.monte_carlo import MonteCarlo, monte_carlo
+from tinygc.features.unit.budget.options import Use
 from tinygc.features.unit.budget.page import page
 from tinygc.features.unit.budget.quantities import accelerometer_budgets, named, parameter_budgets, sensor_error_budgets, use_budgets
 from tinygc.features.unit.budget.rows import Budget
 from tinygc.features.unit.budget.text import drawn_page, overview, whole
 from tinygc.features.unit.budget.use import TOTAL
-from tinygc.features.unit.budget.use import Use as Use
 from tinygc.fitting.fit import fit_session
 from tinygc.fitting.results import FitResult
 from tinygc.library.arguments import Progress, chosen, is_fit, nothing, public, session_or_folder
@@ -140,15 +140,11 @@ def budget_of_fit(
     return replace(made, drawn=monte_carlo(result, motion, in_use, judged, draws, seed, progress))
 
 
-@public(FitOptions)
+@public(Use, FitOptions)
 def budget(
     session: Session | Path | str,
     *,
     of: Sequence[str] = (),
-    motion: Any = None,
-    seconds: float = 60.0,
-    elapsed_s: float | None = None,
-    warmer_k: Any = None,
     monte_carlo: int = 0,
     seed: int = 0,
     progress: Progress | None = None,
@@ -162,14 +158,6 @@ def budget(
         The recording, its folder, or its fit.
     of : sequence of str, optional
         Names of the quantities that are asked for; all of the overview where none is given.
-    motion : str or Path, optional
-        The motion of the use: ``"rest"``, a session folder, or a log; the session's own beginning where it is left out.
-    seconds : float, optional
-        Length of the motion, s.
-    elapsed_s : float, optional
-        Time since the session, s, where the sensor was not switched off since; left out, the use is another switch-on.
-    warmer_k : float, optional
-        How much warmer the sensor is in use than in the session, K.
     monte_carlo : int, optional
         Draws that check the budget, at most; 0: none.
     seed : int, optional
@@ -198,7 +186,7 @@ def budget(
     ('B_x', 'drift of the bias')
 
     """
-    use = Use(motion, seconds, elapsed_s, warmer_k)
+    use = Use(**{name: choices.pop(name) for name in list(choices) if name in Use.__dataclass_fields__})
     report = progress or nothing
     if is_fit(session):
         return budget_of_fit(session.result, use, tuple(of), monte_carlo, seed, report)  # type: ignore[union-attr]

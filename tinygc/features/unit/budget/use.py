@@ -12,22 +12,20 @@ Axes are those of the body at the start.  The total angle's variance is the sum 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from session.base.errors import CalibrationError
 from session.base.numeric import rms_of
 from session.base.units import DEG, DEG_PER_HOUR
 from session.log.folder import read_session
 from tinygc.closure.floor import GYRO_NOISE
-from tinygc.closure.motion import MINUTE_S, Motion, at_rest, motion_of
+from tinygc.closure.motion import Motion, at_rest, motion_of
 from tinygc.closure.uncertainty import BIAS_DRIFT
 from tinygc.estimation.expected_zero import drift_between, expected_zero
 from tinygc.estimation.sources import Source, freedom_of
 from tinygc.estimation.stated_noise import COMPONENTS, kind_of
+from tinygc.features.unit.budget.options import Use
 from tinygc.fitting.results import FitResult
 from tinygc.library.logs import read_log
 from tinygc.models.linear import BIAS, LinearModel
@@ -44,28 +42,10 @@ ZERO_OF_USE = {
 USUAL_SWITCH_ON = "bias of another switch-on, as usual"
 #: the drift in use less that in the session, of one switch-on
 DRIFT_SINCE = f"{BIAS_DRIFT} since the session"
-#: s: a use is at most a day
-MOST_S = 86400.0
 #: word for a sensor that lies still
 REST = "rest"
 #: the total angle of the attitude's error
 TOTAL = "attitude total"
-
-
-@dataclass(frozen=True)
-class Use:
-    """How the calibration is used: motion: ``rest``, a session folder, a log, or None for the session's own beginning; seconds of it;
-    elapsed_s since the session without being switched off, None for another switch-on; warmer_k than in the session, None if not known."""
-
-    motion: Path | str | None = None
-    seconds: float = MINUTE_S
-    elapsed_s: float | None = None
-    warmer_k: float | None = None
-
-    def __post_init__(self) -> None:
-        """Refuse a time that no use has.  Raises CalibrationError."""
-        if not 0 < self.seconds <= MOST_S:
-            raise CalibrationError(f"--seconds {self.seconds:g}: expected more than 0 and at most {MOST_S:g} s, a day")
 
 
 def motion_in(use: Use, result: FitResult) -> Motion:
@@ -74,7 +54,7 @@ def motion_in(use: Use, result: FitResult) -> Motion:
         return motion_of(result.session.logs, use.seconds)
     if str(use.motion) == REST:
         return at_rest(model_of(result), use.seconds)
-    path, sensor = Path(use.motion), result.session.config.sensor
+    path, sensor = use.motion, result.session.config.sensor
     if path.is_dir():
         return motion_of(read_session(path).logs, use.seconds)
     answers: dict[str, Any] = {"gyro_fs_dps": sensor.gyro_fs_dps, "accel_fs_g": sensor.accel_fs_g, "sensor": sensor.model}

@@ -17,7 +17,7 @@ MEDIAN_SIGMAS = 0.6745
 UPPER = np.triu_indices(3)
 
 
-def rms_of(values: np.ndarray) -> float:
+def rms_of(values: ArrayLike) -> float:
     """Root mean square of values (…)."""
     return float(np.sqrt(np.mean(np.square(values))))
 

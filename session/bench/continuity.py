@@ -132,16 +132,6 @@ class _Candidate(NamedTuple):
     damaged: bool
 
 
-class _AcceptedRun:
-    """Readings that were taken one by one and count: their indices, unrolled times and periods."""
-
-    def __init__(self) -> None:
-        self.places: list[int] = []
-        self.t_us: list[int] = []
-        self.periods: list[int] = []
-        self.before_us: int | None = None
-
-
 class Continuity:
     """Checks one connection: ``take`` readings, pass the numbers of info frames to ``info``, ``finish``."""
 
@@ -214,20 +204,16 @@ class Continuity:
 
     def _take_singly(self, readings: SampleChunk, out: list) -> int:
         """Take readings one by one until some have followed each other; returns how many were taken."""
-        run = _AcceptedRun()
+        run: list[tuple[int, int, int, int]] = []  # that count: index, unrolled time before it, its own, periods
         numbers = [None] * len(readings) if readings.sequence is None else readings.sequence.tolist()
         for place, (sequence, stamp) in enumerate(zip(numbers, readings.t_us.tolist(), strict=True)):
             if self._begun and (step := self._step(sequence, stamp)) is not None:
                 if self._chain:
-                    run = self._flush(run, readings, out)
+                    self._flush(run, readings, out)
                     self._leave_out(len(self._chain), out)
                     self._chain = []
-                if not run.places:
-                    run.before_us = self._t_us
+                run.append((place, self._t_us, self._t_us + step[0], step[1]))
                 self._advance(sequence, stamp, self._t_us + step[0], step[1], 1)
-                run.places.append(place)
-                run.t_us.append(self._t_us)
-                run.periods.append(step[1])
                 self._singly = max(0, self._singly - 1)
                 if not self._singly:
                     break
@@ -236,7 +222,7 @@ class Continuity:
             if self._chain and not self._chains(one):
                 # The last of the chain may be good and what was before it not.
                 kept = self._chain[-1:] if _rate(self._chain[-1], one, self._infos) else []
-                run = self._flush(run, readings, out)
+                self._flush(run, readings, out)
                 self._leave_out(len(self._chain) - len(kept), out)
                 self._chain = kept
             self._chain.append(one)
@@ -244,18 +230,18 @@ class Continuity:
             if self._begun and self._gap(first) is None:  # a restart
                 needed = max(self._needed, TEXT_RESET_CHAIN if first.sequence is None else CHAIN)
             if len(self._chain) >= needed:
-                run = self._flush(run, readings, out)
+                self._flush(run, readings, out)
                 self._lock(out)
         self._flush(run, readings, out)
         return place + 1
 
-    def _flush(self, run: _AcceptedRun, readings: SampleChunk, out: list) -> _AcceptedRun:
-        """Pass a run on, and start another."""
-        if run.places:
-            t_us, periods = np.array(run.t_us, np.int64), np.array(run.periods, np.int64)
-            registers, damaged = readings.registers[run.places], readings.damaged[run.places]
-            self._emit(SampleChunk(t_us, registers, readings.form, damaged, None, periods), readings.sequence, out, run.before_us)
-        return _AcceptedRun()
+    def _flush(self, run: list[tuple[int, int, int, int]], readings: SampleChunk, out: list) -> None:
+        """Pass a run on, and begin another."""
+        if run:
+            places, before_us, t_us, periods = np.array(run, np.int64).T
+            accepted = SampleChunk(t_us, readings.registers[places], readings.form, readings.damaged[places], None, periods)
+            self._emit(accepted, readings.sequence, out, int(before_us[0]))
+            run.clear()
 
     @property
     def _period(self) -> float:

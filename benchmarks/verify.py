@@ -37,9 +37,10 @@ from tinygc.estimation.expected_zero import USUAL_SPREAD
 from tinygc.features.unit.verification.cost import minute_of
 from tinygc.features.unit.verification.expected import Spread, expected_parts, spread_of_unit
 from tinygc.features.unit.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, OldCalibration, read_old
+from tinygc.features.unit.verification.options import VerifyOptions
 from tinygc.features.unit.verification.questions import PLAUSIBLE, ask, todays_noise
 from tinygc.features.unit.verification.rows import LENGTH, Rows, rows_of
-from tinygc.features.unit.verification.verdict import BIAS, HOLDS, Options, Verification, verify_session
+from tinygc.features.unit.verification.verdict import BIAS, HOLDS, Verification, verify_session
 from tinygc.fitting.compare import read_calibrated
 from tinygc.library.simulations import Simulated
 from tinygc.models.linear import LinearModel
@@ -180,7 +181,7 @@ def run(job: Job) -> Outcome:
     old, then = calibrated(job.unit)
     session, drift, unit, _ = today_of(job, then)
     temp = 25.0 if job.fault == "temperature" else float("nan")
-    found = verify_session(old, session, Options(), temp_then_c=temp)
+    found = verify_session(old, session, VerifyOptions(), temp_then_c=temp)
     truth, off, truth_anew, off_anew = cost_in_truth(found, unit, drift)
     diagnosis = found.diagnosis
     causes = () if diagnosis is None else diagnosis.best.names

@@ -13,6 +13,7 @@ import pytest
 
 import tinygc
 from session.base import features
+from session.base.options import declared, flag
 from tinygc.cli.commands import COMMANDS
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -81,7 +82,12 @@ def gone(names: tuple[str, ...], folder: Path) -> dict[str, str]:
     """Commands that these features served -> what the line says that anything unknown gets."""
     found = {}
     for name in names:
-        found |= {command: f"{command.split()[0]!r} is no command" for command in FEATURES[name].commands}
+        found |= {command: f"{command.split()[0]!r} is no command" for command in FEATURES[name].commands if " " not in command}
+        alone = {f"tinygc.features.{name}": FEATURES[name]}
+        for command, point in (*((command, f"options of {command}") for command in COMMANDS), ("fit", "options of a fit")):
+            for kind in features.each(point, alone):
+                words = next(flag(kind, each.name) for each, _ in declared(kind))
+                found[f"{command} {words}"] = f"{command} has no option {words}"
         for kind in FEATURES[name].kinds:
             (folder / f"{kind}.json").write_text(json.dumps({"schema": "tinygc-model/1", "kind": kind}))
             found[f"apply {kind}.json data/session1/log0001.csv.gz -o t.csv"] = f'kind is "{kind}", expected one of'
@@ -144,7 +150,7 @@ def test_nothing_outside_of_its_folder_names_a_feature():
     commands = "|".join(name for each in FEATURES.values() for name in each.commands)
     functions = "|".join(name for each in FEATURES.values() for name in each.public)
     named = rf"features[./]({'|'.join(FEATURES)})\b|calibrate(\.py)? ({commands})\b|command_line\(\"({commands})\"|tinygc\.({functions})\("
-    places = ("session", "tinygc", "calibrate.py", ":!tinygc/features", ":!session/log/config.py", ":!tinygc/cli/commands/record.py")
+    places = ("session", "tinygc", "calibrate.py", ":!tinygc/features", ":!session/log/config.py")
     found = subprocess.run(["git", "grep", "-nE", named, "--", *places], cwd=ROOT, capture_output=True, text=True, check=False)
     assert found.stdout == ""
 

@@ -34,6 +34,7 @@ POINTS = {
     "options of a fit": "record of options: further fields of FitOptions, and options of the commands that fit",
     "fitted sessions of a table": "function(path) -> rows of folder, model, serial, date, numbers, covariance; None of no such table",
     "zero over temperature": "module: knots_of(rest logs), part_of(knots, means) -> part and its columns, None without any",
+    "spread of a production lot": "function(file, sensor) -> sigmas of a unit between sessions, in words of what, degrees of freedom",
     "prior of a fit": "function(options, sensor) -> prior | None, a GivenPrior of tinygc/fitting/fit.py",
     "table under a virtual board": "function(args, options) -> table | None: what turns a virtual board",
     "search beyond the catalogue": "function(explanation, further, seed, progress) -> what was found, or None",

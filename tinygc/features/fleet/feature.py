@@ -7,6 +7,7 @@ FEATURE = Feature(
     public={"fleet": "library", "lot": "library"},
     serves={
         "options of a fit": "options:LotOptions",
+        "spread of a production lot": "points:spread",
         "prior of a fit": "points:prior",
         "fitted sessions of a table": "points:fitted_sessions",
     },

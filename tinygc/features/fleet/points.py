@@ -40,6 +40,14 @@ def fitted_sessions(path: Path) -> Iterator[tuple[str, str, str, str, np.ndarray
     return rows()
 
 
+def spread(path: Path, sensor: str) -> tuple[np.ndarray, str, float]:
+    """Return how far the numbers (21,) of a unit of a lot move between sessions, one sigma; of what, and its degrees of freedom."""
+    from tinygc.features.fleet.fit import lot_for
+
+    lot = lot_for(path, sensor).lot
+    return lot.repeatability, f"{lot.sessions} sessions of {lot.units} units of a lot", float(max(1, lot.sessions - lot.units))
+
+
 def prior(options: FitOptions, sensor: str) -> LotFile | None:
     """Return the lot as prior of a unit with this sensor, where the options name one.
 

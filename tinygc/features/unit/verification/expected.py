@@ -16,7 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-from session.base.errors import FormatError
+from session.base import features
+from session.base.errors import CalibrationError, FormatError
 from session.base.numeric import sigmas_in
 from session.base.units import DEG, G
 from tinygc.estimation.accelerometer import JOINT_NAMES
@@ -98,12 +99,10 @@ def spread_of_unit(old: OldCalibration, rows: Rows, history: Sequence[Path] = ()
     given = rows.session.config.sensor.gyro_bias_repeatability_dps
     fill(ZERO, None if given is None else given * DEG, "given in session.toml")
     if lot is not None:
-        from tinygc.features.fleet.fit import lot_for
-
-        known = lot_for(lot, rows.session.config.sensor.model).lot
-        own = np.r_[known.repeatability[12:], known.repeatability[:12]]
-        shown = f"{known.sessions} sessions of {known.units} units of a lot"
-        fill(slice(COUNT), own, shown, float(max(1, known.sessions - known.units)))
+        if (known := features.first("spread of a production lot", lot, rows.session.config.sensor.model)) is None:
+            raise CalibrationError("verify has no option --lot: no feature reads a lot")
+        repeatability, shown, lot_freedom = known
+        fill(slice(COUNT), np.r_[repeatability[12:], repeatability[:12]], shown, lot_freedom)
     fill(ACCELEROMETER, old.table.get("accelerometer_spread"), STATED)
     fill(ZERO, old.table.get("bias_sigma_rps"), STATED)
     fill(ZERO, USUAL_SPREAD.rps, USUAL_SPREAD.source)

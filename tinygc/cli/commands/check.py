@@ -8,7 +8,6 @@ from pathlib import Path
 from session.base.errors import CalibrationError
 from session.base.names import is_session
 from session.base.options import argument, folder_written, option
-from session.base.records import plain
 from tinygc.cli.options import Command, UsesEffects
 from tinygc.cli.results import complain, output, verdict, write_json
 
@@ -31,6 +30,8 @@ class Options(Command, UsesEffects):
 
 def run(args: Options) -> int:
     """Print a first examination of a session, or its plan, or write its corrected copy; of a folder of sessions, list them."""
+    from session.base.records import plain
+
     if args.repair is not None:
         return _repair(args, args.repair)
     if args.cause is not None:
@@ -62,6 +63,7 @@ def run(args: Options) -> int:
 
 def _repair(args: Options, out: Path) -> int:
     """Write the corrected copy of a session, and show what it closes to before and after."""
+    from session.base.records import plain
     from session.detect.repair import repair
     from tinygc.fitting.before_after import closure_of
     from tinygc.reporting.tables import repair_report, verdict_line
@@ -88,6 +90,7 @@ def _plan(args: Options, count: int) -> int:
 
 def _list(args: Options) -> int:
     """List the sessions of a folder, with the last result of each; one that cannot be read is listed with the reason."""
+    from session.base.records import plain
     from tinygc.library.known import list_sessions
     from tinygc.reporting.tables import sessions_table
 

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from session.base.options import argument, folder_written, option, part
-from session.base.records import table_of
 from session.replay.options import GROUP, Answers
 from tinygc.cli.arguments import memory, stream_header
 from tinygc.cli.options import Command
@@ -51,6 +50,7 @@ class Options(Answers, Command):
 def run(args: Options) -> int:
     """Convert a log to a session folder."""
     from session.base.errors import FormatError
+    from session.base.records import table_of
     from session.detect.check_samples import HELD
     from session.replay.importing import import_log, known_logs
 

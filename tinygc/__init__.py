@@ -14,19 +14,10 @@ Functions (``help(tinygc.fit)`` has parameters, units and examples):
     check             Session -> list of Finding
     accelerometer     Session -> OwnAccelerometer
     fit               Session, FitOptions -> Fit
-    fit_temperature   folders -> ThermalFit
-    fit_turns         folder of a gyroscope alone -> TurnFit
     explain           Session -> Why
     report, export    Session or Fit -> Report; Fit -> Exported
     compare, plan     fits -> Compared; Session -> Plan
     rebias, apply     Calibration and another recording -> Rebias; calibrated rates, samples, or a log
-    budget            Session or Fit -> its uncertainty by source, of each parameter and of a use
-    estimate_noise    rest logs, sessions or arrays of one unit -> its noise, term by term
-    history           sessions of one unit -> scatter, drift and shocks of its numbers, when to calibrate next
-    estimate_rates    a CSV of a rate table, a recording, or arrays -> the law of the output, the terms of IEEE 1431
-    watch             a calibration and a log, a port or a stream -> whether it holds
-    verify            a model's file and a recording of today -> whether it still holds, and if not, why
-    array, fleet, lot   units on one body -> Array; many sessions -> a table, and its statistics
     list_sessions, sensors   what a folder holds; the sensors that are known
     simulate          SimulationOptions -> Simulated
     load              a model's file -> Calibration
@@ -41,11 +32,10 @@ Records:
     Why               verdict, effects and findings (FoundEffect), noise, pictures
     Simulated         a session with its truth
     Calibration       a model in use: omega = model(raw)
-    ArraySession, ThermalFit, TurnFit   of the features arrays, temperature and turntable
     CalibrationError  whatever is wrong with data or arguments, in one line; FormatError, DataError and FitError are kinds of it
 
 Conventions (frames, signs, units, shapes) are those of ``session``'s docstring.  The commands of ``calibrate.py`` call these functions
-as well; docs/library.md has the function of each.
+as well; docs/library.md has the function of each.  Features have functions and records of their own: ``dir(tinygc)`` lists them, too.
 Nothing heavy is imported before a name is used; torch only where a fit is to train its nets as in the paper.
 """
 

@@ -29,7 +29,7 @@ from session.base.options import (
     meant,
 )
 from session.base.texts import printable, program
-from tinygc.cli.commands import command_module, commands
+from tinygc.cli.commands import COMMANDS, command_module, commands
 from tinygc.cli.defaults import take_defaults
 
 # Path arguments: each is declared as read or written, and an output never replaces an input or a recorded file.
@@ -217,7 +217,11 @@ class _Completion(argparse.Action):
 
 def joined(words: Sequence[str]) -> list[str]:
     """Return the words of a command line with a command of two words as one."""
-    return [" ".join(words[:2]), *words[2:]] if command_module(" ".join(words[:2])) is not None else list(words)
+    own = {*COMMANDS, *(name for feature in features.beside().values() for name in feature.commands)}
+    two = " ".join(words[:2])
+    # what is installed besides is looked at where the first word is no command of our own
+    is_one = two in own or (words[0] not in own and command_module(two) is not None)
+    return [two, *words[2:]] if is_one else list(words)
 
 
 def parser(words: Sequence[str] = ()) -> argparse.ArgumentParser:

@@ -17,7 +17,6 @@ from session.base.errors import FitError, FormatError
 from tinygc import closure, models
 from tinygc.closure.least_squares import LinearEnds, StillRates, fit_least_squares
 from tinygc.closure.prior import vague
-from tinygc.estimation import options
 from tinygc.estimation.options import Checkpoint
 from tinygc.methods import adamw, denoiser, network, particle_swarm
 from tinygc.models.denoiser import REACH, SHAPES, WINDOW, DenoisedNet, Denoiser
@@ -343,9 +342,6 @@ def test_resumed_training_equals_uninterrupted_and_what_ended_is_not_repeated(tm
             assert_array_equal(a, b)
     minimised(checkpoint=Checkpoint(path), progress=lambda done, of: seen.append(done))
     assert seen[0] == 1  # without resume it begins anew
-    (path.parent / "model.json").write_text("{}")
-    options.forget(path.parent)
-    assert [each.name for each in path.parent.iterdir()] == ["model.json"]
     with pytest.raises(FitError, match="finite"):
         minimised(loss=lambda weights: weights.sum() * float("nan"))
 

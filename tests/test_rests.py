@@ -107,7 +107,7 @@ def test_wrong_units_and_a_log_twice_stop_the_fit(tmp_path, run, column, change,
     else:
         rows[:, column] = change(rows[:, column])
     rest_file(tmp_path, rows)
-    code, _, err = run("fit", tmp_path)
+    code, _, err = run("temperature", tmp_path)
     assert (code, says in err) == (2, True)
 
 

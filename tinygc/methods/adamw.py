@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 # The paper's optimiser as one loop for both subnets: 2000 epochs of AdamW with a cosine decay, seeded by its start, resumable bit for bit.
 #
 # Only this module and its callers import torch.  A checkpoint is JSON: numbers, the losses so far, and a fingerprint of the data and
-# settings, so that no run is resumed with others.  A fit consists of many trainings; the checkpoint of a finished one stays until the fit
-# is complete (``forget``), so that a resumed fit repeats none.  Training runs on the device of its tensors.
+# settings, so that no run is resumed with others.  A fit consists of many trainings; the checkpoint of a finished one stays, so that
+# a resumed fit repeats none.  Training runs on the device of its tensors.
 
 SCHEMA = "tinygc-checkpoint/1"
 EPOCHS = 2000

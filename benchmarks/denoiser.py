@@ -25,7 +25,7 @@ from scipy.signal import butter, lfilter, lfilter_zi, savgol_coeffs
 
 from session.base.units import DEG
 from session.log.folder import Session, read_session
-from tinygc import closure
+from tinygc.closure import residual
 from tinygc.closure.build import build_problem
 from tinygc.closure.runs import ClosureRun, read_closure_runs
 from tinygc.estimation.choice import run_figures
@@ -156,7 +156,7 @@ def _whole(net, model):
 def _closures(unseen: Material, run: ClosureRun, net, answer) -> tuple[float, float]:
     length = unseen.batch.rate.shape[1]
     rate = np.stack([answer(x)[REACH : REACH + length] for x in unseen.context])
-    angles = closure.error_angles(closure.segment_residuals(unseen.batch, rate))
+    angles = residual.error_angles(residual.segment_residuals(unseen.batch, rate))
     return rms(angles) / DEG, run_figures(run.errors_at(answer(run.samples.gyro)[run.rows]))["rmse_deg"]
 
 

@@ -14,7 +14,7 @@ from session.base import rotation
 from session.base.rotation import sample_weights, steps
 from session.base.units import DEG, EARTH_RATE_RPS
 from session.log.samples import Samples
-from tinygc import closure
+from tinygc.closure import residual
 from tinygc.closure.earth import vertical_only
 from tinygc.closure.floor import wander_covariance
 from tinygc.closure.motion import Motion, at_rest, motion_of
@@ -44,7 +44,7 @@ def turns():
 @pytest.mark.parametrize("yaw_known", [False, True])
 def test_a_perfect_gyro_closes(turns, yaw_known):
     """At 104 Hz from rest to rest, against the attitudes of the smooth movement between the samples."""
-    r = closure.segment_residuals(turns.batch(PERFECT, yaw_known), turns.rate)
+    r = residual.segment_residuals(turns.batch(PERFECT, yaw_known), turns.rate)
     assert np.abs(r).max() < 1e-8
 
 
@@ -52,13 +52,13 @@ def test_a_perfect_gyro_closes(turns, yaw_known):
 def test_q_and_minus_q_are_one_attitude(yaw_known):
     p, q = unit(50, 1), unit(50, 2)
     for one, other in ((-p, q), (p, -q)):
-        assert_allclose(closure.residual(one, other, yaw_known), closure.residual(p, q, yaw_known), atol=1e-15)
+        assert_allclose(residual.residual(one, other, yaw_known), residual.residual(p, q, yaw_known), atol=1e-15)
 
 
 def test_with_gravity_alone_it_is_the_distance_to_the_nearest_yaw():
     """Brute force over yaw, sharpened by a search, for attitudes at any distance."""
     p, q = unit(6, 3), unit(6, 4)
-    for predicted, seen, r in zip(p, q, closure.residual(p, q, False), strict=True):
+    for predicted, seen, r in zip(p, q, residual.residual(p, q, False), strict=True):
 
         def distance(angle, predicted=predicted, seen=seen):
             there = rotation.multiply(yaw(angle), seen)
@@ -74,8 +74,8 @@ def test_with_gravity_alone_it_is_the_distance_to_the_nearest_yaw():
 def test_error_angles_are_exact_however_large(yaw_known, about):
     vector = RNG.normal(size=(100, 3))
     vector *= (RNG.uniform(0, 179.9, 100) * DEG / np.linalg.norm(vector, axis=1))[:, None] * about
-    r = closure.residual(rotation.multiply(rotation.exp(vector), unit(100)), unit(100), yaw_known)
-    assert_allclose(closure.error_angles(r), vector[:, : 2 + yaw_known], atol=1e-9)
+    r = residual.residual(rotation.multiply(rotation.exp(vector), unit(100)), unit(100), yaw_known)
+    assert_allclose(residual.error_angles(r), vector[:, : 2 + yaw_known], atol=1e-9)
 
 
 @pytest.mark.parametrize(("size", "yaw_known"), [(0.0, False), (0.0, True), (1e-3, False), (1.0, True)])
@@ -83,11 +83,11 @@ def test_derivative_exists_at_zero_and_near(yaw_known, size, torch):
     reference = torch.as_tensor(unit(1, 8)[0])
     error = torch.as_tensor(size * np.array([0.6, -0.5, 0.3])).requires_grad_()
 
-    def residual(vector):
-        return closure.residual(rotation.multiply(rotation.exp(vector), reference), reference, yaw_known)
+    def missed(vector):
+        return residual.residual(rotation.multiply(rotation.exp(vector), reference), reference, yaw_known)
 
-    assert torch.autograd.gradcheck(residual, error, eps=1e-6, atol=1e-8, rtol=1e-6)
-    slope = torch.autograd.grad((residual(error) ** 2).sum(), error)[0].abs().max()
+    assert torch.autograd.gradcheck(missed, error, eps=1e-6, atol=1e-8, rtol=1e-6)
+    slope = torch.autograd.grad((missed(error) ** 2).sum(), error)[0].abs().max()
     assert slope < (1e-15 if size == 0 else np.inf)  # the reference is a unit quaternion to rounding only
 
 
@@ -140,7 +140,7 @@ ANGLES = [90.0, -90.0, 180.0, 270.0, -135.0, 360.0, -360.0, 720.0, -1080.0, 365.
 def test_a_wrong_angle_is_the_residual_exactly(axis, wrong_deg):
     """Predicted less stated, in the sense of the stated axis, wherever that points; the tilt does not see it."""
     batch, axis_b = turned_about(axis, ANGLES)
-    angles = closure.error_angles(closure.segment_residuals(stating(batch, axis_b, np.add(ANGLES, wrong_deg)), batch.rate))
+    angles = residual.error_angles(residual.segment_residuals(stating(batch, axis_b, np.add(ANGLES, wrong_deg)), batch.rate))
     assert_allclose(angles[:, 2], -wrong_deg * DEG, atol=1e-9)
     assert np.abs(angles[:, :2]).max() < 1e-9
 
@@ -156,7 +156,7 @@ def test_a_whole_circle_more_is_no_residual_and_q_and_minus_q_are_one():
     """Circles are counted by the gyro's readings (session/detect/segments.py), not by its attitude."""
     batch, axis_b = turned_about(SLANTED, ANGLES)
     known, more = (stating(batch, axis_b, np.add(ANGLES, degrees)).turns for degrees in (1.0, 361.0))
-    turn = rotation.multiply(rotation.conjugate(batch.start), closure.end_attitude(batch, batch.rate))
+    turn = rotation.multiply(rotation.conjugate(batch.start), residual.end_attitude(batch, batch.rate))
     for found in (more.residual(turn), known.residual(-turn)):
         assert_allclose(found, known.residual(turn), atol=1e-12)
 
@@ -165,10 +165,10 @@ def test_the_earth_turns_below():
     """About the vertical in four seconds at 52 degrees north: -15.04 sin(52) deg/h; with the Earth in the batch, nothing."""
     angles = [90.0, -360.0, 720.0]
     batch = stating(*turned_about(VERTICAL, angles), angles)
-    earth = vertical_only(52.0).in_body(closure.attitudes(batch, batch.rate))
-    left, none = (closure.segment_residuals(each, batch.rate + earth) for each in (batch, replace(batch, earth=earth)))
+    earth = vertical_only(52.0).in_body(residual.attitudes(batch, batch.rate))
+    left, none = (residual.segment_residuals(each, batch.rate + earth) for each in (batch, replace(batch, earth=earth)))
     assert np.abs(none).max() < 1e-9
-    assert_allclose(closure.error_angles(left)[:, 2], -EARTH_RATE_RPS * np.sin(52 * DEG) * batch.duration_s, rtol=1e-6)
+    assert_allclose(residual.error_angles(left)[:, 2], -EARTH_RATE_RPS * np.sin(52 * DEG) * batch.duration_s, rtol=1e-6)
 
 
 RNG = np.random.default_rng(3)
@@ -178,8 +178,8 @@ def test_columns_of_known_angles_are_the_derivatives():
     angles = [30.0, -30.0, -135.0, 360.0, np.nan]
     batch, axis_b = turned_about(SLANTED, np.nan_to_num(angles, nan=70.0), seed=3)
     batch = stating(batch, axis_b, angles)
-    J = linear.columns(closure.sensitivity(batch, batch.rate), batch.rate)
-    exact = numeric_jacobian(lambda at: 2 * closure.segment_residuals(batch, LinearModel.from_vector(at)(batch.rate)), PERFECT.vector)
+    J = linear.columns(residual.sensitivity(batch, batch.rate), batch.rate)
+    exact = numeric_jacobian(lambda at: 2 * residual.segment_residuals(batch, LinearModel.from_vector(at)(batch.rate)), PERFECT.vector)
     assert_allclose(J, exact, atol=1e-4 * np.abs(J).max())
 
 

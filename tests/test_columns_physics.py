@@ -74,7 +74,7 @@ def test_columns_of_each_effect(twin_of):
 def test_columns_are_sums_over_the_samples_of_each_turn_where_a_few_are_taken_at_once(twin_of, monkeypatch):
     twin, _ = twin_of(warm_up_c=6.0, segments=8)
     monkeypatch.setattr("tinygc.noise.twin.AT_ONCE", 10)
-    monkeypatch.setattr("tinygc.closure.parts", lambda count: [slice(first, first + 3) for first in range(0, count, 3)])
+    monkeypatch.setattr("tinygc.closure.residual.parts", lambda count: [slice(first, first + 3) for first in range(0, count, 3)])
     state = twin.start()
     (rate,) = rates = twin.rates(state)
     sensitivity, moved = twin.sensitivity(state, rates), twin.movements[0].with_rate(rate)

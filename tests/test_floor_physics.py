@@ -17,7 +17,7 @@ from small_turns import TRUE, angles_by_scipy, numeric_jacobian, small_turns, wi
 from session.base.units import DEG, DEG_PER_HOUR
 from session.detect.stills import Noise, Still
 from session.log.samples import Samples
-from tinygc import closure
+from tinygc.closure import residual
 from tinygc.closure.earth import EarthRate
 from tinygc.closure.floor import (
     ACCEL_NOISE,
@@ -111,7 +111,7 @@ def numeric(batch, ends):
 @pytest.mark.parametrize("kind", ["tilt", "yaw", "known"])
 def test_covariance_is_that_of_the_noise_of_steps_stills_dials_and_stops(kind):
     batch, ends = made(kind)
-    floor = closure_floor(batch, closure.attitudes(batch, TRUE(batch.rate)), ends, NOISES, DIAL_RAD)
+    floor = closure_floor(batch, residual.attitudes(batch, TRUE(batch.rate)), ends, NOISES, DIAL_RAD)
     expected = numeric(batch, ends)
     if kind == "known":  # how well a turn stops at its angle; nothing tells the second one's, whose row is zero and has any variance
         expected[[2, 8], [2, 8]] += STOP_RAD**2
@@ -151,7 +151,7 @@ def test_what_is_uncertain_of_single_segments_widens_them_and_is_no_noise():
 def test_a_floor_is_the_sum_of_its_causes(kind):
     """The gyroscope's noise is its own of each segment; a part keeps its name where segments are widened or scaled."""
     batch, ends = made(kind)
-    floor = closure_floor(batch, closure.attitudes(batch, TRUE(batch.rate)), ends, NOISES, DIAL_RAD)
+    floor = closure_floor(batch, residual.attitudes(batch, TRUE(batch.rate)), ends, NOISES, DIAL_RAD)
     parts = floor.parts
     assert [*parts] == [GYRO_NOISE, ACCEL_NOISE, *{"tilt": [], "yaw": [DIALS], "known": [STOPS]}[kind]]
     assert_allclose(sum(part.dense() for part in parts.values()), floor.dense(), rtol=1e-12, atol=0)
@@ -194,7 +194,7 @@ def test_blocks_of_rows_are_the_whole_covariance():
     """Ten moments, each within the span of a neighbour, three rows at a time."""
     t_s, spans_s = np.arange(10.0) ** 1.5, np.linspace(4.0, 9.0, 10)
     whole = wander_covariance(t_s, spans_s, instability_rps=1.0)
-    with patch.object(closure.floor, "ROWS_TOGETHER", 3):
+    with patch("tinygc.closure.floor.ROWS_TOGETHER", 3):
         assert_allclose(wander_covariance(t_s, spans_s, instability_rps=1.0), whole, rtol=1e-12)
 
 

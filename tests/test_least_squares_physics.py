@@ -12,7 +12,7 @@ from small_turns import PERFECT, TRUE, angles_by_scipy, numeric_jacobian, small_
 
 from session.base import rotation
 from session.base.units import DEG, DEG_PER_HOUR, EARTH_RATE_RPS
-from tinygc import closure
+from tinygc.closure import residual
 from tinygc.closure.earth import EarthRate, with_heading
 from tinygc.closure.floor import BiasWander, Floor
 from tinygc.closure.least_squares import (
@@ -166,7 +166,7 @@ def test_a_search_that_does_not_end_tells_what_each_turn_is_off_by():
     steps = np.linalg.norm(START(batch.rate)[:, 1:], axis=2) * batch.dt
     limit = 0.1 * np.minimum(steps.sum(axis=1), 4 * np.pi)
     assert (steps.sum(axis=1) > 4 * np.pi).tolist() == [False] * 6 + [True] * 2
-    here = replace(batch, end=closure.end_attitude(batch, START(batch.rate)))
+    here = replace(batch, end=residual.end_attitude(batch, START(batch.rate)))
     off = np.zeros((8, 3))
     off[4:, 1] = 4 * np.arcsin(limit[4:] / 4 * [0.999, 1.001, 0.999, 1.001])
     refused = torn(turned_ends(here, off), 4, 1e-5)
@@ -280,11 +280,11 @@ class Data:
     def __init__(self, kind, with_stills, prior=None):
         batch = small_turns(TURNS, yaw_known=kind == "dials")
         for _ in range(4):  # the Earth in body axes and the attitudes depend on one another
-            body = EarthRate(EARTH_T, 0.0, 0.1, "estimated").in_body(closure.attitudes(batch, TRUE(batch.rate)))
+            body = EarthRate(EARTH_T, 0.0, 0.1, "estimated").in_body(residual.attitudes(batch, TRUE(batch.rate)))
             batch = replace(batch, earth=body)
-        batch = replace(batch, end=closure.end_attitude(batch, TRUE(batch.rate)))
+        batch = replace(batch, end=residual.end_attitude(batch, TRUE(batch.rate)))
         self.batch = with_known_angles(batch) if kind == "known angles" else batch
-        self.body = closure.attitudes(batch, TRUE(batch.rate))
+        self.body = residual.attitudes(batch, TRUE(batch.rate))
         self.floor, self.prior, self.stills = some_floor(self.batch.angles, 1.3), prior, None
         if with_stills:
             rng = np.random.default_rng(4)

@@ -14,7 +14,8 @@ from small_turns import PERFECT, TYPICAL, angles_by_scipy, small_turns, turned_e
 
 from session.base import rotation
 from session.base.errors import FitError, FormatError
-from tinygc import closure, models
+from tinygc import models
+from tinygc.closure import residual
 from tinygc.closure.least_squares import LinearEnds, StillRates, fit_least_squares
 from tinygc.closure.prior import vague
 from tinygc.estimation.options import Checkpoint
@@ -161,7 +162,7 @@ def material(seed=0, count=12):
     around = np.pad(clean, ((0, 0), (REACH, REACH), (0, 0)))
     around += NOISE_RPS * rng.standard_normal(around.shape)
     dt = np.full((count, clean.shape[1] - 1), 1 / 208.0)
-    batch = closure.Batch(around[:, REACH:-REACH], dt, np.zeros_like(clean), turns.q[:-1], turns.q[1:], False)
+    batch = residual.Batch(around[:, REACH:-REACH], dt, np.zeros_like(clean), turns.q[:-1], turns.q[1:], False)
     stills = [NOISE_RPS * rng.standard_normal((2 * rest, 3)) for _ in range(count + 1)]
     sigma = np.full(count, NOISE_RPS / np.sqrt(208.0) * np.sqrt(5.0))
     return denoiser.Material(batch, sigma, around, np.full(count, clean.shape[1]), stills, 208.0), clean
@@ -234,7 +235,7 @@ def test_noise_at_rest_falls_threefold_twelve_samples_late_and_the_closure_does_
     cubic = 1 + 2 * t - t**2 + 0.5 * t**3 * np.array([1.0, -1.0, 0.5])
     assert_allclose(trained.denoiser(cubic)[60:], cubic[48:-12], atol=5e-4)
     fresh, _ = material(seed=5)
-    before, after = (np.linalg.norm(closure.segment_residuals(fresh.batch, rate)) for rate in (fresh.batch.rate, fresh.rate(trained)))
+    before, after = (np.linalg.norm(residual.segment_residuals(fresh.batch, rate)) for rate in (fresh.batch.rate, fresh.rate(trained)))
     assert after < 1.05 * before
     with pytest.raises(FitError, match="noise"):
         denoiser.train_denoiser(replace(seen, stills=[np.zeros((100, 3))]), bias_only())
@@ -251,7 +252,7 @@ def recording(seed, asymmetry=0.0, count=20):
     turns, rng, noise = Turns(count, seed=11, odr_hz=52.0), np.random.default_rng(seed), 0.005 * DEG
     measured = (turns.rate + asymmetry * np.abs(turns.rate) - MODEL.B) @ np.linalg.inv(MODEL.E).T
     measured = measured + noise * np.sqrt(52.0 / 2) * rng.standard_normal(measured.shape)
-    batch = closure.Batch(measured, turns.dt, np.zeros_like(measured), turns.q[:-1], turns.q[1:], False)
+    batch = residual.Batch(measured, turns.dt, np.zeros_like(measured), turns.q[:-1], turns.q[1:], False)
     return batch, np.full(count, noise / np.sqrt(2) * 2)  # the angle random walk over 4 s
 
 

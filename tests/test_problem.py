@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 from session.base.errors import DataError, SegmentError
 from session.base.units import DEG, EARTH_RATE_RPS
 from session.detect.segments import FEWEST_SEGMENTS
-from tinygc import closure, read_session
+from tinygc import read_session
+from tinygc.closure import residual
 from tinygc.closure.build import build_problem
 from tinygc.closure.floor import DIALS
 from tinygc.closure.runs import read_closure_runs
@@ -67,7 +68,7 @@ def test_dials_observe_yaw_too(problem, tmp_path):
     read = build_problem(read_session(folder), use_earth=False)
     assert read.floor.parts[DIALS].own[:, 2, 2] == pytest.approx(np.full(10, 2 * (0.03 * DEG) ** 2))
     batch = read.batch
-    angles = closure.error_angles(closure.segment_residuals(batch, TRUE(batch.rate)))
+    angles = residual.error_angles(residual.segment_residuals(batch, TRUE(batch.rate)))
     assert angles.shape == (10, 3)
     assert np.abs(angles).max() / DEG < 0.06
 

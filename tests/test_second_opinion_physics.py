@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from small_turns import PERFECT, TRUE, small_turns
 
-from tinygc import closure
+from tinygc.closure import residual
 from tinygc.closure.floor import allan_curve
 from tinygc.closure.least_squares import StillRates, fit_least_squares
 from tinygc.models.linear import NAMES, PRIOR_SIGMA, LinearModel
@@ -25,14 +25,14 @@ def test_lmfit_finds_the_same_values_sigmas_and_correlations():
     stills = StillRates(rate, TRUE(rate) + 0.01 * error * rng.normal(size=(3, 3)), error)
     ours = fit_least_squares(batch, sigma, PERFECT, still_rates=stills)
 
-    def residual(parameters):
+    def rows(parameters):
         vector = np.array([parameters[name].value for name in NAMES])
         model = LinearModel.from_vector(vector)
-        angles = 2 * closure.segment_residuals(batch, model(batch.rate)) / sigma[:, None]
+        angles = 2 * residual.segment_residuals(batch, model(batch.rate)) / sigma[:, None]
         return np.concatenate([angles.ravel(), ((model(rate) - stills.earth) / error).ravel(), (vector - PERFECT.vector) / PRIOR_SIGMA])
 
     start = lmfit.create_params(**dict(zip(NAMES, ours.model.vector + 1e-5, strict=True)))
-    theirs = lmfit.minimize(residual, start, scale_covar=False, epsfcn=1e-9)
+    theirs = lmfit.minimize(rows, start, scale_covar=False, epsfcn=1e-9)
     sigmas = np.sqrt(np.diag(ours.covariance))
     np.testing.assert_allclose((ours.model.vector - list(theirs.params.valuesdict().values())) / sigmas, 0, atol=1e-5)
     np.testing.assert_allclose(sigmas, [theirs.params[name].stderr for name in NAMES], rtol=1e-5)

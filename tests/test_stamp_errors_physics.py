@@ -19,7 +19,7 @@ from session.detect.stamp_errors import (
     stamp_errors,
 )
 from session.log.samples import Samples
-from tinygc import closure
+from tinygc.closure import residual
 from tinygc.closure.floor import stamp_variance
 from tinygc.closure.residual import Batch
 
@@ -37,8 +37,8 @@ def turn(rate_hz=100.0, seconds=2.0):
 
 def end_of(batch, late_s):
     """Rotation vector (3,) rad, table axes, by which the end moves where each stamp is late by (T,) s."""
-    moved = closure.end_attitude(replace(batch, dt=batch.dt + np.diff(late_s)), batch.rate)[0]
-    right = Rotation.from_quat(closure.end_attitude(batch, batch.rate)[0], scalar_first=True)
+    moved = residual.end_attitude(replace(batch, dt=batch.dt + np.diff(late_s)), batch.rate)[0]
+    right = Rotation.from_quat(residual.end_attitude(batch, batch.rate)[0], scalar_first=True)
     return (Rotation.from_quat(moved, scalar_first=True) * right.inv()).as_rotvec()
 
 
@@ -48,7 +48,7 @@ def white(sigma_s):
 
 def test_a_late_stamp_moves_the_end_by_the_change_of_the_rate_around_it():
     batch = turn()
-    at = closure.attitudes(batch, batch.rate)
+    at = residual.attitudes(batch, batch.rate)
     late = np.zeros(batch.rate.shape[1])
     for sample in (0, 37, 100, 163, 200):
         late[:] = 0.0

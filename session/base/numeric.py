@@ -37,6 +37,13 @@ def running_sum(values: ArrayLike, axis: int = 0) -> np.ndarray:
     return np.insert(np.cumsum(values, axis=axis), 0, 0, axis=axis)
 
 
+def span_steps(values: np.ndarray, size: int) -> np.ndarray:
+    """Differences (…, 3) between the means of neighbouring spans of ``size`` values (N, 3), at every start."""
+    total = running_sum(values)
+    span = (total[size:] - total[:-size]) / size
+    return span[size:] - span[:-size]
+
+
 def sigmas_in(covariance: np.ndarray) -> np.ndarray:
     """Standard deviations (p,) of a covariance (p, p)."""
     return np.sqrt(np.diag(covariance))

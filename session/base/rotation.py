@@ -159,6 +159,13 @@ def namespace(array: object) -> ModuleType:
     return torch if torch is not None and isinstance(array, torch.Tensor) else np
 
 
+def like(model: Array, array: np.ndarray | Array) -> Array:
+    """Convert ``array`` to the library and the device of ``model``."""
+    if isinstance(model, np.ndarray) or not isinstance(array, np.ndarray):
+        return array
+    return namespace(model).as_tensor(array, dtype=model.dtype, device=model.device)
+
+
 def join(parts: Sequence[Array]) -> Array:
     """Join components (...) to an array (..., n), each contiguous in memory, which is twice as fast as interleaved components."""
     if isinstance(parts[0], np.ndarray):
@@ -226,14 +233,6 @@ def conjugate(q: Array) -> Array:
     return join([w, -x, -y, -z])
 
 
-def mapped(matrix: Array, vectors: Array) -> Array:
-    """Product (..., n) of a matrix (n, m) with vectors (..., m); for NumPy, each component contiguous in memory."""
-    if not isinstance(vectors, np.ndarray):
-        return vectors @ matrix.T
-    components = np.moveaxis(vectors, -1, 0)
-    return np.moveaxis((matrix @ components.reshape(len(components), -1)).reshape(len(matrix), *components.shape[1:]), 0, -1)
-
-
 def exp(vector: Array) -> Array:
     """Quaternion (..., 4) of a rotation vector (..., 3) rad, exact at any angle."""
     xp = namespace(vector)
@@ -295,6 +294,13 @@ def from_gravity(accel: np.ndarray) -> np.ndarray:
     """Attitude q_nb (..., 4) with yaw 0 of a body at rest with specific force accel (..., 3): docs/formats.md, frames and signs."""
     x, y, z = (accel[..., i] for i in range(3))
     return from_euler(np.arctan2(-y, -z), np.arctan2(x, np.hypot(y, z)), 0.0)
+
+
+def nearest_yaw(q_tb: np.ndarray, q_tilt: np.ndarray) -> np.ndarray:
+    """Rotate ``q_tilt`` (..., 4) about the vertical to be as near as possible to ``q_tb`` (..., 4)."""
+    turn = multiply(q_tb, conjugate(q_tilt)) * [1.0, 0.0, 0.0, 1.0]
+    length = np.linalg.norm(turn, axis=-1, keepdims=True)
+    return np.where(length > 1e-9, multiply(turn / np.maximum(length, 1e-9), q_tilt), q_tilt)
 
 
 def compose(steps: Array) -> Array:

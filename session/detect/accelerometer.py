@@ -13,7 +13,6 @@ import numpy as np
 from session.base.errors import FormatError
 from session.base.files import MOST_TOML, copy_new, folder_whole, read_text, require_empty, write_new
 from session.base.numeric import UPPER, sigma_of, sigmas_in
-from session.base.rotation import unit_vectors
 from session.base.toml import parse_toml
 from session.base.units import DEG, MG
 from session.detect.stills import Still
@@ -86,10 +85,11 @@ def corrected(x: np.ndarray, force: np.ndarray) -> np.ndarray:
 
 def length_columns(x: np.ndarray, force: np.ndarray) -> np.ndarray:
     """(S, 9): how each number changes the length of the corrected force: m/s^2 per 1, or per m/s^2."""
-    found = corrected(x, force)
-    unit = unit_vectors(found)
+    matrix, moved = matrix_of(x), force - x[BIAS]
+    unit = moved @ matrix.T
+    unit /= np.linalg.norm(unit, axis=1, keepdims=True)
     rows, columns = UPPER
-    return np.concatenate([unit[:, rows] * (force - x[BIAS])[:, columns], -unit @ matrix_of(x)], axis=1)
+    return np.concatenate([unit[:, rows] * moved[:, columns], -unit @ matrix], axis=1)
 
 
 def force_columns(x: np.ndarray, force: np.ndarray) -> np.ndarray:

@@ -188,7 +188,7 @@ def _off(found: Sequence[RatePiece], usual: RatePiece, row: int) -> float:
 
 def _turn(samples: Samples, first: Still, last: Still) -> np.ndarray | None:
     start, stop = first.stop - 1, last.start + 1
-    steps = samples.dt_s[start : stop - 1][:, None]
+    steps = np.diff(samples.t_ns[start:stop])[:, None] * NS
     return (samples.gyro[start : stop - 1] - first.gyro_mean) * steps if stop > start else None
 
 

@@ -102,7 +102,7 @@ def cut_segments(
             last=last,
             start=start,
             stop=stop,
-            start_s=samples.at_s(start),
+            start_s=float(samples.t_ns[start] - samples.t_ns[0]) * NS,
             duration_s=duration_s,
             turn_s=turn_s,
             turn_deg=turn_deg,

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from session.base.numeric import running_sum, runs_of, sigma_of, weighted_median
+from session.base.numeric import runs_of, sigma_of, span_steps, weighted_median
 from session.base.rotation import angle_between
 from session.base.units import DEG, NS
 from session.log.folder import Session
@@ -168,7 +168,7 @@ class Still:
     bumps: int = 0
     problem: str | None = None
 
-    @property
+    @cached_property
     def gravity_mps2(self) -> float:
         """Length of the mean specific force."""
         return float(np.linalg.norm(self.accel_mean))
@@ -194,7 +194,7 @@ class Noise:
         """(3,) rad/sqrt(s)."""
         return self.gyro / np.sqrt(2)
 
-    @property
+    @cached_property
     def velocity_random_walk(self) -> np.ndarray:
         """(3,) m/s/sqrt(s)."""
         return self.accel / np.sqrt(2)
@@ -249,10 +249,10 @@ def quiet_runs(blocks: Blocks, by_force: bool = False) -> tuple[list[tuple[int, 
     spread = np.full(3, np.inf) if not both.any() else sigma_of(np.diff(means, axis=0)[both]) / np.sqrt(2)
     # Split each run where a block's mean rate leaves the run's: the slow ends of a turn are not still.
     kept = []
-    for start, stop in _runs(quiet):
+    for start, stop in np.transpose(runs_of(quiet)).tolist():
         mean = means[start:stop]
         steady = (np.abs(mean - np.median(mean, axis=0)) < MEAN_SIGMAS * spread).all(axis=1)
-        kept += [(start + a, start + b) for a, b in _runs(steady)]
+        kept += (np.transpose(runs_of(steady)) + start).tolist()
     return kept, spread
 
 
@@ -281,10 +281,6 @@ def noise_variance(variance: np.ndarray) -> np.ndarray:
     return np.maximum(np.median(calm, axis=0), np.finfo(float).tiny)
 
 
-def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
-    return [(int(start), int(stop)) for start, stop in zip(*runs_of(mask), strict=True)]
-
-
 def _same_rest(a: tuple[int, int], b: tuple[int, int], blocks: Blocks, spread: np.ndarray) -> bool:
     gap_s = (b[0] - a[1]) * blocks.duration_s
     if gap_s > BUMP_S or min(a[1] - a[0], b[1] - b[0]) < 2:
@@ -310,17 +306,10 @@ def _noise(runs: list[list[tuple[int, int]]], blocks: Blocks) -> Noise:
         if size == 0:  # stills of a single block: what is left is the scatter of single samples, as if it were white
             inside = np.concatenate([variance[a:b] for run in runs for a, b in run])
             return np.sqrt(2 * np.mean(inside, axis=0) * blocks.duration_s / blocks.size)
-        steps = [_allan_steps(mean[a:b], size) for run in runs for a, b in run]
+        steps = [span_steps(mean[a:b], size) for run in runs for a, b in run]
         return np.sqrt(np.mean(np.concatenate(steps) ** 2, axis=0) * size * blocks.duration_s)  # sqrt(2 x AVAR/2 x tau), one-sided
 
     return Noise(density(blocks.gyro_mean, blocks.gyro_var), density(blocks.accel_mean, blocks.accel_var))
-
-
-def _allan_steps(mean: np.ndarray, size: int) -> np.ndarray:
-    """Differences (…, 3) between the means of neighbouring spans of ``size`` blocks, at every start."""
-    total = running_sum(mean)
-    span = (total[size:] - total[:-size]) / size
-    return span[size:] - span[:-size]
 
 
 def measure(samples: Samples, run: list[tuple[int, int]], size: int) -> Still:

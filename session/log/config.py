@@ -7,6 +7,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from datetime import date, time
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
@@ -14,6 +15,7 @@ import numpy as np
 
 from session.base import features
 from session.base.errors import FormatError
+from session.base.numeric import UPPER
 from session.base.records import DERIVED, ROTATION, Key, Record, record_of
 from session.base.results import Array, Keys, MapOf, Mismatch, Number, Shape, Text, require, shown, unknown_keys
 from session.base.rotation import conjugate, from_matrix, multiply
@@ -211,7 +213,7 @@ class Sensor:
     #: `clock_sigma_ppm`
     clock_ratio: Annotated[float | None, Number(0.5, 2.0)] = None
 
-    @property
+    @cached_property
     def profile(self) -> Profile | None:
         """What is known of the model; None where it is none that this tool knows."""
         return profile_of(self.model)
@@ -362,6 +364,11 @@ class Accelerometer:
         """(3, 3): Q of matrix = Q U, a turn of the body frame against the sensor's own triad; U upper triangular, its diagonal positive."""
         turn, upper = np.linalg.qr(self.matrix)
         return turn * np.sign(np.diag(upper))
+
+    @property
+    def triad(self) -> np.ndarray:
+        """(9,): the upper triangle of U less that of no correction, row by row, then the bias."""
+        return np.concatenate([(self.frame.T @ self.matrix - np.eye(3))[UPPER], self.bias_mps2])
 
     def measured(self, force: np.ndarray) -> np.ndarray:
         """What was measured (N, 3) m/s^2 where ``correct`` gives this force."""

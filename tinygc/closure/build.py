@@ -20,13 +20,13 @@ from session.detect.stamp_errors import stamp_errors
 from session.detect.stills import SessionStills, Still
 from session.log.folder import Session
 from session.log.samples import start_times
-from tinygc import closure
+from tinygc.closure import residual
 from tinygc.closure.earth import EarthRate, contradicts, estimate_heading, no_earth, vertical_only, with_heading
 from tinygc.closure.floor import Floor, closure_floor
 from tinygc.closure.least_squares import StillRates, fit_least_squares, naming_segments
 from tinygc.closure.prior import PriorOf
 from tinygc.closure.problem import CLIPPED, LEFT_OUT, NOT_TAKEN, Problem, Widening, bridged_sigma, widened_by_bridges
-from tinygc.closure.residual import TOGETHER, Batch, KnownTurns, attitudes, closure_angles, directions, nearest_yaw
+from tinygc.closure.residual import TOGETHER, Batch, KnownTurns, attitudes, closure_angles, directions
 from tinygc.closure.stills import StillSet, carry_yaw
 from tinygc.closure.truth import build_truth_problem
 from tinygc.models import linear
@@ -131,7 +131,7 @@ def hits_of(segments: Sequence[Segment], impacts: Sequence[Sequence[Impact]]) ->
 
 
 def widened_by_impacts(
-    segments: Sequence[Segment], hits: Hits, batch: closure.Batch, floor: Floor, start: LinearModel
+    segments: Sequence[Segment], hits: Hits, batch: residual.Batch, floor: Floor, start: LinearModel
 ) -> tuple[np.ndarray, list[Widening]]:
     """(S, 3, 3) rad^2 that impacts add to the ends of S segments, and the widened segments; the fit starts at a model."""
     hit = hits.jump_g > 0
@@ -150,11 +150,11 @@ def widened_by_impacts(
     return more, said
 
 
-def _per_g(jump_g: np.ndarray, batch: closure.Batch, floor: Floor, start: LinearModel) -> float:
+def _per_g(jump_g: np.ndarray, batch: residual.Batch, floor: Floor, start: LinearModel) -> float:
     """Estimate s, rad per g and angle."""
     rate = fit_least_squares(batch, floor.sigma, start).model(batch.rate)
-    angles = closure.error_angles(closure.segment_residuals(batch, rate))[:, :2]
-    design = linear.columns(closure.sensitivity(batch, rate), batch.rate)[:, :2] * linear.PRIOR_SIGMA
+    angles = residual.error_angles(residual.segment_residuals(batch, rate))[:, :2]
+    design = linear.columns(residual.sensitivity(batch, rate), batch.rate)[:, :2] * linear.PRIOR_SIGMA
 
     def at(grid: np.ndarray, jump_g: np.ndarray) -> np.ndarray:
         white = floor.sigma[:, :2] ** 2
@@ -442,7 +442,7 @@ def _batch(session: Session, logs: list[StillSet], segments: list[Segment]) -> B
         for end, still in zip(ends, segment.stills, strict=True):
             if dials and (reading := _dial(session, logs, segment.log, still)) is not None:
                 # Gravity gives the tilt to a hundredth of a degree, a dial to a twentieth: tilt from gravity, yaw from the dial.
-                end[i] = nearest_yaw(rotation.from_euler(*reading), end[i])
+                end[i] = rotation.nearest_yaw(rotation.from_euler(*reading), end[i])
     return Batch(rate, dt, np.zeros_like(rate), ends[0], ends[1], dials)
 
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -401,9 +402,9 @@ def joined_curves(short: AllanCurve, long: AllanCurve) -> AllanCurve:
     return AllanCurve(tau_s, deviation, freedom, max(short.longest_s, long.longest_s))
 
 
-def allan_freedom(points: float, m: int) -> float:
+def allan_freedom(points: Any, m: int) -> Any:
     """Degrees of freedom of the overlapping estimate from ``points`` angles for white rate noise (NIST SP 1065, table 5)."""
-    return max((3 * (points - 1) / (2 * m) - 2 * (points - 2) / points) * 4 * m**2 / (4 * m**2 + 5), 1.0)
+    return np.maximum((3 * (points - 1) / (2 * m) - 2 * (points - 2) / points) * 4 * m**2 / (4 * m**2 + 5), 1.0)
 
 
 def angle_random_walk(curve: AllanCurve, axis: int) -> Reading:

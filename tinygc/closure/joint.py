@@ -28,10 +28,9 @@ from session.detect.accelerometer import (
     unobserved_of,
 )
 from session.detect.stills import Still, references
-from tinygc import closure
+from tinygc.closure import residual
 from tinygc.closure.build import tilt_excess
 from tinygc.closure.problem import ACCELEROMETER, COUNT, DRIFT, GRAVITY, GYROSCOPE, JointFit, JointSystem, Problem, bent
-from tinygc.closure.residual import nearest_yaw
 from tinygc.closure.uncertainty import chi_square_above
 from tinygc.models import linear
 from tinygc.models.linear import PRIOR_SIGMA, LinearModel
@@ -142,8 +141,8 @@ def _weighed(
     model = LinearModel.from_vector(at[GYROSCOPE])
     rate = model(batch.rate)
     d, rows = batch.angles, len(batch) * batch.angles
-    end, sensitivity = closure.end_and_sensitivity(batch, rate)
-    angles = closure.error_angles(closure.batch_residual(batch, end))
+    end, sensitivity = residual.end_and_sensitivity(batch, rate)
+    angles = residual.error_angles(residual.batch_residual(batch, end))
     design = np.zeros((rows + len(force), len(at)))
     design[:rows, GYROSCOPE] = linear.columns(sensitivity, batch.rate)[:, :d].reshape(rows, -1)
     starts, ends = tilt_columns(batch.start, number, force[first]), tilt_columns(batch.end, number, force[last])
@@ -232,7 +231,7 @@ def recalibrated(problem: Problem, joint: JointFit) -> Problem:
     for log in problem.logs:
         stills = [replace(still, accel_mean=force) for still, force in zip(log.stills, moved[id(log)], strict=True)]
         now |= {id(old): new for old, new in zip(log.stills, stills, strict=True)}
-        q_tb = nearest_yaw(log.q_tb, rotation.from_gravity(np.array([still.accel_mean for still in stills])))
+        q_tb = rotation.nearest_yaw(log.q_tb, rotation.from_gravity(np.array([still.accel_mean for still in stills])))
         logs.append(replace(log, samples=samples[id(log.samples)], stills=stills, q_tb=q_tb))
     segments = [replace(s, first=now[id(s.first)], last=now[id(s.last)]) for s in problem.segments]
     references = np.concatenate([log.q_tb[[still.problem is None for still in log.stills]] for log in logs])

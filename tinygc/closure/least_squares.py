@@ -16,7 +16,7 @@ from session.base.units import DEG
 from session.detect.accelerometer import OBSERVED_BELOW
 from session.detect.axes import CLOSES_WITHIN
 from session.detect.segments import Segment
-from tinygc import closure
+from tinygc.closure import residual
 from tinygc.closure.prior import GaussianPrior
 from tinygc.closure.residual import Batch, RateMap
 from tinygc.models import linear
@@ -146,16 +146,16 @@ class LinearEnds:
         """Compute the ends with the exact integrator; columns_of(sensitivity (S, T, 3, 3), rates (S, T, 3)) gives columns (S, 3, P)."""
         batch = replace(batch, turns=None)
         end, columns = np.empty((len(batch), 4)), np.empty((len(batch), 3, len(model.vector)))
-        for some in closure.parts(len(batch)):
+        for some in residual.parts(len(batch)):
             part = batch.pick(some)
-            end[some], sensitivity = closure.end_and_sensitivity(part, model(part.rate))
+            end[some], sensitivity = residual.end_and_sensitivity(part, model(part.rate))
             columns[some] = columns_of(sensitivity, part.rate)
         return cls(model.vector, end, columns, batch)
 
     def rows(self, batch: Batch, which: np.ndarray) -> Rows:
         """Rows of the segments ``which`` (S,) bool between the references of another batch: the body turns by the same angles."""
         turn = rotation.multiply(batch.start, rotation.conjugate(self.batch.start[which]))
-        angles = 2 * closure.batch_residual(batch, rotation.multiply(turn, self.end[which]))
+        angles = 2 * residual.batch_residual(batch, rotation.multiply(turn, self.end[which]))
         return Rows(self.vector, angles, (rotation.matrix(turn) @ self.columns[which])[:, : batch.angles], self)
 
 
@@ -310,16 +310,16 @@ def _rows(batch: Batch, vector: np.ndarray, integrator: str, near: Rows | None) 
         return LinearEnds.of(model, batch).rows(batch, np.ones(len(batch), dtype=bool))
     angles = np.empty((len(batch), batch.angles))
     design = np.empty((len(batch), batch.angles, linear.PARAMETERS)) if near is None else near.columns
-    for some in closure.parts(len(batch)):  # intermediate results stay in the processor's cache
+    for some in residual.parts(len(batch)):  # intermediate results stay in the processor's cache
         part = batch.pick(some)
         rate = model(part.rate)
         if near is not None:
-            angles[some] = 2 * closure.segment_residuals(part, rate, integrator)
+            angles[some] = 2 * residual.segment_residuals(part, rate, integrator)
             continue
-        end, sensitivity = closure.end_and_sensitivity(part, rate)
+        end, sensitivity = residual.end_and_sensitivity(part, rate)
         if integrator != "exact":
-            end = closure.end_attitude(part, rate, integrator)
-        angles[some] = 2 * closure.batch_residual(part, end)
+            end = residual.end_attitude(part, rate, integrator)
+        angles[some] = 2 * residual.batch_residual(part, end)
         design[some] = linear.columns(sensitivity, part.rate)[:, : batch.angles]
     return Rows(vector, angles, design, None if near is None else near.ends)
 
@@ -357,7 +357,7 @@ class Nearby:
     def about(cls, model: LinearModel, batch: Batch) -> Nearby:
         """Expand a batch about a model."""
         # Without known angles, which are measured about axes other than the table's.
-        end, sensitivity = closure.end_and_sensitivity(replace(batch, turns=None), model(batch.rate))
+        end, sensitivity = residual.end_and_sensitivity(replace(batch, turns=None), model(batch.rate))
         count = len(batch)
         phi, pairs = np.empty((count, 3, PARAMETERS)), np.empty((count, 3, len(FIRST)))
         for first in range(0, count, TOGETHER):
@@ -397,7 +397,7 @@ class Nearby:
         step = np.eye(3) * STEP_RAD
 
         def at(turn: np.ndarray) -> np.ndarray:
-            return closure.batch_residual(self.batch, rotation.multiply(rotation.exp(turn), self.end))
+            return residual.batch_residual(self.batch, rotation.multiply(rotation.exp(turn), self.end))
 
         value = at(np.zeros(3))
         up, down = (np.stack([at(sign * one) for one in step], axis=-1) for sign in (1, -1))
@@ -419,7 +419,7 @@ class Nearby:
         delta = vectors - self.vector
         omega = delta @ self.phi + (delta[:, FIRST] * delta[:, SECOND]) @ self.half_x
         ends = rotation.multiply(rotation.exp(omega.reshape(len(vectors), -1, 3)), self.end)
-        return closure.batch_residual(self.batch, ends)
+        return residual.batch_residual(self.batch, ends)
 
 
 def _along(sensitivity: np.ndarray, rate: np.ndarray) -> np.ndarray:

@@ -23,7 +23,6 @@ from session.log.config import Accelerometer
 from session.log.folder import Session
 from session.log.logfile import Bridge
 from session.log.samples import start_times
-from tinygc import closure
 from tinygc.closure.at_rest import MeasuredNoise
 from tinygc.closure.earth import EarthRate
 from tinygc.closure.floor import BiasInstability, BiasWander, Floor, bias_instability_of
@@ -184,7 +183,7 @@ class JointFit:
 def bent(batch: Batch, first: np.ndarray, last: np.ndarray, force: np.ndarray) -> Batch:
     """A batch with the tilt at its ends from forces (Q, 3) of the stills; the yaw is kept."""
     tilt = rotation.from_gravity(force)
-    return replace(batch, start=closure.nearest_yaw(batch.start, tilt[first]), end=closure.nearest_yaw(batch.end, tilt[last]))
+    return replace(batch, start=rotation.nearest_yaw(batch.start, tilt[first]), end=rotation.nearest_yaw(batch.end, tilt[last]))
 
 
 # Segments less certain than their noise, each with its cause: bridged readings, or an impact not resolved by the readings.
@@ -302,7 +301,7 @@ class Problem:
         groups = np.concatenate([log.group[[still.problem is None for still in log.stills]] for log in self.logs])
         return self.earths[int(np.bincount(groups, minlength=1).argmax())]
 
-    @property
+    @cached_property
     def used(self) -> list[Segment]:
         """The accepted segments, in order."""
         return [segment for segment in self.segments if segment.accepted]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -61,7 +62,7 @@ class KnownTurns:
         xp = rotation.namespace(turn)
         angle, known = np.nan_to_num(self.angle_rad) / 2, self.known
         cos, sin, axis, circle, used = (
-            _like(turn, x) for x in (np.cos(angle), np.sin(angle), self.axis, self.near_circle * 1.0, known * 1.0)
+            rotation.like(turn, x) for x in (np.cos(angle), np.sin(angle), self.axis, self.near_circle * 1.0, known * 1.0)
         )
         w, x, y, z = rotation.split(turn)
         along = x * axis[..., 0] + y * axis[..., 1] + z * axis[..., 2]
@@ -84,11 +85,6 @@ class KnownTurns:
         """The gyro's end attitudes q_tb (S, 4), corrected to the known angle about the axis; unchanged if it is unknown."""
         miss = 4 * np.arcsin(self.residual(rotation.multiply(rotation.conjugate(start), end)) / 2)
         return rotation.multiply(rotation.exp(-miss[:, None] * self.directions(start, end)), end)
-
-
-def _like(model: Array, array: np.ndarray) -> Array:
-    xp = rotation.namespace(model)
-    return array if isinstance(model, np.ndarray) else xp.as_tensor(array, dtype=model.dtype, device=model.device)
 
 
 # The closure residual: the rotation between the attitude predicted by the gyro and the reference.
@@ -134,7 +130,7 @@ class Batch:
         """Duration of each segment, (S,) s."""
         return self.dt.sum(-1)
 
-    @property
+    @cached_property
     def angles(self) -> int:
         """Residual components per segment: 2 where only gravity is known, else 3."""
         return 3 if self.yaw_known or self.turns is not None else 2
@@ -166,7 +162,7 @@ def end_attitude(batch: Batch, rate: Array, integrator: str = "exact") -> Array:
 
     NumPy or torch, as ``rate`` is.
     """
-    return rotation.multiply(like(rate, batch.start), turned(batch, rate, integrator))
+    return rotation.multiply(rotation.like(rate, batch.start), turned(batch, rate, integrator))
 
 
 def turned(batch: Batch, rate: Array, integrator: str = "exact") -> Array:
@@ -175,7 +171,7 @@ def turned(batch: Batch, rate: Array, integrator: str = "exact") -> Array:
         return np.concatenate([turned(batch.pick(some), rate[some], integrator) for some in parts(len(rate))])
     if isinstance(rate, np.ndarray) and integrator == "exact":
         return pairs.quaternions(pairs.compose_pairs(_steps(rate - batch.earth, batch.dt)))
-    earth, dt = (like(rate, x) for x in (batch.earth, batch.dt))
+    earth, dt = (rotation.like(rate, x) for x in (batch.earth, batch.dt))
     return rotation.compose(steps(rate - earth, dt, integrator))
 
 
@@ -203,7 +199,7 @@ def _along(batch: Batch, rate: np.ndarray) -> pairs.Pairs:
 def residual(q_pred: Array, q_end: np.ndarray | Array, yaw_known: bool) -> Array:
     """Residual (S, 2) or (S, 3), |r|^2 the squared quaternion distance; components about the table's x, y (and z)."""
     xp = rotation.namespace(q_pred)
-    d = rotation.multiply(q_pred, rotation.conjugate(like(q_pred, q_end)))
+    d = rotation.multiply(q_pred, rotation.conjugate(rotation.like(q_pred, q_end)))
     w, x, y, z = rotation.split(d)
     if yaw_known:
         sign = xp.where(w < 0, -xp.ones_like(w), xp.ones_like(w))
@@ -221,7 +217,7 @@ def batch_residual(batch: Batch, q_pred: Array, turn: Array | None = None) -> Ar
     if batch.turns is None:
         return tilt
     if turn is None:
-        turn = rotation.multiply(rotation.conjugate(like(q_pred, batch.start)), q_pred)
+        turn = rotation.multiply(rotation.conjugate(rotation.like(q_pred, batch.start)), q_pred)
     return rotation.namespace(q_pred).concatenate([tilt, batch.turns.residual(turn)[..., None]], -1)
 
 
@@ -285,21 +281,6 @@ def end_and_sensitivity(batch: Batch, rate: np.ndarray) -> tuple[np.ndarray, np.
 def parts(count: int) -> list[slice]:
     """Slices of ``count`` segments that are processed together."""
     return [slice(first, first + TOGETHER) for first in range(0, count, TOGETHER)]
-
-
-def nearest_yaw(q_tb: np.ndarray, q_tilt: np.ndarray) -> np.ndarray:
-    """Rotate ``q_tilt`` (..., 4) about the vertical to be as near as possible to ``q_tb`` (..., 4)."""
-    turn = rotation.multiply(q_tb, rotation.conjugate(q_tilt)) * [1.0, 0.0, 0.0, 1.0]
-    length = np.linalg.norm(turn, axis=-1, keepdims=True)
-    return np.where(length > 1e-9, rotation.multiply(turn / np.maximum(length, 1e-9), q_tilt), q_tilt)
-
-
-def like(model: Array, array: np.ndarray | Array) -> Array:
-    """Convert ``array`` to the library and the device of ``model``."""
-    xp = rotation.namespace(model)
-    if isinstance(model, np.ndarray) or not isinstance(array, np.ndarray):
-        return array
-    return xp.as_tensor(array, dtype=model.dtype, device=model.device)
 
 
 def closure_angles(batch: Batch, model: RateMap, integrator: str = "exact") -> np.ndarray:

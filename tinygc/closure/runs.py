@@ -15,7 +15,7 @@ from session.detect.stills import Still
 from session.log.folder import Session
 from session.log.logfile import Log
 from session.log.samples import Samples
-from tinygc import closure
+from tinygc.closure import residual
 from tinygc.closure.earth import EarthRate, unseen_covariance, vertical_only
 from tinygc.closure.floor import gyro_variance, stamp_variance, still_tilt_variance
 from tinygc.closure.problem import Problem
@@ -69,12 +69,12 @@ class ClosureRun:
         """Add a correction (3,) rad/s of the Earth's rate in table axes, at the attitudes given by calibrated rates (N, 3)."""
         if self.earth.source in ("none", "unknown") and not self.yaw_carried:
             return self
-        turn = rotation.matrix(closure.attitudes(self.batch, rate[None]))
+        turn = rotation.matrix(residual.attitudes(self.batch, rate[None]))
         return replace(self, batch=replace(self.batch, earth=self.batch.earth + np.einsum("stji,j->sti", turn, more_t)))
 
     def errors_at(self, rate: np.ndarray, integrator: str = "exact") -> np.ndarray:
         """As ``errors``, for calibrated rates (N, 3) of the batch's rows."""
-        return closure.error_angles(closure.segment_residuals(self.batch, rate[None], integrator))[0]
+        return residual.error_angles(residual.segment_residuals(self.batch, rate[None], integrator))[0]
 
 
 def read_closure_runs(problem: Problem) -> list[ClosureRun]:
@@ -103,9 +103,9 @@ def _prepare(problem: Problem, log: Log) -> ClosureRun:
     part = samples.between(rows.start, rows.stop)
     # By protocol the yaw is the same; the tilt comes from gravity, since a hand does not return to a hundredth of a degree.
     earth, start, carried = _earth_and_start(problem, session, samples, first)
-    end = closure.nearest_yaw(start, rotation.from_gravity(last.accel_mean))
+    end = rotation.nearest_yaw(start, rotation.from_gravity(last.accel_mean))
     bare = Batch(part.gyro[None], part.dt_s[None], np.zeros_like(part.gyro[None]), start[None], end[None], yaw_known=True)
-    attitudes = closure.attitudes(bare, problem.first(bare.rate))
+    attitudes = residual.attitudes(bare, problem.first(bare.rate))
     batch = Batch(bare.rate, bare.dt, earth.in_body(attitudes), bare.start, bare.end, yaw_known=True)
     variance = np.diagonal(gyro_variance(batch, attitudes, [problem.noise])[0]).copy()
     stamps = stamp_errors(samples, session.config.protocol.segment_s)
@@ -136,7 +136,7 @@ def _earth_and_start(problem: Problem, session: Session, samples: Samples, first
     references = [i for i, still in enumerate(before.stills) if still.problem is None]
     if references and goes_on(before.samples, before.stills[references[-1]], samples, first):
         earth = problem.earths[int(before.group[references[-1]])]
-        return earth, closure.nearest_yaw(before.q_tb[references[-1]], start), True
+        return earth, rotation.nearest_yaw(before.q_tb[references[-1]], start), True
     latitude_deg = session.config.site.latitude_deg
     if latitude_deg is None or problem.earth.source == "none":
         return problem.earth, start, False

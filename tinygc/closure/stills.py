@@ -15,7 +15,7 @@ from session.detect.stills import Noise, Still
 from session.detect.truth_segments import Rest, find_rests
 from session.log.logfile import Bridge
 from session.log.samples import Samples
-from tinygc.closure.residual import Batch, end_attitude, nearest_yaw
+from tinygc.closure.residual import Batch, end_attitude
 from tinygc.models.linear import LinearModel
 
 if TYPE_CHECKING:
@@ -79,13 +79,13 @@ def carry_yaw(logs: list[StillSet], segments: list[Segment], chain: Batch, model
     place = {id(still): number for log in logs for number, still in enumerate(log.stills)}
     for i, segment in enumerate(segments):
         stills = logs[segment.log].stills
-        first, last = (place[id(still)] for still in segment.stills)
+        first, last = place[id(segment.first)], place[id(segment.last)]
         if segment.log != begun or first != reached:  # a log begins, or turns before this one are not looked at
             previous = _end_of(logs, q_tb, group, segment.log - 1) if segment.log != begun else None
             begins = stills[first]
             if previous is not None and goes_on(logs[segment.log - 1].samples, previous[0], logs[segment.log].samples, begins):
                 _, q_before, group[segment.log][first] = previous
-                q_tb[segment.log][first] = nearest_yaw(q_before, q_tb[segment.log][first])
+                q_tb[segment.log][first] = rotation.nearest_yaw(q_before, q_tb[segment.log][first])
             else:
                 group[segment.log][first], groups = groups, groups + 1
             begun = segment.log
@@ -94,7 +94,7 @@ def carry_yaw(logs: list[StillSet], segments: list[Segment], chain: Batch, model
             q_tb[segment.log][first], q_tb[segment.log][last] = start[i], end[i]
             continue
         start[i] = q_tb[segment.log][first]
-        end[i] = q_tb[segment.log][last] = nearest_yaw(rotation.multiply(start[i], step[i]), end[i])
+        end[i] = q_tb[segment.log][last] = rotation.nearest_yaw(rotation.multiply(start[i], step[i]), end[i])
         group[segment.log][last] = group[segment.log][first]
         if segment.breaks_yaw:
             group[segment.log][last], groups = groups, groups + 1

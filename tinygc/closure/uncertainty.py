@@ -11,7 +11,7 @@ from session.base import rotation
 from session.base.rotation import sample_weights
 from session.base.solving import solve
 from session.base.units import EARTH_RATE_RPS
-from tinygc import closure
+from tinygc.closure import residual
 from tinygc.closure.earth import EarthRate
 from tinygc.closure.floor import GYRO_NOISE, BiasWander, Floor
 from tinygc.closure.least_squares import StillRates, solve_lower
@@ -87,14 +87,14 @@ class GoodnessOfFit:
         return max(1.0, self.chi_square / self.freedom) if self.p_value < MISMATCH_P else 1.0
 
 
-def goodness(batch: closure.Batch, floor: Floor, model: LinearModel, wander: BiasWander | None = None) -> GoodnessOfFit:
+def goodness(batch: residual.Batch, floor: Floor, model: LinearModel, wander: BiasWander | None = None) -> GoodnessOfFit:
     """Goodness of fit of the closure under a linear model, whose 12 parameters are refitted with the full covariance.
 
     That covariance includes shared stills and, if ``wander`` is given, bias drift.
     """
     rate = model(batch.rate)
-    end, sensitivity = closure.end_and_sensitivity(batch, rate)
-    angles = closure.error_angles(closure.batch_residual(batch, end)).ravel()
+    end, sensitivity = residual.end_and_sensitivity(batch, rate)
+    angles = residual.error_angles(residual.batch_residual(batch, end)).ravel()
     design = linear.columns(sensitivity, batch.rate)[:, : batch.angles].reshape(len(angles), -1)
     covariance = floor.dense()
     if wander is not None:
@@ -119,7 +119,7 @@ BIAS_DRIFT, EARTH = "drift of the bias", "heading and the Earth's rate"
 
 
 def parameter_covariance(
-    batch: closure.Batch,
+    batch: residual.Batch,
     floor: Floor,
     model: LinearModel,
     earth: EarthRate,
@@ -133,7 +133,7 @@ def parameter_covariance(
 
 
 def covariance_parts(
-    batch: closure.Batch,
+    batch: residual.Batch,
     floor: Floor,
     model: LinearModel,
     earth: EarthRate,
@@ -149,7 +149,7 @@ def covariance_parts(
     wander: bias drift between the segments; without it the bias is constant.
     """
     rate = model(batch.rate)
-    sensitivity = closure.sensitivity(batch, rate)
+    sensitivity = residual.sensitivity(batch, rate)
     design = linear.columns(sensitivity, batch.rate)[:, : batch.angles]
     weight = 1 / floor.sigma[..., None] ** 2
     hessian = np.einsum("sdp,sdq->pq", design * weight, design)
@@ -215,7 +215,7 @@ def covariance_from_columns(
     return inverse @ (meat + prior) @ inverse
 
 
-def _turn(sensitivity: np.ndarray, batch: closure.Batch) -> np.ndarray:
+def _turn(sensitivity: np.ndarray, batch: residual.Batch) -> np.ndarray:
     """Rotation matrices (S, T, 3, 3) from a sensitivity, which is their product with the sample's duration."""
     duration = sample_weights(batch.dt)[..., None, None]
     return sensitivity / np.where(duration > 0, duration, 1)

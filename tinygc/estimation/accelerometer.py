@@ -90,7 +90,7 @@ class AccelerometerFit:
 
         A full matrix is a rotation of the body frame times an upper triangle (QR); the triangle belongs to the sensor.
         """
-        return _values(self.calibration)
+        return self.calibration.triad
 
     @cached_property
     def jacobian(self) -> np.ndarray:
@@ -214,17 +214,11 @@ def triad_errors(values: np.ndarray) -> np.ndarray:
     return found
 
 
-def _values(calibration: Accelerometer) -> np.ndarray:
-    """Compute ``AccelerometerFit.values`` (9,)."""
-    upper = calibration.frame.T @ calibration.matrix
-    return np.concatenate([(upper - np.eye(3))[UPPER], calibration.bias_mps2])
-
-
 def jacobian(calibration: Accelerometer, x: np.ndarray) -> np.ndarray:
     """Return the derivative (9, 9) of the triad's parameters by the correction x (9,) that led to a calibration."""
     matrix = np.linalg.solve(matrix_of(x), calibration.matrix)
     before = Accelerometer(matrix, calibration.bias_mps2 - np.linalg.solve(matrix, x[BIAS]), calibration.source)
-    sides = [[_values(after(x + step, before)) for step in sign * SMALL * np.eye(PARAMETERS)] for sign in (1, -1)]
+    sides = [[after(x + step, before).triad for step in sign * SMALL * np.eye(PARAMETERS)] for sign in (1, -1)]
     return (np.array(sides[0]) - np.array(sides[1])).T / (2 * SMALL)
 
 

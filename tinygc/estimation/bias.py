@@ -12,7 +12,7 @@ from session.base.solving import solve
 from session.base.units import DEG
 from session.detect.check_stills import ENOUGH_SEGMENTS
 from session.detect.segments import FEWEST_SEGMENTS
-from tinygc import closure
+from tinygc.closure import residual
 from tinygc.closure.build import with_still_bias
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.problem import Problem
@@ -185,7 +185,7 @@ def level_days(problem: Problem) -> Levelled:
         batch = replace(problem.batch, earth=problem.batch.earth - each[:, None])
         model = fit_least_squares(batch, sigma, model).model
         # Factors (S,) on the segments' sigmas that make a squared loss a sum of distances at the model.
-        distance = np.linalg.norm(closure.segment_residuals(batch, model(batch.rate)), axis=1)
+        distance = np.linalg.norm(residual.segment_residuals(batch, model(batch.rate)), axis=1)
         typical = max(float(np.median(distance)), 1e-12)
         sigma = problem.floor.sigma * np.sqrt(np.maximum(distance / typical, LEAST))[:, None]
     known = offsets[np.isfinite(offsets).all(axis=1)]
@@ -209,9 +209,9 @@ def _bias_by_log(problem: Problem, model: RateMap, sigma: np.ndarray | None = No
         if len(batch) < 2:
             continue
         weight, rate = 1 / sigma[owner == log][..., None], np.asarray(model(batch.rate))
-        columns = closure.sensitivity(batch, rate)[:, :, : batch.angles].sum(axis=1)
+        columns = residual.sensitivity(batch, rate)[:, :, : batch.angles].sum(axis=1)
         changes[log] = 0
         for _ in range(STEPS):
-            angles = 2 * closure.segment_residuals(batch, rate + changes[log])[..., None]
+            angles = 2 * residual.segment_residuals(batch, rate + changes[log])[..., None]
             changes[log] -= solve((columns * weight).reshape(-1, 3), (angles * weight).ravel()).value
     return changes

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tinygc import closure
+from tinygc.closure import residual
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch
 from tinygc.models.denoiser import REACH, DenoisedNet
@@ -68,4 +68,4 @@ def of_problem(problem: Problem) -> Material:
 
 def denoised_angles(material: Material, model: DenoisedNet, integrator: str = "exact") -> np.ndarray:
     """Return error angles (S, d) rad of the whole net, corrected for its delay."""
-    return closure.error_angles(closure.segment_residuals(material.batch, material.rate(model), integrator))
+    return residual.error_angles(residual.segment_residuals(material.batch, material.rate(model), integrator))

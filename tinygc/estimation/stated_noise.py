@@ -10,7 +10,7 @@ import numpy as np
 from session.detect.accelerometer import PARAMETERS as ACCELEROMETER_PARAMETERS
 from session.detect.rounding import lsb_of, rounding_of_mean
 from session.detect.stills import BLOCK_S, NOISE_BLOCKS
-from tinygc import closure
+from tinygc.closure import residual
 from tinygc.closure.build import bias_shares
 from tinygc.closure.earth import unseen_covariance
 from tinygc.closure.floor import ACCEL_NOISE, GYRO_NOISE, allan_freedom
@@ -142,8 +142,8 @@ def kind_of(cause: str, problem: Problem) -> tuple[Kind, float]:
     is not known.  The drift has its prior's spread.
     """
     if cause in (GYRO_NOISE, ACCEL_NOISE):
-        counts = [still.duration_s / BLOCK_S for still in problem.stills]
-        freedom = sum(allan_freedom(count + 1, NOISE_BLOCKS) for count in counts if count >= 2 * NOISE_BLOCKS)
+        counts = np.array([still.duration_s for still in problem.stills]) / BLOCK_S
+        freedom = sum(allan_freedom(counts[counts >= 2 * NOISE_BLOCKS] + 1, NOISE_BLOCKS))
         return "A", freedom or np.inf
     if cause == BIAS_DRIFT:
         known = problem.instability
@@ -304,9 +304,9 @@ def stated_goodness(problem: Problem, model: LinearModel, noise: StatedNoise) ->
     The first excludes the independent error of each turn, which would absorb any misfit.
     """
     batch = problem.batch
-    end, sensitivity = closure.end_and_sensitivity(batch, model(batch.rate))
+    end, sensitivity = residual.end_and_sensitivity(batch, model(batch.rate))
     carry = _carry(problem, sensitivity)
-    angles = closure.error_angles(closure.batch_residual(batch, end)).ravel()
+    angles = residual.error_angles(residual.batch_residual(batch, end)).ravel()
     design = linear.columns(sensitivity, batch.rate)[:, : batch.angles].reshape(len(angles), PARAMETERS)
     if problem.rest_rps is not None:
         design = _about(design, problem.rest_rps)[:, MATRIX]
@@ -321,7 +321,7 @@ def _response(problem: Problem, model: LinearModel, still_rates: bool) -> np.nda
     """Return L (12, n) 1, rad/s: the response of the parameters to errors of the stacked channels."""
     batch, rest = problem.batch, problem.rest_rps
     count, q = len(batch) * batch.angles, len(problem.still_rates.rate)
-    sensitivity = closure.sensitivity(batch, model(batch.rate))
+    sensitivity = residual.sensitivity(batch, model(batch.rate))
     design = linear.columns(sensitivity, batch.rate)[:, : batch.angles].reshape(count, PARAMETERS)
     weight = 1 / problem.floor.sigma.ravel() ** 2
     carry = _carry(problem, sensitivity)
@@ -356,7 +356,7 @@ def prior_share(problem: Problem, model: LinearModel, still_rates: bool) -> np.n
     theta - truth = L y + K (centre - truth): a prior with covariance P adds K P K' to the covariance from noise.
     """
     batch, rest = problem.batch, problem.rest_rps
-    sensitivity = closure.sensitivity(batch, model(batch.rate))
+    sensitivity = residual.sensitivity(batch, model(batch.rate))
     design = linear.columns(sensitivity, batch.rate)[:, : batch.angles].reshape(-1, PARAMETERS)
     weight = 1 / problem.floor.sigma.ravel() ** 2
     own, share = _prior_information(problem), np.zeros((PARAMETERS, PARAMETERS))

@@ -129,13 +129,13 @@ def systematic_of(problem: Problem, model: LinearModel, noise: StatedNoise, wide
     for number in dict.fromkeys(number for look in looks for number in _likeliest(effects, edges, *look)):
         effect = effects[number]
         gain = noise.gain_of(columns[number] * effect.parameter.plausible)
-        log_odds[effect.id] = max(log_odds[effect.id], (gain - penalty(effect, len(found[effect.id]))) / 2)
+        log_odds[effect.id] = max(log_odds[effect.id], (gain - penalty(columns[number].shape[1], len(found[effect.id]))) / 2)
     return Systematic({name: _mean_by_evidence(values) for name, values in found.items()}, tilts, log_odds)
 
 
-def penalty(effect: Effect, shapes: int) -> float:
+def penalty(size: int, shapes: int) -> float:
     """What the evidence pays for an effect, -2 log: its scale, the number of its trial shapes, and the position of its parameters."""
-    return 2 * float(np.log(SCALES) + np.log(shapes)) + effect.parameter.size
+    return 2 * float(np.log(SCALES) + np.log(shapes)) + size
 
 
 def _beside(J: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -148,11 +148,11 @@ def _likeliest(effects: Sequence[Effect], edges: np.ndarray, white: np.ndarray, 
     shapes = Counter(effect.id for effect in effects)
     best: dict[str, tuple[float, int]] = {}
     for number, effect in enumerate(effects):
-        own, size = slice(edges[number], edges[number + 1]), effect.parameter.size
+        own, size = slice(*edges[number : number + 2]), edges[number + 1] - edges[number]
         information = white[:, own].T @ left[:, own] + np.eye(size) / effect.parameter.plausible**2
         pull = left[:, own].T @ white[:, -1]
         gain = float(pull @ np.linalg.solve(information, pull))
-        promise = gain - size * np.log(max(gain / size, 1.0)) - penalty(effect, shapes[effect.id])
+        promise = gain - size * np.log(max(gain / size, 1.0)) - penalty(size, shapes[effect.id])
         if effect.id not in best or promise > best[effect.id][0]:
             best[effect.id] = (promise, number)
     return [number for _, number in sorted(best.values(), reverse=True)[:MOST_WEIGHED]]

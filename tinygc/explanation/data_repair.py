@@ -16,7 +16,7 @@ from session.detect import bridging
 from session.detect.segments import Segment
 from session.detect.stills import SessionStills
 from session.log.folder import Session
-from tinygc import closure
+from tinygc.closure import residual
 from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.problem import CLIPPED, LEFT_OUT, Problem
@@ -178,7 +178,7 @@ class ClosureTrial:
             rate, earth = np.insert(rate, at, between, axis=0), np.insert(earth, at, np.repeat(earth[at : at + 1], length, axis=0), axis=0)
             dt = np.insert(dt, at, np.full(length, np.median(dt)))
         one = replace(batch.pick(slice(i, i + 1)), rate=rate[None], dt=dt[None], earth=earth[None])
-        return closure.error_angles(closure.segment_residuals(one, one.rate))[0]
+        return residual.error_angles(residual.segment_residuals(one, one.rate))[0]
 
     def likelihoods(
         self,
@@ -253,7 +253,7 @@ class ClosureTrial:
             dt = part.dt.copy()
             for row, events in zip(dt, rows, strict=True):
                 row[events[turn % len(events)]] += count * self._period_s
-            angles = closure.error_angles(closure.segment_residuals(replace(part, dt=dt), part.rate))
+            angles = residual.error_angles(residual.segment_residuals(replace(part, dt=dt), part.rate))
             return np.einsum("si,sij,sj->s", angles, inverse, angles)
 
         as_it_is = chi_square(0, 0)
@@ -359,7 +359,7 @@ def _common_count(problem: Problem, losses: list[RegisterFault]) -> int:
             fitted = fit_least_squares(trial, sigma, problem.first).model
         except CalibrationError:
             return np.inf
-        angles = closure.error_angles(closure.segment_residuals(trial, fitted(trial.rate)))
+        angles = residual.error_angles(residual.segment_residuals(trial, fitted(trial.rate)))
         return float(np.sum((angles / sigma) ** 2))
 
     return lowest(cost, round(LONGEST_LOSS_S / period_s)) if any(steps) else 0

@@ -375,7 +375,7 @@ class Evidence:
 
 def price(effect: Effect, shapes: int) -> float:
     """``Evidence.price`` of an effect with this number of trial shapes."""
-    return penalty(effect, shapes) - 2 * float(np.log(PRIOR_ODDS))
+    return penalty(effect.parameter.size, shapes) - 2 * float(np.log(PRIOR_ODDS))
 
 
 def least_gain(effect: Effect, shapes: int) -> float:

@@ -16,7 +16,7 @@ from session.detect.segments import Segment
 from session.detect.truth_segments import TruthEnds, cut_at_truth, moments_inside
 from session.log.config import TruthAlignment
 from session.log.folder import Session
-from tinygc import closure
+from tinygc.closure import residual
 from tinygc.closure.problem import Problem, conditions
 from tinygc.closure.residual import Batch, RateMap
 from tinygc.closure.truth import batch_of
@@ -61,7 +61,7 @@ class Force:
 
 def error_angles(batch: Batch, model: RateMap) -> np.ndarray:
     """(S, 3) rad: residual rotation of each segment with a model, about the truth's axes."""
-    return closure.error_angles(closure.segment_residuals(batch, model(batch.rate)))
+    return residual.error_angles(residual.segment_residuals(batch, model(batch.rate)))
 
 
 def neighbours(problem: Problem) -> np.ndarray:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from session.base.errors import FitError
-from tinygc import closure
+from tinygc.closure import residual
 from tinygc.closure.problem import Problem
 from tinygc.estimation.denoised import Material, denoised_angles, of_problem
 from tinygc.estimation.held_out import run_method, tell
@@ -257,9 +257,9 @@ def _closing(material: Material, calibration: Model, taps: np.ndarray, delay: in
     x = calibration(material.context)
     windows = np.lib.stride_tricks.sliding_window_view(x[:, delay : delay + REACH + batch.rate.shape[1]], REACH + 1, axis=1)[..., ::-1]
     rate = np.einsum("staj,aj->sta", windows, taps)
-    end, turn = closure.end_and_sensitivity(batch, rate)
+    end, turn = residual.end_and_sensitivity(batch, rate)
     turn, weight = turn[:, :, : batch.angles], 1 / material.sigma.reshape(len(batch), -1)
-    rows = (2 * closure.batch_residual(batch, end) * weight).ravel()
+    rows = (2 * residual.batch_residual(batch, end) * weight).ravel()
     design = np.empty((len(batch), batch.angles, 3, REACH + 1))
     for axis in range(3):
         design[:, :, axis] = turn[..., axis].transpose(0, 2, 1) @ windows[:, :, axis]
@@ -323,7 +323,7 @@ def train_adamw(
 
     def loss_of(vector: Tensor) -> Tensor:
         y = Denoiser.from_vector(vector).normalised().windowed(x)
-        r = closure.segment_residuals(batch, y[:, : batch.rate.shape[1]]) * weight
+        r = residual.segment_residuals(batch, y[:, : batch.rate.shape[1]]) * weight
         return (r**2).mean()
 
     # The best epoch is kept: at the identity the endpoint loss is near its minimum already.

@@ -13,7 +13,7 @@ import numpy as np
 from session.base import rotation
 from session.base.errors import FitError
 from session.base.numeric import rms_of
-from tinygc import closure
+from tinygc.closure import residual
 from tinygc.closure.least_squares import LinearEnds, Rows, StillRates, fit_least_squares
 from tinygc.closure.prior import vague
 from tinygc.closure.problem import Problem
@@ -116,14 +116,14 @@ class _Problem:
         still_rates: StillRates | None,
     ):
         self.batch, self.still_rates = batch, still_rates
-        self.parts = [batch.pick(some) for some in closure.parts(len(batch))]
+        self.parts = [batch.pick(some) for some in residual.parts(len(batch))]
         self.weight = 1 / sigma.reshape(len(batch), -1)
         self.typical_rps = rms_of(batch.rate[..., :3])
         self.identity = CalibrationNet.identity().vector
 
     def residuals(self, vector: np.ndarray) -> np.ndarray:
         net = CalibrationNet.from_vector(vector)
-        turns = [closure.turned(part, net(part.rate)) for part in self.parts]
+        turns = [residual.turned(part, net(part.rate)) for part in self.parts]
         return self.rows(vector, 2 * _residuals(self.batch, np.concatenate(turns)))
 
     def rows(self, vector: np.ndarray, angles: np.ndarray) -> np.ndarray:
@@ -138,7 +138,7 @@ class _Problem:
 
     def jacobian(self, vector: np.ndarray, sensitivity: np.ndarray) -> np.ndarray:
         net = CalibrationNet.from_vector(vector)
-        of_parts = [net.columns(sensitivity[some], self.batch.rate[some]) for some in closure.parts(len(self.batch))]
+        of_parts = [net.columns(sensitivity[some], self.batch.rate[some]) for some in residual.parts(len(self.batch))]
         return self.weighed(vector, np.concatenate(of_parts))
 
     def weighed(self, vector: np.ndarray, columns: np.ndarray) -> np.ndarray:
@@ -153,8 +153,8 @@ class _Problem:
     def sensitivity(self, vector: np.ndarray) -> np.ndarray:
         net, (segments, samples), d = CalibrationNet.from_vector(vector), self.batch.rate.shape[:2], self.batch.angles
         found = np.empty((segments, d, 3, samples))  # contiguous along the samples, for sums over them
-        for some, part in zip(closure.parts(segments), self.parts, strict=True):
-            found[some] = closure.sensitivity(part, net(part.rate))[:, :, :d].transpose(0, 2, 3, 1)
+        for some, part in zip(residual.parts(segments), self.parts, strict=True):
+            found[some] = residual.sensitivity(part, net(part.rate))[:, :, :d].transpose(0, 2, 3, 1)
         return found.transpose(0, 3, 1, 2)
 
     def settle(
@@ -220,7 +220,7 @@ class _Linear:
 
 def _residuals(batch: Batch, turn: Any) -> Any:
     """Residuals (S, d) of the body's rotations (S, 4) in the segments; NumPy or torch."""
-    return closure.batch_residual(batch, rotation.multiply(closure.like(turn, batch.start), turn), turn)
+    return residual.batch_residual(batch, rotation.multiply(rotation.like(turn, batch.start), turn), turn)
 
 
 # As in the paper: AdamW at 0.01 on the whole batch, differentiating through the tree product.
@@ -258,7 +258,7 @@ def train_adamw(
 
     def loss_of(weights: Tensor) -> Tensor:
         net = CalibrationNet.from_vector(weights)
-        r = _residuals(batch, closure.turned(batch, net(rate), "first-order")) * weight
+        r = _residuals(batch, residual.turned(batch, net(rate), "first-order")) * weight
         total = ((r**2).sum(-1) + SHORTEST**2).sqrt() @ trust * batch.angles
         if still_rates is None:
             return total / r.numel()

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from session.base.units import DEG
-from tinygc import closure
+from tinygc.closure import residual
 from tinygc.closure.least_squares import Nearby, StillRates
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch
@@ -113,7 +113,7 @@ def search(
     for leg in range(LEGS):
         of_all, total = partial(tell, progress, leg, LEGS), partial(cost, nearby.gathered((2 / sigma) ** 2))
         centre = LinearModel.from_vector(minimise(total, centre.vector, box * START_BOX, rng, progress=of_all))
-        exact, seen = closure.segment_residuals(batch, centre(batch.rate)), nearby.residuals(centre.vector[None])[0]
+        exact, seen = residual.segment_residuals(batch, centre(batch.rate)), nearby.residuals(centre.vector[None])[0]
         if np.abs((exact - seen) / sigma).max() < AS_SEEN:
             break
         nearby, box = Nearby.about(centre, batch), box * NEARER

@@ -10,6 +10,7 @@ import numpy as np
 
 from session.base import rotation
 from session.base.numeric import sigmas_in
+from session.base.rotation import Array
 from session.base.units import DEG
 from tinygc.models.model import BaseModel
 
@@ -21,6 +22,14 @@ PARAMETERS = BIAS.stop
 #: sigma of the prior around "no correction": 20 % for each element of E, 20 dps for the bias
 PRIOR_SIGMA = np.array([0.2] * 9 + [20 * DEG] * 3)
 NAMES = (*(f"E_{i}{j}" for i in "xyz" for j in "xyz"), "B_x", "B_y", "B_z")
+
+
+def mapped(matrix: Array, vectors: Array) -> Array:
+    """Product (..., n) of a matrix (n, m) with vectors (..., m); for NumPy, each component contiguous in memory."""
+    if not isinstance(vectors, np.ndarray):
+        return vectors @ matrix.T
+    components = np.moveaxis(vectors, -1, 0)
+    return np.moveaxis((matrix @ components.reshape(len(components), -1)).reshape(len(matrix), *components.shape[1:]), 0, -1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +59,7 @@ class LinearModel(BaseModel):
 
     def __call__(self, rate: np.ndarray) -> np.ndarray:
         """Calibrated rate (..., 3) rad/s from the measured one."""
-        found = rotation.mapped(self.E, rate)
+        found = mapped(self.E, rate)
         found += self.B
         return found
 

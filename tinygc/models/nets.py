@@ -11,7 +11,7 @@ import numpy as np
 from session.base import rotation
 from session.base.records import plain
 from session.base.results import Array, Keys, require
-from tinygc.models.linear import PRIOR_SIGMA, LinearModel
+from tinygc.models.linear import PRIOR_SIGMA, LinearModel, mapped
 from tinygc.models.model import FACTOR, MATRIX, RATE, BaseModel
 
 # TinyGC-Net's calibration subnet (Cui et al. 2024): two linear basic networks joined by a PReLU, with an identity path.
@@ -91,9 +91,9 @@ class CalibrationNet(BaseModel):
 
     def __call__(self, rate: Any) -> Any:
         """Calibrated rate (..., 3) rad/s from the measured one."""
-        h = rotation.mapped(self.W1, rate) + self.b1
+        h = mapped(self.W1, rate) + self.b1
         xp = rotation.namespace(h)
-        return rate + rotation.mapped(self.W2, xp.where(h >= 0, h, self.slope * h)) + self.b2
+        return rate + mapped(self.W2, xp.where(h >= 0, h, self.slope * h)) + self.b2
 
     def columns(self, sensitivity: np.ndarray, rate: np.ndarray) -> np.ndarray:
         """(S, d, 27): rotation of the end attitude per weight, from sensitivity (S, T, d, 3) and measured rates (S, T, 3).

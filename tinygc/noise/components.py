@@ -15,7 +15,7 @@ from session.base import rotation
 from session.base.numeric import rms_of, running_sum, sigma_of
 from session.base.units import DEG, DEG_PER_HOUR, MG, G
 from session.detect.check_time import LEAST_EXPONENT, STEPS, capped, thinning_exponent, thinning_weights
-from tinygc import closure
+from tinygc.closure import residual
 from tinygc.closure.floor import wander_covariance
 from tinygc.closure.uncertainty import chi_square_above
 from tinygc.effects.signals import angular_acceleration
@@ -88,7 +88,7 @@ def _turned(twin: Twin) -> tuple[np.ndarray, np.ndarray]:
     """Rates (S, T, 2) rad/s about the table's horizontal axes, and times (S, T) s from each segment's start; padding has no duration."""
     batch = twin.batch
     rate = twin.problem.first(batch.rate)
-    level = np.einsum("stij,stj->sti", rotation.matrix(closure.attitudes(batch, rate))[..., :2, :], rate - batch.earth)
+    level = np.einsum("stij,stj->sti", rotation.matrix(residual.attitudes(batch, rate))[..., :2, :], rate - batch.earth)
     at_s = running_sum(batch.dt, axis=1)
     counts = np.array([segment.stop - segment.start for segment in twin.segments])
     return np.where(np.arange(rate.shape[1])[None, :, None] < counts[:, None, None], level, 0.0), at_s

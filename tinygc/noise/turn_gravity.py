@@ -10,7 +10,7 @@ import numpy as np
 from session.base import rotation
 from session.base.rotation import cross_matrix
 from session.base.solving import inverse
-from tinygc import closure
+from tinygc.closure import residual
 from tinygc.closure.uncertainty import signed_ranks_above
 from tinygc.noise.refit import Refit
 from tinygc.noise.twin import Twin
@@ -145,8 +145,8 @@ def _turns(twin: Twin, fit: Refit) -> Iterator[_Turn]:
     batch = twin.batch_at(state)
     padded = twin.padded(twin.rates(state))
     ends = rotation.matrix(batch.end)
-    for some in closure.parts(len(batch)):
-        attitudes = rotation.matrix(closure.attitudes(batch.pick(some), padded[some]))
+    for some in residual.parts(len(batch)):
+        attitudes = rotation.matrix(residual.attitudes(batch.pick(some), padded[some]))
         for i, turn in enumerate(attitudes, some.start):
             segment = twin.segments[i]
             turn = turn[: segment.stop - segment.start]

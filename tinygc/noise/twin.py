@@ -16,7 +16,7 @@ from session.base.solving import solve
 from session.base.units import DEG, G
 from session.detect.accelerometer import IDENTITY, force_columns, units
 from session.detect.stills import Still
-from tinygc import closure
+from tinygc.closure import residual
 from tinygc.closure.problem import ACCELEROMETER, Problem, conditions
 from tinygc.closure.residual import Batch
 from tinygc.effects import AppliedEffect, Effect, Movement
@@ -241,7 +241,7 @@ class Twin:
         """Residuals: recording minus prediction."""
         rates = self.rates(state) if rates is None else rates
         batch, turned = self._turned(state, rates)
-        angles = closure.error_angles(closure.batch_residual(batch, rotation.multiply(batch.start, turned)))
+        angles = residual.error_angles(residual.batch_residual(batch, rotation.multiply(batch.start, turned)))
         earth = self.problem.still_rates.earth[: len(self.stills)] + np.einsum("qji,j->qi", rotation.matrix(self.q_tb), state.earth_t)
         lengths = np.linalg.norm(self.freed(state, self.rests), axis=1) - state.gravity_mps2
         return Channels(angles, self.still_means(rates) - earth, lengths)
@@ -251,7 +251,7 @@ class Twin:
         last = self._last if self._last.rates is rates and self._last.key == _key(state) else _Replayed((), rates)
         if last.turned is None:
             batch = self.batch_at(state)
-            last.turned = batch, closure.turned(batch, self.padded(rates))
+            last.turned = batch, residual.turned(batch, self.padded(rates))
         return last.turned
 
     def batch_at(self, state: State) -> Batch:
@@ -263,7 +263,7 @@ class Twin:
         if state.earth_t.any():
             (x, y, z), turn = state.earth_t, self._turns
             earth = np.empty_like(batch.earth)
-            for some in closure.parts(len(batch)):
+            for some in residual.parts(len(batch)):
                 of = turn[some]
                 earth[some] = batch.earth[some] + (x * of[:, :, 0] + y * of[:, :, 1] + z * of[:, :, 2])
             batch = replace(batch, earth=earth)
@@ -272,12 +272,12 @@ class Twin:
     @cached_property
     def _turns(self) -> np.ndarray:
         """(S, T, 3, 3) from body to table by the first linear fit, to within a degree, which is enough for the Earth's rate."""
-        return rotation.matrix(closure.attitudes(self.batch, self.problem.first(self.batch.rate)))
+        return rotation.matrix(residual.attitudes(self.batch, self.problem.first(self.batch.rate)))
 
     @cached_property
     def axes(self) -> np.ndarray:
-        """Axes (S, 3, 3) of the closure in the table frame, as ``closure.directions``, by the first linear fit."""
-        return closure.directions(self.batch, closure.attitudes(self.batch, self.problem.first(self.batch.rate))[:, -1])
+        """Axes (S, 3, 3) of the closure in the table frame, as ``residual.directions``, by the first linear fit."""
+        return residual.directions(self.batch, residual.attitudes(self.batch, self.problem.first(self.batch.rate))[:, -1])
 
     @cached_property
     def level_axes(self) -> list[np.ndarray]:
@@ -301,7 +301,7 @@ class Twin:
 
     def _tilted(self, force: np.ndarray) -> np.ndarray:
         """Attitudes (Q, 4) of the stills from their forces (Q, 3) m/s^2, with the carried yaw."""
-        return closure.nearest_yaw(self.q_tb, rotation.from_gravity(force))
+        return rotation.nearest_yaw(self.q_tb, rotation.from_gravity(force))
 
     def padded(self, rates: list[np.ndarray]) -> np.ndarray:
         """Arrange rates (N, 3) rad/s of each log as those of the batch, (S, T, 3)."""
@@ -334,8 +334,8 @@ class Twin:
         if last.sensitivity is None:
             batch, padded, angles = self.batch_at(state), self.padded(rates), self.batch.angles
             last.sensitivity = np.empty((len(batch), angles, 3, padded.shape[1])).transpose(0, 3, 1, 2)
-            for some in closure.parts(len(batch)):
-                last.sensitivity[some] = closure.sensitivity(batch.pick(some), padded[some])[:, :, :angles]
+            for some in residual.parts(len(batch)):
+                last.sensitivity[some] = residual.sensitivity(batch.pick(some), padded[some])[:, :, :angles]
         return last.sensitivity
 
     def linear_columns(self, sensitivity: np.ndarray) -> Channels:
@@ -387,16 +387,12 @@ class Twin:
 
         def look(force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             bent = self._tilted(force)
-            end = rotation.multiply(bent[self.first], turned)
-            angles = closure.error_angles(closure.batch_residual(replace(base, start=bent[self.first], end=bent[self.last]), end))
-            return angles, np.linalg.norm(force, axis=1)
+            start, end = bent[..., self.first, :], bent[..., self.last, :]
+            angles = residual.batch_residual(replace(base, start=start, end=end), rotation.multiply(start, turned))
+            return residual.error_angles(angles), np.linalg.norm(force, axis=-1)
 
-        here = look(force)
-        columns = []
-        for pattern in patterns:
-            moved = look(force - SMALL_FORCE * pattern)
-            columns.append([(there - now) / SMALL_FORCE for there, now in zip(moved, here, strict=True)])
-        design, length = (np.stack(part, axis=-1) for part in zip(*columns, strict=True))
+        moved = look(force - SMALL_FORCE * patterns)
+        design, length = (np.stack((there - now) / SMALL_FORCE, axis=-1) for there, now in zip(moved, look(force), strict=True))
         return Channels(design, np.zeros((len(self.stills), 3, len(patterns))), length)
 
     def _added(self, effect: Effect, state: State, rates: list[np.ndarray], log: int) -> Callable[[slice | np.ndarray], np.ndarray]:
@@ -437,7 +433,7 @@ class Twin:
 
     def _by_segment(self, by_log: list[Callable[[slice | np.ndarray], np.ndarray]]) -> Iterator[tuple[int, np.ndarray]]:
         """Number of each segment, and the values (n, …) at its samples, of functions of the rows of each log, asked for some at a time."""
-        for some in closure.parts(len(self.segments)):
+        for some in residual.parts(len(self.segments)):
             for log, group in groupby(range(len(self.segments))[some], key=lambda number: self.segments[number].log):
                 numbers = list(group)
                 first = min(self.segments[number].start for number in numbers)
@@ -464,7 +460,7 @@ class Twin:
 def _of_rows(effect: Effect, of: Callable[[Movement], np.ndarray], movement: Movement) -> Callable[[slice | np.ndarray], np.ndarray]:
     """Function of rows of a movement, of an effect's columns (N, …): some rows alone where the log is long and each is of its own sample,
     as all columns at once would be the session's largest array."""
-    if effect.needs_rate_hz or len(movement.t_s) <= AT_ONCE:
+    if len(movement.t_s) <= AT_ONCE or effect.needs_rate_hz:
         return of(movement).__getitem__
     return lambda rows: of(movement.part(rows))
 

@@ -1,6 +1,6 @@
 """The coach: after each segment, the least certain parameter, and the movement from here that reduces the uncertainty most.
 
-It uses the segments through the linear sensitivity (``closure.sensitivity``): each adds two angles, linear in the 12 parameters.
+It uses the segments through the linear sensitivity (``residual.sensitivity``): each adds two angles, linear in the 12 parameters.
 An uncalibrated accelerometer has nine more, which the length of gravity in each still observes as well.
 A movement is rated by the sigmas, relative to their targets, that its two angles and the still at its end would leave, if it were made
 from the present attitude.
@@ -18,7 +18,7 @@ from session.base.numeric import sigmas_in
 from session.base.rotation import unit_vectors
 from session.base.units import DEG, DEG_PER_HOUR, MG, G
 from session.bench.messages import AcceptedTurn, Advice, Progress, RequestedTurn
-from tinygc import closure
+from tinygc.closure import residual
 from tinygc.closure.floor import BiasWander, Floor, gyro_variance, still_tilt_variance
 from tinygc.closure.residual import Batch
 from tinygc.closure.uncertainty import covariance_from_columns
@@ -285,10 +285,10 @@ class Coach:
         start, end = (rotation.from_gravity(direction)[None] for direction in force)
         # The bias is subtracted in place of the Earth's rate: the rest is the turn, accurate enough with sensor errors of 1 %.
         batch = Batch(measured, turn.samples.dt_s[None], np.broadcast_to(bias, measured.shape), start, end, yaw_known=False)
-        attitudes = closure.attitudes(batch, measured)
+        attitudes = residual.attitudes(batch, measured)
         own = gyro_variance(batch, attitudes, [turn.noise])[0, :2, :2]
         tilt = sum(still_tilt_variance(still, turn.noise) for still in (first, last))
-        design = linear.columns(closure.sensitivity(batch, measured), measured)[0, :2]
+        design = linear.columns(residual.sensitivity(batch, measured), measured)[0, :2]
         if self._own is not None:
             lengths = np.array([still.gravity_mps2 for still in (first, last)])[:, None]
             tilt += 2 * float(np.mean((self._own.sigma_mps2 / lengths) ** 2))

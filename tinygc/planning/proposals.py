@@ -18,7 +18,7 @@ from session.detect.accelerometer import IDENTITY, PARAMETERS, SCALES, length_co
 from session.detect.check_references import with_aligned_truth, with_own_accelerometer
 from session.detect.check_samples import with_bridges
 from session.log.folder import Session, read_session, sha256_of
-from tinygc import closure
+from tinygc.closure import residual
 from tinygc.closure.build import build_problem
 from tinygc.closure.joint import GIVEN_SIGMA_MG, REFUTED_P, fit_joint, recalibrated, tilt_columns
 from tinygc.closure.problem import GYROSCOPE, Problem
@@ -224,4 +224,4 @@ def _columns(start: np.ndarray, turn: np.ndarray) -> np.ndarray:
     rate = (turn / TURN_S * 2 * np.sin(np.pi * phase)[:, None] ** 2)[None]
     dt = np.full((1, len(t) - 1), 1 / RATE_HZ)
     batch = Batch(rate, dt, np.zeros_like(rate), start[None], start[None], yaw_known=False)
-    return linear.columns(closure.sensitivity(batch, rate), rate)[0, :2]
+    return linear.columns(residual.sensitivity(batch, rate), rate)[0, :2]

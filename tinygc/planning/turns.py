@@ -15,7 +15,7 @@ from session.bench.messages import AxisMove
 from session.detect.accelerometer import PARAMETERS, UPPER, WANDERS_MPS2, length_columns
 from session.detect.stills import Noise, Still
 from session.log.config import Accelerometer
-from tinygc import closure
+from tinygc.closure import residual
 from tinygc.closure.joint import tilt_columns
 from tinygc.closure.residual import Batch
 from tinygc.effects import Movement
@@ -222,7 +222,7 @@ def columns(accel: np.ndarray, turns: list[Turn], zero_rps: np.ndarray | float =
     dt = (t[1:] <= lengths) / RATE_HZ
     start = np.broadcast_to(rotation.from_gravity(accel), (len(turns), 4))
     batch = Batch(rate, dt, np.zeros_like(rate), start, start, yaw_known=False)
-    return linear.columns(closure.sensitivity(batch, rate), rate + zero_rps)[:, :2]
+    return linear.columns(residual.sensitivity(batch, rate), rate + zero_rps)[:, :2]
 
 
 def ends(accel: np.ndarray, turns: list[Turn]) -> tuple[np.ndarray, np.ndarray]:
@@ -316,10 +316,10 @@ def _together(moves: list[tuple[np.ndarray, TurnPart]], seconds: float, like: Mo
     start = rotation.from_gravity(np.array([up for up, _ in moves]))
     dt = np.full((len(moves), len(t) - 1), 1 / SPLITTING_RATE_HZ)
     batch = Batch(rate, dt, np.zeros_like(rate), start, start, yaw_known=False)
-    turn = rotation.matrix(closure.attitudes(batch, rate))
+    turn = rotation.matrix(residual.attitudes(batch, rate))
     up_t = np.einsum("sij,sj->si", rotation.matrix(start), np.array([up for up, _ in moves]))
     force = np.einsum("stji,sj->sti", turn, up_t)
-    sensitivity = closure.sensitivity(batch, rate)[:, :, :2]
+    sensitivity = residual.sensitivity(batch, rate)[:, :, :2]
     count = round(SPLITTING_STILL_S * SPLITTING_RATE_HZ)
     stills = slice(count), slice(len(t) - count, len(t))
     # The movement at the log's median temperature and vibration; its time begins with the log.

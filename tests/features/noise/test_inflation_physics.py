@@ -13,7 +13,7 @@ from session.base.errors import DataError, FormatError
 from session.base.records import table_of
 from session.base.units import DEG, DEG_PER_HOUR
 from session.log.folder import read_session
-from tinygc import closure
+from tinygc.closure import residual
 from tinygc.estimation.options import FitOptions
 from tinygc.features.noise.inflation import (
     _MISALIGNMENT,
@@ -135,7 +135,7 @@ def test_a_part_of_the_matrix_is_the_square_of_the_turns_errors_that_it_makes(re
     step = 1e-5
     wrong = model.E.copy()
     wrong[i, j] += step
-    ends = [closure.end_attitude(batch, each(batch.rate)) for each in (model, LinearModel(wrong, model.B))]
+    ends = [residual.end_attitude(batch, each(batch.rate)) for each in (model, LinearModel(wrong, model.B))]
     apart = rotation.log(rotation.multiply(rotation.conjugate(ends[0]), ends[1])) / step
     added = sigma**2 * np.mean(np.sum(apart**2, axis=1)) / np.mean(batch.duration_s)
     _, turns, _, _ = inflations(bare(result, {3 * i + j: sigma**2}), rest)

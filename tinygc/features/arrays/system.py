@@ -14,7 +14,7 @@ from session.base.units import MG, G
 from session.detect.accelerometer import IDENTITY, PARAMETERS, SPREAD_MPS2, after, corrected, force_columns, units
 from session.detect.accelerometer import PARAMETERS as OF_ACCELEROMETER
 from session.log.config import Accelerometer
-from tinygc import closure
+from tinygc.closure import residual
 from tinygc.closure.build import bias_shares, rest_biases
 from tinygc.closure.earth import EarthRate, estimate_heading, with_heading
 from tinygc.closure.floor import gyro_variance
@@ -333,9 +333,9 @@ def array_system(
         batch = replace(
             unit.batch, start=rotation.multiply(state.q_tb[unit.first], q_bu), end=rotation.multiply(state.q_tb[unit.last], q_bu)
         )
-        end, sensitivity = closure.end_and_sensitivity(batch, state.models[i](batch.rate))
+        end, sensitivity = residual.end_and_sensitivity(batch, state.models[i](batch.rate))
         at = where.closure[i]
-        values[at] = closure.error_angles(closure.batch_residual(batch, end))
+        values[at] = residual.error_angles(residual.batch_residual(batch, end))
         base[at] = unit.floor
         V[i, at] = 1.0
         put(design, at, layout.unit(i, GYROSCOPE), linear.columns(sensitivity, batch.rate))
@@ -426,7 +426,7 @@ def unit_rows(unit: ArrayUnit, index: int, same: SameStills, bias: str) -> UnitR
         batch = replace(batch, rate=batch.rate - rest - apart)
         centre = replace(problem.first, B=np.zeros(3)).vector
     batch = batch.pick(turns).trimmed()
-    at = closure.attitudes(problem.batch, problem.first(problem.batch.rate))
+    at = residual.attitudes(problem.batch, problem.first(problem.batch.rate))
     noises = [problem.logs[segment.log].noise for segment in problem.used]
     floor = np.diagonal(gyro_variance(problem.batch, at, noises), axis1=1, axis2=2).mean(axis=1)
     floor = (floor + _of_still_rates(problem) if bias == "stills" else floor)[turns]
@@ -460,7 +460,7 @@ def _of_still_rates(problem: Problem) -> np.ndarray:
     """Return (S,) rad^2 of each angle, from white noise of the stills' rates, for each used turn."""
     first, last, share = bias_shares(problem)
     batch = replace(problem.batch, turns=None, yaw_known=True)
-    sensitivity = closure.sensitivity(batch, problem.first(batch.rate))
+    sensitivity = residual.sensitivity(batch, problem.first(batch.rate))
     square = problem.still_rates.sigma**2
     total = np.zeros(len(batch))
     for still, part in ((first, 1 - share), (last, share)):
@@ -534,7 +534,7 @@ def with_earth(rows: UnitRows, model: LinearModel, mounting: np.ndarray, state: 
     """Return the unit's turns with the Earth's rate by the array's attitudes."""
     q_bu = rotation.from_matrix(mounting)
     batch = replace(rows.batch, start=rotation.multiply(state.q_tb[rows.first], q_bu))
-    at = closure.attitudes(batch, model(batch.rate))
+    at = residual.attitudes(batch, model(batch.rate))
     earth = np.empty_like(batch.rate)
     for s, q in enumerate(rows.first):
         earth[s] = earths[int(group[q])].in_body(at[s])

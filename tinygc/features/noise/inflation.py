@@ -47,7 +47,7 @@ from session.base.numeric import rms_of
 from session.base.records import table_of
 from session.base.results import write_whole
 from session.base.units import DEG
-from tinygc import closure
+from tinygc.closure import residual
 from tinygc.estimation.options import FitOptions
 from tinygc.fitting.fit import fit_session
 from tinygc.fitting.fit_file import read_fit
@@ -146,7 +146,7 @@ def inflations(result: FitResult, figures: NoiseFigures) -> tuple[Inflation, ...
     spread = np.full(3, np.sqrt(variance))
 
     # On turns as in the session: the error of each turn's end for a unit error of each element of E, (S, 3, 9) rad.
-    design = linear.columns(closure.sensitivity(batch, rate), batch.rate)[..., :9]
+    design = linear.columns(residual.sensitivity(batch, rate), batch.rate)[..., :9]
     square = result.covariance[:9, :9]
     turns = {name: _of_ends(design, square, which) / window_s for name, which in ((SCALE, DIAGONAL), (_MISALIGNMENT, ~DIAGONAL))}
     allowed = [] if result.allowed is None else [each[:9, :9] for each in result.allowed.by_effect.values()]

@@ -8,7 +8,7 @@ from session.base import rotation
 from session.base.numeric import rms_of, running_sum
 from session.base.texts import fixed
 from session.base.units import DEG
-from tinygc import closure
+from tinygc.closure import residual
 from tinygc.closure.runs import ClosureRun
 from tinygc.explanation.reported import ReportData
 from tinygc.models.linear import bias_only
@@ -30,7 +30,7 @@ def section(evidence: ReportData) -> Section | None:
 def _run(evidence: ReportData, number: int, run: ClosureRun) -> dict:
     adopted = evidence.adopted
     rates = _rates(evidence, run)
-    tracks = {name: closure.attitudes(run.batch, rate[None])[0] for name, rate in rates.items()}
+    tracks = {name: residual.attitudes(run.batch, rate[None])[0] for name, rate in rates.items()}
     t = running_sum(run.batch.dt[0])
     # The denoised attitude is left out: its output delay alone would make it deviate.
     moved = [name for name in tracks if name not in (adopted.name, DENOISED)]

@@ -2,8 +2,8 @@
 
 ``python docs/make_schemas.py`` writes the tables anew, each below its line ``<!-- keys of MODULE:RECORD -->`` (with
 ``in SECTION`` where they stand in one);
-``python docs/make_schemas.py FOLDER`` writes a JSON Schema of each JSON into a folder, from the records and, as long as there are any, from
-``docs/schema_tables``.
+``python docs/make_schemas.py FOLDER`` writes a JSON Schema of each JSON into a folder, from the records and, of what is written only, from
+the tables of the pages, which give each key's type (docs/formats.md, types).
 """
 
 from __future__ import annotations
@@ -14,24 +14,19 @@ import inspect
 import json
 import re
 import sys
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 DOCS = Path(__file__).resolve().parent
-sys.path[:0] = [str(DOCS), str(DOCS.parent)]
-
-from schema_tables.shapes import DEFINED, file_of, json_schema, schema_of  # noqa: E402
+sys.path.insert(0, str(DOCS.parent))
 
 import tinygc  # noqa: E402, F401  # tells where the features are, which have keys as well
 from session.base.records import REQUIRED, Entry, Record, record_of  # noqa: E402
-from session.base.results import Array, Flag, Keys, ListOf, MapOf, Number, Shape  # noqa: E402
+from session.base.results import LARGEST, Array, Flag, Keys, ListOf, MapOf, Maybe, Number, Shape, Text  # noqa: E402
 
-PAGES = (
-    *("fit", "models", "explain", "lots", "simulation", "commands", "turns", "tables", "rates"),
-    *("verify", "watch", "history", "budget"),
-)
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 # Tables of keys.
@@ -95,18 +90,133 @@ def _default(entry: Entry) -> str:
 # Schemas.
 
 
+def _deep(entry: dict, most: int = 3) -> dict:
+    return {"anyOf": [entry, {"type": "array", "items": _deep(entry, most - 1)}]} if most else entry
+
+
+#: words of the pages (docs/formats.md, types) -> JSON Schema
+TYPES: dict[str, dict] = {
+    "text": {"type": "string"},
+    "flag": {"type": "boolean"},
+    "number": {"type": "number"},
+    "size": {"type": "number", "minimum": 0},
+    "share": {"type": "number", "minimum": 0, "maximum": 1},
+    "whole": {"type": "integer"},
+    "count": {"type": "integer", "minimum": 0},
+    "hash": {"type": "string", "pattern": "^[0-9a-f]{64}$"},
+    "null": {"type": "null"},
+    "table": {"type": "object"},
+    "numbers": _deep({"type": "number"}),
+    # the word is that of an axis skew
+    "parameter": {"anyOf": [_deep({"type": ["number", "null"]}), {"const": "readings"}]},
+    "any": {},
+}
+
+
 def schemas() -> dict[str, dict]:
     """File name -> each schema."""
-    made = {}
-    for name, kind in _records().items():
-        made[file_of(name)] = {"$schema": DIALECT, "title": name} | json_schema(record_of(kind))
-    for page in PAGES:
-        for name, shape in importlib.import_module(f"schema_tables.{page}").TABLES.items():
-            head = {"$schema": DIALECT, "title": name, "description": f"docs/formats/{page}.md"}
-            known = {"type": "object", "properties": {"schema": {"const": name}}, "required": ["schema"]}
-            whole = known | {"allOf": [schema_of(shape)]}
-            made[file_of(name)] = head | whole | _definitions(whole)
-    return made
+    made = {name: json_schema(record_of(kind)) for name, kind in _records().items()}
+    for page in sorted((DOCS / "formats").glob("*.md")):
+        for name, rows in TYPED.findall(page.read_text(encoding="utf-8")):
+            keys = dict(each for row in rows.splitlines() for each in _typed_keys(row))
+            made[name] = {"description": f"docs/formats/{page.name}"} | _table_of(keys | {("schema",): f'"{name}"'})
+    return {file_of(name): {"$schema": DIALECT, "title": name} | schema for name, schema in made.items()}
+
+
+def file_of(name: str) -> str:
+    """``tinygc-fit-2.schema.json`` of ``tinygc-fit/2``."""
+    return f"{name.replace('/', '-')}.schema.json"
+
+
+#: a section whose table gives types: the format's name, and the rows
+TYPED = re.compile(r"^## `(tinygc-\S+)`\n(?:(?!#|\|).*\n)*\| key \| type \| meaning \|\n.*\n((?:\|.*\n)+)", re.M)
+#: what parts types, but not within quotes
+UNQUOTED = r'(?=(?:[^"]*"[^"]*")*[^"]*$)'
+SHAPED = re.compile(r"(?:(list|[\dn×]+) of )?(.*)")
+MARKED = re.compile(r"(.*?)(?:(\?)| (with|unless) `(\w+)`)?")
+
+
+def expanded(path: str) -> list[str]:
+    """``a.{b,c}`` as ``a.b``, ``a.c``."""
+    pieces = re.split(r"\{([^{}]*)\}", path)
+    return ["".join(choice) for choice in product(*(piece.split(",") if i % 2 else [piece] for i, piece in enumerate(pieces)))]
+
+
+def _typed_keys(row: str) -> list[tuple[tuple[str, ...], str]]:
+    """(path, type) of each key of a row."""
+    key, text = row.split(" | ")[:2]
+    words, found = [expanded(word) for word in re.findall(r"`([^`]+)`", key)], []
+    groups = re.split("; " + UNQUOTED, text)
+    for paths, group in zip(words, groups * len(words) if len(groups) == 1 else groups, strict=True):
+        types = re.split(", " + UNQUOTED, group)
+        found += zip((tuple(path.split(".")) for path in paths), types * (len(paths) // len(types)), strict=True)
+    return found
+
+
+def _table_of(keys: dict[tuple[str, ...], str]) -> dict[str, Any]:
+    """JSON Schema of a table by the types of its keys and of those within; one of ``<any name>`` is every further key."""
+    table: dict[str, Any] = {"type": "object", "properties": {}, "required": []}
+    only: dict[str, dict[str, list[str]]] = {"with": {}, "unless": {}}
+    for name in dict.fromkeys(path[0].removesuffix("[]") for path in keys):
+        within = {path[1:]: text for path, text in keys.items() if len(path) > 1 and path[0].removesuffix("[]") == name}
+        text, absent, mark, other = MARKED.fullmatch(keys.get((name,), "table")).groups()
+        schema = _table_of(within) if within else _type(text)
+        if any(path[0] == f"{name}[]" for path in keys):
+            schema = {"type": "array", "items": schema}
+        if within and text.endswith(" or null"):
+            schema = {"anyOf": [schema, TYPES["null"]]}
+        if name.startswith("<"):
+            table["additionalProperties"] = schema
+            continue
+        table["properties"][name] = schema
+        if mark:
+            only[mark].setdefault(other, []).append(name)
+        elif not absent:
+            table["required"].append(name)
+    either = [{"anyOf": [{"required": [word]}, {"required": names}]} for word, names in only["unless"].items()]
+    return table | {"dependentRequired": only["with"]} | ({"allOf": either} if either else {})
+
+
+def _type(text: str) -> dict[str, Any]:
+    either = re.split(" or " + UNQUOTED, text)
+    if len(either) > 1:
+        return {"anyOf": [_type(each) for each in either]}
+    shape, entry = SHAPED.fullmatch(text).groups()
+    words = re.split("/" + UNQUOTED, entry)
+    if entry.startswith("tinygc-"):
+        schema = {"$ref": file_of(entry)}
+    elif words[0] in TYPES:
+        schema = TYPES[entry] if len(words) == 1 else {"anyOf": [TYPES[word] for word in words]}
+    else:
+        schema = {"enum": [json.loads(word) for word in words]}
+    for count in reversed(shape.split("×") if shape else []):
+        schema = {"type": "array", "items": schema} | ({"minItems": int(count), "maxItems": int(count)} if count.isdigit() else {})
+    return schema
+
+
+def json_schema(shape: Shape) -> dict[str, Any]:
+    """A shape in JSON Schema 2020-12; what it does not know may stand beside."""
+    if isinstance(shape, Number):
+        bounds = {"exclusiveMinimum" if shape.above else "minimum": shape.low, "maximum": shape.high}
+        return {"type": "integer" if shape.whole else "number"} | {key: value for key, value in bounds.items() if abs(value) < LARGEST}
+    if isinstance(shape, Array):
+        schema: dict[str, Any] = json_schema(shape.entry)
+        for count in reversed(shape.shape):
+            schema = {"type": "array", "items": schema} | ({} if count is None else {"minItems": count, "maxItems": count})
+        return schema
+    if isinstance(shape, Maybe):
+        return {"anyOf": [json_schema(shape.entry), {"type": "null"}]}
+    if isinstance(shape, Text):
+        return {"enum": list(shape.one_of)} if shape.one_of else {"type": "string"}
+    if isinstance(shape, ListOf):
+        return {"type": "array", "items": json_schema(shape.entry)}
+    if isinstance(shape, MapOf):
+        return {"type": "object", "additionalProperties": json_schema(shape.entry)}
+    if isinstance(shape, Keys) and shape.known:
+        written = [entry.name for entry in shape.entries if not entry.key.if_known] if isinstance(shape, Record) else shape.must
+        schema = {"type": "object", "properties": {key: json_schema(inner) for key, inner in shape.known.items()}}
+        return schema | {"required": list(dict.fromkeys([*shape.must, *written]))}
+    return {"type": "boolean"} if isinstance(shape, Flag) else {"type": "object"} if isinstance(shape, Keys) else {}
 
 
 def _records() -> dict[str, type]:
@@ -121,18 +231,6 @@ def _records() -> dict[str, type]:
                 if isinstance(name := getattr(kind, "schema", None), str) and issubclass(kind, found.get(name, object)):
                     found[name] = kind
     return found
-
-
-def _definitions(schema: dict) -> dict[str, Any]:
-    """``$defs`` of all names that a schema uses, and of those that these use."""
-    used: dict[str, dict] = {}
-    waiting = [schema]
-    while waiting:
-        for name in re.findall(r'"#/\$defs/(\w+)"', json.dumps(waiting.pop())):
-            if name not in used:
-                used[name] = schema_of(DEFINED[name])
-                waiting.append(used[name])
-    return {"$defs": dict(sorted(used.items()))} if used else {}
 
 
 def main() -> None:

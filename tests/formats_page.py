@@ -5,7 +5,6 @@ import importlib.util
 import json
 import re
 from functools import cache
-from itertools import product
 from pathlib import Path
 
 from feature import feature
@@ -36,15 +35,17 @@ def rows(heading: str) -> list[list[str]]:
     return [[cell.strip() for cell in line.strip("|").split(" | ")] for line in lines[2:]]
 
 
-def expanded(path: str) -> list[str]:
-    """``a.{b,c}`` as ``a.b``, ``a.c``."""
-    pieces = re.split(r"\{([^{}]*)\}", path)
-    choices = [piece.split(",") if i % 2 else [piece] for i, piece in enumerate(pieces)]
-    return ["".join(choice) for choice in product(*choices)]
+@cache
+def maker():
+    """docs/make_schemas.py."""
+    spec = importlib.util.spec_from_file_location("make_schemas", ROOT / "docs" / "make_schemas.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def keys_on_page(schema: str) -> list[tuple[str, ...]]:
-    return [tuple(path.split(".")) for row in rows(f"`{schema}`") for word in CODE.findall(row[0]) for path in expanded(word)]
+    return [tuple(path.split(".")) for row in rows(f"`{schema}`") for word in CODE.findall(row[0]) for path in maker().expanded(word)]
 
 
 #: effect -> names of its parameters in JSON
@@ -53,7 +54,7 @@ EFFECTS = {CODE.findall(row[0])[0]: set(CODE.findall(row[2])) for row in rows("E
 PARAMETERS = set().union(*EFFECTS.values(), CODE.findall(TABLE_LINE)[1:])
 (METHOD_LINE,) = (line for line in section("`tinygc-fit/2`").splitlines() if line.startswith("`<method>` is"))
 METHODS = set(CODE.findall(METHOD_LINE)[1:])
-OPTIONS = {path[1] for path in keys_on_page("tinygc-truth/1") if path[0] == "options"}
+OPTIONS = {path[1] for path in keys_on_page("tinygc-truth/1") if path[0] == "options" and len(path) > 1}
 STANDS_FOR = {
     "<method>": lambda word: word in METHODS,
     "<file>": lambda word: re.fullmatch(r"[\w-]+(\.unit\d+)?\.(csv|csv\.gz|toml|json)", word),
@@ -84,15 +85,6 @@ def leaves(value, path: tuple[str, ...] = ()):
             yield from leaves(inner, (*path[:-1], f"{path[-1]}[]"))
     else:
         yield path, value
-
-
-@cache
-def maker():
-    """docs/make_schemas.py."""
-    spec = importlib.util.spec_from_file_location("make_schemas", ROOT / "docs" / "make_schemas.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 @cache

@@ -8,7 +8,8 @@ from collections.abc import Iterator
 
 import pytest
 from conftest import ROOT
-from formats_page import PAGE, SCHEMA, keys_on_page, strangers, validators
+from formats_page import PAGE, SCHEMA, keys_on_page, maker, strangers, validators
+from jsonschema import Draft202012Validator
 
 #: what is no JSON
 OTHERS = {f"tinygc-{name}/1" for name in ("session", "frame", "defaults", "limits", "table", "make", "requirements")}
@@ -24,28 +25,60 @@ def test_every_json_format_has_a_schema():
     assert set(validators()) == set(FORMATS)
 
 
-def paths(schema: dict, part: dict, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
-    """Of every value that is no table, lists left out, ``<>`` for any key: own definitions are followed, other formats are not."""
-    while part.get("$ref", "").startswith("#/$defs/"):
-        part = schema["$defs"][part["$ref"].removeprefix("#/$defs/")]
-    inner = [each for each in (*part.get("anyOf", ()), *part.get("allOf", ())) if each != {"type": "null"}]
-    for each in [*inner, *(part[key] for key in ("then", "else", "items") if key in part)]:
-        yield from paths(schema, each, path)
+@pytest.mark.parametrize(
+    ("text", "sound", "wrong"),
+    [
+        ("text", ["a"], [None, 1]),
+        ("size or null", [0, 1.5, None], [-1]),
+        ("2 of share/null", [[0, None]], [[0], [0, 2], None]),
+        ("n×3 of number", [[], [[1, 2, 3]]], [[[1, 2]]]),
+        ('"x, y"/"x or y"/1', ["x, y", "x or y", 1], ["x", 2]),
+        ('list of "x"/"y" or null', [[], ["y"], None], [["z"]]),
+        ("numbers", [1, [[[1]]]], [[[[[1]]]], ["1"]]),
+        ("parameter", [None, [1, None], "readings"], ["else"]),
+    ],
+)
+def test_a_type_of_the_pages(text, sound, wrong):
+    typed = Draft202012Validator(maker()._type(text))
+    assert all(typed.is_valid(value) for value in sound)
+    assert not any(typed.is_valid(value) for value in wrong)
+
+
+def test_the_types_of_a_row_are_those_of_its_keys_in_order():
+    rows = [
+        '| `{a,b}.{c,d}`, `e` | text, count; "x; y" | – |',
+        "| `f[].<id>`, `g`, `g.h`, `i`, `j` | size; table or null; flag?; text unless `g`; text with `k` | – |",
+    ]
+    keys = dict(each for row in rows for each in maker()._typed_keys(row))
+    typed = Draft202012Validator(maker()._table_of(keys))
+    table = {"a": {"c": "", "d": 1}, "b": {"c": "", "d": 1}, "e": "x; y", "f": [{"any": 1}], "g": {}}
+    for sound in ({}, {"g": None}, {"k": 1, "j": ""}, {"g": {"h": True}}, {"unknown": 1}):
+        assert typed.is_valid(table | sound)
+    for wrong in ({"a": {"c": ""}}, {"e": "x"}, {"f": [{"any": -1}]}, {"g": {"h": None}}, {"k": 1}, {"b": None}):
+        assert not typed.is_valid(table | wrong)
+    assert not typed.is_valid({key: value for key, value in table.items() if key != "g"})
+
+
+def paths(part: dict, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    """Of every value that is no table, lists left out, ``<>`` for any key."""
+    inner = [each for each in part.get("anyOf", ()) if each != {"type": "null"}]
+    for each in [*inner, *([part["items"]] if "items" in part else [])]:
+        yield from paths(each, path)
     for key, value in part.get("properties", {}).items():
-        yield from paths(schema, value, (*path, key))
+        yield from paths(value, (*path, key))
     if "additionalProperties" in part:
-        yield from paths(schema, part["additionalProperties"], (*path, "<>"))
-    if not inner and not {"then", "else", "items", "properties", "additionalProperties"} & set(part):
+        yield from paths(part["additionalProperties"], (*path, "<>"))
+    if not inner and not {"items", "properties", "additionalProperties"} & set(part):
         yield path
 
 
-@pytest.mark.parametrize("name", FORMATS)
-def test_a_schema_has_the_keys_of_its_page(name):
+def test_every_record_has_the_keys_of_its_page():
     """A page may name a table as a whole, and say which other page has its keys; a schema may leave a table open."""
-    page = {tuple("<>" if word.startswith("<") else word.removesuffix("[]") for word in path) for path in keys_on_page(name)}
-    schema = set(paths(validators()[name].schema, validators()[name].schema))
-    assert {path for path in schema if not any(_of_one(path, known) for known in page)} == set()
-    assert {known for known in page if not any(_of_one(path, known) for path in schema)} == set()
+    for name in maker()._records():
+        page = {tuple("<>" if word.startswith("<") else word.removesuffix("[]") for word in path) for path in keys_on_page(name)}
+        schema = set(paths(validators()[name].schema))
+        assert {path for path in schema if not any(_of_one(path, known) for known in page)} == set(), name
+        assert {known for known in page if not any(_of_one(path, known) for path in schema)} == set(), name
 
 
 def _of_one(path: tuple[str, ...], known: tuple[str, ...]) -> bool:

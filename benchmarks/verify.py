@@ -34,10 +34,10 @@ from tinygc.closure.motion import LIMIT_DEG
 from tinygc.closure.residual import closure_angles
 from tinygc.estimation.between_sessions import course
 from tinygc.estimation.expected_zero import USUAL_SPREAD
+from tinygc.features.unit.options import VerifyOptions
 from tinygc.features.unit.verification.cost import minute_of
 from tinygc.features.unit.verification.expected import Spread, expected_parts, spread_of_unit
 from tinygc.features.unit.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, OldCalibration, read_old
-from tinygc.features.unit.verification.options import VerifyOptions
 from tinygc.features.unit.verification.questions import PLAUSIBLE, ask, todays_noise
 from tinygc.features.unit.verification.rows import LENGTH, Rows, rows_of
 from tinygc.features.unit.verification.verdict import BIAS, HOLDS, Verification, verify_session

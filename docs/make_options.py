@@ -20,9 +20,9 @@ from session.base import features  # noqa: E402
 from session.base.options import declared, flag, help_of, metavar, typed_as  # noqa: E402
 from session.replay.options import Answers  # noqa: E402
 from tinygc.cli.commands import command_module, commands  # noqa: E402
-from tinygc.cli.options import Command, Force, Seed, UsesEffects  # noqa: E402
+from tinygc.cli.options import Command, Force, Judged, Pictures, UsesEffects  # noqa: E402
 from tinygc.cli.recording import Recording, Turning  # noqa: E402
-from tinygc.estimation.options import FitOptions  # noqa: E402
+from tinygc.estimation.options import FitOptions, Seed  # noqa: E402
 from tinygc.simulation.options import SimulationOptions  # noqa: E402
 
 #: records that several commands have -> what the page calls them
@@ -31,6 +31,8 @@ SHARED: dict[type, str] = {
     UsesEffects: "commands that use the catalogue of effects",
     Force: "commands that write files by name",
     Seed: "commands that draw",
+    Pictures: "commands that draw their result",
+    Judged: "`fit` and `report`",
     FitOptions: "`fit`, `report` and `budget`",
     Recording: "every `record`",
     Turning: "`record` and `table record`",
@@ -40,10 +42,11 @@ SHARED: dict[type, str] = {
 BEGIN, END = "<!-- made by docs/make_options.py -->\n", "<!-- end -->"
 
 
-def rows(kind: Any, own: type | None = None) -> Iterator[str]:
-    """A row for each option of a record; own: only those that it declares itself."""
+def rows(kind: Any) -> Iterator[str]:
+    """A row for each option of a record that stands in no table of its shared ones."""
+    shared = {each.name for base in SHARED if base is not kind and issubclass(kind, base) for each, _ in declared(base)}
     for each, rule in declared(kind):
-        if rule.cli and (own is None or each.name in inspect.get_annotations(own)):
+        if rule.cli and (each.name not in shared or each.name in inspect.get_annotations(kind)):
             value = metavar(each, rule)
             name = value or each.name.upper() if rule.positional else f"{flag(kind, each.name)} {value}".strip()
             yield _row(f"`{name}`", help_of(each, rule))
@@ -60,17 +63,12 @@ def commands_text() -> str:
         module: Any = command_module(name)
         kinds = [module.Options, *features.each(f"options of {name}")]
         shared = [called for base, called in SHARED.items() if issubclass(module.Options, base) and base is not Command]
-        own = [row for kind in kinds for row in rows(kind, None if kind is not module.Options else kind)]
-        if issubclass(module.Options, SimulationOptions):
-            own += rows(SimulationOptions)
-        machines = [base for base in module.Options.__mro__ if "features" in base.__module__]
-        own += [row for base in machines[1:] if base not in FitOptions.__mro__ for row in rows(base, base)]
+        own = [row for kind in kinds for row in rows(kind)]
         lines += [f"### {name}", "", f"{module.SUMMARY[0].upper()}{module.SUMMARY[1:]}."]
         lines += [f"Also those of {', of '.join(shared)}.", ""] if shared else [""]
         lines += ["| option | what it does |", "| --- | --- |", *own, ""] if own else []
     for kind, called in SHARED.items():
-        of = rows(kind, kind if kind is Turning else None)
-        lines += [f"### Of {called}", "", "| option | what it does |", "| --- | --- |", *of, ""]
+        lines += [f"### Of {called}", "", "| option | what it does |", "| --- | --- |", *rows(kind), ""]
     return "\n".join(lines)
 
 

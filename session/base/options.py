@@ -253,9 +253,14 @@ def check(record: Any) -> None:
             raise OptionError.of(each.name, value, expected(each, rule)) from None
 
 
+def values(options: Any, *kinds: type[Any]) -> dict[str, Any]:
+    """The fields of records of these kinds, as keywords, out of a record that has them, and more."""
+    return {each.name: getattr(options, each.name) for kind in kinds for each in fields(kind)}
+
+
 def part(options: Any, kind: type[R], **changes: Any) -> R:
     """The record of a kind out of one that has its fields, and more."""
-    return kind(**{each.name: getattr(options, each.name) for each in fields(kind)} | changes)  # type: ignore[arg-type]
+    return kind(**values(options, kind) | changes)
 
 
 def records(choices: Mapping[str, Any], *kinds: type[Any]) -> tuple[Any, ...]:

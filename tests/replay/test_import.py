@@ -14,13 +14,13 @@ from written_texts import TEXTS, sensor_logger
 
 import tinygc
 from session.base.errors import DataError, FormatError
+from session.base.options import records as records_of
 from session.base.questions import QuestionsError
 from session.base.units import TIME, G
 from session.replay.forms import form_of
 from session.replay.importing import import_log, kind_named
 from session.replay.options import Answers
 from tinygc import read_session
-from tinygc.library.arguments import records_of
 from tinygc.library.logs import FURTHER
 
 GYR, ACC = "t_us,gx_dps,gy_dps,gz_dps\n" + rows(T_US, *GYRO["dps"].T), "t_us,ax_g,ay_g,az_g\n" + rows(T_US, *ACCEL["g"].T)

@@ -9,7 +9,6 @@ from typing import Any, TypeVar
 from session.base.options import Record, file_written, option
 from tinygc.cli.defaults import Defaults
 
-LARGEST_SEED = 2**63 - 1  #: accepted by every random generator
 LONGEST_S = 1e9  #: up to 30 years, which a program can wait for and a counter can hold
 EFFECTS_HELP = "folder with further effects, a Python file each, which is run; may be given several times"
 
@@ -55,7 +54,21 @@ class Force(Record):
 
 
 @dataclass(frozen=True)
-class Seed(Record):
-    """Options of a command that draws."""
+class Pictures(Record):
+    """Options of a command that draws its result."""
 
-    seed: int = option(0, "of every random draw", least=0, most=LARGEST_SEED)
+    pictures: bool = option(True, "draw the pictures", off="write no picture")
+
+
+@dataclass(frozen=True)
+class Judged(Record):
+    """Options of a command whose exit code is its verdict on a calibration."""
+
+    limit: float | None = option(
+        None,
+        "pass only if the held-out tilt of the segments and each closure run's RMSE are at most this; exit 1 if not",
+        unit="deg",
+        above=0,
+        default_key="limits.closure_deg",
+    )
+    strict: bool = option(False, "exit 1 for all but PASS without doubts")

@@ -116,16 +116,42 @@ def device() -> str:
     return "cuda" if torch.cuda.is_available() else "cpu"
 
 
-# Options of a fit.
+# Options of a fit, and those that other commands and functions have as well.
+
+LARGEST_SEED = 2**63 - 1  #: accepted by every random generator
 
 BIASES = ("auto", "ends", "stills")
 ACCELEROMETERS = ("auto", "given", "fit", "prior")
 
 
+@dataclass(frozen=True)
+class Seed(Record):
+    """Options of what draws."""
+
+    seed: int = option(0, "of every random draw", least=0, most=LARGEST_SEED)
+
+
+@dataclass(frozen=True)
+class Earth(Record):
+    """Options of what takes rates of a session."""
+
+    earth: bool = option(True, "subtract the Earth's rotation from the rates", off="leave the Earth's rotation in the rates")
+
+
+@dataclass(frozen=True)
+class AtRest(Earth):
+    """Options of what weighs the residuals of a session."""
+
+    noise: Path | None = option(
+        None,
+        "noise figures of the unit, measured at rest: the prior of its bias drift (fit/noise.json in the session folder, if it is there)",
+    )
+
+
 @documented
 @extended("options of a fit")
 @dataclass(frozen=True)
-class FitOptions(Record):
+class FitOptions(AtRest):
     """Options that determine a fit's numbers; features have further ones.
 
     Raises
@@ -151,7 +177,6 @@ class FitOptions(Record):
     as_in_paper: bool = option(
         False, "train the nets as the paper does: AdamW (needs PyTorch), the distance at the ends, the first-order integrator", cli=False
     )
-    earth: bool = option(True, "subtract the Earth's rotation from the rates", off="leave the Earth's rotation in the rates")
     physics: tuple[str, ...] | None = option(
         None, "fit what explain names as well (auto), or effects by id, with commas", metavar="auto|IDS"
     )
@@ -171,10 +196,6 @@ class FitOptions(Record):
         (),
         "a fitted session of the same unit; of two or more, the spread of their biases is that of any session",
         repeated=True,
-    )
-    noise: Path | None = option(
-        None,
-        "noise figures of the unit, measured at rest: the prior of its bias drift (fit/noise.json in the session folder, if it is there)",
     )
     clock: str = option(
         CLOCKS[0],

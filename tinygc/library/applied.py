@@ -10,12 +10,12 @@ import numpy as np
 
 from session.base import features
 from session.base.errors import CalibrationError
-from session.base.options import given
+from session.base.options import given, records
 from session.log.logfile import Log, refuse_calibrated
 from session.log.samples import Samples
 from tinygc.deploy.apply import Applied, apply_model, model_of
 from tinygc.deploy.calibration import Calibration
-from tinygc.library.arguments import Progress, column_unit, is_fit, nothing, public, records_of
+from tinygc.library.arguments import Progress, column_unit, is_fit, nothing, public
 from tinygc.models.files import load_with_table
 
 #: what features add to it
@@ -129,7 +129,7 @@ def _apply_to_file(
         if source.exists() and Path(out).exists() and os.path.samefile(source, out):
             raise CalibrationError(f"{out}: is what is read, and nothing is written over it; give out another path")
     around = None if session is None else Path(session)
-    further = records_of(choices, *FURTHER)
+    further = records(choices, *FURTHER)
     how: dict[str, Any] = {"unit": column_unit(unit), "session": around, "further": further, "progress": progress or nothing}
     if table is None and (fused := features.first("use of a model", path, log, Path(out), **how)) is not None:
         return fused

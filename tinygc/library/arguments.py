@@ -108,11 +108,6 @@ def public(*records: type) -> Callable[[Callable[P, R]], Callable[P, R]]:
     return decorate
 
 
-def records_of(choices: Mapping[str, Any], *kinds: type[Options]) -> tuple[Options, ...]:
-    """Return the records of options that hold these keywords, each with its own fields."""
-    return tuple(kind(**{each.name: choices[each.name] for each in fields(kind) if each.name in choices}) for kind in kinds)  # type: ignore[arg-type]
-
-
 def session_or_folder(session: Any) -> Session | Path:
     """Return a session, or the path of its folder; CalibrationError for anything else."""
     if isinstance(session, Session):

@@ -14,6 +14,7 @@ from session.base.errors import CalibrationError
 from session.log.folder import Session
 from tinygc.deploy.calibration import Calibration
 from tinygc.estimation.choice import ClosureFigures, closure_figures
+from tinygc.estimation.options import Earth
 from tinygc.fitting.bias_of_day import Rebiased, rebias_session, rebias_to_json, rebiased_table, save_rebiased
 from tinygc.library.applied import stored_model
 from tinygc.library.arguments import Progress, nothing, public, session_or_folder
@@ -68,16 +69,16 @@ class Rebias(Shown):
 SOURCES = ("start", "gravity", "given")
 
 
-@public()
+@public(Earth)
 def rebias(
     session: Session | Path | str,
     model: Any,
     source: str = "start",
     *,
     bias_dps: Sequence[float] | None = None,
-    use_earth: bool = True,
     exclude: Sequence[int] = (),
     progress: Progress | None = None,
+    **choices: Any,
 ) -> Rebias:
     """Take the bias of a stored calibration anew from another session: the bias of the day.
 
@@ -91,8 +92,6 @@ def rebias(
         From the first still, from gravity over the run, or ``bias_dps``.
     bias_dps : sequence of float, optional
         What the sensor reads at rest, (3,) dps, for ``given``.
-    use_earth : bool, optional
-        Whether the Earth's rotation is subtracted.
     exclude : sequence of int, optional
         Numbers of segments to leave out of the closure.
     progress : callable, optional
@@ -129,7 +128,7 @@ def rebias(
         source,
         given,
         table=table,
-        use_earth=use_earth,
+        use_earth=Earth(**choices).earth,
         exclude=tuple(exclude),
         progress=progress or nothing,
     )

@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 from session.base import features
 from session.base.errors import CalibrationError
-from session.base.options import given
+from session.base.options import given, records
 from session.log.config import read_config
 from session.log.folder import Session, read_session
 from session.log.siblings import recordings_at, serial_of
+from tinygc.estimation.options import AtRest, Seed
 from tinygc.explanation.checked import Checked
 from tinygc.explanation.checked import check_on as check
 from tinygc.explanation.engine import explain_session
-from tinygc.library.arguments import Progress, nothing, public, records_of, session_or_folder
+from tinygc.library.arguments import Progress, nothing, public, session_or_folder
 from tinygc.library.records import Listed
 from tinygc.reporting.explanation_text import ExplanationReport, TruthReport
 from tinygc.reporting.pictures.canvas import saved
@@ -172,16 +173,13 @@ class Why:
 FURTHER = tuple(features.each("options of explain", features.beside()))
 
 
-@public(*FURTHER)
+@public(Seed, AtRest, *FURTHER)
 def explain(
     session: Session | Path | str,
     *,
-    seed: int = 0,
-    use_earth: bool = True,
     check_on: Sequence[Session | Path | str] = (),
-    noise: Path | str | None = None,
     progress: Progress | None = None,
-    **further: Any,
+    **choices: Any,
 ) -> Why:
     """Explain the mismatch of a session against its reference: gravity in the stills, table dials, or a truth file.
 
@@ -189,14 +187,8 @@ def explain(
     ----------
     session : Session, str or Path
         The recording, or its folder.
-    seed : int, optional
-        Seed of the random draws behind the critical values.
-    use_earth : bool, optional
-        Whether the Earth's rotation is subtracted.
     check_on : sequence of Session, str or Path, optional
         Other recordings of the unit, or folders of them, on which each effect is checked with the size that it has here.
-    noise : str or Path, optional
-        Noise figures of the unit, measured at rest; ``fit/noise.json`` of the session's folder by default.
     progress : callable, optional
         Called with the current step's description, the number of steps done and the number of all steps.
 
@@ -218,16 +210,16 @@ def explain(
     'no_mismatch'
 
     """
-    progress = progress or nothing
     where = session_or_folder(session)
     others = _others(where, check_on)
-    figures = None if noise is None else Path(noise)
-    why = _explained(where, seed, use_earth, records_of(further, *FURTHER), figures, progress)
+    (draws, options, *further) = records(choices, Seed, AtRest, *FURTHER)
+    how = {"seed": draws.seed, "use_earth": options.earth, "noise": options.noise, "progress": progress or nothing}
+    why = _explained(where, further, how)
     checked = []
     for other in others:
         try:
-            explained = _explained(other, seed, use_earth, (), figures, progress).explanation
-            checked.append(check(why.explanation, explained, seed))
+            explained = _explained(other, (), how).explanation
+            checked.append(check(why.explanation, explained, draws.seed))
         except CalibrationError as error:  # of the other recording: the first one's result stands
             checked.append(Checked(other, None, error=str(error)))
     return replace(why, checked=checked)
@@ -247,17 +239,17 @@ def _others(first: Session | Path, places: Sequence[Session | Path | str]) -> li
     return list(found.values())
 
 
-def _explained(where: Session | Path, seed: int, use_earth: bool, further: tuple[Any, ...], noise: Path | None, progress: Progress) -> Why:
+def _explained(where: Session | Path, further: Sequence[Any], how: dict[str, Any]) -> Why:
     config = where.config if isinstance(where, Session) else read_config(where / "session.toml")
     if config.protocol.reference == "truth":
         if idle := [flag for each in further for flag in given(each)]:
             raise CalibrationError(f"{', '.join(idle)}: of no use where the reference is a truth file; leave it out")
         from tinygc.explanation.truth_engine import explain_truth  # late: hardly any session has a truth file
 
-        return Why(explain_truth(where, seed=seed, use_earth=use_earth, progress=progress, noise=noise))
-    explanation = explain_session(where, seed=seed, use_earth=use_earth, progress=progress, noise=noise)
-    turned_by = features.first("explanation of what turned", explanation, seed)
-    beyond = features.first("search beyond the catalogue", explanation, further, seed=seed, progress=progress)
+        return Why(explain_truth(where, **how))
+    explanation = explain_session(where, **how)
+    turned_by = features.first("explanation of what turned", explanation, how["seed"])
+    beyond = features.first("search beyond the catalogue", explanation, tuple(further), seed=how["seed"], progress=how["progress"])
     return Why(explanation, beyond, turned_by=turned_by)
 
 

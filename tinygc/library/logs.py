@@ -16,12 +16,13 @@ import numpy as np
 
 from session.base import features
 from session.base.errors import CalibrationError, FormatError
+from session.base.options import records
 from session.base.questions import QuestionsError
 from session.detect.findings import Finding
 from session.log.folder import Session, read_session
 from session.replay.importing import import_log as import_files
 from session.replay.options import Answers
-from tinygc.library.arguments import public, records_of
+from tinygc.library.arguments import public
 
 Paths = str | PathLike[str] | Sequence[str | PathLike[str]]
 
@@ -185,12 +186,12 @@ def import_log(
         made = import_files(
             _paths(paths),
             None if out is None else Path(out),
-            *records_of(answers, Answers),
+            *records(answers, Answers),
             add=add,
             serial=serial,
             columns=columns_of(columns),
             header=header,
-            further=records_of(answers, *FURTHER),
+            further=records(answers, *FURTHER),
             most_memory=most_memory,
         )
     return Imported(made.folder, made.took, made.notes, made.findings, made.next)

@@ -21,12 +21,12 @@ from tinygc.estimation.accelerometer import JOINT_NAMES
 from tinygc.estimation.accelerometer import USUAL_SPREAD as USUAL_ACCELEROMETER
 from tinygc.estimation.expected_zero import USUAL_PER_K, USUAL_SPREAD
 from tinygc.estimation.systematic import PRIOR_ODDS
+from tinygc.features.unit.options import VerifyOptions as Options
 from tinygc.features.unit.verification import causes, verdict
 from tinygc.features.unit.verification.causes import Cause, Evidence, beyond_linear, diagnose
 from tinygc.features.unit.verification.cost import _BOUND, Bound, Cost, bounds, cost_of, effects_deg, left_open
 from tinygc.features.unit.verification.expected import ACCELEROMETER_ZERO, ZERO, Part, Spread, expected_parts, spread_of_unit
 from tinygc.features.unit.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, _variance_and_freedom, read_old, with_bias_moved
-from tinygc.features.unit.verification.options import VerifyOptions as Options
 from tinygc.features.unit.verification.questions import (
     DRAWS,
     GRAVITY,

@@ -14,8 +14,9 @@ from session.base.errors import CalibrationError
 from session.base.options import argument, file_written, option
 from session.base.texts import printable
 from tinygc.cli.arguments import is_standard_output
-from tinygc.cli.options import LONGEST_S, Command, Force, Seed
+from tinygc.cli.options import LONGEST_S, Command, Force
 from tinygc.cli.results import ended_by_signals, write_json
+from tinygc.estimation.options import Seed
 
 if TYPE_CHECKING:
     from tinygc.simulation.options import SimulationOptions

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from session.base.options import folder_written, option
-from tinygc.cli.options import Command, Force, Seed
+from tinygc.cli.options import Command, Force
 from tinygc.cli.results import output, print_commands, write_json
+from tinygc.estimation.options import Seed
 
 SUMMARY = "try the tool: write a simulated session, fit it, compare with its truth"
 #: the session of data/session1; ``--seed`` counts on from it

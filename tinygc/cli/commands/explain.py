@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from session.base import features
-from session.base.options import argument, folder_written, option
+from session.base.options import argument, folder_written, option, values
 from session.base.texts import command_line
-from tinygc.cli.options import Command, Seed, UsesEffects
+from tinygc.cli.options import Command, Pictures, UsesEffects
 from tinygc.cli.results import complain, inside, output, print_commands, try_destinations, verdict, write_json
+from tinygc.estimation.options import AtRest, Seed
 
 SUMMARY = "say why the recording differs from the simulation, and prove it"
 #: recordings of the unit that are offered for a check; each takes as long as the first
@@ -18,19 +19,13 @@ MOST_OFFERED = 3
 
 
 @dataclass(frozen=True)
-class Options(Command, UsesEffects, Seed):
+class Options(AtRest, Pictures, Command, UsesEffects, Seed):
     """Options of ``explain``."""
 
     folder: Path = argument("session folder")
-    earth: bool = option(True, "subtract the Earth's rotation from the rates", off="leave the Earth's rotation in the rates")
     check_on: tuple[Path, ...] = option(
         (), "other recordings of the unit, or a folder of them: each effect is checked there with the size that it has here", several=True
     )
-    noise: Path | None = option(
-        None,
-        "noise figures of the unit, measured at rest: the prior of its bias drift (fit/noise.json in the session folder, if it is there)",
-    )
-    pictures: bool = option(True, "write a picture of each effect", off="write no picture")
     out: Path | None = option(None, "where the result goes (explain/ in the session folder)", metavar="DIR", read=folder_written)
     strict: bool = option(False, "exit 1 if there is a mismatch")
 
@@ -44,15 +39,7 @@ def run(args: Options) -> int:
 
     try_destinations(args.out or inside(args.folder, "explain"), args.json)
     with progress_bar(args.quiet) as progress:
-        why = explain(
-            args.folder,
-            seed=args.seed,
-            use_earth=args.earth,
-            check_on=args.check_on,
-            noise=args.noise,
-            progress=progress,
-            **args.further,
-        )
+        why = explain(args.folder, check_on=args.check_on, progress=progress, **values(args, Seed, AtRest), **args.further)
     folder = why.save(args.out, pictures=_with_pictures(args))
     output(args).print(why.page)
     output(args).print(f"written: {folder}", soft_wrap=True)

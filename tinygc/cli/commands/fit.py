@@ -8,7 +8,7 @@ from pathlib import Path
 from session.base import features
 from session.base.options import argument, folder_written, option, part
 from tinygc.cli.defaults import defaults_json, limit_text
-from tinygc.cli.options import Command, UsesEffects
+from tinygc.cli.options import Command, Judged, UsesEffects
 from tinygc.cli.results import Done, complain, inside, output, run_each, try_destinations, write_json
 from tinygc.estimation.options import ACCELEROMETERS, FitOptions
 
@@ -16,7 +16,7 @@ SUMMARY = "fit the calibration, compare the methods, print the closure errors"
 
 
 @dataclass(frozen=True)
-class Options(FitOptions, Command, UsesEffects):
+class Options(FitOptions, Judged, Command, UsesEffects):
     """Options of ``fit``."""
 
     folder: Path = argument("session folder; several are fitted one by one")
@@ -28,14 +28,6 @@ class Options(FitOptions, Command, UsesEffects):
         choices=(*ACCELEROMETERS, "alone"),
     )
     out: Path | None = option(None, "where the models go (fit/ in the session folder)", metavar="DIR", read=folder_written)
-    limit: float | None = option(
-        None,
-        "pass only if the held-out tilt of the segments and each closure run's RMSE are at most this",
-        unit="deg",
-        above=0,
-        default_key="limits.closure_deg",
-    )
-    strict: bool = option(False, "exit 1 for all but PASS without doubts")
     verbose: bool = option(False, "print all methods, noise components, alternatives and remarks")
 
 

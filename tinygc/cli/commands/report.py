@@ -9,7 +9,7 @@ from session.base import features
 from session.base.errors import CalibrationError
 from session.base.options import argument, file_written, option, part
 from tinygc.cli.defaults import defaults_json, limit_text
-from tinygc.cli.options import Command, Force, UsesEffects
+from tinygc.cli.options import Command, Force, Judged, UsesEffects
 from tinygc.cli.results import Done, complain, output, run_each, try_file, verdict, write_json
 from tinygc.estimation.options import FitOptions
 
@@ -17,21 +17,13 @@ SUMMARY = "the calibration report: one HTML file that needs nothing else"
 
 
 @dataclass(frozen=True)
-class Options(FitOptions, Command, UsesEffects, Force):
+class Options(FitOptions, Judged, Command, UsesEffects, Force):
     """Options of ``report``."""
 
     folder: Path = argument("session folder; of several, each gets a report of its own")
     more: tuple[Path, ...] = argument("further folders", ())
     out: Path | None = option(None, "the report (report.html in the session folder)", read=file_written)
     pdf: bool = option(False, "print it as well, to a PDF beside it; needs Chromium")
-    limit: float | None = option(
-        None,
-        "pass only if the held-out tilt of the segments and each closure run's RMSE are at most this; exit 1 if not",
-        unit="deg",
-        above=0,
-        default_key="limits.closure_deg",
-    )
-    strict: bool = option(False, "exit 1 for all but PASS without doubts")
     explain: bool = option(True, "ask why recording and simulation differ", off="do not ask why recording and simulation differ")
 
 

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from session.base.options import option
-from tinygc.cli.options import Command, Seed, UsesEffects
+from tinygc.cli.options import Command, UsesEffects
 from tinygc.cli.results import output, try_json, write_json
+from tinygc.estimation.options import Seed
 
 SUMMARY = "examine explain on sessions that conceal one to three effects, blind"
 

@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING, Any
 from session.base.options import argument, file_written, folder_written, option
 from session.base.texts import command_line
 from tinygc.cli.arguments import STANDARD
-from tinygc.cli.options import Command, Force, Seed, UsesEffects
+from tinygc.cli.options import Command, Force, UsesEffects
 from tinygc.cli.results import complain, output, print_commands, verdict, write_json
+from tinygc.estimation.options import Seed
 
 if TYPE_CHECKING:
     from tinygc.features.fleet.fleet_run import Tally

@@ -17,6 +17,7 @@ from tinygc.features.noise.curve_file import estimate_of_curve
 from tinygc.features.noise.estimate import NoiseEstimate
 from tinygc.features.noise.estimate import estimate_noise as estimate_of
 from tinygc.features.noise.inputs import Input, read_inputs
+from tinygc.features.noise.options import NoiseOptions
 from tinygc.features.noise.picture import figure_of
 from tinygc.features.noise.text import KALIBR, OpenTerm, SheetFigure, against_data_sheet, kalibr_figures, noise_page, open_terms
 from tinygc.library.arguments import Progress, is_number, is_path, nothing, public
@@ -142,24 +143,8 @@ def noise_of(inputs: Sequence[Input], sensor: str, serial: str, progress: Progre
     return Noise(replace(estimate, figures=figures), tuple(remarks))
 
 
-def noise_of_curve(path: Path, units: str | None, duration_s: float | None, rate_hz: float | None, sensor: str, serial: str) -> Noise:
-    """Estimate the terms of an Allan curve in a file.  Raises CalibrationError, in one line."""
-    estimate = estimate_of_curve(path, units, duration_s, rate_hz)
-    return Noise(replace(estimate, figures=replace(estimate.figures, sensor=sensor, serial=serial)))
-
-
-@public()
-def estimate_noise(
-    logs: Any = None,
-    *,
-    curve: Path | str | None = None,
-    curve_units: str | None = None,
-    duration_s: float | None = None,
-    odr_hz: float | None = None,
-    sensor: str = "",
-    serial: str = "",
-    progress: Progress | None = None,
-) -> Any:
+@public(NoiseOptions)
+def estimate_noise(logs: Any = None, *, progress: Progress | None = None, **choices: Any) -> Any:
     """Estimate the noise of one unit at rest: the terms of IEEE 952 of each axis, with their sigmas.
 
     Parameters
@@ -167,16 +152,6 @@ def estimate_noise(
     logs : str, Path, Session, tuple of arrays, or sequence of them
         Session folders, folders of rest logs, standard logs, sessions, or ``(t_s, gyro_rps, accel_mps2)``: (N,) s, (N, 3) rad/s,
         (N, 3) m/s².  Several are one estimate of one unit.  Of a log that moves, its stills are used.
-    curve : str or Path, optional
-        A file with an Allan curve, in place of logs.
-    curve_units : str, optional
-        Units of its deviations, where its header does not say them: ``"m/s2,deg/s"``.
-    duration_s : float, optional
-        How long the recording of the curve was, s.
-    odr_hz : float, optional
-        Its data rate, Hz.
-    sensor, serial : str, optional
-        The sensor's model and serial number.
     progress : callable, optional
         Called with what is done, how far, and of how much.
 
@@ -197,12 +172,14 @@ def estimate_noise(
     >>> found.figures.gyro.values("N")  # doctest: +SKIP
 
     """
-    if curve is not None:
-        if logs is not None:
-            raise CalibrationError("estimate_noise: give logs or curve, not both")
-        return noise_of_curve(Path(curve), curve_units, duration_s, odr_hz, sensor, serial)
-    inputs = [_input(each) for each in (logs if isinstance(logs, list) else [logs])]
-    return noise_of(inputs, sensor, serial, progress or nothing)
+    options = NoiseOptions(**choices)
+    if options.curve is None:
+        inputs = [_input(each) for each in (logs if isinstance(logs, list) else [logs])]
+        return noise_of(inputs, options.sensor, options.serial, progress or nothing)
+    if logs is not None:
+        raise CalibrationError("estimate_noise: give logs or curve, not both")
+    estimate = estimate_of_curve(options.curve, options.curve_units, options.duration_s, options.odr_hz)
+    return Noise(replace(estimate, figures=replace(estimate.figures, sensor=options.sensor, serial=options.serial)))
 
 
 def _input(given: Any) -> Any:

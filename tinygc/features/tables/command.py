@@ -14,8 +14,9 @@ from session.base.options import argument, file_written, option
 from session.base.texts import command_line, printable
 from session.base.units import DEG
 from tinygc.cli.arguments import is_standard_output
-from tinygc.cli.options import Command, Seed
+from tinygc.cli.options import Command
 from tinygc.cli.results import ended_by_signals, output, write_json
+from tinygc.estimation.options import Seed
 
 if TYPE_CHECKING:
     from tinygc.features.tables.machines.description import Description

@@ -1,4 +1,4 @@
-"""Options that machines add to commands of the core.  Imports nothing heavy."""
+"""Options that machines add to commands of the core, and those of ``rates``.  Imports nothing heavy."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 
 from session.base.options import Record, file_written, option
 
+COLUMNS = "a CSV whose header does not say it"
 GROUP = "a virtual table under it"
 
 
@@ -25,3 +26,13 @@ class TableOptions(Record):
     link: Path | None = option(None, "name of the table's port", metavar="PATH", read=file_written, group=GROUP)
     faults: str = option("", "what goes wrong with the table (docs/tables.md)", metavar="NAME@S,…", read=str, group=GROUP)
     resets: bool = option(False, "the table restarts when its port is opened, as an Arduino Uno does", group=GROUP)
+
+
+@dataclass(frozen=True)
+class Columns(Record):
+    """What a person says of a CSV."""
+
+    rate_column: str = option("", "the column of the table's rate", read=str, group=COLUMNS)
+    output_column: str = option("", "the column of the sensor's mean output", read=str, group=COLUMNS)
+    unit: str = option("", "unit of the output: V, mV, LSB, dps", metavar="UNIT", read=str, group=COLUMNS, flags=("--output-unit",))
+    readings: int | None = option(None, "readings behind each mean, if the CSV has their std", least=2, group=COLUMNS)

@@ -19,7 +19,7 @@ FEATURE = Feature(
     serves={
         "section of session.toml": "certificate.given:CertificateGiven",
         "report section": ("budget.report_section", "history.report_section"),
-        "options of report": "certificate.options:CertificateOptions",
+        "options of report": "options:CertificateOptions",
         "beside a report": "certificate.command:beside_report",
     },
 )

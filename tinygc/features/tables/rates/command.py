@@ -5,16 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from session.base.options import argument, folder_written, option
-from tinygc.cli.options import Command
+from session.base.options import argument, folder_written, option, values
+from tinygc.cli.options import Command, Pictures
 from tinygc.cli.results import output, try_destinations, write_json
+from tinygc.features.tables.options import Columns
 
-COLUMNS = "a CSV whose header does not say it"
 SUMMARY = "rate steps and sine sweeps of a rate table: the law of the output, the terms of IEEE 1431, bandwidth and delay"
 
 
 @dataclass(frozen=True)
-class Options(Command):
+class Options(Columns, Pictures, Command):
     """Options of ``rates``."""
 
     source: Path = argument(
@@ -22,23 +22,16 @@ class Options(Command):
         metavar="FILE|DIR",
     )
     out: Path | None = option(None, "where rates.json, rates.html and rates.png go", metavar="DIR", read=folder_written)
-    pictures: bool = option(True, "draw the picture", off="write no picture")
-    rate_column: str = option("", "the column of the table's rate", read=str, group=COLUMNS)
-    output_column: str = option("", "the column of the sensor's mean output", read=str, group=COLUMNS)
-    output_unit: str = option("", "unit of the output: V, mV, LSB, dps", metavar="UNIT", read=str, group=COLUMNS)
-    readings: int | None = option(None, "readings behind each mean, if the CSV has their std", least=2, group=COLUMNS)
 
 
 def run(args: Options) -> int:
     """Choose the law of each sensor, print it with the terms of IEEE 1431, and write rates.json, rates.html and rates.png."""
-    from tinygc.features.tables.rates.library import FILE, PAGE, PICTURE, rates_of
-    from tinygc.features.tables.rates.points import Columns
+    from tinygc.features.tables.rates.library import FILE, PAGE, PICTURE, estimate_rates
     from tinygc.reporting.terminal import progress_bar
 
     try_destinations(args.out, args.json)
-    columns = Columns(args.rate_column, args.output_column, args.output_unit, args.readings)
     with progress_bar(args.quiet) as progress:
-        found = rates_of(args.source, columns, progress)
+        found = estimate_rates(args.source, progress=progress, **values(args, Columns))
     output(args).print(found.page)
     if args.out is not None:
         found.save(args.out, pictures=args.pictures)

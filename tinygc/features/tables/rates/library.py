@@ -13,8 +13,9 @@ from session import VERSION
 from session.base.errors import CalibrationError, FormatError
 from session.base.files import result_folder
 from session.base.results import write_text_whole, write_whole
+from tinygc.features.tables.options import Columns
 from tinygc.features.tables.rates.choice import Choice, choose
-from tinygc.features.tables.rates.points import Columns, Points, points_of, read_points, read_table, settings_of
+from tinygc.features.tables.rates.points import Points, points_of, read_points, read_table, settings_of
 from tinygc.features.tables.rates.recording import read_recording
 from tinygc.features.tables.rates.report import figure_of, page, rates_page
 from tinygc.features.tables.rates.sweep import Response, Sweep, fit_response, is_response, read_response
@@ -163,17 +164,8 @@ def _chosen(name: str, points: Sequence[Points], sweeps: Sequence[Sweep], remark
     return Rates(name, tuple(choices), tuple(sweeps), tuple(said))
 
 
-@public()
-def estimate_rates(
-    source: Any,
-    *,
-    sigma: Any = None,
-    unit: str = "",
-    rate_column: str = "",
-    output_column: str = "",
-    readings: int | None = None,
-    progress: Progress | None = None,
-) -> Any:
+@public(Columns)
+def estimate_rates(source: Any, *, sigma: Any = None, progress: Progress | None = None, **choices: Any) -> Any:
     """Choose the law of a sensor's output over the rate of a table, with the terms of IEEE 1431; bandwidth and delay of a sweep.
 
     Parameters
@@ -183,12 +175,6 @@ def estimate_rates(
         ``(rate_dps, output)``: (N,) °/s and (N,), in the order in which they were taken.
     sigma : array_like, optional
         (N,) sigma of each output, where it is known, of arrays.
-    unit : str, optional
-        Unit of the output, where the CSV does not say it.
-    rate_column, output_column : str, optional
-        Names of the columns of a CSV.
-    readings : int, optional
-        Readings behind each mean, where the CSV has their std.
     progress : callable, optional
         Called with what is done, how far, and of how much.
 
@@ -211,11 +197,11 @@ def estimate_rates(
     'line'
 
     """
+    columns = Columns(**choices)
     if is_path(source):
         if sigma is not None:
             raise CalibrationError("estimate_rates: sigma is of arrays; a CSV has a column std and --readings")
-        columns = Columns(rate_column, output_column, unit, readings)
         return rates_of(Path(source), columns, progress or nothing)
     if not (isinstance(source, tuple) and len(source) == 2):
         raise CalibrationError(f"source is of type {type(source).__name__}, expected a path or a tuple of two arrays (rate_dps, output)")
-    return rates_of_arrays(*source, sigma, unit or "units", progress or nothing)
+    return rates_of_arrays(*source, sigma, columns.unit or "units", progress or nothing)

@@ -21,6 +21,7 @@ from session.base.files import MB, read_text
 from session.base.numeric import running_sum
 from session.base.texts import printable
 from session.base.units import DEG
+from tinygc.features.tables.options import Columns
 
 #: a table of points that a person measured
 MOST_BYTES, MOST_POINTS = 16 * MB, 2000
@@ -164,16 +165,6 @@ def settings_of(points: Points) -> tuple[Points, list[str]]:
     return settled, [f"{said}taken for errors of the rates, {len(points)} readings for {len(count)} settings."]
 
 
-@dataclass(frozen=True)
-class Columns:
-    """What a person says of a CSV: names of the columns of rate and output, unit of the output, readings behind each mean."""
-
-    rate: str = ""
-    output: str = ""
-    unit: str = ""
-    readings: int | None = None
-
-
 def points_of(
     sensor: str,
     unit: str,
@@ -209,8 +200,8 @@ def read_points(path: Path, columns: Columns | None = None) -> tuple[list[Points
     """Points of each sensor of a CSV, and remarks.  Raises FormatError, which names the line and what was expected."""
     columns = columns or Columns()
     header, rows = read_table(path)
-    rate = _column(path, header, columns.rate, (RATES, RATE_UNITS), "rate", "--rate-column")
-    output = _column(path, header, columns.output, (OUTPUTS, OUTPUT_UNITS), "output", "--output-column", rate)
+    rate = _column(path, header, columns.rate_column, (RATES, RATE_UNITS), "rate", "--rate-column")
+    output = _column(path, header, columns.output_column, (OUTPUTS, OUTPUT_UNITS), "output", "--output-column", rate)
     std, readings = (_found(header, names) for names in (STDS, READINGS))
     factor = _rate_factor(path, header[rate])
     more = [n for n, name in enumerate(header) if n not in (rate, output, std, readings)]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -10,20 +9,21 @@ from typing import Any
 from session import VERSION
 from session.base.errors import CalibrationError
 from session.base.files import result_folder
+from session.base.options import records
 from session.base.results import write_text_whole, write_whole
 from session.base.texts import printable
 from session.log.folder import Session
 from tinygc.estimation.options import FitOptions
 from tinygc.features.unit.budget.monte_carlo import MonteCarlo, monte_carlo
-from tinygc.features.unit.budget.options import Use
 from tinygc.features.unit.budget.page import page
 from tinygc.features.unit.budget.quantities import accelerometer_budgets, named, parameter_budgets, sensor_error_budgets, use_budgets
 from tinygc.features.unit.budget.rows import Budget
 from tinygc.features.unit.budget.text import drawn_page, overview, whole
 from tinygc.features.unit.budget.use import TOTAL
+from tinygc.features.unit.options import Asked, Use
 from tinygc.fitting.fit import fit_session
 from tinygc.fitting.results import FitResult
-from tinygc.library.arguments import Progress, chosen, is_fit, nothing, public, session_or_folder
+from tinygc.library.arguments import Progress, is_fit, nothing, public, session_or_folder
 from tinygc.library.records import Shown
 from tinygc.reporting.terminal import Group, RenderableType
 
@@ -105,13 +105,6 @@ class UncertaintyBudget(Shown):
         return folder
 
 
-def budget_of_folder(
-    folder: Session | Path, options: FitOptions, use: Use, asked: tuple[str, ...], progress: Progress, draws: int = 0, seed: int = 0
-) -> UncertaintyBudget:
-    """The budget of a session, or of its folder.  Raises the errors of a fit, and CalibrationError for a name that is none."""
-    return budget_of_fit(fit_session(folder, options, progress), use, asked, draws, seed, progress)
-
-
 def budget_of_fit(
     result: FitResult, use: Use, asked: tuple[str, ...] = (), draws: int = 0, seed: int = 0, progress: Progress = nothing
 ) -> UncertaintyBudget:
@@ -140,28 +133,14 @@ def budget_of_fit(
     return replace(made, drawn=monte_carlo(result, motion, in_use, judged, draws, seed, progress))
 
 
-@public(Use, FitOptions)
-def budget(
-    session: Session | Path | str,
-    *,
-    of: Sequence[str] = (),
-    monte_carlo: int = 0,
-    seed: int = 0,
-    progress: Progress | None = None,
-    **choices: Any,
-) -> Any:
+@public(Asked, Use, FitOptions)
+def budget(session: Session | Path | str, *, progress: Progress | None = None, **choices: Any) -> Any:
     """Split the uncertainty of a calibration by source: of each parameter, and of the attitude after a motion.
 
     Parameters
     ----------
     session : Session, str, Path or Fit
         The recording, its folder, or its fit.
-    of : sequence of str, optional
-        Names of the quantities that are asked for; all of the overview where none is given.
-    monte_carlo : int, optional
-        Draws that check the budget, at most; 0: none.
-    seed : int, optional
-        Seed of the draws.
     progress : callable, optional
         Called with the current step's description, the number of steps done and the number of all steps.
 
@@ -186,9 +165,7 @@ def budget(
     ('B_x', 'drift of the bias')
 
     """
-    use = Use(**{name: choices.pop(name) for name in list(choices) if name in Use.__dataclass_fields__})
-    report = progress or nothing
-    if is_fit(session):
-        return budget_of_fit(session.result, use, tuple(of), monte_carlo, seed, report)  # type: ignore[union-attr]
-    options = chosen(FitOptions, FitOptions(methods=("least_squares",)), choices)
-    return budget_of_folder(session_or_folder(session), options, use, tuple(of), report, monte_carlo, seed)
+    asked, use, options = records({"methods": ("least_squares",)} | choices, Asked, Use, FitOptions)
+    said = progress or nothing
+    found = session.result if is_fit(session) else fit_session(session_or_folder(session), options, said)  # type: ignore[union-attr]
+    return budget_of_fit(found, use, asked.of, asked.monte_carlo, asked.seed, said)

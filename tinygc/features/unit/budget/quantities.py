@@ -21,9 +21,9 @@ from tinygc.estimation.accelerometer import UNITS
 from tinygc.estimation.assembly import CLOCK, MISFIT, ROUNDING
 from tinygc.estimation.sources import Source
 from tinygc.estimation.stated_noise import CALIBRATION, COMPONENTS, GRAVITY_LENGTH, stated_response
-from tinygc.features.unit.budget.options import Use
 from tinygc.features.unit.budget.rows import Beside, Budget, budget_of
 from tinygc.features.unit.budget.use import DRIFT_SINCE, USUAL_SWITCH_ON, axes_and_total, model_of, motion_in, sources_in_use
+from tinygc.features.unit.options import Use
 from tinygc.fitting.results import FitResult
 from tinygc.models.linear import BIAS, NAMES, PARAMETERS, WORDS, field_jacobian
 from tinygc.noise.whitening import PRECALIBRATION_MPS2

@@ -25,7 +25,7 @@ from tinygc.closure.uncertainty import BIAS_DRIFT
 from tinygc.estimation.expected_zero import drift_between, expected_zero
 from tinygc.estimation.sources import Source, freedom_of
 from tinygc.estimation.stated_noise import COMPONENTS, kind_of
-from tinygc.features.unit.budget.options import Use
+from tinygc.features.unit.options import Use
 from tinygc.fitting.results import FitResult
 from tinygc.library.logs import read_log
 from tinygc.models.linear import BIAS, LinearModel

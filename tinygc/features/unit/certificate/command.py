@@ -9,7 +9,7 @@ from session.base.errors import CalibrationError
 from session.base.options import record_in
 from tinygc.cli.arguments import OWN_PLACE
 from tinygc.cli.results import complain, output, try_file
-from tinygc.features.unit.certificate.options import CertificateOptions
+from tinygc.features.unit.options import CertificateOptions
 
 if TYPE_CHECKING:
     from tinygc.library.reports import Report

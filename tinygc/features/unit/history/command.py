@@ -3,27 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
-from session.base.options import argument, folder_written, option
-from tinygc.cli.options import Command, UsesEffects
+from session.base.options import argument, folder_written, option, values
+from tinygc.cli.options import Command, Pictures, UsesEffects
 from tinygc.cli.results import output, try_destinations, verdict, write_json
+from tinygc.features.unit.options import HistoryOptions
 
 SUMMARY = "one unit over its sessions: scatter between switch-ons, drift a year, shocks, when to calibrate next"
 
 
-def _day(text: str) -> datetime:
-    found = datetime.fromisoformat(text)
-    return found.replace(tzinfo=UTC) if found.tzinfo is None else found
-
-
-_day.__name__ = "date"
-
-
 @dataclass(frozen=True)
-class Options(Command, UsesEffects):
+class Options(HistoryOptions, Pictures, Command, UsesEffects):
     """Options of ``history``."""
 
     sessions: tuple[Path, ...] = argument(
@@ -36,34 +27,21 @@ class Options(Command, UsesEffects):
         choices=("lasting", "bias"),
         alone="lasting",
     )
-    serial: str = option("", "only this unit, where there are several", metavar="TEXT", read=str)
     dates: Path | None = option(None, "a CSV of session,date, for sessions that do not say their date")
-    accuracy: str = option("", "until when the attitude after this time at rest is within this: 1deg/60s", metavar="DEG/S", read=str)
-    require: tuple[str, ...] = option(
-        (),
-        "until when each of these numbers is within a limit of the last calibration: 'bias 50 mdps'; may be repeated",
-        metavar="LIMIT",
-        read=str,
-        repeated=True,
-    )
-    today: Any = option(None, "the day to answer for (today)", metavar="DATE", read=_day)
     all: bool = option(False, "show the accelerometer's numbers, and the values of each session")
     out: Path | None = option(None, "where history.json, history.html and history.png go", metavar="DIR", read=folder_written)
-    pictures: bool = option(True, "draw the picture", off="write no picture")
 
 
 def run(args: Options) -> int:
     """Estimate the history of each unit, print it, and write history.json, history.html and history.png."""
     if args.compare is not None:
         return _compare(args)
-    from tinygc.features.unit.history.library import history_of_paths, read_dates, requirements_of
+    from tinygc.features.unit.history.library import history
     from tinygc.reporting.terminal import progress_bar
 
     try_destinations(args.out, args.json)
-    requirements = requirements_of(args.accuracy, args.require)
-    dates = {} if args.dates is None else read_dates(args.dates)
     with progress_bar(args.quiet) as progress:
-        found = history_of_paths(args.sessions, dates, requirements, args.serial, args.today, progress)
+        found = history(args.sessions, dates=args.dates, progress=progress, **values(args, HistoryOptions))
     output(args).print(found.screen(args.all))
     verdict(args, found.verdict_line)
     if args.out is not None:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,10 +16,10 @@ from session.base.results import write_text_whole, write_whole
 from session.base.units import DEG
 from tinygc.estimation.session_times import Moment, parsed
 from tinygc.features.unit.history.estimate import NumberHistory, UnitHistory, history_of
-from tinygc.features.unit.history.forecast import FAILS, UNDECIDED, Outlook, Requirement, outlooks_of, parse_accuracy, parse_limit
-from tinygc.features.unit.history.sessions import NUMBERS, sessions_of
-from tinygc.features.unit.history.sessions import read_dates as read_dates
+from tinygc.features.unit.history.forecast import FAILS, UNDECIDED, Outlook, outlooks_of, parse_accuracy, parse_limit
+from tinygc.features.unit.history.sessions import NUMBERS, read_dates, sessions_of
 from tinygc.features.unit.history.text import outlook_line, unit_page
+from tinygc.features.unit.options import HistoryOptions
 from tinygc.library.arguments import Progress, is_path, nothing, public
 from tinygc.library.records import Shown
 from tinygc.reporting.pictures.canvas import has_matplotlib, save, saved
@@ -105,25 +104,6 @@ class History(Shown):
                 written.append(folder / (PICTURE if len(self.units) == 1 else f"history{number + 1}.png"))
                 save(self.plot(unit=number), written[-1])
         return written
-
-
-def requirements_of(accuracy: str, limits: Sequence[str]) -> list[Requirement]:
-    """``1deg/60s``, if any, and limits such as ``bias 50 mdps``.  Raises CalibrationError for other text."""
-    return [*([parse_accuracy(accuracy)] if accuracy else []), *map(parse_limit, limits)]
-
-
-def history_of_paths(
-    paths: Sequence[Path],
-    dates: Mapping[str, Moment],
-    requirements: Sequence[Requirement],
-    serial: str,
-    today: datetime | None,
-    progress: Progress,
-) -> History:
-    """The history of each unit of these folders or fleets.  Raises CalibrationError, in one line, for what cannot be read."""
-    grouped, remarks = sessions_of(paths, dates, progress, serial)
-    units = tuple(history_of(sessions) for _, sessions in sorted(grouped.items()))
-    return History(units, tuple(outlooks_of(unit, requirements, today) for unit in units), tuple(remarks))
 
 
 def _of_unit(unit: UnitHistory, outlooks: Sequence[Outlook]) -> dict[str, Any]:
@@ -218,33 +198,16 @@ def _of_outlook(each: Outlook) -> dict[str, Any]:
     }
 
 
-@public()
-def history(
-    sessions: Path | str | Sequence[Path | str],
-    *,
-    serial: str = "",
-    dates: Any = None,
-    accuracy: str = "",
-    require: Sequence[str] = (),
-    today: Any = None,
-    progress: Progress | None = None,
-) -> Any:
+@public(HistoryOptions)
+def history(sessions: Path | str | Sequence[Path | str], *, dates: Any = None, progress: Progress | None = None, **choices: Any) -> Any:
     """Estimate what the sessions of a unit say together: scatter between switch-ons, drift, shocks, and when to calibrate next.
 
     Parameters
     ----------
     sessions : path or sequence of paths
         Fitted session folders, folders that hold such, or a fleet's folder.
-    serial : str, optional
-        Only the unit of this serial number.
     dates : mapping of str to date or str, or path, optional
         Dates of sessions by the names of their folders, or a CSV of them.
-    accuracy : str, optional
-        Largest attitude error after a time at rest, such as ``1deg/60s``.
-    require : sequence of str, optional
-        Largest differences from the last calibration, such as ``bias 50 mdps``.
-    today : date or str, optional
-        The day to answer for; today by default.
     progress : callable, optional
         Called with the current step's description, the number of steps done and the number of all steps.
 
@@ -272,10 +235,13 @@ def history(
 
     """
     given = [Path(each) for each in (sessions if isinstance(sessions, Sequence) and not isinstance(sessions, str) else [sessions])]
-    requirements = requirements_of(accuracy, [require] if isinstance(require, str) else require)
+    options = HistoryOptions(**choices)
+    requirements = [*([parse_accuracy(options.accuracy)] if options.accuracy else []), *map(parse_limit, options.require)]
     moments = read_dates(Path(dates)) if is_path(dates) else {name: _moment(name, when) for name, when in (dates or {}).items()}
-    day = None if today is None else _moment("today", today).when
-    return history_of_paths(given, moments, requirements, serial, day, progress or nothing)
+    today = None if options.today is None else _moment("today", options.today).when
+    grouped, remarks = sessions_of(given, moments, progress or nothing, options.serial)
+    units = tuple(history_of(sessions) for _, sessions in sorted(grouped.items()))
+    return History(units, tuple(outlooks_of(unit, requirements, today) for unit in units), tuple(remarks))
 
 
 def _moment(name: str, when: Any) -> Moment:

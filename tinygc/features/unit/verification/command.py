@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from session.base.options import argument, file_written, option, part
+from session.base.options import argument, file_written, option, values
 from tinygc.cli.options import Command, Force, UsesEffects
 from tinygc.cli.results import output, try_file, try_json, verdict, write_json
-from tinygc.features.unit.verification.options import VerifyOptions
+from tinygc.features.unit.options import VerifyOptions
 
 SUMMARY = "say whether a calibration still holds by a short recording of today, and if not, why, what it costs, and what to do"
 
@@ -24,14 +24,14 @@ class Options(VerifyOptions, Command, UsesEffects, Force):
 
 def run(args: Options) -> int:
     """Verify a calibration, print the verdict, and return its exit code."""
-    from tinygc.features.unit.verification.library import verify_of
+    from tinygc.features.unit.verification.library import verify
     from tinygc.reporting.terminal import progress_bar
 
     if args.write is not None:
         try_file(args.write, args.json)
     try_json(args.json)
     with progress_bar(args.quiet) as progress:
-        found = verify_of(args.model, args.today, part(args, VerifyOptions), progress)
+        found = verify(args.model, args.today, progress=progress, **values(args, VerifyOptions))
     output(args).print(found.page)
     verdict(args, found.verdict_line)
     if args.write is not None:

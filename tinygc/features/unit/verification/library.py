@@ -19,8 +19,8 @@ from session.base.texts import command_line
 from session.base.units import DEG
 from session.log.folder import Session, read_session
 from tinygc import models
+from tinygc.features.unit.options import VerifyOptions
 from tinygc.features.unit.verification.old import read_old
-from tinygc.features.unit.verification.options import VerifyOptions
 from tinygc.features.unit.verification.text import verdict_line, verification_page
 from tinygc.features.unit.verification.verdict import Verification, verify_session, written_model
 from tinygc.library.arguments import Progress, is_path, nothing, public
@@ -144,33 +144,6 @@ def _finite(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
-def verify_of(
-    model: Path,
-    today: Path | Session,
-    options: VerifyOptions,
-    progress: Progress = lambda what, done, of: None,
-) -> Verified:
-    """Verify a model file, or that of a fitted folder, by a session folder or a session.
-
-    Raises CalibrationError, in one line, for what cannot be read or compared.
-    """
-    old = read_old(model)
-
-    def step(what: str) -> None:
-        progress(what, 0, 1)
-
-    if isinstance(today, Session):
-        return Verified(verify_session(old, today, options, step), today.name)
-    if not today.exists():
-        raise FormatError(f"{today}: not found; give a session folder with rests, with turns or without")
-    if not today.is_dir():
-        require_file(today)
-    if not is_session(today):
-        raise FormatError(f"{today}: no session folder; `{command_line('import', today)}` makes one of a log, of any program")
-    session = read_session(today, lambda name: step(f"reading {name}"))
-    return Verified(verify_session(old, session, options, step), session.name)
-
-
 @public(VerifyOptions)
 def verify(model: Path | str, today: Any, *, progress: Progress | None = None, **choices: Any) -> Any:
     """Say whether a stored calibration still holds, and if not, why, what that costs, and what to do.
@@ -208,5 +181,19 @@ def verify(model: Path | str, today: Any, *, progress: Progress | None = None, *
     """
     if not isinstance(today, Session) and not is_path(today):
         raise CalibrationError(f"today is of type {type(today).__name__}, expected a tinygc.Session or a session folder")
-    given = today if isinstance(today, Session) else Path(today)
-    return verify_of(Path(model), given, VerifyOptions(**choices), progress or nothing)
+    options, old = VerifyOptions(**choices), read_old(Path(model))
+
+    def step(what: str) -> None:
+        (progress or nothing)(what, 0, 1)
+
+    if isinstance(today, Session):
+        return Verified(verify_session(old, today, options, step), today.name)
+    today = Path(today)
+    if not today.exists():
+        raise FormatError(f"{today}: not found; give a session folder with rests, with turns or without")
+    if not today.is_dir():
+        require_file(today)
+    if not is_session(today):
+        raise FormatError(f"{today}: no session folder; `{command_line('import', today)}` makes one of a log, of any program")
+    session = read_session(today, lambda name: step(f"reading {name}"))
+    return Verified(verify_session(old, session, options, step), session.name)

@@ -14,6 +14,7 @@ from session.base.texts import significant
 from session.base.units import DEG
 from session.log.folder import Session, read_session
 from tinygc.closure.motion import MINUTE_S
+from tinygc.features.unit.options import VerifyOptions
 from tinygc.features.unit.verification.causes import Cause, Diagnosis, Evidence, beyond_linear, candidate_causes, diagnose
 from tinygc.features.unit.verification.cost import (
     Bound,
@@ -28,7 +29,6 @@ from tinygc.features.unit.verification.cost import (
 )
 from tinygc.features.unit.verification.expected import ZERO, Part, expected_parts, spread_of_unit
 from tinygc.features.unit.verification.old import OldCalibration, facts, is_its_own, with_bias_moved
-from tinygc.features.unit.verification.options import VerifyOptions
 from tinygc.features.unit.verification.questions import GRAVITY, NOISE, B, E, Question, TodaysNoise, ask, todays_noise
 from tinygc.features.unit.verification.rows import Rows, rows_of
 from tinygc.noise.figures import read_figures

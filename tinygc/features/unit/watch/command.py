@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from session.base.errors import CalibrationError
-from session.base.options import argument, option
-from tinygc.cli.arguments import duration, is_standard_output, stream_header
+from session.base.options import argument, option, part
+from tinygc.cli.arguments import is_standard_output
 from tinygc.cli.options import Command, UsesEffects
 from tinygc.cli.results import Interruption, complain, output
+from tinygc.features.unit.options import SourceOptions, WatchOptions
 
 SUMMARY = "watch a live stream or a log: whether the zero, gravity and the turns still agree with the calibration"
 EPILOG = (
@@ -21,29 +22,21 @@ UNDECIDED = 5
 
 
 @dataclass(frozen=True)
-class Options(Command, UsesEffects):
+class Options(WatchOptions, SourceOptions, Command, UsesEffects):
     """Options of ``watch``."""
 
     model: Path = argument("model file, or the folder of a session: the model that its fit recommends")
     source: Path = argument("a standard log, a port, udp:HOST:PORT, or - for standard input")
-    follow: bool = option(False, "read a log on while it grows, until Ctrl-C")
-    false_alarm_every: float = option(
-        30 * 86400.0, "mean time at rest to a false alarm, s, or as 30d, 12h, 90min", metavar="TIME", read=duration, above=0
-    )
     until_alarm: bool = option(False, "end at the first alarm")
     command: str | None = option(None, "run at an alarm, without a shell; its JSON line is at the input", metavar="CMD")
-    noise: Path | None = option(None, "noise.json of this unit, or its folder (beside the model)", metavar="PATH")
-    session: Path | None = option(None, "where session.toml is: place, full scales, accelerometer", metavar="DIR")
     verbose: bool = option(False, "print each rest and each turn")
-    baud: int = option(921600, "of a port that has one", least=1)
-    header: str | None = option(None, "of a text stream that does not send it: t_us,gx_dps,…", metavar="LINE", read=stream_header)
 
 
 def run(args: Options) -> int:
     """Watch a source until it ends; print events, write JSON lines, run a command at an alarm."""
     from session.base.results import json_line
     from tinygc.features.unit.watch.alarm_command import AlarmCommand, words_of
-    from tinygc.features.unit.watch.library import SourceOptions, events_of
+    from tinygc.features.unit.watch.library import events_of
     from tinygc.features.unit.watch.lines import JsonLines
 
     source = str(args.source)
@@ -51,7 +44,6 @@ def run(args: Options) -> int:
     if args.follow and not args.source.is_file():
         raise CalibrationError(f"--follow: {source} is no file; a port, UDP and standard input are followed anyway")
     at_alarm = None if args.command is None else AlarmCommand(words_of(args.command), complain)
-    options = SourceOptions(args.follow, args.header, args.baud)
     lines = None if args.json is None else JsonLines(None if to_standard else args.json, complain)
     shown = {"start", "alarm", "remark", "end"} | ({"rest", "turn"} if args.verbose else set())
     interruption = Interruption()
@@ -61,16 +53,7 @@ def run(args: Options) -> int:
         return interruption() or (alarmed and args.until_alarm)
 
     with interruption:
-        events = events_of(
-            args.model,
-            source,
-            options,
-            false_alarm_every_s=args.false_alarm_every,
-            noise=args.noise,
-            session=args.session,
-            ended=ended,
-        )
-        for event in events:
+        for event in events_of(args.model, source, part(args, SourceOptions), part(args, WatchOptions), ended):
             if event.kind in shown:
                 output(args).print(f"{event.t_s:10.1f} s  {event.words}", soft_wrap=True, markup=False)
             if lines is not None:

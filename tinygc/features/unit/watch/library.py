@@ -6,7 +6,7 @@ import contextlib
 import os
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +14,11 @@ from session.base.errors import CalibrationError
 from session.log.config import read_config
 from tinygc.deploy.apply import model_of
 from tinygc.deploy.calibration import Surroundings, surroundings
+from tinygc.features.unit.options import SourceOptions, WatchOptions
 from tinygc.features.unit.watch.expectation import ModelInUse
-from tinygc.features.unit.watch.source import SILENT_S, Remark, SourceOptions, items_of, require_source
-from tinygc.features.unit.watch.watch import FALSE_ALARM_EVERY_S, Event, Watch
-from tinygc.library.arguments import is_number, is_path, public
-
-__all__ = ["Event", "SourceOptions", "Watched", "events_of", "watch"]
+from tinygc.features.unit.watch.source import SILENT_S, Remark, items_of, require_source
+from tinygc.features.unit.watch.watch import Event, Watch
+from tinygc.library.arguments import public
 
 
 @dataclass(frozen=True)
@@ -64,11 +63,8 @@ def surroundings_of(known: ModelInUse, model: Path, source: str, session: Path |
 def events_of(
     model: Path,
     source: str,
-    options: SourceOptions,
-    *,
-    false_alarm_every_s: float = FALSE_ALARM_EVERY_S,
-    noise: Path | None = None,
-    session: Path | None = None,
+    how: SourceOptions,
+    options: WatchOptions,
     ended: Callable[[], bool] = lambda: False,
 ) -> Iterator[Event]:
     """Events of a source until it ends, or ``ended`` says so.
@@ -77,12 +73,12 @@ def events_of(
     """
     require_source(source)
     path = model_of(model)
-    known = ModelInUse.read(path, noise)
-    if session is not None:
-        known = ModelInUse(known.model, known.table, known.fit, read_config(session / "session.toml"), known.noise, known.temperature_c)
-    around = surroundings_of(known, path, source, session)
-    live = Watch(known, false_alarm_every_s)
-    items = items_of(source, options, around)
+    known = ModelInUse.read(path, options.noise)
+    if options.session is not None:
+        known = replace(known, config=read_config(options.session / "session.toml"))
+    around = surroundings_of(known, path, source, options.session)
+    live = Watch(known, options.false_alarm_every_s)
+    items = items_of(source, how, around)
     heard_s, silent = time.monotonic(), False
     with contextlib.suppress(KeyboardInterrupt):  # where a read cannot be waited for otherwise; a second one ends the program
         for item in items:
@@ -101,15 +97,8 @@ def events_of(
     yield from live.end()
 
 
-@public()
-def watch(
-    model: Path | str,
-    source: Path | str,
-    *,
-    false_alarm_every_s: float = FALSE_ALARM_EVERY_S,
-    noise: Path | str | None = None,
-    session: Path | str | None = None,
-) -> Any:
+@public(WatchOptions)
+def watch(model: Path | str, source: Path | str, **choices: Any) -> Any:
     """Hold a log's rests, its gravity and its turns against a calibration, one after the other, as the command ``watch`` does.
 
     Parameters
@@ -118,12 +107,6 @@ def watch(
         A model file, or the folder of a session: the model that its fit recommends.
     source : str or Path
         A standard log, a port, ``udp:HOST:PORT``, or ``-`` for standard input; it is watched to its end.
-    false_alarm_every_s : float, optional
-        Mean time at rest to a false alarm, s; 30 days by default.
-    noise : str or Path, optional
-        ``noise.json`` of this unit, or its folder; the one beside the model by default.
-    session : str or Path, optional
-        Folder with the ``session.toml`` that holds: place, full scales, accelerometer.
 
     Returns
     -------
@@ -144,10 +127,4 @@ def watch(
     True
 
     """
-    for name, value in (("model", model), ("source", source)):
-        if not is_path(value):
-            raise CalibrationError(f"{name} is of type {type(value).__name__}, expected a path")
-    if not is_number(false_alarm_every_s):
-        raise CalibrationError(f"false_alarm_every_s is {false_alarm_every_s!r:.40}, expected seconds")
-    how: dict[str, Any] = {"noise": None if noise is None else Path(noise), "session": None if session is None else Path(session)}
-    return Watched(tuple(events_of(Path(model), os.fspath(source), SourceOptions(), false_alarm_every_s=float(false_alarm_every_s), **how)))
+    return Watched(tuple(events_of(Path(model), os.fspath(source), SourceOptions(), WatchOptions(**choices))))

@@ -29,6 +29,7 @@ from session.log.lines import STANDARD
 from session.log.registers import DEFAULT, RegisterUnits
 from tinygc.deploy.apply import LogSource
 from tinygc.deploy.calibration import Surroundings
+from tinygc.features.unit.options import SourceOptions
 
 UDP = "udp:"
 #: bytes at a time; s without any after which a source says so, and the watch looks about
@@ -69,15 +70,6 @@ class Remark:
 
 
 Item = Readings | Restart | Remark
-
-
-@dataclass(frozen=True)
-class SourceOptions:
-    """follow: whether a file is read on as it grows; header: of a text stream that does not send it; baud: of a port."""
-
-    follow: bool = False
-    header: str | None = None
-    baud: int = 921600
 
 
 def require_source(source: str) -> None:

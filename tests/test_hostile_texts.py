@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from processes import PIPE, run
 
-from session.base.results import json_text
+from session.base.records import json_text
 from session.base.texts import comment, printable, shell_word, unicode_text
 from session.base.toml import toml_line
 from tinygc.deploy.exports import FORMATS, exporter

@@ -10,8 +10,8 @@ import pytest
 from formats_page import maker
 
 from session.base.errors import FormatError
-from session.base.records import DERIVED, Key, Share, Vector, plain, read_record, record_from, record_of, table_of
-from session.base.results import Array, ListOf, MapOf, Maybe, Number, Text, unknown_keys, write_whole
+from session.base.records import DERIVED, Key, Share, Vector, plain, read_record, record_from, record_of, table_of, write_whole
+from session.base.results import Array, ListOf, MapOf, Maybe, Number, Text, unknown_keys
 from session.base.units import DEG
 
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from session.base.errors import FormatError
-from session.base.results import Array, Flag, Keys, ListOf, MapOf, Maybe, Number, Text, read_json, require, write_whole
+from session.base.records import write_whole
+from session.base.results import Array, Flag, Keys, ListOf, MapOf, Maybe, Number, Text, read_json, require
 
 SHAPE = Keys(
     {"name": Text(), "E": Array((3, 3)), "count": Number(1, 9, whole=True)},

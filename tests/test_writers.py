@@ -20,7 +20,8 @@ from streams import frame_list, sent
 import tinygc
 from session.base.errors import CalibrationError
 from session.base.files import is_stream, naming
-from session.base.results import write_text_whole, write_whole
+from session.base.records import write_whole
+from session.base.results import write_text_whole
 from session.bench import rawfile
 from session.bench.events import SampleChunk
 from session.bench.logwriter import LogWriter

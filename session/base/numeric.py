@@ -49,11 +49,6 @@ def sigmas_in(covariance: np.ndarray) -> np.ndarray:
     return np.sqrt(np.diag(covariance))
 
 
-def finite_or_none(value: float) -> float | None:
-    """The number for a JSON; None where it is infinite or not a number."""
-    return float(value) if np.isfinite(value) else None
-
-
 def sigma_of(deviations: np.ndarray, axis: int | None = 0) -> np.ndarray:
     """Standard deviation of normal deviations (…) about zero, from the median of their sizes along an axis (None: of all)."""
     return np.median(np.abs(deviations), axis=axis) / MEDIAN_SIGMAS

@@ -8,6 +8,7 @@ is written (``table_of``), and the page and the JSON Schema (``docs/make_schemas
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
@@ -19,7 +20,22 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
 import numpy as np
 
-from session.base.results import Array, Flag, Keys, ListOf, MapOf, Maybe, Mismatch, Number, Shape, Text, read_required, require
+from session.base.results import (
+    Array,
+    Flag,
+    Keys,
+    ListOf,
+    MapOf,
+    Maybe,
+    Mismatch,
+    Number,
+    Shape,
+    Text,
+    read_required,
+    require,
+    write_text_whole,
+)
+from session.base.texts import escaped_json
 
 Size = Annotated[float, Number(0)]  #: such as a sigma or a duration
 Share = Annotated[float, Number(0, 1)]  #: such as a probability
@@ -196,6 +212,11 @@ def table_of(record: Any) -> dict[str, Any]:
     return table
 
 
+def in_unit(si: float, **values: Any) -> dict[str, Any]:
+    """Entries in a unit of this size, of numbers or arrays in SI; None of what is not known."""
+    return {name: None if value is None else value / si for name, value in values.items()}
+
+
 def plain(value: Any) -> Any:
     """A value as JSON has it: records as tables, arrays and tuples as lists, paths as text, null for a number that is not finite."""
     if is_dataclass(value) and not isinstance(value, type):
@@ -211,3 +232,19 @@ def plain(value: Any) -> Any:
     if isinstance(value, tuple | list):
         return [plain(inner) for inner in value]
     return str(value) if isinstance(value, Path) else value
+
+
+def write_whole(path: Path, table: Any) -> None:
+    """JSON, whole or not at all: a full disk must not leave half a model."""
+    write_text_whole(path, json_text(table) + "\n")
+
+
+def json_text(table: Any, ascii_only: bool = False) -> str:
+    """JSON, its texts as ``escaped_json`` has them; null for a number that is not finite, which JSON has no word for: what is not known is
+    null (docs/formats.md)."""
+    return escaped_json(json.dumps(plain(table), indent=1, ensure_ascii=False, allow_nan=False), ascii_only)
+
+
+def json_line(table: Any) -> str:
+    """The same in one line of ASCII, without its end."""
+    return json.dumps(plain(table), allow_nan=False)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from session.base.errors import FormatError
 from session.base.files import MOST_JSON, read_bytes, replaced
 from session.base.names import refuse_recorded
-from session.base.texts import escaped_json, unicode_text
+from session.base.texts import unicode_text
 
 if TYPE_CHECKING:
     import numpy as np
@@ -56,34 +56,6 @@ def _table(pairs: list[tuple[str, Any]]) -> dict:
 
 def _integer(digits: str) -> int | float:
     return int(digits) if len(digits) <= LONGEST_INTEGER else float(digits)
-
-
-def write_whole(path: Path, table: dict) -> None:
-    """JSON, whole or not at all: a full disk must not leave half a model."""
-    write_text_whole(path, json_text(table) + "\n")
-
-
-def json_text(table: Any, ascii_only: bool = False) -> str:
-    """JSON, its texts as ``escaped_json`` has them; null for a number that is not finite, which JSON has no word for: what is not known is
-    null (docs/formats.md)."""
-    try:
-        text = json.dumps(table, indent=1, ensure_ascii=False, allow_nan=False)
-    except ValueError:
-        text = json.dumps(_known(table), indent=1, ensure_ascii=False, allow_nan=False)
-    return escaped_json(text, ascii_only)
-
-
-def json_line(table: Any) -> str:
-    """The same in one line of ASCII, without its end."""
-    return json.dumps(_known(table), allow_nan=False)
-
-
-def _known(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _known(inner) for key, inner in value.items()}
-    if isinstance(value, list | tuple):
-        return [_known(inner) for inner in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def write_text_whole(path: Path, text: str) -> None:

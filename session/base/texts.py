@@ -16,7 +16,7 @@ from session.base.units import DEG
 # Texts that leave the tool.  Names of files, serial numbers, notes and what a board says are another's words: wherever they are put they
 # stay text, and on one line.  One function for each place: a terminal or a message, a comment in code, a file in UTF-8, a command to copy.
 #
-# Values go through the format's own writer: ``session.base.results.json_text``, ``session.base.toml``, and PyYAML in the exports.
+# Values go through the format's own writer: ``session.base.records.json_text``, ``session.base.toml``, and PyYAML in the exports.
 
 #: bytes of a file's name that were no UTF-8 come as these, one a byte (PEP 383); the rest of the surrogates stand for nothing at all
 BYTES = range(0xDC80, 0xDD00)

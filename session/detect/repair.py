@@ -17,7 +17,7 @@ from session import VERSION
 from session.base.errors import DataError, FormatError
 from session.base.files import MOST_TOML, copy_new, folder_whole, read_text, replaced
 from session.base.names import log_paths, refuse_special
-from session.base.results import write_whole
+from session.base.records import write_whole
 from session.base.toml import setting
 from session.base.units import ENDINGS, WORDS
 from session.detect.findings import Axes, Correction, Finding

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from session.base import rotation
-from session.base.numeric import finite_or_none, nearest_row, running_sum, sigmas_in
+from session.base.numeric import nearest_row, running_sum, sigmas_in
 from session.base.units import DEG, NS, NS_PER_S
 from session.log.config import (
     ASSUMED,
@@ -449,19 +449,19 @@ def _within(left: np.ndarray, step: float) -> float:
 
 
 def alignment_table(alignment: TruthAlignment) -> dict:
-    """JSON-ready; null for what the recording does not show."""
+    """What ``plain`` makes a JSON of; null there for what the recording does not show."""
     reading = alignment.reading
     return {
-        "offset_s": finite_or_none(alignment.offset_s),
-        "offset_std_s": finite_or_none(alignment.offset_sigma_s),
+        "offset_s": alignment.offset_s,
+        "offset_std_s": alignment.offset_sigma_s,
         "offset_used_s": reading.offset_s,
-        "gyro_to_truth_deg": [finite_or_none(value) for value in alignment.turned / DEG],
-        "gyro_to_truth_std_deg": [finite_or_none(value) for value in alignment.turned_sigma / DEG],
-        "mounting": reading.mounting.tolist(),
+        "gyro_to_truth_deg": alignment.turned / DEG,
+        "gyro_to_truth_std_deg": alignment.turned_sigma / DEG,
+        "mounting": reading.mounting,
         "frame": reading.frame,
         "sense": reading.sense,
         "order": reading.order,
-        "up": None if alignment.up is None else alignment.up.tolist(),
+        "up": alignment.up,
         "source": {name.removesuffix("_s"): source for name, source in alignment.source.items()},
     }
 

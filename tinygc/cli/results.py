@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Any
 from session.base.errors import CalibrationError
 from session.base.files import is_stream, refuse_link
 from session.base.names import refuse_recorded
-from session.base.results import json_text, write_whole
 from session.base.texts import printable
 from tinygc.cli.arguments import is_standard_output
 
@@ -179,10 +178,12 @@ def _try_folder(folder: Path, json: Path | None, instead: str) -> None:
                 path.rmdir()
 
 
-def write_json(path: Path | None, table: dict) -> None:
+def write_json(path: Path | None, table: Any) -> None:
     """Write the JSON where ``--json`` says: nowhere, standard output (-), or a file."""
     if path is None:
         return
+    from session.base.records import json_text, write_whole
+
     if is_standard_output(path):
         every = (sys.stdout.encoding or "utf-8").lower().startswith("utf")
         with standard_output():

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from session.base.errors import CalibrationError
-from session.base.results import write_whole
+from session.base.records import write_whole
 from session.base.units import MG, NS, SI, G, beyond_any_sensor
 from session.log.arrays import refuse_degrees, si_of
-from session.log.config import Accelerometer, Config, read_config
+from session.log.config import Accelerometer, Config, Sensor, read_config
 from session.log.folder import sha256_of
 from session.log.samples import Samples
 from tinygc import models
@@ -45,7 +45,7 @@ class Surroundings:
     """sensor: full scales and meaning of the registers, None where unknown; accelerometer: its calibration, None where there is none;
     source: ``model``, ``session`` or ``none``; says: the same as text."""
 
-    sensor: KnownSensor
+    sensor: KnownSensor | Sensor
     accelerometer: Accelerometer | None
     source: str
     says: str
@@ -56,12 +56,10 @@ def surroundings(table: dict, model_path: Path, log: Path, session: Path | None)
 
     Raises FormatError for a session.toml or a model file that cannot be read.
     """
-    own, sensor = accelerometer_of(table, str(model_path)), sensor_of(table, str(model_path))
+    own, stated = accelerometer_of(table, str(model_path)), sensor_of(table, str(model_path))
     path = (session or log.parent) / "session.toml"
     config = read_config(path) if session is not None or (log.is_file() and path.exists()) else None
-    if config is not None:
-        there = config.sensor
-        sensor = KnownSensor(there.gyro_fs_dps, there.accel_fs_g, there.model, there.own_units)
+    sensor = stated if config is None else config.sensor
     given = None if config is None or config.accelerometer.source == "none" else config.accelerometer
     if given is not None and (own is None or (session is not None and not _is_own(table, path))):
         accelerometer, says = given, f"calibrated as {path} says"

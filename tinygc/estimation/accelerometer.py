@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from session.base.numeric import sigmas_in
+from session.base.records import in_unit
 from session.base.texts import significant
 from session.base.units import MG
 from session.detect.accelerometer import (
@@ -36,6 +37,14 @@ from tinygc.models import linear
 JOINT_NAMES = (*(f"accelerometer {name}" for name in NAMES), *linear.NAMES)
 #: display units, and their sizes in SI
 UNITS = {"ppm": 1e-6, "mrad": 1e-3, "mg": MG}
+#: of three parameters each: key of the JSON, word for their errors, display unit, places
+ROWS = (
+    ("scale_correction_ppm", "scale factor error", "ppm", SCALES),
+    ("nonorthogonality_mrad", "nonorthogonality", "mrad", SHEARS),
+    ("bias_mg", "bias", "mg", BIASES),
+)
+#: a row in its display unit: its key or word, the unit, values (3,), sigmas (3,) if any, and names
+Row = tuple[str, str, np.ndarray, np.ndarray | None, list[str]]
 #: a parameter of a correction, 1 or m/s^2, whose square is as small as rounding
 SMALL = 1e-6
 
@@ -121,27 +130,15 @@ class AccelerometerFit:
             parts += [f"{word} ± {significant(max(seen) / UNITS[unit], 2)} {unit}"] if seen else []
         return f"{', '.join(parts)} ({self.between.source})" if parts else ""
 
-    def rows(self) -> list[tuple[str, str, np.ndarray, np.ndarray | None, list[str]]]:
-        """Rows of the correction: key of the JSON, unit, values (3,), sigmas (3,), in that unit, and names."""
-        found = []
-        for key, unit, which in (
-            ("scale_correction_ppm", "ppm", SCALES),
-            ("nonorthogonality_mrad", "mrad", SHEARS),
-            ("bias_mg", "mg", BIASES),
-        ):
-            sigma = None if self.sigmas is None else self.sigmas[which] / UNITS[unit]
-            found.append((key, unit, self.values[which] / UNITS[unit], sigma, [NAMES[i] for i in which]))
-        return found
+    def rows(self) -> list[Row]:
+        """Rows of the correction, by the keys of the JSON."""
+        return _rows(0, self.values, self.sigmas)
 
-    def errors(self) -> list[tuple[str, str, np.ndarray, np.ndarray | None, list[str]]]:
-        """Rows of the sensor errors for display, as in ``field_parameters`` for the gyroscope: word, unit, values (3,), sigmas (3,), in
-        that unit, and names.  The numbers in ``rows`` are those of the correction."""
-        found, slope = triad_errors(self.values), self.slope
-        sigmas = None if self.covariance is None else sigmas_in(slope @ self.covariance @ slope.T)
-        return [
-            (word, unit, found[which] / UNITS[unit], None if sigmas is None else sigmas[which] / UNITS[unit], [NAMES[i] for i in which])
-            for word, unit, which in (("scale factor error", "ppm", SCALES), ("nonorthogonality", "mrad", SHEARS), ("bias", "mg", BIASES))
-        ]
+    def errors(self) -> list[Row]:
+        """Rows of the sensor errors for display, as in ``field_parameters`` for the gyroscope; the numbers in ``rows`` are those of the
+        correction."""
+        slope = self.slope
+        return _rows(1, triad_errors(self.values), None if self.covariance is None else sigmas_in(slope @ self.covariance @ slope.T))
 
     @cached_property
     def slope(self) -> np.ndarray:
@@ -159,39 +156,43 @@ class AccelerometerFit:
     def to_json(self) -> dict:
         """Return ``accelerometer`` of ``tinygc-fit/2``; a number that is not observed is none there, as on the screen."""
 
-        def known(values: np.ndarray, names: list[str]) -> list[float | None]:
-            return [None if name in self.unobserved else float(value) for value, name in zip(values, names, strict=True)]
+        def known(values: np.ndarray | None) -> dict:
+            return {
+                key: None if values is None else [None if NAMES[i] in self.unobserved else values[i] / UNITS[unit] for i in which]
+                for key, _, unit, which in ROWS
+            }
 
-        rows = self.rows()
-        before, after = (None, None) if self.spread_mps2 is None else (each / MG for each in self.spread_mps2)
+        before, after = self.spread_mps2 or (None, None)
         return {
             "mode": self.mode,
             "equation": "f = matrix (measured - bias)",
-            "matrix": self.calibration.matrix.tolist(),
-            "bias_mps2": self.calibration.bias_mps2.tolist(),
-            **{key: known(values, names) for key, _, values, _, names in rows},
-            "sigma": {key: None if sigmas is None else known(sigmas, names) for key, _, _, sigmas, names in rows},
-            "any_session": None if self.any_session is None else self._any_session_json(known),
-            "unobserved": list(self.unobserved),
+            "matrix": self.calibration.matrix,
+            "bias_mps2": self.calibration.bias_mps2,
+            **known(self.values),
+            "sigma": known(self.sigmas),
+            "any_session": None if self.any_session is None else {"sigma": known(self.any_session), "source": self.between.source},
+            "unobserved": self.unobserved,
             "p_value": self.p_value,
-            "gravity_spread_before_mg": before,
-            "gravity_spread_mg": after,
+            **in_unit(MG, gravity_spread_before_mg=before, gravity_spread_mg=after),
             "zero_drift": None if self.drift is None else drift_json(self.drift),
         }
 
-    def _any_session_json(self, known: Callable[[np.ndarray, list[str]], list[float | None]]) -> dict:
-        assert self.any_session is not None
-        groups = (("scale_correction_ppm", "ppm", SCALES), ("nonorthogonality_mrad", "mrad", SHEARS), ("bias_mg", "mg", BIASES))
-        sigma = {key: known(self.any_session[which] / UNITS[unit], [NAMES[i] for i in which]) for key, unit, which in groups}
-        return {"sigma": sigma, "source": self.between.source}
+
+def _rows(called: int, values: np.ndarray, sigmas: np.ndarray | None) -> list[Row]:
+    found = []
+    for row in ROWS:
+        unit, which = row[2:]
+        sigma = None if sigmas is None else sigmas[which] / UNITS[unit]
+        found.append((str(row[called]), unit, values[which] / UNITS[unit], sigma, [NAMES[i] for i in which]))
+    return found
 
 
 def drift_json(drift: ZeroDrift) -> dict:
     """Return ``accelerometer.zero_drift`` of ``tinygc-fit/2``."""
     per_1000s = 1000 / drift.duration_s / MG
     return {
-        "mg_per_1000s": (drift.mps2 * per_1000s).tolist(),
-        "sigma": (drift.sigma_mps2 * per_1000s).tolist(),
+        "mg_per_1000s": drift.mps2 * per_1000s,
+        "sigma": drift.sigma_mps2 * per_1000s,
         "p_value": drift.p_value,
         "significant": drift.significant,
     }

@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 
 from session.base.errors import FormatError
-from session.base.numeric import finite_or_none
 from session.base.results import read_json
 from session.base.texts import command_line
 from session.base.units import DEG
@@ -59,9 +58,9 @@ class BiasRepeatability:
     def to_json(self, own: np.ndarray) -> dict:
         """Return ``bias_any_session`` of ``tinygc-fit/2``; own (3, 3): covariance of B in the fit."""
         return {
-            "spread_dps": (self.rps / DEG).tolist(),
-            "degrees_of_freedom": [finite_or_none(each) for each in self.freedom],
-            "sigma_dps": (self.sigma(own) / DEG).tolist(),
+            "spread_dps": self.rps / DEG,
+            "degrees_of_freedom": self.freedom,
+            "sigma_dps": self.sigma(own) / DEG,
             "source": self.source,
         }
 

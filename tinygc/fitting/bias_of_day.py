@@ -14,8 +14,8 @@ from session.base import rotation
 from session.base.errors import FitError, SegmentError
 from session.base.files import result_folder
 from session.base.numeric import runs_of, sigmas_in
-from session.base.records import plain
-from session.base.results import read_json, write_whole
+from session.base.records import plain, write_whole
+from session.base.results import read_json
 from session.base.rotation import steps
 from session.base.units import DEG, NS, STANDARD_GRAVITY_MPS2, G
 from session.detect.stills import BLOCK_S
@@ -30,7 +30,7 @@ from tinygc.closure.residual import closure_angles
 from tinygc.closure.runs import ClosureRun, read_closure_runs
 from tinygc.closure.stills import StillSet
 from tinygc.estimation.choice import closure_figures, run_figures
-from tinygc.fitting.fit_file import SCHEMA
+from tinygc.fitting.fit_file import SCHEMA, segments_table
 from tinygc.models.denoiser import DenoisedNet
 from tinygc.models.model import Model
 
@@ -460,12 +460,7 @@ def rebias_to_json(result: Rebiased) -> dict:
             "schema": SCHEMA,
             "session": session.name,
             "stills": len(result.problem.stills),
-            "segments": {
-                "found": len(result.problem.segments),
-                "used": len(result.problem.used),
-                "rejected": [{"segment": s.number, "why": s.problem} for s in result.problem.segments if not s.accepted],
-                "notes": [{"segment": s.number, "note": s.note} for s in result.problem.segments if s.accepted and s.note],
-            },
+            "segments": segments_table(result.problem),
             "noise": {
                 "gyro_dps_rthz": result.problem.noise.gyro / DEG,
                 "accel_g_rthz": result.problem.noise.accel / G,

@@ -10,7 +10,8 @@ import numpy as np
 
 from session.base.errors import DataError, FitError, FormatError
 from session.base.names import CLOCKS, log_paths, refuse_special
-from session.base.results import json_text, read_json_text
+from session.base.records import json_text
+from session.base.results import read_json_text
 from session.base.texts import command_line, printable
 from session.detect.accelerometer import NAMES as ACCELEROMETER_NAMES
 from session.detect.accelerometer import PARAMETERS

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,8 +12,8 @@ from session import VERSION
 from session.base.errors import FormatError
 from session.base.files import result_folder
 from session.base.numeric import rms_of
-from session.base.records import plain, table_of
-from session.base.results import Array, Flag, Keys, ListOf, MapOf, Maybe, Number, Shape, Text, read_required, require, write_whole
+from session.base.records import in_unit, plain, table_of, write_whole
+from session.base.results import Array, Flag, Keys, ListOf, MapOf, Maybe, Number, Shape, Text, read_required, require
 from session.base.units import DEG, G
 from session.log.folder import Session, file_key, input_hashes
 from tinygc import models
@@ -22,14 +22,10 @@ from tinygc.estimation.accelerometer import JOINT_NAMES
 from tinygc.estimation.choice import closure_figures, run_figures
 from tinygc.estimation.options import METHODS
 from tinygc.estimation.physics import rate_covariance
-from tinygc.models.linear import BIAS
-from tinygc.models.model import accelerometer_table, sensor_table
-
-if TYPE_CHECKING:
-    pass
-
 from tinygc.fitting.fitted_file import SAVED_NAME, inputs_of, made_from
 from tinygc.fitting.results import AT_END, PHYSICS, FitResult
+from tinygc.models.linear import BIAS
+from tinygc.models.model import accelerometer_table, sensor_table
 
 SCHEMA = "tinygc-fit/2"
 
@@ -37,7 +33,6 @@ SCHEMA = "tinygc-fit/2"
 def to_json(result: FitResult, limit_deg: float | None = None) -> dict:
     """Return the result as ``tinygc-fit/2`` (docs/formats.md); limit_deg: of the verdict."""
     problem = result.problem
-    rejected = [segment for segment in problem.segments if not segment.accepted]
     earth = problem.earth
     return plain(
         {
@@ -45,13 +40,7 @@ def to_json(result: FitResult, limit_deg: float | None = None) -> dict:
             "session": result.session.name,
             "stills": len(problem.stills),
             "nominal_rate": None if result.nominal_rate is None else asdict(result.nominal_rate),
-            "segments": {
-                "found": len(problem.segments),
-                "used": len(problem.used),
-                "rejected": [{"segment": segment.number, "why": segment.problem} for segment in rejected],
-                "notes": [{"segment": s.number, "note": s.note} for s in problem.segments if s.accepted and s.note],
-                "variance_inflation": problem.widened,
-            },
+            "segments": segments_table(problem) | {"variance_inflation": problem.widened},
             "rests_not_used": [
                 {"log": log, "at_s": round(rest.start_s, 3), "duration_s": round(rest.duration_s, 3), "cause": rest.cause, "why": rest.why}
                 for log, rest in problem.unused_rests
@@ -121,6 +110,16 @@ def to_json(result: FitResult, limit_deg: float | None = None) -> dict:
     )
 
 
+def segments_table(problem: Problem) -> dict:
+    """Return which segments there are, and why one is not used."""
+    return {
+        "found": len(problem.segments),
+        "used": len(problem.used),
+        "rejected": [{"segment": each.number, "why": each.problem} for each in problem.segments if not each.accepted],
+        "notes": [{"segment": each.number, "note": each.note} for each in problem.segments if each.accepted and each.note],
+    }
+
+
 # A fit's errors on turns whose angle is known beforehand.
 
 
@@ -130,7 +129,7 @@ def known_turns_json(result: FitResult) -> list[dict]:
     row = {segment.number: i for i, segment in enumerate(problem.used)}
     for turn in problem.known_turns:
         i = row.get(turn.segment.number) if turn.problem is None and turn.segment is not None else None
-        third = None if i is None else (result.linear.angles[i, 2], result.linear.held_out[i, 2])
+        error, held_out = (None, None) if i is None else (result.linear.angles[i, 2], result.linear.held_out[i, 2])
         found.append(
             {
                 "turn": turn.known.turn,
@@ -142,8 +141,7 @@ def known_turns_json(result: FitResult) -> list[dict]:
                 "gyro_deg": None if turn.reads is None else turn.along_rad / DEG,
                 "used": i is not None,
                 "why_not": turn.problem,
-                "error_deg": None if third is None else float(third[0]) / DEG,
-                "holdout_error_deg": None if third is None else float(third[1]) / DEG,
+                **in_unit(DEG, error_deg=error, holdout_error_deg=held_out),
             }
         )
     return found
@@ -241,7 +239,7 @@ def save_models(result: FitResult, folder: Path | None = None, limit_deg: float 
                 (folder / f"model_{name}{AT_END}.json").unlink(missing_ok=True)
         made = made_from(result.options, inputs_of(result.problem), result.methods)
         write_whole(folder / "fit.json", to_json(result, limit_deg))
-        write_whole(folder / SAVED_NAME, table_of(made))
+        write_whole(folder / SAVED_NAME, made)
     return folder
 
 

@@ -7,7 +7,7 @@ from functools import cached_property
 from pathlib import Path
 
 from session.base.errors import CalibrationError, SegmentError
-from session.base.records import table_of
+from session.base.records import plain, table_of
 from session.base.texts import command_line
 from session.detect.accelerometer import LengthFit, why_not, write_calibrated_copy
 from session.detect.check_references import own_fit
@@ -58,7 +58,7 @@ class OwnAccelerometer(Shown):
     def to_json(self) -> dict:
         """``tinygc-accelerometer/1`` (docs/formats.md)."""
         stills = len(self.lengths.before)
-        return {"schema": "tinygc-accelerometer/1", "session": self.session.name, "stills": stills, **self.fit.to_json()}
+        return plain({"schema": "tinygc-accelerometer/1", "session": self.session.name, "stills": stills, **self.fit.to_json()})
 
     def save(self, folder: Path | str) -> Path:
         """Write a copy of the session with this calibration in its session.toml; returns the folder, which must be new or empty."""

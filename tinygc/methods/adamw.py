@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from session.base.errors import FitError, FormatError
-from session.base.results import Array, Keys, Text, read_required, write_whole
+from session.base.records import write_whole
+from session.base.results import Array, Keys, Text, read_required
 from tinygc.estimation.options import Checkpoint, device
 
 if TYPE_CHECKING:
@@ -102,7 +103,7 @@ def _state(mark: str, weights: Tensor, best: np.ndarray, losses: list[float], ad
 
 def _write(path: Path, state: dict) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(path, {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in state.items()})
+    write_whole(path, state)
 
 
 def _read(path: Path, mark: str, shape: tuple[int, ...]) -> dict:

@@ -10,7 +10,6 @@ import numpy as np
 
 from session.base import rotation
 from session.base.errors import FormatError
-from session.base.records import plain
 from session.base.results import Array, Keys, Number, require
 from tinygc.models.model import FACTOR, BaseModel, Model, Stream
 
@@ -215,7 +214,7 @@ def to_table(model: DenoisedNet, write: Callable[..., dict]) -> dict:
         "rate_hz": model.rate_hz,
         "delay_s": model.delay_s,
         "calibration": write(model.calibration),
-        "denoiser": plain(table),
+        "denoiser": table,
     }
 
 

@@ -1,7 +1,7 @@
 """Calibrations as files: self-describing JSON; loading executes no code.
 
-A kind is a line in ``KINDS`` and a module with two functions: ``to_table(model, write)`` returns the keys of the kind,
-``from_table(table, where, read)`` the model; ``write`` and ``read`` handle a model within the model.
+A kind is a line in ``KINDS`` and a module with two functions: ``to_table(model, write)`` returns the keys of the kind, arrays and records
+as they are, ``from_table(table, where, read)`` the model; ``write`` and ``read`` handle a model within the model.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ KINDS = {
 
 def to_dict(model: Model, **more: Any) -> dict:
     """Convert to a JSON-ready table with schema, kind, equation and units; ``more`` is added."""
-    return {"schema": SCHEMA, "kind": model.kind, "units": UNITS, **_module(model.kind).to_table(model, to_dict), **plain(more)}
+    return plain({"schema": SCHEMA, "kind": model.kind, "units": UNITS, **_module(model.kind).to_table(model, to_dict), **more})
 
 
 def from_dict(table: Any, where: str = "model") -> Model:

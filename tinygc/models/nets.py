@@ -9,7 +9,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from session.base import rotation
-from session.base.records import plain
 from session.base.results import Array, Keys, require
 from tinygc.models.linear import PRIOR_SIGMA, LinearModel, mapped
 from tinygc.models.model import FACTOR, MATRIX, RATE, BaseModel
@@ -125,7 +124,7 @@ EQUATIONS = {
 
 def to_table(model: Any, write: Callable[..., dict]) -> dict:
     """Table with the equation and the weights by name."""
-    return {"equation": EQUATIONS[model.kind], "weights": plain({name: getattr(model, name) for name in model.SHAPES})}
+    return {"equation": EQUATIONS[model.kind], "weights": {name: getattr(model, name) for name in model.SHAPES}}
 
 
 def from_table(table: dict, where: str, read: Callable[..., Any]) -> LinearModel | CalibrationNet:

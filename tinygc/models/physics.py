@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
 from session.base.errors import CalibrationError, FormatError
-from session.base.records import plain
 from session.base.results import Array, Keys, ListOf, Maybe, Number, Text, require
 from session.log.samples import Samples
 from tinygc.effects import AppliedEffect, Conditions, Effect, EffectError, Movement, effect_of, movement_of
@@ -221,17 +220,17 @@ def to_table(model: PhysicsModel | CarriedNet, write: Callable[..., dict]) -> di
     physics = model.physics if isinstance(model, CarriedNet) else model
     table: dict[str, Any] = {
         "equation": EQUATIONS[model.kind],
-        "linear": plain({name: getattr(physics.linear, name) for name in LinearModel.SHAPES}),
+        "linear": {name: getattr(physics.linear, name) for name in LinearModel.SHAPES},
         "effects": [_claim(claim) for claim in physics.claims],
-        "conditions": plain(asdict(physics.known)),
+        "conditions": physics.known,
     }
     return table | {"net": write(model.net)} if isinstance(model, CarriedNet) else table
 
 
 def _claim(claim: AppliedEffect) -> dict:
     effect = claim.effect
-    values = (claim.theta / effect.parameter.si).reshape(effect.parameter.shape).tolist()
-    return {"id": effect.id, "equation": effect.equation, "theta_si": claim.theta.tolist(), effect.parameter.name: values, **effect.shape}
+    values = (claim.theta / effect.parameter.si).reshape(effect.parameter.shape)
+    return {"id": effect.id, "equation": effect.equation, "theta_si": claim.theta, effect.parameter.name: values, **effect.shape}
 
 
 def from_table(table: dict, where: str, read: Callable[..., Any]) -> PhysicsModel | CarriedNet:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from session.base.files import result_folder
-from session.base.results import write_whole
+from session.base.records import write_whole
 from session.base.units import DEG, MG
 from session.detect.check_references import frame_text, mounting_text, offset_text
 from session.detect.findings import xyz_text

@@ -13,7 +13,7 @@ from html_pages import parsed
 
 import calibrate
 from session.base.errors import FormatError
-from session.base.results import json_text
+from session.base.records import json_text
 from session.base.units import DEG
 from session.log.folder import sha256_of
 from tinygc import SimulationOptions

@@ -12,8 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy import optimize, stats
 
 import tinygc
-from session.base.records import table_of
-from session.base.results import write_whole
+from session.base.records import table_of, write_whole
 from session.base.units import DEG, G
 from tinygc import CalibrationError
 from tinygc.closure.least_squares import fit_least_squares

@@ -85,7 +85,7 @@ def test_a_table_is_in_the_unit_of_its_quantity():
     assert (table["value"], table["u"], table["variance_si"]) == (6.0, 10.0, 25.0)
     assert table["expanded_uncertainty"] == made.expanded / 0.5
     shown = [[row[key] for key in ("u", "share", "sensitivity", "degrees_of_freedom")] for row in table["sources"]]
-    assert shown == [[6.0, 0.36, 1.5, 5.0], [8.0, 0.64, None, None]]
+    assert shown == [[6.0, 0.36, 1.5, 5.0], [8.0, 0.64, None, np.inf]]
     assert [each["u"] for each in table["not_in_the_sum"]] == [4.0, None]
     assert [row.source for row in made.largest] == ["source 1", "source 0"]
 
@@ -341,18 +341,18 @@ def test_draws_of_a_linear_fit_have_the_variances_of_the_budgets(fitted, monkeyp
         return draws.monte_carlo(fitted, motion, own, budgets, 400, 7, lambda *_: None), linear.tried
 
     found, tried = drawn()
-    assert (found.draws, found.by_source, found.failed) == (400, 80, tried // 10)
+    assert (found.draws, found.draws_by_source, found.failed) == (400, 80, tried // 10)
     for each, budget in zip(found.quantities, budgets, strict=True):
         assert (each.name, each.unit, each.u) == (budget.name, budget.unit, budget.u)
         assert each.drawn_u == pytest.approx(each.u, rel=0.18)
         assert found.coverage[each.name] == pytest.approx(0.95, abs=0.03)
     assert found.answer == "agrees"
-    assert found.bound == pytest.approx(norm.isf(0.005 / len(found.sources)))
-    assert max(abs(each.sigmas) for each in found.sources) == abs(found.farthest.sigmas) < found.bound
+    assert found.sigmas_by_chance == pytest.approx(norm.isf(0.005 / len(found.sources)))
+    assert max(abs(each.sigmas) for each in found.sources) == abs(found.farthest.sigmas) < found.sigmas_by_chance
     first, *others = found.quantities
     for part, answer in (({"apart": 2 * first.tolerance, "digits": 1}, "differs"), ({"digits": 0}, "undecided")):
         assert replace(found, quantities=(*others, replace(first, **part))).answer == answer
-    assert replace(found, bound=0.0).answer == "differs"
+    assert replace(found, sigmas_by_chance=0.0).answer == "differs"
     assert drawn(budgets[:1], fails=2)[0].draws > 390  # half of them is enough
     wide, _ = drawn(budgets[:1], moves=1.5)
     assert (wide.answer, wide.farthest.ratio) == ("differs", pytest.approx(2.25, rel=0.5))

@@ -30,8 +30,6 @@ class Options(Command, UsesEffects):
 
 def run(args: Options) -> int:
     """Print a first examination of a session, or its plan, or write its corrected copy; of a folder of sessions, list them."""
-    from session.base.records import plain
-
     if args.repair is not None:
         return _repair(args, args.repair)
     if args.cause is not None:
@@ -52,7 +50,7 @@ def run(args: Options) -> int:
     console.print(next_line(args.folder, findings), soft_wrap=True)
     if worst(findings) != "error":
         verdict(args, verdict_line(findings))
-    write_json(args.json, {"schema": "tinygc-check/2", "findings": plain(findings)})
+    write_json(args.json, {"schema": "tinygc-check/2", "findings": findings})
     if worst(findings) == "error":
         if output(args).quiet:  # without the table, print at least what prevents a calibration
             errors = [finding for finding in findings if finding.level == "error"]
@@ -63,7 +61,6 @@ def run(args: Options) -> int:
 
 def _repair(args: Options, out: Path) -> int:
     """Write the corrected copy of a session, and show what it closes to before and after."""
-    from session.base.records import plain
     from session.detect.repair import repair
     from tinygc.fitting.before_after import closure_of
     from tinygc.reporting.tables import repair_report, verdict_line
@@ -73,7 +70,7 @@ def _repair(args: Options, out: Path) -> int:
     output(args).print(repair_report(done, before, after))
     verdict(args, verdict_line(list(done.findings)))
     closure = {"before": before.to_json(), "after": after.to_json()}
-    write_json(args.json, {**done.to_json(), "closure": closure, "findings": plain(done.findings)})
+    write_json(args.json, {**done.to_json(), "closure": closure, "findings": done.findings})
     return 2 if any(finding.level == "error" for finding in done.findings) else 0
 
 
@@ -90,11 +87,10 @@ def _plan(args: Options, count: int) -> int:
 
 def _list(args: Options) -> int:
     """List the sessions of a folder, with the last result of each; one that cannot be read is listed with the reason."""
-    from session.base.records import plain
     from tinygc.library.known import list_sessions
     from tinygc.reporting.tables import sessions_table
 
     sessions = list_sessions(args.folder)
     output(args).print(sessions_table(args.folder, sessions))
-    write_json(args.json, {"schema": "tinygc-list/1", "sessions": plain(sessions)})
+    write_json(args.json, {"schema": "tinygc-list/1", "sessions": sessions})
     return 0

@@ -50,7 +50,6 @@ class Options(Answers, Command):
 def run(args: Options) -> int:
     """Convert a log to a session folder."""
     from session.base.errors import FormatError
-    from session.base.records import table_of
     from session.detect.check_samples import HELD
     from session.replay.importing import import_log, known_logs
 
@@ -90,5 +89,5 @@ def run(args: Options) -> int:
     console.print("next:")
     for step in made.next:
         console.print(f"  {step}", soft_wrap=True, markup=False)
-    write_json(args.json, table_of(made))
+    write_json(args.json, made)
     return 0

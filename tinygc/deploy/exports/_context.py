@@ -13,7 +13,8 @@ import numpy as np
 
 from session.base.errors import FormatError
 from session.base.names import log_paths
-from session.base.results import json_text, read_json, read_json_text
+from session.base.records import json_text
+from session.base.results import read_json, read_json_text
 from session.base.texts import command_line, printable
 from session.base.units import DEG, DEG_PER_HOUR, MG, G
 from session.detect.accelerometer import BIASES, PARAMETERS, SCALES

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from session.base.results import json_text
+from session.base.records import json_text
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._noise import densities, noise_remarks
 from tinygc.deploy.exports._text import remarks

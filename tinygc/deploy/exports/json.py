@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from session.base.records import table_of
-from session.base.results import json_text
+from session.base.records import json_text, table_of
 from tinygc import models
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._text import self_test

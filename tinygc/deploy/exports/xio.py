@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from session.base.results import json_text
+from session.base.records import json_text
 from session.base.units import DEG, G
 from tinygc.deploy import ExportError
 from tinygc.deploy.exports._context import Context

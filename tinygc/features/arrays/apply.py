@@ -46,9 +46,9 @@ class UnitLog:
 
         Raises FormatError for a file that is no gyroscope log, or is calibrated already.
         """
-        sensor = unit.sensor
-        known = KnownSensor() if sensor is None else KnownSensor(sensor.gyro_fs_dps, sensor.accel_fs_g, sensor.model, sensor.own_units)
-        source = LogSource(path, Surroundings(known, unit.accelerometer, "none" if unit.accelerometer is None else "model", ""))
+        source = LogSource(
+            path, Surroundings(unit.sensor or KnownSensor(), unit.accelerometer, "none" if unit.accelerometer is None else "model", "")
+        )
         self.unit, self.clock, self.reader = unit, clock, source.reader
         self.has_force = clock is not None and source.layout.accel is not None and unit.accelerometer is not None
         self._pieces = source.pieces()

@@ -13,8 +13,7 @@ from session import VERSION
 from session.base.errors import CalibrationError
 from session.base.files import result_folder
 from session.base.numeric import rms_of
-from session.base.records import plain, table_of
-from session.base.results import write_whole
+from session.base.records import plain, table_of, write_whole
 from session.base.texts import printable
 from session.base.units import DEG, NS, G
 from session.detect.events import find_impacts

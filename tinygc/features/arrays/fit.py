@@ -17,8 +17,7 @@ from session import VERSION
 from session.base.errors import CalibrationError
 from session.base.files import result_folder
 from session.base.numeric import sigma_of, sigmas_in
-from session.base.records import plain
-from session.base.results import write_whole
+from session.base.records import plain, write_whole
 from session.base.rotation import cross_matrix
 from session.base.solving import inverse as covariance_of
 from session.base.units import DEG, DEG_PER_HOUR, NS, G

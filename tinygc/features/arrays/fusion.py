@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from session.base.errors import CalibrationError
 from session.base.numeric import rms_of
-from session.base.results import write_whole
+from session.base.records import write_whole
 from session.base.units import DEG
 from session.detect.events import FULL_SCALE_ROUNDING
 from session.detect.stills import Noise

@@ -23,7 +23,6 @@ class Options(Command, UsesEffects, Seed):
 
 def run(args: Options) -> int:
     """Run the blind test and print its table."""
-    from session.base.records import table_of
     from tinygc.features.challenge.examination import examine, page
     from tinygc.reporting.terminal import progress_bar
 
@@ -31,5 +30,5 @@ def run(args: Options) -> int:
     with progress_bar(args.quiet) as progress:
         result = examine(args.cases, args.seed, args.on, progress=progress)
     output(args).print(page(result))
-    write_json(args.json, table_of(result))
+    write_json(args.json, result)
     return 0

@@ -15,7 +15,7 @@ import numpy as np
 from session import VERSION
 from session.base.errors import CalibrationError, FormatError
 from session.base.numeric import sigmas_in
-from session.base.results import json_text
+from session.base.records import json_text
 from session.base.texts import unicode_text
 from session.base.units import DEG
 from session.detect.accelerometer import NAMES as TRIAD

@@ -10,8 +10,8 @@ from typing import Annotated
 import numpy as np
 from scipy.special import stdtr
 
-from session.base.records import DERIVED, Count, Share, Size, read_record, table_of
-from session.base.results import Maybe, Number, write_whole
+from session.base.records import DERIVED, Count, Share, Size, read_record, table_of, write_whole
+from session.base.results import Maybe, Number
 from tinygc.features.fleet.estimate import LotEstimate, estimate
 from tinygc.features.fleet.lot import (
     NAMES,

@@ -44,8 +44,7 @@ import numpy as np
 from session.base import rotation
 from session.base.errors import DataError
 from session.base.numeric import rms_of
-from session.base.records import table_of
-from session.base.results import write_whole
+from session.base.records import write_whole
 from session.base.units import DEG
 from tinygc.closure import residual
 from tinygc.estimation.options import FitOptions
@@ -233,7 +232,7 @@ def inflations_of_folder(folder: Path, figures: NoiseFigures) -> tuple[Inflation
     read_fit(path)
     with TemporaryDirectory() as place:
         prior = Path(place) / FILE
-        write_whole(prior, table_of(figures))
+        write_whole(prior, figures)
         options = FitOptions(methods=("least_squares",), noise=prior)
         return inflations(fit_session(folder, options), figures)
 

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 from session import VERSION
 from session.base.errors import CalibrationError
 from session.base.files import result_folder
-from session.base.records import Key, Size, table_of
-from session.base.results import Keys, Maybe, Number, write_whole
+from session.base.records import Key, Size, table_of, write_whole
+from session.base.results import Keys, Maybe, Number
 from session.log.folder import Session
 from tinygc.features.noise.curve_file import estimate_of_curve
 from tinygc.features.noise.estimate import NoiseEstimate

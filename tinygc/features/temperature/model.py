@@ -10,7 +10,7 @@ import numpy as np
 from numpy.polynomial.polynomial import polyval
 
 from session.base.errors import CalibrationError
-from session.base.records import Key, record_of, table_of
+from session.base.records import Key, record_of
 from session.base.results import Array, Keys, require
 from session.log.samples import Samples
 from tinygc.models.linear import LinearModel
@@ -188,7 +188,7 @@ class _Range(Array):
 
 def to_table(model: ThermalModel, write: Callable[..., dict]) -> dict:
     """Return equation and coefficients, SI."""
-    return {"equation": EQUATION, "thermal": table_of(model)}
+    return {"equation": EQUATION, "thermal": model}
 
 
 def from_table(table: dict, where: str, read: Callable[..., Any]) -> ThermalModel:

@@ -10,8 +10,7 @@ import numpy as np
 from session import VERSION
 from session.base.files import result_folder
 from session.base.numeric import sigmas_in
-from session.base.records import plain
-from session.base.results import write_whole
+from session.base.records import plain, write_whole
 from session.base.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MDPS, MG
 from tinygc import models
 from tinygc.closure.floor import angle_random_walk, bias_instability

@@ -9,8 +9,7 @@ import numpy as np
 
 from session import VERSION
 from session.base.files import result_folder
-from session.base.records import plain
-from session.base.results import write_whole
+from session.base.records import plain, write_whole
 from session.base.texts import degrees, printable, probability, significant
 from session.base.units import DEG
 from tinygc import models

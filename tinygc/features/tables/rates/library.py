@@ -12,7 +12,8 @@ import numpy as np
 from session import VERSION
 from session.base.errors import CalibrationError, FormatError
 from session.base.files import result_folder
-from session.base.results import write_text_whole, write_whole
+from session.base.records import write_whole
+from session.base.results import write_text_whole
 from tinygc.features.tables.options import Columns
 from tinygc.features.tables.rates.choice import Choice, choose
 from tinygc.features.tables.rates.points import Points, points_of, read_points, read_table, settings_of

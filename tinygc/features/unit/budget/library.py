@@ -10,7 +10,8 @@ from session import VERSION
 from session.base.errors import CalibrationError
 from session.base.files import result_folder
 from session.base.options import records
-from session.base.results import write_text_whole, write_whole
+from session.base.records import plain, write_whole
+from session.base.results import write_text_whole
 from session.base.texts import printable
 from session.log.folder import Session
 from tinygc.estimation.options import FitOptions
@@ -82,14 +83,16 @@ class UncertaintyBudget(Shown):
 
     def to_json(self) -> dict:
         """``tinygc-budget/1`` (docs/formats/budget.md)."""
-        return {
-            "schema": SCHEMA,
-            "version": VERSION,
-            "session": self.name,
-            "motion": f"{self.motion}, {self.when}",
-            "budgets": [each.to_json() for each in (self.asked or self.budgets)],
-            "monte_carlo": None if self.drawn is None else self.drawn.to_json(),
-        }
+        return plain(
+            {
+                "schema": SCHEMA,
+                "version": VERSION,
+                "session": self.name,
+                "motion": f"{self.motion}, {self.when}",
+                "budgets": [each.to_json() for each in (self.asked or self.budgets)],
+                "monte_carlo": None if self.drawn is None else self.drawn.to_json(),
+            }
+        )
 
     def html(self) -> str:
         """The budgets as one HTML document."""

@@ -23,6 +23,7 @@ from scipy.special import ndtri, stdtrit
 from session.base import rotation
 from session.base.errors import CalibrationError, FitError
 from session.base.numeric import sigmas_in
+from session.base.records import table_of
 from tinygc.closure.build import bias_shares
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.motion import Motion
@@ -220,17 +221,18 @@ class QuantityCheck:
 
 @dataclass(frozen=True)
 class MonteCarlo:
-    """seed; draws of all sources together, by_source of each alone; failed: fits that did not converge; quantities; sources: those that
-    have a share worth checking; bound: sigmas that the farthest of them exceeds by chance once in 1 / ``BY_CHANCE``; coverage: share of
+    """seed; draws of all sources together, draws_by_source of each alone; failed: fits that did not converge; quantities; sources: those
+    that have a share worth checking; sigmas_by_chance: what the farthest of them exceeds once in 1 / ``BY_CHANCE``; coverage: share of
     draws within U where the sizes are estimates themselves, by quantity."""
 
+    written = ("answer", "seed", "draws", "draws_by_source", "failed", "quantities", "sources", "sigmas_by_chance")
     seed: int
     draws: int
-    by_source: int
+    draws_by_source: int
     failed: int
     quantities: tuple[QuantityCheck, ...]
     sources: tuple[SourceCheck, ...]
-    bound: float
+    sigmas_by_chance: float
     coverage: dict[str, float]
 
     @property
@@ -242,22 +244,18 @@ class MonteCarlo:
     def answer(self) -> str:
         """``differs`` if any quantity or source does, ``undecided`` if none does and some quantity is, else ``agrees``."""
         answers = {each.answer for each in self.quantities}
-        if abs(self.farthest.sigmas) > self.bound or "differs" in answers:
+        if abs(self.farthest.sigmas) > self.sigmas_by_chance or "differs" in answers:
             return "differs"
         return "undecided" if "undecided" in answers else "agrees"
 
+    @property
+    def words(self) -> str:
+        """How many draws there were, and the answer."""
+        return f"{self.draws} draws of all sources, {self.draws_by_source} of each alone, seed {self.seed}: {self.answer}"
+
     def to_json(self) -> dict:
         """``monte_carlo`` of ``tinygc-budget/1``."""
-        return {
-            "answer": self.answer,
-            "seed": self.seed,
-            "draws": self.draws,
-            "draws_by_source": self.by_source,
-            "failed": self.failed,
-            "quantities": [each.to_json() | {"coverage": self.coverage[each.name]} for each in self.quantities],
-            "sources": [vars(each) for each in self.sources],
-            "sigmas_by_chance": self.bound,
-        }
+        return table_of(self) | {"quantities": [each.to_json() | {"coverage": self.coverage[each.name]} for each in self.quantities]}
 
 
 def monte_carlo(

@@ -31,7 +31,7 @@ def page(name: str, errors: Sequence[Budget], attitude: Sequence[Budget], motion
     ]
     if drawn is not None:
         header, rows = drawn_cells(drawn)
-        said = paragraph(escape(f"{drawn.draws} draws of all sources, {drawn.by_source} of each alone, seed {drawn.seed}: {drawn.answer}."))
+        said = paragraph(escape(f"{drawn.words}."))
         found = table(header, [[escape(cell) for cell in row] for row in rows])
         sections.append(Section("draws", "Monte Carlo (JCGM 101)", said + found + paragraph(escape(source_words(drawn)))))
     sections.append(Section("tables", "Budgets", "".join(whole(each) for each in (*errors, *attitude))))

@@ -14,7 +14,7 @@ from math import floor, log10
 
 import numpy as np
 
-from session.base.numeric import finite_or_none
+from session.base.records import in_unit
 from tinygc.estimation.sources import COVERAGE, Kind, Source, coverage_factor, effective_freedom
 
 
@@ -46,7 +46,7 @@ class Beside:
 
     def to_json(self, si: float) -> dict:
         """One entry of ``not_in_the_sum``, in a unit of this SI value."""
-        return {"what": self.what, "u": None if self.u is None else self.u / si, "why": self.why}
+        return {"what": self.what, **in_unit(si, u=self.u), "why": self.why}
 
 
 @dataclass(frozen=True)
@@ -103,9 +103,8 @@ class Budget:
             "name": self.name,
             "unit": self.unit,
             "unit_si": self.si,
-            "value": None if self.value is None else self.value / self.si,
-            "u": self.u / self.si,
-            "degrees_of_freedom": finite_or_none(self.freedom),
+            **in_unit(self.si, value=self.value, u=self.u),
+            "degrees_of_freedom": self.freedom,
             "k": self.k,
             "expanded_uncertainty": self.expanded / self.si,
             "variance_si": self.variance,
@@ -113,7 +112,7 @@ class Budget:
                 {
                     "source": row.source,
                     "type": row.kind,
-                    "degrees_of_freedom": finite_or_none(row.freedom),
+                    "degrees_of_freedom": row.freedom,
                     "size": row.size,
                     "size_unit": row.size_unit,
                     "sensitivity": None if not row.size else abs(row.u) / self.si / row.size,

@@ -121,11 +121,8 @@ def beside_words(budget: Budget) -> list[str]:
 
 def drawn_page(drawn: MonteCarlo) -> list[RenderableType]:
     """What the draws say of the budgets."""
-    title = (
-        f"Monte Carlo (JCGM 101): {drawn.draws} draws of all sources, {drawn.by_source} of each alone, seed {drawn.seed}: {drawn.answer}"
-    )
     header, rows = drawn_cells(drawn)
-    table = plain_table(title, *header)
+    table = plain_table(f"Monte Carlo (JCGM 101): {drawn.words}", *header)
     for column in (2, 3, 4, 5, 6, 7, 8, 9, 11):
         table.columns[column].justify = "right"
     for row in rows:
@@ -149,4 +146,4 @@ def source_words(drawn: MonteCarlo) -> str:
     """The variance by source that is farthest from the budget's, and what chance allows."""
     far, failed = drawn.farthest, f"; {drawn.failed} fits did not converge" if drawn.failed else ""
     where = f"{far.parameter} by {far.source}: drawn / budget = {far.ratio:.2f}, {far.sigmas:+.1f} sigmas"
-    return f"of {len(drawn.sources)} variances by source the farthest: {where} (by chance up to {drawn.bound:.1f}){failed}"
+    return f"of {len(drawn.sources)} variances by source the farthest: {where} (by chance up to {drawn.sigmas_by_chance:.1f}){failed}"

@@ -12,7 +12,8 @@ import numpy as np
 from session import VERSION
 from session.base.errors import CalibrationError
 from session.base.files import result_folder
-from session.base.results import write_text_whole, write_whole
+from session.base.records import in_unit, plain, table_of, write_whole
+from session.base.results import write_text_whole
 from session.base.units import DEG
 from tinygc.estimation.session_times import Moment, parsed
 from tinygc.features.unit.history.estimate import NumberHistory, UnitHistory, history_of
@@ -69,12 +70,8 @@ class History(Shown):
 
     def to_json(self) -> dict:
         """``tinygc-history/1`` (docs/formats/history.md)."""
-        return {
-            "schema": SCHEMA,
-            "version": VERSION,
-            "units": [_of_unit(unit, outlooks) for unit, outlooks in zip(self.units, self.outlooks, strict=True)],
-            "remarks": list(self.remarks),
-        }
+        units = [_of_unit(unit, outlooks) for unit, outlooks in zip(self.units, self.outlooks, strict=True)]
+        return plain({"schema": SCHEMA, "version": VERSION, "units": units, "remarks": self.remarks})
 
     def html(self) -> str:
         """The histories as one HTML document."""
@@ -125,13 +122,10 @@ def _of_unit(unit: UnitHistory, outlooks: Sequence[Outlook]) -> dict[str, Any]:
         "numbers": [_of_number(each) for each in unit.numbers],
         "steps": [
             {
-                "name": step.number.name,
-                "component": step.number.component,
-                "unit": step.number.unit,
+                **table_of(step.number),
                 "after": step.before,
                 "before": step.after,
-                "size": step.size / step.number.si,
-                "sigma": step.sigma / step.number.si,
+                **in_unit(step.number.si, size=step.size, sigma=step.sigma),
                 "p_value": step.p_value,
             }
             for step in unit.steps
@@ -139,7 +133,7 @@ def _of_unit(unit: UnitHistory, outlooks: Sequence[Outlook]) -> dict[str, Any]:
         "bias_any_session": None if unit.any_session is None else unit.any_session.to_json(unit.sessions[-1].bias_covariance),
         "accelerometer_any_session": _accelerometer_json(unit),
         "requirements": [_of_outlook(each) for each in outlooks],
-        "remarks": list(unit.remarks),
+        "remarks": unit.remarks,
     }
 
 
@@ -148,36 +142,33 @@ def _accelerometer_json(unit: UnitHistory) -> list[dict[str, Any]] | None:
     sigma = unit.accelerometer_any_session
     if sigma is None:
         return None
-    triad = NUMBERS[-len(sigma) :]
-    return [{"name": n.name, "component": n.component, "unit": n.unit, "sigma": float(s) / n.si} for n, s in zip(triad, sigma, strict=True)]
+    return [table_of(n) | {"sigma": s / n.si} for n, s in zip(NUMBERS[-len(sigma) :], sigma, strict=True)]
 
 
 def _of_number(each: NumberHistory) -> dict[str, Any]:
     si, course = each.number.si, each.course
-    interval, drift, warmth = each.scatter_interval, each.drift, each.warmth
+    low, high = each.scatter_interval or (None, None)
+    drift, drift_sigma = each.drift or (None, None)
+    warmth, warmth_sigma, warmth_limit = each.warmth or (None, None, None)
     return {
-        "name": each.number.name,
-        "component": each.number.component,
-        "unit": each.number.unit,
-        "sessions": each.sessions.tolist(),
-        "values": (each.values / si).tolist(),
-        "sigmas": (each.sigmas / si).tolist(),
-        "level": None if course is None else float(course.model.coefficients[0]) / si,
-        "level_sigma": None if course is None else course.model.sigma(np.eye(course.model.design.shape[1])[0]) / si,
-        "scatter": None if each.scatter is None else each.scatter / si,
-        "scatter_low": None if interval is None else interval[0] / si,
-        "scatter_high": None if interval is None else interval[1] / si,
+        **table_of(each.number),
+        "sessions": each.sessions,
+        **in_unit(
+            si,
+            values=each.values,
+            sigmas=each.sigmas,
+            level=None if course is None else course.model.coefficients[0],
+            level_sigma=None if course is None else course.model.sigma(np.eye(course.model.design.shape[1])[0]),
+            scatter=each.scatter,
+            scatter_low=low,
+            scatter_high=high,
+        ),
         "freedom": None if course is None else course.model.freedom,
-        "drift": None if drift is None else drift[0] / si,
-        "drift_sigma": None if drift is None else drift[1] / si,
-        "drift_at_most": None if each.drift_limit is None else each.drift_limit / si,
+        **in_unit(si, drift=drift, drift_sigma=drift_sigma, drift_at_most=each.drift_limit),
         "drift_p": None if drift is None or course is None else course.drift_p,
         "drifts": None if drift is None or course is None else course.drifts,
-        "drift_or_step_after": None if each.drift_or_step is None else int(each.sessions[each.drift_or_step]),
-        "step_at_most": None if each.step_limit is None else each.step_limit / si,
-        "per_kelvin": None if warmth is None else warmth[0] / si,
-        "per_kelvin_sigma": None if warmth is None else warmth[1] / si,
-        "per_kelvin_at_most": None if warmth is None else warmth[2] / si,
+        "drift_or_step_after": None if each.drift_or_step is None else each.sessions[each.drift_or_step],
+        **in_unit(si, step_at_most=each.step_limit, per_kelvin=warmth, per_kelvin_sigma=warmth_sigma, per_kelvin_at_most=warmth_limit),
         "follows_temperature": None if warmth is None or course is None else course.warms,
     }
 
@@ -193,8 +184,8 @@ def _of_outlook(each: Outlook) -> dict[str, Any]:
         "until": None if each.until is None else each.until.date().isoformat(),
         "beyond": each.beyond,
         "reason": each.reason,
-        "years": each.years.tolist(),
-        "shares": each.shares.tolist(),
+        "years": each.years,
+        "shares": each.shares,
     }
 
 

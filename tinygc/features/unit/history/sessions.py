@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from session.base.errors import CalibrationError, FormatError
 from session.base.files import KB, read_text
 from session.base.names import is_session, is_special, log_paths
 from session.base.numeric import sigmas_in
+from session.base.records import DERIVED
 from session.base.texts import command_line, printable
 from session.base.units import DEG, MG
 from session.detect.accelerometer import BIASES, PARAMETERS, SCALES, SHEARS
@@ -40,7 +42,7 @@ class Number:
     name: str
     component: str
     unit: str
-    si: float
+    si: Annotated[float, DERIVED]
 
     @property
     def words(self) -> str:

@@ -13,8 +13,7 @@ from session.base.errors import CalibrationError, FormatError
 from session.base.files import require_file
 from session.base.names import is_session
 from session.base.numeric import sigmas_in
-from session.base.records import plain
-from session.base.results import write_whole
+from session.base.records import plain, write_whole
 from session.base.texts import command_line
 from session.base.units import DEG
 from session.log.folder import Session, read_session

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from session.base.errors import StorageError
 from session.base.files import open_written
-from session.base.results import json_line
+from session.base.records import json_line
 
 #: lines that are kept while they cannot be written
 MOST_KEPT = 10_000

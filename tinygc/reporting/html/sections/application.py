@@ -6,7 +6,7 @@ from base64 import b64encode
 
 import numpy as np
 
-from session.base.results import json_text
+from session.base.records import json_text
 from session.base.texts import fixed
 from session.base.units import DEG
 from tinygc.deploy.calibration import Calibration

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from session.base import features
 from session.base.errors import CalibrationError
+from session.base.options import Record, option, path_read
 
 if TYPE_CHECKING:
     from tinygc.models.model import Model
@@ -31,6 +33,16 @@ def format_named(text: str) -> str:
     """Return the format of ``FORMATS`` that a person means: ``x-io``, ``XIO`` and ``Fusion`` are ``xio``; unknown text as it is."""
     plain = "".join(filter(str.isalnum, text.lower()))
     return plain if plain in FORMATS else ALSO_CALLED.get(plain, text)
+
+
+@dataclass(frozen=True)
+class ExportOptions(Record):
+    """What is exported of a fit, and with what noise."""
+
+    model: str | None = option(None, "method of the fit, or a model file (least_squares)")
+    noise: Any = option(None, "noise figures of this unit: noise.json, or its folder (fit/noise.json)", metavar="PATH", read=path_read)
+    inflation: str | None = option(None, "enlarge noise densities by the factors of this kind of motion", metavar="MOTION")
+    anyway: bool = option(False, "export a model that closes held-out segments worse than raw rates, too")
 
 
 class ExportError(CalibrationError):

@@ -14,6 +14,7 @@ from session.base.errors import FitError
 from session.base.numeric import sigmas_in
 from session.log.config import Config, read_config
 from session.log.folder import Session
+from tinygc.deploy import ExportOptions
 from tinygc.estimation.accelerometer import AccelerometerFit
 from tinygc.estimation.choice import ClosureFigures, closure_figures, run_figures
 from tinygc.estimation.options import FitOptions
@@ -23,7 +24,6 @@ from tinygc.fitting.results import FitResult
 from tinygc.library.arguments import Progress, chosen, nothing, public, session_or_folder
 from tinygc.library.records import Estimate, Named, Shown, accelerometer_estimates
 from tinygc.models.linear import NAMES
-from tinygc.noise.figures import NoiseFigures
 from tinygc.reporting.fit_screen import verdict_text
 from tinygc.reporting.fit_text import fit_report, sensor_errors
 from tinygc.reporting.terminal import Group
@@ -173,28 +173,15 @@ class Fit(Shown):
             made.save(path, pdf=pdf)
         return made
 
-    @public()
-    def export(
-        self,
-        to: str,
-        folder: Path | str | None = None,
-        *,
-        model: str | None = None,
-        anyway: bool = False,
-        noise: NoiseFigures | Path | str | None = None,
-        inflation: str | None = None,
-    ) -> Exported:
+    @public(ExportOptions)
+    def export(self, to: str, folder: Path | str | None = None, **choices: Any) -> Exported:
         """Make the files of a calibration for another program, and write them if a folder is given; as ``tinygc.export`` of this fit."""
         from tinygc.deploy.exports._context import context_of_fit
         from tinygc.library.reports import Exported, noise_source
 
-        remarks: list[str] = []
-        figures = noise_source(noise)
-        made = Exported.of(
-            to,
-            lambda name: context_of_fit(self.result, model, remarks.append, anyway=anyway, noise=figures, inflation=inflation),
-            remarks,
-        )
+        options, remarks = ExportOptions(**choices), list[str]()
+        how: dict[str, Any] = {"anyway": options.anyway, "noise": noise_source(options.noise), "inflation": options.inflation}
+        made = Exported.of(to, lambda name: context_of_fit(self.result, options.model, remarks.append, **how), remarks)
         if folder is not None:
             made.save(folder)
         return made

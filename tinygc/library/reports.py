@@ -14,7 +14,7 @@ from session.base.files import result_folder
 from session.base.names import refuse_special
 from session.base.results import write_text_whole
 from session.log.folder import Session
-from tinygc.deploy import FORMATS, NOISE_FORMATS, ExportError, exports, feature_exports, format_named
+from tinygc.deploy import FORMATS, NOISE_FORMATS, ExportError, ExportOptions, exports, feature_exports, format_named
 from tinygc.deploy.exports._context import Context, NoiseSource, read_context
 from tinygc.estimation.options import FitOptions
 from tinygc.library.arguments import Progress, chosen, is_fit, public, session_or_folder
@@ -209,34 +209,6 @@ class Exported:
         return {"schema": "tinygc-export/2", "format": self.to, "files": [*map(str, written)], "remarks": [*self.remarks]}
 
 
-def exported(
-    source: Path,
-    to: str,
-    model: str | None,
-    anyway: bool,
-    say: Callable[[str], None],
-    noise: NoiseSource = None,
-    inflation: str | None = None,
-) -> Exported:
-    """Export a fitted session folder or noise figures; say: is called with each remark as it comes up.
-
-    Raises CalibrationError for a folder that is no session of one sensor, and ExportError as ``read_context``.
-    """
-    remarks: list[str] = []
-
-    def noted(line: str) -> None:
-        remarks.append(line)
-        say(line)
-
-    if model is None and source.is_dir():
-        refuse_special(source)
-
-    def context(name: str) -> tuple[Model | None, Context]:
-        return read_context(source, model, noted, anyway=anyway, noise=noise, inflation=inflation)
-
-    return Exported.of(to, context, remarks)
-
-
 def noise_source(noise: Any) -> NoiseSource:
     """Return noise figures, or the path to them, of an argument.  Raises CalibrationError for anything else."""
     if isinstance(noise, str | os.PathLike):
@@ -246,17 +218,8 @@ def noise_source(noise: Any) -> NoiseSource:
     raise CalibrationError(f"noise is of type {type(noise).__name__}, expected NoiseFigures, noise.json or its folder")
 
 
-@public()
-def export(
-    source: Any,
-    to: str,
-    folder: Path | str | None = None,
-    *,
-    model: str | None = None,
-    anyway: bool = False,
-    noise: NoiseFigures | Path | str | None = None,
-    inflation: str | None = None,
-) -> Exported:
+@public(ExportOptions)
+def export(source: Any, to: str, folder: Path | str | None = None, **choices: Any) -> Exported:
     """Make the files of a calibration, or of noise figures, for another program.
 
     Parameters
@@ -267,14 +230,6 @@ def export(
         ``json``, ``kalibr``, ``openvins``, ``vins``, ``gtsam``, ``ros``, ``xio``, ``px4``, ``ardupilot`` or ``c``.
     folder : str or Path, optional
         Where the files are written; without it ``save`` writes them.
-    model : str, optional
-        Method of the fit, or a model file; least squares by default.
-    anyway : bool, optional
-        Export a model that closes held-out segments worse than raw rates, too.
-    noise : NoiseFigures, str or Path, optional
-        Noise figures of this unit: ``noise.json``, or a folder that holds it; those in the folder's ``fit`` by default.
-    inflation : str, optional
-        The kind of motion, of those in the figures, whose factors the densities are to have.
 
     Returns
     -------
@@ -295,10 +250,14 @@ def export(
 
     """
     if is_fit(source):
-        return source.export(to, folder, model=model, anyway=anyway, noise=noise, inflation=inflation)
+        return source.export(to, folder, **choices)
     if not isinstance(source, str | os.PathLike):
         raise CalibrationError(f"source is of type {type(source).__name__}, expected a Fit, a session folder or noise.json")
-    made = exported(Path(source), to, model, anyway, lambda line: None, noise_source(noise), inflation)
+    options, remarks = ExportOptions(**choices), list[str]()
+    if options.model is None and os.path.isdir(source):
+        refuse_special(Path(source))
+    how: dict[str, Any] = {"anyway": options.anyway, "noise": noise_source(options.noise), "inflation": options.inflation}
+    made = Exported.of(to, lambda name: read_context(Path(source), options.model, remarks.append, **how), remarks)
     if folder is not None:
         made.save(folder)
     return made

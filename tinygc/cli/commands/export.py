@@ -5,32 +5,30 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from session.base.options import argument, folder_written, option
+from session.base.options import argument, folder_written, option, values
 from tinygc.cli.options import Command, UsesEffects
 from tinygc.cli.results import complain, output, write_json
-from tinygc.deploy import FORMATS, format_named
+from tinygc.deploy import FORMATS, ExportOptions, format_named
 
 SUMMARY = "write the calibration for other programs"
 
 
 @dataclass(frozen=True)
-class Options(Command, UsesEffects):
+class Options(ExportOptions, Command, UsesEffects):
     """Options of ``export``."""
 
     folder: Path = argument("session folder that was fitted, or noise.json")
     to: str = option(..., f"one of {', '.join(FORMATS)}", metavar="FORMAT", read=format_named, choices=tuple(FORMATS))
-    model: str | None = option(None, "method of the fit, or a model file (least_squares)")
     out: Path | None = option(None, "where the files go (export/ in the session folder)", metavar="DIR", read=folder_written)
-    noise: Path | None = option(None, "noise.json of this unit, or its folder (fit/noise.json)", metavar="PATH")
-    inflation: str | None = option(None, "enlarge noise densities by the factors of this kind of motion", metavar="MOTION")
-    anyway: bool = option(False, "export a model that closes held-out segments worse than raw rates, too")
 
 
 def run(args: Options) -> int:
     """Write a calibration in another program's format."""
-    from tinygc.library.reports import exported
+    from tinygc.library.reports import export
 
-    made = exported(args.folder, args.to, args.model, args.anyway, complain, args.noise, args.inflation)
+    made = export(args.folder, args.to, **values(args, ExportOptions))
+    for remark in made.remarks:
+        complain(remark)
     home = args.folder.parent if args.folder.is_file() else args.folder
     written = made.save(args.out or home / "export")
     for path in written:

@@ -17,6 +17,10 @@ from tinygc.features.arrays.names import is_array
 from tinygc.features.arrays.options import ArrayOptions
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
+    from tinygc.features.arrays.library import Array
+    from tinygc.library.arguments import Progress
     from tinygc.simulation.options import SimulationOptions
 
 #: options of ``fit`` that an array's fit uses
@@ -42,11 +46,17 @@ def simulate(args: Any, options: SimulationOptions, chosen: dict) -> int | None:
     return 0
 
 
+def _read(folder: Path, progress: Progress) -> Array:
+    from tinygc.features.arrays.library import Array
+    from tinygc.features.arrays.recording import read_array
+
+    return Array(read_array(folder, lambda name: progress(f"reading {name}", 0, 1)))
+
+
 def fit(args: Any) -> Done | None:
     """Estimate all units of one folder jointly; None of what is no array."""
     if not is_array(args.folder):
         return None
-    from tinygc.features.arrays import library
     from tinygc.reporting.terminal import progress_bar
 
     idle = given(part(args, FitOptions), USED)
@@ -57,7 +67,7 @@ def fit(args: Any) -> Done | None:
         )
     try_destinations(args.out or inside(args.folder, "fit"), args.json)
     with progress_bar(args.quiet) as progress:
-        found = library.fit(args.folder, bias=args.bias, accelerometer=args.accelerometer, use_earth=args.earth, progress=progress)
+        found = _read(args.folder, progress).fit(**{name: getattr(args, name) for name in USED}, progress=progress)
     table = found.to_json()
     folder = found.save(args.out)
     output(args).print(found.page)
@@ -74,7 +84,6 @@ def explain(args: Any) -> int | None:
     """Explain each unit by itself and by comparison with the others; None of what is no array."""
     if not is_array(args.folder):
         return None
-    from tinygc.features.arrays import library
     from tinygc.features.arrays.explanation import array_verdict_line
     from tinygc.reporting.terminal import progress_bar
 
@@ -86,7 +95,8 @@ def explain(args: Any) -> int | None:
         )
     try_destinations(args.out or inside(args.folder, "explain"), args.json)
     with progress_bar(args.quiet) as progress:
-        found = library.explain(args.folder, seed=args.seed, use_earth=args.earth, check_on=args.check_on, progress=progress)
+        others = [_read(each, progress) for each in args.check_on]
+        found = _read(args.folder, progress).explain(seed=args.seed, earth=args.earth, check_on=others, progress=progress)
     folder = found.save(args.out)
     output(args).print(found.page)
     output(args).print(f"written: {folder}", soft_wrap=True)

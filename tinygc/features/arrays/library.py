@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,12 +21,9 @@ from tinygc.features.arrays.explanation import (
     save_array_explanation,
 )
 from tinygc.features.arrays.fit import ArrayFit, array_to_json, fit_array, save_array
-from tinygc.features.arrays.recording import ArraySession, array_of, read_array
-from tinygc.library.arguments import column_unit, is_path, nothing, public
+from tinygc.features.arrays.recording import array_of, read_array
+from tinygc.library.arguments import Progress, column_unit, is_path, nothing, public
 from tinygc.reporting.terminal import Group, as_html, as_text
-
-#: called with the current step's name, the steps done, and their total
-Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -59,20 +56,6 @@ class FittedArray:
         return save_array(self.result, None if folder is None else Path(folder))
 
 
-def fit(
-    array: ArraySession | Path | str,
-    *,
-    bias: str = "auto",
-    accelerometer: str = "auto",
-    use_earth: bool = True,
-    progress: Progress = lambda what, done, of: None,
-) -> FittedArray:
-    """Fit an array, or an array's folder.  Raises CalibrationError with one line for data that cannot be read or fitted."""
-    read = array if isinstance(array, ArraySession) else read_array(array, lambda name: progress(f"reading {name}", 0, 1))
-    told = fit_array(read, bias=bias, accelerometer=accelerometer, use_earth=use_earth, progress=lambda what: progress(what, 0, 1))
-    return FittedArray(told)
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class ExplainedArray:
     """Result of ``explain`` of an array; ``result`` holds all estimates, in SI."""
@@ -102,26 +85,6 @@ class ExplainedArray:
         return save_array_explanation(self.result, None if folder is None else Path(folder), self.to_json())
 
 
-def explain(
-    array: ArraySession | Path | str,
-    *,
-    seed: int = 0,
-    use_earth: bool = True,
-    check_on: Sequence[ArraySession | Path | str] = (),
-    progress: Progress = lambda what, done, of: None,
-) -> ExplainedArray:
-    """Explain an array, or an array's folder; check_on: other recordings of it.
-
-    Raises CalibrationError with one line for data that cannot be read or fitted.
-    """
-    read, *others = (
-        each if isinstance(each, ArraySession) else read_array(each, lambda name: progress(f"reading {name}", 0, 1))
-        for each in (array, *check_on)
-    )
-    found = explain_array(read, seed=seed, use_earth=use_earth, progress=progress)
-    return ExplainedArray(found, tuple(check_units(found, other, seed=seed, use_earth=use_earth, progress=progress) for other in others))
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Array:
     """Result of ``tinygc.array``: what the commands do with an array's folder."""
@@ -139,23 +102,26 @@ class Array:
         return check(self.session)
 
     @public()
-    def fit(self, *, bias: str = "auto", accelerometer: str = "auto", use_earth: bool = True, progress: Progress | None = None) -> Any:
+    def fit(self, *, bias: str = "auto", accelerometer: str = "auto", earth: bool = True, progress: Progress | None = None) -> Any:
         """Estimate all units together.
 
         bias: ``auto``, ``ends`` or ``stills``; accelerometer: ``auto``, ``given``, ``fit`` or ``prior``.  Returns a FittedArray:
         ``result`` in SI, ``summary()``, ``save(folder)``, ``to_json()``.  Raises CalibrationError for data that cannot be fitted.
         """
-        return fit(self.session, bias=bias, accelerometer=accelerometer, use_earth=use_earth, progress=progress or nothing)
+        how: dict[str, Any] = {"bias": bias, "accelerometer": accelerometer, "use_earth": earth}
+        return FittedArray(fit_array(self.session, **how, progress=lambda what: (progress or nothing)(what, 0, 1)))
 
     @public()
-    def explain(self, *, seed: int = 0, use_earth: bool = True, check_on: Sequence[Any] = (), progress: Progress | None = None) -> Any:
+    def explain(self, *, seed: int = 0, earth: bool = True, check_on: Sequence[Any] = (), progress: Progress | None = None) -> Any:
         """Explain each unit by itself and by comparison with the others.
 
         check_on: other recordings of the array, or their folders.  Returns an ExplainedArray: ``result``, ``summary()``,
         ``save(folder)``, ``to_json()``.  Raises CalibrationError for data that cannot be explained.
         """
-        others = [each.session if isinstance(each, Array) else each for each in check_on]
-        return explain(self.session, seed=seed, use_earth=use_earth, check_on=others, progress=progress or nothing)
+        others = [(each if isinstance(each, Array) else array(each)).session for each in check_on]
+        how: dict[str, Any] = {"seed": seed, "use_earth": earth, "progress": progress or nothing}
+        found = explain_array(self.session, **how)
+        return ExplainedArray(found, tuple(check_units(found, other, **how) for other in others))
 
     @public()
     def apply(

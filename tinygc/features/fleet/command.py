@@ -13,12 +13,12 @@ from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from session.base.options import argument, file_written, folder_written, option
+from session.base.options import argument, file_written, folder_written, option, part
 from session.base.texts import command_line
 from tinygc.cli.arguments import STANDARD
 from tinygc.cli.options import Command, Force, UsesEffects
 from tinygc.cli.results import complain, output, print_commands, verdict, write_json
-from tinygc.estimation.options import Seed
+from tinygc.features.fleet.work import Run
 
 if TYPE_CHECKING:
     from tinygc.features.fleet.fleet_run import Tally
@@ -85,12 +85,10 @@ class Meter:
 # ``fleet``: check, fit and explain hundreds to hundreds of thousands of sessions, each once, into one table.
 
 SUMMARY = "check, fit and explain thousands of sessions, each once, into one table and one page"
-STEPS = ("check", "fit", "explain")
-MOST_JOBS = 1024
 
 
 @dataclass(frozen=True)
-class Options(Command, UsesEffects, Force, Seed):
+class Options(Run, Command, UsesEffects, Force):
     """Options of ``fleet``."""
 
     folders: tuple[Path, ...] = argument("where session folders lie, at any depth", (), metavar="DIR")
@@ -104,14 +102,7 @@ class Options(Command, UsesEffects, Force, Seed):
         read=str,
         alone="",
     )
-    only: tuple[str, ...] = option(STEPS, "do these steps alone", some=STEPS, metavar=",".join(STEPS))
-    jobs: int | None = option(None, "processes (one for each core)", least=1, most=MOST_JOBS)
-    scheduler: str | None = option(None, "compute on the Dask cluster of this scheduler instead (tcp://host:8786)", metavar="ADDRESS")
-    retry: bool = option(False, "compute again what has failed before")
-    earth: bool = option(True, "subtract the Earth's rotation from the rates", off="leave the Earth's rotation in the rates")
-    accelerometer: str = option("auto", "as of fit", choices=("auto", "given", "fit", "prior"))
     csv: Path | None = option(None, "write the table as CSV, too (- for standard output)", read=file_written)
-    limit: float | None = option(None, "exit 1 if a session fails by this limit, as in fit --limit", unit="deg", above=0)
     strict: bool = option(False, "exit 1 if a session failed; with --lot, if the lot drifts, or a unit does not belong")
 
 
@@ -122,7 +113,7 @@ def run(args: Options) -> int:
     tally = _computed(args) if args.folders or args.listed is not None else None
     if args.lot is not None:
         return _lot(args)
-    found = summed_up(args.out, tally, args.limit)
+    found = summed_up(args.out, tally, args.limit_deg)
     summary, page = found.result, args.out / PAGE
     _write_csv(args)
     if found.lot is None and (args.out / LOT).exists():
@@ -134,12 +125,12 @@ def run(args: Options) -> int:
         print_commands(args, "does what is named hold in the unit's other sessions?", *commands)
     write_json(args.json, found.to_json())
     failed = summary.failed + summary.died + summary.unreadable
-    if args.limit is not None and summary.missed:
+    if args.limit_deg is not None and summary.missed:
         fitted = summary.passed + summary.undecided + summary.missed
-        complain(f"FAIL with --limit {args.limit:g} deg: {summary.missed} of {fitted} fitted sessions")
+        complain(f"FAIL with --limit {args.limit_deg:g} deg: {summary.missed} of {fitted} fitted sessions")
     if args.strict and failed:
         complain(f"failed: {failed} of {summary.sessions + summary.unreadable} sessions, listed in {page}")
-    return 1 if (args.limit is not None and summary.missed) or (args.strict and failed) else 0
+    return 1 if (args.limit_deg is not None and summary.missed) or (args.strict and failed) else 0
 
 
 def _lot(args: Options) -> int:
@@ -159,14 +150,11 @@ def _lot(args: Options) -> int:
 
 def _computed(args: Options):  # type: ignore[no-untyped-def]  # a Tally: its module is heavy
     """Run the fleet; raises CalibrationError where there is no session at all."""
-    from tinygc.features.fleet.fleet_row import FleetOptions
     from tinygc.features.fleet.library import compute, no_session
 
-    effects = tuple(os.path.abspath(folder) for folder in args.effects or ())  # a worker may have another working directory
-    options = FleetOptions(args.only, args.seed, args.earth, args.accelerometer, effects)
     count = None if str(args.listed) == STANDARD else lambda: _folders(args)  # a pipe can be read only once
     with Meter(args.quiet, count) as meter:
-        tally = compute(_folders(args), args.out, options, jobs=args.jobs, scheduler=args.scheduler, retry=args.retry, progress=meter)
+        tally = compute(_folders(args), args.out, part(args, Run), args.effects, meter)
     if not tally.folders:
         raise no_session([*args.folders, *([args.listed] if args.listed else [])])
     return tally

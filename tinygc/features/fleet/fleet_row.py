@@ -13,17 +13,17 @@ from typing import Any
 import numpy as np
 
 from session import VERSION
-from session.base.errors import CalibrationError, FormatError
+from session.base.errors import FormatError
 from session.base.numeric import sigmas_in
 from session.base.records import json_text
 from session.base.texts import unicode_text
 from session.base.units import DEG
 from session.detect.accelerometer import NAMES as TRIAD
 from session.log.folder import file_key, sha256_of
-from tinygc.closure.prepared import ACCELEROMETERS, AUTO
 from tinygc.estimation.choice import closure_figures, run_figures
 from tinygc.estimation.options import FitOptions
 from tinygc.features.fleet.lot import NAMES
+from tinygc.features.fleet.work import STEPS, Work
 from tinygc.fitting.results import FitResult
 from tinygc.models import linear
 from tinygc.noise.figures import FILE as NOISE
@@ -46,32 +46,16 @@ def told_by(cell: str) -> Any:
 
 # Options of a fleet that affect its numbers. They are part of every key, so that results of other options are computed separately.
 
-#: in order; fit and explain include the work of check, so omitting check omits only its findings
-STEPS = ("check", "fit", "explain")
-
 
 @dataclass(frozen=True)
-class FleetOptions:
-    """Options of a fleet.
+class FleetOptions(Work):
+    """With effects: folders with further effects, and effects_sha256: of all files in them."""
 
-    steps: some of ``STEPS``; seed: of the fit's swarm and of explain's critical values; earth: whether the Earth's rotation is removed;
-    accelerometer: as in ``FitOptions``; effects: folders with further effects, and effects_sha256: of all files in them. Raises
-    CalibrationError for invalid values.
-    """
-
-    steps: tuple[str, ...] = STEPS
-    seed: int = 0
-    earth: bool = True
-    accelerometer: str = AUTO
     effects: tuple[str, ...] = ()
     effects_sha256: str = ""
 
     def __post_init__(self) -> None:
-        unknown = set(self.steps) - set(STEPS)
-        if unknown or not self.steps:
-            raise CalibrationError(f"steps are {', '.join(self.steps) or 'none'}; expected some of {', '.join(STEPS)}")
-        if self.accelerometer not in (*ACCELEROMETERS, AUTO):
-            raise CalibrationError(f"accelerometer is {self.accelerometer!r}, expected one of {', '.join((AUTO, *ACCELEROMETERS))}")
+        super().__post_init__()
         object.__setattr__(self, "steps", tuple(step for step in STEPS if step in self.steps))
         if self.effects and not self.effects_sha256:
             object.__setattr__(self, "effects_sha256", effects_hash(self.effects))

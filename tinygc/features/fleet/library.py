@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from session.base.errors import CalibrationError
+from session.base.options import values
 from tinygc.features.fleet.fleet_page import save as save_fleet_page
 from tinygc.features.fleet.fleet_row import FleetOptions
 from tinygc.features.fleet.fleet_run import Cluster, Processes, Tally, run_fleet, session_folders
@@ -19,6 +20,7 @@ from tinygc.features.fleet.page import save as save_lot_page
 from tinygc.features.fleet.report import LotReport, save, to_json
 from tinygc.features.fleet.rest_noise import noise_section, unit_noises
 from tinygc.features.fleet.text import fleet_page, lot_page
+from tinygc.features.fleet.work import Run, Work
 from tinygc.library.arguments import public
 from tinygc.library.records import Shown
 from tinygc.noise.figures import NoiseFigures
@@ -63,18 +65,16 @@ class Fleet(Shown):
 def compute(
     folders: Iterable[Path],
     out: Path,
-    options: FleetOptions,
-    *,
-    jobs: int | None = None,
-    scheduler: str | None = None,
-    retry: bool = False,
-    progress: Callable[[Tally], None] = lambda tally: None,
+    options: Run,
+    effects: Iterable[Path | str],  # a worker may have another working directory
+    progress: Callable[[Tally], None],
 ) -> Tally:
     """Compute the sessions that the table in ``out`` lacks, in processes (one for each core) or on the cluster of a scheduler."""
     with open_table(out) as table:
-        executor = Cluster(scheduler) if scheduler else Processes(jobs or cores())
+        executor = Cluster(options.scheduler) if options.scheduler else Processes(options.jobs or cores())
         try:
-            return run_fleet(folders, table, executor, options, retry=retry, progress=progress)
+            how = FleetOptions(**values(options, Work), effects=tuple(map(os.path.abspath, effects)))
+            return run_fleet(folders, table, executor, how, retry=options.retry, progress=progress)
         finally:
             executor.close()
 
@@ -130,23 +130,18 @@ class LotStatistics(Shown):
         return save_lot_page(self.result, Path(path), [] if noise is None else [noise])
 
 
-@public()
+@public(Run)
 def fleet(
     folders: Path | str | Sequence[Path | str],
     out: Path | str,
     *,
-    steps: Sequence[str] = ("check", "fit", "explain"),
-    seed: int = 0,
-    use_earth: bool = True,
-    accelerometer: str = "auto",
     effects: Sequence[Path | str] = (),
-    jobs: int | None = None,
-    scheduler: str | None = None,
-    retry: bool = False,
-    limit_deg: float | None = None,
     progress: Callable[[Any], None] | None = None,
+    **choices: Any,
 ) -> Fleet:
     """Check, fit and explain many sessions, each once, into one table and one page.
+
+    Processes import the main module: a script calls this under ``if __name__ == "__main__":``.
 
     Parameters
     ----------
@@ -154,20 +149,8 @@ def fleet(
         Where session folders lie, at any depth; none to sum up the table that is there.
     out : str or Path
         Folder of the table (fleet.sqlite), the page, and the lot's file.
-    steps : sequence of str, optional
-        Some of ``check``, ``fit``, ``explain``.
-    seed, use_earth, accelerometer : optional
-        As of ``fit`` and ``explain``.
     effects : sequence of str or Path, optional
         Folders with further effects.
-    jobs : int, optional
-        Processes, one for each core by default.  They import the main module: a script calls this under ``if __name__ == "__main__":``.
-    scheduler : str, optional
-        Address of a Dask scheduler, whose cluster computes instead.
-    retry : bool, optional
-        Compute again what has failed before.
-    limit_deg : float, optional
-        Of the verdict of each session: held-out tilt and closure runs, degrees.
     progress : callable, optional
         Called with the counts so far: ``done``, ``failed``, ``reused``.
 
@@ -189,16 +172,12 @@ def fleet(
 
     """
     places = [Path(each) for each in ([folders] if isinstance(folders, str | os.PathLike) else folders)]
-    if isinstance(steps, str):
-        steps = (steps,)
-    options = FleetOptions(tuple(steps), seed, use_earth, accelerometer, tuple(os.path.abspath(each) for each in effects))
-    tally, folder = None, Path(out)
+    options, tally, folder = Run(**choices), None, Path(out)
     if places:
-        how: dict[str, Any] = {"jobs": jobs, "scheduler": scheduler, "retry": retry, "progress": progress or (lambda tally: None)}
-        tally = compute(session_folders(places), folder, options, **how)
+        tally = compute(session_folders(places), folder, options, effects, progress or (lambda tally: None))
         if not tally.folders:
             raise no_session(places)
-    return summed_up(folder, tally, limit_deg)
+    return summed_up(folder, tally, options.limit_deg)
 
 
 @public()

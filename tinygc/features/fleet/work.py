@@ -1,0 +1,31 @@
+"""What a fleet does with each session, and by whom.  Imports nothing heavy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from session.base.options import option
+from tinygc.estimation.options import ACCELEROMETERS, Earth, Seed
+
+#: in order; fit and explain include the work of check, so omitting check omits only its findings
+STEPS = ("check", "fit", "explain")
+
+
+@dataclass(frozen=True)
+class Work(Seed, Earth):
+    """What is done with each session, and how."""
+
+    steps: tuple[str, ...] = option(STEPS, "do these steps alone", some=STEPS, metavar=",".join(STEPS), flags=("--only",))
+    accelerometer: str = option("auto", "as of fit", choices=ACCELEROMETERS)
+
+
+@dataclass(frozen=True)
+class Run(Work):
+    """And by whom."""
+
+    jobs: int | None = option(None, "processes (one for each core)", least=1, most=1024)
+    scheduler: str | None = option(None, "compute on the Dask cluster of this scheduler instead (tcp://host:8786)", metavar="ADDRESS")
+    retry: bool = option(False, "compute again what has failed before")
+    limit_deg: float | None = option(
+        None, "exit 1 if a session fails by this limit, as in fit --limit", unit="deg", above=0, flags=("--limit",)
+    )

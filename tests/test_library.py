@@ -2,7 +2,6 @@
 
 import contextlib
 import doctest
-import importlib
 import io
 import json
 import pydoc
@@ -254,12 +253,6 @@ except SystemExit: print(sorted({'numpy', 'torch', 'scipy', 'rich.console'} & se
         tinygc.fitt  # noqa: B018
 
 
-def home(name):
-    """A public name where it is defined."""
-    module = next(module for module, names in tinygc._HOMES.items() if name in names)
-    return getattr(importlib.import_module(module), name)
-
-
 FUNCTIONS = sorted(name for name in dir(tinygc) if name.islower() and not name.startswith("_") and callable(getattr(tinygc, name)))
 
 
@@ -267,7 +260,7 @@ FUNCTIONS = sorted(name for name in dir(tinygc) if name.islower() and not name.s
     "name", [broad(name) for name in ("FitOptions", *FUNCTIONS) if name not in ("read_session", "explain", "fit_temperature", "fleet")]
 )
 def test_examples_of_docstrings_run(name):
-    (example,) = doctest.DocTestFinder(recurse=False).find(home(name), name, module=False, globs={})
+    (example,) = doctest.DocTestFinder(recurse=False).find(getattr(tinygc, name), name, module=False, globs={})
     assert doctest.DocTestRunner().run(example).failed == 0
 
 

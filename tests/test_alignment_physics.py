@@ -384,7 +384,7 @@ def test_an_offset_is_adopted_from_six_of_its_sigmas_and_a_mounting_from_two_deg
     table = alignment_table(found)
     assert_allclose(table["gyro_to_truth_deg"], found.turned / DEG)
     assert_allclose(table["gyro_to_truth_std_deg"], found.turned_sigma / DEG)
-    assert (table["offset_s"], table["offset_std_s"], table["up"]) == (found.offset_s, found.offset_sigma_s, found.up.tolist())
+    assert (table["offset_s"], table["offset_std_s"], table["up"] is found.up) == (found.offset_s, found.offset_sigma_s, True)
 
 
 def test_a_truth_that_explains_less_than_half_of_the_turns_is_none_of_this_gyros(moved):

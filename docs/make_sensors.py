@@ -9,7 +9,7 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 from session.log.registers import PROFILES  # noqa: E402
-from session.log.sensors.profile import Figure, Profile  # noqa: E402
+from session.log.sensors import Figure, Profile  # noqa: E402
 
 PAGE = ROOT / "docs" / "sensors.md"
 BEGIN, END = "<!-- tables: docs/make_sensors.py -->", "<!-- end of tables -->"

@@ -7,17 +7,19 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from session.base.errors import DataError
-from session.log.pace import WINDOW, not_caught_up, pace_of
 from session.log.stamps import (
     COUNTER,
     DAY_NS,
     PARTS,
+    WINDOW,
     Unroll,
     _span_of_counter,
     along_line,
     bad_stamps,
     evenly,
     lasting_gaps,
+    not_caught_up,
+    pace_of,
     placed_between,
     written_once,
 )

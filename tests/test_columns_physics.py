@@ -14,7 +14,7 @@ from session.base.units import EARTH_RATE_RPS, MG
 from tinygc.closure.earth import no_earth, with_heading
 from tinygc.effects import AppliedEffect, Movement, catalogue
 from tinygc.explanation.search import _line_frequencies, curves_like, lines_end_hz, slow_candidates, unknown_candidates
-from tinygc.noise.candidates import candidates
+from tinygc.noise.refit import candidates
 
 twin_of = pytest.fixture(make_twin_of, scope="module", name="twin_of")
 

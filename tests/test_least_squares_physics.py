@@ -17,6 +17,7 @@ from tinygc.closure.earth import EarthRate, with_heading
 from tinygc.closure.floor import BiasWander, Floor
 from tinygc.closure.least_squares import (
     HELD,
+    GaussianPrior,
     LinearEnds,
     Nearby,
     StillRates,
@@ -26,7 +27,6 @@ from tinygc.closure.least_squares import (
     inverse_lower,
     solve_lower,
 )
-from tinygc.closure.prior import GaussianPrior
 from tinygc.closure.uncertainty import (
     MISMATCH_P,
     GoodnessOfFit,

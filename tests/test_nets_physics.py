@@ -16,8 +16,7 @@ from session.base import rotation
 from session.base.errors import FitError, FormatError
 from tinygc import models
 from tinygc.closure import residual
-from tinygc.closure.least_squares import LinearEnds, StillRates, fit_least_squares
-from tinygc.closure.prior import vague
+from tinygc.closure.least_squares import LinearEnds, StillRates, fit_least_squares, vague
 from tinygc.estimation.options import Checkpoint
 from tinygc.methods import adamw, denoiser, network, particle_swarm
 from tinygc.models.denoiser import REACH, SHAPES, WINDOW, DenoisedNet, Denoiser

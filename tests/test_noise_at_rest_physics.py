@@ -18,8 +18,8 @@ from session.base.records import table_of
 from session.base.units import DEG
 from session.detect.stills import Still
 from session.log.samples import Samples
-from tinygc.closure.at_rest import MeasuredNoise, NoiseComparison
 from tinygc.closure.floor import GRID_RPS, BiasInstability, allan_freedom
+from tinygc.closure.problem import MeasuredNoise, NoiseComparison
 from tinygc.closure.stills import StillSet
 from tinygc.noise.figures import SensorNoise
 from tinygc.noise.measured import (

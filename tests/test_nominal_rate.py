@@ -9,7 +9,7 @@ from looks import look, of, with_sensor
 
 import tinygc
 from session.base.errors import FormatError
-from session.log.sensors.profile import CLOCK_WITHIN
+from session.log.sensors import CLOCK_WITHIN
 from tinygc import FitOptions, read_session
 from tinygc.estimation.assembly import CLOCK
 from tinygc.features.unit.budget.quantities import sensor_error_budgets

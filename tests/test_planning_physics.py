@@ -16,7 +16,7 @@ from session.detect.accelerometer import IDENTITY, NAMES, PARAMETERS, corrected,
 from session.detect.check_references import with_own_accelerometer
 from tinygc import SimulationOptions, read_session
 from tinygc.closure.build import build_problem
-from tinygc.closure.prior import vague
+from tinygc.closure.least_squares import vague
 from tinygc.models import linear
 from tinygc.planning.proposals import Known, _moves, _rows, best_turns, known_of, propose, requested_by_explain
 from tinygc.simulation.write import write_session

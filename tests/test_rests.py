@@ -14,7 +14,7 @@ from session.log.registers import DEFAULT, RegisterUnits, accel_mps2_per_lsb, gy
 from session.log.rests import read_rest, rest_from_samples
 from session.log.samples import Samples
 from tinygc import SimulationOptions, read_session
-from tinygc.features.temperature.options import RestOptions
+from tinygc.features.temperature.feature import RestOptions
 from tinygc.features.temperature.rest_simulation import simulate_rest
 
 #: slow enough that a test of hours costs little

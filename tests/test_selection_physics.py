@@ -24,9 +24,8 @@ from tinygc.explanation.search import (
     search,
     without_idle,
 )
-from tinygc.noise.candidates import candidates
 from tinygc.noise.components import known_whitener
-from tinygc.noise.refit import Replay, refit
+from tinygc.noise.refit import Replay, candidates, refit
 from tinygc.noise.twin import Twin
 
 N = 90

@@ -23,7 +23,7 @@ from tinygc.closure.floor import (
     allan_freedom,
 )
 from tinygc.closure.joint import fit_joint
-from tinygc.closure.prior import GaussianPrior
+from tinygc.closure.least_squares import GaussianPrior
 from tinygc.closure.uncertainty import BIAS_DRIFT, EARTH
 from tinygc.estimation import assembly
 from tinygc.estimation.assembly import CLOCK, MISFIT, ROUNDING, stated_uncertainty

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+
+from session.base.errors import CalibrationError
 
 # Scatter of values, and from medians, which a few wild ones do not move.
 
@@ -240,3 +243,15 @@ def _column(whole: np.ndarray, places: int, shortest: np.ndarray | None = None) 
             text[tiny, :-1] = words.view(np.uint8).reshape(len(tiny), -1)
             mask[tiny, :-1] = text[tiny, :-1] != 0
     return text, mask
+
+
+# Records as a pandas DataFrame, where pandas is installed.
+
+
+def data_frame(columns: Mapping[str, Any], index: Sequence[str] | None = None) -> Any:
+    """Return a DataFrame of columns by name, its rows named by ``index``.  CalibrationError where pandas is not installed."""
+    try:
+        import pandas
+    except ImportError:
+        raise CalibrationError("to_frame needs pandas: python -m pip install pandas") from None
+    return pandas.DataFrame(dict(columns), index=None if index is None else list(index))

@@ -24,8 +24,8 @@ from session.detect.stills import (
     block_size,
     noise_variance,
 )
-from session.log.pace import GAP_PERIODS, Pace
 from session.log.samples import Samples
+from session.log.stamps import GAP_PERIODS, Pace
 
 # Stillness as it happens, in blocks of 0.1 s, by the limits of ``session.detect.stills``.  It guides the operator; whether a still counts
 # is decided by ``find_stills`` (``Window``), as it will be for the recorded log.

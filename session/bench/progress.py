@@ -16,8 +16,8 @@ from session.detect.accelerometer import attitudes_of, fit_lengths
 from session.detect.segments import Segment, cut_segments
 from session.detect.stills import MIN_STILL_FRACTION, Noise, Still, block_size, find_stills
 from session.log.config import Accelerometer, Protocol, Sensor
-from session.log.pace import Pace
 from session.log.samples import Samples, joined
+from session.log.stamps import Pace
 
 # The samples since the last reference stills.  ``find_stills`` and ``cut_segments`` examine them here as they will examine the recorded
 # log, so a turn that the guide accepts is a segment in ``fit``.

@@ -18,7 +18,7 @@ from session.detect.stills import Still, references
 from session.log.config import Config, Sensor
 from session.log.logfile import Log
 from session.log.samples import Samples
-from session.log.sensors.profile import Profile
+from session.log.sensors import Profile
 
 # Does the gyroscope see the turns that the accelerometer sees?  The search for wrong axes, signs and sensitivities.
 #

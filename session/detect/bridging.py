@@ -11,8 +11,8 @@ from session.base.units import DEG, NS
 from session.detect.events import register_end_dps
 from session.log.config import Sensor
 from session.log.logfile import Bridge
-from session.log.pace import not_caught_up
 from session.log.samples import Samples, inserted, once, pieces, replaced
+from session.log.stamps import not_caught_up
 
 # What was not read, from its neighbours: a polynomial across the gap, of the order that crosses this recording's own movement best.
 #

@@ -25,9 +25,8 @@ from session.detect.stills import Noise, Still, noise_floor
 from session.log.config import Sensor
 from session.log.folder import Session
 from session.log.logfile import Bridge, Log
-from session.log.pace import GAP_PERIODS
 from session.log.samples import Samples, pick, pieces
-from session.log.stamps import along_line
+from session.log.stamps import GAP_PERIODS, along_line
 
 # Checks of one log by itself: gaps, registers, temperature, and what its comments say.  Each returns findings.
 

@@ -20,7 +20,7 @@ from session.log.config import Config, Sensor
 from session.log.logfile import Log
 from session.log.rests import RestLog, read_rest
 from session.log.samples import Samples
-from session.log.sensors.profile import Profile
+from session.log.sensors import Profile
 
 # Checks of what a log's still phases show: their number, the noise, the zero-rate level, the length of gravity.
 

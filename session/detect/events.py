@@ -14,7 +14,7 @@ from session.base.units import DEG, G
 from session.log.config import Sensor
 from session.log.rests import RestLog
 from session.log.samples import Samples, pieces
-from session.log.sensors.profile import REGISTER_MAX, REGISTER_SPAN
+from session.log.sensors import REGISTER_MAX, REGISTER_SPAN
 
 # Readings that stand at a limit: the register's end, or a level that the sensor does not leave.
 

@@ -22,7 +22,7 @@ from session.log.config import Sensor
 from session.log.logfile import Log
 from session.log.registers import PROFILES
 from session.log.samples import Samples
-from session.log.sensors.profile import REGISTER_MAX
+from session.log.sensors import REGISTER_MAX
 
 #: readings of a log that are looked at for what shows in every part of it
 MOST = 1 << 18

@@ -17,9 +17,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from session.base.numeric import running_sum
 from session.base.units import NS
 from session.detect.bridging import short_gaps
-from session.log.pace import GAP_PERIODS, LOST
 from session.log.samples import Samples, once, pieces
-from session.log.stamps import lasting_gaps
+from session.log.stamps import GAP_PERIODS, LOST, lasting_gaps
 
 #: findings on stamps that err: a likelier cause of whatever is left than any effect
 JITTER, RATE_CHANGES = STAMPS = "jitter", "rate changes"

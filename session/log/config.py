@@ -23,7 +23,7 @@ from session.base.toml import Note, read_toml
 from session.base.units import BEYOND, STANDARD_GRAVITY_MPS2
 from session.log.registers import DEFAULT, RegisterUnits, profile_of
 from session.log.requirements import Requirements, RequirementsShape
-from session.log.sensors.profile import CLOCK_WITHIN, Profile
+from session.log.sensors import CLOCK_WITHIN, Profile
 
 # How the attitudes of a truth file are to be read: which way they turn, which way is up, whose axes, whose clock.
 #

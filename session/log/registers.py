@@ -12,15 +12,14 @@ from typing import TYPE_CHECKING
 from session.base.errors import FormatError
 from session.base.texts import letters_of
 from session.base.units import MDPS, MG
-from session.log.sensors import invensense, others, st
-from session.log.sensors.profile import REGISTER_SPAN, Profile, Thermometer
+from session.log.sensors import INVENSENSE, OTHERS, REGISTER_SPAN, ST, Profile, Thermometer
 
 if TYPE_CHECKING:
     import numpy as np
 
 # Which sensor a name means, however it is written: ``mpu9250``, ``MPU-9250``, ``ST asm330lhhtr, unit 2``.
 
-PROFILES: tuple[Profile, ...] = (*st.PROFILES, *invensense.PROFILES, *others.PROFILES)
+PROFILES: tuple[Profile, ...] = (*ST, *INVENSENSE, *OTHERS)
 #: the sensor where none is named (docs/formats.md)
 DEFAULT = "ASM330LHH"
 _GENERIC = "generic"

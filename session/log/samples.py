@@ -9,10 +9,9 @@ from typing import Any, Concatenate, ParamSpec, TypeVar, cast
 
 import numpy as np
 
-from session.base.dataframe import data_frame
-from session.base.numeric import fewest_decimals, in_decimals
+from session.base.numeric import data_frame, fewest_decimals, in_decimals
 from session.base.units import NS
-from session.log.pace import GAP_PERIODS, Pace, not_caught_up, pace_of
+from session.log.stamps import GAP_PERIODS, Pace, not_caught_up, pace_of
 
 # Readings of a whole log in as few bytes as they were written with, converted to SI and float64 on access.
 #

@@ -24,9 +24,8 @@ from session.detect.findings import Finding
 from session.detect.first_look import check_folder
 from session.log.config import Sensor, read_config
 from session.log.logfile import CALIBRATED, read_log
-from session.log.pace import FASTEST_HZ, SLOWEST_HZ, pace_of
 from session.log.registers import profile_of
-from session.log.stamps import fresh
+from session.log.stamps import FASTEST_HZ, SLOWEST_HZ, fresh, pace_of
 from session.log.standard import flags_of
 from session.log.written import LATITUDE_REMOVES, OPTIONAL_SITE
 from session.replay.answers import (

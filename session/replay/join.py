@@ -11,10 +11,9 @@ from session.base.budget import current
 from session.base.errors import DataError, FormatError
 from session.base.numeric import later_row, median_length
 from session.base.units import G
-from session.log.pace import pace_of
 from session.log.reader import Piece
 from session.log.samples import Growing
-from session.log.stamps import COARSE, TWICE, UNCOUNTED, along_line, counted, evenly, fresh, written_once
+from session.log.stamps import COARSE, TWICE, UNCOUNTED, along_line, counted, evenly, fresh, pace_of, written_once
 from session.log.thermometer import Sound
 from session.replay.dialects import TableLayout
 from session.replay.sources import Source, StreamSource

@@ -23,8 +23,7 @@ from session.log.samples import start_times
 from tinygc.closure import residual
 from tinygc.closure.earth import EarthRate, contradicts, estimate_heading, no_earth, vertical_only, with_heading
 from tinygc.closure.floor import Floor, closure_floor
-from tinygc.closure.least_squares import StillRates, fit_least_squares, naming_segments
-from tinygc.closure.prior import PriorOf
+from tinygc.closure.least_squares import PriorOf, StillRates, fit_least_squares, naming_segments
 from tinygc.closure.problem import CLIPPED, LEFT_OUT, NOT_TAKEN, Problem, Widening, bridged_sigma, widened_by_bridges
 from tinygc.closure.residual import TOGETHER, Batch, KnownTurns, attitudes, closure_angles, directions
 from tinygc.closure.stills import StillSet, carry_yaw

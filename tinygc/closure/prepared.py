@@ -21,7 +21,7 @@ from session.log.folder import Session, read_session
 from tinygc.closure.build import build_problem
 from tinygc.closure.earth import vertical_only, vertical_rate
 from tinygc.closure.joint import GIVEN_SIGMA_MG, REFUTED_P, fit_joint, recalibrated
-from tinygc.closure.prior import PriorOf
+from tinygc.closure.least_squares import PriorOf
 from tinygc.closure.problem import NOT_TAKEN, AtRest, JointFit, Problem
 from tinygc.closure.runs import read_closure_runs
 from tinygc.closure.stills import StillSet

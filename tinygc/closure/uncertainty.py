@@ -14,8 +14,7 @@ from session.base.units import EARTH_RATE_RPS
 from tinygc.closure import residual
 from tinygc.closure.earth import EarthRate
 from tinygc.closure.floor import GYRO_NOISE, BiasWander, Floor
-from tinygc.closure.least_squares import StillRates, solve_lower
-from tinygc.closure.prior import GaussianPrior
+from tinygc.closure.least_squares import GaussianPrior, StillRates, solve_lower
 from tinygc.models import linear
 from tinygc.models.linear import PRIOR_SIGMA, LinearModel
 

@@ -24,9 +24,9 @@ from session.bench.session_file import ASSUMED
 from session.log.config import Accelerometer
 from session.log.lines import PIECE_BYTES, STANDARD
 from session.log.logfile import CALIBRATED, number_in, refuse_calibrated
-from session.log.pace import pace_of
 from session.log.reader import Reader
 from session.log.registers import DEFAULT, RegisterUnits
+from session.log.stamps import pace_of
 from session.log.standard import flags_of
 from tinygc import models
 from tinygc.deploy.calibration import Calibration, Stream, Surroundings, began_in_session, surroundings

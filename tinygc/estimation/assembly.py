@@ -20,7 +20,7 @@ import numpy as np
 
 from session.base.errors import FitError
 from session.base.texts import command_line, significant
-from tinygc.closure.prior import PriorUse
+from tinygc.closure.least_squares import PriorUse
 from tinygc.closure.problem import GYROSCOPE, Problem
 from tinygc.closure.uncertainty import GoodnessOfFit, covariance_parts, goodness
 from tinygc.estimation.options import FitOptions

@@ -10,8 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from tinygc.closure.least_squares import StillRates, naming_segments
-from tinygc.closure.prior import GaussianPrior
+from tinygc.closure.least_squares import GaussianPrior, StillRates, naming_segments
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch, closure_angles
 from tinygc.estimation.options import METHODS, FitOptions, MethodFit, Progress

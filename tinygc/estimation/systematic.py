@@ -26,8 +26,7 @@ from tinygc.closure.problem import Problem
 from tinygc.effects import Effect
 from tinygc.estimation.stated_noise import StatedNoise, stated_response
 from tinygc.models.linear import NAMES, LinearModel
-from tinygc.noise.candidates import candidates
-from tinygc.noise.refit import calibration_columns, prior_sigmas
+from tinygc.noise.refit import calibration_columns, candidates, prior_sigmas
 
 #: prior odds of any effect of the catalogue, and of any shape without a name: about one recording in three shows none of twenty effects
 PRIOR_ODDS = 1 / 30

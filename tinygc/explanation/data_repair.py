@@ -28,9 +28,8 @@ from tinygc.explanation.clipped_turns import FEWEST_WHOLE, Clipping, about_the_v
 from tinygc.explanation.evidence import Evidence, Hypothesis
 from tinygc.explanation.faulty_readings import FALSE, LOST, Crossing, RegisterFault, crossing, proposed, without_false_readings
 from tinygc.explanation.search import search
-from tinygc.noise.candidates import candidates
 from tinygc.noise.components import first_noise, undersampling
-from tinygc.noise.refit import design
+from tinygc.noise.refit import candidates, design
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import Whitener
 

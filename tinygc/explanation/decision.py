@@ -42,9 +42,8 @@ from tinygc.explanation.search import (
 from tinygc.explanation.standing import Standing, standing_of
 from tinygc.fitting.results import FitResult
 from tinygc.models.linear import LinearModel
-from tinygc.noise.candidates import candidates, scanned
 from tinygc.noise.components import MOST_FACTOR, STILL_RATE, TURN, UNDERSAMPLED, SessionNoise
-from tinygc.noise.refit import Refit, Replay, at_known_shapes, prior_sigmas, refit
+from tinygc.noise.refit import Refit, Replay, at_known_shapes, candidates, prior_sigmas, refit, scanned
 from tinygc.noise.twin import FIRST_CLAIM, LINEAR, State, Twin, claim_slice
 from tinygc.noise.whitening import OPEN_MPS2, TOGETHER, Whitener
 from tinygc.verdict.acceptance import NEAR_FLOOR

@@ -16,10 +16,9 @@ from session.base.numeric import rms_of
 from session.base.solving import unit_columns
 from tinygc.effects import Effect
 from tinygc.estimation.systematic import PRIOR_ODDS, penalty
-from tinygc.noise.candidates import scanned
 from tinygc.noise.channels import in_gauge
 from tinygc.noise.components import SessionNoise, Whiteners, first_noise, noise_beside
-from tinygc.noise.refit import ENOUGH, Refit, Replay, prior_sigmas, refit
+from tinygc.noise.refit import ENOUGH, Refit, Replay, prior_sigmas, refit, scanned
 from tinygc.noise.twin import Twin, claim_slice
 from tinygc.noise.whitening import Whitener
 

@@ -25,7 +25,7 @@ from tinygc.explanation.truth_engine import without_wrong_moments
 from tinygc.explanation.truth_names import TruthTwin, beside_clock, held_out, name_beside_truth
 from tinygc.models.nets import CalibrationNet
 from tinygc.models.physics import CarriedNet, PhysicsModel
-from tinygc.noise.candidates import candidates
+from tinygc.noise.refit import candidates
 from tinygc.noise.twin import Twin
 
 

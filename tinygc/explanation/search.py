@@ -15,8 +15,7 @@ from tinygc.effects import Effect, Movement, Parameter, Reach, Scan, catalogue, 
 from tinygc.effects.effect import WORLD
 from tinygc.effects.movement import HAND_S, NOWHERE
 from tinygc.explanation.evidence import Evidence, Guess, Hypothesis, least_gain, left_of, orthonormal, sharpened, without_claim
-from tinygc.noise.candidates import candidates
-from tinygc.noise.refit import Refit, Replay
+from tinygc.noise.refit import Refit, Replay, candidates
 from tinygc.noise.twin import Twin, claim_slice
 from tinygc.noise.whitening import TOGETHER, Whitener
 

@@ -24,10 +24,9 @@ from tinygc.explanation.evidence import Evidence, Hypothesis
 from tinygc.explanation.search import NAMELESS, STAND_IN, NamedEffect, exchanged, search
 from tinygc.explanation.truth_evidence import TruthClaim, TruthExplanation, offset_columns, truth_claim
 from tinygc.models.linear import PARAMETERS
-from tinygc.noise.candidates import candidates
 from tinygc.noise.channels import in_gauge
 from tinygc.noise.components import WANDER
-from tinygc.noise.refit import Refit, refit
+from tinygc.noise.refit import Refit, candidates, refit
 from tinygc.noise.twin import Channels, State, Twin
 from tinygc.noise.whitening import Whitener
 

@@ -14,8 +14,8 @@ from session.base import features
 from session.base.errors import DataError, FitError, SegmentError
 from session.log.folder import Session, read_session
 from session.log.requirements import read_requirements
+from tinygc.closure.least_squares import GaussianPrior, PriorOf, PriorUse
 from tinygc.closure.prepared import Prepared, prepare
-from tinygc.closure.prior import GaussianPrior, PriorOf, PriorUse
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import closure_angles
 from tinygc.closure.runs import read_closure_runs

@@ -16,7 +16,7 @@ from session.detect.signatures import FILTER, TRACKED
 from session.log.config import NominalRate
 from session.log.folder import Session
 from session.log.requirements import Requirements, read_requirements
-from tinygc.closure.prior import PriorUse
+from tinygc.closure.least_squares import PriorUse
 from tinygc.closure.problem import Problem
 from tinygc.closure.runs import ClosureRun
 from tinygc.closure.uncertainty import GoodnessOfFit, goodness

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from session.base.errors import CalibrationError
 from session.base.texts import command_line
 from session.log.registers import PROFILES, nearest_name, profile_of
-from session.log.sensors.profile import Profile
+from session.log.sensors import Profile
 from tinygc.library.arguments import public
 
 if TYPE_CHECKING:

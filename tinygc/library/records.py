@@ -8,8 +8,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from session.base.dataframe import data_frame
 from session.base.errors import CalibrationError
+from session.base.numeric import data_frame
 from session.detect.accelerometer import NAMES as ACCELEROMETER_NAMES
 from session.detect.accelerometer import PARAMETERS
 from tinygc.estimation.accelerometer import AccelerometerFit

@@ -14,8 +14,7 @@ from session.base import rotation
 from session.base.errors import FitError
 from session.base.numeric import rms_of
 from tinygc.closure import residual
-from tinygc.closure.least_squares import LinearEnds, Rows, StillRates, fit_least_squares
-from tinygc.closure.prior import vague
+from tinygc.closure.least_squares import LinearEnds, Rows, StillRates, fit_least_squares, vague
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch
 from tinygc.estimation.held_out import FitInput, held_out

@@ -17,7 +17,6 @@ from session.base.units import DEG_PER_HOUR, DEG_PER_SQRT_HOUR, G
 from session.detect.rounding import lsb_of
 from session.log.config import NO_SERIAL
 from session.log.folder import sha256_of
-from tinygc.closure.at_rest import MeasuredNoise, NoiseComparison
 from tinygc.closure.floor import (
     END_S,
     FLOOR_FREEDOM,
@@ -29,7 +28,7 @@ from tinygc.closure.floor import (
     curve_of,
     likelihood_of_instability,
 )
-from tinygc.closure.problem import AtRest, Problem
+from tinygc.closure.problem import AtRest, MeasuredNoise, NoiseComparison, Problem
 from tinygc.closure.uncertainty import chi_square_above
 from tinygc.noise.figures import FILE, AxisNoise, NoiseFigures, SensorNoise, Term, read_figures, unit_allan_variance
 

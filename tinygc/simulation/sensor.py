@@ -13,7 +13,7 @@ import numpy as np
 
 from session.base.units import DEG, DEG_PER_HOUR, G
 from session.log.registers import RegisterUnits
-from session.log.sensors.profile import REGISTER_MAX
+from session.log.sensors import REGISTER_MAX
 from tinygc.simulation.options import GYRO_LPF2_HZ, SimulatedUnit, SimulationOptions
 
 #: What a sensor feels: t_s (N,) s, increasing -> rate against inertial space (N, 3) rad/s, specific force (N, 3) m/s^2 and temperature

@@ -20,7 +20,7 @@ from session.bench.events import HEADER, Info
 from session.log.folder import Session, read_session
 from session.log.registers import DEFAULT, RegisterUnits
 from session.log.samples import Samples
-from session.log.sensors.profile import REGISTER_MAX
+from session.log.sensors import REGISTER_MAX
 from session.log.written import toml_text
 from tinygc.simulation.movement import PEAK_RPS, MovementPlan, not_faster, stroke
 from tinygc.simulation.options import SimulatedUnit, SimulationOptions

@@ -21,6 +21,7 @@ from session.log.config import LeftOut
 from tinygc import SimulationOptions, models
 from tinygc.closure.least_squares import OBSERVED_BELOW
 from tinygc.closure.residual import closure_angles
+from tinygc.features.arrays.feature import ArrayOptions
 from tinygc.features.arrays.fit import (
     _ArrayMotion,
     _solve_position,
@@ -31,7 +32,6 @@ from tinygc.features.arrays.fit import (
 )
 from tinygc.features.arrays.joint import ArrayEvent
 from tinygc.features.arrays.model import load_array_model
-from tinygc.features.arrays.options import ArrayOptions
 from tinygc.features.arrays.recording import read_array
 from tinygc.features.arrays.simulation import simulate_array, write_array
 from tinygc.features.arrays.units import same_stills

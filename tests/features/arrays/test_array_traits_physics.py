@@ -15,9 +15,9 @@ from tinygc.effects import catalogue
 from tinygc.estimation.systematic import PRIOR_ODDS
 from tinygc.explanation.standing import Standing, Statement
 from tinygc.features.arrays.explanation import ArrayExplanation, _event_lines, array_page, moments_of
+from tinygc.features.arrays.feature import ArrayOptions
 from tinygc.features.arrays.fit import fit_array
 from tinygc.features.arrays.joint import ArrayEvent
-from tinygc.features.arrays.options import ArrayOptions
 from tinygc.features.arrays.recording import read_array
 from tinygc.features.arrays.simulation import simulate_array, write_array
 from tinygc.features.arrays.slow_zero import _UnitEvidence, pooled

@@ -15,9 +15,8 @@ import tinygc
 from session.base.records import table_of, write_whole
 from session.base.units import DEG, G
 from tinygc import CalibrationError
-from tinygc.closure.least_squares import fit_least_squares
+from tinygc.closure.least_squares import GaussianPrior, fit_least_squares, vague
 from tinygc.closure.prepared import prepare
-from tinygc.closure.prior import GaussianPrior, vague
 from tinygc.closure.uncertainty import goodness, parameter_covariance
 from tinygc.estimation.options import FitOptions
 from tinygc.estimation.stated_noise import stated_covariance, stated_goodness, stated_noise

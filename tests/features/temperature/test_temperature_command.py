@@ -14,7 +14,7 @@ import calibrate
 from session.log.config import Accelerometer
 from session.log.logfile import read_log
 from tinygc import SimulationOptions, read_session
-from tinygc.features.temperature.options import RestOptions
+from tinygc.features.temperature.feature import RestOptions
 from tinygc.features.temperature.rest_simulation import write_rest
 
 

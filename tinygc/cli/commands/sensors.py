@@ -10,7 +10,7 @@ from tinygc.cli.options import Command
 from tinygc.cli.results import output, write_json
 
 if TYPE_CHECKING:
-    from session.log.sensors.profile import Figure, Profile
+    from session.log.sensors import Figure, Profile
 
 SUMMARY = "list the sensors that are known, or all that is known of one"
 #: figure -> its name for the user, and its unit

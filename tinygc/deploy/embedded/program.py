@@ -14,7 +14,7 @@ from session.base.errors import FormatError
 from session.base.rotation import unit_vectors
 from session.log.config import Accelerometer, Config, Sensor
 from session.log.registers import DEFAULT
-from session.log.sensors.profile import Thermometer
+from session.log.sensors import Thermometer
 from tinygc.deploy import ExportError, feature_exports
 from tinygc.deploy.embedded.stages import calibration_net, denoise, effect_stage, linear
 from tinygc.effects import Cost

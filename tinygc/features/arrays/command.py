@@ -13,8 +13,8 @@ from session.base.options import changed, given, part
 from session.base.texts import command_line
 from tinygc.cli.results import Done, complain, inside, output, print_commands, try_destinations, verdict, write_json
 from tinygc.estimation.options import FitOptions
+from tinygc.features.arrays.feature import ArrayOptions
 from tinygc.features.arrays.names import is_array
-from tinygc.features.arrays.options import ArrayOptions
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -17,8 +17,8 @@ from session.base.records import record_from, record_of, table_of
 from session.base.results import Array, Keys, Maybe, Number, Text, read_json, require_schema, shown
 from session.log.config import OWN_UNITS, Accelerometer, Sensor
 from tinygc.features.arrays.clocks import UnitClock, UnitPlace
+from tinygc.features.arrays.feature import MOST_UNITS
 from tinygc.features.arrays.names import SCHEMA
-from tinygc.features.arrays.options import MOST_UNITS
 from tinygc.models.files import UNITS
 from tinygc.models.linear import LinearModel
 from tinygc.models.model import (

@@ -11,8 +11,8 @@ from session.base.names import CLOCKS
 from session.base.options import given_beside, record_in
 from session.base.texts import command_line
 from session.detect.findings import Finding
+from tinygc.features.arrays.feature import ApplyOptions, ImportOptions
 from tinygc.features.arrays.names import array_folders, array_size, is_array, is_array_model, unit_of
-from tinygc.features.arrays.options import ApplyOptions, ImportOptions
 
 if TYPE_CHECKING:
     from session.replay.convert import Converted

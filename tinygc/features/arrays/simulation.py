@@ -14,7 +14,7 @@ from session.base.files import folder_whole, write_new
 from session.base.texts import comment
 from session.base.units import DEG, MG
 from session.log.written import toml_text
-from tinygc.features.arrays.options import ArrayOptions
+from tinygc.features.arrays.feature import ArrayOptions
 from tinygc.simulation import movement
 from tinygc.simulation.movement import MovementPlan
 from tinygc.simulation.options import SimulationOptions, in_python

@@ -16,7 +16,7 @@ from tinygc.explanation.evidence import Evidence, linear_estimate
 from tinygc.explanation.families import SLOW_ZERO, alternatives, has_thermometer, motion, shares_of
 from tinygc.explanation.search import guesses, slow_candidates
 from tinygc.explanation.standing import LEVEL, Standing, Statement, upper_limit
-from tinygc.noise.candidates import candidates
+from tinygc.noise.refit import candidates
 from tinygc.noise.twin import Twin
 
 

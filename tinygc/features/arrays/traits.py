@@ -22,8 +22,7 @@ from tinygc.explanation.engine import Explanation
 from tinygc.explanation.evidence import linear_estimate, without_claim
 from tinygc.explanation.standing import LEVEL, Standing, Statement, homogeneity_p, standing_of, upper_limit
 from tinygc.features.arrays.fit import ArrayFit
-from tinygc.noise.candidates import candidates
-from tinygc.noise.refit import Replay, prior_sigmas
+from tinygc.noise.refit import Replay, candidates, prior_sigmas
 
 #: whose an effect is: common by nature, in all units with equality not rejected, different between units, not told, or in single readings
 COMMON, ALIKE, DIFFERS, UNDECIDED, READINGS = "common", "alike", "differs", "undecided", "readings"

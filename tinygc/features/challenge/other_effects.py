@@ -10,7 +10,7 @@ from scipy.signal import butter, sosfiltfilt, sosfreqz
 
 from session.base.units import DEG, MG, G
 from session.log.registers import gyro_rps_per_lsb
-from session.log.sensors.profile import REGISTER_MAX
+from session.log.sensors import REGISTER_MAX
 from tinygc.features.challenge.rate_effects import RATE_EFFECTS, Concealment, Scene
 from tinygc.simulation.movement import MovementPlan, Stroke
 from tinygc.simulation.options import SimulationOptions

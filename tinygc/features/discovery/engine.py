@@ -51,7 +51,7 @@ from tinygc.features.discovery.selection import FORM, Constants, FormEvidence, S
 from tinygc.features.discovery.stated_rate import LACKING, MOST_LACKING, of_constants, share_lacking
 from tinygc.features.discovery.unobserved import not_observed, observed
 from tinygc.features.discovery.words import constant_of, equation, splits, what
-from tinygc.noise.candidates import candidates
+from tinygc.noise.refit import candidates
 from tinygc.noise.twin import Twin, claim_slice
 
 # The result of a search: the accepted laws and their possible alternatives.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from session.base.errors import CalibrationError
 from session.base.options import record_in
-from tinygc.features.discovery.options import SearchOptions
+from tinygc.features.discovery.feature import SearchOptions
 
 if TYPE_CHECKING:
     from tinygc.explanation.engine import Explanation

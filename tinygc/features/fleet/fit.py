@@ -11,7 +11,7 @@ from scipy.special import chdtrc
 from session.base.errors import CalibrationError
 from session.detect.segments import FEWEST_SEGMENTS
 from session.log.folder import file_key, sha256_of
-from tinygc.closure.prior import GaussianPrior, vague
+from tinygc.closure.least_squares import GaussianPrior, vague
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import closure_angles
 from tinygc.closure.uncertainty import goodness, parameter_covariance

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from session.base.errors import CalibrationError
-from tinygc.features.fleet.options import LotOptions
+from tinygc.features.fleet.feature import LotOptions
 
 if TYPE_CHECKING:
     from tinygc.estimation.options import FitOptions

@@ -28,13 +28,12 @@ from session.detect.stills import find_stills, references
 from session.log.config import REFERENCES, Config, Sensor, read_config
 from session.log.folder import Session, sha256_of
 from session.log.logfile import number_in, read_log
-from session.log.pace import FASTEST_HZ, SLOWEST_HZ, pace_of
 from session.log.reader import Reader
 from session.log.registers import profile_of
 from session.log.rests import RestLog, read_rest, rest_from_samples
 from session.log.samples import TOGETHER, Samples, joined
-from session.log.sensors.profile import CLOCK_WITHIN
-from session.log.stamps import evenly
+from session.log.sensors import CLOCK_WITHIN
+from session.log.stamps import FASTEST_HZ, SLOWEST_HZ, evenly, pace_of
 from tinygc.features.noise.summary import RestSums
 
 Progress = Callable[[str, int, int], None]

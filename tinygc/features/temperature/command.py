@@ -13,7 +13,7 @@ from session.base.errors import CalibrationError
 from session.base.options import argument, changed, folder_written, option
 from tinygc.cli.options import Command, UsesEffects
 from tinygc.cli.results import output, try_destinations, write_json
-from tinygc.features.temperature.options import RestOptions
+from tinygc.features.temperature.feature import RestOptions
 
 if TYPE_CHECKING:
     from tinygc.simulation.options import SimulationOptions

@@ -14,7 +14,7 @@ from session.base.files import folder_whole, write_new
 from session.base.units import DEG, DEG_PER_HOUR, G
 from session.log.registers import DEFAULT, accel_mps2_per_lsb, gyro_rps_per_lsb
 from session.log.written import toml_text
-from tinygc.features.temperature.options import RestOptions
+from tinygc.features.temperature.feature import RestOptions
 from tinygc.simulation.options import MOST_SAMPLES, SimulationOptions
 from tinygc.simulation.sensor import Flicker, RegisterLog, registers_of, white
 from tinygc.simulation.simulator import unit_of

@@ -15,8 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from session.base.units import NS
-from session.log.pace import WINDOW
-from session.log.stamps import COARSE, lasting_gaps
+from session.log.stamps import COARSE, WINDOW, lasting_gaps
 
 #: samples over which the period is measured, where there are four times as many: bursts are short beside
 LAG = 512

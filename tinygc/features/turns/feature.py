@@ -1,6 +1,22 @@
 """A gyroscope alone, by turns of known angle."""
 
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
 from session.base.features import Feature
+from session.base.options import Record, option
+
+# Options that a gyroscope alone adds to commands of the core.
+
+
+@dataclass(frozen=True)
+class ImportOptions(Record):
+    """Options of ``import``."""
+
+    turns: Path | None = option(None, "of a gyroscope alone: turns.csv, the known angles of its turns")
+
 
 FEATURE = Feature(
     public={"fit_turns": "library", "TurnFit": "library"},
@@ -8,7 +24,7 @@ FEATURE = Feature(
         "kind of folder": "points:kind_of_folder",
         "further reference": "names:TURNS",
         "fit of a folder": "command:fit",
-        "options of import": "options:ImportOptions",
+        "options of import": "feature:ImportOptions",
         "import of logs": "points:import_logs",
     },
 )

@@ -14,7 +14,7 @@ from session.base.texts import command_line
 from session.base.units import NS
 from session.log.config import Sensor, read_config
 from session.log.logfile import NAME, read_known_turns
-from session.log.pace import pace_of
+from session.log.stamps import pace_of
 from session.replay.answers import with_comments
 from session.replay.convert import Converted
 from session.replay.join import rates_of

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from session.base.options import given_beside, record_in
 from session.base.texts import command_line
+from tinygc.features.turns.feature import ImportOptions
 from tinygc.features.turns.names import TURNS, is_gyroscope_alone
-from tinygc.features.turns.options import ImportOptions
 
 if TYPE_CHECKING:
     from session.replay.convert import Converted

@@ -28,8 +28,8 @@ from session.detect.stills import SessionStills, Still, references
 from session.log.folder import Session
 from tinygc.closure.earth import no_earth, unseen_covariance, vertical_only
 from tinygc.closure.floor import UNKNOWN, BiasInstability, bias_instability_of, wander_covariance
+from tinygc.closure.least_squares import GaussianPrior
 from tinygc.closure.prepared import prepare
-from tinygc.closure.prior import GaussianPrior
 from tinygc.closure.problem import Problem
 from tinygc.closure.stills import StillSet
 from tinygc.effects import catalogue, per_axis

@@ -19,7 +19,7 @@ from session.base.errors import DataError
 from session.base.numeric import rms_of
 from session.base.texts import significant
 from session.base.units import DEG, MG, NS, NS_PER_S
-from session.log.pace import pace_of
+from session.log.stamps import pace_of
 from tinygc.closure.motion import LIMIT_DEG, MINUTE_S, at_rest
 from tinygc.deploy.calibration import Calibration, Stream
 from tinygc.features.unit.watch.change import Change, WindowRecord, change_of

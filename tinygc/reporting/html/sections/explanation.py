@@ -48,7 +48,7 @@ WORDS = {each.__name__: each for each in (chance_words, equivalent_words, parame
 
 def section(evidence: ReportData) -> Section | None:
     """Section on the explanation; None if explain was not run."""
-    from tinygc.noise.candidates import candidates
+    from tinygc.noise.refit import candidates
 
     e = evidence.explanation
     if e is None:

@@ -6,9 +6,8 @@ import numpy as np
 
 from session.base.texts import fixed, significant
 from session.base.units import DEG, DEG_PER_HOUR
-from tinygc.closure.at_rest import MeasuredNoise
 from tinygc.closure.floor import AllanCurve, Reading, angle_random_walk
-from tinygc.closure.problem import Problem
+from tinygc.closure.problem import MeasuredNoise, Problem
 from tinygc.closure.residual import RateMap
 from tinygc.explanation.reported import ReportData
 from tinygc.models.linear import COVERAGE_FACTOR

@@ -256,3 +256,38 @@ def test_every_command_says_of_every_option_what_it_means():
         for each, rule in declared(getattr(command_module(name), "Options", Search)):
             assert rule.help, f"{name}: {each.name}"
             assert "Path" not in str(each.type) or rule.read is None or rule.read.__name__ == path_read.__name__, f"{name}: {each.name}"
+
+
+OF_TYPES = """
+@dataclass(frozen=True)
+class Kind(Record):
+    plain: bool = option(False, "so")
+    count: int = option(2, "many", least=0)
+    where: Path | None = option(None, "there")
+"""
+
+
+def test_types_may_be_text_or_types():
+    """A module without ``from __future__ import annotations`` has types."""
+    names = {"dataclass": dataclass, "Record": Record, "option": option, "Path": Path}
+    exec(compile(OF_TYPES, "types", "exec", dont_inherit=True), names)
+    kind = names["Kind"]
+    parser = argparse.ArgumentParser()
+    add_arguments(parser, kind)
+    found = from_arguments(kind, parser.parse_args(["--plain", "--count", "3", "--where", "x"]))
+    assert (found.plain, found.count, found.where) == (True, 3, Path("x"))
+    with pytest.raises(CalibrationError, match="count is 'x', expected a whole number of 0 or more"):
+        kind(count="x")
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["fit", "s", "--accelerometer", "alone", "--methods", "pso"], "--methods: of no use with --accelerometer alone; leave it out"),
+        (["fit", "s", "--accelerometer", "alone", "--lot", "l", "--strict"], "--lot, --strict: of no use with"),
+        (["history", "a", "b", "--compare", "--out", "h"], "--out: of no use with --compare; leave it out"),
+    ],
+)
+def test_an_option_that_would_do_nothing_is_refused(words, says, run):
+    code, _, err = run(*words)
+    assert (code, says in err) == (2, True), err

@@ -23,7 +23,7 @@ Record = TypeVar("Record")
 POINTS = {
     "options of COMMAND": "record of options: further ones of a command of the core",
     "kind of folder": "function(folder) -> what it is and what takes it, one sentence; None of a session, and of what cannot be read",
-    "line of a list": "function(folder) -> fields of ListedSession (tinygc/estimation/listing.py) of such a folder, or None",
+    "line of a list": "function(folder) -> fields of ListedSession (tinygc/fitting/listing.py) of such a folder, or None",
     "further reference": "a word of protocol.reference, of a recording without an accelerometer",
     "section of session.toml": "frozen dataclass of records.py: what a section holds, whose name is its class variable section",
     "fit of a folder": "function(args) -> Done | None: fits a folder that is no session of one sensor",
@@ -53,7 +53,7 @@ GROUP = "tinygc.features"
 class Feature:
     """What a feature adds.  A value names a module of its folder, or ``module:attribute``; it is imported when it is used.
 
-    commands: name -> module with ``SUMMARY``, ``add_arguments(command)`` and ``run(args)``; public: name in ``tinygc`` -> module that has
+    commands: name -> module with ``SUMMARY``, ``Options`` (a record) and ``run(options)``; public: name in ``tinygc`` -> module that has
     it; kinds: kind of model -> module with ``to_table`` and ``from_table``; exports: kind of model -> module with ``stage`` and ``CARRIED``
     (tinygc/deploy/__init__.py); serves: point -> what serves it there.
     """
@@ -72,35 +72,24 @@ _PLACES: dict[str, str] = {}
 def look_in(folder: str, package: str) -> None:
     """Find features in the folders of this one."""
     _PLACES[folder] = package
-    beside.cache_clear()
+    known.cache_clear()
 
 
 @cache
-def beside() -> dict[str, Feature]:
-    """Return package -> feature, of the folders."""
+def known() -> dict[str, Feature]:
+    """Return package -> feature: of the folders first, then of other people's packages."""
     names = [f"{package}.{path.parent.name}" for folder, package in _PLACES.items() for path in sorted(Path(folder).glob("*/feature.py"))]
-    return {name: import_module(f"{name}.feature").FEATURE for name in names}
+    found = {name: import_module(f"{name}.feature").FEATURE for name in names}
+    if any(map(_has_features, sys.path)):
+        from importlib.metadata import entry_points
 
-
-@cache
-def installed() -> dict[str, Feature]:
-    """Return package -> feature, of other people's packages."""
-    if not any(map(_has_features, sys.path)):
-        return {}
-    from importlib.metadata import entry_points
-
-    return {entry.module.rpartition(".")[0]: entry.load() for entry in entry_points(group=GROUP)}
+        found |= {entry.module.rpartition(".")[0]: entry.load() for entry in entry_points(group=GROUP)}
+    return found
 
 
 def _has_features(folder: str) -> bool:
     """Whether a package that is installed in a folder names the group: ``importlib.metadata`` loads 30 modules to say that none does."""
     return any(GROUP.encode() in path.read_bytes() for path in Path(folder).glob("*-info/entry_points.txt"))
-
-
-def _everyone() -> Iterator[tuple[str, Feature]]:
-    """Yield those of the folders first: who finds there what is looked for never asks what is installed."""
-    yield from beside().items()
-    yield from installed().items()
 
 
 def _load(package: str, value: str) -> Any:
@@ -111,7 +100,7 @@ def _load(package: str, value: str) -> Any:
 
 def named(table: str, name: str) -> Any:
     """Return what a feature has by this name in ``commands``, ``public``, ``kinds`` or ``exports``; None where none has it."""
-    for package, feature in _everyone():
+    for package, feature in known().items():
         if (value := getattr(feature, table).get(name)) is not None:
             return _load(package, value)
     return None
@@ -119,12 +108,12 @@ def named(table: str, name: str) -> Any:
 
 def names(table: str) -> list[str]:
     """Return all names of one of these tables."""
-    return [name for _, feature in _everyone() for name in getattr(feature, table)]
+    return [name for _, feature in known().items() for name in getattr(feature, table)]
 
 
-def each(point: str, among: Mapping[str, Feature] | None = None) -> Iterator[Any]:
-    """Yield what serves a point, imported one by one; among: these features alone."""
-    for package, feature in _everyone() if among is None else among.items():
+def each(point: str) -> Iterator[Any]:
+    """Yield what serves a point, imported one by one."""
+    for package, feature in known().items():
         values = feature.serves.get(point, ())
         for value in (values,) if isinstance(values, str) else values:
             yield _load(package, value)
@@ -134,7 +123,7 @@ def extended(point: str) -> Callable[[type[Record]], type[Record]]:
     """Decorate a frozen dataclass: it gets the fields of the dataclasses that serve the point."""
 
     def with_more(record: type[Record]) -> type[Record]:
-        if not (more := tuple(each(point, beside()))):
+        if not (more := tuple(each(point))):
             return record
         own = {"__doc__": record.__doc__, "__module__": record.__module__}
         return dataclass(frozen=True)(type(record.__name__, (*more, record), own))

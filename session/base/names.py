@@ -59,6 +59,9 @@ def log_paths(folder: Path, stem: str) -> list[Path]:
 
 # Folders that are no session of one sensor: a feature takes them for something else.
 
+#: a log of one unit among several, ``log0001.unit3.csv``
+PART = re.compile(r"log[^.]*\.unit[0-9]+\.csv(\.gz)?")
+
 
 def is_special(folder: Path) -> bool:
     """Whether a feature takes a folder for something else than a session of one sensor; what cannot be read is nothing else."""
@@ -69,3 +72,5 @@ def refuse_special(folder: Path) -> None:
     """FormatError where a folder that is to be read as one session is something else."""
     if (what := features.first("kind of folder", folder)) is not None:
         raise FormatError(f"{folder}: {what}")
+    if parts := sorted(path.name for path in folder.glob("log*.csv*") if PART.fullmatch(path.name)):
+        raise FormatError(f"{folder}: {parts[0]} is one unit's log of several, which no feature that is installed reads")

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import argparse
 import inspect
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields
 from difflib import get_close_matches
@@ -162,7 +163,9 @@ def flag(kind: Any, name: str) -> str:
 
 
 def _kind(each: Field[Any]) -> str:
-    return str(each.type).removesuffix(" | None")
+    # text in a module with ``from __future__ import annotations``, else a type
+    word = each.type if isinstance(each.type, str) else getattr(each.type, "__name__", str(each.type))
+    return re.sub(r"\bpathlib\.(\w+\.)?", "", word).removesuffix(" | None")
 
 
 def _one(kind: str, value: Any) -> Any:

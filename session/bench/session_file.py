@@ -189,7 +189,7 @@ class SessionFile:
             self._text = set_sensor(self.path, values).encode()
         except FormatError:  # of a user's own form, or spoilt meanwhile: no recording fails by it
             return f"{words}; session.toml leaves no place for it: give sensor.clock_ratio = {clock.ratio:.9g} by hand"
-        return f"{words}: sensor.clock_ratio of session.toml; `--clock arrivals` of check and fit divides the stamps by it"
+        return f"{words}: sensor.clock_ratio of session.toml; `fit --clock arrivals` divides the stamps by it"
 
     def save_copy(self, folder: Path) -> None:
         """Write the last content of the file into the folder that replaces a removed one.  Raises OSError."""

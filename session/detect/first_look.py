@@ -233,7 +233,7 @@ def _check_keys(config: Config) -> list[Finding]:
     if (ratio := config.sensor.clock_ratio) is not None:
         words, sigma_ppm = config.sensor.clock_words, config.sensor.clock_sigma_ppm or 0.0
         level = "warning" if abs(ratio - 1) > 3 * max(HOST_CLOCK, 1e-6 * sigma_ppm) else "ok"
-        do = "`--clock arrivals` divides the stamps by it" if level == "warning" else ""
+        do = "`fit --clock arrivals` divides the stamps by it" if level == "warning" else ""
         findings.append(Finding(level, "session.toml", "clock", f"{words}: so much every scale factor is off by the stamps", do))
     for key, near in config.unknown:
         do = f"did you mean {near}?" if near else "remove it"

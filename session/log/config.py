@@ -209,7 +209,7 @@ class Sensor:
     #: seconds that the board's clock counts in one of the computer's, as `record` measured it by the arrivals of the bytes; 1.0045: it
     #: runs 4500 ppm fast. `clock_sigma_ppm` is then the sigma of this ratio by true seconds, the computer's own 30 ppm included
     #: ([why](../boards.md#clocks)). As long as the stamps stand as they came, the scale of all axes has the whole difference from 1 as a
-    #: sigma; `--clock arrivals` of `check`, `fit`, `explain`, `report` and `budget` divides all times by the ratio, and what is left is
+    #: sigma; `--clock arrivals` of `fit`, `report` and `budget` divides all times by the ratio, and what is left is
     #: `clock_sigma_ppm`
     clock_ratio: Annotated[float | None, Number(0.5, 2.0)] = None
 

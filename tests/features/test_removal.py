@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import pkgutil
 import re
 import subprocess
 import sys
@@ -17,7 +19,7 @@ from session.base.options import declared, flag
 from tinygc.cli.commands import COMMANDS
 
 ROOT = Path(__file__).resolve().parents[2]
-FEATURES = {package.rpartition(".")[2]: feature for package, feature in features.beside().items()}
+FEATURES = {package.rpartition(".")[2]: feature for package, feature in features.known().items()}
 MAIN_JOB = (
     "simulate --segments 10 --closure 0 --odr-hz 104 --out s",
     "check s",
@@ -83,9 +85,10 @@ def gone(names: tuple[str, ...], folder: Path) -> dict[str, str]:
     found = {}
     for name in names:
         found |= {command: f"{command.split()[0]!r} is no command" for command in FEATURES[name].commands if " " not in command}
-        alone = {f"tinygc.features.{name}": FEATURES[name]}
         for command, point in (*((command, f"options of {command}") for command in COMMANDS), ("fit", "options of a fit")):
-            for kind in features.each(point, alone):
+            served = FEATURES[name].serves.get(point, ())
+            for value in (served,) if isinstance(served, str) else served:
+                kind = pkgutil.resolve_name(f"tinygc.features.{name}.{value}")
                 words = next(flag(kind, each.name) for each, _ in declared(kind))
                 found[f"{command} {words}"] = f"{command} has no option {words}"
         for kind in FEATURES[name].kinds:
@@ -133,7 +136,7 @@ def test_the_feature_of_the_page_works_as_it_stands(tmp_path):
 
 
 def test_what_a_feature_declares_is_there():
-    for package, feature in features.beside().items():
+    for package, feature in features.known().items():
         for point in feature.serves:
             words = re.compile(re.sub("[A-Z]{2,}", r"[\\w-]+", "|".join(features.POINTS)))
             assert words.fullmatch(point), f"{package}: {point} is no point"
@@ -142,6 +145,34 @@ def test_what_a_feature_declares_is_there():
             assert all(features.named(table, name) is not None for name in getattr(feature, table))
         assert all(hasattr(tinygc, name) for name in feature.public)
         assert not set(feature.commands) & set(COMMANDS)
+
+
+def test_an_installed_feature_adds_its_options_to_the_command_and_to_python(tmp_path):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine/__init__.py").write_text("")
+    (tmp_path / "mine/feature.py").write_text(
+        "from dataclasses import dataclass\nfrom session.base.features import Feature\nfrom session.base.options import Record, option\n"
+        "@dataclass(frozen=True)\nclass More(Record):\n    mine: int = option(0, 'of mine', least=0)\n"
+        "FEATURE = Feature(serves={'options of a fit': 'feature:More', 'options of apply': 'feature:More'})\n"
+    )
+    (tmp_path / "mine-1.dist-info").mkdir()
+    (tmp_path / "mine-1.dist-info/METADATA").write_text("Metadata-Version: 2.1\nName: mine\nVersion: 1\n")
+    (tmp_path / "mine-1.dist-info/entry_points.txt").write_text("[tinygc.features]\nmine = mine.feature:FEATURE\n")
+    code = (
+        "import calibrate, tinygc; print(tinygc.FitOptions(mine=2).mine)\n"
+        "for words in (['fit', '--help'], ['apply', '--help']):\n    try: calibrate.main(words)\n    except SystemExit: pass"
+    )
+    environment = processes.environment(PYTHONPATH=os.pathsep.join(map(str, (ROOT, tmp_path))), TINYGC_DEFAULTS="")
+    done = processes.run([sys.executable, "-c", code], cwd=tmp_path, env=environment, capture_output=True, text=True)
+    assert (done.returncode, done.stdout.count("of mine")) == (0, 2), done.stderr
+    assert done.stdout.startswith("2\n")
+
+
+def test_what_a_feature_records_is_refused_without_it(tmp_path, monkeypatch):
+    (tmp_path / "log0001.unit3.csv").write_text("")
+    monkeypatch.setattr(features, "known", dict)
+    with pytest.raises(tinygc.CalibrationError, match=r"log0001\.unit3\.csv is one unit's log of several"):
+        tinygc.read_session(tmp_path)
 
 
 @pytest.mark.skipif(not (ROOT / ".git").exists(), reason="no checkout")

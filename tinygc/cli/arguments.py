@@ -217,11 +217,8 @@ class _Completion(argparse.Action):
 
 def joined(words: Sequence[str]) -> list[str]:
     """Return the words of a command line with a command of two words as one."""
-    own = {*COMMANDS, *(name for feature in features.beside().values() for name in feature.commands)}
     two = " ".join(words[:2])
-    # what is installed besides is looked at where the first word is no command of our own
-    is_one = two in own or (words[0] not in own and command_module(two) is not None)
-    return [two, *words[2:]] if is_one else list(words)
+    return [two, *words[2:]] if two in COMMANDS or two in features.names("commands") else list(words)
 
 
 def parser(words: Sequence[str] = ()) -> argparse.ArgumentParser:
@@ -240,13 +237,9 @@ def parser(words: Sequence[str] = ()) -> argparse.ArgumentParser:
         summary = module.SUMMARY
         command = parsers.add_parser(name, help=summary, description=summary[0].upper() + summary[1:] + ".")
         command.epilog = getattr(module, "EPILOG", None)
-        kinds = [module.Options, *features.each(f"options of {name}", features.beside())]
+        kinds = [module.Options, *features.each(f"options of {name}")]
         for kind in kinds:
             add_arguments(command, kind)
-        if one is None or command.unknown(words) or {"-h", "--help"} & set(words):
-            for kind in features.each(f"options of {name}", features.installed()):
-                add_arguments(command, kind)
-                kinds.append(kind)
         command.set_defaults(run=module.run, command=name, kinds=kinds)
     return whole
 

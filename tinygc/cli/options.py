@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from session.base.options import Record, file_written, option
+from session.base.errors import CalibrationError
+from session.base.options import Record, changed, file_written, flag, option
 from tinygc.cli.defaults import Defaults
 
 LONGEST_S = 1e9  #: up to 30 years, which a program can wait for and a counter can hold
@@ -32,6 +33,13 @@ class Command(Record):
     def of_feature(self, kind: type[R]) -> R:
         """Return the record of a kind among those of the features."""
         return next(each for each in self.of_features if isinstance(each, kind))
+
+    def refuse_beside(self, what: str, *used: str) -> None:
+        """Raise CalibrationError where options are given that do nothing beside ``what``, which uses those fields alone."""
+        own = [flag(type(self), name) for name in changed(self) if name not in ("json", "quiet", "effects", *used)]
+        idle = own + [flag(type(each), name) for each in self.of_features for name in changed(each)]
+        if idle:
+            raise CalibrationError(f"{', '.join(idle)}: of no use with {what}; leave {'it' if len(idle) == 1 else 'them'} out")
 
     @property
     def further(self) -> dict[str, Any]:

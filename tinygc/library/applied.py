@@ -19,7 +19,7 @@ from tinygc.library.arguments import Progress, column_unit, is_fit, nothing, pub
 from tinygc.models.files import load_with_table
 
 #: what features add to it
-FURTHER = tuple(features.each("options of apply", features.beside()))
+FURTHER = tuple(features.each("options of apply"))
 
 
 @public(*FURTHER)

@@ -170,7 +170,7 @@ class Why:
 
 
 #: what features add to it
-FURTHER = tuple(features.each("options of explain", features.beside()))
+FURTHER = tuple(features.each("options of explain"))
 
 
 @public(Seed, AtRest, *FURTHER)

@@ -127,7 +127,7 @@ def columns_of(columns: Sequence[str] | None) -> tuple[str, ...]:
 
 
 #: what features add to it
-FURTHER = tuple(features.each("options of import", features.beside()))
+FURTHER = tuple(features.each("options of import"))
 
 
 @public(Answers, *FURTHER)

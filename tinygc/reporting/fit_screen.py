@@ -98,7 +98,7 @@ def _remarks(result: FitResult) -> list[Text]:
     lines = [one_line(w.line, "yellow") for w in warned if w.what in STAMPS]
     lines += [one_line(f"see --verbose: {'; '.join(said)}", "yellow")] if said else []
     if words := result.session.config.sensor.clock_words:
-        lines.append(one_line(f"{words}, which is in every scale's sigma; `--clock arrivals` takes it out", "yellow"))
+        lines.append(one_line(f"{words}, which is in every scale's sigma; `fit --clock arrivals` takes it out", "yellow"))
     if result.prior is not None:
         lines.append(one_line(result.prior.words, "" if result.prior.used == "yes" else "yellow"))
     return lines

@@ -45,7 +45,7 @@ class SimulationOptions(Record):
     odr_error: float | None = option(
         None, "fraction, rounded to the chip's steps of 0.15 %; None: drawn, 2 %", least=-0.19, most=0.19, cli=False
     )
-    sensor: str = option(DEFAULT, "whose registers it has (calibrate.py sensors); its noise stays what the other options say")
+    sensor: str = option(DEFAULT, "whose registers it has (calibrate.py sensors)")
     gyro_fs_dps: float = option(500.0, "full scale", unit="dps")
     accel_fs_g: float = option(4.0, "full scale", unit="g")
     gyro_noise_dps_rthz: float = option(0.005, "white, one-sided density", unit="dps/sqrt(Hz)", least=0, most=100, cli=False)

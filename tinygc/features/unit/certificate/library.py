@@ -16,6 +16,7 @@ from tinygc.features.unit.certificate.content import Content, content_of
 from tinygc.features.unit.certificate.dcc_file import dcc_text, require_fields
 from tinygc.features.unit.certificate.page import TITLE, page
 from tinygc.library.arguments import public
+from tinygc.library.reports import Report
 from tinygc.models.files import load_with_table
 from tinygc.models.linear import LinearModel
 from tinygc.reporting.html.paper import print_pdf, require_browser
@@ -123,6 +124,8 @@ def certificate(report: Any, as_found: Path | str | None = None) -> Certificate:
     >>> tinygc.certificate(tinygc.report("data/session1")).save("certificate.html")  # doctest: +SKIP
 
     """
+    if not isinstance(report, Report):
+        raise CalibrationError(f"report is of type {type(report).__name__}, expected a report: tinygc.report(session)")
     return certificate_of(report.data, as_found)
 
 

@@ -55,6 +55,7 @@ def run(args: Options) -> int:
 
 def _compare(args: Options) -> int:
     """Say whether the calibrations of several sessions agree."""
+    args.refuse_beside("--compare", "sessions", "compare")
     from tinygc.fitting.compare import DIFFERS_P
     from tinygc.library.comparisons import compare
 

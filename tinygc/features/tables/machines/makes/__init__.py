@@ -133,7 +133,7 @@ def template(make: str, axes: int = 1) -> str:
     else:
         of = make_of_name(make)
         title, remarks = of.title, f"# Unchecked: {comment(of.unchecked)}\n" if of.unchecked else ""
-        port = f'port = "/dev/ttyUSB0"  # <-- `ports` lists what there is\nbaud = {of.baud}\n'
+        port = f'port = "/dev/ttyUSB0"  # <-- `record --port list` says what there is\nbaud = {of.baud}\n'
     text = TEMPLATE.format(
         schema=Description.schema,
         make=make,

@@ -19,6 +19,7 @@ from small_sessions import EARTH_T, small_session
 from small_turns import PERFECT, TRUE, angles_by_scipy
 
 from session.base.errors import CalibrationError, FitError, FormatError
+from session.base.records import plain
 from session.base.units import DEG
 from session.log.folder import Session, hash_of_log
 from session.log.logfile import Log, Truth
@@ -559,7 +560,7 @@ def test_another_session_s_bias_differs_by_two_draws_from_the_spread():
     assert_allclose(found.any_session(own) - own, DEG**2 * np.diag([0] * 9 + [2, 8, 18]), rtol=1e-9, atol=1e-15)
     assert own[9, 9] == 9  # it is left as it was
     assert_allclose(found.sigma(own[BIAS, BIAS]), np.sqrt(np.diag(found.any_session(own))[BIAS]), rtol=1e-12)
-    table = found.to_json(np.zeros((3, 3)))
+    table = plain(found.to_json(np.zeros((3, 3))))
     assert table["sigma_dps"] == pytest.approx(np.sqrt(2) * rps)
     assert (table["spread_dps"], table["degrees_of_freedom"]) == (pytest.approx(rps), [None] * 3)
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from session.base.errors import CalibrationError
 from session.base.files import result_folder
 from session.base.names import refuse_special
+from session.base.records import plain
 from session.base.results import write_text_whole
 from session.log.folder import Session
 from tinygc.deploy import FORMATS, NOISE_FORMATS, ExportError, ExportOptions, exports, feature_exports, format_named
@@ -72,7 +73,7 @@ class Report(Shown):
         """``tinygc-report/1`` (docs/formats.md)."""
         from tinygc.reporting.html.page import summary
 
-        return summary(self.data)
+        return plain(summary(self.data))
 
     def save(self, path: Path | str, *, pdf: bool = False) -> list[Path]:
         """Write the HTML file, and the same as PDF beside it, which needs Chromium; returns the paths."""

@@ -15,6 +15,9 @@ from typing import NamedTuple
 
 import pytest
 
+from session.bench.events import StreamFormat
+from session.bench.text_stream import _DECIMAL, _WHOLE, _run
+
 ROOT = Path(__file__).resolve().parent.parent
 METHODS = {"compile", "search", "match", "fullmatch", "split", "findall", "finditer", "sub", "subn"}
 #: of a text; a pattern that is fast enough at FEW of them is so at the most, were it quadratic
@@ -196,6 +199,9 @@ def test_a_pattern_in_proportion_is_not(pattern):
 def test_every_pattern_takes_a_time_in_proportion_to_the_text():
     found = patterns()
     assert len(found) > 50
+    for names in (StreamFormat().names, ("t_s", "gx_dps", "gy_dps", "gz_dps", "ax_g", "ay_g", "az_g")):  # one is made of the header
+        found[f"runs of {names[0]}"] = Used(re.compile(_run(len(names), StreamFormat(names)).pattern.decode()), True)
+    found |= {"a number of a stream": Used(re.compile(_DECIMAL.decode()), True), "a whole one": Used(re.compile(_WHOLE.decode()), True)}
     slow = {where: text for where, used in found.items() if (text := worse_than_linear(used)) is not None}
     assert not slow
 

@@ -53,7 +53,8 @@ def _run(width: int, form: StreamFormat) -> re.Pattern[bytes]:
     """Whole lines of so many numbers, as many as follow each other, and empty ones behind them."""
     number = _DECIMAL if form.physical else _WHOLE
     stamp = _DECIMAL if form.time_us > 1.0 else rb"(?:[1-9][0-9]{0,17}|0)"
-    return re.compile(rb"(?:%s(?:,%s){%d}+\n++)++" % (stamp, number, width - 1))
+    text = rb"(?:%s(?:,%s){%d}+\n++)++" % (stamp, number, width - 1)
+    return re.compile(text)
 
 
 def _parse_run(lines: bytes, width: int, order: tuple[int, ...], form: StreamFormat) -> tuple[np.ndarray, np.ndarray] | None:
@@ -69,7 +70,8 @@ def _parse_run(lines: bytes, width: int, order: tuple[int, ...], form: StreamFor
 def parse_line(line: bytes, order: tuple[int, ...] = tuple(range(8)), form: StreamFormat = REGISTERS) -> tuple[int, list] | None:
     """The number of columns of a line of numbers, and the log's: the stamp in whole us, and the values; None for another line, and for
     values that no sensor measures."""
-    cells = _cells(line, order, re.compile(_DECIMAL if form.physical else _WHOLE))
+    number = _DECIMAL if form.physical else _WHOLE
+    cells = _cells(line, order, re.compile(number))
     if cells is None:
         return None
     stamp, *values = [cells[i] for i in order]

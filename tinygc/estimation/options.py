@@ -122,6 +122,9 @@ LARGEST_SEED = 2**63 - 1  #: accepted by every random generator
 
 BIASES = ("auto", "ends", "stills")
 ACCELEROMETERS = ("auto", "given", "fit", "prior")
+OF_ACCELEROMETER = (
+    "the accelerometer's calibration: as it is given, fitted, or given as a prior; auto: a prior while it holds, fitted where none is"
+)
 
 
 @dataclass(frozen=True)
@@ -189,7 +192,7 @@ class FitOptions(AtRest):
     )
     accelerometer: str = option(
         "auto",
-        "the accelerometer's calibration: as it is given, fitted, or given as a prior; auto: a prior while it holds, fitted where none is",
+        OF_ACCELEROMETER,
         choices=ACCELEROMETERS,
     )
     history: tuple[Path, ...] = option(

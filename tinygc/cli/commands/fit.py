@@ -10,7 +10,7 @@ from session.base.options import argument, folder_written, option, part
 from tinygc.cli.defaults import defaults_json, limit_text
 from tinygc.cli.options import Command, Judged, UsesEffects
 from tinygc.cli.results import Done, complain, inside, output, run_each, try_destinations, write_json
-from tinygc.estimation.options import ACCELEROMETERS, FitOptions
+from tinygc.estimation.options import ACCELEROMETERS, OF_ACCELEROMETER, FitOptions
 
 SUMMARY = "fit the calibration, compare the methods, print the closure errors"
 
@@ -23,8 +23,7 @@ class Options(FitOptions, Judged, Command, UsesEffects):
     more: tuple[Path, ...] = argument("further folders", ())
     accelerometer: str = option(
         "auto",
-        "the accelerometer's calibration: as it is given, fitted, or given as a prior; auto: a prior while it holds, fitted where none is; "
-        "alone: nothing else is fitted, of the stills, and a copy of the session gets it (--out, FOLDER_calibrated)",
+        f"{OF_ACCELEROMETER}; alone: nothing else is fitted, of the stills, and a copy of the session gets it (--out, FOLDER_calibrated)",
         choices=(*ACCELEROMETERS, "alone"),
     )
     out: Path | None = option(None, "where the models go (fit/ in the session folder)", metavar="DIR", read=folder_written)

@@ -1,8 +1,7 @@
 """Who imports whom: the floors of ARCHITECTURE.md, held against every import, and nothing beside them.
 
 A room is a folder of ``session`` or ``tinygc``.  Its floor follows from the imports: one above the highest room that it imports.  A feature
-imports the core and the features that the page names for it; the core imports no feature.  Imports count wherever they stand, in a
-function, too.
+imports the core; nothing imports a feature.  Imports count wherever they stand, in a function, too.
 """
 
 import re
@@ -67,12 +66,6 @@ def floors() -> dict[str, int]:
     return found
 
 
-def features() -> dict[str, set[str]]:
-    """Each feature of the page, and the features that it may import."""
-    rows = re.findall(r"^\| `(tinygc\.features\.\w+)` \| .+? \| (.+?) \|$", PAGE, re.M)
-    return {name: set(re.findall(r"`([\w.]+)`", others)) for name, others in rows}
-
-
 def circle(edges: dict[str, set[str]]) -> list[str]:
     """One circle of the graph, or nothing."""
     try:
@@ -88,10 +81,6 @@ def test_the_page_lists_every_room_on_its_floor_from_the_top_down():
     assert [floor for _, floor in listed] == sorted((floor for _, floor in listed), reverse=True)
 
 
-def test_the_page_lists_every_feature():
-    assert set(features()) == {room_of(module) for module in FILES if "features." in room_of(module)}
-
-
 @pytest.mark.parametrize("package", PACKAGES)
 def test_no_module_lies_beside_the_rooms(package):
     assert set(path.name for path in (ROOT / package).glob("*.py")) == {"__init__.py"}
@@ -104,16 +93,9 @@ def test_the_core_imports_no_feature_and_no_two_rooms_import_each_other():
     assert circle(rooms()) == []
 
 
-def test_a_feature_imports_the_core_and_the_features_that_the_page_names():
-    may = features()
-    wrong = {
-        (module, other)
-        for module, others in graph().items()
-        for other in others
-        if room_of(module) in may and "features." in other and room_of(other) not in may[room_of(module)] | {room_of(module)}
-    }
-    assert wrong == set()
-    assert circle(may) == []
+def test_a_feature_imports_the_core_and_no_other_feature():
+    edges = {(room_of(module), room_of(other)) for module, others in graph().items() for other in others}
+    assert {(room, other) for room, other in edges if "features." in room and "features." in other and room != other} == set()
 
 
 def test_no_two_modules_import_each_other():

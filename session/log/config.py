@@ -182,8 +182,7 @@ class Sensor:
     #: bias instability, °/h; it enters every sigma. [Figures at rest](../explain.md#noise-that-was-measured-at-rest) come before it.
     #: Without it, that of the model (an ASM330LHH has 3); where that is not known, what the recording shows
     gyro_bias_instability_dph: Annotated[float | None, Number(0, 1000)] = None
-    #: one sigma of the bias between switch-ons and days, dps; [the bias of any
-    #: session](../bias-of-the-day.md#this-session-and-any-session) has it
+    #: one sigma of the bias between switch-ons and days, dps; the bias of any session has it
     gyro_bias_repeatability_dps: Annotated[float | None, Number(0, 1000)] = None
     #: white noise, mdps/√Hz, that `check` holds the measured one against. Without it, that of the model (an ASM330LHH has 5); where that
     #: is not known, nothing

@@ -1,4 +1,4 @@
-"""The table's own errors: each injected on tables of one to three axes, told from its twin in the sensor (docs/table-errors.md).
+"""The table's own errors: each injected on tables of one to three axes, told from its twin in the sensor (table-errors.md).
 
 python benchmarks/table_errors.py clean 75      share of clean recordings with a p below 5 %, and with a name
 python benchmarks/table_errors.py stamps 15     the same, with stamps as a busy computer makes them, of each kind

@@ -34,7 +34,7 @@ CONCEALED_PER_G = np.array([0.002, -0.0015, 0.0018])
 
 
 def leaning(t_s, rate, force, temp_c):
-    """The sensitivity of an axis follows the specific force along it (docs/discover.md)."""
+    """The sensitivity of an axis follows the specific force along it (discover.md)."""
     return rate + CONCEALED_PER_G * rate * force / G
 
 
@@ -54,7 +54,7 @@ def main() -> None:
         folder = write_session(options, Path(parent) / "hidden", distort=leaning)
         why = explain(folder, discover=True)
         output().print(why.page)
-        shutil.copy(why.save() / "discover.png", Path(__file__).parent / "discover.png")
+        shutil.copy(why.save() / "discover.png", Path(__file__).parent / "features" / "discovery" / "discover.png")
         if XSENS.is_dir():
             there = ExplanationReport(explain_session(XSENS)).save(Path(parent) / "xsens")
             shutil.copy(there / "explain.png", Path(__file__).parent / "explain-xsens.png")

@@ -116,10 +116,10 @@ TYPES: dict[str, dict] = {
 def schemas() -> dict[str, dict]:
     """File name -> each schema."""
     made = {name: json_schema(record_of(kind)) for name, kind in _records().items()}
-    for page in sorted((DOCS / "formats").glob("*.md")):
+    for page in sorted(DOCS.rglob("*.md")):
         for name, rows in TYPED.findall(page.read_text(encoding="utf-8")):
             keys = dict(each for row in rows.splitlines() for each in _typed_keys(row))
-            made[name] = {"description": f"docs/formats/{page.name}"} | _table_of(keys | {("schema",): f'"{name}"'})
+            made[name] = {"description": f"docs/{page.relative_to(DOCS).as_posix()}"} | _table_of(keys | {("schema",): f'"{name}"'})
     return {file_of(name): {"$schema": DIALECT, "title": name} | schema for name, schema in made.items()}
 
 

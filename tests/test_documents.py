@@ -21,8 +21,8 @@ from tinygc.models.linear import LinearModel
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
-FOLDERS = (ROOT, DOCS, DOCS / "formats", DOCS / "measured", ROOT / "benchmarks", ROOT / "data", ROOT / "tests")
-PAGES = sorted(path for folder in FOLDERS for path in folder.glob("*.md"))
+FOLDERS = (ROOT, ROOT / "benchmarks", ROOT / "data", ROOT / "tests")
+PAGES = sorted([*(path for folder in FOLDERS for path in folder.glob("*.md")), *DOCS.rglob("*.md")])
 LINK = re.compile(r"\]\((?!https?:)([^)#\s]*)(?:#([^)\s]+))?\)")
 INDEX = DOCS / "index.md"
 README_LINES = 90
@@ -87,13 +87,15 @@ def test_the_readme_is_short_and_begins_with_the_two_commands():
 
 
 def test_one_list_leads_to_every_page():
-    """docs/index.md lists the pages of docs, formats.md those of docs/formats, and measured.md those of docs/measured."""
-    listed = linked_pages(INDEX.read_text(encoding="utf-8"), DOCS)
-    assert {path for path in listed if path.parent == DOCS} == {path for path in DOCS.glob("*.md") if path != INDEX}
+    """formats.md lists the pages of docs/formats and those of features named so, measured.md likewise, and docs/index.md all others."""
+    listed = {path for path in linked_pages(INDEX.read_text(encoding="utf-8"), DOCS) if path.is_relative_to(DOCS)}
+    ends = {"formats": "-format.md", "measured": "-measured.md"}
+    pages = {name: {*(DOCS / name).glob("*.md"), *DOCS.glob(f"features/*/*{end}")} for name, end in ends.items()}
+    assert listed == set(DOCS.rglob("*.md")) - set().union(*pages.values()) - {INDEX}
     assert all(line.count("](") == 1 for line in INDEX.read_text(encoding="utf-8").splitlines() if line.startswith("- "))
-    for name in ("formats", "measured"):
+    for name, there in pages.items():
         rows = re.findall(r"^\| \[.*", (DOCS / f"{name}.md").read_text(encoding="utf-8"), re.M)
-        assert set(linked_pages("\n".join(rows), DOCS)) == set((DOCS / name).glob("*.md"))
+        assert set(linked_pages("\n".join(rows), DOCS)) == there
     assert INDEX in linked_pages((ROOT / "README.md").read_text(encoding="utf-8"), ROOT)
 
 

@@ -340,7 +340,7 @@ def in_unit(kind, name, unit):
         (
             {},
             ("--noise", "nowhere"),
-            "nowhere: no noise.json there; measure it at rest (docs/noise.md), or give the file itself",
+            "nowhere: no noise.json there; measure it at rest, or give the file itself",
         ),
         ({}, ("--to", "xio", "--inflation", "walking"), "xio has no noise densities to inflate; --inflation goes with kalibr"),
     ],

@@ -190,7 +190,7 @@ def _only(whole: list[tuple[Source, Piece]], part: str, called: str) -> tuple[So
         raise FormatError(f"{' and '.join(source.path.name for source, _ in there)} both hold a {called}; give the files of one sensor")
     named = ", ".join(dict.fromkeys(source.path.name for source, _ in whole))
     if part == "accel":
-        turns = "of a gyroscope alone the turns must be known: --turns FILE (docs/gyroscope-alone.md)"
+        turns = "of a gyroscope alone the turns must be known: --turns FILE"
         raise FormatError(f"{named}: no accelerometer; give its file as well; {turns}")
     raise FormatError(f"{named}: no gyroscope; give its file as well (this log needs the gyroscope's and the accelerometer's)")
 

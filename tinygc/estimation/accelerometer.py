@@ -59,7 +59,7 @@ class AnySession:
     usual: bool = False
 
 
-#: of each axis, where nothing says it of the unit: the zeros of eight MPU-9150 over six days (docs/measured/history.md), beside 10 to 40 mg
+#: of each axis, where nothing says it of the unit: the zeros of eight MPU-9150 over six days (history-measured.md), beside 10 to 40 mg
 #: over the life in data sheets; of the scale those days show none beyond the fits', and data sheets state 0.005 to 0.02 % per K
 USUAL_SPREAD = AnySession(np.zeros(PARAMETERS), "usual of MEMS accelerometers, not of this unit", usual=True)
 USUAL_SPREAD.spread[SCALES], USUAL_SPREAD.spread[BIASES] = 150e-6, 2 * MG / np.sqrt(2)

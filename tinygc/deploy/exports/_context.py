@@ -262,7 +262,7 @@ def _with_noise(context: Context, source: NoiseSource, inflation: str | None) ->
     """Return the context with noise figures.  Raises ExportError for those of another sensor, and for a motion that they do not have."""
     if source is None:
         if inflation is not None:
-            raise ExportError(f"--inflation {inflation}: its factors stand in {figures.FILE}, and there is none; see docs/noise.md")
+            raise ExportError(f"--inflation {inflation}: its factors stand in {figures.FILE}, and there is none; measure the noise at rest")
         return context
     hashes = context.hashes
     if isinstance(source, NoiseFigures):
@@ -270,7 +270,7 @@ def _with_noise(context: Context, source: NoiseSource, inflation: str | None) ->
     else:
         path = _noise_file(source)
         if path is None:
-            raise ExportError(f"{source}: no {figures.FILE} there; measure it at rest (docs/noise.md), or give the file itself")
+            raise ExportError(f"{source}: no {figures.FILE} there; measure it at rest, or give the file itself")
         found, where, hashes = figures.read_figures(path), str(path), hashes | {file_key(path): sha256_of(path)}
     sensor = context.config.sensor
     for what, theirs, ours in (("sensor", found.sensor, sensor.model), ("serial number", found.serial, sensor.serial)):

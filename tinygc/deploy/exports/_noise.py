@@ -125,7 +125,7 @@ def densities(
             )
         elif kind in needed and white is None:
             raise ExportError(
-                f"{name} needs the noise of the {SENSORS[kind]}: measure it on a log at rest (docs/noise.md), or "
+                f"{name} needs the noise of the {SENSORS[kind]}: measure it on a log at rest, or "
                 f"`{command_line('fit')}`, whose fit.json beside the model holds that of the stills"
             )
         elif kind in needed:

@@ -49,7 +49,7 @@ class ArraySession:
         return printable(self.folder.resolve().name)
 
 
-# An array's folder as one record: logs that name their unit, or a list of session folders, one for each unit (docs/arrays.md).
+# An array's folder as one record: logs that name their unit, or a list of session folders, one for each unit (arrays.md).
 
 #: sections that an array has for all of its units
 SHARED = {name: SHAPE.may[name] for name in ("notes", "exclude")}
@@ -69,7 +69,7 @@ def read_array(folder: Path | str, progress: Callable[[str], None] = lambda what
     folder = Path(folder)
     if array_size(folder) is None:
         hint = "is no folder" if not folder.is_dir() else "is no array: it has neither log0001.unit0.csv and so on, nor [array] folders"
-        raise FormatError(f"{folder}: {hint} (docs/arrays.md)")
+        raise FormatError(f"{folder}: {hint} (docs/features/arrays/arrays.md)")
     path = folder / "session.toml"
     table = read_session_toml(path)
     section = table.get("array", {})
@@ -353,5 +353,5 @@ def array_log_paths(folder: Path) -> dict[str, dict[int, Path]]:
             if (unit := unit_of(path)) is not None:
                 found.setdefault(unit[0], {})[unit[1]] = path
     if not found:
-        raise FormatError(f"{folder}: no array: it has neither log0001.unit0.csv and so on, nor [array] folders (docs/arrays.md)")
+        raise FormatError(f"{folder}: no array: it has neither log0001.unit0.csv and so on, nor [array] folders (arrays.md)")
     return {which: dict(sorted(found[which].items())) for which in sorted(found)}

@@ -202,7 +202,7 @@ def _by_clock(recording: RegisterLog, truth: UnitTruth) -> RegisterLog:
     return replace(recording, t_us=np.rint(t_us).astype(np.int64))
 
 
-# Folder of a simulated array, in the form of a recorded one (docs/arrays.md), with its truth.
+# Folder of a simulated array, in the form of a recorded one (docs/features/arrays/arrays.md), with its truth.
 
 TRUTH_SCHEMA = "tinygc-array-truth/1"
 

@@ -1,1 +1,1 @@
-"""Equation search beyond the catalogue (docs/discover.md): find the missing equation and write it as an effect file."""
+"""Equation search beyond the catalogue (docs/features/discovery/discover.md): find the missing equation and write it as an effect file."""

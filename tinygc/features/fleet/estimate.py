@@ -1,4 +1,4 @@
-"""Mean, drift, spread and repeatability of a lot, each number by itself, without measurement noise (docs/lots.md)."""
+"""Mean, drift, spread and repeatability of a lot, each number by itself, without measurement noise (docs/features/fleet/lots.md)."""
 
 from __future__ import annotations
 

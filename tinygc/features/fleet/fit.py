@@ -24,7 +24,7 @@ from tinygc.features.fleet.lot import Lot
 from tinygc.features.fleet.report import read_lot
 from tinygc.models.linear import NAMES, PARAMETERS, PRIOR_SIGMA, LinearModel, bias_only
 
-# A lot as prior of one unit's gyroscope, and the probability that the unit belongs to it (docs/lots.md).
+# A lot as prior of one unit's gyroscope, and the probability that the unit belongs to it (docs/features/fleet/lots.md).
 #
 # The next session's numbers are normal about the lot's mean, each by itself, with the variances of that mean, of the spread between units,
 # and of the change from session to session.  A unit that does not belong has one number, or all of them, several times as far off: both
@@ -137,7 +137,7 @@ def farthest(lot: Lot, vector: np.ndarray, covariance: np.ndarray, seen: np.ndar
     return None if both[worst] < 0 else (NAMES[worst], float(off[worst] / max(sigma[worst], LEAST * PRIOR_SIGMA[worst])))
 
 
-# Least squares with a lot as prior: the probability that the unit belongs, and the lot's share in the fit (docs/lots.md).
+# Least squares with a lot as prior: the probability that the unit belongs, and the lot's share in the fit (docs/features/fleet/lots.md).
 
 #: probability of belonging from which a unit is reported as belonging, and up to which the lot's prior is not used
 #: (benchmarks/lot_prior.py: coverage). Between SURE and FOREIGN the result is the mean of both, with the mixture's covariance; with turns

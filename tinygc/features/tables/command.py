@@ -70,7 +70,7 @@ class Options(Command, Seed):
         None, "name of its port (tinygc-table in the temporary folder)", metavar="PATH", read=file_written, group=VIRTUAL
     )
     faults: str = option(
-        "", "what goes wrong, and when: estop@20, stall@move2 (docs/tables.md)", metavar="NAME@S,…", read=str, group=VIRTUAL
+        "", "what goes wrong, and when: estop@20, stall@move2 (docs/features/tables/tables.md)", metavar="NAME@S,…", read=str, group=VIRTUAL
     )
     resets: bool = option(False, "it restarts when its port is opened, as an Arduino Uno does", group=VIRTUAL)
 

@@ -24,7 +24,7 @@ class TableOptions(Record):
         group=GROUP,
     )
     link: Path | None = option(None, "name of the table's port", metavar="PATH", read=file_written, group=GROUP)
-    faults: str = option("", "what goes wrong with the table (docs/tables.md)", metavar="NAME@S,…", read=str, group=GROUP)
+    faults: str = option("", "what goes wrong with the table (docs/features/tables/tables.md)", metavar="NAME@S,…", read=str, group=GROUP)
     resets: bool = option(False, "the table restarts when its port is opened, as an Arduino Uno does", group=GROUP)
 
 

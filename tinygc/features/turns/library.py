@@ -40,7 +40,7 @@ class TurnFit(TurnsResult):
         return as_html(self.page)
 
     def to_json(self) -> dict:
-        """``tinygc-turns/1`` (docs/formats/turns.md)."""
+        """``tinygc-turns/1`` (docs/features/turns/turns-format.md)."""
         return to_json(self)
 
     def save(self, folder: Path | str | None = None) -> Path:

@@ -300,7 +300,7 @@ class Scpi(Firmware):
 
 
 class Line(Firmware):
-    """The protocol for firmware of one's own (docs/tables.md): ``HOME``, ``TURN``, ``RATE``, ``WHERE``, ``STOP``, ``CLEAR``."""
+    """The protocol for firmware of one's own (tables.md): ``HOME``, ``TURN``, ``RATE``, ``WHERE``, ``STOP``, ``CLEAR``."""
 
     END = "\n"
 

@@ -29,7 +29,7 @@ from tinygc.features.tables.rates.fitting import PLATEAUS, STATED_FREEDOM, Fit, 
 from tinygc.features.tables.rates.laws import COMPETING, CURVE, LAWS, LIMITS, Hypothesis
 from tinygc.features.tables.rates.points import Points
 
-#: probability of giving up a straight line that is true (tests/features/tables/test_rates_physics.py; docs/measured/rate-table.md)
+#: probability of giving up a straight line that is true (tests/features/tables/test_rates_physics.py; rate-table-measured.md)
 FALSE_ALARM = 0.05
 #: tables of pure noise, and their seed
 TABLES, SEED = 10_000, 1

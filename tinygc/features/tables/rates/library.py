@@ -51,7 +51,7 @@ class Rates(Shown):
         return rates_page(self.choices, self.sweeps, self.remarks)
 
     def to_json(self) -> dict:
-        """``tinygc-rates/1`` (docs/formats/rates.md)."""
+        """``tinygc-rates/1`` (docs/features/tables/rates-format.md)."""
         return {
             "schema": SCHEMA,
             "version": VERSION,

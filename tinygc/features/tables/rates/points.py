@@ -1,4 +1,4 @@
-"""Points of a rate table: at each rate the mean of the output; of a CSV (docs/rate-steps.md), sensor by sensor, curve by curve.
+"""Points of a rate table: at each rate the mean of the output; of a CSV (rate-steps.md), sensor by sensor, curve by curve.
 
     sensor, unit, …, rate_dps, mean_v, std_v, readings
 

@@ -82,7 +82,7 @@ class UncertaintyBudget(Shown):
         return Group(gyroscope, "", *force, overview(title, self.attitude), *drawn)
 
     def to_json(self) -> dict:
-        """``tinygc-budget/1`` (docs/formats/budget.md)."""
+        """``tinygc-budget/1`` (docs/features/unit/budget-format.md)."""
         return plain(
             {
                 "schema": SCHEMA,

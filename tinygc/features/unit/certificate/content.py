@@ -1,4 +1,4 @@
-"""What a certificate states, as text and numbers: each from a field of session.toml, or computed from the recording (docs/certificate.md).
+"""What a certificate states, as text and numbers: each from a field of session.toml, or computed from the recording (certificate.md).
 
 ``page.py`` prints it, ``dcc_file.py`` writes it as XML; neither adds a statement of its own about this calibration.  What is required of a
 certificate (ISO/IEC 17025:2017, 7.8.2.1 and 7.8.4.1) and is not there reads "not stated", and leaves the document a draft.

@@ -1,4 +1,4 @@
-"""``[certificate]`` of session.toml: what a calibration certificate states that no measurement tells (docs/certificate.md)."""
+"""``[certificate]`` of session.toml: what a calibration certificate states that no measurement tells (certificate.md)."""
 
 from __future__ import annotations
 

@@ -77,7 +77,7 @@ class Verified(Shown):
         return Path(path)
 
     def to_json(self) -> dict:
-        """``tinygc-verify/1`` (docs/formats/verify.md)."""
+        """``tinygc-verify/1`` (docs/features/unit/verify-format.md)."""
         found = self.result
         diagnosis = found.diagnosis
         sigma = sigmas_in(found.bias_covariance)

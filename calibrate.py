@@ -33,7 +33,7 @@ def main(arguments: list[str] | None = None) -> int:
         with ended_by_signals():
             words = sys.argv[1:] if arguments is None else arguments
             if not words:  # who types the name alone asks what there is; a script whose variable is empty must not take it for done
-                parser().print_help()
+                parser(["--help"]).print_help()
                 return 2
             words = joined(words)
             args = parser(words).parse_args(words)

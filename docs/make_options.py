@@ -59,12 +59,12 @@ def _row(*cells: str) -> str:
 def commands_text() -> str:
     """All commands, with the options that each has alone, then those that several have."""
     lines = []
-    for name in commands():
+    for name, summary in commands().items():
         module: Any = command_module(name)
         kinds = [module.Options, *features.each(f"options of {name}")]
         shared = [called for base, called in SHARED.items() if issubclass(module.Options, base) and base is not Command]
         own = [row for kind in kinds for row in rows(kind)]
-        lines += [f"### {name}", "", f"{module.SUMMARY[0].upper()}{module.SUMMARY[1:]}."]
+        lines += [f"### {name}", "", f"{summary[0].upper()}{summary[1:]}."]
         lines += [f"Also those of {', of '.join(shared)}.", ""] if shared else [""]
         lines += ["| option | what it does |", "| --- | --- |", *own, ""] if own else []
     for kind, called in SHARED.items():

@@ -1,7 +1,6 @@
 """A person's own defaults: what is taken of them, that it is said, that the command line and a session's own file win, what is refused."""
 
 import os
-from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -13,7 +12,7 @@ from session.base.options import declared
 from session.log.config import Site
 from tinygc.cli import defaults
 from tinygc.cli.arguments import options_of, parser
-from tinygc.cli.commands import COMMANDS
+from tinygc.cli.commands import command_module
 
 WHOLE = """schema = "tinygc-defaults/1"
 [record]
@@ -106,7 +105,7 @@ def test_where_it_is_looked_for(monkeypatch, tmp_path, system, variable, value, 
 
 def test_the_page_has_the_keys_and_no_others():
     page = [CODE.findall(row[0])[0] for row in rows("Defaults")]
-    kinds = [import_module(COMMANDS[command]).Options for command in ("fit", "report", "record")]
+    kinds = [command_module(command).Options for command in ("fit", "report", "record")]
     keys = {rule.default_key for kind in kinds for _, rule in declared(kind)} - {""}
     assert set(page) == keys
     assert len(page) == len(set(page))

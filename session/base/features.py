@@ -53,12 +53,12 @@ GROUP = "tinygc.features"
 class Feature:
     """What a feature adds.  A value names a module of its folder, or ``module:attribute``; it is imported when it is used.
 
-    commands: name -> module with ``SUMMARY``, ``Options`` (a record) and ``run(options)``; public: name in ``tinygc`` -> module that has
-    it; kinds: kind of model -> module with ``to_table`` and ``from_table``; exports: kind of model -> module with ``stage`` and ``CARRIED``
-    (tinygc/deploy/__init__.py); serves: point -> what serves it there.
+    commands: name -> module with ``Options`` (a record) and ``run(options)``, and its summary; public: name in ``tinygc`` -> module that
+    has it; kinds: kind of model -> module with ``to_table`` and ``from_table``; exports: kind of model -> module with ``stage`` and
+    ``CARRIED`` (tinygc/deploy/__init__.py); serves: point -> what serves it there.
     """
 
-    commands: Mapping[str, str] = field(default_factory=dict)
+    commands: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     public: Mapping[str, str] = field(default_factory=dict)
     kinds: Mapping[str, str] = field(default_factory=dict)
     exports: Mapping[str, str] = field(default_factory=dict)
@@ -102,13 +102,13 @@ def named(table: str, name: str) -> Any:
     """Return what a feature has by this name in ``commands``, ``public``, ``kinds`` or ``exports``; None where none has it."""
     for package, feature in known().items():
         if (value := getattr(feature, table).get(name)) is not None:
-            return _load(package, value)
+            return _load(package, value if isinstance(value, str) else value[0])
     return None
 
 
-def names(table: str) -> list[str]:
-    """Return all names of one of these tables."""
-    return [name for _, feature in known().items() for name in getattr(feature, table)]
+def names(table: str) -> dict[str, Any]:
+    """Return all names of one of these tables, each with what it stands for."""
+    return {name: value for feature in known().values() for name, value in getattr(feature, table).items()}
 
 
 def each(point: str) -> Iterator[Any]:

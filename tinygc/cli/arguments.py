@@ -29,7 +29,7 @@ from session.base.options import (
     meant,
 )
 from session.base.texts import printable, program
-from tinygc.cli.commands import COMMANDS, command_module, commands
+from tinygc.cli.commands import command_module, commands
 from tinygc.cli.defaults import take_defaults
 
 # Path arguments: each is declared as read or written, and an output never replaces an input or a recorded file.
@@ -218,11 +218,11 @@ class _Completion(argparse.Action):
 def joined(words: Sequence[str]) -> list[str]:
     """Return the words of a command line with a command of two words as one."""
     two = " ".join(words[:2])
-    return [two, *words[2:]] if two in COMMANDS or two in features.names("commands") else list(words)
+    return [two, *words[2:]] if two in commands() else list(words)
 
 
 def parser(words: Sequence[str] = ()) -> argparse.ArgumentParser:
-    """Return the parser of every command of ``tinygc.cli.commands``, or of the single command that ``words`` begins with."""
+    """Return the parser of every command, or of the single one that ``words`` begins with; of ``--help``, with their summaries alone."""
     whole = _Parser(
         prog=program(), description="Calibrate a MEMS gyroscope on a hand-turned table.", epilog=BEGIN.format(program=program())
     )
@@ -231,11 +231,12 @@ def parser(words: Sequence[str] = ()) -> argparse.ArgumentParser:
     whole.add_argument("--version", action="version", version=f"TinyGC {VERSION}")
     whole.add_argument("--completion", action=_Completion, choices=SHELLS, help="print what makes this shell complete commands and options")
     parsers = whole.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    one = command_module(words[0]) if words else None
-    for name, module in {words[0]: one}.items() if one is not None else ((name, command_module(name)) for name in commands()):
-        assert module is not None
-        summary = module.SUMMARY
-        command = parsers.add_parser(name, help=summary, description=summary[0].upper() + summary[1:] + ".")
+    known = commands()
+    for name in words[:1] if words and words[0] in known else known:
+        command = parsers.add_parser(name, help=known[name], description=known[name][0].upper() + known[name][1:] + ".")
+        if words[:1] == ["--help"]:
+            continue
+        module: Any = command_module(name)
         command.epilog = getattr(module, "EPILOG", None)
         kinds = [module.Options, *features.each(f"options of {name}")]
         for kind in kinds:

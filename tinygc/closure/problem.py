@@ -30,7 +30,6 @@ from tinygc.closure.floor import BiasInstability, BiasWander, Floor, bias_instab
 from tinygc.closure.least_squares import OBSERVED_BELOW, GaussianPrior, StillRates
 from tinygc.closure.residual import Batch
 from tinygc.closure.stills import StillSet
-from tinygc.effects import Conditions
 from tinygc.models import linear
 from tinygc.models.linear import LinearModel
 
@@ -472,16 +471,3 @@ class Problem:
 
 #: puts noise figures at rest beside a problem; None where there are none
 AtRest = Callable[[Problem], MeasuredNoise | None]
-
-
-# Reference conditions of effects for a whole session.
-
-
-def conditions(problem: Problem) -> Conditions:
-    """Reference conditions of a session."""
-    first = problem.logs[0].samples
-    return Conditions(
-        duration_s=float(problem.began_s[-1]),
-        fs_rps=problem.session.config.sensor.gyro_fs_dps * DEG,
-        first_temp_c=float("nan") if first.temp_c is None else float(first.temp_c[: max(1, round(1 / first.period_s))].mean()),
-    )

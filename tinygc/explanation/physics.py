@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from session.base.errors import FitError
-from tinygc.closure.problem import Problem, conditions
+from tinygc.closure.problem import Problem
 from tinygc.closure.runs import ClosureRun
 from tinygc.effects import Effect, catalogue
 from tinygc.estimation.held_out import run_method
@@ -26,6 +26,7 @@ from tinygc.explanation.truth_names import TruthTwin, beside_clock, held_out, na
 from tinygc.models.nets import CalibrationNet
 from tinygc.models.physics import CarriedNet, PhysicsModel
 from tinygc.noise.refit import candidates
+from tinygc.noise.thinned import conditions
 from tinygc.noise.twin import Twin
 
 

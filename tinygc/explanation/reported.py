@@ -19,7 +19,7 @@ from session.log.folder import Session, file_key, hash_of_log, input_hashes
 from tinygc import models
 from tinygc.closure.build import build_problem
 from tinygc.closure.floor import AllanCurve, angle_random_walk, bias_instability
-from tinygc.closure.problem import Problem, conditions
+from tinygc.closure.problem import Problem
 from tinygc.closure.runs import ClosureRun
 from tinygc.effects import AppliedEffect, catalogue
 from tinygc.estimation.bias import tilt_rms
@@ -41,6 +41,7 @@ from tinygc.models.versions import versions
 from tinygc.noise.components import known_whitener
 from tinygc.noise.refit import refit
 from tinygc.noise.stillness import stillness
+from tinygc.noise.thinned import conditions
 from tinygc.noise.twin import State, Twin
 from tinygc.noise.whitening import Whitener
 from tinygc.verdict.acceptance import Acceptance, JudgedFit, run_p_values

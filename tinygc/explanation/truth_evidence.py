@@ -17,7 +17,7 @@ from session.detect.truth_segments import TruthEnds, cut_at_truth, moments_insid
 from session.log.config import TruthAlignment
 from session.log.folder import Session
 from tinygc.closure import residual
-from tinygc.closure.problem import Problem, conditions
+from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch, RateMap
 from tinygc.closure.truth import batch_of
 from tinygc.effects import Effect, movement_of
@@ -28,6 +28,7 @@ from tinygc.explanation.search import NAMELESS
 from tinygc.models.linear import LinearModel
 from tinygc.noise.components import SessionNoise
 from tinygc.noise.refit import Refit
+from tinygc.noise.thinned import conditions
 
 # Evidence of a truth file: growth of the closure, correlation of neighbours, the accelerometer, the rests.
 

@@ -8,10 +8,11 @@ from itertools import pairwise
 
 import numpy as np
 
+from session.base.units import DEG
 from session.detect.segments import Segment
 from session.detect.stills import Still
 from session.log.samples import Samples
-from tinygc.closure.problem import LEFT_OUT, Problem, conditions
+from tinygc.closure.problem import LEFT_OUT, Problem
 from tinygc.effects import Conditions, Movement, movement_of
 
 # Decimation of a long log for the twin: turns at every sample, the time between them as means over a second.
@@ -182,3 +183,13 @@ class StillMeans:
         stills = len(self._edges) - 1
         cuts = np.unique([*np.searchsorted(self._edges[:-1], np.arange(0, len(self._rows), MEANS_AT_ONCE)), stills])
         return [self._edges[first : last + 1] for first, last in pairwise(cuts)]
+
+
+def conditions(problem: Problem) -> Conditions:
+    """Reference conditions of a session."""
+    first = problem.logs[0].samples
+    return Conditions(
+        duration_s=float(problem.began_s[-1]),
+        fs_rps=problem.session.config.sensor.gyro_fs_dps * DEG,
+        first_temp_c=float("nan") if first.temp_c is None else float(first.temp_c[: max(1, round(1 / first.period_s))].mean()),
+    )

@@ -17,12 +17,12 @@ from session.base.units import DEG, G
 from session.detect.accelerometer import IDENTITY, force_columns, units
 from session.detect.stills import Still
 from tinygc.closure import residual
-from tinygc.closure.problem import ACCELEROMETER, Problem, conditions
+from tinygc.closure.problem import ACCELEROMETER, Problem
 from tinygc.closure.residual import Batch
 from tinygc.effects import AppliedEffect, Effect, Movement
 from tinygc.models import linear
 from tinygc.models.linear import PARAMETERS, LinearModel
-from tinygc.noise.thinned import AT_ONCE, StillMeans, movement_in, thinned
+from tinygc.noise.thinned import AT_ONCE, StillMeans, conditions, movement_in, thinned
 
 # Positions of the parameters in ``State.vector``, and so in the columns and covariance of a ``Refit``.
 #

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 from session.base.names import CLOCKS
 from session.base.texts import NONE, command_line, printable
 from session.detect.findings import LEVELS, Finding, worst
-from tinygc.estimation.options import METHODS
 from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_line, plain_table
 
 if TYPE_CHECKING:
@@ -62,6 +61,8 @@ def next_line(folder: Path, findings: list[Finding]) -> Text:
 
 def repair_report(done: Repaired, before: RecordingClosure, after: RecordingClosure) -> Group:
     """What was corrected in a copy of a session, and what the recording closes to before and after."""
+    from tinygc.estimation.options import METHODS
+
     parts: list[RenderableType] = []
     for change in done.changes:
         said = ", ".join([*change.files, *(f"sensor.{key} = {value:g}" for key, value in change.cause.settings)])

@@ -10,8 +10,6 @@ from tinygc.cli.arguments import STANDARD, is_standard_output
 from tinygc.cli.options import Command, Force, UsesEffects
 from tinygc.cli.results import beside_log, write_json
 
-SUMMARY = "calibrate the rates and the specific force of a log"
-
 
 @dataclass(frozen=True)
 class Options(Command, UsesEffects, Force):

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from tinygc.simulation.options import SimulationOptions
     from tinygc.simulation.virtual_board import BoardSource
 
-SUMMARY = "a virtual board: streams a session through a pseudo-terminal"
-
 
 @dataclass(frozen=True)
 class Options(Command, Force, Seed):

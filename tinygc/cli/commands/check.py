@@ -11,8 +11,6 @@ from session.base.options import argument, folder_written, option
 from tinygc.cli.options import Command, UsesEffects
 from tinygc.cli.results import complain, output, verdict, write_json
 
-SUMMARY = "a first look at a session: units, scales, rates, gaps, axes, stills; of a folder of sessions, a list of them"
-
 
 @dataclass(frozen=True)
 class Options(Command, UsesEffects):

@@ -10,7 +10,6 @@ from tinygc.cli.options import Command, Force
 from tinygc.cli.results import output, print_commands, write_json
 from tinygc.estimation.options import Seed
 
-SUMMARY = "try the tool: write a simulated session, fit it, compare with its truth"
 #: the session of data/session1; ``--seed`` counts on from it
 SEGMENTS, CLOSURE_S, FIRST_SEED = 40, 58.0, 1
 

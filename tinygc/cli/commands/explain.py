@@ -13,7 +13,6 @@ from tinygc.cli.options import Command, Pictures, UsesEffects
 from tinygc.cli.results import complain, inside, output, print_commands, try_destinations, verdict, write_json
 from tinygc.estimation.options import AtRest, Seed
 
-SUMMARY = "say why the recording differs from the simulation, and prove it"
 #: recordings of the unit that are offered for a check; each takes as long as the first
 MOST_OFFERED = 3
 

@@ -10,8 +10,6 @@ from tinygc.cli.options import Command, UsesEffects
 from tinygc.cli.results import complain, output, write_json
 from tinygc.deploy import FORMATS, ExportOptions, format_named
 
-SUMMARY = "write the calibration for other programs"
-
 
 @dataclass(frozen=True)
 class Options(ExportOptions, Command, UsesEffects):

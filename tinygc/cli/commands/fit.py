@@ -12,8 +12,6 @@ from tinygc.cli.options import Command, Judged, UsesEffects
 from tinygc.cli.results import Done, complain, inside, output, run_each, try_destinations, write_json
 from tinygc.estimation.options import ACCELEROMETERS, OF_ACCELEROMETER, FitOptions
 
-SUMMARY = "fit the calibration, compare the methods, print the closure errors"
-
 
 @dataclass(frozen=True)
 class Options(FitOptions, Judged, Command, UsesEffects):

@@ -15,8 +15,6 @@ from tinygc.cli.results import output, write_json
 if TYPE_CHECKING:
     pass
 
-SUMMARY = "make a session folder of any log: a logger's, a telephone's, a robot's, a flight controller's, or a port's raw bytes"
-
 
 @dataclass(frozen=True)
 class Options(Answers, Command):

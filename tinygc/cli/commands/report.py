@@ -13,8 +13,6 @@ from tinygc.cli.options import Command, Force, Judged, UsesEffects
 from tinygc.cli.results import Done, complain, output, run_each, try_file, verdict, write_json
 from tinygc.estimation.options import FitOptions
 
-SUMMARY = "the calibration report: one HTML file that needs nothing else"
-
 
 @dataclass(frozen=True)
 class Options(FitOptions, Judged, Command, UsesEffects, Force):

@@ -12,7 +12,6 @@ from tinygc.cli.results import output, write_json
 if TYPE_CHECKING:
     from session.log.sensors import Figure, Profile
 
-SUMMARY = "list the sensors that are known, or all that is known of one"
 #: figure -> its name for the user, and its unit
 FIGURES = {
     "gyro_noise_mdps_rthz": ("gyroscope noise", "mdps/√Hz"),

@@ -14,8 +14,6 @@ from tinygc.cli.options import Command, Force, UsesEffects
 from tinygc.cli.results import output, write_json
 from tinygc.simulation.options import SimulationOptions
 
-SUMMARY = "write a simulated session"
-
 
 @dataclass(frozen=True)
 class Options(SimulationOptions, Command, UsesEffects, Force):

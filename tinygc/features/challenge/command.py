@@ -10,8 +10,6 @@ from tinygc.cli.options import Command, UsesEffects
 from tinygc.cli.results import output, try_json, write_json
 from tinygc.estimation.options import Seed
 
-SUMMARY = "examine explain on sessions that conceal one to three effects, blind"
-
 
 @dataclass(frozen=True)
 class Options(Command, UsesEffects, Seed):

@@ -21,13 +21,13 @@ from session.base.units import G
 from session.log.config import Config, Site
 from session.log.folder import Session, read_session
 from tinygc.closure.prepared import prepare
-from tinygc.closure.problem import conditions
 from tinygc.effects import Movement, catalogue, movement_of
 from tinygc.explanation.decision import SAID
 from tinygc.explanation.engine import explain_session
 from tinygc.explanation.result import to_json as answer_of
 from tinygc.features.challenge.other_effects import MAKERS, bench
 from tinygc.features.challenge.rate_effects import RATE_EFFECTS, Concealment, Scene
+from tinygc.noise.thinned import conditions
 from tinygc.reporting.terminal import Group, Table, Text
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulator import Simulation, plan_of, simulate_session

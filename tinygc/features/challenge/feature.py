@@ -3,6 +3,8 @@
 from session.base.features import Feature
 
 FEATURE = Feature(
-    commands={"challenge": "command"},
+    commands={
+        "challenge": ("command", "examine explain on sessions that conceal one to three effects, blind"),
+    },
     serves={"proof of an effect": "proofs:check"},
 )

@@ -84,8 +84,6 @@ class Meter:
 
 # ``fleet``: check, fit and explain hundreds to hundreds of thousands of sessions, each once, into one table.
 
-SUMMARY = "check, fit and explain thousands of sessions, each once, into one table and one page"
-
 
 @dataclass(frozen=True)
 class Options(Run, Command, UsesEffects, Force):

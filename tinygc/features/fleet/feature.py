@@ -19,7 +19,9 @@ class LotOptions(Record):
 
 
 FEATURE = Feature(
-    commands={"fleet": "command"},
+    commands={
+        "fleet": ("command", "check, fit and explain thousands of sessions, each once, into one table and one page"),
+    },
     public={"fleet": "library", "lot": "library"},
     serves={
         "options of a fit": "feature:LotOptions",

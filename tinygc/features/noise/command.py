@@ -11,8 +11,6 @@ from tinygc.cli.options import Command, Pictures
 from tinygc.cli.results import output, try_destinations, write_json
 from tinygc.features.noise.options import NoiseOptions
 
-SUMMARY = "the noise of a sensor at rest, from milliseconds to hours: each term with its sigma, and when the others will be known"
-
 
 @dataclass(frozen=True)
 class Options(NoiseOptions, Pictures, Command):

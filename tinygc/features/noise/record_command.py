@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from session.bench.guide import Guide
     from session.log.config import Protocol
 
-SUMMARY = "record a rest log, and show how long is enough for the noise"
-
 
 @dataclass(frozen=True)
 class Options(Recording):

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from tinygc.features.tables.machines.safety import Guarded, Move
     from tinygc.features.tables.machines.verbs import Where
 
-SUMMARY = "a table that turns by itself: makes, description, where it is, home, turn, stop; a virtual one"
 #: action -> its words, and what it does
 ACTIONS = {
     "list": ("", "the makes"),

@@ -18,8 +18,6 @@ from tinygc.cli.recording import Recording, Turning
 if TYPE_CHECKING:
     from tinygc.features.tables.recording import TurnedRecording
 
-SUMMARY = "record a session that a machine turns; the plan is printed, and confirmed once"
-
 
 @dataclass(frozen=True)
 class Machine(Record):

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from tinygc.simulation.options import SimulationOptions
 
 HIGHEST_ORDER = 20  #: above it powers of a temperature are indistinguishable in float64
-SUMMARY = "one calibration over temperature, of sessions and rest logs of one sensor"
 
 
 @dataclass(frozen=True)

@@ -45,7 +45,9 @@ class RestOptions(Record):
 
 
 FEATURE = Feature(
-    commands={"temperature": "command"},
+    commands={
+        "temperature": ("command", "one calibration over temperature, of sessions and rest logs of one sensor"),
+    },
     public={"fit_temperature": "library", "ThermalFit": "library"},
     kinds={"thermal": "model"},
     exports={"thermal": "deploy"},

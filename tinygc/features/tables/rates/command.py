@@ -10,8 +10,6 @@ from tinygc.cli.options import Command, Pictures
 from tinygc.cli.results import output, try_destinations, write_json
 from tinygc.features.tables.options import Columns
 
-SUMMARY = "rate steps and sine sweeps of a rate table: the law of the output, the terms of IEEE 1431, bandwidth and delay"
-
 
 @dataclass(frozen=True)
 class Options(Columns, Pictures, Command):

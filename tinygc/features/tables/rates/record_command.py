@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from session.bench.guide import Guide
     from session.log.config import Protocol
 
-SUMMARY = "record steps of known rates, in both senses, which a machine turns; their log is rates0001.csv"
-
 
 @dataclass(frozen=True)
 class Options(Recording, Machine):

@@ -11,7 +11,6 @@ from tinygc.cli.results import output, try_destinations, write_json
 from tinygc.estimation.options import FitOptions
 from tinygc.features.unit.options import Asked, Use
 
-SUMMARY = "the uncertainty by source: of each parameter, and of the attitude after a motion"
 #: exit code by what the draws say
 EXIT = {"agrees": 0, "differs": 1, "undecided": 5}
 

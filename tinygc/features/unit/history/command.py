@@ -10,8 +10,6 @@ from tinygc.cli.options import Command, Pictures, UsesEffects
 from tinygc.cli.results import output, try_destinations, verdict, write_json
 from tinygc.features.unit.options import HistoryOptions
 
-SUMMARY = "one unit over its sessions: scatter between switch-ons, drift a year, shocks, when to calibrate next"
-
 
 @dataclass(frozen=True)
 class Options(HistoryOptions, Pictures, Command, UsesEffects):

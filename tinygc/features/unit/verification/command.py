@@ -10,8 +10,6 @@ from tinygc.cli.options import Command, Force, UsesEffects
 from tinygc.cli.results import output, try_file, try_json, verdict, write_json
 from tinygc.features.unit.options import VerifyOptions
 
-SUMMARY = "say whether a calibration still holds by a short recording of today, and if not, why, what it costs, and what to do"
-
 
 @dataclass(frozen=True)
 class Options(VerifyOptions, Command, UsesEffects, Force):

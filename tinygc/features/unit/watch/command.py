@@ -12,7 +12,6 @@ from tinygc.cli.options import Command, UsesEffects
 from tinygc.cli.results import Interruption, complain, output
 from tinygc.features.unit.options import SourceOptions, WatchOptions
 
-SUMMARY = "watch a live stream or a log: whether the zero, gravity and the turns still agree with the calibration"
 EPILOG = (
     "exit code: 0 no alarm, 1 an alarm, 5 no rest to judge, or a zero that is to be taken anew; Ctrl-C ends a watch as the end of "
     "the stream does"

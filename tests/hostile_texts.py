@@ -20,6 +20,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import yaml
+from feature import feature
 from rich.table import Table
 from rich.text import Text
 
@@ -31,11 +32,11 @@ from session.detect.findings import Finding
 from session.log.config import Accelerometer, Config, LeftOut, Protocol, Sensor, Site
 from tinygc.deploy.exports import exporter
 from tinygc.deploy.exports._context import Context
-from tinygc.features.unit.certificate.dcc_file import named
 from tinygc.models.linear import LinearModel
 from tinygc.noise.figures import TERMS, AxisNoise, Inflation, NoiseFigures, SensorNoise, Term
 from tinygc.reporting.html.markup import code, escape, facts, table
 
+dcc_file = feature("tinygc.features.unit.certificate.dcc_file")
 HARMLESS = "unit 7"
 UNREADABLE = 1000
 PAYLOADS = {  # a line of each format that does something
@@ -263,7 +264,7 @@ def toml_lines(written: str) -> list[str]:
 def certified(text: str) -> str:
     """The text as a name in a Digital Calibration Certificate."""
     root = ElementTree.Element("item", {"schemaVersion": "3.3.0"})
-    named(root, "name", text)
+    dcc_file.named(root, "name", text)
     return ElementTree.tostring(root, encoding="unicode")
 
 
@@ -286,5 +287,6 @@ PLACES = {
     "comment of a log": Place(lambda text: f"# from {comment(text)}\nt_us,gx\n", lines_but_comments),
     "terminal": Place(printed, terminal),
     "HTML": Place(fragment, elements),
-    "XML": Place(certified, xml_elements),
 }
+if dcc_file is not None:
+    PLACES["XML"] = Place(certified, xml_elements)

@@ -31,6 +31,7 @@ from tinygc.features.arrays.fit import (
     save_array,
 )
 from tinygc.features.arrays.joint import ArrayEvent
+from tinygc.features.arrays.library import FittedArray
 from tinygc.features.arrays.model import load_array_model
 from tinygc.features.arrays.recording import read_array
 from tinygc.features.arrays.simulation import simulate_array, write_array
@@ -281,9 +282,9 @@ def test_saved_models_are_by_the_units_own_clocks(fitted, tmp_path):
     assert abs(pace - 1) > 1e-3
     sigma = np.append(OBSERVED_BELOW * PRIOR_SIGMA * np.resize([0.999, 1.001], 12), np.ones(12))
     assert replace(fit.units[0], covariance=np.diag(sigma**2)).unobserved == NAMES[1::2]
-    assert save_array(fit) == fit.array.folder / "fit"
+    assert FittedArray(fit).save() == fit.array.folder / "fit"
     with pytest.raises(CalibrationError, match="made of arrays, it has no folder of its own"):
-        save_array(replace(fit, array=replace(fit.array, folder=tmp_path / "nowhere")))
+        FittedArray(replace(fit, array=replace(fit.array, folder=tmp_path / "nowhere"))).save()
 
 
 def test_synchronous_units_have_the_same_stamps():

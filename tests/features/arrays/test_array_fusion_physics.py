@@ -1,6 +1,5 @@
 """The best combination of units: its weights, rate, sigma and file, and ``apply`` of it to a folder of units with clocks of their own."""
 
-import copy
 import json
 from dataclasses import replace
 from functools import reduce
@@ -14,15 +13,16 @@ from scipy.spatial.transform import Rotation
 
 import calibrate
 from session.base.errors import FormatError
+from session.base.records import table_of, write_whole
 from session.base.units import DEG, NS, G
 from session.detect.events import FULL_SCALE_ROUNDING
 from session.log.config import Accelerometer, Sensor
 from session.log.folder import sha256_of
 from session.log.logfile import read_log
 from tinygc.features.arrays.apply import _fused_force
-from tinygc.features.arrays.clocks import UnitClock, UnitPlace
-from tinygc.features.arrays.fusion import Resampler, _build_array_model, fuse, save_array_model
-from tinygc.features.arrays.model import ArrayModel, FusedUnit, best_weights, combined, from_table, load_array_model, to_table
+from tinygc.features.arrays.clocks import UnitClock
+from tinygc.features.arrays.fusion import Resampler, fuse, with_best_weights
+from tinygc.features.arrays.model import ArrayModel, FusedUnit, best_weights, combined, load_array_model
 from tinygc.models.linear import LinearModel
 
 RATE_HZ = 100.0
@@ -40,14 +40,15 @@ def units(count: int = 8, seed: int = 1, density=DENSITY, full_scale: float = 20
         mounting = np.eye(3) if i == 0 else Rotation.random(random_state=seed + i).as_matrix()
         model = LinearModel(np.eye(3) + 0.01 * rng.normal(size=(3, 3)), 0.5 * DEG * rng.normal(size=3))
         sensor = Sensor("MPU-9150", f"s{i}", RATE_HZ, full_scale, 4.0)
-        place = UnitPlace(i, mounting=mounting)
-        found.append(FusedUnit(place, model, np.full(3, densities[i]), np.full(3, 2e-5), np.diag([1e-8] * 9 + [1e-10] * 3), sensor, None))
+        noise = {"noise_density_rps_rthz": np.full(3, densities[i]), "bias_instability_rps": np.full(3, 2e-5)}
+        of_model = {"E": model.E, "B": model.B, "covariance": np.diag([1e-8] * 9 + [1e-10] * 3)}
+        found.append(FusedUnit(number=i, mounting=mounting, clock=UnitClock(), sensor=sensor, weights=np.eye(3), **noise, **of_model))
     return found
 
 
 def model_of(found: list[FusedUnit], **options) -> ArrayModel:
     """The model of units."""
-    return _build_array_model(found, RATE_HZ, **options)
+    return with_best_weights(found, RATE_HZ, **options)
 
 
 def motion(samples: int, seed: int = 3) -> np.ndarray:
@@ -64,7 +65,7 @@ def measured(model: ArrayModel, omega: np.ndarray, seed: int = 5) -> np.ndarray:
     """(T, N, 3) rad/s that the units read at true rates (T, 3) in the array's frame, each with its own white noise."""
     rng = np.random.default_rng(seed)
     clean = np.einsum("nij,tnj->tni", np.linalg.inv(model.matrices), omega[:, None] - model.offsets)
-    sigma = np.stack([unit.noise_density for unit in model.units]) * np.sqrt(model.rate_hz / 2)
+    sigma = np.stack([unit.noise_density_rps_rthz for unit in model.units]) * np.sqrt(model.rate_hz / 2)
     return clean + sigma * rng.normal(size=clean.shape)
 
 
@@ -88,10 +89,10 @@ def test_no_other_unbiased_combination_has_less_noise():
 
 def test_the_file_gives_the_model_back_and_stands_on_the_page(tmp_path):
     found = [replace(unit, sha256=("0" * 64, "1" * 64)) for unit in units(3)]
-    model = replace(model_of(found, joint_covariance=np.eye(36) * 1e-8, session="a\nb"), correlation=np.eye(9))
-    save_array_model(model, tmp_path / "array.json")
+    model = replace(model_of(found, joint_covariance=np.eye(36) * 1e-8, session="a\nb"), noise_correlation=np.eye(9))
+    write_whole(tmp_path / "array.json", model)
     again = load_array_model(tmp_path / "array.json")
-    assert to_table(again) == to_table(model)
+    assert table_of(again) == table_of(model)
     raw = RNG.normal(size=(5, 3, 3))
     assert_array_equal(again(raw), model(raw))
     assert not strangers(json.loads((tmp_path / "array.json").read_text()))
@@ -112,16 +113,18 @@ def test_the_file_gives_the_model_back_and_stands_on_the_page(tmp_path):
         ({("units", 0, "accelerometer"): {"matrix": 3}}, "accelerometer"),
     ],
 )
-def test_what_is_no_model_is_refused_in_one_line(changes, said):
-    table = copy.deepcopy(to_table(model_of(units(3))))
+def test_what_is_no_model_is_refused_in_one_line(changes, said, tmp_path):
+    table, path = table_of(model_of(units(3))), tmp_path / "array.json"
+    path.write_text(json.dumps(table | {"units": table["units"][:1]}))
     with pytest.raises(FormatError, match="units has 1 entries, expected 2"):
-        from_table(table | {"units": table["units"][:1]}, "array.json")
+        load_array_model(path)
     for (*where, key), value in changes.items():
         reduce(getitem, where, table)[key] = value
+    path.write_text(json.dumps(table))
     with pytest.raises(FormatError, match=said) as caught:
-        from_table(table, "array.json")
+        load_array_model(path)
     assert "\n" not in str(caught.value)
-    assert str(caught.value).startswith("array.json")
+    assert str(caught.value).startswith(str(path))
 
 
 # The fused rate.
@@ -134,10 +137,8 @@ BELOW, ABOVE = (1 - FULL_SCALE_ROUNDING) * 250 * DEG * np.array([1 - 1e-9, 1 + 1
 def plain(density, **options):
     """Units with E = 1, B = 0 and no mounting, of 250 dps; nothing is known of their parameters."""
     found = units(len(density), density=density, full_scale=250)
-    model = replace(found[0].model, E=np.eye(3), B=np.zeros(3))
-    place = [replace(unit.place, mounting=np.eye(3)) for unit in found]
-    found = [replace(u, place=p, model=model, bias_instability=None, covariance=None) for u, p in zip(found, place, strict=True)]
-    return model_of(found, **options)
+    nothing = {"E": np.eye(3), "B": np.zeros(3), "mounting": np.eye(3), "bias_instability_rps": None, "covariance": None}
+    return model_of([replace(unit, **nothing) for unit in found], **options)
 
 
 def along_x(*readings) -> np.ndarray:
@@ -158,9 +159,9 @@ def test_the_rate_of_the_units_that_are_left_and_its_sigma():
 
 
 def test_the_sigma_holds_correlated_noise_and_that_of_the_parameters_where_it_is_known():
-    alike = replace(plain([0.1, 0.2]), correlation=np.kron(np.array([[1, 0.3], [0.3, 1]]), np.eye(3)))
+    alike = replace(plain([0.1, 0.2]), noise_correlation=np.kron(np.array([[1, 0.3], [0.3, 1]]), np.eye(3)))
     known = model_of(units(3))
-    for model, count, own in ((alike, 2, 0.0), (known, 3, known.parameter_sigma())):
+    for model, count, own in ((alike, 2, 0.0), (known, 3, known.bias_sigma)):
         assert_allclose(fuse(model, np.zeros((count, 3))).sigma[0], np.hypot(model.noise_density * np.sqrt(RATE_HZ / 2), own))
 
 
@@ -207,7 +208,7 @@ def test_force_of_units_off_the_axis_is_moved_to_the_first_one():
     omega, change = np.outer(1 + 2 * t_s, [0.5, -1.0, 2.0]), np.tile([1.0, -2.0, 4.0], (50, 1))
     common = np.array([0.3, -0.2, -9.8])
     moved = [common + np.cross(change, r) + np.cross(omega, np.cross(omega, r)) for r in positions]
-    force = np.stack([each @ unit.place.mounting for each, unit in zip(moved, model.units, strict=True)], axis=1)
+    force = np.stack([each @ unit.mounting for each, unit in zip(moved, model.units, strict=True)], axis=1)
     found = _fused_force(model, force, omega, change, np.ones((50, 3), dtype=bool))
     assert_allclose(found, np.tile(common, (50, 1)), atol=1e-12)
 
@@ -244,8 +245,10 @@ ONE_CLOCK, NO_PLACE = [UnitClock()] * 4, [None] * 4
 
 def with_places(found, clocks=ONE_CLOCK, positions=NO_PLACE):
     """Units with an accelerometer, on clocks, at positions."""
-    places = [replace(unit.place, clock=clock, position_m=at) for unit, clock, at in zip(found, clocks, positions, strict=False)]
-    return [replace(unit, accelerometer=Accelerometer(), place=place) for unit, place in zip(found, places, strict=True)]
+    return [
+        replace(unit, accelerometer=Accelerometer(), clock=clock, position_m=at)
+        for unit, clock, at in zip(found, clocks, positions, strict=False)
+    ]
 
 
 def said(folder, model_path, *more):
@@ -261,11 +264,11 @@ def test_a_folder_becomes_one_log_with_the_best_rate(tmp_path):
     """Unit 2 leaves its range meanwhile; unit 3 has a log and is not in the model, as where a fit left it out."""
     four = model_of(with_places(units(4)))
     model = model_of(four.units[:3])
-    save_array_model(model, tmp_path / "array.json")
+    write_whole(tmp_path / "array.json", model)
     omega = motion(1000)
     raw = measured(four, omega)
     raw[450:700, 2, 1] = 2000 * DEG
-    level = np.einsum("nji,j->ni", np.stack([unit.place.mounting for unit in four.units]), [0, 0, -G])
+    level = np.einsum("nji,j->ni", np.stack([unit.mounting for unit in four.units]), [0, 0, -G])
     write_array(tmp_path / "array", four, np.tile(np.arange(1000) / RATE_HZ, (4, 1)), raw, np.tile(level, (1000, 1, 1)))
     samples, table = said(tmp_path / "array", tmp_path / "array.json")
     assert len(samples) == table["rows"] == 1000
@@ -284,7 +287,7 @@ CLOCKS = [UnitClock(), UnitClock(0.007, 2e-3, 1.0), UnitClock(-0.013, -1e-3)]
 
 def test_units_on_clocks_of_their_own_are_brought_to_the_first_ones(tmp_path):
     """2000 ppm and 7 ms apart: what is left of a motion of 3 Hz is below the noise."""
-    model = model_of([replace(unit, noise_density=np.full(3, 1e-9)) for unit in with_places(units(3), CLOCKS)])
+    model = model_of([replace(unit, noise_density_rps_rthz=np.full(3, 1e-9)) for unit in with_places(units(3), CLOCKS)])
 
     def at(t_s):
         return np.sin(2 * np.pi * np.outer(t_s, [0.7, 1.9, 3.0])) * [2.0, 1.0, 0.5]
@@ -296,7 +299,7 @@ def test_units_on_clocks_of_their_own_are_brought_to_the_first_ones(tmp_path):
     write_array(tmp_path / "array", model, t_own, raw, np.ones_like(raw))
     hashes = [(sha256_of(tmp_path / "array" / f"log0001.unit{i}.csv"),) for i in range(3)]
     known = replace(model, units=tuple(replace(unit, sha256=each) for unit, each in zip(model.units, hashes, strict=True)))
-    save_array_model(known, tmp_path / "array.json")
+    write_whole(tmp_path / "array.json", known)
     samples, table = said(tmp_path / "array", tmp_path / "array.json")
     assert table["clocks"] == "model"
     off = np.abs(samples.gyro - at(samples.t_s))[10:-10].max()
@@ -307,7 +310,7 @@ def test_units_on_clocks_of_their_own_are_brought_to_the_first_ones(tmp_path):
 def test_a_unit_that_is_dead_in_another_recording_stops_nothing(tmp_path):
     """Clocks are found anew there; the dead unit has none, so it gives no samples, and the others are fused as ever."""
     model = model_of(with_places(units(4), [*CLOCKS, UnitClock(0.004, 5e-4)]))
-    save_array_model(model, tmp_path / "array.json")
+    write_whole(tmp_path / "array.json", model)
     omega = motion(3000)
     raw = measured(model, omega)
     raw[:, 2] = 0.01
@@ -323,7 +326,7 @@ def test_a_unit_that_is_dead_in_another_recording_stops_nothing(tmp_path):
 
 def test_what_does_not_go_together_is_refused_in_one_line(tmp_path, capsys):
     model, path, array = model_of(units(3)), tmp_path / "array.json", tmp_path / "array"
-    save_array_model(model, path)
+    write_whole(path, model)
     raw = measured(model, motion(50))
     for which in ("log0001", "log0002"):
         write_array(array, model, np.tile(np.arange(50) / RATE_HZ, (3, 1)), raw, np.ones_like(raw), which)

@@ -132,10 +132,10 @@ def _fused_force(model: ArrayModel, force: np.ndarray, rate: np.ndarray, change:
     force (T, N, 3) m/s^2 calibrated, in each unit's body frame, NaN for none; rate (T, 3) rad/s, change (T, 3) rad/s^2 of the array; used
     (T, N): units in the rate.  NaN where none of these has a force.
     """
-    mountings = np.stack([unit.place.mounting for unit in model.units])
+    mountings = np.stack([unit.mounting for unit in model.units])
     turned = np.einsum("nij,tnj->tni", mountings, force)
     for i, unit in enumerate(model.units):
-        if (at := unit.place.position_m) is not None:
+        if (at := unit.position_m) is not None:
             turned[:, i] -= np.cross(change, at) + np.cross(rate, np.cross(rate, at))
     weights = force_weights(model)
     share = np.where(used & np.isfinite(turned).all(axis=2), weights, 0.0)
@@ -148,7 +148,7 @@ def force_weights(model: ArrayModel) -> np.ndarray:
     """Return (N,) weights: 1 over the squared noise density if it is known of every calibrated accelerometer, else 1; 0 for an uncalibrated
     one."""
     there = np.array([unit.accelerometer is not None for unit in model.units])
-    noise = [unit.accel_noise_density for unit in model.units]
+    noise = [unit.accel_noise_density_mps2_rthz for unit in model.units]
     if all(value is not None for value, use in zip(noise, there, strict=True) if use):
         return np.array([1 / value**2 if use and value else 0.0 for value, use in zip(noise, there, strict=True)])
     return there.astype(float)
@@ -288,7 +288,7 @@ def _clocks(model: ArrayModel, folder: Path, paths: dict[int, Path]) -> tuple[di
 
     The model's clocks are used if the model was made from this recording, or needs none; otherwise they are estimated.
     """
-    own = {unit.number: unit.place.clock for unit in model.units}
+    own = {unit.number: unit.clock for unit in model.units}
     if all(clock.offset_s == 0 and clock.rate == 0 for clock in own.values()) and _at_the_same_moments(model, paths):
         return own, "same", []
     if all(unit.number in paths and sha256_of(paths[unit.number]) in unit.sha256 for unit in model.units):
@@ -320,7 +320,7 @@ def _force_notes(model: ArrayModel, force: bool) -> list[str]:
         return ["specific force: left out, no unit with an accelerometer in its log has one that is calibrated"]
     weights = force_weights(model)
     mean = [str(unit.number) for unit, weight in zip(model.units, weights, strict=True) if weight > 0]
-    without = [str(unit.number) for unit in model.units[1:] if unit.place.position_m is None and unit.accelerometer is not None]
+    without = [str(unit.number) for unit in model.units[1:] if unit.position_m is None and unit.accelerometer is not None]
     said = f"specific force: the mean of units {', '.join(mean)}"
     if without:
         return [f"{said}; the lever arms of units {', '.join(without)} are left out: no position is known"]

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 
 from session.base.errors import CalibrationError, DataError
 from session.base.texts import printable
@@ -16,14 +15,6 @@ from tinygc.reporting.checked_text import checked_page
 from tinygc.reporting.terminal import RenderableType, one_line
 
 
-@dataclass(frozen=True, eq=False)
-class CheckedArray:
-    """Another recording of the array: its name; outcomes of each unit by number."""
-
-    name: str
-    units: dict[int, Checked]
-
-
 def check_units(
     found: ArrayExplanation,
     other: ArraySession,
@@ -31,8 +22,8 @@ def check_units(
     seed: int = 0,
     use_earth: bool = True,
     progress: Callable[[str, int, int], None] = lambda what, done, of: None,
-) -> CheckedArray:
-    """Check each unit's effects on the unit of the same number in another recording.  Raises DataError where no number is in both."""
+) -> dict[int, Checked]:
+    """Check each unit's effects on the unit of the same number in another recording, by that number.  DataError where none is in both."""
     numbers = [number for number in found.explanations if number in other.numbers]
     if not numbers:
         have, want = (", ".join(map(str, these)) for these in (other.numbers, found.explanations))
@@ -46,22 +37,22 @@ def check_units(
             units[number] = check_on(found.explanations[number], explained, seed)
         except CalibrationError as error:
             units[number] = Checked(unit, None, error=str(error))
-    return CheckedArray(other.name, units)
+    return units
 
 
-def checked_units_page(checked: list[CheckedArray]) -> list[RenderableType]:
-    """Return what the check says of each unit that names an effect or could not be checked."""
+def checked_units_page(checked: Sequence[tuple[str, dict[int, Checked]]]) -> list[RenderableType]:
+    """Return what the checks on recordings, by their names, say of each unit that names an effect or could not be checked."""
     parts: list[RenderableType] = []
-    for number in sorted({number for each in checked for number in each.units}):
-        mine = [each.units[number] for each in checked if number in each.units]
+    for number in sorted({number for _, units in checked for number in units}):
+        mine = [units[number] for _, units in checked if number in units]
         if any(each.effects or each.error for each in mine):
             parts += [one_line(f"Unit {number}", "bold"), *checked_page(mine)]
     return parts or ([one_line("Checked on other recordings: nothing is named here that could be checked.")] if checked else [])
 
 
-def checked_units_to_json(checked: list[CheckedArray]) -> list[dict]:
+def checked_units_to_json(checked: Sequence[tuple[str, dict[int, Checked]]]) -> list[dict]:
     """Return ``checked`` of ``tinygc-array-explain/2``."""
     return [
-        {"array": each.name, "units": [{"number": number, **checked_to_json([one])[0]} for number, one in each.units.items()]}
-        for each in checked
+        {"array": name, "units": [{"number": number, **checked_to_json([one])[0]} for number, one in units.items()]}
+        for name, units in checked
     ]

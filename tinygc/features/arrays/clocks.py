@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
@@ -11,12 +12,15 @@ from scipy.interpolate import CubicSpline
 
 from session.base.errors import CalibrationError
 from session.base.numeric import later_row, rms_of, running_sum, sigma_of, sigmas_in
+from session.base.records import Size
+from session.base.results import Number
 from session.base.solving import inverse
 from session.base.units import DEG, NS
 from session.detect.events import register_end_dps
 from session.log.folder import Session
 from session.log.logfile import Log
 from session.log.samples import Samples
+from tinygc.models.model import SECONDS
 
 # Extrinsics of a unit: clock, mounting and position relative to the array's first unit.
 
@@ -28,11 +32,11 @@ class UnitClock:
     rate is positive where the unit's own clock is slow.  The array's clock is the clock of its first unit, whose offset and rate are 0.
     """
 
-    offset_s: float = 0.0
-    rate: float = 0.0
-    about_s: float = 0.0
-    offset_sigma_s: float = 0.0
-    rate_sigma: float = 0.0
+    offset_s: Annotated[float, SECONDS] = 0.0
+    rate: Annotated[float, Number(-0.5, 0.5)] = 0.0
+    about_s: Annotated[float, SECONDS] = 0.0
+    offset_sigma_s: Size = 0.0
+    rate_sigma: Size = 0.0
 
     def array_time(self, t_unit_s: np.ndarray) -> np.ndarray:
         """Convert times (N,) s of the unit's clock to the array's clock."""

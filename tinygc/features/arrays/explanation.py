@@ -313,15 +313,8 @@ def _rest_noise(name: str, shared: SharedNoise) -> dict:
     return {**table_of(shared.statement(name)), **correlation}
 
 
-def save_array_explanation(found: ArrayExplanation, folder: Path | None, table: dict) -> Path:
-    """Write ``array.json`` with this table, and each unit's ``unit3/explain.json``, into a folder, ``explain`` in the array's; return it.
-
-    Raises CalibrationError if the array has no folder and none is given.
-    """
-    array = found.fit.array
-    if folder is None and not array.folder.is_dir():
-        raise CalibrationError(f"{array.name}: made of arrays, it has no folder of its own; give one to save to")
-    folder = folder or array.folder / "explain"
+def save_array_explanation(found: ArrayExplanation, folder: Path, table: dict) -> Path:
+    """Write ``array.json`` with this table, and each unit's ``unit3/explain.json``, into a folder; return it."""
     with result_folder(folder):
         for number, explanation in found.explanations.items():
             with result_folder(folder / f"unit{number}"):
@@ -347,7 +340,7 @@ def array_page(fit: ArrayFit) -> Group:
     where = {"ends": "from the ends of the turns", "stills": "of each turn from the stills around it"}[fit.bias]
     why = "as asked" if fit.bias_p is None else f"the stills are better by chance with p = {fit.bias_p:.2g}"
     turns = sum(len(rows) for rows in fit.same.turns)
-    own = [1e3 * float(np.sqrt(np.mean(np.diag(unit.in_array(unit.noise_density))))) / DEG for unit in fit.fused.units]
+    own = [1e3 * float(np.sqrt(np.mean(np.diag(unit.in_array(unit.noise_density_rps_rthz))))) / DEG for unit in fit.fused.units]
     fused, alone = 1e3 * rms_of(fit.fused.noise_density) / DEG, rms_of(own)
     count = len(fit.fused)
     parts += [

@@ -7,14 +7,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from session import VERSION
-from session.base.errors import CalibrationError
 from session.base.files import result_folder
 from session.base.numeric import sigma_of, sigmas_in
 from session.base.records import plain, write_whole
@@ -36,7 +34,7 @@ from tinygc.estimation.bias import closes_better, less_by_chance, tilt_rms
 from tinygc.estimation.choice import run_figures
 from tinygc.features.arrays.clocks import UnitPlace, rates_of
 from tinygc.features.arrays.extrinsics import clock_fits, places_of
-from tinygc.features.arrays.fusion import array_model_of, save_array_model
+from tinygc.features.arrays.fusion import array_model_of
 from tinygc.features.arrays.joint import ArrayEvent, Joint, VarianceSplit, estimate, split_of, unit_block, units_covariance
 from tinygc.features.arrays.latency import SampleAges, ages_of, corrected
 from tinygc.features.arrays.model import ArrayModel
@@ -47,10 +45,6 @@ from tinygc.models.linear import BIAS, MATRIX, NAMES, PARAMETERS, PRIOR_SIGMA, L
 from tinygc.models.model import accelerometer_table, sensor_table
 from tinygc.noise.components import undersampling
 from tinygc.noise.twin import Twin
-
-if TYPE_CHECKING:
-    pass
-
 
 # Position of each unit's accelerometer on the body, from its force relative to the first unit's while the body turns.
 #
@@ -271,7 +265,7 @@ class ArrayFit:
     @cached_property
     def fused(self) -> ArrayModel:
         """Return all units as one gyroscope."""
-        return array_model_of(self.array, self.units, self.covariance)
+        return array_model_of(self)
 
 
 def fit_array(
@@ -543,18 +537,12 @@ def unit_table(fit: ArrayFit, unit: UnitFit) -> dict:
     )
 
 
-def save_array(fit: ArrayFit, folder: Path | None = None) -> Path:
-    """Write ``array.json``, ``model_array.json``, and each unit's ``unit3/model_least_squares.json``, into a folder; return it.
-
-    The default is ``fit`` in the array's folder.  Raises CalibrationError if the array has no folder and none is given.
-    """
-    if folder is None and not fit.array.folder.is_dir():
-        raise CalibrationError(f"{fit.array.name}: made of arrays, it has no folder of its own; give one to save to")
-    folder = folder or fit.array.folder / "fit"
+def save_array(fit: ArrayFit, folder: Path) -> Path:
+    """Write ``array.json``, ``model_array.json``, and each unit's ``unit3/model_least_squares.json``, into a folder; return it."""
     with result_folder(folder):
         for unit in fit.units:
             with result_folder(folder / f"unit{unit.number}"):
                 write_whole(folder / f"unit{unit.number}" / MODEL, unit_table(fit, unit))
-        save_array_model(fit.fused, folder / FUSED)
+        write_whole(folder / FUSED, fit.fused)
         write_whole(folder / NAME, array_to_json(fit))
     return folder

@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Protocol
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from session.base.errors import CalibrationError
 from session.base.numeric import rms_of
-from session.base.records import write_whole
 from session.base.units import DEG
 from session.detect.events import FULL_SCALE_ROUNDING
-from session.detect.stills import Noise
-from session.log.config import Accelerometer
-from session.log.folder import Session, hash_of_log
-from tinygc.closure.floor import FLICKER_FLOOR, BiasInstability
-from tinygc.features.arrays.clocks import UnitPlace
+from session.log.folder import hash_of_log
+from tinygc.closure.floor import FLICKER_FLOOR
 from tinygc.features.arrays.model import (
     INSTABILITY,
     WHITE,
@@ -28,11 +23,13 @@ from tinygc.features.arrays.model import (
     best_weights,
     combined,
     instability_covariance,
-    to_table,
     white_covariance,
 )
-from tinygc.features.arrays.recording import ArraySession
-from tinygc.models.linear import PARAMETERS, LinearModel
+from tinygc.features.arrays.system import PER_UNIT
+from tinygc.models.linear import PARAMETERS
+
+if TYPE_CHECKING:
+    from tinygc.features.arrays.fit import ArrayFit
 
 # Readings at the end of a unit's range.
 
@@ -83,7 +80,7 @@ def fuse(model: ArrayModel, raw: ArrayLike) -> Fused:
     used = present & ~clips(model, rates)
     at_end = ~used.any(axis=1) & present.any(axis=1)
     used = np.where(at_end[:, None], present, used)
-    own = model.parameter_sigma()
+    own = model.bias_sigma
     # (N, 3, 3) (rad/s)^2, each unit's part of a sample's variance; the contribution of correlation to the total is shared equally by all
     white = model.density * model.rate_hz / 2
     alone = np.stack([white[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] for i in range(len(model))])
@@ -181,23 +178,14 @@ class Resampler:
 AVERAGING_S = 3.0
 
 
-def _build_array_model(
-    units: Sequence[FusedUnit],
-    rate_hz: float,
-    *,
-    joint_covariance: np.ndarray | None = None,
-    session: str = "",
+def with_best_weights(
+    units: Sequence[FusedUnit], rate_hz: float, joint_covariance: np.ndarray | None = None, session: str = ""
 ) -> ArrayModel:
     """Build the model of units with known parameters, extrinsics and noise; rate_hz: samples a second of the array.
 
-    joint_covariance (12 N, 12 N) of the units' E and B, unit by unit. Raises CalibrationError for fewer than two units, and for noise for
-    which no combination is optimal.
+    joint_covariance (12 N, 12 N) of the units' E and B, unit by unit.  Raises CalibrationError for noise for which no combination is
+    optimal.
     """
-    units = tuple(units)
-    if len(units) < 2:
-        raise CalibrationError(f"an array of {len(units)} unit, expected two or more")
-    if len(set(numbers := [unit.number for unit in units])) < len(numbers):
-        raise CalibrationError(f"units {', '.join(map(str, numbers))}: a number stands twice")
     weights, fused = best_weights(white_covariance(units))
     wander = instability_covariance(units)
     best_for, reason = WHITE, "no bias instability of every unit is known, so the weights are best for white noise"
@@ -211,61 +199,30 @@ def _build_array_model(
         words = {WHITE: "white noise", INSTABILITY: "bias instability"}[best_for]
         reason = f"over {AVERAGING_S:g} s white noise leaves {parts[0]:.2g} dps, bias instability {parts[1]:.2g} dps: best for {words}"
         weights = weights if best_for == WHITE else slow
-    return ArrayModel(units, weights, float(rate_hz), best_for, reason, None, joint_covariance, session)
+    weighed = tuple(replace(unit, weights=own) for unit, own in zip(units, weights, strict=True))
+    return ArrayModel(
+        units=weighed, rate_hz=float(rate_hz), best_for=best_for, reason=reason, joint_covariance=joint_covariance, session=session
+    )
 
 
-def save_array_model(model: ArrayModel, path: Path) -> None:
-    """Write ``tinygc-array-model/1`` atomically."""
-    write_whole(path, to_table(model))
-
-
-# Array's model of a joint fit: its units and their noise.
-
-
-class FittedUnit(Protocol):
-    """What a joint fit provides for a unit; covariance (K, K), K at least 12, begins with E row by row, then B."""
-
-    @property
-    def number(self) -> int: ...  # noqa: D102
-    @property
-    def session(self) -> Session: ...  # noqa: D102
-    @property
-    def place(self) -> UnitPlace: ...  # noqa: D102
-    @property
-    def model(self) -> LinearModel: ...  # noqa: D102
-    @property
-    def accelerometer(self) -> Accelerometer: ...  # noqa: D102
-    @property
-    def covariance(self) -> np.ndarray: ...  # noqa: D102
-    @property
-    def noise(self) -> Noise: ...  # noqa: D102
-    @property
-    def instability(self) -> BiasInstability: ...  # noqa: D102
-
-
-def array_model_of(array: ArraySession, fitted: Sequence[FittedUnit], covariance: np.ndarray | None = None) -> ArrayModel:
-    """Build the model of fitted units; covariance (K N, K N) of all their numbers, unit by unit, each in the order of the unit's own.
-
-    Raises CalibrationError as ``_build_array_model``.
-    """
+def array_model_of(fit: ArrayFit) -> ArrayModel:
+    """Build the model of a joint fit."""
     units = [
         FusedUnit(
-            unit.place,
-            unit.model,
-            np.asarray(unit.noise.gyro, dtype=float),
-            np.full(3, unit.instability.rps) if unit.instability.rps > 0 else None,
-            unit.covariance[:PARAMETERS, :PARAMETERS],
-            unit.session.config.sensor,
-            None if unit.accelerometer.source == "none" else unit.accelerometer,
-            rms_of(unit.noise.accel) or None,
-            tuple(hash_of_log(log) for log in (*unit.session.logs, *unit.session.closures)),
+            **vars(unit.place),
+            E=unit.model.E,
+            B=unit.model.B,
+            covariance=unit.covariance[:PARAMETERS, :PARAMETERS],
+            noise_density_rps_rthz=np.asarray(unit.noise.gyro, dtype=float),
+            bias_instability_rps=np.full(3, unit.instability.rps) if unit.instability.rps > 0 else None,
+            accel_noise_density_mps2_rthz=rms_of(unit.noise.accel) or None,
+            weights=np.eye(3),  # until the best are known
+            sha256=tuple(hash_of_log(log) for log in (*unit.session.logs, *unit.session.closures)),
+            sensor=unit.session.config.sensor,
+            accelerometer=None if unit.accelerometer.source == "none" else unit.accelerometer,
         )
-        for unit in fitted
+        for unit in fit.units
     ]
-    joint = None
-    if covariance is not None:
-        each = len(covariance) // len(units)
-        rows = np.concatenate([np.arange(PARAMETERS) + each * i for i in range(len(units))])
-        joint = covariance[np.ix_(rows, rows)]
-    rate_hz = 1 / fitted[0].session.logs[0].samples.period_s
-    return _build_array_model(units, rate_hz, joint_covariance=joint, session=array.name)
+    rows = np.concatenate([np.arange(PARAMETERS) + PER_UNIT * i for i in range(len(units))])
+    rate_hz = 1 / fit.units[0].session.logs[0].samples.period_s
+    return with_best_weights(units, rate_hz, fit.covariance[np.ix_(rows, rows)], fit.array.name)

@@ -10,8 +10,9 @@ from typing import Any
 from session.base.errors import CalibrationError
 from session.detect.findings import Finding
 from session.log.folder import Session
+from tinygc.explanation.checked import Checked
 from tinygc.features.arrays.apply import apply_array
-from tinygc.features.arrays.checked import CheckedArray, check_units, checked_units_page, checked_units_to_json
+from tinygc.features.arrays.checked import check_units, checked_units_page, checked_units_to_json
 from tinygc.features.arrays.explanation import (
     ArrayExplanation,
     array_explain_page,
@@ -23,11 +24,12 @@ from tinygc.features.arrays.explanation import (
 from tinygc.features.arrays.fit import ArrayFit, array_to_json, fit_array, save_array
 from tinygc.features.arrays.recording import array_of, read_array
 from tinygc.library.arguments import Progress, column_unit, is_path, nothing, public
-from tinygc.reporting.terminal import Group, as_html, as_text
+from tinygc.library.records import Shown
+from tinygc.reporting.terminal import Group
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FittedArray:
+class FittedArray(Shown):
     """Result of ``fit``; ``result`` holds all estimates, in SI."""
 
     result: ArrayFit
@@ -40,29 +42,22 @@ class FittedArray:
         """Return the command's output, for rich."""
         return array_page(self.result)
 
-    def summary(self) -> str:
-        """Return the page as plain text."""
-        return as_text(self.page)
-
-    def _repr_html_(self) -> str:
-        return as_html(self.page)
-
     def to_json(self) -> dict:
         """Return ``tinygc-array-fit/2`` (docs/formats.md)."""
         return array_to_json(self.result)
 
     def save(self, folder: Path | str | None = None) -> Path:
         """Write the result, and each unit's model, into a folder (``fit`` in the array's); return it."""
-        return save_array(self.result, None if folder is None else Path(folder))
+        return save_array(self.result, self.result.array.own_folder("fit") if folder is None else Path(folder))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ExplainedArray:
+class ExplainedArray(Shown):
     """Result of ``explain`` of an array; ``result`` holds all estimates, in SI."""
 
     result: ArrayExplanation
-    #: other recordings of the array that it was checked on
-    checked: tuple[CheckedArray, ...] = ()
+    #: other recordings of the array that it was checked on: name, and the outcome of each unit by number
+    checked: tuple[tuple[str, dict[int, Checked]], ...] = ()
 
     def __repr__(self) -> str:
         return f"<ExplainedArray {self.result.fit.array.name}: {self.result.verdict}>"
@@ -70,19 +65,16 @@ class ExplainedArray:
     @property
     def page(self) -> Group:
         """Return the command's output, for rich."""
-        return Group(array_explain_page(self.result), *checked_units_page(list(self.checked)))
-
-    def summary(self) -> str:
-        """Return the page as plain text."""
-        return as_text(self.page)
+        return Group(array_explain_page(self.result), *checked_units_page(self.checked))
 
     def to_json(self) -> dict:
         """Return ``tinygc-array-explain/2`` (docs/formats.md)."""
-        return explained_to_json(self.result) | {"checked": checked_units_to_json(list(self.checked))}
+        return explained_to_json(self.result) | {"checked": checked_units_to_json(self.checked)}
 
     def save(self, folder: Path | str | None = None) -> Path:
         """Write the result, and each unit's, into a folder (``explain`` in the array's); return it."""
-        return save_array_explanation(self.result, None if folder is None else Path(folder), self.to_json())
+        own = self.result.fit.array.own_folder
+        return save_array_explanation(self.result, own("explain") if folder is None else Path(folder), self.to_json())
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -121,7 +113,7 @@ class Array:
         others = [(each if isinstance(each, Array) else array(each)).session for each in check_on]
         how: dict[str, Any] = {"seed": seed, "use_earth": earth, "progress": progress or nothing}
         found = explain_array(self.session, **how)
-        return ExplainedArray(found, tuple(check_units(found, other, **how) for other in others))
+        return ExplainedArray(found, tuple((other.name, check_units(found, other, **how)) for other in others))
 
     @public()
     def apply(

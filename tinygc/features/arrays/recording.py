@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from session.base.errors import DataError, FormatError
+from session.base.errors import CalibrationError, DataError, FormatError
 from session.base.files import require_file
 from session.base.names import log_paths
 from session.base.results import Keys, require, shown
@@ -47,6 +47,12 @@ class ArraySession:
     def name(self) -> str:
         """The folder's last name, as it may stand in a line."""
         return printable(self.folder.resolve().name)
+
+    def own_folder(self, name: str) -> Path:
+        """Where results of that name go, unless another place is given.  CalibrationError where the array was never a folder."""
+        if not self.folder.is_dir():
+            raise CalibrationError(f"{self.name}: made of arrays, it has no folder of its own; give one to save to")
+        return self.folder / name
 
 
 # An array's folder as one record: logs that name their unit, or a list of session folders, one for each unit (arrays.md).

@@ -23,16 +23,16 @@ from tinygc.features.arrays.joint import (
     ArrayEvent,
     VarianceSplit,
     _gains_of,
-    _NoiseBlocks,
     _worst_of_each_turn,
     candidates,
     estimate,
     excess_p_values,
+    rise,
     split_of,
     unit_block,
     units_covariance,
+    upper_component,
 )
-from tinygc.features.arrays.profile_limits import rise, upper_component
 from tinygc.features.arrays.standings import parts_of
 from tinygc.features.arrays.system import MOUNTING, System, array_system
 from tinygc.models.linear import BIAS, MATRIX
@@ -171,7 +171,7 @@ def plain(values, base=BASE):
 def rows_alone(errors):
     """Blocks of two rows that nothing else touches, errors (B, 2), and the component that is their mean square."""
     rows, number = np.arange(errors.size).reshape(-1, 2), np.arange(len(errors))
-    return plain(errors, 1e-9), [_NoiseBlocks(OWN_TURN, 0, rows, np.column_stack([number, number + 1]))]
+    return plain(errors, 1e-9), [(OWN_TURN, 0, rows, np.column_stack([number, number + 1]))]
 
 
 def test_an_event_is_an_F_test_of_a_block_against_the_others():
@@ -303,13 +303,12 @@ def test_turns_are_split_by_intervals_and_a_unit_minus_the_mean_is_of_turns_that
     """The second unit's first turn is over two intervals of the first one's, and has the common part of both."""
     part = small_array(2, 4, seed=2, turn_rad=1e-3, common_rad=1e-3, turns=[[(0, 1), (1, 2), (2, 3)], [(0, 2), (2, 3)]])
     joint = estimate(part.units, part.same, np.zeros(3))
-    told = ArrayEvent(OWN_TURN, 1, 0, 2, 1.0, 1e-9, np.zeros(0, dtype=int))
-    split = split_of(replace(joint, events=(told, replace(told, what="still"))))
-    assert [(turn.first, turn.last, np.isnan(turn.own_rad).tolist(), turn.events) for turn in split.turns] == [
-        (0, 1, [False, True], ()),
-        (0, 2, [True, False], (told,)),
-        (1, 2, [False, True], ()),
-        (2, 3, [False, False], ()),
+    split = split_of(joint)
+    assert [(turn.first, turn.last, np.isnan(turn.own_rad).tolist()) for turn in split.turns] == [
+        (0, 1, [False, True]),
+        (0, 2, [True, False]),
+        (1, 2, [False, True]),
+        (2, 3, [False, False]),
     ]
     first, both, second, last = split.turns
     assert_allclose(both.common_rad, first.common_rad + second.common_rad)

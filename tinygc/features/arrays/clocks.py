@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Annotated
 
@@ -11,14 +11,13 @@ from scipy.fft import irfft, next_fast_len, rfft
 from scipy.interpolate import CubicSpline
 
 from session.base.errors import CalibrationError
-from session.base.numeric import later_row, rms_of, running_sum, sigma_of, sigmas_in
+from session.base.numeric import later_row, rms_of, running_sum, sigma_of
 from session.base.records import Size
 from session.base.results import Number
 from session.base.solving import inverse
 from session.base.units import DEG, NS
 from session.detect.events import register_end_dps
 from session.log.folder import Session
-from session.log.logfile import Log
 from session.log.samples import Samples
 from tinygc.models.model import SECONDS
 
@@ -84,13 +83,6 @@ class Rates:
     good: np.ndarray
     period_s: float
 
-    def __len__(self) -> int:
-        return len(self.t_s)
-
-    def shifted(self, t_s: np.ndarray) -> Rates:
-        """Return the same readings at other times (N,) s."""
-        return replace(self, t_s=t_s)
-
     def between_good(self) -> Rates:
         """Trim to the span from the first good reading to the last, which drops the tail of a log whose sensor failed."""
         good = np.flatnonzero(self.good)
@@ -106,8 +98,8 @@ class Rates:
     def covers(self, t_s: np.ndarray) -> np.ndarray:
         """Return (M,) bool: which times lie between two adjacent good readings."""
         after = np.searchsorted(self.t_s, t_s)
-        inside = (after > 0) & (after < len(self))
-        after = np.clip(after, 1, len(self) - 1)
+        inside = (after > 0) & (after < len(self.t_s))
+        after = np.clip(after, 1, len(self.t_s) - 1)
         return np.asarray(inside & self.good[after] & self.good[after - 1])
 
 
@@ -129,13 +121,8 @@ def rates_of(samples: Samples, end_dps: float) -> Rates:
 
 def session_rates(session: Session) -> tuple[Rates, ...]:
     """Return the rates of every log, then of every closure run, of a unit."""
-    return tuple(map(lambda log: log_rates(session, log), (*session.logs, *session.closures)))
-
-
-def log_rates(session: Session, log: Log) -> Rates:
-    """Return the rates of one log of a session."""
-    samples = log.samples
-    return rates_of(samples, register_end_dps(session.config.sensor, np.asarray(samples.gyro)))
+    found = [log.samples for log in (*session.logs, *session.closures)]
+    return tuple(rates_of(samples, register_end_dps(session.config.sensor, np.asarray(samples.gyro))) for samples in found)
 
 
 # Coarse clock of a unit: the offset and rate that maximise the correlation of its speed of turning with the first unit's.
@@ -155,46 +142,36 @@ LEAST_OVERLAP = 0.5
 MOST_POINTS = 400_000
 
 
-@dataclass(frozen=True)
-class RoughClock:
-    """Coarse clock of one log, ``t_array = t_unit + offset_s + rate (t_unit - about_s)``; likeness: the correlation of the speeds there."""
-
-    offset_s: float
-    rate: float
-    about_s: float
-    likeness: float
-
-
-def rough_clock(first: Rates, unit: Rates) -> RoughClock:
-    """Estimate the clock of one log of a unit from the first unit's log of the same time."""
+def rough_clock(first: Rates, unit: Rates) -> tuple[UnitClock, float]:
+    """Estimate the clock of one log of a unit from the first unit's log of the same time, and the correlation of the speeds there."""
     first, unit = first.between_good(), unit.between_good()
     length_s = max(float(rates.t_s[-1] - rates.t_s[0]) for rates in (first, unit))
     fine_s = max(STEP_S, first.period_s, unit.period_s, length_s / MOST_POINTS)
-    best, around, reach = None, 0.0, MOST_RATE
+    best, likeness, reach = UnitClock(), -2.0, MOST_RATE
     for step_s in (COARSER * fine_s, fine_s):
         # At this grid step the smear at the ends of the recording lowers the peak only a little.
         rate_step = min(MOST_RATE, 2 * step_s / max(float(unit.t_s[-1] - unit.t_s[0]), step_s))
         count = int(np.ceil(reach / rate_step))
-        best = _search(first, unit, step_s, np.clip(around + rate_step * np.arange(-count, count + 1), -MOST_RATE, MOST_RATE))
-        around, reach = best.rate, 2 * rate_step
-    assert best is not None
-    return best
+        rates = np.clip(best.rate + rate_step * np.arange(-count, count + 1), -MOST_RATE, MOST_RATE)
+        best, likeness = _search(first, unit, step_s, rates)
+        reach = 2 * rate_step
+    return best, likeness
 
 
-def _search(first: Rates, unit: Rates, step_s: float, rates: np.ndarray) -> RoughClock:
+def _search(first: Rates, unit: Rates, step_s: float, rates: np.ndarray) -> tuple[UnitClock, float]:
     """Return the best of these rates (R,), at any offset; speeds are averaged over steps of this length in s."""
     grid = first.t_s[0] + step_s * np.arange(int((first.t_s[-1] - first.t_s[0]) / step_s) + 1)
     about_s = float(unit.t_s[0] + unit.t_s[-1]) / 2
     count = int((unit.t_s[-1] - unit.t_s[0]) * (1 + MOST_RATE) / step_s) + 2
-    front = _Front(_speed(first, first.t_s, grid), next_fast_len(len(grid) + count, real=True))
-    best = RoughClock(0.0, 0.0, about_s, -2.0)
+    correlated = _correlated_with(_speed(first, first.t_s, grid), next_fast_len(len(grid) + count, real=True))
+    best, highest = UnitClock(0.0, 0.0, about_s), -2.0
     for rate in rates:
         moved = about_s + (1 + rate) * (unit.t_s - about_s)
         theirs = _speed(unit, moved, moved[0] + step_s * np.arange(int((moved[-1] - moved[0]) / step_s) + 1))
-        likeness, lag = front.best(theirs)
-        if likeness > best.likeness:
-            best = RoughClock(float(grid[0] + lag * step_s - moved[0]), float(rate), about_s, likeness)
-    return best
+        likeness, lag = correlated(theirs)
+        if likeness > highest:
+            best, highest = UnitClock(float(grid[0] + lag * step_s - moved[0]), float(rate), about_s), likeness
+    return best, highest
 
 
 def _speed(rates: Rates, t_s: np.ndarray, grid: np.ndarray) -> np.ndarray:
@@ -205,32 +182,29 @@ def _speed(rates: Rates, t_s: np.ndarray, grid: np.ndarray) -> np.ndarray:
     return np.diff(np.interp(edges, t_s, turned))
 
 
-class _Front:
-    """Speeds (N,) of the first unit, correlated with other speeds at every lag."""
+def _correlated_with(ours: np.ndarray, size: int) -> Callable[[np.ndarray], tuple[float, int]]:
+    """Correlate speeds (N,) of the first unit with others at every lag with enough overlap: the largest coefficient, and its lag;
+    theirs[0] is aligned with ours[lag]."""
+    length, ours = len(ours), ours - ours.mean()
+    our_one, our_value, our_square = (rfft(each, size) for each in (np.ones(length), ours, ours**2))
 
-    def __init__(self, ours: np.ndarray, size: int):
-        self.count, self.size = len(ours), size
-        ours = ours - ours.mean()
-        self.one, self.value, self.square = (rfft(each, size) for each in (np.ones(self.count), ours, ours**2))
+    def summed(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        return np.asarray(irfft(a * b, size))
 
-    def best(self, theirs: np.ndarray) -> tuple[float, int]:
-        """Return the largest correlation coefficient over all lags with enough overlap, and its lag: theirs[0] is aligned with
-        ours[lag]."""
+    def best(theirs: np.ndarray) -> tuple[float, int]:
         theirs = theirs - theirs.mean()
-        one, value, square = (np.conj(rfft(each, self.size)) for each in (np.ones(len(theirs)), theirs, theirs**2))
-
-        def summed(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-            return np.asarray(irfft(a * b, self.size))
-
-        count = np.round(summed(self.one, one))
-        x, y = summed(self.value, one), summed(self.one, value)
-        xx, yy, xy = summed(self.square, one), summed(self.one, square), summed(self.value, value)
-        enough = count >= max(2, LEAST_OVERLAP * min(self.count, len(theirs)))
+        one, value, square = (np.conj(rfft(each, size)) for each in (np.ones(len(theirs)), theirs, theirs**2))
+        count = np.round(summed(our_one, one))
+        x, y = summed(our_value, one), summed(our_one, value)
+        xx, yy, xy = summed(our_square, one), summed(our_one, square), summed(our_value, value)
+        enough = count >= max(2, LEAST_OVERLAP * min(length, len(theirs)))
         with np.errstate(divide="ignore", invalid="ignore"):
             spread = (xx - x * x / count) * (yy - y * y / count)
             likeness = np.where(enough & (spread > 0), (xy - x * y / count) / np.sqrt(spread), -1.0)
         lag = int(np.argmax(likeness))
-        return float(likeness[lag]), lag - self.size if lag >= self.count else lag
+        return float(likeness[lag]), lag - size if lag >= length else lag
+
+    return best
 
 
 # Fine clock of a unit: offset and rate, by the likelihood of its rates given the first unit's.
@@ -263,7 +237,7 @@ class ClockFit:
     """Estimated clock of a unit.
 
     clock; matrix (3, 3): its rates from the first unit's, both in their own gyroscopes' axes, and bias (logs, 3) rad/s; agreement: share of
-    the mean square of its turning that these explain; covariance (2, 2) of offset and rate, at ``clock.about_s``.
+    the mean square of its turning that these explain; rms_rps of what is left.
     """
 
     clock: UnitClock
@@ -271,7 +245,6 @@ class ClockFit:
     matrix_sigma: np.ndarray
     bias: np.ndarray
     agreement: float
-    covariance: np.ndarray
     rms_rps: float
 
     @property
@@ -298,10 +271,10 @@ def nearest_clock(first: Sequence[Rates], unit: Sequence[Rates], name: str = "th
     Raises CalibrationError for a clock that was reset between two logs.
     """
     each = [rough_clock(one, other) for one, other in zip(first, unit, strict=True)]
-    rough = max(each, key=lambda one: one.likeness)
-    for number, other in enumerate(each):
+    rough, likeness = max(each, key=lambda one: one[1])
+    for number, (other, alike) in enumerate(each):
         apart_s = abs(rough.offset_s + rough.rate * (other.about_s - rough.about_s) - other.offset_s)
-        if other.likeness > SAME_BODY and apart_s > SET_ANEW_S + 0.01 * abs(other.about_s - rough.about_s):
+        if alike > SAME_BODY and apart_s > SET_ANEW_S + 0.01 * abs(other.about_s - rough.about_s):
             raise CalibrationError(
                 f"{name}: its clock was set anew between two logs: in log {number + 1} it is {apart_s:.2f} s from where the other has it; "
                 "give each log an array's folder of its own"
@@ -312,26 +285,19 @@ def nearest_clock(first: Sequence[Rates], unit: Sequence[Rates], name: str = "th
     noise = np.mean([noise_of(rates.rate) ** 2 for rates in first], axis=0)
     bar = MOVING_SIGMAS * max(float(np.mean([noise_of(rates.rate).max() for rates in unit])), float(np.sqrt(noise.max())))
     moving = [rates.good & _moves(rates, bar) for rates in unit]
-    x = np.array([rough.offset_s, rough.rate])
-    solved = None
+    x, fit = np.array([rough.offset_s, rough.rate]), None
     for _ in range(ROUNDS):
-        rows = _ClockRows(first, unit, moving, splines, slopes, x, about_s)
-        if not rows.enough:
+        rows = _clock_rows(first, unit, moving, splines, slopes, x, about_s)
+        if len(rows["since"]) <= 10 * (3 + len(first)):
             break
         try:
-            solved = rows.solve(noise, None if solved is None else solved.matrix)
+            fit = _stepped(rows, len(first), noise, None if fit is None else fit.matrix, x, about_s)
         except np.linalg.LinAlgError:  # the first unit's rates do not determine this one's
-            return None, rough.likeness
-        x = x + solved.step
-        if abs(solved.step[0]) < ENOUGH_S and abs(solved.step[1]) < ENOUGH_RATE:
+            return None, likeness
+        before, x = x, np.array([fit.clock.offset_s, fit.clock.rate])
+        if abs(x[0] - before[0]) < ENOUGH_S and abs(x[1] - before[1]) < ENOUGH_RATE:
             break
-    return (None if solved is None else _as_fit(solved, x, about_s)), rough.likeness
-
-
-def _as_fit(solved: _Solved, x: np.ndarray, about_s: float) -> ClockFit:
-    sigma = sigmas_in(solved.covariance)
-    clock = UnitClock(float(x[0]), float(x[1]), about_s, float(sigma[0]), float(sigma[1]))
-    return ClockFit(clock, solved.matrix, solved.matrix_sigma, solved.bias, solved.agreement, solved.covariance, solved.rms)
+    return fit, likeness
 
 
 def noise_of(rate: np.ndarray) -> np.ndarray:
@@ -348,120 +314,96 @@ def _moves(rates: Rates, bar: float) -> np.ndarray:
     return np.asarray(np.convolve(speed > bar, np.ones(2 * reach + 1), mode="same")[: len(speed)] > 0.5)
 
 
-@dataclass(frozen=True, eq=False)
-class _Solved:
-    step: np.ndarray
-    covariance: np.ndarray
-    matrix: np.ndarray
-    matrix_sigma: np.ndarray
-    bias: np.ndarray
-    agreement: float
-    rms: float
-
-
-class _ClockRows:
-    """The first unit's rates and their slopes at the unit's sample times, for one clock."""
-
-    def __init__(
-        self,
-        first: Sequence[Rates],
-        unit: Sequence[Rates],
-        moving: Sequence[np.ndarray],
-        splines: Sequence[CubicSpline],
-        slopes: Sequence[CubicSpline],
-        x: np.ndarray,
-        about_s: float,
-    ):
-        parts = []
-        for number, (one, other, moves) in enumerate(zip(first, unit, moving, strict=True)):
-            tau = other.t_s + x[0] + x[1] * (other.t_s - about_s)
-            rows = np.flatnonzero(moves & one.covers(tau))
-            at = tau[rows]
-            after = later_row(one.t_s, at)
-            phase = (at - one.t_s[after - 1]) / (one.t_s[after] - one.t_s[after - 1])
-            variance, slope = interpolated_variance(phase)
-            parts.append(
-                {
-                    "log": np.full(len(rows), number),
-                    "read": other.rate[rows],
-                    "ours": splines[number](at),
-                    "slope": slopes[number](at),
-                    "since": other.t_s[rows] - about_s,
-                    "block": np.floor(other.t_s[rows] / CLOCK_BLOCK_S) + 1e7 * number,
-                    "variance": variance,
-                    "variance_slope": slope / one.period_s,
-                }
-            )
-        self.values = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-        self.logs = len(parts)
-
-    @property
-    def enough(self) -> bool:
-        """Return whether there are enough rows to fit."""
-        return len(self.values["since"]) > 10 * (3 + self.logs)
-
-    def solve(self, noise: np.ndarray, matrix: np.ndarray | None) -> _Solved:
-        """Take one Gauss-Newton step; noise (3,): variance of the first unit's readings."""
-        v = self.values
-        ours, read, since = v["ours"], v["read"], v["since"]
-        count, logs = len(since), self.logs
-        design = np.hstack([ours, (v["log"][:, None] == np.arange(logs)).astype(float)])
-        if matrix is None:
-            matrix = np.linalg.lstsq(design, read, rcond=None)[0][:3].T
-        size = 3 + logs
-        whole = np.zeros((3 * size + 2, 3 * size + 2))
-        right = np.zeros(3 * size + 2)
-        gram = design.T @ design
-        gram[:3, :3] -= np.diag(noise) * v["variance"].sum()
-        turned = v["slope"] @ matrix.T  # (N, 3)
-        clock = np.stack([turned, turned * since[:, None]], axis=2)  # (N, 3, 2)
-        for axis in range(3):
-            part = slice(axis * size, (axis + 1) * size)
-            whole[part, part] = gram
-            whole[part, -2:] = design.T @ clock[:, axis]
-            # E[n n'] of an interpolated reading: half the slope of its variance.
-            for column, weight in ((-2, np.ones(count)), (-1, since)):
-                whole[axis * size : axis * size + 3, column] -= matrix[axis] * noise * (v["variance_slope"] * weight).sum() / 2
-            whole[-2:, part] = whole[part, -2:].T
-            right[part] = design.T @ read[:, axis]
-            right[-2:] += clock[:, axis].T @ read[:, axis]
-        whole[-2:, -2:] = np.einsum("nai,naj->ij", clock, clock)
-        solution = np.linalg.solve(whole, right)
-        coefficients = solution[:-2].reshape(3, size)
-        fitted = design @ coefficients.T + clock @ solution[-2:]
-        residual = read - fitted
-        covariance = self._covariance(whole, design, clock, residual)
-        about = (
-            read
-            - np.array([read[v["log"] == log].mean(axis=0) if (v["log"] == log).any() else np.zeros(3) for log in range(logs)])[v["log"]]
+def _clock_rows(
+    first: Sequence[Rates],
+    unit: Sequence[Rates],
+    moving: Sequence[np.ndarray],
+    splines: Sequence[CubicSpline],
+    slopes: Sequence[CubicSpline],
+    x: np.ndarray,
+    about_s: float,
+) -> dict[str, np.ndarray]:
+    """Return the first unit's rates and their slopes at the unit's sample times, for one clock, and what belongs to each row."""
+    parts = []
+    for number, (one, other, moves) in enumerate(zip(first, unit, moving, strict=True)):
+        tau = other.t_s + x[0] + x[1] * (other.t_s - about_s)
+        rows = np.flatnonzero(moves & one.covers(tau))
+        at = tau[rows]
+        after = later_row(one.t_s, at)
+        phase = (at - one.t_s[after - 1]) / (one.t_s[after] - one.t_s[after - 1])
+        parts.append(
+            {
+                "log": np.full(len(rows), number),
+                "read": other.rate[rows],
+                "ours": splines[number](at),
+                "slope": slopes[number](at),
+                "since": other.t_s[rows] - about_s,
+                "block": np.floor(other.t_s[rows] / CLOCK_BLOCK_S) + 1e7 * number,
+                "variance": _VARIANCE(phase),
+                "variance_slope": _VARIANCE_SLOPE(phase) / one.period_s,
+            }
         )
-        total = float(np.square(about).sum())
-        return _Solved(
-            step=solution[-2:],
-            covariance=covariance[-2:, -2:],
-            matrix=coefficients[:, :3],
-            matrix_sigma=np.sqrt(np.diag(covariance)[:-2]).reshape(3, size)[:, :3],
-            bias=coefficients[:, 3:].T,
-            agreement=1 - float(np.square(residual).sum()) / total if total > 0 else 0.0,
-            rms=rms_of(residual),
-        )
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
-    def _covariance(self, whole: np.ndarray, design: np.ndarray, clock: np.ndarray, residual: np.ndarray) -> np.ndarray:
-        """Covariance of all coefficients from the scatter of the blocks' scores, which includes all errors shared within a block.
 
-        An axis about which nothing turns, whose sum of squares the correction for noise may make negative, has infinite variances.
-        """
-        blocks, index = np.unique(self.values["block"], return_inverse=True)
-        size = design.shape[1]
-        scores = np.zeros((len(blocks), whole.shape[0]))
-        for axis in range(3):
-            np.add.at(scores[:, axis * size : (axis + 1) * size], index, design * residual[:, axis, None])
-            np.add.at(scores[:, -2:], index, clock[:, axis] * residual[:, axis, None])
-        spread = inverse(whole)
-        is_open = np.isinf(np.diag(spread))
-        spread[is_open], spread[:, is_open] = 0.0, 0.0
-        few = len(blocks) / max(len(blocks) - whole.shape[0] / 3, 1.0)
-        return spread @ (scores.T @ scores) @ spread * few + np.diag(np.where(is_open, np.inf, 0.0))
+def _stepped(v: dict[str, np.ndarray], logs: int, noise: np.ndarray, matrix: np.ndarray | None, x: np.ndarray, about_s: float) -> ClockFit:
+    """Take one Gauss-Newton step from a clock x (2,) by its rows; noise (3,): variance of the first unit's readings."""
+    ours, read, since = v["ours"], v["read"], v["since"]
+    count = len(since)
+    design = np.hstack([ours, (v["log"][:, None] == np.arange(logs)).astype(float)])
+    if matrix is None:
+        matrix = np.linalg.lstsq(design, read, rcond=None)[0][:3].T
+    size = 3 + logs
+    whole = np.zeros((3 * size + 2, 3 * size + 2))
+    right = np.zeros(3 * size + 2)
+    gram = design.T @ design
+    gram[:3, :3] -= np.diag(noise) * v["variance"].sum()
+    turned = v["slope"] @ matrix.T  # (N, 3)
+    clock = np.stack([turned, turned * since[:, None]], axis=2)  # (N, 3, 2)
+    for axis in range(3):
+        part = slice(axis * size, (axis + 1) * size)
+        whole[part, part] = gram
+        whole[part, -2:] = design.T @ clock[:, axis]
+        # E[n n'] of an interpolated reading: half the slope of its variance.
+        for column, weight in ((-2, np.ones(count)), (-1, since)):
+            whole[axis * size : axis * size + 3, column] -= matrix[axis] * noise * (v["variance_slope"] * weight).sum() / 2
+        whole[-2:, part] = whole[part, -2:].T
+        right[part] = design.T @ read[:, axis]
+        right[-2:] += clock[:, axis].T @ read[:, axis]
+    whole[-2:, -2:] = np.einsum("nai,naj->ij", clock, clock)
+    solution = np.linalg.solve(whole, right)
+    coefficients = solution[:-2].reshape(3, size)
+    residual = read - (design @ coefficients.T + clock @ solution[-2:])
+    sigma = np.sqrt(np.diag(_covariance(v["block"], whole, design, clock, residual)))
+    means = [read[v["log"] == log].mean(axis=0) if (v["log"] == log).any() else np.zeros(3) for log in range(logs)]
+    about = read - np.array(means)[v["log"]]
+    total = float(np.square(about).sum())
+    return ClockFit(
+        UnitClock(*map(float, x + solution[-2:]), about_s, *map(float, sigma[-2:])),
+        coefficients[:, :3],
+        sigma[:-2].reshape(3, size)[:, :3],
+        coefficients[:, 3:].T,
+        1 - float(np.square(residual).sum()) / total if total > 0 else 0.0,
+        rms_of(residual),
+    )
+
+
+def _covariance(blocks: np.ndarray, whole: np.ndarray, design: np.ndarray, clock: np.ndarray, residual: np.ndarray) -> np.ndarray:
+    """Covariance of all coefficients from the scatter of the blocks' scores, which includes all errors shared within a block.
+
+    An axis about which nothing turns, whose sum of squares the correction for noise may make negative, has infinite variances.
+    """
+    blocks, index = np.unique(blocks, return_inverse=True)
+    size = design.shape[1]
+    scores = np.zeros((len(blocks), whole.shape[0]))
+    for axis in range(3):
+        np.add.at(scores[:, axis * size : (axis + 1) * size], index, design * residual[:, axis, None])
+        np.add.at(scores[:, -2:], index, clock[:, axis] * residual[:, axis, None])
+    spread = inverse(whole)
+    is_open = np.isinf(np.diag(spread))
+    spread[is_open], spread[:, is_open] = 0.0, 0.0
+    few = len(blocks) / max(len(blocks) - whole.shape[0] / 3, 1.0)
+    return spread @ (scores.T @ scores) @ spread * few + np.diag(np.where(is_open, np.inf, 0.0))
 
 
 def _cardinal() -> tuple[np.ndarray, np.ndarray]:
@@ -474,9 +416,3 @@ def _cardinal() -> tuple[np.ndarray, np.ndarray]:
 
 _VARIANCE = CubicSpline(*_cardinal())
 _VARIANCE_SLOPE = _VARIANCE.derivative()
-
-
-def interpolated_variance(phase: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the variance of an interpolated reading, relative to a reading's own, at phases (N,) 0 to 1 between two; and its slope over
-    the phase."""
-    return _VARIANCE(phase), _VARIANCE_SLOPE(phase)

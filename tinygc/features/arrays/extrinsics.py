@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -30,21 +30,9 @@ LEAST_RAD = 1e-5
 ROUNDS = 20
 
 
-@dataclass(frozen=True, eq=False)
-class Mounting:
-    """Estimated mounting of a unit.
-
-    matrix (3, 3): takes vectors of the unit's body frame to the array's; covariance (3, 3) rad^2, of a turn about the array's axes;
-    stills: how many both units have.
-    """
-
-    matrix: np.ndarray
-    covariance: np.ndarray
-    stills: int
-
-
-def fit_mounting(first_force: np.ndarray, unit_force: np.ndarray, rate_matrix: np.ndarray) -> Mounting:
-    """Estimate a unit's mounting.
+def fit_mounting(first_force: np.ndarray, unit_force: np.ndarray, rate_matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Estimate a unit's mounting (3, 3), which takes vectors of its body frame to the array's, and its covariance (3, 3) rad^2, of a turn
+    about the array's axes.
 
     first_force, unit_force (K, 3): mean specific force in the same stills, each in its own body frame, any unit of length; rate_matrix (3,
     3): the unit's rates from the first unit's.  K may be 0.
@@ -65,7 +53,7 @@ def fit_mounting(first_force: np.ndarray, unit_force: np.ndarray, rate_matrix: n
             sigma = max(float(np.sqrt(np.square(ours - theirs @ mounting.T).sum() / freedom)), LEAST_RAD)
         if abs(sigma - before) <= 1e-6 * before:
             break
-    return Mounting(mounting, np.linalg.inv(information), count)
+    return mounting, np.linalg.inv(information)
 
 
 # Extrinsics of the units of an array: clock and mounting of each, from their rates and from gravity in their stills.
@@ -92,9 +80,7 @@ def places_of(array: ArraySession) -> tuple[UnitPlace, ...]:
     forces = [_forces(unit) for unit in array.units]
     places = [UnitPlace(array.numbers[0])]
     for number, fit, mine in zip(array.numbers[1:], fits[1:], forces[1:], strict=True):
-        ours, theirs = _common(forces[0], mine, fit.clock)
-        found = fit_mounting(ours, theirs, fit.matrix)
-        places.append(UnitPlace(number, fit.clock, found.matrix, found.covariance))
+        places.append(UnitPlace(number, fit.clock, *fit_mounting(*_common(forces[0], mine, fit.clock), fit.matrix)))
     return tuple(places)
 
 
@@ -111,7 +97,7 @@ def clock_fits(array: ArraySession, rates: list[tuple[Rates, ...]] | None = None
             raise CalibrationError(
                 f"{name} reads one and the same rate about {axes} throughout: take that unit out, or look at its columns"
             )
-    fits = [ClockFit(UnitClock(), np.eye(3), np.zeros((3, 3)), np.zeros((len(rates[0]), 3)), 1.0, np.zeros((2, 2)), 0.0)]
+    fits = [ClockFit(UnitClock(), np.eye(3), np.zeros((3, 3)), np.zeros((len(rates[0]), 3)), 1.0, 0.0)]
     for mine, name in zip(rates[1:], names[1:], strict=True):
         try:
             fit = _as_stamped(fit_clock(rates[0], mine, name), rates[0], mine)
@@ -180,13 +166,8 @@ def _blame_first(rates: list[tuple[Rates, ...]], names: list[str], mine: tuple[R
             raise CalibrationError(said) from None
 
 
-@dataclass(frozen=True, eq=False)
-class _Force:
-    """Mean force of one still: its begin and end on the unit's clock, s, and its mean specific force (3,) m/s^2."""
-
-    start_s: float
-    stop_s: float
-    mean: np.ndarray
+#: of one still: its begin and end on the unit's clock, s, and its mean specific force (3,) m/s^2
+_Force = tuple[float, float, np.ndarray]
 
 
 def _forces(session: Session) -> list[list[_Force]]:
@@ -198,7 +179,7 @@ def _forces(session: Session) -> list[list[_Force]]:
     for log in session.logs:
         begin_s = float(log.samples.t_ns[0]) * NS
         good = [still for still in found.of(log).stills if still.problem is None]
-        forces.append([_Force(begin_s + s.start_s, begin_s + s.start_s + s.duration_s, s.accel_mean) for s in good])
+        forces.append([(begin_s + s.start_s, begin_s + s.start_s + s.duration_s, s.accel_mean) for s in good])
     return forces
 
 
@@ -206,12 +187,12 @@ def _common(ours: list[list[_Force]], theirs: list[list[_Force]], clock: UnitClo
     """Return the mean specific force (K, 3) of both units in the stills that both have."""
     pairs = []
     for mine, other in zip(ours, theirs, strict=True):
-        for one in mine:
-            for two in other:
-                start, stop = clock.array_time(np.array([two.start_s, two.stop_s]))
-                shared = min(stop, one.stop_s) - max(start, one.start_s)
-                if shared >= LEAST_COMMON * min(one.stop_s - one.start_s, two.stop_s - two.start_s):
-                    pairs.append((one.mean, two.mean))
+        for start_s, stop_s, force in mine:
+            for begin_s, end_s, their_force in other:
+                start, stop = clock.array_time(np.array([begin_s, end_s]))
+                shared = min(stop, stop_s) - max(start, start_s)
+                if shared >= LEAST_COMMON * min(stop_s - start_s, end_s - begin_s):
+                    pairs.append((force, their_force))
     if not pairs:
         return np.zeros((0, 3)), np.zeros((0, 3))
     first, second = zip(*pairs, strict=True)

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from session import VERSION
 from session.base.files import result_folder
-from session.base.numeric import sigma_of, sigmas_in
+from session.base.numeric import rms_of, sigma_of, sigmas_in
 from session.base.records import plain, write_whole
 from session.base.rotation import cross_matrix
 from session.base.solving import inverse as covariance_of
@@ -24,7 +24,7 @@ from session.detect.events import register_end_dps
 from session.detect.findings import Finding
 from session.detect.stills import Noise
 from session.log.config import Accelerometer
-from session.log.folder import Session, input_hashes
+from session.log.folder import Session, hash_of_log, input_hashes
 from tinygc import models
 from tinygc.closure.floor import BiasInstability
 from tinygc.closure.least_squares import OBSERVED_BELOW
@@ -34,12 +34,12 @@ from tinygc.estimation.bias import closes_better, less_by_chance, tilt_rms
 from tinygc.estimation.choice import run_figures
 from tinygc.features.arrays.clocks import UnitPlace, rates_of
 from tinygc.features.arrays.extrinsics import clock_fits, places_of
-from tinygc.features.arrays.fusion import array_model_of
+from tinygc.features.arrays.fusion import with_best_weights
 from tinygc.features.arrays.joint import ArrayEvent, Joint, VarianceSplit, estimate, split_of, unit_block, units_covariance
 from tinygc.features.arrays.latency import SampleAges, ages_of, corrected
-from tinygc.features.arrays.model import ArrayModel
+from tinygc.features.arrays.model import ArrayModel, FusedUnit
 from tinygc.features.arrays.recording import ArraySession
-from tinygc.features.arrays.system import MOUNTING, accelerometer_after, force_problem
+from tinygc.features.arrays.system import MOUNTING, PER_UNIT, accelerometer_after, force_problem
 from tinygc.features.arrays.units import ArrayUnit, LeftOutUnit, SameStills, prepare_units, same_stills
 from tinygc.models.linear import BIAS, MATRIX, NAMES, PARAMETERS, PRIOR_SIGMA, LinearModel
 from tinygc.models.model import accelerometer_table, sensor_table
@@ -265,7 +265,25 @@ class ArrayFit:
     @cached_property
     def fused(self) -> ArrayModel:
         """Return all units as one gyroscope."""
-        return array_model_of(self)
+        units = [
+            FusedUnit(
+                **vars(unit.place),
+                E=unit.model.E,
+                B=unit.model.B,
+                covariance=unit.covariance[:PARAMETERS, :PARAMETERS],
+                noise_density_rps_rthz=np.asarray(unit.noise.gyro, dtype=float),
+                bias_instability_rps=np.full(3, unit.instability.rps) if unit.instability.rps > 0 else None,
+                accel_noise_density_mps2_rthz=rms_of(unit.noise.accel) or None,
+                weights=np.eye(3),  # until the best are known
+                sha256=tuple(hash_of_log(log) for log in (*unit.session.logs, *unit.session.closures)),
+                sensor=unit.session.config.sensor,
+                accelerometer=None if unit.accelerometer.source == "none" else unit.accelerometer,
+            )
+            for unit in self.units
+        ]
+        rows = np.concatenate([np.arange(PARAMETERS) + PER_UNIT * i for i in range(len(units))])
+        rate_hz = 1 / self.units[0].session.logs[0].samples.period_s
+        return with_best_weights(units, rate_hz, self.covariance[np.ix_(rows, rows)], self.array.name)
 
 
 def fit_array(

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from session.base.errors import CalibrationError
-from session.base.numeric import rms_of
 from session.base.units import DEG
 from session.detect.events import FULL_SCALE_ROUNDING
-from session.log.folder import hash_of_log
 from tinygc.closure.floor import FLICKER_FLOOR
 from tinygc.features.arrays.model import (
     INSTABILITY,
@@ -25,11 +22,6 @@ from tinygc.features.arrays.model import (
     instability_covariance,
     white_covariance,
 )
-from tinygc.features.arrays.system import PER_UNIT
-from tinygc.models.linear import PARAMETERS
-
-if TYPE_CHECKING:
-    from tinygc.features.arrays.fit import ArrayFit
 
 # Readings at the end of a unit's range.
 
@@ -203,26 +195,3 @@ def with_best_weights(
     return ArrayModel(
         units=weighed, rate_hz=float(rate_hz), best_for=best_for, reason=reason, joint_covariance=joint_covariance, session=session
     )
-
-
-def array_model_of(fit: ArrayFit) -> ArrayModel:
-    """Build the model of a joint fit."""
-    units = [
-        FusedUnit(
-            **vars(unit.place),
-            E=unit.model.E,
-            B=unit.model.B,
-            covariance=unit.covariance[:PARAMETERS, :PARAMETERS],
-            noise_density_rps_rthz=np.asarray(unit.noise.gyro, dtype=float),
-            bias_instability_rps=np.full(3, unit.instability.rps) if unit.instability.rps > 0 else None,
-            accel_noise_density_mps2_rthz=rms_of(unit.noise.accel) or None,
-            weights=np.eye(3),  # until the best are known
-            sha256=tuple(hash_of_log(log) for log in (*unit.session.logs, *unit.session.closures)),
-            sensor=unit.session.config.sensor,
-            accelerometer=None if unit.accelerometer.source == "none" else unit.accelerometer,
-        )
-        for unit in fit.units
-    ]
-    rows = np.concatenate([np.arange(PARAMETERS) + PER_UNIT * i for i in range(len(units))])
-    rate_hz = 1 / fit.units[0].session.logs[0].samples.period_s
-    return with_best_weights(units, rate_hz, fit.covariance[np.ix_(rows, rows)], fit.array.name)

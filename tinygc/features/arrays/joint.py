@@ -13,8 +13,7 @@ from session.base.numeric import sigma_of
 from session.base.units import DEG, NS
 from tinygc.closure.floor import wander_covariance
 from tinygc.closure.joint import GRAVITY_SIGMA_MPS2, KNOWN_MPS2
-from tinygc.explanation.standing import LEVEL
-from tinygc.features.arrays.profile_limits import upper_component
+from tinygc.explanation.standing import LEVEL, ONE_SIDED
 from tinygc.features.arrays.system import (
     GYROSCOPE,
     PER_UNIT,
@@ -64,42 +63,34 @@ class ArrayEvent:
         return tuple(e for e in events if e.unit is not None and (e.what, e.first, e.last) == (self.what, self.first, self.last))
 
 
-@dataclass(frozen=True, eq=False)
-class _NoiseBlocks:
-    """Blocks of rows (B, d) that are kept or rejected together, by the unit they belong to; spans (B, 2) stills."""
-
-    what: str
-    unit: int | None
-    rows: np.ndarray
-    spans: np.ndarray
+#: what rows are of, and the index of their unit; rows (B, d) that are kept or rejected together; spans (B, 2) stills
+Blocks = tuple[str, int | None, np.ndarray, np.ndarray]
 
 
-def blocks_of(rows: list[UnitRows], same: SameStills, where: RowMap) -> list[_NoiseBlocks]:
+def blocks_of(rows: list[UnitRows], same: SameStills, where: RowMap) -> list[Blocks]:
     """Return the blocks of every unit's turns and stills, and of the common part."""
-    found = []
-    for i, unit in enumerate(rows):
-        found.append(_NoiseBlocks(OWN_TURN, i, where.closure[i], np.column_stack([unit.first, unit.last])))
-    for i, unit in enumerate(rows):
-        found.append(_NoiseBlocks(OWN_STILL, i, where.force[i], np.column_stack([unit.stills, unit.stills])))
     q = np.arange(len(same))
-    found.append(_NoiseBlocks(COMMON_TURN, None, where.common, np.column_stack([q[:-1], q[1:]])))
-    found.append(_NoiseBlocks(COMMON_STILL, None, where.level, np.column_stack([q, q])))
-    return found
+    return [
+        *((OWN_TURN, i, where.closure[i], np.column_stack([unit.first, unit.last])) for i, unit in enumerate(rows)),
+        *((OWN_STILL, i, where.force[i], np.column_stack([unit.stills, unit.stills])) for i, unit in enumerate(rows)),
+        (COMMON_TURN, None, where.common, np.column_stack([q[:-1], q[1:]])),
+        (COMMON_STILL, None, where.level, np.column_stack([q, q])),
+    ]
 
 
-def candidates(solution: Solution, blocks: list[_NoiseBlocks]) -> list[ArrayEvent]:
+def candidates(solution: Solution, blocks: list[Blocks]) -> list[ArrayEvent]:
     """Return each block's event, with the family-wise probability that chance makes one as large.
 
     A block's share in the estimate of its own component is removed: an F test of its residual against those of the others.
     """
     from scipy.stats import f
 
-    total = sum(len(part.rows) for part in blocks)
+    total = sum(len(rows) for _, _, rows, _ in blocks)
     found = []
-    for part in blocks:
-        chi, error = solution.blocks(part.rows)
-        d = part.rows.shape[1]
-        counted = ~solution.system.out[part.rows].any(axis=1)
+    for what, unit, rows, spans in blocks:
+        chi, error = solution.blocks(rows)
+        d = rows.shape[1]
+        counted = ~solution.system.out[rows].any(axis=1)
         m = int(counted.sum())
         for b in range(len(chi)):
             others = m - counted[b]
@@ -107,8 +98,8 @@ def candidates(solution: Solution, blocks: list[_NoiseBlocks]) -> list[ArrayEven
             freedom = d * max(others, 1)
             p = float(f.sf(chi[b] / d / max(left / freedom, 0.1), d, freedom))
             size = float(np.linalg.norm(error[b]))
-            first, last = (int(q) for q in part.spans[b])
-            found.append(ArrayEvent(part.what, part.unit, first, last, size, min(1.0, p * total), part.rows[b]))
+            first, last = (int(q) for q in spans[b])
+            found.append(ArrayEvent(what, unit, first, last, size, min(1.0, p * total), rows[b]))
     return found
 
 
@@ -325,6 +316,46 @@ def unit_block(covariance: np.ndarray, index: int) -> np.ndarray:
     return covariance[own, own]
 
 
+# Limits of variance components by the profile of the restricted likelihood.
+
+#: relative precision of a limit, and most steps of each part of its search
+NEAR, MOST_STEPS = 0.03, 12
+
+
+def rise(solution: Solution, held: dict[int, float]) -> float:
+    """Return by how much -2 log likelihood rises where components have these values, all others estimated anew."""
+    return solution.held(held).value - solution.value
+
+
+def upper_component(solution: Solution, k: int, sigma: float, zero: Sequence[int] = ()) -> float:
+    """Return the largest value of component k that is not excluded with 95 %, all others free; infinite where none is excluded.
+
+    sigma: of the component, with which the search steps; zero: components held at zero meanwhile.  Where these alone are excluded, the
+    value that is best without them.
+    """
+    nothing = dict.fromkeys(zero, 0.0)
+    low = float(solution.t[k])
+    if nothing:
+        without = solution.held(nothing)
+        low = float(without.t[k])
+        if without.value - solution.value >= ONE_SIDED**2:
+            return low
+    step = sigma if np.isfinite(sigma) and sigma > 0 else max(low, 1e-3 * float(np.median(solution.system.base)))
+    high = low + ONE_SIDED * step
+    for _ in range(MOST_STEPS):
+        if rise(solution, {k: high, **nothing}) >= ONE_SIDED**2:
+            break
+        low, high = high, high + 2 * (high - low)
+    else:
+        return np.inf
+    for _ in range(MOST_STEPS):
+        if high - low <= NEAR * high:
+            break
+        middle = (low + high) / 2
+        low, high = (low, middle) if rise(solution, {k: middle, **nothing}) >= ONE_SIDED**2 else (middle, high)
+    return high
+
+
 # Split of the closure error beyond noise: a part common to all units is not a sensor error, a part in one unit only is its own.
 #
 # Common causes are motion beyond the data rate (of units that are read at the same times), the reference (a body that is not at rest in a
@@ -341,7 +372,7 @@ class TurnSplit:
     """Split of one turn between stills first and last.
 
     common_rad (2,): tilt error common to all units, sigma_rad of each angle; own_rad (N,): length of each unit's own error, NaN where it
-    has no such turn; events of it.
+    has no such turn.
     """
 
     first: int
@@ -349,7 +380,6 @@ class TurnSplit:
     common_rad: np.ndarray
     sigma_rad: np.ndarray
     own_rad: np.ndarray
-    events: tuple[ArrayEvent, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -451,9 +481,7 @@ def excess_p_values(joint: Joint) -> np.ndarray:
     for i in range(count):
         if not solution.t[i] > 0:
             continue
-        begin, held = solution.t.copy(), np.zeros(len(solution.t), dtype=bool)
-        begin[i], held[i] = 0.0, True
-        gain = solution.system.estimated(begin, held).value - solution.value
+        gain = rise(solution, {i: 0.0})
         p[i] = min(1.0, count * float(chi2.sf(max(gain, 0.0), 1)) / 2)
     return p
 
@@ -470,11 +498,8 @@ def _gains_of(joint: Joint) -> dict[str, float]:
     usual = t[-3] + t[-2] * fast + np.median(system.base[system.V[0] > 0])
     values = {}
     for name, held in (("none", (-3, -2)), ("turn", (-2,)), ("undersampled", (-3,))):
-        begin, keep = t.copy(), np.zeros(len(t), dtype=bool)
-        begin[-3], begin[-2] = usual, usual / max(fast, 1e-30)
-        for k in held:
-            begin[k], keep[k] = 0.0, True
-        values[name] = system.estimated(begin, keep).value if name != "undersampled" or joint.missed_rad.any() else np.inf
+        begin = replace(joint.solution, t=np.concatenate([t[:-3], [usual, usual / max(fast, 1e-30)], t[-1:]]))
+        values[name] = begin.held(dict.fromkeys(held, 0.0)).value if name != "undersampled" or joint.missed_rad.any() else np.inf
     return {name: values["none"] - values[name] for name in ("turn", "undersampled")}
 
 
@@ -506,6 +531,5 @@ def _turns(joint: Joint) -> tuple[TurnSplit, ...]:
             row = np.flatnonzero((same.first[i] == a) & (same.last[i] == b))
             if len(row):
                 own[i] = np.linalg.norm(solution.residual[joint.where.closure[i][row[0]]])
-        events = tuple(e for e in joint.events if e.what in (OWN_TURN, COMMON_TURN) and a <= e.first and e.last <= b)
-        found.append(TurnSplit(int(a), int(b), common[a:b].sum(axis=0), np.sqrt((sigma[a:b] ** 2).sum(axis=0)), own, events))
+        found.append(TurnSplit(int(a), int(b), common[a:b].sum(axis=0), np.sqrt((sigma[a:b] ** 2).sum(axis=0)), own))
     return tuple(found)

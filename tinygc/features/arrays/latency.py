@@ -50,17 +50,10 @@ class AgeReadings:
     spread_s: float = 0.0
 
 
-@dataclass(frozen=True)
-class Beat:
-    """Detected beat: frequency_hz without its sign; amplitude_s of the sinusoid there; p_value over all frequencies searched."""
-
-    frequency_hz: float
-    amplitude_s: float
-    p_value: float
-
-
 def age_readings(t_s: np.ndarray, excess: np.ndarray, slope: np.ndarray, noise: float, reader_s: float) -> AgeReadings:
-    """Estimate ages from excess and slope (N, 3), rad/s and rad/s^2, as in ``Difference``; noise: scatter of one excess component, rad/s.
+    """Estimate ages from excess and slope (N, 3), rad/s and rad/s^2, as of ``SharedMotion.differences``.
+
+    noise: scatter of one excess component, rad/s.
 
     A reading that is old by a lacks a times the angular acceleration.  Other scatter proportional to the acceleration is estimated from the
     strongest readings themselves, including their ages.
@@ -78,11 +71,12 @@ def age_readings(t_s: np.ndarray, excess: np.ndarray, slope: np.ndarray, noise: 
     return AgeReadings(t_s, age, white + spread_s**2, reader_s, spread_s)
 
 
-def find_beat(readings: AgeReadings) -> Beat:
-    """Return the frequency of the highest peak; p_value is 1 where there are too few readings."""
+def find_beat(readings: AgeReadings) -> tuple[float, float, float]:
+    """Return the frequency of the highest peak in Hz, without its sign, the amplitude of the sinusoid there in s, and the p-value over all
+    frequencies searched, 1 where there are too few readings."""
     stretches = _stretches(readings)
     if not stretches:
-        return Beat(0.0, 0.0, 1.0)
+        return 0.0, 0.0, 1.0
     # fast Fourier transform of readings on a grid much finer than the reader's period
     step_s = readings.reader_s / GRID
     points = round(FINENESS * STRETCH_S / step_s)
@@ -106,7 +100,7 @@ def find_beat(readings: AgeReadings) -> Beat:
     ratio = power / np.maximum(level, 1.0)
     best = int(np.argmax(ratio))
     p_value = min(1.0, len(frequency) * float(gammaincc(count, ratio[best])))
-    return Beat(float(frequency[best]), float(amplitude[best] / weight.sum()), p_value)
+    return float(frequency[best]), float(amplitude[best] / weight.sum()), p_value
 
 
 def _stretches(readings: AgeReadings) -> list[np.ndarray]:
@@ -248,24 +242,11 @@ def _moved(state: np.ndarray, frequency: np.ndarray, seconds: float) -> np.ndarr
 # first unit; a linear map takes each unit's there, with its scales and misalignments.
 
 
-@dataclass(frozen=True, eq=False)
-class Difference:
-    """One unit's difference from the others, over all its logs, at readings that all units cover.
-
-    t_s (N,) s array clock, as stamped; excess (N, 3) rad/s, the unit's rate in the first unit's axes minus the others' mean at
-    that time; slope (N, 3) rad/s^2 of that mean.
-    """
-
-    t_s: np.ndarray
-    excess: np.ndarray
-    slope: np.ndarray
-
-
 class SharedMotion:
     """Rates of all units on one clock.  rates: each unit's logs; fits: one for each unit."""
 
     def __init__(self, rates: Sequence[Sequence[Rates]], fits: Sequence[ClockFit]):
-        self.stamped = [[each.shifted(fit.clock.array_time(each.t_s)) for each in unit] for unit, fit in zip(rates, fits, strict=True)]
+        self.stamped = [[replace(each, t_s=fit.clock.array_time(each.t_s)) for each in unit] for unit, fit in zip(rates, fits, strict=True)]
         self.maps = [np.linalg.inv(fit.matrix) for fit in fits]
         self.offsets = [fit.bias for fit in fits]
         self.moved = self.stamped
@@ -273,12 +254,16 @@ class SharedMotion:
     def correct(self, ages: Sequence[Sequence[np.ndarray]]) -> None:
         """Shift the readings' times back by their ages: of each unit, of each log, (N,) s."""
         self.moved = [
-            [each.shifted(each.t_s - age) for each, age in zip(unit, mine, strict=True)]
+            [replace(each, t_s=each.t_s - age) for each, age in zip(unit, mine, strict=True)]
             for unit, mine in zip(self.stamped, ages, strict=True)
         ]
 
-    def differences(self) -> list[Difference]:
-        """Return every unit's difference from the others, with each unit's map refitted."""
+    def differences(self) -> list[tuple[np.ndarray, ...]]:
+        """Return every unit's difference from the others, over all its logs, at readings that all units cover, with its map refitted.
+
+        t_s (N,) s array clock, as stamped; excess (N, 3) rad/s, the unit's rate in the first unit's axes minus the others' mean at that
+        time; slope (N, 3) rad/s^2 of that mean.
+        """
         splines = [[each.spline() for each in unit] for unit in self.moved]
         slopes = [[spline.derivative() for spline in unit] for unit in splines]
         found, maps, offsets = [], [], []
@@ -299,7 +284,7 @@ class SharedMotion:
             age = np.concatenate([self.stamped[unit][i].t_s[part[2]] - self.moved[unit][i].t_s[part[2]] for i, part in enumerate(parts)])
             target = rate - age[:, None] * slope  # the others' rate at the time of the reading
             coefficients = np.linalg.lstsq(design, target, rcond=None)[0]
-            found.append(Difference(t_s, design @ coefficients - rate, slope))
+            found.append((t_s, design @ coefficients - rate, slope))
             maps.append(coefficients[:3].T)
             offsets.append(-np.linalg.solve(coefficients[:3].T, coefficients[3:].T).T)
         self.maps, self.offsets = maps, offsets
@@ -393,16 +378,16 @@ def _is_echo(one: SampleAges, ages: Sequence[SampleAges]) -> bool:
     return False
 
 
-def _aged(before: SampleAges, difference: Difference, reader_s: float) -> SampleAges:
+def _aged(before: SampleAges, difference: tuple[np.ndarray, ...], reader_s: float) -> SampleAges:
     """Estimate one unit's ages relative to the others' current ones."""
-    noise = rms_of(noise_of(difference.excess))
-    readings = age_readings(difference.t_s, difference.excess, difference.slope, noise, reader_s)
-    beat = find_beat(readings)
-    none = SampleAges(before.number, False, beat.p_value, clock=before.clock)
-    if beat.p_value > FALSE_ALARM:
+    t_s, excess, slope = difference
+    readings = age_readings(t_s, excess, slope, rms_of(noise_of(excess)), reader_s)
+    beat_hz, amplitude_s, p_value = find_beat(readings)
+    none = SampleAges(before.number, False, p_value, clock=before.clock)
+    if p_value > FALSE_ALARM:
         return none
-    period, middle = np.pi * beat.amplitude_s, float(np.average(readings.age_s, weights=1 / readings.variance))
-    ways = [track(readings, sign * beat.frequency_hz, period, middle - period / 2) for sign in (1, -1)]
+    period, middle = np.pi * amplitude_s, float(np.average(readings.age_s, weights=1 / readings.variance))
+    ways = [track(readings, sign * beat_hz, period, middle - period / 2) for sign in (1, -1)]
     phases = max(ways, key=lambda way: way.log_probability)
     period, sigma, offset, scatter = _sized(readings, phases)
     best = int(np.argmin(phases.sigma_hz))
@@ -417,7 +402,7 @@ def _aged(before: SampleAges, difference: Difference, reader_s: float) -> Sample
     return SampleAges(
         before.number,
         True,
-        beat.p_value,
+        p_value,
         float(phases.frequency_hz[best]),
         float(phases.sigma_hz[best]),
         period,

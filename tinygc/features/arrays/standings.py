@@ -15,8 +15,7 @@ from scipy.special import chdtrc
 from session.base.numeric import rms_of
 from session.base.units import DEG
 from tinygc.explanation.standing import Standing, Statement, standing_of
-from tinygc.features.arrays.joint import Joint, VarianceSplit
-from tinygc.features.arrays.profile_limits import rise, upper_component
+from tinygc.features.arrays.joint import Joint, VarianceSplit, rise, upper_component
 
 #: component of motion beyond the data rate in ``RowMap.names``, from the end
 FAST = -2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -205,6 +206,13 @@ class Solution:
         """Return (P, P) of x."""
         inverse = cho_solve(self.factor, np.eye(len(self.x)))
         return inverse * np.outer(self.system.prior, self.system.prior)
+
+    def held(self, values: Mapping[int, float]) -> Solution:
+        """Return the solution where components have these values, all others estimated anew."""
+        begin, keep = self.t.copy(), np.zeros(len(self.t), dtype=bool)
+        for k, value in values.items():
+            begin[k], keep[k] = value, True
+        return self.system.estimated(begin, keep)
 
     def score(self) -> tuple[np.ndarray, np.ndarray]:
         """Return (G,) slope of the log likelihood by each component, and (G, G) its information, for independent rows."""

@@ -304,7 +304,7 @@ def spread_of_others(folders: tuple[Path, ...]) -> Spread:
             stated[j, ACCELEROMETER] = np.diag(fit.jacobian @ np.asarray(fit.covariance) @ fit.jacobian.T)
         models = [course(values[:, q], stated[:, q], np.arange(len(own), dtype=float)).model for q in range(COUNT)]
         sums, freedom = sums + np.array([model.freedom * model.counted**2 for model in models]), freedom + models[0].freedom
-    return Spread(sums / freedom, float(freedom), "sessions of the other units")
+    return Spread(sums / freedom, np.full(COUNT, float(freedom)), ["sessions of the other units"] * COUNT)
 
 
 def run_pair(pair: Pair) -> tuple[str, str, dict[str, tuple[float, ...]], tuple[float, ...]]:

@@ -18,11 +18,11 @@ import tinygc
 from session.base.files import read_npz
 from session.base.units import DEG, DEG_PER_HOUR, NS_PER_S, G
 from tinygc.closure.floor import TIMES_S, wander_covariance
+from tinygc.deploy.apply import Applicable
 from tinygc.features.unit.watch.bars import squares_bar_of
 from tinygc.features.unit.watch.detector import Window, ZeroFilter
 from tinygc.features.unit.watch.expectation import Expectation, ModelInUse
 from tinygc.features.unit.watch.settings import BLOCKS, WATCHED_S, Settings, settings
-from tinygc.features.unit.watch.source import Readings
 from tinygc.features.unit.watch.turns import MOST_SQUARE, RATIO
 from tinygc.features.unit.watch.watch import Watch
 from tinygc.models.linear import LinearModel
@@ -162,7 +162,7 @@ def turns() -> None:
             s, watch = session.logs[0].samples, Watch(known)
             force = accelerometer.correct(np.asarray(s.accel[:], dtype=float))
             temp_c = None if s.temp_c is None else np.asarray(s.temp_c[:], dtype=float)
-            found = [*watch.take(Readings(np.asarray(s.t_ns[:]), np.asarray(s.gyro[:], dtype=float), force, temp_c)), *watch.end()]
+            found = [*watch.take(Applicable(np.asarray(s.t_ns[:]), np.asarray(s.gyro[:], dtype=float), force, temp_c)), *watch.end()]
             squares.append([event.table["chi_square"] for event in found if event.kind == "turn"])
     progress("")
     rows, every = [], np.concatenate(squares)
@@ -202,7 +202,7 @@ def recorded() -> None:
             for begin in range(seen.start, seen.stop, 60_000):
                 part = slice(begin, min(begin + 60_000, seen.stop))
                 stamps = np.rint(t_s[part] * NS_PER_S).astype(np.int64)
-                events += [each for each in watch.take(Readings(stamps, rate[part], force[part], None)) if each.kind == "alarm"]
+                events += [each for each in watch.take(Applicable(stamps, rate[part], force[part], None)) if each.kind == "alarm"]
             list(watch.end())
             z = np.array([record.z for record in watch._records])
             channels = ", ".join(f"{each.table['channel']} at {each.t_s + t_s[seen.start]:.0f} s" for each in events) or "none"

@@ -38,7 +38,6 @@ from tinygc.features.unit.verification.questions import (
     TodaysNoise,
     _by_freedom,
     _level_of,
-    _NoisePart,
     ask,
     by_size,
     tail,
@@ -232,7 +231,7 @@ def with_component(rows, name, kind, s, sigma):
     V = np.zeros((len(rows.r), len(rows.r)))
     own = rows.kinds[kind]
     V[own, own] = np.eye(own.stop - own.start)
-    return TodaysNoise(rows.white + s**2 * V, (_NoisePart(name, V, s, sigma),), todays_noise(rows).found, 1e6)
+    return TodaysNoise(rows.white + s**2 * V, ((name, V, s, sigma),), todays_noise(rows).found, 1e6)
 
 
 @pytest.mark.parametrize(("sigma", "heavier"), [(1e-6, False), (1.0, True)])
@@ -465,16 +464,16 @@ LEFT = "more than noise is left: up to 3.0° in a use of B (95 %); no cause of t
     ],
 )
 def test_the_verdict_follows_from_what_changed_what_is_open_and_what_it_costs(found, answer, bias_serves, headline):
-    decision = decided(**found)
-    assert (decision.answer, decision.bias_serves, headline or decision.headline) == (answer, bias_serves, decision.headline)
-    assert ("--write" in decision.advice) == ("B = NEW" in decision.headline)
+    said, why, advice, serves = decided(**found)
+    assert (said, serves, headline or why) == (answer, bias_serves, why)
+    assert ("--write" in advice) == ("B = NEW" in why)
 
 
 # What a calibration that holds may differ by
 
 
 E_OLD, B_OLD = np.array([[1.02, 0.01, 0], [0, 0.98, -0.01], [0.005, 0, 1.01]]), np.array([0.01, -0.02, 0.005])
-NONE_KNOWN = Spread(np.full(COUNT, np.nan), np.inf, "")
+NONE_KNOWN = Spread(np.full(COUNT, np.nan), np.full(COUNT, np.inf), [""] * COUNT)
 
 
 def written(tmp_path, model=None, **more):
@@ -529,7 +528,7 @@ def test_an_accelerometers_zero_moves_by_the_usual_where_nothing_shows_its_sprea
     sigma[known] = 1e-3
     variance = np.full(COUNT, np.nan)
     variance[ACCELEROMETER][known] = 1e-6
-    old, spread, usual = written(tmp_path), Spread(variance, 3.0, "own"), "accelerometer's switch-on"
+    old, spread, usual = written(tmp_path), Spread(variance, np.full(COUNT, 3.0), ["own"] * COUNT), "accelerometer's switch-on"
     parts = expected_parts(old, rows_with(), spread)
     assert np.sqrt(np.diag(total(parts, usual, "switch-on"))[ACCELEROMETER]) == pytest.approx(np.sqrt(2) * sigma)
     assert [part.assumed for part in parts if part.name == usual] == [True] * moves
@@ -612,7 +611,7 @@ def test_the_spread_between_sessions_is_their_sample_variance(tmp_path, monkeypa
     found, _ = of_unit(tmp_path, monkeypatch, vectors)
     assert found.variance == pytest.approx(np.r_[np.full(9, np.nan), vectors.var(axis=0, ddof=1)], nan_ok=True)
     assert found.freedom[GYROSCOPE].tolist() == [2.0] * 12
-    assert (found.source, found.note, found.assumed) == ("3 other sessions of this unit", "", False)
+    assert (set(found.sources), found.note) == ({"3 other sessions of this unit"}, "")
     found, values = of_unit(tmp_path, monkeypatch, vectors, [np.diag(np.r_[1 + 1e-3 * number, 1, 1]) @ turn for number in (0, 2, 1)])
     turned = vectors @ block_diag(np.kron(turn, np.eye(3)), turn)
     assert found.variance[GYROSCOPE] == pytest.approx(np.var(turned, axis=0, ddof=1))

@@ -22,16 +22,17 @@ from watched import ACCEL_WHITE, COVARIANCE, RATE_HZ, WHITE, G, csv, model_file,
 from session.base import rotation
 from session.base.errors import CalibrationError, DataError, FormatError
 from tinygc.closure.floor import BiasInstability
+from tinygc.deploy.apply import Applicable
 from tinygc.deploy.calibration import Surroundings
 from tinygc.features.unit.watch import source
 from tinygc.features.unit.watch.alarm_command import AlarmCommand
 from tinygc.features.unit.watch.bars import _run_length, _squares_run_length, bar_of, squares_bar_of
-from tinygc.features.unit.watch.change import WindowRecord, _response, change_of
-from tinygc.features.unit.watch.detector import PROCESSES, Detector, Window, ZeroFilter
+from tinygc.features.unit.watch.change import Reading, _response, change_of
+from tinygc.features.unit.watch.detector import PROCESSES, Detector, Judged, Window, ZeroFilter
 from tinygc.features.unit.watch.expectation import Expectation, ModelInUse, _drift, expect
 from tinygc.features.unit.watch.lines import JsonLines
 from tinygc.features.unit.watch.settings import BLOCKS, CLIP, SHIFTS, TIMES_S, Settings, settings
-from tinygc.features.unit.watch.source import Readings, Remark, Restart, SourceOptions, _decoded
+from tinygc.features.unit.watch.source import RESTART, Remark, SourceOptions, _decoded
 from tinygc.features.unit.watch.turns import Turn, TurnTest
 from tinygc.models.linear import LinearModel
 from tinygc.models.model import KnownSensor
@@ -108,7 +109,7 @@ def windows(detector: Detector, *parts) -> list:
     return [
         (window, judged)
         for part in parts
-        for *_, window, judged in detector.feed(part.gyro, part.accel, part.temp_c)
+        for *_, window, judged in detector.feed(part.gyro, part.accel, part.temp)
         if window is not None and judged is not None
     ]
 
@@ -325,10 +326,11 @@ def test_the_temperature_of_the_calibration_is_that_of_the_models_file(tmp_path)
 COUNT, BEGAN = 40, 25
 
 
-def records(mean: np.ndarray, sigma: float = 1.0) -> list[WindowRecord]:
+def records(mean: np.ndarray, sigma: float = 1.0) -> list[Reading]:
     """Windows 2 s apart with these innovations of gravity, in sigmas."""
-    none = np.zeros(5)
-    return [WindowRecord(2.0 * i, np.array([0.0, 0.0, 0.0, z]), np.array([1.0, sigma]), none, 0.0, True) for i, z in enumerate(mean)]
+    none = np.zeros((5, 1))
+    judged = [Judged(none, np.array([[0.0], [0.0], [0.0], [z]]), np.array([[1.0], [sigma]]), none, none, none, none) for z in mean]
+    return [(2.0 * i, reading(np.zeros((3, 1))), each) for i, each in enumerate(judged)]
 
 
 def forms_of(count: int, ramp: bool, places: int = 200) -> np.ndarray:
@@ -406,9 +408,9 @@ def test_the_response_is_what_the_filter_makes_of_a_change(ramp):
         if number == 25:
             filters.x, filters.P = before
             judged = dataclasses.replace(judged, taken=np.array([False, True]))
-        rows.append(WindowRecord.of(2.0 * number, window, judged))
+        rows.append((2.0 * number, window, judged))
     found = _response(rows, np.array([20]), ramp, 0, c)[:, 0]
-    assert found == pytest.approx(1e3 * np.array([row.z[0] for row in rows]), rel=1e-9, abs=1e-9)
+    assert found == pytest.approx(1e3 * np.array([each.whole[0, 0] for _, _, each in rows]), rel=1e-9, abs=1e-9)
 
 
 def test_a_change_is_looked_for_30_windows_before_the_tests_own_beginning():
@@ -463,8 +465,8 @@ def test_a_turn_states_the_sum_of_its_errors(variance):
     turn.add(np.tile([0.0, 0.0, 0.5], (401, 1)), np.zeros((401, 3)), np.full(401, 0.01))  # 4 s about the vertical, E without a slope
     own = (3e-4**2) * 4.0 + (4e-5 * 4.0) ** 2 + 5e-4**2 + 2 * (3e-3**2 + 2e-3**2 / 2.0) / G**2
     lever2 = (2 * np.sin(0.5 * 4.0 / 2) / 0.5) ** 2  # s^2: |integral of a vector that turns with 0.5 rad/s|
-    found = TurnTest(expected, 1e6).judge(turn, down, down, variance, 2.0)
-    assert found.sigma_rad == pytest.approx(np.sqrt(own + variance * lever2), rel=1e-4)
+    _, sigma_rad, *_ = TurnTest(expected, 1e6).judge(turn, down, down, variance, 2.0)
+    assert sigma_rad == pytest.approx(np.sqrt(own + variance * lever2), rel=1e-4)
 
 
 @pytest.mark.parametrize("alarm", [False, True])
@@ -476,7 +478,7 @@ def test_a_turn_is_taken_by_the_textbooks_filter_and_an_alarm_opens_it(alarm):
     turn.add(*[np.tile([np.pi / 2, 0, 0], (101, 1))] * 2, np.full(101, 0.01))
     R, down, tilt = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]), np.array([0, 0, -1.0]), np.array([0.0, 2.5e-3, 0])
     test.sum = test.bar * alarm
-    found = test.judge(turn, down, R.T @ (down + np.cross(tilt, down)), 0.0, 2.0)
+    _, sigma_rad, found, alarmed = test.judge(turn, down, R.T @ (down + np.cross(tilt, down)), 0.0, 2.0)
     y, H = tilt[:2] / np.hypot(1, 2.5e-3), np.zeros((2, 12))
     H[:, :9] = turn.slope[:2]
     H[:, 9:] = np.array([[0.0, 1, 0], [-1, 0, 0]]) @ (R - np.eye(3)) / G  # down x v
@@ -486,8 +488,8 @@ def test_a_turn_is_taken_by_the_textbooks_filter_and_an_alarm_opens_it(alarm):
         return H @ P @ H.T + (5e-4**2 + np.trace(turn.slope @ P[:9, :9] @ turn.slope.T) ** 2) * np.eye(2)
 
     square = y @ np.linalg.solve(scatter(prior), y)
-    assert (found.square, found.alarm) == (pytest.approx(square, rel=1e-4), alarm)
-    assert found.sigma_rad == pytest.approx(np.sqrt(np.trace(scatter(prior)) / 2), rel=1e-6)
+    assert (found, alarmed) == (pytest.approx(square, rel=1e-4), alarm)
+    assert sigma_rad == pytest.approx(np.sqrt(np.trace(scatter(prior)) / 2), rel=1e-6)
     assert test.sum == pytest.approx(0.0 if alarm else max(0.0, 0.375 * square - 2 * np.log(2)), rel=1e-4)
     P = (1 + share) * prior
     gain = P @ H.T @ np.linalg.inv(scatter(P))
@@ -505,9 +507,10 @@ def test_damage_and_restarts_of_a_stream_are_items():
     again = csv(samples(2, 2)).splitlines(keepends=True)[1:]  # its clock begins again
     decoded = lambda *parts: list(_decoded(iter(parts), SourceOptions(), NO_SENSOR, "a test"))  # noqa: E731
     found = decoded("".join(lines).encode(), b"", "".join(again).encode())
-    assert sum(len(item.t_ns) for item in found if isinstance(item, Readings)) >= 598
-    assert "garbage" in {item.kind for item in found if isinstance(item, Remark)} <= {"garbage", "lost"}
-    assert (sum(isinstance(item, Restart) for item in found), found.count(None)) == (1, 1)
+    assert sum(len(item.t_ns) for item in found if isinstance(item, Applicable)) >= 598
+    kinds = [item.kind for item in found if isinstance(item, Remark)]
+    assert "garbage" in set(kinds) <= {"garbage", "lost", RESTART}
+    assert (kinds.count(RESTART), found.count(None)) == (1, 1)
     with pytest.raises(DataError, match="no sample in what came"):
         decoded(b"hello\n" * 100)
 
@@ -545,16 +548,16 @@ def test_a_sender_of_datagrams_is_an_address_and_behind_its_silence_another_one(
     first = udp.until_idle()
     said = [item.words for item in first if isinstance(item, Remark) and item.kind == "stranger"]
     assert said == [f"{udp.name}: datagrams came from another sender than 127.0.0.1: left out"]
-    assert sum(isinstance(item, Restart) for item in first) == 1
-    assert sum(len(item.t_ns) for item in first if isinstance(item, Readings)) >= 295
+    assert sum(isinstance(item, Remark) and item.kind == RESTART for item in first) == 1
+    assert sum(len(item.t_ns) for item in first if isinstance(item, Applicable)) >= 295
 
     def is_followed() -> bool:
         udp.send("127.0.0.2", 5)
-        return any(isinstance(item, Restart) and "127.0.0.2 is followed" in item.why for item in udp.until_idle())
+        return any(isinstance(item, Remark) and "127.0.0.2 is followed" in item.words for item in udp.until_idle())
 
     processes.until(is_followed)
     udp.send("127.0.0.2", 6, start_s=1.0)
-    assert [type(item) for item in udp.until_idle()] == [Readings]
+    assert [type(item) for item in udp.until_idle()] == [Applicable]
     udp.send("127.0.0.1", 7)
     assert [item.kind for item in udp.until_idle()] == ["stranger"]
 

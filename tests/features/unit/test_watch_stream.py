@@ -19,7 +19,7 @@ import calibrate
 import tinygc
 from session.base.errors import CalibrationError
 from tinygc.features.unit.watch.lines import JsonLines
-from tinygc.features.unit.watch.source import Remark, Restart
+from tinygc.features.unit.watch.source import Remark
 from tinygc.features.unit.watch.watch import Watch
 
 posix_only = pytest.mark.skipif(os.name != "posix", reason="signals and select of POSIX")
@@ -84,7 +84,7 @@ def test_a_gap_and_a_clock_that_goes_back_are_said_and_nothing_is_lost(jump_s, s
 def test_a_restart_is_another_switch_on():
     live = Watch(known(spread_dps=0.3))
     events = [*live.take(samples(30, 1))]
-    events += live.take(Restart("the device's clock began again"))
+    events += live.take(Remark("restart", "the device's clock began again"))
     events += live.take(samples(30, 2, zero_dps=(0.4, 0, 0)))  # 0.3 sqrt(2) dps is one sigma
     events += live.end()
     assert not of_kind(events, "alarm")

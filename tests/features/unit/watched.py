@@ -10,8 +10,8 @@ from conftest import DEG, Table
 
 from session.log.config import Accelerometer
 from tinygc import models
+from tinygc.deploy.apply import Applicable
 from tinygc.features.unit.watch.expectation import ModelInUse
-from tinygc.features.unit.watch.source import Readings
 from tinygc.features.unit.watch.watch import Event, Watch
 from tinygc.models.linear import LinearModel
 from tinygc.models.model import accelerometer_table
@@ -30,41 +30,40 @@ def known(spread_dps: float = 0.1, model: LinearModel | None = None) -> ModelInU
     return ModelInUse(model or LinearModel(np.eye(3), np.zeros(3)), table, {"noise": noise}, None, None)
 
 
-def samples(seconds: float, seed: int, zero_dps=(0.0, 0.0, 0.0), start_s: float = 0.0, force=(0.0, 0.0, -G)) -> Readings:
+def samples(seconds: float, seed: int, zero_dps=(0.0, 0.0, 0.0), start_s: float = 0.0, force=(0.0, 0.0, -G)) -> Applicable:
     """A rest with white noise."""
     rng, count = np.random.default_rng(seed), round(seconds * RATE_HZ)
     rate = np.array(zero_dps) * DEG + rng.normal(size=(count, 3)) * WHITE * np.sqrt(RATE_HZ)
     accel = np.array(force) + rng.normal(size=(count, 3)) * ACCEL_WHITE * np.sqrt(RATE_HZ)
     stamps = np.rint((start_s + np.arange(count) / RATE_HZ) * 1e9).astype(np.int64)
-    return Readings(stamps, rate, accel, None)
+    return Applicable(stamps, rate, accel, None)
 
 
-def joined(*parts: Readings) -> Readings:
+def joined(*parts: Applicable) -> Applicable:
     """One after the other, at the sensor's rate."""
     count = sum(len(part.t_ns) for part in parts)
     stamps = np.rint(np.arange(count) / RATE_HZ * 1e9).astype(np.int64)
     gyro, accel = (np.concatenate([getattr(part, name) for part in parts]) for name in ("gyro", "accel"))
-    return Readings(stamps, gyro, accel, None)
+    return Applicable(stamps, gyro, accel, None)
 
 
-def turning(turns: int, seed: int, scale=(1.0, 1.0, 1.0), rest_s: float = 4.0, angle_deg: float = 180.0, turn_s: float = 3.0) -> Readings:
+def turning(turns: int, seed: int, scale=(1.0, 1.0, 1.0), rest_s: float = 4.0, angle_deg: float = 180.0, turn_s: float = 3.0) -> Applicable:
     """Rests, and between them turns about changing axes, exact but for noise and the scale of each axis."""
     rng, table = np.random.default_rng(seed), Table().rest(rest_s)
     for _ in range(turns):
         table.turn(angle_deg, rng.normal(size=3), turn_s).rest(rest_s)
     still = samples(table.duration_s, seed, force=np.zeros(3))
     rate, attitude = table.truth(still.t_ns * 1e-9)
-    return Readings(still.t_ns, still.gyro + rate * scale, still.accel + attitude.inv().apply([0.0, 0.0, -G]), None)
+    return Applicable(still.t_ns, still.gyro + rate * scale, still.accel + attitude.inv().apply([0.0, 0.0, -G]), None)
 
 
-def watched(readings: Readings, piece: int = 700, **options) -> tuple[Watch, list[Event]]:
+def watched(readings: Applicable, piece: int = 700, **options) -> tuple[Watch, list[Event]]:
     """All events of readings in pieces."""
     live = Watch(options.pop("known", None) or known(), **options)
     events: list[Event] = []
     for begin in range(0, len(readings.t_ns), piece):
         part = slice(begin, begin + piece)
-        temp_c = None if readings.temp_c is None else readings.temp_c[part]
-        events += live.take(Readings(readings.t_ns[part], readings.gyro[part], readings.accel[part], temp_c))
+        events += live.take(readings.rows(part))
     return live, [*events, *live.end()]
 
 
@@ -81,7 +80,7 @@ def model_file(path: Path) -> Path:
     return path
 
 
-def csv(readings: Readings) -> str:
+def csv(readings: Applicable) -> str:
     """As lines of a board in physical units."""
     rows = zip(readings.t_ns.tolist(), readings.gyro.tolist(), readings.accel.tolist(), strict=True)
     lines = ["t_us,gx_rps,gy_rps,gz_rps,ax_mps2,ay_mps2,az_mps2"]

@@ -20,7 +20,7 @@ import numpy as np
 
 from session.base import rotation
 from session.base.numeric import sigmas_in
-from session.base.records import Key, Size
+from session.base.records import Key, Size, Vector
 from session.base.units import DEG, STANDARD_GRAVITY_MPS2
 from session.detect.accelerometer import IDENTITY
 from tinygc.closure.joint import tilt_columns
@@ -51,10 +51,10 @@ class Cost:
     its sigma (3,), the larger of there and at the end; motion, in words."""
 
     motion: str
-    as_it_is: np.ndarray
-    sigma: np.ndarray
-    bias_anew: np.ndarray
-    bias_anew_sigma: np.ndarray
+    as_it_is: Annotated[Vector, Key("as_it_is_deg", si=DEG)]
+    sigma: Annotated[Vector, Key("sigma_deg", si=DEG)]
+    bias_anew: Annotated[Vector, Key("bias_anew_deg", si=DEG)]
+    bias_anew_sigma: Annotated[Vector, Key("bias_anew_sigma_deg", si=DEG)]
 
 
 @dataclass(frozen=True)

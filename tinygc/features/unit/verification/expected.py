@@ -33,7 +33,7 @@ from tinygc.estimation.expected_zero import (
 from tinygc.estimation.repeatability import taken_out
 from tinygc.estimation.session_times import moment_of, times_of
 from tinygc.features.unit.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, OldCalibration
-from tinygc.features.unit.verification.rows import LENGTH, Rows
+from tinygc.features.unit.verification.rows import LENGTH, Rows, columns_of
 from tinygc.fitting.compare import SessionTriad, into_frame_of, read_calibrated
 from tinygc.models.linear import BIAS
 from tinygc.noise.figures import NoiseFigures
@@ -62,30 +62,20 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """Variance (21,) between sessions of one unit, NaN where nothing shows it; degrees of freedom and source, in words, of each or of all;
+    """Variance (21,) between sessions of one unit, NaN where nothing shows it; degrees of freedom (21,) and source of each, in words;
     note: what else the sessions say."""
 
     variance: np.ndarray
-    freedom: float | np.ndarray
-    source: str | np.ndarray
+    freedom: np.ndarray
+    sources: Sequence[str]
     note: str = ""
-
-    @property
-    def sources(self) -> list[str]:
-        """Source of each of the 21."""
-        return np.broadcast_to(self.source, COUNT).tolist()
-
-    @property
-    def assumed(self) -> bool:
-        """Whether the spread of B is not the unit's own."""
-        return self.sources[ZERO.start] == USUAL_SPREAD.source
 
 
 def spread_of_unit(old: OldCalibration, rows: Rows, history: Sequence[Path] = (), lot: Path | None = None) -> Spread:
     """Spread between sessions.  Raises FormatError for a history that shows none, and the errors of a lot."""
     if history:
         return _of_history(old, rows, history)
-    variance, freedom, source = np.full(COUNT, np.nan), np.full(COUNT, np.inf), np.full(COUNT, "", dtype=object)
+    variance, freedom, sources = np.full(COUNT, np.nan), np.full(COUNT, np.inf), [""] * COUNT
 
     def fill(which: slice, sigma: np.ndarray | float | None, words: str, its_freedom: float = np.inf) -> None:
         """Take what an earlier source does not have."""
@@ -93,8 +83,8 @@ def spread_of_unit(old: OldCalibration, rows: Rows, history: Sequence[Path] = ()
             return
         own = np.full(COUNT, np.nan)
         own[which] = np.square(sigma)
-        new = np.isnan(variance) & np.isfinite(own)
-        variance[new], freedom[new], source[new] = own[new], its_freedom, words
+        for new in np.flatnonzero(np.isnan(variance) & np.isfinite(own)):
+            variance[new], freedom[new], sources[new] = own[new], its_freedom, words
 
     given = rows.session.config.sensor.gyro_bias_repeatability_dps
     fill(ZERO, None if given is None else given * DEG, "given in session.toml")
@@ -106,7 +96,7 @@ def spread_of_unit(old: OldCalibration, rows: Rows, history: Sequence[Path] = ()
     fill(ACCELEROMETER, old.table.get("accelerometer_spread"), STATED)
     fill(ZERO, old.table.get("bias_sigma_rps"), STATED)
     fill(ZERO, USUAL_SPREAD.rps, USUAL_SPREAD.source)
-    return Spread(variance, freedom, source)
+    return Spread(variance, freedom, sources)
 
 
 def _of_history(old: OldCalibration, rows: Rows, history: Sequence[Path]) -> Spread:
@@ -137,7 +127,7 @@ def _of_history(old: OldCalibration, rows: Rows, history: Sequence[Path]) -> Spr
             moved.setdefault(step.before, []).append(JOINT_NAMES[number])
     steps = [f"{', '.join(names)} between {sessions[k].name} and {sessions[k + 1].name}" for k, names in sorted(moved.items())]
     note = f"the other sessions show a step in {'; '.join(steps)}: it is taken out, and is no scatter between switch-ons" if steps else ""
-    return Spread(variance, freedom, f"{len(sessions)} other sessions of this unit{taken_out(list(courses.values()))}", note=note)
+    return Spread(variance, freedom, [f"{len(sessions)} other sessions of this unit{taken_out(list(courses.values()))}"] * COUNT, note)
 
 
 def expected_parts(
@@ -172,9 +162,8 @@ def expected_parts(
     for number in range(COUNT) if switched_on_since else ():
         if np.isfinite(spread.variance[number]):
             sigma = np.sqrt(2 * spread.variance[number : number + 1])
-            one = slice(number, number + 1)
-            freedom = float(np.broadcast_to(spread.freedom, COUNT)[number])
-            source = spread.sources[number]
+            one, source = slice(number, number + 1), spread.sources[number]
+            freedom = float(spread.freedom[number])
             parts.append(_of_parameters(rows, "switch-on", one, sigma, freedom, source, source == USUAL_SPREAD.source))
     hidden = ~np.isfinite(spread.variance[ACCELEROMETER])
     if switched_on_since and hidden.any():
@@ -201,13 +190,11 @@ def _of_calibration(old: OldCalibration, rows: Rows, both: float = 0.0) -> list[
     """
     known = old.covariance.copy()
     known[ZERO, ZERO] -= 2 * both * np.eye(3)
-    size, axes = np.linalg.eigh(known)
-    into = axes * np.sqrt(np.maximum(size, 0.0))
     if not old.own_lengths:
+        into = columns_of(known)
         return [Part("calibration", rows.parameters @ into, into, source="the old fit")]
     gyroscope, accelerometer = np.zeros((COUNT, 12)), np.zeros((COUNT, 9))
-    size, axes = np.linalg.eigh(known[GYROSCOPE, GYROSCOPE])
-    gyroscope[GYROSCOPE] = axes * np.sqrt(np.maximum(size, 0.0))
+    gyroscope[GYROSCOPE] = columns_of(known[GYROSCOPE, GYROSCOPE])
     accelerometer[ACCELEROMETER] = np.diag(sigmas_in(old.covariance[ACCELEROMETER, ACCELEROMETER]))
     in_lengths = np.zeros_like(rows.parameters)
     in_lengths[rows.kinds[LENGTH]] = rows.parameters[rows.kinds[LENGTH]]

@@ -13,7 +13,7 @@ from session.base.errors import CalibrationError, FormatError
 from session.base.files import require_file
 from session.base.names import is_session
 from session.base.numeric import sigmas_in
-from session.base.records import plain, write_whole
+from session.base.records import in_unit, plain, write_whole
 from session.base.texts import command_line
 from session.base.units import DEG
 from session.log.folder import Session, read_session
@@ -80,7 +80,6 @@ class Verified(Shown):
         """``tinygc-verify/1`` (docs/features/unit/verify-format.md)."""
         found = self.result
         diagnosis = found.diagnosis
-        sigma = sigmas_in(found.bias_covariance)
         return plain(
             {
                 "schema": SCHEMA,
@@ -97,23 +96,14 @@ class Verified(Shown):
                 "turns": found.rows.turns,
                 "rests": found.rows.stills,
                 "questions": [
-                    {
-                        "name": question.name,
-                        "asked": question.asked,
-                        "holds": question.holds if question.asked else None,
-                        "statistic": question.statistic if question.asked else None,
-                        "chi_square": question.chi_square if question.asked else None,
-                        "freedom": question.rank,
-                        "p_value": question.p_value if question.asked else None,
-                        "level": question.level,
-                    }
-                    for question in found.questions
+                    {"name": each.name, "asked": each.asked, "freedom": each.rank, "level": each.level}
+                    | {name: getattr(each, name) if each.asked else None for name in ("holds", "statistic", "chi_square", "p_value")}
+                    for each in found.questions
                 ],
                 "expected": [
-                    {"name": part.name, "source": part.source, "freedom": _finite(part.freedom), "assumed": part.assumed}
-                    for part in found.parts
+                    {"name": part.name, "source": part.source, "freedom": part.freedom, "assumed": part.assumed} for part in found.parts
                 ],
-                "bias_anew": {"bias_dps": found.new_bias / DEG, "change_dps": found.bias_anew / DEG} | {"sigma_dps": sigma / DEG},
+                "bias_anew": in_unit(DEG, bias_dps=found.new_bias, change_dps=found.bias_anew, sigma_dps=sigmas_in(found.bias_covariance)),
                 "cause": None
                 if diagnosis is None
                 else {
@@ -123,24 +113,14 @@ class Verified(Shown):
                     "instead": [{"name": name, "others": others} for name, others in diagnosis.rivals.items()],
                     "alone": [{"name": name, "log_odds": odds} for name, odds in diagnosis.alone.items()],
                 },
-                "cost": {
-                    "motion": found.cost.motion,
-                    "as_it_is_deg": found.cost.as_it_is / DEG,
-                    "sigma_deg": found.cost.sigma / DEG,
-                    "bias_anew_deg": found.cost.bias_anew / DEG,
-                    "bias_anew_sigma_deg": found.cost.bias_anew_sigma / DEG,
-                },
-                "bounds": plain(found.bounds),
+                "cost": found.cost,
+                "bounds": found.bounds,
                 "turns_that_tell": [proposal.words for proposal in found.tell],
                 "turns_that_separate": [proposal.words for proposal in found.separate],
                 "facts": found.facts,
                 "notes": found.notes,
             }
         )
-
-
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None
 
 
 @public(VerifyOptions)
@@ -185,14 +165,13 @@ def verify(model: Path | str, today: Any, *, progress: Progress | None = None, *
     def step(what: str) -> None:
         (progress or nothing)(what, 0, 1)
 
-    if isinstance(today, Session):
-        return Verified(verify_session(old, today, options, step), today.name)
-    today = Path(today)
-    if not today.exists():
-        raise FormatError(f"{today}: not found; give a session folder with rests, with turns or without")
-    if not today.is_dir():
-        require_file(today)
-    if not is_session(today):
-        raise FormatError(f"{today}: no session folder; `{command_line('import', today)}` makes one of a log, of any program")
-    session = read_session(today, lambda name: step(f"reading {name}"))
-    return Verified(verify_session(old, session, options, step), session.name)
+    if not isinstance(today, Session):
+        today = Path(today)
+        if not today.exists():
+            raise FormatError(f"{today}: not found; give a session folder with rests, with turns or without")
+        if not today.is_dir():
+            require_file(today)
+        if not is_session(today):
+            raise FormatError(f"{today}: no session folder; `{command_line('import', today)}` makes one of a log, of any program")
+        today = read_session(today, lambda name: step(f"reading {name}"))
+    return Verified(verify_session(old, today, options, step), today.name)

@@ -53,28 +53,19 @@ E, B, GRAVITY, NOISE = "E", "B", "gravity's length", "noise"
 
 
 @dataclass(frozen=True, eq=False)
-class _NoisePart:
-    """A component of the noise: V (n, n) for size 1; its size s, and the size's sigma."""
-
-    name: str
-    V: np.ndarray
-    s: float
-    sigma: float
-
-
-@dataclass(frozen=True, eq=False)
 class TodaysNoise:
-    """Noise of today's recording: covariance (n, n); parts beyond white; found: their sizes; freedom of the white noise."""
+    """Noise of today's recording: covariance (n, n); parts beyond white: name, V (n, n) for size 1, its size and that one's sigma; found:
+    their sizes; freedom of the white noise."""
 
     covariance: np.ndarray
-    parts: tuple[_NoisePart, ...]
+    parts: tuple[tuple[str, np.ndarray, float, float], ...]
     found: ComponentEstimate
     freedom: float
 
     @property
     def named(self) -> np.ndarray:
         """Covariance (n, n) without the independent error of each turn, which would take up any misfit."""
-        return self.covariance - sum((part.s**2 * part.V for part in self.parts if part.name == TURN), np.zeros_like(self.covariance))
+        return self.covariance - sum((s**2 * V for name, V, s, _ in self.parts if name == TURN), np.zeros_like(self.covariance))
 
 
 def todays_noise(rows: Rows) -> TodaysNoise:
@@ -88,7 +79,7 @@ def todays_noise(rows: Rows) -> TodaysNoise:
     for component, s, sigma in zip(rows.components, found.s, found.sigma, strict=True):
         own = dense(component.V)
         spread = float(sigma) if np.isfinite(sigma) else max(float(s), component.usual)
-        parts.append(_NoisePart(component.name, own, float(s), spread))
+        parts.append((component.name, own, float(s), spread))
         covariance = covariance + s**2 * own
     return TodaysNoise(covariance, tuple(parts), found, rows.noise_freedom)
 
@@ -231,12 +222,11 @@ def _ask(
             own = project @ solve_lower(factor, part.columns[keep])
             known = known - own @ own.T
             estimated.append((own @ own.T, _by_freedom(part.freedom, number)))
-    for number, noise_part in enumerate(noise.parts):
-        V = noise_part.V[np.ix_(keep, keep)]
-        carried = project @ solve_lower(factor, solve_lower(factor, V).T) @ project.T
-        if np.trace(carried) * (noise_part.s + noise_part.sigma) ** 2 > LEAST_SHARE:
-            known = known - noise_part.s**2 * carried
-            estimated.append((carried, by_size(noise_part.s, noise_part.sigma, number)))
+    for number, (_, V, s, sigma) in enumerate(noise.parts):
+        carried = project @ solve_lower(factor, solve_lower(factor, V[np.ix_(keep, keep)]).T) @ project.T
+        if np.trace(carried) * (s + sigma) ** 2 > LEAST_SHARE:
+            known = known - s**2 * carried
+            estimated.append((carried, by_size(s, sigma, number)))
     statistic = float(t @ t)
     return Question(name, statistic, k, tail(statistic, known, estimated))
 
@@ -257,11 +247,11 @@ def _left_over(rows: Rows, noise: TodaysNoise, old: OldCalibration) -> Question:
     part = slice(0, rows.kinds[LENGTH].start) if old.noise or not rows.turns else rows.kinds[CLOSURE]
     keep = np.arange(len(rows.r))[part][~rows.blank[part]]
     total, of_old = noise.named + rows.known @ rows.known.T, []
-    for component in noise.parts:
-        if component.name in old.noise:
-            variance, known = old.noise[component.name]
-            total = total + (variance - component.s**2) * component.V
-            of_old.append((variance * component.V, known))
+    for name, V, s, _ in noise.parts:
+        if name in old.noise:
+            variance, known = old.noise[name]
+            total = total + (variance - s**2) * V
+            of_old.append((variance * V, known))
     columns, matrix = rows.parameters * PLAUSIBLE, np.r_[GYROSCOPE][MATRIX]
     if not rows.turns:  # rates at rest differ too little to ask for E: any factor on them would explain a jump
         total = total + columns[:, matrix] @ columns[:, matrix].T

@@ -190,12 +190,12 @@ def _of_turns(problem: Problem, old: OldCalibration, session: Session, factor: f
     if stills:
         parameters[:, ACCELEROMETER] = -twin.own_columns() / units(G)
         r[lengths] += start.gravity_mps2 - site.expected_gravity_mps2
-    earth = twin.earth_columns().stacked() @ _root(unseen_covariance(problem.earth, site.latitude_deg))
+    earth = twin.earth_columns().stacked() @ columns_of(unseen_covariance(problem.earth, site.latitude_deg))
     gravity = np.zeros((n, 1))
     gravity[lengths] = np.hypot(site.gravity_sigma_mps2, SITE_MPS2)
     known = [earth, gravity]
     if (clock := problem.session.clock) is not None:
-        known.append(parameters[:, GYROSCOPE] @ _root(clock.covariance(old.linear.vector)))
+        known.append(parameters[:, GYROSCOPE] @ columns_of(clock.covariance(old.linear.vector)))
     blank = np.zeros(n, dtype=bool)
     blank[whiten.parts[CLOSURE]] = ~twin.batch.known.ravel()
     spans_s = np.ones(n)
@@ -267,7 +267,7 @@ def _of_rests(session: Session, old: OldCalibration, found: SessionStills) -> Ro
     parameters[still, GYROSCOPE] = own.reshape(-1, 12)
     parameters[3 * q :, ACCELEROMETER] = length_columns(IDENTITY, force)
     unseen = np.zeros((n, 3))
-    unseen[still] = (-turn.transpose(0, 2, 1)).reshape(-1, 3) @ _root(unseen_covariance(earth, site.latitude_deg))
+    unseen[still] = (-turn.transpose(0, 2, 1)).reshape(-1, 3) @ columns_of(unseen_covariance(earth, site.latitude_deg))
     gravity = np.zeros((n, 1))
     gravity[3 * q :] = np.hypot(site.gravity_sigma_mps2, SITE_MPS2)
     white = np.zeros(n)
@@ -315,7 +315,7 @@ def _of_stills(middle_s: np.ndarray, spans_s: np.ndarray, instability: BiasInsta
     return (Component(WANDER, Sparse.of(V), rps, "rad/s", 1.0, "bias drift", Prior(rps, 0.5)),)
 
 
-def _root(covariance: np.ndarray) -> np.ndarray:
+def columns_of(covariance: np.ndarray) -> np.ndarray:
     """(P, P): columns of one sigma each, R R' = covariance."""
     size, axes = np.linalg.eigh((covariance + covariance.T) / 2)
     return axes * np.sqrt(np.maximum(size, 0.0))

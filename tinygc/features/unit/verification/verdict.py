@@ -14,6 +14,7 @@ from session.base.texts import significant
 from session.base.units import DEG
 from session.log.folder import Session, read_session
 from tinygc.closure.motion import MINUTE_S
+from tinygc.estimation.expected_zero import USUAL_SPREAD
 from tinygc.features.unit.options import VerifyOptions
 from tinygc.features.unit.verification.causes import Cause, Diagnosis, Evidence, beyond_linear, candidate_causes, diagnose
 from tinygc.features.unit.verification.cost import (
@@ -122,9 +123,8 @@ def verify_session(
         elapsed_s=options.elapsed_s,
         figures=figures,
     )
-    if options.switched_on and spread.assumed:
-        words = f"how far the zero moves between switch-ons is {spread.sources[ZERO.start]}"
-        notes.append(f"{words}; --history with other sessions of this unit tells it")
+    if options.switched_on and (source := spread.sources[ZERO.start]) == USUAL_SPREAD.source:
+        notes.append(f"how far the zero moves between switch-ons is {source}; --history with other sessions of this unit tells it")
     if options.switched_on and spread.note:
         notes.append(spread.note)
     progress("noise of today")
@@ -155,19 +155,20 @@ def verify_session(
         effects[NOISE] = max(effects[NOISE], *(float(np.linalg.norm(diagnosis.best.of(n))) * MINUTE_S / DEG for n in ("step", "warm-up")))
     changed = {question.name: effects[question.name] for question in refuted}
     new = bias_words(old.bias + anew.change[ZERO], anew.covariance[ZERO, ZERO])
-    decision = _decide(changed, found_bounds, cost, new, diagnosis, options, rows.turns > 0)
-    if rows.remark and decision.bias_serves:
-        decision = _Decision(FAILS, rows.remark, "mend the unit, the range or the data rate, then verify again", bias_serves=False)
+    answer, headline, advice, bias_serves = _decide(changed, found_bounds, cost, new, diagnosis, options, rows.turns > 0)
+    if rows.remark and bias_serves:
+        answer, headline, advice = FAILS, rows.remark, "mend the unit, the range or the data rate, then verify again"
+        bias_serves = False
     if is_its_own(old, session):
-        said = "the model was fitted to this very recording, and agrees with itself"
-        decision = _Decision(UNDECIDED, said, "give another recording", bias_serves=False)
+        headline = "the model was fitted to this very recording, and agrees with itself"
+        answer, advice, bias_serves = UNDECIDED, "give another recording", False
     open_names = {bound.name for bound in found_bounds if not bound.is_seen}
     return Verification(
         old=old,
         rows=rows,
         options=options,
-        answer=decision.answer,
-        headline="; ".join(filter(None, (power_words(found_bounds), apart, decision.headline))),
+        answer=answer,
+        headline="; ".join(filter(None, (power_words(found_bounds), apart, headline))),
         questions=questions,
         parts=tuple(parts),
         noise=noise,
@@ -180,19 +181,9 @@ def verify_session(
         separate=_separate(rows, noise, diagnosis, causes),
         facts=tuple(told),
         notes=tuple(notes),
-        advice=decision.advice,
-        bias_serves=decision.bias_serves,
+        advice=advice,
+        bias_serves=bias_serves,
     )
-
-
-@dataclass(frozen=True)
-class _Decision:
-    """answer; headline: the one line that says why; advice: what to do; bias_serves: whether the model may be used with B anew."""
-
-    answer: str
-    headline: str
-    advice: str
-    bias_serves: bool = True
 
 
 def _decide(
@@ -203,9 +194,12 @@ def _decide(
     diagnosis: Diagnosis | None,
     options: VerifyOptions,
     turned: bool = True,
-) -> _Decision:
-    """Decide by the questions with a significant change, and the degrees that a minute of use misses by it at most (95 %); new: B anew, in
-    words; turned: whether there are turns, without which E is not asked."""
+) -> tuple[str, str, str, bool]:
+    """Return the answer; the line that says why; what to do; and whether the model may be used with B anew.
+
+    changed: the questions with a significant change, and the degrees that a minute of use misses by it at most (95 %); new: B anew, in
+    words; turned: whether there are turns, without which E is not asked.
+    """
     limit, uses = options.limit_deg * DEG, {bound.name: bound.use for bound in found}
     matters = [name for name in changed if changed[name] > options.limit_deg]
     by_size = sorted(changed, key=lambda name: -changed[name])
@@ -222,9 +216,7 @@ def _decide(
         moved = ", ".join(amounts[name] for name in by_size if name in matters and name != NOISE)
         left = f"more than noise is left: up to {amount(NOISE)}" if NOISE in matters else ""
         departs = f"{'; '.join(filter(None, (moved and f'departs from the calibration: {moved}', left)))} (95 %)"
-        return _Decision(
-            FAILS, f"{departs}; {why}", "; ".join(dict.fromkeys(cause.advice for cause in causes)) or fit_again, bias_serves=False
-        )
+        return FAILS, f"{departs}; {why}", "; ".join(dict.fromkeys(cause.advice for cause in causes)) or fit_again, False
     unseen = [bound for bound in found if not bound.is_seen]
     e_seen = E not in [bound.name for bound in unseen]
     small = [amounts[name] for name in by_size if name not in matters]
@@ -234,27 +226,23 @@ def _decide(
         why = (because or "the zero moved by more than between switch-ons") if matters else "it moved as between switch-ons"
         why += f", and costs {significant(costs / DEG, 2)}° in the next minute{f'; {less}' if small else ''}"
         if anew > max(limit, 2 * float(np.linalg.norm(cost.bias_anew_sigma))):
-            return _Decision(
-                FAILS, f"{why}; with B anew the minute still misses {significant(anew / DEG, 2)}°", fit_again, bias_serves=False
-            )
+            return FAILS, f"{why}; with B anew the minute still misses {significant(anew / DEG, 2)}°", fit_again, False
         take = "take B anew: --write FILE writes the model with it"
         if e_seen:
-            return _Decision(BIAS, f"B = {new}; {why}", take)
+            return BIAS, f"B = {new}; {why}", take, True
         said = f"take B anew: B = {new}; {why}; whether E holds stays open"
-        return _Decision(FAILS if matters else UNDECIDED, said, f"{take}; then record the turns above, which decide about E")
+        return FAILS if matters else UNDECIDED, said, f"{take}; then record the turns above, which decide about E", True
     if unseen and (turned or B in [bound.name for bound in unseen]):
         turns = "record the turns above, with a rest before and after each, then verify again"
         if {bound.name for bound in unseen} == {B}:
             turns = "let it lie still for some minutes, in several attitudes, then verify again"
         open_ = " and ".join(OF[bound.name] for bound in unseen)
-        return _Decision(
-            UNDECIDED, f"{less if small else 'nothing significant'}, but {open_} may miss more than {options.limit_deg:g}°", turns
-        )
+        return UNDECIDED, f"{less if small else 'nothing significant'}, but {open_} may miss more than {options.limit_deg:g}°", turns, True
     so_far = less if small else "within what noise, the old fit and a switch-on explain"
     said = f"{so_far}; it costs {significant(costs / DEG, 2)}° in the next minute"
     if unseen:  # at rest, the zero is all that is asked for
-        return _Decision(HOLDS, f"the zero holds: {said}", "use it as it is; turns would tell E (above)")
-    return _Decision(HOLDS, said, "use it as it is")
+        return HOLDS, f"the zero holds: {said}", "use it as it is; turns would tell E (above)", True
+    return HOLDS, said, "use it as it is", True
 
 
 def power_words(found: Sequence[Bound]) -> str:

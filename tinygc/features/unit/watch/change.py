@@ -29,21 +29,8 @@ PLACES, SIGMAS = np.linspace(0, 1, 9), np.linspace(-4, 4, 9)
 BEFORE, TRIED = 30, 60
 
 
-@dataclass(frozen=True, eq=False)
-class WindowRecord:
-    """t_s; z (4,), not clipped, sigma (2,), gain (5,), of the axes; warmer K; taken: whether the filter followed."""
-
-    t_s: float
-    z: np.ndarray
-    sigma: np.ndarray
-    gain: np.ndarray
-    warmer: float
-    taken: bool
-
-    @classmethod
-    def of(cls, t_s: float, window: Window, judged: Judged) -> WindowRecord:
-        """Of the first of the copies."""
-        return cls(t_s, judged.whole[:, 0], judged.sigma[:, 0], judged.gain[:, 0], float(window.warmer[0]), bool(judged.taken[0]))
+#: t_s of a window, it, and what it gave, of whose copies the first counts
+Reading = tuple[float, Window, Judged]
 
 
 @dataclass(frozen=True)
@@ -67,13 +54,13 @@ class Change:
         return f"a change of {amount} since {moment}, a step or a drift"
 
 
-def change_of(records: Sequence[WindowRecord], channel: int, begun: int, chosen: Settings) -> Change:
+def change_of(records: Sequence[Reading], channel: int, begun: int, chosen: Settings) -> Change:
     """The likeliest change of a channel (``settings.CHANNELS``), by a test whose sum began ``begun`` windows before the last record."""
     rows = list(records)
     count = len(rows)
     first = max(0, count - 1 - begun - BEFORE)
     moments = np.unique(np.linspace(first, count - 1, TRIED).round().astype(int))
-    t_s = np.array([row.t_s for row in rows])
+    t_s = np.array([at for at, _, _ in rows])
     forms = [_within_windows(rows, moments, ramp, channel, chosen) for ramp in (False, True)]
     gains = [score**2 / information / 2 for score, information, *_ in forms]
     better = float(gains[0].max() - gains[1].max())
@@ -94,11 +81,11 @@ def change_of(records: Sequence[WindowRecord], channel: int, begun: int, chosen:
 
 
 def _within_windows(
-    rows: Sequence[WindowRecord], moments: np.ndarray, ramp: bool, channel: int, chosen: Settings
+    rows: Sequence[Reading], moments: np.ndarray, ramp: bool, channel: int, chosen: Settings
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Of a change in each window of the moments, at K places within it: score and information of its size now, the prior share of the
     place, and the place, 0 to 1; each (M, K)."""
-    z, t_s = (np.array([row.z[channel] for row in rows]), np.array([row.t_s for row in rows]))
+    z, t_s = np.array([judged.whole[channel, 0] for _, _, judged in rows]), np.array([at for at, _, _ in rows])
     ends = [np.minimum(moments + later, len(rows) - 1) for later in (0, 1)]
     own, after = (_response(rows, moments + later, ramp, channel, chosen) for later in (0, 1))
     A, B, C, a, b = (np.sum(own**2, axis=0), np.sum(own * after, axis=0), np.sum(after**2, axis=0), own.T @ z, after.T @ z)
@@ -118,26 +105,26 @@ def _within_windows(
     return (e * a + f * b) / grown, information, (gaps[:, 1:] + gaps[:, :-1]) / 2, f
 
 
-def _response(rows: Sequence[WindowRecord], moments: np.ndarray, ramp: bool, channel: int, chosen: Settings) -> np.ndarray:
+def _response(rows: Sequence[Reading], moments: np.ndarray, ramp: bool, channel: int, chosen: Settings) -> np.ndarray:
     """(N, M) mean innovation, in sigmas, of a unit step at each moment, or of a ramp of a unit a second from there on.
 
     Of gravity, whose filter depends on the attitude, the innovation is taken as the change itself.
     """
     index = np.arange(len(rows))
-    t_s = np.array([row.t_s for row in rows])
+    t_s = np.array([at for at, _, _ in rows])
     after = index[:, None] >= moments[None]
     change = np.where(after, t_s[:, None] - t_s[np.minimum(moments, len(rows) - 1)][None] if ramp else 1.0, 0.0)
     if channel == 3:
-        return change / np.array([row.sigma[1] for row in rows])[:, None]
+        return change / np.array([judged.sigma[1, 0] for _, _, judged in rows])[:, None]
     decay = np.ones(STATES)
     decay[1 : 1 + len(chosen.decay)] = chosen.decay
     x, found = np.zeros((STATES, len(moments))), np.empty(change.shape)
-    for number, row in enumerate(rows):
+    for number, (_, window, judged) in enumerate(rows):
         h = np.ones(STATES)
-        h[-1] = row.warmer
+        h[-1] = window.warmer[0]
         innovation = change[number] - h @ x
-        found[number] = innovation / row.sigma[0]
-        if row.taken:
-            x = x + row.gain[:, None] * innovation
+        found[number] = innovation / judged.sigma[0, 0]
+        if judged.taken[0]:
+            x = x + judged.gain[:, :1] * innovation
         x = x * decay[:, None]
     return found

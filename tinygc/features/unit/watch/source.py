@@ -16,18 +16,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from session.base.errors import CalibrationError, DataError, DeviceError, FormatError
 from session.base.files import open_file, require_file
 from session.base.units import WORDS
 from session.bench.decoder import StreamDecoder
 from session.bench.events import AnyEvent, Event, Info, SampleChunk, starts_log
 from session.bench.port import Port
-from session.log.config import Accelerometer
 from session.log.lines import STANDARD
 from session.log.registers import DEFAULT, RegisterUnits
-from tinygc.deploy.apply import LogSource
+from tinygc.deploy.apply import Applicable, LogSource
 from tinygc.deploy.calibration import Surroundings
 from tinygc.features.unit.options import SourceOptions
 
@@ -42,34 +39,24 @@ BARREN = 1 << 20
 LOG_SUFFIXES = (".csv", ".gz", ".txt", ".log", ".tsv", ".dat", ".bin", ".npz", ".json", ".jsonl", ".ulg", ".bag", ".mcap", ".bfl", ".bbl")
 
 
-@dataclass(frozen=True, eq=False)
-class Readings:
-    """Consecutive samples: t_ns (N,) int64; gyro (N, 3) rad/s as measured; accel (N, 3) m/s^2 calibrated; temp_c (N,) or None."""
-
-    t_ns: np.ndarray
-    gyro: np.ndarray
-    accel: np.ndarray
-    temp_c: np.ndarray | None
-
-
-@dataclass(frozen=True)
-class Restart:
-    """What follows does not continue what came before: why, in words; switched_on: whether the sensor may have been off."""
-
-    why: str
-    switched_on: bool = True
+RESTART = "restart"
 
 
 @dataclass(frozen=True)
 class Remark:
-    """Something that went wrong without harm: kind, by which repetitions are counted, and words."""
+    """Something that went wrong: kind, by which repetitions are counted, and words.
+
+    Behind a ``RESTART`` nothing continues what came before; switched_on: whether the sensor may have been off.
+    """
 
     kind: str
     words: str
     count: int = 1
+    switched_on: bool = True
 
 
-Item = Readings | Restart | Remark
+#: samples, their force calibrated, and what went wrong
+Item = Applicable | Remark
 
 
 def require_source(source: str) -> None:
@@ -95,19 +82,12 @@ def items_of(source: str, options: SourceOptions, known: Surroundings) -> Iterat
         return _decoded(_datagrams(source), options, known, source)
     if not path.is_file():
         return _decoded(_from_port(source, options.baud), options, known, source)
-    return _decoded(_growing(path), options, known, source) if options.follow else _table(path, known)
+    return _decoded(_growing(path), options, known, source) if options.follow else LogSource(path, known, gyro_alone=False).pieces()
 
 
-def _table(path: Path, known: Surroundings) -> Iterator[Item]:
-    """A standard log."""
-    for piece in LogSource(path, known, gyro_alone=False).pieces():
-        assert piece.accel is not None  # a log without forces was refused
-        yield Readings(piece.t_ns, piece.gyro, piece.accel, piece.temp)
+# Bytes of a stream, as they come: b"" where none have for a while, a remark where it was interrupted.
 
-
-# Bytes of a stream, as they come: b"" where none have for a while, a Restart where it was interrupted.
-
-Bytes = Iterator[bytes | Restart | Remark]
+Bytes = Iterator[bytes | Remark]
 
 
 def _standard_input() -> Bytes:
@@ -151,7 +131,7 @@ def _datagrams(source: str) -> Bytes:
                 yield Remark("stranger", f"{source}: datagrams came from another sender than {followed}: left out")
                 continue
             if sender != followed and followed:
-                yield Restart(f"{source}: nothing has come from {followed} for {SILENT_S:.0f} s; {sender} is followed from here on")
+                yield Remark(RESTART, f"{source}: nothing has come from {followed} for {SILENT_S:.0f} s; {sender} is followed from here on")
             followed = sender
             yield data if data[-1] in (0, 10) else data + b"\n"
             heard_s = time.monotonic()  # whoever takes the data may be slow
@@ -174,7 +154,7 @@ def _growing(path: Path) -> Bytes:
                     continue  # removed, or on its way to another place; what is open goes on
                 if (now.st_dev, now.st_ino) != (status.st_dev, status.st_ino) or now.st_size < file.tell():
                     break
-        yield Restart(f"{path.name} was begun anew")
+        yield Remark(RESTART, f"{path.name} was begun anew")
 
 
 def _from_port(name: str, baud: int) -> Bytes:
@@ -193,7 +173,7 @@ def _from_port(name: str, baud: int) -> Bytes:
                 opened = True
                 yield item
             elif item.kind == "close":
-                yield Restart(f"{name}: {item.text}")
+                yield Remark(RESTART, f"{name}: {item.text}")
             elif opened:
                 yield b""
     finally:
@@ -204,20 +184,33 @@ def _from_port(name: str, baud: int) -> Bytes:
 
 
 def _decoded(pieces: Bytes, options: SourceOptions, known: Surroundings, name: str) -> Iterator[Item | None]:
-    decoder, units = StreamDecoder(options.header), _Units(known, name)
+    decoder, info = StreamDecoder(options.header), None
+
+    def items(events: list[AnyEvent]) -> Iterator[Item]:
+        nonlocal info
+        for event in events:
+            if isinstance(event, Info):
+                info = event
+            elif isinstance(event, SampleChunk) and len(event):
+                yield _readings(event, info, known, name)
+            elif starts_log(event):
+                yield Remark(RESTART, "the device's clock began again: it was switched on again, or has reset itself")
+            elif isinstance(event, Event) and event.kind in TROUBLES:
+                yield Remark(event.kind, TROUBLES[event.kind], event.count)
+
     for piece in pieces:
-        if isinstance(piece, Restart):
-            yield from _items(decoder.finish(), units)
-        if isinstance(piece, Restart | Remark):
+        if isinstance(piece, Remark):
+            if piece.kind == RESTART:
+                yield from items(decoder.finish())
             yield piece
             continue
         if not piece:
             yield None
             continue
-        yield from _items(decoder.feed(piece), units)
+        yield from items(decoder.feed(piece))
         if not decoder.samples and decoder.taken > BARREN:
             raise _no_samples(name)
-    yield from _items(decoder.finish(), units)
+    yield from items(decoder.finish())
     if not decoder.samples:
         raise _no_samples(name)
 
@@ -237,39 +230,25 @@ TROUBLES = {
 }
 
 
-def _items(events: list[AnyEvent], units: _Units) -> Iterator[Item]:
-    for event in events:
-        if isinstance(event, Info):
-            units.info = event
-        elif isinstance(event, SampleChunk) and len(event):
-            yield units.readings(event)
-        elif starts_log(event):
-            yield Restart("the device's clock began again: it was switched on again, or has reset itself")
-        elif isinstance(event, Event) and event.kind in TROUBLES:
-            yield Remark(event.kind, TROUBLES[event.kind], event.count)
+def _readings(chunk: SampleChunk, info: Info | None, known: Surroundings, name: str) -> Applicable:
+    """Registers or physical units as SI: what they mean is said by the board (``info``), or by the model, in this order.
 
-
-class _Units:
-    """What a stream's registers mean: said by the board, or the model, in this order."""
-
-    def __init__(self, known: Surroundings, name: str):
-        self._known, self._name = known, name
-        self._accelerometer = known.accelerometer or Accelerometer(source="none")
-        self.info: Info | None = None
-
-    def readings(self, chunk: SampleChunk) -> Readings:
-        """Registers or physical units as SI.  FormatError for registers whose full scale nobody says."""
-        values = chunk.registers.astype(float)
-        if chunk.form.physical:
-            gyro, accel = (WORDS[kind][word] for kind, word in zip(("gyro", "accel"), chunk.form.units, strict=True))
-            temp_c = values[:, 6] if chunk.form.has_temperature else None
-        else:
-            own, info = self._known.sensor, self.info
-            gyro_fs = (info.gyro_fs_dps if info else None) or own.gyro_fs_dps
-            accel_fs = (info.accel_fs_g if info else None) or own.accel_fs_g
-            if gyro_fs is None or accel_fs is None:
-                raise FormatError(f"{self._name} sends registers and nobody says the full scale; give --session DIR")
-            model = (info.sensor if info else None) or own.model or DEFAULT
-            units = RegisterUnits(model, gyro_fs, accel_fs, **(own.own_units if model == own.model else {}))
-            gyro, accel, temp_c = units.gyro_rps, units.accel_mps2, units.temperature_c(values[:, 6])
-        return Readings(chunk.t_us * 1000, values[:, :3] * gyro, self._accelerometer.correct(values[:, 3:6] * accel), temp_c)
+    FormatError for registers whose full scale nobody says.
+    """
+    values = chunk.registers.astype(float)
+    if chunk.form.physical:
+        gyro, accel = (WORDS[kind][word] for kind, word in zip(("gyro", "accel"), chunk.form.units, strict=True))
+        temp_c = values[:, 6] if chunk.form.has_temperature else None
+    else:
+        own = known.sensor
+        gyro_fs = (info.gyro_fs_dps if info else None) or own.gyro_fs_dps
+        accel_fs = (info.accel_fs_g if info else None) or own.accel_fs_g
+        if gyro_fs is None or accel_fs is None:
+            raise FormatError(f"{name} sends registers and nobody says the full scale; give --session DIR")
+        model = (info.sensor if info else None) or own.model or DEFAULT
+        units = RegisterUnits(model, gyro_fs, accel_fs, **(own.own_units if model == own.model else {}))
+        gyro, accel, temp_c = units.gyro_rps, units.accel_mps2, units.temperature_c(values[:, 6])
+    force = values[:, 3:6] * accel
+    return Applicable(
+        chunk.t_us * 1000, values[:, :3] * gyro, force if known.accelerometer is None else known.accelerometer.correct(force), temp_c
+    )

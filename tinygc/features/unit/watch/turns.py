@@ -10,8 +10,6 @@ and no rest shows it without its azimuth.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from session.base import rotation
@@ -64,19 +62,6 @@ class Turn:
         self.angle += float(np.sum(np.linalg.norm(omega[1:], axis=1) * dt))
 
 
-@dataclass(frozen=True, eq=False)
-class Closure:
-    """A judged turn: tilt_rad across gravity (3,), axes of its start; sigma_rad of each of its two components, stated; square: chi-square
-    of 2 degrees of freedom; seconds, angle_rad; alarm: whether the test has passed its bar."""
-
-    tilt_rad: np.ndarray
-    sigma_rad: float
-    square: float
-    seconds: float
-    angle_rad: float
-    alarm: bool
-
-
 class TurnTest:
     """Judges one turn after another."""
 
@@ -90,8 +75,14 @@ class TurnTest:
         self.bar, self.sum = squares_bar_of(RATIO, 2, TESTS * windows_to_alarm), 0.0
         self._share = 0.0
 
-    def judge(self, turn: Turn, start: np.ndarray, end: np.ndarray, zero_variance: float, window_s: float) -> Closure:
-        """start, end (3,): force of the rests, in g; zero_variance (rad/s)^2 of each axis; window_s: of a rest's mean."""
+    def judge(
+        self, turn: Turn, start: np.ndarray, end: np.ndarray, zero_variance: float, window_s: float
+    ) -> tuple[np.ndarray, float, float, bool]:
+        """Return the tilt across gravity (3,), rad, axes of the start; the stated sigma of each of its two components; chi-square of 2
+        degrees of freedom; and whether the test has passed its bar.
+
+        start, end (3,): force of the rests, in g; zero_variance (rad/s)^2 of each axis; window_s: of a rest's mean.
+        """
         e = self._expected
         R = rotation.matrix(turn.q)
         up = start / np.linalg.norm(start)
@@ -121,7 +112,7 @@ class TurnTest:
             self.x = self.x + gain @ innovation
             left = np.eye(12) - gain @ H
             self.P = left @ self.P @ left.T + gain @ (S - H @ self.P @ H.T) @ gain.T
-        return Closure(tilt, stated_rad, square, turn.seconds, turn.angle, bool(alarm))
+        return tilt, stated_rad, square, bool(alarm)
 
     def _expected_scatter(self, turn: Turn, H: np.ndarray, noise: np.ndarray) -> np.ndarray:
         """(2, 2) covariance of the innovation: what P leaves open, in first and second order, and noise."""

@@ -21,12 +21,13 @@ from session.base.texts import significant
 from session.base.units import DEG, MG, NS, NS_PER_S
 from session.log.stamps import pace_of
 from tinygc.closure.motion import LIMIT_DEG, MINUTE_S, at_rest
+from tinygc.deploy.apply import Applicable
 from tinygc.deploy.calibration import Calibration, Stream
-from tinygc.features.unit.watch.change import Change, WindowRecord, change_of
+from tinygc.features.unit.watch.change import Change, Reading, change_of
 from tinygc.features.unit.watch.detector import Detector, Judged, Window
 from tinygc.features.unit.watch.expectation import SPREAD, Expectation, ModelInUse, expect
 from tinygc.features.unit.watch.settings import BLOCKS, CHANNELS, CLIP, FORCE_WITHIN, SHIFTS, Settings, settings
-from tinygc.features.unit.watch.source import Item, Readings, Remark, Restart
+from tinygc.features.unit.watch.source import RESTART, Item, Remark
 from tinygc.features.unit.watch.turns import LEAST_RAD, LONGEST_S, Turn, TurnTest
 from tinygc.models.linear import LinearModel
 
@@ -67,7 +68,7 @@ class Watch:
 
     def __init__(self, known: ModelInUse, false_alarm_every_s: float = FALSE_ALARM_EVERY_S, rate_hz: float | None = None):
         self._known, self._every_s, self._asked_hz = known, false_alarm_every_s, rate_hz
-        self._early: list[Readings] = []
+        self._early: list[Applicable] = []
         self.expected: Expectation | None = None
         self.settings: Settings | None = None
         self.counts: Counter[str] = Counter()
@@ -85,10 +86,10 @@ class Watch:
 
     def take(self, item: Item) -> Iterator[Event]:
         """Events of what a source gives."""
-        if isinstance(item, Readings):
+        if isinstance(item, Applicable):
             if len(item.t_ns):
                 yield from self._readings(item)
-        elif isinstance(item, Restart):
+        elif item.kind == RESTART:
             yield from self._restart(item)
         else:
             yield from self._remark(item)
@@ -101,8 +102,8 @@ class Watch:
         if before == 0 or len(str(now)) > len(str(before)):
             yield Event("remark", self.t_s, f"{item.words} ({now} so far)", {"what": item.kind, "count": now})
 
-    def _restart(self, item: Restart) -> Iterator[Event]:
-        self.counts["restart"] += 1
+    def _restart(self, item: Remark) -> Iterator[Event]:
+        self.counts[RESTART] += 1
         self._end_quiet()
         yield from self._end_rest()
         self._base_ns += 0 if self._last_ns is None else self._last_ns
@@ -110,13 +111,13 @@ class Watch:
         self._early = []
         if self.settings is not None:
             self._begin(item.switched_on)
-        yield Event("remark", self.t_s, item.why, {"what": "restart", "count": self.counts["restart"]})
+        yield Event("remark", self.t_s, item.words, {"what": RESTART, "count": self.counts[RESTART]})
 
-    def _readings(self, item: Readings) -> Iterator[Event]:
+    def _readings(self, item: Applicable) -> Iterator[Event]:
         finite = np.isfinite(item.gyro).all(axis=1) & np.isfinite(item.accel).all(axis=1)
         if not finite.all():
             yield from self._remark(Remark("not a number", "readings are no numbers: left out", int(np.sum(~finite))))
-            item = _rows(item, finite)
+            item = item.rows(finite)
             if not len(item.t_ns):
                 return
         if self.settings is None:
@@ -130,7 +131,7 @@ class Watch:
         for piece in _parts(item, self._gap_ns):
             yield from self._piece(piece)
 
-    def _start(self, item: Readings) -> Event:
+    def _start(self, item: Applicable) -> Event:
         """The data rate is known: make the detector."""
         rate_hz = self._asked_hz
         if rate_hz is None:
@@ -138,7 +139,7 @@ class Watch:
                 raise DataError("the stamps stand still, and do not say the data rate; give --odr HZ")
             begun = item.t_ns[item.t_ns <= item.t_ns[0] + round(RATE_S * NS_PER_S)]  # so that pieces do not matter
             rate_hz = pace_of(begun if (np.diff(begun) > 0).any() else item.t_ns).rate_hz
-        temp_c = None if item.temp_c is None or not np.isfinite(item.temp_c).any() else float(np.nanmean(item.temp_c))
+        temp_c = None if item.temp is None or not np.isfinite(item.temp).any() else float(np.nanmean(item.temp))
         self.expected = expected = expect(self._known, rate_hz)
         self.settings = chosen = settings(expected, self._every_s, None if self._known.model.kind == "thermal" else temp_c)
         self.window_s = chosen.window_samples / rate_hz
@@ -166,21 +167,21 @@ class Watch:
             self._detector = Detector(self.settings)
             self._turn_test = TurnTest(self.expected, self._every_s / self.window_s)
             self._since = np.zeros((len(CHANNELS), 2, len(SHIFTS)), dtype=int)
-            self._records: deque[WindowRecord] = deque(maxlen=REMEMBERED)
+            self._records: deque[Reading] = deque(maxlen=REMEMBERED)
         else:
             self._detector.gap(0)
         self._stream: Stream = self._calibration.stream()
-        self._waiting: deque[Readings] = deque()
+        self._waiting: deque[Applicable] = deque()
         self._left: Arrays = (np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
         self._forget_turn()
         self._restless_s, self._restless_said_s = 0.0, RESTLESS_S
         self._here, self._windows_here = [], 0
 
-    def _piece(self, piece: tuple[int, Readings]) -> Iterator[Event]:
+    def _piece(self, piece: tuple[int, Applicable]) -> Iterator[Event]:
         """Consecutive samples behind a gap of so many ns, 0 for none."""
         gap_ns, item = piece
         if gap_ns < 0:
-            yield from self._restart(Restart("the stamps went back: the clock was set, or began again", switched_on=False))
+            yield from self._restart(Remark(RESTART, "the stamps went back: the clock was set, or began again", switched_on=False))
         elif gap_ns > 0:
             samples = round(gap_ns * NS / self._period_s)
             yield from self._remark(Remark("gap", f"a gap of {gap_ns * NS:.3g} s", 1))
@@ -194,18 +195,18 @@ class Watch:
         self._first_ns = int(item.t_ns[0]) if self._first_ns is None else self._first_ns
         self._last_ns = int(item.t_ns[-1]) - self._first_ns
         self._waiting.append(item)
-        omega = self._stream.push(item.gyro, item.accel, item.temp_c)
+        omega = self._stream.push(item.gyro, item.accel, item.temp)
         if len(omega):
             yield from self._calibrated(omega, _taken(self._waiting, len(omega)))
 
-    def _calibrated(self, omega: np.ndarray, item: Readings) -> Iterator[Event]:
+    def _calibrated(self, omega: np.ndarray, item: Applicable) -> Iterator[Event]:
         n = self._detector.chosen.samples
         t_s = ((item.t_ns - (self._first_ns or 0)) + self._base_ns) * NS
         self._force_sum += float(np.linalg.norm(item.accel, axis=1).sum())
         self._force_count += len(item.accel)
         rate, measured, times = (np.concatenate(pair) for pair in zip(self._left, (omega, item.gyro, t_s), strict=True))
         k, steps = 0, np.full(n, self._period_s)
-        for quiet, window, judged in self._detector.feed(omega, item.accel, item.temp_c):
+        for quiet, window, judged in self._detector.feed(omega, item.accel, item.temp):
             block = (rate[k : k + n], measured[k : k + n], steps)
             k += n
             self.t_s = float(times[k - 1])
@@ -290,31 +291,23 @@ class Watch:
         jumped = np.max(np.where(np.abs(judged.whole[:3, 0]) >= CLIP, innovation**2, 0.0))
         variance = float(np.max(self._detector.chosen.rate_sigma_rps) ** 2 * (self._detector.filter.lasting[1][0] + jumped))
         assert self._direction is not None
-        closure = self._turn_test.judge(turn, self._direction, end, variance, self.window_s)
+        tilt_rad, sigma_rad, square, alarm = self._turn_test.judge(turn, self._direction, end, variance, self.window_s)
         self.turns += 1
-        table = {
-            "tilt_deg": float(np.linalg.norm(closure.tilt_rad) / DEG),
-            "sigma_deg": closure.sigma_rad / DEG,
-            "chi_square": closure.square,
-            "seconds": closure.seconds,
-            "angle_deg": closure.angle_rad / DEG,
-        }
-        words = (
-            f"turn of {closure.angle_rad / DEG:.0f}° in {closure.seconds:.1f} s: tilt {np.linalg.norm(closure.tilt_rad) / DEG:.3f}°, "
-            f"stated {closure.sigma_rad / DEG:.3f}° (one sigma of a component)"
-        )
+        tilt, sigma, angle = (float(np.linalg.norm(tilt_rad)) / DEG, sigma_rad / DEG, turn.angle / DEG)
+        table = {"tilt_deg": tilt, "sigma_deg": sigma, "chi_square": square, "seconds": turn.seconds, "angle_deg": angle}
+        words = f"turn of {angle:.0f}° in {turn.seconds:.1f} s: tilt {tilt:.3f}°, stated {sigma:.3f}° (one sigma of a component)"
         yield Event("turn", self.t_s, words, table)
-        if closure.alarm:
+        if alarm:
             self.alarms += 1
             advice = "take a new calibration, or `calibrate verify` with ten turns"
-            said = f"ALARM closure: turns close worse than stated; the last by {np.linalg.norm(closure.tilt_rad) / DEG:.3f}°; {advice}"
+            said = f"ALARM closure: turns close worse than stated; the last by {tilt:.3f}°; {advice}"
             yield Event("alarm", self.t_s, said, {"channel": "closure", "channels": ["closure"], **table, "advice": advice})
 
     # Windows: what the tests say.
 
     def _judged(self, window: Window, judged: Judged) -> Iterator[Event]:
         f = self._detector.filter
-        self._records.append(WindowRecord.of(self.t_s, window, judged))
+        self._records.append((self.t_s, window, judged))
         alarmed = {int(k): int(judged.alarm[k, 0]) for k in np.flatnonzero(judged.alarm[:, 0])}
         if alarmed:
             begun = {k: self.windows - int(self._since[k, 0 if sign > 0 else 1, int(judged.shift[k, 0])]) for k, sign in alarmed.items()}
@@ -441,35 +434,29 @@ def _cost_deg(zero_rps: np.ndarray) -> float:
 # Pieces of readings.
 
 
-def _rows(item: Readings, which: np.ndarray | slice) -> Readings:
-    return Readings(item.t_ns[which], item.gyro[which], item.accel[which], None if item.temp_c is None else item.temp_c[which])
-
-
-def _joined(items: list[Readings]) -> Readings:
+def _joined(items: list[Applicable]) -> Applicable:
     if len(items) == 1:
         return items[0]
-    warm = all(each.temp_c is not None for each in items)
-    temp_c = np.concatenate([each.temp_c for each in items if each.temp_c is not None]) if warm else None
-    t_ns, gyro, accel = (np.concatenate([getattr(each, name) for each in items]) for name in ("t_ns", "gyro", "accel"))
-    return Readings(t_ns, gyro, accel, temp_c)
+    parts = zip(*(vars(each).values() for each in items), strict=True)
+    return Applicable(*(None if any(each is None for each in part) else np.concatenate(part) for part in parts))
 
 
-def _parts(item: Readings, gap_ns: int) -> Iterator[tuple[int, Readings]]:
+def _parts(item: Applicable, gap_ns: int) -> Iterator[tuple[int, Applicable]]:
     """Parts without gaps, each with the ns before it where that is a gap, negative where stamps go back; 0 for none."""
     steps = np.diff(item.t_ns)
     cuts = np.flatnonzero((steps > gap_ns) | (steps < 0)) + 1
     for number, (begin, stop) in enumerate(zip([0, *cuts.tolist()], [*cuts.tolist(), len(item.t_ns)], strict=True)):
-        yield 0 if number == 0 else int(steps[begin - 1]), _rows(item, slice(begin, stop))
+        yield 0 if number == 0 else int(steps[begin - 1]), item.rows(slice(begin, stop))
 
 
-def _taken(waiting: deque[Readings], count: int) -> Readings:
+def _taken(waiting: deque[Applicable], count: int) -> Applicable:
     """The first ``count`` rows of what waits."""
     found, rows = [], count
     while rows:
         first = waiting.popleft()
         if len(first.t_ns) > rows:
-            waiting.appendleft(_rows(first, slice(rows, None)))
-            first = _rows(first, slice(rows))
+            waiting.appendleft(first.rows(slice(rows, None)))
+            first = first.rows(slice(rows))
         found.append(first)
         rows -= len(first.t_ns)
     return _joined(found)

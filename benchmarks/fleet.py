@@ -14,7 +14,7 @@ from common import progress
 from distributed import LocalCluster
 
 from tinygc.features.fleet.fleet_row import FleetOptions
-from tinygc.features.fleet.fleet_run import Cluster, Processes, Tally, run_fleet, session_folders
+from tinygc.features.fleet.fleet_run import Cluster, FleetRun, Processes, run_fleet, session_folders
 from tinygc.features.fleet.fleet_table import NAME, open_table
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
@@ -31,7 +31,7 @@ def main() -> None:
         computed(sessions, one, Processes(2))
         with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
 
-            def kill_one_halfway(tally: Tally) -> None:
+            def kill_one_halfway(tally: FleetRun) -> None:
                 if tally.folders == count // 2:
                     with cluster.get_client() as client:
                         os.kill(next(iter(client.run(os.getpid).values())), signal.SIGKILL)
@@ -40,10 +40,10 @@ def main() -> None:
         print(f"the same table: {content(one) == content(other)} ({count} sessions)")
 
 
-def computed(sessions: Path, out: Path, executor, seen: Callable[[Tally], None] = lambda tally: None) -> None:
+def computed(sessions: Path, out: Path, executor, seen: Callable[[FleetRun], None] = lambda tally: None) -> None:
     """Write the table of all sessions."""
 
-    def told(tally: Tally) -> None:
+    def told(tally: FleetRun) -> None:
         progress(f"{tally.folders}: {tally.done} done, {tally.failed} failed")
         seen(tally)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sqlite3
 from collections import deque
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 
@@ -44,7 +43,7 @@ class Here:
     def finished(self) -> list:
         job = self._queue.popleft()
         self.computed.append(job)
-        return [SimpleNamespace(job=job, outcome=compute(job), died="")]
+        return [(job, compute(job))]
 
     def close(self) -> None:
         pass

@@ -22,12 +22,12 @@ from scipy import stats
 from session.base.errors import FormatError, StorageError
 from tinygc import CalibrationError, check, fit
 from tinygc.explanation.engine import explain_session
-from tinygc.features.fleet.fleet_page import page
 from tinygc.features.fleet.fleet_row import COLUMNS, FIGURES, LONG, FleetOptions, key_of
 from tinygc.features.fleet.fleet_run import Processes, listed_folders, run_fleet, session_folders
 from tinygc.features.fleet.fleet_session import Job, _failing_at, compute
 from tinygc.features.fleet.fleet_summary import summarise, to_check, unit_results, write_csv
 from tinygc.features.fleet.fleet_table import EACH, VERSION, open_table, read_table
+from tinygc.features.fleet.page import fleet_html
 from tinygc.reporting.html.markup import Section
 
 HOSTILE = '<script>alert(1)</script>"\x1b[2J\n&'
@@ -280,7 +280,7 @@ def test_a_full_disk_keeps_what_is_finished_and_says_so(fleet, tmp_path):
             if len(self.computed) == 1:
                 table._connection.execute(f"PRAGMA max_page_count = {table.one('PRAGMA page_count')}")
             found = super().finished()
-            found[0].outcome.row["findings"] = "x" * 100_000
+            found[0][1].row["findings"] = "x" * 100_000
             return found
 
     out = tmp_path / "out"
@@ -364,7 +364,7 @@ def test_a_page_is_escaped_and_counts_by_the_verdicts(tmp_path):
                 told |= {"verdict": "explained", "effects": '[{"id":"gyro.bias_step"}]'} if n % 5 == 0 else {}
             put(table, Path(f"/data/{n:05d}"), str(n), serial=f"S{n}", **told)
         summary, strict = summarise(table), summarise(table, 0.05)
-    text = page(summary, [Section("lot", "The lot", "<p>of a lot</p>")])
+    text = fleet_html(summary, [Section("lot", "The lot", "<p>of a lot</p>")])
     found = parsed(text)
     assert "script" not in found.tags
     assert {"counts", "closure", "parameters", "lot", "failures"} <= set(found.ids)

@@ -15,8 +15,9 @@ from processes import unread
 import calibrate
 import tinygc
 from session.base.errors import FormatError
-from tinygc.features.fleet.page import page
-from tinygc.features.fleet.report import lot_of, read_lot, save
+from session.base.records import table_of, write_whole
+from tinygc.features.fleet.page import lot_html
+from tinygc.features.fleet.report import lot_of, read_lot
 from tinygc.features.fleet.text import lot_page
 from tinygc.reporting.terminal import as_text
 
@@ -38,11 +39,11 @@ def test_the_terminal_the_page_and_the_file_have_all_of_it(report, tmp_path):
     text = printed(report)
     for word in ("ASM330LHH: 60 units, 180 sessions", "it drifts", "gyro bias y, mdps", "serial <b>", "repeats within"):
         assert word in text, word
-    html = page(report)
+    html = lot_html(report)
     for words in (">The lot</h2>", ">What does not belong</h2>", "serial &lt;b&gt;"):
         assert words in html
     assert "nan" not in html.lower().replace("nano", "").replace("finan", "")
-    save(report, tmp_path / "lot.json")
+    write_whole(tmp_path / "lot.json", table_of(report))
     assert not strangers(json.loads((tmp_path / "lot.json").read_text(encoding="utf-8")))
     few = lot_of(simulated_lot(2, 0, without_accelerometer=1.0))
     for word, there in (("repeatability is unknown", True), ("two units have no drift", True), ("accel", False), ("nan", False)):
@@ -57,8 +58,8 @@ def file(tmp_path_factory):
     """Of twelve units without accelerometers, and no repeated session: much is null."""
     path = tmp_path_factory.mktemp("lot") / "lot.json"
     report = lot_of(simulated_lot(12, 0, without_accelerometer=1.0), "ASM330LHH")
-    save(report, path)
-    return report.lot, path
+    write_whole(path, table_of(report))
+    return report, path
 
 
 def test_what_is_written_reads_back_the_same(file):

@@ -7,7 +7,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from io import TextIOWrapper
 from pathlib import Path
@@ -21,7 +21,7 @@ from tinygc.cli.results import complain, output, print_commands, verdict, write_
 from tinygc.features.fleet.work import Run
 
 if TYPE_CHECKING:
-    from tinygc.features.fleet.fleet_run import Tally
+    from tinygc.features.fleet.fleet_run import FleetRun
 
 
 # Progress of a fleet: done, failed, reused, rate and time left; a bar on a terminal, else a line now and then.
@@ -30,56 +30,46 @@ if TYPE_CHECKING:
 OFTEN_S, SELDOM_S = 0.2, 30.0
 
 
-class Meter:
-    """Progress display as a context; call it with each new tally.  The folders are counted in a thread, so that the first does not wait."""
+@contextmanager
+def metered(quiet: bool, folders: Callable[[], Iterable[Any]] | None) -> Iterator[Callable[[FleetRun], None]]:
+    """Yield what shows each new tally, at most once per interval.  The folders are counted in a thread, so that the first does not wait."""
+    from tinygc.reporting.terminal import progress_bar
 
-    def __init__(self, quiet: bool, folders: Callable[[], Iterable[Any]] | None):
-        self._quiet, self._folders = quiet, folders
-        self._found, self._counted, self._ended = 0, False, False
-        self._stack = ExitStack()
+    every_s = OFTEN_S if sys.stderr.isatty() else SELDOM_S
+    began = last = time.monotonic()
+    found, counted, ended = 0, False, False
 
-    def __enter__(self) -> Meter:
-        from tinygc.reporting.terminal import progress_bar
+    def count() -> None:
+        nonlocal found, counted
+        with suppress(Exception):  # the run meets the same error and reports it
+            for _ in folders():  # type: ignore[misc]
+                found += 1
+                if ended:
+                    return
+            counted = True
 
-        self._show = self._stack.enter_context(progress_bar(self._quiet))
-        self._every_s = OFTEN_S if sys.stderr.isatty() else SELDOM_S
-        self._began = self._last = time.monotonic()
-        if self._folders is not None and not self._quiet:
-            threading.Thread(target=self._count, daemon=True).start()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._ended = True
-        self._stack.close()
-
-    def __call__(self, tally: Tally) -> None:
-        """Show the tally, at most once per interval."""
+    def update(tally: FleetRun) -> None:
+        nonlocal last
         now = time.monotonic()
-        if now - self._last < self._every_s:
+        if now - last < every_s:
             return
-        self._last = now
-        self._show(self.words(tally, now - self._began), tally.folders, max(self._found, tally.folders, 1))
-
-    def words(self, tally: Tally, elapsed_s: float) -> str:
-        """Return ``812 done, 1 failed, 90 reused, 7.2/s, 20 min left``; the rate counts computed sessions only."""
-        computed = tally.done + tally.failed
-        rate = computed / elapsed_s if elapsed_s > 0 else 0.0
+        last = now
+        # 812 done, 1 failed, 90 reused, 7.2/s, 20 min left; the rate counts computed sessions only
+        rate = (tally.done + tally.failed) / (now - began) if now > began else 0.0
         said = f"{tally.done} done, {tally.failed} failed, {tally.reused} reused, {rate:.3g}/s"
-        if self._counted and rate > 0:
-            left_s = max(self._found - tally.folders, 0) / rate
+        if counted and rate > 0:
+            left_s = max(found - tally.folders, 0) / rate
             size, unit = (1, "s") if left_s < 100 else (60, "min") if left_s < 6000 else (3600, "h")
             said += f", {left_s / size:.3g} {unit} left"
-        return said
+        show(said, tally.folders, max(found, tally.folders, 1))
 
-    def _count(self) -> None:
+    with progress_bar(quiet) as show:
+        if folders is not None and not quiet:
+            threading.Thread(target=count, daemon=True).start()
         try:
-            for _ in self._folders():  # type: ignore[misc]
-                self._found += 1
-                if self._ended:
-                    return
-            self._counted = True
-        except Exception:  # the run meets the same error and reports it
-            return
+            yield update
+        finally:
+            ended = True
 
 
 # ``fleet``: check, fit and explain hundreds to hundreds of thousands of sessions, each once, into one table.
@@ -143,15 +133,15 @@ def _lot(args: Options) -> int:
     files = [found.save(args.out / LOT), found.save_page(args.out / LOT_PAGE)]
     output(args).print(f"written: {', '.join(map(str, files))}", soft_wrap=True)
     write_json(args.json, found.to_json())
-    return 1 if args.strict and (report.estimate.drifts or report.outliers) else 0
+    return 1 if args.strict and (report.drifts or report.outliers) else 0
 
 
-def _computed(args: Options):  # type: ignore[no-untyped-def]  # a Tally: its module is heavy
+def _computed(args: Options):  # type: ignore[no-untyped-def]  # a FleetRun: its module is heavy
     """Run the fleet; raises CalibrationError where there is no session at all."""
     from tinygc.features.fleet.library import compute, no_session
 
     count = None if str(args.listed) == STANDARD else lambda: _folders(args)  # a pipe can be read only once
-    with Meter(args.quiet, count) as meter:
+    with metered(args.quiet, count) as meter:
         tally = compute(_folders(args), args.out, part(args, Run), args.effects, meter)
     if not tally.folders:
         raise no_session([*args.folders, *([args.listed] if args.listed else [])])

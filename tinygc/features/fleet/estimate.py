@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from scipy.special import stdtr
 
 from session.base.numeric import MEDIAN_SIGMAS
+from session.base.records import Key, Share
 from session.base.solving import inverse
-from tinygc.features.fleet.lot import COUNT, LotSessions
+from tinygc.features.fleet.lot import COUNT, OWN, SENSOR_ERRORS, LotSessions, error_sigmas, jacobian, key_of
 
 # Each number of unit u is
 #
@@ -178,3 +180,48 @@ def without(lot: LotSessions, excluded: np.ndarray) -> LotEstimate:
         off_sigma,
         family(off / off_sigma, freedom),
     )
+
+
+# Units that do not belong to a lot, with reasons: outlying numbers in sigmas of the lot.
+
+MOST_REASONS = 5
+
+
+@dataclass(frozen=True)
+class Reason:
+    """Reason for an outlier: what, a number's key; value, of the number less the lot's mean in its unit; sigmas of the lot."""
+
+    what: str
+    value: float
+    sigmas: float
+
+
+@dataclass(frozen=True)
+class Outlier:
+    """A unit that does not belong: serial; session, of a unit with one session alone, else empty; p_value over the whole lot; reasons, the
+    largest first; says: a sentence."""
+
+    serial: str
+    session: str
+    p_value: Share
+    reasons: tuple[Reason, ...]
+    says: Annotated[str, Key("description")]
+
+
+def outliers(lot: LotSessions, found: LotEstimate) -> list[Outlier]:
+    """Return the outliers, the least probable first."""
+    made, J, p_values = [], jacobian(found.mean), found.p_values[:, OWN]
+    values, sigmas = np.nan_to_num(found.off) @ J.T, error_sigmas(found.off_sigma, J)
+    for u in np.flatnonzero(found.excluded):
+        order = [n for n in np.argsort(-np.abs(found.off / found.off_sigma)[u, OWN]) if p_values[u, n] < FAMILY_P]
+        reasons, words = [], []
+        session = lot.names[lot.first[u]] if lot.count[u] == 1 else ""
+        serial = lot.serials[u]
+        for n in order[:MOST_REASONS]:
+            (name, unit, _), value, off = SENSOR_ERRORS[n], float(values[u, n]), float(values[u, n] / sigmas[u, n])
+            reasons.append(Reason(key_of(name, unit), value, off))
+            words.append(f"{name} {f'{value:+.0f}' if abs(value) >= 100 else f'{value:+.3g}'} {unit} ({off:+.1f} sigmas)")
+        single = f", of the single session {session}," if session else ""
+        says = f"unit {serial or '(no serial)'}{single} does not belong to the lot: {', '.join(words)}"
+        made.append(Outlier(serial, session, float(p_values[u].min()), tuple(reasons), says))
+    return sorted(made, key=lambda each: each.p_value)

@@ -69,18 +69,9 @@ def _require_usable(lot: Lot, sensor: str, where: str) -> None:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class Belonging:
-    """Membership test of a unit.
-
-    probability that it belongs to the lot; distance from the lot's mean, in sigmas of lot and session together, over the directions
-    (freedom) that the session observes; p_value of so large a one in a unit that belongs.
-    """
-
-    probability: float
-    distance: float
-    freedom: int
-    p_value: float
+#: membership test of a unit: probability that it belongs to the lot; distance from the lot's mean, in sigmas of lot and session together;
+#: number of directions that the session observes; and p-value of so large a distance in a unit that belongs
+Belonging = tuple[float, float, int, float]
 
 
 def _belonging(prior: GaussianPrior, moved: np.ndarray, noise: np.ndarray, kept: np.ndarray) -> Belonging:
@@ -100,7 +91,7 @@ def _belonging(prior: GaussianPrior, moved: np.ndarray, noise: np.ndarray, kept:
     d = project.T @ y
     square, freedom = float(d @ d), int(seen.sum())
     if freedom == 0:
-        return Belonging(1.0 - OFF_LOT, 0.0, 0, 1.0)
+        return 1.0 - OFF_LOT, 0.0, 0, 1.0
     # a unit that does not belong: one number, or all, each from a normal this many times as wide
     shift = project.T @ to
     outside = []
@@ -115,7 +106,7 @@ def _belonging(prior: GaussianPrior, moved: np.ndarray, noise: np.ndarray, kept:
     log_out = float(np.logaddexp.reduce(logs))
     odds = np.log1p(-OFF_LOT) - square / 2 - np.log(OFF_LOT) - log_out
     probability = float(1 / (1 + np.exp(-np.clip(odds, -700, 700))))
-    return Belonging(probability, float(np.sqrt(square)), freedom, float(chdtrc(freedom, square)))
+    return probability, float(np.sqrt(square)), freedom, float(chdtrc(freedom, square))
 
 
 def _log_normal(d: np.ndarray, covariance: np.ndarray) -> float:
@@ -174,16 +165,16 @@ class LotUse:
 
     def to_json(self) -> dict:
         """Return ``lot`` of ``tinygc-fit/2``."""
-        found = self.belonging
+        probability, distance, freedom, p_value = self.belonging
         table = {
             "file": self.file,
             "hash": self.hash,
             "units": self.units,
             "used": self.used,
-            "belongs_probability": found.probability,
-            "distance": found.distance,
-            "freedom": found.freedom,
-            "p_value": found.p_value,
+            "belongs_probability": probability,
+            "distance": distance,
+            "freedom": freedom,
+            "p_value": p_value,
             "off": None if self.off is None else {"parameter": self.off[0], "sigmas": self.off[1]},
             "share": self.share.tolist(),
         }
@@ -192,14 +183,14 @@ class LotUse:
     @property
     def words(self) -> str:
         """Return one line of text."""
-        found = self.belonging
-        far = f"{found.distance:.1f} sigmas from its mean in {found.freedom} directions, p = {found.p_value:.2g}"
+        probability, distance, freedom, p_value = self.belonging
+        far = f"{distance:.1f} sigmas from its mean in {freedom} directions, p = {p_value:.2g}"
         off = "" if self.off is None else f"{self.off[0]} is {self.off[1]:+.1f} sigmas of the lot from its mean"
         if self.used == "no":
             return f"The unit does not belong to the lot of {self.file} ({far}): {off}; the lot's prior was not used."
         if self.used == "partly":
             return (
-                f"It is open whether the unit belongs to the lot of {self.file} (probability {found.probability:.2f}; {far}): "
+                f"It is open whether the unit belongs to the lot of {self.file} (probability {probability:.2f}; {far}): "
                 f"{off}; the sigmas are wide enough for both."
             )
         shares = [(share, name) for share, name in zip(self.share, NAMES, strict=True) if share >= SAID_SHARE]
@@ -244,7 +235,8 @@ class LotFile:
         inside = _noise_covariance(level, linear, noise, options)
         found = _belonging(prior, _model(linear).vector - prior.centre, inside, np.eye(PARAMETERS) - share)
         few = len(problem.batch) < FEWEST_SEGMENTS
-        if found.probability >= (BELONGS if few else SURE):
+        p = found[0]
+        if p >= (BELONGS if few else SURE):
             more = share @ prior.covariance @ share.T
             return bias_from, level, linear, LotUse(self.file, self.hash, lot.units, found, "yes", np.clip(np.diag(share), 0, 1), more)
         # with few turns the unit's own numbers are hardly determined, and the report states so
@@ -259,11 +251,11 @@ class LotFile:
             covariance = covariance + more
         unseen = alone.notes.get("unobserved", ())
         off = farthest(lot, _model(alone).vector, covariance, np.array([name not in unseen for name in NAMES]))
-        if found.probability <= FOREIGN:
+        if p <= FOREIGN:
             bias_from, level, linear = choose(problem.changed(prior=own_prior), options)
             return bias_from, level, linear, LotUse(self.file, self.hash, lot.units, found, "no", np.zeros(PARAMETERS), more, off)
         # undecided: the mean of both, weighted by their probabilities, with the covariance of the mixture
-        p, own = found.probability, _model(linear).vector
+        own = _model(linear).vector
         apart = own - _model(alone).vector
         vector = own - (1 - p) * apart
         mixed = LinearModel.from_vector(vector)

@@ -23,7 +23,7 @@ from session.log.folder import file_key, sha256_of
 from tinygc.estimation.choice import closure_figures, run_figures
 from tinygc.estimation.options import FitOptions
 from tinygc.features.fleet.lot import NAMES
-from tinygc.features.fleet.work import STEPS, Work
+from tinygc.features.fleet.work import STEPS, Run
 from tinygc.fitting.results import FitResult
 from tinygc.models import linear
 from tinygc.noise.figures import FILE as NOISE
@@ -48,7 +48,7 @@ def told_by(cell: str) -> Any:
 
 
 @dataclass(frozen=True)
-class FleetOptions(Work):
+class FleetOptions(Run):
     """With effects: folders with further effects, and effects_sha256: of all files in them."""
 
     effects: tuple[str, ...] = ()

@@ -18,7 +18,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from time import monotonic
-from typing import Any, Protocol
+from typing import Any
 
 from session.base.errors import CalibrationError
 from session.base.texts import printable
@@ -83,33 +83,10 @@ def listed_folders(lines: Iterable[str]) -> Iterator[Path]:
             yield Path(name)
 
 
-# Interface to processes and clusters.
+# Processes and clusters: each runs ``capacity`` jobs at a time, so that no worker waits.
 
-
-@dataclass(frozen=True)
-class Finished:
-    """A finished job: its outcome; or None where its process died, and died describes how."""
-
-    job: Job
-    outcome: Outcome | None
-    died: str = ""
-
-
-class Executor(Protocol):
-    """Runs ``capacity`` jobs at a time."""
-
-    @property
-    def capacity(self) -> int:
-        """Return how many jobs may be in progress, so that no worker waits."""
-
-    def submit(self, job: Job) -> None:
-        """Start a job, or queue it."""
-
-    def finished(self) -> list[Finished]:
-        """Wait until a job has finished, or for ``WATCH_S``."""
-
-    def close(self) -> None:
-        """Stop all jobs."""
+#: a finished job and its outcome; or how its process died
+Finished = tuple[Job, Outcome | str]
 
 
 # Processes of this machine with one job at a time, so that the death of a process is attributed to its session.
@@ -176,7 +153,7 @@ class Processes:
                         how = _how(worker.process.exitcode)
                         raise CalibrationError(f"a process ended before it could begin ({how}); is there memory for --jobs?") from None
                     self._workers[self._workers.index(worker)] = self._started()
-                    found += [] if worker.job is None else [Finished(worker.job, None, _how(worker.process.exitcode))]
+                    found += [] if worker.job is None else [(worker.job, _how(worker.process.exitcode))]
                     continue
                 if isinstance(said, CalibrationError):
                     raise said
@@ -184,7 +161,7 @@ class Processes:
                     worker.ready = True
                 else:
                     assert worker.job is not None
-                    found.append(Finished(worker.job, said))
+                    found.append((worker.job, said))
                     worker.job = None
             self._hand_out()
         return found
@@ -351,9 +328,9 @@ class Cluster:
     def _ended(self, future: Any) -> Finished:
         job = self._jobs.pop(future)
         try:
-            return Finished(job, future.result())
+            return job, future.result()
         except self._distributed.KilledWorker:
-            return Finished(job, None, "on workers that ended")
+            return job, "on workers that ended"
         except self._distributed.CancelledError:
             raise self._gone() from None
         except (ImportError, AttributeError) as error:
@@ -361,9 +338,9 @@ class Cluster:
         except CalibrationError:
             raise
         except MemoryError:
-            return Finished(job, None, "memory was short")
+            return job, "memory was short"
         except Exception as error:
-            return Finished(job, None, f"{type(error).__name__}: {error}")
+            return job, f"{type(error).__name__}: {error}"
 
 
 # Run of a fleet: distribute the sessions without a result and store the results, with only a few folders in memory at a time.
@@ -372,28 +349,20 @@ class Cluster:
 ATTEMPTS = 2
 
 
-@dataclass
-class Tally:
-    """Counts of folders in a run.
+class FleetRun:
+    """A run, with its counts of folders: done and failed now; reused: known before, by this or another folder."""
 
-    done and failed now; reused: known before, by this or another folder.
-    """
-
-    done: int = 0
-    failed: int = 0
-    reused: int = 0
+    def __init__(
+        self, table: Table, executor: Processes | Cluster, options: FleetOptions, retry: bool, progress: Callable[[FleetRun], None]
+    ):
+        self._table, self._executor, self._options, self._retry = table, executor, options, retry
+        self._progress, self._pending, self._ends = progress, dict[str, list[Path]](), dict[str, int]()
+        self.done = self.failed = self.reused = 0
 
     @property
     def folders(self) -> int:
         """Return the number of all folders handled."""
         return self.done + self.failed + self.reused
-
-
-class _FleetRun:
-    def __init__(self, table: Table, executor: Executor, options: FleetOptions, retry: bool, progress: Callable[[Tally], None]):
-        self._table, self._executor, self._options, self._retry = table, executor, options, retry
-        self._progress, self._pending, self._ends = progress, dict[str, list[Path]](), dict[str, int]()
-        self.tally = Tally()
 
     def take(self, folder: Path) -> None:
         """Handle a folder: its result is known, in progress, or to be computed."""
@@ -407,8 +376,8 @@ class _FleetRun:
         status = None if key in self._pending else self._table.status(key)
         if status == DONE or (status is not None and not self._retry):
             self._table.put_folder(folder, key)
-            self.tally.reused += 1
-            self._progress(self.tally)
+            self.reused += 1
+            self._progress(self)
         elif key in self._pending:
             self._pending[key].append(folder)
         else:
@@ -420,25 +389,23 @@ class _FleetRun:
     def collect(self) -> None:
         """Wait for a result, and store it."""
         self._table.require_there()
-        for finished in self._executor.finished():
-            self._keep(finished)
-            self._progress(self.tally)
+        for job, outcome in self._executor.finished():
+            self._keep(job, outcome)
+            self._progress(self)
 
     def drain(self) -> None:
         """Wait until no job is in progress."""
         while self._pending:
             self.collect()
 
-    def _keep(self, finished: Finished) -> None:
-        key = finished.job.key
-        outcome = finished.outcome
-        if outcome is None:
+    def _keep(self, job: Job, outcome: Outcome | str) -> None:
+        key = job.key
+        if isinstance(outcome, str):
             self._ends[key] = self._ends.get(key, 0) + 1
             if self._ends[key] < ATTEMPTS:
-                self._executor.submit(finished.job)
+                self._executor.submit(job)
                 return
-            how = finished.died or "no reason known"
-            error = f"the process that computed it ended, {ATTEMPTS} times ({how}); was memory short? try again with --retry"
+            error = f"the process that computed it ended, {ATTEMPTS} times ({outcome}); was memory short? try again with --retry"
             outcome = Outcome(key, empty() | {"status": DIED, "error": error})
         folders = self._pending.pop(key)
         self._ends.pop(key, None)
@@ -448,33 +415,33 @@ class _FleetRun:
             return
         self._table.put(outcome, outcome.row, folders)
         good = outcome.row["status"] == DONE
-        self.tally.done += good
-        self.tally.failed += not good
-        self.tally.reused += len(folders) - 1
+        self.done += good
+        self.failed += not good
+        self.reused += len(folders) - 1
 
     def _without_key(self, folder: Path, error: str) -> None:
         self._table.put_folder(folder, None, printable(error))
-        self.tally.failed += 1
-        self._progress(self.tally)
+        self.failed += 1
+        self._progress(self)
 
 
 def run_fleet(
     folders: Iterable[Path],
     table: Table,
-    executor: Executor,
+    executor: Processes | Cluster,
     options: FleetOptions,
     *,
     retry: bool = False,
-    progress: Callable[[Tally], None] = lambda tally: None,
-) -> Tally:
+    progress: Callable[[FleetRun], None] = lambda run: None,
+) -> FleetRun:
     """Make a row in the table for each folder, computed where it is missing.
 
     retry: failed rows are computed again.  progress is called after each folder.  Finished rows stay in the table whatever ends the run (an
     interrupt, a full disk).  Raises StorageError and FormatError of the table.
     """
-    run = _FleetRun(table, executor, options, retry, progress)
+    run = FleetRun(table, executor, options, retry, progress)
     for folder in folders:
         run.take(folder)
     run.drain()
     table.require_there(at_once=True)
-    return run.tally
+    return run

@@ -39,20 +39,18 @@ def unit_results(out: Path) -> Iterator[UnitResult]:
 
 def results_of(table: Table) -> Iterator[UnitResult]:
     """Yield the fitted sessions of an open table, as ``unit_results``."""
-    names = ("key", "folder", "serial", "covariance")
+    for order, (folder, _, serial, _, key, values, covariance) in enumerate(fitted_rows(table)):
+        yield UnitResult(key, serial, Path(folder).name, values, covariance, float(order))
+
+
+def fitted_rows(table: Table) -> Iterator[tuple[str, str, str, str, str, np.ndarray, np.ndarray]]:
+    """Yield folder, model, serial number, date, key, numbers (21,) and their covariance of each fitted session, in order."""
+    names = ("folder", "model", "serial", "recorded", "key", "covariance")
     sql = f"SELECT {', '.join((*names, *VALUES))} FROM {EACH} WHERE held_out_deg IS NOT NULL {IN_ORDER}"
-    for order, row in enumerate(table.each(sql)):
-        named = dict(zip(names, row, strict=False))
-        with read_as_written(table, named["folder"]):
-            found = UnitResult(
-                key=named["key"],
-                serial=named["serial"] or "",
-                session=Path(named["folder"]).name,
-                values=np.array(row[len(names) :], dtype=float),
-                covariance=unpacked(named["covariance"]),
-                order=float(order),
-            )
-        yield found
+    for folder, model, serial, recorded, key, blob, *row in table.each(sql):
+        with read_as_written(table, folder):
+            values, covariance = np.array(row, dtype=float), unpacked(blob)
+        yield folder, model or "", serial or "", recorded or "", key, values, covariance
 
 
 @contextlib.contextmanager

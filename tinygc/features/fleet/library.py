@@ -9,18 +9,19 @@ from pathlib import Path
 from typing import Any
 
 from session.base.errors import CalibrationError
+from session.base.files import result_folder
 from session.base.options import values
-from tinygc.features.fleet.fleet_page import save as save_fleet_page
+from session.base.records import table_of, write_whole
+from session.base.results import write_text_whole
 from tinygc.features.fleet.fleet_row import FleetOptions
-from tinygc.features.fleet.fleet_run import Cluster, Processes, Tally, run_fleet, session_folders
+from tinygc.features.fleet.fleet_run import Cluster, FleetRun, Processes, run_fleet, session_folders
 from tinygc.features.fleet.fleet_summary import Summary, lot_if_any, lot_of_table, summarise, to_check
 from tinygc.features.fleet.fleet_table import open_table, read_table
-from tinygc.features.fleet.page import lot_sections
-from tinygc.features.fleet.page import save as save_lot_page
-from tinygc.features.fleet.report import LotReport, save, to_json
-from tinygc.features.fleet.rest_noise import noise_section, unit_noises
+from tinygc.features.fleet.page import fleet_html, lot_html, lot_sections
+from tinygc.features.fleet.report import LotReport
+from tinygc.features.fleet.rest_noise import noise_sections, unit_noises
 from tinygc.features.fleet.text import fleet_page, lot_page
-from tinygc.features.fleet.work import Run, Work
+from tinygc.features.fleet.work import Run
 from tinygc.library.arguments import public
 from tinygc.library.records import Shown
 from tinygc.noise.figures import NoiseFigures
@@ -37,7 +38,7 @@ class Fleet(Shown):
     against each other."""
 
     out: Path
-    tally: Tally | None
+    tally: FleetRun | None
     result: Summary
     lot: LotReport | None
     offered: list[tuple[str, list[str]]]
@@ -67,13 +68,13 @@ def compute(
     out: Path,
     options: Run,
     effects: Iterable[Path | str],  # a worker may have another working directory
-    progress: Callable[[Tally], None],
-) -> Tally:
+    progress: Callable[[FleetRun], None],
+) -> FleetRun:
     """Compute the sessions that the table in ``out`` lacks, in processes (one for each core) or on the cluster of a scheduler."""
     with open_table(out) as table:
         executor = Cluster(options.scheduler) if options.scheduler else Processes(options.jobs or cores())
         try:
-            how = FleetOptions(**values(options, Work), effects=tuple(map(os.path.abspath, effects)))
+            how = FleetOptions(**values(options, Run), effects=tuple(map(os.path.abspath, effects)))
             return run_fleet(folders, table, executor, how, retry=options.retry, progress=progress)
         finally:
             executor.close()
@@ -84,14 +85,16 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def summed_up(out: Path, tally: Tally | None, limit_deg: float | None) -> Fleet:
+def summed_up(out: Path, tally: FleetRun | None, limit_deg: float | None) -> Fleet:
     """Sum up the table in ``out``, and write its page, and the lot's file where there is a lot."""
     with read_table(out) as table:
         summary, offered, lot = summarise(table, limit_deg), to_check(table), lot_if_any(table)
-        noise = noise_section(unit_noises(table))
-    save_fleet_page(summary, out / PAGE, [*(lot_sections(lot) if lot else ()), *([] if noise is None else [noise])])
+        noise = noise_sections(unit_noises(table))
+    sections = [*(lot_sections(lot) if lot else ()), *noise]
+    with result_folder(out):
+        write_text_whole(out / PAGE, fleet_html(summary, sections))
     if lot:
-        save(lot, out / LOT)
+        write_whole(out / LOT, table_of(lot))
     return Fleet(out, tally, summary, lot, offered)
 
 
@@ -117,17 +120,19 @@ class LotStatistics(Shown):
 
     def to_json(self) -> dict:
         """``tinygc-lot/3`` (docs/formats.md)."""
-        return to_json(self.result)
+        return table_of(self.result)
 
     def save(self, path: Path | str) -> Path:
         """Write the lot's file, for ``tinygc.fit(…, lot=path)``; returns the path."""
-        save(self.result, path)
+        write_whole(Path(path), self.to_json())
         return Path(path)
 
     def save_page(self, path: Path | str) -> Path:
         """Write a page; returns the path."""
-        noise = noise_section(self.noise)
-        return save_lot_page(self.result, Path(path), [] if noise is None else [noise])
+        path = Path(path)
+        with result_folder(path.parent):
+            write_text_whole(path, lot_html(self.result, noise_sections(self.noise)))
+        return path
 
 
 @public(Run)

@@ -10,12 +10,14 @@ import numpy as np
 
 from session import VERSION
 from session.base.errors import CalibrationError
-from session.base.numeric import UPPER
 from session.base.records import Key
 from session.base.results import Column, Maybe, Number, shown
-from session.base.units import DEG, G
+from session.base.units import MDPS
+from session.detect.accelerometer import NAMES as TRIAD
+from tinygc.estimation.accelerometer import ROWS, triad_errors
+from tinygc.estimation.accelerometer import UNITS as SIZES
 from tinygc.models import linear
-from tinygc.models.linear import BIAS, MATRIX
+from tinygc.models.linear import WORDS, field_vector
 
 # A lot: prior knowledge of the next unit of a kind.
 
@@ -59,17 +61,7 @@ class Lot:
 # One session's results for one unit: the numbers a lot is made of.
 
 #: names of the accelerometer's numbers in a lot: M's upper triangle less the identity (1), then the bias (m/s^2), of f = M (m - b)
-ACCELEROMETER_NAMES = (
-    "accel_scale_x",
-    "accel_nonorthogonality_xy",
-    "accel_nonorthogonality_xz",
-    "accel_scale_y",
-    "accel_nonorthogonality_yz",
-    "accel_scale_z",
-    "accel_bias_x",
-    "accel_bias_y",
-    "accel_bias_z",
-)
+ACCELEROMETER_NAMES = tuple(f"accel_{name.replace(' ', '_')}" for name in TRIAD)
 #: names of the gyroscope's correction omega = E m + B (E of no unit, B in rad/s), then the accelerometer's
 NAMES = (*linear.NAMES, *ACCELEROMETER_NAMES)
 
@@ -98,86 +90,42 @@ class UnitResult:
 #
 # The terms are those of ``tinygc/models/linear.py``.
 
-#: positions of the accelerometer's numbers in a lot's vector: M's upper triangle less the identity, then the bias
-TRIAD, FORCE_BIAS = slice(12, 18), slice(18, 21)
+#: name, unit, and that unit in SI of each
+SENSOR_ERRORS = [
+    *((f"gyro {word} {component}", unit, si) for word, components, unit, si in WORDS[:2] for component in components),
+    *((f"gyro bias {axis}", "mdps", MDPS) for axis in "xyz"),
+    *((f"accel {word} {TRIAD[i].split()[-1]}", unit, SIZES[unit]) for _, word, unit, which in ROWS for i in which),
+]
+#: their units in SI (21,)
+UNITS = np.array([si for _, _, si in SENSOR_ERRORS])
+#: index in a lot's vector of each error, to first order
+OWN = np.array([0, 4, 8, 1, 2, 3, 5, 6, 7, 9, 10, 11, *(linear.PARAMETERS + i for *_, which in ROWS for i in which)])
+#: values of a sensor without an error
+NO_ERROR = np.isin(NAMES, ("E_xx", "E_yy", "E_zz")).astype(float)
 _STEP = 1e-6
 
 
-@dataclass(frozen=True)
-class SensorError:
-    """One error of a sensor: sensor, word, component, unit, and that unit in SI."""
-
-    sensor: str
-    word: str
-    component: str
-    unit: str
-    si: float
-
-    @property
-    def name(self) -> str:
-        """Return a name such as ``gyro scale factor error x``."""
-        return f"{self.sensor} {self.word} {self.component}"
-
-    @property
-    def key(self) -> str:
-        """Return the key used in files, such as ``gyro_scale_factor_error_x_ppm``."""
-        return f"{self.name} {self.unit}".replace(" ", "_")
-
-
-_LEANS = [(i, j) for i in range(3) for j in range(3) if i != j]
-SENSOR_ERRORS = (
-    *(SensorError("gyro", "scale factor error", axis, "ppm", 1e-6) for axis in "xyz"),
-    *(SensorError("gyro", "misalignment", f"{'xyz'[i]} to {'xyz'[j]}", "mrad", 1e-3) for i, j in _LEANS),
-    *(SensorError("gyro", "bias", axis, "mdps", 1e-3 * DEG) for axis in "xyz"),
-    *(SensorError("accel", "scale factor error", axis, "ppm", 1e-6) for axis in "xyz"),
-    *(SensorError("accel", "nonorthogonality", pair, "mrad", 1e-3) for pair in ("xy", "xz", "yz")),
-    *(SensorError("accel", "bias", axis, "mg", 1e-3 * G) for axis in "xyz"),
-)
-#: their units in SI (21,)
-UNITS = np.array([each.si for each in SENSOR_ERRORS])
-#: index in a lot's vector of each error, to first order
-OWN = np.array(
-    [
-        *(NAMES.index(f"E_{axis}{axis}") for axis in "xyz"),
-        *(NAMES.index(f"E_{'xyz'[i]}{'xyz'[j]}") for i, j in _LEANS),
-        *(NAMES.index(f"B_{axis}") for axis in "xyz"),
-        *(NAMES.index(f"accel_scale_{axis}") for axis in "xyz"),
-        *(NAMES.index(f"accel_nonorthogonality_{pair}") for pair in ("xy", "xz", "yz")),
-        *(NAMES.index(f"accel_bias_{axis}") for axis in "xyz"),
-    ]
-)
-#: values of a sensor without an error
-NO_ERROR = np.isin(NAMES, ("E_xx", "E_yy", "E_zz")).astype(float)
+def key_of(name: str, unit: str) -> str:
+    """Return the key used in files, such as ``gyro_scale_factor_error_x_ppm``."""
+    return f"{name} {unit}".replace(" ", "_")
 
 
 def sensor_errors(values: np.ndarray) -> np.ndarray:
-    """Return (…, 21) sensor errors in their units, of (…, 21) SI in the order of ``NAMES``; NaN where their own number is unknown.
+    """Return (21,) sensor errors in their units, of (21,) SI in the order of ``NAMES``; NaN where their own number is unknown.
 
     The other numbers enter by second order only, and are taken as no error where unknown.
     """
-    values = np.asarray(values, dtype=float)
-    shape, filled = values.shape[:-1], np.where(np.isfinite(values), values, NO_ERROR)
-    M = np.linalg.inv(filled[..., MATRIX].reshape(*shape, 3, 3))
-    length = np.linalg.norm(M, axis=-1)
-    u = M / length[..., None]
-    leans = np.stack([np.arctan2(u[..., i, j], u[..., i, i]) for i, j in _LEANS], axis=-1)
-    bias = -np.einsum("...ij,...j->...i", M, filled[..., BIAS])
-    T = np.zeros((*shape, 3, 3))
-    T[..., UPPER[0], UPPER[1]] = filled[..., TRIAD]
-    R = np.linalg.inv(T + np.eye(3))
-    size = np.linalg.norm(R, axis=-1)
-    r = R / size[..., None]
-    skew = np.stack([np.arcsin(np.clip(np.sum(r[..., i, :] * r[..., j, :], axis=-1), -1, 1)) for i, j in ((0, 1), (0, 2), (1, 2))], axis=-1)
-    found = np.concatenate([length - 1, leans, bias, size - 1, skew, filled[..., FORCE_BIAS]], axis=-1) / UNITS
-    return np.where(np.isfinite(values[..., OWN]), found, np.nan)
+    filled = np.where(np.isfinite(values), values, NO_ERROR)
+    gyro, accel = field_vector(filled[: linear.PARAMETERS]), triad_errors(filled[linear.PARAMETERS :])
+    found = np.concatenate([gyro[:9], gyro[-3:], *(accel[which] for *_, which in ROWS)]) / UNITS
+    return np.where(np.isfinite(np.asarray(values, dtype=float)[OWN]), found, np.nan)
 
 
 def jacobian(values: np.ndarray) -> np.ndarray:
     """Return (21, 21), the derivative of ``sensor_errors`` at values (21,), by central differences; unknown numbers are taken as no
     error."""
     at = np.where(np.isfinite(values), values, NO_ERROR)
-    steps = np.eye(len(NAMES)) * _STEP
-    return (sensor_errors(at + steps) - sensor_errors(at - steps)).T / (2 * _STEP)
+    return np.stack([sensor_errors(at + step) - sensor_errors(at - step) for step in np.eye(len(NAMES)) * _STEP], axis=1) / (2 * _STEP)
 
 
 def error_sigmas(sigmas: np.ndarray, J: np.ndarray) -> np.ndarray:

@@ -1,18 +1,144 @@
-"""The page of ``fleet --lot``: numbers, and units that do not belong."""
+"""Pages of a fleet's table (counts, closures, distributions, failures) and of its lot (numbers, and units that do not belong).  Their size
+does not grow with the number of sessions."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
+
+import numpy as np
 
 from session import VERSION
-from session.base.files import result_folder
-from session.base.results import write_text_whole
-from session.base.texts import fixed, probability
+from session.base.texts import fixed, probability, significant
+from session.base.units import DEG, MG
+from tinygc.features.fleet.fleet_row import VALUES
+from tinygc.features.fleet.fleet_summary import SHARES, Distribution, Summary
 from tinygc.features.fleet.report import LotReport
 from tinygc.features.fleet.text import CAPTION, COLUMNS, rows_of
-from tinygc.reporting.html.markup import Section, escape, paragraph, table
+from tinygc.models.linear import BIAS
+from tinygc.reporting.html.chart import Axis, Chart
+from tinygc.reporting.html.markup import WIDE, Section, escape, facts, figure, paragraph, table
 from tinygc.reporting.html.page import document
+
+#: columns of closures, with their titles
+CLOSURES = {
+    "held_out_deg": "Held-out tilt of the turns",
+    "floor_deg": "Noise floor of the turns",
+    "run_rmse_deg": "Worst closure run, RMSE",
+}
+#: px: height of a chart; width of charts side by side
+HEIGHT, SMALL = 170, 410
+
+
+def fleet_html(summary: Summary, more: Sequence[Section] = ()) -> str:
+    """Build the page; more: sections on the sessions as a whole (lot statistics), between parameters and failures."""
+    parts = []
+    for caption, counts in (
+        ("First look: the worst that it found", summary.first_look),
+        ("Verdicts of explain", summary.verdicts),
+        ("Effects that explain names", summary.effects),
+    ):
+        if counts:
+            rows = [(escape(name), _count(count), f"{significant(100 * count / summary.sessions)} %") for name, count in counts.items()]
+            parts.append(table(("", "sessions", "share"), rows, caption))
+    made = [
+        _counts(summary),
+        _closures(summary),
+        (Section("verdicts", "Why they differ", "".join(parts)) if parts else None),
+        _parameters(summary),
+        *more,
+        _failures(summary),
+    ]
+    head = (
+        '<header><p class="kicker">Fleet of sessions</p>'
+        f"<h1>{_count(summary.sessions)} sessions, {_count(summary.units)} serial numbers</h1></header>"
+    )
+    foot = f"<footer>Least squares alone; every number is in fleet.sqlite. TinyGC {escape(VERSION)}.</footer>"
+    return document(f"Fleet: {summary.sessions} sessions", head, [section for section in made if section is not None], foot)
+
+
+def _counts(summary: Summary) -> Section:
+    fitted = summary.passed + summary.undecided + summary.missed
+    pairs = [
+        ("Folders", _count(summary.folders)),
+        ("Different sessions", _count(summary.sessions)),
+        ("Done", _count(summary.done)),
+        ("Failed", _count(summary.failed + summary.died + summary.unreadable)),
+        ("Pass, of those fitted", f"{_count(summary.passed)} of {_count(fitted)}" if fitted else "–"),
+        *([("Not decided", _count(summary.undecided))] if summary.undecided else []),
+        ("Computing, in all", f"{significant(summary.cpu_s / 3600)} CPU h"),
+    ]
+    return Section("counts", "How many", facts(pairs) + (paragraph(f"Pass {summary.rule}.", "soft") if fitted else ""))
+
+
+def _closures(summary: Summary) -> Section | None:
+    found = {name: summary.distributions[name] for name in CLOSURES if name in summary.distributions}
+    if not found:
+        return None
+    html = "".join(_histogram(CLOSURES[name], each, "°", 1.0, summary.limit_deg) for name, each in found.items())
+    return Section("closure", "Closure", html + _table({CLOSURES[name]: (each, "°", 1.0) for name, each in found.items()}))
+
+
+def _parameters(summary: Summary) -> Section | None:
+    shown = {name: (summary.distributions[name], *_unit(name)) for name in VALUES if name in summary.distributions}
+    if not shown:
+        return None
+    charts = "".join(_histogram(name, each, unit, size, widest=SMALL) for name, (each, unit, size) in shown.items())
+    return Section("parameters", "Parameters", _table(shown) + f'<div class="pair">{charts}</div>')
+
+
+def _failures(summary: Summary) -> Section | None:
+    if not summary.reasons:
+        return None
+    reasons = [(escape(reason), escape(step), _count(count)) for step, reason, count in summary.reasons]
+    rows = [(escape(folder), escape(step), escape(line)) for folder, step, line in summary.failures]
+    failed = summary.failed + summary.died + summary.unreadable
+    cut = f"The first {len(rows)} of {_count(failed)}; fleet.sqlite and --csv have all." if len(rows) < failed else ""
+    html = table(("reason", "in", "sessions"), reasons, "By reason: … stands for what differs", "words")
+    return Section("failures", "Failures", html + table(("folder", "in", "because"), rows, cut or "Each", "words"))
+
+
+def _unit(name: str) -> tuple[str, float]:
+    """Return a parameter's displayed unit, and its size in SI."""
+    if name in VALUES[BIAS]:
+        return "dps", DEG
+    return ("mg", MG) if name.startswith("accel_bias") else ("", 1.0)
+
+
+def _table(found: dict[str, tuple[Distribution, str, float]]) -> str:
+    header = ("", "sessions", *(f"{100 * share:g} %" for share in SHARES))
+    rows = []
+    for name, (each, unit, size) in found.items():
+        label = f"{escape(name)} <small>{unit}</small>" if unit else escape(name)
+        rows.append((label, _count(each.count), *(significant(value / size, 4) for value in each.quantiles)))
+    return table(header, rows, "Shares of the sessions lie below", minor=(2, 6))
+
+
+def _histogram(title: str, each: Distribution, unit: str, size: float, limit: float | None = None, widest: int = WIDE) -> str:
+    edges, counts = each.edges / size, each.counts
+    most = max(int(counts.max()), 1)
+    x = np.repeat(edges, 2)[1:-1]
+    heights = np.repeat(counts, 2)
+    outside = f"; {each.below + each.above} lie beyond" if each.below + each.above else ""
+
+    def draw(width: int) -> str:
+        label = f"{title}, {unit}" if unit else title
+        about = f"{title}: histogram of {each.count} sessions"
+        x_axis = Axis(float(edges[0]), float(edges[-1]), label)
+        chart = Chart(min(width, widest), HEIGHT, x_axis, Axis(0, most * 1.05), about)
+        chart.area(x, np.zeros(len(x)), heights, "least_squares").line(x, heights, "least_squares", "thin")
+        chart.upright(float(each.quantiles[len(SHARES) // 2]) / size, "quiet")
+        if limit is not None and edges[0] <= limit <= edges[-1]:
+            chart.upright(limit, "limit")
+        return chart.svg()
+
+    return figure(draw, f"{_count(each.count)} sessions, the middle dashed{outside}")
+
+
+def _count(number: int) -> str:
+    return f"{number:,}".replace(",", "\u202f")
+
+
+# The lot.
 
 MOST_OUTLIERS = 50
 
@@ -20,10 +146,10 @@ MOST_OUTLIERS = 50
 def lot_sections(report: LotReport) -> list[Section]:
     """Return the sections of a page."""
     rows = rows_of(report, fixed)
-    drift = probability(report.estimate.drift_p)
-    said = f"The lot {'drifts' if report.estimate.drifts else 'does not drift beyond chance'} ({drift}, all numbers together)."
+    drift = probability(report.drift_p_value)
+    said = f"The lot {'drifts' if report.drifts else 'does not drift beyond chance'} ({drift}, all numbers together)."
     marked = [number for number, (_, drifts) in enumerate(rows) if drifts]
-    html = paragraph(f"{report.lot.units} units, {report.lot.sessions} sessions. {said}")
+    html = paragraph(f"{report.units} units, {report.sessions} sessions. {said}")
     html += table(COLUMNS, [row for row, _ in rows], CAPTION, marked=marked)
     html += "".join(paragraph(f"{escape(note[:1].upper() + note[1:])}.", "soft") for note in report.notes)
     return [Section("lot", "The lot", html), Section("lot-outliers", "What does not belong", _outliers(report))]
@@ -36,23 +162,13 @@ def _outliers(report: LotReport) -> str:
         f'<div class="found">{paragraph(f"{escape(each.says)}. By chance, in such a lot: {probability(each.p_value)}.")}</div>'
         for each in report.outliers[:MOST_OUTLIERS]
     ]
-    more = len(report.outliers) - len(rows)
+    more = report.outliers_found - len(rows)
     return "".join(rows) + (paragraph(f"And {more} more, in the lot's file.", "soft") if more > 0 else "")
 
 
-# The page of ``fleet --lot``.
-
-
-def page(report: LotReport, more: Sequence[Section] = ()) -> str:
+def lot_html(report: LotReport, more: Sequence[Section] = ()) -> str:
     """Return the page as one HTML document; more: sections at its end."""
-    name = escape(report.lot.sensor or "sensors")
-    head = f'<header><p class="kicker">Lot statistics</p><h1>{name}: {report.lot.units} units</h1></header>'
+    name = escape(report.sensor or "sensors")
+    head = f'<header><p class="kicker">Lot statistics</p><h1>{name}: {report.units} units</h1></header>'
     foot = f"<footer>Statistics of a lot's calibrations. TinyGC {escape(VERSION)}.</footer>"
-    return document(f"Lot: {report.lot.units} units", head, [*lot_sections(report), *more], foot)
-
-
-def save(report: LotReport, path: Path, more: Sequence[Section] = ()) -> Path:
-    """Write the page atomically; return its path."""
-    with result_folder(path.parent):
-        write_text_whole(path, page(report, more))
-    return path
+    return document(f"Lot: {report.units} units", head, [*lot_sections(report), *more], foot)

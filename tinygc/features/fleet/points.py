@@ -19,23 +19,17 @@ if TYPE_CHECKING:
 def fitted_sessions(path: Path) -> Iterator[tuple[str, str, str, str, np.ndarray, np.ndarray]] | None:
     """Yield folder, model, serial number, date, numbers (21,) and their covariance of each fitted session of a fleet's table, or of the
     folder that holds one."""
-    from tinygc.features.fleet.fleet_table import EACH, NAME, read_table
+    from tinygc.features.fleet.fleet_table import NAME, read_table
 
     out = path.parent if path.name == NAME else path
     if path.name != NAME and not (path / NAME).is_file():
         return None
-    from tinygc.features.fleet.fleet_row import VALUES, unpacked
-    from tinygc.features.fleet.fleet_summary import read_as_written
-
-    names = ("folder", "model", "serial", "recorded", "covariance")
-    sql = f"SELECT {', '.join((*names, *VALUES))} FROM {EACH} WHERE held_out_deg IS NOT NULL AND covariance IS NOT NULL ORDER BY folder"
+    from tinygc.features.fleet.fleet_summary import fitted_rows
 
     def rows() -> Iterator[tuple[str, str, str, str, np.ndarray, np.ndarray]]:
         with read_table(out) as table:
-            for folder, model, serial, recorded, blob, *row in table.each(sql):
-                with read_as_written(table, folder):
-                    found = np.array(row, dtype=float), unpacked(blob)
-                yield folder, model or "", serial or "", recorded or "", *found
+            for *whose, _, values, covariance in fitted_rows(table):
+                yield *whose, values, covariance  # type: ignore[misc]
 
     return rows()
 

@@ -10,22 +10,21 @@ from typing import Annotated
 import numpy as np
 from scipy.special import stdtr
 
-from session.base.records import DERIVED, Count, Share, Size, read_record, table_of, write_whole
+from session.base.records import DERIVED, Count, Share, Size, read_record
 from session.base.results import Maybe, Number
-from tinygc.features.fleet.estimate import LotEstimate, estimate
+from tinygc.features.fleet.estimate import Outlier, estimate, outliers
 from tinygc.features.fleet.lot import (
     NAMES,
     OWN,
     SENSOR_ERRORS,
     Lot,
-    SensorError,
     UnitResult,
     error_sigmas,
     jacobian,
+    key_of,
     lot_sessions,
     sensor_errors,
 )
-from tinygc.features.fleet.outliers import Outlier, outliers
 
 # Report of a lot: one function from the results of sessions to a record for tables, pages and files.
 
@@ -43,7 +42,7 @@ class LotQuantity:
     states; drift per 1000 units, its sigma, and the p-value that there is none.  NaN where unknown.
     """
 
-    error: Annotated[SensorError, DERIVED]
+    name: Annotated[str, DERIVED]
     key: str
     unit: str
     units: Count
@@ -56,31 +55,27 @@ class LotQuantity:
     drift_p_value: Annotated[float, Maybe(Number(0, 1))]
 
 
-@dataclass(frozen=True, eq=False)
-class LotReport:
-    """The lot as a prior, with its report: its numbers in displayed units; outliers; the estimate that they are of; notes, sentences."""
+#: outliers in a report; their total number is also given
+MOST_OUTLIERS = 1000
 
-    lot: Lot
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LotReport(Lot):
+    """The lot as a prior, which is what ``fit --lot`` reads, with its report: its drift; sentences; the numbers that any unit tells, in
+    displayed units; units that do not belong, the least probable first."""
+
+    drift_p_value: Share | None
+    drifts: bool
+    notes: tuple[str, ...]
     quantities: tuple[LotQuantity, ...]
+    outliers_found: Count
     outliers: tuple[Outlier, ...]
-    estimate: LotEstimate
-    notes: tuple[str, ...] = ()
 
 
 def lot_of(results: Iterable[UnitResult], sensor: str = "") -> LotReport:
     """Report on the sessions of a lot, in any order.  Raises CalibrationError where fewer than two units determine any number."""
     sessions = lot_sessions(results)
     found = estimate(sessions)
-    lot = Lot(
-        sensor=sensor,
-        units=sessions.units,
-        sessions=sessions.sessions,
-        names=NAMES,
-        mean=found.next_mean,
-        mean_sigma=found.next_sigma,
-        spread=found.spread,
-        repeatability=found.repeatability,
-    )
     J, per = jacobian(found.mean), PER_UNITS / max(sessions.units - 1, 1)
     sigmas = (found.mean_sigma, found.spread, found.repeatability, found.drift_sigma * per)
     of_mean, spread, again, of_drift = (error_sigmas(each, J) for each in sigmas)
@@ -97,47 +92,30 @@ def lot_of(results: Iterable[UnitResult], sensor: str = "") -> LotReport:
         notes.append(f"the numbers are those without the {int(found.excluded.sum())} of {sessions.units} units that do not belong")
     if sessions.units <= 2:
         notes.append("two units have no drift")
-    quantities = tuple(LotQuantity(error, error.key, error.unit, *row) for error, row in zip(SENSOR_ERRORS, columns, strict=True))
-    return LotReport(lot, quantities, tuple(outliers(sessions, found)), found, tuple(notes))
-
-
-# A lot as a file (docs/formats.md), null for unknown values.
-
-#: most outliers in a file; their total number is also given
-MOST_OUTLIERS = 1000
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class WrittenLot(Lot):
-    """What ``fit --lot`` reads, with the report's other figures."""
-
-    drift_p_value: Share | None
-    drifts: bool
-    notes: tuple[str, ...]
-    quantities: tuple[LotQuantity, ...]
-    outliers_found: Count
-    outliers: tuple[Outlier, ...]
+    odd = outliers(sessions, found)
+    return LotReport(
+        sensor=sensor,
+        units=sessions.units,
+        sessions=sessions.sessions,
+        names=NAMES,
+        mean=found.next_mean,
+        mean_sigma=found.next_sigma,
+        spread=found.spread,
+        repeatability=found.repeatability,
+        drift_p_value=found.drift_p,
+        drifts=found.drifts,
+        notes=tuple(notes),
+        quantities=tuple(
+            LotQuantity(name, key_of(name, unit), unit, *row) for (name, unit, _), row in zip(SENSOR_ERRORS, columns, strict=True) if row[0]
+        ),
+        outliers_found=len(odd),
+        outliers=tuple(odd[:MOST_OUTLIERS]),
+    )
 
 
 def read_lot(path: Path | str) -> Lot:
-    """Read a lot from a file, in SI.  Raises FormatError for an invalid lot, in one line with the key and the expected value."""
+    """Read a lot from a file (docs/formats.md), in SI.
+
+    Raises FormatError for an invalid lot, in one line with the key and the expected value.
+    """
     return read_record(Lot, Path(path), "make the lot again, or correct the file")
-
-
-def to_json(report: LotReport) -> dict:
-    """Return ``tinygc-lot/3``."""
-    file = WrittenLot(
-        **vars(report.lot),
-        drift_p_value=report.estimate.drift_p,
-        drifts=report.estimate.drifts,
-        notes=report.notes,
-        quantities=tuple(each for each in report.quantities if each.units),
-        outliers_found=len(report.outliers),
-        outliers=report.outliers[:MOST_OUTLIERS],
-    )
-    return table_of(file)
-
-
-def save(report: LotReport, path: Path | str) -> None:
-    """Write the report atomically.  Raises StorageError for a full disk."""
-    write_whole(Path(path), to_json(report))

@@ -45,10 +45,10 @@ def spread_between(values: np.ndarray, relative: np.ndarray) -> float:
     return float(np.sqrt(max(np.var(np.log(values), ddof=1) - np.mean(relative**2), 0.0)))
 
 
-def noise_section(units: Sequence[NoiseFigures]) -> Section | None:
-    """Return the section of a page; None where no unit has figures."""
+def noise_sections(units: Sequence[NoiseFigures]) -> list[Section]:
+    """Return the section of a page; none where no unit has figures."""
     if not units:
-        return None
+        return []
     rows = []
     for name in TERMS:
         known = [value for unit in units if (value := rms_of_axes(unit.gyro, name)) is not None]
@@ -58,4 +58,4 @@ def noise_section(units: Sequence[NoiseFigures]) -> Section | None:
         spread = f"{significant(100 * spread_between(values, relative), 2)} %" if len(known) >= FEWEST else "–"
         rows.append((f"{name}, {unit}", str(len(known)), middle, spread))
     words = "Gyroscopes at rest, rms of the axes that show a term. The spread is without the measurement's share."
-    return Section("rest-noise", "Noise at rest", table(("", "units", "median", "spread between units"), rows, words))
+    return [Section("rest-noise", "Noise at rest", table(("", "units", "median", "spread between units"), rows, words))]

@@ -12,7 +12,7 @@ from tinygc.features.fleet.report import LotReport
 from tinygc.reporting.terminal import Group, Table, Text, one_line
 
 if TYPE_CHECKING:
-    from tinygc.features.fleet.fleet_run import Tally
+    from tinygc.features.fleet.fleet_run import FleetRun
     from tinygc.features.fleet.fleet_summary import Summary
 
 
@@ -37,41 +37,37 @@ def lot_page(report: LotReport) -> Group:
     for row, drifts in rows_of(report, fixed):
         table.add_row(*row[:-1], Text(row[-1], "bold red" if drifts else ""))
     lines = [one_line(f"{each.says} (p = {each.p_value:.1g})", "bold red") for each in report.outliers[:MOST_OUTLIERS]]
-    if len(report.outliers) > MOST_OUTLIERS:
-        lines.append(Text(f"and {len(report.outliers) - MOST_OUTLIERS} more"))
+    if report.outliers_found > MOST_OUTLIERS:
+        lines.append(Text(f"and {report.outliers_found - MOST_OUTLIERS} more"))
     return Group(headline(report), table, *lines, *(one_line(f"Note: {note}.", "yellow") for note in report.notes))
 
 
 def headline(report: LotReport) -> Text:
     """Number of units, drift, outliers."""
-    lot, found = report.lot, report.estimate
-    drift = f"it drifts (p = {found.drift_p:.2g})" if found.drifts else f"no drift is seen (p = {found.drift_p:.2g})"
-    count = len(report.outliers)
+    drift = f"{'it drifts' if report.drifts else 'no drift is seen'} (p = {report.drift_p_value:.2g})"
+    count = report.outliers_found
     which = f"{count} unit{'s do' if count != 1 else ' does'} not belong" if count else "all belong"
-    name = f"{lot.sensor}: " if lot.sensor else ""
-    return one_line(
-        f"{name}{lot.units} units, {lot.sessions} sessions; {drift}; {which}.", "bold yellow" if count or found.drifts else "bold"
-    )
+    name = f"{report.sensor}: " if report.sensor else ""
+    said = f"{name}{report.units} units, {report.sessions} sessions; {drift}; {which}."
+    return one_line(said, "bold yellow" if count or report.drifts else "bold")
 
 
 def rows_of(report: LotReport, fixed: Callable[[float, int], str]) -> list[tuple[list[str], bool]]:
     """Return the cells of each number that any unit tells, by ``COLUMNS``, and whether it drifts; fixed: how numbers are written."""
     rows = []
     for each in report.quantities:
-        if not each.units:
-            continue
         digits = decimals(each.mean_sigma)
         drift = NONE
-        if report.lot.units >= FEWEST_DRIFT and np.isfinite(each.drift_per_1000):
+        if report.units >= FEWEST_DRIFT and np.isfinite(each.drift_per_1000):
             drift = " ± ".join(fixed(value, decimals(each.drift_sigma)) for value in (each.drift_per_1000, each.drift_sigma))
         row = [
-            f"{each.error.name}, {each.error.unit}",
+            f"{each.name}, {each.unit}",
             f"{fixed(each.mean, digits)} ± {fixed(each.mean_sigma, digits)}",
             fixed(each.spread, digits),
             fixed(each.repeatability, max(digits, decimals(each.repeatability))),  # often far below the spread between units
             drift,
         ]
-        rows.append((row, report.estimate.drifts and each.drift_p_value < MARKED_P))
+        rows.append((row, report.drifts and each.drift_p_value < MARKED_P))
     return rows
 
 
@@ -90,7 +86,7 @@ def decimals(sigma: float) -> int:
 MOST_SHOWN = 8  #: rows of each list; the page has more
 
 
-def fleet_page(summary: Summary, tally: Tally | None) -> Group:
+def fleet_page(summary: Summary, tally: FleetRun | None) -> Group:
     """Return the summary, for rich."""
     lines = [] if tally is None else [f"this run: {tally.done} done, {tally.failed} failed, {tally.reused} known before"]
     failed = summary.failed + summary.died + summary.unreadable

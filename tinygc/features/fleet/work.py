@@ -12,17 +12,11 @@ STEPS = ("check", "fit", "explain")
 
 
 @dataclass(frozen=True)
-class Work(Seed, Earth):
-    """What is done with each session, and how."""
+class Run(Seed, Earth):
+    """What is done with each session, how, and by whom."""
 
     steps: tuple[str, ...] = option(STEPS, "do these steps alone", some=STEPS, metavar=",".join(STEPS), flags=("--only",))
     accelerometer: str = option("auto", "as of fit", choices=ACCELEROMETERS)
-
-
-@dataclass(frozen=True)
-class Run(Work):
-    """And by whom."""
-
     jobs: int | None = option(None, "processes (one for each core)", least=1, most=1024)
     scheduler: str | None = option(None, "compute on the Dask cluster of this scheduler instead (tcp://host:8786)", metavar="ADDRESS")
     retry: bool = option(False, "compute again what has failed before")

@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.public import mikov
 from session.base.units import DEG, NS, G
-from session.detect.check_stills import ACCEL_NOISE, GYRO_NOISE
 from session.log.config import Accelerometer, Config, Protocol, Sensor, Site
 from session.log.folder import Session
 from session.log.logfile import Log
@@ -307,6 +306,6 @@ def test_the_mikov_body_moves_at_rest(shared, tmp_path):
     array = read_array(folder)
     fits = clock_fits(array)
     noise = _noise_of_fits(array, fits)
-    assert noise[GYRO_NOISE].is_common
-    assert noise[ACCEL_NOISE].is_own
+    assert noise["gyro"].is_common
+    assert noise["accelerometer"].is_own
     assert fits[1].clock.rate == pytest.approx(0.00220, abs=5e-5)  # slow, by a separate analysis

@@ -25,19 +25,6 @@ from tinygc.models.model import KnownSensor
 # Read an array's logs piece by piece and resample all units at the sample times of the first unit.
 
 
-@dataclass(frozen=True, eq=False)
-class Moments:
-    """Rates and forces of all units at the same times.
-
-    t_ns (T,) int64: sample times of the first unit; rate (T, N, 3) rad/s as measured and force (T, N, 3) m/s^2 calibrated, NaN where a unit
-    has none.
-    """
-
-    t_ns: np.ndarray
-    rate: np.ndarray
-    force: np.ndarray
-
-
 class UnitLog:
     """One unit's log in SI, read piece by piece and resampled at any times."""
 
@@ -51,12 +38,9 @@ class UnitLog:
         )
         self.unit, self.clock, self.reader = unit, clock, source.reader
         self.has_force = clock is not None and source.layout.accel is not None and unit.accelerometer is not None
-        self._pieces = source.pieces()
+        #: its own pieces; of the unit whose sample times are the array's, they are read as they are
+        self.pieces = source.pieces()
         self._resampler, self._ended = Resampler(6), False
-
-    def pieces(self) -> Iterator[Applicable]:
-        """Yield the unit's own pieces; used for the unit whose sample times are the array's."""
-        return self._pieces
 
     def at(self, t_s: np.ndarray, begins_ns: int) -> np.ndarray:
         """Return (T, 6) rate and force at times (T,) s of the array's clock after begins_ns; each call continues where the last one
@@ -64,7 +48,7 @@ class UnitLog:
         if self.clock is None:
             return np.full((len(t_s), 6), np.nan)
         while not self._ended and self._resampler.ends < t_s[-1]:
-            piece = next(self._pieces, None)
+            piece = next(self.pieces, None)
             if piece is None:
                 self._ended = True
             else:
@@ -83,39 +67,19 @@ def as_six(piece: Applicable, with_force: bool) -> np.ndarray:
     return np.hstack([piece.gyro, force])
 
 
-class ArrayLogs:
-    """All units of one log; ``moments()`` reads them once in bounded memory, one piece of each unit's file at a time."""
+def _moments(units: list[UnitLog]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield the first unit's samples piece by piece, with the other units resampled at the same times, in bounded memory.
 
-    def __init__(self, model: ArrayModel, clocks: dict[int, UnitClock], paths: dict[int, Path]):
-        """clocks are by unit number; a unit without one contributes nothing.  Raises FormatError where a unit of the model has no log."""
-        if not set(paths) >= set(model.numbers):
-            there, wanted = (", ".join(map(str, sorted(numbers))) for numbers in (paths, model.numbers))
-            raise FormatError(f"{next(iter(paths.values())).parent}: logs of units {there}, the model has units {wanted}; give its array")
-        self.units = [UnitLog(unit, clocks.get(unit.number), paths[unit.number]) for unit in model.units]
-
-    @property
-    def progress(self) -> tuple[int, int]:
-        """Return the bytes read of the first unit's file, and its size."""
-        reader = self.units[0].reader
-        size = max(reader.path.stat().st_size, 1)
-        return min(reader.position, size), size
-
-    @property
-    def notes(self) -> list[str]:
-        """Return the readers' notes, each with its file's name."""
-        return [f"{unit.reader.path.name}: {note}" for unit in self.units for note in unit.reader.notes]
-
-    def moments(self) -> Iterator[Moments]:
-        """Yield the first unit's samples piece by piece, with the other units resampled at the same times."""
-        begins: int | None = None
-        first, *others = self.units
-        for piece in first.pieces():
-            if not len(piece.t_ns):
-                continue
-            begins = int(piece.t_ns[0]) if begins is None else begins
-            t_s = (piece.t_ns - begins) * NS
-            values = np.stack([as_six(piece, first.has_force), *(unit.at(t_s, begins) for unit in others)], axis=1)
-            yield Moments(piece.t_ns, values[..., :3], values[..., 3:])
+    t_ns (T,) int64 of the first unit; rate as measured and force calibrated (T, N, 6), NaN where a unit has none.
+    """
+    begins: int | None = None
+    first, *others = units
+    for piece in first.pieces:
+        if not len(piece.t_ns):
+            continue
+        begins = int(piece.t_ns[0]) if begins is None else begins
+        t_s = (piece.t_ns - begins) * NS
+        yield piece.t_ns, np.stack([as_six(piece, first.has_force), *(unit.at(t_s, begins) for unit in others)], axis=1)
 
 
 # Fused specific force: each unit's force is rotated by its mounting, moved to one point, and averaged.
@@ -224,18 +188,23 @@ def apply_array(
     clocks, source, notes = _clocks(model, folder, logs[which])
     if strangers := sorted(set(logs[which]) - set(model.numbers)):
         notes.append(f"the model has no unit {', '.join(map(str, strangers))}: left out")
-    reading = ArrayLogs(model, clocks, logs[which])
-    force = any(each.has_force for each in reading.units)
+    if not set(logs[which]) >= set(model.numbers):
+        there, wanted = (", ".join(map(str, sorted(numbers))) for numbers in (logs[which], model.numbers))
+        raise FormatError(f"{next(iter(logs[which].values())).parent}: logs of units {there}, the model has units {wanted}; give its array")
+    reading = [UnitLog(unit, clocks.get(unit.number), logs[which][unit.number]) for unit in model.units]
+    force = any(each.has_force for each in reading)
     counts: Counter[str] = Counter()
     used = np.zeros(len(model))
     notes += _force_notes(model, force)
 
     def fused() -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-        for part in reading.moments():
-            found = fuse(model, part.rate)
+        reader = reading[0].reader
+        size = max(reader.path.stat().st_size, 1)
+        for t_ns, values in _moments(reading):
+            found = fuse(model, values[..., :3])
             counts["at_end"] += int(np.isinf(found.sigma).any(axis=1).sum())
-            yield part.t_ns, found.rate, part.force, found.used
-            progress("applying", *reading.progress)
+            yield t_ns, found.rate, values[..., 3:], found.used
+            progress("applying", min(reader.position, size), size)
 
     with opened(out) as file:
         done = ("gyro", "accel") if force else ("gyro",)
@@ -270,7 +239,7 @@ def apply_array(
         source,
         model.noise_density,
         force,
-        tuple(notes + reading.notes),
+        (*notes, *(f"{unit.reader.path.name}: {note}" for unit in reading for note in unit.reader.notes)),
     )
 
 
@@ -305,7 +274,7 @@ def _at_the_same_moments(model: ArrayModel, paths: dict[int, Path]) -> bool:
     stamps = []
     for unit in model.units:
         if unit.number in paths:
-            piece = next(UnitLog(unit, UnitClock(), paths[unit.number]).pieces(), None)
+            piece = next(UnitLog(unit, UnitClock(), paths[unit.number]).pieces, None)
             stamps.append(np.zeros(0, np.int64) if piece is None else piece.t_ns[:FIRST_STAMPS])
     ours = stamps[0] if stamps else np.zeros(0, np.int64)
     if len(ours) < 2:

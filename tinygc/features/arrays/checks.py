@@ -10,7 +10,6 @@ import numpy as np
 from session.base.errors import CalibrationError
 from session.base.rotation import nearest_rotation
 from session.detect.check_references import with_own_accelerometer
-from session.detect.check_stills import ACCEL_NOISE, GYRO_NOISE
 from session.detect.findings import Finding, worst
 from session.detect.first_look import check_session
 from session.detect.stills import SessionStills
@@ -18,7 +17,7 @@ from session.log.folder import Session
 from tinygc.features.arrays.clocks import ClockFit
 from tinygc.features.arrays.extrinsics import clock_fits
 from tinygc.features.arrays.recording import ArraySession
-from tinygc.features.arrays.rest_noise import SharedNoise, shared_noise
+from tinygc.features.arrays.rest_noise import SharedNoise, noise_at_rest
 
 # Check of an array: each unit as a session of its own, then whether all units are on one body.
 
@@ -49,20 +48,17 @@ def check_array(array: ArraySession, further: Callable[[Session, SessionStills],
 
 
 def _noise_of_fits(array: ArraySession, fits: list[ClockFit]) -> dict[str, SharedNoise]:
-    """Return what the noise at rest of the units has in common, by finding; empty where the motion does not tell their mountings."""
+    """Return what the noise at rest of the units has in common, by sensor; empty where the motion does not tell their mountings."""
     if not all(fit.map_is_known for fit in fits):
         return {}
-    clocks = [fit.clock for fit in fits]
-    maps = {GYRO_NOISE: [np.linalg.inv(fit.matrix) for fit in fits], ACCEL_NOISE: [nearest_rotation(fit.matrix).T for fit in fits]}
-    found = {name: shared_noise(array.units, clocks, each, name == ACCEL_NOISE) for name, each in maps.items()}
-    return {name: each for name, each in found.items() if each is not None}
+    clocks, matrices = [fit.clock for fit in fits], [fit.matrix for fit in fits]
+    return noise_at_rest(array.units, clocks, list(map(np.linalg.inv, matrices)), [nearest_rotation(each).T for each in matrices])
 
 
 def _with_source(finding: Finding, noise: dict[str, SharedNoise]) -> Finding:
     """Say of a unit's noise that is too large what the other units tell of it, in place of what one unit alone can tell."""
-    if finding.level != "warning" or finding.what not in noise:
+    if finding.level != "warning" or (shared := noise.get(finding.what.removesuffix(" noise"))) is None:
         return finding
-    shared = noise[finding.what]
     agrees = f"the units' noise at rest correlates by {shared.value:.2f} ± {shared.sigma:.2f}"
     if shared.is_own:
         return replace(finding, do=f"{agrees}: it is this sensor's own, not the body's; or its units are wrong")
@@ -74,7 +70,7 @@ def _with_source(finding: Finding, noise: dict[str, SharedNoise]) -> Finding:
 def _at_rest(array: ArraySession, what: str, shared: SharedNoise) -> Finding:
     level = "ok" if shared.is_own else "note"
     do = "lay the body on something heavy, away from hands, fans and steps" if shared.is_common else ""
-    return Finding(level, array.name, AT_REST, f"{shared.statement(what.removesuffix(' noise')).words}; {shared.source}", do)
+    return Finding(level, array.name, AT_REST, f"{shared.statement(what).words}; {shared.source}", do)
 
 
 def _said(fit: ClockFit, first: int) -> str:

@@ -27,7 +27,7 @@ from tinygc.explanation.standing import Standing, Statement
 from tinygc.features.arrays.fit import ArrayFit, UnitFit, begins_s, event_to_json, fit_array, split_to_json
 from tinygc.features.arrays.joint import COMMON_STILL, COMMON_TURN, OWN_TURN, ArrayEvent
 from tinygc.features.arrays.recording import ArraySession
-from tinygc.features.arrays.rest_noise import SharedNoise, shared_noise
+from tinygc.features.arrays.rest_noise import SharedNoise, noise_at_rest
 from tinygc.features.arrays.slow_zero import PooledSlowZero, slow_zero_of
 from tinygc.features.arrays.standings import Part, Parts, parts_of
 from tinygc.features.arrays.traits import ALIKE, COMMON, DIFFERS, READINGS, Trait, traits_of
@@ -215,7 +215,11 @@ def explain_array(
             failed[unit.number] = printable(str(error))
     progress("what is common", 0, 1)
     parts = parts_of(fit.joint, fit.split, np.array([unit.floor_rad for unit in fit.units]), fit.numbers)
-    rest_noise = noise_of_fit(fit)
+    places = [unit.place for unit in fit.units]
+    of_gyros = [place.mounting @ unit.model.E for place, unit in zip(places, fit.units, strict=True)]
+    rest_noise = noise_at_rest(
+        [unit.session for unit in fit.units], [place.clock for place in places], of_gyros, [place.mounting for place in places]
+    )
     slow = slow_zero_of(explanations, lambda unit: progress(f"slow motions of the zero-rate offset, unit {unit}", 0, 1))
 
     def shared(effect: Effect) -> float:
@@ -227,14 +231,6 @@ def explain_array(
 
     traits = traits_of(explanations, fit, shared, tuple(failed), set() if slow is None else set(SLOW_ZERO))
     return ArrayExplanation(fit, explanations, failed, parts, traits, slow, rest_noise, tuple(moments_of(fit)))
-
-
-def noise_of_fit(fit: ArrayFit) -> dict[str, SharedNoise]:
-    """Return what the noise at rest of the units has in common, by sensor; empty where the stills are too short."""
-    sessions, clocks = [unit.session for unit in fit.units], [unit.place.clock for unit in fit.units]
-    maps = {"gyro": [u.place.mounting @ u.model.E for u in fit.units], "accelerometer": [u.place.mounting for u in fit.units]}
-    found = {name: shared_noise(sessions, clocks, each, name == "accelerometer") for name, each in maps.items()}
-    return {name: each for name, each in found.items() if each is not None}
 
 
 # An array's explanation as ``tinygc-array-explain/2`` (docs/formats.md).
@@ -283,7 +279,7 @@ def explained_to_json(found: ArrayExplanation) -> dict:
                 }
                 for moment in found.moments
             ],
-            "left_out": [{"number": unit.number, "why": unit.why} for unit in fit.left_out],
+            "left_out": [{"number": number, "why": why} for number, why in fit.left_out.items()],
             "version": VERSION,
         }
     )
@@ -359,7 +355,7 @@ def array_page(fit: ArrayFit) -> Group:
         ages = ", ".join(f"unit {each.number} ({each.beat_hz:.3g} Hz)" for each in fit.ages)
         parts.append(one_line(f"Readings wait for the reader, and their ages beat: {ages}; the stamps were corrected."))
     parts += [one_line(f"{line}.", "yellow") for line in _event_lines(fit)]
-    parts += [one_line(f"Left out: unit {unit.number}: {unit.why}", "bold red") for unit in fit.left_out]
+    parts += [one_line(f"Left out: unit {number}: {why}", "bold red") for number, why in fit.left_out.items()]
     return Group(*parts)
 
 
@@ -483,5 +479,5 @@ def array_explain_page(found: ArrayExplanation) -> Group:
         sizes = f"{part.size_rad / DEG:.4f}", f"{part.upper_rad / DEG:.4f}", f"{statement.p_value:.2g}"
         table.add_row(str(unit.number), *sizes, statement.standing.value, named or "–")
     parts += ["", table]
-    parts += [one_line(f"Left out: unit {unit.number}: {unit.why}", "bold red") for unit in fit.left_out]
+    parts += [one_line(f"Left out: unit {number}: {why}", "bold red") for number, why in fit.left_out.items()]
     return Group(*parts)

@@ -40,7 +40,7 @@ from tinygc.features.arrays.latency import SampleAges, ages_of, corrected
 from tinygc.features.arrays.model import ArrayModel, FusedUnit
 from tinygc.features.arrays.recording import ArraySession
 from tinygc.features.arrays.system import MOUNTING, PER_UNIT, accelerometer_after, force_problem
-from tinygc.features.arrays.units import ArrayUnit, LeftOutUnit, SameStills, prepare_units, same_stills
+from tinygc.features.arrays.units import ArrayUnit, SameStills, prepare_units, same_stills
 from tinygc.models.linear import BIAS, MATRIX, NAMES, PARAMETERS, PRIOR_SIGMA, LinearModel
 from tinygc.models.model import accelerometer_table, sensor_table
 from tinygc.noise.components import undersampling
@@ -77,20 +77,20 @@ def positions(motion: _ArrayMotion) -> list[tuple[np.ndarray, np.ndarray] | None
     begun = {i: solved for i in range(1, len(motion.force)) if (solved := _solve_position(motion.rows(i, 0.0))) is not None}
     if not begun:
         return found + [None] * (len(motion.force) - 1)
-    scales = {i: BAR * float(sigma_of(np.concatenate(each.left))) for i, each in begun.items()}
+    scales = {i: BAR * float(sigma_of(np.concatenate(each[1]))) for i, each in begun.items()}
 
     def left(delay_s: float) -> float:
         at = {i: _solve_position(motion.rows(i, delay_s)) for i in begun}
         if any(each is None for each in at.values()):
             return math.inf
-        return sum(float(np.log1p((np.concatenate(each.left) / scales[i]) ** 2).sum()) for i, each in at.items() if each is not None)
+        return sum(float(np.log1p((np.concatenate(each[1]) / scales[i]) ** 2).sum()) for i, each in at.items() if each is not None)
 
     bounds = (-MOST_DELAY_S, MOST_DELAY_S)
     delay_s = float(minimize_scalar(left, bounds=bounds, method="bounded", options={"xatol": DELAY_STEP_S}).x)
     for i in range(1, len(motion.force)):
         first = _solve_position(motion.rows(i, delay_s))
-        whole = None if first is None else _solve_position(motion.rows(i, delay_s, first.x[:3]))
-        found.append(None if whole is None else whole.position)
+        whole = None if first is None else _solve_position(motion.rows(i, delay_s, first[0][:3]))
+        found.append(None if whole is None else whole[2])
     return found
 
 
@@ -148,13 +148,8 @@ def _of_logs(unit: ArrayUnit, joint: Joint, i: int, what: str) -> list[CubicSpli
     return found
 
 
-@dataclass(frozen=True, eq=False)
-class SolvedPosition:
-    """x (P,), left (turns, n) residuals, and the position with its covariance, None where it is not determined."""
-
-    x: np.ndarray
-    left: list[np.ndarray]
-    position: tuple[np.ndarray, np.ndarray] | None
+#: x (P,); left (turns, n) residuals; the position with its covariance, None where it is not determined
+SolvedPosition = tuple[np.ndarray, list[np.ndarray], tuple[np.ndarray, np.ndarray] | None]
 
 
 def _solve_position(turns: list[tuple[np.ndarray, np.ndarray]]) -> SolvedPosition | None:
@@ -179,7 +174,7 @@ def _solve_position(turns: list[tuple[np.ndarray, np.ndarray]]) -> SolvedPositio
     covariance = (inverse @ (scores.T @ scores) @ inverse)[:3, :3] * count / (count - 2)
     covariance += np.eye(3) * (FILTERS * float(np.linalg.norm(x[:3]))) ** 2
     known = np.sqrt(np.linalg.eigvalsh(covariance)[-1]) <= KNOWN_M
-    return SolvedPosition(x, left, (x[:3], covariance) if known else None)
+    return x, left, (x[:3], covariance) if known else None
 
 
 # Fit of an array: each unit's calibration and extrinsics, and the residuals of its turns, split into common and individual parts.
@@ -234,13 +229,13 @@ class UnitFit:
 class ArrayFit:
     """Result of an array's fit.
 
-    array; units that were used, and left_out; covariance (24 N, 24 N) of all units' numbers; bias: its source, and bias_p, the p-value of
-    the stills' advantage, None if the source was requested; joint; split.
+    array; units that were used; left_out: the reason why one was not, by number; covariance (24 N, 24 N) of all units' numbers; bias: its
+    source, and bias_p, the p-value of the stills' advantage, None if the source was requested; joint; split.
     """
 
     array: ArraySession
     units: tuple[UnitFit, ...]
-    left_out: tuple[LeftOutUnit, ...]
+    left_out: dict[int, str]
     covariance: np.ndarray
     bias: str
     bias_p: float | None
@@ -350,7 +345,7 @@ def fit_array(
     return ArrayFit(
         array,
         tuple(found),
-        tuple(left),
+        left,
         covariance,
         chosen,
         p_value,
@@ -420,7 +415,7 @@ def array_to_json(fit: ArrayFit) -> dict:
             "schema": SCHEMA,
             "array": fit.array.name,
             "units": [_unit(unit, float(p)) for unit, p in zip(fit.units, fit.split.own_p, strict=True)],
-            "left_out": [{"number": unit.number, "why": unit.why} for unit in fit.left_out],
+            "left_out": [{"number": number, "why": why} for number, why in fit.left_out.items()],
             "turns_used": [len(rows) for rows in fit.same.turns],
             "bias_from": {"used": fit.bias, "p_value": fit.bias_p},
             "read_latency": [{"number": each.number, "beat_hz": each.beat_hz, "period_s": each.period_s} for each in fit.ages],

@@ -222,7 +222,7 @@ def estimate(
         system, where = array_system(state, start, rows, same, missed_rad, gravity_sigma)
         blocks = blocks_of(rows, same, where)
         if out is not None:
-            system = system.without(out)
+            system = replace(system, out=out)
         if t is None:
             t = _first_sizes(system, where, len(rows))
             t[-3:] *= not alone

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import partial
@@ -23,7 +23,6 @@ from session.base.units import NS
 from session.log.config import DO, SHAPE, Config, LeftOut, config_of, read_session_toml
 from session.log.folder import ATTITUDES, Session, read_logs, read_session
 from session.log.logfile import NAME as KNOWN_TURNS
-from session.log.logfile import Log
 from tinygc.features.arrays.names import FOLDERS, LARGEST_NUMBER, UNIT, array_section, array_size, unit_numbers, unit_of
 
 # Several units that were fixed to one rigid body and recorded at the same time: each a session of its own, on its own clock.
@@ -86,10 +85,7 @@ def read_array(folder: Path | str, progress: Callable[[str], None] = lambda what
     if len(units) < LEAST_UNITS:
         only = _listed(list(units))
         raise FormatError(f"{folder}: an array of one unit (unit {only}); expected two or more, or a session folder without [array]")
-    _same_logs(folder, units)
-    _same_time(folder, units)
-    _not_twice(folder, units)
-    return ArraySession(folder, tuple(units), tuple(units.values()))
+    return _checked(folder, units)
 
 
 def array_of(units: Sequence[Session], name: str = "array") -> ArraySession:
@@ -98,16 +94,9 @@ def array_of(units: Sequence[Session], name: str = "array") -> ArraySession:
         raise DataError(f"name is {name!r:.60}, expected one word, as of a folder")
     if len(units) < LEAST_UNITS:
         raise DataError(f"{name}: an array of {len(units)} unit{'s' * (len(units) != 1)}; expected two sessions or more")
-    folder, numbered = Path(name), dict(enumerate(units))
-    for number, unit in numbered.items():
-        if (reference := unit.config.protocol.reference) != "gravity":
-            raise DataError(
-                f'{name}: unit {number} has reference "{reference}"; the reference of an array is "gravity" and its other units'
-            )
-    _same_logs(folder, numbered)
-    _same_time(folder, numbered)
-    _not_twice(folder, numbered)
-    return ArraySession(folder, tuple(numbered), tuple(numbered.values()))
+    for number, unit in enumerate(units):
+        _refuse_other_reference(f"{name}: unit {number} has reference", unit.config, DataError)
+    return _checked(Path(name), dict(enumerate(units)))
 
 
 def _by_names(folder: Path, path: Path, table: dict, section: dict, progress: Callable[[str], None]) -> dict[int, Session]:
@@ -190,10 +179,7 @@ def _unit_config(path: Path, table: dict, own: dict, number: int) -> Config:
         if name in own and isinstance(shared, dict):
             merged[name] = {**shared, **own[name]}
     config = config_of(Path(f"{path} (unit {number})") if own else path, merged)
-    if config.protocol.reference != "gravity":
-        raise FormatError(
-            f'{path}: protocol.reference is "{config.protocol.reference}"; the reference of an array is "gravity" and its other units'
-        )
+    _refuse_other_reference(f"{path}: protocol.reference is", config)
     return replace(config, unknown=(*config.unknown, *_unknown(own, UNIT_KEYS, "array.unit")))
 
 
@@ -238,8 +224,7 @@ def _by_folders(folder: Path, path: Path, table: dict, section: dict, progress: 
         if array_size(place) is not None:
             raise FormatError(f"{path}: array.folders holds {shown(name)}, which is an array itself; name its units' folders")
         session = read_session(place, partial(_report, progress, name))
-        if (reference := session.config.protocol.reference) != "gravity":
-            raise FormatError(f'{place}: protocol.reference is "{reference}"; the reference of an array is "gravity" and its other units')
+        _refuse_other_reference(f"{place}: protocol.reference is", session.config)
         config = session.config
         units[number] = replace(session, config=replace(config, notes={**notes, **config.notes}))
     first = units[min(units)]
@@ -285,49 +270,41 @@ def numbers_of(path: Path, names: Sequence[str]) -> tuple[int, ...]:
     return numbers
 
 
-def _same_logs(folder: Path, units: Mapping[int, Session]) -> None:
-    """FormatError where the units have not as many logs, or closure runs, each."""
-    for what in ("logs", "closures"):
+def _checked(folder: Path, units: Mapping[int, Session]) -> ArraySession:
+    """The array of these units.
+
+    FormatError where they have not as many logs, or closure runs, each; DataError where two units' stamps of one log have no moment in
+    common, or where two have the very same readings, whose noise would count as two sensors'.
+    """
+    for what, word in (("logs", "logs"), ("closures", "closure runs")):
         counts = {number: len(getattr(unit, what)) for number, unit in units.items()}
         first, count = next(iter(counts.items()))
         for number, other in counts.items():
             if other != count:
-                word = "logs" if what == "logs" else "closure runs"
                 raise FormatError(f"{folder}: unit {first} has {count} {word}, unit {number} has {other}; expected the same of every unit")
-
-
-def _pairs_of_logs(units: Mapping[int, Session]) -> Iterator[tuple[tuple[int, Log], tuple[int, Log]]]:
-    """Number and log of every two units, for each log and closure run."""
-    for what in ("logs", "closures"):
-        for logs in zip(*(getattr(unit, what) for unit in units.values()), strict=True):
-            yield from combinations(zip(units, logs, strict=True), 2)
-
-
-def _same_time(folder: Path, units: Mapping[int, Session]) -> None:
-    """DataError where two units' stamps of one log have no moment in common."""
-    for (one, first), (other, second) in _pairs_of_logs(units):
-        (begin, end), (since, until) = _span(first), _span(second)
+    logs = [(*unit.logs, *unit.closures) for unit in units.values()]
+    for both in (pair for of_one_time in zip(*logs, strict=True) for pair in combinations(zip(units, of_one_time, strict=True), 2)):
+        (one, first_log), (other, second_log) = both
+        (begin, end), (since, until) = ((float(log.samples.t_ns[0]) * NS, float(log.samples.t_ns[-1]) * NS) for _, log in both)
         if max(begin, since) >= min(end, until):
             raise DataError(
-                f"{folder}: units {one} and {other} have no time in common: {first.path.name} is {begin:.3f} to {end:.3f} s, "
-                f"{second.path.name} {since:.3f} to {until:.3f} s; expected one recording, on clocks that agree to some seconds"
+                f"{folder}: units {one} and {other} have no time in common: {first_log.path.name} is {begin:.3f} to {end:.3f} s, "
+                f"{second_log.path.name} {since:.3f} to {until:.3f} s; expected one recording, on clocks that agree to some seconds"
             )
-
-
-def _not_twice(folder: Path, units: Mapping[int, Session]) -> None:
-    """DataError where two units have the very same readings, whose noise would count as two sensors'."""
-    for (one, first), (other, second) in _pairs_of_logs(units):
-        ours, theirs = np.asarray(first.samples.gyro), np.asarray(second.samples.gyro)
-        begin = ours[:BEGINS]
-        if np.ptp(begin, axis=0).any() and np.array_equal(begin, theirs[:BEGINS]) and np.array_equal(ours, theirs):
+        ours, theirs = (np.asarray(log.samples.gyro) for _, log in both)
+        head = ours[:BEGINS]
+        if np.ptp(head, axis=0).any() and np.array_equal(head, theirs[:BEGINS]) and np.array_equal(ours, theirs):
             raise DataError(
-                f"{folder}: units {one} and {other} have the very same rates ({first.path.name}, {second.path.name}): one sensor twice; "
-                "take one of them out"
+                f"{folder}: units {one} and {other} have the very same rates ({first_log.path.name}, {second_log.path.name}): one sensor "
+                "twice; take one of them out"
             )
+    return ArraySession(folder, tuple(units), tuple(units.values()))
 
 
-def _span(log: Log) -> tuple[float, float]:
-    return float(log.samples.t_ns[0]) * NS, float(log.samples.t_ns[-1]) * NS
+def _refuse_other_reference(where: str, config: Config, error: type[Exception] = FormatError) -> None:
+    """Raise the error where the reference of a unit is not gravity; where: what the message begins with."""
+    if (reference := config.protocol.reference) != "gravity":
+        raise error(f'{where} "{reference}"; the reference of an array is "gravity" and its other units')
 
 
 # Where the logs of an array's units lie, without reading them.

@@ -74,12 +74,9 @@ class SharedNoise:
 
 
 def shared_noise(
-    sessions: Sequence[Session], clocks: Sequence[UnitClock], maps: Sequence[np.ndarray], accelerometer: bool = False
+    sessions: Sequence[Session], clocks: Sequence[UnitClock], maps: Sequence[np.ndarray], accelerometer: bool
 ) -> SharedNoise | None:
-    """Correlate the units' readings in the first one's stills; None where these are too short.
-
-    maps: of each unit (3, 3), from its readings to one set of axes.
-    """
+    """Correlate the units' readings in the first one's stills; None where these are too short."""
     groups: list[list[np.ndarray]] = []
     first = SessionStills(sessions[0])
     for number, log in enumerate(sessions[0].logs):
@@ -95,6 +92,20 @@ def shared_noise(
             if len(edges) > 2 and all(each.covers(edges) for each in means):
                 groups.append([np.diff(each.means(edges), axis=0) for each in means])
     return None if not groups else correlated(groups)
+
+
+def noise_at_rest(
+    sessions: Sequence[Session], clocks: Sequence[UnitClock], gyros: Sequence[np.ndarray], accelerometers: Sequence[np.ndarray]
+) -> dict[str, SharedNoise]:
+    """Return what the noise at rest of the units has in common, by sensor; without those whose stills are too short.
+
+    gyros, accelerometers: of each unit (3, 3), from its readings to one set of axes.
+    """
+    found = {
+        "gyro": shared_noise(sessions, clocks, gyros, accelerometer=False),
+        "accelerometer": shared_noise(sessions, clocks, accelerometers, accelerometer=True),
+    }
+    return {name: each for name, each in found.items() if each is not None}
 
 
 def correlated(groups: Sequence[Sequence[np.ndarray]]) -> SharedNoise | None:

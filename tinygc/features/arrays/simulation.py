@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -11,9 +10,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from session.base.files import folder_whole, write_new
+from session.base.records import write_whole
 from session.base.texts import comment
 from session.base.units import DEG, MG
 from session.log.written import toml_text
+from tinygc.features.arrays.clocks import UnitClock, UnitPlace
 from tinygc.features.arrays.feature import ArrayOptions
 from tinygc.simulation import movement
 from tinygc.simulation.movement import MovementPlan
@@ -103,28 +104,15 @@ FALSE_AT, FALSE_ROWS, FALSE_TURN = 0.5, 3, 1
 
 
 @dataclass(frozen=True, eq=False)
-class UnitTruth:
-    """True extrinsics of one unit.
-
-    mounting (3, 3), from its axes to the first unit's; position_m (3,) from the first unit, in the first one's axes; its clock:
-    ``t_array = t_unit + offset_s + rate t_unit``.
-    """
-
-    mounting: np.ndarray
-    position_m: np.ndarray
-    offset_s: float
-    rate: float
-
-
-@dataclass(frozen=True, eq=False)
 class SimulatedArray:
-    """Simulated array: each unit's session, stamped by its own clock; truths of their extrinsics; jerks and knocks common to all."""
+    """Simulated array: each unit's session, stamped by its own clock; truths of their extrinsics, by clocks about 0; jerks and knocks of
+    all."""
 
     options: SimulationOptions
     array: ArrayOptions
     plan: MovementPlan
     units: tuple[Simulation, ...]
-    truths: tuple[UnitTruth, ...]
+    truths: tuple[UnitPlace, ...]
     jerks: tuple[Jerks, ...]
 
 
@@ -164,21 +152,21 @@ def simulate_array(options: SimulationOptions, array: ArrayOptions, distort: Map
     return SimulatedArray(options, array, plan, tuple(units), truths, tuple(jerks))
 
 
-def _placed(array: ArrayOptions, number: int, rng: np.random.Generator) -> UnitTruth:
+def _placed(array: ArrayOptions, number: int, rng: np.random.Generator) -> UnitPlace:
     """Draw a unit's extrinsics; the number of draws does not depend on the options, so one option does not change the others' draws."""
     mounting, position, offset, rate = rng.normal(size=3), rng.normal(size=3), rng.normal(), rng.normal()
     if number == 0:
-        return UnitTruth(np.eye(3), np.zeros(3), 0.0, 0.0)
+        return UnitPlace(0, position_m=np.zeros(3))
     clock = not array.synchronous
-    return UnitTruth(
+    return UnitPlace(
+        number,
+        UnitClock(clock * offset * array.clock_offset_ms * 1e-3, clock * rate * array.clock_rate),
         Rotation.from_rotvec(mounting * array.mounting_deg * DEG).as_matrix(),
-        position * array.position_mm * 1e-3,
-        clock * offset * array.clock_offset_ms * 1e-3,
-        clock * rate * array.clock_rate,
+        position_m=position * array.position_mm * 1e-3,
     )
 
 
-def _motion_of(own: Motion, plan: MovementPlan, truth: UnitTruth, jerks: list[Jerks], level_mps2: np.ndarray, lever: np.ndarray) -> Motion:
+def _motion_of(own: Motion, plan: MovementPlan, truth: UnitPlace, jerks: list[Jerks], level_mps2: np.ndarray, lever: np.ndarray) -> Motion:
     """What a unit feels in its own axes, of what it would feel ``own`` in the first unit's without jerks and level accelerations."""
     ends = np.array([(start + stop) / 2 for start, stop in plan.turns])
 
@@ -196,9 +184,9 @@ def _motion_of(own: Motion, plan: MovementPlan, truth: UnitTruth, jerks: list[Je
     return motion
 
 
-def _by_clock(recording: RegisterLog, truth: UnitTruth) -> RegisterLog:
+def _by_clock(recording: RegisterLog, truth: UnitPlace) -> RegisterLog:
     """Stamp by the unit's own clock, in whole microseconds."""
-    t_us = (recording.t_us - truth.offset_s * 1e6) / (1 + truth.rate)
+    t_us = (recording.t_us - truth.clock.offset_s * 1e6) / (1 + truth.clock.rate)
     return replace(recording, t_us=np.rint(t_us).astype(np.int64))
 
 
@@ -219,7 +207,7 @@ def write_array(array: SimulatedArray, folder: Path, force: bool = False) -> Pat
             for name, log in (("log0001", unit.log), ("closure0001", unit.closure)):
                 if log is not None:
                     write_log(work / f"{name}.unit{number}.csv.gz", unit.options, unit.unit.odr_hz, log, _serial(unit, number))
-        write_new(work / TRUTH, json.dumps(array_truth(array), indent=1) + "\n")
+        write_whole(work / TRUTH, array_truth(array))
     return folder
 
 
@@ -252,10 +240,10 @@ def array_truth(array: SimulatedArray) -> dict:
         "units": [
             {
                 "number": number,
-                "mounting_rotvec_deg": (Rotation.from_matrix(truth.mounting).as_rotvec() / DEG).tolist(),
-                "position_m": truth.position_m.tolist(),
-                "clock_offset_s": truth.offset_s,
-                "clock_rate": truth.rate,
+                "mounting_rotvec_deg": Rotation.from_matrix(truth.mounting).as_rotvec() / DEG,
+                "position_m": truth.position_m,
+                "clock_offset_s": truth.clock.offset_s,
+                "clock_rate": truth.clock.rate,
                 "session": truth_table(unit, {}),
             }
             for number, (unit, truth) in enumerate(zip(array.units, array.truths, strict=True))

@@ -178,10 +178,6 @@ class System:
                 break
         return found
 
-    def without(self, rows: np.ndarray) -> System:
-        """Return the system with further rejected rows (n,) bool."""
-        return replace(self, out=self.out | rows)
-
 
 @dataclass(frozen=True, eq=False)
 class Solution:
@@ -396,11 +392,6 @@ def _priors(
     return prior, pull
 
 
-def accelerometer_prior(spread_mps2: np.ndarray, gravity_mps2: float) -> np.ndarray:
-    """Return (9,) sigmas in each number's own unit, from sigmas in m/s^2 at one g."""
-    return spread_mps2 * units(gravity_mps2)
-
-
 def put(design: np.ndarray, rows: np.ndarray, columns: slice, blocks: np.ndarray) -> None:
     """Write blocks (B, d, p) into rows (B, d) and p columns."""
     design[rows.ravel(), columns] = blocks.reshape(rows.size, -1)
@@ -451,7 +442,7 @@ def unit_rows(unit: ArrayUnit, index: int, same: SameStills, bias: str) -> UnitR
         force=np.array([still.accel_mean for _, _, still in mine]),
         white=np.array([walk[id(own)] / own.duration_s for _, own, _ in mine]),
         rest=rest,
-        prior=accelerometer_prior(_spread(unit), gravity),
+        prior=_spread(unit) * units(gravity),
         centre=centre,
     )
 
@@ -483,14 +474,9 @@ def force_problem(unit: ArrayUnit) -> Problem:
     return unit.prepared.as_given().problem if joint is not None and joint.mode == "prior" else unit.problem
 
 
-def accelerometer_before(unit: ArrayUnit) -> Accelerometer:
-    """Return the accelerometer calibration of those forces."""
-    return force_problem(unit).session.config.accelerometer
-
-
 def accelerometer_after(unit: ArrayUnit, x: np.ndarray) -> Accelerometer:
     """Return the calibration after a correction x (9,); unchanged where it is taken as given."""
-    before, joint = accelerometer_before(unit), unit.problem.joint
+    before, joint = force_problem(unit).session.config.accelerometer, unit.problem.joint
     return before if joint is None else after(x, before, "stills" if joint.mode == "fit" else "prior")
 
 
@@ -501,7 +487,7 @@ def _spread(unit: ArrayUnit) -> np.ndarray:
         return np.full(PARAMETERS, HELD)
     if joint.mode == "fit":
         return SPREAD_MPS2
-    return np.full(PARAMETERS, (accelerometer_before(unit).sigma_mg or GIVEN_SIGMA_MG) * MG)
+    return np.full(PARAMETERS, (force_problem(unit).session.config.accelerometer.sigma_mg or GIVEN_SIGMA_MG) * MG)
 
 
 def _references(problem: Problem) -> list:

@@ -45,14 +45,6 @@ class ArrayUnit:
         return self.problem.first
 
 
-@dataclass(frozen=True, eq=False)
-class LeftOutUnit:
-    """A unit that could not be used, and a one-line reason."""
-
-    number: int
-    why: str
-
-
 def on_array_clock(session: Session, clock: UnitClock) -> Session:
     """Return the session with its stamps converted to the array's clock."""
     if clock.offset_s == 0 and clock.rate == 0:
@@ -78,26 +70,27 @@ def prepare_units(
     use_earth: bool = True,
     accelerometer: str = AUTO,
     progress: Callable[[str], None] = lambda what: None,
-) -> tuple[list[ArrayUnit], list[LeftOutUnit]]:
-    """Prepare each unit's problem, and list the units without one.
+) -> tuple[list[ArrayUnit], dict[int, str]]:
+    """Prepare each unit's problem; of those without one the reason, by number.
 
     places: of each unit, in the array's order.  Raises FitError where fewer than two units can be used, or the first cannot, whose body
     frame and clock are the array's.
     """
     found: list[ArrayUnit] = []
-    left: list[LeftOutUnit] = []
+    left: dict[int, str] = {}
     for number, session, place in zip(array.numbers, array.units, places, strict=True):
         progress(f"unit {number}")
         try:
             prepared = prepare(on_array_clock(session, place.clock), use_earth=use_earth, accelerometer=accelerometer)
         except CalibrationError as error:
-            left.append(LeftOutUnit(number, str(error)))
+            left[number] = str(error)
             continue
         found.append(ArrayUnit(number, session, place, prepared))
-    if left and left[0].number == array.numbers[0]:
-        raise FitError(f"{array.name}: unit {left[0].number}, whose axes and clock are the array's, cannot be used: {left[0].why}")
+    if (first := array.numbers[0]) in left:
+        raise FitError(f"{array.name}: unit {first}, whose axes and clock are the array's, cannot be used: {left[first]}")
     if len(found) < FEWEST_UNITS:
-        raise FitError(f"{array.name}: {len(found)} of {len(array)} units can be used; unit {left[0].number}: {left[0].why}")
+        number, why = next(iter(left.items()))
+        raise FitError(f"{array.name}: {len(found)} of {len(array)} units can be used; unit {number}: {why}")
     return found, left
 
 

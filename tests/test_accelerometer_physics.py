@@ -19,7 +19,6 @@ from session.detect.accelerometer import (
     IDENTITY,
     NAMES,
     SPREAD_MPS2,
-    _with_section,
     attitudes_of,
     fit_lengths,
     length_columns,
@@ -27,6 +26,7 @@ from session.detect.accelerometer import (
     units,
     unobserved_of,
     why_not,
+    with_section,
     write_calibrated_copy,
 )
 from session.detect.check_references import _check_zero, own_fit
@@ -297,10 +297,15 @@ said = '[protocol]'
 
 
 @pytest.mark.parametrize(
-    "text", [MULTILINE, MULTILINE.replace("[accelerometer]  # mine", "[other]"), MULTILINE.rstrip(), "", "a = 1\n[protocol]\n"]
+    "text",
+    [
+        *(MULTILINE, MULTILINE.replace("[accelerometer]  # mine", "[other]"), MULTILINE.rstrip(), "", "a = 1\n[protocol]\n"),
+        "accelerometer = { bias_mps2 = [0, 0, 0] }\n",
+        'said = """\n[accelerometer]\n[x]\n"""\n[accelerometer]\nown_stills = true\n',
+    ],
 )
 def test_a_calibration_is_put_into_a_file_and_nothing_else_is_touched(text):
-    made = _with_section(text, Accelerometer(MATRIX, BIAS), "of its stills")
+    made = with_section(text, Accelerometer(MATRIX, BIAS))
     before, found = tomllib.loads(text), tomllib.loads(made)
     section = found.pop("accelerometer")
     before.pop("accelerometer", None)
@@ -308,14 +313,6 @@ def test_a_calibration_is_put_into_a_file_and_nothing_else_is_touched(text):
     assert_allclose(section["matrix"], MATRIX)
     assert_allclose(section["bias_mps2"], BIAS)
     assert section["own_stills"] is True
-
-
-@pytest.mark.parametrize(
-    "text", ["accelerometer = { bias_mps2 = [0, 0, 0] }\n", 'said = """\n[accelerometer]\n[x]\n"""\n[accelerometer]\nown_stills = true\n']
-)
-def test_what_cannot_be_replaced_is_refused(text):
-    with pytest.raises(FormatError, match="put this there by hand"):
-        _with_section(text, Accelerometer(MATRIX, BIAS), "")
 
 
 def test_a_copy_holds_the_files_of_the_folder_and_nothing_is_written_over(tmp_path):

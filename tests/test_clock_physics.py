@@ -191,9 +191,9 @@ def test_lines_begin_anew_behind_a_gap_and_missing_samples_are_refused():
     true_s, stamps = jittery()
     kept = np.ones(len(stamps), dtype=bool)
     kept[5000:5400] = False
-    even = along_line(stamps[kept], "x")
-    assert even.hz == pytest.approx(93.4, rel=1e-5)
-    assert np.ptp(even.t_ns * 1e-9 - true_s[kept]) < 5e-4
+    even_ns, note, _ = along_line(stamps[kept], "x")
+    assert ", 93.400 Hz ± " in note
+    assert np.ptp(even_ns * 1e-9 - true_s[kept]) < 5e-4
     kept[8000] = False
     with pytest.raises(DataError, match=r"samples are missing near 85\.\d s, where no gap says so"):
         along_line(stamps[kept], "x")
@@ -206,15 +206,17 @@ def test_lines_begin_anew_behind_a_gap_and_missing_samples_are_refused():
 def test_samples_are_counted_along_stamps_that_scatter(rate_hz, jitter_s):
     """By numpy's line; the sigma of a slope by independent errors, of as many parts as tell it, is that of the line to a sixth."""
     true_s, stamps = jittery(rate_hz, jitter_s=jitter_s)
-    even, count = along_line(stamps, "x"), np.arange(len(stamps))
+    (even_ns, note, sigma_ppm), count = along_line(stamps, "x"), np.arange(len(stamps))
     (slope, _), covariance = np.polyfit(count, (stamps - stamps[0]) * 1e-9, 1, cov=True)
-    assert (even.hz, even.sigma_ppm) == (pytest.approx(1 / slope), pytest.approx(np.sqrt(covariance[0, 0]) / slope * 1e6, rel=0.4))
-    assert np.ptp(even.t_ns * 1e-9 - true_s) < 2e-4
-    off_s = (stamps - even.t_ns) * 1e-9
-    assert (off_s.mean(), even.scatter_s) == (pytest.approx(0, abs=1e-9), pytest.approx(off_s.std(), rel=1e-5))
+    assert sigma_ppm == pytest.approx(np.sqrt(covariance[0, 0]) / slope * 1e6, rel=0.4)
+    assert np.ptp(even_ns * 1e-9 - true_s) < 2e-4
+    off_s = (stamps - even_ns) * 1e-9
+    assert off_s.mean() == pytest.approx(0, abs=1e-9)
+    assert note.startswith(f"stamps scatter by {off_s.std() * 1e3:.2g} ms rms: ")
+    assert note.endswith(f", {1 / slope:.3f} Hz ± {sigma_ppm:.2g} ppm")
     apart = count - count.mean()
     parts = [part.sum() for part in np.array_split(apart * off_s, PARTS)]
-    assert even.sigma_ppm == pytest.approx(np.linalg.norm(parts) / (apart @ apart) * even.hz * 1e6, rel=1e-4)
+    assert sigma_ppm == pytest.approx(np.linalg.norm(parts) / (apart @ apart) / slope * 1e6, rel=1e-4)
 
 
 @pytest.mark.parametrize(("begins", "size"), [(0, 7), (120_000, 40), (120_000, 3)])

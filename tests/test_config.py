@@ -172,11 +172,13 @@ def test_a_note_is_never_lost(tmp_path):
 
 
 def test_a_form_that_cannot_be_added_to_is_left_alone(tmp_path):
-    path = file_of(tmp_path, 'notes = {a = "b"}\n' + SESSION_TOML)
+    path = file_of(tmp_path, 'notes = {a = "b"}\nexclude = []\n' + SESSION_TOML)
     before = path.read_bytes()
     with pytest.raises(FormatError, match=r"no place to add to; put what you want to note below \[notes\] by hand"):
-        add_notes(path, {"c": "d"})
+        add_exclude(path, LeftOut("log0001.csv", 12.5))
     assert path.read_bytes() == before
+    add_notes(path, {"c": "d"})
+    assert read_config(path).notes == {"a": "b", "c": "d"}
 
 
 def test_a_header_within_a_text_is_no_header(tmp_path):

@@ -8,7 +8,7 @@ from conftest import DEG, Table, session_of
 from looks import G, with_sensor
 from scipy.signal import butter, lfilter
 
-from session.detect.rest_noise import Lines, RestSpectrum, Share, _coherent_share, density_slope, lines_of, spectra
+from session.detect.rest_noise import RestSpectrum, Share, _coherent_share, density_slope, lines_of, spectra
 from session.detect.signatures import _NEW_ZERO, FILTER, TRACKED, check_signatures
 from session.log.registers import accel_mps2_per_lsb, gyro_rps_per_lsb
 
@@ -205,9 +205,9 @@ def test_a_line_is_found_at_its_frequency_with_its_share():
     x = noise(1)
     x[:, :, 1] += np.sqrt(2) * np.sin(2 * np.pi * 12.5 * t + 0.3)  # as much power as the noise
     spectrum = spectra(x)
-    none, line, third = lines_of(spectrum, HZ, flat(spectrum))
-    assert (line.hz, none.hz, third.share) == ((12.5,), (), 0.0)
-    assert line.share == pytest.approx(0.5, abs=0.03)
+    (none_hz, _), (line_hz, share), (_, third) = lines_of(spectrum, HZ, flat(spectrum))
+    assert (line_hz, none_hz, third) == ((12.5,), (), 0.0)
+    assert share == pytest.approx(0.5, abs=0.03)
 
 
 def test_the_slope_of_white_noise_is_zero_and_of_integrated_noise_minus_two():
@@ -216,6 +216,6 @@ def test_the_slope_of_white_noise_is_zero_and_of_integrated_noise_minus_two():
     walk, _ = density_slope(spectra(np.cumsum(noise(3), axis=1)), HZ)
     assert walk == pytest.approx(-2, abs=0.2)
     # It is said from one percent on, of both sides together: 2.576 sigmas.
-    none, slopes = ((Lines(0, (), 0.0),) * 3, Share(0.0, 0.01)), 0.3 * np.array([2.57, 2.58, -2.57, -2.58])
+    none, slopes = ((((), 0.0),) * 3, Share(0.0, 0.01)), 0.3 * np.array([2.57, 2.58, -2.57, -2.58])
     said = [RestSpectrum(none[0], at, 0.3, none[1], none[1]).words("accelerometer", 0) for at in slopes]
     assert ["its density goes as" in each for each in said] == [False, True, False, True]

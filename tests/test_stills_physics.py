@@ -97,10 +97,10 @@ def test_a_trend_is_the_straight_line_through_the_readings(spans, at_once):
     t_ns = np.cumsum(rng.integers(4_000_000, 6_000_000, count))
     values = rng.normal(size=(count, 3)) + np.linspace(0, 25, count)[:, None] * [1, 0, -2]
     rows = np.concatenate([np.arange(*span) for span in spans])
-    found = _trend_of(values, t_ns, spans)
-    assert_allclose(found.slope, np.polyfit(t_ns[rows] * NS, values[rows], 1)[0], rtol=1e-9)
-    assert_allclose(found.mean, values[rows].mean(axis=0))
-    assert_allclose(found.std, values[rows].std(axis=0, ddof=1))
+    mean, std, slope = _trend_of(values, t_ns, spans)
+    assert_allclose(slope, np.polyfit(t_ns[rows] * NS, values[rows], 1)[0], rtol=1e-9)
+    assert_allclose(mean, values[rows].mean(axis=0))
+    assert_allclose(std, values[rows].std(axis=0, ddof=1))
 
 
 def test_a_rate_counts_as_the_slope_of_its_integral_does(at_once):

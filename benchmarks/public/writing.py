@@ -12,7 +12,7 @@ import numpy as np
 
 from session.base.errors import FormatError, SegmentError
 from session.base.units import STANDARD_GRAVITY_MPS2
-from session.detect.accelerometer import REMARK, _with_section, fit_lengths, force_of, times_of, why_not
+from session.detect.accelerometer import fit_lengths, force_of, times_of, why_not, with_section
 from session.detect.stills import find_stills, references
 from session.log.config import Accelerometer
 from session.log.folder import read_session
@@ -106,4 +106,4 @@ def _calibrate_from_stills(made: Path, folder: Path) -> None:
         accelerometer = from_stills([log.samples for log in session.logs], config.site.expected_gravity_mps2, config.protocol.still_s)
     except SegmentError as error:
         raise SegmentError(f"{folder}: {error}") from None
-    path.write_text(_with_section(path.read_text(encoding="utf-8"), accelerometer, REMARK), encoding="utf-8")
+    path.write_text(with_section(path.read_text(encoding="utf-8"), accelerometer), encoding="utf-8")

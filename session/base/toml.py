@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import re
 import tomllib
+from collections.abc import Callable
 from datetime import date, datetime, time
 from pathlib import Path
+from typing import Any
 
 from session.base.errors import FormatError
 from session.base.files import MOST_TOML, read_bytes
@@ -89,6 +91,31 @@ def value_text(value: Value) -> str:
 def toml_line(name: str, value: Value) -> str:
     """``name = value`` and the line's end; a whole number of an instrument's setting stands without its ``.0`` (``setting``)."""
     return f"{_key(name)} = {value_text(value)}\n"
+
+
+def edited(text: str, change: Callable[[Any], None]) -> str:
+    """A text behind a change of its document (tomlkit's); what is not touched stays as it is written."""
+    from tomlkit import dumps, parse
+    from tomlkit.exceptions import TOMLKitError
+
+    bare = text.removeprefix("\ufeff")
+    try:
+        document = parse(bare)
+        change(document)
+    except TOMLKitError as error:
+        raise FormatError(f"broken TOML: {error}") from None
+    return text[: len(text) - len(bare)] + dumps(document)
+
+
+def add_lines(section: Any, lines: str) -> None:
+    """Give a section of such a document the keys of these lines, as they are written there."""
+    from tomlkit import parse
+
+    for key, value in parse(lines).body:
+        if key in section:
+            section[key] = value
+        else:
+            section.append(key, value)
 
 
 def setting(value: float) -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,7 +12,7 @@ import numpy as np
 from session.base.errors import FormatError
 from session.base.files import MOST_TOML, copy_new, folder_whole, read_text, require_empty, write_new
 from session.base.numeric import UPPER, sigma_of, sigmas_in
-from session.base.toml import parse_toml
+from session.base.toml import edited
 from session.base.units import DEG, MG
 from session.detect.stills import Still
 from session.log.config import Accelerometer
@@ -471,64 +470,25 @@ def why_not(found: LengthFit) -> str:
     return f"the {lie} of the stills do not fix an accelerometer's {PARAMETERS} numbers"
 
 
-# ``[accelerometer]`` of a session.toml that is a person's own: put there, or in the place of the one that is, and nothing else touched.
-
-SECTION = "[accelerometer]"
-#: a new section stands before this one, where there is one
-NEXT_SECTION = "[protocol]"
-#: text in quotes, one that does not end in its line, and a comment: brackets in them open nothing
-IDLE = re.compile(r'"(?:[^"\\]|\\.)*+"|\'[^\']*+\'|["\'#].*')
-
-
-def section(accelerometer: Accelerometer, remark: str = "", own_stills: bool = False) -> str:
-    """The section's text, 1e-9 and 1e-8 m/s^2 its last digits; remark: a comment above it; own_stills: see docs/formats.md."""
-    rows = ", ".join("[" + ", ".join(f"{value:.9f}" for value in row) + "]" for row in accelerometer.matrix)
-    bias = ", ".join(f"{value:.8f}" for value in accelerometer.bias_mps2)
-    own = "own_stills = true  # leave this line out where another recording is to have it as a prior\n" if own_stills else ""
-    return (f"# {remark}\n" if remark else "") + f"{SECTION}\nmatrix = [{rows}]\nbias_mps2 = [{bias}]\n{own}"
-
-
-def _with_section(text: str, accelerometer: Accelerometer, remark: str) -> str:
-    """The text of a session.toml with this calibration of its own stills in it.
-
-    Raises FormatError where that cannot be done without touching something else.
-    """
-    lines = text.splitlines(keepends=True)
-    # Numbers of the lines that begin a table: a bracket that opens where none is open.
-    headers, depth = [], 0
-    for number, line in enumerate(lines):
-        code = IDLE.sub("", line)
-        if depth == 0 and code.lstrip().startswith("["):
-            headers.append(number)
-            continue
-        depth = max(0, depth + code.count("[") + code.count("{") - code.count("]") - code.count("}"))
-    new = section(accelerometer, remark, own_stills=True) + "\n"
-    mine = next((i for i in headers if _bare(lines[i]) == SECTION), None)
-    if mine is not None:
-        end = next((i for i in headers if i > mine), len(lines))
-        made = "".join([*lines[:mine], new, *lines[end:]])
-    else:
-        at = next((i for i in headers if _bare(lines[i]) == NEXT_SECTION), len(lines))
-        gap = "" if at == 0 or lines[at - 1].endswith("\n") else "\n"
-        made = "".join([*lines[:at], gap, new, *lines[at:]])
-    try:
-        before, after = parse_toml(text, ""), parse_toml(made, "")
-    except FormatError:
-        before, after = {}, {"": None}
-    if {**before, "accelerometer": None} != {**after, "accelerometer": None} or "own_stills" not in after.get("accelerometer", {}):
-        raise FormatError(
-            f"session.toml is written in a way that its [accelerometer] cannot be replaced in; put this there by hand: {new!r}"
-        )
-    return made
-
-
-def _bare(line: str) -> str:
-    return "".join(IDLE.sub("", line).split())
-
-
 # A copy of a session folder, with the accelerometer's calibration that its own stills give.
 
-REMARK = "From the recording's own stills: in each of them the corrected force has gravity's length."
+
+def with_section(text: str, accelerometer: Accelerometer) -> str:
+    """The text of a session.toml with this calibration of its own stills, 1e-9 and 1e-8 m/s^2 its last digits, put there or in the place of
+    the one that is; nothing else is touched."""
+    from tomlkit import parse
+
+    rows = ", ".join("[" + ", ".join(f"{value:.9f}" for value in row) + "]" for row in accelerometer.matrix)
+    bias = ", ".join(f"{value:.8f}" for value in accelerometer.bias_mps2)
+    section = f"""\
+[accelerometer]
+# From the recording's own stills: in each of them the corrected force has gravity's length.
+matrix = [{rows}]
+bias_mps2 = [{bias}]
+own_stills = true  # leave this line out where another recording is to have it as a prior
+
+"""
+    return edited(text, lambda document: document.update(parse(section)))
 
 
 def write_calibrated_copy(folder: Path, out: Path, accelerometer: Accelerometer) -> None:
@@ -542,6 +502,6 @@ def write_calibrated_copy(folder: Path, out: Path, accelerometer: Accelerometer)
     with folder_whole(out) as work:
         for path in sorted(path for path in folder.iterdir() if path.is_file() and not path.name.startswith(".")):
             if path.name == "session.toml":
-                write_new(work / path.name, _with_section(read_text(path, MOST_TOML).replace("\r\n", "\n"), accelerometer, REMARK))
+                write_new(work / path.name, with_section(read_text(path, MOST_TOML).replace("\r\n", "\n"), accelerometer))
             else:
                 copy_new(path, work / path.name)

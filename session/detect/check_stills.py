@@ -181,7 +181,7 @@ def _noise_finding(
         says += f"; {like.words(other, axis)}"
         if like.follows > VIBRATION:
             do = "gyro and accelerometer move together: does the table, the floor or a fan vibrate?"
-        elif like.in_lines(axis) > VIBRATION:
+        elif like.lines[axis][1] > VIBRATION:
             do = f"lines that the {other} does not follow: interference in the sensor, or a vibration that the {other} does not feel"
         else:
             do = "no vibration shows: this unit's noise, its filter, or wrong units"

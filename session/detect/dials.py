@@ -8,7 +8,7 @@ scale, alignment and mounting are fitted to all turns at once, robustly, so that
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -36,14 +36,6 @@ ROUNDS = 30
 BLOCKS = 100
 
 
-@dataclass(frozen=True)
-class WrongRow:
-    """A row that is left out: number of its still, over all logs; says what contradicts it."""
-
-    still: int
-    says: str
-
-
 def without_wrong_dials(session: Session, parts: Sequence[LogSegments]) -> tuple[Session, list[LogSegments], list[Finding]]:
     """A session without the dial readings that gravity or the turns contradict, its segments, and what to say of each.
 
@@ -57,19 +49,18 @@ def without_wrong_dials(session: Session, parts: Sequence[LogSegments]) -> tuple
     known = np.array([i < len(table) and bool(np.isfinite(table[i]).all()) and still.problem is None for i, still in enumerate(stills)])
     dial_rad = session.config.protocol.dial_sigma_deg * DEG
     wrong = _against_gravity(table, stills, known, dial_rad)
-    for row in wrong:
-        known[row.still] = False
+    known[list(wrong)] = False
     by_turns, turns = _against_turns(table, stills, known, parts, dial_rad)
-    wrong += by_turns
+    wrong |= by_turns
     if len(wrong) > max(2, MOST_WRONG * len(stills)):
         return session, list(parts), []
     findings = []
     table = table.copy()
-    for row in sorted(wrong, key=lambda each: each.still):
-        table[row.still] = np.nan
-        line = session.attitude_lines[row.still] if row.still < len(session.attitude_lines) else None
+    for still, says in sorted(wrong.items()):
+        table[still] = np.nan
+        line = session.attitude_lines[still] if still < len(session.attitude_lines) else None
         where = ATTITUDES if line is None else f"{ATTITUDES} line {line}"
-        findings.append(Finding("warning", where, DIAL_ROW, f"still {row.still}: {row.says}: left out", "correct or remove that row"))
+        findings.append(Finding("warning", where, DIAL_ROW, f"still {still}: {says}: left out", "correct or remove that row"))
     for segment, says in turns.items():
         findings.append(Finding("warning", ATTITUDES, DIAL_TURN, f"turn {segment}: {says}: left out", "were samples lost in it?"))
     kept = [replace(part, segments=[_rejected(s, turns) for s in part.segments]) for part in parts]
@@ -86,24 +77,25 @@ def down_of_dials(angles: np.ndarray) -> np.ndarray:
     return np.stack([-np.sin(pitch), np.cos(pitch) * np.sin(roll), np.cos(pitch) * np.cos(roll)], axis=-1)
 
 
-def _against_gravity(table: np.ndarray, stills: Sequence[Still], known: np.ndarray, dial_rad: float) -> list[WrongRow]:
+def _against_gravity(table: np.ndarray, stills: Sequence[Still], known: np.ndarray, dial_rad: float) -> dict[int, str]:
+    """Rows that gravity contradicts, by the number of their still over all logs, and how."""
     rows = np.flatnonzero(known)
     if len(rows) < FEWEST:
-        return []
+        return {}
     apart = angle_between(down_of_dials(table[rows]), np.array([-stills[i].accel_mean for i in rows.tolist()]))
     usual = float(np.median(apart))
     sigma = max(usual / MEDIAN_OF_2, dial_rad)
     limit = sigma * np.sqrt(2 * np.log(len(rows) / BY_CHANCE))
-    return [
-        WrongRow(int(row), f"its down differs from gravity's by {angle / DEG:.2f}° (the usual row by {usual / DEG:.2f}°)")
+    return {
+        int(row): f"its down differs from gravity's by {angle / DEG:.2f}° (the usual row by {usual / DEG:.2f}°)"
         for row, angle in zip(rows, apart, strict=True)
         if angle > limit
-    ]
+    }
 
 
 def _against_turns(
     table: np.ndarray, stills: Sequence[Still], known: np.ndarray, parts: Sequence[LogSegments], dial_rad: float
-) -> tuple[list[WrongRow], dict[int, str]]:
+) -> tuple[dict[int, str], dict[int, str]]:
     """Rows whose turns on either side miss them, and turns that alone are missed, by their numbers."""
     number = {id(still): i for i, still in enumerate(stills)}
     found: list[tuple[Segment, Samples, int, int]] = []
@@ -113,7 +105,7 @@ def _against_turns(
             if segment.accepted and known[before] and known[after]:
                 found.append((segment, part.found.samples, before, after))
     if len(found) < FEWEST:
-        return [], {}
+        return {}, {}
     missed, usual = _missed(
         np.array([_blocks(samples, segment) for segment, samples, _, _ in found]),
         rotation.from_euler(*table[[first for _, _, first, _ in found]].T),
@@ -138,10 +130,7 @@ def _against_turns(
             rows.add(single[0])
         elif missed[i] > APART_RAD + APART_SHARE * segment.turn_deg * DEG:
             turns[segment.number] = f"the dials turn by {missed[i] / DEG:.1f}° otherwise than the gyro ({than})"
-    wrong = [
-        WrongRow(still, f"the gyro's turns beside it miss it by {missed[sides[still]].min() / DEG:.2f}° ({than})") for still in sorted(rows)
-    ]
-    return wrong, turns
+    return {still: f"the gyro's turns beside it miss it by {missed[sides[still]].min() / DEG:.2f}° ({than})" for still in rows}, turns
 
 
 def _missed(turn: np.ndarray, first: np.ndarray, last: np.ndarray, dial_rad: float) -> tuple[np.ndarray, float]:

@@ -18,7 +18,7 @@ from session.base.errors import DataError, FormatError
 from session.base.files import MOST_TOML, copy_new, folder_whole, read_text, replaced
 from session.base.names import log_paths, refuse_special
 from session.base.records import write_whole
-from session.base.toml import setting
+from session.base.toml import edited, setting
 from session.base.units import ENDINGS, WORDS
 from session.detect.findings import Axes, Correction, Finding
 from session.detect.first_look import check_folder
@@ -196,12 +196,9 @@ def _apply(copy: Path, folder: Path, cause: Correction, what: str, findings: lis
 
 def _edit(path: Path, change: Callable[[Any], None]) -> None:
     """Change a session.toml, whatever its line ends; what is not touched stays as it is written."""
-    from tomlkit import dumps, parse
-
-    document = parse(read_text(path, MOST_TOML).replace("\r\n", "\n").replace("\r", "\n"))
-    change(document)
+    text = edited(read_text(path, MOST_TOML).replace("\r\n", "\n").replace("\r", "\n"), change)
     with replaced(path) as file:
-        file.write(dumps(document).encode())
+        file.write(text.encode())
 
 
 def _set(document: Any, cause: Correction, times: dict[str, float]) -> None:

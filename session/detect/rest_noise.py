@@ -50,13 +50,8 @@ class Share:
         return max(self.value, 0.0) + ONE_SIDED * self.sigma
 
 
-@dataclass(frozen=True)
-class Lines:
-    """Lines of one axis, 0, 1 or 2: frequencies, Hz, strongest first, and the share of the axis's noise power that they hold together."""
-
-    axis: int
-    hz: tuple[float, ...]
-    share: float
+#: of one axis: frequencies, Hz, strongest first, and the share of the axis's noise power that they hold together
+Lines = tuple[tuple[float, ...], float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,10 +65,6 @@ class RestSpectrum:
     axes: Share
     other: Share
 
-    def in_lines(self, axis: int) -> float:
-        """Share of an axis's power that lines hold."""
-        return self.lines[axis].share
-
     @property
     def follows(self) -> float:
         """Share of the power that the other sensor follows, 0 where it does not show."""
@@ -82,9 +73,9 @@ class RestSpectrum:
     def words(self, other: str, axis: int) -> str:
         """Describe it: ``no line, white, follows the accelerometer in less than 2 % (95 %)``; other: the other sensor's name; axis: whose
         lines are described."""
-        hz = self.lines[axis].hz
+        hz, share = self.lines[axis]
         named = listed([f"{x:.3g}" for x in hz], 3)
-        found = [f"{len(hz)} line{'s' * (len(hz) != 1)} ({named} Hz) with {100 * self.in_lines(axis):.0f} % of {'xyz'[axis]}"]
+        found = [f"{len(hz)} line{'s' * (len(hz) != 1)} ({named} Hz) with {100 * share:.0f} % of {'xyz'[axis]}"]
         found = found if hz else ["no line"]
         if abs(self.slope) + ONE_SIDED * self.slope_sigma < WHITE_SLOPE:
             found.append("else white" if hz else "white")
@@ -177,7 +168,7 @@ def lines_of(x: np.ndarray, hz: np.ndarray, weights: np.ndarray) -> tuple[Lines,
                 above[own] = np.maximum(level[own] - usual, 0) / level[own]
                 peaks.append((level[k], float(hz[k])))
         share = float(above @ weights[:, axis] / weights[1:, axis].sum())
-        found.append(Lines(axis, tuple(at for _, at in sorted(peaks, reverse=True)), share))
+        found.append((tuple(at for _, at in sorted(peaks, reverse=True)), share))
     return tuple(found)
 
 

@@ -75,24 +75,15 @@ AT_ONCE = 1 << 19
 Spans = list[tuple[int, int]]
 
 
-@dataclass(frozen=True, eq=False)
-class Trend:
-    """mean, std (of single samples) and slope a second, each (3,)."""
-
-    mean: np.ndarray
-    std: np.ndarray
-    slope: np.ndarray
-
-
-def _trend_of(values: np.ndarray, t_ns: np.ndarray, spans: Spans) -> Trend:
-    """Of readings (N, 3) of a log at stamps (N,) ns."""
+def _trend_of(values: np.ndarray, t_ns: np.ndarray, spans: Spans) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean, standard deviation (of single samples) and slope a second, each (3,), of readings (N, 3) of a log at stamps (N,) ns."""
     first = t_ns[spans[0][0]]
     if _count(spans) <= AT_ONCE:
         rows = rows_of(spans)
         t, own = (t_ns[rows] - first) * NS, values[rows]
         mean, centred = np.einsum("ij->j", own) / len(own), t - t.mean()
         square = np.einsum("ij->j", (own - mean) ** 2)
-        return Trend(mean, np.sqrt(square / (len(own) - 1)), centred @ own / np.sum(centred**2))
+        return mean, np.sqrt(square / (len(own) - 1)), centred @ own / np.sum(centred**2)
     count, t_sum, total = _count(spans), 0.0, np.zeros(3)
     for part in _parts(spans):
         t_sum, total = t_sum + float(np.sum((t_ns[part] - first) * NS)), total + np.sum(values[part], axis=0)
@@ -101,7 +92,7 @@ def _trend_of(values: np.ndarray, t_ns: np.ndarray, spans: Spans) -> Trend:
     for part in _parts(spans):
         centred, off = (t_ns[part] - first) * NS - middle, values[part] - mean
         square, leverage, along = square + np.sum(off**2, axis=0), leverage + float(centred @ centred), along + centred @ off
-    return Trend(mean, np.sqrt(square / (count - 1)), along / leverage)
+    return mean, np.sqrt(square / (count - 1)), along / leverage
 
 
 def _mean_as_a_slope_weighs(values: np.ndarray, spans: Spans) -> np.ndarray:
@@ -316,19 +307,20 @@ def measure(samples: Samples, run: list[tuple[int, int]], size: int) -> Still:
     """The still of a run's blocks of ``size`` samples, as it stands."""
     spans = [(a * size, b * size) for a, b in run]
     first, last = spans[0][0], spans[-1][1] - 1
-    gyro, accel = (_trend_of(values, samples.t_ns, spans) for values in (samples.gyro, samples.accel))
+    gyro_mean, gyro_std, _ = _trend_of(samples.gyro, samples.t_ns, spans)
+    accel_mean, accel_std, slope = _trend_of(samples.accel, samples.t_ns, spans)
     # A direction d fixed in the world, seen from a body that turns with omega: dd/dt = -omega x d, so omega = dd/dt x d + (about d).
-    squared = accel.mean @ accel.mean
-    tilt_rate = np.cross(accel.slope, accel.mean) / squared if squared else np.full(3, np.nan)
+    squared = accel_mean @ accel_mean
+    tilt_rate = np.cross(slope, accel_mean) / squared if squared else np.full(3, np.nan)
     return Still(
         start=int(first),
         stop=int(last) + 1,
         start_s=samples.at_s(first),
         duration_s=float((samples.t_ns[last] - samples.t_ns[first]) * NS) + samples.period_s,
-        gyro_mean=gyro.mean,
-        gyro_std=gyro.std,
-        accel_mean=accel.mean,
-        accel_std=accel.std,
+        gyro_mean=gyro_mean,
+        gyro_std=gyro_std,
+        accel_mean=accel_mean,
+        accel_std=accel_std,
         tilt_rate=tilt_rate,
         temp_c=float("nan") if samples.temp_c is None else float(samples.temp_c[rows_of(spans)].mean()),
         bumps=len(run) - 1,

@@ -6,7 +6,6 @@ import csv
 import hashlib
 import math
 import os
-import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -32,7 +31,7 @@ from session.base.files import (
 )
 from session.base.names import CLOCKS, log_paths, refuse_special
 from session.base.texts import command_line, printable, unicode_text
-from session.base.toml import Note, parse_toml, toml_line, value_text
+from session.base.toml import Note, add_lines, edited, parse_toml, toml_line, value_text
 from session.base.units import DEG
 from session.log.arrays import TRUTH_ARRAYS, logs_of_arrays, require_kind, si_of, truths_of_arrays, turns_of_arrays, usual_ranges
 from session.log.config import (
@@ -48,8 +47,8 @@ from session.log.config import (
     config_of,
     read_config,
 )
-from session.log.logfile import NAME, KnownTurn, Log, Truth, already_calibrated, read_known_turns, read_log, read_truth, rows_of, truth_path
 from session.log.logfile import NAME as KNOWN_TURNS
+from session.log.logfile import KnownTurn, Log, Truth, already_calibrated, read_known_turns, read_log, read_truth, rows_of, truth_path
 from session.log.samples import Samples, joined, mapped
 from session.log.written import attitudes_text, board_text, exclude_text, log_lines, notes_text, toml_text, truth_text, turns_text
 
@@ -439,7 +438,7 @@ def _read_attitudes(path: Path) -> tuple[np.ndarray, tuple[int | None, ...]]:
 def input_files(session: Session) -> list[Path]:
     """Every file of a session that a result depends on: session.toml, logs, closure runs, dial readings, known turns, truth."""
     dials = [session.folder / "attitudes.csv"] if session.attitudes is not None else []
-    dials += [session.folder / NAME] if session.turns and not session.in_memory else []
+    dials += [session.folder / KNOWN_TURNS] if session.turns and not session.in_memory else []
     truths = [] if session.in_memory else [truth.path for truth in session.truths or ()]
     config = [] if session.in_memory else [session.folder / "session.toml"]
     return [*config, *(log.path for log in (*session.logs, *session.closures)), *dials, *truths]
@@ -449,9 +448,9 @@ def input_hashes(session: Session) -> dict[str, str]:
     """SHA-256 of each of ``input_files``, by name, or of arrays that were never a file; FormatError where one cannot be read any more."""
     logs = {log.path: log for log in (*session.logs, *session.closures)}
     hashes = {file_key(path): hash_of_log(logs[path]) if path in logs else sha256_of(path) for path in input_files(session)}
-    if session.turns and NAME not in hashes:
+    if session.turns and KNOWN_TURNS not in hashes:
         rows = [(turn.turn, turn.log, turn.axis.tolist(), turn.angle_rad, turn.sigma_rad) for turn in session.turns]
-        hashes[NAME] = hashlib.sha256(repr(rows).encode()).hexdigest()
+        hashes[KNOWN_TURNS] = hashlib.sha256(repr(rows).encode()).hexdigest()
     for truth in session.truths or ():
         arrays = (truth.t_ns, "<i8"), (truth.q_nb, "<f8"), (truth.window, "<i8")
         hashes.setdefault(file_key(truth.path), _hash_of_arrays(arrays))
@@ -489,12 +488,8 @@ def sha256_of(path: Path) -> str:
         raise unreadable(path, error) from None
 
 
-# What is added to a ``session.toml`` that is there: notes, and turns that do not count.  The rest stays as it is.
-#
-# Lines are added to the text, so comments and order stay.  The file is replaced whole or not at all.
-
-HEADER = r"^[ \t]*\[[ \t]*{}[ \t]*\][ \t]*(#.*)?$"
-NEXT_HEADER = re.compile(r"^[ \t]*\[", re.MULTILINE)
+# What is added to a ``session.toml`` that is there: notes, and turns that do not count.  The rest stays as it is, and the file is replaced
+# whole or not at all.
 
 
 def add_notes(path: Path, notes: Mapping[str, Note]) -> str:
@@ -503,35 +498,19 @@ def add_notes(path: Path, notes: Mapping[str, Note]) -> str:
     text, table = _read(path)
     notes = {unicode_text(name): unicode_text(value) if isinstance(value, str) else value for name, value in notes.items()}
     there = table.get("notes", {})
-    there = there if isinstance(there, dict) else {}
     for name, value in notes.items():
         if name in there and there[name] != value:
             raise FormatError(f"{path}: notes.{name} is {value_text(there[name])} already; correct it there, or give another name")
     if not (fresh := {name: value for name, value in notes.items() if name not in there}):
         return text
-    lines = notes_text(fresh)
-    tried = [*_with_lines(text, "notes", lines), _ended(text) + f"\n[notes]\n{lines}"]
-    return _replace(path, tried, table | {"notes": there | fresh})
-
-
-def _with_lines(text: str, section: str, lines: str) -> list[str]:
-    """The text with these lines at the end of a section, or at its beginning; nothing where it has no such section."""
-    header = re.search(HEADER.format(section), text, re.MULTILINE)
-    if header is None:
-        return []
-    after = NEXT_HEADER.search(text, header.end())
-    end = len(text) if after is None else after.start()
-    kept = text[:end].rstrip()  # blank lines before the next section stay before it
-    last = kept + "\n" + lines + (text[len(kept) :].removeprefix("\r").removeprefix("\n") if after else "")
-    return [last, _ended(text[: header.end()]) + lines + text[header.end() :].removeprefix("\r").removeprefix("\n")]
+    return _replace(path, _with_lines(text, "notes", notes_text(fresh)), table | {"notes": there | fresh})
 
 
 def set_sensor(path: Path, values: Mapping[str, float]) -> str:
     """Give keys of ``[sensor]`` these values, and give the file's text."""
     text, table = _read(path)
-    without = re.sub(rf"^[ \t]*({'|'.join(values)})[ \t]*=.*\n?", "", text, flags=re.MULTILINE)
-    tried = _with_lines(without, "sensor", "".join(toml_line(name, value) for name, value in values.items()))
-    return _replace(path, tried[::-1], table | {"sensor": {**table["sensor"], **values}})
+    lines = "".join(toml_line(name, value) for name, value in values.items())
+    return _replace(path, _with_lines(text, "sensor", lines), table | {"sensor": {**table["sensor"], **values}})
 
 
 def add_board(path: Path, board: Mapping[str, str | float], remarks: Mapping[str, str]) -> str:
@@ -540,14 +519,21 @@ def add_board(path: Path, board: Mapping[str, str | float], remarks: Mapping[str
     if "board" in table:
         return text
     lines = "".join((f"# {remarks[name]}\n" if name in remarks else "") + toml_line(name, value) for name, value in board.items())
-    return _replace(path, [_ended(text) + f"\n[board]\n{lines}"], table | {"board": dict(board)})
+    return _replace(path, _ended(text) + f"\n[board]\n{lines}", table | {"board": dict(board)})
 
 
 def add_exclude(path: Path, row: LeftOut) -> str:
     """Add a turn that does not count, and give the file's text."""
     text, table = _read(path)
     more = {"log": unicode_text(row.log), "at_s": row.at_s}
-    return _replace(path, [_ended(text) + exclude_text((row,))], table | {"exclude": [*table.get("exclude", []), more]})
+    return _replace(path, _ended(text) + exclude_text((row,)), table | {"exclude": [*table.get("exclude", []), more]})
+
+
+def _with_lines(text: str, section: str, lines: str) -> str:
+    """The text with the keys of these lines in a section, which is made where there is none."""
+    if (there := _parsed(text, "").get(section)) is None:
+        return _ended(text) + f"\n[{section}]\n{lines}"
+    return edited(text, lambda document: add_lines(document[section], lines)) if isinstance(there, dict) else text
 
 
 def _ended(text: str) -> str:
@@ -563,16 +549,13 @@ def _parsed(text: str, where: str) -> dict:
     return parse_toml(text.removeprefix("\ufeff").replace("\r\n", "\n"), where)
 
 
-def _replace(path: Path, tried: list[str], wanted: dict) -> str:
-    """The first text that says what is wanted becomes the file, in one step: no reader sees half of it."""
-    for text in tried:
-        try:
-            right = _parsed(text, str(path)) == wanted
-        except FormatError:
-            right = False
-        if right:
-            break
-    else:
+def _replace(path: Path, text: str, wanted: dict) -> str:
+    """A text that says what is wanted becomes the file, in one step: no reader sees half of it."""
+    try:
+        right = _parsed(text, str(path)) == wanted
+    except FormatError:
+        right = False
+    if not right:
         raise FormatError(f"{path}: its form leaves no place to add to; put what you want to note below [notes] by hand")
     try:
         with replaced(path) as file:

@@ -437,24 +437,8 @@ def written_once(t_ns: np.ndarray, columns: Sequence[np.ndarray]) -> np.ndarray:
 ASIDE = 0.5
 
 
-@dataclass(frozen=True, eq=False)
-class Even:
-    """t_ns (N,) of samples that were counted along their stamps; hz, and its relative sigma, ppm; scatter_s: rms of stamps about them."""
-
-    t_ns: np.ndarray
-    hz: float
-    sigma_ppm: float
-    scatter_s: float
-
-    @property
-    def note(self) -> str:
-        """What was done."""
-        rate = f"{self.hz:.3f} Hz ± {self.sigma_ppm:.2g} ppm"
-        return f"stamps scatter by {self.scatter_s * 1e3:.2g} ms rms: samples were counted along them, {rate}"
-
-
-def along_line(t_ns: np.ndarray, name: str) -> Even:
-    """Samples on straight lines of one slope through their stamps (N,) ns, a line between two gaps.
+def along_line(t_ns: np.ndarray, name: str) -> tuple[np.ndarray, str, float]:
+    """Samples on straight lines of one slope through their stamps (N,) ns, a line between two gaps: what ``evenly`` returns.
 
     Raises DataError where samples are missing and no gap says where, and where the lines miss the stamps: their rate changes.
     """
@@ -484,7 +468,9 @@ def along_line(t_ns: np.ndarray, name: str) -> Even:
         what = f"counting along the stamps misses them by {aside.max() * 1e3:.4g} ms at {at_s:.1f} s"
         raise DataError(f"{name}: {what}: the rate changes, or samples are missing; leave --even out, and look at `calibrate.py check`")
     sigma_ppm = _sigma_ppm(count, off, slope_s)
-    return Even(t_ns[0] + np.rint(even_s * NS_PER_S).astype(np.int64), 1 / slope_s, sigma_ppm, float(off.std()))
+    rate = f"{1 / slope_s:.3f} Hz ± {sigma_ppm:.2g} ppm"
+    note = f"stamps scatter by {off.std() * 1e3:.2g} ms rms: samples were counted along them, {rate}"
+    return t_ns[0] + np.rint(even_s * NS_PER_S).astype(np.int64), note, sigma_ppm
 
 
 #: samples that a stamp's group may lack, beside so many times what groups usually differ by

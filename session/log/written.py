@@ -46,9 +46,9 @@ def toml_text(config: Config, further: tuple[str, ...] = ()) -> str:
 {toml_line("schema", SCHEMA)}
 [sensor]
 {_lines(chip)}
-{accelerometer}
 [site]
 {_lines(here) or NO_SITE}
+{accelerometer}
 [protocol]
 {_lines(table)}{truth}{notes}{exclude_text(config.exclude)}"""
 

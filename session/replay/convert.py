@@ -6,7 +6,7 @@ import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from session.base.numeric import formatted_rows
 from session.base.questions import QuestionsError
 from session.base.records import Count, Key
 from session.base.texts import command_line, comment
-from session.base.toml import setting, toml_line
+from session.base.toml import edited, setting, toml_line
 from session.base.units import NS, TIME, endings
 from session.bench.session_file import UNKNOWN
 from session.detect.findings import Finding
@@ -233,13 +233,10 @@ def _next_name(folder: Path, stem: str) -> str:
 
 def _with_even_sigma(path: Path, sigma_ppm: float | None) -> bytes:
     """A session.toml whose logs' rates have this relative sigma, or a larger one of the logs before."""
-    from tomlkit import dumps, parse  # only where something is written: a reader need not wait for it
-
     if sigma_ppm is None or sigma_ppm <= (read_config(path).sensor.even_sigma_ppm or 0.0):
         return read_bytes(path, MOST_TOML)
-    found: Any = parse(read_text(path, MOST_TOML).replace("\r\n", "\n").replace("\r", "\n"))
-    found["sensor"][EVEN_SIGMA] = float(f"{sigma_ppm:.2g}")
-    return dumps(found).encode()
+    text = read_text(path, MOST_TOML).replace("\r\n", "\n").replace("\r", "\n")
+    return edited(text, lambda document: document["sensor"].update({EVEN_SIGMA: float(f"{sigma_ppm:.2g}")})).encode()
 
 
 def _toml(

@@ -158,9 +158,8 @@ def _whole(source: Source, odr_hz: float | None, notes: list[str], sigmas: list[
     if note:
         notes.append(f"{name}: {note}")
     if even and (note is None or UNCOUNTED in note):
-        line = along_line(stamps, name)
-        stamps, sigma_ppm = line.t_ns, line.sigma_ppm
-        notes.append(f"{name}: {line.note}")
+        stamps, note, sigma_ppm = along_line(stamps, name)
+        notes.append(f"{name}: {note}")
     if sigma_ppm is not None:
         sigmas.append(sigma_ppm)
     return Piece(stamps, *columns[1:])

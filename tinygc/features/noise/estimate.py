@@ -284,7 +284,7 @@ def _lines_hz(sections: np.ndarray, period_s: float) -> tuple[float, ...]:
     hz = np.fft.rfftfreq(SECTION, period_s)
     power = np.mean(np.abs(x) ** 2, axis=0)
     apart: list[int] = []
-    for one in lines_of(x, hz, power)[0].hz:
+    for one in lines_of(x, hz, power)[0][0]:
         at = round(one / hz[1])
         if all(abs(at - other) > NEAR for other in apart):
             apart.append(at)

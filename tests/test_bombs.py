@@ -51,7 +51,7 @@ def read(folder, path):
     if path.suffix == ".json":
         read_json(path)
     elif path.suffix == ".bin":
-        convert_raw(path, folder / "out", 208.0, 500.0, 4.0)
+        convert_raw(path, folder / "out", Answers(odr_hz=208.0, gyro_fs_dps=500.0, accel_fs_g=4.0))
     else:
         if path.name.startswith("log"):
             try:

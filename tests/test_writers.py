@@ -107,9 +107,10 @@ def raw(count):
 
 
 def taken_raw(folder):
+    from session.replay.options import Answers
     from session.replay.raw import convert_raw
 
-    return convert_raw(folder / "raw.bin", folder / "s", None, None, None, None)
+    return convert_raw(folder / "raw.bin", folder / "s", Answers())
 
 
 SIMULATED = SimulationOptions(segments=3, closure_s=0.0, odr_hz=62.5)

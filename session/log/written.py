@@ -16,8 +16,7 @@ from session.log.logfile import COLUMNS, LOG, KnownTurn, Log, Truth
 #: keys of ``[sensor]`` that are written where they are known
 OPTIONAL = ("gyro_bias_instability_dph", "gyro_noise_mdps_rthz", "clock_sigma_ppm", "even_sigma_ppm", *OWN_UNITS)
 LATITUDE_REMOVES = f"removes the Earth's rotation from the rates, up to {EARTH_RATE_RPS / MDPS:.1f} mdps"
-OPTIONAL_SITE = f"# optional: [site] with latitude_deg, north positive ({LATITUDE_REMOVES}), and gravity_mps2, the local one"
-NO_SITE = f"# optional: latitude_deg, north positive ({LATITUDE_REMOVES})\n"
+NO_SITE = f"# optional: latitude_deg, north positive ({LATITUDE_REMOVES}), and gravity_mps2, the local one\n"
 
 
 def toml_text(config: Config, further: tuple[str, ...] = ()) -> str:

@@ -23,7 +23,7 @@ from session.log.samples import Samples, pieces
 from session.replay.dialects import OWN
 from session.replay.join import LEAST_GRAVITY, Joined, join
 from session.replay.options import Answers
-from session.replay.sources import Source, Sources
+from session.replay.sources import Source, sources_of
 
 #: of a note on a full scale that nobody has stated
 ASSUMED_RANGE = "is assumed"
@@ -57,7 +57,7 @@ def with_unit_by_gravity(paths: Sequence[Path], answers: Answers, columns: Seque
 
 def _gravity_agrees(paths: Sequence[Path], answers: Answers, columns: Sequence[str]) -> bool:
     """Whether the rates of a log, read so, explain how gravity moves in the sensor, at about their size."""
-    with Sources(paths, answers, columns) as sources:
+    with sources_of(paths, answers, columns) as sources:
         answers, _ = with_sensor(sources, with_comments(answers, sources))
         joined = join(sources, answers.odr_hz)
         answers, _ = with_full_scales(sources, joined, answers)

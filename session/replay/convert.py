@@ -17,17 +17,16 @@ from session.base.numeric import formatted_rows
 from session.base.questions import QuestionsError
 from session.base.records import Count, Key
 from session.base.texts import command_line, comment
-from session.base.toml import edited, setting, toml_line
+from session.base.toml import edited
 from session.base.units import NS, TIME, endings
-from session.bench.session_file import UNKNOWN
 from session.detect.findings import Finding
 from session.detect.first_look import check_folder
-from session.log.config import Sensor, read_config
+from session.log.config import Accelerometer, Config, Protocol, Sensor, Site, read_config
 from session.log.logfile import CALIBRATED, read_log
 from session.log.registers import profile_of
 from session.log.stamps import FASTEST_HZ, SLOWEST_HZ, fresh, pace_of
 from session.log.standard import flags_of
-from session.log.written import LATITUDE_REMOVES, OPTIONAL_SITE
+from session.log.written import LATITUDE_REMOVES, toml_text
 from session.replay.answers import (
     ASSUMED_RANGE,
     BY_GRAVITY,
@@ -41,7 +40,7 @@ from session.replay.clock import TOLD
 from session.replay.dialects import OWN
 from session.replay.join import Joined, join
 from session.replay.options import AXES, Answers
-from session.replay.sources import Source, Sources
+from session.replay.sources import Source, sources_of
 from session.replay.took import said_took
 
 # From what is on the card to a session folder: ``session.toml`` and a log that has lost nothing.
@@ -103,7 +102,7 @@ def _converted(
     known: str = "",
 ) -> Converted:
     """known: how the unit of the clock is, where the person has not said it."""
-    with Sources(paths, answers, columns) as sources:
+    with sources_of(paths, answers, columns) as sources:
         for source in sources if known else ():
             source.layout = replace(source.layout, sources={**source.layout.sources, "time": known})
             source.notes = [note.replace(f"in {answers.time_unit} {TOLD}", f"in {answers.time_unit} {known}") for note in source.notes]
@@ -130,9 +129,10 @@ def _converted(
                 write_new(work / "session.toml", before + f"\n# {name}: from {_source(sources)}\n".encode())
             else:
                 name = log.name
-                _write_toml(
-                    work / "session.toml", _toml(sources, answers.odr_hz or rate_hz, answers, serial, assumed, joined.even_sigma_ppm), out
-                )
+                serial = serial or sources[0].comments.get("serial", "")
+                even = None if joined.even_sigma_ppm is None else float(f"{joined.even_sigma_ppm:.2g}")
+                sensor = replace(sensor_of(answers), serial=serial, odr_hz=answers.odr_hz or rate_hz, even_sigma_ppm=even)
+                _write_toml(work / "session.toml", sources, sensor, assumed, out)
         dialects = tuple(dict.fromkeys(source.layout.dialect for source in sources))
     with np.errstate(all="ignore"):  # what is absurd in a log becomes a finding, not a warning of numpy's
         findings = tuple(check_folder(out))
@@ -239,31 +239,11 @@ def _with_even_sigma(path: Path, sigma_ppm: float | None) -> bytes:
     return edited(text, lambda document: document["sensor"].update({EVEN_SIGMA: float(f"{sigma_ppm:.2g}")})).encode()
 
 
-def _toml(
-    sources: Sequence[Source], odr_hz: float, answers: Answers, serial: str, assumed: Sequence[str], even_sigma_ppm: float | None = None
-) -> str:
-    assert answers.gyro_fs_dps is not None and answers.accel_fs_g is not None  # noqa: PT018  # ``with_full_scales`` has found them
-    model, serial = answers.sensor or UNKNOWN, serial or sources[0].comments.get("serial", "")
-    clock = "" if even_sigma_ppm is None else toml_line(EVEN_SIGMA, float(f"{even_sigma_ppm:.2g}"))
-    return f"""\
-# from {_source(sources)}
-schema = "tinygc-session/1"
-
-[sensor]
-{toml_line("model", model)}{toml_line("serial", serial)}{toml_line("odr_hz", odr_hz)}{clock}\
-{toml_line("gyro_fs_dps", setting(answers.gyro_fs_dps))}{toml_line("accel_fs_g", setting(answers.accel_fs_g))}\
-{"".join(f"# {comment(each).replace('=', '_')}" + chr(10) for each in assumed if ASSUMED_RANGE in each)}\
-# optional: gyro_bias_instability_dph, deg/h of the data sheet; without it, it is estimated from the recording
-# optional: gyro_noise_mdps_rthz, one-sided, of the data sheet; what `check` holds the noise against
-
-{OPTIONAL_SITE}
-# optional: [accelerometer] with matrix and bias_mps2, where another calibration knows them better than the session's own stills
-"""
-
-
-def _write_toml(path: Path, text: str, out: Path) -> None:
+def _write_toml(path: Path, sources: Sequence[Source], sensor: Sensor, assumed: Sequence[str], out: Path) -> None:
     """FormatError, in the name of ``out``, for what this tool would not read again: a log's own comments may say anything."""
-    write_new(path, text)
+    text = toml_text(Config(sensor, Accelerometer(source="none"), Site(), Protocol()))
+    remarks = [f"from {_source(sources)}", *(comment(each).replace("=", "_") for each in assumed if ASSUMED_RANGE in each)]
+    write_new(path, "".join(f"# {remark}\n" for remark in remarks) + text)
     try:
         read_config(path)
     except FormatError as error:

@@ -51,7 +51,7 @@ def import_log(
         ignored = {"add": add is not None, "serial": bool(serial)}
         ignored |= {flag.removeprefix("--"): True for each in further for flag in given(each)}
         refuse_of_logs(paths[0], alone, ignored)
-        return convert_raw(paths[0], out, answers.odr_hz, answers.gyro_fs_dps, answers.accel_fs_g, answers.sensor, header)
+        return convert_raw(paths[0], out, answers, header)
     if header is not None:
         raise FormatError(f"{paths[0].name}: --header is of a port's bytes, named .bin; of a log, --columns says what its columns are")
     how: dict[str, Any] = {"columns": columns, "serial": serial, "add": add, "further": further}

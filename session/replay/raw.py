@@ -67,16 +67,8 @@ def refuse_of_logs(path: Path, answers: Answers, more: Mapping[str, bool]) -> No
         raise FormatError(f"{path.name} holds a port's bytes, of which {options} says nothing: that is for logs; leave it out")
 
 
-def convert_raw(
-    raw_path: Path,
-    out: Path,
-    odr_hz: float | None = None,
-    gyro_fs_dps: float | None = None,
-    accel_fs_g: float | None = None,
-    sensor: str | None = None,
-    header: str | None = None,
-) -> Converted:
-    """Make a session folder of a raw file; session.toml is the one in its folder, or is made from the board's data and the arguments.
+def convert_raw(raw_path: Path, out: Path, answers: Answers, header: str | None = None) -> Converted:
+    """Make a session folder of a raw file; session.toml is the one in its folder, or is made from the board's data and the answers.
 
     Nothing is left behind where it fails.  Raises FormatError and StorageError.
     """
@@ -98,7 +90,7 @@ def convert_raw(
                 f"{raw_path}: no samples among {raw_path.stat().st_size} bytes ({decoder.garbage} are neither frame nor line); "
                 "text in physical units that does not say its header needs --header t_us,gx_dps,…"
             )
-        assumed = _configure(raw_path, work, decoder, logs, odr_hz, gyro_fs_dps, accel_fs_g, sensor)
+        assumed = _configure(raw_path, work, decoder, logs, answers)
     notes = [f"{path.name} written" for path in logs.paths[1:]]
     counts = {
         "samples lost": decoder.lost,
@@ -132,23 +124,14 @@ def _took(raw_path: Path, log: Path) -> tuple[str, ...]:
     return said_port(raw_path.name, layout, sensor, rate)
 
 
-def _configure(
-    raw_path: Path,
-    out: Path,
-    decoder: StreamDecoder,
-    logs: LogWriter,
-    odr_hz: float | None,
-    gyro_fs_dps: float | None,
-    accel_fs_g: float | None,
-    sensor: str | None,
-) -> bool:
+def _configure(raw_path: Path, out: Path, decoder: StreamDecoder, logs: LogWriter, answers: Answers) -> bool:
     """Write session.toml; whether its sensor is only assumed."""
     beside = raw_path.with_name(NAME)
     if beside.exists():
         copy_new(beside, out / NAME)
         return False
-    rate_hz = odr_hz or (None if decoder.info else decoder.measured_odr_hz)
-    file = SessionFile(out, None, rate_hz, gyro_fs_dps, accel_fs_g, sensor)
+    rate_hz = answers.odr_hz or (None if decoder.info else decoder.measured_odr_hz)
+    file = SessionFile(out, None, rate_hz, answers.gyro_fs_dps, answers.accel_fs_g, answers.sensor)
     if file.configure(decoder.info, PATIENCE_S, bool(logs.physical), logs.board) is None:
         raise FormatError(
             f"{raw_path}: the board does not say its ranges, and no {NAME} lies in its folder; give --gyro-fs DPS --accel-fs G"

@@ -8,7 +8,7 @@ import tempfile
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
@@ -56,45 +56,35 @@ class Source(Protocol):
         ...
 
 
-class Sources:
-    """The sources of some files, in a ``with``, since what is unpacked for it is removed behind it."""
+@contextmanager
+def sources_of(paths: Sequence[Path], answers: Answers, columns: Sequence[str] = (), gyro_alone: bool = False) -> Iterator[list[Source]]:
+    """The sources of some files; what is unpacked for them is removed behind the block.
 
-    def __init__(self, paths: Sequence[Path], answers: Answers, columns: Sequence[str] = (), gyro_alone: bool = False):
-        """columns: a list of columns for each file, in their order; one is for all of them.  gyro_alone: whether no accelerometer is
-        needed.  Raises FormatError."""
-        if len(columns) not in (0, 1, len(paths)):
-            raise FormatError(f"--columns is given {len(columns)} times for {len(paths)} files; give it once, or once for each file")
-        self._paths, self._answers = paths, answers
-        self._columns = [columns[0] if len(columns) == 1 else columns[place] if columns else None for place in range(len(paths))]
-        self._needed = {"gyro": "gyroscope"} if gyro_alone else {"gyro": "gyroscope", "accel": "accelerometer"}
-        self._stack = ExitStack()
-
-    def __enter__(self) -> list[Source]:
-        """Raises FormatError, and QuestionsError of all that the files do not say."""
-        with ExitStack() as stack:
-            stack.enter_context(budget(self._paths))
-            found: list[Source] = []
-            asked: list[QuestionsError] = []
-            faults: list[FormatError] = []
-            for path, columns in zip(self._paths, self._columns, strict=True):
-                answers = self._answers if columns is None else replace(self._answers, columns=columns)
-                try:
-                    found += _sources_of(path, answers, stack, faults)
-                except QuestionsError as error:
-                    asked.append(error)
-            if asked:
-                raise all_of(asked) if len(asked) > 1 else asked[0]
-            for kind, called in self._needed.items():
-                if faults and all(getattr(source.layout, kind) is None for source in found):
-                    raise _left_out(self._paths, kind, called, faults)
-            self._stack = stack.pop_all()
-            return found
-
-    def __exit__(self, *_: object) -> None:
-        self._stack.close()
+    columns: a list of columns for each file, in their order; one is for all of them.  gyro_alone: whether no accelerometer is needed.
+    Raises FormatError, and QuestionsError of all that the files do not say.
+    """
+    if len(columns) not in (0, 1, len(paths)):
+        raise FormatError(f"--columns is given {len(columns)} times for {len(paths)} files; give it once, or once for each file")
+    with ExitStack() as stack, budget(paths):
+        found: list[Source] = []
+        asked: list[QuestionsError] = []
+        faults: list[FormatError] = []
+        for place, path in enumerate(paths):
+            own = replace(answers, columns=columns[place % len(columns)]) if columns else answers
+            try:
+                found += _of_path(path, own, stack, faults)
+            except QuestionsError as error:
+                asked.append(error)
+        if asked:
+            raise all_of(asked) if len(asked) > 1 else asked[0]
+        for kind, called in ("gyro", "gyroscope"), ("accel", "accelerometer"):
+            needed = kind == "gyro" or not gyro_alone
+            if needed and faults and all(getattr(source.layout, kind) is None for source in found):
+                raise _left_out(paths, kind, called, faults)
+        yield found
 
 
-def _sources_of(path: Path, answers: Answers, stack: ExitStack, faults: list[FormatError]) -> list[Source]:
+def _of_path(path: Path, answers: Answers, stack: ExitStack, faults: list[FormatError]) -> list[Source]:
     """The sources of one path; faults: what is wrong with the files of a folder that are left out."""
     if str(path) == STANDARD or not path.exists():
         return [TableReader(path, answers)]

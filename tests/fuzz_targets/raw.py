@@ -14,6 +14,7 @@ from session.base.errors import DataError
 from session.bench.rawfile import RAW, TIMES, decision_of, read_marks
 from session.log.config import read_config
 from session.log.logfile import read_log
+from session.replay.options import Answers
 from session.replay.raw import convert_raw
 
 SCALES = {"gyro_fs_dps": 500.0, "accel_fs_g": 4.0}
@@ -40,7 +41,8 @@ def run(data: bytes, folder: Path) -> None:
         decision = decision_of(mark)
         assert decision is None or decision.kind
     try:
-        made = convert_raw(path, out, **options)
+        header = options.get("header")
+        made = convert_raw(path, out, Answers(**{name: value for name, value in options.items() if name != "header"}), header)
     except Exception:
         assert not out.exists(), "a folder is left behind"
         raise

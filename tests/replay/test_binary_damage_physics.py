@@ -19,7 +19,7 @@ from session.base.errors import FormatError
 from session.replay.binary import betaflight
 from session.replay.binary.registry import reader_of
 from session.replay.binary.source import Stream
-from session.replay.sources import Sources
+from session.replay.sources import sources_of
 
 #: writer, file in it, reader, the stream that is compared
 LOST_PLANE = {"blackbox": (written.write_blackbox, betaflight.FORMAT, "log1")}
@@ -279,7 +279,7 @@ def test_a_bomb_is_refused_in_one_line(name, tmp_path):
     with (
         budget([tmp_path / name], None if most_mb is None else most_mb * MB),
         pytest.raises(FormatError, match=said) as raised,
-        Sources([tmp_path / name], _answers()),
+        sources_of([tmp_path / name], _answers()),
     ):
         pass
     assert "\n" not in str(raised.value)

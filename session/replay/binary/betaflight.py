@@ -12,7 +12,7 @@ import math
 import re
 import struct
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -113,16 +113,6 @@ def _require_headers(path: Path, data: bytes, begins: Sequence[int]) -> None:
         current().unpack(path, len(data) // 4 + (end - begin) * RECORD // 2)
 
 
-@dataclass(frozen=True)
-class _Header:
-    """What the header of one log says: units, full scale of the accelerometer, firmware and board."""
-
-    gyro_unit: str
-    accel_unit: str
-    accel_fs_g: float | None
-    notes: tuple[str, ...]
-
-
 def _log(path: Path, number: int, orangebox: Any) -> tuple[list[Stream], tuple[str, ...]]:
     """The streams of one log and all of its columns.  Raises whatever orangebox raises for a header that it cannot read."""
     reader = orangebox.reader.Reader(str(path), number, allow_invalid_header=True)
@@ -144,8 +134,7 @@ def _log(path: Path, number: int, orangebox: Any) -> tuple[list[Stream], tuple[s
     time = columns.index("time")
     name = f"log{number}"
     rows = Rows(path, len(wanted))
-    header = _header(reader.headers)
-    notes = list(header.notes)
+    gyro_unit, accel_unit, accel_fs_g, notes = _header(reader.headers)
     ended = False
     try:
         for frame in parser.frames():
@@ -177,10 +166,10 @@ def _log(path: Path, number: int, orangebox: Any) -> tuple[list[Stream], tuple[s
                     parts.get(what),
                     accel,
                     None,
-                    header.gyro_unit if what in parts else "",
-                    header.accel_unit if accel is not None else "",
+                    gyro_unit if what in parts else "",
+                    accel_unit if accel is not None else "",
                     gyro_fs_dps=ASSUMED_FS_DPS if what in parts else None,
-                    accel_fs_g=header.accel_fs_g if accel is not None else None,
+                    accel_fs_g=accel_fs_g if accel is not None else None,
                     frame="forward, left, up",
                     notes=tuple(notes),
                 )
@@ -208,8 +197,8 @@ def _steps(path: Path, reader: Any, loops: int) -> Iterator[int | None]:
             reader.seek(found.start() if found else len(reader))
 
 
-def _header(headers: dict[str, Any]) -> _Header:
-    """Units of one count.  ``gyro_scale`` is the bits of a float, dps per count; ``acc_1G`` is counts per g."""
+def _header(headers: dict[str, Any]) -> tuple[str, str, float | None, list[str]]:
+    """Units of one count, full scale of the accelerometer, and notes.  ``gyro_scale`` is the bits of a float, dps per count; ``acc_1G`` is counts per g."""
     notes = [f"the gyroscope's full scale of {ASSUMED_FS_DPS:g} dps is assumed: Betaflight's drivers set it, and no header says it"]
     scale, one_g = headers.get("gyro_scale", headers.get("gyro.scale")), headers.get("acc_1G")
     gyro_unit, accel_unit, accel_fs_g = "", "", None
@@ -222,7 +211,7 @@ def _header(headers: dict[str, Any]) -> _Header:
         accel_unit, accel_fs_g = f"g/{one_g:g}", 32768 / one_g
     if "Firmware revision" in headers:
         notes.append(f"firmware: {str(headers['Firmware revision'])[:60]}")
-    return _Header(gyro_unit, accel_unit, accel_fs_g, tuple(notes))
+    return gyro_unit, accel_unit, accel_fs_g, notes
 
 
 FORMAT = Messages(

@@ -19,7 +19,7 @@ from session.replay.answers import with_comments
 from session.replay.convert import Converted
 from session.replay.join import rates_of
 from session.replay.options import Answers
-from session.replay.sources import Source, Sources
+from session.replay.sources import Source, sources_of
 from session.replay.took import said_clock, said_program, said_source, said_triad
 from tinygc.features.turns.folder import GyroLog, write_turn_session
 
@@ -40,7 +40,7 @@ def import_turns(
     dialects: list[str] = []
     used: list[Source] = []
     names: dict[str, str] = {}
-    with Sources(paths, answers, columns, gyro_alone=True) as sources:
+    with sources_of(paths, answers, columns, gyro_alone=True) as sources:
         answers = with_comments(answers, sources)
         for source in sources:
             layout = source.layout

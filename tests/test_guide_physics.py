@@ -24,12 +24,10 @@ from session.bench.live import (
     STILL_SIGMA_RPS,
     UNKNOWN_ZERO_RPS,
     MotionBlock,
-    Settling,
     Stillness,
     StreamHealth,
     TurnInProgress,
     _scatter,
-    _WarmUp,
     rps_per_c,
     settling,
     stream_problem,
@@ -354,10 +352,10 @@ def with_noise(temps: np.ndarray, seed=0) -> np.ndarray:
 
 def told(t_s, temps, stills, left) -> list:
     """What it says at each moment, with a turn that counts between each two stills."""
-    warmth, said = _WarmUp(), []
+    warmth, said = StreamHealth(), []
     turns = [SimpleNamespace(segment=SimpleNamespace(stills=pair)) for pair in pairwise(stills)]
     for at_s, temp_c in zip(t_s, temps, strict=True):
-        warmth.feed(at_s, temp_c)
+        warmth.warms(at_s, temp_c)
         said.append(warmth.wait(turns, stills, left))
     return said
 
@@ -365,11 +363,11 @@ def told(t_s, temps, stills, left) -> list:
 @pytest.mark.parametrize(("to_come_c", "settles_s"), [(8.0, 150.0), (-7.0, 200.0)])
 def test_how_the_temperature_settles_is_seen_in_its_last_minutes(to_come_c, settles_s):
     t_s = np.arange(0, 120, 2.0)
-    found = settling(np.stack([t_s, with_noise(25 - to_come_c * np.expm1(-t_s / settles_s))], axis=1))
+    now_c, left, tau_s = settling(np.stack([t_s, with_noise(25 - to_come_c * np.expm1(-t_s / settles_s))], axis=1))
     left_c = to_come_c * np.exp(-t_s[-1] / settles_s)
-    assert found.to_come_c == pytest.approx(left_c, rel=0.1)
-    assert found.settles_s == pytest.approx(settles_s, rel=0.15)
-    assert found.at(np.array([0.0]))[0] == pytest.approx(25 + to_come_c - left_c, abs=0.02)
+    assert left == pytest.approx(left_c, rel=0.1)
+    assert tau_s == pytest.approx(settles_s, rel=0.15)
+    assert now_c == pytest.approx(25 + to_come_c - left_c, abs=0.02)
 
 
 def test_it_says_how_long_to_wait_and_is_silent_after_so_long():
@@ -394,9 +392,9 @@ def test_it_says_how_long_to_wait_and_is_silent_after_so_long():
 
 
 def test_temperatures_of_the_last_five_minutes_are_kept_two_seconds_apart():
-    warmth = _WarmUp()
+    warmth = StreamHealth()
     for t_s in np.arange(0, 400, 0.5):
-        warmth.feed(t_s, 25.0)
+        warmth.warms(t_s, 25.0)
     assert [t_s for t_s, _ in warmth._temps] == [*np.arange(100.0, 400, 2)]
 
 
@@ -416,10 +414,10 @@ def test_the_wait_is_the_first_minute_that_brings_the_drift_below_the_bar_or_hal
     def drift(minutes):
         return each * np.std(10 * np.exp(-(60 * minutes + left) / 150))
 
-    wait = worth_waiting(Settling(25.0, 10.0, 150.0), np.array([np.nan]), each, 5)
+    wait = worth_waiting((25.0, 10.0, 150.0), np.array([np.nan]), each, 5)
     assert (wait.now_rps, wait.then_rps, wait.left_min) == pytest.approx((drift(0), drift(wait.minutes), 40 / 60))
     assert wait.minutes == next(minutes for minutes in range(1, 11) if drift(minutes) <= (limit or drift(0) / 2))
-    assert worth_waiting(Settling(25.0, 10.0, 150.0), np.array([24.0]), each, 5) is None  # of which one is cold
+    assert worth_waiting((25.0, 10.0, 150.0), np.array([24.0]), each, 5) is None  # of which one is cold
 
 
 def test_a_window_holds_the_present_still_and_of_a_long_one_the_last_part():

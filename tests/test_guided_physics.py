@@ -19,7 +19,7 @@ from streams import frame_list, sent
 from test_stream_physics import HELLO, board_frame, faults_frame
 
 from session.base.errors import FormatError, OtherSensor
-from session.bench.board import NO_SENSOR, RESET_SAYS, BoardReporter, SensorIdentity
+from session.bench.board import NO_SENSOR, RESET_SAYS, BoardReporter
 from session.bench.clocks import ClockRatio
 from session.bench.decoder import StreamDecoder
 from session.bench.events import FAULTS, TROUBLES, Event, Info, SampleChunk, starts_log
@@ -442,18 +442,18 @@ def said(odr_hz: float) -> Info:
 
 
 def test_a_board_without_a_serial_number_is_another_where_its_rate_is_another():
-    same = SensorIdentity()
-    same.require(said(421.06))
-    same.require(said(432.4))  # within a connection nobody swaps a board: it has measured better
+    same = BoardReporter()
+    same.require_same(said(421.06))
+    same.require_same(said(432.4))  # within a connection nobody swaps a board: it has measured better
     same.new_connection()
-    same.require(said(433.0))
+    same.require_same(said(433.0))
     same.new_connection()
     with pytest.raises(OtherSensor, match="it has no serial number"):
-        same.require(said(433.0 * 1.027))
+        same.require_same(said(433.0 * 1.027))
     with pytest.raises(OtherSensor):  # it stays another's
-        same.require(said(433.0 * 1.027))
+        same.require_same(said(433.0 * 1.027))
     same.new_connection()
-    same.require(said(433.0))
+    same.require_same(said(433.0))
 
 
 def test_what_a_fault_cost_is_said_once_the_sensor_is_back_and_what_a_setting_cost_is_not():

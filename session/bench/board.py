@@ -46,12 +46,16 @@ RESET_SAYS = {
     "fault": "the board's last reset since power-up was behind a fault of its core: its program had gone astray",
 }
 NOBODY = (0x00, 0xFF)  #: WHO_AM_I of a bus without an answer
+#: relative change of a board's stated rate from one connection to the next: three steps of INTERNAL_FREQ_FINE (0.15 % each);
+#: two boards differ by some percent, and settings of the rate by a factor of two
+RATE_WITHIN = 0.005
+ANOTHER = "give another sensor another --out"
 #: reports of faults; a sensor with a loose wire causes them all the time
 MOST_SAID = 20
 
 
 class BoardReporter:
-    """Turns a board's messages into lines for the operator."""
+    """Turns a board's messages into lines for the operator, and refuses another board's."""
 
     def __init__(self) -> None:
         self.board: BoardStatus | None = None
@@ -61,10 +65,13 @@ class BoardReporter:
         self._open_fault = False  # a fault was reported, and its lost samples may be counted only once the sensor is back
         # A reset shows in the board's status and in the stamps of its samples, mostly in this order; its cause is said once.
         self._status_first = self._stamps_first = False  # so far only the one, or only the other
+        self._serial: str | None = None
+        self._odr_hz: float | None = None  # as it was stated last
+        self._reconnected = False  # since then
 
     def new_connection(self) -> None:
-        """Messages from here on may be of a board that was switched on again."""
-        self.board = None
+        """Messages from here on may be of a board that was switched on again, or of another one."""
+        self.board, self._reconnected = None, True
         self._open_fault = self._status_first = self._stamps_first = False
 
     def was_reset(self) -> list[str]:
@@ -133,33 +140,17 @@ class BoardReporter:
             lines.append(f"this was the {MOST_SAID}th fault, later ones are not shown; the logs' comments hold all")
         return lines
 
+    def require_same(self, info: Info) -> None:
+        """OtherSensor where the info is of another sensor than those before, resumed or not: two sensors have two calibrations.
 
-#: relative change of a board's stated rate from one connection to the next: three steps of INTERNAL_FREQ_FINE (0.15 % each);
-#: two boards differ by some percent, and settings of the rate by a factor of two
-RATE_WITHIN = 0.005
-ANOTHER = "give another sensor another --out"
-
-
-class SensorIdentity:
-    """Checks each info of a recording, resumed or not, for another sensor: two sensors have two calibrations."""
-
-    def __init__(self) -> None:
-        self._serial: str | None = None
-        self._connection = self._of = 0  # the present one, and the one of the stated rate
-        self._odr_hz: float | None = None
-
-    def new_connection(self) -> None:
-        """The port was opened again: the board may be another."""
-        self._connection += 1
-
-    def require(self, info: Info) -> None:
-        """OtherSensor where the info is of another sensor.  Within a connection a board may correct its rate."""
+        Within a connection a board may correct its rate.
+        """
         named = info.serial not in NO_SERIAL
         if named and self._serial not in (None, info.serial):
             raise OtherSensor(f"the board sends serial={info.serial}, this recording is of {self._serial}; {ANOTHER}")
         changed = self._odr_hz is not None and abs(info.odr_hz / self._odr_hz - 1) > RATE_WITHIN
-        if changed and self._connection != self._of:
+        if changed and self._reconnected:
             who = "this is another board, or it was set otherwise" if named else "this is another board (it has no serial number)"
             raise OtherSensor(f"the board sends odr_hz={info.odr_hz:g}, this recording's {self._odr_hz:g}: {who}; {ANOTHER}")
         self._serial = info.serial if named else self._serial
-        self._odr_hz, self._of = info.odr_hz, self._connection
+        self._odr_hz, self._reconnected = info.odr_hz, False

@@ -8,7 +8,6 @@ were divided on their way.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -28,36 +27,19 @@ from session.bench.events import (
     SampleChunk,
     StreamFormat,
 )
-from session.bench.text_stream import LONGEST_LINE, Garbage, LineReader, parse_comment
+from session.bench.text_stream import LONGEST_LINE, LineReader, parse_comment
+
+#: bodies of frames, by their blocks
+Bodies = dict[int, np.ndarray]
 
 
-@dataclass(frozen=True, eq=False)
-class DecodedFrames:
-    """The content of b blocks, each of which stood between two zero bytes.
+def decode_frames(
+    codes: np.ndarray, ends: np.ndarray, lengths: np.ndarray
+) -> tuple[SampleChunk, np.ndarray, bool, Bodies, Bodies, np.ndarray, int]:
+    """Decode the b blocks of codes (n,) uint8, each between two zero bytes, that end at ``ends`` and have these lengths.
 
-    readings (n,) frames.SAMPLE, with their blocks, rows (n,); damaged (n,) bool, whether something unreadable came since the reading
-    before; behind: whether it came behind the last one; infos, others: bodies by block, of info frames and of board messages; left_over
-    (b,) bytes of each block that are none of these; crc_errors: number of blocks of the right length with a wrong check.
-    """
-
-    readings: np.ndarray
-    rows: np.ndarray
-    damaged: np.ndarray
-    behind: bool
-    infos: dict[int, np.ndarray]
-    others: dict[int, np.ndarray]
-    left_over: np.ndarray
-    crc_errors: int
-
-    def part(self, begin: int, stop: int) -> SampleChunk:
-        """Readings from begin up to stop."""
-        table, damaged = self.readings[begin:stop], self.damaged[begin:stop]
-        sequence = table["sequence"].astype(np.int64)
-        return SampleChunk(table["t_us"].astype(np.int64), table["registers"].astype(np.int16), REGISTERS, damaged, sequence)
-
-
-def decode_frames(codes: np.ndarray, ends: np.ndarray, lengths: np.ndarray) -> DecodedFrames:
-    """Decode the blocks of codes (n,) uint8 that end at ``ends`` and have these lengths.
+    Returns the n readings, with the blocks (n,) that they are of; whether something unreadable came behind the last one; info frames and
+    board messages; bytes (b,) of each block that are none of these; number of blocks of the right length with a wrong check.
 
     A whole frame at the end of a longer block counts: what was before it only lost its delimiter.  In a block that is longer than any
     line nothing counts.
@@ -67,7 +49,7 @@ def decode_frames(codes: np.ndarray, ends: np.ndarray, lengths: np.ndarray) -> D
     bad[rows] = False
     table = np.ascontiguousarray(bodies).view(frames.SAMPLE)[:, 0]
     ours = table["type"] == frames.SAMPLE_TYPE
-    readings, rows = table[ours], rows[ours]
+    table, rows = table[ours], rows[ours]
     found, bodies = _good_frames(codes, ends, np.flatnonzero(lengths == info), info)
     bad[found] = False
     infos = {row: body for row, body in zip(found.tolist(), bodies, strict=True) if body[0] == frames.INFO_TYPE}
@@ -84,7 +66,9 @@ def decode_frames(codes: np.ndarray, ends: np.ndarray, lengths: np.ndarray) -> D
     spoilt = np.cumsum(bad | (left_over > 0))
     damaged = np.diff(spoilt[rows], prepend=0) > 0
     behind = len(spoilt) > 0 and int(spoilt[-1]) > (int(spoilt[rows[-1]]) if len(rows) else 0)
-    return DecodedFrames(readings, rows, damaged, behind, infos, others, left_over, int(np.count_nonzero(wrong)))
+    t_us, registers, sequence = table["t_us"].astype(np.int64), table["registers"].astype(np.int16), table["sequence"].astype(np.int64)
+    readings = SampleChunk(t_us, registers, REGISTERS, damaged, sequence)
+    return readings, rows, behind, infos, others, left_over, int(np.count_nonzero(wrong))
 
 
 def _good_frames(codes: np.ndarray, ends: np.ndarray, rows: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
@@ -260,35 +244,34 @@ class StreamDecoder:
         return int(starts[count]), bool(len(change))
 
     def _blocks(self, data: bytes, starts: np.ndarray, ends: np.ndarray, lengths: np.ndarray, out: EventCollector) -> None:
-        blocks = decode_frames(np.frombuffer(data, np.uint8), ends, lengths)
-        if blocks.crc_errors:
-            self.crc_errors += blocks.crc_errors
-            out.add(Event("crc", blocks.crc_errors, self._last_us))
-        left_over, rows = blocks.left_over, blocks.rows
+        readings, rows, behind, infos, bodies, left_over, crc_errors = decode_frames(np.frombuffer(data, np.uint8), ends, lengths)
+        if crc_errors:
+            self.crc_errors += crc_errors
+            out.add(Event("crc", crc_errors, self._last_us))
         remarks = [row for row in np.flatnonzero(left_over).tolist() if b"#" in data[starts[row] : ends[row]]] if left_over.any() else []
         self._garbage(int(left_over.sum()), out, damages=False)
         damaged_before = self._damaged
         if len(rows):
-            blocks.damaged[0] |= damaged_before
+            readings.damaged[0] |= damaged_before
         begin = earned = 0
-        others = self._news(blocks.others)
-        placed = sorted({*blocks.infos, *others, *remarks})
+        others = self._news(bodies)
+        placed = sorted({*infos, *others, *remarks})
         for row, stop in zip(placed, np.searchsorted(rows, placed).tolist(), strict=True):
             self._remarks.at += stop - earned
             earned = stop
-            if (row in blocks.infos or row in others) and not self._remarks.spend():
+            if (row in infos or row in others) and not self._remarks.spend():
                 continue
             if stop > begin:
-                self._take(blocks.part(begin, stop), out)
+                self._take(readings.part(begin, stop), out)
             begin = stop
             if row in others:
                 out.add(others[row])
             else:
-                self._remark(blocks.infos.get(row), data[starts[row] : ends[row]], out)
+                self._remark(infos.get(row), data[starts[row] : ends[row]], out)
         self._remarks.at += len(rows) - earned
         if len(rows) > begin:
-            self._take(blocks.part(begin, len(rows)), out)
-        self._damaged = blocks.behind or (damaged_before and not len(rows))
+            self._take(readings.part(begin), out)
+        self._damaged = behind or (damaged_before and not len(rows))
 
     def _news(self, bodies: dict[int, np.ndarray]) -> dict[int, BoardStatus | Event]:
         """Of bodies by block, in order, those that differ from the last of their type, and every answer."""
@@ -370,8 +353,8 @@ class StreamDecoder:
                 item.damaged[0] |= self._damaged
                 self._damaged = False
                 self._take(item, out)
-            elif isinstance(item, Garbage):
-                self._garbage(item.count, out, damages=item.behind)
+            elif isinstance(item, Event) and item.kind == "garbage":
+                self._garbage(item.count, out, damages=bool(item.text))
             elif isinstance(item, StreamFormat):
                 # A header has changed the columns: what was before, if anything, is another recording.
                 self._end_run(out)

@@ -391,7 +391,7 @@ class Guide:
         """Whether it pays to let the board warm up before going on."""
         if self.stage not in (Stage.HOLD_STILL, Stage.TURN):
             return None
-        return self.health.warmth.wait(self.taken.turns, self.taken.stills, self.segments - self.accepted)
+        return self.health.wait(self.taken.turns, self.taken.stills, self.segments - self.accepted)
 
     @property
     def instruction(self) -> Instruction:

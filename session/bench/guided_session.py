@@ -14,7 +14,7 @@ from datetime import UTC, datetime
 
 from session.base.errors import CalibrationError, OtherSensor, StorageError
 from session.base.texts import printable
-from session.bench.board import BoardReporter, SensorIdentity
+from session.bench.board import BoardReporter
 from session.bench.clocks import OFF
 from session.bench.events import TROUBLES, AnyEvent, BoardStatus, Event, Info, SampleChunk, starts_log
 from session.bench.guide import BEGIN, REST, Guide, Moment, Mover, View, joined_chunks, samples_of
@@ -124,7 +124,6 @@ class GuidedRecording:
         self._resuming = False  # until the port is open
         self.board = BoardReporter()
         guide.board_faults = self.board.counted
-        self._same = SensorIdentity()
         self._checkpoints = self._sound = 0  # new logs and infos taken; up to which of them nothing was wrong
         self._agreed = False  # whether an info was of this recording's sensor
         #: whether the earlier recording held another board's bytes: they are set apart now, and a replay skips them
@@ -235,7 +234,6 @@ class GuidedRecording:
         because = self.board.was_reset() if kind == "reset" else []
         if kind == "reconnect":
             self.board.new_connection()
-            self._same.new_connection()
         if self._live or self._resuming:
             if self._resuming and self.guide.stage is Stage.PAUSED:  # a pause ends with its recording
                 self._decide(self._after_pause)
@@ -277,7 +275,7 @@ class GuidedRecording:
         values = (info.gyro_fs_dps, info.accel_fs_g, info.odr_hz, info.serial)
         again, self._last_info = values == self._last_info, values
         try:
-            self._same.require(info)
+            self.board.require_same(info)
             self._know(info)
         except StorageError:
             raise

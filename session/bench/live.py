@@ -253,45 +253,8 @@ class Wait:
         return f"{waiting}; going on now ({self.left_min:.0f} min), by {self.now_rps / MDPS:.1f} (bar {_BAR_RPS / MDPS:g})"
 
 
-@dataclass(frozen=True)
-class Settling:
-    """An exponential temperature: present value, °C; remaining change, °C; time constant, s."""
-
-    now_c: float
-    to_come_c: float
-    settles_s: float
-
-    def at(self, later_s: np.ndarray) -> np.ndarray:
-        """Temperature in °C after later_s (N,)."""
-        return self.now_c - self.to_come_c * np.expm1(-later_s / self.settles_s)
-
-
-class _WarmUp:
-    """Collects temperatures; ``wait`` evaluates whether waiting pays."""
-
-    def __init__(self) -> None:
-        self._temps: deque[tuple[float, float]] = deque(maxlen=round(OVER_S / EVERY_S))
-        self._cached: tuple[tuple[float, int, int], Wait | None] | None = None
-
-    def feed(self, t_s: float, temp_c: float) -> None:
-        """Add a mean over some readings."""
-        if not self._temps or t_s - self._temps[-1][0] >= EVERY_S:
-            self._temps.append((t_s, temp_c))
-
-    def new_log(self) -> None:
-        """The device's clock has restarted."""
-        self._temps.clear()
-        self._cached = None
-
-    def wait(self, turns: Sequence[AcceptedTurn], stills: Sequence[Still], segments_left: int) -> Wait | None:
-        """The gain of waiting; None where it does not matter, or too little is known.  The result is cached until the data change."""
-        if len(self._temps) < 3 or self._temps[-1][0] - self._temps[0][0] < LEAST_S or segments_left <= 0:
-            return None
-        about = (self._temps[-1][0], len(stills), segments_left)
-        if self._cached is None or self._cached[0] != about:
-            turned_c = np.array([np.mean([still.temp_c for still in turn.segment.stills]) for turn in turns])
-            self._cached = about, worth_waiting(settling(np.array(self._temps)), turned_c, rps_per_c(stills), segments_left)
-        return self._cached[1]
+#: an exponential temperature: present value, °C; remaining change, °C; time constant, s
+Settling = tuple[float, float, float]
 
 
 def settling(temps: np.ndarray) -> Settling:
@@ -304,7 +267,7 @@ def settling(temps: np.ndarray) -> Settling:
     squares = np.sum(misses**2, axis=1)
     variance = max(LEAST_SIGMA_C**2, float(squares.min()) / max(len(temps) - 2, 1))
     best = int(np.argmin(squares / variance + (np.log(SETTLES_S / USUALLY_S) / np.log(USUALLY_FACTOR)) ** 2))
-    return Settling(float(mean_c + slope[best] * (1 - x_mean[best, 0])), float(-slope[best]), float(SETTLES_S[best]))
+    return float(mean_c + slope[best] * (1 - x_mean[best, 0])), float(-slope[best]), float(SETTLES_S[best])
 
 
 def rps_per_c(stills: Sequence[Still]) -> float:
@@ -326,9 +289,11 @@ def worth_waiting(temperature: Settling, turned_c: np.ndarray, each_rps: float, 
     """
     turned_c = turned_c[np.isfinite(turned_c)]
     later_s = _SEGMENT_S * np.arange(1, segments_left + 1)
+    now_c, to_come_c, settles_s = temperature
 
     def drift(minutes: float) -> float:
-        return each_rps * float(np.std(np.concatenate([turned_c, temperature.at(60 * minutes + later_s)])))
+        later_c = now_c - to_come_c * np.expm1(-(60 * minutes + later_s) / settles_s)
+        return each_rps * float(np.std(np.concatenate([turned_c, later_c])))
 
     now_rps = drift(0.0)
     if now_rps <= _BAR_RPS:
@@ -343,7 +308,6 @@ def worth_waiting(temperature: Settling, turned_c: np.ndarray, each_rps: float, 
 
 SLOPE_OVER_S = 60.0
 LEAST_SLOPE_S = 10.0
-TEMP_EVERY_S = 1.0
 
 
 #: kinds of trouble, in words
@@ -358,12 +322,12 @@ class StreamHealth:
         self.troubles: Counter[str] = Counter()  #: by kind, as in ``Event``
         self._extra = 0  # periods that the steps hold beyond one each
         self.temp_c: float | None = None
-        self.warmth = _WarmUp()
         self.info_odr_hz: float | None = None  #: from the board's info
         self.clock: ClockRatio | None = None  #: of the device, by the host's
         self._periods, self._periods_s = 0, 0.0
         self._last_ns: int | None = None
-        self._temps: deque[tuple[float, float]] = deque(maxlen=round(SLOPE_OVER_S / TEMP_EVERY_S))
+        self._temps: deque[tuple[float, float]] = deque(maxlen=round(OVER_S / EVERY_S))
+        self._waited: tuple[tuple[float, int, int], Wait | None] | None = None
 
     def feed(self, samples: Samples, pace: Pace) -> None:
         """Add samples of the log with this pace; those that were added before do not count again."""
@@ -384,15 +348,28 @@ class StreamHealth:
         if samples.temp_c is not None:
             t_s, temp_c = samples.t_ns[-1] * NS, float(np.mean(samples.temp_c[-200:]))
             self.temp_c = temp_c if self.temp_c is None else 0.9 * self.temp_c + 0.1 * temp_c
-            if not self._temps or t_s - self._temps[-1][0] >= TEMP_EVERY_S:
-                self._temps.append((t_s, temp_c))
-            self.warmth.feed(t_s, temp_c)
+            self.warms(t_s, temp_c)
+
+    def warms(self, t_s: float, temp_c: float) -> None:
+        """Add a mean temperature over some readings."""
+        if not self._temps or t_s - self._temps[-1][0] >= EVERY_S:
+            self._temps.append((t_s, temp_c))
+
+    def wait(self, turns: Sequence[AcceptedTurn], stills: Sequence[Still], segments_left: int) -> Wait | None:
+        """The gain of waiting; None where it does not matter, or too little is known.  The result is kept until the data change."""
+        if len(self._temps) < 3 or self._temps[-1][0] - self._temps[0][0] < LEAST_S or segments_left <= 0:
+            return None
+        about = (self._temps[-1][0], len(stills), segments_left)
+        if self._waited is None or self._waited[0] != about:
+            turned_c = np.array([np.mean([still.temp_c for still in turn.segment.stills]) for turn in turns])
+            self._waited = about, worth_waiting(settling(np.array(self._temps)), turned_c, rps_per_c(stills), segments_left)
+        return self._waited[1]
 
     def new_log(self) -> None:
         """The device's clock has restarted."""
         self._last_ns = None
         self._temps.clear()
-        self.warmth.new_log()
+        self._waited = None
 
     @property
     def faults(self) -> dict[str, int]:
@@ -419,6 +396,6 @@ class StreamHealth:
         """°C per minute over the last minute; None until there is enough of it."""
         if len(self._temps) < 3 or self._temps[-1][0] - self._temps[0][0] < LEAST_SLOPE_S:
             return None
-        t_s, temp_c = np.array(self._temps).T
+        t_s, temp_c = np.array(self._temps)[-round(SLOPE_OVER_S / EVERY_S) :].T
         centred = t_s - t_s.mean()
         return float(60 * (centred @ temp_c) / (centred @ centred))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from session.base.errors import FormatError, StorageError
@@ -250,16 +250,6 @@ def said_not_logged(samples: int, starts: int) -> str:
 WORD = "foreign"
 
 
-@dataclass(frozen=True)
-class StreamCheckpoint:
-    """Its number in the recording; the bytes before its connection; the recording's own logs and samples before it."""
-
-    number: int
-    offset: int
-    logs: int
-    samples: int
-
-
 class BoardRouter:
     """Separates the events of the recording's own board from another one's.  samples: the number of its own."""
 
@@ -269,7 +259,8 @@ class BoardRouter:
         self._info: Info | None = None  # of the recording's own board
         self._number = self._offset = 0
         self._since: int | None = None  # the checkpoint behind which another board sends
-        self._checkpoints = [StreamCheckpoint(0, 0, 0, 0)]
+        #: of each checkpoint: its number; the bytes before its connection; the recording's own logs and samples before it
+        self._checkpoints = [(0, 0, 0, 0)]
 
     def opened(self, offset: int, since: int | None = None) -> None:
         """The port was opened behind so many bytes; since: the checkpoint behind which another board sends, or None."""
@@ -290,7 +281,7 @@ class BoardRouter:
             if isinstance(event, Info) or starts_log(event):
                 self._number += 1
                 if not apart:
-                    self._checkpoints.append(StreamCheckpoint(self._number, self._offset, len(self._logs.paths), self.samples))
+                    self._checkpoints.append((self._number, self._offset, len(self._logs.paths), self.samples))
                 self._turn()
         if self._logs.is_apart:
             self._decoder.info = self._info
@@ -300,16 +291,19 @@ class BoardRouter:
         if self._since is not None and self._number >= self._since:
             self._logs.apart()
 
-    def set_apart(self, count: int) -> StreamCheckpoint:
-        """Events behind the count-th checkpoint that ``take`` returned were another board's: rename their logs.  Returns the checkpoint."""
-        checkpoint = self._checkpoints[count]
-        following = next((each for each in self._checkpoints if each.offset > checkpoint.offset), None)
-        self._logs.rename_apart(slice(checkpoint.logs, following.logs if following else None))
-        self.samples -= (following.samples if following else self.samples) - checkpoint.samples
+    def set_apart(self, count: int) -> tuple[int, int]:
+        """Events behind the count-th checkpoint that ``take`` returned were another board's: rename their logs.
+
+        Returns the checkpoint's number, and the bytes before its connection.
+        """
+        number, offset, logs, samples = self._checkpoints[count]
+        following = next(((logs, samples) for _, begins, logs, samples in self._checkpoints if begins > offset), None)
+        self._logs.rename_apart(slice(logs, following[0] if following else None))
+        self.samples -= (following[1] if following else self.samples) - samples
         if following is None:
-            self._since = checkpoint.number
+            self._since = number
             self._turn()
-        return checkpoint
+        return number, offset
 
 
 def other_board(marks: Sequence[Mark], begun: int) -> int | None:

@@ -142,8 +142,8 @@ class Recorder:
 
         That is noted for every replay.  Returns the names of such logs, as far as there are any.
         """
-        checkpoint = self._router.set_apart(checkpoints)
-        self.raw.mark(time.monotonic_ns(), f"{WORD} {checkpoint.number}", checkpoint.offset)
+        number, offset = self._router.set_apart(checkpoints)
+        self.raw.mark(time.monotonic_ns(), f"{WORD} {number}", offset)
         return [path.name for path in self.logs.paths if path.name.startswith(FOREIGN)]
 
     @property

@@ -8,7 +8,6 @@ stamp.  Lines that follow each other are parsed at once; single lines are parsed
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from functools import cache
 from unicodedata import category
 
@@ -113,15 +112,7 @@ def parse_info(comment: str) -> Info | None:
     return Info(gyro, accel, odr, pairs.get("serial", ""), pairs.get("sensor", "")) if all(0 < number < 1e6 for number in numbers) else None
 
 
-@dataclass(frozen=True)
-class Garbage:
-    """Bytes of unreadable lines; behind: whether the last of them came behind all rows so far."""
-
-    count: int
-    behind: bool
-
-
-Item = SampleChunk | Event | Info | Garbage | StreamFormat
+Item = SampleChunk | Event | Info | StreamFormat
 
 
 class LineReader:
@@ -208,7 +199,7 @@ class LineReader:
         if self._rows:
             self._items.append(joined_chunk(self._rows))
         if self._unreadable:
-            self._items.append(Garbage(self._unreadable, self._behind))
+            self._items.append(Event("garbage", self._unreadable, text="behind" * self._behind))  # text: behind all rows so far
         self._begin()
 
     def parse(self, line: bytes) -> tuple[int, list] | None:

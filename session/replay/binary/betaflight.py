@@ -198,7 +198,10 @@ def _steps(path: Path, reader: Any, loops: int) -> Iterator[int | None]:
 
 
 def _header(headers: dict[str, Any]) -> tuple[str, str, float | None, list[str]]:
-    """Units of one count, full scale of the accelerometer, and notes.  ``gyro_scale`` is the bits of a float, dps per count; ``acc_1G`` is counts per g."""
+    """Units of one count, full scale of the accelerometer, and notes.
+
+    ``gyro_scale`` is the bits of a float, dps per count; ``acc_1G`` is counts per g.
+    """
     notes = [f"the gyroscope's full scale of {ASSUMED_FS_DPS:g} dps is assumed: Betaflight's drivers set it, and no header says it"]
     scale, one_g = headers.get("gyro_scale", headers.get("gyro.scale")), headers.get("acc_1G")
     gyro_unit, accel_unit, accel_fs_g = "", "", None

@@ -13,8 +13,8 @@ from session.log.arrays import samples_of_arrays
 from session.log.config import Accelerometer, Config, Protocol, Sensor, Site
 from session.log.folder import Session
 from session.log.logfile import KnownTurn, Log
+from tinygc.features.turns.feature import TURNS
 from tinygc.features.turns.folder import GyroLog, _full_scale, _rate_hz, _refuse
-from tinygc.features.turns.names import TURNS
 
 RAMP_S = 0.2
 

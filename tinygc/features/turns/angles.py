@@ -215,19 +215,19 @@ def _measured(session: Session, turn: KnownTurn, logs: list[LogOfTurns], noise: 
     log, number = _place(turn, logs)
     found = TurnAngle(turn, log.log.path.name if log else turn.log or "", axis, sense, abs(turn.angle_rad))
     if log is None:
-        return _refused(found, f"{NAME} counts more turns than the logs hold ({sum(len(each.turns) for each in logs)})")
+        return replace(found, problem=f"{NAME} counts more turns than the logs hold ({sum(len(each.turns) for each in logs)})")
     if number >= len(log.turns):
         held = f"holds {len(log.turns)} turn{'s' * (len(log.turns) != 1)}"
-        return _refused(found, f"{found.log} {held if log.rests else 'holds no rest'}; turns are counted from 0, from rest to rest")
+        return replace(found, problem=f"{found.log} {held if log.rests else 'holds no rest'}; turns are counted from 0, from rest to rest")
     move = log.turns[number]
     if move.before is None or move.after is None:
-        return _refused(
-            found, f"no rest {'before' if move.before is None else 'behind'} it: it may not be whole, and its bias is not known"
+        return replace(
+            found, problem=f"no rest {'before' if move.before is None else 'behind'} it: it may not be whole, and its bias is not known"
         )
     rows = slice(move.start, move.stop + 1)
     gyro, t_s = log.gyro[rows], log.times.t_s[rows]
     if (np.abs(gyro) >= CLIPPED * session.config.sensor.gyro_fs_dps * DEG).any():
-        return _refused(found, f"its rate reaches the full scale of {session.config.sensor.gyro_fs_dps:g} dps")
+        return replace(found, problem=f"its rate reaches the full scale of {session.config.sensor.gyro_fs_dps:g} dps")
     duration_s = float(t_s[-1] - t_s[0])
     apart_s, lead_s = move.after.middle_s - move.before.middle_s, float(t_s[0]) - move.before.middle_s
     late = (lead_s + duration_s / 2) / apart_s
@@ -237,8 +237,8 @@ def _measured(session: Session, turn: KnownTurn, logs: list[LogOfTurns], noise: 
     direction = theta / length if length else np.eye(3)[axis] * sense
     if sense * direction[axis] < np.cos(AXIS_WITHIN):
         about = ", ".join(f"{value:.2f}" for value in direction)
-        return _refused(
-            found, f"the gyroscope turned by {length / DEG:.1f} deg about ({about}), which is not {turn.words} in the stated sense"
+        return replace(
+            found, problem=f"the gyroscope turned by {length / DEG:.1f} deg about ({about}), which is not {turn.words} in the stated sense"
         )
     each = _variances(log, move, noise, duration_s, lead_s, apart_s, late)
     along = direction**2
@@ -251,26 +251,18 @@ def _measured(session: Session, turn: KnownTurn, logs: list[LogOfTurns], noise: 
     along_axis, size = (gyro - bias) @ direction, min(block_size(log.times.period_s), len(gyro))
     blocks = along_axis[: len(gyro) // size * size].reshape(-1, size).mean(axis=1)
     shared = float((move.before.rounding + move.after.rounding) @ along) / 4
-    return TurnAngle(
-        turn,
-        found.log,
-        axis,
-        sense,
-        found.stated_rad,
-        length - across / (2 * length),  # noise across makes the sum of squares larger
-        direction,
-        duration_s,
-        float(np.median(blocks[blocks >= blocks.max() / 2])),
-        log.times.period_s,
-        {name: float(term @ along) for name, term in each.items()},
-        shared,
-        tuple(rests),
-        log.times.lost_between(move.start, move.stop),
+    return replace(
+        found,
+        measured_rad=length - across / (2 * length),  # noise across makes the sum of squares larger
+        direction=direction,
+        duration_s=duration_s,
+        rate_rps=float(np.median(blocks[blocks >= blocks.max() / 2])),
+        period_s=log.times.period_s,
+        variance={name: float(term @ along) for name, term in each.items()},
+        shared_rps2=shared,
+        rests=tuple(rests),
+        lost_s=log.times.lost_between(move.start, move.stop),
     )
-
-
-def _refused(found: TurnAngle, problem: str) -> TurnAngle:
-    return TurnAngle(found.turn, found.log, found.axis, found.sense, found.stated_rad, problem=problem)
 
 
 def _place(turn: KnownTurn, logs: list[LogOfTurns]) -> tuple[LogOfTurns | None, int]:

@@ -8,6 +8,9 @@ from pathlib import Path
 from session.base.features import Feature
 from session.base.options import Record, option
 
+#: ``protocol.reference`` of a gyroscope alone
+TURNS = "turns"
+
 # Options that a gyroscope alone adds to commands of the core.
 
 
@@ -19,11 +22,11 @@ class ImportOptions(Record):
 
 
 FEATURE = Feature(
-    public={"fit_turns": "library", "TurnFit": "library"},
+    public={"fit_turns": "library", "TurnFit": "result"},
     serves={
         "kind of folder": "points:kind_of_folder",
-        "further reference": "names:TURNS",
-        "fit of a folder": "command:fit",
+        "further reference": "feature:TURNS",
+        "fit of a folder": "points:fit",
         "options of import": "feature:ImportOptions",
         "import of logs": "points:import_logs",
     },

@@ -94,11 +94,8 @@ def _took(used: Sequence[Source], logs: Sequence[GyroLog], answers: Answers, sen
 
     return (
         f"{each(lambda source: said_program(source.layout, answers))}: {', '.join(places[:NAMED])}{more}",
-        f"gyroscope: {each(_said_rates)}, ±{sensor.gyro_fs_dps:g} dps{assumed}",
+        f"gyroscope: {each(lambda source: said_triad(source.layout, source.layout.gyro, said_source(source.layout, 'gyro')))}, "
+        f"±{sensor.gyro_fs_dps:g} dps{assumed}",
         f"clock: {each(lambda source: said_clock(source.layout, answers, source.layout.time is None))}; "
         f"{slow if slow == fast else f'{slow} to {fast}'} Hz for {duration_s:.1f} s",
     )
-
-
-def _said_rates(source: Source) -> str:
-    return said_triad(source.layout, source.layout.gyro, said_source(source.layout, "gyro"))

@@ -2,50 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from session.base.errors import FitError
 from session.log.folder import Session, input_hashes
-from tinygc.features.turns.angles import LogOfTurns, RestNoise, TurnAngle, measured_turns  # noqa: F401  # types of TurnFit's fields
-from tinygc.features.turns.estimate import TurnsEstimate, estimate  # noqa: F401
+from tinygc.features.turns.angles import measured_turns
+from tinygc.features.turns.estimate import estimate
+from tinygc.features.turns.feature import TURNS
 from tinygc.features.turns.folder import read_turn_session
-from tinygc.features.turns.names import TURNS
-from tinygc.features.turns.output import save_turns, to_json, turns_report
-from tinygc.features.turns.result import RestBias, TurnsResult
+from tinygc.features.turns.result import RestBias, TurnFit
 from tinygc.library.arguments import Progress, nothing, public
-from tinygc.reporting.terminal import Group, as_html, as_text
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class TurnFit(TurnsResult):
-    """What ``tinygc.fit_turns`` returns: ``scales``, ``axis_scales``, ``asymmetry``, ``bias``, ``model``; text, JSON and files."""
-
-    def __repr__(self) -> str:
-        found = ", ".join(f"{'xyz'[s.axis]}{' +-'[s.sense]} {100 * s.value:.3f} ± {100 * s.sigma:.3f} %" for s in self.scales)
-        return f"<TurnFit of {self.session.name}: {found}>"
-
-    @property
-    def page(self) -> Group:
-        """What ``fit`` prints, as a rich renderable."""
-        return turns_report(self)
-
-    def summary(self) -> str:
-        """What ``fit`` prints."""
-        return as_text(self.page)
-
-    def _repr_html_(self) -> str:
-        return as_html(self.page)
-
-    def to_json(self) -> dict:
-        """``tinygc-turns/1`` (docs/features/turns/turns-format.md)."""
-        return to_json(self)
-
-    def save(self, folder: Path | str | None = None) -> Path:
-        """Write model and figures into a folder (``fit`` in the session's by default); returns it.  StorageError where that fails."""
-        return save_turns(self, self.session.own_folder("fit") if folder is None else Path(folder))
 
 
 @public()

@@ -6,14 +6,26 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from session.base.options import given_beside, record_in
+from session.base.errors import CalibrationError, FormatError
+from session.base.options import given, given_beside, part, record_in
 from session.base.texts import command_line
-from tinygc.features.turns.feature import ImportOptions
-from tinygc.features.turns.names import TURNS, is_gyroscope_alone
+from session.base.toml import read_toml
+from tinygc.estimation.options import FitOptions
+from tinygc.features.turns.feature import TURNS, ImportOptions
 
 if TYPE_CHECKING:
     from session.replay.convert import Converted
     from session.replay.options import Answers
+    from tinygc.cli.results import Done
+
+
+def is_gyroscope_alone(folder: Path) -> bool:
+    """Whether that is the reference of a folder; what cannot be read is none."""
+    try:
+        protocol = read_toml(folder / "session.toml").get("protocol") if (folder / "session.toml").exists() else None
+    except (FormatError, OSError):  # who reads the folder says it
+        return False
+    return isinstance(protocol, dict) and protocol.get("reference") == TURNS
 
 
 def kind_of_folder(folder: Path) -> str | None:
@@ -39,3 +51,28 @@ def import_logs(
     others: dict[str, object] = {"--add": add, "--even": answers.even}
     refuse_beside("--turns", {**others, **given_beside(further, own)})
     return import_turns(paths, out, answers, own.turns, columns, serial)
+
+
+def fit(args: Any) -> Done | None:
+    """Fit scale and bias by the known turns; None of a folder whose reference is another."""
+    if not is_gyroscope_alone(args.folder):
+        return None
+    from tinygc.cli.results import Done, inside, output, try_destinations
+    from tinygc.features.turns.library import fit_turns
+    from tinygc.features.turns.result import MODEL
+    from tinygc.reporting.terminal import progress_bar
+
+    more = ["--strict"] if args.strict else []
+    limit = ["--limit"] if args.limit is not None and args.defaults is None else []
+    if idle := [*given(part(args, FitOptions)), *limit, *more]:
+        raise CalibrationError(
+            f"{', '.join(idle)}: of no use for a gyroscope alone, which has no closure; leave {'it' if len(idle) == 1 else 'them'} out"
+        )
+    try_destinations(args.out or inside(args.folder, "fit"), args.json)
+    with progress_bar(args.quiet) as progress:
+        result = fit_turns(args.folder, progress=progress)
+    folder = result.save(args.out)
+    output(args).print(result.page)
+    output(args).print(f"model: {folder / MODEL}", soft_wrap=True)
+    used = int(result.estimate.used.sum())
+    return Done(0, result.to_json(), f"a gyroscope alone, {used} of {len(result.angles)} turns: {MODEL}")

@@ -18,7 +18,7 @@ COUNTS = {"forms": 41234, "distinct": 10987, "chance_promise": 31.4, "best_promi
 LEARNABLE = {"rate": 0.011 * DEG, "force": 0.0042 * DEG, "vibration": None}
 DECIDED = search_state.HeldOut(0.21 * DEG, 0.0131 * DEG, 0.0117 * DEG, 0.9953, 3.2e-9, 0.4, 13)
 OTHER_LOG = search_state.HeldOut(0.24 * DEG, 0.0151 * DEG, 0.0121 * DEG, None, 0.0, 0.2, 12, "log0002.csv")
-DRIFT = search_state.Beside("gyro.bias_drift", {"dps_over_log": [1.2, 0.4, 0.0]}, {"dps_over_log": [0.1, 0.1, 0.1]})
+DRIFT = {"id": "gyro.bias_drift", "parameters": {"dps_over_log": [1.2, 0.4, 0.0]}, "std": {"dps_over_log": [0.1, 0.1, 0.1]}}
 
 #: name -> form and its coefficients, dps
 LAWS = {
@@ -47,7 +47,8 @@ def law_of(form: LawForm, dps, **changed):
 def runner_up(form: LawForm, worse: float = 4.2, correlation: float = 0.962):
     """A form that was weighed in a law's place."""
     effect = as_effect(form, "discovered.other", 1.0, equation(form))
-    return search_state.RunnerUp(form, effect, worse, correlation, "turn slowly and quickly about the same axis")
+    effect = replace(effect, discriminating_motion="turn slowly and quickly about the same axis")
+    return search_state.RunnerUp(form, effect, worse, correlation)
 
 
 def found(*laws, verdict: str = "found", beside=()):

@@ -13,8 +13,9 @@ from session.base.units import DEG
 from tinygc.effects import StageC, load_folder, signals, using, without_vibration
 from tinygc.effects.catalogue import short_movement
 from tinygc.effects.testing import check
-from tinygc.features.discovery import unobserved
+from tinygc.features.discovery import engine
 from tinygc.features.discovery.effect_file import Where, written
+from tinygc.features.discovery.engine import MOST_LACKING, not_observed, observed, share_lacking
 from tinygc.features.discovery.enumeration import bits, enumerated
 from tinygc.features.discovery.equivalence import (
     FULL_SCALE,
@@ -26,10 +27,18 @@ from tinygc.features.discovery.equivalence import (
 from tinygc.features.discovery.form import PATTERNS, Factor, LawForm, unit_of
 from tinygc.features.discovery.law_code import device_code
 from tinygc.features.discovery.quantities import largest_of
-from tinygc.features.discovery.stated_rate import MOST_LACKING, share_lacking
-from tinygc.features.discovery.unobserved import in_words as combination
-from tinygc.features.discovery.unobserved import not_observed, observed
-from tinygc.features.discovery.words import LONGEST, constant_of, constants_of, equation, in_words, regime, splits, terms_of, what
+from tinygc.features.discovery.words import (
+    LONGEST,
+    combination,
+    constant_of,
+    constants_of,
+    equation,
+    in_words,
+    regime,
+    splits,
+    terms_of,
+    what,
+)
 from tinygc.noise.twin import READ
 
 
@@ -264,7 +273,7 @@ def test_a_law_of_sums_and_products_has_c_that_does_what_the_law_says(form, tmp_
     ],
 )
 def test_a_law_without_c_says_why(form, why):
-    code = device_code(form, constants_of(form), "law").source
+    code = device_code(form, constants_of(form), "law")[0]
     assert code.startswith("NoC(")
     assert why in code
 
@@ -304,12 +313,12 @@ def covariance(direction, sigma, else_sigma=0.01):
     return else_sigma**2 * (np.eye(len(direction)) - along) + sigma**2 * along
 
 
-BAR = unobserved.SIGNIFICANT**0.5
+BAR = engine.SIGNIFICANT**0.5
 
 
 @pytest.mark.parametrize(
     ("spread", "sigmas", "open_"),
-    [(0.99 * unobserved.OPEN, 0.0, 0), (1.01 * unobserved.OPEN, 0.0, 1), (2.0, 0.99 * BAR, 1), (2.0, 1.01 * BAR, 0)],
+    [(0.99 * engine.OPEN, 0.0, 0), (1.01 * engine.OPEN, 0.0, 1), (2.0, 0.99 * BAR, 1), (2.0, 1.01 * BAR, 0)],
 )
 def test_a_combination_known_to_worse_than_half_of_the_law_is_not_observed_unless_it_is_significant(spread, sigmas, open_):
     direction, sigma = np.ones(3) / np.sqrt(3), spread * (np.sqrt(np.mean(LEAN**2)) if spread < 1 else 1.0)

@@ -123,7 +123,7 @@ def test_a_law_that_is_put_in_promises_most_and_could_be_learnt_from_a_share_of_
     screening = seen.screened(seen.law(3, ROOT_CUBE, THETA))
     best = screening.order[0]
     assert seen.forms[best] == ROOT_CUBE
-    assert screening.chance_p(screening.tested[best]) < 1e-6
+    assert screening.chance.p(screening.tested[best]) < 1e-6
     assert screening.tested[best] == screening.best_beside_last
     one, two = (learnable_from(screening, ROOT_CUBE, size * THETA, 0.01) for size in (1, 2))
     assert one < 2
@@ -139,8 +139,8 @@ def test_noise_that_is_larger_than_stated_raises_no_alarm(seen):
     assert_allclose(loud.gain, 1.6**2 * usual.gain, rtol=1e-4, atol=1e-4)
     assert loud.promise.max() > usual.promise.max() + 5
     assert loud.tested.max() == pytest.approx(usual.tested.max(), abs=1.0)
-    assert usual.chance_p(loud.tested.max()) > 0.01
-    assert "no more than chance" in refused(answered(chance_p=usual.chance_p(usual.tested.max())), LAW)  # so no law is said
+    assert usual.chance.p(loud.tested.max()) > 0.01
+    assert "no more than chance" in refused(answered(chance_p=usual.chance.p(usual.tested.max())), LAW)  # so no law is said
 
 
 def test_the_tail_goes_on_where_draws_end():

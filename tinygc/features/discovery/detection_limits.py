@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -31,13 +30,8 @@ PLAUSIBLE_RPS = 5 * DEG
 LEAST_RPS = 5e-7
 
 
-@dataclass(frozen=True, eq=False)
-class _Form:
-    """basis (m, r) of a form in a projection, its price, and whether it is the law itself."""
-
-    basis: np.ndarray
-    price: float
-    own: bool = False
+#: basis (m, r) of a form in a projection, its price, and whether it is the law itself
+_Form = tuple[np.ndarray, float, bool]
 
 
 def learnable_from(screening: Screening, form: LawForm, theta: np.ndarray, chance: float, whiten: Whitener | None = None) -> float | None:
@@ -57,10 +51,9 @@ def learnable_from(screening: Screening, form: LawForm, theta: np.ndarray, chanc
     quantities = {factor.quantity for factor in form.factors}
     kin = [number for number, other in enumerate(screening.forms) if {factor.quantity for factor in other.factors} <= quantities]
     near = np.union1d(screening.order[:NEAR_LAW], np.array(sorted(kin, key=lambda number: screening.price[number])[:NEAR_LAW], dtype=int))
-    own = _Form(basis, screening.price_of(form), own=True)
-    forms = [own, *_forms(screening, near, responses, projection).values()]
-    trial = _Trial(screening, projection, projection.whitened(response), projection.seen(response), forms, 0, chance)
-    return _threshold(trial, 1 / MOST_FACTOR, MOST_FACTOR)
+    forms = [(basis, screening.price_of(form), True), *_forms(screening, near, responses, projection).values()]
+    found = _trial(screening, projection, projection.whitened(response), projection.seen(response), forms, 0, chance)
+    return _threshold(found, 1 / MOST_FACTOR, MOST_FACTOR)
 
 
 def learnable(screening: Screening, chance: float, least: float = 0.0) -> dict[str, float | None]:
@@ -75,8 +68,8 @@ def learnable(screening: Screening, chance: float, least: float = 0.0) -> dict[s
     forms = _forms(screening, np.unique(np.concatenate(near)), responses, projection)
     for number, (probe, own) in enumerate(zip(screening.probes, near, strict=True)):
         some = [forms[rival] for rival in own.tolist() if rival in forms]
-        trial = _Trial(screening, projection, probe.whitened, probe.unit, some, 1 + number, chance, least)
-        factor = _threshold(trial, LEAST_RPS / probe.rms, PLAUSIBLE_RPS / probe.rms)
+        is_found = _trial(screening, projection, probe.whitened, probe.unit, some, 1 + number, chance, least)
+        factor = _threshold(is_found, LEAST_RPS / probe.rms, PLAUSIBLE_RPS / probe.rms)
         found[probe.quantity] = None if factor is None else factor * probe.rms
     return found
 
@@ -95,54 +88,51 @@ def _forms(screening: Screening, numbers: np.ndarray, responses: Responses, proj
     for some in passed(planned([screening.forms[number] for number in numbers]), responses, [projection], [np.zeros((projection.free, 0))]):
         weights, rank, _ = seen_directions(some.free, some.length)
         for form, basis, r in zip(numbers[some.forms].tolist(), weights @ some.free, rank.tolist(), strict=True):
-            found[form] = _Form(basis[:r].T, float(screening.price[form]))
+            found[form] = basis[:r].T, float(screening.price[form]), False
     return found
 
 
-class _Trial:
-    """A law's response, whitened (n,) and free (m,), among forms; the same noise draws are used for every size."""
+def _trial(
+    screening: Screening,
+    projection: Projection,
+    whitened: np.ndarray,
+    free: np.ndarray,
+    forms: Sequence[_Form],
+    number: int,
+    chance: float,
+    least: float = 0.0,
+) -> Callable[[float], bool]:
+    """Whether a law is found in ``SURE`` of the draws at so many times its size, by its response, whitened (n,) and free (m,), among forms;
+    the same noise draws are used for every size."""
+    generator, level = np.random.default_rng([screening.seed, number]), max(screening.chance.level(chance), 0.0)
+    law, noise = projection.beside(whitened), projection.beside(generator.standard_normal((len(whitened), DRAWS)))
+    # The promise of all other forms in noise alone.
+    others = generator.choice(screening.drawn, DRAWS)
+    rank, prices = np.array([basis.shape[1] for basis, _, _ in forms]), np.array([price for _, price, _ in forms])
+    starts = np.concatenate([[0], np.cumsum(rank)[:-1]]).astype(int)
+    bases = np.concatenate([basis for basis, _, _ in forms], axis=1)
+    along_law, along_noise = bases.T @ free, bases.T @ projection.free_of(noise)
+    said = np.add.reduceat(along_law**2, starts) / float(free @ free)
+    says = (said > SAID) | np.array([own for _, _, own in forms])
 
-    def __init__(
-        self,
-        screening: Screening,
-        projection: Projection,
-        whitened: np.ndarray,
-        free: np.ndarray,
-        forms: Sequence[_Form],
-        number: int,
-        chance: float,
-        least: float = 0.0,
-    ):
-        generator = np.random.default_rng([screening.seed, number])
-        self._look, self._level, self._least = projection, max(screening.chance.level(chance), 0.0), least
-        self._law, self._noise = projection.beside(whitened), projection.beside(generator.standard_normal((len(whitened), DRAWS)))
-        # The promise of all other forms in noise alone.
-        self._others = generator.choice(screening.drawn, DRAWS)
-        self._rank = np.array([form.basis.shape[1] for form in forms])
-        self._price = np.array([form.price for form in forms])
-        self._starts = np.concatenate([[0], np.cumsum(self._rank)[:-1]]).astype(int)
-        basis = np.concatenate([form.basis for form in forms], axis=1)
-        self._along_law, self._along_noise = basis.T @ free, basis.T @ projection.free_of(self._noise)
-        said = np.add.reduceat(self._along_law**2, self._starts) / float(free @ free)
-        self._says = (said > SAID) | np.array([form.own for form in forms])
-
-    def found(self, factor: float) -> bool:
-        """Whether the law is found in ``SURE`` of the draws at this many times its size."""
-        gains = np.add.reduceat((factor * self._along_law[:, None] + self._along_noise) ** 2, self._starts, axis=0)
-        scatter = self._look.scatters(factor * self._law[:, None] + self._noise)
-        tested = promise(self._look.studentised(gains, self._rank, scatter), self._rank, self._price)
+    def found(factor: float) -> bool:
+        gains = np.add.reduceat((factor * along_law[:, None] + along_noise) ** 2, starts, axis=0)
+        scatter = projection.scatters(factor * law[:, None] + noise)
+        tested = promise(projection.studentised(gains, rank, scatter), rank, prices)
         best = np.argmax(tested, axis=0)
-        ahead = tested[best, np.arange(DRAWS)] > np.maximum(self._others, self._level)
-        enough = gains[best, np.arange(DRAWS)] >= self._least
-        return bool(np.mean(self._says[best] & ahead & enough) >= SURE)
+        ahead = tested[best, np.arange(DRAWS)] > np.maximum(others, level)
+        enough = gains[best, np.arange(DRAWS)] >= least
+        return bool(np.mean(says[best] & ahead & enough) >= SURE)
+
+    return found
 
 
-def _threshold(trial: _Trial, least: float, most: float) -> float | None:
+def _threshold(found: Callable[[float], bool], least: float, most: float) -> float | None:
     """The smallest factor that is found, by bisection of its logarithm; None where even the largest is not."""
-    if not trial.found(most):
+    if not found(most):
         return None
     low, high = np.log(least), np.log(most)
     for _ in range(HALVINGS + int(np.log2(max((high - low) / np.log(MOST_FACTOR**2), 1.0)))):
         middle = (low + high) / 2
-        low, high = (low, middle) if trial.found(float(np.exp(middle))) else (middle, high)
+        low, high = (low, middle) if found(float(np.exp(middle))) else (middle, high)
     return float(np.exp(high))

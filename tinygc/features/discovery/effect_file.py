@@ -18,12 +18,12 @@ from tinygc.effects.device import PASSES
 from tinygc.effects.inversion import MOST_PASSES, substituted, undone_with_jumps
 from tinygc.features.discovery.equivalence import FULL_SCALE, columns_of, some_movement
 from tinygc.features.discovery.form import LawForm
-from tinygc.features.discovery.law_code import SESSIONS_OWN, DeviceCode, device_code, law_code, why_not
+from tinygc.features.discovery.law_code import SESSIONS_OWN, device_code, law_code, why_not
 from tinygc.features.discovery.search_state import HeldOut, Law, RunnerUp
-from tinygc.features.discovery.unobserved import in_words as direction_in_words
 from tinygc.features.discovery.words import (
     Constant,
     coefficient_unit,
+    combination,
     constants_of,
     equation,
     follows,
@@ -75,9 +75,7 @@ def docstring(law: Law, where: Where, undoing: str = "") -> str:
     if law.same:
         parts["The same"] = "this recording cannot tell it from " + "; ".join(equation(form) for form in law.same[:MOST])
     if len(law.unobserved):
-        parts["Not seen"] = "not observed there, and not applied: " + "; ".join(
-            direction_in_words(law.form, each) for each in law.unobserved
-        )
+        parts["Not seen"] = "not observed there, and not applied: " + "; ".join(combination(law.form, each) for each in law.unobserved)
     for number, other in enumerate(law.runners_up[:MOST]):
         parts[f"Else{' ' * number}"] = _runner_up(other)
     if law.learnable_from is not None:
@@ -121,8 +119,8 @@ def _held_out(each: HeldOut) -> str:
 
 
 def _runner_up(each: RunnerUp) -> str:
-    name = each.effect.id if each.form is None else equation(each.form)
-    return f"could be {plain(name)} instead, worse by {each.worse:.1f} in -2 log evidence; to tell: {plain(each.discriminating_motion)}"
+    name, motion = each.effect.id if each.form is None else equation(each.form), plain(each.effect.discriminating_motion)
+    return f"could be {plain(name)} instead, worse by {each.worse:.1f} in -2 log evidence; to tell: {motion}"
 
 
 # How many fixed-point passes invert a law, by trial on a simulated movement: declared by the written file and run by its C.
@@ -232,20 +230,20 @@ class _File:
         used = " ".join(factor.of.source for factor in form.factors)
         self.at = at_of(where)
         self.fixed = tuple(constant for of_session, constant in SESSIONS_OWN.items() if of_session in used and constant in self.at)
-        self.code = law_code(form, self.scanned, self.fixed)
+        self.lines, self.shape = law_code(form, self.scanned, self.fixed)
         self.jumps, full_scale = jumps(form), self.at.get("FULL_SCALE_RPS", (FULL_SCALE, ""))[0]
         counted = self.jumps or bool(reaches_of(form)) or any(factor.lag_s is not None for factor in form.factors)
         #: fixed-point passes over all rows; None: they do not invert the law
         self.passes = passes_of(form, law.theta, self.jumps, full_scale) if counted else PASSES
         in_c = passes_in_c(form, law.theta, full_scale) if not why_not(form) else None
-        self.device = device_code(form, constants, name, in_c, self.fixed)
+        self.device, self.functions = device_code(form, constants, name, in_c, self.fixed)
         if len(law.unobserved):
-            self.device = DeviceCode('NoC("part of it was not observed, and its C would apply that part")')
+            self.device, self.functions = 'NoC("part of it was not observed, and its C would apply that part")', ""
 
     def text(self, where: Where) -> str:
         """The whole file."""
         undoing = "" if self.passes is not None else TOO_STRONG
-        rest = "\n".join([*self.code.lines, self._correct(), self._at(), self._effect(), self.device.functions])
+        rest = "\n".join([*self.lines, self._correct(), self._at(), self._effect(), self.functions])
         bare = ("NEIGHBOURS", "Conditions")
         names = [name for name in USED if re.search(rf"\b{name}" + (r"\b" if name in bare else "[(.]"), rest)]
         lines = ["from dataclasses import replace\n"] if "replace(" in rest else []
@@ -257,7 +255,7 @@ class _File:
         lines += ["from tinygc.effects.inversion import JUMPS_REACH, undone_with_jumps"] if jumps(self.form) else []
         lines += ["from tinygc.effects.effect import SCALE_LAW"] if _is_scale_law(self.form) else []
         head = [f'"""{docstring(self.law, where, undoing)}\n"""', "\n".join(lines), self._constants()]
-        body = [self._columns(), self._correct(), self.device.functions, self._at(), self._effect()]
+        body = [self._columns(), self._correct(), self.functions, self._at(), self._effect()]
         return "\n\n".join(part for part in head if part) + "\n\n\n" + "\n\n\n".join(part for part in body if part) + "\n"
 
     def _constants(self) -> str:
@@ -283,7 +281,7 @@ class _File:
             f"def _columns(m: Movement{self._given}) -> np.ndarray:",
             f'    """(N, 3, {self.form.size}): what one of each coefficient adds."""',
         ]
-        *lines, last = self.code.lines
+        *lines, last = self.lines
         if len(self.law.unobserved):
             last = f"return {last.removeprefix('return ')} @ OBSERVED"
         return "\n".join(head) + "\n" + indent("\n".join([*lines, last]), "    ")
@@ -305,7 +303,7 @@ class _File:
         given = [f"columns=lambda m: _columns(m, {word})"]
         given += [f"reach={self._reach(word)}"] if self.scanned.lag else []
         given += [f"exact_correct=lambda measured, m, theta: _correct(measured, m, theta, {word})"] if jumps(self.form) else []
-        if self.device.functions:
+        if self.functions:
             given += [f"device=replace(EFFECT.device, constants=lambda theta, known: _constants(theta, known, {word}))"]
         made = f"replace(EFFECT, {', '.join(given)})"
         if len(made) > WIDTH - 20:
@@ -317,7 +315,7 @@ class _File:
                 return {self.scanned.python} * np.array([{GRID}])''')
 
     def _effect(self) -> str:
-        form, shape = self.form, self.code.shape
+        form, shape = self.form, self.shape
         size = f"({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"
         plausible = PLAUSIBLE * rms_of(self.law.theta) / DEG
         (unit, parameter), reach, own = coefficient_unit(form), self._reach(None), "" if self.scanned is None else "lambda m: "
@@ -353,7 +351,7 @@ class _File:
         lines += [f"stated=StatedNumbers(COEFFICIENTS, COVARIANCE{known}),"]
         lines += [f"known_to={share},"] if (share := known_to(form)) else []
         lines += ["picture=SCALE_LAW,"] if _is_scale_law(form) else []
-        lines += f"device={self.device.source},".split("\n")
+        lines += f"device={self.device},".split("\n")
         return "EFFECT = Effect(\n" + indent("\n".join(lines), "    ") + "\n)"
 
     def _anywhere(self, text: str) -> str:

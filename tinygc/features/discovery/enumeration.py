@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from itertools import combinations_with_replacement
 
@@ -216,38 +216,35 @@ Plan = tuple[tuple[Place, ...], str]
 def enumerated(largest: Mapping[str, float]) -> list[LawForm]:
     """Every form over these quantities; largest: by name, its largest size in the recording, 0 where it does not vary."""
     names = tuple(name for name in QUANTITIES if largest.get(name, 0.0) > 0)
-    factors = _Factors(largest)
-    return [LawForm(tuple(factors[place] for place in places), pattern) for places, pattern in _plans(names)]
+    factor = _factors(largest)
+    return [LawForm(tuple(map(factor, places)), pattern) for places, pattern in _plans(names)]
 
 
-class _Factors(dict[Place, Factor]):
-    """Factors by their place, each made once for quantities of these sizes."""
+def _factors(largest: Mapping[str, float]) -> Callable[[Place], Factor]:
+    """A factor by its place, each made once for quantities of these sizes."""
 
-    def __init__(self, largest: Mapping[str, float]):
-        super().__init__()
-        self.largest = largest
-
-    def __missing__(self, place: Place) -> Factor:
+    @cache
+    def factor(place: Place) -> Factor:
         quantity, function, at, lag_s = place
-        constant = None if at is None else constant_at(quantity, function, at, self.largest[quantity])
-        self[place] = Factor(quantity, function, constant, lag_s)
-        return self[place]
+        return Factor(quantity, function, None if at is None else constant_at(quantity, function, at, largest[quantity]), lag_s)
+
+    return factor
 
 
 @cache
 def _plans(names: tuple[str, ...]) -> tuple[Plan, ...]:
     """All forms over these quantities, each once, the simplest first; duplicates are found on a simulated movement."""
     movement = some_movement(SEED)
-    factors = _Factors(largest_of([movement]))
+    factor = _factors(largest_of([movement]))
     plans: dict[LawForm, Plan | None] = {}
     products = list(_products(names))
     for plan in [*_singles(names), *products]:
-        plans.setdefault(LawForm(tuple(factors[place] for place in plan[0]), plan[1]), plan)
+        plans.setdefault(LawForm(tuple(map(factor, plan[0])), plan[1]), plan)
     # A product whose one factor is 1 wherever the other is not 0 is no product: it is skipped for that other factor alone, a single law
     # near one of the single grid's places.
     for place in dict.fromkeys(place for places, _ in products for place in places):
         for pattern in patterns_of((_any(*place[:2]),)):
-            plans.setdefault(LawForm((factors[place],), pattern), None)
+            plans.setdefault(LawForm((factor(place),), pattern), None)
     found = (plans[form] for form in distinct_forms(sorted(plans, key=bits), [movement]))
     return tuple(plan for plan in found if plan is not None)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from textwrap import indent
 
 from tinygc.effects.device import PASSES
@@ -17,20 +16,14 @@ from tinygc.features.discovery.words import Constant, constants_of, jumps
 ONE, OTHER = "one", "other"
 
 
-@dataclass(frozen=True)
-class LawCode:
-    """lines: of a function of ``m``, the last of which returns the columns; shape: of the parameter."""
-
-    lines: tuple[str, ...]
-    shape: tuple[int, ...]
-
-
 #: a session's property -> the constant of a file that holds it for the session where the law was found
 SESSIONS_OWN = {"m.fs_rps": "FULL_SCALE_RPS", "m.first_temp_c": "FIRST_TEMP_C"}
 
 
-def law_code(form: LawForm, scanned: Constant | None = None, fixed: Sequence[str] = ()) -> LawCode:
-    """Python of the form's columns; scanned: the constant that is an argument of the function and no constant of the module; fixed: the
+def law_code(form: LawForm, scanned: Constant | None = None, fixed: Sequence[str] = ()) -> tuple[tuple[str, ...], tuple[int, ...]]:
+    """Python of the form's columns: lines of a function of ``m``, the last of which returns them; and the parameter's shape.
+
+    scanned: the constant that is an argument of the function and no constant of the module; fixed: the
     ``SESSIONS_OWN`` that are constants of the module."""
     constants = constants_of(form)
     names = [factor.quantity for factor in form.factors]
@@ -52,7 +45,7 @@ def law_code(form: LawForm, scanned: Constant | None = None, fixed: Sequence[str
     more, columns = ([], _one(form)) if single else _two(form)
     lines, columns = _shorter([*lines, *more], columns)
     per_axis = form.size // 3
-    return LawCode((*lines, f"return {columns}"), (3,) if per_axis == 1 else (3, per_axis))
+    return (*lines, f"return {columns}"), (3,) if per_axis == 1 else (3, per_axis)
 
 
 def _shorter(lines: list[str], columns: str) -> tuple[list[str], str]:
@@ -163,14 +156,6 @@ FUNCTIONS = {
 }
 
 
-@dataclass(frozen=True)
-class DeviceCode:
-    """source: Python of the effect's ``device``; functions: those that it uses, to be defined above it."""
-
-    source: str
-    functions: str = ""
-
-
 def why_not(form: LawForm) -> str:
     """Why a device cannot invert it, or empty."""
     for factor in form.factors:
@@ -189,12 +174,15 @@ def why_not(form: LawForm) -> str:
 
 def device_code(
     form: LawForm, constants: Sequence[Constant], name: str, passes: int | None = PASSES, fixed: Sequence[str] = ()
-) -> DeviceCode:
-    """Device code of a form whose constants have these names; name: of the law; passes: that invert it, or None; fixed: as ``law_code``."""
+) -> tuple[str, str]:
+    """Python of the ``device`` of a form whose constants have these names, and the functions that it uses, to be defined above it.
+
+    name: of the law; passes: that invert it, or None; fixed: as ``law_code``.
+    """
     if why := why_not(form):
-        return DeviceCode(f'NoC("{why}")')
+        return f'NoC("{why}")', ""
     if passes is None:
-        return DeviceCode(f'NoC("it is so strong that {MOST_PASSES} passes do not undo it")')
+        return f'NoC("it is so strong that {MOST_PASSES} passes do not undo it")', ""
     return _Code(form, constants, name, passes, fixed).all()
 
 
@@ -217,13 +205,13 @@ class _Code:
         self.full_scale = "FULL_SCALE_RPS" if "FULL_SCALE_RPS" in fixed else "known.fs_rps"
         self.first_temp = "FIRST_TEMP_C" if "FIRST_TEMP_C" in fixed else "known.first_temp_c"
 
-    def all(self) -> DeviceCode:
+    def all(self) -> tuple[str, str]:
         """The device stage of a law and the functions that it uses."""
         given = [f'formula="r -= the law discovered.{self.name}"', "body=_BODY", "constants=_constants", "numpy=_single"]
         source = "\n".join(["StageC(", *(f"    {each}," for each in [*given, f"cost={self._cost()}"]), ")"])
         body = '_BODY = """\\\n' + "\n".join(self._c()) + '"""'
         head = 'def _single(c: dict, rate: np.ndarray, inputs) -> np.ndarray:\n    """What the C does, in single precision."""\n'
-        return DeviceCode(source, "\n\n\n".join([body, self._constants(), head + indent("\n".join(self._numpy()), "    ")]))
+        return source, "\n\n\n".join([body, self._constants(), head + indent("\n".join(self._numpy()), "    ")])
 
     def _c(self) -> list[str]:
         lines = [f"const float *k = {self.c};"]

@@ -139,7 +139,7 @@ class Pair:
 def pairs_of(e: Explanation, discovery: Discovery) -> list[Pair]:
     """Refit each law and its runner-up exactly, with the noise re-estimated for each."""
     known = {claim.effect.id: claim.effect for claim in e.naming.fit.state.claims}
-    names = [known.get(name, catalogue()[name]) for name in discovery.names if name in catalogue()]
+    names = [known.get(each["id"], catalogue()[each["id"]]) for each in discovery.beside if each["id"] in catalogue()]
     names = [effect for effect in names if effect.kind not in ("register", "motion")]
     evidence, found = Evidence(e.twin), []
     for law in discovery.laws:
@@ -219,7 +219,7 @@ def next_of(e: Explanation, discovery: Discovery, pairs: list[Pair]) -> str | No
 
 
 def _splitting(pair: Pair) -> str:
-    words = pair.law.runners_up[0].discriminating_motion
+    words = pair.law.runners_up[0].effect.discriminating_motion
     best = None if pair.other is None else best_trial(pair.own, pair.other)
     if best is None:
         return words

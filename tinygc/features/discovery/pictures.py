@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -79,9 +79,8 @@ class Points:
 
     def some(self, keep: np.ndarray) -> Points:
         """The points of a mask (n,)."""
-        other_left, level = (None if values is None else values[keep] for values in (self.other_left, self.level))
-        x, without, left, sigma = (values[keep] for values in (self.x, self.without, self.left, self.sigma))
-        return Points(self.series, x, without, left, other_left, sigma, level, self.along_law, self.still)
+        values = {name: getattr(self, name) for name in ("x", "without", "left", "other_left", "sigma", "level")}
+        return replace(self, **{name: None if each is None else each[keep] for name, each in values.items()})
 
 
 def of_stills(e: Explanation, pair: Pair, series: LawSeries) -> Points:
@@ -300,8 +299,6 @@ def _levels(law: Law, own: Fitted, points: Points, times: float, one: float, lef
         axes.errorbar(points.x * times, values * one, points.sigma * one, fmt="none", lw=0.8, color=FLOOR, zorder=1)
         drawn = axes.scatter(points.x * times, values * one, c=points.level, cmap=colours, norm=scale, s=26, zorder=2)
     # The second quantity through its function, with its unit
-    other = other_of(law.form)
-    assert other is not None
     component = component_beside(law.form, law.form.terms()[points.series.entries[0]])
     symbol = other.of.symbol.format(i=component_name(other, component // other.through.phases))
     constant = "" if other.constant is None else f"{other.constant:.3g}"

@@ -19,12 +19,9 @@ if TYPE_CHECKING:
 
 def before(args: Any) -> None:
     """Fail before the explanation if the laws' files could not be written."""
-    if record_in(args.of_features, SearchOptions).discover:
-        _try_effects((args.out or args.folder / "explain") / "effects")
-
-
-def _try_effects(folder: Path) -> None:
-    """Fail before the search if the laws' files cannot be written."""
+    if not record_in(args.of_features, SearchOptions).discover:
+        return
+    folder: Path = (args.out or args.folder / "explain") / "effects"
     if os.path.lexists(folder) and not folder.is_dir():
         raise CalibrationError(f"{folder}: that is no folder, and the laws that are found go into one; move it away, or give --out another")
     if folder.is_dir() and not os.access(folder, os.W_OK | os.X_OK):

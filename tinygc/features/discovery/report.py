@@ -7,7 +7,6 @@ import hashlib
 import os
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -48,16 +47,8 @@ LAST = re.compile(re.escape(SEAL) + r"([0-9a-f]{64})\n")
 MOST_EFFECT = MB
 
 
-@dataclass(frozen=True)
-class Saved:
-    """files: of each law, in order; says: lines of notes for the user."""
-
-    files: tuple[Path, ...]
-    says: tuple[str, ...]
-
-
-def save_laws(laws: Sequence[Law], where: Where, folder: Path) -> Saved:
-    """Write each law into the folder, and delete those that an earlier run wrote and this one did not find.
+def save_laws(laws: Sequence[Law], where: Where, folder: Path) -> tuple[list[Path], list[str]]:
+    """Write each law into the folder, and delete those that an earlier run wrote and this one did not find: files in order, and notes.
 
     Without a law no folder is made; an existing one remains only if it holds a user's files.  Raises StorageError, or an OSError with the
     file's name, where it cannot be written.
@@ -74,7 +65,8 @@ def save_laws(laws: Sequence[Law], where: Where, folder: Path) -> Saved:
                 first = law.effect.id.removeprefix(FORM)
                 name = _free(folder, first, earlier, files)
                 files.append(folder / f"discovered_{name}.py")
-                write_text_whole(files[-1], sealed(written(law, where, name)))
+                text = written(law, where, name)
+                write_text_whole(files[-1], f"{text}\n{SEAL}{_digest(text)}\n")
                 if name != first and folder / f"discovered_{first}.py" not in files:
                     kept = printable(f"{folder / f'discovered_{first}.py'}")
                     now = f"the law that was found now is in {files[-1].name}; move one of the two away before --effects"
@@ -87,7 +79,7 @@ def save_laws(laws: Sequence[Law], where: Where, folder: Path) -> Saved:
     if not laws:
         with contextlib.suppress(OSError):
             folder.rmdir()
-    return Saved(tuple(files), tuple(says))
+    return files, says
 
 
 def _free(folder: Path, name: str, earlier: list[Path], taken: list[Path]) -> str:
@@ -99,11 +91,6 @@ def _free(folder: Path, name: str, earlier: list[Path], taken: list[Path]) -> st
             return tried
         number += 1
         tried = f"{name}_{number}"
-
-
-def sealed(text: str) -> str:
-    """The text with its hash in a last line."""
-    return f"{text}\n{SEAL}{_digest(text)}\n"
 
 
 def is_own(path: Path) -> bool:
@@ -171,10 +158,9 @@ class DiscoveryReport(ExplanationReport):
         session = self.explanation.session
         logs = {file_key(log.path): hash_of_log(log) for log in session.logs}
         movement = self.explanation.twin.movements[0]
-        saved = save_laws(
-            self.discovery.laws, Where(session.name, logs, VERSION, movement.fs_rps / DEG, movement.first_temp_c), folder / FOLDER
-        )
-        self._files, self.notes = [f"{FOLDER}/{path.name}" for path in saved.files], saved.says
+        where = Where(session.name, logs, VERSION, movement.fs_rps / DEG, movement.first_temp_c)
+        files, says = save_laws(self.discovery.laws, where, folder / FOLDER)
+        self._files, self.notes = [f"{FOLDER}/{path.name}" for path in files], tuple(says)
         super().save(folder, pictures)
         if pictures and self.discovery.laws:
             save_figure(self.figure(), folder / "discover.png")

@@ -162,13 +162,9 @@ class SessionValues:
 # accurate to some 1e-6 of the largest, where ``evidence.UNSEEN`` drops less than 1e-4.
 
 
-@dataclass(frozen=True, eq=False)
-class ResponseBlock:
-    """Responses of a hub's components times partners' components: closure (S, d, 3, H, K), the third the axis that is added to; still
-    (Q, H, K), which is the same for every axis."""
-
-    closure: np.ndarray
-    still: np.ndarray
+#: of a hub's components times partners' components: of the closure (S, d, 3, H, K), the third the axis that is added to; of the stills
+#: (Q, H, K), the same for every axis
+ResponseBlock = tuple[np.ndarray, np.ndarray]
 
 
 class Responses:
@@ -215,15 +211,15 @@ class Responses:
         still = np.empty((len(self._rests), len(hub), len(partners)), dtype=partners.dtype)
         for row, rows, weight in zip(still, self._rests, weights, strict=True):
             np.matmul(hub[:, rows] * weight, partners[:, rows].T, out=row)
-        return ResponseBlock(closure.reshape(-1, self.angles, 3, len(hub), len(partners)), still)
+        return closure.reshape(-1, self.angles, 3, len(hub), len(partners)), still
 
     def columns(self, form: LawForm) -> np.ndarray:
         """Stacked columns (n, P) of one form, in double precision."""
         plan = planned([form])
         (wiring,) = plan.wirings
-        block = self.block(*(self.values.of(plan.factors[which[0]]) for which in (plan.hub, plan.partner)))
+        closure, of_stills = self.block(*(self.values.of(plan.factors[which[0]]) for which in (plan.hub, plan.partner)))
         s, q = len(self.segments), len(self.stills)
-        closure = block.closure[:, :, wiring.axis, wiring.hub, wiring.partner].reshape(s * self.angles, wiring.size)
+        closure = closure[:, :, wiring.axis, wiring.hub, wiring.partner].reshape(s * self.angles, wiring.size)
         still = np.zeros((q, 3, wiring.size))
-        still[:, wiring.axis, np.arange(wiring.size)] = block.still[:, wiring.hub, wiring.partner]
+        still[:, wiring.axis, np.arange(wiring.size)] = of_stills[:, wiring.hub, wiring.partner]
         return np.concatenate([closure, still.reshape(3 * q, wiring.size), np.zeros((q, wiring.size))])

@@ -14,7 +14,6 @@ from tinygc.explanation.claims import measured, p_entry, p_words
 from tinygc.features.discovery.law_code import law_code
 from tinygc.features.discovery.quantities import QUANTITIES
 from tinygc.features.discovery.search_state import NOISE_P, Discovery, Law, RunnerUp
-from tinygc.features.discovery.unobserved import in_words as direction_in_words
 from tinygc.features.discovery.words import (
     ABBREVIATIONS,
     ARROW,
@@ -23,6 +22,7 @@ from tinygc.features.discovery.words import (
     SYMBOLS,
     abbreviations,
     coefficient_unit,
+    combination,
     constants_of,
     equation,
     in_words,
@@ -39,7 +39,7 @@ def to_json(discovery: Discovery, files: Sequence[str | None]) -> dict:
         "verdict": discovery.verdict,
         "why": discovery.why,
         "laws": [_law(law, file) for law, file in zip(discovery.laws, files, strict=True)],
-        "catalogue_effects": [vars(each) for each in discovery.beside],
+        "catalogue_effects": list(discovery.beside),
         "forms": discovery.forms,
         "distinct": discovery.distinct,
         "chance": discovery.chance_promise,
@@ -50,7 +50,7 @@ def to_json(discovery: Discovery, files: Sequence[str | None]) -> dict:
 
 def _law(law: Law, file: str | None) -> dict:
     unit, name = coefficient_unit(law.form)
-    parameters, std = ((x / DEG).reshape(law_code(law.form).shape).tolist() for x in (law.theta, sigmas_in(law.covariance)))
+    parameters, std = ((x / DEG).reshape(law_code(law.form)[1]).tolist() for x in (law.theta, sigmas_in(law.covariance)))
     return {
         "id": law.effect.id if file is None else PurePosixPath(file).stem.replace("_", ".", 1),  # discovered_rate.py: discovered.rate
         "equation": equation(law.form),
@@ -88,14 +88,13 @@ def _law(law: Law, file: str | None) -> dict:
                 "equation": other_equation(each),
                 "worse_by": each.worse,
                 "correlation": each.correlation,
-                "discriminating_motion": each.discriminating_motion,
+                "discriminating_motion": each.effect.discriminating_motion,
             }
             for each in law.runners_up
         ],
         "learnable_from": law.learnable_from,
         "not_observed": [
-            {"in_words": direction_in_words(law.form, each), "direction": each.reshape(law_code(law.form).shape).tolist()}
-            for each in law.unobserved
+            {"in_words": combination(law.form, each), "direction": each.reshape(law_code(law.form)[1]).tolist()} for each in law.unobserved
         ],
     }
 

@@ -70,17 +70,11 @@ MOST_TURNS = 120
 TURN_NEIGHBOURS = 10
 
 
-@dataclass(frozen=True, eq=False)
-class TurnSample:
-    """Numbers of segments and of stills, and their rows (n,) among the stacked channels."""
+def spread(twin: Twin) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """Select groups of neighbouring turns, evenly over the session, with their stills; None where there are few enough to use all.
 
-    segments: np.ndarray
-    stills: np.ndarray
-    rows: np.ndarray
-
-
-def spread(twin: Twin) -> TurnSample | None:
-    """Select groups of neighbouring turns, evenly over the session, with their stills; None where there are few enough to use all."""
+    Numbers of segments and of stills, and their rows (n,) among the stacked channels.
+    """
     count, d, q = len(twin.segments), twin.batch.angles, len(twin.stills)
     if count <= MOST_TURNS:
         return None
@@ -94,7 +88,7 @@ def spread(twin: Twin) -> TurnSample | None:
         count * d + (stills[:, None] * 3 + np.arange(3)).ravel(),
         count * d + 3 * q + stills,
     ]
-    return TurnSample(segments, stills, np.concatenate(rows))
+    return segments, stills, np.concatenate(rows)
 
 
 # The distribution of the best promise of all forms in noise alone, for this recording.
@@ -214,7 +208,7 @@ def _rows(
     plan: ColumnPlan, forms: list[np.ndarray], partners: np.ndarray, block: ResponseBlock, alive: np.ndarray
 ) -> tuple[dict[int, np.ndarray], dict[int, np.ndarray]]:
     """By size P: numbers (F,) of the forms of each partner, and the indices (F, P) of their columns, ``axis * products + product``."""
-    _, _, _, h, k = block.closure.shape
+    _, _, _, h, k = block[0].shape
     begins = running_sum(plan.width[partners])
     numbers: dict[int, list[int]] = {}
     rows: dict[int, list[np.ndarray]] = {}
@@ -227,12 +221,17 @@ def _rows(
 
 
 def _through(
-    block: ResponseBlock, forms: dict[int, np.ndarray], rows: dict[int, np.ndarray], matrices: list[np.ndarray], targets: list[np.ndarray]
+    block: ResponseBlock,
+    forms: dict[int, np.ndarray],
+    rows: dict[int, np.ndarray],
+    matrices: list[np.ndarray],
+    targets: list[np.ndarray],
 ) -> Iterator[Passed]:
-    s, d, _, h, k = block.closure.shape
+    of_turns, of_stills = block
+    s, d, _, h, k = of_turns.shape
     used = np.unique(np.concatenate([each.ravel() for each in rows.values()]))
-    closure = [block.closure[:, :, axis].reshape(s * d, h * k) for axis in range(3)]
-    still = block.still.reshape(len(block.still), h * k)
+    closure = [of_turns[:, :, axis].reshape(s * d, h * k) for axis in range(3)]
+    still = of_stills.reshape(len(of_stills), h * k)
     for projection, (matrix, goal) in enumerate(zip(matrices, targets, strict=True)):
         # (U, n) columns, ``axis * products + product``, multiplied by a projection's matrix
         turns, products = len(closure[0]), still.shape[1]
@@ -352,12 +351,8 @@ class Screening:
 
     @cached_property
     def chance(self) -> Chance:
-        """Distribution of the best of all forms in noise alone."""
+        """Distribution of the best studentised promise of all forms in noise alone."""
         return Chance(self.drawn)
-
-    def chance_p(self, promise: float) -> float:
-        """Probability that noise alone gives the best of all forms such a studentised promise."""
-        return self.chance.p(promise)
 
     def price_of(self, form: LawForm) -> float:
         """The price of any form: that of the forms which differ from it by constants alone, or the highest where there are none."""
@@ -415,8 +410,9 @@ def screened(
     part = spread(replay.twin)
     responses, seen = every, all_projections
     if part is not None:
-        responses = Responses(replay, part.segments, part.stills, every.values)
-        seen = tuple(Projection(replay.twin, whiten, fit, part.rows) for whiten, fit in projections)
+        segments, stills, rows = part
+        responses = Responses(replay, segments, stills, every.values)
+        seen = tuple(Projection(replay.twin, whiten, fit, rows) for whiten, fit in projections)
     noise = np.random.default_rng(seed).standard_normal((responses.channels, draws))
     probes = probes_of(forms, responses, seen[-1])
     screening = Screening(forms, np.asarray(bits, dtype=float), responses, seen, noise, probes, seed)

@@ -13,10 +13,10 @@ from tinygc.effects import Effect, Movement
 from tinygc.explanation.decision import LEAST_EXCESS, tilt_rms
 from tinygc.explanation.evidence import Hypothesis
 from tinygc.explanation.search import STAND_IN, rewhitened
-from tinygc.features.discovery.constants import ByAxis, by_axis, linear_coefficients
+from tinygc.features.discovery.constants import ByAxis, by_axis, gain_of, linear_coefficients
 from tinygc.features.discovery.equivalence import added, as_effect
 from tinygc.features.discovery.form import LawForm
-from tinygc.features.discovery.projections import Projection, seen_basis
+from tinygc.features.discovery.projections import Projection
 from tinygc.features.discovery.screening import promised_beside
 from tinygc.features.discovery.selection import FormEvidence, SearchRound, believable, one_step
 from tinygc.features.discovery.words import equation
@@ -89,15 +89,16 @@ class HeldOut:
 
 @dataclass(frozen=True, eq=False)
 class RunnerUp:
-    """A form that was tried in the law's place, or an effect of the catalogue: equation; worse: the least of -2 log evidence by which it is
-    worse, with the price of descriptions and without, and of chi-square; correlation of its added rate with the law's, beyond a
-    calibration; discriminating_motion: what would distinguish them."""
+    """A form that was tried in the law's place, or an effect of the catalogue, with its equation and what would distinguish them.
+
+    worse: the least of -2 log evidence by which it is worse, with the price of descriptions and without, and of chi-square; correlation of
+    its added rate with the law's, beyond a calibration.
+    """
 
     form: LawForm | None
     effect: Effect
     worse: float
     correlation: float
-    discriminating_motion: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,39 +129,25 @@ class Law:
 
 
 @dataclass(frozen=True, eq=False)
-class Beside:
-    """An effect of the catalogue that accompanies the laws: id; parameters and their std as docs/formats.md names them."""
-
-    id: str
-    parameters: dict
-    std: dict
-
-
-@dataclass(frozen=True, eq=False)
 class Discovery:
     """verdict: "found": the laws are reported; "ambiguous": laws are supported, but a rival of another rate is as good, they are barely
     observable, or they leave more than noise; "none": no equation of this grammar; why: one line, of the last two.
 
-    laws; beside: the catalogue's effects that accompany them, or alone; forms: how many were enumerated, distinct: how many of them differ
-    in this recording; chance_promise: what the best form of all promises in noise alone, 95 % of the time less;
-    best_promise: of the recording itself; learnable: quantity -> size, rms rad/s, from which a law of it alone is found here in 19 of 20
-    draws of noise, None where not at all.
+    laws; beside: the catalogue's effects that accompany them, or alone: id, parameters and their std as docs/formats.md names them; forms:
+    how many were enumerated, distinct: how many of them differ in this recording; chance_promise: what the best form of all promises in
+    noise alone, 95 % of the time less; best_promise: of the recording itself; learnable: quantity -> size, rms rad/s, from which a law of
+    it alone is found here in 19 of 20 draws of noise, None where not at all.
     """
 
     verdict: str
     why: str
     laws: tuple[Law, ...]
-    beside: tuple[Beside, ...]
+    beside: tuple[dict, ...]
     forms: int
     distinct: int
     chance_promise: float
     best_promise: float
     learnable: dict[str, float | None] = field(default_factory=dict)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Ids of the catalogue's effects that accompany the laws."""
-        return tuple(each.id for each in self.beside)
 
 
 # Prediction of the held-out data with the law and without it.
@@ -259,7 +246,7 @@ class SearchState:
         """
         screening, projection = self.round_of(law).screening, self.projection_without(law)
         on_grid = screening.neighbours(self.evidence.forms[law.id])
-        return screening.chance_p(max(promised_beside(screening, form, projection) for form in on_grid))
+        return screening.chance.p(max(promised_beside(screening, form, projection) for form in on_grid))
 
     def projection_without(self, law: Effect) -> Projection:
         """Projection orthogonal to the best hypothesis without one law, in the noise estimated with all."""
@@ -343,7 +330,7 @@ def open_threshold(searched: SearchState, law: Effect, enough: float) -> tuple[f
         return form.with_constants((value,))
 
     def gain(value: float) -> float:
-        return float(np.sum((seen_basis(responses.columns(at(value)), projection).T @ projection.residual) ** 2))
+        return gain_of(responses.columns(at(value)), projection)
 
     least, ends = gain(own) - STAND_IN, []
     for side in (-1.0, 1.0):

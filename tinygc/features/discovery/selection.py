@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from session.base.numeric import sigmas_in
+from tinygc.closure.uncertainty import signed_ranks_above
 from tinygc.effects import Effect, Movement
 from tinygc.explanation.evidence import Evidence, Guess, Hypothesis
 from tinygc.explanation.search import rewhitened
@@ -19,9 +20,9 @@ from tinygc.features.discovery.form import LawForm
 from tinygc.features.discovery.projections import Projection, price
 from tinygc.features.discovery.responses import Responses
 from tinygc.features.discovery.screening import Screening, screened
-from tinygc.features.discovery.within_turns import WithinTurns
 from tinygc.models.linear import MATRIX
 from tinygc.noise.refit import FARTHEST, LOOSE, Refit, Replay
+from tinygc.noise.turn_gravity import lever_equations
 from tinygc.noise.twin import LINEAR, Twin
 
 # The evidence of forms: as that of the catalogue's effects, with a price for each form's description.
@@ -37,18 +38,21 @@ from tinygc.noise.twin import LINEAR, Twin
 #: many passes to undo, so that refits of it take most of the time (benchmarks/discovery_laws.py: a minute on one core for 40 turns at
 #: 104 Hz).  A count, as the answer must not depend on the computer
 MOST_WORK = 6000.0
+#: chance of as many turns being nearer to gravity: below it gravity decides
+DECIDES = 0.01
 #: prefix of a form's id, which no effect of the catalogue has
 FORM = "discovered."
 
 
 class FormEvidence(Evidence):
-    """Evidence that includes forms, each with an id of its own during the search; within: gravity during the turns; spent: evaluations of
-    laws over the recording, of ``MOST_WORK``, which bound the search."""
+    """Evidence that includes forms, each with an id of its own during the search; spent: evaluations of laws over the recording, of
+    ``MOST_WORK``, which bound the search."""
 
     def __init__(self, twin: Twin):
         self.forms: dict[str, LawForm] = {}
         self._ids: dict[LawForm, Effect] = {}
-        self.within, self.spent = WithinTurns(twin), 0.0
+        self.spent = 0.0
+        self._left: dict[int, tuple[np.ndarray, Hypothesis]] = {}
         self._rows = sum(len(movement.t_s) for movement in twin.movements)
         super().__init__(twin)
 
@@ -78,6 +82,23 @@ class FormEvidence(Evidence):
     def unpriced(self, have: Hypothesis | Guess) -> float:
         """The score of a hypothesis without the price of descriptions but with that of coefficients: its goodness of fit."""
         return have.score - sum(self.price(effect) - effect.parameter.size for effect in have.effects)
+
+    # Closure sees the ends of a turn alone.  Within it, the accelerometer shows gravity, behind what the hand and a lever arm add: the
+    # lever arm and the delay of the accelerometer are fitted for each hypothesis, and its turns are compared with those of another in
+    # pairs.  A hand shakes independently from turn to turn, so Wilcoxon's signed-rank test holds whatever it does within one.
+
+    def gravity_prefers(self, one: Hypothesis, other: Hypothesis) -> bool:
+        """Whether gravity during the turns tells that ``one`` is nearer than ``other``, of hypotheses that close alike."""
+        gains = self._squares_within(other) - self._squares_within(one)
+        return len(gains) > 1 and bool(gains.any()) and signed_ranks_above(gains) < DECIDES
+
+    def _squares_within(self, hypothesis: Hypothesis) -> np.ndarray:
+        """Squares of what gravity leaves in each turn, computed once."""
+        key = id(hypothesis)
+        if key not in self._left:
+            equations = lever_equations(self.twin, hypothesis.fit)
+            self._left[key] = equations.left(equations.solve()), hypothesis  # which keeps its id
+        return self._left[key][0]
 
     def form_in(self, have: tuple[Effect, ...]) -> list[LawForm]:
         """The forms among effects, in their order."""

@@ -266,6 +266,18 @@ def _component(factor: Factor, component: int) -> str:
     return " ".join(word for word in (axis, direction, phase) if word)
 
 
+#: least weight of a coefficient that is named in words
+NAMED = 0.15
+
+
+def combination(form: LawForm, direction: np.ndarray) -> str:
+    """``0.58 (x ← x) + 0.58 (y ← y)``: a combination (P,) of a law's coefficients, its largest weight positive."""
+    signed = direction * np.sign(direction[np.argmax(np.abs(direction))])
+    parts = [(weight, term) for weight, term in zip(signed, terms_of(form), strict=True) if abs(weight) >= NAMED]
+    text = "".join(f" {'+' if weight > 0 else '−'} {abs(weight):.2f} ({term})" for weight, term in parts)
+    return text.removeprefix(" + ").strip()
+
+
 # A form's constants in a file: by name, in displayed units, to the digits that are known.
 
 #: digits after the first of a sigma: rounding changes it by a thousandth
@@ -350,11 +362,9 @@ def rounded(form: LawForm, sigmas: Sequence[float] = ()) -> LawForm:
 
 # Entries of a written file in addition to its sentence: the parameter's name, its meaning, and where it is observable.
 
-#: quantities that are zero at rest, and functions that are not zero there
+#: quantities that follow the rate sample by sample, and so are zero at rest, and functions that are not zero there
 OF_TURNS = ("rate", "rate_size", "acceleration", "acceleration_size", "speed_slope", "jerk")
 NOT_AT_ZERO = ("decay", "wave", "clock")
-#: quantities that follow the rate sample by sample
-OF_THE_RATE = ("rate", "rate_size", "acceleration", "acceleration_size", "speed_slope", "jerk")
 #: uncertainty of the energy that the accelerometer passes (gyro.vibration_rectification, benchmarks/vibration.py)
 VIBRATION_KNOWN_TO = 0.1
 #: a jump: share of a function's range over −3 to 3 by which it changes within one of so many steps
@@ -415,7 +425,7 @@ def jumps(form: LawForm) -> bool:
 def _jumps(factor: Factor) -> bool:
     if factor.lag_s is not None:
         return False
-    return factor.quantity in JUMPING or (factor.quantity in OF_THE_RATE and function_jumps(factor.function))
+    return factor.quantity in JUMPING or (factor.quantity in OF_TURNS and function_jumps(factor.function))
 
 
 @cache

@@ -25,9 +25,9 @@ from tinygc.estimation.between_sessions import course
 from tinygc.estimation.expected_zero import USUAL_SPREAD
 from tinygc.estimation.repeatability import widened
 from tinygc.estimation.session_times import YEAR_S, Moment
+from tinygc.features.unit.calibrated import Calibrated, read_calibrated
 from tinygc.features.unit.history.estimate import history_of
 from tinygc.features.unit.history.sessions import GYROSCOPE, NUMBERS, ZERO, UnitSession, in_one_frame
-from tinygc.fitting.compare import Calibrated, read_calibrated
 
 FIRST = datetime(2020, 1, 1, tzinfo=UTC)
 #: one sigma of a session of thirty turns, in the unit of each number (``python calibrate.py fit data/session1``)

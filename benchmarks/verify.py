@@ -34,6 +34,7 @@ from tinygc.closure.motion import LIMIT_DEG
 from tinygc.closure.residual import closure_angles
 from tinygc.estimation.between_sessions import course
 from tinygc.estimation.expected_zero import USUAL_SPREAD
+from tinygc.features.unit.calibrated import read_calibrated
 from tinygc.features.unit.options import VerifyOptions
 from tinygc.features.unit.verification.cost import minute_of
 from tinygc.features.unit.verification.expected import Spread, expected_parts, spread_of_unit
@@ -41,7 +42,6 @@ from tinygc.features.unit.verification.old import ACCELEROMETER, COUNT, GYROSCOP
 from tinygc.features.unit.verification.questions import PLAUSIBLE, ask, todays_noise
 from tinygc.features.unit.verification.rows import LENGTH, Rows, rows_of
 from tinygc.features.unit.verification.verdict import BIAS, HOLDS, Verification, verify_session
-from tinygc.fitting.compare import read_calibrated
 from tinygc.library.simulations import Simulated
 from tinygc.models.linear import LinearModel
 from tinygc.simulation.options import SimulatedUnit, SimulationOptions
@@ -298,7 +298,7 @@ def spread_of_others(folders: tuple[Path, ...]) -> Spread:
     for own in by_unit.values():
         sessions, values, stated = [read_calibrated(folder) for folder in own], np.zeros((len(own), COUNT)), np.zeros((len(own), COUNT))
         for j, each in enumerate(sessions):
-            fit = each.triad.fit
+            fit = each.triad
             values[j, GYROSCOPE], stated[j, GYROSCOPE] = each.vector, np.diag(each.covariance)
             values[j, ACCELEROMETER] = fit.values
             stated[j, ACCELEROMETER] = np.diag(fit.jacobian @ np.asarray(fit.covariance) @ fit.jacobian.T)

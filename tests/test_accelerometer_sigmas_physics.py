@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import GRAVITY, config
+from conftest import GRAVITY
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
@@ -25,9 +25,9 @@ from tinygc.estimation.accelerometer import (
     AnySession,
     _unobserved_values,
     accelerometer_fit,
+    into_frame_of,
     triad_errors,
 )
-from tinygc.fitting.compare import SessionTriad, _compare_triads, into_frame_of
 from tinygc.models.linear import BIAS, MATRIX
 
 BIAS_MPS2 = np.array([0.1, -0.2, 0.3])
@@ -136,18 +136,6 @@ def test_a_tenth_of_a_numbers_spread_from_one_that_nobody_observed_is_named(shar
     assert tuple(name for name in _unobserved_values(joint) if name.startswith("scale")) == named
 
 
-def test_triads_of_different_frames_are_compared_with_the_sensors_own_sigmas():
-    """A bias of the sensor's x has moved, beside a session in another frame, which knows it as well as its own y's; each session is one
-    draw of what a switch-on does."""
-    one, other = fitted(np.eye(3), x=IDENTITY), fitted(QUARTER, x=IDENTITY)
-    moved = Accelerometer(other.calibration.matrix, other.calibration.bias_mps2 + np.array([10.0 * MG, 0, 0]))
-    triads = [SessionTriad("fit", one.calibration, one.covariance), SessionTriad("fit", moved, other.covariance)]
-    sigma = np.sqrt(one.sigmas[6] ** 2 + other.sigmas[6] ** 2 + 2 * USUAL_SPREAD.spread[6] ** 2)
-    found = _compare_triads(triads, [config(), config()]).agreement
-    assert found.freedom == PARAMETERS
-    assert found.chi_square == pytest.approx((10 * MG / sigma) ** 2, rel=0.03)
-
-
 def test_in_any_other_session_a_number_is_off_by_two_draws_of_the_spread():
     found = replace(fitted(np.eye(3), x=IDENTITY), between=AnySession(np.arange(9) * 1e-4, "two other sessions"))
     assert_allclose(found.any_session, np.sqrt(found.sigmas**2 + 2 * (np.arange(9) * 1e-4) ** 2), rtol=1e-12)
@@ -167,7 +155,7 @@ def test_in_any_other_session_a_number_is_off_by_two_draws_of_the_spread():
 
 def test_a_turn_into_one_frame_is_exact():
     turn = Rotation.from_rotvec([0.010, -0.006, 0.008]).as_matrix()
-    one, other = SessionTriad("given", Accelerometer(UPPER)), SessionTriad("given", Accelerometer(turn @ UPPER))
+    one, other = Accelerometer(UPPER), Accelerometer(turn @ UPPER)
     E, (B, m) = UPPER.T, np.random.default_rng(0).normal(size=(2, 3))
     vector = np.concatenate([E.ravel(), B])
     turned = into_frame_of(one, other) @ vector

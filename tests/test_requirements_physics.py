@@ -9,10 +9,11 @@ from scipy.spatial.transform import Rotation
 
 from session.base.errors import FormatError
 from session.base.units import DEG
+from session.log.config import Accelerometer
 from session.log.requirements import GROUPS, GUARDED, QUANTITIES, SIMPLE, Requirements, Rule, read_requirements
+from tinygc.deploy.calibration import in_frame_of
 from tinygc.estimation.choice import AgainstRaw
 from tinygc.estimation.sources import Source
-from tinygc.fitting.compare import _frame_angle
 from tinygc.models.linear import field_jacobian, field_quantities
 from tinygc.verdict.acceptance import JudgedFit, _against, _doubts, decide
 from tinygc.verdict.requirements import (
@@ -404,4 +405,4 @@ def test_what_is_no_requirement_is_refused_in_one_line(tmp_path, text, says):
 def test_body_frames_are_apart_by_the_angle_of_the_turn_between_them(angle):
     begin = Rotation.from_rotvec([0.4, -0.2, 0.9])
     frames = (begin.as_matrix(), (Rotation.from_rotvec([0, 0, angle]) * begin).as_matrix())
-    assert _frame_angle(*(SimpleNamespace(calibration=SimpleNamespace(frame=q)) for q in frames)) == pytest.approx(angle, abs=1e-7)
+    assert in_frame_of(*map(Accelerometer, frames))[1] == pytest.approx(angle, abs=1e-7)

@@ -80,8 +80,6 @@ if TYPE_CHECKING:
     from tinygc.library.biases import Rebias as Rebias
     from tinygc.library.biases import rebias as rebias
     from tinygc.library.checks import check as check
-    from tinygc.library.comparisons import Compared as Compared
-    from tinygc.library.comparisons import compare as compare
     from tinygc.library.explanations import FoundEffect as FoundEffect
     from tinygc.library.explanations import Why as Why
     from tinygc.library.explanations import explain as explain
@@ -122,7 +120,6 @@ _HOMES = {
     "tinygc.library.applied": ("apply",),
     "tinygc.library.biases": ("Rebias", "rebias"),
     "tinygc.library.checks": ("check",),
-    "tinygc.library.comparisons": ("Compared", "compare"),
     "tinygc.library.explanations": ("FoundEffect", "Why", "explain"),
     "tinygc.library.fits": ("Fit", "fit"),
     "tinygc.library.known": ("list_sessions", "sensors"),

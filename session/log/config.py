@@ -369,6 +369,10 @@ class Accelerometer:
         """(9,): the upper triangle of U less that of no correction, row by row, then the bias."""
         return np.concatenate([(self.frame.T @ self.matrix - np.eye(3))[UPPER], self.bias_mps2])
 
+    def is_as(self, other: Accelerometer) -> bool:
+        """Whether both correct alike."""
+        return np.array_equal(self.matrix, other.matrix) and np.array_equal(self.bias_mps2, other.bias_mps2)
+
     def measured(self, force: np.ndarray) -> np.ndarray:
         """What was measured (N, 3) m/s^2 where ``correct`` gives this force."""
         return np.linalg.solve(self.matrix, force.T).T + self.bias_mps2

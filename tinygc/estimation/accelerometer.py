@@ -231,6 +231,16 @@ def _unobserved_values(joint: JointFit) -> tuple[str, ...]:
     return tuple(name for name, share in zip(NAMES, owed, strict=True) if share >= OBSERVED_BELOW)
 
 
+def into_frame_of(first: Accelerometer, other: Accelerometer) -> np.ndarray:
+    """Return the transform (12, 12) of E row by row and B, in the body frame that one accelerometer defines, into that of the first one;
+    exactly 1 for equal frames."""
+    turned = np.eye(linear.PARAMETERS)
+    if not np.array_equal(first.matrix, other.matrix):
+        turn = first.frame @ other.frame.T
+        turned[linear.MATRIX, linear.MATRIX], turned[linear.BIAS, linear.BIAS] = np.kron(turn, np.eye(3)), turn
+    return turned
+
+
 def accelerometer_fit(
     calibration: Accelerometer, joint: JointFit | None, covariance: np.ndarray | None, gravity_mps2: float, sources: Sequence[Source] = ()
 ) -> AccelerometerFit:

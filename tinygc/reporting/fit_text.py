@@ -15,7 +15,6 @@ from tinygc.estimation.accelerometer import AccelerometerFit, drift_json
 from tinygc.estimation.choice import closure_figures, run_figures
 from tinygc.estimation.expected_zero import USUAL_SPREAD
 from tinygc.estimation.options import METHODS, MethodFit
-from tinygc.fitting.compare import DIGITS
 from tinygc.fitting.fit_file import known_turns_words
 from tinygc.fitting.results import FitResult
 from tinygc.models.linear import BIAS, NAMES, PARAMETERS, LinearModel, Quantity, field_quantities
@@ -29,6 +28,8 @@ if TYPE_CHECKING:
 
 # An accelerometer's calibration as a table in the terminal.
 
+#: decimals in a table, by unit
+DIGITS = {"ppm": 0, "mrad": 3, "mg": 3}
 #: least weight of a still that counts
 IDLE_WEIGHT = 0.1
 

@@ -121,7 +121,7 @@ def test_fleet_says_of_one_model_what_its_units_are_together(fleet, tmp_path, ca
 def test_the_command(fleet, tmp_path, capsys):
     copy = shutil.copytree(fleet, tmp_path / "fleet")
     out, html, told = copy / "lot.json", copy / "lot.html", tmp_path / "x.json"
-    words = ["fleet", "--out", copy, "--lot", "ASM330LHH", "--json", told]
+    words = ["fleet", "--out", copy, "--lot", "--model", "ASM330LHH", "--json", told]
     assert calibrate.main([*map(str, words)]) == 0
     assert "ASM330LHH: 19 units, 29 sessions" in capsys.readouterr().out
     assert json.loads(told.read_text(encoding="utf-8")) == json.loads(out.read_text(encoding="utf-8"))
@@ -132,8 +132,8 @@ def test_the_command(fleet, tmp_path, capsys):
     ("words", "says"),
     [
         ([], "sensors of 2 models (ASM330LHH, MPU-9150)"),
-        (["LSM9DS1"], "no fitted session of a LSM9DS1"),
-        (["MPU-9150"], "two units or more, got 1"),
+        (["--model", "LSM9DS1"], "no fitted session of a LSM9DS1"),
+        (["--model", "MPU-9150"], "two units or more, got 1"),
     ],
 )
 def test_a_table_without_a_lot_is_refused_in_one_line(fleet, words, says, capsys):

@@ -17,10 +17,11 @@ from session.detect import accelerometer
 from tinygc import models
 from tinygc.closure.floor import BiasInstability, wander_covariance
 from tinygc.effects import AppliedEffect, Conditions, effect_of
-from tinygc.estimation.accelerometer import JOINT_NAMES
+from tinygc.estimation.accelerometer import JOINT_NAMES, AccelerometerFit
 from tinygc.estimation.accelerometer import USUAL_SPREAD as USUAL_ACCELEROMETER
 from tinygc.estimation.expected_zero import USUAL_PER_K, USUAL_SPREAD
 from tinygc.estimation.systematic import PRIOR_ODDS
+from tinygc.features.unit.calibrated import Calibrated
 from tinygc.features.unit.options import VerifyOptions as Options
 from tinygc.features.unit.verification import causes, verdict
 from tinygc.features.unit.verification.causes import Cause, Evidence, beyond_linear, diagnose
@@ -45,7 +46,6 @@ from tinygc.features.unit.verification.questions import (
 )
 from tinygc.features.unit.verification.rows import CLOSURE, LENGTH, STILL, Rows
 from tinygc.features.unit.verification.verdict import FAILS, HOLDS, UNDECIDED
-from tinygc.fitting.compare import Calibrated, SessionTriad
 from tinygc.models.linear import MATRIX, LinearModel
 from tinygc.models.model import accelerometer_table
 from tinygc.models.physics import PhysicsModel
@@ -596,12 +596,12 @@ def of_unit(tmp_path, monkeypatch, vectors, matrices=None, serial=None):
     made = replace(made, sensor=replace(made.sensor, serial=serial))
     for number, vector in enumerate(vectors):
         calibration = replace(made.accelerometer, matrix=np.eye(3) if matrices is None else matrices[number])
-        triad = SessionTriad(calibration=calibration, covariance=None if matrices is None else 1e-20 * np.eye(9))
+        triad = AccelerometerFit("given", calibration, None if matrices is None else 1e-20 * np.eye(9))
         folder = tmp_path / f"2026-01-{20 - number}"  # the last one first
         sessions[folder] = Calibrated(folder, made, vector, 1e-20 * np.eye(12), (), (), (), triad=triad)
     monkeypatch.setattr("tinygc.features.unit.verification.expected.read_calibrated", sessions.__getitem__)
     old = written(tmp_path, accelerometer=accelerometer_table(config().accelerometer), sensor={"serial": "mine"})
-    return spread_of_unit(old, rows_with(), list(sessions)), [each.triad.fit.values for each in sessions.values()]
+    return spread_of_unit(old, rows_with(), list(sessions)), [each.triad.values for each in sessions.values()]
 
 
 def test_the_spread_between_sessions_is_their_sample_variance(tmp_path, monkeypatch):

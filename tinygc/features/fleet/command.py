@@ -13,6 +13,7 @@ from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from session.base.errors import CalibrationError
 from session.base.options import argument, file_written, folder_written, option, part
 from session.base.texts import command_line
 from tinygc.cli.arguments import STANDARD
@@ -82,14 +83,12 @@ class Options(Run, Command, UsesEffects, Force):
     folders: tuple[Path, ...] = argument("where session folders lie, at any depth", (), metavar="DIR")
     listed: Path | None = option(None, "a list of session folders, one a line (- for standard input)", flags=("--from",))
     out: Path = option(..., "where fleet.sqlite and fleet.html go; without DIR, renewed", metavar="OUT", read=folder_written)
-    lot: str | None = option(
-        None,
+    lot: bool = option(
+        False,
         "print how the lot of OUT spreads, drifts and repeats, and which units do not belong, and write lot.json, for fit --lot, and "
-        "lot.html; of several models of sensors, of this one",
-        metavar="MODEL",
-        read=str,
-        alone="",
+        "lot.html",
     )
+    model: str | None = option(None, "with --lot, of several models of sensors: the lot of this one", metavar="TEXT", read=str)
     csv: Path | None = option(None, "write the table as CSV, too (- for standard output)", read=file_written)
     strict: bool = option(False, "exit 1 if a session failed; with --lot, if the lot drifts, or a unit does not belong")
 
@@ -98,8 +97,10 @@ def run(args: Options) -> int:
     """Compute the missing sessions, then print a summary of the table."""
     from tinygc.features.fleet.library import LOT, PAGE, summed_up
 
+    if args.model is not None and not args.lot:
+        raise CalibrationError("--model goes with --lot; add it, or leave --model out")
     tally = _computed(args) if args.folders or args.listed is not None else None
-    if args.lot is not None:
+    if args.lot:
         return _lot(args)
     found = summed_up(args.out, tally, args.limit_deg)
     summary, page = found.result, args.out / PAGE
@@ -126,7 +127,7 @@ def _lot(args: Options) -> int:
     from tinygc.features.fleet.library import LOT, LOT_PAGE, lot
     from tinygc.features.fleet.text import headline
 
-    found = lot(args.out, model=args.lot or None)
+    found = lot(args.out, model=args.model)
     report = found.result
     output(args).print(found.page)
     verdict(args, headline(report))

@@ -14,11 +14,11 @@ from session.base.solving import inverse
 from session.log.config import Accelerometer
 from session.log.folder import Session
 from session.log.logfile import Log
+from tinygc.estimation.accelerometer import into_frame_of
 from tinygc.estimation.options import FitOptions
 from tinygc.features.temperature.axis_fit import AxisFit
 from tinygc.features.temperature.model import ThermalModel
 from tinygc.features.temperature.rest_fit import RestFit
-from tinygc.fitting.compare import SessionTriad, into_frame_of
 from tinygc.fitting.fit import fit_session
 from tinygc.models.linear import BIAS, MATRIX, LinearModel
 
@@ -106,8 +106,7 @@ def _in_frame_of_first(points: Sequence[_SessionPoint]) -> tuple[_SessionPoint, 
     found = []
     for point in points:
         turn = np.eye(12)
-        frames = SessionTriad(calibration=points[0].accelerometer), SessionTriad(calibration=point.accelerometer)
-        turn[MATRIX, MATRIX] = into_frame_of(*frames)[MATRIX, MATRIX]
+        turn[MATRIX, MATRIX] = into_frame_of(points[0].accelerometer, point.accelerometer)[MATRIX, MATRIX]
         found.append(replace(point, values=turn @ point.values, covariance=turn @ point.covariance @ turn.T))
     return tuple(found)
 

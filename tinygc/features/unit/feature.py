@@ -23,6 +23,8 @@ FEATURE = Feature(
         "verify": "verification.library",
         "watch": "watch.library",
         "history": "history.library",
+        "compare": "history.comparison",
+        "Compared": "history.comparison",
         "budget": "budget.library",
     },
     serves={

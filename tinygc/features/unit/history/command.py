@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from session.base.errors import CalibrationError
 from session.base.options import argument, folder_written, option, values
 from tinygc.cli.options import Command, Pictures, UsesEffects
 from tinygc.cli.results import output, try_destinations, verdict, write_json
@@ -18,13 +19,8 @@ class Options(HistoryOptions, Pictures, Command, UsesEffects):
     sessions: tuple[Path, ...] = argument(
         "fitted session folders of a unit, folders that hold such, or a fleet's folder", metavar="DIR|FLEET"
     )
-    compare: str | None = option(
-        None,
-        "only whether the calibrations of these sessions agree, exit 1 if not (p < 0.01): E; with bias E and B, of a sensor that was "
-        "never switched off in between",
-        choices=("lasting", "bias"),
-        alone="lasting",
-    )
+    compare: bool = option(False, "only whether the calibrations of these sessions agree in E, exit 1 if not (p < 0.01)")
+    bias: bool = option(False, "with --compare: in B, too, of a sensor that was never switched off in between")
     dates: Path | None = option(None, "a CSV of session,date, for sessions that do not say their date")
     all: bool = option(False, "show the accelerometer's numbers, and the values of each session")
     out: Path | None = option(None, "where history.json, history.html and history.png go", metavar="DIR", read=folder_written)
@@ -32,7 +28,9 @@ class Options(HistoryOptions, Pictures, Command, UsesEffects):
 
 def run(args: Options) -> int:
     """Estimate the history of each unit, print it, and write history.json, history.html and history.png."""
-    if args.compare is not None:
+    if args.bias and not args.compare:
+        raise CalibrationError("--bias goes with --compare; add it, or leave --bias out")
+    if args.compare:
         return _compare(args)
     from tinygc.features.unit.history.library import history
     from tinygc.reporting.terminal import progress_bar
@@ -53,12 +51,11 @@ def run(args: Options) -> int:
 
 def _compare(args: Options) -> int:
     """Say whether the calibrations of several sessions agree."""
-    args.refuse_beside("--compare", "sessions", "compare")
-    from tinygc.fitting.compare import DIFFERS_P
-    from tinygc.library.comparisons import compare
+    args.refuse_beside("--compare", "sessions", "compare", "bias")
+    from tinygc.features.unit.history.comparison import compare
 
-    found = compare(args.sessions, bias=args.compare == "bias")
+    found = compare(args.sessions, bias=args.bias)
     output(args).print(found.page)
     verdict(args, found.verdict_line)
     write_json(args.json, found.to_json())
-    return 1 if found.p_value < DIFFERS_P else 0
+    return 0 if found.agree else 1

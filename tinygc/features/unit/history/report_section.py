@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 from tinygc.explanation.reported import ReportData
+from tinygc.features.unit.calibrated import calibrated_of, read_calibrated
 from tinygc.features.unit.history.estimate import history_of
 from tinygc.features.unit.history.page import unit_html
 from tinygc.features.unit.history.sessions import in_one_frame
-from tinygc.fitting.compare import calibrated_of, read_calibrated
 from tinygc.reporting.html.markup import Section
 
 #: the section of the report that this one stands behind

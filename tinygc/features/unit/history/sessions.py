@@ -22,9 +22,9 @@ from session.detect.accelerometer import NAMES as TRIAD
 from session.log.config import Config
 from session.log.logfile import read_log
 from session.log.reader import Reader
-from tinygc.estimation.accelerometer import SMALL, triad_errors
+from tinygc.estimation.accelerometer import SMALL, into_frame_of, triad_errors
 from tinygc.estimation.session_times import Moment, moment_of, parsed
-from tinygc.fitting.compare import Calibrated, into_frame_of, read_calibrated, refuse_same, without_shared
+from tinygc.features.unit.calibrated import Calibrated, read_calibrated, refuse_same, without_shared
 from tinygc.fitting.listing import folders_of
 from tinygc.library.arguments import Progress
 from tinygc.models.linear import BIAS, NAMES, WORDS, field_jacobian, field_quantities, field_vector
@@ -171,13 +171,13 @@ def in_one_frame(sessions: Sequence[Calibrated]) -> list[UnitSession]:
 
 
 def _session_of(each: Calibrated, frame: Calibrated, apart: np.ndarray) -> UnitSession:
-    turn = into_frame_of(frame.triad, each.triad)
+    turn = into_frame_of(frame.triad.calibration, each.triad.calibration)
     vector, own, whole = turn @ each.vector, turn @ apart @ turn.T, turn @ each.covariance @ turn.T
     values, covariance, shared = gyroscope_numbers(vector, own, whole, each.unobserved)
     triad_values, triad_covariance = np.full(PARAMETERS, np.nan), np.full((PARAMETERS, PARAMETERS), np.nan)
     if each.triad.covariance is not None:
-        fit = each.triad.fit
-        triad_values, triad_covariance = triad_numbers(fit.values, fit.jacobian @ each.triad.covariance @ fit.jacobian.T)
+        slope = each.triad.jacobian
+        triad_values, triad_covariance = triad_numbers(each.triad.values, slope @ each.triad.covariance @ slope.T)
         hidden = np.isin([TRIAD[i] for i in _TRIAD_ORDER], each.triad.unobserved)
         triad_values[hidden], triad_covariance[hidden], triad_covariance[:, hidden] = np.nan, np.nan, np.nan
     sensor = each.config.sensor

@@ -4,15 +4,21 @@ import gzip
 import json
 import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import DEG
+from conftest import DEG, config
 from scipy import stats
 
 import calibrate
 from session.base.errors import FormatError
-from tinygc.fitting.compare import agreement, compare, read_calibrated
+from session.base.units import MG, STANDARD_GRAVITY_MPS2
+from session.detect.accelerometer import PARAMETERS, units
+from session.log.config import Accelerometer
+from tinygc.estimation.accelerometer import USUAL_SPREAD, AccelerometerFit
+from tinygc.features.unit.calibrated import Calibrated, read_calibrated
+from tinygc.features.unit.history.comparison import agreement, compare_calibrated, compare_triads
 
 
 def test_two_sessions_are_judged_by_their_difference():
@@ -43,17 +49,17 @@ def test_what_moved_is_found_with_its_size_and_a_bias_is_another_one_after_each_
     scale, bias = np.zeros((2, len(sigma)))
     scale[0], bias[10] = -30 * sigma[0], 60 * sigma[10]
     other = replace(first, folder=first.folder.with_name("tuesday"), hashes=("x",))
-    found = compare([first, replace(other, vector=first.vector + scale)])
+    found = compare_calibrated([first, replace(other, vector=first.vector + scale)])
     moved = found.moved[0]
     assert found.verdict == found.lasting
     assert found.lasting.p_value < 1e-6
     assert (moved.session, moved.name, moved.component, moved.unit) == ("tuesday", "scale factor error", "x", "ppm")
     assert moved.by == pytest.approx(1e6 * 30 * sigma[0] / first.vector[0] ** 2, rel=0.02)
     assert abs(moved.sigmas) > 30 / np.sqrt(2)  # what both have of one given accelerometer is no difference
-    found = compare([first, replace(other, vector=first.vector + bias)])
+    found = compare_calibrated([first, replace(other, vector=first.vector + bias)])
     assert found.lasting.p_value > 0.01 > 1e-6 > found.bias.p_value
     assert (found.verdict == found.lasting, found.moved) == (True, ())
-    asked = compare([first, replace(other, vector=first.vector + bias)], bias=True)
+    asked = compare_calibrated([first, replace(other, vector=first.vector + bias)], bias=True)
     assert (asked.moved[0].name, asked.moved[0].component) == ("bias", "y")
     assert asked.moved[0].by == pytest.approx(-60 * sigma[10] / DEG, rel=0.05)
 
@@ -89,3 +95,22 @@ def test_bad_input_gets_one_line(monday, tmp_path, run):
     ):
         code, _, err = run("history", monday, *others, "--compare")
         assert (code, err.count("\n"), word in err) == (2, 1, True)
+
+
+def test_triads_of_different_frames_are_compared_with_the_sensors_own_sigmas():
+    """A bias of the sensor's x has moved, beside a session in another frame, which knows it as well as its own y's; each session is one
+    draw of what a switch-on does."""
+    upper = np.eye(3) + 0.01 * np.array([[1, -1, 0.5], [0, -0.5, 1], [0, 0, 0.7]])
+    sigmas_mps2 = MG * np.array([0.02, 0.05, 0.08, 0.11, 0.14, 0.17, 0.20, 0.23, 0.26])
+    quarter = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    covariance = np.diag((sigmas_mps2 * units(STANDARD_GRAVITY_MPS2)) ** 2)
+    moved = np.array([10.0 * MG, 0, 0])
+    one, other = (
+        AccelerometerFit("fit", Accelerometer(turn @ upper, bias), covariance)
+        for turn, bias in ((np.eye(3), np.zeros(3)), (quarter, moved))
+    )
+    sessions = [Calibrated(Path(), config(), np.zeros(12), np.eye(12), (), (), (), triad=triad) for triad in (one, other)]
+    sigma = np.sqrt(one.sigmas[6] ** 2 + other.sigmas[6] ** 2 + 2 * USUAL_SPREAD.spread[6] ** 2)
+    found = compare_triads(sessions)
+    assert found.freedom == PARAMETERS
+    assert found.chi_square == pytest.approx((10 * MG / sigma) ** 2, rel=0.03)

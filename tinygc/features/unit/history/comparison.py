@@ -1,0 +1,455 @@
+"""Several sessions of one sensor side by side: does the calibration agree within its stated uncertainty, and if not, what changed?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from session.base.errors import CalibrationError
+from session.detect.accelerometer import NAMES as ACCELEROMETER_NAMES
+from session.detect.accelerometer import PARAMETERS
+from tinygc.closure.uncertainty import chi_square_above, normal_above
+from tinygc.deploy.calibration import in_frame_of
+from tinygc.estimation.accelerometer import USUAL_SPREAD, into_frame_of
+from tinygc.features.unit.calibrated import (
+    DIFFERS_P,
+    MODES,
+    Calibrated,
+    all_given_the_same,
+    calibrated_of,
+    read_calibrated,
+    refuse_same,
+    without_shared,
+)
+from tinygc.library.arguments import is_fit, is_path, public
+from tinygc.library.records import Listed, Shown
+from tinygc.models.linear import BIAS, MATRIX, WORDS, field_jacobian, field_vector
+from tinygc.reporting.fit_text import DIGITS
+from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_line
+
+# Stable and unstable parameters
+#
+# E, the scale factors and misalignments, is stable.  B changes with each switch-on, and with temperature.
+# The verdict is therefore on E's nine parameters, with B free in every session (the covariance includes that).  B is compared separately,
+# with the drift that the fit's covariance already includes; ``bias=True`` includes it in the verdict, for sessions between which the
+# sensor was never switched off.
+#
+# The sessions' errors are assumed independent.  Shared errors cancel in the difference: the table's, and those of the accelerometer's
+# calibration, where all sessions were given the same.  A calibration estimated in each session is not shared.  E maps into the body
+# frame that the accelerometer's matrix defines; where the frames differ, all are transformed into the first one's.
+#
+# The statistic is the weighted scatter about the weighted mean, chi^2 = sum (x_i - x)^T P_i^-1 (x_i - x), of p (n - 1) degrees of
+# freedom; with two sessions it is the difference's d^T (P_1 + P_2)^-1 d.
+
+SCHEMA = "tinygc-compare/2"
+#: names of the quantities that E's nine parameters give, and B's three
+LASTING, SWITCH_ON = ("scale factor error", "misalignment"), ("bias",)
+#: least share of the information from the data (a sigma of ten prior sigmas) for a parameter to be observed.  Simulated sessions of 30
+#: turns have 0.04 and more, except for the common scale of all axes, which is gravity's length: 1e-7
+LEAST_SHARE = 0.01
+#: a change of at least so many sigmas is marked
+MARKED = 3.0
+MOST_MOVED = 5
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """A chi-square test: chi_square, its degrees of freedom, and the p-value."""
+
+    chi_square: float
+    freedom: int
+    p_value: float
+
+
+def agreement(vectors: np.ndarray, covariances: np.ndarray) -> Agreement:
+    """Test vectors (n, p) with covariances (n, p, p), each quantity scaled to its own size to avoid rounding errors."""
+    scale = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2)).min(axis=0)
+    vectors, covariances = (vectors - vectors.mean(axis=0)) / scale, covariances / np.outer(scale, scale)
+    weights = np.linalg.inv(covariances)
+    mean = np.linalg.solve(weights.sum(axis=0), np.einsum("sij,sj->i", weights, vectors))
+    left = vectors - mean
+    chi_square = float(np.einsum("si,sij,sj->", left, weights, left))
+    freedom = (len(vectors) - 1) * vectors.shape[1]
+    return Agreement(chi_square, freedom, chi_square_above(chi_square, freedom))
+
+
+@dataclass(frozen=True)
+class Moved:
+    """A quantity that differs in one session from the rest: by how much, in unit, and by how many sigmas; p_value is corrected for the
+    number of quantities and sessions compared."""
+
+    session: str
+    name: str
+    component: str
+    unit: str
+    by: float
+    sigmas: float
+    p_value: float
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """The comparison of sessions: agreement of E (lasting), of B (bias) and of both (all); values and sigmas (sessions, quantities) of the
+    sensor errors; sigmas_off (sessions, quantities): each session against the rest; moved: significant changes, largest first; with_bias:
+    whether the verdict includes B; triads: agreement of the accelerometers that were estimated, in the parameters observed in all; None
+    where fewer than two were."""
+
+    sessions: tuple[Calibrated, ...]
+    lasting: Agreement
+    bias: Agreement
+    all: Agreement
+    labels: tuple[tuple[str, str, str], ...]
+    values: np.ndarray
+    sigmas: np.ndarray
+    sigmas_off: np.ndarray
+    moved: tuple[Moved, ...]
+    notes: tuple[str, ...]
+    with_bias: bool
+    triads: Agreement | None
+
+    @property
+    def verdict(self) -> Agreement:
+        """The requested agreement."""
+        return self.all if self.with_bias else self.lasting
+
+
+def compare_calibrated(sessions: list[Calibrated], bias: bool = False) -> Comparison:
+    """Compare two sessions or more.  Raises DataError where two of them are the same recording."""
+    refuse_same(sessions)
+    turns = [into_frame_of(sessions[0].triad.calibration, s.triad.calibration) for s in sessions]
+    vectors = np.array([turn @ s.vector for turn, s in zip(turns, sessions, strict=True)])
+    covariances = np.array([turn @ apart @ turn.T for turn, apart in zip(turns, without_shared(sessions), strict=True)])
+    words = [(word, component, unit) for word, components, unit, _ in WORDS for component in components]
+    si = np.array([size for _, components, _, size in WORDS for _ in components])
+    # One Jacobian at the mean for all, so that equal differences are equal everywhere.
+    jacobian = field_jacobian(vectors.mean(axis=0))
+    kept = [i for i, (word, _, _) in enumerate(words) if word in LASTING + SWITCH_ON]
+    values = np.array([field_vector(vector) for vector in vectors])[:, kept] / si[kept]
+    spread = np.einsum("pi,sij,qj->spq", jacobian[kept] / si[kept, None], covariances, jacobian[kept] / si[kept, None])
+    # Each value less the weighted mean of the other sessions', (sessions, quantities), in sigmas and in units.
+    variances = np.diagonal(spread, axis1=1, axis2=2)
+    weights = 1 / variances
+    others = weights.sum(axis=0) - weights
+    rest = ((weights * values).sum(axis=0) - weights * values) / others
+    off, by = (values - rest) / np.sqrt(variances + 1 / others), values - rest
+    labels = tuple(words[i] for i in kept)
+    lasting = np.array([word in LASTING for word, _, _ in labels])
+    looked_at = np.ones(len(kept), dtype=bool) if bias else lasting
+    return Comparison(
+        sessions=tuple(sessions),
+        lasting=agreement(vectors[:, MATRIX], covariances[:, MATRIX, MATRIX]),
+        bias=agreement(vectors[:, BIAS], covariances[:, BIAS, BIAS]),
+        all=agreement(vectors, covariances),
+        labels=labels,
+        values=values,
+        sigmas=np.sqrt(np.diagonal(spread, axis1=1, axis2=2)),
+        sigmas_off=off,
+        moved=_moved(sessions, labels, by, off, looked_at),
+        notes=(*_notes(sessions), *_frame_notes(sessions, np.sqrt(np.einsum("sii->si", spread)), labels)),
+        with_bias=bias,
+        triads=compare_triads(sessions),
+    )
+
+
+def _moved(
+    sessions: list[Calibrated], labels: tuple[tuple[str, str, str], ...], by: np.ndarray, off: np.ndarray, looked_at: np.ndarray
+) -> tuple[Moved, ...]:
+    """Return significant changes, corrected for the number of comparisons (Sidak); of two sessions only the second is named."""
+    looks = int(looked_at.sum()) * (len(sessions) if len(sessions) > 2 else 1)
+    found = []
+    for s in range(len(sessions)) if len(sessions) > 2 else [1]:
+        for q in np.flatnonzero(looked_at):
+            p_value = float(-np.expm1(looks * np.log1p(-min(2 * normal_above(abs(off[s, q])), 1 - 1e-16))))
+            word, component, unit = labels[q]
+            found.append(Moved(sessions[s].name, word, component, unit, float(by[s, q]), float(off[s, q]), p_value))
+    found = [moved for moved in found if moved.p_value < DIFFERS_P]
+    return tuple(sorted(found, key=lambda moved: -abs(moved.sigmas)))
+
+
+def _notes(sessions: list[Calibrated]) -> tuple[str, ...]:
+    notes = [f"{session.name}: {note}" for session in sessions for note in session.notes]
+    notes += [f"{session.name}: not observed there: {', '.join(session.unobserved)}" for session in sessions if session.unobserved]
+    first = sessions[0].config
+    for session in sessions[1:]:
+        sensor = session.config.sensor
+        if (sensor.model, sensor.serial) != (first.sensor.model, first.sensor.serial):
+            one, other = (f"{s.model} {s.serial}".strip() for s in (first.sensor, sensor))
+            notes.append(f"{session.name} is of another sensor by its session.toml ({other}, not {one})")
+        if sensor.gyro_fs_dps != first.sensor.gyro_fs_dps:
+            notes.append(f"{session.name} has another full scale ({sensor.gyro_fs_dps:g}, not {first.sensor.gyro_fs_dps:g} dps)")
+        if session.triad.mode != sessions[0].triad.mode:
+            one, other = (MODES[s.triad.mode] for s in (sessions[0], session))
+            notes.append(f"{session.name}: the accelerometer's calibration was {other} there, {one} in {sessions[0].name}")
+        given = all(s.triad.mode != "fit" for s in (sessions[0], session))
+        if given and not session.config.accelerometer.is_as(first.accelerometer):
+            notes.append(f"{session.name} was given another calibration of the accelerometer: what it changed is in the difference of E")
+    return tuple(notes)
+
+
+def _frame_notes(sessions: list[Calibrated], sigmas: np.ndarray, labels: tuple[tuple[str, str, str], ...]) -> list[str]:
+    """Return notes on sessions in another body frame, where it differs by more than a misalignment's sigma."""
+    smallest = sigmas[:, [word == "misalignment" for word, _, _ in labels]].min() * 1e-3
+    angles = [in_frame_of(sessions[0].triad.calibration, session.triad.calibration)[1] for session in sessions]
+    return [
+        f"{session.name} is fitted in another body frame, {1e3 * angle:.2g} mrad away: E and B are turned into that of {sessions[0].name}"
+        for session, angle in zip(sessions, angles, strict=True)
+        if angle > smallest
+    ]
+
+
+# The accelerometers.
+#
+# The force is M (m - b), M = Q U: U upper triangular is the sensor's triad, Q a rotation of the body frame against it, where a full matrix
+# was given.  omega = E m + B is in that frame.
+
+
+def compare_triads(sessions: list[Calibrated]) -> Agreement | None:
+    """Agreement of the triads; it excludes the error of a calibration that was given to all."""
+    estimated = [s for s in sessions if s.triad.covariance is not None]
+    seen = np.array([not any(name in s.triad.unobserved for s in sessions) for name in ACCELEROMETER_NAMES])
+    if len(estimated) < 2 or not seen.any():
+        return None
+    vectors = np.array([s.triad.values for s in estimated])[:, seen]
+    whole = apart = np.array([s.triad.covariance for s in estimated])
+    if all_given_the_same(sessions):
+        apart = whole - np.array([np.zeros((PARAMETERS, PARAMETERS)) if s.triad_of_given is None else s.triad_of_given for s in estimated])
+    slope = np.array([s.triad.jacobian for s in estimated])[:, seen]
+    whole, apart = (slope @ each @ slope.transpose(0, 2, 1) for each in (whole, apart))
+    between = np.diag(USUAL_SPREAD.spread[seen] ** 2)  # each session is one draw of what a switch-on does
+    whole, apart = whole + between, apart + between
+    kept = _told(whole.sum(axis=0), apart.sum(axis=0))
+    return agreement(vectors @ kept, kept.T @ apart @ kept) if kept.shape[1] else None
+
+
+def _told(whole: np.ndarray, apart: np.ndarray) -> np.ndarray:
+    """Return the combinations (k, j) of the parameters that the recordings observe, not only the given calibration.
+
+    Where data contribute a share s of the information, and the given calibration 1 - s, ``apart`` is s times ``whole``.
+    """
+    from scipy.linalg import eigh
+
+    share, directions = eigh(apart, whole)
+    return directions[:, share > LEAST_SHARE]
+
+
+Row = tuple[str, str, str, list[float | None], list[float | None]]
+
+
+def _side_by_side(sessions: tuple[Calibrated, ...], tables: list) -> list[Row]:
+    """Rows of the accelerometers' corrections or errors: word, component, unit, and for each session the value, None where it is not
+    observed, and the sigma, None where it was given."""
+    found = []
+    for parts in zip(*tables, strict=True):
+        key, unit, _, _, names = parts[0]
+        for i, name in enumerate(names):
+            seen = [name not in s.triad.unobserved and s.triad.calibration.source != "none" for s in sessions]
+            values = [float(part[2][i]) if known else None for part, known in zip(parts, seen, strict=True)]
+            sigmas = [None if part[3] is None or not known else float(part[3][i]) for part, known in zip(parts, seen, strict=True)]
+            found.append((key.removesuffix(f"_{unit}").replace("_", " "), name.split()[-1], unit, values, sigmas))
+    return found
+
+
+# Its file, its page, and the function.
+
+
+def to_json(comparison: Comparison) -> dict:
+    """Return the comparison as ``tinygc-compare/2``."""
+    verdict = comparison.verdict
+    return {
+        "schema": SCHEMA,
+        "sessions": [session.name for session in comparison.sessions],
+        "agree": verdict.p_value >= DIFFERS_P,
+        "verdict_on": "E and B" if comparison.with_bias else "E",
+        **{name: vars(getattr(comparison, name)) for name in ("lasting", "bias", "all")},
+        "moved": [vars(moved) for moved in comparison.moved],
+        "quantities": [
+            {
+                "name": word,
+                "component": component,
+                "unit": unit,
+                "values": comparison.values[:, q].tolist(),
+                "sigmas": comparison.sigmas[:, q].tolist(),
+                "sigmas_from_the_rest": comparison.sigmas_off[:, q].tolist(),
+            }
+            for q, (word, component, unit) in enumerate(comparison.labels)
+        ],
+        "accelerometer": {
+            "modes": [s.triad.mode for s in comparison.sessions],
+            **(dict.fromkeys(("chi_square", "freedom", "p_value")) if comparison.triads is None else vars(comparison.triads)),
+            "quantities": [
+                dict(zip(("name", "component", "unit", "values", "sigmas"), row, strict=True))
+                for row in _side_by_side(comparison.sessions, [s.triad.rows() for s in comparison.sessions])
+            ],
+        },
+        "notes": list(comparison.notes),
+    }
+
+
+def comparison_page(comparison: Comparison) -> Group:
+    """Page of a comparison: table, verdict, changes and remarks."""
+    notes = [one_line(f"Note: {note}.", "yellow") for note in comparison.notes]
+    parts: list[RenderableType] = [_table(comparison), *_verdict(comparison), _triads(comparison), _triads_agree(comparison), *notes]
+    return Group(*parts)
+
+
+def _table(comparison: Comparison) -> Table:
+    table = Table(title="Calibrations side by side: value ± one sigma", title_justify="left", box=None, padding=(0, 1))
+    table.add_column("")
+    for session in comparison.sessions:
+        table.add_column(session.name, justify="right")
+    table.add_column("most off, sigmas", justify="right")
+    for q, (word, component, unit) in enumerate(comparison.labels):
+        digits = _digits(comparison, q)
+        pairs = zip(comparison.values[:, q], comparison.sigmas[:, q], strict=True)
+        cells = [f"{value:.{digits}f} ± {sigma:.{digits}f}" for value, sigma in pairs]
+        off = np.abs(comparison.sigmas_off[:, q]).max()
+        table.add_row(f"{word} {component}, {unit}", *cells, Text(f"{off:.1f}", "bold red" if off > MARKED else ""))
+    return table
+
+
+def _triads(comparison: Comparison) -> Table:
+    title = "Accelerometers side by side: value ± one sigma"
+    table = Table(title=title, title_justify="left", box=None, padding=(0, 1))
+    for column in ("", *(session.name for session in comparison.sessions)):
+        table.add_column(column, justify="right" if column else "left")
+    for word, component, unit, values, sigmas in _side_by_side(comparison.sessions, [s.triad.errors() for s in comparison.sessions]):
+        digits = DIGITS[unit]
+        cells = [
+            "not observed" if value is None else f"{value:.{digits}f}" + ("" if sigma is None else f" ± {sigma:.{digits}f}")
+            for value, sigma in zip(values, sigmas, strict=True)
+        ]
+        table.add_row(f"{word} {component}, {unit}", *cells)
+    table.caption = "; ".join(f"{s.name}: {MODES[s.triad.mode]}" for s in comparison.sessions)
+    table.caption_justify = "left"
+    return table
+
+
+def _triads_agree(comparison: Comparison) -> Text:
+    found = comparison.triads
+    if found is None:
+        return Text("The accelerometers were not both estimated: there is nothing to hold against each other.")
+    agrees = found.p_value >= DIFFERS_P
+    return Text(
+        f"The accelerometers {'agree' if agrees else 'DIFFER'}, with the spread between switch-ons usual of them ({_words(found)}).",
+        "bold green" if agrees else "bold red",
+    )
+
+
+def comparison_verdict_line(comparison: Comparison) -> Text:
+    """State whether the calibrations agree."""
+    agrees = comparison.verdict.p_value >= DIFFERS_P
+    what = "scale factors, misalignments and biases" if comparison.with_bias else "scale factors and misalignments"
+    said = f"The {what} {'agree' if agrees else 'DIFFER'} ({_words(comparison.verdict)})."
+    return Text(said, "bold green" if agrees else "bold red")
+
+
+def _verdict(comparison: Comparison) -> list[Text]:
+    lines, agrees = [comparison_verdict_line(comparison)], comparison.verdict.p_value >= DIFFERS_P
+    rest = "the others" if len(comparison.sessions) > 2 else comparison.sessions[0].name
+    for moved in comparison.moved[:MOST_MOVED]:
+        digits = _digits(comparison, comparison.labels.index((moved.name, moved.component, moved.unit)))
+        by = f"{moved.by:+.{digits}f} {moved.unit} from {rest}, {abs(moved.sigmas):.1f} sigmas"
+        lines.append(one_line(f"  {moved.name} {moved.component} of {moved.session}: {by}"))
+    if len(comparison.moved) > MOST_MOVED:
+        lines.append(Text(f"  and {len(comparison.moved) - MOST_MOVED} more"))
+    if not agrees and not comparison.moved:
+        lines.append(Text("  no single one stands out: several moved a little, together"))
+    if not comparison.with_bias:
+        bias = comparison.bias
+        if bias.p_value < DIFFERS_P:
+            said = "as after a switch-on or at another temperature; take B anew before each use (--bias if it was never off)"
+            lines.append(Text(f"The bias is another one ({_words(bias)}), {said}."))
+        else:
+            lines.append(Text(f"The bias agrees, too ({_words(bias)})."))
+    return lines
+
+
+def _digits(comparison: Comparison, q: int) -> int:
+    """Number of decimals that gives the smallest sigma two digits."""
+    return int(np.clip(1 - np.floor(np.log10(comparison.sigmas[:, q].min())), 0, 6))
+
+
+def _words(agreement: Agreement) -> str:
+    p = f"p = {agreement.p_value:.2g}" if agreement.p_value > 1e-99 else "p < 1e-99"
+    return f"chi-square {agreement.chi_square:.1f} for {agreement.freedom}, {p}"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Compared(Shown):
+    """Result of ``tinygc.compare``."""
+
+    result: Comparison
+
+    def __repr__(self) -> str:
+        return f"<Compared {len(self.result.sessions)} sessions: {'agree' if self.agree else 'differ'}, p = {self.p_value:.2g}>"
+
+    @property
+    def p_value(self) -> float:
+        """Probability of at least this difference where nothing has changed."""
+        return self.result.verdict.p_value
+
+    @property
+    def agree(self) -> bool:
+        """Whether they agree: p is at least 0.01."""
+        return self.p_value >= DIFFERS_P
+
+    @property
+    def moved(self) -> Listed[Moved]:
+        """What differs in one session from the rest, the largest first: ``session``, ``name``, ``by``, ``unit``, ``sigmas``."""
+        return Listed(self.result.moved)
+
+    @property
+    def page(self) -> Group:
+        """The command's output as a rich renderable."""
+        return comparison_page(self.result)
+
+    @property
+    def verdict_line(self) -> Text:
+        """Whether the calibrations agree, for rich."""
+        return comparison_verdict_line(self.result)
+
+    def to_json(self) -> dict:
+        """``tinygc-compare/2`` (docs/formats.md)."""
+        return to_json(self.result)
+
+
+@public()
+def compare(sessions: Any, *, bias: bool = False) -> Compared:
+    """Say whether the calibrations of several sessions of one sensor agree.
+
+    Parameters
+    ----------
+    sessions : sequence of Fit, str or Path
+        Two or more fits, or folders of fitted sessions.
+    bias : bool, optional
+        The bias counts, too: the sensor was never switched off in between.
+
+    Returns
+    -------
+    Compared
+        ``agree``, ``p_value``, ``moved``, ``summary()``, ``to_json()``; ``result`` holds everything.
+
+    Raises
+    ------
+    CalibrationError
+        For fewer than two sessions, for the same recording twice, and for a session without a fit.
+
+    Examples
+    --------
+    >>> import tinygc
+    >>> simulated = [tinygc.simulate(segments=12, closure_s=0.0, odr_hz=104.0, seed=seed, unit_seed=1) for seed in (1, 2)]
+    >>> tinygc.compare([tinygc.fit(each.session, methods=("least_squares",)) for each in simulated]).agree
+    True
+
+    """
+    given: list[Any] = list(sessions) if isinstance(sessions, list | tuple) else [sessions]
+    for each in given:
+        if not is_fit(each) and not is_path(each):
+            raise CalibrationError(f"sessions holds {each!r:.60}, expected a Fit or the path of a fitted session")
+    if len(given) < 2:
+        raise CalibrationError("compare needs two sessions or more")
+    read = [calibrated_of(each.result, each.config) if is_fit(each) else read_calibrated(Path(each)) for each in given]
+    return Compared(compare_calibrated(read, bias))

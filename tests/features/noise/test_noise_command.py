@@ -14,8 +14,7 @@ from processes import as_it_stands, refused
 import tinygc
 from session.base.errors import CalibrationError
 from session.base.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MG, G
-from tinygc.features.noise.curve_file import read_curve
-from tinygc.features.noise.estimate import NoiseEstimate
+from tinygc.features.noise.curve import read_curve
 from tinygc.features.noise.library import Noise
 from tinygc.noise.figures import TERMS, AllanBand, AxisNoise, NoiseFigures, SensorNoise, Term, read_figures
 from tinygc.reporting.terminal import as_text
@@ -58,7 +57,7 @@ def figures(**changes) -> NoiseFigures:
     return dataclasses.replace(made, **changes)
 
 
-def estimate(of: NoiseFigures | None = None, said: tuple[str, ...] = (), seed: int = 1) -> NoiseEstimate:
+def estimate(of: NoiseFigures | None = None, seed: int = 1) -> Noise:
     """An estimate with Allan deviations that scatter about the terms as those of a recording do."""
     of = figures() if of is None else of
     rng, tau_s, bands = np.random.default_rng(seed), np.geomspace(1 / of.rate_hz, of.duration_s / 3, 40), {}
@@ -67,7 +66,7 @@ def estimate(of: NoiseFigures | None = None, said: tuple[str, ...] = (), seed: i
         sigma = np.sqrt(tau_s / of.duration_s / 2)[:, None]
         seen = true * np.exp(sigma * rng.normal(size=true.shape))
         bands[kind] = AllanBand(tau_s, seen, seen * np.exp(-sigma), seen * np.exp(sigma))
-    return NoiseEstimate(dataclasses.replace(of, allan=bands), said, 12.0)
+    return Noise(dataclasses.replace(of, allan=bands), (), 12.0)
 
 
 @pytest.fixture(scope="module")
@@ -172,7 +171,7 @@ SCREENS = {
 def test_the_screens_are_as_they_stand():
     said = []
     for name, of in SCREENS.items():
-        found = Noise(estimate(of))
+        found = estimate(of)
         table = found.to_json()
         verdicts = [row["verdict"] for row in table["data_sheet"]]
         terms = [" ".join(each[key] for key in ("sensor", "axis", "term")) for each in table["open_terms"]]
@@ -180,12 +179,12 @@ def test_the_screens_are_as_they_stand():
         said.append(f"# {name}\n{found.summary()}\nJSON: {verdicts} {terms} {kalibr}\n")
     as_it_stands("noise.txt", "\n".join(said))
     assert "µrad" not in said[0]
-    assert "Q  µrad" in as_text(Noise(estimate()).pages(verbose=True))
+    assert "Q  µrad" in as_text(estimate().pages(verbose=True))
 
 
 def test_the_picture_has_data_model_terms_and_ratio():
     pytest.importorskip("matplotlib")
-    gyro, accel, ratio, _ = Noise(estimate()).plot().axes
+    gyro, accel, ratio, _ = estimate().plot().axes
     assert (gyro.get_ylabel(), accel.get_ylabel()) == ("Allan deviation (°/h)", "Allan deviation (µg)")
     # white noise of x at the first averaging time, 0.01 s: 2.41 °/√h / sqrt(0.01 s)
     x = next(line for line in gyro.lines if line.get_label() == "x")
@@ -218,12 +217,12 @@ def written(path, columns: int, header: str = "", delimiter: str = " "):
     ],
 )
 def test_columns_and_units(columns, header, units, si, delimiter, tmp_path):
-    curve = read_curve(written(tmp_path / "c.csv", columns, header, delimiter), units)
-    assert (list(curve.deviation), curve.tau_s) == (list(si), pytest.approx(TAU))
+    tau_s, deviations = read_curve(written(tmp_path / "c.csv", columns, header, delimiter), units)
+    assert (list(deviations), tau_s) == (list(si), pytest.approx(TAU))
     each = columns // len(si)
     for place, (kind, unit) in enumerate(si.items()):
         expected = unit * (1 + place * each + np.arange(each)) / np.sqrt(TAU)[:, None]
-        assert curve.deviation[kind] == pytest.approx(expected)
+        assert deviations[kind] == pytest.approx(expected)
 
 
 ROWS = "\n".join(f"{tau} 1 1 1" for tau in range(1, 9))

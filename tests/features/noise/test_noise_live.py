@@ -56,13 +56,15 @@ def finished(noise: LiveNoise) -> RestAnswer | None:
 
 @pytest.fixture(autouse=True)
 def at_once(monkeypatch):
-    """Estimates take no share of this computer's time."""
+    """Estimates take no share of this computer's time, and what they take in and find is these."""
     monkeypatch.setattr(live, "SHARE", 1e9)
+    monkeypatch.setattr(live, "RestSums", Sums)
+    monkeypatch.setattr(live, "known_after_s", after)
 
 
 def test_what_is_known_and_what_will_be():
     """Value and limit of each axis; the wait is the longest over the axes."""
-    found = answer_of(KNOWN, 720.0, 0.2, after)
+    found = answer_of(KNOWN, 720.0, 0.2)
     assert found == RestAnswer(
         (
             "12 min, gyroscope: N and B known to 20 %",
@@ -70,34 +72,36 @@ def test_what_is_known_and_what_will_be():
         ),
         True,
     )
-    assert not answer_of(KNOWN, 720.0, 0.05, after).known
-    assert answer_of(KNOWN, 720.0, 0.05, after).lines[0] == "12 min, gyroscope: N known to 5 %; B will be after 3.1 h"
+    assert not answer_of(KNOWN, 720.0, 0.05).known
+    assert answer_of(KNOWN, 720.0, 0.05).lines[0] == "12 min, gyroscope: N known to 5 %; B will be after 3.1 h"
 
 
-def test_a_drift_that_does_not_show_yet_is_awaited():
+def test_a_drift_that_does_not_show_yet_is_awaited(monkeypatch):
     """On one axis of three, and of the accelerometer; the term that comes first counts."""
     plain = axis_of(N=(0.3 * N, 0.1 * N), limits={"B": 4 * B})
     shown = KNOWN.gyro.axes[0]
     figures = figures_of(sensor(shown, shown, plain), sensor(axis_of(N=(G * 1e-4, G * 1e-6), K=(G * 1e-7, G * 1e-8))))
-    found = answer_of(figures, 720.0, 0.2, after)
+    found = answer_of(figures, 720.0, 0.2)
     assert not found.known
     assert found.lines[0] == "12 min, gyroscope: B known to 20 %; N will be after 12 min; B or K not before 3.1 h"
     assert found.lines[1].endswith("B 3.00 3.00 < 4.0 °/h; K < 1.0 < 1.0 ? °/h/√h")
     assert found.lines[2] == "12 min, accelerometer: N and K known to 20 %"
     hidden = axis_of(B=(3 * B, 0.3 * B), limits={"N": N})
-    assert answer_of(figures_of(sensor(hidden)), 300.0, 0.2, after).lines[0] == "5 min, gyroscope: B known to 20 %; N not before 10 min"
-    never = answer_of(figures, 720.0, 0.2, lambda *of: np.inf)
+    assert answer_of(figures_of(sensor(hidden)), 300.0, 0.2).lines[0] == "5 min, gyroscope: B known to 20 %; N not before 10 min"
+    monkeypatch.setattr(live, "known_after_s", lambda *of: np.inf)
+    never = answer_of(figures, 720.0, 0.2)
     assert "B or K will not be, however long it rests" in never.lines[0]
 
 
-def test_an_estimate_runs_each_minute_and_then_each_tenth_of_the_rest():
+def test_an_estimate_runs_each_minute_and_then_each_tenth_of_the_rest(monkeypatch):
     ran = []
 
     def estimate(sums):
         ran.append(sum(each.count for each in sums) / 50)
-        return KNOWN
+        return KNOWN, [], 0.0
 
-    noise = LiveNoise(0.2, estimate, after, Sums)
+    monkeypatch.setattr(live, "estimate_noise", estimate)
+    noise = LiveNoise(0.2)
     answers = []
     for second in range(0, 1500, 2):
         noise.add(samples(2.0, second))
@@ -109,15 +113,16 @@ def test_an_estimate_runs_each_minute_and_then_each_tenth_of_the_rest():
     assert all(answer != other for answer, other in pairwise(answers))
 
 
-def test_the_recording_does_not_wait_and_the_sums_of_an_estimate_stay():
+def test_the_recording_does_not_wait_and_the_sums_of_an_estimate_stay(monkeypatch):
     going, seen = threading.Event(), []
 
     def estimate(sums):
         going.wait()
         seen.append(sums[0].count)
-        return KNOWN
+        return KNOWN, [], 0.0
 
-    noise = LiveNoise(0.2, estimate, after, Sums)
+    monkeypatch.setattr(live, "estimate_noise", estimate)
+    noise = LiveNoise(0.2)
     noise.add(samples(70.0))
     assert noise.answer() is None
     noise.add(samples(70.0, 70.0))
@@ -134,14 +139,15 @@ def test_the_recording_does_not_wait_and_the_sums_of_an_estimate_stay():
         (ValueError("no idea"), "the noise figures have failed (ValueError: no idea); the rest is recorded without them", False),
     ],
 )
-def test_what_fails_is_said_once_and_ends_nothing(error, says, again):
+def test_what_fails_is_said_once_and_ends_nothing(error, says, again, monkeypatch):
     runs = []
 
     def estimate(sums):
         runs.append(1)
         raise error
 
-    noise = LiveNoise(0.2, estimate, after, Sums)
+    monkeypatch.setattr(live, "estimate_noise", estimate)
+    noise = LiveNoise(0.2)
     noise.add(samples(61.0))
     noise.answer()
     assert finished(noise) == RestAnswer((says,))

@@ -16,11 +16,11 @@ from scipy.spatial.transform import Rotation
 from session.base.units import DEG, DEG_PER_HOUR, EARTH_RATE_RPS, G
 from tinygc.closure.floor import wander_covariance
 from tinygc.effects import Effect, Movement
+from tinygc.features.tables.board import motion_on
 from tinygc.features.tables.machines.angles import header, row
 from tinygc.features.tables.machines.description import Axis, Description
 from tinygc.features.tables.machines.mechanics import AxisErrors, AxisTrack, TableErrors, true_attitudes
 from tinygc.features.tables.observed import Observed
-from tinygc.features.tables.sensor_on_table import motion_on
 from tinygc.simulation.options import SimulatedUnit, SimulationOptions
 from tinygc.simulation.sensor import SensorModel
 

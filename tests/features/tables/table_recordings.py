@@ -22,6 +22,7 @@ from session.bench.guided_session import GuidedRecording
 from session.bench.recorder import Recorder
 from session.bench.session_file import SessionFile
 from session.log.written import toml_text
+from tinygc.features.tables.board import motion_on
 from tinygc.features.tables.machines.description import Description, read_description
 from tinygc.features.tables.machines.makes import open_table
 from tinygc.features.tables.machines.mechanics import TableErrors
@@ -30,7 +31,6 @@ from tinygc.features.tables.machines.verbs import TableFault
 from tinygc.features.tables.machines.virtual import VirtualTable
 from tinygc.features.tables.machines.virtual_motion import Fault
 from tinygc.features.tables.recording import TurnedRecording
-from tinygc.features.tables.sensor_on_table import motion_on
 from tinygc.planning.coach import Coach
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.sensor import RegisterLog, SensorModel
@@ -60,7 +60,7 @@ class VirtualBench:
     ):
         self.clock, self.options, self.errors = SimulatedClock(), options, errors or TableErrors.none(description)
         self.description = description
-        self.virtual = VirtualTable(description, self.errors, self.clock, faults)
+        self.virtual = VirtualTable(description, self.clock, faults)
         self.virtual.feed()  # its greeting: it was switched on before its port is opened
         self.unit = unit_of(options)
         motion = motion_on(description, self.errors, self.virtual.tracks, options, self.unit)

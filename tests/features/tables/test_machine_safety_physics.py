@@ -697,7 +697,7 @@ class FastClock(HostClock):
 
 def test_a_program_that_does_not_look_any_more_is_stopped_for():
     clock = FastClock()
-    virtual = VirtualTable(TABLE, None, clock)
+    virtual = VirtualTable(TABLE, clock)
     virtual.feed()  # it was switched on before its port is opened
     table = Guarded(open_table(TABLE, None, VirtualLink(virtual, clock), clock), clock)
     table.confirm([Move.to(0, 200 * DEG, 0.1 * DEG)], None, print)
@@ -733,7 +733,7 @@ def test_signals_wait_until_it_has_stopped():
 def test_stop_does_not_wait_for_an_answer():
     """In real time: one thread waits for an answer that does not come, another stops."""
     clock, table = HostClock(), description("line", answer_s=0.8)
-    virtual = VirtualTable(table, None, clock, Fault.parse("silence@0.3"))
+    virtual = VirtualTable(table, clock, Fault.parse("silence@0.3"))
     link = VirtualLink(virtual, clock)
     driver = open_table(table, None, link, clock)
     driver.turn_to(0, 200 * DEG, 60 * DEG)

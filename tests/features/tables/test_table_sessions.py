@@ -23,12 +23,12 @@ from session.log.registers import gyro_rps_per_lsb
 from tinygc import CalibrationError, read_session
 from tinygc.closure.prepared import prepare
 from tinygc.features.tables.explanation import explain_table
+from tinygc.features.tables.feature import explained
 from tinygc.features.tables.machines.angles import read_angles
 from tinygc.features.tables.machines.description import attitudes, read_description
 from tinygc.features.tables.machines.mechanics import AxisErrors, TableErrors
-from tinygc.features.tables.machines.virtual import VirtualTable
+from tinygc.features.tables.machines.virtual import TableLine, VirtualTable
 from tinygc.features.tables.recording import TurnedRecording, require_table_of
-from tinygc.features.tables.virtual_line import TableLine
 from tinygc.reporting.terminal import as_text
 
 
@@ -226,7 +226,7 @@ def test_too_few_angles_are_undecided_and_a_broken_file_is_one_line(tilted, tmp_
     with pytest.raises(FormatError, match=r"table\.csv line 2"):
         explain_table(problem)
     path.unlink()
-    assert explain_table(problem) is None
+    assert explained(SimpleNamespace(session=problem.session, problem=problem), 0) is None
 
 
 # The port of a virtual table.
@@ -234,7 +234,7 @@ def test_too_few_angles_are_undecided_and_a_broken_file_is_one_line(tilted, tmp_
 
 def test_each_opening_of_the_port_restarts_a_controller_that_resets(tmp_path):
     (tmp_path / "table.toml").write_text(table_toml("outer"))
-    table = VirtualTable(read_description(tmp_path / "table.toml"), None, SimulatedClock())
+    table = VirtualTable(read_description(tmp_path / "table.toml"), SimulatedClock())
     terminal = SimpleNamespace(has_reader=False, read=lambda: b"", write=lambda text: True)
     counts = []
     for resets in (False, True):

@@ -17,10 +17,11 @@ from tinygc.features.tables.machines.description import Axis, Description
 from tinygc.features.tables.machines.makefile import read_make
 from tinygc.features.tables.machines.makes import open_table
 from tinygc.features.tables.machines.safety import Guarded, Move
+from tinygc.features.tables.machines.verbs import TableFault
 from tinygc.features.tables.machines.virtual import VirtualTable
 from tinygc.features.tables.machines.virtual_makes import FIRMWARE, Firmware
 from tinygc.features.tables.machines.virtual_motion import Fault
-from tinygc.features.tables.machines.wire import PRESS, LineLost
+from tinygc.features.tables.machines.wire import PRESS
 
 #: s between two looks for bytes
 POLL_S = 0.01
@@ -88,7 +89,7 @@ class VirtualLink:
             self.sent += data
             self._received += self.device.feed(data)
         if not self.device.is_connected:
-            raise LineLost(f"the line to the table is lost (virtual cable); is the cable in? {PRESS}")
+            raise TableFault(f"the line to the table is lost (virtual cable); is the cable in? {PRESS}")
 
 
 OWN = "./own_make.toml"
@@ -164,9 +165,9 @@ def description(make, limits=(-90, 270), axes=1, **settings):
 class Bench:
     """A virtual table of a make and what drives it: ``driver`` (the make), ``guarded``, ``virtual``, ``link`` and ``clock``."""
 
-    def __init__(self, table, faults="", errors=None, folder=None, virtual=None, greets=False, stops=False):
+    def __init__(self, table, faults="", folder=None, virtual=None, greets=False, stops=False):
         self.clock, self.table = SimulatedClock(), table
-        self.virtual = VirtualTable(virtual or table, errors, self.clock, Fault.parse(faults))
+        self.virtual = VirtualTable(virtual or table, self.clock, Fault.parse(faults))
         if not greets:
             self.virtual.feed()  # it was switched on before its port is opened
         self.link = VirtualLink(self.virtual, self.clock)

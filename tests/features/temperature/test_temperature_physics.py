@@ -22,7 +22,6 @@ from tinygc.features.temperature.axis_fit import (
     _AS_NOISE,
     BY_CHANCE,
     AxisFit,
-    Candidate,
     _best_lag,
     _Coloured,
     _hysteresis_of,
@@ -53,12 +52,12 @@ from tinygc.features.temperature.rest_fit import (
     zero_of_blocks,
 )
 from tinygc.features.temperature.sessions_fit import (
+    ThermalFit,
     _brought_to,
     _in_frame_of_first,
     _SessionPoint,
     _zero_form,
     join,
-    joined,
     of_rests_alone,
     point_of,
     zero_covariance,
@@ -288,17 +287,15 @@ def test_each_fold_is_predicted_from_the_others_with_equal_weights(rest):
     knots, _, root = rest
     y = columns(knots, 25.0, 2) @ [1.0, 9.0, 3.0] + root @ np.random.default_rng(4).normal(size=40)
     noise, lags = _Coloured(np.array([1.0, 0.1, 0.01]), root @ root.T), np.array([-40.0, -20, -10, 10, 20, 40])
-    found = examine(knots, y, noise, (0, 1, 2), lags)
-    assert found.candidates == (*(Candidate(p, False) for p in (0, 1, 2)), *(Candidate(p, True) for p in (1, 2)))
-    assert [each.complexity for each in found.candidates] == [0, 1, 2, 2, 3]
+    candidates, held_out, _ = examine(knots, y, noise, (0, 1, 2), lags)
+    assert candidates == (*((p, False) for p in (0, 1, 2)), *((p, True) for p in (1, 2)))
     for k, sweep in enumerate(np.unique(knots.sweep)):
         train, test = knots.sweep != sweep, knots.sweep == sweep
         tau = _best_lag(knots, y, np.linalg.cholesky(noise.C[train][:, train]), train, lags, 2)
-        for c, each in enumerate(found.candidates):
-            A = columns(knots, tau if each.lagged else 0.0, each.order)
+        for c, (order, lagged) in enumerate(candidates):
+            A = columns(knots, tau if lagged else 0.0, order)
             error = y[test] - A[test] @ np.linalg.lstsq(A[train], y[train], rcond=None)[0]
-            assert found.held_out[k, c] == pytest.approx(np.mean(error**2))
-    assert found.chosen == simplest(found.candidates, found.held_out)
+            assert held_out[k, c] == pytest.approx(np.mean(error**2))
     folds, by = folds_of(make_knots([small_rest(np.arange(50.0))], [Sweep(0, 0, 50, 1)]))
     assert (by, folds.tolist()) == ("stretches", [k * 20 // 50 % 5 for k in range(50)])
 
@@ -314,14 +311,14 @@ def test_the_zero_of_a_log_that_is_left_out_is_not_predicted():
 
 
 def test_the_simplest_within_one_standard_error_of_the_best():
-    plain, lagged = tuple(Candidate(p, False) for p in (0, 1, 2)), Candidate(1, True)
+    plain, lagged = tuple((p, False) for p in (0, 1, 2)), (1, True)
     best, gain = np.array([1.0, 1.2, 0.9]), np.array([0.3, 0.1, 0.2])
     error = np.std(gain, ddof=1) / np.sqrt(3)
     for shift, chosen in ((error - 1e-9, 1), (error + 1e-9, 2)):
         assert simplest(plain, np.column_stack([best + 5, best + gain - gain.mean() + shift, best])) == chosen
     # Of two as simple, the one without a lag; of one fold, the best itself.
-    assert simplest((Candidate(2, False), lagged), np.column_stack([best, best])) == 0
-    assert simplest((lagged, Candidate(2, False)), np.column_stack([best, best])) == 1
+    assert simplest(((2, False), lagged), np.column_stack([best, best])) == 0
+    assert simplest((lagged, (2, False)), np.column_stack([best, best])) == 1
     assert simplest(plain, np.array([[1.0, 0.5, 0.5 - 1e-9]])) == 2
 
 
@@ -329,11 +326,11 @@ def test_the_simplest_within_one_standard_error_of_the_best():
 def test_a_covariance_is_the_numeric_derivative_of_the_estimate_times_that_of_the_knots(rest, tau):
     """The lag is where the weighted misfit is least; the coefficients have equal weights at that lag."""
     knots, _, root = rest
-    truth, chosen, noise = np.array([3.0, 20.0, 4.0]), Candidate(2, tau > 0), _Coloured(np.ones(3), root @ root.T)
+    truth, noise = np.array([3.0, 20.0, 4.0]), _Coloured(np.ones(3), root @ root.T)
     y = columns(knots, tau, 2) @ truth
 
     def estimate(values):
-        if not chosen.lagged:
+        if not tau:
             return np.linalg.lstsq(columns(knots, 0.0, 2), values, rcond=None)[0]
         left = left_at(knots, values, root, 2)
         # The least of a parabola through three points, once more about it.
@@ -344,7 +341,7 @@ def test_a_covariance_is_the_numeric_derivative_of_the_estimate_times_that_of_th
         return np.append(np.linalg.lstsq(columns(knots, at, 2), values, rcond=None)[0], at)
 
     slope = numeric_jacobian(estimate, y, 1e-3)
-    coefficients, covariance = solve_axis(knots, y, noise, tau, chosen)
+    coefficients, covariance = solve_axis(knots, y, noise, tau, 2)
     assert coefficients == pytest.approx(truth)
     assert covariance == pytest.approx(slope @ noise.C @ slope.T, rel=5e-3)
 
@@ -357,13 +354,13 @@ def test_no_dependence_by_chance_is_a_ratio_of_likelihoods_each_with_its_own_noi
     constant = columns(knots, 0.0, 0)
     quiet, larger = estimate_noise(y, constant, V, 1.0).C, []
     square = lambda A, C: least_squares(y, A, C)[2]  # noqa: E731
-    for chosen, tau, freedom in ((Candidate(1, False), 0.0, 1), (Candidate(1, True), 20.0, 3), (Candidate(2, True), 20.0, 4)):
-        A = columns(knots, tau, chosen.order)
+    for order, tau, freedom in ((1, 0.0, 1), (1, 20.0, 3), (2, 20.0, 4)):
+        A = columns(knots, tau, order)
         C = estimate_noise(y, A, V, 1.0).C
         ratio = np.linalg.slogdet(quiet)[1] + square(constant, quiet) - np.linalg.slogdet(C)[1] - square(A, C)
         of_ratio, of_noise = (stats.chi2.sf(gain, freedom) for gain in (ratio, square(constant, quiet) - square(A, quiet)))
         larger.append(of_ratio > _AS_NOISE * of_noise)
-        assert _none_by_chance(knots, y, V, 1.0, chosen, tau) == pytest.approx(max(of_ratio, _AS_NOISE * of_noise), rel=1e-6)
+        assert _none_by_chance(knots, y, V, 1.0, order, tau) == pytest.approx(max(of_ratio, _AS_NOISE * of_noise), rel=1e-6)
     assert any(larger) == by_ratio
 
 
@@ -398,10 +395,10 @@ def test_a_fit_is_put_together_from_these(lag_s):
     knots, fit = fitted(logs)
     assert (fit.order, fit.tau_s > 0) == (2, lag_s > 0)
     y = knots.mean(np.concatenate([log.gyro[:, 0] for log in logs]))
-    chosen, A, plain = Candidate(2, lag_s > 0), columns(knots, fit.tau_s, 2), columns(knots, 0.0, 2)
-    coefficients, covariance = solve_axis(knots, y, fit.noise, fit.tau_s, chosen)
+    chosen, A, plain = (2, lag_s > 0), columns(knots, fit.tau_s, 2), columns(knots, 0.0, 2)
+    coefficients, covariance = solve_axis(knots, y, fit.noise, fit.tau_s, 2)
     # Per degree, and the zero the mean of both logs.
-    per_c, size = block_diag([[0.5, 0.5]], 1 / knots.half_c, 1 / knots.half_c**2, *[1] * chosen.lagged), 3 + chosen.lagged
+    per_c, size = block_diag([[0.5, 0.5]], 1 / knots.half_c, 1 / knots.half_c**2, *[1] * chosen[1]), 3 + chosen[1]
     assert fit.terms == pytest.approx(per_c[:3, :4] @ coefficients)
     assert fit.covariance[:size, :size] == pytest.approx(per_c @ covariance @ per_c.T, rel=1e-6)
     assert (fit.covariance.shape, fit.covariance[size:].any()) == ((4, 4), False)
@@ -410,11 +407,11 @@ def test_a_fit_is_put_together_from_these(lag_s):
     for found, B in ((fit.hysteresis_after, A), (fit.hysteresis_before, plain)):
         expected = _hysteresis_of(knots, y - B @ np.linalg.lstsq(B, y, rcond=None)[0], fit.noise.C)
         assert (*found.difference, *found.sigma) == pytest.approx((*expected.difference, *expected.sigma), rel=1e-6)
-    assert fit.examined.candidates[fit.examined.chosen] == chosen
-    held_out = np.sqrt(fit.examined.held_out[:, fit.examined.chosen].mean())
-    assert (fit.held_out, fit.held_out_of(2, chosen.lagged)) == pytest.approx((held_out, held_out))
+    assert fit.candidates[simplest(fit.candidates, fit.squares)] == chosen
+    held_out = np.sqrt(fit.squares[:, fit.candidates.index(chosen)].mean())
+    assert (fit.held_out, fit.held_out_of(*chosen)) == pytest.approx((held_out, held_out))
     assert np.isnan(fit.held_out_of(9, False))
-    assert {each.order for each in fit.examined.candidates if not each.lagged} == {0, 1, 2, 3, 4, 5}
+    assert {order for order, lagged in fit.candidates if not lagged} == {0, 1, 2, 3, 4, 5}
     assert fit.p_value < 1e-6
     if lag_s:
         assert fit.tau_s == pytest.approx(lag_s, abs=4 * fit.sigma[-1])
@@ -437,13 +434,13 @@ def test_what_is_not_there_is_not_claimed_and_what_may_not_be_tried_is_not():
     assert fitted(made(), orders=(0, 1))[1].order == 1
     prompt = fitted(made(20.0), with_lag=False)[1]
     assert prompt.tau_s == 0
-    assert not any(each.lagged for each in prompt.examined.candidates)
+    assert not any(lagged for _, lagged in prompt.candidates)
     _, still = fitted([small_rest(np.full(30, 25.0), np.random.default_rng(0).normal(size=30))])
     assert (still.order, still.p_value, still.line) == (0, 1, None)
     # Two rests, each at a temperature of its own: their zeros take up any slope.
     noise = np.random.default_rng(0).normal(size=(2, 30))
     _, two = fitted([small_rest(np.full(30, t), n) for t, n in zip((10.0, 20.0), noise, strict=True)], orders=(0, 1))
-    assert [each.order for each in two.examined.candidates] == [0]
+    assert [order for order, _ in two.candidates] == [0]
 
 
 # Between the steps of a thermometer
@@ -464,13 +461,13 @@ def test_passages_by_hand():
     """Steps at 10, 20, 40, 60 of readings 0 to 4: rates 1/10, 1/20, 1/20; the ends go on as beside, the first to the reading's own edge."""
     reading = np.repeat([0.0, 1, 2, 3, 4], [10, 10, 20, 20, 10])
     t = np.arange(70) + 0.5
-    found = between_steps(t, 5 + 2 * reading, (2.0, 5.0))
-    assert np.interp([10, 20, 40, 60], t, found.temp_c) == pytest.approx([6, 8, 10, 12], abs=0.02)
-    assert found.interval.tolist() == np.repeat([0, 1, 2, 3, 4], [10, 10, 20, 20, 10]).tolist()
+    temp_c, sigma_c, interval = between_steps(t, 5 + 2 * reading, (2.0, 5.0))
+    assert np.interp([10, 20, 40, 60], t, temp_c) == pytest.approx([6, 8, 10, 12], abs=0.02)
+    assert interval.tolist() == np.repeat([0, 1, 2, 3, 4], [10, 10, 20, 20, 10]).tolist()
     sigma = [UNIFORM * 0.95, BENT * 0.5, BENT, 0.0, UNIFORM * 9.5 / 20]
-    assert found.sigma_c == pytest.approx(2 * np.repeat(sigma, [10, 10, 20, 20, 10]))
-    assert found.temp_c[-1] == pytest.approx(5 + 2 * (3.5 + 9.5 / 20))
-    assert found.temp_c[0] == pytest.approx(5 + 2 * (0.5 - 0.95))
+    assert sigma_c == pytest.approx(2 * np.repeat(sigma, [10, 10, 20, 20, 10]))
+    assert temp_c[-1] == pytest.approx(5 + 2 * (3.5 + 9.5 / 20))
+    assert temp_c[0] == pytest.approx(5 + 2 * (0.5 - 0.95))
 
 
 @pytest.mark.parametrize(("rests", "by"), [(8, 0.2), (18, 0.45), (100, 0.5)])
@@ -478,10 +475,10 @@ def test_where_it_turns_it_goes_half_of_a_parabolas_way(rests, by):
     """Up a step in ten, down as fast; what it passed twice ``rests`` apart."""
     reading = np.concatenate([np.repeat([0.0, 1, 2], 10), np.full(rests, 3.0), np.repeat([2.0, 1, 0], 10)])
     t = np.arange(len(reading)) + 0.5
-    found = between_steps(t, reading, (1.0, 0.0))
+    temp_c, sigma_c, _ = between_steps(t, reading, (1.0, 0.0))
     middle = 30 + rests // 2
-    assert found.temp_c[middle] == pytest.approx(2.5 + by, abs=0.01)
-    assert found.sigma_c[middle] == pytest.approx(UNIFORM * min(rests / 40, 1))
+    assert temp_c[middle] == pytest.approx(2.5 + by, abs=0.01)
+    assert sigma_c[middle] == pytest.approx(UNIFORM * min(rests / 40, 1))
 
 
 def test_what_is_left_as_it_is():
@@ -489,12 +486,12 @@ def test_what_is_left_as_it_is():
     temp_c = np.linspace(20, 40, 400)
     wide = stepped_to(temp_c) + 0.18 * np.random.default_rng(0).standard_normal(400)
     for means, grid in ((temp_c, (0.0, 0.0)), (stepped_to(temp_c, 0.01), (0.01, 0.0)), (wide, (1.0, 0.0)), (temp_c[:1], (1.0, 0.0))):
-        found = between_steps(np.arange(len(means)), means, grid)
-        assert found.temp_c is means
-        assert not found.sigma_c.any()
-    stays = between_steps(T, np.repeat([0.0, 1, 2, 3, 4, 5], [5, 5, 5, 375, 5, 5]), (1.0, 0.0))
-    flat = between_steps(T, np.full(400, 20.0), (2.0, 0.0))
-    assert (set(flat.temp_c), flat.sigma_c[0], stays.sigma_c[200]) == ({20.0}, pytest.approx(2 * UNIFORM), pytest.approx(UNIFORM))
+        found, sigma_c, _ = between_steps(np.arange(len(means)), means, grid)
+        assert found is means
+        assert not sigma_c.any()
+    _, stays, _ = between_steps(T, np.repeat([0.0, 1, 2, 3, 4, 5], [5, 5, 5, 375, 5, 5]), (1.0, 0.0))
+    flat, sigma_c, _ = between_steps(T, np.full(400, 20.0), (2.0, 0.0))
+    assert (set(flat), sigma_c[0], stays[200]) == ({20.0}, pytest.approx(2 * UNIFORM), pytest.approx(UNIFORM))
 
 
 def stepped(noise=0.003, back=False):
@@ -508,11 +505,11 @@ def test_the_knots_carry_the_errors_of_the_steps():
     """Of each interval one, alike in all its blocks; of a knot the mean."""
     logs = [stepped()] * 2
     knots = make_knots(logs, [])
-    one = between_steps(logs[0].t_s, logs[0].temp_c, logs[0].grid)
-    of_one = np.eye(one.interval.max() + 1)[one.interval] * one.sigma_c[:, None]
+    temp_c, sigma_c, interval = between_steps(logs[0].t_s, logs[0].temp_c, logs[0].grid)
+    of_one = np.eye(interval.max() + 1)[interval] * sigma_c[:, None]
     expected = knots.mean(block_diag(of_one, of_one))
     assert knots.off_c @ knots.off_c.T == pytest.approx(expected @ expected.T)
-    assert knots.temp_c == pytest.approx(knots.mean(np.tile(one.temp_c, 2)))
+    assert knots.temp_c == pytest.approx(knots.mean(np.tile(temp_c, 2)))
 
 
 def test_the_errors_weigh_with_the_slope_there():
@@ -704,6 +701,10 @@ def test_a_session_is_brought_to_its_mean_temperature():
         join([], None)
 
 
+def joined(sessions, rests) -> ThermalFit:
+    return ThermalFit("name", sessions.model, sessions.covariance, rests, sessions, {})
+
+
 def some_points(celsius, seed=0, spread=1.0):
     """Sessions with covariances of their own, about a truth that is linear in temperature; ``spread``: of their values, in sigmas."""
     rng, made = np.random.default_rng(seed), []
@@ -809,7 +810,9 @@ def an_axis(terms, tau_s, root):
     covariance = root @ root.T
     if not tau_s:
         covariance[-1] = covariance[:, -1] = 0
-    return AxisFit(np.asarray(terms, dtype=float), tau_s, covariance, None, 2e-3, 1e-3, 0.0, None, None, None, np.nan)
+    return AxisFit(
+        np.asarray(terms, dtype=float), tau_s, covariance, (), np.zeros((0, 0)), "sweeps", 2e-3, 1e-3, 0.0, None, None, None, np.nan
+    )
 
 
 @pytest.fixture(scope="module")
@@ -828,7 +831,7 @@ def test_the_level_is_the_sessions_and_the_shape_the_rest_logs(shape, celsius):
     """With full matrices: the sessions' zeros less the shape, whose error is shared by all of them; then the covariance of level, shape
     and lag by how each depends on the sessions' zeros and on the rest log."""
     points, count = some_points(celsius, seed=2, spread=3.0), len(celsius)
-    fit = joined("name", join(points, shape), shape, {})
+    fit = joined(join(points, shape), shape)
     zeros, ones, parts = np.array([point.values[BIAS] for point in points]), np.ones((count, 1)), []
     for axis in shape.gyro:
         powers = np.array([(np.array(celsius) - 32) ** n for n in range(1, axis.order + 1)])
@@ -871,7 +874,7 @@ def test_a_covariance_that_cannot_be_becomes_the_nearest_that_can():
 
 def test_sigmas_at_a_temperature_are_those_of_the_polynomial_there(shape):
     """By numeric derivatives of the model in each of its coefficients; beyond the range, those of its end."""
-    fit = joined("name", join(some_points((-20.0, 20.0, 50.0)), shape), shape, {})
+    fit = joined(join(some_points((-20.0, 20.0, 50.0)), shape), shape)
     root = np.random.default_rng(0).normal(size=(len(fit.covariance),) * 2) * 1e-3
     fit, n_E = replace(fit, covariance=root @ root.T), fit.model.E_terms.size
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise, zip_longest
 
@@ -16,13 +16,11 @@ from session.detect.rest_noise import FEWEST, lines_of, spectra
 from tinygc.features.noise.choice import UNSEEN, Chosen, Search
 from tinygc.features.noise.dependence import sandwich
 from tinygc.features.noise.likelihood import FILTER, cost, stacked, stacks_of, unit_covariance
-from tinygc.features.noise.over_temperature import knots_of, temperature_part
-from tinygc.features.noise.scales import TOP, Group, groups_of, left_out, of_log_and_log, rest_of, unsteady
+from tinygc.features.noise.scales import TOP, Group, groups_of, knots_of, left_out, of_log_and_log, rest_of, temperature_part, unsteady
 from tinygc.features.noise.summary import SECTION, RestSums, contrasts, ratios_of
+from tinygc.library.arguments import Progress, nothing
 from tinygc.noise.figures import MISFIT, ONE_SIDED_95, TERMS, AllanBand, AxisNoise, Line, NoiseFigures, SensorNoise, Term, fits_data
 
-#: callback for progress: the current step, steps done, and their total
-Progress = Callable[[str, int, int], None]
 #: rates of logs of one unit agree to this share
 SAME_RATE = 0.02
 #: sigmas of a change of N that chance does not make
@@ -43,18 +41,11 @@ DETERMINED = 2.0
 ENOUGH = 3
 
 
-@dataclass(frozen=True, eq=False)
-class NoiseEstimate:
-    """figures, with the Allan deviations of the same data; said: what was left out or is to be known, one sentence each; left_out_s: time
-    that is not used."""
-
-    figures: NoiseFigures
-    said: tuple[str, ...]
-    left_out_s: float
-
-
-def estimate_noise(sums: Sequence[RestSums], progress: Progress = lambda what, done, of: None) -> NoiseEstimate:
+def estimate_noise(sums: Sequence[RestSums], progress: Progress = nothing) -> tuple[NoiseFigures, list[str], float]:
     """Estimate the terms of one unit from all its rest logs and stills.
+
+    Returns the figures, with the Allan deviations of the same data; what was left out or is to be known, one sentence each; and the time
+    that is not used, s.
 
     Raises DataError where the rates differ, or where no rest is long enough.
     """
@@ -76,8 +67,8 @@ def estimate_noise(sums: Sequence[RestSums], progress: Progress = lambda what, d
     for channel in range(6):
         kind, axis = ("gyro", "accel")[channel // 3], "xyz"[channel % 3]
         progress(f"{kind} {axis}", channel, 6)
-        part = temperature_part(rests, channel, knots)
-        groups = groups_of(rests, channel, part.residuals, part.columns)
+        residuals, columns, moved = temperature_part(rests, channel, knots)
+        groups = groups_of(rests, channel, residuals, columns)
         if not groups or not all(np.isfinite(group.S).all() for group in groups) or not any(group.S.any() for group in groups):
             dead[kind].append(axis)
             axes.append(None)
@@ -88,14 +79,17 @@ def estimate_noise(sums: Sequence[RestSums], progress: Progress = lambda what, d
         slow = [found.terms[name] for name in "BK"]
         if any(term.chosen for term in slow) and not any(term.is_determined for term in slow):
             remarks.append("slow noise is there, and the rest does not tell B from K: each has a limit alone.")
-        if part.rms > found.value("B") > 0:
-            found = replace(found, terms={**found.terms, "B": _limited(found.terms["B"])})
+        if moved > found.value("B") > 0:
+            term = found.terms["B"]
+            assert term.sigma is not None
+            limited = replace(term, at_most=term.at_most or term.value + ONE_SIDED_95 * term.sigma)
+            found = replace(found, terms={**found.terms, "B": limited})
         axes.append(found)
         bands.append(_allan_points(groups, period_s, found))
-        remarks += unsteady(rests, part.residuals, period_s)
-        if part.order:
+        remarks += unsteady(rests, residuals, period_s)
+        if moved:
             less = ", and of B there is a limit alone: the error of temperature's law is in it" if found.value("B") else ""
-            remarks.append(f"temperature moves it by {_shown(part.rms, kind)} rms, which is taken off{less}.")
+            remarks.append(f"temperature moves it by {_shown(moved, kind)} rms, which is taken off{less}.")
         for remark in remarks:
             of_axes.setdefault(remark, []).append(f"{kind} {axis}")
     said += [f"{', '.join(names)}: {remark}" for remark, names in of_axes.items()]
@@ -113,12 +107,7 @@ def estimate_noise(sums: Sequence[RestSums], progress: Progress = lambda what, d
         duration_s=sum(each.duration_s for each in sums),
         samples=sum(each.samples for each in sums),
     )
-    return NoiseEstimate(figures, tuple(said), sum(rest.left_out_s for rest in rests))
-
-
-def _limited(term: Term) -> Term:
-    assert term.sigma is not None
-    return replace(term, at_most=term.at_most or term.value + ONE_SIDED_95 * term.sigma)
+    return figures, said, sum(rest.left_out_s for rest in rests)
 
 
 def _sensor(axes: Sequence[AxisNoise | None]) -> SensorNoise:

@@ -35,8 +35,8 @@ from session.log.samples import TOGETHER, Samples, joined
 from session.log.sensors import CLOCK_WITHIN
 from session.log.stamps import FASTEST_HZ, SLOWEST_HZ, evenly, pace_of
 from tinygc.features.noise.summary import RestSums
+from tinygc.library.arguments import Progress, nothing
 
-Progress = Callable[[str, int, int], None]
 #: one log as arrays: t_s (N,) s, gyro (N, 3) rad/s, accel (N, 3) m/s^2
 Arrays = tuple[Any, Any, Any]
 Input = Path | Session | Arrays
@@ -90,7 +90,7 @@ class Rests:
         self.sensor, self.serial, self.rate_hz = self.sensor or sensor, self.serial or serial, self.rate_hz or rate_hz
 
 
-def read_inputs(inputs: Sequence[Input], sensor: str = "", serial: str = "", progress: Progress = lambda what, done, of: None) -> Rests:
+def read_inputs(inputs: Sequence[Input], sensor: str = "", serial: str = "", progress: Progress = nothing) -> Rests:
     """Read all inputs of one unit; sensor, serial: of which it is said to be.
 
     Raises FormatError and DataError, in one line, for what cannot be read, for logs of two units or data rates, for a recording that is
@@ -99,7 +99,7 @@ def read_inputs(inputs: Sequence[Input], sensor: str = "", serial: str = "", pro
     rests = Rests([], [], [], sensor, serial)
     parts = list(_parts(inputs))
     # The same recording given twice would count twice, and narrow every sigma
-    paths = [part.path for part in parts if part.path is not None]
+    paths = [path for _, path, _ in parts if path is not None]
     seen: dict[str, int] = {}
     sizes = [path.stat().st_size if path.is_file() else -1 for path in paths]
     for number, (path, size) in enumerate(zip(paths, sizes, strict=True)):
@@ -107,24 +107,19 @@ def read_inputs(inputs: Sequence[Input], sensor: str = "", serial: str = "", pro
         first = seen.setdefault(sha256_of(path) if compared else os.path.realpath(path), number)
         if first != number:
             raise DataError(f"{paths[first]} and {path} are the same recording, which would count twice; leave one of them out")
-    names = [part.name for part in parts]
-    for number, part in enumerate(parts):
-        progress(f"reading {part.name}", number, len(parts))
-        part.read(rests)
-        folder = f"{printable(part.path.resolve().parent.name)}/" if part.path is not None and names.count(part.name) > 1 else ""
-        rests.logs.append(f"{folder}{part.name}")
+    names = [name for name, _, _ in parts]
+    for number, (name, file, read) in enumerate(parts):
+        progress(f"reading {name}", number, len(parts))
+        read(rests)
+        folder = f"{printable(file.resolve().parent.name)}/" if file is not None and names.count(name) > 1 else ""
+        rests.logs.append(f"{folder}{name}")
     if not rests.sums:
         raise DataError(f"{', '.join(rests.logs)}: nothing lies still in it; expected a rest of minutes ({'; '.join(rests.remarks[:3])})")
     return rests
 
 
-@dataclass(frozen=True, eq=False)
-class _Part:
-    """One log: its name in messages, its file where it has one of its own, and what reads it into the rests."""
-
-    name: str
-    path: Path | None
-    read: Callable[[Rests], None]
+#: one log: its name in messages, its file where it has one of its own, and what reads it into the rests
+_Part = tuple[str, Path | None, Callable[[Rests], None]]
 
 
 def _parts(inputs: Sequence[Input]) -> Iterator[_Part]:
@@ -132,18 +127,18 @@ def _parts(inputs: Sequence[Input]) -> Iterator[_Part]:
         raise DataError("no log is given; give at least one log, session folder or tuple of arrays")
     for each in inputs:
         if isinstance(each, Session):
-            rests = [_Part(path.name, path, partial(_stream, path, each.config.sensor)) for path in each.rests]
-            logs = [_Part(log.path.name, None, partial(_add_log, log.samples, log.path.name, each.config.sensor)) for log in each.logs]
-            yield from (*rests, *logs)
+            sensor = each.config.sensor
+            yield from ((path.name, path, partial(_stream, path, sensor)) for path in each.rests)
+            yield from ((log.path.name, None, partial(_add_log, log.samples, log.path.name, sensor)) for log in each.logs)
         elif not isinstance(each, Path):
             samples = Session.from_arrays(*each).logs[0].samples
-            yield _Part("arrays", None, partial(_add_whole, samples, "arrays", ""))
+            yield ("arrays", None, partial(_add_whole, samples, "arrays", ""))
         elif each.is_dir():
             yield from _of_folder(each)
         elif (config := _session_of(each)) is not None:
             yield _of_session(each, config)
         else:
-            yield _Part(each.name, each, partial(_read_bare, each))
+            yield (each.name, each, partial(_read_bare, each))
 
 
 def _session_of(path: Path) -> Config | None:
@@ -169,7 +164,7 @@ def _of_folder(folder: Path) -> Iterator[_Part]:
     paths = sorted(path for path in folder.iterdir() if path.is_file() and path.name.lower().endswith((".csv", ".csv.gz")))
     if not paths:
         raise FormatError(f"{folder}: cannot be read (it holds no log); expected a session, or the logs of one unit")
-    yield from (_Part(path.name, path, partial(_read_bare, path)) for path in paths)
+    yield from ((path.name, path, partial(_read_bare, path)) for path in paths)
 
 
 def _of_session(path: Path, config: Config) -> _Part:
@@ -177,8 +172,8 @@ def _of_session(path: Path, config: Config) -> _Part:
     require_file(path)
     sensor = config.sensor
     if path.name.lower().startswith("rest"):
-        return _Part(path.name, path, partial(_stream, path, sensor))
-    return _Part(path.name, path, partial(_read_session_log, path, sensor, config.protocol.reference not in REFERENCES))
+        return (path.name, path, partial(_stream, path, sensor))
+    return (path.name, path, partial(_read_session_log, path, sensor, config.protocol.reference not in REFERENCES))
 
 
 # One log: piece by piece where it is text with stamps, else whole.

@@ -13,8 +13,7 @@ from session.base.files import result_folder
 from session.base.records import Key, Size, table_of, write_whole
 from session.base.results import Keys, Maybe, Number
 from session.log.folder import Session
-from tinygc.features.noise.curve_file import estimate_of_curve
-from tinygc.features.noise.estimate import NoiseEstimate
+from tinygc.features.noise.curve import estimate_of_curve
 from tinygc.features.noise.estimate import estimate_noise as estimate_of
 from tinygc.features.noise.inputs import Input, read_inputs
 from tinygc.features.noise.options import NoiseOptions
@@ -50,27 +49,18 @@ class NoiseFile(NoiseFigures):
 class Noise(Shown):
     """Result of ``tinygc.estimate_noise``: ``figures`` in SI, ``allan`` with the Allan deviation of ``gyro`` and ``accel``, ``remarks``."""
 
-    estimate: NoiseEstimate
-    #: what was repaired, assumed or left out of the inputs, one sentence each
-    read: tuple[str, ...] = ()
+    figures: NoiseFigures
+    #: what was left out, repaired, assumed or is to be known, one sentence each
+    remarks: tuple[str, ...]
+    left_out_s: float
 
     def __repr__(self) -> str:
         return f"<Noise of {self.figures.sensor or 'a sensor'}: {self.figures.duration_s:.0f} s of rest>"
 
     @property
-    def figures(self) -> NoiseFigures:
-        """The terms of each axis with their sigmas, SI."""
-        return self.estimate.figures
-
-    @property
     def allan(self) -> dict[str, AllanBand]:
         """Allan deviation with 68 % bounds, SI."""
         return dict(self.figures.allan)
-
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        """What was left out, assumed or is to be known."""
-        return (*self.estimate.said, *self.read)
 
     @property
     def page(self) -> Group:
@@ -79,7 +69,7 @@ class Noise(Shown):
 
     def pages(self, verbose: bool = False) -> Group:
         """The command's output; verbose: with every term, and all remarks."""
-        return noise_page(self.estimate, self.read, verbose)
+        return noise_page(self.figures, self.remarks, self.left_out_s, verbose)
 
     def to_json(self) -> dict:
         """``tinygc-noise/1`` (docs/formats/noise.md)."""
@@ -87,7 +77,7 @@ class Noise(Shown):
         return table_of(
             NoiseFile(
                 **vars(figures),
-                left_out_s=self.estimate.left_out_s,
+                left_out_s=self.left_out_s,
                 remarks=self.remarks,
                 kalibr=kalibr_figures(figures),
                 open_terms=tuple(open_terms(figures)),
@@ -104,22 +94,22 @@ class Noise(Shown):
         with result_folder(folder):
             write_whole(folder / FILE, self.to_json())
             if pictures and has_matplotlib():
-                save(figure_of(self.estimate), folder / PICTURE)
+                save(figure_of(self.figures), folder / PICTURE)
         return folder
 
     def plot(self, path: Path | str | None = None) -> Figure:
         """Draw Allan deviation, model, terms and residuals; path: a PNG to write.  Raises CalibrationError where matplotlib is missing."""
-        figure = figure_of(self.estimate)
+        figure = figure_of(self.figures)
         return figure if path is None else saved(figure, Path(path))
 
 
 def noise_of(inputs: Sequence[Input], sensor: str, serial: str, progress: Progress) -> Noise:
     """Estimate the noise of one unit.  Raises CalibrationError, in one line, for inputs that cannot be read or are of several units."""
     rests = read_inputs(inputs, sensor, serial, progress)
-    estimate = estimate_of(rests.sums, progress)
+    figures, said, left_out_s = estimate_of(rests.sums, progress)
     rests.sums.clear()  # of a day as large as its logs, which are fitted next
-    figures = replace(estimate.figures, logs=tuple(rests.logs), sensor=rests.sensor, serial=rests.serial)
-    remarks = list(rests.remarks)
+    figures = replace(figures, logs=tuple(rests.logs), sensor=rests.sensor, serial=rests.serial)
+    remarks = [*said, *rests.remarks]
     found: list[Inflation] = []
     folders = [Path(each) for each in inputs if isinstance(each, Path | str) and (Path(each) / FITTED).is_file()]
     if folders and not figures.gyro.is_described:
@@ -140,7 +130,7 @@ def noise_of(inputs: Sequence[Input], sensor: str, serial: str, progress: Progre
             remarks.append(f"No inflation of {folder.name}: {error}")
     # Each session says the same of rest.
     figures = replace(figures, inflations=tuple({each.motion: each for each in found}.values()))
-    return Noise(replace(estimate, figures=figures), tuple(remarks))
+    return Noise(figures, tuple(remarks), left_out_s)
 
 
 @public(NoiseOptions)
@@ -178,8 +168,8 @@ def estimate_noise(logs: Any = None, *, progress: Progress | None = None, **choi
         return noise_of(inputs, options.sensor, options.serial, progress or nothing)
     if logs is not None:
         raise CalibrationError("estimate_noise: give logs or curve, not both")
-    estimate = estimate_of_curve(options.curve, options.curve_units, options.duration_s, options.odr_hz)
-    return Noise(replace(estimate, figures=replace(estimate.figures, sensor=options.sensor, serial=options.serial)))
+    figures, said = estimate_of_curve(options.curve, options.curve_units, options.duration_s, options.odr_hz)
+    return Noise(replace(figures, sensor=options.sensor, serial=options.serial), tuple(said), 0.0)
 
 
 def _input(given: Any) -> Any:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import copy
 import threading
 import time
-from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -30,21 +29,12 @@ EVERY_S, LATER, SHARE = 60.0, 0.1, 0.1
 #: of a log that counts: a board that resets again and again would make thousands of short ones
 SHORTEST_S = 60.0
 
-Estimate = Callable[[Sequence[RestSums]], NoiseFigures]
-KnownAfter = Callable[[NoiseFigures, str, int, str, float], float]
-
 
 class LiveNoise:
-    """Figures of the rest so far.  relative: sigma over value, to which N, and B or K, are asked; estimate: of the sums of all logs."""
+    """Figures of the rest so far.  relative: sigma over value, to which N, and B or K, are asked."""
 
-    def __init__(
-        self,
-        relative: float = 0.2,
-        estimate: Estimate = lambda sums: estimate_noise(sums).figures,
-        known_after: KnownAfter = known_after_s,
-        sums: Callable[[float], RestSums] = RestSums,
-    ) -> None:
-        self._relative, self._estimate, self._known_after, self._new_sums = relative, estimate, known_after, sums
+    def __init__(self, relative: float) -> None:
+        self._relative = relative
         self._waiting: list[Samples] = []  # not added yet: the guide's blocks of 0.1 s are short for that
         self._logs: list[tuple[RestSums, float]] = []  # of earlier logs, with their durations
         self._sums: RestSums | None = None
@@ -75,7 +65,7 @@ class LiveNoise:
             return
         piece, self._waiting = joined(self._waiting), []
         if self._sums is None:
-            self._sums = self._new_sums((len(piece) - 1) / piece.duration_s)
+            self._sums = RestSums((len(piece) - 1) / piece.duration_s)
         self._sums.add(piece)
         self._here_s += len(piece) / self._sums.rate_hz
 
@@ -110,7 +100,7 @@ class LiveNoise:
     def _run(self, sums: list[RestSums], rested_s: float) -> None:
         began_s = time.monotonic()
         try:
-            self._found = answer_of(self._estimate(sums), rested_s, self._relative, self._known_after)
+            self._found = answer_of(estimate_noise(sums)[0], rested_s, self._relative)
         except CalibrationError as error:  # too short a rest, as a rule
             self._found = RestAnswer((f"no noise figures yet: {error}",))
         except Exception as error:
@@ -124,7 +114,7 @@ class LiveNoise:
         self._found = RestAnswer((f"the noise figures have failed ({type(error).__name__}: {error}); the rest is recorded without them",))
 
 
-def answer_of(figures: NoiseFigures, rested_s: float, relative: float, known_after: KnownAfter = known_after_s) -> RestAnswer:
+def answer_of(figures: NoiseFigures, rested_s: float, relative: float) -> RestAnswer:
     """What figures (rested_s s of rest) say of each sensor, and when N, and B or K, are known to a relative sigma.
 
     N must be known on each axis, and so must each of G, B and K whose size is a number there.  Where none is, B or K is awaited, whichever
@@ -140,7 +130,7 @@ def answer_of(figures: NoiseFigures, rested_s: float, relative: float, known_aft
                 term = figures.sensors()[kind].axes[number].terms[name]
                 if term.is_known(relative):
                     return 0.0
-                return max(known_after(figures, kind, number, name, relative), rested_s)
+                return max(known_after_s(figures, kind, number, name, relative), rested_s)
 
             shown = [name for name in WALKS if axis.terms[name].is_determined]
             for name in ("N", *shown):

@@ -6,18 +6,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from session.base.units import DEG_PER_HOUR
-from tinygc.features.noise.estimate import NoiseEstimate
 from tinygc.features.noise.text import headline
-from tinygc.features.noise.units import CALLED, UG
-from tinygc.noise.figures import TERMS, AllanBand, SensorNoise
+from tinygc.noise.figures import SENSORS, TERMS, AllanBand, NoiseFigures, SensorNoise
+from tinygc.noise.measured import SHOWN
 from tinygc.reporting.pictures.canvas import AXES, FLOOR, PALE, canvas
 
 if TYPE_CHECKING:
     from tinygc.reporting.pictures.canvas import Axes, Figure
 
-#: unit of the deviations
-SHOWN = {"gyro": ("°/h", DEG_PER_HOUR), "accel": ("µg", UG)}
 #: how far terms are drawn below the lowest deviation
 BELOW = 3.0
 #: averaging times that are drawn, at most
@@ -26,18 +22,18 @@ POINTS = 60
 MOST_RATIO = 2.0
 
 
-def figure_of(estimate: NoiseEstimate) -> Figure:
+def figure_of(figures: NoiseFigures) -> Figure:
     """Return the picture as a matplotlib figure.  Raises CalibrationError where matplotlib is missing."""
-    figure, grid = canvas(2, headline(estimate.figures), [], [])
+    figure, grid = canvas(2, headline(figures), [], [])
     grid[0, 0].get_gridspec().set_height_ratios((3, 1))
-    sensors = estimate.figures.sensors()
-    for column, kind in enumerate(CALLED):
+    sensors = figures.sensors()
+    for column, kind in enumerate(SENSORS):
         curve, ratio = grid[:, column]
-        if kind not in sensors or kind not in estimate.figures.allan:
+        if kind not in sensors or kind not in figures.allan:
             curve.axis("off")
             ratio.axis("off")
             continue
-        band = _thinned(estimate.figures.allan[kind])
+        band = _thinned(figures.allan[kind])
         _deviations(kind, sensors[kind], band, curve)
         _ratios(sensors[kind], band, ratio)
         ratio.set_xlim(curve.get_xlim())
@@ -53,7 +49,7 @@ def _thinned(band: AllanBand) -> AllanBand:
 
 
 def _deviations(kind: str, sensor: SensorNoise, band: AllanBand, axes: Axes) -> None:
-    unit, si = SHOWN[kind]
+    unit, si = SHOWN[kind]["B"]
     tau_s = np.geomspace(band.tau_s[0], band.tau_s[-1], 300)
     low = np.nanmin(band.deviation) / si / BELOW
     lines: dict[str, dict[str, np.ndarray]] = {}  # by term and axis
@@ -74,7 +70,9 @@ def _deviations(kind: str, sensor: SensorNoise, band: AllanBand, axes: Axes) -> 
     axes.loglog([], [], "k--", lw=0.7, label="its terms")
     axes.set_ylim(low, np.nanmax([band.deviation, band.high]) / si * 2)
     axes.grid(True, which="major", color=PALE, lw=0.4, alpha=0.6)
-    axes.set(ylabel=f"Allan deviation ({unit})", title=CALLED[kind].capitalize() + ", with 68 % bounds" * bool(np.isfinite(band.low).any()))
+    axes.set(
+        ylabel=f"Allan deviation ({unit})", title=SENSORS[kind].capitalize() + ", with 68 % bounds" * bool(np.isfinite(band.low).any())
+    )
     axes.legend(fontsize=8, ncols=5, loc="upper right")
 
 

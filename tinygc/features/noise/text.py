@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import ceil
+from math import ceil, sqrt
 from typing import Annotated
 
 import numpy as np
@@ -12,13 +12,21 @@ import numpy as np
 from session.base.records import Size
 from session.base.results import Maybe, Number, Text
 from session.base.texts import NONE, printable
+from session.base.units import DEG_PER_HOUR, MDPS, MG
 from session.log.registers import profile_of
-from tinygc.features.noise.estimate import NoiseEstimate, known_after_s
-from tinygc.features.noise.units import CALLED, ONE_SIDED, TERM_UNITS, TermUnit, duration_words
-from tinygc.noise.figures import NoiseFigures, SensorNoise, Term, described_from
+from tinygc.features.noise.estimate import known_after_s
+from tinygc.noise.figures import SENSORS, TERMS, NoiseFigures, SensorNoise, Term, described_from
+from tinygc.noise.measured import SHOWN
 from tinygc.reporting.pictures.canvas import plain
 from tinygc.reporting.terminal import Group, RenderableType, one_line, plain_table
 
+#: words and SI value of the unit of each term; that of N is two-sided
+UNITS = {
+    "gyro": {"Q": ("µrad", 1e-6), "G": SHOWN["gyro"]["B"], "R": ("°/h/h", DEG_PER_HOUR / 3600), **SHOWN["gyro"]},
+    "accel": {"Q": ("µm/s", 1e-6), "G": SHOWN["accel"]["B"], "R": ("µg/h", 1e-3 * MG / 3600), **SHOWN["accel"]},
+}
+#: of N, as one-sided density, which data sheets state: sqrt(2) times the two-sided one
+ONE_SIDED = {"gyro": ("mdps/√Hz", MDPS / sqrt(2)), "accel": ("µg/√Hz", 1e-3 * MG / sqrt(2))}
 #: lines and columns of the first screen
 SCREEN, WIDTH = 24, 100
 #: terms that are always shown; the others where an axis shows them
@@ -33,23 +41,21 @@ SHEET_WITHIN = 0.1
 TIMES = 2.0
 
 
-def noise_page(estimate: NoiseEstimate, read: Sequence[str] = (), verbose: bool = False) -> Group:
-    """The screen; read: remarks on the inputs; verbose: with every term and all remarks, however long."""
-    figures = estimate.figures
+def noise_page(figures: NoiseFigures, said: Sequence[str], left_out_s: float, verbose: bool = False) -> Group:
+    """The screen; said: remarks; left_out_s: time that is not used; verbose: with every term and all remarks, however long."""
     misfit = misfit_lines(figures)
     parts: list[RenderableType] = [one_line(headline(figures), "bold"), *(one_line(line, "bold red") for line in misfit)]
     lines = 1 + len(misfit)
     for kind, sensor in figures.sensors().items():
-        table = plain_table("", f"{CALLED[kind]} ± σ, < 95 %", "x", "y", "z", right=True)
-        for name, unit in TERM_UNITS[kind].items():
+        table = plain_table("", f"{SENSORS[kind]} ± σ, < 95 %", "x", "y", "z", right=True)
+        for name in TERMS:
             if not (verbose or name in ALWAYS or sensor.measured(name)):
                 continue
-            table.add_row(
-                f"{name}  {unit.words}{', two-sided' * (name == 'N')}", *(term_cell(axis.terms[name], unit) for axis in sensor.axes)
-            )
+            unit, si = UNITS[kind][name]
+            table.add_row(f"{name}  {unit}{', two-sided' * (name == 'N')}", *(term_cell(axis.terms[name], si) for axis in sensor.axes))
             if name == "N":
-                one_sided = ONE_SIDED[kind]
-                table.add_row(f"   {one_sided.words}, one-sided", *(term_cell(axis.terms[name], one_sided, False) for axis in sensor.axes))
+                unit, si = ONE_SIDED[kind]
+                table.add_row(f"   {unit}, one-sided", *(term_cell(axis.terms[name], si, False) for axis in sensor.axes))
         parts.append(table)
         lines += 1 + table.row_count
     below = [kalibr_line(figures), *described_from(figures)]
@@ -59,8 +65,8 @@ def noise_page(estimate: NoiseEstimate, read: Sequence[str] = (), verbose: bool 
         below += inflation_lines(figures.inflations, figures.gyro)
     below += [*open_lines(figures), *sheet_lines(figures)]
     parts += [one_line(line) for line in below]
-    left = [f"{duration_words(estimate.left_out_s)} are left out."] if estimate.left_out_s else []
-    remarks = [*spectral_lines(figures), *left, *estimate.said, *read]
+    left = [f"{duration_words(left_out_s)} are left out."] if left_out_s else []
+    remarks = [*spectral_lines(figures), *left, *said]
     room = SCREEN - lines - sum(map(_height, below))
     kept = len(remarks) if verbose else _fitting(remarks, room)
     parts += [one_line(remark) for remark in remarks[:kept]]
@@ -68,6 +74,16 @@ def noise_page(estimate: NoiseEstimate, read: Sequence[str] = (), verbose: bool 
         count = len(remarks) - kept
         parts.append(one_line(f"{count} {'more ' * bool(kept)}remark{'s' * (count != 1)}: --verbose"))
     return Group(*parts)
+
+
+def duration_words(duration_s: float) -> str:
+    """``45 s``, ``12 min``, ``3.1 h``, ``5.2 days``; ``never`` where it is infinite."""
+    if duration_s == float("inf"):
+        return "never"
+    for size, most, unit in ((1, 100, "s"), (60, 100 * 60, "min"), (3600, 48 * 3600, "h")):
+        if duration_s < most:
+            return f"{duration_s / size:.2g} {unit}" if duration_s < 10 * size else f"{duration_s / size:.0f} {unit}"
+    return f"{duration_s / 86400:.2g} days"
 
 
 def _height(line: str) -> int:
@@ -94,14 +110,14 @@ def headline(figures: NoiseFigures) -> str:
 # The table of a sensor.
 
 
-def term_cell(term: Term, unit: TermUnit, probability: bool = True) -> str:
+def term_cell(term: Term, si: float, probability: bool = True) -> str:
     """``119.3 ± 8.2 (83 %)``, ``< 9.1``, the upper limit of 95 %, or a dash; with the probability where it is not clear."""
     if term.sigma is not None and term.is_determined:
-        text = plain(term.value / unit.si, term.sigma / unit.si)
+        text = plain(term.value / si, term.sigma / si)
         if term.tau_s is not None:
             text += f", τ {duration_words(term.tau_s)}"
     else:
-        text = NONE if term.at_most is None else f"< {term.at_most / unit.si:.3g}"
+        text = NONE if term.at_most is None else f"< {term.at_most / si:.3g}"
     unclear = probability and UNCLEAR[0] < term.probability < UNCLEAR[1]
     return f"{text} ({100 * term.probability:.0f} %)" if unclear else text
 
@@ -141,7 +157,7 @@ def kalibr_line(figures: NoiseFigures) -> str:
         for name in "NK":
             value, most = _worst(sensor, name)
             words.append(f"{value:.3g}{_larger(sensor, name, value)}" if value is not None else NONE if most is None else f"< {most:.2g}")
-        parts.append(f"{CALLED[kind]} {', '.join(words)}{_without(sensor)}")
+        parts.append(f"{SENSORS[kind]} {', '.join(words)}{_without(sensor)}")
     return f"Kalibr density, walk (SI): {'; '.join(parts)}"
 
 
@@ -197,23 +213,20 @@ def open_lines(figures: NoiseFigures) -> list[str]:
     for kind, sensor in figures.sensors().items():
         if not any(axis.is_described for axis in sensor.axes):
             continue
-        waiting: dict[str, dict[str, dict[str, list[str]]]] = {"after": {}, "not before": {}}  # ... -> term -> duration -> axes
+        waiting: dict[str, dict[str, dict[str, str]]] = {"after": {}, "not before": {}}  # ... -> term -> duration -> axes
         for each in terms:
             if each.sensor == kind:
                 is_shown = sensor.axes["xyz".index(each.axis)].terms[each.term].is_determined
                 when = "after" if is_shown or each.known_after_s == float("inf") else "not before"
-                waiting[when].setdefault(each.term, {}).setdefault(duration_words(each.known_after_s), []).append(each.axis)
+                times, last = waiting[when].setdefault(each.term, {}), duration_words(each.known_after_s)
+                times[last] = f"{times[last]} {each.axis}" if last in times else each.axis
         known = [name for name in ALWAYS if not any(name in after for after in waiting.values())]
         parts = [f"known to 20 %: {', '.join(known)}"] * bool(known)
         for when, after in waiting.items():
-            words = [f"{name} {', '.join(f'{last} ({axes})' for last, axes in _axes(times))}" for name, times in after.items()]
+            words = [f"{name} {', '.join(f'{last} ({axes})' for last, axes in times.items())}" for name, times in after.items()]
             parts += [f"{when} one rest of: {'; '.join(words)}"] * bool(words)
-        lines.append(f"{CALLED[kind].capitalize()}{_without(sensor)} {'; '.join(parts)}")
+        lines.append(f"{SENSORS[kind].capitalize()}{_without(sensor)} {'; '.join(parts)}")
     return lines
-
-
-def _axes(times: dict[str, list[str]]) -> list[tuple[str, str]]:
-    return [(when, " ".join(axes)) for when, axes in times.items()]
 
 
 def misfit_lines(figures: NoiseFigures) -> list[str]:
@@ -224,7 +237,7 @@ def misfit_lines(figures: NoiseFigures) -> list[str]:
         if bad:
             worst = max(bad.values(), key=lambda own: own.excess)
             what = f"p = {worst.p_value:.2g}, {worst.excess:.3g} times their variance"
-            lines.append(f"NOT DESCRIBED by these terms: {CALLED[kind]} {' '.join(bad)} ({what})")
+            lines.append(f"NOT DESCRIBED by these terms: {SENSORS[kind]} {' '.join(bad)} ({what})")
     return lines
 
 
@@ -232,11 +245,11 @@ def spectral_lines(figures: NoiseFigures) -> list[str]:
     """One sentence for each sensor whose spectrum has lines: frequency and rms of each axis' strongest."""
     sentences = []
     for kind, sensor in figures.sensors().items():
-        unit = TERM_UNITS[kind]["B"]
+        unit, si = UNITS[kind]["B"]
         strongest = {axis: max(own.lines, key=lambda line: line.rms) for axis, own in zip("xyz", sensor.axes, strict=True) if own.lines}
-        found = ", ".join(f"{axis} {line.hz:.3g} Hz ({line.rms / unit.si:.3g} {unit.words} rms)" for axis, line in strongest.items())
+        found = ", ".join(f"{axis} {line.hz:.3g} Hz ({line.rms / si:.3g} {unit} rms)" for axis, line in strongest.items())
         if found:
-            sentences.append(f"Lines of the {CALLED[kind]}, the strongest: {found}.")
+            sentences.append(f"Lines of the {SENSORS[kind]}, the strongest: {found}.")
     return sentences
 
 
@@ -270,13 +283,13 @@ class SheetFigure:
         ratio = None if self.value is None or self.verdict not in ("above", "below") else self.value / self.sheet
         by = "" if ratio is None else f" by {100 * abs(ratio - 1):.0f} %" if ratio < TIMES else f", {ratio:.2g} times"
         judged = "remembered, not judged" if self.verdict == "not judged" else f"{self.verdict}{by}"
-        return f"{CALLED[self.sensor]} {self.term} {value} {self.unit}, data sheet {self.sheet:g}: {judged}"
+        return f"{SENSORS[self.sensor]} {self.term} {value} {self.unit}, data sheet {self.sheet:g}: {judged}"
 
 
 #: figure of a profile -> its sensor, term and unit
 OF_SHEETS = {
     "gyro_noise_mdps_rthz": ("gyro", "N", ONE_SIDED["gyro"]),
-    "gyro_bias_instability_dph": ("gyro", "B", TERM_UNITS["gyro"]["B"]),
+    "gyro_bias_instability_dph": ("gyro", "B", UNITS["gyro"]["B"]),
     "accel_noise_ug_rthz": ("accel", "N", ONE_SIDED["accel"]),
 }
 
@@ -286,13 +299,13 @@ def against_data_sheet(figures: NoiseFigures) -> list[SheetFigure]:
     profile = profile_of(figures.sensor)
     known = {} if profile is None else profile.figures
     rows = []
-    for key, (kind, name, unit) in OF_SHEETS.items():
+    for key, (kind, name, (unit, si)) in OF_SHEETS.items():
         sensor, figure = figures.sensors().get(kind), known.get(key)
         if sensor is None or figure is None or not any(axis.is_described for axis in sensor.axes):
             continue
-        value, at_most = (None if size is None else size / unit.si for size in _worst(sensor, name))
-        verdict = _verdict(value, max(_hidden(sensor, name).values(), default=0.0) / unit.si, figure.value) if figure.read else "not judged"
-        rows.append(SheetFigure(kind, name, unit.words, value, at_most, figure.value, figure.source, verdict))
+        value, at_most = (None if size is None else size / si for size in _worst(sensor, name))
+        verdict = _verdict(value, max(_hidden(sensor, name).values(), default=0.0) / si, figure.value) if figure.read else "not judged"
+        rows.append(SheetFigure(kind, name, unit, value, at_most, figure.value, figure.source, verdict))
     return rows
 
 

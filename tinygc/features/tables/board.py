@@ -6,39 +6,49 @@ one thread serves both.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from session.base.errors import CalibrationError
 from session.base.options import given
 from session.bench.clocks import HostClock
 from session.log.written import toml_text
-from tinygc.features.tables.machines.description import read_description
-from tinygc.features.tables.machines.mechanics import TableErrors
-from tinygc.features.tables.machines.virtual import VirtualTable
+from tinygc.features.tables.feature import TableOptions
+from tinygc.features.tables.machines.description import Description, read_description
+from tinygc.features.tables.machines.mechanics import AxisTrack, TableErrors, true_attitudes
+from tinygc.features.tables.machines.virtual import TableLine, VirtualTable
 from tinygc.features.tables.machines.virtual_motion import Fault
-from tinygc.features.tables.options import TableOptions
-from tinygc.features.tables.sensor_on_table import motion_on
-from tinygc.features.tables.virtual_line import TableLine
-from tinygc.simulation.options import SimulationOptions
-from tinygc.simulation.sensor import SensorModel
+from tinygc.simulation.movement import felt
+from tinygc.simulation.options import SimulatedUnit, SimulationOptions
+from tinygc.simulation.sensor import Motion, SensorModel, self_heating
 from tinygc.simulation.simulator import unit_of
 from tinygc.simulation.virtual_board import BoardSource, info_of
 from tinygc.simulation.write import config_of, head_of
 
 
-class TableClock(HostClock):
-    """The board's clock: while it waits, the table answers."""
+def motion_on(
+    table: Description, errors: TableErrors, tracks: Sequence[AxisTrack], options: SimulationOptions, unit: SimulatedUnit
+) -> Motion:
+    """Motion of a sensor at ``options.lever_m`` on the innermost stage; time counts in seconds of the tracks.
 
-    def __init__(self, line: TableLine):
-        self._line = line
+    A track has no derivatives at its corners: rates are means over a step of the grid of times, about each time.
+    """
 
-    def sleep(self, seconds: float) -> None:
-        """Answer the table's host, then wait."""
-        self._line.answer()
-        super().sleep(seconds)
+    def motion(t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        step = (t_s[-1] - t_s[0]) / (len(t_s) - 1)
+        edges = np.append(t_s, t_s[-1] + step) - step / 2
+        said, sense = np.stack([track.said_and_sense(edges) for track in tracks], axis=-1)
+        body = Rotation.from_matrix(true_attitudes(table, errors, said, sense))
+        rate = (body[:-1].inv() * body[1:]).as_rotvec() / step
+        middle = (body[:-1] * Rotation.from_rotvec(rate * step / 2)).inv()
+        inputs = felt(options, unit.heading_deg, rate, np.gradient(rate, step, axis=0), middle.apply)
+        return *inputs, self_heating(options, t_s)
+
+    return motion
 
 
 def table_under(args: Any, options: SimulationOptions) -> TableUnderBoard | None:
@@ -59,16 +69,13 @@ class TableUnderBoard:
     file: table.toml; link: of the table's port; faults and resets: as ``table virtual`` takes them.
     """
 
-    def __init__(
-        self, file: Path, link: Path | None, options: SimulationOptions, calibrated: bool = True, faults: str = "", resets: bool = False
-    ):
+    def __init__(self, file: Path, link: Path | None, options: SimulationOptions, calibrated: bool, faults: str, resets: bool):
         from tinygc.simulation.terminal import Terminal  # of POSIX alone
 
         description = read_description(file)
-        errors = TableErrors.none(description)
-        table = VirtualTable(description, errors, HostClock(), Fault.parse(faults), options.seed)
+        table = VirtualTable(description, HostClock(), Fault.parse(faults), options.seed)
         unit = unit_of(options)
-        sensor = SensorModel(options, unit, motion_on(description, errors, table.tracks, options, unit))
+        sensor = SensorModel(options, unit, motion_on(description, TableErrors.none(description), table.tracks, options, unit))
         text = (head_of(options) + toml_text(config_of(options, unit, calibrated))).replace("SIM-", "")  # as the board says its serial
 
         def rows(count: int) -> np.ndarray:
@@ -78,7 +85,7 @@ class TableUnderBoard:
 
         self.source = BoardSource(np.zeros((0, 7), np.int16), info_of(options, unit), text, live=rows)
         self._terminal = Terminal(link)
-        self.clock, self.name = TableClock(TableLine(table, self._terminal, resets)), self._terminal.name
+        self.clock, self.name = TableLine(table, self._terminal, resets), self._terminal.name
 
     def __enter__(self) -> TableUnderBoard:
         self._terminal.__enter__()

@@ -38,8 +38,8 @@ ACTIONS = {
 }
 #: deg/s of ``turn`` where no rate is given
 RATE_DPS = 10.0
-#: s between two lines of a motion
-TELL_S = 1.0
+#: s between two lines of a motion; between two looks at a port
+TELL_S, POLL_S = 1.0, 0.002
 SCHEMA = "tinygc-table-command/1"
 
 
@@ -206,16 +206,14 @@ def _move(args: Options, guarded: Guarded, moves: Sequence[Move]) -> None:
 def _virtual(args: Options, table: Description) -> int:
     """Run a virtual table until Ctrl-C."""
     try:
-        from tinygc.features.tables.virtual_line import LINK, serve
         from tinygc.simulation.terminal import Terminal
     except ImportError:
         raise CalibrationError("table virtual: needs a pseudo-terminal, which only POSIX systems have (Linux, macOS)") from None
     from session.bench.clocks import HostClock
-    from tinygc.features.tables.machines.virtual import VirtualTable
+    from tinygc.features.tables.machines.virtual import LINK, TableLine, VirtualTable
     from tinygc.features.tables.machines.virtual_motion import Fault
 
-    clock = HostClock()
-    virtual = VirtualTable(table, None, clock, Fault.parse(args.faults), args.seed)
+    virtual = VirtualTable(table, HostClock(), Fault.parse(args.faults), args.seed)
     with Terminal(args.link or LINK) as terminal:
         if not args.quiet and not is_standard_output(args.json):
             print(terminal.name, flush=True)
@@ -223,7 +221,9 @@ def _virtual(args: Options, table: Description) -> int:
             f'{table.name}: a virtual {table.make}; write port = "{terminal.name}" into the file that {command_line("table")} reads'
         )
         try:
-            serve(virtual, terminal, clock, args.resets, lambda: False)
+            line = TableLine(virtual, terminal, args.resets)
+            while True:
+                line.sleep(POLL_S)
         except KeyboardInterrupt:
             pass
         finally:

@@ -245,23 +245,17 @@ def limits_of(selected: Selected) -> list[tuple[str, str, float, str]]:
 def inseparable_of(selected: Selected) -> list[tuple[str, str, tuple[str, ...]]]:
     """Errors of a table of which a part is hidden in what is always free: id, where, and the parts of the calibration that take it up."""
     found: dict[tuple[str, str], tuple[str, ...]] = {}
-    for unseen in selected.unseen:
-        candidate = unseen.candidate
-        if candidate.whose == of.TABLE and unseen.hidden_in and candidate.id != of.RIPPLE:
+    for candidate, parts in selected.unseen:
+        if candidate.whose == of.TABLE and parts and candidate.id != of.RIPPLE:
             where = "any turn" if candidate.id == of.LOST else candidate.where
             before = found.get((candidate.id, where), ())
-            found[candidate.id, where] = tuple(dict.fromkeys([*before, *unseen.hidden_in]))
+            found[candidate.id, where] = tuple(dict.fromkeys([*before, *parts]))
     return [(id, where, hidden) for (id, where), hidden in found.items()]
 
 
-def explain_table(problem: Problem, seed: int = 0) -> TableExplanation | None:
-    """The errors of the table that turned a session; None where its folder has no table.toml with table.csv.
-
-    Raises FormatError for what is wrong with either file.
-    """
+def explain_table(problem: Problem, seed: int = 0) -> TableExplanation:
+    """The errors of the table that turned a session, by its table.toml and table.csv.  FormatError for what is wrong with either file."""
     folder = problem.session.folder
-    if problem.session.in_memory or not (folder / TABLE).exists() or not (folder / ANGLES).exists():
-        return None
     table = read_description(folder / TABLE)
     angles = read_angles(folder / ANGLES, table)
     try:

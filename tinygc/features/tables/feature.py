@@ -1,6 +1,54 @@
 """Machines that turn the table: makes, limits, sessions that they turn, rate steps, and the table's own errors."""
 
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
 from session.base.features import Feature
+from session.base.options import Record, file_written, option
+
+GROUP = "a virtual table under it"
+COLUMNS = "a CSV whose header does not say it"
+
+
+@dataclass(frozen=True)
+class TableOptions(Record):
+    """Options of ``board``: the virtual table that turns it."""
+
+    PREFIX = "table-"
+
+    file: Path | None = option(
+        None,
+        "it lies on the virtual table of this table.toml, which has a port of its own, and turns with it",
+        flags=("--table",),
+        group=GROUP,
+    )
+    link: Path | None = option(None, "name of the table's port", metavar="PATH", read=file_written, group=GROUP)
+    faults: str = option("", "what goes wrong with the table (docs/features/tables/tables.md)", metavar="NAME@S,…", read=str, group=GROUP)
+    resets: bool = option(False, "the table restarts when its port is opened, as an Arduino Uno does", group=GROUP)
+
+
+@dataclass(frozen=True)
+class Columns(Record):
+    """Options of ``rates``: what a person says of a CSV."""
+
+    rate_column: str = option("", "the column of the table's rate", read=str, group=COLUMNS)
+    output_column: str = option("", "the column of the sensor's mean output", read=str, group=COLUMNS)
+    unit: str = option("", "unit of the output: V, mV, LSB, dps", metavar="UNIT", read=str, group=COLUMNS, flags=("--output-unit",))
+    readings: int | None = option(None, "readings behind each mean, if the CSV has their std", least=2, group=COLUMNS)
+
+
+def explained(explanation: Any, seed: int) -> Any:
+    """Explain the table's own errors; None where no machine turned what was recorded."""
+    folder = explanation.session.folder
+    if explanation.session.in_memory or not all((folder / name).exists() for name in ("table.csv", "table.toml")):
+        return None
+    from tinygc.features.tables.explanation import explain_table
+
+    return explain_table(explanation.problem, seed)
+
 
 FEATURE = Feature(
     commands={
@@ -17,8 +65,8 @@ FEATURE = Feature(
     },
     public={"estimate_rates": "rates.library"},
     serves={
-        "options of board": "options:TableOptions",
+        "options of board": "feature:TableOptions",
         "table under a virtual board": "board:table_under",
-        "explanation of what turned": "points:explained",
+        "explanation of what turned": "feature:explained",
     },
 )

@@ -7,7 +7,6 @@ A move of axis k turns the body about an axis that does not change meanwhile, si
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -41,18 +40,6 @@ def _seconds_of(change_rad: float, rate_rps: float, acceleration_rps2: float) ->
     """Duration of a move from rest to rest, and of each of its two accelerations, s."""
     ramp_s = min(rate_rps / acceleration_rps2, float(np.sqrt(abs(change_rad) / acceleration_rps2)))
     return abs(change_rad) / (ramp_s * acceleration_rps2) + ramp_s, ramp_s
-
-
-@dataclass(frozen=True, eq=False)
-class TablePlan:
-    """What a session on a table will be, if all goes well.
-
-    turns; seconds: their time; unseen: names of the parameters that no turns of this table show, however many.
-    """
-
-    turns: tuple[Turn, ...]
-    seconds: float
-    unseen: tuple[str, ...]
 
 
 class TableMoves:
@@ -139,8 +126,9 @@ class TableMoves:
         return Turn(nothing, tuple(parts), cost_s, tuple(moves), places[len(changes)])
 
 
-def plan_of(moves: TableMoves, own: bool, segments: int, stop_at_target: bool) -> TablePlan:
-    """Plan a session from the present angles: the turns that the coach would choose if all went well.
+def plan_of(moves: TableMoves, own: bool, segments: int, stop_at_target: bool) -> tuple[tuple[Turn, ...], tuple[str, ...]]:
+    """Plan a session from the present angles: the turns that the coach would choose if all went well, and the names of the parameters that
+    no turns of this table show, however many.
 
     own: whether the accelerometer is not calibrated.  The session itself chooses by what it has seen, so its turns may differ; their limits
     do not.
@@ -150,4 +138,4 @@ def plan_of(moves: TableMoves, own: bool, segments: int, stop_at_target: bool) -
     if not stop_at_target and len(turns) < segments:  # every target is met: further turns are like those before
         turns = tuple(turns[number % len(turns)] for number in range(segments))
     unseen = [] if len(rehearsal.turns) < MOST_TO_GO else np.flatnonzero(rehearsal.unseen).tolist()
-    return TablePlan(turns, sum(turn.cost_s for turn in turns), tuple(map(parameter_name, unseen)))
+    return turns, tuple(map(parameter_name, unseen))

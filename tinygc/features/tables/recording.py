@@ -32,8 +32,9 @@ from tinygc.features.tables.machines.mover import MOST_OF_SCALE, TableMover
 from tinygc.features.tables.machines.rates import RateMover, RatesGuide, RateStep, steps_of
 from tinygc.features.tables.machines.safety import Guarded, Move, ask_person
 from tinygc.features.tables.machines.verbs import TableFault, Where
-from tinygc.features.tables.planner import TableMoves, TablePlan, plan_of
+from tinygc.features.tables.planner import TableMoves, plan_of
 from tinygc.models.linear import PARAMETERS
+from tinygc.planning.turns import Turn
 
 MOST_BYTES = 1_000_000
 MASTER = "its own emergency stop stays master: keep it in reach; s stops the table at once, p pauses"
@@ -113,13 +114,13 @@ class TurnedRecording:
 
         own: whether the accelerometer is not calibrated.
         """
-        plan = plan_of(self.moves, own, segments, stop_at_target)
+        turns, unseen = plan_of(self.moves, own, segments, stop_at_target)
         parameters = PARAMETERS + accelerometer.PARAMETERS * own
-        shows_little = len(plan.unseen) > (1 - LEAST_SHOWN) * parameters
+        shows_little = len(unseen) > (1 - LEAST_SHOWN) * parameters
         axes = enumerate(zip(self.description.axes, self.moves.limits, strict=True))
-        self.moves.first = plan.turns[0].moves
+        self.moves.first = turns[0].moves
         self._confirm(
-            self._turns_lines(plan, segments, closure_s, parameters),
+            self._turns_lines(turns, unseen, segments, closure_s, parameters),
             [Move(k, limits[0], limits[1], axis.fastest_rps) for k, (axis, limits) in axes],
             (yes, quiet),
             *([SHOWS_LITTLE] if shows_little else []),
@@ -168,24 +169,24 @@ class TurnedRecording:
         """The guide of the rate steps that were confirmed."""
         return RatesGuide(protocol, len(self._steps))
 
-    def _turns_lines(self, plan: TablePlan, segments: int, closure_s: float, parameters: int) -> list[str]:
+    def _turns_lines(self, plan: Sequence[Turn], unseen: Sequence[str], segments: int, closure_s: float, parameters: int) -> list[str]:
         """Axes with the largest angle and rate that will be used, likely turns, their time, and what they do not show."""
         lines = [
             _axis_line(axis, limits, self.moves.reach_rad(k))
             for k, (axis, limits) in enumerate(zip(self.description.axes, self.moves.limits, strict=True))
         ]
         closing = f", then a closure run of {closure_s:.0f} s" if closure_s else ""
-        lines.append(f"{segments} turns at most; {len(plan.turns)} in {in_words(plan.seconds)} if all goes well{closing}")
-        turns = [f"{number} {', '.join(part.words for part in turn.parts)}" for number, turn in enumerate(plan.turns, 1)]
+        lines.append(f"{segments} turns at most; {len(plan)} in {in_words(sum(turn.cost_s for turn in plan))} if all goes well{closing}")
+        turns = [f"{number} {', '.join(part.words for part in turn.parts)}" for number, turn in enumerate(plan, 1)]
         lines += _wrapped("likely turns:", turns)
-        if plan.unseen:
+        if unseen:
             # Names of parameters, those of one kind together: ``scale of x, y``
             kinds: dict[str, list[str]] = {}
-            for name in plan.unseen:
+            for name in unseen:
                 kind, _, which = name.rpartition(" ")
                 kinds.setdefault(kind, []).append(which)
             lines += _wrapped(
-                f"no turn of this table shows {len(plan.unseen)} of {parameters} parameters:",
+                f"no turn of this table shows {len(unseen)} of {parameters} parameters:",
                 [f"{kind} {', '.join(which)}" for kind, which in kinds.items()],
             )
             lines.append("  set the sensor on another side and record once more, or use a table with one more axis")

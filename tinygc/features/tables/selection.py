@@ -80,25 +80,18 @@ class Named:
 
 
 @dataclass(frozen=True, eq=False)
-class Unseen:
-    """A direction of an error that these attitudes do not show; hidden_in: parts of the state that take it up."""
-
-    candidate: Candidate
-    hidden_in: tuple[str, ...]
-
-
-@dataclass(frozen=True, eq=False)
 class Selected:
     """named, strongest first; limits: by candidate, SI: the size seen with 90 % probability in its weakest visible direction, NaN where
     none
-    is visible; unseen; first_p, smallest_p: family-wise, before anything is named and of what is left; noise, latency_s
+    is visible; unseen: candidate of each direction that these attitudes do not show, and the parts of the state that take it up;
+    first_p, smallest_p: family-wise, before anything is named and of what is left; noise, latency_s
     and its sigma, of the last fit; excess: sizes of the noise beyond what is declared (``NoiseModel.excess``); suspected: ids of what is
     left that is significant, or has evidence, and not both."""
 
     observed: Observed
     named: list[Named]
     limits: list[tuple[Candidate, float]]
-    unseen: list[Unseen]
+    unseen: list[tuple[Candidate, tuple[str, ...]]]
     first_p: float
     smallest_p: float
     noise: RowsNoise
@@ -291,7 +284,7 @@ def select(observed: Observed, seed: int = 0, make: Make = candidates_of) -> Sel
         faintest = float(each.candidate.plausible.max() / each.s[each.seen].min()) if each.seen.any() else float("nan")
         limits.append((each.candidate, float(least_seen * faintest)))
         for direction in each.right[:, ~each.seen].T:
-            unseen.append(Unseen(each.candidate, _hidden_in(base, each, direction)))
+            unseen.append((each.candidate, _hidden_in(base, each, direction)))
     found = sorted(found, key=lambda each: -each.log_evidence)
     return Selected(observed, found, limits, unseen, first_p, least, base.noise, latency, sigma, base.model.excess(base.noise), suspected)
 

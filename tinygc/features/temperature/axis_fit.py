@@ -114,7 +114,7 @@ def make_knots(logs: list[RestLog], sweeps: list[Sweep]) -> Knots:
     """Merge the kept blocks of each log by their sweeps (``sweeps_of``); a log without sweeps counts as one."""
     has_temperature = all(log.has_temperature for log in logs)
     between = [between_steps(log.t_s, log.temp_c, log.grid) for log in logs]
-    logs = [replace(log, temp_c=found.temp_c) for log, found in zip(logs, between, strict=True)]
+    logs = [replace(log, temp_c=temp_c) for log, (temp_c, _, _) in zip(logs, between, strict=True)]
     temp = np.concatenate([log.temp_c for log in logs]) if has_temperature else np.zeros(sum(map(len, logs)))
     total = sum(map(len, logs))
     rows: list[tuple] = []
@@ -135,10 +135,10 @@ def make_knots(logs: list[RestLog], sweeps: list[Sweep]) -> Knots:
     reference_c = float(np.round((low + high) / 2)) if has_temperature else 25.0
     half_c = max((high - low) / 2, 1.0)
     knot, counts = np.repeat(np.arange(len(starts)), np.diff(np.append(starts, total))), np.diff(np.append(starts, total))
-    first = np.cumsum([0, *(int(found.interval.max(initial=-1)) + 1 for found in between)])
-    interval = np.concatenate([found.interval + begin for found, begin in zip(between, first, strict=False)])
+    first = np.cumsum([0, *(int(each.max(initial=-1)) + 1 for _, _, each in between)])
+    interval = np.concatenate([each + begin for (_, _, each), begin in zip(between, first, strict=False)])
     off_c = np.zeros((len(starts), first[-1]))
-    np.add.at(off_c, (knot, interval), np.concatenate([found.sigma_c for found in between]) / counts[knot])
+    np.add.at(off_c, (knot, interval), np.concatenate([sigma_c for _, sigma_c, _ in between]) / counts[knot])
     return Knots(tuple(logs), of, starts, t_s, span_s, sweep_number, direction, temp_c, off_c[:, off_c.any(axis=0)], reference_c, half_c)
 
 
@@ -251,27 +251,8 @@ LAGS, LONGEST_SHARE = 20, 0.25
 STRETCHES, STRETCH_FOLDS = 20, 5
 
 
-@dataclass(frozen=True)
-class Candidate:
-    """order: of the polynomial; lagged: whether the element's temperature lags the reading."""
-
-    order: int
-    lagged: bool
-
-    @property
-    def complexity(self) -> int:
-        """Number of fitted parameters besides the zero itself."""
-        return self.order + self.lagged
-
-
-@dataclass(frozen=True, eq=False)
-class Examined:
-    """held_out (F, candidates): mean square of each fold's prediction; candidates; chosen: index; by: ``sweeps`` or ``stretches``."""
-
-    candidates: tuple[Candidate, ...]
-    held_out: np.ndarray
-    chosen: int
-    by: str
+#: order of a polynomial, and whether the element's temperature lags the reading
+Candidate = tuple[int, bool]
 
 
 def folds_of(knots: Knots) -> tuple[np.ndarray, str]:
@@ -318,19 +299,23 @@ def _best_lag(knots: Knots, y: np.ndarray, L: np.ndarray, rows: np.ndarray | sli
     return float(minimize_scalar(left, bounds=between, method="bounded", options={"xatol": 1e-3 * abs(float(lags[k]))}).x)
 
 
-def examine(knots: Knots, y: np.ndarray, noise: _Coloured, orders: tuple[int, ...], lags: np.ndarray) -> Examined:
-    """Predict each fold of knots y (K,) by each candidate fitted to the others."""
+def examine(
+    knots: Knots, y: np.ndarray, noise: _Coloured, orders: tuple[int, ...], lags: np.ndarray
+) -> tuple[tuple[Candidate, ...], np.ndarray, str]:
+    """Predict each fold of knots y (K,) by each candidate fitted to the others.
+
+    Returns the candidates; (F, candidates) mean square of each fold's prediction; and the kind of fold.
+    """
     folds, by = folds_of(knots)
-    candidates = tuple(Candidate(p, lagged) for lagged in (False, *([True] if len(lags) else [])) for p in orders if p or not lagged)
+    candidates = tuple((p, lagged) for lagged in (False, *([True] if len(lags) else [])) for p in orders if p or not lagged)
     most = max(orders)
     table = []
     for fold in np.unique(folds):
         train, test = folds != fold, folds == fold
         L = noise.factor(train)
         tau = _best_lag(knots, y, L, train, lags, most) if len(lags) else 0.0
-        table.append([predicted(knots, y, train, test, c.order, tau if c.lagged else 0.0) for c in candidates])
-    held_out = np.array(table)
-    return Examined(candidates, held_out, simplest(candidates, held_out), by)
+        table.append([predicted(knots, y, train, test, order, tau if lagged else 0.0) for order, lagged in candidates])
+    return candidates, np.array(table), by
 
 
 def predicted(knots: Knots, y: np.ndarray, train: np.ndarray, test: np.ndarray, order: int, tau: float) -> float:
@@ -353,7 +338,7 @@ def simplest(candidates: tuple[Candidate, ...], held_out: np.ndarray) -> int:
     worse = held_out - held_out[:, [best]]
     error = worse.std(axis=0, ddof=1) / np.sqrt(len(worse)) if len(worse) > 1 else np.zeros(len(candidates))
     within = [i for i in range(len(candidates)) if worse[:, i].mean() <= error[i]]
-    return min(within, key=lambda i: (candidates[i].complexity, candidates[i].lagged))
+    return min(within, key=lambda i: (sum(candidates[i]), candidates[i][1]))
 
 
 # One axis' zero over temperature: polynomial, lag, hysteresis, residuals, and their uncertainties.
@@ -381,16 +366,19 @@ class Line:
 class AxisFit:
     """zero(T) = sum_n terms[n] (T_e - reference)^n, SI, T_e the element's temperature by ``tau_s``.
 
-    terms (P + 1,) per degC^n; covariance (P + 2, P + 2) of terms and tau_s, whose row is zero without a lag; examined: candidates and
-    their scores; held_out: rms error of predicting held-out sweeps, the model's remaining uncertainty; left: rms of the fit's residuals;
-    p_value: of no dependence on temperature; noise: besides it; hysteresis: of the polynomial alone, and with the lag (None: the
-    temperature changed in one direction only); turn_on: scatter of the logs' zeros, NaN of one log; line: of a constant over a range.
+    terms (P + 1,) per degC^n; covariance (P + 2, P + 2) of terms and tau_s, whose row is zero without a lag; candidates, and squares
+    (F, candidates): mean square of each fold's prediction by each, the folds being ``sweeps`` or ``stretches``; held_out: rms error of
+    predicting held-out sweeps, the model's remaining uncertainty; left: rms of the fit's residuals; p_value: of no dependence on
+    temperature; noise: besides it; hysteresis: of the polynomial alone, and with the lag (None: the temperature changed in one direction
+    only); turn_on: scatter of the logs' zeros, NaN of one log; line: of a constant over a range.
     """
 
     terms: np.ndarray
     tau_s: float
     covariance: np.ndarray
-    examined: Examined
+    candidates: tuple[Candidate, ...]
+    squares: np.ndarray
+    folds: str
     held_out: float
     left: float
     p_value: float
@@ -412,10 +400,9 @@ class AxisFit:
 
     def held_out_of(self, order: int, lagged: bool) -> float:
         """Return the held-out rms of another candidate; NaN where it was not tried."""
-        wanted = Candidate(order, lagged)
-        if wanted not in self.examined.candidates:
+        if (order, lagged) not in self.candidates:
             return float("nan")
-        return float(np.sqrt(self.examined.held_out[:, self.examined.candidates.index(wanted)].mean()))
+        return float(np.sqrt(self.squares[:, self.candidates.index((order, lagged))].mean()))
 
 
 def fit_axis(knots: Knots, blocks: np.ndarray, orders: tuple[int, ...] = ORDERS, with_lag: bool = True) -> AxisFit:
@@ -431,41 +418,40 @@ def fit_axis(knots: Knots, blocks: np.ndarray, orders: tuple[int, ...] = ORDERS,
     if len(lags):
         tau = _best_lag(knots, y, noise.factor(), every, lags, most)
         noise = about(knots, y, V, white, most, tau)
-    examined = examine(knots, y, noise, orders, lags)
-    chosen = examined.candidates[examined.chosen]
+    candidates, squares, folds = examine(knots, y, noise, orders, lags)
+    order, lagged = candidates[simplest(candidates, squares)]
     L = noise.factor()
-    if chosen.lagged:
-        tau = _best_lag(knots, y, L, every, lags, chosen.order)
-        if not _lag_shows(knots, y, L, tau, chosen.order):
-            chosen = Candidate(chosen.order, False)
-    tau = tau if chosen.lagged else 0.0
-    coefficients, covariance = solve_axis(knots, y, noise, tau, chosen)
-    p_value, needed, tried = _none_by_chance(knots, y, V, white, chosen, tau), chosen.order, max(chosen.order, 1)
+    if lagged:
+        tau = _best_lag(knots, y, L, every, lags, order)
+        lagged = _lag_shows(knots, y, L, tau, order)
+    tau = tau if lagged else 0.0
+    coefficients, covariance = solve_axis(knots, y, noise, tau, order)
+    p_value, tried, chosen = _none_by_chance(knots, y, V, white, order, tau), max(order, 1), order
     if p_value >= BY_CHANCE:
-        needed = 0
+        order = 0
     # A higher order may have the best held-out error by chance: its coefficients must be significant, too.
-    while needed and by_chance(coefficients, covariance, len(knots.logs), needed - 1, chosen.order) >= BY_CHANCE:
-        needed -= 1
-    if needed < chosen.order:
-        chosen = Candidate(needed, chosen.lagged and needed > 0)
-        tau = tau if chosen.lagged else 0.0
+    while order and by_chance(coefficients, covariance, len(knots.logs), order - 1, chosen) >= BY_CHANCE:
+        order -= 1
     line = None
-    if not needed:
+    if not order:
+        tau = 0.0
         noise = about(knots, y, V, white, 0)
         line = _line_in(knots, y, V, white, noise, tried, unit) if tried in orders else None
-    coefficients, covariance = solve_axis(knots, y, noise, tau, chosen)
-    residual = y - columns(knots, tau, chosen.order) @ coefficients[: len(knots.logs) + chosen.order]
-    plain = y - columns(knots, 0.0, chosen.order) @ solve_axis(knots, y, noise, 0.0, Candidate(chosen.order, False))[0]
-    terms, of_terms = _in_degrees(knots, coefficients, covariance, chosen)
+    coefficients, covariance = solve_axis(knots, y, noise, tau, order)
+    residual = y - columns(knots, tau, order) @ coefficients[: len(knots.logs) + order]
+    plain = y - columns(knots, 0.0, order) @ solve_axis(knots, y, noise, 0.0, order)[0]
+    terms, of_terms = _in_degrees(knots, coefficients, covariance, order)
     zeros = coefficients[: len(knots.logs)]
     scale = np.append(np.full(len(terms), unit), 1.0)
-    index = examined.candidates.index(chosen)
+    index = candidates.index((order, tau != 0))
     return AxisFit(
         terms=terms * unit,
         tau_s=tau,
         covariance=of_terms * np.outer(scale, scale),
-        examined=Examined(examined.candidates, examined.held_out * unit**2, index, examined.by),
-        held_out=float(np.sqrt(examined.held_out[:, index].mean())) * unit,
+        candidates=candidates,
+        squares=squares * unit**2,
+        folds=folds,
+        held_out=float(np.sqrt(squares[:, index].mean())) * unit,
         left=rms_of(residual) * unit,
         p_value=p_value,
         noise=_Coloured(noise.sizes * unit, noise.C * unit**2),
@@ -479,8 +465,8 @@ def fit_axis(knots: Knots, blocks: np.ndarray, orders: tuple[int, ...] = ORDERS,
 def _line_in(knots: Knots, y: np.ndarray, V: list[np.ndarray], white: float, noise: _Coloured, order: int, unit: float) -> Line:
     """The line of an axis whose zero is taken as constant; noise: of the constant; order: that was tried; unit: SI per unit of y."""
     per_c = unit / knots.half_c
-    coefficients, covariance = solve_axis(knots, y, noise, 0.0, Candidate(1, False))
-    own = solve_axis(knots, y, about(knots, y, V, white, order), 0.0, Candidate(order, False))
+    coefficients, covariance = solve_axis(knots, y, noise, 0.0, 1)
+    own = solve_axis(knots, y, about(knots, y, V, white, order), 0.0, order)
     shows = by_chance(*own, len(knots.logs), 0, order) < BY_CHANCE
     return Line(float(coefficients[-1]) * per_c, float(np.sqrt(covariance[-1, -1])) * per_c, order if shows else 0)
 
@@ -497,18 +483,18 @@ def _lag_shows(knots: Knots, y: np.ndarray, L: np.ndarray, tau: float, order: in
     return bool(chdtrc(2, max(without - lagged, 0.0)) < BY_CHANCE)
 
 
-def solve_axis(knots: Knots, y: np.ndarray, noise: _Coloured, tau: float, chosen: Candidate) -> tuple[np.ndarray, np.ndarray]:
+def solve_axis(knots: Knots, y: np.ndarray, noise: _Coloured, tau: float, order: int) -> tuple[np.ndarray, np.ndarray]:
     """Return zeros of the logs and coefficients of x, x^2, …, then tau's change where there is a lag, and their covariance.
 
     Every estimate is linear in the knots, so its covariance follows from theirs.  Coefficients have equal weights, the lag the weights
     of the noise, and the coefficients depend on the lag.
     """
-    A = columns(knots, tau, chosen.order)
+    A = columns(knots, tau, order)
     G = np.linalg.pinv(A)
     coefficients = G @ y
-    if chosen.lagged:
+    if tau:
         step = 0.02 * abs(tau)
-        slope = (columns(knots, tau + step, chosen.order) - columns(knots, tau - step, chosen.order)) @ coefficients / (2 * step)
+        slope = (columns(knots, tau + step, order) - columns(knots, tau - step, order)) @ coefficients / (2 * step)
         L = noise.factor()
         W = whiten(L, np.column_stack([A, slope]))
         of_lag = (np.linalg.pinv(W)[-1:] @ whiten(L, np.eye(len(y)))).ravel()
@@ -516,7 +502,7 @@ def solve_axis(knots: Knots, y: np.ndarray, noise: _Coloured, tau: float, chosen
     return coefficients, G @ noise.C @ G.T
 
 
-def _none_by_chance(knots: Knots, y: np.ndarray, V: list[np.ndarray], white: float, chosen: Candidate, tau: float) -> float:
+def _none_by_chance(knots: Knots, y: np.ndarray, V: list[np.ndarray], white: float, order: int, tau: float) -> float:
     """p-value of the fit if temperature has no effect: a likelihood-ratio test, with the noise estimated under each hypothesis.
 
     With the noise of the polynomial fit alone a slow drift would pass for an effect of temperature: the fit takes it for the trend, where
@@ -524,16 +510,15 @@ def _none_by_chance(knots: Knots, y: np.ndarray, V: list[np.ndarray], white: flo
     are there, so that the ratio exceeds its limit forty times as often as it should.  The polynomial must therefore show in the noise of
     the constant, too, which has taken some of it for a walk: ``_AS_NOISE`` makes up for that (benchmarks/temperature.py, walks).
     """
-    if not chosen.order:
+    if not order:
         return 1.0
-    models, values = [columns(knots, lag, order) for order, lag in ((0, 0.0), (chosen.order, tau))], []
-    factors = [about(knots, y, V, white, order, lag).factor() for order, lag in ((0, 0.0), (chosen.order, tau))]
+    both, values = ((0, 0.0), (order, tau)), []
+    models = [columns(knots, lag, power) for power, lag in both]
+    factors = [about(knots, y, V, white, power, lag).factor() for power, lag in both]
     for A, L in zip(models, factors, strict=True):
         values.append(2 * float(np.sum(np.log(np.diag(L)))) + misfit(whiten(L, y), whiten(L, A)))
     constant, polynomial = (misfit(whiten(factors[0], y), whiten(factors[0], A)) for A in models)
-    by_ratio, by_noise = (
-        chdtrc(chosen.order + 2 * chosen.lagged, max(gain, 0.0)) for gain in (values[0] - values[1], constant - polynomial)
-    )
+    by_ratio, by_noise = (chdtrc(order + 2 * (tau != 0), max(gain, 0.0)) for gain in (values[0] - values[1], constant - polynomial))
     return float(max(by_ratio, _AS_NOISE * by_noise))
 
 
@@ -546,12 +531,12 @@ def by_chance(coefficients: np.ndarray, covariance: np.ndarray, logs: int, above
     return float(chdtrc(order - above, coefficients[part] @ pull))
 
 
-def _in_degrees(knots: Knots, coefficients: np.ndarray, covariance: np.ndarray, chosen: Candidate) -> tuple[np.ndarray, np.ndarray]:
+def _in_degrees(knots: Knots, coefficients: np.ndarray, covariance: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:
     """terms (P + 1,) per degC^n, the first the mean of the logs' zeros, and the covariance (P + 2, P + 2) of them and the lag."""
-    logs, order = len(knots.logs), chosen.order
+    logs = len(knots.logs)
     map_ = np.zeros((order + 2, len(covariance)))
     map_[0, :logs] = 1 / logs
     map_[np.arange(1, order + 1), logs + np.arange(order)] = knots.half_c ** -np.arange(1.0, order + 1)
-    if chosen.lagged:
+    if len(covariance) > logs + order:  # the last is a lag's
         map_[-1, -1] = 1.0
     return map_[:-1, : len(coefficients)] @ coefficients, map_ @ covariance @ map_.T

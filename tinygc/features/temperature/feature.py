@@ -52,7 +52,7 @@ FEATURE = Feature(
     kinds={"thermal": "model"},
     exports={"thermal": "deploy"},
     serves={
-        "zero over temperature": "points",
+        "zero over temperature": "rest_fit",
         "fit of a folder": "command:fit",
         "options of simulate": "feature:RestOptions",
         "simulation": "command:simulate",

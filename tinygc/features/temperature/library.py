@@ -11,7 +11,7 @@ from session.base.texts import printable
 from session.log.config import read_config
 from session.log.folder import file_key, input_hashes, read_session, sha256_of
 from tinygc.features.temperature.rest_fit import RestFit, fit_rests, read_rests
-from tinygc.features.temperature.sessions_fit import ThermalFit, join, joined, of_rests_alone, point_of
+from tinygc.features.temperature.sessions_fit import ThermalFit, join, of_rests_alone, point_of
 from tinygc.library.arguments import Progress, nothing, public
 
 
@@ -76,7 +76,8 @@ def fit_temperature(folders: Path | str | Sequence[Path | str], *, most_order: i
         prefix = f"{session.name}/" if len(paths) > 1 else ""
         hashes |= {f"{prefix}{file}": digest for file, digest in input_hashes(session).items()}
         points.append(point_of(session, shape, progress))
-    return joined(name, join(points, rests, most_order), rests, hashes)
+    sessions = join(points, rests, most_order)
+    return ThermalFit(name, sessions.model, sessions.covariance, rests, sessions, hashes)
 
 
 def _refuse_same(paths: list[Path]) -> None:

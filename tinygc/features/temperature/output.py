@@ -10,7 +10,7 @@ import numpy as np
 from session import VERSION
 from session.base.files import result_folder
 from session.base.numeric import sigmas_in
-from session.base.records import plain, write_whole
+from session.base.records import write_whole
 from session.base.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MDPS, MG
 from tinygc import models
 from tinygc.closure.floor import angle_random_walk, bias_instability
@@ -19,7 +19,7 @@ from tinygc.features.temperature.rest_fit import RestFit
 from tinygc.features.temperature.sessions_fit import APART_C, SessionsFit, ThermalFit, zero_terms
 from tinygc.models.linear import BIAS, MATRIX, scale_factor_errors
 from tinygc.models.model import accelerometer_table
-from tinygc.reporting.pictures.canvas import AXES, PALE, canvas, has_matplotlib, save
+from tinygc.reporting.pictures.canvas import AXES, PALE, canvas, has_matplotlib, plain, save
 from tinygc.reporting.tables import findings_table
 from tinygc.reporting.terminal import Group, RenderableType, Text, plain_table
 
@@ -31,11 +31,6 @@ if TYPE_CHECKING:
 
 #: color of each direction of the temperature
 UP, DOWN = "#c0392b", "#2c5fa8"
-
-
-def draw(fit: ThermalFit, path: Path) -> None:
-    """Write the picture as PNG.  Raises CalibrationError where matplotlib is missing."""
-    save(figure_of(fit), path)
 
 
 def figure_of(fit: ThermalFit) -> Figure:
@@ -173,8 +168,8 @@ def _over_temperature(fit: ThermalFit) -> RenderableType:
         sigma_E, sigma_zero = fit.sigma_at(float(temp_c))
         E, zero = fit.model.E(np.array([temp_c]))[0], fit.model.zero(np.full((1, 3), temp_c))[0]
         too_far = scale_factor_errors(E)
-        scale = "  ".join(pm(1e6 * too_far[i], 1e6 * sigma_E[i, i]) for i in range(3))
-        table.add_row(f"{temp_c:.1f}", scale, "  ".join(pm(zero[i] / DEG, sigma_zero[i] / DEG) for i in range(3)))
+        scale = "  ".join(plain(1e6 * too_far[i], 1e6 * sigma_E[i, i]) for i in range(3))
+        table.add_row(f"{temp_c:.1f}", scale, "  ".join(plain(zero[i] / DEG, sigma_zero[i] / DEG) for i in range(3)))
     table.caption = "± one sigma of the fit; the remaining uncertainty of the rest logs comes on top of the zero"
     table.caption_justify = "left"
     return table
@@ -197,16 +192,16 @@ def _axes(rests: RestFit, kind: str) -> RenderableType:
         "this model",
     )
     for axis, fit in zip("xyz", fits, strict=True):
-        slope = pm(fit.terms[1] / unit, fit.sigma[1] / unit) if fit.order else "–"
+        slope = plain(fit.terms[1] / unit, fit.sigma[1] / unit) if fit.order else "–"
         model = order_word(fit.order)
         if fit.line is not None:
-            slope = pm(fit.line.slope / unit, fit.line.sigma / unit)
+            slope = plain(fit.line.slope / unit, fit.line.sigma / unit)
             model = f"{order_word(fit.line.order)} or walk" if fit.line.order else model
-        lag = pm(fit.tau_s, fit.sigma[-1]) if fit.tau_s else "–"
+        lag = plain(fit.tau_s, fit.sigma[-1]) if fit.tau_s else "–"
         held = [f"{value / unit:.2g}" if np.isfinite(value) else "–" for value in (fit.held_out_of(0, False), fit.held_out)]
-        zero = pm(fit.terms[0] / unit, fit.sigma[0] / unit)
+        zero = plain(fit.terms[0] / unit, fit.sigma[0] / unit)
         table.add_row(axis, model, zero, slope, lag, f"{_extent(rests, fit) / unit:.3g} {word}", *held)
-    by = "sweeps" if fits[0].examined.by == "sweeps" else "stretches of time"
+    by = "sweeps" if fits[0].folds == "sweeps" else "stretches of time"
     table.caption = f"the last two: rms of what {by} that were left out differ from the prediction, {word}"
     table.caption_justify = "left"
     return table
@@ -227,11 +222,11 @@ def _noise(rests: RestFit) -> RenderableType:
         walk, floor = angle_random_walk(rests.allan, axis), bias_instability(rests.allan, axis)
         wander = "not observed"
         if floor.observed:
-            wander = pm(floor.value / DEG_PER_HOUR, floor.sigma / DEG_PER_HOUR)
+            wander = plain(floor.value / DEG_PER_HOUR, floor.sigma / DEG_PER_HOUR)
         elif np.isfinite(floor.at_most):
             wander = f"at most {floor.at_most / DEG_PER_HOUR:.2g}"
-        over = "–" if rests.noise is None else f"{pm(100 * rests.noise.per_c[axis], 100 * rests.noise.sigma[axis])} %/°C"
-        table.add_row("xyz"[axis], pm(walk.value / DEG_PER_SQRT_HOUR, walk.sigma / DEG_PER_SQRT_HOUR), wander, over)
+        over = "–" if rests.noise is None else f"{plain(100 * rests.noise.per_c[axis], 100 * rests.noise.sigma[axis])} %/°C"
+        table.add_row("xyz"[axis], plain(walk.value / DEG_PER_SQRT_HOUR, walk.sigma / DEG_PER_SQRT_HOUR), wander, over)
     return table
 
 
@@ -248,8 +243,8 @@ def remarks(fit: ThermalFit) -> list[str]:
 def _of_rests(rests: RestFit) -> list[str]:
     said = [_hysteresis(axis, axis_fit) for axis, axis_fit in zip("xyz", rests.gyro, strict=True)]
     said += [
-        f"{axis}: {order_word(fit.line.order)} or walk, {pm(fit.line.slope / DEG, fit.line.sigma / DEG)} dps/°C: not told apart, and the "
-        "model takes off neither."
+        f"{axis}: {order_word(fit.line.order)} or walk, {plain(fit.line.slope / DEG, fit.line.sigma / DEG)} dps/°C: not told apart, "
+        "and the model takes off neither."
         for axis, fit in zip("xyz", rests.gyro, strict=True)
         if fit.line is not None and fit.line.order
     ]
@@ -292,29 +287,18 @@ def _hysteresis(axis: str, fit: AxisFit) -> str:
     before, after = fit.hysteresis_before, fit.hysteresis_after
     if before is None or after is None:
         return ""
-    size, sigma, at_c = after.largest
+    differ, left = (f"{plain(abs(size) / DEG, sigma / DEG)} dps" for size, sigma, _ in (before.largest, after.largest))
     remains = f"held out, {fit.held_out / DEG:.2g} dps rms remain, which is this axis' uncertainty"
     if fit.tau_s and _seen(before):
-        gone = (
-            f"{axis}: up and down differ by {pm(abs(before.largest[0]) / DEG, before.largest[1] / DEG)} dps at {before.largest[2]:.0f} °C"
-        )
-        by = f"a lag of {pm(fit.tau_s, fit.sigma[-1])} s leaves {pm(abs(size) / DEG, sigma / DEG)} dps"
-        return f"{gone}; {by}; {remains}."
+        lag = f"a lag of {plain(fit.tau_s, fit.sigma[-1])} s leaves {left}"
+        return f"{axis}: up and down differ by {differ} at {before.largest[2]:.0f} °C; {lag}; {remains}."
     if _seen(after):
-        return f"{axis}: up and down differ by {pm(abs(size) / DEG, sigma / DEG)} dps at {at_c:.0f} °C, and no lag removes it; {remains}."
+        return f"{axis}: up and down differ by {left} at {after.largest[2]:.0f} °C, and no lag removes it; {remains}."
     return ""
 
 
 def _seen(found: Hysteresis) -> bool:
     return bool(abs(found.largest[0]) > SEEN * found.largest[1])
-
-
-def pm(value: float, sigma: float) -> str:
-    """Format value ± sigma, with two digits of the sigma."""
-    if not np.isfinite(sigma) or sigma <= 0:
-        return f"{value:.4g}"
-    digits = max(0, 1 - int(np.floor(np.log10(sigma))))
-    return f"{value:.{digits}f} ± {sigma:.{digits}f}" if digits < 8 else f"{value:.3g} ± {sigma:.2g}"
 
 
 # ``tinygc-temperature/2`` (docs/formats.md).
@@ -346,7 +330,7 @@ def to_json(fit: ThermalFit) -> dict:
         table |= of_rests(fit.rests)
     if fit.sessions is not None:
         table |= of_sessions(fit.sessions)
-    return plain(table)
+    return table
 
 
 def of_sessions(sessions: SessionsFit) -> dict:
@@ -406,7 +390,7 @@ def _axis(axis: str, fit: AxisFit, unit: float, word: str) -> dict:
         "lag_s": fit.tau_s if lagged else None,
         "lag_std_s": float(fit.sigma[-1]) if lagged else None,
         "p_value": fit.p_value,
-        "held_out_by": fit.examined.by,
+        "held_out_by": fit.folds,
         f"held_out_{word}": fit.held_out / unit,
         f"held_out_constant_{word}": fit.held_out_of(0, False) / unit,
         f"left_{word}": fit.left / unit,
@@ -460,7 +444,7 @@ def save_thermal(fit: ThermalFit, folder: Path) -> Path:
         write_whole(folder / MODEL, model_table(fit))
         write_whole(folder / FIGURES, to_json(fit))
         if has_matplotlib():
-            draw(fit, folder / PICTURE)
+            save(figure_of(fit), folder / PICTURE)
     return folder
 
 

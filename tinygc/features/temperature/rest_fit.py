@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from session.log.samples import Samples
 from tinygc.closure.floor import AllanCurve, AllanSums, averaging_factors, curve_of, joined_curves
 from tinygc.features.temperature.axis_fit import ORDERS, AxisFit, Knots, fit_axis, make_knots
 from tinygc.features.temperature.sweeps import Sweep, sweeps_of
+from tinygc.library.arguments import Progress, nothing
 
 # A gyroscope's noise from rest logs: Allan deviation over all averaging times, and its dependence on temperature.
 
@@ -130,9 +131,6 @@ def _noise_over_temperature(logs: list[RestLog]) -> NoiseOverTemperature | None:
 
 # Rest logs to the effect of temperature at rest: reading, the first examination, each axis' fit, the noise.
 
-#: callback for progress: the current step, steps done, and their total
-Progress = Callable[[str, int, int], None]
-
 
 @dataclass(frozen=True, eq=False)
 class RestFit:
@@ -155,7 +153,7 @@ class RestFit:
         return float(temp.min()), float(temp.max())
 
 
-def read_rests(paths: list[Path], sensor: Sensor, progress: Progress = lambda what, done, of: None) -> list[tuple[RestLog, _ShortTimes]]:
+def read_rests(paths: list[Path], sensor: Sensor, progress: Progress) -> list[tuple[RestLog, _ShortTimes]]:
     """Return each log, and the sums for its short averaging times."""
     found = []
     for number, path in enumerate(paths):
@@ -169,7 +167,7 @@ def fit_rests(
     read: Sequence[tuple[RestLog, _ShortTimes | None]],
     orders: tuple[int, ...] = ORDERS,
     with_accel: bool = True,
-    progress: Progress = lambda what, done, of: None,
+    progress: Progress = nothing,
 ) -> RestFit:
     """Fit one sensor's rest logs together.  Raises DataError for a log that is not a rest log, or where only some have temperatures."""
     logs = [log for log, _ in read]
@@ -210,3 +208,23 @@ def _residual_blocks(knots: Knots, kind: str, axis: int, fit: AxisFit) -> np.nda
     values = np.concatenate([getattr(log, kind)[:, axis] for log in knots.logs]) - zero_of_blocks(knots, fit)
     edges = np.cumsum([len(log) for log in knots.logs])[:-1]
     return np.concatenate([part - part.mean() for part in np.split(values, edges)])
+
+
+# What the noise at rest asks of the temperature: what of a rest goes with it.
+
+
+def knots_of(logs: Sequence[RestLog]) -> Knots:
+    """Return the blocks of rests over temperature."""
+    return make_knots(list(logs), [sweep for index, log in enumerate(logs) for sweep in sweeps_of(log.temp_c, index)])
+
+
+def part_of(knots: Knots, means: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """Fit the zero of a channel over temperature, with its lag, to the means (B,) of the blocks.
+
+    Returns the zero (B,) of each, and its columns (B, order); None where it does not depend on the temperature.
+    """
+    found = fit_axis(knots, means)
+    if not found.order:
+        return None
+    element = knots.element_c(found.tau_s) - knots.reference_c
+    return zero_of_blocks(knots, found), element[:, None] ** np.arange(1, found.order + 1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -20,15 +20,10 @@ from tinygc.features.temperature.axis_fit import AxisFit
 from tinygc.features.temperature.model import ThermalModel
 from tinygc.features.temperature.rest_fit import RestFit
 from tinygc.fitting.fit import fit_session
+from tinygc.library.arguments import Progress, nothing
 from tinygc.models.linear import BIAS, MATRIX, LinearModel
 
 # Parameters of a model over temperature in one vector: E's terms, the zero's, the lags.
-
-
-def parameter_names(E_order: int, zero_order: int) -> tuple[str, ...]:
-    """Names of E's terms row by row, then of the zero's, then of the lags."""
-    E = [f"E{n}_{i}{j}" for n in range(E_order + 1) for i in "xyz" for j in "xyz"]
-    return (*E, *(f"zero{n}_{i}" for n in range(zero_order + 1) for i in "xyz"), *(f"lag_{i}" for i in "xyz"))
 
 
 def zero_terms(fits: tuple[AxisFit, ...]) -> np.ndarray:
@@ -57,8 +52,6 @@ def usable_range(rests: RestFit) -> tuple[float, float]:
 
 # A session with turns as one point over temperature: E and zero at its mean temperature, with their covariance.
 
-Progress = Callable[[str, int, int], None]
-
 
 @dataclass(frozen=True, eq=False)
 class _SessionPoint:
@@ -75,7 +68,7 @@ class _SessionPoint:
     accelerometer: Accelerometer = field(default_factory=lambda: Accelerometer(source="none"))
 
 
-def point_of(session: Session, shape: ThermalModel | None, progress: Progress = lambda what, done, of: None) -> _SessionPoint:
+def point_of(session: Session, shape: ThermalModel | None, progress: Progress = nothing) -> _SessionPoint:
     """Fit one session by least squares; shape: zero over temperature from rest logs, which refers readings to the mean temperature.
 
     Raises FitError where a log has no temperature, and the errors of a fit.
@@ -149,7 +142,7 @@ APART_C = 2.0
 @dataclass(frozen=True, eq=False)
 class SessionsFit:
     """points: the sessions in the body frame of the first; model; covariance of E's terms, the zero's and the lags, in the order of
-    ``parameter_names``.
+    ``ThermalFit.names``.
 
     E: chi_square, freedom, p_value of the sessions' E about the model; widened: inflation factor of E's variance; p_constant: p-value of a
     constant E; turn_on_rps: scatter of the zero between sessions beyond noise, NaN where it cannot be estimated.
@@ -327,18 +320,26 @@ def _possible(covariance: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class ThermalFit:
-    """model with covariance (n, n) of the parameters in ``names``, SI; remaining_rps (3,): rms error of predicting held-out sweeps, NaN
-    without rest logs; rests, sessions: the input fits, either may be None; sha256 of the files by name; name of the session, or of the
-    first one."""
+    """model with covariance (n, n) of the parameters in ``names``, SI; rests, sessions: the input fits, either may be None; sha256 of the
+    files by name; name of the session, or of the first one."""
 
     name: str
     model: ThermalModel
     covariance: np.ndarray
-    names: tuple[str, ...]
-    remaining_rps: np.ndarray
     rests: RestFit | None
     sessions: SessionsFit | None
     sha256: dict[str, str]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of E's terms row by row, then of the zero's, then of the lags."""
+        E = [f"E{n}_{i}{j}" for n in range(len(self.model.E_terms)) for i in "xyz" for j in "xyz"]
+        return (*E, *(f"zero{n}_{i}" for n in range(len(self.model.zero_terms)) for i in "xyz"), *(f"lag_{i}" for i in "xyz"))
+
+    @property
+    def remaining_rps(self) -> np.ndarray:
+        """(3,) rms error of predicting held-out sweeps, NaN without rest logs."""
+        return np.full(3, np.nan) if self.rests is None else np.array([fit.held_out for fit in self.rests.gyro])
 
     @property
     def values(self) -> np.ndarray:
@@ -365,15 +366,6 @@ def of_rests_alone(name: str, rests: RestFit, sha256: dict[str, str]) -> Thermal
     """Return the fit of rest logs, with the identity as E, because nothing was turned."""
     terms = zero_terms(rests.gyro)
     model = ThermalModel(np.eye(3)[None], terms, np.array([f.tau_s for f in rests.gyro]), rests.knots.reference_c, usable_range(rests))
-    order = len(terms) - 1
-    covariance = np.zeros((9 + 3 * (order + 1) + 3,) * 2)
-    covariance[MATRIX.stop :, MATRIX.stop :] = zero_covariance(rests.gyro, order)
-    held_out = np.array([fit.held_out for fit in rests.gyro])
-    return ThermalFit(name, model, covariance, parameter_names(0, order), held_out, rests, None, sha256)
-
-
-def joined(name: str, sessions: SessionsFit, rests: RestFit | None, sha256: dict[str, str]) -> ThermalFit:
-    """Return the fit of sessions, with rest logs or without."""
-    names = parameter_names(len(sessions.model.E_terms) - 1, len(sessions.model.zero_terms) - 1)
-    held_out = np.full(3, np.nan) if rests is None else np.array([fit.held_out for fit in rests.gyro])
-    return ThermalFit(name, sessions.model, sessions.covariance, names, held_out, rests, sessions, sha256)
+    covariance = np.zeros((9 + terms.size + 3,) * 2)
+    covariance[MATRIX.stop :, MATRIX.stop :] = zero_covariance(rests.gyro, len(terms) - 1)
+    return ThermalFit(name, model, covariance, rests, None, sha256)

@@ -72,14 +72,6 @@ class Settings(Shape):
                 raise Mismatch(f"{where}.{name[:40]} is {shown(given)}, expected {kinds}")
 
 
-class _Direction(Array):
-    """Of any length but 0; it is made a unit vector."""
-
-    def made(self, value: list) -> np.ndarray:
-        """(3,)."""
-        return np.array(value, dtype=float) / np.linalg.norm(value)
-
-
 def _is_zero(direction: np.ndarray) -> str:
     return "" if direction.any() else "is zero, expected a direction such as [0, 0, 1]"
 
@@ -88,13 +80,13 @@ def _is_zero(direction: np.ndarray) -> str:
 class Axis:
     """One axis of a table.
 
-    name; direction (3,) unit, table frame, at angles of zero; least_rad, most_rad: its limits, infinite where it turns without end;
-    fastest_rps and acceleration_rps2: what it can do; sigma_rad: the declared accuracy of its angle, one sigma; backlash_rad: the
-    declared play; word: what the machine calls it (``X``, ``1``), its name where nothing else is said.
+    name; direction (3,), table frame, at angles of zero, which is made a unit vector; least_rad, most_rad: its limits, infinite where it
+    turns without end; fastest_rps and acceleration_rps2: what it can do; sigma_rad: the declared accuracy of its angle, one sigma;
+    backlash_rad: the declared play; word: what the machine calls it (``X``, ``1``), its name where nothing else is said.
     """
 
     name: str
-    direction: Annotated[np.ndarray, _Direction((3,), Number(), _is_zero)]
+    direction: Annotated[np.ndarray, Array((3,), Number(), _is_zero)]
     fastest_rps: Annotated[float, Number(0, 1e5, above=True), Key("fastest_dps", DEG)]
     acceleration_rps2: Annotated[float, Number(0, 1e6, above=True), Key("acceleration_dps2", DEG)]
     sigma_rad: Annotated[float, Number(0, 10, above=True), Key("sigma_deg", DEG)]
@@ -105,6 +97,7 @@ class Axis:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "word", self.word or self.name)
+        object.__setattr__(self, "direction", self.direction / np.linalg.norm(self.direction))
 
     @property
     def is_endless(self) -> bool:

@@ -14,7 +14,7 @@ from session.base.errors import CalibrationError
 from session.base.units import DEG
 from session.bench.clocks import Clock
 from tinygc.features.tables.machines.description import Description
-from tinygc.features.tables.machines.mechanics import AxisTrack, TableErrors
+from tinygc.features.tables.machines.mechanics import AxisTrack
 
 #: what each fault does; where it is given a move, it comes in the middle of it (``AT_ONCE``: when the move is asked for)
 FAULTS = {
@@ -72,10 +72,10 @@ class Mechanics:
     off, so that an axis that is not balanced would have fallen.
     """
 
-    def __init__(self, table: Description, errors: TableErrors, clock: Clock, faults: Sequence[Fault]):
+    def __init__(self, table: Description, clock: Clock, faults: Sequence[Fault]):
         self.description, self._clock = table, clock
         self.begin_s = clock.now_s()
-        self.tracks = tuple(AxisTrack(backlash=of.backlash) for of in errors.axes)
+        self.tracks = tuple(AxisTrack() for _ in table.axes)
         self.unknown = [0.0] * len(self.tracks)  #: rad, said minus true
         self.stopped_by, self.restarts, self.releases = "", 0, 0
         self._moves, self._is_pressed = 0, False

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
-from typing import Any, Protocol
+from typing import Any
 
 from session.bench.clocks import Clock
 from session.bench.port import BUSY, LIST_PORTS, UNPLUGGED, open_serial, reason
@@ -18,26 +18,8 @@ PORT_POLL_S = 0.001
 WRITE_S = 1.0
 
 
-class LineLost(TableFault):
-    """The cable or the port is gone."""
-
-
-class Link(Protocol):
-    """Bytes in both directions.  ``write`` and ``read`` raise LineLost.  One thread may write while another reads."""
-
-    def write(self, data: bytes) -> None:
-        """Send bytes."""
-
-    def read(self, longest_s: float) -> bytes:
-        """What has come; wait for the first of it at most that long."""
-        ...
-
-    def close(self) -> None:
-        """Let go of the port."""
-
-
 class SerialLink:
-    """A serial port, for this process alone."""
+    """A serial port, for this process alone.  One thread may write while another reads."""
 
     def __init__(self, name: str, baud: int, clock: Clock):
         self._name, self._clock = name, clock
@@ -46,8 +28,8 @@ class SerialLink:
             self._port.timeout, self._port.write_timeout = 0, WRITE_S
         except UNOPENED as error:
             if getattr(error, "errno", None) in BUSY:
-                raise LineLost(f"{name}: another program holds the table's port: Ctrl-C there stops the table; {PRESS}") from None
-            raise LineLost(f"{name}: the table's port cannot be opened ({reason(error)}); see {LIST_PORTS}") from None
+                raise TableFault(f"{name}: another program holds the table's port: Ctrl-C there stops the table; {PRESS}") from None
+            raise TableFault(f"{name}: the table's port cannot be opened ({reason(error)}); see {LIST_PORTS}") from None
 
     def write(self, data: bytes) -> None:
         """Send bytes."""
@@ -57,7 +39,7 @@ class SerialLink:
             raise self._lost(error) from None
 
     def read(self, longest_s: float) -> bytes:
-        """What has come."""
+        """What has come; wait for the first of it at most that long."""
         end_s = self._clock.now_s() + longest_s
         while True:
             try:
@@ -73,8 +55,8 @@ class SerialLink:
         with contextlib.suppress(*UNPLUGGED):
             self._port.close()
 
-    def _lost(self, error: Exception) -> LineLost:
-        return LineLost(f"{self._name}: the line to the table is lost ({error}); is the cable in? {PRESS}")
+    def _lost(self, error: Exception) -> TableFault:
+        return TableFault(f"{self._name}: the line to the table is lost ({error}); is the cable in? {PRESS}")
 
 
 #: what is left to do where nothing can be sent
@@ -98,7 +80,7 @@ class VisaLink:
             if hasattr(self._resource, "baud_rate"):
                 self._resource.baud_rate = baud
         except self._errors as error:
-            raise LineLost(f"{name}: VISA cannot open it ({error}); `pyvisa-shell` lists what there is") from None
+            raise TableFault(f"{name}: VISA cannot open it ({error}); `pyvisa-shell` lists what there is") from None
 
     def write(self, data: bytes) -> None:
         """Send bytes."""
@@ -106,7 +88,7 @@ class VisaLink:
             try:
                 self._resource.write_raw(data)
             except self._errors as error:
-                raise LineLost(f"{self._name}: the line to the table is lost ({error}); {PRESS}") from None
+                raise TableFault(f"{self._name}: the line to the table is lost ({error}); {PRESS}") from None
 
     def read(self, longest_s: float) -> bytes:
         """What has come, up to its end of line."""
@@ -117,10 +99,14 @@ class VisaLink:
             except self._errors as error:
                 if getattr(error, "error_code", None) == self._timeout:
                     return b""
-                raise LineLost(f"{self._name}: the line to the table is lost ({error}); {PRESS}") from None
+                raise TableFault(f"{self._name}: the line to the table is lost ({error}); {PRESS}") from None
 
     def close(self) -> None:
         """Close the instrument."""
         with contextlib.suppress(*self._errors):
             self._resource.close()
             self._manager.close()
+
+
+#: bytes in both directions
+Link = SerialLink | VisaLink

@@ -8,7 +8,7 @@ from pathlib import Path
 from session.base.options import argument, folder_written, option, values
 from tinygc.cli.options import Command, Pictures
 from tinygc.cli.results import output, try_destinations, write_json
-from tinygc.features.tables.options import Columns
+from tinygc.features.tables.feature import Columns
 
 
 @dataclass(frozen=True)

@@ -177,9 +177,8 @@ _CURVE = Law(CURVE, "a smooth curve of no law in the list", "K w + f(w); f smoot
 
 @dataclass(frozen=True, eq=False)
 class Extra:
-    """One more column beside a law: name; words; power of °/s in its coefficient's unit; column of rate, direction and order, each (N,)."""
+    """One more column beside a law: words; power of °/s in its coefficient's unit; column of rate, direction and order, each (N,)."""
 
-    name: str
     words: str
     symbol: str
     power: int
@@ -187,15 +186,12 @@ class Extra:
 
 
 EXTRAS: dict[str, Extra] = {
-    extra.name: extra
-    for extra in (
-        Extra("asymmetry", "asymmetry", "a |w|", 1, lambda rate, direction, order: np.abs(rate)),
-        Extra("hysteresis", "hysteresis", "h direction / 2", 0, lambda rate, direction, order: direction / 2),
-        Extra("drift", "a drift in the order of the rows", "u order", 0, lambda rate, direction, order: order),
-        Extra("turning", "an offset while the table turns", "t [w ≠ 0]", 0, lambda rate, direction, order: (rate != 0).astype(float)),
-        Extra("bend", "a cubic term", "c w³", 3, lambda rate, direction, order: rate**3),
-        Extra("sense", "a step with the sense", "z sign(w)", 0, lambda rate, direction, order: np.sign(rate)),
-    )
+    "asymmetry": Extra("asymmetry", "a |w|", 1, lambda rate, direction, order: np.abs(rate)),
+    "hysteresis": Extra("hysteresis", "h direction / 2", 0, lambda rate, direction, order: direction / 2),
+    "drift": Extra("a drift in the order of the rows", "u order", 0, lambda rate, direction, order: order),
+    "turning": Extra("an offset while the table turns", "t [w ≠ 0]", 0, lambda rate, direction, order: (rate != 0).astype(float)),
+    "bend": Extra("a cubic term", "c w³", 3, lambda rate, direction, order: rate**3),
+    "sense": Extra("a step with the sense", "z sign(w)", 0, lambda rate, direction, order: np.sign(rate)),
 }
 
 #: extras that compete; the others are only probed for, where nothing shows
@@ -220,10 +216,15 @@ class Hypothesis:
         return _CURVE if self.law == CURVE else LAWS[self.law]
 
     @property
+    def clipped(self) -> str:
+        """Which ends of the output have a limit, in words; empty where none has."""
+        ends = ["below"] * self.lower + ["above"] * self.upper
+        return f"clipped {' and '.join(ends)}" if ends else ""
+
+    @property
     def name(self) -> str:
         """``sine, clipped below and above, turning``."""
-        ends = {(True, True): "clipped below and above", (True, False): "clipped below", (False, True): "clipped above"}
-        return ", ".join(filter(None, (self.law, ends.get((self.lower, self.upper)), *self.extras, "one reading off" * (self.apart >= 0))))
+        return ", ".join(filter(None, (self.law, self.clipped, *self.extras, "one reading off" * (self.apart >= 0))))
 
     @property
     def equation(self) -> str:

@@ -14,7 +14,7 @@ from session.base.errors import CalibrationError, FormatError
 from session.base.files import result_folder
 from session.base.records import write_whole
 from session.base.results import write_text_whole
-from tinygc.features.tables.options import Columns
+from tinygc.features.tables.feature import Columns
 from tinygc.features.tables.rates.choice import Choice, choose
 from tinygc.features.tables.rates.points import Points, points_of, read_points, read_table, settings_of
 from tinygc.features.tables.rates.recording import read_recording

@@ -21,7 +21,7 @@ from session.base.files import MB, read_text
 from session.base.numeric import running_sum
 from session.base.texts import printable
 from session.base.units import DEG
-from tinygc.features.tables.options import Columns
+from tinygc.features.tables.feature import Columns
 
 #: a table of points that a person measured
 MOST_BYTES, MOST_POINTS = 16 * MB, 2000

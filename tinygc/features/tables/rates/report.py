@@ -11,7 +11,7 @@ from session import VERSION
 from session.base.texts import NONE, printable, probability, significant
 from tinygc.features.tables.rates.choice import RIVAL, Choice, HeldOut
 from tinygc.features.tables.rates.fitting import REFUTED, Number
-from tinygc.features.tables.rates.laws import LAWS
+from tinygc.features.tables.rates.laws import EXTRAS, LAWS
 from tinygc.features.tables.rates.sweep import Sweep, transfer
 from tinygc.features.tables.rates.terms import TermRow, left_open, size, terms
 from tinygc.reporting.html.chart import Axis, Chart, linear_axis
@@ -35,10 +35,9 @@ def headline(choice: Choice) -> str:
 
 def law_words(choice: Choice) -> str:
     """``a straight line, clipped below and above``."""
-    _, *rest = choice.fit.hypothesis.name.split(", ")
-    extras = {"turning": "with an offset while the table turns", "hysteresis": "with hysteresis", "asymmetry": "with asymmetry"}
-    extras |= {"drift": "with a drift in the order of the rows", "one reading off": "with one reading off"}
-    return ", ".join([choice.fit.hypothesis.of.words, *(extras.get(each, each) for each in rest)])
+    of = choice.fit.hypothesis
+    beside = [*(EXTRAS[name].words for name in of.extras), *["one reading off"] * (of.apart >= 0)]
+    return ", ".join([of.of.words, *filter(None, [of.clipped]), *(f"with {each}" for each in beside)])
 
 
 def lines(choice: Choice) -> list[str]:

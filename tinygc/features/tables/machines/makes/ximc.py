@@ -22,7 +22,6 @@ from session.base.units import DEG
 from session.bench.clocks import Clock
 from tinygc.features.tables.machines.description import Description
 from tinygc.features.tables.machines.verbs import Table, TableFault, Where
-from tinygc.features.tables.machines.wire import LineLost
 
 TITLE = "rotary stages on 8SMC controllers (libximc), a controller for each axis"
 #: s within which a controller begins to home; until then its word is of the command before
@@ -182,7 +181,9 @@ class Ximc(Table):
         try:
             yield
         except ERRORS as error:
-            raise LineLost(f"{self.description.name}: {word}: libximc reports {type(error).__name__}: {error}; is it connected?") from None
+            raise TableFault(
+                f"{self.description.name}: {word}: libximc reports {type(error).__name__}: {error}; is it connected?"
+            ) from None
 
 
 def open_table(description: Description, clock: Clock) -> Ximc:

@@ -20,9 +20,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from benchmarks.public.euroc import write_sequences
 from session.base.units import DEG, G
 from tinygc.explanation.engine import explain_session
-from tinygc.explanation.truth_engine import explain_truth
+from tinygc.features.truth.engine import explain_truth
+from tinygc.features.truth.text import TruthReport
 from tinygc.library.explanations import explain
-from tinygc.reporting.explanation_text import ExplanationReport, TruthReport, explanation_page
+from tinygc.reporting.explanation_text import ExplanationReport, explanation_page
 from tinygc.reporting.terminal import output
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session

@@ -77,7 +77,7 @@ def rocket(axes: np.ndarray, session: Session) -> None:
 
 def cameras(axes: np.ndarray, session: Session) -> None:
     """What the gyroscope turned over a short window, as a rate, less the cameras', before and after their clock is shifted."""
-    samples, (truth,) = session.logs[0].samples, session.truths
+    samples, (truth,) = session.logs[0].samples, session.reference.truths
     t_s, gyro = samples.t_ns * 1e-9, np.asarray(samples.gyro)
     near = (truth.t_ns * 1e-9 > BROAD_S[0] - 1) & (truth.t_ns * 1e-9 < BROAD_S[1] + 1)
     seen_s, attitudes = truth.t_ns[near] * 1e-9, Rotation.from_quat(truth.q_nb[near][:, [1, 2, 3, 0]])

@@ -7,7 +7,7 @@ from dataclasses import fields
 import numpy as np
 from hypothesis import strategies as st
 
-from session.log.config import FRAMES, ORDERS, REFERENCES, SENSES, Accelerometer, Config, LeftOut, Protocol, Sensor, Site, TruthGiven
+from session.log.config import REFERENCES, Accelerometer, Config, LeftOut, Protocol, Sensor, Site
 from session.log.registers import DEFAULT
 
 #: ordinary ones, those of a shell, of TOML and of a terminal, and any other
@@ -56,25 +56,17 @@ GIVEN = st.builds(
 ACCELEROMETERS = st.builds(lambda: Accelerometer(source="none")) | GIVEN
 SITES = st.builds(Site, maybe(numbers(-90, 90)), maybe(numbers(9.7, 9.9)), maybe(numbers(-360, 360)))
 PROTOCOLS = st.builds(Protocol, numbers(0.1, 600), numbers(0.5, 3600), st.sampled_from(REFERENCES), numbers(1e-4, 10))
-TRUTHS = st.builds(
-    TruthGiven,
-    maybe(numbers(-3600, 3600)),
-    maybe(st.sampled_from(sorted(FRAMES))),
-    maybe(st.sampled_from(SENSES)),
-    maybe(st.sampled_from(ORDERS)),
-    maybe(st.sampled_from([np.eye(3), np.diag([-1.0, -1.0, 1.0]), np.eye(3)[[1, 2, 0]]])),
-)
 NOTE = TEXTS | st.booleans() | st.integers(-(2**53), 2**53) | numbers(-1e9, 1e9) | st.datetimes() | st.dates()
 NOTES = st.dictionaries(TEXTS, NOTE, max_size=4)
 EXCLUDED = st.lists(st.builds(LeftOut, TEXTS, numbers(-1e9, 1e9)), max_size=3).map(tuple)
-CONFIGS = st.builds(Config, SENSORS, ACCELEROMETERS, SITES, PROTOCOLS, st.just(()), st.just(True), TRUTHS, NOTES, EXCLUDED)
+CONFIGS = st.builds(Config, SENSORS, ACCELEROMETERS, SITES, PROTOCOLS, st.just(()), st.just(True), NOTES, EXCLUDED)
 
 
 def difference(one: Config, other: Config) -> list[str]:
     """Names of what differs, but for what no session.toml says."""
     found = [name for name in ("sensor", "site", "protocol", "exclude") if getattr(one, name) != getattr(other, name)]
     found += ["notes"] * (dict(one.notes) != dict(other.notes)) + ["unknown"] * bool(other.unknown)
-    for name in ("accelerometer", "truth"):
+    for name in ("accelerometer",):
         mine, theirs = getattr(one, name), getattr(other, name)
         for field in fields(mine):
             values = getattr(mine, field.name), getattr(theirs, field.name)

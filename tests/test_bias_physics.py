@@ -22,7 +22,7 @@ from session.base.errors import CalibrationError, FitError, FormatError
 from session.base.records import plain
 from session.base.units import DEG
 from session.log.folder import Session, hash_of_log
-from session.log.logfile import Log, Truth
+from session.log.logfile import Log
 from session.log.samples import Samples
 from tinygc import models
 from tinygc.closure.floor import wander_covariance
@@ -44,6 +44,7 @@ from tinygc.estimation.bias import BiasChoice, choose, closes_better, less_by_ch
 from tinygc.estimation.expected_zero import END_S, USUAL_PER_K, USUAL_SPREAD, drift_between, expected_zero, wander_variance
 from tinygc.estimation.options import FitOptions
 from tinygc.estimation.repeatability import BiasRepeatability, accelerometer_between, repeatability_of
+from tinygc.features.truth.reading import Truth, changed
 from tinygc.fitting.bias_of_day import (
     Origin,
     Rebiased,
@@ -348,7 +349,7 @@ def test_the_first_still_that_is_not_false_gives_the_change_and_its_sigma():
 
 def test_without_a_still_the_first_rest_gives_the_change_and_its_sigma():
     """2 s at rest between motions."""
-    problem = small_session()
+    problem = small_session(truths=True)
     motion = np.roll(np.r_[np.zeros(80), np.sin(np.arange(160))], 40)[:, None]
     samples = Samples(np.arange(240) * 25_000_000, np.add(motion, [0.01, 0.02, -0.03]), np.add(20 * motion, [0.0, 0.0, -GRAVITY]))
     log = replace(problem.logs[0], samples=samples)
@@ -377,7 +378,7 @@ def test_with_a_truth_a_run_begins_at_its_first_moment():
     problem = small_session(truths=True)
     log, rows = problem.logs[0], [3, 9, 15]
     truth = Truth(Path("truth0001.csv"), log.samples.t_ns[rows], np.eye(4)[:3])
-    found = _first_attitude(replace(problem, session=replace(problem.session, truths=(truth, None))), 0)
+    found = _first_attitude(replace(problem, session=changed(problem.session, truths=(truth, None))), 0)
     assert (found[0], found[1].tolist(), found[2].tolist()) == (3, [1, 0, 0, 0], EARTH_T.tolist())
 
 

@@ -213,7 +213,7 @@ def test_without_a_turn_a_still_or_gravity_there_is_nothing_to_estimate_together
     nothing = [
         replace(problem, segments=[replace(s, problem="left out") for s in problem.segments]),
         replace(problem, logs=[replace(log, stills=[replace(s, problem="creeps") for s in log.stills]) for log in problem.logs]),
-        replace(problem, session=replace(problem.session, truths=())),
+        replace(problem, session=replace(problem.session, reference=())),
     ]
     assert [fit_joint(each, "fit") for each in nothing] == [None] * 3
 

@@ -9,8 +9,8 @@ from conftest import DEG
 
 import tinygc
 from session.base.units import G
-from session.log.config import TruthGiven
 from tinygc import CalibrationError, Protocol, Session, Site
+from tinygc.features.truth.reading import TruthGiven
 
 ARRAYS = (np.arange(5) / 100, np.zeros((5, 3)), np.tile([0, 0, -G], (5, 1)))
 
@@ -90,8 +90,8 @@ def test_a_truth_that_is_read_in_another_way_is_written_in_that_way(given, tmp_p
     q *= 1.001 / np.linalg.norm(q, axis=1, keepdims=True)  # nearly of length 1
     made = Session.from_arrays(*ARRAYS, truth=[(np.arange(20) / 10, q, np.repeat([0, 1], 10))])
     assert made.config.protocol.reference == "truth"
-    session = replace(made, config=replace(made.config, truth=given))
-    (mine,), (theirs,) = session.truths, tinygc.read_session(session.save(tmp_path / "s")).truths
+    session = replace(made, config=replace(made.config, sections={"truth": given}))
+    (mine,), (theirs,) = session.reference.truths, tinygc.read_session(session.save(tmp_path / "s")).reference.truths
     np.testing.assert_array_equal(mine.t_ns, theirs.t_ns)
     np.testing.assert_array_equal(mine.window, theirs.window)
     np.testing.assert_allclose(mine.q_nb, theirs.q_nb, rtol=0, atol=4 * np.finfo(float).eps)

@@ -1,7 +1,6 @@
 """A session's noise: restricted likelihood against its definition, each component by numeric derivatives or sums over every reading."""
 
 from dataclasses import replace
-from itertools import pairwise
 from types import SimpleNamespace
 from unittest.mock import patch
 
@@ -24,7 +23,6 @@ from tinygc.noise.components import (
     _GUESS_STEPS,
     REFERENCE,
     STILL_RATE,
-    TRUTH,
     TURN,
     UNDERSAMPLED,
     WANDER,
@@ -287,32 +285,6 @@ def test_independent_errors_of_stills_and_turns(kind):
         assert (UNDERSAMPLED in found) is there
     assert_allclose(dense(found[UNDERSAMPLED]), np.diag([*np.repeat(missed.predicted_rad**2, d), *np.zeros(36)]))
     assert (found[UNDERSAMPLED].prior, found[UNDERSAMPLED].usual) == (Prior(1.0, 1.0, 0.4), 1.0)
-
-
-def test_an_error_of_a_moment_of_truth_is_shared_by_two_turns_and_grows_with_the_rate_and_its_change():
-    """A segment ends at the sample where the next one of its log begins; between logs and behind a rejected one nothing is shared.  Of each
-    turn itself, an error grows with the root of the length of its path."""
-    problem = small_session(kind="yaw", truths=True)
-    joined = [replace(s, stop=t.start + 1 if t.log == s.log else s.stop) for s, t in pairwise(problem.used)]
-    problem = replace(problem, segments=[*joined, problem.used[-1]])
-    problem.__dict__["instability"] = BiasInstability(20 * DPH, "given")
-    used, found = problem.used, found_in(problem)
-    assert set(found) == {WANDER, TRUTH, "noise.truth_rate", "noise.truth_acceleration", "noise.turned", TURN}  # no still is there
-    assert found[TRUTH].prior == (problem.session.config.protocol.truth_sigma_deg * DEG, 1.5, None)
-    moments = sorted({(s.log, row) for s in used for row in (s.start, s.stop - 1)})
-    assert len(moments) == 9
-    ends = np.array([[((s.log, s.stop - 1) == at) * 1.0 - ((s.log, s.start) == at) for s in used] for at in moments])
-    rates = [np.asarray(problem.first(log.samples.gyro)) for log in problem.logs]
-    # A sample is longer than the 8 ms over which a derivative is taken of faster logs.
-    changes = [np.gradient(rate, log.samples.period_s, axis=0) for rate, log in zip(rates, problem.logs, strict=True)]
-    ones = [np.ones((len(rate), 1)) for rate in rates]
-    for name, values in ((TRUTH, ones), ("noise.truth_rate", rates), ("noise.truth_acceleration", changes)):
-        squares = [values[log][row] @ values[log][row] for log, row in moments]
-        expected = np.kron(ends.T @ np.diag(squares) @ ends, np.eye(3))
-        assert_allclose(dense(found[name]), expected, rtol=1e-9, atol=1e-12 * expected.max())
-    times = [log.samples.t_s for log in problem.logs]
-    paths = [np.trapezoid(np.linalg.norm(rates[s.log][s.start : s.stop], axis=1), times[s.log][s.start : s.stop]) for s in used]
-    assert_allclose(dense(found["noise.turned"]), np.diag(np.repeat(paths, 3)), rtol=1e-9)
 
 
 def thinned_by_hand(problem):

@@ -62,7 +62,7 @@ def test_imucal_numbers_stay_as_they_are_written_and_its_circles_are_known(tmp_p
 def test_euroc_as_its_authors_publish_it_and_from_archives(tmp_path, capsys):
     t_ns, gyro, accel, truth_ns, q_wxyz = write_euroc(tmp_path / "V1_01_easy")
     session = made(capsys, "euroc", tmp_path, "--out", tmp_path / "a")["V1_01"]
-    samples, (truth,) = session.logs[0].samples, session.truths
+    samples, (truth,) = session.logs[0].samples, session.reference.truths
     for name, expected in (("t_ns", t_ns), ("gyro", gyro), ("accel", accel)):
         np.testing.assert_array_equal(getattr(samples, name), expected)
     np.testing.assert_array_equal(truth.t_ns, truth_ns)
@@ -102,7 +102,7 @@ def wild(shared):
 def test_the_real_cameras_of_repoimu_saw_what_the_gyro_turned(wild, tmp_path, capsys):
     """Over a tenth of a second, component by component: columns, order, units and sense are right."""
     session = made(capsys, "repoimu", wild / "repoimu", "--out", tmp_path / "r")["Test06_Trial1"]
-    samples, (truth,) = session.logs[0].samples, session.truths
+    samples, (truth,) = session.logs[0].samples, session.reference.truths
     np.testing.assert_array_equal(samples.t_ns, truth.t_ns)
     assert len(samples.t_ns) == 8732
     np.testing.assert_allclose(np.linalg.norm(samples.accel[:200], axis=1).mean(), 9.77, atol=0.05)

@@ -471,7 +471,7 @@ def test_readings_of_equal_steps_leave_a_twelfth_of_a_square_step_in_the_bias():
 def plain_session(**more):
     """A problem of one session, without registers or a lot."""
     problem = small_session(kind="tilt", **more)
-    return problem.changed(session=SimpleNamespace(folder="made", config=problem.session.config, clock=None, truths=None))
+    return problem.changed(session=SimpleNamespace(folder="made", config=problem.session.config, clock=None, reference=None))
 
 
 def stated_with(monkeypatch, problem, noise, widened=1.0, lot=None):

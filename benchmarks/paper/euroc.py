@@ -14,14 +14,14 @@ from public.euroc import write_sequences, write_training_windows
 from session.base import rotation
 from session.base.rotation import steps
 from session.base.units import DEG
-from session.detect.truth_segments import moments_inside
 from session.log.folder import read_session
-from session.log.logfile import Truth
 from session.log.samples import Samples
 from tinygc.closure.build import build_problem
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import RateMap
 from tinygc.estimation.bias import Levelled, level_days
+from tinygc.features.truth.reading import Truth
+from tinygc.features.truth.segments import moments_inside
 
 EUROC = Path(__file__).resolve().parents[3] / "shared" / "euroc"
 TEST = ("MH_02", "MH_04", "V1_01", "V1_03", "V2_02")
@@ -46,7 +46,7 @@ class Euroc:
 def sequence_error_deg(problem: Problem, model) -> float:
     """AOE of a whole sequence, in degrees: sqrt(mean |log(R_true^T R_carried)|^2) over all moments (Brossard et al. 2020)."""
     session = problem.session
-    _, error = orientation_error(session.logs[0].samples, session.truths[0], model)
+    _, error = orientation_error(session.logs[0].samples, session.reference.truths[0], model)
     return float(np.sqrt(np.mean(np.sum(error**2, axis=1)))) / DEG
 
 

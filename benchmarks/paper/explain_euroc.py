@@ -14,9 +14,9 @@ from session.base.units import DEG, MG
 from session.log.folder import read_session
 from tinygc.closure.build import build_problem
 from tinygc.estimation.bias import level_days
-from tinygc.explanation.truth_engine import explain_truth
-from tinygc.explanation.truth_evidence import TruthClaim, TruthExplanation
-from tinygc.reporting.explanation_text import independent
+from tinygc.features.truth.engine import explain_truth
+from tinygc.features.truth.evidence import TruthClaim, TruthExplanation
+from tinygc.features.truth.text import independent
 
 SEQUENCES = ("MH_01", "MH_02", "MH_03", "MH_04", "MH_05", "V1_01", "V1_02", "V1_03", "V2_01", "V2_02", "V2_03")
 PAIRS = (

@@ -24,7 +24,7 @@ POINTS = {
     "options of COMMAND": "record of options: further ones of a command of the core",
     "kind of folder": "function(folder) -> what it is and what takes it, one sentence; None of a session, and of what cannot be read",
     "line of a list": "function(folder) -> fields of ListedSession (tinygc/fitting/listing.py) of such a folder, or None",
-    "further reference": "a word of protocol.reference, of a recording without an accelerometer",
+    "reference": "class: what a session is compared with besides gravity and dials; ``REFERENCE`` says what it has",
     "section of session.toml": "frozen dataclass of records.py: what a section holds, whose name is its class variable section",
     "fit of a folder": "function(args) -> Done | None: fits a folder that is no session of one sensor",
     "explanation of a folder": "function(args) -> exit code | None: explains such a folder",
@@ -45,6 +45,33 @@ POINTS = {
     "beside a report": "function(args of report) -> function(report) -> keys of its JSON, or None: what is written beside it",
     "earlier results of a report": "function(folder, logs) -> what an earlier command left in the folder for the report, or None",
     "report section": "module: section(evidence) -> Section | None, as in tinygc/reporting/html/sections; BEHIND, the section before it",
+}
+#: what a further reference has -> what that is.  The session holds what it read beside the logs as ``Session.reference``, and asks it
+REFERENCE = {
+    "word": "of protocol.reference in session.toml; the argument of its arrays",
+    "accelerometer": "whether its logs have specific force; without, it has a folder of another kind, and nothing that follows",
+    "title": "what it is, in words",
+    "body": "whose axes its attitudes are of, in words",
+    "sigma_deg": "one sigma of each of its angles",
+    "paths": "(paths of the logs) -> paths of its files; FormatError where one is missing",
+    "read": "(its paths, config) -> the reference",
+    "of_arrays": "(name of the session, its arrays, number of logs, config) -> the reference",
+    "arrays": "path of each file, and its arrays, each with the type that it is hashed as",
+    "toml": "(config) -> what ``Session.save`` adds to session.toml",
+    "save": "(folder, config): its files",
+    "examined": "(session) -> the session with the reference as the recording shows it, findings",
+    "said": "names of those findings that ``fit`` repeats even as a note",
+    "check": "(session, log) -> findings on the log by the reference",
+    "problem": "(session, its stills, further arguments of ``build_problem``) -> the problem of a fit",
+    "attitudes": "(number of a log, its samples) -> rows (K,) at which its attitude is known, q_nb (K, 4)",
+    "rests": "(samples of a log) -> mean rate (3,) and duration, s, of each of its rests",
+    "components": "(twin, sizes of its channels) -> variance components of the reference's errors",
+    "physics": "(problem, ids, seed, progress, folds) -> PhysicsFit: the fit of named effects",
+    "table": "``truth`` of fit.json",
+    "words": "the same in a line for the terminal, or nothing",
+    "explain": "(session or folder, options given that explain would ignore, as ``explain_session``) -> explanation",
+    "report": "(explanation) -> ExplanationReport",
+    "report_section": "(explanation) -> Section",
 }
 GROUP = "tinygc.features"
 

@@ -16,7 +16,7 @@ from session.base.texts import SENSOR_NAME
 from session.base.toml import Note, parse_toml, setting
 from session.bench.clocks import ClockRatio
 from session.bench.events import CHIPS, SENSOR, STANDIN, BoardStatus, Info
-from session.log.config import Accelerometer, Config, LeftOut, Protocol, Sensor, Site, TruthGiven, clock_words, config_of, read_config
+from session.log.config import Accelerometer, Config, LeftOut, Protocol, Sensor, Site, clock_words, config_of, read_config
 from session.log.folder import add_board, add_exclude, add_notes, set_sensor
 from session.log.registers import DEFAULT, profile_of
 from session.log.written import toml_text
@@ -134,7 +134,6 @@ class SessionFile:
                 sensor=sensor,
                 # These are of one session alone.
                 accelerometer=replace(known.accelerometer, own_stills=None),
-                truth=TruthGiven(),
                 unknown=(),
                 notes={},
                 exclude=(),

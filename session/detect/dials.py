@@ -43,7 +43,7 @@ def without_wrong_dials(session: Session, parts: Sequence[LogSegments]) -> tuple
     reference is not the table, and one with many contradictions, is returned as it is: the first look says what they are.
     """
     table = session.attitudes
-    if table is None or session.config.protocol.reference != "table" or session.truths is not None:
+    if table is None or session.config.protocol.reference != "table" or session.reference is not None:
         return session, list(parts), []
     stills = [still for part in parts for still in part.stills]
     known = np.array([i < len(table) and bool(np.isfinite(table[i]).all()) and still.problem is None for i, still in enumerate(stills)])

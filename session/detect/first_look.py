@@ -16,7 +16,7 @@ from session.base.errors import CalibrationError
 from session.base.names import CLOCKS, is_special, log_paths
 from session.base.units import NS
 from session.detect.axes import check_axes, check_gravity_moves
-from session.detect.check_references import check_dials, check_known_turns, check_truth, with_aligned_truth, with_own_accelerometer
+from session.detect.check_references import check_dials, check_known_turns, with_own_accelerometer
 from session.detect.check_samples import (
     Ceiling,
     ceiling_finding,
@@ -90,7 +90,7 @@ def first_look(
     those of this log alone, as it stands."""
     config, where = session.config, log.path.name
     good = references(stills)
-    missing_accel = session.truths is not None
+    missing_accel = session.reference is not None
     findings = [
         *(Finding("note", where, "reading", note) for note in log.notes),  # what the reader repaired or left out
         *check_comments(log, config.sensor),
@@ -108,10 +108,9 @@ def first_look(
         *check_temperature(log, good, config.sensor),
         *check_warming(log),
     ]
-    if session.truths is not None and log in session.logs:
+    if session.reference is not None and log in session.logs:
         # Where something better than gravity is the reference, nothing has to be still.
-        limited = session.alignment is not None and bool(np.isfinite(session.alignment.ceiling_rps).any())
-        return findings + check_truth(log, session.truths[session.logs.index(log)], config, limited)
+        return findings + session.reference.check(session, log)
     ceiling = find_ceiling(log.samples.gyro)
     if not good:
         findings += check_length(log, config.protocol.segment_s)
@@ -171,7 +170,7 @@ def check_folder(
         return findings
     session = session.on_clock(clock)
     session, own = with_own_accelerometer(session)
-    session, aligned = with_aligned_truth(session)
+    session, aligned = session.examined()
     found = SessionStills(session)
     checked = check_session(session, found)
     findings += ([] if explains_others(checked) else own) + aligned + checked
@@ -200,11 +199,11 @@ def check_session(session: Session, found: SessionStills | None = None) -> list[
         found.of(log)
     whole = with_bridges(session)
     there, config = SessionStills(whole, found), session.config
-    parts = [] if session.truths is not None else session_segments(whole, there)
+    parts = [] if session.reference is not None else session_segments(whole, there)
     whole, parts, dials = without_wrong_dials(whole, parts)
     session = replace(session, attitudes=whole.attitudes)
     known = known_turns(whole, parts)
-    counted = [] if session.truths is not None else check_turns(session.name, parts, known, config.protocol.still_s)
+    counted = [] if session.reference is not None else check_turns(session.name, parts, known, config.protocol.still_s)
     enough = worst(counted) != "error"
     for log, as_fitted in zip(logs, (*whole.logs, *whole.closures), strict=True):
         here, turns = found.of(log), None
@@ -213,13 +212,13 @@ def check_session(session: Session, found: SessionStills | None = None) -> list[
         elif (run := there.of(as_fitted)).noise is not None:
             cut = cut_segments(run.samples, run.stills, config.sensor, config.protocol, put_in=as_fitted.put_in)
             turns = LogTurns.of(as_fitted, cut, enough=True, run=True)
-        unused = here.unused if log in session.logs and session.truths is None else ()
+        unused = here.unused if log in session.logs and session.reference is None else ()
         findings += first_look(session, log, here.stills, here.noise, unused, turns)
     findings += check_excluded(session)
     if not explains_others(findings):
         findings += counted + check_leaps(parts)
         changes = any(finding.what == FILTER for finding in findings)  # the reason of what is not seen
-        findings += [] if changes or session.truths is not None else check_unseen(parts)
+        findings += [] if changes or session.reference is not None else check_unseen(parts)
         findings += dials + check_dials(session, found) + check_known_turns(known, parts)
     return [as_arguments(finding) for finding in findings] if session.in_memory else findings
 

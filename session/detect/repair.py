@@ -22,7 +22,7 @@ from session.base.toml import edited, setting
 from session.base.units import ENDINGS, WORDS
 from session.detect.findings import Axes, Correction, Finding
 from session.detect.first_look import check_folder
-from session.log.config import read_config
+from session.log.config import REFERENCES, read_config
 from session.log.folder import sha256_of
 from session.log.lines import Lines
 
@@ -89,14 +89,14 @@ def repair(source: Path, out: Path, cause: int | None = None) -> Repaired:
     if out.exists():
         raise FormatError(f"{out}: exists; give --repair a new folder")
     refuse_special(source)
-    read_config(source / "session.toml")  # what is not there is named as the user wrote it
+    protocol = read_config(source / "session.toml").protocol  # what is not there is named as the user wrote it
+    if protocol.reference not in REFERENCES:
+        raise DataError(f'{source}: protocol.reference is "{protocol.reference}"; --repair takes sessions that gravity judges')
     with folder_whole(out) as whole, tempfile.TemporaryDirectory(dir=whole) as work:
         copy, changes = Path(work) / "0", []
         names = _copy(source, copy)
         sha256 = {name: sha256_of(source / name) for name in names}
         findings = check_folder(copy)
-        if read_config(copy / "session.toml").protocol.reference == "truth":
-            raise DataError(f"{source}: a truth file tells its own clock and axes (see check); --repair takes sessions that gravity judges")
         while (what := _stage(findings)) is not None:
             copy, findings, change, cause = _undo(source, copy, findings, what, cause)
             changes.append(change)
@@ -115,7 +115,7 @@ def _copy(source: Path, folder: Path) -> list[str]:
     """Copy what a session is read from; returns the files' names."""
     folder.mkdir()
     names = ["session.toml", "attitudes.csv", "turns.csv"]
-    names += [path.name for stem in ("log", "closure", "rest", "truth") for path in log_paths(source, stem)]
+    names += [path.name for stem in ("log", "closure", "rest") for path in log_paths(source, stem)]
     names = [name for name in names if (source / name).exists()]
     for name in names:
         copy_new(source / name, folder / name)

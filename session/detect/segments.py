@@ -40,7 +40,7 @@ class Segment:
 
     number counts from 0 over all logs; turn_start, turn_stop bound the movement; note says what is unusual; problem says why it is
     not used, or is None; breaks_yaw: integrating it tells nothing of the attitude after it.  first and last are None between moments of
-    a truth file (``session/log/logfile.py``).
+    a further reference (``Session.reference``).
     """
 
     number: int
@@ -64,7 +64,7 @@ class Segment:
 
     @property
     def stills(self) -> Ends:
-        """The two between which it lies; a segment between moments of a truth file has none."""
+        """The two between which it lies; a segment between moments of a further reference has none."""
         assert self.first is not None
         assert self.last is not None
         return self.first, self.last
@@ -244,7 +244,7 @@ def moments_of(log: Path, rows: Sequence[LeftOut]) -> list[float]:
 
 
 def moved_at(segment: Segment, samples: Samples, at_s: float) -> bool:
-    """Whether a moment of the samples' clock lies between its two stills; in all of it where it lies between moments of a truth file."""
+    """Whether a moment of the samples' clock lies between its two stills; in all of it where it lies between no stills."""
     start, stop = segment.start, segment.stop - 1
     if segment.first is not None and segment.last is not None:
         start, stop = segment.first.stop - 1, segment.last.start

@@ -1,4 +1,4 @@
-"""Plain arrays as logs, truths and known turns: checked as files are, so that nothing wrong goes further than here.
+"""Plain arrays as logs and known turns: checked as files are, so that nothing wrong goes further than here.
 
 A message names the argument and the place in it, ``gyro_rps[3, 0]`` or ``closures[1]: t_s[7]``.
 """
@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from session.base.errors import DataError
-from session.base.rotation import unit_vectors
 from session.base.units import BEYOND_FULL_SCALE, DEG, LARGEST_DPS, NS, SI, WORDS, G, beyond_any_sensor, parse_unit
-from session.log.logfile import COLUMNS, KnownTurn, Log, Truth, known_turn, of_length_1
+from session.log.logfile import COLUMNS, KnownTurn, Log, known_turn
 from session.log.samples import Samples
 from session.log.stamps import ERA_NS
 from session.log.thermometer import Sound
@@ -27,8 +26,6 @@ LAST_S = ERA_NS * NS
 USUAL_DPS, USUAL_G = (125, 250, 500, 1000, 2000, 4000), (2, 4, 8, 16)
 #: of a log in memory
 LOG_ARRAYS = "(t_s, gyro_rps, accel_mps2) or (t_s, gyro_rps, accel_mps2, temp_c)"
-#: of a truth in memory
-TRUTH_ARRAYS = "(t_s, q_nb) or (t_s, q_nb, window)"
 
 
 # Units of arrays: as people state them, and where they cannot be right.
@@ -63,7 +60,7 @@ def refuse_degrees(name: str, rates: np.ndarray, full_scale_dps: float | None, d
     raise DataError(f"{name}[{row}, {axis}] is {value:.6g} rad/s, {value / DEG:.4g} dps, beyond {bar}; {do}")
 
 
-# Logs, truths and known turns.
+# Logs and known turns.
 
 
 def logs_of_arrays(
@@ -89,45 +86,20 @@ def logs_of_arrays(
 def samples_of_arrays(where: str, arrays: Sequence[ArrayLike | None], full_scale_dps: float | None, si: tuple[float, float]) -> Samples:
     """Samples of ``LOG_ARRAYS``; where: before each array's name in a complaint.  Raises what ``logs_of_arrays`` does."""
     t_s, gyro_rps, accel_mps2, temp_c = (*arrays, None)[:4]
-    time = _array(f"{where}t_s", t_s, (None,))
+    time = array_of(f"{where}t_s", t_s, (None,))
     count = len(time)
     if count < 2:
         raise DataError(f"{where}t_s has {count} samples, expected at least 2")
-    gyro = _array(f"{where}gyro_rps", gyro_rps, (count, 3)) * si[0]
-    accel = _array(f"{where}accel_mps2", accel_mps2, (count, 3)) * si[1]
-    temperature = None if temp_c is None else _array(f"{where}temp_c", temp_c, (count,))
+    gyro = array_of(f"{where}gyro_rps", gyro_rps, (count, 3)) * si[0]
+    accel = array_of(f"{where}accel_mps2", accel_mps2, (count, 3)) * si[1]
+    temperature = None if temp_c is None else array_of(f"{where}temp_c", temp_c, (count,))
     _refuse_far(f"{where}gyro_rps", gyro, "gyro")
     _refuse_far(f"{where}accel_mps2", accel, "accel")
     if temperature is not None:
         _refuse_far(f"{where}temp_c", temperature, "temp")
     do = 'are the rates in degrees? give rate_unit="dps"' if si[0] == 1 else "is rate_unit another?"
     refuse_degrees(f"{where}gyro_rps", gyro, full_scale_dps, f"{do}; or give the right gyro_fs_dps")
-    return Samples(_stamps(where, time), gyro, accel, temperature)
-
-
-def truths_of_arrays(names: Sequence[str], given: Sequence[Sequence[ArrayLike]]) -> tuple[Truth, ...]:
-    """Truths, each of ``TRUTH_ARRAYS``: t_s (K,) s on its log's clock, increasing; q_nb (K, 4), body to north-east-down, scalar first, of
-    length 1; window (K,) whole numbers.  Raises DataError, which names the array."""
-    truths = []
-    for number, (name, arrays) in enumerate(zip(names, given, strict=True)):
-        if not isinstance(arrays, tuple | list) or len(arrays) not in (2, 3):
-            raise DataError(f"each of truth is {TRUTH_ARRAYS}; truth[{number}] is not")
-        where = f"truth[{number}]: "
-        time = _array(f"{where}t_s", arrays[0], (None,))
-        if len(time) < 2:
-            raise DataError(f"{where}t_s has {len(time)} moments, expected at least 2")
-        q = _array(f"{where}q_nb", arrays[1], (len(time), 4))
-        if not (sound := of_length_1(q)).all():
-            row = int(np.argmin(sound))
-            raise DataError(f"{where}q_nb[{row}] has length {np.linalg.norm(q[row]):.4g}, expected a quaternion of length 1, scalar first")
-        window = None
-        if len(arrays) == 3:
-            window = _array(f"{where}window", arrays[2], (len(time),))
-            if not (window == np.rint(window)).all():
-                raise DataError(f"{where}window[{int(np.argmax(window != np.rint(window)))}] is no whole number")
-            window = window.astype(np.int64)
-        truths.append(Truth(Path(name), _stamps(where, time), unit_vectors(q), window))
-    return tuple(truths)
+    return Samples(stamps_of(where, time), gyro, accel, temperature)
 
 
 def turns_of_arrays(given: Sequence[Sequence[Any]], logs: Sequence[Log]) -> tuple[KnownTurn, ...]:
@@ -144,7 +116,7 @@ def turns_of_arrays(given: Sequence[Sequence[Any]], logs: Sequence[Log]) -> tupl
             )
         number, axis, *angles = row[:4]
         words = (
-            axis if isinstance(axis, str) else ";".join(f"{x!r}".removesuffix(".0") for x in _array(f"{where} axis", axis, (3,)).tolist())
+            axis if isinstance(axis, str) else ";".join(f"{x!r}".removesuffix(".0") for x in array_of(f"{where} axis", axis, (3,)).tolist())
         )
         cells = dict(zip(COLUMNS, [f"{number}", words, *map(str, angles)], strict=True))
         log = row[4] if len(row) == 5 else None
@@ -168,7 +140,7 @@ def usual_ranges(samples: Samples) -> tuple[float, float]:
     )
 
 
-def _stamps(where: str, time: np.ndarray) -> np.ndarray:
+def stamps_of(where: str, time: np.ndarray) -> np.ndarray:
     """(N,) int64 ns of times in s.  DataError where they do not go forward."""
     if not (np.abs(time) < LAST_S).all():
         raise DataError(f"{where}t_s reaches {np.abs(time).max():.3g} s; expected seconds")
@@ -185,7 +157,8 @@ def _refuse_far(name: str, values: np.ndarray, kind: str) -> None:
         raise DataError(f"{name}[{', '.join(map(str, at))}] is {values[at]:g} {SI[kind]}, beyond any sensor; is its unit right?")
 
 
-def _array(name: str, values: ArrayLike | None, shape: tuple[int | None, ...]) -> np.ndarray:
+def array_of(name: str, values: ArrayLike | None, shape: tuple[int | None, ...]) -> np.ndarray:
+    """Finite numbers of this shape, None for any length.  Raises DataError, which names the array."""
     try:
         array = np.array(values, dtype=float)
     except (TypeError, ValueError, OverflowError):

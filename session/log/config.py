@@ -1,4 +1,4 @@
-"""``session.toml``: what was recorded, with what, where, and how a truth file is to be read (docs/formats.md)."""
+"""``session.toml``: what was recorded, with what, and where (docs/formats.md)."""
 
 from __future__ import annotations
 
@@ -16,136 +16,21 @@ import numpy as np
 from session.base import features
 from session.base.errors import FormatError
 from session.base.numeric import UPPER
-from session.base.records import DERIVED, ROTATION, Key, Record, record_of
+from session.base.records import DERIVED, Key, Record, record_of
 from session.base.results import Array, Keys, MapOf, Mismatch, Number, Shape, Text, require, shown, unknown_keys
-from session.base.rotation import conjugate, from_matrix, multiply
 from session.base.toml import Note, read_toml
 from session.base.units import BEYOND, STANDARD_GRAVITY_MPS2
 from session.log.registers import DEFAULT, RegisterUnits, profile_of
 from session.log.requirements import Requirements, RequirementsShape
 from session.log.sensors import CLOCK_WITHIN, Profile
 
-# How the attitudes of a truth file are to be read: which way they turn, which way is up, whose axes, whose clock.
-#
-# Any file comes to ``q_nb`` (docs/formats.md) by the same four steps, each of which can be undone:
-#
-#     q_nb(t + offset_s) = frame * (as written at t, its cells put in order, inverted if it takes the world to the body) * mounting
-
-#: of a quaternion's cells under the header qw,qx,qy,qz
-ORDERS = ("wxyz", "xyzw")
-#: what the quaternion takes to what
-SENSES = ("body_to_world", "world_to_body")
-_HALF = np.sqrt(0.5)
-#: (4,) of the turn that takes the file's world to one with z down; about the file's x axis, which keeps its heading, or else about y
-FRAMES = {
-    "ned": np.array([1.0, 0.0, 0.0, 0.0]),
-    "enu": np.array([0.0, 1.0, 0.0, 0.0]),
-    "y_down": np.array([_HALF, _HALF, 0.0, 0.0]),
-    "y_up": np.array([_HALF, -_HALF, 0.0, 0.0]),
-    "x_down": np.array([_HALF, 0.0, -_HALF, 0.0]),
-    "x_up": np.array([_HALF, 0.0, _HALF, 0.0]),
-}
-#: other names of the same: only which way is down matters
-SAME_FRAME = {"z_down": "ned", "z_up": "enu", "nwu": "enu", "nue": "y_up"}
-
-
-class _Frame(Text):
-    """A frame by any of its names."""
-
-    def made(self, value: str) -> str:
-        """Its own name."""
-        return SAME_FRAME.get(value, value)
-
-
-@dataclass(frozen=True, eq=False)
-class TruthGiven:
-    """``[truth]`` of session.toml; None: to be estimated.  mounting (3, 3): from the IMU's axes to the truth's body."""
-
-    #: none of these five: found out from the recording. What is added to a truth file's stamps to give the log's clock, s: the attitude
-    #: stamped t is the one of t + offset_s. Negative where the truth is late
-    offset_s: Annotated[float | None, Number(-3600, 3600)] = None
-    #: which way is up in the truth's world. Only that matters: any heading will do
-    frame: Annotated[str | None, _Frame((*FRAMES, *SAME_FRAME))] = None
-    #: what the quaternions take to what
-    sense: Annotated[str | None, Text(SENSES)] = None
-    #: the order of the four numbers, whatever the header calls them
-    order: Annotated[str | None, Text(ORDERS)] = None
-    #: takes vectors from the IMU's axes to those of the truth's body: v_truth = mounting v_imu
-    mounting: Annotated[np.ndarray | None, ROTATION] = None
-
-
-@dataclass(frozen=True, eq=False)
-class TruthReading:
-    """A convention of a truth file; the default is that of docs/formats.md.
-
-    order: one of ``ORDERS``; sense: one of ``SENSES``; frame: one of ``FRAMES``; mounting (3, 3): takes vectors from the IMU's axes to
-    those of the truth's body; offset_s: added to the truth's stamps it gives the log's clock.
-    """
-
-    order: str = ORDERS[0]
-    sense: str = SENSES[0]
-    frame: str = "ned"
-    mounting: np.ndarray = field(default_factory=lambda: np.eye(3))
-    offset_s: float = 0.0
-
-    @classmethod
-    def of(cls, given: TruthGiven) -> TruthReading:
-        """What is given, and the default elsewhere."""
-        return cls(**{name: value for name, value in vars(given).items() if value is not None})
-
-    def read(self, q: np.ndarray) -> np.ndarray:
-        """``q_nb`` (K, 4) of what is written, (K, 4)."""
-        q = np.roll(q, 1, axis=1) if self.order == "xyzw" else q
-        q = conjugate(q) if self.sense == "world_to_body" else q
-        return multiply(multiply(FRAMES[self.frame], q), from_matrix(self.mounting))
-
-    def written(self, q_nb: np.ndarray) -> np.ndarray:
-        """What is written, (K, 4), where this reading gives ``q_nb`` (K, 4)."""
-        q = multiply(multiply(conjugate(FRAMES[self.frame]), q_nb), conjugate(from_matrix(self.mounting)))
-        q = conjugate(q) if self.sense == "world_to_body" else q
-        return np.roll(q, -1, axis=1) if self.order == "xyzw" else q
-
-
-def down_of(frame: str) -> np.ndarray:
-    """(3,): where down is in the file's world."""
-    w, x, y, z = FRAMES[frame]
-    return np.array([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])
-
-
-#: where each part of a reading is from
-GIVEN, FOUND, ASSUMED = "given", "found", "assumed"
-
-
-@dataclass(frozen=True, eq=False)
-class TruthAlignment:
-    """How a session's truth files are read, and the alignment that the recording shows.
-
-    reading: as they are read; source: of each of its parts, ``given``, ``found`` in the recording, or ``assumed`` (the contract's own).
-    offset_s, offset_sigma_s: of the truth's clock, as the recording shows it, whatever is given or used; nan where it does not.  turned,
-    turned_sigma (3,) rad: likewise the rotation from the gyro's axes to the truth's body.  up (3,): the mean specific force in the
-    file's world over its mean length, where there is one, else None; explained: share of the truth's rotations that the gyro explains.
-    ceiling_rps (3,): rates that the gyro does not pass where the truth does, NaN where none is; ceiling_share: of the readings there.
-    """
-
-    reading: TruthReading
-    source: dict[str, str]
-    offset_s: float
-    offset_sigma_s: float
-    turned: np.ndarray
-    turned_sigma: np.ndarray
-    up: np.ndarray | None
-    explained: float
-    ceiling_rps: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
-    ceiling_share: float = 0.0
-
-
 # ``session.toml``: what was recorded, with what, where (docs/formats.md, ``tinygc-session/1``).
 
 SCHEMA = "tinygc-session/1"
 #: normal gravity is 9.780 at the equator and 9.832 at the poles (WGS 84), and less by 0.003 for each km of height
 GRAVITY_OVER_EARTH_MPS2 = 0.02
-#: where attitudes come from; a further reference of a feature is of a sensor without an accelerometer
-REFERENCES = ("gravity", "table", "truth")
+#: where attitudes come from, if not from what a feature serves
+REFERENCES = ("gravity", "table")
 #: keys of a sensor whose registers are not this tool's to know
 OWN_UNITS = ("gyro_mdps_per_lsb", "accel_mg_per_lsb", "temp_lsb_per_c", "temp_at_zero_c")
 
@@ -407,7 +292,7 @@ class Reference(Shape):
     @property
     def one_of(self) -> tuple[str, ...]:
         """The words."""
-        return (*REFERENCES, *features.each("further reference"))
+        return (*REFERENCES, *sorted(kind.word for kind in features.each("reference")))
 
     @property
     def expected(self) -> str:  # type: ignore[override]
@@ -416,8 +301,13 @@ class Reference(Shape):
 
     def check(self, value: Any, where: str) -> None:
         """Raises Mismatch."""
-        if value not in REFERENCES and value not in features.each("further reference"):
+        if value not in REFERENCES and reference_of(value) is None:
             self.refuse(value, where)
+
+
+def reference_of(word: Any) -> Any:
+    """Return the further reference of this word, a class of a feature; None of gravity, dials, and of what is no reference."""
+    return None if word in REFERENCES else next((kind for kind in features.each("reference") if kind.word == word), None)
 
 
 @dataclass(frozen=True)
@@ -471,7 +361,6 @@ class Config:
     protocol: Annotated[Protocol, Key(absent=Protocol())]
     unknown: Annotated[tuple[tuple[str, str | None], ...], DERIVED] = ()
     model_given: Annotated[bool, DERIVED] = True
-    truth: TruthGiven = field(default_factory=TruthGiven)
     notes: Annotated[Mapping[str, Note], MapOf(NoteValue())] = field(default_factory=dict)
     exclude: tuple[LeftOut, ...] = ()
     board: BoardGiven = field(default_factory=BoardGiven)
@@ -509,8 +398,8 @@ def config_of(path: Path, table: dict) -> Config:
     more = sections() if set(table) - {*SHAPE.must, *SHAPE.may} else {}
     whole = replace(SHAPE, may={**SHAPE.may, **more})
     protocol = table.get("protocol")
-    reference = protocol.get("reference", REFERENCES[0]) if isinstance(protocol, dict) else REFERENCES[0]
-    if reference not in REFERENCES and isinstance(checked["sensor"], dict):
+    kind = reference_of(protocol.get("reference", REFERENCES[0])) if isinstance(protocol, dict) else None
+    if kind is not None and not kind.accelerometer and isinstance(checked["sensor"], dict):
         checked["sensor"] = {"accel_fs_g": 1} | checked["sensor"]
     require(checked, whole, str(path), DO)
     calibrated = {"matrix", "bias_mps2"} & set(table.get("accelerometer", {}))

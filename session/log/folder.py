@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from session.base import features
 from session.base.errors import CalibrationError, DataError, FormatError, StorageError
 from session.base.files import (
     MOST_TOML,
@@ -33,7 +34,7 @@ from session.base.names import CLOCKS, log_paths, refuse_special
 from session.base.texts import command_line, printable, unicode_text
 from session.base.toml import Note, add_lines, edited, parse_toml, toml_line, value_text
 from session.base.units import DEG
-from session.log.arrays import TRUTH_ARRAYS, logs_of_arrays, require_kind, si_of, truths_of_arrays, turns_of_arrays, usual_ranges
+from session.log.arrays import logs_of_arrays, require_kind, si_of, turns_of_arrays, usual_ranges
 from session.log.config import (
     Accelerometer,
     Config,
@@ -42,15 +43,14 @@ from session.log.config import (
     Protocol,
     Sensor,
     Site,
-    TruthAlignment,
-    TruthReading,
     config_of,
     read_config,
+    reference_of,
 )
 from session.log.logfile import NAME as KNOWN_TURNS
-from session.log.logfile import KnownTurn, Log, Truth, already_calibrated, read_known_turns, read_log, read_truth, rows_of, truth_path
+from session.log.logfile import KnownTurn, Log, already_calibrated, read_known_turns, read_log, rows_of
 from session.log.samples import Samples, joined, mapped
-from session.log.written import attitudes_text, board_text, exclude_text, log_lines, notes_text, toml_text, truth_text, turns_text
+from session.log.written import attitudes_text, board_text, exclude_text, log_lines, notes_text, toml_text, turns_text
 
 # A session folder as one record: configuration, calibration logs, closure runs, dial readings (docs/formats.md).
 
@@ -67,11 +67,10 @@ MOST_STILLS = 100_000
 class Session:
     """What a folder holds.
 
-    attitudes (stills, 3) rad, roll pitch yaw from the table's dials, or None; row = number of the still.  truths: of each log, where
-    the reference is a truth file, else None.  turns: those whose angle is known beforehand.  alignment: how the truths are read, where
-    that was found out (``truth_alignment.py``).  rests: paths of its rest logs, which are long,
-    and read by who wants them (``session/log/rests.py``).  attitude_lines: the line in its file of each row of attitudes, None where the
-    still has none.
+    attitudes (stills, 3) rad, roll pitch yaw from the table's dials, or None; row = number of the still.  reference: what a feature
+    serves in place of gravity and dials (``REFERENCE`` of ``session/base/features.py``), None without one.  turns: those whose angle is
+    known beforehand.  rests: paths of its rest logs, which are long, and read by who wants them (``session/log/rests.py``).
+    attitude_lines: the line in its file of each row of attitudes, None where the still has none.
     """
 
     folder: Path
@@ -79,9 +78,8 @@ class Session:
     logs: tuple[Log, ...]
     closures: tuple[Log, ...]
     attitudes: np.ndarray | None = None
-    truths: tuple[Truth, ...] | None = None
+    reference: Any = None
     turns: tuple[KnownTurn, ...] = ()
-    alignment: TruthAlignment | None = None
     rests: tuple[Path, ...] = ()
     attitude_lines: tuple[int | None, ...] = ()
 
@@ -95,7 +93,6 @@ class Session:
         *,
         logs: Sequence[tuple[ArrayLike, ...]] = (),
         closures: Sequence[tuple[ArrayLike, ...]] = (),
-        truth: Sequence[tuple[ArrayLike, ...]] = (),
         turns: Sequence[tuple[Any, ...]] = (),
         rate_unit: str = "rad/s",
         force_unit: str = "m/s^2",
@@ -107,6 +104,7 @@ class Session:
         accelerometer: Accelerometer | None = None,
         site: Site | None = None,
         protocol: Protocol | None = None,
+        **further: Sequence[tuple[ArrayLike, ...]],
     ) -> Session:
         """A session that was never a file.
 
@@ -119,9 +117,6 @@ class Session:
             Several logs in their place, each ``(t_s, gyro_rps, accel_mps2)`` or with ``temp_c`` as fourth.
         closures : sequence of tuple
             Closure runs, each likewise, on the clock of the logs.
-        truth : sequence of tuple
-            Attitudes as the reference, for each log ``(t_s, q_nb)`` or with ``window`` as third: (K,) s on the log's clock, (K, 4) body to
-            north-east-down, scalar first.
         turns : sequence of tuple
             Turns of known angle, each ``(number, axis, angle_deg, sigma_deg)``, with the number of a log as fifth where the turn counts
             within that log; axis: ``"x"``, ``"-y"``, or three numbers in body axes.
@@ -133,6 +128,8 @@ class Session:
             Full scales; those not given are the smallest usual ones that hold the data.
         accelerometer, site, protocol : Accelerometer, Site, Protocol
             Its pre-calibration (none), and sections of session.toml.
+        further : sequence of tuple
+            Arrays of a further reference, one entry for each log, under its word of ``protocol.reference``.
 
         Returns
         -------
@@ -157,15 +154,23 @@ class Session:
             require_kind(what, text, str, "text")
         if Path(name).name != name or not name or "\0" in name:
             raise DataError(f"name is {name!r}, expected one word, as of a folder")
-        given_rows = {"logs": logs, "closures": closures, "truth": truth, "turns": turns}
+        for word in further:
+            if reference_of(word) is None:
+                raise TypeError(f"Session.from_arrays() got an unexpected keyword argument {word!r}")
+        given_rows = {"logs": logs, "closures": closures, "turns": turns, **further}
         for what, rows in given_rows.items():
             require_kind(what, rows, (list, tuple, NoneType), "a list of tuples")
-        logs, closures, truth, turns = (rows or () for rows in given_rows.values())
+        logs, closures, turns = logs or (), closures or (), turns or ()
+        further = {word: rows for word, rows in further.items() if rows}
         for what, record, kind in (("accelerometer", accelerometer, Accelerometer), ("site", site, Site), ("protocol", protocol, Protocol)):
             require_kind(what, record, (kind, NoneType), f"a tinygc.{kind.__name__}")
-        protocol = protocol or Protocol(reference="truth" if len(truth) else "gravity")
-        if protocol.reference == "table" or (protocol.reference == "truth") != (len(truth) > 0):
-            raise DataError(f'protocol.reference is "{protocol.reference}"; arrays have "gravity", or "truth" with truth=')
+        protocol = protocol or Protocol(reference=next(iter(further), "gravity"))
+        kind = reference_of(protocol.reference)
+        asked = [] if kind is None or not kind.accelerometer else [kind.word]
+        if protocol.reference == "table" or list(further) != asked:
+            words = [each.word for each in features.each("reference") if each.accelerometer]
+            others = "".join(f', or "{word}" with {word}=' for word in words)
+            raise DataError(f'protocol.reference is "{protocol.reference}"; arrays have "gravity"{others}')
         for what, given in (("gyro_fs_dps", gyro_fs_dps), ("accel_fs_g", accel_fs_g)):
             require_kind(what, given, (int, float, np.number, NoneType), "the full scale that the sensor was set to")
             if given is not None and not 0 < given < FAR:
@@ -179,18 +184,18 @@ class Session:
         else:
             made = logs_of_arrays("logs", _numbered(f"{name}.log", logs), logs, gyro_fs_dps, si)
         runs = logs_of_arrays("closures", _numbered(f"{name}.closure", closures), closures, gyro_fs_dps, si)
-        if len(truth) not in (0, len(made)):
-            raise DataError(f"truth has {len(truth)} entries, expected {len(made)}, one {TRUTH_ARRAYS} for each log")
-        if len(truth) and len(turns):
-            raise DataError("turns= are of known angle against gravity, and truth= sees all three angles of every turn; leave turns out")
+        if further and len(turns):
+            seen = f"{kind.word}= sees all three angles of every turn"
+            raise DataError(f"turns= are of known angle against gravity, and {seen}; leave turns out")
         usual_gyro, usual_accel = usual_ranges(joined([log.samples for log in (*made, *runs)]))
         sensor = Sensor(model, serial, 1 / made[0].samples.period_s, gyro_fs_dps or usual_gyro, accel_fs_g or usual_accel)
+        config = Config(sensor, accelerometer or Accelerometer(source="none"), site or Site(), protocol)
         return cls(
             folder=Path(name),
-            config=Config(sensor, accelerometer or Accelerometer(source="none"), site or Site(), protocol),
+            config=config,
             logs=made,
             closures=runs,
-            truths=truths_of_arrays(_numbered(f"{name}.truth", truth), truth) if len(truth) else None,
+            reference=kind.of_arrays(name, further[kind.word], len(made), config) if further else None,
             turns=turns_of_arrays(turns, made),
         )
 
@@ -213,16 +218,16 @@ class Session:
             own = replace(own, own_stills=True)
         config = replace(self.config, exclude=exclude, accelerometer=own)
         text = toml_text(config, OF_THESE_LOGS) + board_text(config.board)
+        text += "" if self.reference is None else self.reference.toml(config)
         config_of(Path(self.name), parse_toml(text, self.name))  # nothing is written that no reader takes
-        reading = self.alignment.reading if self.alignment is not None else TruthReading.of(config.truth)
         with folder_whole(folder) as work:
             write_new(work / "session.toml", text)
             for log, name in zip(self.logs, names.values(), strict=True):
                 _write_lines(work / name, log_lines(log))
             for number, run in enumerate(self.closures, start=1):
                 _write_lines(work / f"closure{number:04d}.csv", log_lines(run))
-            for number, truth in enumerate(self.truths or (), start=1):
-                _write_lines(work / f"truth{number:04d}.csv", [truth_text(truth.reread(reading, TruthReading()))])
+            if self.reference is not None:
+                self.reference.save(work, config)
             if self.turns:
                 turns = tuple(replace(turn, log=turn.log and names[turn.log]) for turn in self.turns)
                 _write_lines(work / KNOWN_TURNS, [turns_text(turns)])
@@ -267,14 +272,15 @@ class Session:
     def on_clock(self, clock: str) -> Session:
         """The session by this clock, one of ``CLOCKS``: ``arrivals`` divides all times by ``sensor.clock_ratio``, once.
 
-        Raises FormatError where no ratio was measured, and where a truth file goes by the same stamps.
+        Raises FormatError where no ratio was measured, and where a further reference goes by the same stamps.
         """
         if clock == CLOCKS[0]:
             return self
         ratio, sigma_ppm = self.config.sensor.clock_ratio, self.config.sensor.clock_sigma_ppm
-        if ratio is None or self.truths is not None:
-            why = "sensor.clock_ratio is not given; `record` measures it" if ratio is None else "the truth files go by the logs' own stamps"
-            raise FormatError(f"{self.folder}: {why}; leave --clock {clock} out")
+        if ratio is None:
+            raise FormatError(f"{self.folder}: sensor.clock_ratio is not given; `record` measures it; leave --clock {clock} out")
+        if self.reference is not None:
+            raise FormatError(f"{self.folder}: the {self.reference.title}s go by the logs' own stamps; leave --clock {clock} out")
         note = f"stamps divided by {ratio:.9g}" + ("" if sigma_ppm is None else f" ± {sigma_ppm:.3g} ppm") + f" (--clock {clock})"
 
         def timed(log: Log) -> Log:
@@ -286,6 +292,10 @@ class Session:
         exclude = tuple(replace(row, at_s=row.at_s / ratio) for row in self.config.exclude)
         config = replace(self.config, sensor=replace(self.config.sensor, clock_ratio=None), exclude=exclude)
         return replace(self, config=config, logs=tuple(map(timed, self.logs)), closures=tuple(map(timed, self.closures)))
+
+    def examined(self) -> tuple[Session, list[Any]]:
+        """The session with its further reference as the recording shows it, and findings on it; without one it stays as it is."""
+        return (self, []) if self.reference is None else self.reference.examined(self)
 
     def rate_of(self, log: Log) -> NominalRate | None:
         """The same of one log or closure run."""
@@ -340,11 +350,11 @@ def read_session(folder: Path | str, progress: Callable[[str], None] = lambda wh
     if not paths:
         raise FormatError(f"{folder}: no log; expected log*.csv or log*.csv.gz next to session.toml")
 
-    truths = list(map(truth_path, paths)) if config.protocol.reference == "truth" else []
+    kind = reference_of(config.protocol.reference)
+    further = [] if kind is None else kind.paths(paths)
     tables = [path for path in (folder / ATTITUDES, folder / KNOWN_TURNS) if path.exists()]
-    for path in (*paths, *closures, *tables, *truths):
+    for path in (*paths, *closures, *tables, *further):
         require_file(path)
-    reading = TruthReading.of(config.truth)
     session = read_logs(folder, config, paths, closures, rests, progress)
     attitudes = folder / ATTITUDES
     dials = _read_attitudes(attitudes) if config.protocol.reference == "table" or attitudes.exists() else (None, ())
@@ -352,7 +362,7 @@ def read_session(folder: Path | str, progress: Callable[[str], None] = lambda wh
         session,
         attitudes=dials[0],
         attitude_lines=dials[1],
-        truths=tuple(read_truth(path, reading) for path in truths) if config.protocol.reference == "truth" else None,
+        reference=None if kind is None else kind.read(further, config),
         turns=_read_turns(folder / KNOWN_TURNS, config, [path.name for path in paths]),
     )
 
@@ -436,12 +446,12 @@ def _read_attitudes(path: Path) -> tuple[np.ndarray, tuple[int | None, ...]]:
 
 
 def input_files(session: Session) -> list[Path]:
-    """Every file of a session that a result depends on: session.toml, logs, closure runs, dial readings, known turns, truth."""
+    """Every file of a session that a result depends on: session.toml, logs, closure runs, and tables beside them."""
     dials = [session.folder / "attitudes.csv"] if session.attitudes is not None else []
     dials += [session.folder / KNOWN_TURNS] if session.turns and not session.in_memory else []
-    truths = [] if session.in_memory else [truth.path for truth in session.truths or ()]
+    further = [] if session.in_memory or session.reference is None else [path for path, _ in session.reference.arrays]
     config = [] if session.in_memory else [session.folder / "session.toml"]
-    return [*config, *(log.path for log in (*session.logs, *session.closures)), *dials, *truths]
+    return [*config, *(log.path for log in (*session.logs, *session.closures)), *dials, *further]
 
 
 def input_hashes(session: Session) -> dict[str, str]:
@@ -451,9 +461,8 @@ def input_hashes(session: Session) -> dict[str, str]:
     if session.turns and KNOWN_TURNS not in hashes:
         rows = [(turn.turn, turn.log, turn.axis.tolist(), turn.angle_rad, turn.sigma_rad) for turn in session.turns]
         hashes[KNOWN_TURNS] = hashlib.sha256(repr(rows).encode()).hexdigest()
-    for truth in session.truths or ():
-        arrays = (truth.t_ns, "<i8"), (truth.q_nb, "<f8"), (truth.window, "<i8")
-        hashes.setdefault(file_key(truth.path), _hash_of_arrays(arrays))
+    for path, arrays in () if session.reference is None else session.reference.arrays:
+        hashes.setdefault(file_key(path), _hash_of_arrays(arrays))
     return hashes
 
 

@@ -1,4 +1,4 @@
-"""What is written of a session: the texts of ``session.toml``, logs, truth files, ``turns.csv`` and ``attitudes.csv``."""
+"""What is written of a session: the texts of ``session.toml``, logs, ``turns.csv`` and ``attitudes.csv``."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 
 from session.base.toml import Note, Value, setting, toml_line
 from session.base.units import DEG, EARTH_RATE_RPS, MDPS
-from session.log.config import OWN_UNITS, SCHEMA, BoardGiven, Config, LeftOut, Protocol
-from session.log.logfile import COLUMNS, LOG, KnownTurn, Log, Truth
+from session.log.config import OWN_UNITS, REFERENCES, SCHEMA, BoardGiven, Config, LeftOut, Protocol
+from session.log.logfile import COLUMNS, LOG, KnownTurn, Log
 
 # ``session.toml``: of a recording that begins, or of a session that is saved.
 
@@ -34,12 +34,9 @@ def toml_text(config: Config, further: tuple[str, ...] = ()) -> str:
         given: dict[str, Value | None] = {"matrix": own.matrix.tolist(), "bias_mps2": own.bias_mps2.tolist()}
         accelerometer = "[accelerometer]\n" + _lines(given | {"sigma_mg": own.sigma_mg, "own_stills": own.own_stills})
     table: dict[str, Value | None] = {"still_s": protocol.still_s, "segment_s": protocol.segment_s, "reference": protocol.reference}
-    stated = protocol.reference == "truth" or protocol.truth_sigma_deg != Protocol().truth_sigma_deg
+    stated = protocol.reference not in REFERENCES or protocol.truth_sigma_deg != Protocol().truth_sigma_deg
     table |= {"truth_sigma_deg": protocol.truth_sigma_deg} if stated else {}
     table |= {"dial_sigma_deg": protocol.dial_sigma_deg} if protocol.dial_sigma_deg != Protocol().dial_sigma_deg else {}
-    mounting = config.truth.mounting.tolist() if config.truth.mounting is not None else None
-    truth = _lines({name: getattr(config.truth, name) for name in ("offset_s", "frame", "sense", "order")} | {"mounting": mounting})
-    truth = f"\n[truth]\n{truth}" if truth else ""  # none where the recording determines how the file is read
     notes = f"\n[notes]\n{notes_text(config.notes)}" if config.notes else ""
     return f"""\
 {toml_line("schema", SCHEMA)}
@@ -49,7 +46,7 @@ def toml_text(config: Config, further: tuple[str, ...] = ()) -> str:
 {_lines(here) or NO_SITE}
 {accelerometer}
 [protocol]
-{_lines(table)}{truth}{notes}{exclude_text(config.exclude)}"""
+{_lines(table)}{notes}{exclude_text(config.exclude)}"""
 
 
 def _lines(table: Mapping[str, Value | None]) -> str:
@@ -89,13 +86,6 @@ def log_lines(log: Log) -> Iterator[str]:
         temps = [] if part.temp_c is None else [part.temp_c]
         columns = [column.tolist() for column in (part.t_ns, *part.gyro.T, *part.accel.T, *temps)]
         yield "\n".join(",".join(map(repr, row)) for row in zip(*columns, strict=True)) + "\n"
-
-
-def truth_text(truth: Truth) -> str:
-    """A truth file of moments as the contract has them: body to north-east-down, scalar first, on the log's clock."""
-    columns = [truth.t_ns.tolist(), *truth.q_nb.T.tolist(), *([] if truth.window is None else [truth.window.tolist()])]
-    header = "t_ns,qw,qx,qy,qz" + ("" if truth.window is None else ",window")
-    return "\n".join([header, *(",".join(map(repr, row)) for row in zip(*columns, strict=True))]) + "\n"
 
 
 def turns_text(turns: tuple[KnownTurn, ...]) -> str:

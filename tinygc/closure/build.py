@@ -27,7 +27,6 @@ from tinygc.closure.least_squares import PriorOf, StillRates, fit_least_squares,
 from tinygc.closure.problem import CLIPPED, LEFT_OUT, NOT_TAKEN, Problem, Widening, bridged_sigma, widened_by_bridges
 from tinygc.closure.residual import TOGETHER, Batch, KnownTurns, attitudes, closure_angles, directions
 from tinygc.closure.stills import StillSet, carry_yaw
-from tinygc.closure.truth import build_truth_problem
 from tinygc.models import linear
 from tinygc.models.linear import PARAMETERS, LinearModel, bias_only
 
@@ -226,9 +225,9 @@ def with_still_bias(problem: Problem) -> Problem:
     """Fix the bias of every turn from its stills: ``rest_rps`` is the session's mean bias, and only E is left to fit.
 
     The difference of a turn's bias from the mean is subtracted like the Earth's rate, so the input of the model does not change.
-    Raises FitError where the turns do not lie between stills (a truth file).
+    Raises FitError where the turns do not lie between stills (a further reference).
     """
-    if problem.session.truths is not None or not len(problem.still_rates.rate):
+    if problem.session.reference is not None or not len(problem.still_rates.rate):
         raise FitError("the turns of this session do not lie between stills, so these show no bias of theirs; fit without --bias stills")
     bias = rest_biases(problem)
     mean = bias.mean(axis=0)
@@ -271,8 +270,8 @@ def build_problem(
     Raises SegmentError (no stills, nothing accepted, too few) and DataError.
     """
     found = found or SessionStills(session)
-    if session.truths is not None:
-        return build_truth_problem(session, found, use_earth=use_earth, exclude=exclude, progress=progress)
+    if session.reference is not None:
+        return session.reference.problem(session, found, use_earth=use_earth, exclude=exclude, progress=progress)
     session, logs, segments = _stills_and_segments(session, found, exclude, moving, clipped, progress)
     turns = known_turns_of(session, found, segments)
     stills = [still for log in logs for still in log.stills]

@@ -140,7 +140,7 @@ def _over_both(t: np.ndarray, span: np.ndarray, i: np.ndarray, j: np.ndarray) ->
 
 #: causes of parts of a floor
 GYRO_NOISE, ACCEL_NOISE = "white noise of the gyroscope", "white noise of the accelerometer"
-DIALS, STOPS, TRUTH, STAMPS = "dials", "known angles of turns", "truth file", "rounding and jitter of the stamps"
+DIALS, STOPS, STAMPS = "dials", "known angles of turns", "rounding and jitter of the stamps"
 SINGLE_SEGMENTS = "bridged readings and impacts"
 #: of the gyroscope's variance: errors of the stamps that add less are left out
 COUNTS = 1e-3

@@ -64,11 +64,11 @@ def fit_joint(problem: Problem, mode: str, sigma_mg: float = GIVEN_SIGMA_MG, jud
     mode: ``fit`` assumes only the accelerometer's type; ``prior`` takes the calibration that the problem was built with as a prior, with
     sigma_mg of each parameter at one g.  judged: whether to compute the p-value of that calibration, which takes another fit.  drifts:
     whether the zero may drift within the session, where enough stills are to spare.
-    Returns None for a truth-file reference, or without stills or used segments.
+    Returns None for a further reference, or without stills or used segments.
     """
     stills = [still for log in problem.logs for still in log.stills if still.problem is None]
     number = {id(still): q for q, still in enumerate(stills)}
-    if problem.session.truths is not None or not stills or not problem.used:
+    if problem.session.reference is not None or not stills or not problem.used:
         return None
     first, last = (np.array([number[id(getattr(s, end))] for s in problem.used]) for end in ("first", "last"))
     force = np.array([still.accel_mean for still in stills])

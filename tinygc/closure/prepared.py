@@ -10,7 +10,7 @@ import numpy as np
 
 from session.base.errors import CalibrationError
 from session.base.units import DEG_PER_HOUR
-from session.detect.check_references import ACCELEROMETER, SAID, ZERO_DRIFT, drift_finding, with_aligned_truth, with_own_accelerometer
+from session.detect.check_references import ACCELEROMETER, ZERO_DRIFT, drift_finding, with_own_accelerometer
 from session.detect.check_samples import BRIDGED, IMPACTS, with_bridges
 from session.detect.check_stills import TURNS
 from session.detect.findings import Finding, as_arguments, stop_at_errors
@@ -31,7 +31,7 @@ from tinygc.models.linear import LinearModel
 #
 # Negating every specific force and every position is a point reflection.  Gravity's direction follows the gyro, lever arms and impacts
 # still fit, lengths are unchanged, and rotations are not affected.  So no turn detects the negation.  It takes a rotation whose sense about
-# the vertical is known: the Earth's, -Omega sin(latitude) about down.  (A dial or a truth file detects it, too.)  A g-sensitivity common to
+# the vertical is known: the Earth's, -Omega sin(latitude) about down.  (Any other reference does, too.)  A g-sensitivity common to
 # all axes also looks like a rate about the vertical, and a latitude of the wrong sign like the negation: the message names both.
 
 GRAVITY_SIGN = "gravity's sign"
@@ -45,7 +45,7 @@ def check_gravity_sign(problem: Problem) -> list[Finding]:
     """Check whether the stills turn with the Earth or against it; no finding where the recording does not show it."""
     session = problem.session
     latitude_deg = session.config.site.latitude_deg
-    if latitude_deg is None or session.truths is not None:
+    if latitude_deg is None or session.reference is not None:
         return []
     seen = _vertical(problem.logs, problem.first)
     if seen is None:
@@ -135,14 +135,15 @@ class Prepared:
 
     @property
     def warnings(self) -> list[Finding]:
-        """Findings on lost accuracy, data repair, an accelerometer calibrated by the session itself, a corrected truth file.
+        """Findings on lost accuracy, data repair, an accelerometer calibrated by the session itself, a corrected reference.
 
         Stamps that err are said first, and no more is asked for beside them.
         """
         stamps = [f for f in self.findings if f.what in STAMPS and f.level == "warning"]
         own = (BRIDGED, IMPACTS) if stamps else (ACCELEROMETER, BRIDGED, IMPACTS)
+        said = () if self.session.reference is None else self.session.reference.said
         others = [f for f in self.findings if f.what not in STAMPS]
-        return stamps + [f for f in others if f.level == "warning" or f.what in own or (f.what in SAID and f.level == "note")]
+        return stamps + [f for f in others if f.level == "warning" or f.what in own or (f.what in said and f.level == "note")]
 
     def as_given(self) -> Prepared:
         """The session with the calibration of session.toml, if there is one, and without a drift of its zero that was fitted."""
@@ -184,7 +185,7 @@ def prepare(
             f"{session.folder}: session.toml gives no [accelerometer] to take as {accelerometer}; leave --accelerometer out"
         )
     session, own = with_own_accelerometer(session, anew=accelerometer == "fit", looked_at=known)
-    session, aligned = with_aligned_truth(session)
+    session, aligned = session.examined()
     progress("first look")
     found = looked_at = SessionStills(session) if known is None else known.under(session)
     findings = own + aligned + check_session(session, found)

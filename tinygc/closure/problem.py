@@ -455,8 +455,8 @@ class Problem:
 
     @property
     def unused_rests(self) -> list[tuple[str, UnusedRest]]:
-        """Rests that are no reference, with their log's file, in order; none if the reference is a truth file."""
-        if self.session.truths is not None:
+        """Rests that are no reference, with their log's file, in order; none with a further reference."""
+        if self.session.reference is not None:
             return []
         return [(log.path.name, rest) for log in self.session.logs for rest in self.found.of(log).unused]
 

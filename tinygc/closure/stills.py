@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,7 +11,6 @@ from session.base import rotation
 from session.base.rotation import angle_between
 from session.base.units import DEG, NS
 from session.detect.stills import Noise, Still
-from session.detect.truth_segments import Rest, find_rests
 from session.log.logfile import Bridge
 from session.log.samples import Samples
 from tinygc.closure.residual import Batch, end_attitude
@@ -36,11 +34,6 @@ class StillSet:
     q_tb: np.ndarray
     group: np.ndarray
     bridges: tuple[Bridge, ...] = ()
-
-    @cached_property
-    def rests(self) -> list[Rest]:
-        """Phases in which a vehicle stands, possibly with motor vibration; computed once."""
-        return find_rests(self.samples)
 
 
 # The attitude through the whole recording: gravity gives the tilt in each still, the gyro carries the yaw from still to still.

@@ -243,7 +243,7 @@ OwnPicture = Callable[[PictureData, Any, Any], None]
 
 #: JSON value of an effect that acts on the readings
 READINGS = "readings"
-KINDS = ("rate", "force", "earth", "register", "motion", "truth")
+KINDS = ("rate", "force", "earth", "register", "motion", "reference")
 OBSERVABLE_IN = ("still", "turn", "reference", "timing")
 #: effects that a format with a matrix or a slope can store: add = K f, theta (9,) per g row by row; add = k (T - T0), theta (3,)
 LINEAR_IN = ("force", "temperature")
@@ -258,7 +258,7 @@ class Effect:
     describe(theta) -> one plain sentence for the operator; discriminating_motion: the movement that tells it from similar effects;
     kind: "rate", or what it changes instead: "force" (the reference), "earth" (the Earth's rate in the forward model), "register" (found
     and repaired before any fit), "motion" (motion that the readings miss: it adds variance to the closure and cannot be corrected),
-    "truth" (a truth file).
+    "reference" (a further reference of the recording).
 
     Inputs.  inputs: members of ``INPUTS`` that it reads in addition to the rate; reach: how far around a sample it reads, or
     reach(theta) where that depends on its parameters.

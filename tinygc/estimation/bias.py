@@ -134,7 +134,7 @@ def less_by_chance(usual: np.ndarray, other: np.ndarray) -> float:
 
 
 def _why_not(problem: Problem, options: FitOptions) -> str:
-    if problem.session.truths is not None or not len(problem.still_rates.rate):
+    if problem.session.reference is not None or not len(problem.still_rates.rate):
         return "the turns of this session do not lie between stills; leave it out"
     if options.still_rates:
         return "the stills are data already with still_rates; leave one of them out"

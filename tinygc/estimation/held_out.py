@@ -78,7 +78,7 @@ def _input(problem: Problem, options: FitOptions, progress: Progress) -> FitInpu
         batch=problem.batch,
         sigma=problem.floor.sigma,
         options=options,
-        # A session with a truth file may never rest: then the bias that closes it replaces the first still's.
+        # A session with a further reference may never rest: then the bias that closes it replaces the first still's.
         start=bias_only(problem.still_rates.rate[0] if len(problem.still_rates.rate) else -problem.first.B),
         still_rates=problem.still_rates if options.still_rates else None,
         progress=progress,

@@ -38,7 +38,7 @@ from tinygc.noise.whitening import ACCEL_INSTABILITY_MPS2, OPEN_MPS2, PRECALIBRA
 
 # The noise of a fit: the white floor, and the non-white noise estimated from the recording (``explanation/noise``).
 #
-# It is estimated once in a fit.  Without stills between turns (a truth file), with a bias for each log, and in sessions of
+# It is estimated once in a fit.  Without stills between turns (a further reference), with a bias for each log, and in sessions of
 # more than ``MOST_SEGMENTS`` segments, only the floor and the bias instability are used.
 
 #: largest session with a dense covariance of all channels: its inverse costs the cube of the session (benchmarks/whole_process.py)
@@ -155,7 +155,7 @@ def kind_of(cause: str, problem: Problem) -> tuple[Kind, float]:
 
 def stated_noise(problem: Problem) -> StatedNoise | None:
     """Estimate the noise of a problem with measured rates; None where it is not estimated."""
-    if problem.session.truths is not None or len(problem.used) > MOST_SEGMENTS:
+    if problem.session.reference is not None or len(problem.used) > MOST_SEGMENTS:
         return None
     twin = Twin(problem)
     whiten = Whitener(twin)

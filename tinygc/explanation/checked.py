@@ -9,23 +9,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 from scipy.special import chdtrc, logsumexp
 
 from session.base.errors import DataError
-from session.base.numeric import rms_length
 from session.log.folder import Session, hash_of_log
 from tinygc.effects import AppliedEffect, Effect
 from tinygc.explanation.claims import readable
-from tinygc.explanation.decision import FitClosure, cleared, tilt_rms
-from tinygc.explanation.engine import Explanation
 from tinygc.explanation.evidence import Evidence, Hypothesis
 from tinygc.explanation.search import NAMELESS
 from tinygc.explanation.standing import LEVEL, ONE_SIDED, Standing
-from tinygc.explanation.truth_evidence import TruthExplanation
-from tinygc.explanation.truth_names import OFFSET, TruthTwin
-from tinygc.noise.twin import Twin, claim_slice
+from tinygc.noise.twin import claim_slice
 
 #: 2 ln of the odds that decide: 20 to 1, "strong" (Kass & Raftery 1995), which even odds turn into the 95 % of ``standing``
 STRONG = 2 * float(np.log(20))
@@ -33,8 +29,6 @@ STRONG = 2 * float(np.log(20))
 LEAST_POWER, DRAWS = 0.5, 1000
 #: headings tried for an Earth's rate, whose direction depends on how the table stood: a twelfth of its horizontal part apart
 HEADINGS = 72
-#: delays that are measured without the twin, by id
-DELAY = "timing.gyro_accel_offset"
 
 
 class Outcome(StrEnum):
@@ -107,17 +101,18 @@ class Checked:
 # What a recording names, with numbers.
 
 
-def named_in(e: Explanation | TruthExplanation) -> list[SizedEffect]:
+def named_in(e: Any) -> list[SizedEffect]:
     """Return the claimed effects, strongest first, without shapes that have no name."""
-    fit = e.fit if isinstance(e, TruthExplanation) else e.naming.fit
+    fit = e.fit
     numbers = {claim.effect.id: number for number, claim in enumerate(fit.state.claims)}
     found = []
     for claim in e.claimed:
         name, likes = claim.effect.id, frozenset(claim.equivalent) | claim.rivals.keys()
         if name.startswith(NAMELESS):
             continue
-        if (measured := _measured(e, name)) is not None:
-            found.append(SizedEffect(claim.effect, *measured, claim.probability, likes))
+        if (measured := e.measured.get(name)) is not None:
+            theta, covariance = measured
+            found.append(SizedEffect(claim.effect, theta, covariance, claim.probability, likes))
         elif name in numbers:
             applied = fit.state.claims[numbers[name]]
             covariance = fit.theta_covariance(numbers[name])
@@ -129,31 +124,20 @@ def named_in(e: Explanation | TruthExplanation) -> list[SizedEffect]:
     return found
 
 
-def _measured(e: Explanation | TruthExplanation, name: str) -> tuple[np.ndarray, np.ndarray] | None:
-    """Delay between clocks and its variance, which no channel of the twin shows; None for every other effect."""
-    if name == DELAY and isinstance(e, Explanation):
-        return np.array([e.gravity.offset_s]), np.array([[e.gravity.whole_sigma_s**2]])
-    if name == OFFSET.id and isinstance(e, TruthExplanation):
-        claim = next((claim for claim in e.claimed if claim.effect.id == name), None)
-        value, sigma = e.offset if claim is None or claim.sigma is None else (float(claim.theta[0]), float(claim.sigma[0]))
-        return None if not np.isfinite([value, sigma]).all() else (np.array([value]), np.array([[sigma**2]]))
-    return None
-
-
 def _of_recording(effect: Effect) -> bool:
     """Whether an effect belongs to one recording: a course of time, the motion, moments, or readings at a limit."""
     return "time" in effect.inputs or effect.kind == "motion" or effect.occurs is not None
 
 
 def of_unit(effect: Effect) -> bool:
-    """Whether an effect belongs to one device, and not to what devices share: the Earth and the truth."""
-    return effect.kind not in ("earth", "truth")
+    """Whether an effect belongs to one device, and not to what devices share: the Earth and the reference."""
+    return effect.kind not in ("earth", "reference")
 
 
 # The check: the other recording is predicted with the named numbers.
 
 
-def check_on(first: Explanation | TruthExplanation, other: Explanation | TruthExplanation, seed: int = 0) -> Checked:
+def check_on(first: Any, other: Any, seed: int = 0) -> Checked:
     """Check the effects named in one recording on another, which was explained by itself; seed: of the draws behind the power.
 
     Raises DataError if both hold the same log: no recording confirms itself.
@@ -170,17 +154,17 @@ def check_on(first: Explanation | TruthExplanation, other: Explanation | TruthEx
             checked.effects.append(CheckedEffect(named, Outcome.NO_NUMBERS))
         elif checked.same_unit is False and of_unit(named.effect):
             checked.effects.append(CheckedEffect(named, Outcome.OF_UNIT, there=_same_name(other, named.effect)))
-        elif named.effect.id in (DELAY, OFFSET.id):
-            measured = _measured(other, named.effect.id)
+        elif named.effect.id in first.measured | other.measured:
+            measured = other.measured.get(named.effect.id)
             there = None if measured is None else replace(named, theta=measured[0], covariance=measured[1])
             checked.effects.append(CheckedEffect(named, Outcome.NO_POWER) if there is None else _weighed_by(named, there, seed))
         else:
-            evidence = evidence or Evidence(other.twin if isinstance(other, Explanation) else TruthTwin(other.problem))
+            evidence = evidence or Evidence(other.twin)
             checked.effects.append(predicted(named, other, evidence, seed))
     return checked
 
 
-def _same_name(other: Explanation | TruthExplanation, effect: Effect) -> SizedEffect | None:
+def _same_name(other: Any, effect: Effect) -> SizedEffect | None:
     """The effect with the same id that the other recording names by itself."""
     return next((n for n in named_in(other) if n.effect.id == effect.id and np.isfinite(n.theta).all()), None)
 
@@ -259,14 +243,13 @@ def _prediction(evidence: Evidence, others: tuple[Effect, ...], named: SizedEffe
     return _Prediction(found, r, rest, J[:, part], estimate, sum(evidence.price(other) for other in others))
 
 
-def predicted(named: SizedEffect, other: Explanation | TruthExplanation, evidence: Evidence, seed: int) -> CheckedEffect:
+def predicted(named: SizedEffect, other: Any, evidence: Evidence, seed: int) -> CheckedEffect:
     """Predict the other recording with the named numbers, beside what it shows by itself.
 
     What it names in place of the effect, and shapes without a name, may stand for the effect there: the odds are those of the better of
     two hypotheses, with these and without.
     """
-    fit = other.fit if isinstance(other, TruthExplanation) else other.naming.fit
-    own = tuple(claim.effect for claim in fit.state.claims if claim.effect.id != named.effect.id)
+    own = tuple(claim.effect for claim in other.fit.state.claims if claim.effect.id != named.effect.id)
     fewer = tuple(e for e in own if e.id not in named.lookalikes and not e.id.startswith(NAMELESS))
     begin = evidence.of(own, evidence.nothing)
     hypotheses = [_prediction(evidence, others, named, begin) for others in dict.fromkeys((own, fewer))]
@@ -282,7 +265,7 @@ def predicted(named: SizedEffect, other: Explanation | TruthExplanation, evidenc
         tried.append((value, beside, turned[best]))
     value, beside, best_named = min(tried, key=lambda each: each[0])
     there = _weighed_by(best_named, beside.estimate, seed, nothing - value)
-    before, after = (_closure(other, evidence.twin, beside, theta) for theta in (np.zeros_like(best_named.theta), best_named.theta))
+    before, after = (_closure(other, beside, theta) for theta in (np.zeros_like(best_named.theta), best_named.theta))
     return replace(there, named=named, closure_rad=None if before is None or after is None else (before, after))
 
 
@@ -295,17 +278,12 @@ def headings(named: SizedEffect) -> list[SizedEffect]:
     return found
 
 
-def _closure(other: Explanation | TruthExplanation, twin: Twin, beside: _Prediction, theta: np.ndarray) -> float | None:
+def _closure(other: Any, beside: _Prediction, theta: np.ndarray) -> float | None:
     """Held-out closure rms, rad, that ``fit`` states of the other recording without the effect at theta (P,), which nothing there gave, and
     without the effects beside it; None where it does not settle."""
     state = beside.hypothesis.fit.state
-    state = replace(state, claims=(*state.claims[:-1], replace(state.claims[-1], theta=theta)))
-    if isinstance(other, TruthExplanation):
-        angles = FitClosure.of(cleared(other.problem, twin, state)).held_out
-        return None if angles is None else rms_length(angles)
-    stated = other.proof.stated
-    angles = FitClosure.of(cleared(stated.base(other.problem, twin, state), twin, state), stated.options).held_out
-    return None if angles is None else tilt_rms(angles)
+    found: float | None = other.closure_without(replace(state, claims=(*state.claims[:-1], replace(state.claims[-1], theta=theta))))
+    return found
 
 
 # What several recordings say together.

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
+import numpy as np
+
 from session.base.errors import CalibrationError
 from session.base.units import DEG
 from session.detect.findings import Finding, as_arguments
@@ -16,7 +18,7 @@ from tinygc.closure.problem import Problem, weighed_down
 from tinygc.estimation.options import FitOptions
 from tinygc.explanation.claims import DIFFERS, VERDICTS, Claim, Considered, considered_of, named_claims, offset_claim, repair_claims
 from tinygc.explanation.data_repair import RepairedProblem, repair
-from tinygc.explanation.decision import FitClosure, Naming, Proof, Prover, decide, leaves_more
+from tinygc.explanation.decision import FitClosure, Naming, Proof, Prover, cleared, decide, leaves_more, tilt_rms
 from tinygc.explanation.evidence import FAMILY_WISE
 from tinygc.explanation.search import detection_limits
 from tinygc.fitting.fit import fit_session
@@ -26,10 +28,13 @@ from tinygc.noise.components import STILL_RATE, TURN, UNDERSAMPLED, SessionNoise
 from tinygc.noise.measured import measured_noise
 from tinygc.noise.refit import Refit, Replay, over_shapes, refit
 from tinygc.noise.turn_gravity import TurnGravity, turn_gravity
-from tinygc.noise.twin import Twin
+from tinygc.noise.twin import State, Twin
 from tinygc.noise.whitening import Whitener
 from tinygc.verdict.acceptance import Acceptance
 from tinygc.verdict.model_tests import NOISE, ModelTest, contradictions, least_p
+
+#: a delay that is measured without the twin
+DELAY = "timing.gyro_accel_offset"
 
 
 @dataclass(eq=False)
@@ -69,6 +74,22 @@ class Explanation:
     def noise(self) -> SessionNoise:
         """The estimated noise and its components."""
         return self.naming.noise
+
+    @property
+    def fit(self) -> Refit:
+        """The fit with what is claimed."""
+        return self.naming.fit
+
+    @property
+    def measured(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """id of an effect that no channel of the twin shows -> its parameters and their covariance: the delay between the clocks."""
+        return {DELAY: (np.array([self.gravity.offset_s]), np.array([[self.gravity.whole_sigma_s**2]]))}
+
+    def closure_without(self, state: State) -> float | None:
+        """Held-out closure rms, rad, that ``fit`` states without the effects of a state; None where it does not settle."""
+        stated = self.proof.stated
+        angles = FitClosure.of(cleared(stated.base(self.problem, self.twin, state), self.twin, state), stated.options).held_out
+        return None if angles is None else tilt_rms(angles)
 
     @property
     def contradictions(self) -> list[ModelTest]:
@@ -203,7 +224,7 @@ def _verdict(explanation: Explanation) -> str:
     contradicted = bool(e.contradictions) if e.decision is not None else e.naming.unusual or e.naming.first_p <= FAMILY_WISE
     if not e.claimed:
         return "unexplained" if contradicted or e.findings else "no_mismatch"
-    clocks_alone = [claim.effect.id for claim in e.claimed] == ["timing.gyro_accel_offset"]
+    clocks_alone = [claim.effect.id for claim in e.claimed] == [DELAY]
     if leaves_more(e.twin, e.naming, e.proof) or (clocks_alone and contradicted):
         return "partly_explained"
     return "ambiguous" if any(claim.equivalent for claim in e.claimed) else "explained"

@@ -18,11 +18,9 @@ from tinygc.estimation.physics import PhysicsFit
 from tinygc.explanation import faulty_readings
 from tinygc.explanation.claims import readable
 from tinygc.explanation.data_repair import repair
-from tinygc.explanation.decision import AS_FIT, FitClosure, leaves_more, without_effects
+from tinygc.explanation.decision import AS_FIT, FitClosure, leaves_more
 from tinygc.explanation.engine import named_in, proved
 from tinygc.explanation.evidence import Evidence
-from tinygc.explanation.truth_engine import without_wrong_moments
-from tinygc.explanation.truth_names import TruthTwin, beside_clock, held_out, name_beside_truth
 from tinygc.models.nets import CalibrationNet
 from tinygc.models.physics import CarriedNet, PhysicsModel
 from tinygc.noise.refit import candidates
@@ -44,40 +42,6 @@ def effect_of(twin: Twin, name: str) -> Effect:
     return known[name]
 
 
-# Named physics with a truth file: fitted to the closure between moments of truth alone, together with the truth's clock.
-
-#: id in ``explain`` of what a fit leaves out before it starts
-WRONG_MOMENTS = "reference.truth_jump"
-
-
-def fit_beside_truth(problem: Problem, ids: tuple[str, ...] | None, seed: int, progress: Callable[[str], None], folds: int) -> PhysicsFit:
-    """Fit with these effects, or with what ``explain`` names for a session with a truth file (None).  Raises FitError for an id that cannot
-    be fitted."""
-    sound, jumps, _ = without_wrong_moments(problem)
-    twin = TruthTwin(sound)
-    evidence, refused = Evidence(twin), False
-    if ids is None:
-        names = name_beside_truth(twin, evidence, seed, progress)
-        effects, refused = names.named, names.naming.refused
-    else:
-        effects = tuple(_effect(twin, name) for name in ids)
-    # An unnamed slow bias is not part of a model: it is noise here.
-    weighed = evidence.of(effects, evidence.nothing)
-    fit = beside_clock(twin, weighed.whiten, weighed.fit)
-    rate_claims = tuple(claim for claim in fit.state.claims if claim.effect.kind == "rate")
-    model = PhysicsModel(fit.state.model, rate_claims, conditions(sound))
-    angles, unseen = twin.residuals(fit.state).closure, held_out(twin, weighed.whiten, fit, folds)
-    left = without_effects(sound, twin, weighed.whiten, fit, folds)
-    return PhysicsFit(model, sound, left, fit, angles, unseen, (WRONG_MOMENTS,) if jumps else (), refused)
-
-
-def _effect(twin: Twin, name: str) -> Effect:
-    effect = effect_of(twin, name)
-    if effect.kind != "rate":
-        raise FitError(f"--physics: {name} cannot be fitted beside a truth file: it bends what stills show, and none is a reference there")
-    return effect
-
-
 # Fit the physics that `explain` names, or the requested physics, together with the linear model.
 
 
@@ -90,8 +54,8 @@ def fit_physics(
 ) -> PhysicsFit:
     """Fit with these effects, or with what `explain` names (None), given what ``fit`` states without them.  Raises FitError for an id that
     cannot be fitted, and where what is left without the effects cannot be."""
-    if problem.session.truths is not None:
-        return fit_beside_truth(problem, ids, seed, progress, (AS_FIT if stated is None else stated.options).folds)
+    if problem.session.reference is not None:
+        return problem.session.reference.physics(problem, ids, seed, progress, (AS_FIT if stated is None else stated.options).folds)
     stated = FitClosure.of(problem) if stated is None else stated
     refused = False
     if ids is None:

@@ -30,8 +30,6 @@ from tinygc.estimation.systematic import Systematic
 from tinygc.explanation.claims import LEFT
 from tinygc.explanation.engine import Explanation, explain_session
 from tinygc.explanation.physics import lost_in, physics_methods
-from tinygc.explanation.truth_engine import explain_truth
-from tinygc.explanation.truth_evidence import TruthExplanation
 from tinygc.fitting.fit import fit_session, prepared_for
 from tinygc.fitting.results import AT_END, FitResult
 from tinygc.models.linear import COVERAGE_FACTOR, PARAMETERS, LinearModel, Quantity, field_quantities
@@ -271,7 +269,7 @@ def model_table(adopted: Adopted, fit: FitResult) -> dict:
 class ReportData:
     """Data of a report.
 
-    fit; explanation, or against_truth with a truth file as reference, or neither; adopted: the reported calibration; decision;
+    fit; explanation, or by_reference where a further reference explains, or neither; adopted: the reported calibration; decision;
     quantities: every number of the parameter tables, in the field's terms; allan or None; hashes of the session's files; versions;
     made: date and time of the report; limit_deg or None; reused: methods read from the output of ``fit``; searched: result of an earlier
     ``explain --discover``, as the discovery feature reads it, or None.
@@ -279,7 +277,7 @@ class ReportData:
 
     fit: FitResult
     explanation: Explanation | None
-    against_truth: TruthExplanation | None
+    by_reference: Any
     adopted: Adopted
     decision: Acceptance
     quantities: list[Quantity]
@@ -299,7 +297,7 @@ class ReportData:
     @property
     def verdict(self) -> str | None:
         """Verdict of ``explain``; None if it was not run."""
-        found = self.explanation or self.against_truth
+        found = self.explanation or self.by_reference
         return None if found is None else found.verdict
 
 
@@ -326,19 +324,19 @@ def gather(
     if fit is None:
         saved = None if folder is None else folder / "fit"
         fit = fit_session(session, options, progress, saved=saved, prepared=prepared, physics=physics_methods)
-    truth = fit.session.config.protocol.reference == "truth"
+    reference = fit.session.reference
     if options.exclude and prepared is not None and explain:  # segments excluded from the fit are explained all the same
         prepared = prepared.as_given()
         problem = build_problem(prepared.session, use_earth=options.earth, found=prepared.problem.found)
         prepared = replace(prepared, problem=problem.changed(at_rest=prepared.problem.at_rest))
     how: dict[str, Any] = {"seed": options.seed, "use_earth": options.earth, "progress": progress, "prepared": prepared}
-    explanation = explain_session(session, fit=fit, **how) if explain and not truth else None
-    against_truth = explain_truth(session, **how) if explain and truth else None
+    explanation = explain_session(session, fit=fit, **how) if explain and reference is None else None
+    by_reference = reference.explain(session, **how) if explain and reference is not None else None
     progress("what the session shows besides", 0, 1)
     adopted = adopt(fit, explanation)
     allan = stillness(fit.problem)
-    # The twin needs stills, which a session with a truth file may lack.
-    beyond = [] if truth else _beyond(fit, explanation, adopted)
+    # The twin needs stills, which a session with a further reference may lack.
+    beyond = [] if reference is not None else _beyond(fit, explanation, adopted)
     known = [with_freedom(quantity, np.inf) for quantity in beyond]
     quantities = [*adopted.quantities, *known, *_noise(allan)]
     # UTC time, or that of SOURCE_DATE_EPOCH, which makes reports reproducible to the byte.
@@ -347,7 +345,7 @@ def gather(
     return ReportData(
         fit=fit,
         explanation=explanation,
-        against_truth=against_truth,
+        by_reference=by_reference,
         adopted=adopted,
         decision=decided(fit, explanation, adopted, limit_deg),
         quantities=quantities,

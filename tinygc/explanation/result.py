@@ -10,7 +10,7 @@ import numpy as np
 
 from session import VERSION
 from session.base.records import plain, table_of
-from session.base.units import DEG, MG, G
+from session.base.units import DEG, G
 from session.log.folder import file_key, hash_of_log
 from session.log.samples import pieces, start_times
 from tinygc.closure.problem import Problem
@@ -22,7 +22,6 @@ from tinygc.explanation.engine import Explanation
 from tinygc.explanation.families import SlowZero, slow_zero
 from tinygc.explanation.faulty_readings import LOST
 from tinygc.explanation.search import lines_end_hz
-from tinygc.explanation.truth_evidence import TruthExplanation
 from tinygc.noise.channels import own_residuals, unknown_rows
 from tinygc.noise.twin import Variable, variable_of
 
@@ -315,7 +314,7 @@ def families_of(e: Explanation) -> list[SlowZero]:
 SCHEMA = "tinygc-explain/2"
 
 
-def _head(e: Explanation | TruthExplanation, closure_deg: float, expected_deg: float, place: dict, claims: Sequence[Claim]) -> dict:
+def head(e: Any, closure_deg: float, expected_deg: float, place: dict, claims: Sequence[Claim]) -> dict:
     """The entries with which every explanation begins, whatever its reference."""
     mismatch = {**p_entry("p_value", e.p_value), "closure_rms_deg": closure_deg, "expected_rms_deg": expected_deg}
     mismatch |= {"unnamed_part": e.verdict in LEFT, "where": place}
@@ -323,7 +322,7 @@ def _head(e: Explanation | TruthExplanation, closure_deg: float, expected_deg: f
     return head | {"effects": [claim.to_json() for claim in claims]}
 
 
-def _at_rest(problem: Problem) -> dict:
+def at_rest(problem: Problem) -> dict:
     """The entry of noise figures at rest; empty without them."""
     return {} if problem.at_rest is None else {"at_rest": table_of(problem.at_rest)}
 
@@ -332,7 +331,7 @@ def to_json(e: Explanation) -> dict:
     """The complete result, JSON-ready."""
     assert e.within is not None  # an explanation that is reported is complete
     return plain(
-        _head(e, tilt_rms(e.proof.before) / DEG, e.problem.floor.tilt_rms / DEG, where(e), e.claimed)
+        head(e, tilt_rms(e.proof.before) / DEG, e.problem.floor.tilt_rms / DEG, where(e), e.claimed)
         | {
             "decision": None if e.decision is None else {name: e.decision.to_json()[name] for name in ("answer", "headline", "tests")},
             "findings": [claim.to_json() | {"share": claim.share} for claim in e.findings],
@@ -360,7 +359,7 @@ def to_json(e: Explanation) -> dict:
                 "offset_std_s": e.gravity.whole_sigma_s,
                 "rms_mg": {"before": 1e3 * e.gravity.before_mps2 / G, "after": 1e3 * e.gravity.after_mps2 / G},
             },
-            "noise": e.problem.instability.to_json() | _at_rest(e.problem) | {"components": e.noise.to_json()},
+            "noise": e.problem.instability.to_json() | at_rest(e.problem) | {"components": e.noise.to_json()},
             "within_stills": {f"{name}_rms_sigmas": e.within.rms(name) for name in ("slope", "scatter")},
             "detection_limits": {
                 name: {"size": size if np.isfinite(size) else None, "unit": catalogue()[name].parameter.unit}
@@ -372,67 +371,3 @@ def to_json(e: Explanation) -> dict:
             "version": VERSION,
         }
     )
-
-
-def truth_to_json(e: TruthExplanation) -> dict:
-    """The result of a session with a truth file, JSON-ready."""
-    from session.detect.truth_alignment import alignment_table  # late: hardly any session has a truth file
-
-    expected_deg = float(np.sqrt(np.mean(np.trace(e.problem.floor.own, axis1=1, axis2=2)))) / DEG
-    lengths = {f"{length:g}": row / DEG for length, row in zip(e.lengths_s, e.closure_rad, strict=True)}
-    phases = sorted({phase for c in e.claimed for phase in c.effect.observable_in})
-    place = {"phases": phases, "axes": [], "segments": [], "conditions": None}
-    return plain(
-        _head(e, e.closure_rms[0] / DEG, expected_deg, place, e.claimed)
-        | {
-            "refused": [claim.to_json() for claim in e.refused],
-            "considered": [{"id": name, "probability": p} for name, p in e.naming.considered.items()],
-            "fit": {
-                "holdout_closure_rms_deg": {**_before_after(e.held_out_rms), "floor": expected_deg},
-                "closure_rms_deg": _before_after(e.closure_rms),
-            },
-            "noise": e.problem.instability.to_json() | _at_rest(e.problem) | {"components": e.noise.to_json()},
-            "truth": {
-                "wrong_moments": [{"log": log, "at_s": round(at, 3)} for log, at in e.jumps],
-                "outages": [
-                    {
-                        "log": log,
-                        "from_s": round(outage.from_s, 3),
-                        "to_s": round(outage.to_s, 3),
-                        "rms_dps": outage.size_rps / DEG,
-                        "times_usual": outage.times_usual,
-                        "of": "truth" if outage.sure else "truth or gyro",
-                    }
-                    for log, truth in enumerate(e.session.truths or ())
-                    for outage in truth.outages
-                ],
-                "sigma_deg": e.truth_rad / DEG,
-                "gyro_walk_deg_rts": e.walk_rad / DEG,
-                "closure_deg_by_length_s": lengths,
-                "gyro_noise_walk_deg_rts": e.gyro_rad / DEG,
-                "neighbours_correlation": {"before": e.neighbours[0], "after": e.neighbours[1]},
-                **({} if e.alignment is None else alignment_table(e.alignment)),
-            },
-            "force": None
-            if e.force is None
-            else {
-                "bias_mg": e.force.bias / MG,
-                "bias_turned_mg": e.force.turned / MG,
-                "std_mg": e.force.sigma / MG,
-            },
-            "rests": None
-            if e.rests is None
-            else {
-                "seconds": e.rests.seconds,
-                "zero_less_motion_dps": e.rests.difference / DEG,
-                "vibration_g2": {"rest": e.rests.vibration_g2[0], "motion": e.rests.vibration_g2[1]},
-            },
-            "excess": {"before": e.excess[0], "after": e.excess[1]},
-            "next": None,
-            "version": VERSION,
-        }
-    )
-
-
-def _before_after(rms_rad: tuple[float, float]) -> dict:
-    return {"before": rms_rad[0] / DEG, "after": rms_rad[1] / DEG}

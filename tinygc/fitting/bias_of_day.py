@@ -19,7 +19,6 @@ from session.base.results import read_json
 from session.base.rotation import steps
 from session.base.units import DEG, NS, STANDARD_GRAVITY_MPS2, G
 from session.detect.stills import BLOCK_S
-from session.detect.truth_segments import find_rests, moments_inside
 from session.log import folder as hashes
 from session.log.folder import Session, hash_of_log
 from session.log.samples import Samples
@@ -358,9 +357,8 @@ def _from_start(problem: Problem, model: Model) -> tuple[np.ndarray, np.ndarray]
         number = len(_false_stills(problem, model))
         return rates.earth[number] - _at_rest(model, rates.rate[number]), rates.sigma[number]
     for log in problem.logs:
-        for rest in find_rests(log.samples)[:1]:
-            duration_s = (rest.stop - rest.start) * log.samples.period_s
-            return -_at_rest(model, rest.gyro_mean), log.noise.angle_random_walk / np.sqrt(duration_s)
+        for rate, duration_s in problem.session.reference.rests(log.samples)[:1]:
+            return -_at_rest(model, rate), log.noise.angle_random_walk / np.sqrt(duration_s)
     return None
 
 
@@ -404,7 +402,7 @@ def from_gravity(problem: Problem, model: Model, prior: np.ndarray | float = DAY
         samples = log.samples.between(row, len(log.samples))
         rate = np.asarray(model(samples.gyro)) + change
         found = _bias_from_gravity(
-            samples, rate, q_first, prior=sigma, rest=_rest_change(log, model, change), earth_n=earth_n, gravity_mps2=g
+            samples, rate, q_first, prior=sigma, rest=_rest_change(problem.session, log, model, change), earth_n=earth_n, gravity_mps2=g
         )
         change, sigma, excess = change + found.change, found.sigma, max(excess, found.excess)
     assert found is not None  # a session has a log
@@ -415,8 +413,8 @@ def from_gravity(problem: Problem, model: Model, prior: np.ndarray | float = DAY
 def _first_attitude(problem: Problem, number: int) -> tuple[int, np.ndarray, np.ndarray]:
     """Return the row of a log from which its attitude is known, q (4,) there, and the Earth's rate (3,) in that frame."""
     session, log = problem.session, problem.logs[number]
-    if session.truths is not None:
-        rows, q = moments_inside(log.samples, session.truths[number])
+    if session.reference is not None:
+        rows, q = session.reference.attitudes(number, log.samples)
         return int(rows[0]), q[0], problem.earth.rate_t
     first = next((i for i, still in enumerate(log.stills) if still.problem is None), None)
     if first is None:
@@ -425,9 +423,9 @@ def _first_attitude(problem: Problem, number: int) -> tuple[int, np.ndarray, np.
     return still.middle, log.q_tb[first], problem.earths[int(log.group[first])].rate_t
 
 
-def _rest_change(log: StillSet, model: Model, change: np.ndarray) -> np.ndarray | None:
+def _rest_change(session: Session, log: StillSet, model: Model, change: np.ndarray) -> np.ndarray | None:
     """Return the median change (3,) over a log's rests, since a slowly moving hand may be detected as a rest."""
-    rates = [still.gyro_mean for still in log.stills if still.problem is None] or [rest.gyro_mean for rest in find_rests(log.samples)]
+    rates = [still.gyro_mean for still in log.stills if still.problem is None] or [rate for rate, _ in session.reference.rests(log.samples)]
     if not rates:
         return None
     return -np.median([_at_rest(model, rate) for rate in rates], axis=0) - change

@@ -15,7 +15,7 @@ from session.base.numeric import rms_of
 from session.base.records import in_unit, plain, table_of, write_whole
 from session.base.results import Array, Flag, Keys, ListOf, MapOf, Maybe, Number, Shape, Text, read_required, require
 from session.base.units import DEG, G
-from session.log.folder import Session, file_key, input_hashes
+from session.log.folder import file_key, input_hashes
 from tinygc import models
 from tinygc.closure.problem import Problem
 from tinygc.estimation.accelerometer import JOINT_NAMES
@@ -63,7 +63,7 @@ def to_json(result: FitResult, limit_deg: float | None = None) -> dict:
             "bias_from": result.bias_from.to_json(),
             **({} if result.prior is None else result.prior.to_json()),
             "known_turns": known_turns_json(result),
-            "truth": _truth_table(result.session),
+            "truth": None if result.session.reference is None else result.session.reference.table,
             "unobserved": result.linear.notes.get("unobserved", []),
             "earth": {
                 "source": earth.source,
@@ -241,14 +241,6 @@ def save_models(result: FitResult, folder: Path | None = None, limit_deg: float 
         write_whole(folder / "fit.json", to_json(result, limit_deg))
         write_whole(folder / SAVED_NAME, made)
     return folder
-
-
-def _truth_table(session: Session) -> dict | None:
-    if session.alignment is None:
-        return None
-    from session.detect.truth_alignment import alignment_table  # imported late: it loads SciPy
-
-    return alignment_table(session.alignment)
 
 
 def model_tables(result: FitResult) -> dict[str, dict]:

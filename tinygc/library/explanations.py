@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from session.base import features
 from session.base.errors import CalibrationError
 from session.base.options import given, records
-from session.log.config import read_config
+from session.log.config import read_config, reference_of
 from session.log.folder import Session, read_session
 from session.log.siblings import recordings_at, serial_of
 from tinygc.estimation.options import AtRest, Seed
@@ -20,7 +20,7 @@ from tinygc.explanation.checked import check_on as check
 from tinygc.explanation.engine import explain_session
 from tinygc.library.arguments import Progress, nothing, public, session_or_folder
 from tinygc.library.records import Listed
-from tinygc.reporting.explanation_text import ExplanationReport, TruthReport
+from tinygc.reporting.explanation_text import ExplanationReport
 from tinygc.reporting.pictures.canvas import saved
 from tinygc.reporting.terminal import Group, Text, as_html, as_text
 
@@ -78,7 +78,8 @@ class Why:
         if self.beyond is not None:
             report: ExplanationReport = features.first("report beyond the catalogue", self.explanation, self.beyond)
         else:
-            report = (TruthReport if self.explanation.session.config.protocol.reference == "truth" else ExplanationReport)(self.explanation)
+            reference = self.explanation.session.reference
+            report = (ExplanationReport if reference is None else reference.report)(self.explanation)
         report.checked, report.turned_by = self.checked, self.turned_by
         return report
 
@@ -181,7 +182,7 @@ def explain(
     progress: Progress | None = None,
     **choices: Any,
 ) -> Why:
-    """Explain the mismatch of a session against its reference: gravity in the stills, table dials, or a truth file.
+    """Explain the mismatch of a session against its reference: gravity in the stills, table dials, or a further reference.
 
     Parameters
     ----------
@@ -241,12 +242,9 @@ def _others(first: Session | Path, places: Sequence[Session | Path | str]) -> li
 
 def _explained(where: Session | Path, further: Sequence[Any], how: dict[str, Any]) -> Why:
     config = where.config if isinstance(where, Session) else read_config(where / "session.toml")
-    if config.protocol.reference == "truth":
-        if idle := [flag for each in further for flag in given(each)]:
-            raise CalibrationError(f"{', '.join(idle)}: of no use where the reference is a truth file; leave it out")
-        from tinygc.explanation.truth_engine import explain_truth  # late: hardly any session has a truth file
-
-        return Why(explain_truth(where, **how))
+    reference = reference_of(config.protocol.reference)
+    if reference is not None and reference.accelerometer:
+        return Why(reference.explain(where, [flag for each in further for flag in given(each)], **how))
     explanation = explain_session(where, **how)
     turned_by = features.first("explanation of what turned", explanation, how["seed"])
     beyond = features.first("search beyond the catalogue", explanation, tuple(further), seed=how["seed"], progress=how["progress"])

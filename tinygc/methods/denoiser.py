@@ -393,7 +393,7 @@ def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[
     calibrated = before.get("tinygc") or run_method("tinygc", problem, options, progress)
     material = of_problem(problem)
     # A session without rests does not show the noise, and a vehicle's few stills do not show the noise of its flight.
-    endpoint = options.as_in_paper or not material.stills or problem.session.truths is not None
+    endpoint = options.as_in_paper or not material.stills or problem.session.reference is not None
     if not endpoint and (longest := max(map(len, material.stills))) <= REACH:
         window_s, still_s = (REACH + 1) / material.rate_hz, longest / material.rate_hz
         raise FitError(f"its window of {REACH + 1} samples ({window_s:.2g} s) is longer than the stills (at most {still_s:.2g} s)")

@@ -121,7 +121,7 @@ def in_gauge(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
     Some follow a convention (skews of axes are counted from the earliest).  A common delay (sensitivity to angular acceleration, whose
     diagonal is one plus differences) is the delay between gyro and accelerometer; so is that of a lag, as far as the closure permits.
     """
-    if not twin.stills:  # between moments of truth turns begin and end in motion, so the closure observes a common delay
+    if not twin.stills:  # beside a further reference turns begin and end in motion, so the closure observes a common delay
         return _by_the_clock(twin, whiten, fit) if twin.clock_free else fit
     for number, claim in enumerate(fit.state.claims):
         gauge = claim.effect.gauge_convention
@@ -133,13 +133,13 @@ def in_gauge(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
 
 
 def _by_the_clock(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
-    """Assign a common delay to the truth's unknown clock offset, from which the data do not separate it.
+    """Assign a common delay to the reference's unknown clock offset, from which the data do not separate it.
 
     An effect keeps the differences between its axes: from their mean, or from the earliest axis if its delays are never negative.  Nothing
     changes if the clock is not among the claims.
     """
     claims, change = list(fit.state.claims), np.eye(len(fit.covariance))
-    clocks = [claim.effect.kind == "truth" and "timing" in claim.effect.observable_in for claim in claims]
+    clocks = [claim.effect.kind == "reference" and "timing" in claim.effect.observable_in for claim in claims]
     clock = clocks.index(True) if any(clocks) else None
     if clock is None:
         return fit

@@ -12,13 +12,12 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from session.base import rotation
-from session.base.numeric import rms_of, running_sum, sigma_of
+from session.base.numeric import rms_of, running_sum
 from session.base.units import DEG, DEG_PER_HOUR, MG, G
 from session.detect.check_time import LEAST_EXPONENT, STEPS, capped, thinning_exponent, thinning_weights
 from tinygc.closure import residual
 from tinygc.closure.floor import wander_covariance
 from tinygc.closure.uncertainty import chi_square_above
-from tinygc.effects.signals import angular_acceleration
 from tinygc.noise.reml import SCORING_STEPS, Prior, estimate
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import Sparse, Whitener
@@ -112,22 +111,14 @@ def _sum(rate: np.ndarray, at_s: np.ndarray) -> np.ndarray:
 # - ``noise.still_rate``: an independent error of each still's mean rate: the body creeps, the bias jumps between stills.
 # - ``noise.reference``: the accelerometer's error in each attitude: it tilts the reference at the ends of two turns and changes gravity's
 #   length.
-# - ``noise.truth``: replaces it between moments of truth: the truth's error at each, shared by two neighbours with opposite signs.
-# - ``noise.truth_rate``, ``noise.truth_acceleration``: further errors of each moment, in proportion to the rate and the angular
-#   acceleration there: jitter of the truth's stamps, blur, markers that give way.
-# - ``noise.turned``: beside a truth, an error of each turn whose variance is in proportion to the angle that is turned through: errors of
-#   the truth with the attitude differ at the ends of a turn and agree at those of a rest.
+#   A further reference has components of its own in its place.
 # - ``noise.turn``: a further independent error of each turn, of equal size for all turns.
 # - ``motion.undersampled``: motion faster than half the data rate; each turn's share is predicted (``undersampling``), s is a factor.
 
-WANDER, STILL_RATE, REFERENCE, TRUTH, TRUTH_RATE, TRUTH_ACCELERATION, TURNED, TURN, UNDERSAMPLED = (
+WANDER, STILL_RATE, REFERENCE, TURN, UNDERSAMPLED = (
     "noise.bias_wander",
     "noise.still_rate",
     "noise.reference",
-    "noise.truth",
-    "noise.truth_rate",
-    "noise.truth_acceleration",
-    "noise.turned",
     "noise.turn",
     "motion.undersampled",
 )
@@ -143,10 +134,6 @@ LEAST_UNDERSAMPLING = 0.1
 FACTOR_SPREAD, FILTERED_SPREAD = 0.4, 1.0
 #: two of these spreads: a larger factor on the prediction has a cause other than fast motion
 MOST_FACTOR = float(np.exp(2 * FACTOR_SPREAD))
-#: ln: a truth's sigma is stated to an order of magnitude: some public ones are 30 times as good as stated, some as bad
-TRUTH_SPREAD = 1.5
-#: where a search starts: jitter of a camera's stamps, s; what smoothing over 50 ms may leave, s^2; a camera's errors after a radian, rad
-USUAL_JITTER_S, USUAL_BLUR_S2, USUAL_TURNED_RAD = 1e-3, 1e-4, 0.1 * DEG
 #: bias instability without another source: a MEMS gyroscope's, to an order of magnitude
 _UNKNOWN_WANDER_RPS, _UNKNOWN_SPREAD = 10 * DEG_PER_HOUR, 1.5
 
@@ -172,7 +159,7 @@ def components_of(twin: Twin, sizes: tuple[int, int, int], missed: Undersampling
     """Variance components of a twin whose channels have sizes (S d, 3 Q, Q)."""
     white = replace(twin.problem.floor, tilt_excess=1.0, own=twin.problem.floor.white, wider=None)
     floor = rms_of(white.sigma[twin.batch.known])
-    references = [_reference(twin, sizes)] if twin.stills else _truth(twin, sizes)
+    references = [_reference(twin, sizes)] if twin.stills else twin.problem.session.reference.components(twin, sizes)
     found = [_wander(twin, sizes), _still_rate(twin, sizes), *references, _turn(twin, sizes, floor)]
     if missed.rms_rad / np.sqrt(2) > LEAST_UNDERSAMPLING * floor:
         d = twin.batch.angles
@@ -250,40 +237,6 @@ def _reference(twin: Twin, sizes: tuple[int, int, int]) -> Component:
     length = slice(sizes[0] + sizes[1], sum(sizes))
     V[length, length] = np.eye(sizes[2])
     return Component(REFERENCE, Sparse.of(V), 0.1 * MG, "mg", MG, "accelerometer error with attitude")
-
-
-def _truth(twin: Twin, sizes: tuple[int, int, int]) -> list[Component]:
-    """Components of the truth's error at each moment, and of what it leaves in a turn; a segment that begins at the sample where another
-    ends shares its moment."""
-    sigma = twin.problem.session.config.protocol.truth_sigma_deg * DEG
-    rates = twin.rates(twin.start())
-    changes = [angular_acceleration(movement.with_rate(rate)) for movement, rate in zip(twin.movements, rates, strict=True)]
-    ends: dict[tuple[int, int], np.ndarray] = {}
-    for number, s in enumerate(twin.segments):
-        for at, sign in ((s.start, -1.0), (s.stop - 1, 1.0)):
-            ends.setdefault((s.log, at), np.zeros(len(twin.segments)))[number] += sign
-    moments = np.array(list(ends.values()))
-
-    def of_moments(name: str, sizes_at: np.ndarray, usual: float, unit: str, si: float, says: str, prior: Prior | None = None) -> Component:
-        sized = moments * sizes_at[:, None]
-        return Component(name, Sparse.of(np.kron(sized.T @ sized, np.eye(twin.batch.angles))), usual, unit, si, says, prior)
-
-    rate, change = (np.array([np.linalg.norm(values[log][at]) for log, at in ends]) for values in (rates, changes))
-    angle = [
-        np.linalg.norm(rates[s.log][s.start : s.stop], axis=1) @ rotation.sample_weights(dt[None, : s.stop - s.start - 1])[0]
-        for s, dt in zip(twin.segments, twin.batch.dt, strict=True)
-    ]
-    diagonal = np.zeros(sum(sizes))
-    diagonal[: sizes[0]] = np.repeat(angle, twin.batch.angles)
-    says = "attitude of each moment of truth"
-    # A search that starts at the stated sigma, which may be off by a factor of 30, ends where other components have taken its place.
-    usual = float(sigma_of(twin.residuals(twin.start()).closure.ravel())) / np.sqrt(2) or sigma
-    return [
-        of_moments(TRUTH, np.ones(len(moments)), usual, "deg", DEG, says, Prior(sigma, TRUTH_SPREAD)),
-        of_moments(TRUTH_RATE, rate, USUAL_JITTER_S, "ms", 1e-3, "the truth's error that grows with the rate"),
-        of_moments(TRUTH_ACCELERATION, change, USUAL_BLUR_S2, "ms²", 1e-6, "the truth's error that grows with the angular acceleration"),
-        Component(TURNED, Sparse.of_diagonal(diagonal), USUAL_TURNED_RAD, "°/√rad", DEG, "each turn, by the root of the angle turned"),
-    ]
 
 
 def _turn(twin: Twin, sizes: tuple[int, int, int], floor: float) -> Component:

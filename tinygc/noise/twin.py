@@ -132,7 +132,7 @@ class Twin:
         self.seen, self._thinnings = thinned(problem)
         problem = self.seen  # in the rows passed to effects
         self.segments = problem.used
-        at_rest = all(segment.first is not None for segment in self.segments)  # between moments of truth no still is a reference
+        at_rest = all(segment.first is not None for segment in self.segments)  # beside a further reference no still is a reference
         self.stills: list[tuple[int, Still]] = [
             (number, still) for number, log in enumerate(problem.logs) for still in log.stills if still.problem is None and at_rest
         ]

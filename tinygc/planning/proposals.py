@@ -15,7 +15,7 @@ from session.base.results import Keys, MapOf, Maybe, Text, read_required
 from session.base.texts import printable
 from session.base.units import DEG, STANDARD_GRAVITY_MPS2
 from session.detect.accelerometer import IDENTITY, PARAMETERS, SCALES, length_columns
-from session.detect.check_references import with_aligned_truth, with_own_accelerometer
+from session.detect.check_references import with_own_accelerometer
 from session.detect.check_samples import with_bridges
 from session.log.folder import Session, read_session, sha256_of
 from tinygc.closure import residual
@@ -94,7 +94,7 @@ class RecordingPlan:
 def propose(where: Session | Path, count: int = 5) -> RecordingPlan:
     """Plan after a session, or a session folder.  Raises the errors of ``build_problem``."""
     session, _ = with_own_accelerometer(where if isinstance(where, Session) else read_session(where))
-    session, _ = with_aligned_truth(session)
+    session, _ = session.examined()
     all_turns = best_turns(known_of(build_problem(with_bridges(session))), MOST)
     enough = len(all_turns) if len(all_turns) < MOST else None
     asked = None if session.in_memory else requested_by_explain(session.folder)

@@ -10,7 +10,6 @@ from session.base.numeric import sigmas_in
 from session.base.texts import command_line, listed, printable
 from session.base.units import DEG, MG
 from session.detect.accelerometer import LengthFit
-from session.detect.check_references import frame_text, mounting_text, offset_text
 from tinygc.estimation.accelerometer import AccelerometerFit, drift_json
 from tinygc.estimation.choice import closure_figures, run_figures
 from tinygc.estimation.expected_zero import USUAL_SPREAD
@@ -81,9 +80,8 @@ def remarks(result: FitResult) -> list[Text]:
     if result.nominal_rate is not None:
         said.append(one_line(f"D{result.nominal_rate.doubt[1:]}.", "yellow"))
     said += _noise_words(result)
-    if result.session.alignment is not None:
-        found = result.session.alignment
-        said.append(one_line(f"Truth: clock {offset_text(found)}; {frame_text(found)}; gyro to truth {mounting_text(found)}."))
+    if result.session.reference is not None and result.session.reference.words:
+        said.append(one_line(result.session.reference.words))
     said.append(Text(result.bias_from.words))
     if result.prior is not None:
         said.append(one_line(result.prior.words, "" if result.prior.used == "yes" else "yellow"))

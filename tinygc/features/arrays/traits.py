@@ -99,7 +99,7 @@ def traits_of(
         instead = tuple(dict.fromkeys(other for claim in by_unit.values() for other in claim.equivalent))
         says = tuple(claim.says for claim in by_unit.values())
         units = tuple(by_unit)
-        if effect.kind in ("register", "truth", "motion") and name != OFFSET:
+        if effect.kind in ("register", "reference", "motion") and name != OFFSET:
             found.append(_in_readings(effect, by_unit, unknown))
             continue
         estimates = {n: x for n, e in explanations.items() if (x := estimate_in(e, effect, instead, n in by_unit)) is not None}

@@ -128,10 +128,10 @@ class Host:
 
 
 def _host_of(folder: Path) -> Host:
-    """The recording in a folder.  Raises what ``read_session`` and ``prepare`` raise, and DataError where it has truth files."""
+    """The recording in a folder.  Raises what ``read_session`` and ``prepare`` raise, and DataError where it has a further reference."""
     session = read_session(folder)
-    if session.config.protocol.reference == "truth":
-        raise DataError(f"{folder}: a recording beside truth files is not supported; give one that gravity or dials judge")
+    if session.reference is not None:
+        raise DataError(f"{folder}: a recording beside {session.reference.title}s is not supported; give one that gravity or dials judge")
     problem = prepare(session).problem
     known, first, began = conditions(problem), problem.first, problem.began_s
     moved = tuple(movement_of(log.samples, first(log.samples.gyro), known, float(s)) for log, s in zip(problem.logs, began, strict=False))

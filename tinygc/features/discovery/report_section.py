@@ -26,7 +26,7 @@ from tinygc.features.discovery.result import (
 from tinygc.reporting.html.markup import Section, code, escape, paragraph
 
 #: the section of the report that this one stands behind
-BEHIND = "explanation_by_truth"
+BEHIND = "explanation"
 
 # Read what an earlier ``explain --discover`` of this session found beyond the catalogue, without running its files.
 

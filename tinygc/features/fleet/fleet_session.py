@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 from session import VERSION
 from session.base.errors import CalibrationError
@@ -22,7 +23,6 @@ from tinygc.closure.prepared import Prepared, first_look_at_fit
 from tinygc.effects import using
 from tinygc.estimation.session_times import date_of
 from tinygc.explanation.engine import explain_session
-from tinygc.explanation.truth_engine import explain_truth
 from tinygc.features.fleet.fleet_row import DONE, FAILED, FleetOptions, Row, cell_of, effects_hash, empty, fitted, key_of, number, told_by
 from tinygc.fitting.fit import fit_session, prepared_for
 from tinygc.fitting.results import FitResult
@@ -157,13 +157,10 @@ def _kept_findings(row: Row, folder: Path, findings: list[Finding]) -> None:
 
 
 def _explained(session: Session, prepared: Prepared, options: FleetOptions, fit: FitResult | None) -> Row:
-    if session.config.protocol.reference == "truth":
-        truth = explain_truth(session, seed=options.seed, use_earth=options.earth)
-        return {
-            "verdict": truth.verdict,
-            "p_value": number(truth.p_value),
-            "effects": cell_of([claim.to_json() for claim in truth.claimed]),
-        }
-    found = explain_session(session, seed=options.seed, use_earth=options.earth, prepared=prepared, fit=fit)
+    how: dict[str, Any] = {"seed": options.seed, "use_earth": options.earth}
+    if session.reference is not None:
+        found = session.reference.explain(session, **how)
+    else:
+        found = explain_session(session, prepared=prepared, fit=fit, **how)
     effects = cell_of([claim.to_json() for claim in found.claimed])
     return {"verdict": found.verdict, "p_value": number(found.p_value), "effects": effects}

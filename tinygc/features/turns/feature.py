@@ -4,12 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 from session.base.features import Feature
 from session.base.options import Record, option
 
 #: ``protocol.reference`` of a gyroscope alone
 TURNS = "turns"
+
+
+class KnownAngles:
+    """The turns' own angles as the reference, of logs without specific force."""
+
+    word: ClassVar[str] = TURNS
+    accelerometer: ClassVar[bool] = False
+
 
 # Options that a gyroscope alone adds to commands of the core.
 
@@ -25,7 +34,7 @@ FEATURE = Feature(
     public={"fit_turns": "library", "TurnFit": "result"},
     serves={
         "kind of folder": "points:kind_of_folder",
-        "further reference": "feature:TURNS",
+        "reference": "feature:KnownAngles",
         "fit of a folder": "points:fit",
         "options of import": "feature:ImportOptions",
         "import of logs": "points:import_logs",

@@ -13,7 +13,7 @@ from session.base.units import DEG, DEG_PER_HOUR, MG, G
 from session.detect.accelerometer import NAMES as ACCELEROMETER_NAMES
 from session.detect.rounding import lsb_of
 from tinygc.closure.earth import unseen_covariance
-from tinygc.closure.floor import ACCEL_NOISE, DIALS, GYRO_NOISE, SINGLE_SEGMENTS, STAMPS, STOPS, TRUTH
+from tinygc.closure.floor import ACCEL_NOISE, DIALS, GYRO_NOISE, SINGLE_SEGMENTS, STAMPS, STOPS
 from tinygc.closure.motion import Motion
 from tinygc.closure.problem import GRAVITY
 from tinygc.closure.uncertainty import BIAS_DRIFT, EARTH
@@ -173,10 +173,11 @@ def _source_sizes(result: FitResult) -> dict[str, tuple[float, str]]:
         GYRO_NOISE: (rms_of(noise.gyro) / DEG, "dps/√Hz"),
         ACCEL_NOISE: (rms_of(noise.accel) / MG, "mg/√Hz"),
         DIALS: (config.protocol.dial_sigma_deg, "°"),
-        TRUTH: (config.protocol.truth_sigma_deg, "°"),
         BIAS_DRIFT: (problem.instability.rps / DEG_PER_HOUR, "°/h"),
         MISFIT: (float(np.sqrt(max(result.widened - 1, 0.0))), "sigmas of the noise"),
     }
+    if (reference := result.session.reference) is not None:
+        found[reference.title] = (reference.sigma_deg, "°")
     if problem.batch.turns is not None:
         found[STOPS] = (float(np.sqrt(np.nanmean(problem.batch.turns.sigma_rad**2))) / DEG, "°")
     if (late := problem.floor.references.get(STAMPS)) is not None:

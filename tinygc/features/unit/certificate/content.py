@@ -64,12 +64,14 @@ REQUIRED = {
 }
 #: a table of the recording's machine, beside its logs
 MACHINE = "table.toml"
+#: how attitudes are known, by the reference; a further one is another instrument
 REFERENCES = {
     "gravity": "the direction of gravity in each rest, by the accelerometer of the item itself",
-    "table": "the dials of the table, one sigma {dial:g}°",
-    "truth": "attitudes of another instrument, one sigma {truth:g}°",
+    "table": "the dials of the table, one sigma {sigma:g}°",
 }
 
+
+INSTRUMENT = "attitudes of another instrument, one sigma {sigma:g}°"
 
 #: how the accelerometer was calibrated, by the mode of its fit
 CALIBRATED = {
@@ -322,7 +324,10 @@ def _traceability(data: ReportData) -> list[Field]:
         clock += f": {off}, a deviation that is not corrected; U has it as a standard uncertainty"
     elif (sigma := config.sensor.clock_sigma) is not None and not counted:
         clock += f", {'which' if _by_arrivals(data) else 'whose clock'} is known to {sigma * 1e6:.4g} ppm (k = 1), which is in U"
-    angle = REFERENCES[protocol.reference].format(dial=protocol.dial_sigma_deg, truth=protocol.truth_sigma_deg)
+    reference = data.fit.session.reference
+    angle = REFERENCES.get(protocol.reference, INSTRUMENT).format(
+        sigma=protocol.dial_sigma_deg if reference is None else reference.sigma_deg
+    )
     if protocol.reference == "gravity":
         found = data.fit.accelerometer
         angle += ", which is not calibrated" if found.calibration.source == "none" else CALIBRATED[found.mode]
@@ -473,11 +478,11 @@ def _method(data: ReportData) -> list[str]:
     config, problem = data.fit.session.config, data.problem
     rests = sum(still.problem is None for still in problem.stills)
     turned = f"The item was turned from rest to rest: {len(problem.used)} turns of {len(problem.segments)} are used, between {rests} rests."
-    if config.protocol.reference == "truth":
+    if data.fit.session.reference is not None:
         turned = f"The item was moved; {len(problem.used)} stretches of {len(problem.segments)} between known attitudes are used."
     said = [
         turned,
-        f"Attitudes come from {REFERENCES[config.protocol.reference].split(', one')[0]}.",
+        f"Attitudes come from {REFERENCES.get(config.protocol.reference, INSTRUMENT).split(', one')[0]}.",
         "The calibration ω = E m + B of the measured rates m is that with which the integrated rates of each turn end in the known "
         "attitude behind it, by weighted least squares; closure is stated of turns that the fit did not use.",
     ]

@@ -12,7 +12,7 @@ from tinygc.features.unit.history.sessions import in_one_frame
 from tinygc.reporting.html.markup import Section
 
 #: the section of the report that this one stands behind
-BEHIND = "explanation_by_truth"
+BEHIND = "explanation"
 
 
 def section(evidence: ReportData) -> Section | None:

@@ -178,8 +178,10 @@ def candidate_causes(rows: Rows, old: OldCalibration, temp_then_c: float = float
         xyz,
         "fit again",
     )
-    names = {"truth": "the truth's body", "table": "the table's dials"}
-    reference = names.get(rows.session.config.protocol.reference, "the accelerometer")
+    if rows.session.reference is not None:
+        reference = rows.session.reference.body
+    else:
+        reference = "the table's dials" if rows.session.config.protocol.reference == "table" else "the accelerometer"
     turned = of_matrix(lambda theta: rotation.cross_matrix(theta) @ E, 3)
     turned[ZERO] = np.stack([rotation.cross_matrix(axis) @ old.linear.B for axis in np.eye(3)], axis=1)
     constant(

@@ -81,9 +81,9 @@ class OldCalibration:
 
     def clocks_apart(self, session: Session) -> str:
         """That the model goes by another clock than the session can go by; empty where both go by the same."""
-        if self.table.get("clock", CLOCKS[0]) == CLOCKS[0] or (session.config.sensor.clock_ratio is not None and session.truths is None):
+        if self.table.get("clock", CLOCKS[0]) == CLOCKS[0] or (session.config.sensor.clock_ratio is not None and session.reference is None):
             return ""
-        why = "no sensor.clock_ratio says how far that is off" if session.truths is None else "its truth files do"
+        why = "no sensor.clock_ratio says how far that is off" if session.reference is None else f"its {session.reference.title}s do"
         return f"the model goes by the computer's clock (--clock arrivals), today's recording by the board's: {why}"
 
     def readings(self, session: Session) -> Session:

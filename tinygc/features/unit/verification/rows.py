@@ -115,7 +115,7 @@ def rows_of(session: Session, old: OldCalibration, use_earth: bool = True, progr
     session = old.readings(session)
     vector = old.linear.vector
     prior = GaussianPrior(vector, np.diag((PRIOR_SIGMA / 4) ** 2), np.ones(len(vector), dtype=bool))
-    if session.truths is None:
+    if session.reference is None:
         found = SessionStills(whole := with_bridges(session))
         if not any(references(found.of(log).stills) for log in whole.logs):
             _stop_at_errors_of_rests(whole, found)
@@ -134,16 +134,16 @@ def rows_of(session: Session, old: OldCalibration, use_earth: bool = True, progr
                 progress=progress,
             )
             turns = [segment.turn_deg for segment in prepared.problem.segments]
-            if session.truths is None and not said and max(turns) < LEAST_TURN_DEG:
+            if session.reference is None and not said and max(turns) < LEAST_TURN_DEG:
                 return _of_rests(whole, old, found)
             return _of_turns(prepared.problem, old, session, factor, said)
         except (SegmentError, FitError):  # too few turns, or such as bind nothing
-            if session.truths is not None:
+            if session.reference is not None:
                 raise
             return _of_rests(whole, old, found)
         except DataError as error:
             # Rates that are wrong by one factor are refused by the first look; here they are an answer.
-            if again or SCALE not in str(error) or session.truths is not None:
+            if again or SCALE not in str(error) or session.reference is not None:
                 raise
             factor, said = _factor(whole, found), str(error)
     raise AssertionError

@@ -21,7 +21,6 @@ SECTIONS = (
     "noise_at_rest",
     "denoising",
     "explanation",
-    "explanation_by_truth",
     "application",
     "provenance",
 )

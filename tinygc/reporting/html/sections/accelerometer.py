@@ -27,8 +27,8 @@ LEAST_MG = 1e-3
 
 
 def section(evidence: ReportData) -> Section | None:
-    """Section on the accelerometer; None with a truth file, where no reference depends on it."""
-    if evidence.problem.session.truths is not None:
+    """Section on the accelerometer; None with a further reference, where no reference depends on it."""
+    if evidence.problem.session.reference is not None:
         return None
     found = evidence.fit.accelerometer
     before, after = misses_of(evidence)

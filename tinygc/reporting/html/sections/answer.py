@@ -32,7 +32,7 @@ def section(evidence: ReportData) -> Section:
         run = {"raw": rms_of(one.errors(bias_only())), "after": after, "floor": rms_of(one.floor_rad), "seconds": one.duration_s}
     before, misses = misses_of(evidence)
     spread = None
-    if evidence.problem.session.truths is None and misses.size:
+    if evidence.problem.session.reference is None and misses.size:
         spread = {"before": before is not None and spread_text(before), "after": spread_text(misses), "stills": misses.size}
     html = render(
         "answer.html",

@@ -50,6 +50,9 @@ def section(evidence: ReportData) -> Section | None:
     """Section on the explanation; None if explain was not run."""
     from tinygc.noise.refit import candidates
 
+    if evidence.by_reference is not None:
+        found: Section = evidence.problem.session.reference.report_section(evidence.by_reference)
+        return found
     e = evidence.explanation
     if e is None:
         return None

@@ -9,7 +9,7 @@ from tinygc.estimation.session_times import date_of
 from tinygc.explanation.reported import ReportData
 from tinygc.reporting.html.markup import Section, render
 from tinygc.reporting.html.sections.parameters import common_decimals
-from tinygc.reporting.html.sections.recording import REFERENCES, temperature_words
+from tinygc.reporting.html.sections.recording import reference_words, temperature_words
 
 #: a date as ``date_of`` gives it; what an operator noted stays as it is
 _TO_MINUTES = re.compile(r"^(\d+-\d+-\d+)T(\d+:\d+):\d+\+00:00$")
@@ -35,7 +35,7 @@ def section(evidence: ReportData) -> Section:
         ("Ranges and rate", f"±{sensor.gyro_fs_dps:g} dps, ±{sensor.accel_fs_g:g} g, {sensor.odr_hz:g} Hz"),
         ("Temperature", temperature_words(evidence.problem)),
         ("Site", ", ".join(place) or "not given"),
-        ("Reference", REFERENCES[session.config.protocol.reference]),
+        ("Reference", reference_words(session)),
         ("Turns used", f"{len(evidence.problem.used)} of {len(evidence.problem.segments)}"),
         ("Computed by", f"TinyGC {evidence.versions['TinyGC']}"),
     ]

@@ -7,6 +7,7 @@ import numpy as np
 from session.base.texts import fixed, significant
 from session.base.units import DEG
 from session.detect.segments import Segment
+from session.log.folder import Session
 from session.log.samples import Samples
 from tinygc.closure.problem import Problem
 from tinygc.explanation.reported import ReportData
@@ -14,7 +15,6 @@ from tinygc.reporting.fit_text import earth_words
 from tinygc.reporting.html.chart import Axis, Chart, coverage, drawing, hemispheres, linear_axis
 from tinygc.reporting.html.markup import Section, render
 
-REFERENCES = {"gravity": "gravity", "table": "table dials", "truth": "truth file"}
 #: instants of a turn whose axes are drawn
 AXES_PER_TURN = 25
 
@@ -49,15 +49,15 @@ def _numbers(problem: Problem) -> list[tuple[str, str]]:
     return [
         ("Length", f"{problem.began_s[-1] / 60:.1f} min in {len(problem.logs)} log{'s' * (len(problem.logs) != 1)}"),
         ("Stills", f"{len(good)}, median {np.median(good):.1f} s" if good else "none"),
-        ("Segments used" if problem.session.truths else "Turns used", f"{len(problem.used)} of {len(problem.segments)}"),
+        ("Segments used" if problem.session.reference else "Turns used", f"{len(problem.used)} of {len(problem.segments)}"),
         ("True data rate", f"{rate_hz:.2f} Hz") if nominal is None else ("Data rate", nominal.words),
         ("Fastest", f"{fastest / DEG:.0f} dps"),
-        ("Reference", REFERENCES[problem.session.config.protocol.reference]),
+        ("Reference", reference_words(problem.session)),
     ]
 
 
 def _turning(segment: Segment) -> slice:
-    """Samples between the two stills of a turn; all of a segment between two times of the truth file."""
+    """Samples between the two stills of a turn; all of a segment between two moments of a further reference."""
     if segment.first is None or segment.last is None or segment.last.start < segment.first.stop:
         return slice(segment.start, segment.stop)
     return slice(segment.first.stop, segment.last.start + 1)
@@ -176,6 +176,13 @@ def _turn_axes(problem: Problem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def _direction(vector: np.ndarray) -> str:
     return ", ".join(f"{fixed(v, 2)} {axis}" for v, axis in zip(vector / np.linalg.norm(vector), "xyz", strict=True))
+
+
+def reference_words(session: Session) -> str:
+    """What the recording is compared with."""
+    if session.reference is not None:
+        return str(session.reference.title)
+    return "table dials" if session.config.protocol.reference == "table" else "gravity"
 
 
 def temperature_words(problem: Problem) -> str:

@@ -9,10 +9,12 @@ import numpy as np
 from conftest import DEG, Table
 from scipy.spatial.transform import Rotation
 
-from session.log.config import Accelerometer, Config, Protocol, Sensor, Site, TruthGiven, TruthReading
-from session.log.logfile import Log, Truth
+from session.log.config import Accelerometer, Config, Protocol, Sensor, Site
+from session.log.logfile import Log
 from session.log.samples import Samples
 from tinygc import Session
+from tinygc.features.truth.points import TruthFiles
+from tinygc.features.truth.reading import Truth, TruthGiven, TruthReading
 
 BIAS_DPS = (0.5, -0.3, 0.6)
 TOML = """schema = "tinygc-session/1"
@@ -58,17 +60,23 @@ def made(wrong: Wrong, seed: int = 1) -> tuple[Session, np.ndarray]:
     q = (attitude * Rotation.from_rotvec(rng.normal(size=(len(moments), 3)) * wrong.sigma_deg * DEG)).as_quat(scalar_first=True)
     mounting = Rotation.from_rotvec(np.multiply(wrong.mounting_deg, DEG)).as_matrix()
     written = TruthReading(wrong.order, wrong.sense, wrong.frame, mounting).written(q)
-    config = Config(Sensor("", "", 208.0, 500, 4), Accelerometer(), Site(), Protocol(1.0, 2.0, "truth", wrong.sigma_deg), truth=wrong.given)
+    config = Config(
+        Sensor("", "", 208.0, 500, 4),
+        Accelerometer(),
+        Site(),
+        Protocol(1.0, 2.0, "truth", wrong.sigma_deg),
+        sections={"truth": wrong.given},
+    )
     log = Log(Path("log0001.csv"), Samples(samples.t_ns, gyro, samples.accel * wrong.force), raw=False)
     truth = Truth(Path("truth0001.csv"), np.rint(moments * 1e9).astype(np.int64), written)
     read = truth.reread(TruthReading(), TruthReading.of(wrong.given))
-    return Session(Path("made"), config, (log,), (), None, (read,)), E
+    return Session(Path("made"), config, (log,), (), None, TruthFiles((read,), wrong.sigma_deg)), E
 
 
 def write(folder: Path, wrong: Wrong, seed: int = 1, more: str = "") -> Path:
     """The same as a folder; more: lines for session.toml."""
     session, _ = made(wrong, seed)
-    samples, (truth,) = session.logs[0].samples, session.truths or ()
+    samples, (truth,) = session.logs[0].samples, session.reference.truths
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "session.toml").write_text(TOML.format(sigma_deg=wrong.sigma_deg) + more)
     header = "t_s,gx_rps,gy_rps,gz_rps,ax_mps2,ay_mps2,az_mps2"

@@ -8,9 +8,10 @@ from conftest import DEG
 from scipy.spatial.transform import Rotation
 from truth_sessions import Wrong, made
 
-from session.detect.check_references import with_aligned_truth
-from session.detect.truth_outages import _ceilings_of, _runs, _usual, without_outages
-from session.detect.truth_segments import cut_at_truth
+from tinygc.features.truth.check import with_aligned_truth
+from tinygc.features.truth.outages import _ceilings_of, _runs, _usual, without_outages
+from tinygc.features.truth.reading import changed
+from tinygc.features.truth.segments import cut_at_truth
 
 DENSE = Wrong(turns=8, every_s=0.02, sigma_deg=0.01)
 
@@ -18,7 +19,7 @@ DENSE = Wrong(turns=8, every_s=0.02, sigma_deg=0.01)
 def spoilt(turned_deg=None, *, at_s=None, frozen=None, gyro_dps=None, wrong=DENSE, seed=3):
     """The session whose truth is turned by turned_deg(t) (K, 3) in the spans at_s, or frozen in a span; gyro_dps(t) (N, 3) is added."""
     session, _ = made(wrong, seed)
-    (log,), (truth,) = session.logs, session.truths
+    (log,), (truth,) = session.logs, session.reference.truths
     t_s = truth.t_ns * 1e-9
     q = Rotation.from_quat(truth.q_nb, scalar_first=True)
     if turned_deg is not None:
@@ -30,7 +31,7 @@ def spoilt(turned_deg=None, *, at_s=None, frozen=None, gyro_dps=None, wrong=DENS
         cells[inside] = cells[np.flatnonzero(inside)[0]]
     gyro = log.samples.gyro + (0.0 if gyro_dps is None else gyro_dps(log.samples.t_s) * DEG)
     logs = (replace(log, samples=replace(log.samples, gyro=gyro)),)
-    return replace(session, logs=logs, truths=(replace(truth, q_nb=cells),))
+    return changed(replace(session, logs=logs), truths=(replace(truth, q_nb=cells),))
 
 
 def astray(t_s):
@@ -40,7 +41,7 @@ def astray(t_s):
 
 
 def outages_of(session):
-    (truth,) = without_outages(session).truths
+    (truth,) = without_outages(session).reference.truths
     return truth.outages
 
 
@@ -48,7 +49,7 @@ def test_a_truth_that_goes_astray_is_found_until_its_last_moment():
     at_s = (14.0, 16.0)
     session = spoilt(astray, at_s=at_s)
     aligned, findings = with_aligned_truth(session)
-    (log,), (truth,) = aligned.logs, aligned.truths
+    (log,), (truth,) = aligned.logs, aligned.reference.truths
     (outage,) = truth.outages
     assert outage.sure
     # Spans of 0.1 s; the truth ends 0.3 s within the log.
@@ -57,7 +58,7 @@ def test_a_truth_that_goes_astray_is_found_until_its_last_moment():
     # No moment is sound that was spoilt, though the last ones of a file make no span of 0.1 s any more.
     t_s = truth.t_ns * 1e-9
     assert not truth.sound[(t_s >= at_s[0] + 0.02) & (t_s <= at_s[1])].any()
-    assert abs(aligned.alignment.offset_s) < 4 * aligned.alignment.offset_sigma_s < 0.4e-3
+    assert abs(aligned.reference.alignment.offset_s) < 4 * aligned.reference.alignment.offset_sigma_s < 0.4e-3
     cut = cut_at_truth(log.samples, truth, session.config.sensor, session.config.protocol)
     assert cut
     assert all(truth.sound[ends.first] and truth.sound[ends.last] for _, ends in cut)
@@ -127,6 +128,6 @@ def test_a_soft_ceiling_of_the_gyro_is_located_and_the_truths_clock_is_not_accus
     (finding,) = [each for each in findings if each.what == "gyro ceiling"]
     assert finding.level == "error"
     assert finding.says.startswith("x, y, z stay at ±")
-    assert aligned.alignment.ceiling_rps == pytest.approx(60 * DEG, abs=1.0 * DEG)
-    assert aligned.alignment.offset_s == pytest.approx(-0.05, abs=3 * aligned.alignment.offset_sigma_s)
-    assert aligned.alignment.offset_sigma_s < 2e-4
+    assert aligned.reference.alignment.ceiling_rps == pytest.approx(60 * DEG, abs=1.0 * DEG)
+    assert aligned.reference.alignment.offset_s == pytest.approx(-0.05, abs=3 * aligned.reference.alignment.offset_sigma_s)
+    assert aligned.reference.alignment.offset_sigma_s < 2e-4

@@ -12,7 +12,6 @@ from scipy.special import chdtrc
 from session.base import rotation
 from session.base.numeric import rms_of, running_sum, sigmas_in
 from session.base.units import DEG
-from session.log.config import GIVEN
 from tinygc.closure.floor import Floor, gyro_variance
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch, attitudes
@@ -22,7 +21,8 @@ from tinygc.explanation.claims import common_delays
 from tinygc.explanation.decision import FOLD_STEPS, FOLDS, Naming, decided, fold_rows, folds_of
 from tinygc.explanation.evidence import Evidence, Hypothesis
 from tinygc.explanation.search import NAMELESS, STAND_IN, NamedEffect, exchanged, search
-from tinygc.explanation.truth_evidence import TruthClaim, TruthExplanation, offset_columns, truth_claim
+from tinygc.features.truth.evidence import OFFSET_ID, TruthClaim, TruthExplanation, offset_columns, truth_claim
+from tinygc.features.truth.reading import GIVEN
 from tinygc.models.linear import PARAMETERS
 from tinygc.noise.channels import in_gauge
 from tinygc.noise.components import WANDER
@@ -39,11 +39,11 @@ def _nothing(movement: Movement) -> np.ndarray:
 
 
 OFFSET = Effect(
-    id="timing.truth_offset",
+    id=OFFSET_ID,
     equation="the truth's attitude at t is the one that the gyro's clock has at t + seconds",
     parameter=Parameter("seconds", (), "s", plausible=0.1),
     observable_in=("timing",),
-    kind="truth",
+    kind="reference",
     columns=_nothing,
     describe=lambda theta: (
         f"the truth's stamps are {1e3 * abs(theta[0]):.2f} ms {'early' if theta[0] > 0 else 'late'} beside the gyro's: shift one of them "
@@ -58,7 +58,7 @@ _SMOOTHING = Effect(
     equation="the truth's attitude is a mean over a while around t: it errs by half the variance of that while times dω/dt",
     parameter=Parameter("variance_ms2", (), "ms²", 1e-6, plausible=0.05**2),
     observable_in=("reference",),
-    kind="truth",
+    kind="reference",
     columns=_nothing,
     describe=lambda theta: (
         f"the truth is smoothed, as by a mean over {1e3 * np.sqrt(12 * max(theta[0], 0.0)):.0f} ms: it rounds off what the gyro shows "
@@ -71,7 +71,7 @@ FRAME = Effect(
     equation="the truth's body frame is the sensor's, turned by a constant rotation",
     parameter=Parameter("rotation_deg", (3,), "deg", DEG, plausible=10 * DEG),
     observable_in=("reference",),
-    kind="truth",
+    kind="reference",
     columns=_nothing,
     describe=lambda theta: (
         f"the truth's body frame is turned by {np.linalg.norm(theta) / DEG:.1f} deg against the sensor's, "
@@ -185,7 +185,7 @@ class TruthTwin(Twin):
         floor = Floor(own, np.zeros_like(problem.floor.shared))
         super().__init__(replace(problem, floor=floor if wider is None else floor.widened(wider)))
         self.original = problem
-        alignment = problem.session.alignment
+        alignment = problem.session.reference.alignment
         self.clock_free = alignment is None or alignment.source["offset_s"] != GIVEN
 
     def batch_at(self, state: State) -> Batch:
@@ -246,7 +246,7 @@ class TruthTwin(Twin):
 
     def effect_columns(self, effect: Effect, state: State, sensitivity: np.ndarray, rates: list[np.ndarray]) -> Channels:
         """The columns of any twin; for the truth's clock and smoothing, the rotation of the attitudes at both ends."""
-        if effect.kind != "truth":
+        if effect.kind != "reference":
             return super().effect_columns(effect, state, sensitivity, rates)
         batch = self.batch_at(state)
         if effect.id == OFFSET.id:
@@ -290,6 +290,7 @@ def name_beside_truth(
     angles = twin.residuals(first.state).closure, twin.residuals(last.state).closure
     return TruthExplanation(
         problem=twin.original,
+        twin=twin,
         naming=naming,
         fit=last,
         claimed=_claims(naming, last),

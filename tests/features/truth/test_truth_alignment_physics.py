@@ -11,7 +11,11 @@ from numpy.testing import assert_allclose
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
-from session.detect.truth_alignment import (
+from session.log.config import Accelerometer, Config, Protocol, Sensor, Site
+from session.log.folder import Session
+from session.log.logfile import Log
+from session.log.samples import Samples
+from tinygc.features.truth.alignment import (
     AlignedLog,
     Spans,
     _best_way,
@@ -27,22 +31,8 @@ from session.detect.truth_alignment import (
     refined,
     ways,
 )
-from session.log.config import (
-    FRAMES,
-    ORDERS,
-    SENSES,
-    Accelerometer,
-    Config,
-    Protocol,
-    Sensor,
-    Site,
-    TruthGiven,
-    TruthReading,
-    down_of,
-)
-from session.log.folder import Session
-from session.log.logfile import Log, Truth
-from session.log.samples import Samples
+from tinygc.features.truth.points import TruthFiles
+from tinygc.features.truth.reading import FRAMES, ORDERS, SENSES, Truth, TruthGiven, TruthReading, changed, down_of
 
 E = np.eye(3) + 0.01 * np.array([[1, -1, 0.5], [0.3, -0.5, 1], [-0.7, 0.2, 0.7]])
 
@@ -85,16 +75,16 @@ def made(moved, late_s=0.0, mounting=(0, 0, 0), noise_deg=0.02, seed=0, reading=
     written = reading.written(truth.as_quat(scalar_first=True))
     stamps = samples.t_ns[0] + np.rint((t_s[moments] + late_s) * 1e9).astype(np.int64)
     cells = Truth(Path("truth0001.csv"), stamps, TruthReading.of(given).read(written))
-    return Session(Path("made"), made_config(given), (Log(Path("log0001.csv"), samples),), (), truths=(cells,))
+    return Session(Path("made"), made_config(given), (Log(Path("log0001.csv"), samples),), (), reference=TruthFiles((cells,), 0.1))
 
 
 def made_config(given=TruthGiven()):  # noqa: B008
     sensor = Sensor("unknown", "", HZ, 500.0, 4.0)
-    return Config(sensor, Accelerometer(), Site(), Protocol(segment_s=2.0, reference="truth"), truth=given)
+    return Config(sensor, Accelerometer(), Site(), Protocol(segment_s=2.0, reference="truth"), sections={"truth": given})
 
 
 def seen_of(session):
-    (log,), (truth,) = session.logs, session.truths
+    (log,), (truth,) = session.logs, session.reference.truths
     spans = _spans_of(log.samples, truth)
     return AlignedLog(carried(log.samples, log.samples.gyro), spans, truth.q_nb, log.samples.accel), log.samples
 
@@ -158,11 +148,11 @@ def test_clock_and_mounting_have_the_covariance_of_leaving_out_blocks(moved, wil
     """At the end of Gauss-Newton the weighted errors stand at right angles to the numeric derivatives, and what they become without
     each block of 1.4 s (a twentieth of the session) scatters as the sigmas say.  A wild moment, one of forty, counts by Huber's weight."""
     session = made(moved, late_s=0.0123, mounting=(3, -2, 1))
-    (truth,) = session.truths
+    (truth,) = session.reference.truths
     if wild:
         q = truth.q_nb.copy()
         q[20::40] = (rotation(q[20::40]) * Rotation.from_rotvec([0.02, 0, 0])).as_quat(scalar_first=True)
-        session = replace(session, truths=(replace(truth, q_nb=q),))
+        session = changed(session, truths=(replace(truth, q_nb=q),))
     one, samples = seen_of(session)
     start = TruthReading(mounting=Rotation.from_rotvec(np.multiply((3.3, -2.2, 0.8), DEG)).as_matrix(), offset_s=-0.01)
     found = refined([one], [samples], start)
@@ -370,16 +360,16 @@ def test_the_nearest_of_the_peaks_that_are_as_good_is_the_clock(likeness, found)
 
 
 def test_an_offset_is_adopted_from_six_of_its_sigmas_and_a_mounting_from_two_degrees(moved):
-    none = align(made(moved)).alignment
+    none = align(made(moved)).reference.alignment
     for sigmas, adopted in ((5.95, "assumed"), (6.05, "found")):
         late_s = none.offset_s - sigmas * none.offset_sigma_s  # another truth of the same noise, later by so much
-        found = align(made(moved, late_s=late_s)).alignment
+        found = align(made(moved, late_s=late_s)).reference.alignment
         assert found.source["offset_s"] == adopted, found.offset_s / found.offset_sigma_s
         assert found.reading.offset_s == (found.offset_s if adopted == "found" else 0)
         assert 0.99 < found.explained < 1
     for size, adopted in ((1.99, "assumed"), (2.01, "found")):
         extra = Rotation.from_rotvec([0, 0, size * DEG]) * Rotation.from_rotvec(none.turned).inv()
-        found = align(made(moved, mounting=extra.as_rotvec() / DEG)).alignment
+        found = align(made(moved, mounting=extra.as_rotvec() / DEG)).reference.alignment
         assert found.source["mounting"] == adopted, np.linalg.norm(found.turned) / DEG
     table = alignment_table(found)
     assert_allclose(table["gyro_to_truth_deg"], found.turned / DEG)
@@ -389,7 +379,7 @@ def test_an_offset_is_adopted_from_six_of_its_sigmas_and_a_mounting_from_two_deg
 
 def test_a_truth_that_explains_less_than_half_of_the_turns_is_none_of_this_gyros(moved):
     upside_down = made(moved, mounting=(0, 0, 90), given=TruthGiven(mounting=np.eye(3)))  # as fast at each moment, about other axes
-    found = align(upside_down).alignment
+    found = align(upside_down).reference.alignment
     assert (np.isnan(found.explained), np.isnan(found.offset_s), alignment_table(found)["up"]) == (True, True, None)
 
 
@@ -400,23 +390,25 @@ def test_a_sample_without_a_force_does_not_tell_which_way_is_up(moved):
     bias = 1e-4 * np.array([3.0, -2.0, 4.0])
     accel = np.where(np.arange(len(log.samples))[:, None] % 3 > 0, 1e-4 * log.samples.accel + bias, 0.0)
     config = replace(session.config, accelerometer=Accelerometer(bias_mps2=bias))
-    found = align(replace(session, config=config, logs=(replace(log, samples=replace(log.samples, accel=accel)),))).alignment
+    found = align(replace(session, config=config, logs=(replace(log, samples=replace(log.samples, accel=accel)),))).reference.alignment
     assert_allclose(found.up, [0, 0, -1], atol=2e-3)
     assert found.source["frame"] == "found"
 
 
 def test_ten_spans_are_looked_at_and_a_given_clock_is_where_it_is_said(moved):
     session = made(moved, late_s=0.3)
-    (truth,) = session.truths
-    assert np.isfinite(align(replace(session, truths=(truth_between(truth, 100, 120),))).alignment.explained)
+    (truth,) = session.reference.truths
+    assert np.isfinite(align(changed(session, truths=(truth_between(truth, 100, 120),))).reference.alignment.explained)
     # With too few spans for a sigma a given clock is kept as it is, unless the recording stands farther off than one step of the search.
     for off_ms, kept_ms in ((11, 11), (-9, -9), (21, 1), (-19, 1)):
         given, later = TruthGiven(offset_s=-0.3 + off_ms * 1e-3), replace(truth, t_ns=truth.t_ns + (off_ms - 300) * 10**6)
-        few = replace(session, truths=(truth_between(later, 100, 120),), config=replace(session.config, truth=given))
-        assert align(few).alignment.offset_s == pytest.approx(-0.3 + kept_ms * 1e-3), off_ms
+        few = changed(replace(session, config=replace(session.config, sections={"truth": given})), truths=(truth_between(later, 100, 120),))
+        assert align(few).reference.alignment.offset_s == pytest.approx(-0.3 + kept_ms * 1e-3), off_ms
     given = TruthGiven(offset_s=-0.301)
     stated = replace(truth, t_ns=truth.t_ns - 301_000_000)
-    found = align(replace(session, truths=(stated,), config=replace(session.config, truth=given))).alignment
+    found = align(
+        changed(replace(session, config=replace(session.config, sections={"truth": given})), truths=(stated,))
+    ).reference.alignment
     assert (found.source["offset_s"], found.reading.offset_s) == ("given", -0.301)
     assert abs(found.offset_s + 0.3) < 5 * found.offset_sigma_s
 

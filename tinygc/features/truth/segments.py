@@ -12,8 +12,8 @@ from session.base.rotation import unit_vectors
 from session.base.units import DEG, NS, NS_PER_S
 from session.detect.segments import LONGEST_TURN_SEGMENTS, Segment, why_broken
 from session.log.config import Protocol, Sensor
-from session.log.logfile import Truth
 from session.log.samples import Samples
+from tinygc.features.truth.reading import Truth
 
 # Rests: phases in which a vehicle stands, though its motors may shake it.
 #

@@ -13,21 +13,23 @@ from scipy.spatial.transform import Rotation
 from session.base import rotation
 from session.base.numeric import nearest_row, running_sum, sigmas_in
 from session.base.units import DEG, NS, NS_PER_S
-from session.log.config import (
+from session.log.folder import Session
+from session.log.samples import Samples
+from tinygc.features.truth.reading import (
     ASSUMED,
     FOUND,
     FRAMES,
     GIVEN,
     ORDERS,
     SENSES,
+    Truth,
     TruthAlignment,
     TruthGiven,
     TruthReading,
+    changed,
     down_of,
+    given_in,
 )
-from session.log.folder import Session
-from session.log.logfile import Truth
-from session.log.samples import Samples
 
 # Short spans between moments of truth, and what the gyro makes of them at any offset of the truth's clock.
 
@@ -124,7 +126,7 @@ def _spans_of(samples: Samples, truth: Truth, most: int = MOST_SPANS) -> Spans:
 
 def all_spans(session: Session) -> list[Spans]:
     """Of each log with its truth, and of each an equal share of ``MOST_SPANS`` at most, rounded up."""
-    truths: Sequence[Truth] = session.truths or ()
+    truths: Sequence[Truth] = session.reference.truths
     return [_spans_of(log.samples, truth, -(-MOST_SPANS // len(truths))) for log, truth in zip(session.logs, truths, strict=True)]
 
 
@@ -484,15 +486,15 @@ ROUGH_SPANS = 600
 def align(session: Session) -> Session:
     """The session with its truths reread where nothing was given and the recording shows another convention; ``alignment`` states it.
 
-    Sessions without a truth, or aligned before, are returned as they are; so is a truth that does not go with the gyro at all.
+    Sessions that were aligned before are returned as they are; so is a truth that does not go with the gyro at all.
     """
-    if session.truths is None or session.alignment is not None:
+    if session.reference.alignment is not None:
         return session
-    given = session.config.truth
+    given = given_in(session.config)
     stated = TruthReading.of(given)
     alignment = _alignment(session, given, stated)
-    truths = tuple(truth.reread(stated, alignment.reading) for truth in session.truths)
-    return replace(session, truths=truths, alignment=alignment)
+    truths = tuple(truth.reread(stated, alignment.reading) for truth in session.reference.truths)
+    return changed(session, truths=truths, alignment=alignment)
 
 
 def _alignment(session: Session, given: TruthGiven, stated: TruthReading) -> TruthAlignment:
@@ -518,7 +520,7 @@ def _alignment(session: Session, given: TruthGiven, stated: TruthReading) -> Tru
 def _seen(session: Session, stated: TruthReading) -> list[AlignedLog]:
     """Spans at the truth's own stamps, and its cells as they are written."""
     found = []
-    for log, truth, spans in zip(session.logs, session.truths or (), all_spans(session), strict=True):
+    for log, truth, spans in zip(session.logs, session.reference.truths, all_spans(session), strict=True):
         own = replace(spans, begin_s=spans.begin_s - stated.offset_s, end_s=spans.end_s - stated.offset_s)
         force = session.config.accelerometer.correct(log.samples.accel)
         force = np.where(np.abs(log.samples.accel).sum(axis=1, keepdims=True) > 0, force, 0.0)

@@ -13,22 +13,23 @@ from session.base.numeric import rms_length, sigma_of
 from session.base.units import DEG, NS
 from session.detect.findings import Finding
 from session.detect.segments import Segment
-from session.detect.truth_segments import TruthEnds, cut_at_truth, moments_inside
-from session.log.config import TruthAlignment
 from session.log.folder import Session
 from tinygc.closure import residual
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch, RateMap
-from tinygc.closure.truth import batch_of
 from tinygc.effects import Effect, movement_of
 from tinygc.explanation.claims import AgainstStated, Claim, described  # noqa: F401  # the type of an inherited field, for the API pages
-from tinygc.explanation.decision import Naming
+from tinygc.explanation.decision import FitClosure, Naming, cleared
 from tinygc.explanation.evidence import FAMILY_WISE
 from tinygc.explanation.search import NAMELESS
+from tinygc.features.truth.problem import batch_of
+from tinygc.features.truth.reading import TruthAlignment
+from tinygc.features.truth.segments import TruthEnds, cut_at_truth, find_rests, moments_inside
 from tinygc.models.linear import LinearModel
 from tinygc.noise.components import SessionNoise
 from tinygc.noise.refit import Refit
 from tinygc.noise.thinned import conditions
+from tinygc.noise.twin import State, Twin
 
 # Evidence of a truth file: growth of the closure, correlation of neighbours, the accelerometer, the rests.
 
@@ -88,7 +89,7 @@ def _again(problem: Problem, segment_s: float) -> list[tuple[Segment, TruthEnds]
     """Cut the same session at another segment length, within the used segments."""
     session, protocol = problem.session, replace(problem.session.config.protocol, segment_s=segment_s)
     cut = []
-    for number, (log, truth) in enumerate(zip(problem.logs, session.truths or (), strict=True)):
+    for number, (log, truth) in enumerate(zip(problem.logs, session.reference.truths, strict=True)):
         used = [(s.start, s.stop) for s in problem.used if s.log == number]
         for segment, ends in cut_at_truth(log.samples, truth, session.config.sensor, protocol, log=number):
             inside = any(a <= segment.start and segment.stop <= b for a, b in _joined(used))
@@ -153,7 +154,7 @@ def force_against_truth(problem: Problem, stands: np.ndarray, turned: np.ndarray
     values: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
     g = problem.session.config.site.expected_gravity_mps2
     down = np.array([0, 0, g])
-    for log, truth in zip(problem.logs, problem.session.truths or (), strict=True):
+    for log, truth in zip(problem.logs, problem.session.reference.truths, strict=True):
         at, q = moments_inside(log.samples, truth)
         force, size = log.samples.accel[at], int(FORCE_WINDOW_S / np.median(np.diff(log.samples.t_ns[at]) * NS))
         turn, has = rotation.matrix(q), np.abs(force).sum(axis=1) > 0
@@ -193,7 +194,7 @@ def zero_at_rest(problem: Problem, model: LinearModel) -> Rests | None:
     for log in problem.logs:
         movement = movement_of(log.samples, model(log.samples.gyro), conditions(problem))
         moving = np.ones(len(log.samples), dtype=bool)
-        for rest in log.rests:
+        for rest in find_rests(log.samples):
             part = slice(rest.start, rest.stop)
             rates.append(np.asarray(model(rest.gyro_mean[None]))[0])
             weights.append(rest.stop - rest.start)
@@ -213,6 +214,8 @@ def zero_at_rest(problem: Problem, model: LinearModel) -> Rests | None:
 IMPLAUSIBLE = 2.0  #: times ``Parameter.plausible``: impossible for a gyroscope
 SLOW = 0.3  #: correlation of neighbours' errors: three sigmas of 30 segments' three angles, where noise gives 0 or less
 
+#: of the effect of a truth's clock
+OFFSET_ID = "timing.truth_offset"
 LEFT_EXCESS = 1.5  #: chi-square per freedom: three sigmas of the same 90 angles
 
 
@@ -251,16 +254,17 @@ def truth_claim(effect: Effect, theta: np.ndarray, sigma: np.ndarray | None, p_v
 class TruthExplanation:
     """The explanation of a session with a truth file; angles in rad.
 
-    problem: without the segments at suspect moments. naming: the selected effects. fit: the last, with the truth's clock in addition to any
-    delay. claimed: strongest first. refused: effects that would fit, but at a size that no gyroscope has. p_value: of the first fit. angles
-    (S, 3), before and after: each used segment's closure about the truth's axes. held_out: the same from fits without that segment. excess:
-    chi-square per degree of freedom, against the stated noise. jumps: log and s of wrong moments. lengths_s (L,), closure_rad (L, 3):
-    growth. truth_rad per moment and walk_rad per root second, from the growth. gyro_rad per root second: the gyro's own walk at its
-    quietest. neighbours: correlation of neighbouring segments' errors, before and after. alignment: clock and frame of the truth against
-    the gyro. rests; force; warnings of the preparation.
+    problem: without the segments at suspect moments. twin: of it. naming: the selected effects. fit: the last, with the truth's clock in
+    addition to any delay. claimed: strongest first. refused: effects that would fit, but at a size that no gyroscope has. p_value: of the
+    first fit. angles (S, 3), before and after: each used segment's closure about the truth's axes. held_out: the same from fits without
+    that segment. excess: chi-square per degree of freedom, against the stated noise. jumps: log and s of wrong moments. lengths_s (L,),
+    closure_rad (L, 3): growth. truth_rad per moment and walk_rad per root second, from the growth. gyro_rad per root second: the gyro's own
+    walk at its quietest. neighbours: correlation of neighbouring segments' errors, before and after. alignment: clock and frame of the
+    truth against the gyro. rests; force; warnings of the preparation.
     """
 
     problem: Problem
+    twin: Twin
     naming: Naming
     fit: Refit
     claimed: list[TruthClaim]
@@ -295,6 +299,18 @@ class TruthExplanation:
     def named(self) -> tuple[Effect, ...]:
         """The effects of the catalogue and the clock in the selected fit."""
         return tuple(claim.effect for claim in self.naming.fit.state.claims if not claim.effect.id.startswith(NAMELESS))
+
+    @property
+    def measured(self) -> dict[str, tuple[np.ndarray, np.ndarray] | None]:
+        """As of an ``Explanation``: the offset of the truth's clock, None where it is not known."""
+        claim = next((claim for claim in self.claimed if claim.effect.id == OFFSET_ID), None)
+        value, sigma = self.offset if claim is None or claim.sigma is None else (float(claim.theta[0]), float(claim.sigma[0]))
+        return {OFFSET_ID: (np.array([value]), np.array([[sigma**2]])) if np.isfinite([value, sigma]).all() else None}
+
+    def closure_without(self, state: State) -> float | None:
+        """As of an ``Explanation``."""
+        angles = FitClosure.of(cleared(self.problem, self.twin, state)).held_out
+        return None if angles is None else rms_length(angles)
 
     @property
     def offset(self) -> tuple[float, float]:

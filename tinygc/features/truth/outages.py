@@ -12,11 +12,11 @@ from session.base import rotation
 from session.base.numeric import median_length, rms_of, runs_of
 from session.base.solving import solve
 from session.base.units import NS
-from session.detect.truth_alignment import AlignedLog, Carried, Spans, align, carried, span_rows
-from session.log.config import TruthReading
 from session.log.folder import Session
-from session.log.logfile import Log, Truth, TruthOutage
+from session.log.logfile import Log
 from session.log.samples import Samples
+from tinygc.features.truth.alignment import AlignedLog, Carried, Spans, align, carried, span_rows
+from tinygc.features.truth.reading import Truth, TruthOutage, TruthReading, changed
 
 # How far truth and gyro part: between moments about a tenth of a second apart, in units of what is usual at such a movement.
 #
@@ -48,15 +48,13 @@ MOST_SHARE = 0.4
 def without_outages(session: Session) -> Session:
     """The session with its truths aligned as ``align`` does, by their sound moments alone; each truth holds its outages."""
     aligned = _aligned(session)
-    if session.truths is None or aligned.truths is None or aligned.alignment is None:
-        return aligned
-    found = [find_outages(log, truth) for log, truth in zip(aligned.logs, aligned.truths, strict=True)]
+    found = [find_outages(log, truth) for log, truth in zip(aligned.logs, aligned.reference.truths, strict=True)]
     if not any(found):
         return aligned
-    marked = tuple(replace(truth, outages=outages) for truth, outages in zip(session.truths, found, strict=True))
-    sound = _aligned(replace(session, truths=marked))
+    marked = tuple(replace(truth, outages=outages) for truth, outages in zip(session.reference.truths, found, strict=True))
+    sound = _aligned(changed(session, truths=marked))
     # An outage may hide that truth and gyro go together; where they do not even without it, it is none.
-    return sound if sound.alignment is not None and np.isfinite(sound.alignment.explained) else aligned
+    return sound if np.isfinite(sound.reference.alignment.explained) else aligned
 
 
 # A gyroscope that stops below its declared range, softly: no reading repeats, and its clock and mounting seem to be the truth's fault.
@@ -97,9 +95,7 @@ def _rates(samples: Samples, truth: Truth) -> tuple[np.ndarray, np.ndarray]:
 def _aligned(session: Session) -> Session:
     """The session with its truths aligned, by the rates below the gyroscope's ceiling where it has one, which the alignment then names."""
     aligned = align(session)
-    if aligned.truths is None or aligned.alignment is None:
-        return aligned
-    pairs = [_rates(log.samples, truth) for log, truth in zip(aligned.logs, aligned.truths, strict=True)]
+    pairs = [_rates(log.samples, truth) for log, truth in zip(aligned.logs, aligned.reference.truths, strict=True)]
     levels = _ceilings_of(*(np.concatenate(rates) for rates in zip(*pairs, strict=True)))
     if np.isnan(levels).all():
         return aligned
@@ -109,10 +105,9 @@ def _aligned(session: Session) -> Session:
         share.append(at.any(axis=1))
         below.append(replace(log, samples=log.samples.pick(~at.any(axis=1))))  # no span leads across the gap
     again = align(replace(session, logs=tuple(below)))
-    assert again.alignment is not None
-    best = again if np.isfinite(again.alignment.explained) else aligned
-    stated = replace(best.alignment or again.alignment, ceiling_rps=levels, ceiling_share=float(np.concatenate(share).mean()))
-    return replace(aligned, truths=best.truths, alignment=stated)
+    best = (again if np.isfinite(again.reference.alignment.explained) else aligned).reference
+    stated = replace(best.alignment, ceiling_rps=levels, ceiling_share=float(np.concatenate(share).mean()))
+    return changed(aligned, truths=best.truths, alignment=stated)
 
 
 @dataclass(frozen=True, eq=False)

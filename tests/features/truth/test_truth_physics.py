@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from itertools import pairwise
 from types import SimpleNamespace
 from unittest.mock import patch
 
@@ -13,6 +14,7 @@ from linear_twin import effect, linear_twin
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import optimize, stats
 from scipy.spatial.transform import Rotation
+from small_sessions import DPH, small_session
 from truth_sessions import Wrong, made, write
 
 import calibrate
@@ -20,24 +22,21 @@ from session.base import rotation
 from session.base.numeric import sigma_of
 from session.base.units import G
 from session.detect.segments import Segment
-from session.log.config import FOUND, GIVEN
-from session.log.logfile import Truth
 from session.log.samples import Samples
-from tinygc.closure.floor import Floor
+from tinygc.closure.floor import BiasInstability, Floor
 from tinygc.closure.least_squares import StillRates
 from tinygc.closure.prepared import prepare
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch
 from tinygc.effects import AppliedEffect, catalogue
 from tinygc.effects.movement import vibration
-from tinygc.explanation import truth_engine
 from tinygc.explanation.checked import Outcome, named_in, predicted
 from tinygc.explanation.claims import common_delays
 from tinygc.explanation.decision import Naming
 from tinygc.explanation.evidence import Evidence
-from tinygc.explanation.result import truth_to_json
 from tinygc.explanation.search import NamedEffect
-from tinygc.explanation.truth_engine import (
+from tinygc.features.truth import engine, evidence
+from tinygc.features.truth.engine import (
     _chance_of,
     _frame_claim,
     _outage_claims,
@@ -46,7 +45,7 @@ from tinygc.explanation.truth_engine import (
     explain_truth,
     without_wrong_moments,
 )
-from tinygc.explanation.truth_evidence import (
+from tinygc.features.truth.evidence import (
     TruthExplanation,
     _again,
     error_angles,
@@ -59,7 +58,10 @@ from tinygc.explanation.truth_evidence import (
     truth_claim,
     zero_at_rest,
 )
-from tinygc.explanation.truth_names import (
+from tinygc.features.truth.physics import TRUTH
+from tinygc.features.truth.reading import FOUND, GIVEN, Truth, changed
+from tinygc.features.truth.text import truth_to_json
+from tinygc.features.truth.twin import (
     _SMOOTHING,
     FRAME,
     LIKE_AN_OUTAGE,
@@ -75,8 +77,10 @@ from tinygc.explanation.truth_names import (
     wander,
 )
 from tinygc.noise.channels import in_gauge
-from tinygc.noise.components import TRUTH, WANDER
+from tinygc.noise.components import TURN, WANDER, first_noise, undersampling
 from tinygc.noise.refit import refit
+from tinygc.noise.twin import Twin
+from tinygc.noise.whitening import Whitener
 
 
 @pytest.fixture(scope="module")
@@ -156,9 +160,9 @@ def of(log, start, stop, began_s=0.0):
     return Segment(10 * log + start, log, None, None, start, stop, began_s, 0.5, 0.5, 90.0)
 
 
-def log_of(gyro, period_s=0.01, accel=None, rests=()):
+def log_of(gyro, period_s=0.01, accel=None):
     t_ns = np.rint(np.arange(len(gyro)) * period_s * 1e9).astype(np.int64)
-    return SimpleNamespace(samples=Samples(t_ns, gyro, 0 * gyro if accel is None else accel), rests=rests)
+    return SimpleNamespace(samples=Samples(t_ns, gyro, 0 * gyro if accel is None else accel))
 
 
 def chain(count):
@@ -269,8 +273,8 @@ def test_a_smoothed_truth_errs_by_half_its_windows_variance_times_the_change_of_
         assert_allclose(after, rotation.multiply(before, rotation.exp(-5e-4 * change @ E.T)), atol=1e-12)
     problem = twin.original
     for source, free in ((GIVEN, False), (FOUND, True)):
-        alignment = replace(problem.session.alignment, source={"offset_s": source})
-        assert TruthTwin(replace(problem, session=replace(problem.session, alignment=alignment))).clock_free == free
+        alignment = replace(problem.session.reference.alignment, source={"offset_s": source})
+        assert TruthTwin(replace(problem, session=changed(problem.session, alignment=alignment))).clock_free == free
 
 
 # Wrong moments, outages, frames and the clock.
@@ -301,7 +305,7 @@ def test_a_moment_is_wrong_where_both_sides_miss_by_five_medians_in_opposite_dir
         fitted.append((len(batch), sigma))
         return SimpleNamespace(model=model)
 
-    with patch.object(truth_engine, "fit_least_squares", fit):
+    with patch.object(engine, "fit_least_squares", fit):
         kept, jumps, p = without_wrong_moments(problem)
         sound = errors(angles[:4])
         assert without_wrong_moments(sound) == (sound, [], 1.0)
@@ -324,7 +328,9 @@ def test_outages_are_claimed_where_they_were_with_what_is_sure_of_them_apart():
 
     first = SimpleNamespace(outages=[outage(1.0004, 2.0, True, 6.0, 40, 3.2104 * DEG), outage(5.0, 7.5, False, 9.0, 50, 4.0 * DEG)])
     second = SimpleNamespace(outages=[outage(1.5, 2.5, True, 7.0, 30, 5.0 * DEG)])
-    problem = SimpleNamespace(began_s=np.array([0.0, 100.0, 150.0]), session=SimpleNamespace(truths=(first, second)))
+    problem = SimpleNamespace(
+        began_s=np.array([0.0, 100.0, 150.0]), session=SimpleNamespace(reference=SimpleNamespace(truths=(first, second)))
+    )
     sure, unsure = _outage_claims(problem)
     assert sure.theta.tolist() == [1.0, 2.0, 101.5, 102.5]
     assert (sure.p_value, sure.parameters["size_dps"], sure.equivalent) == (_chance_of(7.0, 30, 30), [3.21, 5.0], ())
@@ -381,7 +387,7 @@ def fit_of(*claims, variance=1e-6):
 
 def explanation(**known):
     zero = np.zeros((1, 3))
-    plain = {"problem": None, "naming": None, "fit": None, "claimed": [], "refused": [], "p_value": 1.0}
+    plain = {"problem": None, "twin": None, "naming": None, "fit": None, "claimed": [], "refused": [], "p_value": 1.0}
     return TruthExplanation(**plain | {"angles": (zero, zero), "held_out": (zero, zero), "excess": (9.0, 1.0)} | known)
 
 
@@ -395,7 +401,7 @@ def named(effect, share=0.5, p_value=1e-3):
 
 @pytest.mark.parametrize(("sigmas", "said"), [(3.01, True), (2.99, False)])
 def test_a_clock_fitted_beside_a_delay_is_said_from_three_sigmas_on(sigmas, said):
-    session = SimpleNamespace(alignment=None)
+    session = SimpleNamespace(reference=SimpleNamespace(alignment=None))
     fit = fit_of(claim(LEAN, *np.zeros(9)), claim(OFFSET, -sigmas * 0.001), variance=0.5e-6)
     other = named(LEAN)
     before = explanation(problem=SimpleNamespace(session=session), fit=fit, claimed=[other], p_value=0.5)
@@ -444,7 +450,7 @@ def test_the_accelerometers_bias_is_what_the_truths_vertical_leaves():
     log = log_of(np.zeros((300, 3)), 0.5, force)
     truth = Truth(None, log.samples.t_ns[rows], true.as_quat(scalar_first=True))
     site = SimpleNamespace(expected_gravity_mps2=g)
-    session = SimpleNamespace(config=SimpleNamespace(site=site), truths=(truth,))
+    session = SimpleNamespace(config=SimpleNamespace(site=site), reference=SimpleNamespace(truths=(truth,)))
     axes = [Rotation.from_rotvec(each).as_matrix() for each in ([0, 0, 0.1], [0.05, 0, 0.1])]
     found = force_against_truth(SimpleNamespace(session=session, logs=[log]), *axes)
     own, turned = (windows(t_s, true.as_matrix(), force[rows] @ each.T, g) for each in axes)
@@ -452,16 +458,18 @@ def test_the_accelerometers_bias_is_what_the_truths_vertical_leaves():
     assert_allclose(found.sigma, own[1], rtol=1e-9)
     assert_allclose(found.turned, turned[0], atol=1e-9)
     for count in (81, 80):  # three windows are enough
-        session.truths = (replace(truth, t_ns=truth.t_ns[:count], q_nb=truth.q_nb[:count]),)
+        session.reference.truths = (replace(truth, t_ns=truth.t_ns[:count], q_nb=truth.q_nb[:count]),)
         assert (force_against_truth(SimpleNamespace(session=session, logs=[log]), *axes) is None) == (count == 80)
 
 
-def test_the_zero_at_rest_is_weighed_by_the_samples_of_each():
+def test_the_zero_at_rest_is_weighed_by_the_samples_of_each(monkeypatch):
     rng = np.random.default_rng(7)
     accel, means = rng.normal(size=(2, 400, 3)) * [[[1.0]], [[3.0]]], rng.normal(size=(3, 3))
     spans = ((0, 50, 80), (0, 200, 300), (1, 100, 140))
     rests = [SimpleNamespace(start=a, stop=b, gyro_mean=mean) for (_, a, b), mean in zip(spans, means, strict=True)]
-    logs = [log_of(np.zeros((400, 3)), 0.01, accel[0], rests[:2]), log_of(np.zeros((400, 3)), 0.01, accel[1], rests[2:])]
+    logs = [log_of(np.zeros((400, 3)), 0.01, each) for each in accel]
+    of = {id(logs[0].samples): rests[:2], id(logs[1].samples): rests[2:]}
+    monkeypatch.setattr(evidence, "find_rests", lambda samples: of[id(samples)])
     sensor = SimpleNamespace(sensor=SimpleNamespace(gyro_fs_dps=500))
     problem = SimpleNamespace(logs=logs, began_s=np.array([0.0, 4.0, 8.0]), session=SimpleNamespace(config=sensor))
     found = zero_at_rest(problem, lambda rate: 2 * rate)
@@ -472,9 +480,9 @@ def test_the_zero_at_rest_is_weighed_by_the_samples_of_each():
     quiet = (shaken[0][50:80].sum() + shaken[0][200:300].sum() + shaken[1][100:140].sum()) / 170
     moving = np.delete(shaken[0], [*range(50, 80), *range(200, 300)]), np.delete(shaken[1], range(100, 140))
     assert found.vibration_g2 == pytest.approx((quiet, np.mean([np.median(each) for each in moving])))
-    logs[0].rests = ()
+    of[id(logs[0].samples)] = []
     assert np.isnan(zero_at_rest(problem, lambda rate: rate).sigma).all()
-    logs[1].rests = ()
+    of[id(logs[1].samples)] = []
     assert zero_at_rest(problem, lambda rate: rate) is None
 
 
@@ -613,18 +621,18 @@ FORCE_BIAS = np.array([0.3, -0.2, 0.25])  # m/s^2
 def whole():
     """A gyro with 0.3 dps/g, an accelerometer with a bias, a truth that is 6 ms late and wrong at two moments, explained."""
     session, _ = made(Wrong(turns=24, late_s=0.006))
-    (log,), (truth,) = session.logs, session.truths
+    (log,), (truth,) = session.logs, session.reference.truths
     gyro = log.samples.gyro + 0.3 * DEG * log.samples.accel[:, [1, 2, 0]] / 9.80665
     q, jump = truth.q_nb.copy(), Rotation.from_rotvec([15 * DEG, 0, -10 * DEG])
     cut = prepare(session).problem
     moments = [cut.used[number].start_s for number in (8, 16)]
     for moment in moments:
-        row = int(np.argmin(np.abs(cut.session.truths[0].t_ns * 1e-9 - moment)))
+        row = int(np.argmin(np.abs(cut.session.reference.truths[0].t_ns * 1e-9 - moment)))
         q[row] = (Rotation.from_quat(q[row], scalar_first=True) * jump).as_quat(scalar_first=True)
     accel = log.samples.accel + FORCE_BIAS
     log, truth = replace(log, samples=replace(log.samples, gyro=gyro, accel=accel)), replace(truth, q_nb=q)
     said = []
-    e = explain_truth(replace(session, logs=(log,), truths=(truth,)), progress=lambda *step: said.append(step))
+    e = explain_truth(changed(replace(session, logs=(log,)), truths=(truth,)), progress=lambda *step: said.append(step))
     assert list(dict.fromkeys(step[1:] for step in said)) == [(0, 5), (1, 5), (2, 5), (3, 5), (4, 5)]
     return e, moments
 
@@ -702,3 +710,31 @@ def test_a_still_effect_beside_a_truth_is_refused_in_one_line(tmp_path, capsys):
     said = capsys.readouterr().err
     assert said.count("\n") == 1
     assert "earth.rotation cannot be fitted beside a truth file" in said
+
+
+def test_an_error_of_a_moment_of_truth_is_shared_by_two_turns_and_grows_with_the_rate_and_its_change():
+    """A segment ends at the sample where the next one of its log begins; between logs and behind a rejected one nothing is shared.  Of each
+    turn itself, an error grows with the root of the length of its path."""
+    problem = small_session(kind="yaw", truths=True)
+    joined = [replace(s, stop=t.start + 1 if t.log == s.log else s.stop) for s, t in pairwise(problem.used)]
+    problem = replace(problem, segments=[*joined, problem.used[-1]])
+    problem.__dict__["instability"] = BiasInstability(20 * DPH, "given")
+    used, twin = problem.used, Twin(problem)
+    missed = replace(undersampling(twin), predicted_rad=np.zeros(7), exponent=2.0, rate_hz=100.0)
+    found = {c.name: c for c in first_noise(twin, Whitener(twin), missed).components}
+    assert set(found) == {WANDER, TRUTH, "noise.truth_rate", "noise.truth_acceleration", "noise.turned", TURN}  # no still is there
+    assert found[TRUTH].prior == (problem.session.reference.sigma_deg * DEG, 1.5, None)
+    moments = sorted({(s.log, row) for s in used for row in (s.start, s.stop - 1)})
+    assert len(moments) == 9
+    ends = np.array([[((s.log, s.stop - 1) == at) * 1.0 - ((s.log, s.start) == at) for s in used] for at in moments])
+    rates = [np.asarray(problem.first(log.samples.gyro)) for log in problem.logs]
+    # A sample is longer than the 8 ms over which a derivative is taken of faster logs.
+    changes = [np.gradient(rate, log.samples.period_s, axis=0) for rate, log in zip(rates, problem.logs, strict=True)]
+    ones = [np.ones((len(rate), 1)) for rate in rates]
+    for name, values in ((TRUTH, ones), ("noise.truth_rate", rates), ("noise.truth_acceleration", changes)):
+        squares = [values[log][row] @ values[log][row] for log, row in moments]
+        expected = np.kron(ends.T @ np.diag(squares) @ ends, np.eye(3))
+        assert_allclose(found[name].V.dense(), expected, rtol=1e-9, atol=1e-12 * expected.max())
+    times = [log.samples.t_s for log in problem.logs]
+    paths = [np.trapezoid(np.linalg.norm(rates[s.log][s.start : s.stop], axis=1), times[s.log][s.start : s.stop]) for s in used]
+    assert_allclose(found["noise.turned"].V.dense(), np.diag(np.repeat(paths, 3)), rtol=1e-9)

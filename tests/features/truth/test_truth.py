@@ -9,15 +9,15 @@ from conftest import DEG
 from truth_sessions import BIAS_DPS, Wrong, made, write
 
 from session.base.errors import FormatError
-from session.detect.check_references import with_aligned_truth
 from session.detect.first_look import check_session
-from session.log.logfile import read_truth
 from tinygc import read_session, simulate
 from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.prepared import prepare
 from tinygc.closure.residual import closure_angles
 from tinygc.closure.uncertainty import parameter_covariance
+from tinygc.features.truth.check import with_aligned_truth
+from tinygc.features.truth.reading import changed, read_truth
 from tinygc.models.linear import LinearModel
 
 FEW = Wrong(turns=16, every_s=0.5)
@@ -44,9 +44,9 @@ def test_the_errors_are_recovered_within_their_sigmas_without_a_single_still():
 
 def test_windows_bound_their_own_segments_and_missing_samples_leave_one_out():
     session, _ = made(FEW)
-    (log,), (truth,) = session.logs, session.truths
+    (log,), (truth,) = session.logs, session.reference.truths
     windows = replace(truth, window=np.arange(len(truth.t_ns)) // 5)
-    problem = build_problem(replace(session, truths=(windows,)))
+    problem = build_problem(changed(session, truths=(windows,)))
     assert {round(segment.duration_s, 1) for segment in problem.segments[:-1]} == {2.0}  # from a window's first moment to its last
     np.testing.assert_allclose(np.diff([segment.start_s for segment in problem.segments]), 2.5, atol=0.01)
     kept = np.r_[0:2000, 2100 : len(log.samples)]
@@ -121,11 +121,11 @@ def test_the_earth_tells_an_accelerometer_that_is_upside_down():
     logs = tuple(replace(log, samples=log.samples.with_accel(-log.samples.accel)) for log in session.logs)
     negated = replace(session.config, accelerometer=replace(triad, bias_mps2=-triad.bias_mps2))
     south = replace(session.config, site=replace(site, latitude_deg=-site.latitude_deg))
-    for changed, advice in (
+    for tried, advice in (
         (session, None),
         (replace(session, logs=logs, config=negated), "negate all axes of the accelerometer if the one that points up reads -1 g"),
         (replace(session, config=south), "is site.latitude_deg wrong?"),
     ):
-        said = [finding for finding in prepare(changed).warnings if finding.what == "gravity's sign"]
+        said = [finding for finding in prepare(tried).warnings if finding.what == "gravity's sign"]
         assert len(said) == (advice is not None)
         assert all(advice in finding.do and "as if gravity were upside down" in finding.says for finding in said)

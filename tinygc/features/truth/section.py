@@ -5,19 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from session.base.units import DEG
-from tinygc.explanation.reported import ReportData
-from tinygc.explanation.truth_evidence import TruthExplanation
-from tinygc.reporting.explanation_text import CANNOT, evidence_rows, refusals, values_of
+from tinygc.features.truth.evidence import TruthExplanation
+from tinygc.features.truth.text import CANNOT, evidence_rows, refusals, values_of
 from tinygc.reporting.html.chart import Chart, log_axis
-from tinygc.reporting.html.markup import Section, render
+from tinygc.reporting.html.markup import Section, render_own
 
 
-def section(evidence: ReportData) -> Section | None:
-    """Section on the explanation; None without a truth file, or if explain was not run."""
-    e = evidence.against_truth
-    if e is None:
-        return None
-    html = render(
+def section(e: TruthExplanation) -> Section:
+    """Section on the explanation."""
+    html = render_own(
+        "tinygc.features.truth",
         "truth.html",
         e=e,
         values_of=values_of,

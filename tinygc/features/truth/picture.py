@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from session.base.units import DEG, MG
-from tinygc.explanation.truth_evidence import TruthExplanation, neighbours
+from tinygc.features.truth.evidence import TruthExplanation, neighbours
 from tinygc.reporting.pictures.canvas import AFTER, AXES, BEFORE, FLOOR, canvas
 
 if TYPE_CHECKING:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -11,15 +12,15 @@ from session.base.errors import SegmentError
 from session.base.units import DEG
 from session.detect.segments import Segment, without_excluded
 from session.detect.stills import LogStills, Noise, SessionStills
-from session.detect.truth_segments import TruthEnds, cut_at_truth
 from session.log.folder import Session
 from session.log.samples import Samples, start_times
 from tinygc.closure.earth import EarthRate, no_earth, vertical_only, with_heading
-from tinygc.closure.floor import TRUTH, Floor, gyro_variance
+from tinygc.closure.floor import Floor, gyro_variance
 from tinygc.closure.least_squares import StillRates, fit_least_squares
 from tinygc.closure.problem import LEFT_OUT, Problem, widened_by_bridges
 from tinygc.closure.residual import Batch, attitudes
 from tinygc.closure.stills import StillSet
+from tinygc.features.truth.segments import TruthEnds, cut_at_truth
 from tinygc.models.linear import LinearModel, bias_only
 
 # The problem of a session whose reference is a truth file: segments between moments of truth, three angles each.
@@ -49,7 +50,7 @@ def build_truth_problem(
     logs: list[StillSet] = []
     cut: list[tuple[Segment, TruthEnds]] = []
     protocol, sensor = session.config.protocol, session.config.sensor
-    for number, (log, truth) in enumerate(zip(session.logs, session.truths or (), strict=True)):
+    for number, (log, truth) in enumerate(zip(session.logs, session.reference.truths, strict=True)):
         progress(f"truth of {log.path.name}")
         here = found.of(log)
         part = cut_at_truth(here.samples, truth, sensor, protocol, log=number, number=len(cut), put_in=log.put_in)
@@ -76,7 +77,7 @@ def build_truth_problem(
     batch = replace(batch, earth=earth.in_body(at))
     model = fit_least_squares(batch, np.full(len(batch), 1e-3), model).model
     logs = [_with_attitudes(log, number, accepted, at) for number, log in enumerate(logs)]
-    floor = _floor(batch, at, accepted, ends, logs, protocol.truth_sigma_deg * DEG)
+    floor = _floor(batch, at, accepted, ends, logs, session.reference)
     more, widened = widened_by_bridges(accepted, [log.bridges for log in logs], at)
     floor = floor.widened(more) if widened else floor
     return Problem(session, segments, batch, floor, {0: earth}, logs, model, _still_rates(logs, earth), found, widened=tuple(widened))
@@ -125,7 +126,7 @@ def _first_fit(session: Session, logs: list[StillSet], batch: Batch) -> LinearMo
         short = replace(protocol, segment_s=SHORT_S)
         cut = [
             pair
-            for number, (log, truth) in enumerate(zip(logs, session.truths or (), strict=True))
+            for number, (log, truth) in enumerate(zip(logs, session.reference.truths, strict=True))
             for pair in cut_at_truth(log.samples, truth, session.config.sensor, short, log=number, put_in=session.logs[number].put_in)
             if pair[0].accepted
         ]
@@ -151,16 +152,16 @@ def _with_attitudes(log: StillSet, number: int, segments: list[Segment], at: np.
     return replace(log, q_tb=np.array(q).reshape(-1, 4))
 
 
-def _floor(batch: Batch, at: np.ndarray, segments: list[Segment], ends: list[TruthEnds], logs: list[StillSet], truth_sigma: float) -> Floor:
+def _floor(batch: Batch, at: np.ndarray, segments: list[Segment], ends: list[TruthEnds], logs: list[StillSet], reference: Any) -> Floor:
     """Floor from the gyro's noise and the truth's sigma at both ends; neighbours share a moment of truth."""
     own = gyro_variance(batch, at, [logs[segment.log].noise for segment in segments])
-    truth = np.eye(3) * truth_sigma**2
+    truth = np.eye(3) * (reference.sigma_deg * DEG) ** 2
     shared = np.zeros((len(batch) - 1, 3, 3))
     for i in range(len(batch) - 1):
         if segments[i].log == segments[i + 1].log and ends[i].last == ends[i + 1].first:
             shared[i] = -truth
     of_truth = Floor(np.broadcast_to(2 * truth, own.shape), shared)
-    return Floor(own + of_truth.own, shared, references={TRUTH: of_truth})
+    return Floor(own + of_truth.own, shared, references={reference.title: of_truth})
 
 
 def _still_rates(logs: list[StillSet], earth: EarthRate) -> StillRates:

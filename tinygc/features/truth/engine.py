@@ -11,14 +11,13 @@ from scipy.special import chdtrc, fdtrc, gammaincinv
 
 from session.base.numeric import median_length
 from session.base.units import DEG
-from session.log.config import FOUND, TruthAlignment
 from session.log.folder import Session
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.prepared import Prepared, prepare
 from tinygc.closure.problem import Problem, weighed_down
 from tinygc.explanation.claims import common_delays
 from tinygc.explanation.evidence import Evidence
-from tinygc.explanation.truth_evidence import (
+from tinygc.features.truth.evidence import (
     Force,
     TruthClaim,
     TruthExplanation,
@@ -31,7 +30,8 @@ from tinygc.explanation.truth_evidence import (
     truth_claim,
     zero_at_rest,
 )
-from tinygc.explanation.truth_names import (
+from tinygc.features.truth.reading import FOUND, TruthAlignment
+from tinygc.features.truth.twin import (
     FRAME,
     LIKE_AN_OUTAGE,
     MOUNTED,
@@ -99,7 +99,7 @@ SAID_SIGMAS = 3.0
 def _with_recorded_clock(names: TruthExplanation) -> TruthExplanation:
     """Put the whole clock offset among the claims.  If an offset was found before the fit, "before" is the recording with the clock set
     back."""
-    alignment = names.session.alignment
+    alignment = names.session.reference.alignment
     found_s = alignment.reading.offset_s if alignment is not None and alignment.source["offset_s"] == FOUND else 0.0
     named = next((claim for claim in names.claimed if claim.effect.id == OFFSET.id), None)
     others = [claim for claim in names.claimed if claim is not named]
@@ -183,7 +183,7 @@ def explain_truth(
     sound, jumps, jumps_p = without_wrong_moments(problem)
     progress("naming", 2, 5)
     fit = fit_least_squares(sound.batch, sound.floor.sigma, problem.first)
-    alignment = sound.session.alignment
+    alignment = sound.session.reference.alignment
     twin = TruthTwin(sound)
     names = _with_recorded_clock(name_beside_truth(twin, Evidence(twin), seed, lambda what: progress(what, 2, 5)))
     progress("growth and clocks", 3, 5)
@@ -216,7 +216,7 @@ def explain_truth(
 def _outage_claims(problem: Problem) -> list[TruthClaim]:
     """Claim the outages that ``without_outages`` has found: those of the truth, and those that may be the gyro's."""
     began, claims = problem.began_s, []
-    found = [(float(began[log]), outage) for log, truth in enumerate(problem.session.truths or ()) for outage in truth.outages]
+    found = [(float(began[log]), outage) for log, truth in enumerate(problem.session.reference.truths) for outage in truth.outages]
     for sure in (True, False):
         here = [(start_s, outage) for start_s, outage in found if outage.sure == sure]
         if not here:

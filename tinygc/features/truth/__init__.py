@@ -1,0 +1,1 @@
+"""Truth files: attitudes from elsewhere as the reference of a recording."""

@@ -150,26 +150,26 @@ def along_x(*readings) -> np.ndarray:
 
 def test_the_rate_of_the_units_that_are_left_and_its_sigma():
     """Densities 0.1, 0.2, 0.2 at 100 Hz: variances 0.5, 2, 2 a sample; weights 4, 1, 1, of those that are left."""
-    fused = fuse(plain([0.1, 0.2, 0.2]), along_x([1, 2, 3], [1, np.nan, 2], [np.nan, np.nan, 3], [np.nan] * 3))
-    assert_allclose(fused.rate[:3, 0], [9 / 6, 6 / 5, 3])
-    assert_allclose(fused.sigma[:3], np.sqrt([1 / 3, 0.4, 2])[:, None] * np.ones(3))
-    assert np.isnan(fused.rate[3]).all()
-    assert np.isnan(fused.sigma[3]).all()
-    assert_array_equal(fused.used.sum(axis=1), [3, 2, 1, 0])
+    rate, sigma, used = fuse(plain([0.1, 0.2, 0.2]), along_x([1, 2, 3], [1, np.nan, 2], [np.nan, np.nan, 3], [np.nan] * 3))
+    assert_allclose(rate[:3, 0], [9 / 6, 6 / 5, 3])
+    assert_allclose(sigma[:3], np.sqrt([1 / 3, 0.4, 2])[:, None] * np.ones(3))
+    assert np.isnan(rate[3]).all()
+    assert np.isnan(sigma[3]).all()
+    assert_array_equal(used.sum(axis=1), [3, 2, 1, 0])
 
 
 def test_the_sigma_holds_correlated_noise_and_that_of_the_parameters_where_it_is_known():
     alike = replace(plain([0.1, 0.2]), noise_correlation=np.kron(np.array([[1, 0.3], [0.3, 1]]), np.eye(3)))
     known = model_of(units(3))
     for model, count, own in ((alike, 2, 0.0), (known, 3, known.bias_sigma)):
-        assert_allclose(fuse(model, np.zeros((count, 3))).sigma[0], np.hypot(model.noise_density * np.sqrt(RATE_HZ / 2), own))
+        assert_allclose(fuse(model, np.zeros((count, 3)))[1][0], np.hypot(model.noise_density * np.sqrt(RATE_HZ / 2), own))
 
 
 def test_a_reading_at_the_end_of_a_range_is_used_only_where_all_are():
-    fused = fuse(plain([0.1, 0.1]), along_x([BELOW, ABOVE], [-ABOVE, 1], [ABOVE, -ABOVE], [ABOVE, np.nan]))
-    assert_array_equal(fused.used, [[True, False], [False, True], [True, True], [True, False]])
-    assert_allclose(fused.rate[:, 0], [BELOW, 1, 0, ABOVE], atol=1e-12)
-    assert_array_equal(np.isinf(fused.sigma).all(axis=1), [False, False, True, True])
+    rate, sigma, used = fuse(plain([0.1, 0.1]), along_x([BELOW, ABOVE], [-ABOVE, 1], [ABOVE, -ABOVE], [ABOVE, np.nan]))
+    assert_array_equal(used, [[True, False], [False, True], [True, True], [True, False]])
+    assert_allclose(rate[:, 0], [BELOW, 1, 0, ABOVE], atol=1e-12)
+    assert_array_equal(np.isinf(sigma).all(axis=1), [False, False, True, True])
 
 
 # Between samples, and forces.

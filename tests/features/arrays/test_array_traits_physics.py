@@ -41,7 +41,7 @@ def scalars(values, sigma=1.0, named=(0,)):
 
 def of(values, named=(0,), tests=1, share=0.0, **more):
     """The trait of units whose estimates have a sigma of one."""
-    return _trait_of(OFFSET, scalars(values, named=named), (), tests, share, **more)
+    return _trait_of(OFFSET, scalars(values, named=named), (), tests, share, **{"unknown": (), "instead": ()} | more)
 
 
 def test_an_effect_of_all_units_that_one_alone_shows_significantly_is_no_units_own():
@@ -57,7 +57,7 @@ def test_an_effect_of_all_units_that_one_alone_shows_significantly_is_no_units_o
 
 def test_units_that_cannot_show_an_effect_are_not_counted_for_it():
     blind = {n: Estimate(np.zeros(1), np.array([[1e-6]]), False) for n in (1, 2, 3)}
-    found = _trait_of(OFFSET, {0: Estimate(np.array([1e-3]), np.array([[1e-8]]), True), **blind}, (), 1, 0.0)
+    found = _trait_of(OFFSET, {0: Estimate(np.array([1e-3]), np.array([[1e-8]]), True), **blind}, (), 1, 0.0, (), ())
     assert (found.scope, found.statement.standing) == (UNDECIDED, Standing.UNDECIDED)
     equal = chi2.sf(1e-6 / (1e-8 + 1e-6 / 3), 3)  # of one against the mean of three
     assert f"named in unit 0; units 1, 2, 3 cannot show it (equal sizes p = {equal:.2g}): undecided; 0.00000 ± 0.00058 s" in found.words

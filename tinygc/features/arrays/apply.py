@@ -201,9 +201,9 @@ def apply_array(
         reader = reading[0].reader
         size = max(reader.path.stat().st_size, 1)
         for t_ns, values in _moments(reading):
-            found = fuse(model, values[..., :3])
-            counts["at_end"] += int(np.isinf(found.sigma).any(axis=1).sum())
-            yield t_ns, found.rate, values[..., 3:], found.used
+            rate, sigma, in_use = fuse(model, values[..., :3])
+            counts["at_end"] += int(np.isinf(sigma).any(axis=1).sum())
+            yield t_ns, rate, values[..., 3:], in_use
             progress("applying", min(reader.position, size), size)
 
     with opened(out) as file:

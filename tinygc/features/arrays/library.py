@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from session.base.errors import CalibrationError
+from session.base.errors import CalibrationError, DataError
+from session.base.texts import printable
+from session.detect.check_references import with_own_accelerometer
 from session.detect.findings import Finding
 from session.log.folder import Session
-from tinygc.explanation.checked import Checked
+from tinygc.explanation import checked as on_others
+from tinygc.explanation.checked import Checked, checked_to_json
+from tinygc.explanation.engine import explain_session
 from tinygc.features.arrays.apply import apply_array
-from tinygc.features.arrays.checked import check_units, checked_units_page, checked_units_to_json
 from tinygc.features.arrays.explanation import (
     ArrayExplanation,
     array_explain_page,
@@ -22,10 +25,59 @@ from tinygc.features.arrays.explanation import (
     save_array_explanation,
 )
 from tinygc.features.arrays.fit import ArrayFit, array_to_json, fit_array, save_array
-from tinygc.features.arrays.recording import array_of, read_array
+from tinygc.features.arrays.recording import ArraySession, array_of, read_array
 from tinygc.library.arguments import Progress, column_unit, is_path, nothing, public
 from tinygc.library.records import Shown
-from tinygc.reporting.terminal import Group
+from tinygc.reporting.checked_text import checked_page
+from tinygc.reporting.terminal import Group, RenderableType, one_line
+
+# Effects of an array's units, checked on the same units in other recordings of the array.
+
+
+def check_units(
+    found: ArrayExplanation,
+    other: ArraySession,
+    *,
+    seed: int,
+    use_earth: bool,
+    progress: Callable[[str, int, int], None],
+) -> dict[int, Checked]:
+    """Check each unit's effects on the unit of the same number in another recording, by that number.  DataError where none is in both."""
+    numbers = [number for number in found.explanations if number in other.numbers]
+    if not numbers:
+        have, want = (", ".join(map(str, these)) for these in (other.numbers, found.explanations))
+        raise DataError(f"{other.folder}: it has units {have}, expected some of {want}; give another recording of the same array")
+    units = {}
+    for done, number in enumerate(numbers):
+        progress(f"checking unit {number} on {printable(other.name)}", done, len(numbers))
+        unit = other.units[other.numbers.index(number)]
+        try:
+            explained = explain_session(with_own_accelerometer(unit)[0], seed=seed, use_earth=use_earth)
+            units[number] = on_others.check_on(found.explanations[number], explained, seed)
+        except CalibrationError as error:
+            units[number] = Checked(unit, None, error=str(error))
+    return units
+
+
+def checked_units_page(checked: Sequence[tuple[str, dict[int, Checked]]]) -> list[RenderableType]:
+    """Return what the checks on recordings, by their names, say of each unit that names an effect or could not be checked."""
+    parts: list[RenderableType] = []
+    for number in sorted({number for _, units in checked for number in units}):
+        mine = [units[number] for _, units in checked if number in units]
+        if any(each.effects or each.error for each in mine):
+            parts += [one_line(f"Unit {number}", "bold"), *checked_page(mine)]
+    return parts or ([one_line("Checked on other recordings: nothing is named here that could be checked.")] if checked else [])
+
+
+def checked_units_to_json(checked: Sequence[tuple[str, dict[int, Checked]]]) -> list[dict]:
+    """Return ``checked`` of ``tinygc-array-explain/2``."""
+    return [
+        {"array": name, "units": [{"number": number, **checked_to_json([one])[0]} for number, one in units.items()]}
+        for name, units in checked
+    ]
+
+
+# What a user has of an array.
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -82,15 +82,17 @@ def shared_noise(
     for number, log in enumerate(sessions[0].logs):
         if any(number >= len(session.logs) for session in sessions):
             continue
-        means = []
+        totals = []  # times (N,) s, and the integral of the readings (N, 3) over them, of each unit
         for session, clock, matrix in zip(sessions, clocks, maps, strict=True):
             samples = session.logs[number].samples
-            means.append(_Integral(clock.array_time(samples.t_ns * NS), samples.accel if accelerometer else samples.gyro, matrix))
+            t_s, readings = clock.array_time(samples.t_ns * NS), np.asarray(samples.accel if accelerometer else samples.gyro)
+            totals.append((t_s, cumulative_trapezoid(readings @ matrix.T, t_s, axis=0, initial=0.0)))
         begins_s = float(log.samples.t_ns[0]) * NS
         for still in references(first.of(log).stills):
             edges = begins_s + still.start_s + np.arange(0, still.duration_s, BLOCK_S)
-            if len(edges) > 2 and all(each.covers(edges) for each in means):
-                groups.append([np.diff(each.means(edges), axis=0) for each in means])
+            if len(edges) > 2 and all(t_s[0] <= edges[0] and edges[-1] <= t_s[-1] for t_s, _ in totals):
+                at = [np.column_stack([np.interp(edges, t_s, axis) for axis in total.T]) for t_s, total in totals]
+                groups.append([np.diff(np.diff(each, axis=0) / BLOCK_S, axis=0) for each in at])
     return None if not groups else correlated(groups)
 
 
@@ -128,19 +130,3 @@ def correlated(groups: Sequence[Sequence[np.ndarray]]) -> SharedNoise | None:
 def _correlation(products: np.ndarray) -> np.ndarray:
     size = sigmas_in(products)
     return products / np.maximum(np.outer(size, size), 1e-300)
-
-
-class _Integral:
-    """Integral of readings (N, 3) over times (N,) s, for means between any edges."""
-
-    def __init__(self, t_s: np.ndarray, readings: np.ndarray, matrix: np.ndarray):
-        self.t_s = t_s
-        self.total = cumulative_trapezoid(np.asarray(readings) @ matrix.T, t_s, axis=0, initial=0.0)
-
-    def covers(self, edges: np.ndarray) -> bool:
-        return bool(self.t_s[0] <= edges[0] and edges[-1] <= self.t_s[-1])
-
-    def means(self, edges: np.ndarray) -> np.ndarray:
-        """(K - 1, 3) between K edges, equally spaced."""
-        at = np.column_stack([np.interp(edges, self.t_s, axis) for axis in self.total.T])
-        return np.diff(at, axis=0) / BLOCK_S

@@ -166,17 +166,21 @@ def _trait_of(
     says: tuple[str, ...],
     tests: int,
     share: float,
-    unknown: tuple[int, ...] = (),
-    instead: tuple[str, ...] = (),
+    unknown: tuple[int, ...],
+    instead: tuple[str, ...],
 ) -> Trait:
     """State one effect of the units' estimates; tests: effects among which it was found, by which p-values are multiplied."""
     numbers = list(estimates)
     units = tuple(number for number in numbers if estimates[number].named)
     values = np.array([estimates[number].theta for number in numbers])
     covariances = np.array([estimates[number].covariance for number in numbers])
+
+    def trait(scope: str, statement: Statement, apart: tuple[int, ...] = ()) -> Trait:
+        return Trait(effect.id, scope, statement, units, says, apart, estimates, unknown, instead)
+
     if len(numbers) < 2:
         statement = Statement(f"{effect.id}, in one unit", Standing.UNDECIDED, HOMOGENEITY, 1.0, *_sizes(effect, values[0], covariances[0]))
-        return Trait(effect.id, UNDECIDED, statement, units, says, (), estimates, unknown, instead)
+        return trait(UNDECIDED, statement)
     p_equal, pooled, covariance = homogeneity_p(values, covariances)
     p_differ = min(1.0, tests * p_equal)  # the factor makes rejection harder; in favour of equality it would say too much
     if p_differ < LEVEL:
@@ -188,7 +192,7 @@ def _trait_of(
             _, usual, spread = homogeneity_p(values[rest], covariances[rest])
             of_each += f", {_sizes(effect, usual, widened(spread, len(rest), share))[0]} in the others"
         statement = Statement(f"{effect.id} differs between units", Standing.FOR, HOMOGENEITY, p_differ, of_each, "")
-        return Trait(effect.id, DIFFERS, statement, units, says, apart, estimates, unknown, instead)
+        return trait(DIFFERS, statement, apart)
     covariance = widened(covariance, len(numbers), share)
     p_value = min(1.0, tests * pooled_p(pooled, covariance))
     size, limit = _sizes(effect, pooled, covariance)
@@ -199,7 +203,7 @@ def _trait_of(
     if standing is not Standing.FOR:
         what, test = f"{effect.id} ({named}), pooled over {len(numbers)} units", f"{POOLED}; {equal}"
         statement = Statement(what, standing, test, p_value, size, limit)
-        return Trait(effect.id, UNDECIDED, statement, units, says, (), estimates, unknown, instead)
+        return trait(UNDECIDED, statement)
     # One exact unit outweighs others that are blind, and equality with them is then never rejected: the others must show it themselves.
     rest = [k for k in range(len(numbers)) if numbers[k] not in units]
     if rest:
@@ -209,10 +213,10 @@ def _trait_of(
         if p_others >= LEVEL:
             what = f"{effect.id}, {named}; {_of_units([numbers[k] for k in rest])} cannot show it ({equal})"
             statement = Statement(what, Standing.UNDECIDED, POOLED, p_others, *_sizes(effect, others, spread))
-            return Trait(effect.id, UNDECIDED, statement, units, says, (), estimates, unknown, instead)
+            return trait(UNDECIDED, statement)
     everywhere = "all units" if not unknown else _of_units(numbers)
     what = f"{effect.id} in {everywhere}, one size is not rejected ({equal})"
-    return Trait(effect.id, ALIKE, Statement(what, standing, POOLED, p_value, size, limit), units, says, (), estimates, unknown, instead)
+    return trait(ALIKE, Statement(what, standing, POOLED, p_value, size, limit))
 
 
 def _of_units(numbers: Sequence[int]) -> str:

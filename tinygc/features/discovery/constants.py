@@ -96,7 +96,7 @@ def by_axis(form: LawForm, responses: Responses, projection: Projection) -> list
     places = [place for place, factor in enumerate(form.factors) for value in (factor.constant, factor.lag_s) if value is not None]
     for number, place in enumerate(places):
         factor = form.factors[place]
-        axes = np.array([term.parts[place][1] // factor.each for term in form.terms()])
+        axes = np.array([parts[place][1] // factor.each for _, parts in form.terms()])
         if factor.vector and len(np.unique(axes)) > 1:
             found.append(_by_axis(form, number, axes, responses, projection))
     return found

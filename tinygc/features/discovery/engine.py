@@ -116,14 +116,15 @@ def answer(explanation: Explanation, searched: SearchState, progress: Callable[[
     have = evidence.of((*named, *effects), evidence.nothing)
     for number, law in enumerate(effects):
         have, effects[number] = exact(evidence, have, law)
-    whole = _Whole(evidence, have, effects)
-    assessed = [replace(each, others=_near_on_all(searched, each, whole, number)) for number, each in enumerate(assessed)]
-    names = _beside(whole.have, frozenset(whole.evidence.forms))
+    # The selected hypothesis refitted on the whole recording: constants common to all axes
+    both = zip(assessed, effects, strict=True)
+    assessed = [replace(each, others=_near_on_all(searched, each, evidence, have, law)) for each, law in both]
+    names = _beside(have, frozenset(evidence.forms))
     progress("from what size it could have been found")
     ids = list[str]()
     for each in assessed:
         ids.append(_free_id(each.form, ids))
-    laws = tuple(_law(searched, each, whole, ids, number) for number, each in enumerate(assessed))
+    laws = tuple(_law(searched, each, evidence, have, effects[number], ids, number) for number, each in enumerate(assessed))
     why = _undecided(assessed, laws, share) or ("the search has come to the end of its work" if searched.evidence.exhausted else "")
     return Discovery("ambiguous" if why else "found", why, laws, names, **common)
 
@@ -221,19 +222,9 @@ def _plainest(searched: SearchState, law: Effect) -> SearchState:
     return searched
 
 
-@dataclass(frozen=True, eq=False)
-class _Whole:
-    """The selected hypothesis refitted on the whole recording: laws in the order of the selection, constants common to all axes."""
-
-    evidence: FormEvidence
-    have: Hypothesis
-    laws: list[Effect]
-
-
-def _near_on_all(searched: SearchState, assessed: _AssessedLaw, whole: _Whole, number: int) -> list[Rival]:
+def _near_on_all(searched: SearchState, assessed: _AssessedLaw, evidence: FormEvidence, have: Hypothesis, law: Effect) -> list[Rival]:
     """The law's rivals of another rate that stay near on the whole recording: a law is tested on what the search never saw, and then all of
     it tells the law from its rivals."""
-    evidence, have, law = whole.evidence, whole.have, whole.laws[number]
     own, found = whole_added(evidence.twin, have), []
     for rival in assessed.others:
         if evidence.exhausted:
@@ -274,22 +265,24 @@ def _free_id(form: LawForm, taken: Sequence[str]) -> str:
     return found
 
 
-def _law(searched: SearchState, assessed: _AssessedLaw, whole: _Whole, ids: list[str], number: int) -> Law:
-    evidence, own = searched.evidence, whole.laws[number]
-    form, fit = whole.evidence.forms[own.id], whole.have.fit
-    at = next(i for i, effect in enumerate(whole.have.effects) if effect is own)
+def _law(
+    searched: SearchState, assessed: _AssessedLaw, evidence: FormEvidence, have: Hypothesis, own: Effect, ids: list[str], number: int
+) -> Law:
+    """The number-th law, as an effect of a hypothesis on the whole recording."""
+    form, fit, seen = evidence.forms[own.id], have.fit, searched.evidence
+    at = next(i for i, effect in enumerate(have.effects) if effect is own)
     theta, part = fit.state.claims[at].theta, claim_slice(fit.state.claims, at)
-    held, constants = fit.covariance, Constants.of(whole.evidence.twin, whole.have, own, form) if form.constants else None
+    held, constants = fit.covariance, Constants.of(evidence.twin, have, own, form) if form.constants else None
     covariance = (held if constants is None else constants.widened(held))[part, part]
     sigmas = () if constants is None else constants.sigmas(form)
     gain = float(theta @ np.linalg.solve(held[part, part], theta))
     unobserved = not_observed(theta, covariance)
     known = None if constants is None else (constants.covariance, constants.along[part])
     beside = observed(unobserved) if len(unobserved) else np.eye(len(theta))
-    lacking = share_lacking(form, theta, held[part, part], known, beside, whole.evidence.twin.movements, number)
+    lacking = share_lacking(form, theta, held[part, part], known, beside, evidence.twin.movements, number)
     theta, covariance = beside @ theta, beside @ covariance @ beside.T
     shown = learnable_from(assessed.round.screening, form, theta, CHANCE, searched.best.whiten)
-    effect = as_effect(form, ids[number], rms_of(form, evidence.twin.movements), equation(form))
+    effect = as_effect(form, ids[number], rms_of(form, seen.twin.movements), equation(form))
     return Law(
         form,
         effect,
@@ -301,8 +294,8 @@ def _law(searched: SearchState, assessed: _AssessedLaw, whole: _Whole, ids: list
         assessed.better,
         assessed.chance_p,
         assessed.held_out,
-        _same(assessed, evidence),
-        tuple(_runner_up(evidence, rival, ids) for rival in assessed.others[:MOST_RUNNERS_UP]),
+        _same(assessed, seen),
+        tuple(_runner_up(seen, rival, ids) for rival in assessed.others[:MOST_RUNNERS_UP]),
         None if shown is None or gain <= 0 else max(shown, float((np.sqrt(DECISIVE) + SURE_SIGMAS) / np.sqrt(gain))),
         unobserved,
         lacking,

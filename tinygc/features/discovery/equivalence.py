@@ -169,8 +169,8 @@ def _same_components(forms: Sequence[LawForm], axis: int) -> list[tuple[list[int
         groups.setdefault(key, []).append(number)
     found = []
     for members in groups.values():
-        terms = [term for term in forms[members[0]].terms() if term.axis == axis]
-        found.append((members, [[term.parts[place][1] for term in terms] for place in range(len(terms[0].parts))]))
+        terms = [parts for own, parts in forms[members[0]].terms() if own == axis]
+        found.append((members, [[parts[place][1] for parts in terms] for place in range(len(terms[0]))]))
     return found
 
 
@@ -197,11 +197,11 @@ def columns_of(form: LawForm, movement: Movement) -> np.ndarray:
     values = {factor: factor.values(movement) for factor in form.factors}
     terms = form.terms()
     found = np.zeros((len(movement.rate), 3, len(terms)))
-    for number, term in enumerate(terms):
+    for number, (axis, parts) in enumerate(terms):
         product = np.ones(len(movement.rate))
-        for factor, component in term.parts:
+        for factor, component in parts:
             product = product * values[factor][:, component]
-        found[:, term.axis, number] = product
+        found[:, axis, number] = product
     return found
 
 
@@ -209,11 +209,11 @@ def distorted(form: LawForm, movement: Movement, theta: np.ndarray) -> np.ndarra
     """Rate with the law, (N, 3) rad/s; as ``columns_of`` times theta (P,), without the zeros."""
     values = {factor: factor.values(movement) for factor in form.factors}
     found = movement.rate.copy()
-    for term, coefficient in zip(form.terms(), theta, strict=True):
-        product = coefficient * values[term.parts[0][0]][:, term.parts[0][1]]
-        for factor, component in term.parts[1:]:
+    for (axis, (first, *others)), coefficient in zip(form.terms(), theta, strict=True):
+        product = coefficient * values[first[0]][:, first[1]]
+        for factor, component in others:
             product *= values[factor][:, component]
-        found[:, term.axis] += product
+        found[:, axis] += product
     return found
 
 

@@ -25,19 +25,15 @@ NUMBERS = {sign: power for power, sign in RAISED.items()}
 RATE = "dps"
 
 
-class UnitError(ValueError):
-    """Raised for a form whose units do not match."""
-
-
 def unit_of(text: str) -> Unit:
-    """Parse a quantity's unit: products of bases with ² or ³, and one slash: ``°C/s``, ``1/s²``, ``g²``, ``1``.  Raises UnitError."""
+    """Parse a quantity's unit: products of bases with ² or ³, and one slash: ``°C/s``, ``1/s²``, ``g²``, ``1``.  Raises ValueError."""
     found: dict[str, Fraction] = {}
     above, _, below = text.partition("/")
     for part, sign in ((above, 1), (below, -1)):
         for word in part.strip("()").split("·"):
             base = word.rstrip("".join(NUMBERS))
             if base not in ("", "1", *BASES):
-                raise UnitError(f"{text!r} is no unit of a quantity: expected products of {', '.join(BASES)} with ² or ³, and one slash")
+                raise ValueError(f"{text!r} is no unit of a quantity: expected products of {', '.join(BASES)} with ² or ³, and one slash")
             if base in BASES:
                 found[base] = found.get(base, Fraction(0)) + sign * NUMBERS.get(word[len(base) :], Fraction(1))
     return {base: power for base, power in found.items() if power}
@@ -74,7 +70,7 @@ def _raised(base: str, power: Fraction) -> str:
 class Factor:
     """A function of a quantity; constant: of the function, in the quantity's unit; lag_s: of a first-order lag after both.
 
-    It has ``len(quantity.components) * function.phases`` components, the phases of one component adjacent.  UnitError where the result has
+    It has ``len(quantity.components) * function.phases`` components, the phases of one component adjacent.  ValueError where the result has
     no proper unit, such as an exponent without a scale in the quantity's unit.
     """
 
@@ -86,15 +82,15 @@ class Factor:
     def __post_init__(self) -> None:
         for name, known, what in ((self.quantity, QUANTITIES, "quantity"), (self.function, FUNCTIONS, "function")):
             if name not in known:
-                raise UnitError(f"{name!r} is no {what}; there are {', '.join(known)}")
+                raise ValueError(f"{name!r} is no {what}; there are {', '.join(known)}")
         needed, unit = self.through.constant, self.of.unit
         if needed is None and self.constant is not None:
-            raise UnitError(f"{self.function} of {self.quantity} takes no constant, got {self.constant}")
+            raise ValueError(f"{self.function} of {self.quantity} takes no constant, got {self.constant}")
         if needed is not None and (self.constant is None or not 0 < self.constant < np.inf):
             asked = "a positive number" if unit == "1" else f"a positive number of {unit}"
-            raise UnitError(f"{self.function} of {self.quantity} has no proper unit without its {needed}, {asked}; got {self.constant}")
+            raise ValueError(f"{self.function} of {self.quantity} has no proper unit without its {needed}, {asked}; got {self.constant}")
         if self.lag_s is not None and not (isfinite(self.lag_s) and self.lag_s > 0):
-            raise UnitError(f"a lag of {self.quantity} is a positive number of seconds, got {self.lag_s}")
+            raise ValueError(f"a lag of {self.quantity} is a positive number of seconds, got {self.lag_s}")
 
     @property
     def unit(self) -> Unit:
@@ -139,12 +135,9 @@ class Factor:
         return found if self.lag_s is None else signals.lagged(found, self.lag_s, movement.t_s)
 
 
-@dataclass(frozen=True)
-class Term:
-    """One coefficient: it adds the product of these components of factors to the rate of an axis, in rad/s."""
-
-    axis: int
-    parts: tuple[tuple[Factor, int], ...]
+#: one coefficient: the axis to whose rate it adds, in rad/s, the product of these components of factors
+Parts = tuple[tuple[Factor, int], ...]
+Term = tuple[int, Parts]
 
 
 #: each: axis i follows axis i; full: any axis follows any axis, by a matrix; cross: any axis follows any other; next, last: the first
@@ -183,7 +176,7 @@ class LawForm:
         found = []
         for axis in range(3):
             for axes in self._axes(axis):
-                found += [Term(axis, parts) for parts in _components(self.factors, axes)]
+                found += [(axis, parts) for parts in _components(self.factors, axes)]
         return tuple(found)
 
     def _axes(self, axis: int) -> list[tuple[int, ...]]:
@@ -229,9 +222,9 @@ class LawForm:
         return self.with_constants(np.ones(len(self.constants)))
 
 
-def _components(factors: tuple[Factor, ...], axes: tuple[int, ...]) -> list[tuple[tuple[Factor, int], ...]]:
+def _components(factors: tuple[Factor, ...], axes: tuple[int, ...]) -> list[Parts]:
     """Every combination of directions and phases of the factors at these axes."""
-    found: list[tuple[tuple[Factor, int], ...]] = [()]
+    found: list[Parts] = [()]
     for factor, axis in zip(factors, axes, strict=True):
         first = axis * factor.each if factor.vector else 0
         found = [(*parts, (factor, first + k)) for parts in found for k in range(factor.each)]

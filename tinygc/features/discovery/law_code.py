@@ -231,7 +231,7 @@ class _Code:
 
     def _products(self, axis: int) -> list[str]:
         """Products of one axis, in the order of their sum."""
-        numbered = [(number, term.parts) for number, term in enumerate(self.form.terms()) if term.axis == axis]
+        numbered = [(number, parts) for number, (own, parts) in enumerate(self.form.terms()) if own == axis]
         return [
             f"k[{number}] * {_product([f'{letter}[{j}]' for letter, (_, j) in zip('xy', parts, strict=False)])}"
             for number, parts in numbered
@@ -249,7 +249,7 @@ class _Code:
         inner += [f"{'xy'[number]} = {text}" for number, text in enumerate(self._factors(1))]
         terms, each = self.form.terms(), self.form.size // 3
         picked = [
-            f"{letter}[:, {[term.parts[number][1] for term in terms]}]" for number, letter in enumerate("xy"[: len(self.form.factors)])
+            f"{letter}[:, {[parts[number][1] for _, parts in terms]}]" for number, letter in enumerate("xy"[: len(self.form.factors)])
         ]
         inner += [f"added = k * {_product(picked)}"]
         inner += ["w = rate - " + ("added" if each == 1 else f"({' + '.join(f'added[:, {n}::{each}]' for n in range(each))})")]

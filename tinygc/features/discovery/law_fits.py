@@ -63,7 +63,7 @@ def other_of(form: LawForm) -> Factor | None:
 
 def component_beside(form: LawForm, term: Term) -> int:
     """Component of the second factor in a term."""
-    return term.parts[_beside(form)][1]
+    return term[1][_beside(form)][1]
 
 
 def _beside(form: LawForm) -> int:
@@ -73,9 +73,9 @@ def _beside(form: LawForm) -> int:
 def series_of(form: LawForm) -> list[LawSeries]:
     """One series for every axis and component of the main factor that it follows, in the order of the form's terms."""
     main, found = main_of(form), dict[tuple[int, int], list[int]]()
-    for entry, term in enumerate(form.terms()):
-        component = next(part // main.through.phases for factor, part in term.parts if factor is main)
-        found.setdefault((term.axis, component), []).append(entry)
+    for entry, (axis, parts) in enumerate(form.terms()):
+        component = next(part // main.through.phases for factor, part in parts if factor is main)
+        found.setdefault((axis, component), []).append(entry)
     return [LawSeries(axis, component, tuple(entries)) for (axis, component), entries in found.items()]
 
 

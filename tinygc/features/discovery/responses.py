@@ -23,19 +23,9 @@ from tinygc.noise.refit import Replay
 ONE = 0
 
 
-@dataclass(frozen=True, eq=False)
-class Wiring:
-    """Terms of all forms of one pattern over factors of the same kind: axis (P,), and the component (P,) of the hub and of the partner, of
-    each coefficient."""
-
-    axis: np.ndarray
-    hub: np.ndarray
-    partner: np.ndarray
-
-    @property
-    def size(self) -> int:
-        """Number of coefficients."""
-        return len(self.axis)
+#: terms of all forms of one pattern over factors of the same kind: axis (P,), and the component (P,) of the hub and of the partner, of each
+#: coefficient
+Wiring = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +43,7 @@ class ColumnPlan:
     @property
     def sizes(self) -> np.ndarray:
         """(F,) coefficients of each form."""
-        return np.array([wiring.size for wiring in self.wirings])[self.wiring]
+        return np.array([len(axis) for axis, _, _ in self.wirings])[self.wiring]
 
     def tiles(self, most: int) -> Iterator[np.ndarray]:
         """Partners in tiles of at most so many components, ordered to share hubs within a tile."""
@@ -107,12 +97,11 @@ def _first_is_hub(pairs: np.ndarray, factors: int) -> np.ndarray:
 
 def _wiring(form: LawForm, first_is_hub: bool) -> Wiring:
     terms = form.terms()
-    axis = np.array([term.axis for term in terms])
-    if len(form.factors) == 1:
-        return Wiring(axis, np.zeros(len(terms), dtype=int), np.array([term.parts[0][1] for term in terms]))
-    components = np.array([[component for _, component in term.parts] for term in terms])
-    first, second = components.T
-    return Wiring(axis, first, second) if first_is_hub else Wiring(axis, second, first)
+    axis = np.array([axis for axis, _ in terms])
+    first, *second = np.array([[component for _, component in parts] for _, parts in terms]).T
+    if not second:
+        return axis, np.zeros(len(terms), dtype=int), first
+    return (axis, first, *second) if first_is_hub else (axis, *second, first)
 
 
 # Values of factors over all samples of a recording, each quantity computed once.
@@ -216,10 +205,10 @@ class Responses:
     def columns(self, form: LawForm) -> np.ndarray:
         """Stacked columns (n, P) of one form, in double precision."""
         plan = planned([form])
-        (wiring,) = plan.wirings
+        ((axis, hub, partner),) = plan.wirings
         closure, of_stills = self.block(*(self.values.of(plan.factors[which[0]]) for which in (plan.hub, plan.partner)))
         s, q = len(self.segments), len(self.stills)
-        closure = closure[:, :, wiring.axis, wiring.hub, wiring.partner].reshape(s * self.angles, wiring.size)
-        still = np.zeros((q, 3, wiring.size))
-        still[:, wiring.axis, np.arange(wiring.size)] = of_stills[:, wiring.hub, wiring.partner]
-        return np.concatenate([closure, still.reshape(3 * q, wiring.size), np.zeros((q, wiring.size))])
+        closure = closure[:, :, axis, hub, partner].reshape(s * self.angles, len(axis))
+        still = np.zeros((q, 3, len(axis)))
+        still[:, axis, np.arange(len(axis))] = of_stills[:, hub, partner]
+        return np.concatenate([closure, still.reshape(3 * q, len(axis)), np.zeros((q, len(axis)))])

@@ -53,11 +53,11 @@ def beside_calibration(form: LawForm, theta: np.ndarray, values: SessionValues) 
     """Rate added by a law of coefficients theta (P,), less its regression on a bias and a matrix: rad/s rms over samples and axes."""
     found = {factor: values.of(factor) for factor in form.factors}
     added = np.zeros((3, values.samples))
-    for term, size in zip(form.terms(), theta, strict=True):
+    for (axis, parts), size in zip(form.terms(), theta, strict=True):
         product = np.array(size)
-        for factor, component in term.parts:
+        for factor, component in parts:
             product = product * found[factor][component]
-        added[term.axis] += product
+        added[axis] += product
     left = added - (added @ values.calibration) @ values.calibration.T
     return rms_of(left)
 
@@ -214,9 +214,9 @@ def _rows(
     rows: dict[int, list[np.ndarray]] = {}
     for own, begin, is_alive in zip(forms, begins[:-1], alive, strict=True):
         for form in own.tolist() if is_alive else ():
-            wiring = plan.wirings[plan.wiring[form]]
-            numbers.setdefault(wiring.size, []).append(form)
-            rows.setdefault(wiring.size, []).append((wiring.axis * h + wiring.hub) * k + begin + wiring.partner)
+            axis, hub, partner = plan.wirings[plan.wiring[form]]
+            numbers.setdefault(len(axis), []).append(form)
+            rows.setdefault(len(axis), []).append((axis * h + hub) * k + begin + partner)
     return {size: np.array(each) for size, each in numbers.items()}, {size: np.array(each) for size, each in rows.items()}
 
 

@@ -244,8 +244,8 @@ def terms_of(form: LawForm) -> list[str]:
     """For each coefficient, in order: the axis that it adds to, and, where an axis has several, what it follows."""
     terms = form.terms()
     if form.size == 3:
-        return ["xyz"[term.axis] for term in terms]
-    return ["xyz"[term.axis] + ARROW + _followed(form, term.parts) for term in terms]
+        return ["xyz"[axis] for axis, _ in terms]
+    return ["xyz"[axis] + ARROW + _followed(form, parts) for axis, parts in terms]
 
 
 def _followed(form: LawForm, parts: tuple[tuple[Factor, int], ...]) -> str:

@@ -33,7 +33,7 @@ from tinygc.features.unit.budget.quantities import (
 from tinygc.features.unit.budget.rows import Beside, Budget, Row, decimals_of
 from tinygc.features.unit.budget.text import cells_of
 from tinygc.features.unit.budget.use import _DRIFT_OF_USE, _NOISE_OF_USE, sources_in_use
-from tinygc.features.unit.options import Use
+from tinygc.features.unit.options import BudgetOptions
 from tinygc.models.linear import BIAS, NAMES, field_jacobian
 
 RNG = np.random.default_rng(5)
@@ -161,7 +161,7 @@ def test_what_is_known_besides_stands_beside_the_sum(fitted):
 
 def test_the_attitude_at_rest_by_hand(fitted):
     """After 60 s at rest: 60 s times the zero as calibrated, the root of 60 s times the white noise, and the drift's mean over 60 s."""
-    motion, found, own = use_budgets(fitted, Use("rest"))
+    motion, found, own = use_budgets(fitted, BudgetOptions(motion="rest"))
     axes, model = {each.name: each for each in found}, fitted.linear.model
     E, density = model.E, fitted.problem.noise.angle_random_walk
     slope = 60 * np.hstack([np.kron(np.eye(3), -np.linalg.solve(E, model.B)), np.eye(3)])
@@ -196,8 +196,8 @@ def test_the_accelerometer_has_budgets_with_another_switch_on_beside(fitted, mon
 def test_another_switch_on_counts_twice_its_spread_and_a_temperature_as_assumed(fitted):
     spread = BiasRepeatability(np.array([1.0, 2.0, 3.0]) * 1e-3 * DEG, "two other sessions")
     known, motion = replace(fitted, repeatability=spread), at_rest(fitted.linear.model, 10)
-    sources, _, assumed = sources_in_use(known, Use("rest", 10.0, None, 5.0), motion)
-    usual = sources_in_use(fitted, Use("rest", 10.0), motion)[0]  # nobody knows it: in the sum is the usual spread
+    sources, _, assumed = sources_in_use(known, BudgetOptions(motion="rest", seconds=10.0, warmer_k=5.0), motion)
+    usual = sources_in_use(fitted, BudgetOptions(motion="rest", seconds=10.0), motion)[0]  # nobody knows it: in the sum is the usual spread
     found = {source.name: source.covariance for source in (*sources, *usual)}
     for name, expected in (
         ("bias of another switch-on", 2 * spread.rps**2),
@@ -207,7 +207,11 @@ def test_another_switch_on_counts_twice_its_spread_and_a_temperature_as_assumed(
         assert_allclose(found[name], 100 * np.diag(np.broadcast_to(expected, 3)), rtol=1e-9, atol=1e-20)
     assert assumed == ("temperature of the use",)
     estimated = replace(fitted, repeatability=replace(spread, freedom=np.array([5.0, 4.0, 6.0])))
-    (own,) = (each for each in sources_in_use(estimated, Use("rest", 10.0), motion)[0] if each.name == "bias of another switch-on")
+    (own,) = (
+        each
+        for each in sources_in_use(estimated, BudgetOptions(motion="rest", seconds=10.0), motion)[0]
+        if each.name == "bias of another switch-on"
+    )
     assert (own.kind, own.freedom) == ("A", 4.0)  # what is estimated is not widened, but counts with its freedom
     assert_allclose(np.diag(own.covariance), 200 * spread.scatter_rps**2, rtol=1e-9)
 
@@ -215,7 +219,7 @@ def test_another_switch_on_counts_twice_its_spread_and_a_temperature_as_assumed(
 @pytest.mark.parametrize("elapsed_s", [1.0, 1e6])
 def test_within_one_switch_on_the_drift_is_that_of_the_use_less_that_of_the_session(fitted, elapsed_s):
     """At rest: 60 s times the standard deviation of the mean of the use less that of the session, C00 + C11 - 2 C01, counted once."""
-    _, found, own = use_budgets(fitted, Use("rest", elapsed_s=elapsed_s))
+    _, found, own = use_budgets(fitted, BudgetOptions(motion="rest", elapsed_s=elapsed_s))
     (row,) = (row for row in found[0].rows if "drift" in row.source)
     assert (row.source, [source.name for source in own]) == ("drift of the bias since the session", [_NOISE_OF_USE])
     problem, rps = fitted.problem, fitted.noise.noise.size("noise.bias_wander")
@@ -231,11 +235,18 @@ def test_a_drift_that_nobody_knows_is_said(fitted):
     problem.__dict__["instability"] = BiasInstability(0.0, UNKNOWN)
     sources = tuple(source for source in fitted.sources if source.name != BIAS_DRIFT)
     unknown = replace(fitted, noise=None, problem=problem, sources=sources)
-    beside = {each.what: each for each in use_budgets(unknown, Use("rest", elapsed_s=10.0))[1][0].beside}
+    beside = {each.what: each for each in use_budgets(unknown, BudgetOptions(motion="rest", elapsed_s=10.0))[1][0].beside}
     assert beside["drift of the bias since the session"].u is None
 
 
 # Draws.
+
+
+def errors_of(redrawn, part, values):
+    """Errors of one part of the data alone."""
+    found = redrawn.nothing.copy()
+    found[getattr(redrawn, part)] = values
+    return found
 
 
 def moved_by(redrawn, errors, size):
@@ -252,7 +263,7 @@ def test_a_refit_moves_by_the_response_to_the_errors(fitted):
     for part in (slice(0, stop), slice(stop, lengths), slice(lengths, None)):
         y = np.zeros(len(size))
         y[part] = size[part] * RNG.normal(size=len(y[part]))
-        found, expected = moved_by(redrawn, replace(redrawn.nothing, channels=y), 0.3), L @ y
+        found, expected = moved_by(redrawn, errors_of(redrawn, "channels", y), 0.3), L @ y
         assert_allclose(found / sigma, expected / sigma, atol=0.02 * max(1.0, np.abs(expected / sigma).max()))
 
 
@@ -260,8 +271,8 @@ def test_a_refit_moves_by_what_was_wrong_before_the_session(fitted):
     """The accelerometer's given calibration and gravity, as the sources have them."""
     redrawn = _Redrawn(fitted, 1)
     by_name = {source.name: source.covariance for source in fitted.sources}
-    scale, last = np.sqrt(np.outer(*[np.diag(fitted.covariance)] * 2)), len(redrawn.nothing.known) - 1
-    steps = np.array([moved_by(redrawn, replace(redrawn.nothing, known=each), 1.0) for each in np.eye(last + 1)])
+    scale, last = np.sqrt(np.outer(*[np.diag(fitted.covariance)] * 2)), len(redrawn.nothing[redrawn.known]) - 1
+    steps = np.array([moved_by(redrawn, errors_of(redrawn, "known", each), 1.0) for each in np.eye(last + 1)])
     for name, part in ((CALIBRATION, steps[:last]), (GRAVITY_LENGTH, steps[last:])):
         assert_allclose(part.T @ part / scale, by_name[name] / scale, atol=1e-4)
 
@@ -270,10 +281,10 @@ def test_readings_and_clock_move_the_parameters_as_stated(fitted):
     """A reading e too large takes E e from B; durations longer by a share take it from E and B."""
     redrawn, model, sigma = _Redrawn(fitted, 1), fitted.linear.model, np.sqrt(np.diag(fitted.covariance))
     e = np.array([1.0, -2.0, 0.5]) * 1e-4 * DEG
-    found = redrawn.refit(replace(redrawn.nothing, reading=e)) - model.vector
+    found = redrawn.refit(errors_of(redrawn, "reading", e)) - model.vector
     assert_allclose(found[BIAS], -model.E @ e, atol=1e-3 * sigma[9])
     assert_allclose(found[:9] / sigma[:9], 0, atol=1e-2)
-    found = redrawn.refit(replace(redrawn.nothing, clock=1e-3)) - model.vector
+    found = redrawn.refit(errors_of(redrawn, "clock", 1e-3)) - model.vector
     assert_allclose(found[:9], -1e-3 * model.vector[:9], atol=2e-5)
 
 
@@ -284,15 +295,15 @@ def test_each_source_is_drawn_with_its_covariance(fitted):
     L = stated_response(result.problem, result.linear.model, False)
     by_name = {source.name: source for source in result.sources}
     for name in (GYRO_NOISE, BIAS_DRIFT, EARTH, MISFIT):
-        y = np.array([redrawn.draw(by_name[name]).channels for _ in range(count)]) @ L.T
+        y = np.array([redrawn.draw(by_name[name])[redrawn.channels] for _ in range(count)]) @ L.T
         expected = by_name[name].covariance
         if name == MISFIT:  # what was known before the session is drawn beside the channels
             beside = [by_name[each].covariance for each in (CALIBRATION, GRAVITY_LENGTH, ROUNDING) if each in by_name]
             expected = expected - 2.0 * sum(beside)
         assert np.abs(np.mean(y**2, axis=0) / np.diag(expected) - 1).max() < 5 * np.sqrt(2 / count), name
-    is_length = np.arange(len(redrawn.nothing.known)) == len(redrawn.nothing.known) - 1
+    is_length = np.arange(len(redrawn.nothing[redrawn.known])) == len(redrawn.nothing[redrawn.known]) - 1
     for name, drawn in ((CALIBRATION, ~is_length), (GRAVITY_LENGTH, is_length)):
-        known = np.array([redrawn.draw(by_name[name]).known for _ in range(count)])
+        known = np.array([redrawn.draw(by_name[name])[redrawn.known] for _ in range(count)])
         assert_allclose(np.mean(known**2, axis=0), drawn, atol=5 * np.sqrt(2 / count))
 
 
@@ -303,11 +314,11 @@ def with_a_clock(fitted, **sensor):
 
 def test_a_clock_and_rounding_are_drawn_with_their_sigmas(fitted):
     redrawn, covariance = _Redrawn(replace(fitted, problem=with_a_clock(fitted, odr_sigma=0.01)), 2), np.zeros((12, 12))
-    clock = [redrawn.draw(Source(CLOCK, "B", np.inf, np.eye(12))).clock for _ in range(600)]
+    clock = [redrawn.draw(Source(CLOCK, "B", np.inf, np.eye(12)))[redrawn.clock] for _ in range(600)]
     assert np.std(clock) == pytest.approx(0.01, rel=0.08)
     for diagonal in ([1.0, 4.0, 9.0], [0.0, 4.0, 0.0]):  # one axis alone may be coarse
         covariance[BIAS, BIAS] = np.diag(diagonal) * 1e-10
-        drawn = np.array([redrawn.draw(Source(ROUNDING, "B", np.inf, covariance)).reading for _ in range(600)])
+        drawn = np.array([redrawn.draw(Source(ROUNDING, "B", np.inf, covariance))[redrawn.reading] for _ in range(600)])
         assert np.cov((drawn @ redrawn.model.E.T).T) == pytest.approx(covariance[BIAS, BIAS], abs=1e-10 * (diagonal[0] or 0.5))
 
 
@@ -316,22 +327,22 @@ class Linear:
 
     def __init__(self, result, moves=1.0, fails=10):
         self.model, self.rng, self.moves, self.fails, self.tried = result.linear.model, np.random.default_rng(3), moves, fails, 0
-        self.nothing = draws.Errors(np.zeros(12), np.zeros(0), np.zeros(3))
+        self.nothing = np.zeros(12)
         self.roots = {source.name: draws._root(source.covariance) for source in result.sources}
 
     def draw(self, source):
         root = self.roots[source.name]
-        return replace(self.nothing, channels=root @ self.rng.normal(size=root.shape[1]))
+        return root @ self.rng.normal(size=root.shape[1])
 
     def refit(self, errors):
         self.tried += 1
         if self.tried % self.fails == 0:
             raise FitError("made")
-        return self.model.vector + self.moves * errors.channels
+        return self.model.vector + self.moves * errors
 
 
 def test_draws_of_a_linear_fit_have_the_variances_of_the_budgets(fitted, monkeypatch):
-    motion, attitude, own = use_budgets(fitted, Use("rest", 1.0))
+    motion, attitude, own = use_budgets(fitted, BudgetOptions(motion="rest", seconds=1.0))
     errors = {each.name: each for each in sensor_error_budgets(fitted)}
     budgets = [parameter_budgets(fitted)[1], errors["bias x"], errors["misalignment x to y"], *attitude[:3]]
 
@@ -408,7 +419,7 @@ def test_what_cannot_be_drawn_or_used_is_refused(fitted):
     with pytest.raises(CalibrationError, match="made again"):
         _Redrawn(replace(fitted, linear=other), 0)
     with pytest.raises(CalibrationError, match="--elapsed"):
-        budget_of_fit(fitted, Use("rest", elapsed_s=10.0), draws=1)
+        budget_of_fit(fitted, BudgetOptions(motion="rest", elapsed_s=10.0, monte_carlo=1))
     for seconds in (1e9, 0.0, float("nan")):
         with pytest.raises(CalibrationError, match="seconds"):
-            Use("rest", seconds)
+            BudgetOptions(motion="rest", seconds=seconds)

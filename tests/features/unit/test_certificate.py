@@ -26,7 +26,7 @@ from session.log.config import config_of
 from tinygc.estimation.repeatability import BiasRepeatability
 from tinygc.estimation.sources import coverage_factor, effective_freedom
 from tinygc.explanation.reported import ReportData
-from tinygc.features.unit.certificate.content import REQUIRED, ResultRow, content_of
+from tinygc.features.unit.certificate.content import REQUIRED, content_of
 from tinygc.features.unit.certificate.dcc_file import UNITS, dcc_text
 from tinygc.features.unit.certificate.library import certificate_of
 from tinygc.features.unit.certificate.page import page
@@ -205,7 +205,7 @@ def words_of(content) -> str:
 
 
 def values_of(rows) -> dict:
-    return {f"{row.words} {part}".strip(): each for row in rows for part, each in zip(row.parts, row.values, strict=True)}
+    return {f"{words} {part}".strip(): each for words, cells in rows for part, each in cells}
 
 
 def changed(data, **parts):
@@ -294,7 +294,7 @@ def test_a_clock_that_is_in_no_uncertainty_is_said_at_the_clock(data):
     ):
         other = changed(data, sensor=stated)
         found = content_of(replace(other, fit=replace(other.fit, options=replace(data.fit.options, clock=clock))))
-        assert re.search(there, next(field.text for field in found.traceability if field.label == "Clock"))
+        assert re.search(there, next(text for label, text, _ in found.traceability if label == "Clock"))
 
 
 # A draft
@@ -438,7 +438,7 @@ IN_SI |= {"dps/g": 1.77974053524e-3, "°/√h": 2.90888208665722e-4, "°/h": 4.8
 def test_each_unit_in_si(filled):
     assert set(IN_SI) == set(UNITS)
     for unit, si in IN_SI.items():
-        one = replace(filled, results=[ResultRow("one", ("",), (Measured("", "one", unit, 1.0, 0.5),))])
+        one = replace(filled, results=[("one", [("", Measured("", "one", unit, 1.0, 0.5))])])
         q = parse(dcc_text(one)).quantity("one")
         assert (q.values[0], q.expanded[0]) == pytest.approx((si, si * 0.979982), rel=1e-6)
 

@@ -109,8 +109,8 @@ MOST_S = 86400
 
 
 @dataclass(frozen=True)
-class Use(Record):
-    """How a calibration is used."""
+class BudgetOptions(Seed):
+    """How a calibration is used, and what is asked of its budget."""
 
     motion: Path | None = option(
         None,
@@ -136,12 +136,6 @@ class Use(Record):
         flags=("--warmer",),
         group=USE,
     )
-
-
-@dataclass(frozen=True)
-class Asked(Seed):
-    """What is asked of a budget."""
-
     of: tuple[str, ...] = option(
         (),
         "print the whole table of one quantity: bias_x, scale_factor_error_y, E_xy, attitude_total; may be repeated",

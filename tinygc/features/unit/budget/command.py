@@ -9,14 +9,14 @@ from session.base.options import argument, folder_written, option, values
 from tinygc.cli.options import Command
 from tinygc.cli.results import output, try_destinations, write_json
 from tinygc.estimation.options import FitOptions
-from tinygc.features.unit.options import Asked, Use
+from tinygc.features.unit.options import BudgetOptions
 
 #: exit code by what the draws say
 EXIT = {"agrees": 0, "differs": 1, "undecided": 5}
 
 
 @dataclass(frozen=True)
-class Options(Asked, Use, FitOptions, Command):
+class Options(BudgetOptions, FitOptions, Command):
     """Options of ``budget``."""
 
     folder: Path = argument("session folder; its least squares is fitted, as fit does")
@@ -31,7 +31,7 @@ def run(args: Options) -> int:
 
     try_destinations(args.out, args.json)
     with progress_bar(args.quiet) as progress:
-        found = budget(args.folder, progress=progress, **values(args, Asked, Use, FitOptions))
+        found = budget(args.folder, progress=progress, **values(args, BudgetOptions, FitOptions))
     output(args).print(found.page)
     if args.out is not None:
         found.save(args.out)

@@ -21,7 +21,7 @@ from tinygc.features.unit.budget.quantities import accelerometer_budgets, named,
 from tinygc.features.unit.budget.rows import Budget
 from tinygc.features.unit.budget.text import drawn_page, overview, whole
 from tinygc.features.unit.budget.use import TOTAL
-from tinygc.features.unit.options import Asked, Use
+from tinygc.features.unit.options import BudgetOptions
 from tinygc.fitting.fit import fit_session
 from tinygc.fitting.results import FitResult
 from tinygc.library.arguments import Progress, is_fit, nothing, public, session_or_folder
@@ -108,14 +108,12 @@ class UncertaintyBudget(Shown):
         return folder
 
 
-def budget_of_fit(
-    result: FitResult, use: Use, asked: tuple[str, ...] = (), draws: int = 0, seed: int = 0, progress: Progress = nothing
-) -> UncertaintyBudget:
-    """The budget of a fit; draws: at most so many to check it, none for 0.
+def budget_of_fit(result: FitResult, use: BudgetOptions, progress: Progress = nothing) -> UncertaintyBudget:
+    """The budget of a fit.
 
     Raises CalibrationError for a name that is none, for a motion that cannot be read, and for draws of a fit whose errors cannot be drawn.
     """
-    if draws and use.elapsed_s is not None:
+    if use.monte_carlo and use.elapsed_s is not None:
         raise CalibrationError("--monte-carlo: the drift of session and use is not drawn as one; leave --elapsed out, or the draws")
     motion, attitude, in_use = use_budgets(result, use)
     when = "at another switch-on" if use.elapsed_s is None else "for this switch-on only"
@@ -123,20 +121,20 @@ def budget_of_fit(
     parameters, errors = tuple(parameter_budgets(result)), tuple(sensor_error_budgets(result))
     made = UncertaintyBudget(result.session.name, parameters, errors, force, tuple(attitude), motion.words, when)
     chosen = []
-    for name in asked:
+    for name in use.of:
         if (found := named(made.budgets, name)) is None:
             known = ", ".join(each.name.replace(" ", "_") for each in made.budgets)
             raise CalibrationError(f"--of {printable(name)[:60]!r}: no such quantity; give one of {known}")
         chosen.append(found)
     made = replace(made, asked=tuple(chosen))
-    if not draws:
+    if not use.monte_carlo:
         return made
     drawn = [each for each in made.asked if each not in made.accelerometer] or made.shown  # draws fit the gyroscope alone
     judged = [each for each in drawn if each.name != TOTAL] or [each for each in attitude if each.name != TOTAL]
-    return replace(made, drawn=monte_carlo(result, motion, in_use, judged, draws, seed, progress))
+    return replace(made, drawn=monte_carlo(result, motion, in_use, judged, use.monte_carlo, use.seed, progress))
 
 
-@public(Asked, Use, FitOptions)
+@public(BudgetOptions, FitOptions)
 def budget(session: Session | Path | str, *, progress: Progress | None = None, **choices: Any) -> Any:
     """Split the uncertainty of a calibration by source: of each parameter, and of the attitude after a motion.
 
@@ -168,7 +166,7 @@ def budget(session: Session | Path | str, *, progress: Progress | None = None, *
     ('B_x', 'drift of the bias')
 
     """
-    asked, use, options = records({"methods": ("least_squares",)} | choices, Asked, Use, FitOptions)
+    use, options = records({"methods": ("least_squares",)} | choices, BudgetOptions, FitOptions)
     said = progress or nothing
     found = session.result if is_fit(session) else fit_session(session_or_folder(session), options, said)  # type: ignore[union-attr]
-    return budget_of_fit(found, use, asked.of, asked.monte_carlo, asked.seed, said)
+    return budget_of_fit(found, use, said)

@@ -52,27 +52,12 @@ RANK = 1e-12
 BY_CHANCE = 0.01
 
 
-@dataclass(frozen=True, eq=False)
-class Errors:
-    """Errors of the data: channels (n,), stacked; known (k,): in sigmas, of what was known of the accelerometer and gravity before the
-    session; reading (3,) rad/s, common to all readings; clock: relative error of all durations."""
-
-    channels: np.ndarray
-    known: np.ndarray
-    reading: np.ndarray
-    clock: float = 0.0
-
-    def __add__(self, other: Errors) -> Errors:
-        return Errors(self.channels + other.channels, self.known + other.known, self.reading + other.reading, self.clock + other.clock)
-
-    def __mul__(self, factor: float) -> Errors:
-        return Errors(self.channels * factor, self.known * factor, self.reading * factor, self.clock * factor)
-
-
 class _Redrawn:
     """A fitted session whose errors are drawn again.
 
-    Raises CalibrationError for a fit whose sources are no errors of its data: without estimated noise, of a lot, of several days.
+    Errors are one vector: channels (n,), stacked; known (k,): in sigmas, of what was known of the accelerometer and gravity before the
+    session; reading (3,) rad/s, common to all readings; clock (1,): relative error of all durations.  Raises CalibrationError for a fit
+    whose sources are no errors of its data: without estimated noise, of a lot, of several days.
     """
 
     def __init__(self, result: FitResult, seed: int):
@@ -85,52 +70,50 @@ class _Redrawn:
         self.result, self.problem, self.noise = result, problem, result.noise
         self.rng = np.random.default_rng(seed)
         self.model = model_of(result)
+        known = 0 if problem.joint is None else problem.joint.beforehand.shape[1]
+        *edges, size = np.cumsum([len(self.noise.white), known, 3, 1])
+        self.nothing = np.zeros(size)
+        self.channels, self.known, self.reading, self.clock = map(slice, [0, *edges], [*edges, size])
         sigma = sigmas_in(result.covariance)
         if not (np.abs(self.refit(self.nothing) - self.model.vector) < SAME_SIGMAS * sigma).all():
             raise CalibrationError("--monte-carlo: the fit cannot be made again from its own data; leave it out")
         self._roots = {source.name: _root(source.covariance) for source in channel_sources(problem, self.noise)}
 
-    @cached_property
-    def nothing(self) -> Errors:
-        """No error."""
-        joint = self.problem.joint
-        return Errors(np.zeros(len(self.noise.white)), np.zeros(0 if joint is None else joint.beforehand.shape[1]), np.zeros(3))
-
-    def draw(self, source: Source) -> Errors:
+    def draw(self, source: Source) -> np.ndarray:
         """Draw the errors of one source."""
-        name, rng, nothing = source.name, self.rng, self.nothing
+        name, rng, found = source.name, self.rng, self.nothing.copy()
         if name == MISFIT:
             others = (self.draw(each) for each in self.result.sources if each.name not in (MISFIT, ROUNDING, CLOCK))
-            return sum(others, nothing) * float(np.sqrt(self.result.widened - 1))
+            return sum(others, found) * float(np.sqrt(self.result.widened - 1))
         if name == ROUNDING:
             root = _root(source.covariance[BIAS, BIAS])
-            bias = root @ rng.normal(size=root.shape[1])
-            return replace(nothing, reading=-np.linalg.solve(self.model.E, bias))
-        if name == CLOCK:
+            found[self.reading] = -np.linalg.solve(self.model.E, root @ rng.normal(size=root.shape[1]))
+        elif name == CLOCK:
             clock = self.result.session.clock
             assert clock is not None
-            return replace(nothing, clock=clock.sigma * float(rng.normal()))
-        if name in self._roots:
+            found[self.clock] = clock.sigma * float(rng.normal())
+        elif name in self._roots:
             root = self._roots[name]
-            return replace(nothing, channels=root @ rng.normal(size=root.shape[1]))
-        known = np.zeros_like(nothing.known)
-        part = slice(-1, None) if name == GRAVITY_LENGTH else slice(0, -1)
-        assert name in (CALIBRATION, GRAVITY_LENGTH)
-        known[part] = rng.normal(size=len(known[part]))
-        return replace(nothing, known=known)
+            found[self.channels] = root @ rng.normal(size=root.shape[1])
+        else:
+            assert name in (CALIBRATION, GRAVITY_LENGTH)
+            known = found[self.known][slice(-1, None) if name == GRAVITY_LENGTH else slice(0, -1)]
+            known[:] = rng.normal(size=len(known))
+        return found
 
-    def refit(self, errors: Errors) -> np.ndarray:
+    def refit(self, errors: np.ndarray) -> np.ndarray:
         """(12,) least squares of the data with these errors.  Raises FitError where it does not converge."""
         # The batch, the stills' rates and the bias at rest with these errors
         problem, joint, count = self.problem, self.problem.joint, len(self.problem.batch)
         batch, rates, rest = problem.batch, problem.still_rates, problem.rest_rps
+        channels, known, reading, clock = (errors[part] for part in (self.channels, self.known, self.reading, self.clock))
         if joint is not None:
             moved = np.zeros(len(joint.system.x))
-            moved[joint.own] = joint_response(problem, joint) @ errors.channels + joint.beforehand @ errors.known
+            moved[joint.own] = joint_response(problem, joint) @ channels + joint.beforehand @ known
             batch = joint.shifted(batch, moved)
         rows = count * batch.angles
-        ends = errors.channels[:rows].reshape(count, batch.angles)
-        still = errors.channels[rows : rows + 3 * len(rates.rate)].reshape(-1, 3)
+        ends = channels[:rows].reshape(count, batch.angles)
+        still = channels[rows : rows + 3 * len(rates.rate)].reshape(-1, 3)
         turned = np.zeros((count, 3))
         turned[:, : ends.shape[1]] = ends
         if batch.turns is not None:
@@ -139,15 +122,15 @@ class _Redrawn:
         batch = replace(
             batch,
             end=rotation.multiply(rotation.exp(-turned), batch.end),
-            rate=batch.rate + errors.reading,
-            dt=batch.dt * (1 + errors.clock),
+            rate=batch.rate + reading,
+            dt=batch.dt * (1 + clock),
         )
-        rates = replace(rates, rate=rates.rate + errors.reading, earth=rates.earth - still)
+        rates = replace(rates, rate=rates.rate + reading, earth=rates.earth - still)
         if rest is not None:
             first, last, share = self._shares
             apart = still[first][:, None] * (1 - share[..., None]) + still[last][:, None] * share[..., None] - still.mean(axis=0)
             batch = replace(batch, earth=batch.earth + apart)
-            rest = rest + errors.reading + np.linalg.solve(self.problem.first.E, still.mean(axis=0))
+            rest = rest + reading + np.linalg.solve(self.problem.first.E, still.mean(axis=0))
         options = self.result.options
         fit = fit_least_squares(
             batch,
@@ -281,13 +264,13 @@ def monte_carlo(
         moved = np.array(list(_converged(redrawn, [source], alone))).reshape(-1, PARAMETERS) - redrawn.model.vector
         failed += alone - len(moved)
         checks += _source_checks(source, moved, result.covariance)
-    values = _Values(redrawn.model, motion, budgets, in_use, redrawn.rng)
+    root = _root(sum((source.covariance for source in in_use), np.zeros((3, 3))))
     deviations: list[np.ndarray] = []
     judged: list[QuantityCheck] = []
     while len(deviations) < draws:
         progress("draws of all sources", len(deviations), draws)
         block = min(BLOCK, draws - len(deviations))
-        found = [values(vector) for vector in _converged(redrawn, sources, block)]
+        found = [_deviations(redrawn, motion, budgets, root, vector) for vector in _converged(redrawn, sources, block)]
         failed += block - len(found)
         deviations += found
         if len(found) < block / 2:
@@ -320,30 +303,18 @@ def _source_checks(source: Source, moved: np.ndarray, covariance: np.ndarray) ->
             yield SourceCheck(source.name, name, ratio, float((np.cbrt(ratio) - (1 - spread)) / np.sqrt(spread)))
 
 
-class _Values:
-    """Deviations (Q,) SI of the quantities of budgets under refitted parameters."""
+_FIELDS = [f"{word} {component}" for word, components, _, _ in WORDS for component in components]
 
-    def __init__(self, model: LinearModel, motion: Motion, budgets: Sequence[Budget], in_use: Sequence[Source], rng: np.random.Generator):
-        self.model, self.motion, self.names, self.rng = model, motion, [budget.name for budget in budgets], rng
-        self.root = _root(sum((source.covariance for source in in_use), np.zeros((3, 3))))
-        self.fields = {f"{word} {component}": i for i, (word, component) in enumerate((w, c) for w, cs, _, _ in WORDS for c in cs)}
-        self.at = field_vector(model.vector)
 
-    def __call__(self, vector: np.ndarray) -> np.ndarray:
-        parameters, fields = vector - self.model.vector, field_vector(vector) - self.at
-        attitude = np.zeros(3)
-        if any(name in ATTITUDE for name in self.names):
-            attitude = self.motion.error(self.model, LinearModel.from_vector(vector)) + self.root @ self.rng.normal(size=self.root.shape[1])
-        return np.array(
-            [
-                attitude[ATTITUDE.index(name)]
-                if name in ATTITUDE
-                else fields[self.fields[name]]
-                if name in self.fields
-                else parameters[NAMES.index(name)]
-                for name in self.names
-            ]
-        )
+def _deviations(redrawn: _Redrawn, motion: Motion, budgets: Sequence[Budget], root: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """(Q,) SI of the quantities of budgets under refitted parameters; root (3, r): of the covariance of the use itself."""
+    model, names = redrawn.model, [budget.name for budget in budgets]
+    values = dict(zip(NAMES, vector - model.vector, strict=True))
+    values |= zip(_FIELDS, field_vector(vector) - field_vector(model.vector), strict=True)
+    if any(name in ATTITUDE for name in names):
+        attitude = motion.error(model, LinearModel.from_vector(vector)) + root @ redrawn.rng.normal(size=root.shape[1])
+        values |= zip(ATTITUDE, attitude, strict=True)
+    return np.array([values[name] for name in names])
 
 
 def _quantity_check(budget: Budget, deviations: np.ndarray) -> QuantityCheck:

@@ -23,7 +23,7 @@ from tinygc.estimation.sources import Source
 from tinygc.estimation.stated_noise import CALIBRATION, COMPONENTS, GRAVITY_LENGTH, stated_response
 from tinygc.features.unit.budget.rows import Beside, Budget, budget_of
 from tinygc.features.unit.budget.use import DRIFT_SINCE, USUAL_SWITCH_ON, axes_and_total, model_of, motion_in, sources_in_use
-from tinygc.features.unit.options import Use
+from tinygc.features.unit.options import BudgetOptions
 from tinygc.fitting.results import FitResult
 from tinygc.models.linear import BIAS, NAMES, PARAMETERS, WORDS, field_jacobian
 from tinygc.noise.whitening import PRECALIBRATION_MPS2
@@ -76,7 +76,7 @@ def accelerometer_budgets(result: FitResult) -> list[Budget]:
     return budgets
 
 
-def use_budgets(result: FitResult, use: Use) -> tuple[Motion, list[Budget], list[Source]]:
+def use_budgets(result: FitResult, use: BudgetOptions) -> tuple[Motion, list[Budget], list[Source]]:
     """Of the attitude after a motion, about each axis of the start, and of the total angle; and the sources (3, 3) that are the use's own.
     Raises CalibrationError for its log."""
     motion = motion_in(use, result)
@@ -138,7 +138,7 @@ def _clock(result: FitResult, slope: np.ndarray) -> Iterator[Beside]:
         yield Beside(CLOCK, None, f"{NOT_KNOWN} how far the clock of the stamps is off, and with it the scale: give sensor.clock_sigma_ppm")
 
 
-def _beside_use(result: FitResult, use: Use, slope: np.ndarray, weight: np.ndarray, assumed: tuple[str, ...]) -> list[Beside]:
+def _beside_use(result: FitResult, use: BudgetOptions, slope: np.ndarray, weight: np.ndarray, assumed: tuple[str, ...]) -> list[Beside]:
     found = list(_clock(result, slope[weight > 0]))
     if result.allowed is not None:
         moved = float(np.sqrt(np.sum(weight * result.allowed.of(slope) ** 2)))

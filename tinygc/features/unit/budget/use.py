@@ -25,7 +25,7 @@ from tinygc.closure.uncertainty import BIAS_DRIFT
 from tinygc.estimation.expected_zero import drift_between, expected_zero
 from tinygc.estimation.sources import Source, freedom_of
 from tinygc.estimation.stated_noise import COMPONENTS, kind_of
-from tinygc.features.unit.options import Use
+from tinygc.features.unit.options import BudgetOptions
 from tinygc.fitting.results import FitResult
 from tinygc.library.logs import read_log
 from tinygc.models.linear import BIAS, LinearModel
@@ -48,7 +48,7 @@ REST = "rest"
 TOTAL = "attitude total"
 
 
-def motion_in(use: Use, result: FitResult) -> Motion:
+def motion_in(use: BudgetOptions, result: FitResult) -> Motion:
     """The motion.  Raises CalibrationError for a log that cannot be read, or is too short."""
     if use.motion is None:
         return motion_of(result.session.logs, use.seconds)
@@ -61,7 +61,9 @@ def motion_in(use: Use, result: FitResult) -> Motion:
     return motion_of(read_log(path, **answers).session().logs, use.seconds)
 
 
-def sources_in_use(result: FitResult, use: Use, motion: Motion) -> tuple[list[Source], dict[str, tuple[float, str]], tuple[str, ...]]:
+def sources_in_use(
+    result: FitResult, use: BudgetOptions, motion: Motion
+) -> tuple[list[Source], dict[str, tuple[float, str]], tuple[str, ...]]:
     """Sources (3, 3) rad^2 of the attitude at a motion's end; the sizes of those that only the use has, in a unit; names of those whose
     size is not this unit's own."""
     model = model_of(result)

@@ -81,31 +81,10 @@ CALIBRATED = {
 }
 
 
-@dataclass(frozen=True)
-class Field:
-    """A line of the certificate.  key: of session.toml that holds it, or empty where it is computed from the recording."""
-
-    label: str
-    text: str
-    key: str = ""
-
-
-@dataclass(frozen=True, eq=False)
-class ResultRow:
-    """Quantities of one kind: words, and for each component its name and its measured value."""
-
-    words: str
-    parts: tuple[str, ...]
-    values: tuple[Measured, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Statement:
-    """A statement of conformity: where its limits are from, its decision rule in words, and each value against its limits."""
-
-    reference: str
-    rule: str
-    conformities: list[Conformity]
+#: a line of the certificate: label, text, and the key of session.toml that holds it, empty where it is computed from the recording
+Line = tuple[str, str, str]
+#: quantities of one kind: words, and for each component its name and its measured value
+ResultRow = tuple[str, list[tuple[str, Measured]]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,10 +93,10 @@ class Content:
 
     number; draft: reasons for which it is none; missing: keys of session.toml that are not there; given: the fields as the session has
     them; item, dates, conditions, traceability: lines; equipment; results; as_found: the same of the output as a previous calibration
-    corrects it, previous: its file; closure: of segments and closure runs, with the floor of each in degrees; statements of conformity;
-    operator: who calibrated, empty where nobody is stated; method, uncertainty, remarks: sentences; calibrated: (first, last) day, None
-    where not known; model and covariance (12, 12) of ω = E m + B; temperature_c: (least, mean, largest) of the sensor, None where it was
-    not recorded.
+    corrects it, previous: its file; closure: of segments and closure runs, with the floor of each in degrees; statements of conformity:
+    where the limits are from, the decision rule in words, and each value against its limits; operator: who calibrated, empty where nobody
+    is stated; method, uncertainty, remarks: sentences; calibrated: (first, last) day, None where not known; model and covariance (12, 12)
+    of ω = E m + B; temperature_c: (least, mean, largest) of the sensor, None where it was not recorded.
     """
 
     number: str
@@ -125,16 +104,16 @@ class Content:
     missing: tuple[str, ...]
     given: CertificateGiven
     config: Config
-    item: list[Field]
-    dates: list[Field]
-    conditions: list[Field]
-    traceability: list[Field]
+    item: list[Line]
+    dates: list[Line]
+    conditions: list[Line]
+    traceability: list[Line]
     equipment: tuple[Equipment, ...]
     results: list[ResultRow]
     as_found: list[ResultRow]
     previous: str
     closure: list[tuple[Measured, float]]
-    statements: list[Statement]
+    statements: list[tuple[str, str, list[Conformity]]]
     operator: str
     method: list[str]
     uncertainty: list[str]
@@ -152,7 +131,7 @@ class Content:
     @property
     def conformity(self) -> list[Conformity]:
         """Each value that has limits, of all statements."""
-        return [each for statement in self.statements for each in statement.conformities]
+        return [each for *_, conformities in self.statements for each in conformities]
 
 
 def missing_fields(config: Config) -> list[str]:
@@ -199,7 +178,7 @@ def content_of(data: ReportData, previous: tuple[str, LinearModel] | None = None
         given=given,
         config=config,
         item=_item(data),
-        dates=[*_dates(given, calibrated), Field("Computed", data.made)],
+        dates=[*_dates(given, calibrated), ("Computed", data.made, "")],
         conditions=_conditions(data),
         traceability=_traceability(data),
         equipment=given.equipment + ((machine,) if machine is not None else ()) + _standards(data),
@@ -222,22 +201,22 @@ def content_of(data: ReportData, previous: tuple[str, LinearModel] | None = None
 # What session.toml and the recording say of the item, the days and the conditions.
 
 
-def _item(data: ReportData) -> list[Field]:
+def _item(data: ReportData) -> list[Line]:
     config, given = data.fit.session.config, given_in(data.fit.session.config)
     sensor, board = config.sensor, config.board
     filters = f"CTRL1_XL to CTRL10_C read back as {board.registers}" if board.registers else "not stated by the board"
     rows = [
-        Field("Object", given.item or "inertial sensor: gyroscope with accelerometer", "certificate.item" if given.item else ""),
-        *([Field("Manufacturer", given.manufacturer, "certificate.manufacturer")] if given.manufacturer else []),
-        Field("Model", sensor.model if config.model_given else NOT_STATED, "sensor.model"),
-        Field("Serial number", sensor.serial or NOT_STATED, "sensor.serial"),
-        Field("Ranges", f"±{sensor.gyro_fs_dps:g} °/s, ±{sensor.accel_fs_g:g} g", "sensor.gyro_fs_dps"),
-        Field("Data rate", _rate_words(data)),
-        Field("Filter registers", filters, "board.registers" if board.registers else ""),
+        ("Object", given.item or "inertial sensor: gyroscope with accelerometer", "certificate.item" if given.item else ""),
+        *([("Manufacturer", given.manufacturer, "certificate.manufacturer")] if given.manufacturer else []),
+        ("Model", sensor.model if config.model_given else NOT_STATED, "sensor.model"),
+        ("Serial number", sensor.serial or NOT_STATED, "sensor.serial"),
+        ("Ranges", f"±{sensor.gyro_fs_dps:g} °/s, ±{sensor.accel_fs_g:g} g", "sensor.gyro_fs_dps"),
+        ("Data rate", _rate_words(data), ""),
+        ("Filter registers", filters, "board.registers" if board.registers else ""),
     ]
     if board.firmware:
-        rows.append(Field("Firmware", board.firmware, "board.firmware"))
-    return [*rows, Field("Condition", given.condition or NOT_STATED, "certificate.condition")]
+        rows.append(("Firmware", board.firmware, "board.firmware"))
+    return [*rows, ("Condition", given.condition or NOT_STATED, "certificate.condition")]
 
 
 def _rate_words(data: ReportData) -> str:
@@ -266,15 +245,15 @@ def _calibrated(data: ReportData) -> tuple[str, date | None]:
     return (NOT_STATED if when is None else f"{when}{SOURCES[source]}"), day
 
 
-def _dates(given: CertificateGiven, calibrated: str) -> list[Field]:
+def _dates(given: CertificateGiven, calibrated: str) -> list[Line]:
     rows = [
-        Field("Received", str(given.received or NOT_STATED), "certificate.received"),
-        Field("Calibrated", calibrated, "certificate.calibrated" if given.calibrated is not None else ""),
-        Field("Issued", str(given.issued or NOT_STATED), "certificate.issued"),
+        ("Received", str(given.received or NOT_STATED), "certificate.received"),
+        ("Calibrated", calibrated, "certificate.calibrated" if given.calibrated is not None else ""),
+        ("Issued", str(given.issued or NOT_STATED), "certificate.issued"),
     ]
     for label, key in (("Valid until", "valid_until"), ("Next calibration", "next_calibration")):
         if (day := getattr(given, key)) is not None:
-            rows.append(Field(label, str(day), f"certificate.{key}"))
+            rows.append((label, str(day), f"certificate.{key}"))
     return rows
 
 
@@ -285,21 +264,21 @@ def _temperature(data: ReportData) -> tuple[float, float, float] | None:
     return (float(known.min()), float(known.mean()), float(known.max())) if len(known) else None
 
 
-def _conditions(data: ReportData) -> list[Field]:
+def _conditions(data: ReportData) -> list[Line]:
     config, temperature = data.fit.session.config, _temperature(data)
     site = config.site
     words = "not recorded"
     if temperature is not None:
         words = f"{temperature[0]:.1f} to {temperature[2]:.1f} °C, mean {temperature[1]:.1f} °C, by the sensor's own thermometer"
     rows = [
-        Field("Sensor temperature", words),
-        Field("Latitude", NOT_STATED if site.latitude_deg is None else f"{site.latitude_deg:g}°", "site.latitude_deg"),
+        ("Sensor temperature", words, ""),
+        ("Latitude", NOT_STATED if site.latitude_deg is None else f"{site.latitude_deg:g}°", "site.latitude_deg"),
     ]
     given = given_in(config)
     if given.conditions:
-        rows.append(Field("Environment", given.conditions, "certificate.conditions"))
+        rows.append(("Environment", given.conditions, "certificate.conditions"))
     operator, key = _operator(config)
-    return [*rows, Field("Place", given.place or NOT_STATED, "certificate.place"), Field("Operator", operator or NOT_STATED, key)]
+    return [*rows, ("Place", given.place or NOT_STATED, "certificate.place"), ("Operator", operator or NOT_STATED, key)]
 
 
 def _operator(config: Config) -> tuple[str, str]:
@@ -309,7 +288,7 @@ def _operator(config: Config) -> tuple[str, str]:
     return given_in(config).operator, "certificate.operator"
 
 
-def _traceability(data: ReportData) -> list[Field]:
+def _traceability(data: ReportData) -> list[Line]:
     """How each reference is traceable, as it is stated, behind how it enters the calibration."""
     config = data.fit.session.config
     site, protocol, stated = config.site, config.protocol, given_in(config).traceability
@@ -332,7 +311,7 @@ def _traceability(data: ReportData) -> list[Field]:
         found = data.fit.accelerometer
         angle += ", which is not calibrated" if found.calibration.source == "none" else CALIBRATED[found.mode]
     return [
-        Field(label, f"{entered}; {stated.get(key, f'traceability {NOT_STATED}')}", f"certificate.traceability.{key}")
+        (label, f"{entered}; {stated.get(key, f'traceability {NOT_STATED}')}", f"certificate.traceability.{key}")
         for label, key, entered in (("Gravity", "gravity", gravity), ("Clock", "clock", clock), ("Angle", "angle", angle))
     ]
 
@@ -379,7 +358,7 @@ def _first_line(path: Path) -> str:
     return head.split(b"\n", 1)[0].decode("utf-8", "replace")
 
 
-def _statements(conformities: Sequence[Conformity]) -> list[Statement]:
+def _statements(conformities: Sequence[Conformity]) -> list[tuple[str, str, list[Conformity]]]:
     """One for each origin of limits and each rule, in the order of the values."""
     groups: dict[tuple[str, Rule], list[Conformity]] = {}
     for each in conformities:
@@ -389,7 +368,7 @@ def _statements(conformities: Sequence[Conformity]) -> list[Statement]:
         said = [rule_words(rule)]
         if any(np.isfinite(each.measured.sigma) for each in of):
             said.append("The risk is that of the measured value with its U, without prior knowledge of the item (JCGM 106:2012, 7.2).")
-        found.append(Statement(reference, " ".join(said), of))
+        found.append((reference, " ".join(said), of))
     return found
 
 
@@ -416,8 +395,8 @@ def _results(data: ReportData, vector: np.ndarray, sources: Sequence[Source]) ->
         spread = np.zeros((PARAMETERS, PARAMETERS))
         spread[BIAS, BIAS] = np.diag(2 * data.fit.repeatability.rps**2)
         other = [*sources, Source("switch-on", "B", float("inf"), spread)]
-        again = [row for row in _rows(_gyroscope(data, vector, other)) if row.words == "gyroscope bias"]
-        found += [replace(row, words="gyroscope bias at any switch-on") for row in again]
+        again = [cells for words, cells in _rows(_gyroscope(data, vector, other)) if words == "gyroscope bias"]
+        found += [("gyroscope bias at any switch-on", cells) for cells in again]
     # one that was taken as given is no result of this calibration
     found += _rows([each for each in accelerometer_measured(data.fit.accelerometer) if np.isfinite(each.sigma)])
     beyond = [q for q in data.quantities if q not in data.adopted.quantities and q.observed]
@@ -436,10 +415,10 @@ def _rows(values: Sequence[Measured]) -> list[ResultRow]:
     rows: list[ResultRow] = []
     for each in values:
         words, part = _split(each.words)
-        if rows and rows[-1].words == words and len(rows[-1].parts) < 3:
-            rows[-1] = ResultRow(words, (*rows[-1].parts, part), (*rows[-1].values, each))
+        if rows and rows[-1][0] == words and len(rows[-1][1]) < 3:
+            rows[-1][1].append((part, each))
         else:
-            rows.append(ResultRow(words, (part,), (each,)))
+            rows.append((words, [(part, each)]))
     return rows
 
 

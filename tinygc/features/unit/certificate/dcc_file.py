@@ -110,9 +110,9 @@ def _administrative(parent: ElementTree.Element, c: Content) -> None:
         _in(replaced, "replacedUniqueIdentifier", given.amends)
     item = _in(_in(parent, "items"), "item")
     config = c.config
-    named(item, "name", next(field.text for field in c.item if field.label == "Object"))
-    about = [field for field in c.item if field.label not in ("Object", "Manufacturer", "Model", "Serial number")]
-    named(item, "description", *(f"{field.label}: {field.text}" for field in about))
+    named(item, "name", next(text for label, text, _ in c.item if label == "Object"))
+    others = ("Object", "Manufacturer", "Model", "Serial number")
+    named(item, "description", *(f"{label}: {text}" for label, text, _ in c.item if label not in others))
     if c.given.manufacturer:
         named(_in(item, "manufacturer"), "name", c.given.manufacturer)
     if config.model_given:
@@ -150,20 +150,20 @@ def _person(parent: ElementTree.Element, name: str, role: str, signs: bool = Fal
 def _statements(parent: ElementTree.Element, c: Content) -> None:
     for remark in c.remarks:
         named(_in(parent, "statement"), "declaration", remark)
-    for field in c.traceability:
+    for label, text, _ in c.traceability:
         traced = _in(parent, "statement", refType="basic_traceability")
-        named(traced, "name", f"Traceability: {field.label}")
-        named(traced, "declaration", field.text)
+        named(traced, "name", f"Traceability: {label}")
+        named(traced, "declaration", text)
     for day, words in ((c.given.valid_until, "Valid until"), (c.given.next_calibration, "Next calibration")):
         if day is not None:
             again = _in(parent, "statement", refType="basic_recalibration")
             named(again, "declaration", words)
             _in(again, "date", str(day))
-    for each in c.statements:
+    for reference, rule, _ in c.statements:
         conforms = _in(parent, "statement", refType="basic_conformity")
         _in(conforms, "norm", "ISO/IEC 17025:2017")
         _in(conforms, "reference", "7.8.6")
-        named(conforms, "declaration", *([f"Limits: {each.reference}"] if each.reference else []), f"Decision rule: {each.rule}")
+        named(conforms, "declaration", *([f"Limits: {reference}"] if reference else []), f"Decision rule: {rule}")
 
 
 # Results.
@@ -209,11 +209,11 @@ def _conditions(parent: ElementTree.Element, c: Content) -> None:
         ends = zip(("basic_temperatureMin", "basic_temperatureMean", "basic_temperatureMax"), c.temperature_c, strict=True)
         for kind, value in ends:
             _real(_in(data, "quantity", refType=kind), value, r"\degreecelsius")
-    said = [field for field in c.conditions if field.key in ("certificate.conditions", "certificate.place", "site.latitude_deg")]
-    for field in said:
-        condition = _in(conditions, "influenceCondition")
-        named(condition, "name", field.label)
-        named(_in(condition, "data"), "text", field.text)
+    for label, text, key in c.conditions:
+        if key in ("certificate.conditions", "certificate.place", "site.latitude_deg"):
+            condition = _in(conditions, "influenceCondition")
+            named(condition, "name", label)
+            named(_in(condition, "data"), "text", text)
     if len(conditions):
         parent.append(conditions)
 
@@ -222,9 +222,9 @@ def _result(parent: ElementTree.Element, words: str, prefix: str, rows: Sequence
     result = _in(parent, "result")
     named(result, "name", words)
     data, answers = _in(result, "data"), {each.measured.key: each for each in conformity if each.measured.key}
-    for row in rows:
-        for part, each in zip(row.parts, row.values, strict=True):
-            name = f"{row.words} {part}".strip()
+    for kind, cells in rows:
+        for part, each in cells:
+            name = f"{kind} {part}".strip()
             identifier = "_".join("".join(c if c.isascii() and c.isalnum() else " " for c in name).split())
             quantity = _quantity(data, prefix + identifier, name, each)
             if (found := answers.pop(each.key, None)) is not None:  # of the first row that has it: that of this switch-on

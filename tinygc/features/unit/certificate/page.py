@@ -30,7 +30,7 @@ def page(content: Content) -> str:
         found=[_row(each) for each in content.as_found],
         model=[(axis, [*(fixed(each, 6) for each in row), fixed(bias, 7)]) for axis, row, bias in rows],
         closure=[(_first(each.words), _value(each), _factor(each), significant(floor, 2)) for each, floor in content.closure],
-        statements=[(each, [_conformity(one) for one in each.conformities]) for each in content.statements],
+        statements=[(reference, rule, [_conformity(one) for one in each]) for reference, rule, each in content.statements],
     ).lstrip()
 
 
@@ -40,13 +40,14 @@ def _first(words: str) -> str:
 
 def _row(row: ResultRow) -> dict[str, Any]:
     """A line of the table of results: decimals that give the largest U of the line two digits, and the range of k."""
-    known = [each for each in row.values if each.observed and np.isfinite(each.expanded) and each.expanded > 0]
+    words, values = row
+    known = [each for _, each in values if each.observed and np.isfinite(each.expanded) and each.expanded > 0]
     decimals = min((decimals_for(each.expanded) for each in known), default=3)
     factors = sorted({fixed(each.factor, 2) for each in known})
-    cells = [_cell(part, each, decimals) for part, each in zip(row.parts, row.values, strict=True)]
+    cells = [_cell(part, each, decimals) for part, each in values]
     return {
-        "words": _first(row.words),
-        "unit": row.values[0].unit,
+        "words": _first(words),
+        "unit": values[0][1].unit,
         "cells": [*cells, None, None, None][:3],
         "k": "–".join(dict.fromkeys((factors[0], factors[-1]))) if factors else "",
     }
@@ -82,11 +83,12 @@ def _conformity(each: Conformity) -> dict[str, str]:
     sides = [significant(side, 3) for side in each.limits if np.isfinite(side)]
     limits = " to ".join(sides) if len(sides) == 2 else f"at {'most' if np.isfinite(each.limits[1]) else 'least'} {sides[0]}"
     value = _value(each.measured) if each.measured.observed else "not observed"
-    words = {
+    return {
         "words": _first(each.measured.words),
         "unit": each.measured.unit,
         "limits": limits,
         "value": value,
         "k": _factor(each.measured),
+        "answer": each.answer.upper(),
+        "risk": risk,
     }
-    return words | {"answer": each.answer.upper(), "risk": risk}

@@ -25,7 +25,7 @@ from tinygc.explanation.faulty_readings import FALSE, proposed, without_false_re
 from tinygc.explanation.result import to_json
 from tinygc.explanation.standing import Standing, Statement
 from tinygc.features.arrays.fit import ArrayFit, UnitFit, begins_s, event_to_json, fit_array, split_to_json
-from tinygc.features.arrays.joint import COMMON_STILL, COMMON_TURN, OWN_TURN, ArrayEvent
+from tinygc.features.arrays.joint import COMMON_STILL, COMMON_TURN, ArrayEvent
 from tinygc.features.arrays.recording import ArraySession
 from tinygc.features.arrays.rest_noise import SharedNoise, noise_at_rest
 from tinygc.features.arrays.slow_zero import PooledSlowZero, slow_zero_of
@@ -406,36 +406,34 @@ def _closure(fit: ArrayFit) -> Table:
 
 def event_words(event: ArrayEvent, fit: ArrayFit) -> str:
     """Describe an event, the units it belongs to, and its treatment."""
-    at = fit.same.time_s[event.first, 1 if "turn" in event.what else 0] - begins_s(fit)
+    turn = "turn" in event.what
+    at, where = f"{fit.same.time_s[event.first, int(turn)] - begins_s(fit):.1f} s:", "turn" if turn else "still"
+
+    def size(of: ArrayEvent) -> str:
+        return f"{of.size / DEG:.2g}°" if turn else f"{1e3 * of.size / G:.2g} mg"
+
     if event.what == COMMON_TURN:
-        return f"{at:.1f} s: all units miss this turn by {event.size / DEG:.2g}°: a knock or the motion, no unit's reading"
+        return f"{at} all units miss this turn by {size(event)}: a knock or the motion, no unit's reading"
     if event.what == COMMON_STILL:
-        return f"{at:.1f} s: all units feel {1e3 * event.size / G:.2g} mg in this still: the body was not at rest"
+        return f"{at} all units feel {size(event)} in this still: the body was not at rest"
     assert event.unit is not None
     number = fit.units[event.unit].number
     if event.rival is not None:
         both = f"units {number} and {fit.units[event.rival].number}"
-        size = f"{event.size / DEG:.2g}°" if event.what == OWN_TURN else f"{1e3 * event.size / G:.2g} mg"
-        where = "turn" if event.what == OWN_TURN else "still"
-        return f"{at:.1f} s: {both} differ by {size} in this {where}, and two do not tell which one errs; unit {number}'s does not count"
+        return f"{at} {both} differ by {size(event)} in this {where}, and two do not tell which one errs; unit {number}'s does not count"
     deviating = event.together(fit.joint.events)
     others = len(fit.units) - len(deviating)
     if len(deviating) > 1:
-        turn = deviating[0].what == OWN_TURN
-        in_order = sorted(deviating, key=lambda event: fit.units[event.unit or 0].number)
-        sizes = (f"{e.size / DEG:.2g}°" if turn else f"{1e3 * e.size / G:.2g} mg" for e in in_order)
-        who = ", ".join(f"unit {fit.units[e.unit or 0].number} by {size}" for e, size in zip(in_order, sizes, strict=True))
-        where, lost = ("turn", "their turns do not count") if turn else ("still", "their gravity there does not count")
+        named = sorted((fit.units[each.unit or 0].number, size(each)) for each in deviating)
+        who, lost = ", ".join(f"unit {one} by {by}" for one, by in named), "their turns do not" if turn else "their gravity there does not"
         return (
-            f"{at:.1f} s: {len(deviating)} of {len(fit.units)} units stand out in this {where}, each in its own way ({who}): several at "
-            f"once are hardly their own readings: a blow that each unit feels or samples otherwise is more probable; {lost}"
+            f"{at} {len(deviating)} of {len(fit.units)} units stand out in this {where}, each in its own way ({who}): several at "
+            f"once are hardly their own readings: a blow that each unit feels or samples otherwise is more probable; {lost} count"
         )
     tested = f"against the other{'s' * (others > 1)} (F test, p = {event.p_value:.2g})"
-    if event.what == OWN_TURN:
-        return f"{at:.1f} s: unit {number} misses this turn by {event.size / DEG:.2g}° {tested}: its own readings; its turn does not count"
-    return (
-        f"{at:.1f} s: unit {number} feels {1e3 * event.size / G:.2g} mg too much in this still {tested}; its gravity there does not count"
-    )
+    if turn:
+        return f"{at} unit {number} misses this turn by {size(event)} {tested}: its own readings; its turn does not count"
+    return f"{at} unit {number} feels {size(event)} too much in this still {tested}; its gravity there does not count"
 
 
 def _event_lines(fit: ArrayFit) -> list[str]:

@@ -10,7 +10,7 @@ from session.base.errors import CalibrationError
 from session.base.rotation import nearest_rotation, unit_vectors
 from session.base.units import NS
 from session.detect.check_references import with_own_accelerometer
-from session.detect.stills import SessionStills
+from session.detect.stills import SessionStills, references
 from session.log.folder import Session
 from tinygc.features.arrays.clocks import ClockFit, Rates, UnitClock, UnitPlace, fit_clock, session_rates
 from tinygc.features.arrays.recording import ArraySession
@@ -58,8 +58,8 @@ def fit_mounting(first_force: np.ndarray, unit_force: np.ndarray, rate_matrix: n
 
 # Extrinsics of the units of an array: clock and mounting of each, from their rates and from gravity in their stills.
 
-#: share of the shorter of two stills that both have to have in common
-LEAST_COMMON = 0.5
+#: least overlap of two stills that are one, of the shorter of them
+LEAST_SHARED = 0.5
 #: share of a period of the readings by which clocks of units polled in turn may seem apart; sensors sample far oftener than they are read
 ONE_READER = 0.1
 
@@ -166,34 +166,31 @@ def _blame_first(rates: list[tuple[Rates, ...]], names: list[str], mine: tuple[R
             raise CalibrationError(said) from None
 
 
-#: of one still: its begin and end on the unit's clock, s, and its mean specific force (3,) m/s^2
-_Force = tuple[float, float, np.ndarray]
-
-
-def _forces(session: Session) -> list[list[_Force]]:
-    """Return the reference stills of each log, with the best available calibration of the accelerometer."""
+def _forces(session: Session) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the log (K,), the span (K, 2) s of the unit's clock and the mean specific force (K, 3) m/s^2 of each reference still, with the
+    best available calibration of the accelerometer."""
     found = SessionStills(session)
     session, _ = with_own_accelerometer(session, looked_at=found)
     found = found.under(session)
-    forces = []
-    for log in session.logs:
-        begin_s = float(log.samples.t_ns[0]) * NS
-        good = [still for still in found.of(log).stills if still.problem is None]
-        forces.append([(begin_s + s.start_s, begin_s + s.start_s + s.duration_s, s.accel_mean) for s in good])
-    return forces
+    rows = [
+        (number, start_s := float(log.samples.t_ns[0]) * NS + still.start_s, start_s + still.duration_s, *still.accel_mean)
+        for number, log in enumerate(session.logs)
+        for still in references(found.of(log).stills)
+    ]
+    table = np.array(rows).reshape(-1, 6)
+    return table[:, 0], table[:, 1:3], table[:, 3:]
 
 
-def _common(ours: list[list[_Force]], theirs: list[list[_Force]], clock: UnitClock) -> tuple[np.ndarray, np.ndarray]:
+def _common(ours: tuple[np.ndarray, ...], theirs: tuple[np.ndarray, ...], clock: UnitClock) -> tuple[np.ndarray, np.ndarray]:
     """Return the mean specific force (K, 3) of both units in the stills that both have."""
-    pairs = []
-    for mine, other in zip(ours, theirs, strict=True):
-        for start_s, stop_s, force in mine:
-            for begin_s, end_s, their_force in other:
-                start, stop = clock.array_time(np.array([begin_s, end_s]))
-                shared = min(stop, stop_s) - max(start, start_s)
-                if shared >= LEAST_COMMON * min(stop_s - start_s, end_s - begin_s):
-                    pairs.append((force, their_force))
-    if not pairs:
-        return np.zeros((0, 3)), np.zeros((0, 3))
-    first, second = zip(*pairs, strict=True)
-    return np.array(first), np.array(second)
+    logs, spans, forces = ours
+    match = np.array([best_overlap(log, clock.array_time(span), logs, spans) for log, span, _ in zip(*theirs, strict=True)], dtype=int)
+    return forces[match[match >= 0]], theirs[2][match >= 0]
+
+
+def best_overlap(log: int, span: np.ndarray, logs: np.ndarray, spans: np.ndarray) -> int:
+    """Return which of the stills, by their log (K,) and span (K, 2), has most in common with a still; -1 where none has enough."""
+    shared = np.minimum(spans[:, 1], span[1]) - np.maximum(spans[:, 0], span[0])
+    least = LEAST_SHARED * np.minimum(spans[:, 1] - spans[:, 0], span[1] - span[0])
+    shared = np.where((shared > least) & (logs == log), shared, -1.0)
+    return int(np.argmax(shared)) if shared.max(initial=-1.0) > 0 else -1

@@ -16,6 +16,7 @@ from session.log.samples import Samples
 from tinygc.closure.prepared import AUTO, Prepared, prepare
 from tinygc.closure.problem import Problem
 from tinygc.features.arrays.clocks import UnitClock, UnitPlace
+from tinygc.features.arrays.extrinsics import best_overlap
 from tinygc.features.arrays.recording import ArraySession
 from tinygc.models.linear import LinearModel
 
@@ -96,9 +97,6 @@ def prepare_units(
 
 # Common stills and turns of the units: those that overlap on the array's clock.
 
-#: least overlap, of the shorter of two stills
-LEAST_SHARED = 0.5
-
 
 @dataclass(frozen=True, eq=False)
 class SameStills:
@@ -130,13 +128,12 @@ class SameStills:
 def same_stills(units: list[ArrayUnit]) -> SameStills:
     """Match the units' stills.  Raises FitError where a unit has no turn in common with the others."""
     anchor = int(np.argmax([len(unit.problem.used) for unit in units]))
-    log, time_s, theirs, group = _references(units[anchor].problem)
-    del theirs
+    log, time_s, _, group = _references(units[anchor].problem)
     left_out = [moment for unit in units for moment in _left_out(unit.problem)]
     stills, turns, firsts, lasts = [], [], [], []
     for unit in units:
         own_log, own_s, own, _ = _references(unit.problem)
-        match = {id(still): _match(where, span, log, time_s) for still, where, span in zip(own, own_log, own_s, strict=True)}
+        match = {id(still): best_overlap(where, span, log, time_s) for still, where, span in zip(own, own_log, own_s, strict=True)}
         mine: list[Still | None] = [None] * len(time_s)
         for still in own:
             if (q := match[id(still)]) >= 0:
@@ -173,11 +170,3 @@ def _left_out(problem: Problem) -> list[tuple[int, float]]:
     """Return log and s of the array's clock of turns that session.toml leaves out: for one unit, hence for all."""
     logs = [log for log in problem.session.logs if problem.found.of(log).noise is not None]
     return [(number, at_s) for number, log in enumerate(logs) for at_s in moments_of(log.path, problem.session.config.exclude)]
-
-
-def _match(log: int, span: np.ndarray, logs: np.ndarray, spans: np.ndarray) -> int:
-    """Return the still with the largest overlap, or -1."""
-    shared = np.minimum(spans[:, 1], span[1]) - np.maximum(spans[:, 0], span[0])
-    least = LEAST_SHARED * np.minimum(spans[:, 1] - spans[:, 0], span[1] - span[0])
-    shared = np.where((shared > least) & (logs == log), shared, -1.0)
-    return int(np.argmax(shared)) if shared.max() > 0 else -1

@@ -11,6 +11,7 @@ import numpy as np
 
 from session.base.errors import FormatError
 from session.base.files import MB, read_bytes
+from session.base.records import record_of
 from session.base.results import Array, Keys, ListOf, MapOf, Maybe, Number, Text, read_required, require
 from session.base.texts import shell_word
 from tinygc.explanation.reported import ReportData
@@ -23,6 +24,7 @@ from tinygc.features.discovery.result import (
     runner_up_words,
     same_words,
 )
+from tinygc.features.discovery.search_state import HeldOut
 from tinygc.reporting.html.markup import Section, code, escape, paragraph
 
 #: the section of the report that this one stands behind
@@ -34,21 +36,13 @@ DO = "explain again, or remove it"
 #: bytes of discover.png, which has some 100 kB
 MOST_PICTURE = 8 * MB
 PNG = b"\x89PNG\r\n\x1a\n"
-_HELD_OUT = Keys(
-    {
-        **dict.fromkeys(("before_deg", "after_deg", "floor_deg", "p_value", "noise_p"), Number()),
-        "removed": Maybe(Number()),
-        "segments": Number(0, whole=True),
-        "recording": Maybe(Text()),
-    }
-)
 _RIVAL = Keys({"id": Maybe(Text()), "equation": Text(), "worse_by": Number(), "correlation": Number(), "discriminating_motion": Text()})
 _LAW = Keys(
     {
         **dict.fromkeys(("id", "equation", "in_words", "unit"), Text()),
         **dict.fromkeys(("chi_square", "better_by", "chance_p"), Number()),
         "constants": MapOf(Keys({"value": Number(), "sigma": Maybe(Number()), "unit": Text()})),
-        "held_out": ListOf(_HELD_OUT),
+        "held_out": ListOf(record_of(HeldOut)),
         "file": Maybe(Text()),
         "same_here": ListOf(Text()),
         "runners_up": ListOf(_RIVAL),

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from session.base.numeric import sigmas_in
+from session.base.records import table_of
 from session.base.units import DEG
 from tinygc.explanation.claims import measured, p_entry, p_words
 from tinygc.features.discovery.law_code import law_code
@@ -67,19 +68,7 @@ def _law(law: Law, file: str | None) -> dict:
         "chi_square": law.gain,
         "better_by": law.better,
         "chance_p": law.chance_p,
-        "held_out": [
-            {
-                "before_deg": each.before_rad / DEG,
-                "after_deg": each.after_rad / DEG,
-                "floor_deg": each.floor_rad / DEG,
-                "removed": each.removed,
-                **p_entry("p_value", each.p_value),
-                **p_entry("noise_p", each.noise_p),
-                "segments": each.segments,
-                "recording": each.recording,
-            }
-            for each in law.held_out
-        ],
+        "held_out": [table_of(each) | p_entry("p_value", each.p_value) | p_entry("noise_p", each.noise_p) for each in law.held_out],
         "file": file,
         "same_here": [equation(form) for form in law.same],
         "runners_up": [

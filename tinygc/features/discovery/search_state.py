@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 import numpy as np
 
+from session.base.records import Count, Key
+from session.base.units import DEG
 from tinygc.closure.problem import Problem
 from tinygc.closure.uncertainty import chi_square_above
 from tinygc.effects import Effect, Movement
@@ -77,13 +80,13 @@ class HeldOut:
     much; noise_p: of the sensor's own noise leaving as much as the law leaves; segments: how many; recording: the log that was held out
     whole, None where these are parts of each."""
 
-    before_rad: float
-    after_rad: float
-    floor_rad: float
+    before_rad: Annotated[float, Key("before_deg", DEG)]
+    after_rad: Annotated[float, Key("after_deg", DEG)]
+    floor_rad: Annotated[float, Key("floor_deg", DEG)]
     removed: float | None
     p_value: float
     noise_p: float
-    segments: int
+    segments: Count
     recording: str | None = None
 
 

@@ -31,7 +31,7 @@ from tinygc.features.arrays.rest_noise import SharedNoise, noise_at_rest
 from tinygc.features.arrays.slow_zero import PooledSlowZero, slow_zero_of
 from tinygc.features.arrays.standings import Part, Parts, parts_of
 from tinygc.features.arrays.traits import ALIKE, COMMON, DIFFERS, READINGS, Trait, traits_of
-from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_line
+from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_line, plain_table
 
 # Steps in one unit's register: did the other units feel them? A false reading is in one unit, a knock in all.
 
@@ -326,9 +326,8 @@ def save_array_explanation(found: ArrayExplanation, folder: Path, table: dict) -
 
 def array_page(fit: ArrayFit) -> Group:
     """Return the page: extrinsics, closure, common errors, events, and what was left out."""
-    table = Table(title="Units against the first: clock, mounting, position", title_justify="left", box=None, padding=(0, 1))
-    for column in ("unit", "serial", "clock, ms", "rate, ppm", "mounting about x, y, z, deg", "± deg", "position, mm", "± mm"):
-        table.add_column(column, justify="left" if column == "serial" else "right", overflow="fold")
+    columns = ("serial", "clock, ms", "rate, ppm", "mounting about x, y, z, deg", "± deg", "position, mm", "± mm")
+    table = plain_table("Units against the first: clock, mounting, position", "unit", *columns)
     for unit in fit.units:
         table.add_row(*_place(unit, unit is fit.units[0]))
     parts: list[RenderableType] = [table, "", _closure(fit), ""]
@@ -383,9 +382,8 @@ def _place(unit: UnitFit, first: bool) -> list[str]:
 
 def _closure(fit: ArrayFit) -> Table:
     title = "What turns miss by, degrees of tilt, rms a turn, and how much better the array knows each unit than it knows itself"
-    table = Table(title=title, title_justify="left", box=None, padding=(0, 1))
-    for column in ("unit", "closure alone", "white floor", "own excess", "unit minus mean", "scale, ppm: alone", "array"):
-        table.add_column(column, justify="right", overflow="fold")
+    columns = ("closure alone", "white floor", "own excess", "unit minus mean", "scale, ppm: alone", "array")
+    table = plain_table(title, "unit", *columns, right=True)
     for unit in fit.units:
         own, sigma = (part / DEG for part in unit.own_rad)
         diagonal = [0, 4, 8]
@@ -466,9 +464,8 @@ def array_explain_page(found: ArrayExplanation) -> Group:
     if len(found.moments) > MOST_MOMENTS:
         parts.append(one_line(f"… and {len(found.moments) - MOST_MOMENTS} moments more, in array.json."))
     parts += [one_line(f"{line}.", "yellow") for line in _event_lines(fit)]
-    table = Table(title="Beyond the common part, by unit", title_justify="left", box=None, padding=(0, 1))
-    for column in ("unit", "own excess, deg", "95 % below", "p", "standing", "named in its own session"):
-        table.add_column(column, justify="left" if column in ("standing", "named in its own session") else "right", overflow="fold")
+    columns = ("own excess, deg", "95 % below", "p", "standing", "named in its own session")
+    table = plain_table("Beyond the common part, by unit", "unit", *columns)
     for unit, part in zip(fit.units, found.parts.own, strict=True):
         explanation = found.explanations.get(unit.number)
         claims = [] if explanation is None else [*explanation.claimed, *explanation.findings]

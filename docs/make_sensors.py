@@ -46,7 +46,7 @@ def _units(profile: Profile) -> str:
 
 def _figures(profile: Profile) -> str:
     rates = [f"{rate:g}" for rate in profile.odr_hz]
-    rates += [f"{one.base_hz:g} / 1…{one.most}" if one.most > 1 else f"{one.base_hz:g}" for one in profile.divided]
+    rates += [f"{base_hz:g} / 1…{most}" if most > 1 else f"{base_hz:g}" for base_hz, most in profile.divided]
     works = "" if profile.works_c is None else f"{profile.works_c[0]:g} to {profile.works_c[1]:g}".replace("-", "−")
     figures = " | ".join(_figure(profile.figures.get(name)) for name in FIGURES)
     return f"| {profile.name} | {', '.join(rates) or 'not known'} | {figures} | {works} |"

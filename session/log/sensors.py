@@ -40,27 +40,13 @@ class Thermometer:
 
 
 @dataclass(frozen=True)
-class Divided:
-    """Data rates ``base_hz / n``, n = 1 … most."""
-
-    base_hz: float
-    most: int = 256
-
-    def nearest_hz(self, hz: float) -> float:
-        """The one nearest to a rate."""
-        n = self.base_hz / hz
-        whole = {min(max(int(n) + step, 1), self.most) for step in (0, 1)}
-        return min((self.base_hz / one for one in whole), key=lambda rate: abs(rate / hz - 1))
-
-
-@dataclass(frozen=True)
 class Profile:
     """gyro: full scale in dps -> mdps per LSB, accel: full scale in g -> mg per LSB; None: any full scale, at REGISTER_SPAN counts.
 
     units: where these are from.  thermometer: None where its conversion is not known.  odr_hz: the gyroscope's nominal data rates, Hz;
-    divided: those that a divider makes.  clock_within: by how much parts' rates differ from the nominal one, fraction.
-    Typical figures: one-sided noise densities, bias instability, the greatest zero-rate level and accelerometer's zero of a good part;
-    works_c: where it works.
+    divided: those that a divider makes, a base rate, Hz, over n = 1 … most.  clock_within: by how much parts' rates differ from the
+    nominal one, fraction.  Typical figures: one-sided noise densities, bias instability, the greatest zero-rate level and
+    accelerometer's zero of a good part; works_c: where it works.
     """
 
     name: str
@@ -70,7 +56,7 @@ class Profile:
     also: tuple[str, ...] = ()
     thermometer: Thermometer | None = None
     odr_hz: tuple[float, ...] = ()
-    divided: tuple[Divided, ...] = ()
+    divided: tuple[tuple[float, int], ...] = ()
     clock_within: Figure | None = None
     gyro_noise_mdps_rthz: Figure | None = None
     accel_noise_ug_rthz: Figure | None = None
@@ -92,7 +78,7 @@ class Profile:
 
     def nearest_hz(self, hz: float) -> float | None:
         """Its data rate that is nearest to one; None where its rates are not known."""
-        rates = [*self.odr_hz, *(divided.nearest_hz(hz) for divided in self.divided)]
+        rates = [*self.odr_hz, *(base / min(max(int(base / hz) + step, 1), most) for base, most in self.divided for step in (0, 1))]
         return min(rates, key=lambda rate: abs(rate / hz - 1), default=None)
 
 
@@ -114,66 +100,53 @@ _ICM_20948 = "data sheet (TDK, DS-000189 Rev 1.3)"
 _ICM_42688 = "data sheet (TDK, DS-000347)"
 
 
+_MPU_6050_ITSELF = Profile(
+    name="MPU-6050",
+    gyro=GYRO,
+    accel=ACCEL,
+    units=_MPU_6050,
+    also=("MPU-6000",),
+    thermometer=MPU_6050_THERMOMETER,
+    divided=((1000.0, 256), (8000.0, 8)),
+    gyro_noise_mdps_rthz=Figure(5.0, _MPU_6050),
+    accel_noise_ug_rthz=Figure(400.0, _MPU_6050),
+    zero_rate_dps=Figure(20.0, _MPU_6050),
+    accel_zero_mg=Figure(80.0, _MPU_6050),
+    works_c=WORKS_C,
+)
+_MPU_9250_ITSELF = Profile(
+    name="MPU-9250",
+    gyro=GYRO,
+    accel=ACCEL,
+    units=_MPU_9250,
+    also=("MPU-9255",),
+    thermometer=MPU_9250_THERMOMETER,
+    divided=((1000.0, 256), (8000.0, 8)),
+    gyro_noise_mdps_rthz=Figure(10.0, _MPU_9250),
+    accel_noise_ug_rthz=Figure(300.0, _MPU_9250),
+    zero_rate_dps=Figure(5.0, _MPU_9250),
+    works_c=WORKS_C,
+)
+
+
+def _within(whole: Profile, name: str, units: str, how: str) -> Profile:
+    """A sensor that is one with another, whose figures it has."""
+    figures = {figure: replace(found, source=f"{found.source}, {how}") for figure, found in whole.figures.items()}
+    return replace(whole, name=name, also=(), units=units, **figures)
+
+
 INVENSENSE = (
-    Profile(
-        name="MPU-6050",
-        gyro=GYRO,
-        accel=ACCEL,
-        units=_MPU_6050,
-        also=("MPU-6000",),
-        thermometer=MPU_6050_THERMOMETER,
-        divided=(Divided(1000.0), Divided(8000.0, 8)),
-        gyro_noise_mdps_rthz=Figure(5.0, _MPU_6050),
-        accel_noise_ug_rthz=Figure(400.0, _MPU_6050),
-        zero_rate_dps=Figure(20.0, _MPU_6050),
-        accel_zero_mg=Figure(80.0, _MPU_6050),
-        works_c=WORKS_C,
-    ),
-    Profile(
-        name="MPU-9150",
-        gyro=GYRO,
-        accel=ACCEL,
-        units="that of the MPU-6050, which is in it",
-        thermometer=MPU_6050_THERMOMETER,
-        divided=(Divided(1000.0), Divided(8000.0, 8)),
-        gyro_noise_mdps_rthz=Figure(5.0, f"{_MPU_6050}, which is in it"),
-        accel_noise_ug_rthz=Figure(400.0, f"{_MPU_6050}, which is in it"),
-        zero_rate_dps=Figure(20.0, f"{_MPU_6050}, which is in it"),
-        accel_zero_mg=Figure(80.0, f"{_MPU_6050}, which is in it"),
-        works_c=WORKS_C,
-    ),
-    Profile(
-        name="MPU-6500",
-        gyro=GYRO,
-        accel=ACCEL,
-        units="that of the MPU-9250, which holds it",
-        thermometer=MPU_9250_THERMOMETER,
-        divided=(Divided(1000.0), Divided(8000.0, 8)),
-        gyro_noise_mdps_rthz=Figure(10.0, f"{_MPU_9250}, which holds it"),
-        accel_noise_ug_rthz=Figure(300.0, f"{_MPU_9250}, which holds it"),
-        zero_rate_dps=Figure(5.0, f"{_MPU_9250}, which holds it"),
-        works_c=WORKS_C,
-    ),
-    Profile(
-        name="MPU-9250",
-        gyro=GYRO,
-        accel=ACCEL,
-        units=_MPU_9250,
-        also=("MPU-9255",),
-        thermometer=MPU_9250_THERMOMETER,
-        divided=(Divided(1000.0), Divided(8000.0, 8)),
-        gyro_noise_mdps_rthz=Figure(10.0, _MPU_9250),
-        accel_noise_ug_rthz=Figure(300.0, _MPU_9250),
-        zero_rate_dps=Figure(5.0, _MPU_9250),
-        works_c=WORKS_C,
-    ),
+    _MPU_6050_ITSELF,
+    _within(_MPU_6050_ITSELF, "MPU-9150", "that of the MPU-6050, which is in it", "which is in it"),
+    _within(_MPU_9250_ITSELF, "MPU-6500", "that of the MPU-9250, which holds it", "which holds it"),
+    _MPU_9250_ITSELF,
     Profile(
         name="ICM-20948",
         gyro=GYRO,
         accel=ACCEL,
         units=f"{_ICM_20948}; the thermometer's is remembered",
         thermometer=MPU_9250_THERMOMETER,
-        divided=(Divided(1125.0), Divided(9000.0, 1)),
+        divided=((1125.0, 256), (9000.0, 1)),
         gyro_noise_mdps_rthz=remembered(15.0),
         accel_noise_ug_rthz=Figure(230.0, _ICM_20948),
         zero_rate_dps=remembered(5.0),
@@ -196,8 +169,6 @@ INVENSENSE = (
 
 
 # Bosch: BMI088, BMI270.  Analog Devices: ADIS16448.  And any sensor whose registers of 16 bits end at its full scale.
-
-WORKS_C = (-40.0, 85.0)
 
 _BMI088 = "data sheet (Bosch, BST-BMI088-DS001 Rev 1.3)"
 _BMI270 = "data sheet (Bosch, BST-BMI270-DS000 Rev 1.3)"
@@ -270,6 +241,7 @@ INDUSTRIAL_C, CONSUMER_C = (-40.0, 105.0), (-40.0, 85.0)
 
 _DHCX = "data sheet of its sibling ISM330DHCX (ST, DS13012 Rev 6)"
 _OWN_DHCX = "data sheet (ST, DS13012 Rev 6)"
+_REMEMBERED = "the LSM6DSx family's, remembered"
 
 
 _LSM6DSO = Profile(
@@ -283,6 +255,20 @@ _LSM6DSO = Profile(
     accel_noise_ug_rthz=remembered(70.0),
     zero_rate_dps=remembered(1.0),
     works_c=CONSUMER_C,
+)
+_ISM330DHCX = Profile(
+    name="ISM330DHCX",
+    gyro=GYRO_4000,
+    accel=ST_ACCEL,
+    units="data sheet (ST, DS13012 Rev 6)",
+    thermometer=FINE,
+    odr_hz=ODR_HZ,
+    gyro_noise_mdps_rthz=Figure(5.0, _OWN_DHCX),
+    accel_noise_ug_rthz=Figure(60.0, _OWN_DHCX),
+    gyro_bias_instability_dph=Figure(3.0, _OWN_DHCX),
+    zero_rate_dps=Figure(3.0, _OWN_DHCX),
+    accel_zero_mg=Figure(65.0, _OWN_DHCX),
+    works_c=INDUSTRIAL_C,
 )
 
 ST = (
@@ -311,58 +297,27 @@ ST = (
         odr_hz=ODR_HZ,
         works_c=INDUSTRIAL_C,
     ),
-    Profile(
-        name="ISM330DHCX",
-        gyro=GYRO_4000,
-        accel=ST_ACCEL,
-        units="data sheet (ST, DS13012 Rev 6)",
-        thermometer=FINE,
-        odr_hz=ODR_HZ,
-        gyro_noise_mdps_rthz=Figure(5.0, _OWN_DHCX),
-        accel_noise_ug_rthz=Figure(60.0, _OWN_DHCX),
-        gyro_bias_instability_dph=Figure(3.0, _OWN_DHCX),
-        zero_rate_dps=Figure(3.0, _OWN_DHCX),
-        accel_zero_mg=Figure(65.0, _OWN_DHCX),
-        works_c=INDUSTRIAL_C,
-    ),
-    Profile(
-        name="ISM330DLC",
-        gyro=ST_GYRO,
-        accel=ST_ACCEL,
-        units="the LSM6DSx family's, remembered",
-        thermometer=FINE,
-        odr_hz=ODR_HZ,
-        gyro_noise_mdps_rthz=remembered(3.8),
-        accel_noise_ug_rthz=remembered(75.0),
-        works_c=CONSUMER_C,
-    ),
+    _ISM330DHCX,
+    replace(_LSM6DSO, name="ISM330DLC", units=_REMEMBERED, accel_noise_ug_rthz=remembered(75.0), zero_rate_dps=None),
     _LSM6DSO,
     replace(_LSM6DSO, name="LSM6DSOX", units="that of the LSM6DSO, remembered"),
-    Profile(
+    replace(
+        _LSM6DSO,
         name="LSM6DSR",
         gyro=GYRO_4000,
-        accel=ST_ACCEL,
-        units="the LSM6DSx family's, remembered",
+        units=_REMEMBERED,
         also=("LSM6DSRX",),
-        thermometer=FINE,
-        odr_hz=ODR_HZ,
         gyro_noise_mdps_rthz=remembered(5.0),
         accel_noise_ug_rthz=remembered(60.0),
-        zero_rate_dps=remembered(1.0),
-        works_c=CONSUMER_C,
     ),
-    Profile(
+    replace(
+        _LSM6DSO,
         name="LSM6DSL",
-        gyro=ST_GYRO,
-        accel=ST_ACCEL,
         units="data sheet (ST, LSM6DSM, DocID028165 Rev 7), as ST quotes it",
         also=("LSM6DSM", "LSM6DS3TR-C"),
-        thermometer=FINE,
-        odr_hz=ODR_HZ,
         gyro_noise_mdps_rthz=remembered(4.0),
         accel_noise_ug_rthz=remembered(80.0),
         zero_rate_dps=remembered(3.0),
-        works_c=CONSUMER_C,
     ),
     Profile(
         name="LSM6DS3",

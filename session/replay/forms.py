@@ -8,11 +8,9 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable
 from functools import lru_cache, reduce
 from itertools import pairwise
 from operator import xor
-from typing import Protocol
 
 from session.base.errors import FormatError
 from session.base.units import parse_unit
@@ -37,18 +35,26 @@ DIGITS = re.compile(NUMBER)
 TORN, TORN_RECORD = "torn", "the record is torn, or in another unit than before"
 
 
-class TextForm(Protocol):
+class TextForm:
     """name: as people are told of it; header: the names of its columns, with commas, or empty where the lines have one of their own;
     left_out: how many lines so far held nothing of it; torn: what is wrong with a line that it calls torn."""
 
-    name: str
-    header: str
-    left_out: int
-    torn: str
+    name = header = ""
+    left_out = 0
+    torn = TORN_RECORD
 
     def __call__(self, lines: list[str]) -> list[str]:
         """As many lines: rows of the table, and blanks where no row ends."""
-        ...
+        return list(map(self.row, lines))
+
+    def row(self, line: str) -> str:
+        """The row that ends with a line, a blank, or ``TORN``."""
+        raise NotImplementedError
+
+    def _no_row(self, line: str, torn: bool) -> str:
+        """What stands for a line that holds none, or a torn one."""
+        self.left_out += bool(line.strip()) and not torn
+        return TORN if torn else ""
 
 
 def form_of(lines: list[str], packed: str | None, name: str) -> TextForm | None:
@@ -71,32 +77,26 @@ def form_of(lines: list[str], packed: str | None, name: str) -> TextForm | None:
 MONITOR = re.compile(r"^\s*(\d{1,2}:\d\d:\d\d\.\d+) -> ?")
 
 
-class _Monitor:
+class _Monitor(TextForm):
     """The clock becomes the last column: what the board itself says of the time comes before it."""
 
     name = "a serial monitor's lines"
-    torn = TORN_RECORD
-    left_out = 0
 
     def __init__(self, inner: TextForm | None, lines: list[str]):
         """lines: without the clock."""
         self._inner, self._delimiter = inner, next((sign for sign in ",;\t" if any(line.count(sign) >= 2 for line in lines)), " ")
-        self.header = f"{inner.header},monitor_time" if inner is not None and inner.header else ""
         if inner is not None:
+            self.header, self._delimiter = f"{inner.header},monitor_time" if inner.header else "", ","
             self.name = f"{inner.name}, with a serial monitor's clock"
 
-    def __call__(self, lines: list[str]) -> list[str]:
-        clocks = [MONITOR.match(line) for line in lines]
-        bare = [MONITOR.sub("", line) for line in lines]
-        made = bare if self._inner is None else self._inner(bare)
-        self.left_out = 0 if self._inner is None else self._inner.left_out
-        sign = self._delimiter if self._inner is None else ","
-        with_clock = []
-        for line, clock in zip(made, clocks, strict=True):
-            names = self._inner is None and re.match(r"\s*[A-Za-z_]", line) is not None
-            end = "" if clock is None or not line.strip() else f"{sign}monitor_time" if names else f"{sign}{clock[1]}"
-            with_clock.append(line.rstrip("\r") + end)
-        return with_clock
+    def row(self, line: str) -> str:
+        """With the clock."""
+        clock, bare = MONITOR.match(line), MONITOR.sub("", line)
+        names = self._inner is None and re.match(r"\s*[A-Za-z_]", bare) is not None
+        if self._inner is not None:
+            bare, self.left_out = self._inner.row(bare), self._inner.left_out
+        end = "" if clock is None or not bare.strip() else f"{self._delimiter}{'monitor_time' if names else clock[1]}"
+        return bare.rstrip("\r") + end
 
 
 # Names and numbers in turn, on one line or on several: ``ax:1 ay:2``, ``Accel X: 0.1, Y: 0.2, Z: 9.8 m/s^2``.
@@ -109,7 +109,7 @@ UNIT = re.compile(r"[ \t]*([A-Za-z°µ%][\w°/^²µ%]*)(?![\w°/^²µ%]|\s*[:=])
 AXES = ("x", "y", "z")
 
 
-class _Record:
+class _Record(TextForm):
     """Rows of names and numbers: of one line each, or gathered over several, from the name that a record begins with."""
 
     def __init__(self, parsed: list[list[tuple[str, str, str]]], begins: str | None = None):
@@ -128,49 +128,44 @@ class _Record:
             self.names = self.names[first:] + self.names[:first]
         self.header = ",".join(f"{name} [{units[name]}]" if units.get(name) else name for name in self.names)
         self.is_one = 2 * LEAST_PAIRS <= len(self.names) <= MOST_PAIRS and most > 1
-        self._known, self._have, self._begun, self.left_out = set(self.names), dict[str, str](), False, 0
+        self._known, self._have, self._begun = set(self.names), dict[str, str](), False
         self._units = units
         whole = sum(self._known <= {name for name, _, _ in pairs} for pairs in parsed)
         self._on_one_line = whole > SHARE * len(parsed)
 
-    def row(self, pairs: list[tuple[str, str, str]]) -> str:
+    def completed(self, pairs: list[tuple[str, str, str]]) -> str:
         """The row that a line's pairs complete, or one that cannot be read where they show it to be torn; else empty.  What stands before
         the first whole record, as a capture begins anywhere, is left out."""
         mine = [(name, value) for name, value, _ in pairs if name in self._known]
         if any(unit and name in self._known and unit != self._units[name] for name, _, unit in pairs):
             return TORN  # in another unit than before
+        torn = False
         if self._on_one_line:
-            self._have = dict(mine)
-            if not mine or (len(mine) == len(self._have) == len(self.names)):
-                return self._finished() if mine else ""
-            return self._torn()
-        torn = ""
-        for name, value in mine:
-            if self._have and (name in self._have or name == self.names[0]):
-                torn = self._torn() or torn
-            if self._have or name == self.names[0]:
-                self._have[name] = value
-            else:  # of a record whose beginning is not there
-                torn = self._torn() or torn
-        return torn or (self._finished() if len(self._have) == len(self.names) else "")
-
-    def _finished(self) -> str:
+            torn = bool(mine) and not len(mine) == len(dict(mine)) == len(self.names)
+            self._have = {} if torn else dict(mine)
+        else:
+            for name, value in mine:
+                if self._have and (name in self._have or name == self.names[0]):
+                    self._have, torn = {}, True
+                if self._have or name == self.names[0]:
+                    self._have[name] = value
+                else:  # of a record whose beginning is not there
+                    torn = True
+        if torn and self._begun:
+            return TORN
+        self.left_out += torn
+        if len(self._have) < len(self.names):
+            return ""
         text, self._have, self._begun = ",".join(self._have[name] for name in self.names), {}, True
         return text
 
-    def _torn(self) -> str:
-        self._have = {}
-        self.left_out += not self._begun
-        return TORN if self._begun else ""
 
-
-class _Pairs:
+class _Pairs(_Record):
     name = "names and numbers in turn"
-    torn = TORN_RECORD
 
-    def __init__(self, record: _Record, stamped: bool, commas: bool):
-        self._record, self._stamped, self._commas = record, stamped, commas
-        self.header, self.left_out = record.header, 0
+    def __init__(self, parsed: list[list[tuple[str, str, str]]], begins: str | None, stamped: bool, commas: bool):
+        super().__init__(parsed, begins)
+        self._stamped, self._commas = stamped, commas
 
     @classmethod
     def found(cls, lines: list[str], name: str) -> _Pairs | None:
@@ -184,18 +179,13 @@ class _Pairs:
         _refuse_labels(mine, name)
         gap = next((i for i, line in enumerate(lines) if not line.strip()), None)
         behind = next((pairs for line in lines[gap:] if (pairs := _pairs(line, stamped, commas))), []) if gap is not None else []
-        record = _Record(parsed, behind[0][0] if behind else None)
-        return cls(record, stamped, commas) if record.is_one else None
+        form = cls(parsed, behind[0][0] if behind else None, stamped, commas)
+        return form if form.is_one else None
 
-    def __call__(self, lines: list[str]) -> list[str]:
-        rows = []
-        for line in lines:
-            pairs = _pairs(line, self._stamped, self._commas)
-            self.left_out += bool(line.strip()) and not pairs
-            before = self._record.left_out
-            rows.append(self._record.row(pairs))
-            self.left_out += self._record.left_out > before
-        return rows
+    def row(self, line: str) -> str:
+        """Of names and numbers, perhaps over several lines."""
+        pairs = _pairs(line, self._stamped, self._commas)
+        return self.completed(pairs) if pairs else self._no_row(line, torn=False)
 
 
 #: ``IMU0: ax=1 …``, ``dev=left, ax=1 …``: which sensor a line is of, in words
@@ -268,11 +258,11 @@ SENTENCES = {
 }
 
 
-class _Sentences:
+class _Sentences(TextForm):
     torn = "its checksum is wrong"
 
     def __init__(self, word: str):
-        self.name, self.header, self.left_out, self._word, self._begun = f"sentences ${word}", SENTENCES.get(word, ""), 0, word, False
+        self.name, self.header, self._word, self._begun = f"sentences ${word}", SENTENCES.get(word, ""), word, False
 
     @classmethod
     def found(cls, lines: list[str], name: str) -> _Sentences | None:
@@ -281,18 +271,13 @@ class _Sentences:
         known = next((word for word in SENTENCES if words.count(word) > 1), words[0] if len(set(words)) == 1 else None)
         return None if len(words) <= SHARE * len(lines) or known is None else cls(known)
 
-    def __call__(self, lines: list[str]) -> list[str]:
-        rows = []
-        for line in lines:
-            match, mine = SENTENCE.fullmatch(line.strip()), line.lstrip().startswith(f"${self._word},")
-            if mine and match is not None and _sum_is_right(match):
-                self._begun = True
-                rows.append(match[2])
-                continue
-            torn = bool(line.strip()) and self._begun and (mine or not line.lstrip().startswith("$"))
-            self.left_out += bool(line.strip()) and not torn
-            rows.append(TORN if torn else "")
-        return rows
+    def row(self, line: str) -> str:
+        """What stands behind the word."""
+        match, mine = SENTENCE.fullmatch(line.strip()), line.lstrip().startswith(f"${self._word},")
+        if mine and match is not None and _sum_is_right(match):
+            self._begun = True
+            return match[2]
+        return self._no_row(line, bool(line.strip()) and self._begun and (mine or not line.lstrip().startswith("$")))
 
 
 def _sum_is_right(sentence: re.Match[str]) -> bool:
@@ -304,12 +289,8 @@ def _sum_is_right(sentence: re.Match[str]) -> bool:
 # JSON, an object a line: ``{"t": 1, "gyro": {"x": 0.1, …}}``.
 
 
-class _JsonLines:
+class _JsonLines(_Record):
     name = "JSON, an object a line"
-    torn = TORN_RECORD
-
-    def __init__(self, record: _Record):
-        self._record, self.header, self.left_out = record, record.header, 0
 
     @classmethod
     def found(cls, lines: list[str], name: str) -> _JsonLines | None:
@@ -317,17 +298,13 @@ class _JsonLines:
         objects = [list(found) for line in lines if (found := flattened(line))]
         if len(objects) <= SHARE * len(lines) or not objects:
             return None
-        record = _Record(objects)
-        return cls(record) if record.is_one else None
+        form = cls(objects)
+        return form if form.is_one else None
 
-    def __call__(self, lines: list[str]) -> list[str]:
-        rows = []
-        for line in lines:
-            found = flattened(line)
-            torn = not found and line.strip().startswith(("{", "[{"))
-            self.left_out += bool(line.strip()) and not found and not torn
-            rows.append(TORN if torn else self._record.row(found))
-        return rows
+    def row(self, line: str) -> str:
+        """Of an object's numbers."""
+        found = flattened(line)
+        return self.completed(found) if found else self._no_row(line, line.strip().startswith(("{", "[{")))
 
 
 def flattened(record: object) -> list[tuple[str, str, str]]:
@@ -372,20 +349,18 @@ PREFIXED = re.compile(r"(?<![\w.])0[xX]([0-9A-Fa-f]+)(?![\w.])")
 BETWEEN = re.compile(r"([,;\s]+)")
 
 
-class _Hexadecimal:
+class _Hexadecimal(TextForm):
     name = "registers in hexadecimal"
-    torn = TORN_RECORD
-    header = ""
-    left_out = 0
 
     def __init__(self, columns: frozenset[int] | None):
         """columns: those whose cells are hexadecimal; None: cells that say so, by 0x."""
         self._columns = columns
 
-    def __call__(self, lines: list[str]) -> list[str]:
+    def row(self, line: str) -> str:
+        """In decimals."""
         if self._columns is None:
-            return [PREFIXED.sub(lambda match: _decimal(match[1]), line) for line in lines]
-        return ["".join(self._cell(i, cell) for i, cell in enumerate(BETWEEN.split(line.strip()))) for line in lines]
+            return PREFIXED.sub(lambda match: _decimal(match[1]), line)
+        return "".join(self._cell(i, cell) for i, cell in enumerate(BETWEEN.split(line.strip())))
 
     def _cell(self, place: int, cell: str) -> str:
         """Cells have even places, what is between them odd ones."""
@@ -429,31 +404,23 @@ EXPECTED_PACKED = f"expected {', '.join(PRESETS)}, or the order by hand: little:
 WORD = re.compile(r"(?<![\w.])(?:0x)?((?:[0-9A-Fa-f]{4}){6,16})(?![\w.])")
 
 
-class _Packed:
+class _Packed(TextForm):
     name = "registers, packed in hexadecimal"
-    torn = TORN_RECORD
 
     def __init__(self, order: str, fields: tuple[str, ...], stamped: bool):
         self._order, self._fields, self._stamped, self._begun = order, fields, stamped, False
-        self.left_out = 0
         self.header = ",".join((*(["time"] if stamped else []), *(field for field in fields if field != "-")))
 
-    def __call__(self, lines: list[str]) -> list[str]:
-        rows = []
-        for line in lines:
-            match = WORD.search(line)
-            if match is None or len(match[1]) != 4 * len(self._fields):
-                torn = match is not None or (self._begun and bool(line.strip()) and not line.lstrip().startswith("#"))
-                self.left_out += bool(line.strip()) and not torn
-                rows.append(TORN if torn else "")
-                continue
-            self._begun = True
-            data = bytes.fromhex(match[1])
-            values = [int.from_bytes(data[at : at + 2], self._order, signed=True) for at in range(0, len(data), 2)]  # type: ignore[arg-type]
-            kept = [str(value) for value, field in zip(values, self._fields, strict=True) if field != "-"]
-            stamp = [re.split(r"[,;\s]", line.strip())[0]] if self._stamped else []
-            rows.append(",".join((*stamp, *kept)))
-        return rows
+    def row(self, line: str) -> str:
+        """Of the word's registers."""
+        match = WORD.search(line)
+        if match is None or len(match[1]) != 4 * len(self._fields):
+            return self._no_row(line, match is not None or (self._begun and bool(line.strip()) and not line.lstrip().startswith("#")))
+        self._begun = True
+        data = bytes.fromhex(match[1])
+        values = [int.from_bytes(data[at : at + 2], self._order, signed=True) for at in range(0, len(data), 2)]  # type: ignore[arg-type]
+        kept = [str(value) for value, field in zip(values, self._fields, strict=True) if field != "-"]
+        return ",".join((*([re.split(r"[,;\s]", line.strip())[0]] if self._stamped else []), *kept))
 
 
 def _packed(lines: list[str], told: str | None, name: str) -> _Packed | None:
@@ -486,10 +453,10 @@ def _fields(told: str) -> tuple[str, tuple[str, ...]]:
 
 
 #: of each form: what begins such a log
-EXAMPLES: dict[str, tuple[Callable[..., object], str]] = {
-    _Pairs.name: (_Pairs, "t:1000 ax:12 ay:-7 az:4096 gx:3 gy:0 gz:-2"),
-    _JsonLines.name: (_JsonLines, '{"t_ms": 1000, "gyro": [0.1, 0.2, 0.3], "accel": [0.0, 0.0, 9.8]}'),
-    "sentences": (_Sentences, "$VNYMR,+100.000,-006.000,…,+00.000123*5A"),
-    _Hexadecimal.name: (_Hexadecimal, "1000,0x000C,0xFFF9,0x1000,0x0003,0x0000,0xFFFE"),
-    _Packed.name: (_Packed, "1000,0C00F9FF00100300000000FE   (--packed st)"),
+EXAMPLES = {
+    _Pairs.name: "t:1000 ax:12 ay:-7 az:4096 gx:3 gy:0 gz:-2",
+    _JsonLines.name: '{"t_ms": 1000, "gyro": [0.1, 0.2, 0.3], "accel": [0.0, 0.0, 9.8]}',
+    "sentences": "$VNYMR,+100.000,-006.000,…,+00.000123*5A",
+    _Hexadecimal.name: "1000,0x000C,0xFFF9,0x1000,0x0003,0x0000,0xFFFE",
+    _Packed.name: "1000,0C00F9FF00100300000000FE   (--packed st)",
 }

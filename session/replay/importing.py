@@ -97,7 +97,7 @@ def known_logs() -> Iterator[tuple[str, str, str]]:
     yield OWN, "t_us,gx,gy,gz,ax,ay,az,temp", ""
     for dialect in DIALECTS:
         yield dialect.name, dialect.example, ""
-    for name, (_, example) in EXAMPLES.items():
+    for name, example in EXAMPLES.items():
         yield name, example, ""
     yield BY_NAMES, "time_ms,accX,accY,accZ,gyroX,gyroY,gyroZ", ""
     for reader in map(registry.format_of, registry.READERS):

@@ -82,7 +82,7 @@ def _ranges(table: object) -> str:
 
 def _rates(profile: Profile) -> str:
     listed = [", ".join(f"{rate:g}" for rate in profile.odr_hz)] if profile.odr_hz else []
-    listed += [f"{one.base_hz:g}" + (f" / 1…{one.most}" if one.most > 1 else "") for one in profile.divided]
+    listed += [f"{base_hz:g}" + (f" / 1…{most}" if most > 1 else "") for base_hz, most in profile.divided]
     return f"{', '.join(listed)} Hz" if listed else "data rates not known"
 
 
@@ -97,7 +97,7 @@ def _table(profile: Profile) -> dict:
         "temp_lsb_per_c": None if thermometer is None else thermometer.lsb_per_c,
         "temp_at_zero_c": None if thermometer is None else thermometer.at_zero_c,
         "odr_hz": list(profile.odr_hz),
-        "divided": [asdict(one) for one in profile.divided],
+        "divided": [{"base_hz": base_hz, "most": most} for base_hz, most in profile.divided],
         "clock_within": None if profile.clock_within is None else asdict(profile.clock_within),
         "works_c": None if profile.works_c is None else list(profile.works_c),
         "figures": {name: asdict(figure) for name, figure in profile.figures.items()},

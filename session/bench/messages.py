@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from enum import Enum
 from math import inf
 
+import numpy as np
+
 from session.detect.segments import Segment
 from session.detect.stills import Noise, Still
 from session.log.config import Accelerometer
@@ -62,6 +64,12 @@ class AcceptedTurn:
     noise: Noise
     log: int
     middle_s: float  #: since the session's first sample
+
+    @property
+    def rate(self) -> np.ndarray:
+        """(N, 3) rad/s, the bias of the stills around it taken off."""
+        first, last = self.segment.stills
+        return self.samples.gyro - (first.gyro_mean + last.gyro_mean) / 2
 
 
 @dataclass(frozen=True, eq=False)

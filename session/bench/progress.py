@@ -262,8 +262,7 @@ def face_up(accel: np.ndarray) -> str:
 
 def turned_deg(turn: AcceptedTurn) -> dict[str, float]:
     """A turn's rotation about each axis in each direction."""
-    first, last = turn.segment.stills
-    rate = turn.samples.gyro - (first.gyro_mean + last.gyro_mean) / 2
+    (first, last), rate = turn.segment.stills, turn.rate
     step = np.diff(turn.samples.t_s)[:, None]
     noise = 3 * np.maximum(first.gyro_std, last.gyro_std)  # rates within the noise are no rotation
     moved = np.where(np.abs(rate[:-1]) > noise, rate[:-1], 0.0) * step / DEG
@@ -343,9 +342,7 @@ def why_not(segment: Segment) -> str | None:
 
 def fastest_ns(turn: AcceptedTurn) -> int:
     """The moment of a turn's highest rate, by which the turn is found again."""
-    first, last = turn.segment.stills
-    rate = np.linalg.norm(turn.samples.gyro - (first.gyro_mean + last.gyro_mean) / 2, axis=1)
-    return int(turn.samples.t_ns[int(np.argmax(rate))])
+    return int(turn.samples.t_ns[int(np.argmax(np.linalg.norm(turn.rate, axis=1)))])
 
 
 def accepted_turn(segment: Segment, examined: StillExamination, log: int, before_s: float, began_ns: int) -> AcceptedTurn:

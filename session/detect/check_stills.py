@@ -250,9 +250,7 @@ def check_gravity(
             do = "an uncalibrated accelerometer may be so far off; rest it on all sides, and it is calibrated"
         findings = [Finding("warning", where, "gravity", says, do)]
     else:
-        factor, length = accel_unit_factor(stills, config)
-        causes = _unit_corrections(factor, length, config, raw)
-        return [Finding("error", where, "gravity", says, _unit_advice(factor, length, config), causes)]
+        return [Finding("error", where, "gravity", says, *_unit_mistake(*accel_unit_factor(stills, config), config, raw))]
     spread = float(lengths.std())
     tilt = spread / lengths.mean()
     floor = noise_floor(noise, config.protocol.segment_s)
@@ -279,40 +277,28 @@ def _attitudes_text(stills: list[Still], attitudes: int) -> str:
     return f"{len(stills)} stills that are all one attitude (within {widest / DEG:.2g} deg)"
 
 
-def _unit_corrections(factor: float, length: float, config: Config, raw: bool) -> tuple[Correction, ...]:
-    """What makes gravity right, where a usual mistake does."""
+def _unit_mistake(factor: float, length: float, config: Config, raw: bool) -> tuple[str, tuple[Correction, ...]]:
+    """What to do where gravity is wrong, and what makes it right, where a usual mistake does."""
     sensor = config.sensor
     if factor == 1.0 or abs(length / config.site.expected_gravity_mps2 - 1) > GRAVITY_WRONG:
-        return ()
+        more = "" if config.accelerometer.source == "none" else ", and at [accelerometer] in session.toml"
+        return f"no usual mistake of units explains it: look at the columns{more}", ()
     if factor in (G, 1 / G):
-        have, said = ("g", "m/s²") if factor == G else ("m/s²", "g")
-        return () if raw else (Correction(f"the specific force is in {have}, and is read as {said}", "accel", factor),)
+        have, said, want = ("g", "m/s²", "ax_mps2") if factor == G else ("m/s²", "g", "ax_g")
+        do = f"m/s² and g are mixed up: the values are in {have}, but the header says {want}; correct the header"
+        return do, () if raw else (Correction(f"the specific force is in {have}, and is read as {said}", "accel", factor),)
     if factor in (1e3, 1e-3):
-        return () if raw else (Correction(f"the specific force is {1 / factor:g} times what it should be", "accel", factor),)
+        do = f"the values are {'1000 times too small' if factor > 1 else 'in mg or mm/s²'}: correct the unit"
+        return do, () if raw else (Correction(f"the specific force is {1 / factor:g} times what it should be", "accel", factor),)
     full_scale = factor * sensor.accel_fs_g
-    says, settings = f"accel_fs_g is {full_scale:g}, not {sensor.accel_fs_g:g}", [("accel_fs_g", full_scale)]
+    do = f"a wrong full scale: accel_fs_g = {full_scale:g} would make it {length:.3f}"
     if sensor.profile is not None and sensor.profile.accel is not None and full_scale not in sensor.profile.accel:
-        return ()
+        return f"{do}, but no such range exists", ()
+    settings = [("accel_fs_g", full_scale)]
     if raw and sensor.accel_mg_per_lsb is not None:
         settings.append(("accel_mg_per_lsb", factor * sensor.accel_mg_per_lsb))
-    return (Correction(says, "" if raw else "accel", 1.0 if raw else factor, settings=tuple(settings)),)
-
-
-def _unit_advice(factor: float, length: float, config: Config) -> str:
-    if factor == 1.0 or abs(length / config.site.expected_gravity_mps2 - 1) > GRAVITY_WRONG:
-        return "no usual mistake of units explains it: look at the columns" + (
-            "" if config.accelerometer.source == "none" else ", and at [accelerometer] in session.toml"
-        )
-    if factor in (G, 1 / G):
-        have, want = ("g", "ax_mps2") if factor == G else ("m/s²", "ax_g")
-        return f"m/s² and g are mixed up: the values are in {have}, but the header says {want}; correct the header"
-    if factor in (1e3, 1e-3):
-        return f"the values are {'1000 times too small' if factor > 1 else 'in mg or mm/s²'}: correct the unit"
-    full_scale = factor * config.sensor.accel_fs_g
-    profile = config.sensor.profile
-    there = profile is None or profile.accel is None or full_scale in profile.accel
-    would = f"accel_fs_g = {full_scale:g} would make it {length:.3f}"
-    return f"a wrong full scale: {would}" + ("; correct session.toml, or what converted the log" if there else ", but no such range exists")
+    says, columns = f"accel_fs_g is {full_scale:g}, not {sensor.accel_fs_g:g}", ("", 1.0) if raw else ("accel", factor)
+    return f"{do}; correct session.toml, or what converted the log", (Correction(says, *columns, settings=tuple(settings)),)
 
 
 # A temperature, and whether it is in degC: what a chip survives, what its thermometer can scatter, and the steps of its register.

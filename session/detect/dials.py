@@ -15,9 +15,9 @@ import numpy as np
 from session.base import rotation
 from session.base.numeric import running_sum
 from session.base.rotation import angle_between, identities
-from session.base.units import DEG, NS
+from session.base.units import DEG
 from session.detect.findings import Finding
-from session.detect.segments import APART_RAD, APART_SHARE, LogSegments, Segment
+from session.detect.segments import APART_RAD, APART_SHARE, LogSegments, Segment, rate_in
 from session.detect.stills import Still
 from session.log.folder import ATTITUDES, Session
 from session.log.samples import Samples
@@ -163,11 +163,7 @@ def _missed(turn: np.ndarray, first: np.ndarray, last: np.ndarray, dial_rad: flo
 
 def _blocks(samples: Samples, segment: Segment) -> np.ndarray:
     """(B, 3) rad: the rotation by the measured rate in equal parts of a segment, the bias of its stills taken off."""
-    first, last = segment.stills
-    rows = slice(segment.start, segment.stop)
-    t_s = (samples.t_ns[rows] - samples.t_ns[segment.start]) * NS
-    share = (t_s / t_s[-1])[:, None]
-    rate = samples.gyro[rows] - (first.gyro_mean * (1 - share) + last.gyro_mean * share)
+    t_s, rate = rate_in(samples, segment)
     angle = running_sum((rate[1:] + rate[:-1]) / 2 * np.diff(t_s)[:, None])
     edges = np.linspace(0, t_s[-1], BLOCKS + 1)
     return np.diff(np.stack([np.interp(edges, t_s, angle[:, i]) for i in range(3)], axis=1), axis=0)

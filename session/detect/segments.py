@@ -391,13 +391,18 @@ def known_turns(session: Session, parts: Sequence[LogSegments]) -> list[FoundTur
     return _find_known_turns(session.turns, segments, [part.found.samples for part in parts], names) if session.turns else []
 
 
-def angle_read(samples: Samples, segment: Segment) -> np.ndarray:
-    """(3,) rad: the gyro's angle about each body axis from still to still, the bias of the stills taken off."""
+def rate_in(samples: Samples, segment: Segment) -> tuple[np.ndarray, np.ndarray]:
+    """(N,) s from a segment's beginning, and the rate (N, 3) rad/s, the bias of its stills taken off."""
     first, last = segment.stills
     part = slice(segment.start, segment.stop)
     t_s = (samples.t_ns[part] - samples.t_ns[segment.start]) * NS
-    share = np.clip(t_s / t_s[-1], 0, 1)[:, None]
-    rate = samples.gyro[part] - (first.gyro_mean * (1 - share) + last.gyro_mean * share)
+    share = (t_s / t_s[-1])[:, None]
+    return t_s, samples.gyro[part] - (first.gyro_mean * (1 - share) + last.gyro_mean * share)
+
+
+def angle_read(samples: Samples, segment: Segment) -> np.ndarray:
+    """(3,) rad: the gyro's angle about each body axis from still to still."""
+    t_s, rate = rate_in(samples, segment)
     return np.trapezoid(rate, t_s, axis=0)
 
 

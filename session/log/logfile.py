@@ -134,19 +134,12 @@ def read_log(path: Path, sensor: Sensor, gyro_alone: bool = False) -> Log:
         raise FormatError(f"{path.name}: a header but no samples; was the recording stopped before it began?")
     t_ns = reader.unrolled(written)
     del written
-    try:
-        factors = layout.gyro_si(units), 1.0 if gyro_alone else layout.accel_si(units)
-    except FormatError as error:
-        raise FormatError(f"{path.name} holds registers: {error}") from None
+    factors = reader.factors(units, gyro_alone)
     if gyro_alone:
         packers[1].add(np.full((len(t_ns), 3), np.nan))
     gyro, accel = (packer.readings(times(si)) for packer, si in zip(packers, factors, strict=False))
     samples = Samples(t_ns, gyro, accel, _temperature(packers[2], layout, units))
-    notes = [*reader.notes, *sound.notes]
-    if layout.temp is not None and samples.temp_c is None:
-        notes.append(f"temp: what the temperature register of {sensor.model} means is not known: left out")
-    if reader.wraps:
-        notes.append(f"the time counter came round {reader.wraps}x: unrolled")
+    notes = reader.said(sound, sensor.model, samples.temp_c is not None)
     if not fresh(samples.t_ns).all():
         samples, more = _with_stamps_of_their_own(samples, path.name)
         notes += more

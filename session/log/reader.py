@@ -16,8 +16,10 @@ from session.log.layout import Layout, Triad
 from session.log.lines import PIECE_BYTES, UTF_16_NOTE, Lines
 from session.log.numbers import CORRECT, EMPTY, RowFault, fault, parse, unreadable, wrong_width
 from session.log.one_sensor import Form, Watch, refuse_turns
+from session.log.registers import RegisterUnits
 from session.log.stamps import COUNTER, TWO_PIECES, Unroll, bad_stamps, why_back
 from session.log.standard import flagged, standard_layout
+from session.log.thermometer import Sound
 
 #: of text that is looked through for a header, from the first line that is neither blank nor a comment
 HEAD_LINES, HEAD_BYTES = 400, 1 << 16
@@ -131,6 +133,20 @@ class Reader:
             return self._unrolled(stamps, self._line_of)
         except RowFault as wrong:
             raise FormatError(f"{self.path.name} line {self._line_of(wrong.row)}: {wrong.what}; {wrong.do}") from None
+
+    def factors(self, units: RegisterUnits, gyro_alone: bool = False) -> tuple[float, float]:
+        """SI per unit of rates and forces.  FormatError for registers whose meaning is not known."""
+        try:
+            return self.layout.gyro_si(units), 1.0 if gyro_alone else self.layout.accel_si(units)
+        except FormatError as error:
+            raise FormatError(f"{self.path.name} holds registers: {error}") from None
+
+    def said(self, sound: Sound, model: str, has_temperature: bool) -> list[str]:
+        """The notes once all rows are read; sound: of its thermometer; model: of its sensor."""
+        notes = [*self.notes, *sound.notes]
+        if self.layout.temp is not None and not has_temperature:
+            notes.append(f"temp: what the temperature register of {model} means is not known: left out")
+        return notes + ([f"the time counter came round {self.wraps}x: unrolled"] if self.wraps else [])
 
     def _head(self, is_enough: Callable[[list[str]], bool], most: int | None = HEAD_LINES) -> list[str]:
         """The first lines, as far as ``is_enough``, which is asked of each further part; most: from the first of content on."""

@@ -100,11 +100,7 @@ def read_rest(path: Path, sensor: Sensor, watch: Watch = lambda samples: None) -
         watch(samples)
     if blocks.samples == 0:
         raise FormatError(f"{path.name}: a header but no samples; was the recording stopped before it began?")
-    notes = [*reader.notes, *sound.notes]
-    if reader.layout.temp is not None and not has_temperature:
-        notes.append(f"temp: what the temperature register of {sensor.model} means is not known: left out")
-    if reader.wraps:
-        notes.append(f"the time counter came round {reader.wraps}x: unrolled")
+    notes = reader.said(sound, sensor.model, has_temperature)
     if repeated:
         notes.append(f"{repeated} rows repeat the stamp before them: left out")
     log = blocks.log(path, float(np.median(steps_s)) if steps_s else np.nan, tuple(notes))
@@ -120,10 +116,7 @@ def _pieces(reader: Reader, sensor: Sensor, sound: Sound) -> Iterator[tuple[Samp
     """Samples in SI, and how many rows of each piece repeated a stamp."""
     layout, last = reader.layout, None
     units = sensor.register_units
-    try:
-        gyro_si, accel_si = layout.gyro_si(units), layout.accel_si(units)
-    except FormatError as error:
-        raise FormatError(f"{reader.path.name} holds registers: {error}") from None
+    gyro_si, accel_si = reader.factors(units)
     for rows in reader.pieces():
         t_ns = rows.t_ns
         assert t_ns is not None and rows.gyro is not None and rows.accel is not None  # noqa: PT018  # a standard log has them
@@ -131,10 +124,8 @@ def _pieces(reader: Reader, sensor: Sensor, sound: Sound) -> Iterator[tuple[Samp
         last = t_ns[-1]
         temp = None if rows.temp is None else sound(layout.temperature_c(rows.temp, units))
         samples = Samples(t_ns, rows.gyro * gyro_si, rows.accel * accel_si, temp)
-        left_out = int(np.count_nonzero(~kept))
-        if left_out:
-            temp = None if temp is None else temp[kept]
-            samples = Samples(samples.t_ns[kept], samples.gyro[kept], samples.accel[kept], temp)
+        if left_out := int(np.count_nonzero(~kept)):
+            samples = samples.pick(kept)
         if len(samples):
             yield samples, left_out
 

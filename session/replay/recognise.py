@@ -17,7 +17,7 @@ from session.replay.columns import DELIMITERS, Column, from_columns, split
 from session.replay.dialects import DIALECTS, OTHER, OWN, Dialect, TableLayout
 from session.replay.headings import name_and_unit, refuse_angles, spread, usual_columns
 from session.replay.options import Answers
-from session.replay.rows import FORMAT_WORD, Rows, Wanted, Watch, place_of, refuse_kinds
+from session.replay.rows import FORMAT_WORD, Rows, Watch, place_of, refuse_kinds
 from session.replay.suggested import suggested
 
 # From a file's first lines to a layout: which column is what, in which unit; or all that the file does not say.
@@ -258,11 +258,11 @@ def _layout(
     if time_column is None and answers.time_unit != "none":
         read = {column for column, _, _ in columns.values()}
         form = Form(name, delimiter, names, read, lines[first - 1].strip() if first else "")
-        mine = Rows(Wanted(answers.rows, answers.where), form)(lines[first:])
+        mine = Rows(answers.rows, answers.where, form)(lines[first:])
         if picking is not None:  # the clock of one of them
             place, row_of = place_of(picking, form), _first_row(lines[first:], delimiter)
             value = row_of[place].strip().strip('"') if place < len(row_of) else ""
-            mine = Rows(Wanted(answers.rows, f"{picking}={value or 0}"), form)(lines[first:])
+            mine = Rows(answers.rows, f"{picking}={value or 0}", form)(lines[first:])
             if sum(bool(line.strip()) for line in mine) < 2 and len(lines) > first + MOST_SENSORS:
                 what = f"the column {picking!r} holds more than {MOST_SENSORS} values"
                 raise FormatError(f"{name}: {what}; give the column that tells the sensors apart")

@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 
 from session.base.errors import FormatError
 from session.base.texts import listed
@@ -30,40 +29,26 @@ MOST_LINES = 10**12
 WIDER = 2
 
 
-@dataclass(frozen=True)
-class Wanted:
-    """Which rows of a log are meant.  rows: the word that they begin with, or how many columns they have; where: ``NAME=VALUE``."""
+def word_told(rows: str | None) -> str | None:
+    """The word that the wanted rows begin with, where ``--rows`` tells them by it."""
+    return None if rows is None or rows.isdigit() else rows
 
-    rows: str | None = None
-    where: str | None = None
 
-    def __bool__(self) -> bool:
-        return bool(self.rows or self.where)
-
-    @property
-    def word(self) -> str | None:
-        """The word that rows begin with, where they are told by it."""
-        return None if self.rows is None or self.rows.isdigit() else self.rows
-
-    def in_head(self, lines: list[str]) -> list[str]:
-        """A log's first lines with blanks in the place of other kinds' rows; a line that describes the kind becomes its header."""
-        if self.word is None:
-            return lines
-        kept, begun = [], False
-        for line in lines:
-            word = word_of(line)
-            begun |= word == self.word
-            # The header of a kind, where an ArduPilot log's line describes it: rows have its name in the place of what is before the
-            # columns.
-            kind = self.word
-            header = ",".join((kind, *line.split(",")[FORMAT_NAMES:])) if _described_kind(line) == kind else None
-            alone = word == self.word or (not begun and word != FORMAT_WORD)
-            kept.append(header or (line if alone else ""))
-        return kept
-
-    def count(self, lines: list[str]) -> int:
-        """How many of the lines begin with the word."""
-        return sum(word_of(line) == self.word for line in lines)
+def in_head(lines: list[str], kind: str | None) -> list[str]:
+    """A log's first lines with blanks in the place of other kinds' rows, of a kind that is told by its word; a line that describes the
+    kind becomes its header."""
+    if kind is None:
+        return lines
+    kept, begun = [], False
+    for line in lines:
+        word = word_of(line)
+        begun |= word == kind
+        # The header of a kind, where an ArduPilot log's line describes it: rows have its name in the place of what is before the
+        # columns.
+        header = ",".join((kind, *line.split(",")[FORMAT_NAMES:])) if _described_kind(line) == kind else None
+        alone = word == kind or (not begun and word != FORMAT_WORD)
+        kept.append(header or (line if alone else ""))
+    return kept
 
 
 def span_of(lines: str | None) -> tuple[int, int]:
@@ -97,16 +82,19 @@ def sparse(lines: Sequence[str], form: Form, kinds: Mapping[str, Collection[int]
 class Rows:
     """Keeps the rows that are wanted; ``left_out`` counts the others.  Raises FormatError for a column that is not there."""
 
-    def __init__(self, wanted: Wanted, form: Form, held: Collection[int] = ()):
-        """held: columns, of which a row has a reading in one at least."""
-        self._wanted, self._delimiter, self.left_out, self._held = wanted, form.delimiter, 0, held
-        self._column, self._value = (0, "") if wanted.where is None else _place_and_value(wanted.where, form)
+    def __init__(self, rows: str | None, where: str | None, form: Form, held: Collection[int] = ()):
+        """rows: the word that the wanted ones begin with, or how many columns they have; where: ``NAME=VALUE``; held: columns, of which a
+        row has a reading in one at least."""
+        self._delimiter, self.left_out, self._held = form.delimiter, 0, held
+        self._word = word_told(rows)
+        self._width = None if rows is None or self._word else int(rows)
+        self._column, self._value = (None, "") if where is None else _place_and_value(where, form)
 
     def __call__(self, lines: list[str]) -> list[str]:
         """The lines, with blanks in the place of rows that are not wanted: each line keeps its number."""
         if self._held:
             lines = [line if _holds(line.split(self._delimiter), self._held) else "" for line in lines]
-        if not self._wanted:
+        if (self._word, self._width, self._column) == (None, None, None):
             return lines
         kept = [line if self._mine(line) else "" for line in lines]
         self.left_out += sum(bool(line.strip()) and not mine for line, mine in zip(lines, kept, strict=True))
@@ -115,15 +103,12 @@ class Rows:
     def _mine(self, line: str) -> bool:
         if not line.strip() or line.lstrip().startswith("#"):
             return True
-        wanted = self._wanted
-        if wanted.word is not None and word_of(line) != wanted.word:
+        if self._word is not None and word_of(line) != self._word:
             return False
-        if wanted.rows is None and wanted.where is None:
-            return True
         cells = line.split(self._delimiter)
-        if wanted.rows is not None and wanted.word is None and _width(cells) != int(wanted.rows):
+        if self._width is not None and _width(cells) != self._width:
             return False
-        return wanted.where is None or (self._column < len(cells) and _same(bare(cells[self._column]), self._value))
+        return self._column is None or (self._column < len(cells) and _same(bare(cells[self._column]), self._value))
 
 
 class Watch(one_sensor.Watch):

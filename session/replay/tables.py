@@ -19,7 +19,7 @@ from session.replay.forms import TORN, form_of
 from session.replay.numbers import fault, parse
 from session.replay.options import Answers
 from session.replay.recognise import recognise
-from session.replay.rows import Rows, Wanted, Watch, place_of, sensor_kinds, span_of, sparse
+from session.replay.rows import Rows, Watch, in_head, place_of, sensor_kinds, span_of, sparse, word_of, word_told
 
 #: characters that are looked through for the first rows of one kind: a flight controller writes its formats and parameters first
 MOST_HEAD = 16 * MB
@@ -40,15 +40,14 @@ class TableReader(Reader):
         """
         self._begin(path)
         self._first_line, self._last_line = span_of(answers.lines)
-        wanted = Wanted(answers.rows, answers.where)
-        head = self._head_of(wanted)
-        if not wanted.rows and len(kinds := sensor_kinds(head)) == 1:
-            wanted, answers = Wanted(kinds[0], wanted.where), replace(answers, rows=kinds[0])
-            head = self._head_of(wanted)
+        head = self._head_of(answers.rows)
+        if not answers.rows and len(kinds := sensor_kinds(head)) == 1:
+            answers = replace(answers, rows=kinds[0])
+            head = self._head_of(answers.rows)
             self.notes.append(f"rows {kinds[0]} are taken: those that hold a gyroscope")
         if not any(line.strip() for line in head):
             raise self._empty()
-        self._text_form = None if wanted.rows else form_of(head, answers.packed, path.name)
+        self._text_form = None if answers.rows else form_of(head, answers.packed, path.name)
         if self._text_form is None:
             layout = recognise(head, path.name, answers, picking)
         else:
@@ -63,19 +62,20 @@ class TableReader(Reader):
         columns = Form(path.name, layout.delimiter, layout.names, layout.used, layout.header_line)
         if picking is not None:
             columns = replace(columns, read=(*layout.used, place_of(picking, columns)))
-        places, rows = {kind: own for kind, own, _ in layout.kinds}, Rows(wanted, columns)(head[layout.first :])
+        picked = answers.rows, answers.where
+        places, rows = {kind: own for kind, own, _ in layout.kinds}, Rows(*picked, columns)(head[layout.first :])
         self.parts = () if only or layout.time is None or self._stream else sparse(rows, columns, places)
         lacks = ""
         if only is not None:
-            lack = sum(map(bool, rows)) - sum(map(bool, Rows(wanted, columns, places[only])(rows)))
+            lack = sum(map(bool, rows)) - sum(map(bool, Rows(*picked, columns, places[only])(rows)))
             cells = f"the cells of {', '.join(map(layout.name, places[only]))}"
             lacks = f"{cells} are empty in {lack} of the first {sum(map(bool, rows))} rows: read as a log of its own" if lack else ""
-        self._wanted = Rows(wanted, columns, places[only] if only else ())
+        self._wanted = Rows(*picked, columns, places[only] if only else ())
         self._go_by(layout if only is None else layout.only(only), Watch(rows, columns))
         self.notes += [lacks] if lacks else []
-        if picking is None and wanted.where is None and layout.time is not None:
+        if picking is None and answers.where is None and layout.time is not None:
             refuse_turns(head[layout.first :], layout.time, columns)
-        self.picks_rows = bool(wanted) or answers.lines is not None
+        self.picks_rows = any((*picked, answers.lines is not None))
         self.is_clock = layout.clock
         self._added = 0  # ns, of intervals so far
         self._commas = False  # in the place of decimal points; whole numbers at the beginning do not show it
@@ -107,22 +107,21 @@ class TableReader(Reader):
                 number, lines = number + len(lines), file.take()
         return list(found)
 
-    def _head_of(self, wanted: Wanted) -> list[str]:
-        """The first lines, or, where rows are told by a word, those among which enough of them stand."""
-        begun, found, characters = False, 0 if wanted.word else HEAD_LINES, 0
+    def _head_of(self, wanted: str | None) -> list[str]:
+        """The first lines, or, where the wanted rows are told by a word, those among which enough of them stand."""
+        word = word_told(wanted)
+        begun, found, characters = False, 0 if word else HEAD_LINES, 0
 
         def is_enough(lines: list[str]) -> bool:
             nonlocal begun, found, characters
             begun |= first_of_content(lines) is not None
-            found, characters = found + wanted.count(lines), characters + sum(map(len, lines))
+            found, characters = found + sum(word_of(line) == word for line in lines), characters + sum(map(len, lines))
             return begun and (found >= HEAD_LINES or characters >= MOST_HEAD)
 
-        lines = self._head(is_enough, None if wanted.word else HEAD_LINES)
-        if wanted.word and not found:
-            raise FormatError(
-                f"{self.path.name}: no row begins with {wanted.word!r} (rows); give the word that the sensor's rows begin with"
-            )
-        return wanted.in_head(lines)
+        lines = self._head(is_enough, None if word else HEAD_LINES)
+        if word and not found:
+            raise FormatError(f"{self.path.name}: no row begins with {word!r} (rows); give the word that the sensor's rows begin with")
+        return in_head(lines, word)
 
     def _unroll_of(self) -> Unroll:
         layout = self.layout

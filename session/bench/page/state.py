@@ -89,8 +89,7 @@ def carried(q: np.ndarray, rate: np.ndarray, dt_s: np.ndarray) -> np.ndarray:
 
 def closure_deg(turn: AcceptedTurn) -> float:
     """Angle between gravity at a turn's end and its prediction from the turn's beginning by the measured rate."""
-    first, last = turn.segment.stills
-    rate = np.asarray(turn.samples.gyro) - (first.gyro_mean + last.gyro_mean) / 2
+    (first, last), rate = turn.segment.stills, turn.rate
     q = carried(levelled(NONE, first.accel_mean), (rate[1:] + rate[:-1]) / 2, turn.samples.dt_s)
     expected, found = rotated(rotation.conjugate(q), UP), last.accel_mean / np.linalg.norm(last.accel_mean)
     return float(rotation.angle_between(expected, found) / DEG)

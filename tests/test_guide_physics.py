@@ -16,7 +16,7 @@ from session.base.units import MDPS, MG, G
 from session.bench import clocks, live
 from session.bench.clocks import LEAST, ClockComparison, ClockRatio
 from session.bench.events import Event
-from session.bench.guide import BEGIN, SETTLING_S, ClosureGuide, Guide, Step
+from session.bench.guide import BEGIN, MARK, RUN, SETTLING_S, ClosureGuide, Guide
 from session.bench.live import (
     _BAR_RPS,
     _SEGMENT_S,
@@ -554,7 +554,7 @@ def moved(seconds: float, rate_dps: float = 0.0, quiet: bool = False) -> MotionB
     return MotionBlock(seconds, np.array([0.0, 0.0, rate_dps * DEG]), abs(rate_dps) * DEG, quiet, "")
 
 
-@pytest.mark.parametrize(("rested", "step"), [(5, Step.MARK), (6, Step.RUN), (9, Step.RUN)])
+@pytest.mark.parametrize(("rested", "step"), [(5, MARK), (6, RUN), (9, RUN)])
 def test_a_still_before_a_closure_run_is_counted_and_may_end_early(rested, step):
     """Its length is that of its blocks; ended behind the part that a still needs it stands, before that the run begins anew."""
     says, turn = [], TurnInProgress()
@@ -572,7 +572,7 @@ def test_a_still_before_a_closure_run_is_counted_and_may_end_early(rested, step)
     feed(moved(1.5, 50.0))
     assert guide.step is step
     assert bool(says) == (rested != 6)
-    if step is Step.MARK:
+    if step == MARK:
         assert "too short a still, 0.6 of 1.0 s" in says[0]
 
 

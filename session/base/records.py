@@ -44,15 +44,6 @@ Vector = Annotated[np.ndarray, Array((3,))]
 Matrix = Annotated[np.ndarray, Array((3, 3))]
 
 
-class _Rotation(Array):
-    """A rotation, which is made exactly orthogonal."""
-
-    def made(self, value: list) -> np.ndarray:
-        """(3, 3)."""
-        left, _, right = np.linalg.svd(value)
-        return left @ right
-
-
 #: of a rotation's rows from length 1 and a right angle: written to four digits
 ROTATION_WITHIN = 1e-3
 
@@ -64,7 +55,13 @@ def _rotation_fault(matrix: np.ndarray) -> str:
     return ""
 
 
-ROTATION = _Rotation((3, 3), Number(-10, 10), _rotation_fault)
+def _orthogonal(matrix: np.ndarray) -> np.ndarray:
+    """Exactly."""
+    left, _, right = np.linalg.svd(matrix)
+    return left @ right
+
+
+ROTATION = Array((3, 3), Number(-10, 10), _rotation_fault, _orthogonal)
 
 #: of a key that must be there
 REQUIRED = object()

@@ -143,11 +143,12 @@ class Number(Shape):
 @dataclass(frozen=True)
 class Array(Shape):
     """Finite numbers in lists; shape: how many at each depth, None for any number but 0; ``sound`` returns what is wrong with the whole
-    array, or nothing."""
+    array, or nothing; ``fitted``: what a record holds of it."""
 
     shape: tuple[int | None, ...]
     entry: Number = field(default_factory=Number)
     sound: Callable[[np.ndarray], str] | None = None
+    fitted: Callable[[np.ndarray], np.ndarray] | None = None
 
     def check(self, value: Any, where: str) -> None:
         """Raises Mismatch."""
@@ -168,7 +169,8 @@ class Array(Shape):
         """An array of floats."""
         import numpy as np
 
-        return np.array(value, dtype=float)
+        array = np.array(value, dtype=float)
+        return array if self.fitted is None else self.fitted(array)
 
     def _check_entries(self, value: Any, where: str, shape: tuple[int | None, ...]) -> None:
         if not shape:

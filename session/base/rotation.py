@@ -190,8 +190,6 @@ def split(q: Array) -> tuple[Array, ...]:
 
 def multiply(p: Array, q: Array) -> Array:
     """Hamilton product (..., 4): first q, then p."""
-    if isinstance(p, np.ndarray) and isinstance(q, np.ndarray):
-        return _multiplied(p, q)
     return join(multiply_parts(split(p), split(q)))
 
 
@@ -204,27 +202,6 @@ def multiply_parts(p: Sequence[Any], q: Sequence[Any]) -> tuple[Any, Any, Any, A
         pw * qy - px * qz + py * qw + pz * qx,
         pw * qz + px * qy - py * qx + pz * qw,
     )
-
-
-def _multiplied(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """``multiply`` without temporary arrays, since most of a fit's time is spent here."""
-    (pw, px, py, pz), (qw, qx, qy, qz) = split(p), split(q)
-    term = np.empty(np.broadcast_shapes(pw.shape, qw.shape))
-    product = _components(4, term)
-    for i, ((a, b), *more) in enumerate(
-        (
-            ((pw, qw), (px, qx, -1), (py, qy, -1), (pz, qz, -1)),
-            ((pw, qx), (px, qw, 1), (py, qz, 1), (pz, qy, -1)),
-            ((pw, qy), (px, qz, -1), (py, qw, 1), (pz, qx, 1)),
-            ((pw, qz), (px, qy, 1), (py, qx, -1), (pz, qw, 1)),
-        )
-    ):
-        total = product[..., i]
-        np.multiply(a, b, out=total)
-        for c, d, sign in more:
-            np.multiply(c, d, out=term)
-            (np.add if sign > 0 else np.subtract)(total, term, out=total)
-    return product
 
 
 def conjugate(q: Array) -> Array:

@@ -5,29 +5,15 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from session.base.units import NS
 from session.log.config import HOST_CLOCK
 
-# The clock that paces a conversation; tests have one of their own.
 
-
-class Clock(Protocol):
-    """Seconds since an arbitrary begin, and a wait."""
-
-    def now_s(self) -> float:
-        """The present."""
-        ...
-
-    def sleep(self, seconds: float) -> None:
-        """Wait for a time."""
-
-
-class HostClock:
-    """Clock of the host."""
+class Clock:
+    """The clock that paces a conversation: the host's; tests have one of their own."""
 
     def now_s(self) -> float:
         """Seconds since an arbitrary begin."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from enum import Enum
 from itertools import groupby
 from typing import Protocol as Interface
 
@@ -55,13 +54,8 @@ BEGIN, KEEP = Event("begin", text="unclosed"), Event("keep", text="closure")
 MARK_WORDS = "set the table onto its index mark, then hands off"
 
 
-class Step(Enum):
-    """Stage of a closure run."""
-
-    MARK = "onto the mark"
-    STAY = "stay"
-    RUN = "turn freely"
-    WHOLE = "whole"
+#: steps of a closure run
+MARK, STAY, RUN, WHOLE = "onto the mark", "stay", "turn freely", "whole"
 
 
 class ClosureGuide:
@@ -79,42 +73,42 @@ class ClosureGuide:
         """The request was carried out: a new file has begun, or the last one is kept."""
         self.wants = None
         if decision.kind == "begin":
-            self.step = Step.STAY
+            self.step = STAY
             self._parts, self._moved_s, self._rested_s, self._here_s = [], 0.0, 0.0, 0.0
         elif decision.kind == "keep":
-            self.step = Step.WHOLE
+            self.step = WHOLE
 
     def interrupted(self) -> None:
         """A new log, a pause, or the operator ends the run before it is complete."""
-        if self.step in (Step.STAY, Step.RUN):
+        if self.step in (STAY, RUN):
             self._say(Kind.WARNING, "this closure run is not complete, and restarts")
         self._to_the_mark()
 
     def on_the_mark(self) -> None:
         """The operator confirms that the table is on its mark."""
-        if self.step is Step.MARK:
+        if self.step == MARK:
             self._here_s = WAIT_S
 
     def feed(self, samples: Samples, block_s: float, turn: TurnInProgress) -> None:
         """Take a block of samples, after the turn in progress has."""
-        if self.step is Step.MARK:
+        if self.step == MARK:
             self._went = self._went or turn.path_rad > STIR_DEG * DEG
             self._here_s = 0.0 if turn.moving else self._here_s + block_s
             if turn.still_s >= self.hold_s and (self._went or self._here_s >= WAIT_S):
                 self.wants = BEGIN
-        elif self.step in (Step.STAY, Step.RUN):
+        elif self.step in (STAY, RUN):
             self._parts.append(samples)
-            if self.step is Step.STAY:
+            if self.step == STAY:
                 self._staying(block_s, turn)
             else:
                 self._running(block_s, turn)
 
     def instruction(self, turn: TurnInProgress) -> Instruction:
         """What to do now, and why the guide waits."""
-        if self.step is Step.MARK:
+        if self.step == MARK:
             why = f"{'it moves' if turn.moving else f'still for {turn.still_s:.1f} s'}; if it stands there already, leave it alone"
             return Instruction(Stage.CLOSURE, f"closure run: {MARK_WORDS}", why, good=not turn.moving)
-        if self.step is Step.STAY:
+        if self.step == STAY:
             left = max(self.hold_s - self._rested_s, 0.0)
             why = f"the run's first still: {self._rested_s:.1f} of {self.hold_s:.1f} s"
             return Instruction(Stage.CLOSURE, "on the mark: hands off the table", why, left, 1 - left / self.hold_s)
@@ -137,7 +131,7 @@ class ClosureGuide:
         return self._moved_s >= ENOUGH_PART * self.planned_s
 
     def _to_the_mark(self) -> None:
-        self.step, self.wants = Step.MARK, None
+        self.step, self.wants = MARK, None
         self._parts = []
         self._moved_s = self._rested_s = self._here_s = 0.0
         self._went = False
@@ -147,11 +141,11 @@ class ClosureGuide:
         if not turn.moving:
             self._rested_s += block_s
             if self._rested_s >= self.hold_s:
-                self.step = Step.RUN
+                self.step = RUN
                 self._say(Kind.READY, f"turn freely for {self.planned_s:.0f} s through many attitudes, then back onto the mark")
         elif turn.still_s == 0.0:
             if self._rested_s >= MIN_STILL_FRACTION * self.hold_s:
-                self.step = Step.RUN
+                self.step = RUN
                 return
             self._say(Kind.WARNING, f"too short a still, {self._rested_s:.1f} of {self.hold_s:.1f} s: {MARK_WORDS}")
             self._to_the_mark()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations, pairwise
 from math import erf, exp, pi, sqrt
 from statistics import NormalDist
@@ -245,12 +245,8 @@ LEAST_AT = 20
 FAR = 20.0
 
 
-@dataclass(frozen=True, eq=False)
-class Ceiling:
-    """levels_dps (3,), NaN where an axis has none; at (N,) bool: rows with a reading at its level."""
-
-    levels_dps: np.ndarray
-    at: np.ndarray
+#: levels (3,) dps, NaN where an axis has none; (N,) bool: rows with a reading at its level
+Ceiling = tuple[np.ndarray, np.ndarray]
 
 
 def find_ceiling(gyro: np.ndarray) -> Ceiling | None:
@@ -258,14 +254,14 @@ def find_ceiling(gyro: np.ndarray) -> Ceiling | None:
     new = new_readings(gyro)
     if held_for(new) > 1:  # each reading stands, and not at a level
         found = find_ceiling(gyro[new])
-        return None if found is None else replace(found, at=found.at[np.cumsum(new) - 1])
+        return None if found is None else (found[0], found[1][np.cumsum(new) - 1])
     levels, at = np.full(3, np.nan), np.zeros(len(gyro), dtype=bool)
     for axis in range(3):
         noise = _usual_step(gyro[:, axis])  # of a day, before the next column is held
         if (stands := _stands(gyro[:, axis], noise)) is not None:
             levels[axis] = stands[0] / DEG
             at |= stands[1]
-    return Ceiling(levels, at) if at.any() else None
+    return (levels, at) if at.any() else None
 
 
 def _stands(values: np.ndarray, noise: float) -> tuple[float, np.ndarray] | None:
@@ -289,17 +285,18 @@ def _usual_step(values: np.ndarray) -> float:
 
 def clean_turns(ceiling: Ceiling | None, between: Sequence[Ends]) -> list[Ends]:
     """Those of the turns, given by the stills around them, that hold no reading at the level."""
-    return [(first, last) for first, last in between if ceiling is None or not ceiling.at[first.stop : last.start].any()]
+    return [(first, last) for first, last in between if ceiling is None or not ceiling[1][first.stop : last.start].any()]
 
 
 def ceiling_finding(log: Log, sensor: Sensor, ceiling: Ceiling, between: Sequence[Ends] = ()) -> Finding:
     """The one line that stands for what the ceiling spoils; between: turns, by the stills around them."""
-    found = np.isfinite(ceiling.levels_dps)
-    levels = " and ".join(f"{level:.4g}" for level in np.unique(np.round(ceiling.levels_dps[found], 2)))
+    levels_dps, at = ceiling
+    found = np.isfinite(levels_dps)
+    levels = " and ".join(f"{level:.4g}" for level in np.unique(np.round(levels_dps[found], 2)))
     clean, turns = len(clean_turns(ceiling, between)), len(between)
     says = (
         f"{axes_text(found)} never pass{'es' if found.sum() == 1 else ''} ±{levels} dps, of ±{sensor.gyro_fs_dps:g}: "
-        f"{ceiling.at.mean():.0%} of the readings stand there, the first at {log.samples.at_s(int(np.argmax(ceiling.at))):.1f} s"
+        f"{at.mean():.0%} of the readings stand there, the first at {log.samples.at_s(int(np.argmax(at))):.1f} s"
     )
     if turns:
         says += f"; {turns - clean} of {turns} turns reach it"

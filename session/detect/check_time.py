@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -217,27 +216,6 @@ AT_ONCE = 1 << 19
 MOST = 3.0
 
 
-@dataclass(frozen=True, eq=False)
-class Missed:
-    """error_rad (S,): what each of S turns misses of its tilt at the data rate, rate_hz; exponent p; floor_rad: rms over the turns of
-    what white noise alone makes of it."""
-
-    error_rad: np.ndarray
-    exponent: float
-    floor_rad: float
-    rate_hz: float
-
-    @property
-    def rms_rad(self) -> float:
-        """Over all turns; a false reading in one of them does not count for more than that turn can."""
-        return rms_of(capped(self.error_rad))
-
-    @property
-    def rate_needed_hz(self) -> float:
-        """The data rate at which the rms would be down at the floor."""
-        return float(self.rate_hz * (self.rms_rad / self.floor_rad) ** (1 / self.exponent))
-
-
 def check_undersampling(log: Log, turns: Sequence[Ends], noise: Noise | None, config: Config) -> list[Finding]:
     """Against what white noise makes of a turn: angle random walk x sqrt(duration).
 
@@ -248,26 +226,29 @@ def check_undersampling(log: Log, turns: Sequence[Ends], noise: Noise | None, co
     missed = _missed_of_turns(log.samples, turns, noise, config.protocol.segment_s)
     if missed is None:
         return []
-    where, what, half_hz = log.path.name, "fast motion", missed.rate_hz / 2
-    error, floor = (f"{angle / DEG:.2g}°" for angle in (missed.rms_rad, missed.floor_rad))
-    if missed.rms_rad <= missed.floor_rad:
-        by = f"by about {error} rms" if missed.rms_rad > LEAST_REPORTED * missed.floor_rad else "nothing"
+    rms_rad, exponent, floor_rad = missed
+    where, what, half_hz = log.path.name, "fast motion", 0.5 / log.samples.period_s
+    error, floor = (f"{angle / DEG:.2g}°" for angle in (rms_rad, floor_rad))
+    if rms_rad <= floor_rad:
+        by = f"by about {error} rms" if rms_rad > LEAST_REPORTED * floor_rad else "nothing"
         says = f"turns miss {by} of what is faster than {half_hz:.3g} Hz, half the data rate; white noise makes {floor}"
         return [Finding("ok", where, what, says)]
-    if missed.exponent < LEAST_EXPONENT:
+    if exponent < LEAST_EXPONENT:
         return []
+    needed_hz = 2 * half_hz * (rms_rad / floor_rad) ** (1 / exponent)  # where the rms would be down at the floor
     says = (
         f"motion faster than {half_hz:.3g} Hz, half the data rate: turns miss by about {error} rms that no calibration removes "
         f"(less if the sensor filters it); white noise makes {floor}"
     )
-    do = f"{missed.rate_needed_hz:.0f} Hz would have been enough, or a low-pass below {half_hz:.3g} Hz in the sensor; or turn more smoothly"
+    do = f"{needed_hz:.0f} Hz would have been enough, or a low-pass below {half_hz:.3g} Hz in the sensor; or turn more smoothly"
     return [Finding("warning", where, what, says, do)]
 
 
-def _missed_of_turns(samples: Samples, turns: Sequence[Ends], noise: Noise, segment_s: float) -> Missed | None:
-    """What all readings miss of the turns between these pairs of stills; None where they are too few.
+def _missed_of_turns(samples: Samples, turns: Sequence[Ends], noise: Noise, segment_s: float) -> tuple[float, float, float] | None:
+    """What all readings miss of the tilt of turns between these pairs of stills, rad rms; the exponent p; and the rms, rad, of what white
+    noise alone makes of a segment, which lasts ``segment_s`` or as long as the turn.  None where they are too few.
 
-    The floor is that of a segment, which lasts ``segment_s`` or as long as the turn.
+    A false reading in one of the turns does not count for more than that turn can.
     """
     if len(turns) < LEAST_TURNS:
         return None
@@ -288,7 +269,7 @@ def _missed_of_turns(samples: Samples, turns: Sequence[Ends], noise: Noise, segm
             square[number, some] = np.mean(apart, axis=0) - 2 * (step - 1) * walk * lasts_s[some]
     exponent = thinning_exponent(square)
     error = np.sqrt(np.maximum(np.mean(square / thinning_weights(exponent)[:, None], axis=0), 0.0)) if exponent else np.zeros(len(turns))
-    return Missed(error, exponent, float(np.sqrt(2 * walk * np.mean(np.maximum(lasts_s, segment_s)))), 1 / samples.period_s)
+    return rms_of(capped(error)), exponent, float(np.sqrt(2 * walk * np.mean(np.maximum(lasts_s, segment_s))))
 
 
 def _together(rows: np.ndarray, count: int) -> Iterator[tuple[slice, np.ndarray]]:

@@ -7,7 +7,7 @@ datasheet, not from recordings.  Order: the log by itself, then its stills, then
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -61,21 +61,16 @@ from session.log.samples import Samples, extremes, mapped, times
 __all__ = ["Finding", "check_folder", "check_session", "first_look", "worst"]
 
 
-@dataclass(frozen=True, eq=False)
-class LogTurns:
-    """A log as it is fitted, short gaps and peaks bridged, and its turns by the stills around them: those that ``fit`` uses, and those that
-    axes and scale are examined on."""
+#: a log as it is fitted, short gaps and peaks bridged, and its turns by the stills around them: those that ``fit`` uses, and those that
+#: axes and scale are examined on
+LogTurns = tuple[Log, list[Ends], list[Ends]]
 
-    log: Log
-    used: list[Ends]
-    examined: list[Ends]
 
-    @classmethod
-    def of(cls, log: Log, segments: Sequence[Segment], enough: bool, run: bool = False) -> LogTurns:
-        """enough: whether ``fit`` has enough turns.  Else all are examined, since a wrong unit may be what rules them out.  run: whether it
-        is a closure run, of which only what cannot be integrated is left out."""
-        used = [s.stills for s in segments if (not s.breaks_yaw if run else s.accepted)]
-        return cls(log, used, used if enough and used else [s.stills for s in segments])
+def _turns_of(log: Log, segments: Sequence[Segment], enough: bool, run: bool = False) -> LogTurns:
+    """enough: whether ``fit`` has enough turns.  Else all are examined, since a wrong unit may be what rules them out.  run: whether it is
+    a closure run, of which only what cannot be integrated is left out."""
+    used = [s.stills for s in segments if (not s.breaks_yaw if run else s.accepted)]
+    return log, used, used if enough and used else [s.stills for s in segments]
 
 
 def first_look(
@@ -123,27 +118,27 @@ def first_look(
         return findings
     if turns is None:
         segments = cut_segments(log.samples, stills, config.sensor, config.protocol)
-        turns = LogTurns.of(log, segments, sum(segment.accepted for segment in segments) >= FEWEST_SEGMENTS)
-    if turns.log is not log:
-        ceiling = find_ceiling(turns.log.samples.gyro)
+        turns = _turns_of(log, segments, sum(segment.accepted for segment in segments) >= FEWEST_SEGMENTS)
+    fitted, used, examined = turns
+    if fitted is not log:
+        ceiling = find_ceiling(fitted.samples.gyro)
     factor, _ = accel_unit_factor(good, config)
-    force = mapped(mapped(turns.log.samples.accel, times(factor)), config.accelerometer.correct)
+    samples = fitted.samples.with_accel(mapped(mapped(fitted.samples.accel, times(factor)), config.accelerometer.correct))
     return [
         *findings,
         *check_repeated_gravity(log, noise),
         *check_noise(where, noise, config.sensor, log.samples, good),
         *check_zero_rate(where, good, config.sensor),
         *check_gravity(where, good, config, noise, closure_run=log in session.closures, raw=log.raw),
-        *_axes_below(ceiling, turns, turns.log.samples.with_accel(force), config),
-        *check_rate_changes(turns.log.samples.with_accel(force), where, turns.examined, noise, config.protocol.segment_s),
-        *check_undersampling(turns.log, turns.used, noise, config),
-        *check_impacts(where, turns.log.samples.with_accel(force), turns.used),
+        *_axes_below(ceiling, fitted, examined, samples, config),
+        *check_rate_changes(samples, where, examined, noise, config.protocol.segment_s),
+        *check_undersampling(fitted, used, noise, config),
+        *check_impacts(where, samples, used),
     ]
 
 
-def _axes_below(ceiling: Ceiling | None, turns: LogTurns, samples: Samples, config: Config) -> list[Finding]:
+def _axes_below(ceiling: Ceiling | None, log: Log, between: list[Ends], samples: Samples, config: Config) -> list[Finding]:
     """``check_axes`` by the turns that reach no ceiling; where these are too few and the others disagree, the ceiling is the reason."""
-    log, between = turns.log, turns.examined
     if stays := check_gravity_moves(log.path.name, samples, between):
         return stays
     clean = clean_turns(ceiling, between)
@@ -208,10 +203,10 @@ def check_session(session: Session, found: SessionStills | None = None) -> list[
     for log, as_fitted in zip(logs, (*whole.logs, *whole.closures), strict=True):
         here, turns = found.of(log), None
         if log in session.logs:
-            turns = next((LogTurns.of(as_fitted, part.segments, enough) for part in parts if part.log is as_fitted), None)
+            turns = next((_turns_of(as_fitted, part.segments, enough) for part in parts if part.log is as_fitted), None)
         elif (run := there.of(as_fitted)).noise is not None:
             cut = cut_segments(run.samples, run.stills, config.sensor, config.protocol, put_in=as_fitted.put_in)
-            turns = LogTurns.of(as_fitted, cut, enough=True, run=True)
+            turns = _turns_of(as_fitted, cut, enough=True, run=True)
         unused = here.unused if log in session.logs and session.reference is None else ()
         findings += first_look(session, log, here.stills, here.noise, unused, turns)
     findings += check_excluded(session)

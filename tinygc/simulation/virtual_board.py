@@ -15,7 +15,7 @@ from session.base.results import write_text_whole
 from session.base.texts import comment
 from session.base.units import DEG, G
 from session.bench import frames
-from session.bench.clocks import Clock, HostClock
+from session.bench.clocks import Clock
 from session.bench.events import HEADER, Info
 from session.log.folder import Session, read_session
 from session.log.registers import DEFAULT, RegisterUnits
@@ -269,7 +269,7 @@ class VirtualBoard:
     faults: LineFaults = field(default_factory=LineFaults)
     seed: int = 0
     say: Callable[[str], None] = lambda what: None
-    clock: Clock = field(default_factory=HostClock)
+    clock: Clock = field(default_factory=Clock)
     sent: int = 0
     starts: int = 0
 

@@ -13,7 +13,7 @@ from virtual_tables import HOMED, MAKES, OWN, Bench, SimulatedClock, VirtualLink
 
 from session.base.errors import CalibrationError, FormatError
 from session.base.units import DEG
-from session.bench.clocks import HostClock
+from session.bench.clocks import Clock
 from tinygc.features.tables.machines.description import Description, read_description
 from tinygc.features.tables.machines.makefile import LONGEST_LINE, Pattern, read_make
 from tinygc.features.tables.machines.makes import MODULES, make_of, makes, open_table, template
@@ -685,7 +685,7 @@ def test_the_end_of_the_program_stops_it(monkeypatch):
     bench.guarded.__exit__(None, None, None)
 
 
-class FastClock(HostClock):
+class FastClock(Clock):
     """60 s in each second."""
 
     def now_s(self):
@@ -732,7 +732,7 @@ def test_signals_wait_until_it_has_stopped():
 
 def test_stop_does_not_wait_for_an_answer():
     """In real time: one thread waits for an answer that does not come, another stops."""
-    clock, table = HostClock(), description("line", answer_s=0.8)
+    clock, table = Clock(), description("line", answer_s=0.8)
     virtual = VirtualTable(table, clock, Fault.parse("silence@0.3"))
     link = VirtualLink(virtual, clock)
     driver = open_table(table, None, link, clock)

@@ -73,7 +73,7 @@ def _board(args: Options) -> int:
             "everything else runs here, record with a real port too"
         ) from None
     from session.base.results import write_text_whole
-    from session.bench.clocks import HostClock
+    from session.bench.clocks import Clock
     from tinygc.simulation.virtual_board import LineFaults, VirtualBoard
 
     def say(what: str) -> None:
@@ -111,7 +111,7 @@ def _board(args: Options) -> int:
             faults=faults,
             seed=args.seed,
             say=say,
-            clock=table.clock if table else HostClock(),
+            clock=table.clock if table else Clock(),
         )
         try:
             if not args.quiet and not is_standard_output(args.json):

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from session.base.errors import CalibrationError
 from session.base.options import given
-from session.bench.clocks import HostClock
+from session.bench.clocks import Clock
 from session.log.written import toml_text
 from tinygc.features.tables.feature import TableOptions
 from tinygc.features.tables.machines.description import Description, read_description
@@ -73,7 +73,7 @@ class TableUnderBoard:
         from tinygc.simulation.terminal import Terminal  # of POSIX alone
 
         description = read_description(file)
-        table = VirtualTable(description, HostClock(), Fault.parse(faults), options.seed)
+        table = VirtualTable(description, Clock(), Fault.parse(faults), options.seed)
         unit = unit_of(options)
         sensor = SensorModel(options, unit, motion_on(description, TableErrors.none(description), table.tracks, options, unit))
         text = (head_of(options) + toml_text(config_of(options, unit, calibrated))).replace("SIM-", "")  # as the board says its serial

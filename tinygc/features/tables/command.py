@@ -180,9 +180,9 @@ def _moves(args: Options, table: Description) -> list[Move]:
 
 
 def _move(args: Options, guarded: Guarded, moves: Sequence[Move]) -> None:
-    from session.bench.clocks import HostClock
+    from session.bench.clocks import Clock
 
-    clock, tell = HostClock(), _teller(args)
+    clock, tell = Clock(), _teller(args)
     for move in moves:
         end_s = float("inf")
         if move.axis is None:
@@ -209,11 +209,11 @@ def _virtual(args: Options, table: Description) -> int:
         from tinygc.simulation.terminal import Terminal
     except ImportError:
         raise CalibrationError("table virtual: needs a pseudo-terminal, which only POSIX systems have (Linux, macOS)") from None
-    from session.bench.clocks import HostClock
+    from session.bench.clocks import Clock
     from tinygc.features.tables.machines.virtual import LINK, TableLine, VirtualTable
     from tinygc.features.tables.machines.virtual_motion import Fault
 
-    virtual = VirtualTable(table, HostClock(), Fault.parse(args.faults), args.seed)
+    virtual = VirtualTable(table, Clock(), Fault.parse(args.faults), args.seed)
     with Terminal(args.link or LINK) as terminal:
         if not args.quiet and not is_standard_output(args.json):
             print(terminal.name, flush=True)

@@ -13,7 +13,7 @@ import numpy as np
 
 from session.base.units import DEG, NS
 from session.bench.events import Event
-from session.bench.guide import ClosureGuide, Guide, Moment, Step
+from session.bench.guide import MARK, RUN, ClosureGuide, Guide, Moment
 from session.bench.messages import AxisMove, GuideMessage, Kind, Stage
 from session.detect.segments import angle_read
 from tinygc.features.tables.machines.comparison import WordAgainstSensor
@@ -202,10 +202,10 @@ class TableMover(MachineMover):
         """Onto the mark, which is where the table stands; through attitudes; back."""
         assert self.driver.where is not None
         angles = self.driver.where.angles
-        if closure.step is Step.MARK:
+        if closure.step == MARK:
             self._mark = angles.copy()
             closure.on_the_mark()
-        elif closure.step is Step.RUN and self._mark is not None:
+        elif closure.step == RUN and self._mark is not None:
             rate = self._most_rps(guide)
             if not closure.enough:
                 self.driver.make(self._moves.choose(rate))

@@ -31,7 +31,7 @@ import numpy as np
 from session.base.errors import CalibrationError
 from session.base.texts import printable
 from session.base.units import DEG
-from session.bench.clocks import Clock, HostClock
+from session.bench.clocks import Clock
 from tinygc.features.tables.machines.description import Description
 from tinygc.features.tables.machines.verbs import Table, TableFault, TableLimit, Where
 from tinygc.features.tables.machines.wire import PRESS
@@ -154,7 +154,7 @@ class Guarded:
 
     def __init__(self, table: Table, clock: Clock | None = None):
         self.description = table.description
-        self._table, self._clock = table, clock or HostClock()
+        self._table, self._clock = table, clock or Clock()
         self._allowed: list[Move] = []
         self._rest = threading.Event()  # whether nothing was asked to move since it was seen at rest
         self._rest.set()
@@ -169,7 +169,7 @@ class Guarded:
         if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
             signal.signal(signal.SIGTERM, _interrupt)
             self._handlers.callback(signal.signal, signal.SIGTERM, signal.SIG_DFL)
-        if isinstance(self._clock, HostClock):
+        if isinstance(self._clock, Clock):
             suspend = getattr(signal, "SIGTSTP", None)  # Ctrl-Z; Windows has none
             if suspend and threading.current_thread() is threading.main_thread() and signal.getsignal(suspend) is signal.SIG_DFL:
                 signal.signal(suspend, lambda number, frame: self._suspended.set())

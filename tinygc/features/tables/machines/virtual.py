@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from session.bench.clocks import Clock, HostClock
+from session.bench.clocks import Clock
 from tinygc.features.tables.machines.description import Description
 from tinygc.features.tables.machines.virtual_makes import firmware_of
 from tinygc.features.tables.machines.virtual_motion import Fault, Mechanics
@@ -80,7 +80,7 @@ class VirtualTable:
 LINK = Path(tempfile.gettempdir()) / "tinygc-table"
 
 
-class TableLine(HostClock):
+class TableLine(Clock):
     """A virtual table at a terminal; a clock, too: while it waits, the table answers.
 
     resets: an opened port restarts the controller, as it does an Arduino Uno.

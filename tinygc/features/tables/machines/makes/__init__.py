@@ -6,7 +6,7 @@ from pathlib import Path
 
 from session.base.errors import FormatError
 from session.base.texts import command_line, comment
-from session.bench.clocks import Clock, HostClock
+from session.bench.clocks import Clock
 from tinygc.features.tables.machines.description import AGAIN, Description
 from tinygc.features.tables.machines.dialogue import Dialogue
 from tinygc.features.tables.machines.makefile import Make, read_make
@@ -57,7 +57,7 @@ def open_table(
     Raises FormatError for a description that the make does not fit, and for a make's file of one's own that is not confirmed as it is
     (``make_sha256``), before the port is opened; TableFault where nothing answers.
     """
-    clock = clock or HostClock()
+    clock = clock or Clock()
     if table.make in MODULES:
         return MODULES[table.make].open_table(table, clock)
     make = make_of(table, folder)

@@ -46,7 +46,7 @@ def test_a_limit_is_taken_said_and_beaten_by_the_command_line(own, capsys):
     assert (os.environ["TINYGC_DEFAULTS"], asked("fit", "x").defaults) == ("", None)  # tests see nobody's
     path = own()
     args = asked("fit", "x")
-    assert (args.limit, args.defaults.to_json()) == (1e-5, {"file": str(path), "limits": {"closure_deg": 1e-5}})
+    assert (args.limit, args.defaults) == (1e-5, {"file": str(path), "limits": {"closure_deg": 1e-5}})
     assert f"of {path}: limits.closure_deg = 1e-05 (TINYGC_DEFAULTS= leaves it out)" in capsys.readouterr().err
     args = asked("fit", "x", "--limit", "45")
     assert (args.defaults, args.limit) == (None, 45.0)
@@ -56,11 +56,11 @@ def test_a_recording_takes_port_and_site_unless_something_nearer_says_them(own, 
     path, site = own(), {"latitude_deg": 48.14, "gravity_mps2": 9.8073}
     args = asked("record", "--quiet")
     assert (args.port, Site(args.latitude_deg, args.gravity_mps2)) == ("/dev/ttyACM7", Site(**site))
-    assert args.defaults.to_json() == {"file": str(path), "record": {"port": "/dev/ttyACM7"}, "site": site}
+    assert args.defaults == {"file": str(path), "record": {"port": "/dev/ttyACM7"}, "site": site}
     args = asked("record", "--quiet", "--port", "COM3", "--like", tmp_path / "bench.toml")  # which says where the table stands
     assert (args.port, args.defaults, Site(args.latitude_deg, args.gravity_mps2)) == ("COM3", None, Site())
     (tmp_path / "session.toml").write_text(SESSION_TOML)
-    assert asked("record", "--quiet", "--out", tmp_path, "--resume").defaults.used == {"record.port": "/dev/ttyACM7"}
+    assert asked("record", "--quiet", "--out", tmp_path, "--resume").defaults["record"] == {"port": "/dev/ttyACM7"}
     own(WHOLE.replace("[site]", 'like = "bench/session.toml"\n[site]'))
     args = asked("record", "--quiet")
     assert (args.like, Site(args.latitude_deg, args.gravity_mps2)) == (tmp_path / "bench" / "session.toml", Site())

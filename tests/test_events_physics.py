@@ -39,7 +39,6 @@ from tinygc.explanation.data_repair import (
 from tinygc.explanation.faulty_readings import (
     FALSE,
     LOST,
-    Crossing,
     RegisterFault,
     proposed,
 )
@@ -187,7 +186,7 @@ def test_lost_samples_are_put_in_on_the_polynomial_with_the_median_period():
         earth = np.insert(earth, at, np.tile(earth[at], (3, 1)), axis=0)
         dt = np.insert(dt, at, [step] * 3)
         step = np.median(dt)
-    found = made.angles(0, events, lambda event: Crossing(1, 0.0), 3)
+    found = made.angles(0, events, lambda event: (1, 0.0), 3)
     assert_allclose(found, closes(rate, dt, earth, batch, 0), atol=1e-9)
 
 
@@ -201,7 +200,7 @@ def test_the_likelihood_of_a_choice_is_normal_with_what_its_gaps_may_hide():
     made._bridged = [made.rates[0].copy()]
     made.rates[0][[106, 112, 113, 118]] += 0.3
     hides = {first: 0.01, second: 0.03, other: 0.02}
-    found = made.likelihoods(0, [first, second], [other], lambda event: Crossing(1, hides[event]), 0)
+    found = made.likelihoods(0, [first, second], [other], lambda event: (1, hides[event]), 0)
 
     def normal(repaired, hidden):
         C = made.covariance[0] + sum(hides[event] ** 2 for event in hidden) * np.eye(2)
@@ -258,7 +257,7 @@ def test_a_turn_that_stays_open_is_repaired_by_rows_alone_that_no_sensor_outputs
     own = [RegisterFault(FALSE, 0, 106, 1), RegisterFault(FALSE, 0, 112, 2, True)]
     made._bridged = [made.rates[0].copy()]
     made.rates[0][[106, 112, 113]] += 0.3
-    cross = lambda event: Crossing(1, 0.01)  # noqa: E731
+    cross = lambda event: (1, 0.01)  # noqa: E731
     angles = made.angles(0, own[:1], None, 0)
     left = angles @ np.linalg.solve(made.covariance[0] + 0.01**2 * np.eye(2), angles)
     for most, kept in ((1.01 * left, True), (0.99 * left, False)):
@@ -414,9 +413,9 @@ def test_accepted_events_are_told_by_rows_and_seconds_of_all_logs_and_widen_the_
     assert_allclose(times, [*first.t_s[at], first.duration_s + second.t_s[there[0]]], atol=0.002)
     assert chances == pytest.approx({FALSE: min(1, 4 * stats.chi2.sf(12.0, 3)), LOST: 3 * stats.chi2.sf(24.0, 3)})
     assert [each.row for each in again.session.logs[0].bridges] == [int(at[0]), int(at[0]) + 10]
-    assert [(gap.log, gap.row) for gap in gaps] == [(0, at[0] + 1), (0, at[1] + 1), (1, there[0] + 1)]
+    assert [gap[:2] for gap in gaps] == [(0, at[0] + 1), (0, at[1] + 1), (1, there[0] + 1)]
     wider = _with_gaps(again, gaps).floor.own - again.floor.own
-    inside = [sum(g.missed_rad**2 for g in gaps if g.log == s.log and s.start <= g.row < s.stop) for s in again.used]
+    inside = [sum(missed**2 for log, row, missed in gaps if log == s.log and s.start <= row < s.stop) for s in again.used]
     assert_allclose(wider, np.multiply.outer(inside, np.eye(2)), atol=1e-18)
     assert max(inside) > 0
     assert _with_accepted(problem, [replace(verdicts[0], chance=np.zeros(4))], {}, chances) == (problem, [])

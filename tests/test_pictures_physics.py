@@ -1,6 +1,7 @@
 """Pictures that show the cause: what each turn asks for by itself lies on the law that was put in, and what is left lies about zero."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -39,7 +40,9 @@ def test_the_closure_over_the_data_rate_leads_to_the_native_one():
     """Made-up: motion that closes by 0.4° at 100 Hz, and by the square of the interval."""
     rates = 100.0 / np.arange(1, 5)
     axes = Figure().subplots()
-    in_turns.draw(axes, in_turns.DataRates(rates, 0.4 * (rates / 100) ** -2.0, -2.0, 0.4, floor_deg=0.02))
+    told = {"rates_hz": rates, "closure_deg": 0.4 * (rates / 100) ** -2.0, "exponent": -2.0, "predicted_deg": 0.4}
+    explained = SimpleNamespace(proof=SimpleNamespace(floor_rms=0.02 * DEG))
+    in_turns.over_rate(explained, SimpleNamespace(parameters=told), axes)
     assert axes.get_xscale() == axes.get_yscale() == "log"
     (line,), (thinned,) = ([each.get_xydata() for each in axes.lines if word in str(each.get_label())] for word in ("motion", "left out"))
     assert sorted(thinned[:, 0]) == pytest.approx(sorted(rates[1:]))

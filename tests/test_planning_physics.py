@@ -58,12 +58,12 @@ def test_rows_of_a_move_are_those_of_the_joint_estimation(with_gravity):
 
 def test_turns_are_proposed_for_what_is_known_worst_and_each_helps(short, known):
     """Of both sensors' numbers; a number of the accelerometer that is known badly is the first, and the turn's ends tell it."""
-    plan = propose(short, 3)
+    proposals, asked, _ = propose(short, 3)
     sigma = np.sqrt(np.diag(known.covariance)) / known.targets
-    assert plan.asked is None
-    assert plan.proposals[0].now == pytest.approx(sigma.max(), rel=0.01)
-    assert all(proposal.after < proposal.now for proposal in plan.proposals)
-    assert [p.now for p in plan.proposals] == sorted((p.now for p in plan.proposals), reverse=True)
+    assert asked is None
+    assert proposals[0].now == pytest.approx(sigma.max(), rel=0.01)
+    assert all(proposal.after < proposal.now for proposal in proposals)
+    assert [p.now for p in proposals] == sorted((p.now for p in proposals), reverse=True)
     for number in ("nonorthogonality xy", "bias x"):
         which, covariance = NAMES.index(number), known.covariance.copy()
         covariance[which, which] += (100 * known.targets[which]) ** 2

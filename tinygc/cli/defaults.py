@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,22 +21,6 @@ SCHEMA = "tinygc-defaults/1"
 NAME = "tinygc.toml"
 #: names another file; empty: none
 ENVIRONMENT = "TINYGC_DEFAULTS"
-
-
-@dataclass(frozen=True)
-class Defaults:
-    """path: the file; used: key -> value that the command has used."""
-
-    path: Path
-    used: dict[str, Any]
-
-    def to_json(self) -> dict:
-        """Return ``defaults`` of a command's JSON."""
-        table: dict[str, Any] = {"file": str(self.path)}
-        for key, value in self.used.items():
-            section, name = key.split(".")
-            table.setdefault(section, {})[name] = value
-        return table
 
 
 def place() -> Path | None:
@@ -73,17 +57,21 @@ def take_defaults(options: Any) -> Any:
     if not options.quiet:
         said = ", ".join(f"{key} = {value}" for key, value in values.items())
         print(f"calibrate: {printable(f'of {path}: {said}')} ({ENVIRONMENT}= leaves it out)", file=sys.stderr)
-    return replace(options, **used, defaults=Defaults(path, values))
+    table: dict[str, Any] = {"file": str(path)}
+    for key, value in values.items():
+        section, name = key.split(".")
+        table.setdefault(section, {})[name] = value
+    return replace(options, **used, defaults=table)
 
 
 def defaults_json(args: Any) -> dict:
     """Return the command's JSON entry for defaults, empty where none was used."""
-    return {} if args.defaults is None else {"defaults": args.defaults.to_json()}
+    return {} if args.defaults is None else {"defaults": args.defaults}
 
 
 def limit_text(args: Any) -> str:
     """Return ``--limit``, and its source if that is not the command line."""
-    return f"--limit {args.limit:g} deg" + ("" if args.defaults is None else f" (limits.closure_deg of {args.defaults.path})")
+    return f"--limit {args.limit:g} deg" + ("" if args.defaults is None else f" (limits.closure_deg of {args.defaults['file']})")
 
 
 def _read(path: Path) -> dict[str, Any]:

@@ -8,7 +8,6 @@ from typing import Any, TypeVar
 
 from session.base.errors import CalibrationError
 from session.base.options import Record, changed, file_written, flag, option
-from tinygc.cli.defaults import Defaults
 
 LONGEST_S = 1e9  #: up to 30 years, which a program can wait for and a counter can hold
 EFFECTS_HELP = "folder with further effects, a Python file each, which is run; may be given several times"
@@ -21,13 +20,13 @@ R = TypeVar("R")
 
 @dataclass(frozen=True)
 class Command(Record):
-    """Options of every command; of_features: the records of options that features add to it; defaults: what was taken of the user's
-    own; of_several: whether this is one of several folders."""
+    """Options of every command; of_features: the records of options that features add to it; defaults: of its JSON, what was
+    taken of the user's own; of_several: whether this is one of several folders."""
 
     json: Path | None = option(None, "write the result as JSON (- for standard output)", read=file_written)
     quiet: bool = option(False, "print nothing but errors, and the verdict where one was asked for")
     of_features: tuple[Any, ...] = ()
-    defaults: Defaults | None = None
+    defaults: dict[str, Any] | None = None
     of_several: bool = False
 
     def of_feature(self, kind: type[R]) -> R:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -113,36 +113,23 @@ BY_CHANCE, SHUFFLES, COARSE = 0.05, 99, 10
 GRID = np.concatenate([[0.0], np.geomspace(1e-3, 10.0, 120)]) * DEG
 
 
-@dataclass(frozen=True, eq=False)
-class Hits:
-    """Impacts of S segments: jump_g (S,), root sum of squares of each segment's impacts, 0 without one; says (S,): description."""
-
-    jump_g: np.ndarray
-    says: list[str]
-
-
-def hits_of(segments: Sequence[Segment], impacts: Sequence[Sequence[Impact]]) -> Hits:
-    """Collect the impacts, given by log, of each segment."""
-    inside = [[each for each in impacts[s.log] if s.start <= each.row < s.stop - 1] for s in segments]
-    jumps = np.array([np.sqrt(sum(each.jump_g**2 for each in own)) for own in inside])
-    return Hits(jumps, [_words(own) for own in inside])
-
-
 def widened_by_impacts(
-    segments: Sequence[Segment], hits: Hits, batch: residual.Batch, floor: Floor, start: LinearModel
+    segments: Sequence[Segment], impacts: Sequence[Sequence[Impact]], batch: residual.Batch, floor: Floor, start: LinearModel
 ) -> tuple[np.ndarray, list[Widening]]:
-    """(S, 3, 3) rad^2 that impacts add to the ends of S segments, and the widened segments; the fit starts at a model."""
-    hit = hits.jump_g > 0
+    """(S, 3, 3) rad^2 that impacts, given by log, add to the ends of S segments, and the widened segments; the fit starts at a model."""
+    inside = [[each for each in impacts[s.log] if s.start <= each.row < s.stop - 1] for s in segments]
+    jump_g = np.array([np.sqrt(sum(each.jump_g**2 for each in own)) for own in inside])
+    hit = jump_g > 0
     more = np.zeros((len(batch), 3, 3))
     if not hit.any():
         return more, []
-    per_g = _per_g(hits.jump_g, batch, floor, start)
+    per_g = _per_g(jump_g, batch, floor, start)
     if not per_g:
         return more, []
-    more[hit] = np.square(per_g * hits.jump_g[hit])[:, None, None] * np.eye(3)
+    more[hit] = np.square(per_g * jump_g[hit])[:, None, None] * np.eye(3)
     said = [
-        Widening(segment.number, "impact", float(np.sqrt(2) * per_g * jump), says)
-        for segment, jump, says in zip(segments, hits.jump_g, hits.says, strict=True)
+        Widening(segment.number, "impact", float(np.sqrt(2) * per_g * jump), _words(own))
+        for segment, jump, own in zip(segments, jump_g, inside, strict=True)
         if jump > 0
     ]
     return more, said
@@ -321,7 +308,7 @@ def build_problem(
     more, widened = widened_by_bridges(accepted, [log.bridges for log in logs], at)
     about = directions(batch, at[:, -1])
     floor = floor.widened(about @ more @ about.transpose(0, 2, 1)) if widened else floor
-    more, hit = widened_by_impacts(accepted, hits_of(accepted, [find_impacts(log.samples) for log in logs]), batch, floor, fit.model)
+    more, hit = widened_by_impacts(accepted, [find_impacts(log.samples) for log in logs], batch, floor, fit.model)
     if hit:  # and a first fit that impacts do not bias
         floor, widened = floor.widened(about @ more @ about.transpose(0, 2, 1)), widened + hit
         sigma = np.hypot(FIRST_SIGMA_RAD, np.sqrt(np.trace(floor.own[:, :2, :2], axis1=1, axis2=2)))

@@ -182,11 +182,6 @@ class JointSystem:
         """(P, n) derivative of the estimate with respect to the error of each row."""
         return -self.covariance @ (self.design * self.root[:, None] ** 2).T
 
-    @property
-    def leaning(self) -> np.ndarray:
-        """(P, P) derivative of the estimate with respect to the prior's centre."""
-        return self.covariance / self.prior**2
-
 
 @dataclass(frozen=True, eq=False)
 class JointFit:
@@ -228,7 +223,7 @@ class JointFit:
     def beforehand(self) -> np.ndarray:
         """(9, 10): change of ``x`` for one prior sigma of each of its parameters and of gravity's length; with a drift (12, 13)."""
         known = [*self.own, GRAVITY]
-        return self.system.leaning[self.own][:, known] * self.system.prior[known]
+        return self.system.covariance[self.own][:, known] / self.system.prior[known]
 
     @property
     def covariance(self) -> np.ndarray:

@@ -354,7 +354,8 @@ class Calibration:
     @property
     def looks_ahead(self) -> tuple[str, ...]:
         """Ids of the effects whose correction needs later samples, so that a live stream is impossible."""
-        return tuple(sorted(claim.effect.id for claim in self.model.undone if claim.effect.total_reach(claim.theta).is_ahead))
+        reaches = ((claim.effect.id, claim.effect.total_reach(claim.theta)) for claim in self.model.undone)
+        return tuple(sorted(name for name, reach in reaches if reach.after_samples > 0 or reach.after_s > 0))
 
     def at_end(self) -> Calibration:
         """Return the model for logs of any time: effects of session time are held at their values at the session's end."""

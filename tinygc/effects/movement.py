@@ -153,11 +153,6 @@ class Reach:
         """Return the reach of ``count`` evaluations, one after the other."""
         return Reach(count * self.before_samples, count * self.after_samples, count * self.before_s, count * self.after_s)
 
-    @property
-    def is_ahead(self) -> bool:
-        """Whether it needs later samples."""
-        return self.after_samples > 0 or self.after_s > 0
-
     def __bool__(self) -> bool:
         return self != NOWHERE
 

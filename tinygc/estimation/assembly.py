@@ -12,7 +12,7 @@ bias of another switch-on (``repeatability``), are no part of it.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from session.base.errors import FitError
 from session.base.texts import command_line, significant
 from tinygc.closure.least_squares import PriorUse
 from tinygc.closure.problem import GYROSCOPE, Problem
-from tinygc.closure.uncertainty import GoodnessOfFit, covariance_parts, goodness
+from tinygc.closure.uncertainty import covariance_parts, goodness
 from tinygc.estimation.options import FitOptions
 from tinygc.estimation.sources import Source, total
 from tinygc.estimation.stated_noise import StatedNoise, kind_of, rounding_covariance, shared_part, stated_goodness, stated_sources
@@ -31,38 +31,10 @@ from tinygc.models.linear import MATRIX, LinearModel
 MISFIT, ROUNDING, CLOCK = "misfit beyond the noise", "rounding of the registers", "clock"
 
 
-@dataclass(frozen=True, eq=False)
-class StatedUncertainty:
-    """goodness of fit; widened: the variance inflation f; sources of the twelve parameters, those that are there; accelerometer (12, 12):
-    the part that sessions with the same accelerometer calibration share, None where that is not included; joint_sources (21, 21)
-    of both sensors where they were estimated jointly, and the part of them that is shared, else none."""
-
-    goodness: GoodnessOfFit
-    widened: float
-    sources: tuple[Source, ...]
-    accelerometer: np.ndarray | None = None
-    joint_sources: tuple[Source, ...] = ()
-    joint_shared: np.ndarray | None = None
-
-    @property
-    def parts(self) -> dict[str, Any]:
-        """The fields of ``FitResult`` that state it."""
-        return {
-            "goodness": self.goodness,
-            "widened": self.widened,
-            "sources": self.sources,
-            "covariance": total(self.sources),
-            "accelerometer_covariance": self.accelerometer,
-            "joint_sources": self.joint_sources,
-            "joint_covariance": total(self.joint_sources) if self.joint_sources else None,
-            "joint_shared": self.joint_shared,
-        }
-
-
 def stated_uncertainty(
     problem: Problem, level: Problem, model: LinearModel, noise: StatedNoise | None, options: FitOptions, prior: PriorUse | None = None
-) -> StatedUncertainty:
-    """Assemble the uncertainty of a model fitted to ``level``, the problem with the selected bias.
+) -> dict[str, Any]:
+    """Assemble the uncertainty of a model fitted to ``level``, the problem with the selected bias, as the fields of ``FitResult`` state it.
 
     Raises FitError for a calibration that no gyroscope has (``require_plausible``).
     """
@@ -82,13 +54,15 @@ def stated_uncertainty(
     require_plausible(model, total(gyroscope), problem.session.folder)
     more = list(_as_they_are(problem, model, prior))
     there = tuple(source for source in (*gyroscope, *more) if source.covariance.any())
+    stated = {"goodness": found, "widened": widened, "sources": there, "covariance": total(there)}
     if noise is None:
-        return StatedUncertainty(found, widened, there)
+        return stated
     shared = widened * shared_part(level, sources)
     if not joint:
-        return StatedUncertainty(found, widened, there, shared)
+        return stated | {"accelerometer_covariance": shared}
     whole = (*sources, *(_embedded(source, shared.shape) for source in more))
-    return StatedUncertainty(found, widened, there, shared[GYROSCOPE, GYROSCOPE], whole, shared)
+    stated |= {"joint_sources": whole, "joint_covariance": total(whole), "joint_shared": shared}
+    return stated | {"accelerometer_covariance": shared[GYROSCOPE, GYROSCOPE]}
 
 
 def _as_they_are(problem: Problem, model: LinearModel, prior: PriorUse | None) -> Iterator[Source]:

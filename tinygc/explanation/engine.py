@@ -23,7 +23,7 @@ from tinygc.explanation.evidence import FAMILY_WISE
 from tinygc.explanation.search import detection_limits
 from tinygc.fitting.fit import fit_session
 from tinygc.fitting.results import FitResult
-from tinygc.noise.channels import WithinStills, channel_p_values, in_gauge, own_p_values, within_stills
+from tinygc.noise.channels import channel_p_values, in_gauge, own_p_values, within_stills
 from tinygc.noise.components import STILL_RATE, TURN, UNDERSAMPLED, SessionNoise
 from tinygc.noise.measured import measured_noise
 from tinygc.noise.refit import Refit, Replay, over_shapes, refit
@@ -61,7 +61,7 @@ class Explanation:
     own_p: dict[str, tuple[float, float]] = field(default_factory=dict)
     warnings: list[Finding] = field(default_factory=list)
     detection_limits: dict[str, float] = field(default_factory=dict)
-    within: WithinStills | None = None
+    within: dict[str, np.ndarray] = field(default_factory=dict)
     considered: list[Considered] = field(default_factory=list)
     decision: Acceptance | None = None
 

@@ -398,14 +398,10 @@ def without_false_readings(session: Session, events: list[RegisterFault]) -> Ses
     return replace(session, logs=tuple(logs))
 
 
-@dataclass(frozen=True)
-class Crossing:
-    """How a gap is bridged: order of the polynomial, and its error in rotation, rad rms per axis."""
-
-    order: int
-    missed_rad: float
+#: how a gap is bridged: order of the polynomial, and its error in rotation, rad rms per axis
+Crossing = tuple[int, float]
 
 
 def crossing(samples: Samples, event: RegisterFault, length: int) -> Crossing:
     """The best crossing of an event; length: samples lost each time, for a loss."""
-    return Crossing(*bridging.best_order(samples, np.array([event.row]), event.samples or max(length, 1)))
+    return bridging.best_order(samples, np.array([event.row]), event.samples or max(length, 1))

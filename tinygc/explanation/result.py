@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from session import VERSION
+from session.base.numeric import rms_of
 from session.base.records import plain, table_of
 from session.base.units import DEG, G
 from session.log.folder import file_key, hash_of_log
@@ -28,21 +28,13 @@ from tinygc.noise.twin import Variable, variable_of
 # Times, in seconds of the session, of what was found in the registers and in the stills.
 
 
-@dataclass(frozen=True, eq=False)
-class Clipped:
-    """Readings (K,) at the clipping level: seconds of the session, and magnitude, rad/s."""
-
-    t_s: np.ndarray
-    magnitude: np.ndarray
-
-
 def moments_s(e: Explanation, claim: Claim) -> np.ndarray | None:
     """(K,) times of an effect that occurs at moments, at least two for a span; None for any other effect."""
     occurs = claim.effect.occurs
     if occurs is None:
         return None
     if occurs.counts == LEVEL:
-        return clipped_readings(e, claim).t_s
+        return clipped_readings(e, claim)[0]
     if occurs.counts == ROWS:
         return reading_s(e, np.array(claim.parameters[occurs.key], dtype=int))
     if occurs.counts == SECONDS:
@@ -54,14 +46,14 @@ def moments_s(e: Explanation, claim: Claim) -> np.ndarray | None:
     raise ValueError(f"{claim.effect.id}: occurs counts {occurs.counts!r}")
 
 
-def clipped_readings(e: Explanation, claim: Claim) -> Clipped:
-    """All readings at the level of a clipping claim."""
+def clipped_readings(e: Explanation, claim: Claim) -> tuple[np.ndarray, np.ndarray]:
+    """All readings at the level of a clipping claim: seconds of the session (K,), and magnitude (K,), rad/s."""
     assert claim.effect.occurs is not None
     key = claim.effect.occurs.key
     level = claim.parameters[key] * DEG
     magnitude = np.concatenate([np.abs(part).max(axis=1) for log in e.session.logs for _, part in pieces(log.samples.gyro)])
     rows = np.flatnonzero(magnitude >= level - claim.std[key] * DEG)
-    return Clipped(reading_s(e, rows), magnitude[rows])
+    return reading_s(e, rows), magnitude[rows]
 
 
 def reading_s(e: Explanation, rows: np.ndarray) -> np.ndarray:
@@ -157,7 +149,7 @@ def _range(e: Explanation, claim: Claim) -> dict | None:
 
 def _values(e: Explanation, claim: Claim, regime: Variable) -> np.ndarray:
     if claim.effect.occurs is not None and claim.effect.occurs.counts == LEVEL:
-        return clipped_readings(e, claim).magnitude / DEG
+        return clipped_readings(e, claim)[1] / DEG
     if regime.variable == "time" and (times := moments_s(e, claim)) is not None:
         return times
     if regime.variable == "attitude":
@@ -190,17 +182,6 @@ def _theta(e: Explanation, claim: Claim) -> np.ndarray | None:
 HEADING = "Recorded less predicted, in sigmas of the noise (rms; 1 is noise alone)"
 
 
-@dataclass(frozen=True)
-class ChannelRms:
-    """One row of the residual table.  channel: its name; values: their number; before: rms in sigmas with the linear model; after: rms with
-    the named effects, None if no fitted effect was named or none moves the channel."""
-
-    channel: str
-    values: int
-    before: float
-    after: float | None
-
-
 def is_refitted(e: Explanation) -> bool:
     """Whether the fit has effects beyond the linear model.  Register repairs do not count: they precede both fits."""
     return bool(e.naming.fit.state.claims)
@@ -226,14 +207,14 @@ def values_of(e: Explanation, name: str) -> int:
     return part.stop - part.start - unknown_rows(e.twin, name)
 
 
-def residual_table(e: Explanation) -> list[ChannelRms]:
-    """Rows of the table: the fitted channels, then slope and scatter within the stills, which no fitted effect changes."""
+def residual_table(e: Explanation) -> list[tuple[str, int, list[float]]]:
+    """Rows of the table: the fitted channels, then slope and scatter within the stills, which no fitted effect changes.  Of each its name,
+    the number of values, and their rms in sigmas with the linear model, then with the named effects, where a fitted effect moves them."""
     rows = []
     for name, (before, after) in channel_rms(e).items():
-        rows.append(ChannelRms(CHANNELS[name], values_of(e, name), before, after if is_refitted(e) else None))
-    assert e.within is not None  # an explanation that is reported is complete
-    for name in ("slope", "scatter"):
-        rows.append(ChannelRms(f"{name} of the rate within each still", e.within.slope.size, e.within.rms(name), None))
+        rows.append((CHANNELS[name], values_of(e, name), [before, after] if is_refitted(e) else [before]))
+    for name, sigmas in e.within.items():
+        rows.append((f"{name} of the rate within each still", sigmas.size, [rms_of(sigmas)]))
     return rows
 
 
@@ -329,7 +310,6 @@ def at_rest(problem: Problem) -> dict:
 
 def to_json(e: Explanation) -> dict:
     """The complete result, JSON-ready."""
-    assert e.within is not None  # an explanation that is reported is complete
     return plain(
         head(e, tilt_rms(e.proof.before) / DEG, e.problem.floor.tilt_rms / DEG, where(e), e.claimed)
         | {
@@ -360,7 +340,7 @@ def to_json(e: Explanation) -> dict:
                 "rms_mg": {"before": 1e3 * e.gravity.before_mps2 / G, "after": 1e3 * e.gravity.after_mps2 / G},
             },
             "noise": e.problem.instability.to_json() | at_rest(e.problem) | {"components": e.noise.to_json()},
-            "within_stills": {f"{name}_rms_sigmas": e.within.rms(name) for name in ("slope", "scatter")},
+            "within_stills": {f"{name}_rms_sigmas": rms_of(sigmas) for name, sigmas in e.within.items()},
             "detection_limits": {
                 name: {"size": size if np.isfinite(size) else None, "unit": catalogue()[name].parameter.unit}
                 for name, size in e.detection_limits.items()

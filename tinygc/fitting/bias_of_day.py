@@ -70,13 +70,10 @@ TOLERANCE_RPS = 1e-8
 
 @dataclass(frozen=True, eq=False)
 class _BiasOfDay:
-    """The change (3,) rad/s to add to the calibrated rate, as the run's mean; sigma (3,); directions (3, 3), rows in body axes from the
-    best known to the least, with their sigmas direction_sigma (3,); walk (K, 3) rad/s, the change at knots_s (K,)."""
+    """The change (3,) rad/s to add to the calibrated rate, as the run's mean; sigma (3,); walk (K, 3) rad/s, the change at knots_s (K,)."""
 
     change: np.ndarray
     sigma: np.ndarray
-    directions: np.ndarray
-    direction_sigma: np.ndarray
     knots_s: np.ndarray
     walk: np.ndarray
 
@@ -125,9 +122,7 @@ def _bias_from_gravity(
     covariance = mean @ np.linalg.inv(precision + jacobian.T @ jacobian) @ mean.T
     if not (np.isfinite(x).all() and np.isfinite(covariance).all()):
         raise FitError("the bias from gravity left the finite numbers; are rate and specific force in the units that the header says?")
-    variance, directions = np.linalg.eigh(covariance)
-    walk = x[:count].reshape(-1, 3)
-    return _BiasOfDay(mean @ x, sigmas_in(covariance), directions.T, np.sqrt(variance), knots, walk)
+    return _BiasOfDay(mean @ x, sigmas_in(covariance), knots, x[:count].reshape(-1, 3))
 
 
 def _prior(knots: np.ndarray, sigma: np.ndarray, size: int, run: _SmoothedRun) -> tuple[np.ndarray, np.ndarray]:
@@ -407,7 +402,7 @@ def from_gravity(problem: Problem, model: Model, prior: np.ndarray | float = DAY
         change, sigma, excess = change + found.change, found.sigma, max(excess, found.excess)
     assert found is not None  # a session has a log
     # A wrong E gives each turn a bias of its own: their scatter exceeds the bias walk, and so does the error of their mean.
-    return replace(found, change=change, sigma=found.sigma * excess, direction_sigma=found.direction_sigma * excess)
+    return replace(found, change=change, sigma=found.sigma * excess)
 
 
 def _first_attitude(problem: Problem, number: int) -> tuple[int, np.ndarray, np.ndarray]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -59,24 +59,15 @@ if TYPE_CHECKING:
 # A fit reads and refuses all its inputs first, then computes.
 
 
-@dataclass(frozen=True, eq=False)
-class FitInputs:
-    """What a fit reads: its options, with the methods of a given prior; the session, ready to be fitted; what is known of the unit
-    beforehand, or None; and how far its bias and its accelerometer change between sessions: by its other sessions, session.toml, or usual.
-    """
-
-    options: FitOptions
-    prepared: Prepared
-    given: GivenPrior | None
-    between: BiasRepeatability | None
-    accelerometer_between: AnySession
-
-
-def read_inputs(session: Session | Path, options: FitOptions, progress: Progress, prepared: Prepared | None = None) -> FitInputs:
+def read_inputs(
+    session: Session | Path, options: FitOptions, progress: Progress, prepared: Prepared | None = None
+) -> tuple[FitOptions, Prepared, GivenPrior | None, BiasRepeatability | None, AnySession]:
     """Read what a fit needs; prepared: the session, if it is prepared already.
 
-    Raises FormatError for requirements or other sessions of the unit that cannot be read, the errors of ``prepare``, and SegmentError where
-    still rates are requested and there are none.
+    Return its options, with the methods of a given prior; the session, ready to be fitted; what is known of the unit beforehand, or None;
+    and how far its bias and its accelerometer change between sessions: by its other sessions, session.toml, or usual.  Raises
+    FormatError for requirements or other sessions of the unit that cannot be read, the errors of ``prepare``, and SegmentError where still
+    rates are requested and there are none.
     """
     if options.requirements is not None:
         read_requirements(options.requirements)
@@ -93,7 +84,7 @@ def read_inputs(session: Session | Path, options: FitOptions, progress: Progress
     prepared = prepared or prepared_for(session, options, progress, None if given is None else given.prior)
     if options.still_rates and not len(prepared.problem.still_rates.rate):
         raise SegmentError(f"{prepared.session.folder}: no still to take a rate from; fit without still_rates")
-    return FitInputs(options, prepared, given, between, triad_between)
+    return options, prepared, given, between, triad_between
 
 
 def prepared_for(session: Session | Path, options: FitOptions, progress: Progress, prior: PriorOf | None = None) -> Prepared:
@@ -126,10 +117,9 @@ def fit_session(
     ``options.physics`` names, and is required for that.
     Raises the errors of ``read_inputs``, of ``read_closure_runs`` and of the methods.
     """
-    inputs = read_inputs(session, options, progress, prepared)
-    options, given, prepared, between = inputs.options, inputs.given, inputs.prepared, inputs.between
+    options, prepared, given, between, triad_between = read_inputs(session, options, progress, prepared)
     problem = prepared.problem
-    runs, spread, floor = read_closure_runs(problem), None, problem.floor
+    runs, floor = read_closure_runs(problem), problem.floor
     if options.bias_per_log:
         problem, spread = with_level_bias(problem)
         if len(problem.logs) > 1:
@@ -161,7 +151,7 @@ def fit_session(
         progress("noise", 0, 1)
         noise = None if options.bias_per_log else stated_noise(problem)
     stated = stated_uncertainty(problem, level, model, noise, options, use)
-    systematic = None if noise is None else systematic_of(level, model, noise, stated.widened, options.still_rates)
+    systematic = None if noise is None else systematic_of(level, model, noise, stated["widened"], options.still_rates)
     turned = replace(options, still_rates=not options.still_rates)
     other = partial(run_method, "least_squares", problem.changed(prior=level.prior), turned, before={"least_squares": linear})
     exact, first_order = (closure_angles(level.batch, linear.model, name) for name in ("exact", "first-order"))
@@ -175,18 +165,17 @@ def fit_session(
         linear=linear,
         allowed=systematic,
         repeatability=between,
-        accelerometer_between=inputs.accelerometer_between,
+        accelerometer_between=triad_between,
         noise=noise,
         bias_from=bias_from,
         fit_other_choice=other,
         warnings=prepared.warnings,
-        bias_sigma_rps=spread,
         reused=reused,
         not_run=not_run,
         against_raw=against_raw(problem, options, fits),
         first_order_rad=float(np.linalg.norm(first_order - exact, axis=1).max()),
         prior=use,
-        **stated.parts,
+        **stated,
     )
 
 

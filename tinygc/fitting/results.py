@@ -55,7 +55,7 @@ class FitResult:
     pre-calibration; noise estimated from the recording, None where it is not; bias_from: source of the bias; fit_other_choice: fits least
     squares with the opposite choice of still rates; against_raw: whether the fits are better than raw rates; first_order_rad: the largest
     error of the paper's integrator on these segments; warnings of the first check; physics that was fitted as well, or None; reused:
-    methods taken from saved files instead of being fitted; bias_sigma_rps (3,): spread of the logs' biases, where each had its own;
+    methods taken from saved files instead of being fitted;
     joint_covariance (21, 21): of both sensors (``accelerometer.JOINT_NAMES``), inflated as well, where they were estimated jointly, and
     joint_sources that it is the sum of; joint_shared (21, 21): its part from a given calibration; prior: its use, None without one;
     not_run: why a requested method cannot run on this session, by name; allowed: how far one effect that the recording still
@@ -79,7 +79,6 @@ class FitResult:
     warnings: list[Finding]
     physics: PhysicsFit | None = None
     reused: tuple[str, ...] = ()
-    bias_sigma_rps: np.ndarray | None = None
     noise: StatedNoise | None = None
     accelerometer_covariance: np.ndarray | None = None
     joint_covariance: np.ndarray | None = None
@@ -182,11 +181,6 @@ class FitResult:
         known += [f"{w.where}: {w.what} {w.says}" for w in self.warnings if w.what in DOUBTED]
         return known + too_good(goodness(self.problem.batch, self.problem.floor, linear).p_value)
 
-    def linear_doubts(self, limit_deg: float | None = None) -> list[str]:
-        """``doubts``, and whether an effect that the linear model lacks may have moved it too far."""
-        wide = [] if self.allowed is None else too_wide(self.allowed.tilt_rms, limit_deg, self.against_raw)
-        return self.doubts + wide
-
     def verdict(self, limit_deg: float | None = None) -> Acceptance:
         """PASS, NOT DECIDED or FAIL, with the rule and the reasons."""
         if limit_deg not in self._verdicts:
@@ -202,14 +196,15 @@ class FitResult:
 
     def decided(self, judged: JudgedFit, is_linear: bool, limit_deg: float | None = None, doubts: Sequence[str] = ()) -> Acceptance:
         """The verdict on a calibration of this session.  is_linear: whether it is the linear model, of which ``tests`` are; doubts beside
-        this session's own."""
+        this session's own, and beside those of an effect that the linear model lacks and that may have moved it too far."""
+        wide = [] if self.allowed is None or not is_linear else too_wide(self.allowed.tilt_rms, limit_deg, self.against_raw)
         return decide(
             judged,
             [run.file for run in self.runs],
             limit_deg,
             self.against_raw,
             self.accelerometer,
-            [*(self.linear_doubts(limit_deg) if is_linear else self.doubts), *doubts],
+            [*self.doubts, *wide, *doubts],
             self.requirements,
             [test for test in self.tests if is_linear or test.name == GRAVITY],
             promise_of(self.problem),

@@ -16,7 +16,7 @@ from session.log.folder import Session, read_session
 from tinygc.estimation.accelerometer import AccelerometerFit, of_lengths
 from tinygc.library.arguments import public, session_or_folder
 from tinygc.library.records import Estimate, Listed, Named, Shown, accelerometer_estimates
-from tinygc.planning.proposals import Proposal, RecordingPlan, propose
+from tinygc.planning.proposals import Proposal, propose
 from tinygc.reporting.fit_text import lengths_page
 from tinygc.reporting.terminal import Group, one_line
 
@@ -118,26 +118,15 @@ class Plan(Shown):
     """Result of ``tinygc.plan``."""
 
     schema = "tinygc-plan/2"
-    written = ("requested", "proposals", "enough")
-    result: RecordingPlan
+    #: the recording that the last ``explain`` requests, or None
+    requested: str | None
+    #: movements, the best first: ``words``, ``parameter``, and its sigma ``now`` and ``after`` in units of its target
+    proposals: Listed[Proposal]
+    #: how many more turns reach every target; None if not even many do
+    enough: int | None
 
     def __repr__(self) -> str:
         return f"<Plan of {len(self.proposals)} movements>"
-
-    @property
-    def proposals(self) -> Listed[Proposal]:
-        """Movements, the best first: ``words``, ``parameter``, and its sigma ``now`` and ``after`` in units of its target."""
-        return Listed(self.result.proposals)
-
-    @property
-    def requested(self) -> str | None:
-        """The recording that the last ``explain`` requests, or None."""
-        return self.result.asked
-
-    @property
-    def enough(self) -> int | None:
-        """How many more turns reach every target; None if not even many do."""
-        return self.result.enough
 
     @property
     def lines(self) -> list[str]:
@@ -195,4 +184,5 @@ def plan(session: Session | Path | str, *, count: int = 5) -> Plan:
     """
     if count < 1:
         raise CalibrationError(f"count is {count!r}, expected a whole number of 1 or more")
-    return Plan(propose(session_or_folder(session), count))
+    proposals, requested, enough = propose(session_or_folder(session), count)
+    return Plan(requested, Listed(proposals), enough)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -116,12 +116,9 @@ class Denoiser:
         ramp = np.arange(-REACH, 1.0)[:, None] + np.full(3, 1e3)
         return 1e3 - self.windowed(ramp)[-1]
 
-    def _layers(self) -> Iterator[tuple[np.ndarray, int]]:
-        return zip((self.conv1, self.conv2, self.conv3), DILATIONS, strict=True)
-
     def _net(self, x: Any) -> Any:
         """f(x) (..., 3, 1, N - REACH) of x (..., 3, 1, N)."""
-        for weight, dilation in self._layers():
+        for weight, dilation in zip((self.conv1, self.conv2, self.conv3), DILATIONS, strict=True):
             length = x.shape[-1] - (KERNEL - 1) * dilation
             x = sum(weight[..., i] @ x[..., i * dilation : i * dilation + length] for i in range(KERNEL))
         return x

@@ -78,10 +78,6 @@ class CalibrationNet(BaseModel):
         """Increase b2 by ``change`` (3,) rad/s."""
         return replace(self, b2=self.b2 + change)
 
-    def with_input_moved(self, change: np.ndarray) -> CalibrationNet:
-        """The net whose output equals this one's for the rate plus ``change`` (3,) rad/s."""
-        return replace(self, b1=self.b1 + self.W1 @ change, b2=self.b2 + change)
-
     @property
     def vector(self) -> Any:
         """(27,) all weights."""

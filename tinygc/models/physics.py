@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -136,10 +136,6 @@ class PhysicsModel(BaseModel):
             rate = claim.effect.correct(rate, movement.with_rate(rate), claim.theta)
         return rate
 
-    def equivalent_rate(self, samples: Samples, began_s: float = 0.0, live: bool = False) -> np.ndarray:
-        """The rates (N, 3) that the sensor would have measured without the effects, for training a network."""
-        return (self.calibrate(samples, began_s, live) - self.linear.B) @ np.linalg.inv(self.linear.E).T
-
 
 def _columns_at_end(effect: Effect, known: Conditions) -> np.ndarray:
     """(3, P) rate per parameter at the session's end; zeros for an effect that depends on more than time."""
@@ -194,12 +190,15 @@ class CarriedNet(BaseModel):
             return self
         ended = self.physics.at_end()
         # The final values are a part of B, which is not applied before the net, so the net includes them.
-        net = self.net.with_input_moved(-np.linalg.solve(self.physics.linear.E, self.physics.bygone))
+        change = -np.linalg.solve(self.physics.linear.E, self.physics.bygone)  # the net's output equals this one's for the rate plus that
+        net = replace(self.net, b1=self.net.b1 + self.net.W1 @ change, b2=self.net.b2 + change)
         return CarriedNet(ended, net) if isinstance(ended, PhysicsModel) else net
 
     def calibrate(self, samples: Samples, began_s: float = 0.0, live: bool = False) -> np.ndarray:
         """True rates (N, 3) rad/s of one log; samples with the pre-calibrated force."""
-        return self.net(self.physics.equivalent_rate(samples, began_s, live))
+        # The rates that the sensor would have measured without the effects, which the network was trained on.
+        linear = self.physics.linear
+        return self.net((self.physics.calibrate(samples, began_s, live) - linear.B) @ np.linalg.inv(linear.E).T)
 
 
 # Models with physical effects as JSON: the linear model or net, and each effect with its parameters in SI and in display units.

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from session.base.numeric import rms_of
 from session.base.units import NS
 from session.detect.stills import BLOCK_S
 from tinygc.effects import CommonDelay, Convention
@@ -75,20 +74,9 @@ def _p(twin: Twin, r: np.ndarray, taken: float, unknown: int) -> float:
 DIFFERENCES = 3.0
 
 
-@dataclass(frozen=True, eq=False)
-class WithinStills:
-    """Slope and scatter (Q, 3): recorded minus predicted in sigmas of the noise, for each still and axis."""
-
-    slope: np.ndarray
-    scatter: np.ndarray
-
-    def rms(self, name: str) -> float:
-        """Root mean square of ``slope`` or ``scatter``, in sigmas."""
-        return rms_of(getattr(self, name))
-
-
-def within_stills(twin: Twin) -> WithinStills:
-    """Test the slope of the rate and the mean square differences of 0.1 s means against the angle random walk of the log."""
+def within_stills(twin: Twin) -> dict[str, np.ndarray]:
+    """Test the slope of the rate and the mean square differences of 0.1 s means against the angle random walk of the log: ``slope`` and
+    ``scatter`` (Q, 3), recorded minus predicted in sigmas of the noise, for each still and axis."""
     slopes, scatters = [], []
     logs = twin.problem.logs
     as_recorded = [(log, still) for log in range(len(logs)) for still in logs[log].stills if still.problem is None and twin.stills]
@@ -105,7 +93,7 @@ def within_stills(twin: Twin) -> WithinStills:
         expected = 2 * walk**2 / (size * samples.period_s)
         ratio = np.mean(difference**2, axis=0) / expected if count > 1 else np.ones(3)
         scatters.append((ratio - 1) / np.sqrt(DIFFERENCES / max(count - 1, 1)))
-    return WithinStills(np.array(slopes), np.array(scatters))
+    return {"slope": np.array(slopes), "scatter": np.array(scatters)}
 
 
 # A delay common to all axes is not observed by the closure.  It is fixed by convention and by gravity during the turns.

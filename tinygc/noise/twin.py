@@ -57,15 +57,13 @@ class State:
     @property
     def earth_t(self) -> np.ndarray:
         """(3,) rad/s correction of the problem's Earth rate."""
-        return self.horizontal[0] * self.axes[0] + self.horizontal[1] * self.axes[1] + self._claimed("earth")
+        claimed = sum((claim.theta for claim in self.claims if claim.effect.kind == "earth"), np.zeros(3))
+        return self.horizontal[0] * self.axes[0] + self.horizontal[1] * self.axes[1] + claimed
 
     @property
     def bends(self) -> bool:
         """Whether the pre-calibration leaves residual errors."""
         return any(claim.theta.any() for claim in self.claims if claim.effect.kind == "force")
-
-    def _claimed(self, kind: str) -> np.ndarray:
-        return sum((claim.theta for claim in self.claims if claim.effect.kind == kind), np.zeros(3))
 
     @property
     def vector(self) -> np.ndarray:

@@ -81,24 +81,15 @@ class Proposal:
     after: float
 
 
-@dataclass(frozen=True, eq=False)
-class RecordingPlan:
-    """The plan of a session: proposals; asked: the recording that `explain` requested, if any; enough: how many such turns reach every
-    target, None for more than ``MOST``."""
-
-    proposals: list[Proposal]
-    asked: str | None
-    enough: int | None
-
-
-def propose(where: Session | Path, count: int = 5) -> RecordingPlan:
-    """Plan after a session, or a session folder.  Raises the errors of ``build_problem``."""
+def propose(where: Session | Path, count: int) -> tuple[list[Proposal], str | None, int | None]:
+    """Plan after a session, or a session folder: proposals; the recording that `explain` requested, if any; how many such turns reach every
+    target, None for more than ``MOST``.  Raises the errors of ``build_problem``."""
     session, _ = with_own_accelerometer(where if isinstance(where, Session) else read_session(where))
     session, _ = session.examined()
     all_turns = best_turns(known_of(build_problem(with_bridges(session))), MOST)
     enough = len(all_turns) if len(all_turns) < MOST else None
     asked = None if session.in_memory else requested_by_explain(session.folder)
-    return RecordingPlan(all_turns[:count], asked, enough)
+    return all_turns[:count], asked, enough
 
 
 @dataclass(frozen=True, eq=False)

@@ -142,9 +142,8 @@ def _channels(e: Explanation) -> Table:
     table, refitted = Table(box=None), is_refitted(e)
     for column in ("channel", "values", *(("before", "after") if refitted else ("rms",))):
         table.add_column(column, justify="left" if column == "channel" else "right")
-    for row in residual_table(e):
-        shown = [row.before] + [row.after] * (row.after is not None)
-        table.add_row(row.channel, str(row.values), *(f"{rms:.2f}" for rms in shown))
+    for channel, values, shown in residual_table(e):
+        table.add_row(channel, str(values), *(f"{rms:.2f}" for rms in shown))
     return table
 
 

@@ -3,7 +3,6 @@
 An exporter's file is named below.  It has
 
     NAME                       its name for ``--to``
-    SUMMARY                    one line for ``--help``
     export(model, context)     -> dict of file name -> text, without writing to disk
     export_noise(context)      -> the same of what needs no model, only ``context.noise``; a format may lack it
 

@@ -16,7 +16,7 @@ from session.base.names import log_paths
 from session.base.records import json_text
 from session.base.results import read_json, read_json_text
 from session.base.texts import command_line, printable
-from session.base.units import DEG, DEG_PER_HOUR, MG, G
+from session.base.units import DEG_PER_HOUR, MG
 from session.detect.accelerometer import BIASES, PARAMETERS, SCALES
 from session.log.config import Accelerometer, Config, Protocol, Sensor, Site, read_config
 from session.log.folder import file_key, input_hashes, sha256_of
@@ -127,12 +127,6 @@ class Context:
     def accelerometer_unobserved(self) -> tuple[str, ...]:
         """Names of the accelerometer's numbers that kept their initial values because the session does not observe them."""
         return tuple((self.fit.get("accelerometer") or {}).get("unobserved") or ())
-
-    def noise_of_stills(self, kind: str) -> np.ndarray | None:
-        """(3,) SI/sqrt(Hz) of ``gyro`` or ``accel``: one-sided white density measured in the stills."""
-        name, unit = {"gyro": ("gyro_dps_rthz", DEG), "accel": ("accel_g_rthz", G)}[kind]
-        found = self.fit.get("noise", {}).get(name)
-        return None if found is None else np.multiply(found, unit)
 
     @property
     def gyro_instability(self) -> tuple[float, str] | None:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from session.base.texts import command_line, shell_word
-from session.base.units import DEG_PER_HOUR
+from session.base.units import DEG, DEG_PER_HOUR, G
 from tinygc.deploy import ExportError
 from tinygc.deploy.exports._context import Context
 from tinygc.deploy.exports._text import words
@@ -182,8 +182,9 @@ def _density(context: Context, kind: str, term: str) -> Density | None:
             return None
     unknown = np.full(3, np.nan)
     if term == "N":
-        one_sided = context.noise_of_stills(kind)
-        return None if one_sided is None else Density(one_sided / np.sqrt(2), unknown, (OF_STILLS,) * 3)
+        name, unit = {"gyro": ("gyro_dps_rthz", DEG), "accel": ("accel_g_rthz", G)}[kind]
+        one_sided = context.fit.get("noise", {}).get(name)
+        return None if one_sided is None else Density(np.multiply(one_sided, unit) / np.sqrt(2), unknown, (OF_STILLS,) * 3)
     guess = context.gyro_instability if kind == "gyro" else (ACCEL_INSTABILITY_MPS2, "")
     return None if guess is None else Density(np.full(3, np.sqrt(3 / WALK_S) * FLOOR * guess[0]), unknown, (GUESSED,) * 3)
 

@@ -18,7 +18,6 @@ from tinygc.deploy.exports._text import remarks
 from tinygc.models.model import Model
 
 NAME = "ardupilot"
-SUMMARY = "ArduPilot parameters: gyroscope offsets and temperature terms (no scale), accelerometer offsets and scales; noise of EKF3"
 FILE, NOISE_FILE = "ardupilot.param", "ardupilot-noise.param"
 ABOUT_C = 35.0  #: reference of its polynomial
 SCALE = 1e6  #: factor of the polynomial's coefficients

@@ -9,7 +9,6 @@ from tinygc.deploy.exports._context import Context
 from tinygc.models.model import Model
 
 NAME = "c"
-SUMMARY = "C99 source for a microcontroller: no library, no allocation, single precision, with a self-test"
 
 
 def export(model: Model, context: Context) -> dict[str, str]:

@@ -20,7 +20,6 @@ from tinygc.deploy.exports._text import remarks
 from tinygc.models.model import Model
 
 NAME = "gtsam"
-SUMMARY = "covariances of GTSAM's PreintegrationCombinedParams, as JSON and Python"
 #: m^2/s: 0.1 mm after a second, which keeps the covariance of a short preintegration regular
 INTEGRATION = 1e-8
 KEYS = {"gyro": ("gyroscopeCovariance", "biasOmegaCovariance"), "accel": ("accelerometerCovariance", "biasAccCovariance")}

@@ -13,7 +13,6 @@ from tinygc.models.versions import versions
 
 NAME = "json"
 UNITS = "E: 1, B: rad/s, of an effect as theta_si; product of the two parameters' units"
-SUMMARY = "documented JSON with covariance, units, hashes and a self-test"
 
 
 def export(model: Model, context: Context) -> dict[str, str]:

@@ -16,7 +16,6 @@ from tinygc.deploy.exports._text import LinearPart, linear_part, lower, remarks,
 from tinygc.models.model import Model
 
 NAME = "kalibr"
-SUMMARY = "imu.yaml and the intrinsics block of Kalibr's scale-misalignment model"
 
 
 def export(model: Model, context: Context) -> dict[str, str]:

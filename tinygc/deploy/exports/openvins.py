@@ -23,7 +23,6 @@ from tinygc.deploy.exports._text import linear_part, lower, remarks, words, yaml
 from tinygc.models.model import Model
 
 NAME = "openvins"
-SUMMARY = "OpenVINS' kalibr_imu_chain.yaml: noise, Tw, Ta, Tg and rotations"
 FILE = "kalibr_imu_chain.yaml"
 #: OpenCV, which reads the file, knows YAML by this line
 FIRST_LINE = "%YAML:1.0\n"

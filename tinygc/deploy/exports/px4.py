@@ -14,7 +14,6 @@ from tinygc.deploy.exports._text import remarks
 from tinygc.models.model import Model
 
 NAME = "px4"
-SUMMARY = "PX4 parameters: gyroscope offsets and temperature terms (no scale), accelerometer offsets and scales; noise of EKF2"
 FILE, NOISE_FILE = "px4.params", "px4-noise.params"
 INT32, FLOAT = 6, 9  #: MAVLink's parameter types
 STEP_S = 0.01  #: of the filter: EKF2_PREDICT_US

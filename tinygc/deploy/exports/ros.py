@@ -16,7 +16,6 @@ from tinygc.models.model import Model
 
 NAME = "ros"
 FILE = "imu_calibration.yaml"
-SUMMARY = "a ROS 2 parameter file with sensor_msgs/Imu covariances, for a node of one's own"
 OWN_NODE = "No program reads this file as it is: its parameters are for a node of your own, which declares them."
 
 

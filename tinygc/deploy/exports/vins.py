@@ -19,7 +19,6 @@ from tinygc.deploy.exports._text import remarks, yaml_text
 from tinygc.models.model import Model
 
 NAME = "vins"
-SUMMARY = "the noise parameters of VINS-Fusion and VINS-Mono"
 KEYS = {"accel": ("acc_n", "acc_w"), "gyro": ("gyr_n", "gyr_w")}
 UNITS = {"acc_n": "m/s^2", "acc_w": "m/s^3", "gyr_n": "rad/s", "gyr_w": "rad/s^2"}
 

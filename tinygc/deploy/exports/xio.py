@@ -18,7 +18,6 @@ from tinygc.models.model import Model
 NAME = "xio"
 #: smallest diagonal factor of an axis, which divides a column of the misalignment
 LEAST = 1e-3
-SUMMARY = "misalignment, sensitivity, offset for x-io's Fusion (C) and x-IMU3 (JSON)"
 
 
 def export(model: Model, context: Context) -> dict[str, str]:

@@ -104,8 +104,8 @@ def residual_rows(e: Explanation) -> tuple[list[str], list[list[str]]]:
     """Header and rows of the table of residuals, with the same numbers as the page of ``explain``."""
     header = ["channel", "values", *(("linear model", "with what is named") if is_refitted(e) else ("rms",))]
     rows = []
-    for row in residual_table(e):
-        cells = [row.channel, str(row.values), fixed(row.before, 2), *([] if row.after is None else [fixed(row.after, 2)])]
+    for channel, values, shown in residual_table(e):
+        cells = [channel, str(values), *(fixed(rms, 2) for rms in shown)]
         rows.append(cells + [""] * (len(header) - len(cells)))
     return header, rows
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -140,41 +139,29 @@ ROOM = 1.35
 ROOM_BELOW = 8.0
 
 
-@dataclass(frozen=True, eq=False)
-class DataRates:
-    """Closure at reduced data rates.
+def over_rate(e: Explanation, claim: Claim, axes: Axes) -> None:
+    """Plot, log-log, the closure at each rate, the power law through the reduced rates, and its value at the native rate.
 
-    rates_hz (K,): the native one and those of every 2nd, 3rd, … sample; closure_deg (K,) rms at each; exponent of the closure in
-    the rate; predicted_deg: closure at the native rate from motion between the samples; floor_deg: from noise alone, or None.
+    The claim's parameters: rates_hz (K,), the native one and those of every 2nd, 3rd, … sample; closure_deg (K,) rms at each; exponent of
+    the closure in the rate; predicted_deg: closure at the native rate from motion between the samples.
     """
-
-    rates_hz: np.ndarray
-    closure_deg: np.ndarray
-    exponent: float
-    predicted_deg: float
-    floor_deg: float | None = None
-
-
-def draw(axes: Axes, data: DataRates) -> None:
-    """Plot, log-log, the closure at each rate, the power law through the reduced rates, and its value at the native rate."""
-    order = np.argsort(data.rates_hz)[::-1]
-    rates, closure = np.asarray(data.rates_hz, dtype=float)[order], np.asarray(data.closure_deg, dtype=float)[order]
+    exponent, predicted_deg = claim.parameters["exponent"], claim.parameters["predicted_deg"]
+    floor_deg = float(np.degrees(e.proof.floor_rms))
+    order = np.argsort(claim.parameters["rates_hz"])[::-1]
+    rates, closure = (np.asarray(claim.parameters[name], dtype=float)[order] for name in ("rates_hz", "closure_deg"))
     axes.loglog(rates[1:], closure[1:], "o", color=BEFORE, ms=7, label="closure, samples left out")
     axes.loglog(rates[:1], closure[:1], "s", color=AFTER, ms=8, label=f"closure as recorded: {closure[0]:.3g}°")
     at = np.array([rates[-1] / ROOM, rates[0] * ROOM])
-    line = data.predicted_deg * (at / rates[0]) ** data.exponent
-    axes.loglog(at, line, color=BEFORE, lw=1.5, label=f"motion between samples: closure ~ rate$^{{{data.exponent:.1f}}}$")
-    axes.loglog(
-        rates[:1], [data.predicted_deg], "D", mfc="none", color=BEFORE, ms=9, label=f"of it at {rates[0]:.4g} Hz: {data.predicted_deg:.3g}°"
-    )
-    if data.floor_deg is not None:
-        axes.axhline(data.floor_deg, color=FLOOR, ls="--", label=f"noise alone: {data.floor_deg:.2g}°")
+    line = predicted_deg * (at / rates[0]) ** exponent
+    axes.loglog(at, line, color=BEFORE, lw=1.5, label=f"motion between samples: closure ~ rate$^{{{exponent:.1f}}}$")
+    axes.loglog(rates[:1], [predicted_deg], "D", mfc="none", color=BEFORE, ms=9, label=f"of it at {rates[0]:.4g} Hz: {predicted_deg:.3g}°")
+    axes.axhline(floor_deg, color=FLOOR, ls="--", label=f"noise alone: {floor_deg:.2g}°")
     for number, (rate, angle) in enumerate(zip(rates, closure, strict=True)):
         nth = round(rates[0] / rate)
         suffix = {1: "st", 2: "nd", 3: "rd"}.get(nth if nth < 20 else nth % 10, "th")
         words = "every sample" if number == 0 else f"every {nth}{suffix} sample"
         axes.annotate(words, (rate, angle), xytext=(7, 7), textcoords="offset points", fontsize=8)
-    lowest = min([closure.min(), data.predicted_deg, *([data.floor_deg] if data.floor_deg else [])])
+    lowest = min([closure.min(), predicted_deg, *([floor_deg] if floor_deg else [])])
     axes.set_xlim(rates[-1] / ROOM, rates[0] * ROOM * 1.3)
     axes.set_ylim(lowest / ROOM_BELOW, max(closure.max(), line.max()) * 1.5)
     axes.set_xticks(rates, [f"{rate:.3g}" for rate in rates])
@@ -185,13 +172,6 @@ def draw(axes: Axes, data: DataRates) -> None:
         title="Fewer samples close worse: the motion is too fast for them",
     )
     axes.legend(fontsize=8, loc="lower left")
-
-
-def over_rate(e: Explanation, claim: Claim, axes: Axes) -> None:
-    """Plot a claim whose parameters are the fields of ``DataRates``."""
-    told = claim.parameters
-    floor_deg = float(np.degrees(e.proof.floor_rms))
-    draw(axes, DataRates(np.array(told["rates_hz"]), np.array(told["closure_deg"]), told["exponent"], told["predicted_deg"], floor_deg))
 
 
 # Clocks that differ: the velocity left after turns from rest to rest over the assumed offset, and turn by turn.

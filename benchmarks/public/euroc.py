@@ -15,7 +15,7 @@ import numpy as np
 from session.base.errors import FormatError
 from session.base.files import read_npz
 from session.base.units import NS_PER_S
-from session.log.logfile import of_length_1
+from tinygc.features.truth.reading import of_length_1
 
 from .writing import AGAIN, Table, found, rows, rows_of_numbers, write_folder
 

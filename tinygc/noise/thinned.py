@@ -104,8 +104,8 @@ class Thinning:
 
 
 def thinned(problem: Problem) -> tuple[Problem, list[Thinning] | None]:
-    """Thin the logs, stills and segments of a problem, and return it with the decimation of each log; a short problem, or one with a truth
-    file, is returned unchanged, with None."""
+    """Thin the logs, stills and segments of a problem, and return it with the decimation of each log; a short problem, or one with another
+    reference, is returned unchanged, with None."""
     if problem.session.reference is not None or sum(len(log.samples) for log in problem.logs) <= LONG:
         return problem, None
     thinnings, logs = [], []

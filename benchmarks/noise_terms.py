@@ -21,9 +21,8 @@ from scipy.signal import fftconvolve, lfilter
 
 from session.base.units import NS_PER_S
 from session.log.samples import Samples
-from tinygc.features.noise.choice import Search
+from tinygc.features.noise.choice import Search, unit_covariance
 from tinygc.features.noise.estimate import estimate_noise
-from tinygc.features.noise.likelihood import unit_covariance
 from tinygc.features.noise.scales import Group, groups_of, rest_of
 from tinygc.features.noise.summary import RestSums
 from tinygc.noise.figures import TERMS, Term, unit_allan_variance

@@ -24,8 +24,8 @@ from simulated_tables import LostSteps, Summary, draw, fixed_moves
 
 from session.base.units import DEG
 from tinygc.effects.catalogue import catalogue
-from tinygc.features.tables.machines.description import Axis, Description
-from tinygc.features.tables.machines.mechanics import AxisErrors, AxisTrack, TableErrors
+from tinygc.features.tables.machines.description import Axis, AxisErrors, Description, TableErrors
+from tinygc.features.tables.machines.virtual_motion import AxisTrack
 from tinygc.features.tables.observed import held_up_from, said_at, stamps_beside
 from tinygc.features.tables.selection import Selected, select
 

@@ -13,21 +13,23 @@ from scipy.stats import chi2, lognorm
 from session.base.errors import DataError
 from session.base.units import DEG, G
 from session.log.samples import Samples
-from tinygc.features.noise import choice, likelihood, scales, summary
-from tinygc.features.noise.choice import Chosen, Search
-from tinygc.features.noise.curve import fit_curve
-from tinygc.features.noise.dependence import sandwich
-from tinygc.features.noise.estimate import _allan_points, _axis, _relative, described, estimate_noise, known_after_s
-from tinygc.features.noise.likelihood import (
+from tinygc.features.noise import choice, scales, summary
+from tinygc.features.noise import choice as likelihood
+from tinygc.features.noise.choice import (
     DECADES,
+    Chosen,
     Fitted,
+    Search,
     autocovariance,
     cost,
     fit,
+    sandwich,
     stacked,
     stacks_of,
     unit_covariance,
 )
+from tinygc.features.noise.curve import fit_curve
+from tinygc.features.noise.estimate import _allan_points, _axis, _relative, described, estimate_noise, known_after_s
 from tinygc.features.noise.scales import Group, groups_of, knots_of, rest_of, temperature_part
 from tinygc.features.noise.summary import RestSums, contrasts, ratios_of
 from tinygc.noise.figures import TERMS, AxisNoise, Line, Term, unit_allan_variance

@@ -1,6 +1,6 @@
 """What a session of a table would observe, drawn without its samples, for questions of statistics; and recordings of rate steps and swings.
 
-The truth is exact (``mechanics.true_attitudes``) at the edges of equal blocks; the sensor's noise and effects are those of its means over
+The truth is exact (``true_attitudes``) at the edges of equal blocks; the sensor's noise and effects are those of its means over
 them.
 """
 
@@ -18,8 +18,8 @@ from tinygc.closure.floor import wander_covariance
 from tinygc.effects import Effect, Movement
 from tinygc.features.tables.board import motion_on
 from tinygc.features.tables.machines.angles import header, row
-from tinygc.features.tables.machines.description import Axis, Description
-from tinygc.features.tables.machines.mechanics import AxisErrors, AxisTrack, TableErrors, true_attitudes
+from tinygc.features.tables.machines.description import Axis, AxisErrors, Description, TableErrors, true_attitudes
+from tinygc.features.tables.machines.virtual_motion import AxisTrack
 from tinygc.features.tables.observed import Observed
 from tinygc.simulation.options import SimulatedUnit, SimulationOptions
 from tinygc.simulation.sensor import SensorModel

@@ -23,9 +23,8 @@ from session.bench.recorder import Recorder
 from session.bench.session_file import SessionFile
 from session.log.written import toml_text
 from tinygc.features.tables.board import motion_on
-from tinygc.features.tables.machines.description import Description, read_description
+from tinygc.features.tables.machines.description import Description, TableErrors, read_description
 from tinygc.features.tables.machines.makes import open_table
-from tinygc.features.tables.machines.mechanics import TableErrors
 from tinygc.features.tables.machines.safety import Guarded, Move
 from tinygc.features.tables.machines.verbs import TableFault
 from tinygc.features.tables.machines.virtual import VirtualTable

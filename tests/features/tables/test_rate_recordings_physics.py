@@ -8,7 +8,7 @@ import tinygc
 from session.base.errors import DataError, FormatError
 from session.base.units import DEG
 from tinygc.features.tables.feature import Columns
-from tinygc.features.tables.machines.mechanics import AxisTrack
+from tinygc.features.tables.machines.virtual_motion import AxisTrack
 from tinygc.features.tables.rates import sweep
 from tinygc.features.tables.rates.points import points_of, read_points
 from tinygc.features.tables.rates.recording import read_recording

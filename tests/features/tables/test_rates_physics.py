@@ -14,8 +14,8 @@ from tinygc.features.tables.rates.choice import _EXTRA_GAIN, LINE, Choice, chanc
 from tinygc.features.tables.rates.curve import Shape, fit_curve
 from tinygc.features.tables.rates.fitting import fit, floor, over_rate
 from tinygc.features.tables.rates.laws import CURVE, EXTRAS, LAWS, LIMITS, Hypothesis
+from tinygc.features.tables.rates.library import lines
 from tinygc.features.tables.rates.points import points_of
-from tinygc.features.tables.rates.report import lines
 from tinygc.features.tables.rates.terms import (
     Range,
     _asymmetry,

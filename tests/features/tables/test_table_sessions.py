@@ -25,8 +25,7 @@ from tinygc.closure.prepared import prepare
 from tinygc.features.tables.explanation import explain_table
 from tinygc.features.tables.feature import explained
 from tinygc.features.tables.machines.angles import read_angles
-from tinygc.features.tables.machines.description import attitudes, read_description
-from tinygc.features.tables.machines.mechanics import AxisErrors, TableErrors
+from tinygc.features.tables.machines.description import AxisErrors, TableErrors, attitudes, read_description
 from tinygc.features.tables.machines.virtual import TableLine, VirtualTable
 from tinygc.features.tables.recording import TurnedRecording, require_table_of
 from tinygc.reporting.terminal import as_text

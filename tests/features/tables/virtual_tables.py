@@ -17,11 +17,9 @@ from tinygc.features.tables.machines.description import Axis, Description
 from tinygc.features.tables.machines.makefile import read_make
 from tinygc.features.tables.machines.makes import open_table
 from tinygc.features.tables.machines.safety import Guarded, Move
-from tinygc.features.tables.machines.verbs import TableFault
-from tinygc.features.tables.machines.virtual import VirtualTable
-from tinygc.features.tables.machines.virtual_makes import FIRMWARE, Firmware
+from tinygc.features.tables.machines.verbs import PRESS, TableFault
+from tinygc.features.tables.machines.virtual import FIRMWARE, Firmware, VirtualTable
 from tinygc.features.tables.machines.virtual_motion import Fault
-from tinygc.features.tables.machines.wire import PRESS
 
 #: s between two looks for bytes
 POLL_S = 0.01

@@ -18,9 +18,8 @@ import numpy as np
 from session.base.errors import DataError, FormatError
 from session.base.files import MB, read_text
 from session.base.units import DEG_PER_HOUR, MG, known, parse_unit
-from tinygc.features.noise.choice import Search
+from tinygc.features.noise.choice import FILTER, Search, Stacked
 from tinygc.features.noise.estimate import described, goodness
-from tinygc.features.noise.likelihood import FILTER, Stacked
 from tinygc.features.noise.scales import Group
 from tinygc.noise.figures import SENSORS, AllanBand, AxisNoise, NoiseFigures, SensorNoise, fits_data, unit_allan_variance
 

@@ -17,8 +17,16 @@ from tinygc.features.noise.curve import estimate_of_curve
 from tinygc.features.noise.estimate import estimate_noise as estimate_of
 from tinygc.features.noise.inputs import Input, read_inputs
 from tinygc.features.noise.options import NoiseOptions
-from tinygc.features.noise.picture import figure_of
-from tinygc.features.noise.text import KALIBR, OpenTerm, SheetFigure, against_data_sheet, kalibr_figures, noise_page, open_terms
+from tinygc.features.noise.output import (
+    KALIBR,
+    OpenTerm,
+    SheetFigure,
+    against_data_sheet,
+    figure_of,
+    kalibr_figures,
+    noise_page,
+    open_terms,
+)
 from tinygc.library.arguments import Progress, is_number, is_path, nothing, public
 from tinygc.library.records import Shown
 from tinygc.noise.figures import FILE, AllanBand, Inflation, NoiseFigures

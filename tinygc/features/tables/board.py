@@ -18,10 +18,9 @@ from session.base.options import given
 from session.bench.clocks import Clock
 from session.log.written import toml_text
 from tinygc.features.tables.feature import TableOptions
-from tinygc.features.tables.machines.description import Description, read_description
-from tinygc.features.tables.machines.mechanics import AxisTrack, TableErrors, true_attitudes
+from tinygc.features.tables.machines.description import Description, TableErrors, read_description, true_attitudes
 from tinygc.features.tables.machines.virtual import TableLine, VirtualTable
-from tinygc.features.tables.machines.virtual_motion import Fault
+from tinygc.features.tables.machines.virtual_motion import AxisTrack, Fault
 from tinygc.simulation.movement import felt
 from tinygc.simulation.options import SimulatedUnit, SimulationOptions
 from tinygc.simulation.sensor import Motion, SensorModel, self_heating

@@ -1,8 +1,8 @@
 """Candidates: each error that a table may have, and each that its sensor may have beyond the linear calibration, as columns of the rows.
 
-A table's errors are those of ``tinygc.features.tables.machines.mechanics``; a sensor's are the catalogue's (``tinygc/effects/entries``), by
-their own columns.  What the recording cannot show of a candidate (its sigma is larger than the size that it may plausibly have) takes no
-part.
+A table's errors are those of ``tinygc.features.tables.machines.description``; a sensor's are the catalogue's
+(``tinygc/effects/entries``), by their own columns.  What the recording cannot show of a candidate (its sigma is larger than the size that
+it may plausibly have) takes no part.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from session.base.units import DEG, G
 from tinygc.effects import Effect, Movement
 from tinygc.effects.catalogue import catalogue
-from tinygc.features.tables.machines.mechanics import AxisErrors, TableErrors
+from tinygc.features.tables.machines.description import AxisErrors, TableErrors
 from tinygc.features.tables.observed import Observed
 from tinygc.features.tables.rows import Comparison, harmonic
 

@@ -26,9 +26,8 @@ from session.log.config import Protocol, read_config
 from tinygc.features.tables.machines import angles, description
 from tinygc.features.tables.machines.angles import AngleFile, write_attitudes
 from tinygc.features.tables.machines.description import Axis, Description, read_description
-from tinygc.features.tables.machines.driver import TableDriver
 from tinygc.features.tables.machines.makes import open_table
-from tinygc.features.tables.machines.mover import MOST_OF_SCALE, TableMover
+from tinygc.features.tables.machines.mover import MOST_OF_SCALE, TableDriver, TableMover
 from tinygc.features.tables.machines.rates import RateMover, RatesGuide, RateStep, steps_of
 from tinygc.features.tables.machines.safety import Guarded, Move, ask_person
 from tinygc.features.tables.machines.verbs import TableFault, Where

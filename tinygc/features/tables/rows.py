@@ -27,8 +27,15 @@ from scipy.spatial.transform import Rotation
 from session.base.numeric import UPPER, running_sum
 from session.base.rotation import cross_matrix, identities
 from session.base.units import DEG, EARTH_RATE_RPS
-from tinygc.features.tables.machines.description import LATENCY_SIGMA_S, body_axes, rotations, stage_attitudes
-from tinygc.features.tables.machines.mechanics import TableErrors, normals, true_attitudes
+from tinygc.features.tables.machines.description import (
+    LATENCY_SIGMA_S,
+    TableErrors,
+    body_axes,
+    normals,
+    rotations,
+    stage_attitudes,
+    true_attitudes,
+)
 from tinygc.features.tables.observed import Observed
 
 # The state: what is always free, with the sigma of its prior.

@@ -23,7 +23,7 @@ import numpy as np
 from session.base.errors import FormatError
 from session.base.records import ROTATION, Key, record_from, record_of
 from session.base.results import Array, Mismatch, Number, Shape, shown
-from session.base.rotation import cross_matrix, identities
+from session.base.rotation import cross_matrix, exp, identities, matrix
 from session.base.toml import read_toml
 from session.base.units import DEG
 
@@ -205,10 +205,81 @@ def body_axes(table: Description, angles: np.ndarray) -> np.ndarray:
     return np.einsum("nij,nki->nkj", outside @ table.mounting, np.stack(found, axis=1))
 
 
-def roll_pitch_yaw(matrix: np.ndarray) -> np.ndarray:
+def roll_pitch_yaw(R: np.ndarray) -> np.ndarray:
     """(N, 3) rad of ``R = Rz(yaw) Ry(pitch) Rx(roll)`` (N, 3, 3)."""
-    pitch = np.arctan2(-matrix[:, 2, 0], np.hypot(matrix[:, 0, 0], matrix[:, 1, 0]))
+    pitch = np.arctan2(-R[:, 2, 0], np.hypot(R[:, 0, 0], R[:, 1, 0]))
     level = np.cos(pitch) > 1e-9  # else roll and yaw are one: roll is 0
-    roll = np.where(level, np.arctan2(matrix[:, 2, 1], matrix[:, 2, 2]), 0.0)
-    yaw = np.where(level, np.arctan2(matrix[:, 1, 0], matrix[:, 0, 0]), np.arctan2(-matrix[:, 0, 1], matrix[:, 1, 1]))
+    roll = np.where(level, np.arctan2(R[:, 2, 1], R[:, 2, 2]), 0.0)
+    yaw = np.where(level, np.arctan2(R[:, 1, 0], R[:, 0, 0]), np.arctan2(-R[:, 0, 1], R[:, 1, 1]))
     return np.stack([roll, pitch, yaw], axis=1)
+
+
+# What a real table does besides: the errors between its word and the truth.
+#
+# The angle that a machine says of axis k, alpha, and the true one, with the sense s of its last motion (+1, -1, 0 before any):
+#
+#     alpha_true = alpha + i1 sin alpha + i2 cos alpha + i3 sin 2 alpha + i4 cos 2 alpha      index: an encoder's eccentricity
+#                  + r sin(n alpha + phase)                                                   rate ripple: a motor's steps, a worm
+#                  - s backlash / 2 + lost                                                    play; steps that the motor lost
+#     R_tb = Rot(tilt) prod_k Rot(wobble_k(alpha)) Rot(a_k + skew_k, alpha_true,k) M
+#
+# tilt: the base against the vertical; skew_k: an axis is not where it should be (its component along a_k says nothing); wobble_k(alpha) =
+# w1 cos alpha e1 + w2 sin alpha e2 + w3 cos alpha e2 + w4 sin alpha e1, e1 and e2 normal to a_k.  The angle is said ``latency_s`` late.
+
+
+@dataclass(frozen=True, eq=False)
+class AxisErrors:
+    """Errors of one axis, rad: index (4,), ripple and its cycles a turn and phase, backlash, lost (of the steps so far; one for all
+    angles, or one for each), skew (3,), wobble (4,)."""
+
+    index: np.ndarray = field(default_factory=lambda: np.zeros(4))
+    ripple: float = 0.0
+    ripple_cycles: int = 0
+    ripple_phase: float = 0.0
+    backlash: float = 0.0
+    lost: float | np.ndarray = 0.0
+    skew: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    wobble: np.ndarray = field(default_factory=lambda: np.zeros(4))
+
+    def true_angle(self, said: np.ndarray, sense: np.ndarray) -> np.ndarray:
+        """(N,) rad, of what the machine says (N,) rad and the sense (N,) of its last motion."""
+        i1, i2, i3, i4 = self.index
+        index = i1 * np.sin(said) + i2 * np.cos(said) + i3 * np.sin(2 * said) + i4 * np.cos(2 * said)
+        ripple = self.ripple * np.sin(self.ripple_cycles * said + self.ripple_phase)
+        return said + index + ripple - sense * self.backlash / 2 + self.lost
+
+
+@dataclass(frozen=True, eq=False)
+class TableErrors:
+    """Errors of a table: of each axis; tilt (3,) rad of its base; latency_s of its word."""
+
+    axes: tuple[AxisErrors, ...]
+    tilt: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    latency_s: float = 0.0
+
+    @classmethod
+    def none(cls, table: Description) -> TableErrors:
+        """A perfect table."""
+        return cls(tuple(AxisErrors() for _ in table.axes))
+
+
+def true_attitudes(table: Description, errors: TableErrors, said: np.ndarray, sense: np.ndarray) -> np.ndarray:
+    """``R_tb`` (N, 3, 3) with all errors, of angles said (N, K) rad and the senses (N, K) of the axes' last motions."""
+    product = np.broadcast_to(matrix(exp(errors.tilt)), (len(said), 3, 3))
+    for k, (axis, of) in enumerate(zip(table.axes, errors.axes, strict=True)):
+        alpha, (e1, e2) = said[:, k], normals(axis.direction)
+        cos, sin = np.cos(alpha)[:, None], np.sin(alpha)[:, None]
+        w1, w2, w3, w4 = of.wobble
+        wobble = (w1 * cos + w4 * sin) * e1 + (w2 * sin + w3 * cos) * e2
+        skewed = axis.direction + of.skew
+        turned = rotations(skewed / np.linalg.norm(skewed), of.true_angle(alpha, sense[:, k]))
+        product = product @ matrix(exp(wobble)) @ turned
+    return product @ table.mounting
+
+
+def normals(direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Two unit vectors (3,) normal to a unit direction (3,) and to each other, right-handed with it."""
+    other = np.eye(3)[int(np.argmin(np.abs(direction)))]
+    e1 = np.cross(other, direction)
+    e1 = e1 / np.linalg.norm(e1)
+    return e1, np.cross(direction, e1)

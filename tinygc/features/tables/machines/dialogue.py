@@ -16,8 +16,7 @@ from session.bench.clocks import Clock
 from tinygc.features.tables.machines.description import AGAIN, Description
 from tinygc.features.tables.machines.makefile import LONGEST_LINE, UNKNOWN, Make, Pattern, Step, matched
 from tinygc.features.tables.machines.proof import request_text, require_travel, sent_text
-from tinygc.features.tables.machines.verbs import Table, TableFault, TableLimit, Where
-from tinygc.features.tables.machines.wire import Link
+from tinygc.features.tables.machines.verbs import Link, Table, TableFault, TableLimit, Where
 
 #: how often ``where`` asks again where an answer is missing or garbled
 TRIES = 3

@@ -16,8 +16,7 @@ from session.bench.messages import AxisMove, GuideMessage, Instruction, Kind, St
 from session.log.config import Protocol
 from session.log.samples import Samples
 from tinygc.features.tables.machines.description import Description
-from tinygc.features.tables.machines.driver import TableDriver
-from tinygc.features.tables.machines.mover import MachineMover
+from tinygc.features.tables.machines.mover import MachineMover, TableDriver
 from tinygc.features.tables.machines.verbs import TableLimit
 
 STEM = "rates"

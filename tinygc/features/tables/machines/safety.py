@@ -33,8 +33,7 @@ from session.base.texts import printable
 from session.base.units import DEG
 from session.bench.clocks import Clock
 from tinygc.features.tables.machines.description import Description
-from tinygc.features.tables.machines.verbs import Table, TableFault, TableLimit, Where
-from tinygc.features.tables.machines.wire import PRESS
+from tinygc.features.tables.machines.verbs import PRESS, Table, TableFault, TableLimit, Where
 
 T = TypeVar("T")
 A = TypeVar("A", np.ndarray, None)

@@ -14,20 +14,318 @@ from session.base.errors import CalibrationError, FormatError
 from session.base.files import result_folder
 from session.base.records import write_whole
 from session.base.results import write_text_whole
+from session.base.texts import NONE, printable, probability, significant
 from tinygc.features.tables.feature import Columns
-from tinygc.features.tables.rates.choice import Choice, choose
+from tinygc.features.tables.rates.choice import RIVAL, Choice, HeldOut, choose
+from tinygc.features.tables.rates.fitting import REFUTED, Number
+from tinygc.features.tables.rates.laws import EXTRAS, LAWS
 from tinygc.features.tables.rates.points import Points, points_of, read_points, read_table, settings_of
 from tinygc.features.tables.rates.recording import read_recording
-from tinygc.features.tables.rates.report import figure_of, page, rates_page
-from tinygc.features.tables.rates.sweep import Response, Sweep, fit_response, is_response, read_response
-from tinygc.features.tables.rates.terms import terms
+from tinygc.features.tables.rates.sweep import Response, Sweep, fit_response, is_response, read_response, transfer
+from tinygc.features.tables.rates.terms import TermRow, left_open, size, terms
 from tinygc.library.arguments import Progress, is_path, nothing, public
 from tinygc.library.records import Shown
-from tinygc.reporting.pictures.canvas import has_matplotlib, save, saved
-from tinygc.reporting.terminal import Group
+from tinygc.reporting.html.chart import Axis, Chart, linear_axis
+from tinygc.reporting.html.markup import Section, escape, figure, key, paragraph, table
+from tinygc.reporting.html.page import document
+from tinygc.reporting.pictures.canvas import AFTER, BEFORE, FLOOR, PALE, canvas, has_matplotlib, legend, plain, save, saved
+from tinygc.reporting.terminal import Group, RenderableType, one_line, plain_table
 
 if TYPE_CHECKING:
-    from tinygc.reporting.pictures.canvas import Figure
+    from tinygc.reporting.pictures.canvas import Axes, Figure
+
+
+# What ``rates`` shows, on screen, page and picture: of each sensor the law, the terms of IEEE 1431, and what other curves say of it.
+
+# Words.
+
+
+def headline(choice: Choice) -> str:
+    """Which sensor, and what its points follow."""
+    found, points = choice.fit, choice.points
+    curves = f" on {len(points.curves)} curves" if len(points.curves) > 1 else ""
+    return f"{printable(points.sensor)}: {len(points)} points{curves}: {law_words(choice)}; it leaves {size(found.rms)} {points.unit} rms"
+
+
+def law_words(choice: Choice) -> str:
+    """``a straight line, clipped below and above``."""
+    of = choice.fit.hypothesis
+    beside = [*(EXTRAS[name].words for name in of.extras), *["one reading off"] * (of.apart >= 0)]
+    return ", ".join([of.of.words, *filter(None, [of.clipped]), *(f"with {each}" for each in beside)])
+
+
+def lines(choice: Choice) -> list[str]:
+    """What stands between headline and terms: the equation, its numbers, chance and rivals."""
+    found, points = choice.fit, choice.points
+    skip = len(found.offsets) if len(found.offsets) > 1 else 0
+    said = [found.hypothesis.equation, ", ".join(map(_number, found.numbers[skip:]))]
+    if choice.is_line:
+        said.append(f"no departure from a straight line beyond chance ({probability(choice.p_value)})")
+    else:
+        said.append(f"a straight line leaves {size(choice.line.rms)} {points.unit} rms; it is refuted ({probability(choice.p_value)})")
+    if found.hypothesis.apart >= 0:
+        at, more, again, beyond = float(points.rate_dps[found.hypothesis.apart]), "", "beside it", left_open(found)
+        if beyond is not None:
+            size_of = points.output * np.sign(choice.line.coefficients[0] * at)
+            is_larger = size_of[points.rate_dps * np.sign(at) > abs(at)] > size_of[found.hypothesis.apart]
+            limit = "" if is_larger.any() else "the output has a limit there or "
+            more, again = f", or {limit or 'there is '}a kink from {size(beyond[1])} °/s on, which no reading determines", "beyond"
+        said.append(f"the reading at {size(at)} °/s is off{more}; measure it again, and {again}")
+    lack = found.lack_of_fit
+    if lack is not None and lack.p_value < REFUTED:
+        repeats = f"{size(lack.noise)} {points.unit}" if not points.is_known else f"{size(lack.noise)} of the stated sigmas"
+        wider = f"; the sigmas are {lack.variance_inflation**0.5:.2f} times wider for it" if lack.variance_inflation > 1 else ""
+        said.append(
+            f"repeats scatter by {repeats}, and the law leaves more ({probability(lack.p_value)}): it is not the whole of it{wider}"
+        )
+    laws = f"of {len(LAWS)} laws and a curve of none"
+    if choice.rivals:
+        others = ", ".join(
+            f"{rival.hypothesis.name} ({100 * share:.0f} %, {size(rival.rms)} {points.unit})" for rival, share in choice.rivals
+        )
+        said.append(f"{laws} this one has {100 * choice.probability:.0f} %; not excluded: {others}")
+    elif not choice.is_line:
+        said.append(f"{laws} no other is more than {100 * RIVAL:.0f} % as probable")
+    if choice.curve is not None:
+        said.append("the figures of a range are of a smooth curve through these points, whatever the law is called")
+    return said
+
+
+def _term_rows(choice: Choice) -> list[tuple[str, ...]]:
+    """Name, value, sigma, unit and condition of each term."""
+    return [(row.name, *cells(row), row.unit, row.condition) for row in terms(choice)]
+
+
+def cells(row: TermRow) -> tuple[str, str]:
+    """Value and sigma, ``less than x``, or a dash."""
+    if row.value is None:
+        return (NONE, "") if row.at_most is None else (f"less than {size(row.at_most, 2)}", "")
+    if row.sigma is None or not row.sigma > 0:
+        return size(row.value), ""
+    value, _, sigma = number(row.value, row.sigma).partition(" ± ")
+    return value, sigma
+
+
+def _number(each: Number) -> str:
+    """``K 0.01986 ± 0.00012 V/(°/s)``, or between which values it is not determined."""
+    unit = "" if each.unit == "1" else f" {each.unit}"
+    if each.between is not None:
+        return f"{each.name} not determined; {size(each.between[0])} to {size(each.between[1])}{unit} fit as well"
+    return f"{each.name} not determined" if each.value is None else f"{each.name} {number(each.value, each.sigma or 0.0)}{unit}"
+
+
+def number(value: float, sigma: float) -> str:
+    """``−0.019864 ± 0.000013``, or with a power of ten where it is small; to the sigma's first digits."""
+    if value and 0 < abs(value) < 1e-4 and sigma > 0:
+        exponent = f"{value:e}".partition("e")[2]
+        return f"({plain(value / 10.0 ** int(exponent), sigma / 10.0 ** int(exponent))}) × 10^{int(exponent)}".replace("^-", "^−")
+    return plain(value, sigma)
+
+
+def held_out_rows(choice: Choice) -> list[tuple[str, list[str]]]:
+    """A law, and what it was fitted to; what it leaves on each curve."""
+    found: dict[str, dict[str, HeldOut]] = {}
+    for one in choice.held_out:
+        found.setdefault(", ".join(filter(None, (one.hypothesis, one.fitted_to and f"fitted to {one.fitted_to}"))), {})[one.curve] = one
+    return [(law, [held_out_cell(by_curve.get(curve)) for curve in choice.points.curves]) for law, by_curve in found.items()]
+
+
+def held_out_cell(one: HeldOut | None) -> str:
+    """``0.0415 (1.79)``: rms over the rates within those that were fitted, and over all where some lie beyond."""
+    if one is None:
+        return NONE
+    return f"{size(one.within_rms)} ({size(one.rms)})" if one.beyond else size(one.rms)
+
+
+def curve_words(curve: str) -> str:
+    """The last of a curve's cells, which differs most often."""
+    return printable(curve.rpartition(", ")[2])
+
+
+# The screen.
+
+
+def rates_page(choices: Sequence[Choice], sweeps: Sequence[Sweep], remarks: Sequence[str]) -> Group:
+    """The screen."""
+    parts: list[RenderableType] = []
+    for choice in choices:
+        parts += [*_on_screen(choice), ""]
+    for sweep in sweeps:
+        grid = plain_table("", "frequency, Hz", "gain", "phase, °", right=True)
+        for f, gain, gain_sigma, phase, phase_sigma in sweep.rows_deg:
+            grid.add_row(size(f), plain(gain, gain_sigma), plain(phase, phase_sigma))
+        parts += [one_line(sweep.headline, "bold"), grid, *map(one_line, sweep.lines), ""]
+    return Group(*(parts[:-1] if parts else parts), *map(one_line, remarks))
+
+
+def _on_screen(choice: Choice) -> list[RenderableType]:
+    parts: list[RenderableType] = [one_line(headline(choice), "bold"), *map(one_line, lines(choice))]
+    grid = plain_table("", "", "value", "± σ", "unit", "condition")
+    for column in (1, 2):
+        grid.columns[column].justify = "right"
+    for row in _term_rows(choice):
+        grid.add_row(*row)
+    parts.append(grid)
+    if choice.held_out:
+        # Rms that each law leaves on a curve that it was not fitted to
+        first = f"left on the curve that was not fitted, {choice.points.unit} rms (beyond its rates)"
+        grid = plain_table("", first, *map(curve_words, choice.points.curves), right=True)
+        for law, cells_of_law in held_out_rows(choice):
+            grid.add_row(law, *cells_of_law)
+        parts.append(grid)
+    return parts
+
+
+# The page.
+
+#: rates at which a law is drawn
+DRAWN = 401
+HEIGHT, LOW = 260, 180
+
+
+def page(choices: Sequence[Choice], sweeps: Sequence[Sweep], remarks: Sequence[str], name: str) -> str:
+    """The page as one HTML document; name: of what was measured."""
+    sections = [_sensor(choice, n) for n, choice in enumerate(choices)]
+    sections += [_sweep(sweep, n) for n, sweep in enumerate(sweeps)]
+    if remarks:
+        sections.append(Section("remarks", "Remarks", "".join(paragraph(escape(remark)) for remark in remarks)))
+    head = f'<header><p class="kicker">Rate table</p><h1>{escape(name)}</h1></header>'
+    foot = f"<footer>Terms of IEEE 1431, 12.9 to 12.11 and 12.15. ± is one standard deviation. TinyGC {escape(VERSION)}.</footer>"
+    return document(f"Rate table: {name}", head, sections, foot)
+
+
+def _sensor(choice: Choice, number: int) -> Section:
+    said = "".join(paragraph(escape(line)) for line in (headline(choice), *lines(choice)))
+    rows = [[*map(escape, row)] for row in _term_rows(choice)]
+    keys = [key("after", "measured"), key("physics", "chosen law", "line"), key("floor", "straight line", "dash")]
+    html = said + table(("", "value", "±", "unit", "condition"), rows, "“Less than” is an upper limit (95 %) of a term that does not show.")
+    html += figure(lambda width: _output(choice, width), "", keys)
+    html += figure(lambda width: _residuals(choice, width), "What the chosen law leaves.")
+    if choice.held_out:
+        curves = choice.points.curves
+        rows = [[escape(law), *found] for law, found in held_out_rows(choice)]
+        words = (
+            f"Rms, {escape(choice.points.unit)}, on a curve that was not fitted; its offset alone is free. "
+            "In brackets: with the rates that lie beyond those that were fitted."
+        )
+        html += table(("", *(escape(curve_words(curve)) for curve in curves)), rows, words)
+    return Section(f"sensor-{number}", choice.points.sensor, html)
+
+
+def _rates(choice: Choice) -> Axis:
+    return linear_axis(choice.points.rate_dps, "rate, °/s")
+
+
+def _output(choice: Choice, width: int) -> str:
+    points = choice.points
+    grid = np.linspace(points.rate_dps.min(), points.rate_dps.max(), DRAWN)
+    law, line = choice.fit.at(grid), choice.line.at(grid)
+    chart = Chart(width, HEIGHT, _rates(choice), linear_axis([*points.output, *law], f"output, {points.unit}"), "Output over rate")
+    chart.line(grid, line, "floor", "dash").line(grid, law, "physics")
+    return chart.dots(points.rate_dps, points.output, "after", _titles(choice), radius=3).svg()
+
+
+def _residuals(choice: Choice, width: int) -> str:
+    left, points = choice.fit.residuals, choice.points
+    chart = Chart(width, LOW, _rates(choice), linear_axis([*left, 0.0], f"left, {points.unit}"), "What the law leaves over rate")
+    return chart.across(0.0, "floor").dots(points.rate_dps, left, "after", _titles(choice), radius=3).svg()
+
+
+def _titles(choice: Choice) -> list[str]:
+    points = choice.points
+    names = [curve_words(points.curves[n]) for n in points.curve]
+    return [
+        f"{name} {significant(rate)} °/s: {value:.6g} {points.unit}, {left:+.2g} from the law".strip()
+        for name, rate, value, left in zip(names, points.rate_dps, points.output, choice.fit.residuals, strict=True)
+    ]
+
+
+def _sweep(sweep: Sweep, number: int) -> Section:
+    rows = [[significant(f), plain(gain, gs), plain(phase, ps)] for f, gain, gs, phase, ps in sweep.rows_deg]
+    said = "".join(paragraph(escape(line)) for line in (sweep.headline, *sweep.lines))
+    return Section(f"sweep-{number}", f"Sweep {sweep.response.name}", said + table(("frequency, Hz", "gain", "phase, °"), rows))
+
+
+# The picture.
+
+#: rates at which a law is drawn
+DRAWN_FINE = 801
+#: sensors and sweeps of one picture, at most
+MOST_ROWS = 8
+MARKS = "os^Dv<>p"
+
+
+def figure_of(choices: Sequence[Choice], sweeps: Sequence[Sweep]) -> Figure:
+    """Return the picture as a matplotlib figure.  Raises CalibrationError where matplotlib is missing."""
+    shown, swept = choices[:MOST_ROWS], sweeps[: max(MOST_ROWS - len(choices), 1)]
+    figure, grid = canvas(len(shown) + len(swept), "Rate steps" if shown else "Sine sweep", [], [])
+    panels = np.reshape(grid, (-1, 2))
+    for (curve, left), choice in zip(panels, shown, strict=False):
+        _draw_output(choice, curve)
+        _draw_residuals(choice, left)
+    for (gain, phase), sweep in zip(panels[len(shown) :], swept, strict=True):
+        _draw_response(sweep, gain, phase)
+    return figure
+
+
+def _draw_output(choice: Choice, axes: Axes) -> None:
+    points, grid = choice.points, np.linspace(choice.points.rate_dps.min(), choice.points.rate_dps.max(), DRAWN_FINE)
+    axes.plot(grid, choice.line.at(grid), "--", color=FLOOR, lw=0.8, label="straight line")
+    axes.plot(grid, choice.fit.at(grid), "-", color=AFTER, lw=1.2, label=choice.fit.hypothesis.name)
+    for n, curve in enumerate(points.curves):
+        own = points.curve == n
+        axes.plot(
+            points.rate_dps[own],
+            points.output[own],
+            MARKS[n % len(MARKS)],
+            ms=4,
+            mfc="none",
+            color=BEFORE,
+            label=curve_words(curve) or None,
+        )
+    axes.grid(True, color=PALE, lw=0.4, alpha=0.6)
+    axes.set(xlabel="rate (°/s)", ylabel=f"output ({points.unit})", title=headline(choice).partition(":")[0])
+    legend(axes)
+
+
+def _draw_residuals(choice: Choice, axes: Axes) -> None:
+    points = choice.points
+    for n in range(len(points.curves)):
+        own = points.curve == n
+        order = np.argsort(points.rate_dps[own], kind="stable")
+        axes.plot(
+            points.rate_dps[own][order],
+            choice.fit.residuals[own][order],
+            MARKS[n % len(MARKS)] + "-",
+            ms=4,
+            mfc="none",
+            lw=0.6,
+            color=AFTER,
+        )
+    noise = choice.fit.noise * (points.sigma if points.is_known else np.ones(len(points)))
+    order = np.argsort(points.rate_dps, kind="stable")
+    axes.fill_between(points.rate_dps[order], -noise[order], noise[order], color=FLOOR, alpha=0.2, lw=0, label="noise, 1 σ")
+    axes.axhline(0, color=FLOOR, lw=0.8)
+    axes.grid(True, color=PALE, lw=0.4, alpha=0.6)
+    axes.set(xlabel="rate (°/s)", ylabel=f"left ({points.unit})", title=f"what the law leaves (a straight line: {choice.line.rms:.3g} rms)")
+
+
+def _draw_response(sweep: Sweep, gain: Axes, phase: Axes) -> None:
+    response = sweep.response
+    f = np.geomspace(response.frequency_hz.min(), response.frequency_hz.max(), 200)
+    model = transfer(sweep.model, f, sweep.vector)
+    at = np.angle(transfer(sweep.model, response.frequency_hz, sweep.vector))
+    measured = at + np.angle(np.exp(1j * (response.phase - at)))
+    gain.errorbar(response.frequency_hz, response.gain, response.gain_sigma, fmt="o", ms=4, mfc="none", color=BEFORE)
+    gain.plot(f, np.abs(model), color=AFTER)
+    phase.errorbar(response.frequency_hz, np.degrees(measured), np.degrees(response.phase_sigma), fmt="o", ms=4, mfc="none", color=BEFORE)
+    phase.plot(f, np.degrees(np.angle(model)), color=AFTER)
+    for axes, label in ((gain, "gain"), (phase, "phase (°)")):
+        axes.set_xscale("log")
+        axes.grid(True, color=PALE, lw=0.4, alpha=0.6)
+        axes.set(xlabel="frequency (Hz)", ylabel=label)
+    gain.set_title(sweep.headline)
+
 
 SCHEMA = "tinygc-rates/1"
 FILE, PICTURE, PAGE = "rates.json", "rates.png", "rates.html"

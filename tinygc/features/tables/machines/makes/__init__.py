@@ -12,8 +12,7 @@ from tinygc.features.tables.machines.dialogue import Dialogue
 from tinygc.features.tables.machines.makefile import Make, read_make
 from tinygc.features.tables.machines.makes import ximc
 from tinygc.features.tables.machines.proof import fitted
-from tinygc.features.tables.machines.verbs import Table
-from tinygc.features.tables.machines.wire import PRESS, Link, SerialLink, VisaLink
+from tinygc.features.tables.machines.verbs import PRESS, Link, SerialLink, Table, VisaLink
 
 #: makes that are code, and those that are files
 MODULES = {"ximc": ximc}

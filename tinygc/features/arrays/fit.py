@@ -313,13 +313,13 @@ def fit_array(
         progress(f"unit {unit.number} alone")
         alone, apart = fit_alone(unit, chosen, use_earth)
         block = unit_block(covariance, i)
-        known = where[i]
+        position_m, position_covariance = where[i] or (None, None)
         place = replace(
             unit.place,
             mounting=joint.state.mountings[i] if i else np.eye(3),
             mounting_covariance=block[MOUNTING, MOUNTING] if i else np.zeros((3, 3)),
-            position_m=None if known is None else known[0],
-            position_covariance=None if known is None else known[1],
+            position_m=position_m,
+            position_covariance=position_covariance,
         )
         problem = unit.problem
         found.append(
@@ -440,16 +440,17 @@ def begins_s(fit: ArrayFit) -> float:
     return float(fit.array.units[0].logs[0].samples.t_ns[0]) * NS
 
 
-def _place_to_json(place: UnitPlace) -> dict:
-    """Return ``clock``, ``mounting``, ``position`` of a unit; null where unknown."""
-    known = place.position_m is not None and place.position_covariance is not None
+def _unit(unit: UnitFit, own_p: float) -> dict:
+    place, clock = unit.place, unit.place.clock
     return {
+        "number": unit.number,
+        "serial": unit.session.config.sensor.serial,
         "clock": {
-            "offset_s": place.clock.offset_s,
-            "offset_sigma_s": place.clock.offset_sigma_s,
-            "rate_ppm": place.clock.rate * 1e6,
-            "rate_sigma_ppm": place.clock.rate_sigma * 1e6,
-            "about_s": place.clock.about_s,
+            "offset_s": clock.offset_s,
+            "offset_sigma_s": clock.offset_sigma_s,
+            "rate_ppm": clock.rate * 1e6,
+            "rate_sigma_ppm": clock.rate_sigma * 1e6,
+            "about_s": clock.about_s,
         },
         "mounting": {
             "rotvec_deg": Rotation.from_matrix(place.mounting).as_rotvec() / DEG,
@@ -457,17 +458,9 @@ def _place_to_json(place: UnitPlace) -> dict:
             "matrix": place.mounting,
         },
         "position": {
-            "metres": place.position_m if known else None,
-            "sigma_m": sigmas_in(place.position_covariance) if known else None,  # type: ignore[arg-type]
+            "metres": place.position_m,
+            "sigma_m": None if place.position_covariance is None else sigmas_in(place.position_covariance),
         },
-    }
-
-
-def _unit(unit: UnitFit, own_p: float) -> dict:
-    return {
-        "number": unit.number,
-        "serial": unit.session.config.sensor.serial,
-        **_place_to_json(unit.place),
         "closure": {
             "alone_rms_deg": unit.closure_rad / DEG,
             "floor_rms_deg": unit.floor_rad / DEG,
@@ -528,17 +521,12 @@ def event_to_json(event: ArrayEvent, fit: ArrayFit) -> dict:
     }
 
 
-def unit_model(unit: UnitFit) -> LinearModel:
-    """Return the unit's model for its own log, in seconds of its own clock, whose rate may differ from the array's."""
-    pace = 1 + unit.place.clock.rate
-    return LinearModel(unit.model.E * pace, unit.model.B * pace)
-
-
 def unit_table(fit: ArrayFit, unit: UnitFit) -> dict:
-    """Return ``tinygc-model/1`` of one unit, for its own log and clock, as the fit of a single session writes it."""
+    """Return ``tinygc-model/1`` of one unit, as the fit of a single session writes it: for its own log, in seconds of its own clock, whose
+    rate may differ from the array's."""
     pace = 1 + unit.place.clock.rate
     return models.to_dict(
-        unit_model(unit),
+        LinearModel(unit.model.E * pace, unit.model.B * pace),
         method="least_squares",
         session=fit.array.name,
         sha256=input_hashes(unit.session),

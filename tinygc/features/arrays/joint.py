@@ -275,7 +275,9 @@ def units_covariance(units: list[ArrayUnit], joint: Joint) -> np.ndarray:
         own, at = layout.unit(i, GYROSCOPE), joint.where.closure[i]
         instability = unit.problem.instability.rps
         if rows.rest is None:
-            middle_s = np.array([_middle_s(unit, row) for row in joint.same.turns[i]])
+            turns = [unit.problem.used[row] for row in joint.same.turns[i]]
+            begins_s = [float(unit.problem.logs[turn.log].samples.t_ns[0] * NS) for turn in turns]
+            middle_s = np.array([begin + turn.start_s + turn.duration_s / 2 for begin, turn in zip(begins_s, turns, strict=True)])
             wander = wander_covariance(middle_s, instability_rps=instability)
             bias = design[at][..., own][..., BIAS]  # (S, 3, 3)
             pull = np.einsum("psd,sdi->psi", _response(joint, at), bias)
@@ -302,12 +304,6 @@ def _response(joint: Joint, rows: np.ndarray) -> np.ndarray:
     weight = np.where(solution.system.out, 0.0, 1 / solution.variance)[rows.ravel()]
     found = -joint.covariance[:units] @ (solution.system.design[rows.ravel()] * weight[:, None]).T
     return np.asarray(found.reshape(units, *rows.shape))
-
-
-def _middle_s(unit: ArrayUnit, row: int) -> float:
-    segment = unit.problem.used[row]
-    samples = unit.problem.logs[segment.log].samples
-    return float(samples.t_ns[0] * NS + segment.start_s + segment.duration_s / 2)
 
 
 def unit_block(covariance: np.ndarray, index: int) -> np.ndarray:

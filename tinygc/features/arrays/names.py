@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
 from pathlib import Path
 
 from session.base.errors import FormatError
@@ -29,11 +28,6 @@ def unit_of(path: Path) -> tuple[str, int] | None:
     if str(number) != found["number"] or number > LARGEST_NUMBER:
         raise FormatError(f"{path}: expected a unit's number from 0 to {LARGEST_NUMBER} without leading zeros, as in log0001.unit3.csv")
     return found["which"], number
-
-
-def unit_numbers(paths: Iterable[Path]) -> tuple[int, ...]:
-    """Numbers of the units that any of the logs names, increasing."""
-    return tuple(sorted({unit[1] for unit in map(unit_of, paths) if unit is not None}))
 
 
 def array_section(table: dict) -> dict | None:

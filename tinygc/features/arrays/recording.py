@@ -23,7 +23,7 @@ from session.base.units import NS
 from session.log.config import DO, SHAPE, Config, LeftOut, config_of, read_session_toml
 from session.log.folder import ATTITUDES, Session, read_logs, read_session
 from session.log.logfile import NAME as KNOWN_TURNS
-from tinygc.features.arrays.names import FOLDERS, LARGEST_NUMBER, UNIT, array_section, array_size, unit_numbers, unit_of
+from tinygc.features.arrays.names import FOLDERS, LARGEST_NUMBER, UNIT, array_section, array_size, unit_of
 
 # Several units that were fixed to one rigid body and recorded at the same time: each a session of its own, on its own clock.
 
@@ -103,7 +103,7 @@ def _by_names(folder: Path, path: Path, table: dict, section: dict, progress: Ca
     """Units whose logs lie in this folder, log0001.unit0.csv and so on."""
     paths = {stem: log_paths(folder, stem) for stem in ("log", "closure", "rest")}
     alone = [each for each in (*paths["log"], *paths["closure"]) if unit_of(each) is None]
-    numbers = unit_numbers([*paths["log"], *paths["closure"], *paths["rest"]])
+    numbers = tuple(sorted({unit[1] for present in paths.values() for unit in map(unit_of, present) if unit is not None}))
     if not numbers:
         raise FormatError(f"{path}: [array] without folders, and no log names its unit; expected log0001.unit0.csv, log0001.unit1.csv …")
     if alone:

@@ -101,7 +101,7 @@ def answer(explanation: Explanation, searched: SearchState, progress: Callable[[
         names = _beside(searched.catalogue)
         beside = f", beside {', '.join(name['id'] for name in names)}" if names else ""
         none = f"refitted exactly{beside}, no form makes the recording as much more probable as its description costs"
-        said = " and ".join(equation(form) for form in searched.evidence.form_in(searched.best.effects))
+        said = " and ".join(equation(searched.evidence.forms[law.id]) for law in searched.laws)
         little = f"{said} takes away {100 * share:.0f} % of what is left out, and the rest is no noise" if said else ""
         why = little or searched.why or none
         # The share of chi-square that belongs to the screened turns.

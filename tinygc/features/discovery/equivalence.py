@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cache
 
 import numpy as np
 
@@ -89,12 +90,12 @@ def distinct_forms(forms: Sequence[LawForm], movements: Sequence[Movement]) -> l
     All forms are compared in some rows of the first movement on one axis.  Those that equal others or vanish there are compared in every
     row of every movement on all three axes, as few samples pass a high threshold and the agreement may be chance.
     """
-    values = [_FactorValues(movement) for movement in movements]
+    values = [_values_in(movement) for movement in movements]
     groups = _groups(drawn_projections(forms, values[0], ROWS, FIRST))
     found = [group[0] for group in groups if len(group) == 1]
     doubtful = np.sort(np.setdiff1d(np.arange(len(forms)), found))
     left = [forms[number] for number in doubtful]
-    again = np.concatenate([drawn_projections(left, every, len(every.calibration), EVERY) for every in values], axis=1)
+    again = np.concatenate([drawn_projections(left, every, len(every[0]), EVERY) for every in values], axis=1)
     found += [int(doubtful[group[0]]) for group in _groups(again)]
     return [forms[number] for number in sorted(found)]
 
@@ -117,38 +118,38 @@ def _groups(projections: np.ndarray) -> list[list[int]]:
     return found
 
 
-class _FactorValues:
+#: of a movement: rate and one (N, 4), which a calibration spans, and a factor's values (components, N)
+_Values = tuple[np.ndarray, Callable[[Factor], np.ndarray]]
+
+
+def _values_in(movement: Movement) -> _Values:
     """Values of factors in a movement, each computed once."""
 
-    def __init__(self, movement: Movement):
-        self.movement = movement
-        # Forms use the moving rate: below a turn's threshold the rate is noise.
-        rate = signals.moving_rate(movement) / movement.fs_rps
-        self.calibration = np.concatenate([rate, np.ones((len(rate), 1))], axis=1)
-        self._values: dict[Factor, np.ndarray] = {}
+    @cache
+    def of(factor: Factor) -> np.ndarray:
+        return np.ascontiguousarray(factor.values(movement).T)
 
-    def of(self, factor: Factor) -> np.ndarray:
-        """Values of a factor, (components, N)."""
-        if factor not in self._values:
-            self._values[factor] = np.ascontiguousarray(factor.values(self.movement).T)
-        return self._values[factor]
+    # Forms use the moving rate: below a turn's threshold the rate is noise.
+    rate = signals.moving_rate(movement) / movement.fs_rps
+    return np.concatenate([rate, np.ones((len(rate), 1))], axis=1), of
 
 
-def drawn_projections(forms: Sequence[LawForm], values: _FactorValues, count: int, axes: Sequence[int]) -> np.ndarray:
+def drawn_projections(forms: Sequence[LawForm], values: _Values, count: int, axes: Sequence[int]) -> np.ndarray:
     """(F, axes · count): a random vector in ``count`` rows, projected onto the span of each axis' columns.
 
     It is zero where a calibration spans all columns.
     """
     rng = np.random.default_rng(count)
-    rows = np.sort(rng.choice(len(values.calibration), count, replace=False))
+    rows = np.sort(rng.choice(len(values[0]), count, replace=False))
     drawn = rng.standard_normal(count) * np.sqrt(count)
     return np.concatenate([_span_projections(forms, values, rows, axis, drawn) for axis in axes], axis=1)
 
 
-def _span_projections(forms: Sequence[LawForm], values: _FactorValues, rows: np.ndarray, axis: int, drawn: np.ndarray) -> np.ndarray:
+def _span_projections(forms: Sequence[LawForm], values: _Values, rows: np.ndarray, axis: int, drawn: np.ndarray) -> np.ndarray:
     """(F, R): drawn (R,), in these rows (R,) of a movement, projected onto the span of an axis' columns beyond a calibration's."""
-    held = np.linalg.qr(values.calibration[rows])[0]
-    own = {factor: values.of(factor)[:, rows] for factor in dict.fromkeys(factor for form in forms for factor in form.factors)}
+    calibration, of = values
+    held = np.linalg.qr(calibration[rows])[0]
+    own = {factor: of(factor)[:, rows] for factor in dict.fromkeys(factor for form in forms for factor in form.factors)}
     found = np.zeros((len(forms), len(rows)))
     for members, parts in _same_components(forms, axis):
         at_once = max(MOST_NUMBERS // (len(parts[0]) * len(rows)), 1)

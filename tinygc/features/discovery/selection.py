@@ -100,10 +100,6 @@ class FormEvidence(Evidence):
             self._left[key] = equations.left(equations.solve()), hypothesis  # which keeps its id
         return self._left[key][0]
 
-    def form_in(self, have: tuple[Effect, ...]) -> list[LawForm]:
-        """The forms among effects, in their order."""
-        return [self.forms[effect.id] for effect in have if effect.id in self.forms]
-
 
 def rms_of(form: LawForm, movements: list[Movement]) -> float:
     """Rms of the form's products over a recording."""

@@ -27,7 +27,7 @@ from tinygc.estimation.repeatability import widened
 from tinygc.estimation.session_times import YEAR_S, Moment
 from tinygc.features.unit.calibrated import Calibrated, read_calibrated
 from tinygc.features.unit.history.estimate import history_of
-from tinygc.features.unit.history.sessions import GYROSCOPE, NUMBERS, ZERO, UnitSession, in_one_frame
+from tinygc.features.unit.history.sessions import GYROSCOPE, NUMBERS, ZERO, UnitSession, unit_sessions
 
 FIRST = datetime(2020, 1, 1, tzinfo=UTC)
 #: one sigma of a session of thirty turns, in the unit of each number (``python calibrate.py fit data/session1``)
@@ -160,7 +160,7 @@ def days(folder: Path) -> None:
     usual[GYROSCOPE:] = USUAL_ACCELEROMETER.spread[[*SCALES, *SHEARS, *BIASES]]
     z: dict[str, dict[str, list[float]]] = {}
     for read in units.values():
-        sessions = in_one_frame(read)
+        sessions = unit_sessions(read)
         for first, second in combinations(range(len(sessions)), 2):
             one, other = sessions[first], sessions[second]
             left = [each for i, each in enumerate(sessions) if i not in (first, second)]
@@ -180,7 +180,7 @@ def days(folder: Path) -> None:
             rows.append([number, statement, str(len(size)), *shares, f"{np.sqrt(np.mean(size**2)):.1f}"])
     print(markdown(["number", "sigma", "pairs of days", "within 1σ", "within 1.96σ", "rms"], rows))
     count = sum(map(len, units.values()))
-    scatter = {name: _usual_size([in_one_frame(each) for each in units.values()], name) for name in z}
+    scatter = {name: _usual_size([unit_sessions(each) for each in units.values()], name) for name in z}
     print(f"\n{count} sessions of {len(units)} units; scatter beyond the fit, rms over units and axes: {scatter}")
 
 

@@ -25,7 +25,7 @@ from tinygc.features.unit.calibrated import Calibrated
 from tinygc.features.unit.options import VerifyOptions as Options
 from tinygc.features.unit.verification import causes, verdict
 from tinygc.features.unit.verification.causes import Cause, Evidence, beyond_linear, diagnose
-from tinygc.features.unit.verification.cost import _BOUND, Bound, Cost, bounds, cost_of, effects_deg, left_open
+from tinygc.features.unit.verification.cost import _BOUND, Bound, Cost, bound_deg, cost_of, left_open, uses
 from tinygc.features.unit.verification.expected import ACCELEROMETER_ZERO, ZERO, Part, Spread, expected_parts, spread_of_unit
 from tinygc.features.unit.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, _variance_and_freedom, read_old, with_bias_moved
 from tinygc.features.unit.verification.questions import (
@@ -337,7 +337,9 @@ def test_without_data_a_turn_may_miss_what_a_plausible_change_makes():
     rows.parameters[:] = 0.0
     W = left_open(rows, todays_noise(rows))
     assert pytest.approx(np.diag(PLAUSIBLE**2)) == W
-    of_e, of_b, of_g = bounds(rows, OLD.linear, W, 1.0, True)
+    of_e, of_b, of_g = (
+        Bound(name, bound_deg(slopes, np.zeros(COUNT), W), 1.0, words) for name, slopes, words in uses(rows, OLD.linear, True)
+    )
     # A turn of 2 pi about x: the end is off by 2 pi x 1 % along it, and by less across it.
     assert of_e.bound_deg == pytest.approx(_BOUND * 2 * np.pi * 0.01 / DEG, rel=1e-3)
     assert of_b.bound_deg == pytest.approx(_BOUND * 60 * 1.0, rel=1e-6)
@@ -352,7 +354,7 @@ def of_name(rows, name, **more):
 
 
 def of_session(**more):
-    session = SimpleNamespace(config=SimpleNamespace(protocol=SimpleNamespace(reference="accelerometer")))
+    session = SimpleNamespace(reference=None, config=SimpleNamespace(protocol=SimpleNamespace(reference="accelerometer")))
     return made_rows(session=session, **more)
 
 
@@ -386,14 +388,15 @@ def test_the_sigma_of_the_cost_is_that_of_the_slopes():
 )
 def test_a_misalignment_shows_half_way_round_a_turn_though_a_full_one_closes(change, degrees):
     vector = np.r_[np.zeros(9), LinearModel(np.array(change), np.zeros(3)).vector]
-    assert effects_deg(made_rows(), OLD.linear, vector, np.zeros((COUNT, COUNT)), True)[E] == pytest.approx(degrees, rel=1e-3)
+    (_, slopes, _), *_ = uses(made_rows(), OLD.linear, True)
+    assert bound_deg(slopes, vector, np.zeros((COUNT, COUNT))) == pytest.approx(degrees, rel=1e-3)
 
 
 def test_an_effect_is_the_length_of_the_error_and_its_sigma_that_of_its_worst_direction():
     change, covariance = np.zeros(COUNT), np.zeros((COUNT, COUNT))
     change[-3:] = [3e-4, 4e-4, 0]
     covariance[-3:, -3:] = 1e-8 * np.array([[1, 0.9, 0], [0.9, 1, 0], [0, 0, 1]])
-    found = effects_deg(made_rows(), OLD.linear, change, covariance, True)
+    found = {name: bound_deg(slopes, change, covariance) for name, slopes, _ in uses(made_rows(), OLD.linear, True)}
     assert found[B] == pytest.approx(60 * (5e-4 + _BOUND * 1e-4 * np.sqrt(1.9)) / DEG, rel=1e-3)
 
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from session import VERSION
-from session.base.texts import fixed, probability, significant
+from session.base.texts import probability, significant
 from session.base.units import DEG, MG
 from tinygc.features.fleet.fleet_row import VALUES
 from tinygc.features.fleet.fleet_summary import SHARES, Distribution, Summary
@@ -145,7 +145,7 @@ MOST_OUTLIERS = 50
 
 def lot_sections(report: LotReport) -> list[Section]:
     """Return the sections of a page."""
-    rows = rows_of(report, fixed)
+    rows = rows_of(report)
     drift = probability(report.drift_p_value)
     said = f"The lot {'drifts' if report.drifts else 'does not drift beyond chance'} ({drift}, all numbers together)."
     marked = [number for number, (_, drifts) in enumerate(rows) if drifts]

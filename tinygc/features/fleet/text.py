@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from session.base.texts import NONE, printable
+from session.base.texts import NONE, fixed, printable
 from tinygc.features.fleet.report import LotReport
-from tinygc.reporting.terminal import Group, Table, Text, one_line
+from tinygc.reporting.html.markup import decimals_for
+from tinygc.reporting.terminal import Group, Table, Text, one_line, plain_table
 
 if TYPE_CHECKING:
     from tinygc.features.fleet.fleet_run import FleetRun
@@ -31,10 +31,9 @@ CAPTION = (
 
 def lot_page(report: LotReport) -> Group:
     """Headline, table, outliers, notes."""
-    table = Table(title="Sensor errors", title_justify="left", box=None, padding=(0, 1), caption=CAPTION, caption_justify="left")
-    for column in COLUMNS:
-        table.add_column(column, justify="right" if column else "left")
-    for row, drifts in rows_of(report, fixed):
+    table = plain_table("Sensor errors", *COLUMNS, right=True)
+    table.caption, table.caption_justify = CAPTION, "left"
+    for row, drifts in rows_of(report):
         table.add_row(*row[:-1], Text(row[-1], "bold red" if drifts else ""))
     lines = [one_line(f"{each.says} (p = {each.p_value:.1g})", "bold red") for each in report.outliers[:MOST_OUTLIERS]]
     if report.outliers_found > MOST_OUTLIERS:
@@ -52,33 +51,23 @@ def headline(report: LotReport) -> Text:
     return one_line(said, "bold yellow" if count or report.drifts else "bold")
 
 
-def rows_of(report: LotReport, fixed: Callable[[float, int], str]) -> list[tuple[list[str], bool]]:
-    """Return the cells of each number that any unit tells, by ``COLUMNS``, and whether it drifts; fixed: how numbers are written."""
+def rows_of(report: LotReport) -> list[tuple[list[str], bool]]:
+    """Return the cells of each number that any unit tells, by ``COLUMNS``, and whether it drifts."""
     rows = []
     for each in report.quantities:
-        digits = decimals(each.mean_sigma)
+        digits = decimals_for(each.mean_sigma)
         drift = NONE
         if report.units >= FEWEST_DRIFT and np.isfinite(each.drift_per_1000):
-            drift = " ± ".join(fixed(value, decimals(each.drift_sigma)) for value in (each.drift_per_1000, each.drift_sigma))
+            drift = " ± ".join(fixed(value, decimals_for(each.drift_sigma)) for value in (each.drift_per_1000, each.drift_sigma))
         row = [
             f"{each.name}, {each.unit}",
             f"{fixed(each.mean, digits)} ± {fixed(each.mean_sigma, digits)}",
             fixed(each.spread, digits),
-            fixed(each.repeatability, max(digits, decimals(each.repeatability))),  # often far below the spread between units
+            fixed(each.repeatability, max(digits, decimals_for(each.repeatability))),  # often far below the spread between units
             drift,
         ]
         rows.append((row, report.drifts and each.drift_p_value < MARKED_P))
     return rows
-
-
-def fixed(value: float, digits: int) -> str:
-    """Format with this many decimals, or a dash."""
-    return f"{value:.{digits}f}" if np.isfinite(value) else NONE
-
-
-def decimals(sigma: float) -> int:
-    """Return the decimals that show two digits of a sigma."""
-    return int(np.clip(1 - np.floor(np.log10(sigma)), 0, 6)) if np.isfinite(sigma) and sigma > 0 else 2
 
 
 # A fleet's table in a few lines.
@@ -103,10 +92,8 @@ def fleet_page(summary: Summary, tally: FleetRun | None) -> Group:
             lines.append(f"{what}: {shown}" + (" …" if len(counts) > MOST_SHOWN else ""))
     parts: list[Text | Table] = [Text(printable(line)) for line in lines]
     if summary.reasons:
-        table = Table(title="Failures by reason", title_justify="left", title_style="bold", box=None, pad_edge=False, padding=(0, 2, 0, 0))
-        table.add_column("sessions", justify="right")
-        table.add_column("in")
-        table.add_column("because", overflow="fold")
+        table = plain_table("Failures by reason", "sessions", "in", "because")
+        table.columns[0].justify = "right"
         for step, reason, count in summary.reasons[:MOST_SHOWN]:
             table.add_row(str(count), step, printable(reason))
         parts.append(table)

@@ -19,7 +19,7 @@ from session.detect.accelerometer import PARAMETERS
 from session.log.config import Accelerometer, Config, read_config
 from session.log.folder import hash_of_log, sha256_of
 from tinygc import models
-from tinygc.estimation.accelerometer import AccelerometerFit
+from tinygc.estimation.accelerometer import AccelerometerFit, into_frame_of
 from tinygc.fitting.fit_file import model_tables, read_fit
 from tinygc.fitting.fit_file import to_json as fit_to_json
 from tinygc.fitting.results import FitResult
@@ -147,10 +147,13 @@ def all_given_the_same(sessions: Sequence[Calibrated]) -> bool:
     return all(each.triad.mode != "fit" and each.config.accelerometer.is_as(one) for each in sessions)
 
 
-def without_shared(sessions: Sequence[Calibrated]) -> list[np.ndarray]:
-    """Return each session's covariance (12, 12) without the shared error of one given calibration of the accelerometer."""
-    apart = all_given_the_same(sessions)
-    return [s.covariance - s.of_given if apart and s.of_given is not None else s.covariance for s in sessions]
+def in_one_frame(sessions: Sequence[Calibrated], frame: Accelerometer) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Vectors (n, 12) and covariances (n, 12, 12) in the body frame that an accelerometer defines, whole, and without the shared error of
+    one given calibration of the accelerometer."""
+    alike, turns = all_given_the_same(sessions), [into_frame_of(frame, each.triad.calibration) for each in sessions]
+    apart = [s.covariance - s.of_given if alike and s.of_given is not None else s.covariance for s in sessions]
+    covariances = ([turn @ each @ turn.T for turn, each in zip(turns, of, strict=True)] for of in ([s.covariance for s in sessions], apart))
+    return np.array([turn @ s.vector for turn, s in zip(turns, sessions, strict=True)]), *map(np.array, covariances)
 
 
 def refuse_same(sessions: Sequence[Calibrated]) -> None:

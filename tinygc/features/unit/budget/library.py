@@ -17,7 +17,7 @@ from session.log.folder import Session
 from tinygc.estimation.options import FitOptions
 from tinygc.features.unit.budget.monte_carlo import MonteCarlo, monte_carlo
 from tinygc.features.unit.budget.page import page
-from tinygc.features.unit.budget.quantities import accelerometer_budgets, named, parameter_budgets, sensor_error_budgets, use_budgets
+from tinygc.features.unit.budget.quantities import SHOWN, accelerometer_budgets, named, parameter_budgets, sensor_error_budgets, use_budgets
 from tinygc.features.unit.budget.rows import Budget
 from tinygc.features.unit.budget.text import drawn_page, overview, whole
 from tinygc.features.unit.budget.use import TOTAL
@@ -32,8 +32,6 @@ SCHEMA = "tinygc-budget/1"
 FILE, PAGE = "budget.json", "budget.html"
 #: what is in no U here, and in that of requirements; each quantity's own table states its size
 WITHOUT = "without an effect that the model lacks"
-#: sensor errors of the overview
-SHOWN = ("scale factor error", "misalignment", "bias")
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -29,8 +29,11 @@ from tinygc.models.linear import BIAS, NAMES, PARAMETERS, WORDS, field_jacobian
 from tinygc.noise.whitening import PRECALIBRATION_MPS2
 from tinygc.reporting.fit_text import sensor_errors
 
+#: sensor errors of the overview, and of a report's bars
+SHOWN = ("scale factor error", "misalignment", "bias")
 #: what a budget says of a source that it cannot have
-NOT_KNOWN = "not known"
+NOT_KNOWN, LACKS = "not known", "one effect that the model lacks"
+STILL_ALLOWED = "the largest that this recording still allows (fit: systematic)"
 #: and of an Earth's rate that is left in the rates
 NO_LATITUDE = "no site.latitude_deg in session.toml, or --no-earth"
 #: what a clock moves by less than this share of its own error is not said to depend on it
@@ -109,26 +112,19 @@ def _beside_parameter(result: FitResult, slope: np.ndarray) -> list[Beside]:
     is left out, a clock that nobody knows."""
     found = list(_clock(result, slope))
     if result.allowed is not None:
-        moved = float(result.allowed.of(slope[None])[0])
-        found.append(Beside("one effect that the model lacks", moved, "the largest that this recording still allows (fit: systematic)"))
+        found.append(Beside(LACKS, float(result.allowed.of(slope[None])[0]), STILL_ALLOWED))
     else:
-        found.append(Beside("one effect that the model lacks", None, "the noise of this recording is not estimated"))
+        found.append(Beside(LACKS, None, "the noise of this recording is not estimated"))
     if np.abs(slope[BIAS]).any():
-        found.append(_switch_on(result, float(np.sqrt(2 * np.sum((slope[BIAS] * _spread(result)) ** 2)))))
+        spread, what = result.repeatability, "bias of another switch-on"
+        if spread is None:
+            found.append(Beside(what, None, f"{NOT_KNOWN}: give --history, or sensor.gyro_bias_repeatability_dps"))
+        else:
+            u = float(np.sqrt(2 * np.sum((slope[BIAS] * spread.rps) ** 2)))
+            found.append(Beside(what, u, f"{spread.source}; counts in any other session"))
     if (left := earth_left_out(result)) is not None:
         found.append(Beside("the Earth's rate", float(np.sqrt(slope @ left @ slope)), f"left in the rates: {NO_LATITUDE}"))
     return found
-
-
-def _spread(result: FitResult) -> np.ndarray:
-    return np.zeros(3) if result.repeatability is None else result.repeatability.rps
-
-
-def _switch_on(result: FitResult, u: float) -> Beside:
-    what = "bias of another switch-on"
-    if result.repeatability is None:
-        return Beside(what, None, f"{NOT_KNOWN}: give --history, or sensor.gyro_bias_repeatability_dps")
-    return Beside(what, u, f"{result.repeatability.source}; counts in any other session")
 
 
 def _clock(result: FitResult, slope: np.ndarray) -> Iterator[Beside]:
@@ -141,8 +137,7 @@ def _clock(result: FitResult, slope: np.ndarray) -> Iterator[Beside]:
 def _beside_use(result: FitResult, use: BudgetOptions, slope: np.ndarray, weight: np.ndarray, assumed: tuple[str, ...]) -> list[Beside]:
     found = list(_clock(result, slope[weight > 0]))
     if result.allowed is not None:
-        moved = float(np.sqrt(np.sum(weight * result.allowed.of(slope) ** 2)))
-        found.append(Beside("one effect that the model lacks", moved, "the largest that this recording still allows (fit: systematic)"))
+        found.append(Beside(LACKS, float(np.sqrt(np.sum(weight * result.allowed.of(slope) ** 2))), STILL_ALLOWED))
     if use.warmer_k is None:
         found.append(Beside("temperature of the use", None, f"{NOT_KNOWN}: give --warmer"))
     if use.elapsed_s is not None and not result.problem.instability.rps:

@@ -5,14 +5,12 @@ from __future__ import annotations
 from session.base.texts import command_line
 from tinygc.explanation.reported import ReportData
 from tinygc.features.unit.budget.page import bars, colours_of
-from tinygc.features.unit.budget.quantities import sensor_error_budgets
+from tinygc.features.unit.budget.quantities import SHOWN, sensor_error_budgets
 from tinygc.features.unit.budget.text import largest_words
 from tinygc.reporting.html.markup import Section, code, escape, paragraph
 
 #: the section of the report that this one stands behind
 BEHIND = "correlations"
-#: the sensor errors that have a bar
-SHOWN = ("scale factor error", "misalignment", "bias")
 
 
 def section(evidence: ReportData) -> Section | None:

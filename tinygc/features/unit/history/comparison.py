@@ -9,26 +9,29 @@ from typing import Any
 import numpy as np
 
 from session.base.errors import CalibrationError
+from session.base.records import table_of
+from session.base.texts import probability
 from session.detect.accelerometer import NAMES as ACCELEROMETER_NAMES
 from session.detect.accelerometer import PARAMETERS
 from tinygc.closure.uncertainty import chi_square_above, normal_above
 from tinygc.deploy.calibration import in_frame_of
-from tinygc.estimation.accelerometer import USUAL_SPREAD, into_frame_of
+from tinygc.estimation.accelerometer import USUAL_SPREAD
 from tinygc.features.unit.calibrated import (
     DIFFERS_P,
     MODES,
     Calibrated,
     all_given_the_same,
     calibrated_of,
+    in_one_frame,
     read_calibrated,
     refuse_same,
-    without_shared,
 )
+from tinygc.features.unit.history.sessions import GYROSCOPE, KEPT, NUMBERS, ZERO
 from tinygc.library.arguments import is_fit, is_path, public
 from tinygc.library.records import Listed, Shown
-from tinygc.models.linear import BIAS, MATRIX, WORDS, field_jacobian, field_vector
-from tinygc.reporting.fit_text import DIGITS
-from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_line
+from tinygc.models.linear import BIAS, MATRIX, field_jacobian, field_vector
+from tinygc.reporting.pictures.canvas import plain
+from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_line, plain_table
 
 # Stable and unstable parameters
 #
@@ -45,8 +48,8 @@ from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_li
 # freedom; with two sessions it is the difference's d^T (P_1 + P_2)^-1 d.
 
 SCHEMA = "tinygc-compare/2"
-#: names of the quantities that E's nine parameters give, and B's three
-LASTING, SWITCH_ON = ("scale factor error", "misalignment"), ("bias",)
+#: what E's nine parameters give, then B's three
+QUANTITIES = NUMBERS[:GYROSCOPE]
 #: least share of the information from the data (a sigma of ten prior sigmas) for a parameter to be observed.  Simulated sessions of 30
 #: turns have 0.04 and more, except for the common scale of all axes, which is gravity's length: 1e-7
 LEAST_SHARE = 0.01
@@ -101,7 +104,6 @@ class Comparison:
     lasting: Agreement
     bias: Agreement
     all: Agreement
-    labels: tuple[tuple[str, str, str], ...]
     values: np.ndarray
     sigmas: np.ndarray
     sigmas_off: np.ndarray
@@ -119,52 +121,43 @@ class Comparison:
 def compare_calibrated(sessions: list[Calibrated], bias: bool = False) -> Comparison:
     """Compare two sessions or more.  Raises DataError where two of them are the same recording."""
     refuse_same(sessions)
-    turns = [into_frame_of(sessions[0].triad.calibration, s.triad.calibration) for s in sessions]
-    vectors = np.array([turn @ s.vector for turn, s in zip(turns, sessions, strict=True)])
-    covariances = np.array([turn @ apart @ turn.T for turn, apart in zip(turns, without_shared(sessions), strict=True)])
-    words = [(word, component, unit) for word, components, unit, _ in WORDS for component in components]
-    si = np.array([size for _, components, _, size in WORDS for _ in components])
+    vectors, _, covariances = in_one_frame(sessions, sessions[0].triad.calibration)
+    si = np.array([each.si for each in QUANTITIES])
     # One Jacobian at the mean for all, so that equal differences are equal everywhere.
-    jacobian = field_jacobian(vectors.mean(axis=0))
-    kept = [i for i, (word, _, _) in enumerate(words) if word in LASTING + SWITCH_ON]
-    values = np.array([field_vector(vector) for vector in vectors])[:, kept] / si[kept]
-    spread = np.einsum("pi,sij,qj->spq", jacobian[kept] / si[kept, None], covariances, jacobian[kept] / si[kept, None])
+    jacobian = field_jacobian(vectors.mean(axis=0))[KEPT] / si[:, None]
+    values = np.array([field_vector(vector) for vector in vectors])[:, KEPT] / si
+    spread = np.einsum("pi,sij,qj->spq", jacobian, covariances, jacobian)
     # Each value less the weighted mean of the other sessions', (sessions, quantities), in sigmas and in units.
     variances = np.diagonal(spread, axis1=1, axis2=2)
     weights = 1 / variances
     others = weights.sum(axis=0) - weights
     rest = ((weights * values).sum(axis=0) - weights * values) / others
     off, by = (values - rest) / np.sqrt(variances + 1 / others), values - rest
-    labels = tuple(words[i] for i in kept)
-    lasting = np.array([word in LASTING for word, _, _ in labels])
-    looked_at = np.ones(len(kept), dtype=bool) if bias else lasting
+    sigmas = np.sqrt(variances)
     return Comparison(
         sessions=tuple(sessions),
         lasting=agreement(vectors[:, MATRIX], covariances[:, MATRIX, MATRIX]),
         bias=agreement(vectors[:, BIAS], covariances[:, BIAS, BIAS]),
         all=agreement(vectors, covariances),
-        labels=labels,
         values=values,
-        sigmas=np.sqrt(np.diagonal(spread, axis1=1, axis2=2)),
+        sigmas=sigmas,
         sigmas_off=off,
-        moved=_moved(sessions, labels, by, off, looked_at),
-        notes=(*_notes(sessions), *_frame_notes(sessions, np.sqrt(np.einsum("sii->si", spread)), labels)),
+        moved=_moved(sessions, by, off, len(QUANTITIES) if bias else ZERO.start),
+        notes=(*_notes(sessions), *_frame_notes(sessions, sigmas)),
         with_bias=bias,
         triads=compare_triads(sessions),
     )
 
 
-def _moved(
-    sessions: list[Calibrated], labels: tuple[tuple[str, str, str], ...], by: np.ndarray, off: np.ndarray, looked_at: np.ndarray
-) -> tuple[Moved, ...]:
-    """Return significant changes, corrected for the number of comparisons (Sidak); of two sessions only the second is named."""
-    looks = int(looked_at.sum()) * (len(sessions) if len(sessions) > 2 else 1)
+def _moved(sessions: list[Calibrated], by: np.ndarray, off: np.ndarray, count: int) -> tuple[Moved, ...]:
+    """Return significant changes in the first ``count`` quantities, corrected for the number of comparisons (Sidak); of two sessions only
+    the second is named."""
+    looks = count * (len(sessions) if len(sessions) > 2 else 1)
     found = []
     for s in range(len(sessions)) if len(sessions) > 2 else [1]:
-        for q in np.flatnonzero(looked_at):
+        for q, each in enumerate(QUANTITIES[:count]):
             p_value = float(-np.expm1(looks * np.log1p(-min(2 * normal_above(abs(off[s, q])), 1 - 1e-16))))
-            word, component, unit = labels[q]
-            found.append(Moved(sessions[s].name, word, component, unit, float(by[s, q]), float(off[s, q]), p_value))
+            found.append(Moved(sessions[s].name, each.name, each.component, each.unit, float(by[s, q]), float(off[s, q]), p_value))
     found = [moved for moved in found if moved.p_value < DIFFERS_P]
     return tuple(sorted(found, key=lambda moved: -abs(moved.sigmas)))
 
@@ -189,9 +182,9 @@ def _notes(sessions: list[Calibrated]) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _frame_notes(sessions: list[Calibrated], sigmas: np.ndarray, labels: tuple[tuple[str, str, str], ...]) -> list[str]:
+def _frame_notes(sessions: list[Calibrated], sigmas: np.ndarray) -> list[str]:
     """Return notes on sessions in another body frame, where it differs by more than a misalignment's sigma."""
-    smallest = sigmas[:, [word == "misalignment" for word, _, _ in labels]].min() * 1e-3
+    smallest = sigmas[:, [each.name == "misalignment" for each in QUANTITIES]].min() * 1e-3
     angles = [in_frame_of(sessions[0].triad.calibration, session.triad.calibration)[1] for session in sessions]
     return [
         f"{session.name} is fitted in another body frame, {1e3 * angle:.2g} mrad away: E and B are turned into that of {sessions[0].name}"
@@ -266,15 +259,10 @@ def to_json(comparison: Comparison) -> dict:
         **{name: vars(getattr(comparison, name)) for name in ("lasting", "bias", "all")},
         "moved": [vars(moved) for moved in comparison.moved],
         "quantities": [
-            {
-                "name": word,
-                "component": component,
-                "unit": unit,
-                "values": comparison.values[:, q].tolist(),
-                "sigmas": comparison.sigmas[:, q].tolist(),
-                "sigmas_from_the_rest": comparison.sigmas_off[:, q].tolist(),
-            }
-            for q, (word, component, unit) in enumerate(comparison.labels)
+            table_of(each) | {"values": values, "sigmas": sigmas, "sigmas_from_the_rest": off}
+            for each, values, sigmas, off in zip(
+                QUANTITIES, comparison.values.T.tolist(), comparison.sigmas.T.tolist(), comparison.sigmas_off.T.tolist(), strict=True
+            )
         ],
         "accelerometer": {
             "modes": [s.triad.mode for s in comparison.sessions],
@@ -296,31 +284,21 @@ def comparison_page(comparison: Comparison) -> Group:
 
 
 def _table(comparison: Comparison) -> Table:
-    table = Table(title="Calibrations side by side: value ± one sigma", title_justify="left", box=None, padding=(0, 1))
-    table.add_column("")
-    for session in comparison.sessions:
-        table.add_column(session.name, justify="right")
-    table.add_column("most off, sigmas", justify="right")
-    for q, (word, component, unit) in enumerate(comparison.labels):
-        digits = _digits(comparison, q)
-        pairs = zip(comparison.values[:, q], comparison.sigmas[:, q], strict=True)
-        cells = [f"{value:.{digits}f} ± {sigma:.{digits}f}" for value, sigma in pairs]
-        off = np.abs(comparison.sigmas_off[:, q]).max()
-        table.add_row(f"{word} {component}, {unit}", *cells, Text(f"{off:.1f}", "bold red" if off > MARKED else ""))
+    names = (session.name for session in comparison.sessions)
+    table = plain_table("Calibrations side by side: value ± one sigma", "", *names, "most off, sigmas", right=True)
+    for each, values, sigmas, offs in zip(QUANTITIES, comparison.values.T, comparison.sigmas.T, comparison.sigmas_off.T, strict=True):
+        off = np.abs(offs).max()
+        table.add_row(f"{each.words}, {each.unit}", *map(plain, values, sigmas), Text(f"{off:.1f}", "bold red" if off > MARKED else ""))
     return table
 
 
 def _triads(comparison: Comparison) -> Table:
-    title = "Accelerometers side by side: value ± one sigma"
-    table = Table(title=title, title_justify="left", box=None, padding=(0, 1))
-    for column in ("", *(session.name for session in comparison.sessions)):
-        table.add_column(column, justify="right" if column else "left")
+    table = plain_table(
+        "Accelerometers side by side: value ± one sigma", "", *(session.name for session in comparison.sessions), right=True
+    )
     for word, component, unit, values, sigmas in _side_by_side(comparison.sessions, [s.triad.errors() for s in comparison.sessions]):
-        digits = DIGITS[unit]
-        cells = [
-            "not observed" if value is None else f"{value:.{digits}f}" + ("" if sigma is None else f" ± {sigma:.{digits}f}")
-            for value, sigma in zip(values, sigmas, strict=True)
-        ]
+        pairs = zip(values, sigmas, strict=True)
+        cells = ["not observed" if value is None else plain(value, np.nan if sigma is None else sigma) for value, sigma in pairs]
         table.add_row(f"{word} {component}, {unit}", *cells)
     table.caption = "; ".join(f"{s.name}: {MODES[s.triad.mode]}" for s in comparison.sessions)
     table.caption_justify = "left"
@@ -350,8 +328,7 @@ def _verdict(comparison: Comparison) -> list[Text]:
     lines, agrees = [comparison_verdict_line(comparison)], comparison.verdict.p_value >= DIFFERS_P
     rest = "the others" if len(comparison.sessions) > 2 else comparison.sessions[0].name
     for moved in comparison.moved[:MOST_MOVED]:
-        digits = _digits(comparison, comparison.labels.index((moved.name, moved.component, moved.unit)))
-        by = f"{moved.by:+.{digits}f} {moved.unit} from {rest}, {abs(moved.sigmas):.1f} sigmas"
+        by = f"{moved.by:+.3g} {moved.unit} from {rest}, {abs(moved.sigmas):.1f} sigmas"
         lines.append(one_line(f"  {moved.name} {moved.component} of {moved.session}: {by}"))
     if len(comparison.moved) > MOST_MOVED:
         lines.append(Text(f"  and {len(comparison.moved) - MOST_MOVED} more"))
@@ -367,14 +344,8 @@ def _verdict(comparison: Comparison) -> list[Text]:
     return lines
 
 
-def _digits(comparison: Comparison, q: int) -> int:
-    """Number of decimals that gives the smallest sigma two digits."""
-    return int(np.clip(1 - np.floor(np.log10(comparison.sigmas[:, q].min())), 0, 6))
-
-
 def _words(agreement: Agreement) -> str:
-    p = f"p = {agreement.p_value:.2g}" if agreement.p_value > 1e-99 else "p < 1e-99"
-    return f"chi-square {agreement.chi_square:.1f} for {agreement.freedom}, {p}"
+    return f"chi-square {agreement.chi_square:.1f} for {agreement.freedom}, {probability(agreement.p_value)}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)

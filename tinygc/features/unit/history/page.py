@@ -8,12 +8,11 @@ from datetime import timedelta
 import numpy as np
 
 from session import VERSION
-from session.base.texts import NONE
 from tinygc.estimation.session_times import YEAR_S
 from tinygc.features.unit.history.curves import Panel, panels_of
 from tinygc.features.unit.history.estimate import UnitHistory
 from tinygc.features.unit.history.forecast import Outlook
-from tinygc.features.unit.history.text import TOGETHER, headline, lines, number_cell, outlook_line, rows, session_words, together_columns
+from tinygc.features.unit.history.text import TOGETHER, headline, lines, outlook_line, rows, session_words, together_columns, value_rows
 from tinygc.reporting.html.chart import Axis, Chart, linear_axis
 from tinygc.reporting.html.markup import Section, escape, figure, key, paragraph, table
 from tinygc.reporting.html.page import document
@@ -43,12 +42,7 @@ def unit_html(history: UnitHistory, outlooks: Sequence[Outlook]) -> str:
         together = [[escape(cell) for cell in row] for row in rows(history)]
         said += table(("", *map(escape, together_columns(history))), together, f"{TOGETHER}.")
     shown = range(max(0, len(history.sessions) - MOST_COLUMNS), len(history.sessions))
-    found = []
-    for each in history.numbers:
-        at = {int(place): k for k, place in enumerate(each.sessions)}
-        if at:
-            cells = [escape(number_cell(each, at[place])) if place in at else NONE for place in shown]
-            found.append([escape(f"{each.number.words}, {each.number.unit}"), *cells])
+    found = [[*map(escape, (first, *cells[-MOST_COLUMNS:]))] for first, *cells in value_rows(history)]
     more = f"The last {len(shown)} sessions. " if len(shown) < len(history.sessions) else ""
     said += table(("", *(escape(session_words(history, place)) for place in shown)), found, f"{more}Values ± one sigma of the session.")
     for panel in panels_of(history):

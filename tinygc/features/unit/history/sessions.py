@@ -22,9 +22,9 @@ from session.detect.accelerometer import NAMES as TRIAD
 from session.log.config import Config
 from session.log.logfile import read_log
 from session.log.reader import Reader
-from tinygc.estimation.accelerometer import SMALL, into_frame_of, triad_errors
+from tinygc.estimation.accelerometer import SMALL, triad_errors
 from tinygc.estimation.session_times import Moment, moment_of, parsed
-from tinygc.features.unit.calibrated import Calibrated, read_calibrated, refuse_same, without_shared
+from tinygc.features.unit.calibrated import Calibrated, in_one_frame, read_calibrated, refuse_same
 from tinygc.fitting.listing import folders_of
 from tinygc.library.arguments import Progress
 from tinygc.models.linear import BIAS, NAMES, WORDS, field_jacobian, field_quantities, field_vector
@@ -126,7 +126,7 @@ def sessions_of(
     for one in read:
         grouped.setdefault((printable(one.config.sensor.model), printable(one.config.sensor.serial)), []).append(one)
     for unit, of_unit in grouped.items():
-        units.setdefault(unit, []).extend(_dated(session, dates, used) for session in in_one_frame(of_unit))
+        units.setdefault(unit, []).extend(_dated(session, dates, used) for session in unit_sessions(of_unit))
     if unknown := sorted(set(dates) - used):
         raise FormatError(f"--dates: {unknown[0]} is no session of these; expected names of folders: {_named(units)}")
     if serial:
@@ -164,15 +164,12 @@ def _fitted_folders(path: Path) -> tuple[list[Path], list[str]]:
     return found, passed
 
 
-def in_one_frame(sessions: Sequence[Calibrated]) -> list[UnitSession]:
+def unit_sessions(sessions: Sequence[Calibrated]) -> list[UnitSession]:
     """Sessions of one unit, their numbers in the body frame of the last one that was read."""
-    one = list(sessions)
-    return [_session_of(each, one[-1], apart) for each, apart in zip(one, without_shared(one), strict=True)]
+    return list(map(_session_of, sessions, *in_one_frame(sessions, sessions[-1].triad.calibration)))
 
 
-def _session_of(each: Calibrated, frame: Calibrated, apart: np.ndarray) -> UnitSession:
-    turn = into_frame_of(frame.triad.calibration, each.triad.calibration)
-    vector, own, whole = turn @ each.vector, turn @ apart @ turn.T, turn @ each.covariance @ turn.T
+def _session_of(each: Calibrated, vector: np.ndarray, whole: np.ndarray, own: np.ndarray) -> UnitSession:
     values, covariance, shared = gyroscope_numbers(vector, own, whole, each.unobserved)
     triad_values, triad_covariance = np.full(PARAMETERS, np.nan), np.full((PARAMETERS, PARAMETERS), np.nan)
     if each.triad.covariance is not None:

@@ -72,12 +72,7 @@ def session_words(history: UnitHistory, place: int) -> str:
 
 def _values(history: UnitHistory, shown_numbers: int) -> Table:
     names = [session_words(history, place) for place in range(len(history.sessions))]
-    rows: list[list[str]] = []
-    for each in history.numbers[:shown_numbers]:
-        at = {int(place): k for k, place in enumerate(each.sessions)}
-        if at:
-            cells = [number_cell(each, at[place]) if place in at else NONE for place in range(len(names))]
-            rows.append([f"{each.number.words}, {each.number.unit}", *cells])
+    rows = value_rows(history, shown_numbers)
     widths = [2 + max(map(len, column)) for column in zip(["", *names], *rows, strict=True)]
     shown = len(names)
     while shown > 1 and widths[0] + sum(widths[-shown:]) > COLUMNS:
@@ -88,6 +83,17 @@ def _values(history: UnitHistory, shown_numbers: int) -> Table:
     for first, *cells in rows:
         table.add_row(first, *cells[-shown:])
     return table
+
+
+def value_rows(history: UnitHistory, shown_numbers: int = len(NUMBERS)) -> list[list[str]]:
+    """Of each number that any session tells: its name with the unit, and its value in each session, as text."""
+    rows = []
+    for each in history.numbers[:shown_numbers]:
+        at = {int(place): k for k, place in enumerate(each.sessions)}
+        if at:
+            cells = [number_cell(each, at[place]) if place in at else NONE for place in range(len(history.sessions))]
+            rows.append([f"{each.number.words}, {each.number.unit}", *cells])
+    return rows
 
 
 def number_cell(each: NumberHistory, k: int) -> str:

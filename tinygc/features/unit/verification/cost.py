@@ -146,20 +146,9 @@ def uses(rows: Rows, old: LinearModel, with_accelerometer: bool) -> list[tuple[s
     return found
 
 
-def bounds(rows: Rows, old: LinearModel, W: np.ndarray, limit_deg: float, with_accelerometer: bool) -> list[Bound]:
-    """Bound of each question, from what is left open (21, 21)."""
-    parts = uses(rows, old, with_accelerometer)
-    return [Bound(name, _bound_deg(slopes, np.zeros(COUNT), W), limit_deg, words) for name, slopes, words in parts]
-
-
-def effects_deg(rows: Rows, old: LinearModel, change: np.ndarray, covariance: np.ndarray, with_accelerometer: bool) -> dict[str, float]:
-    """By question: degrees that a minute of use misses at most (95 %) by a change (21,) with its covariance (21, 21)."""
-    parts = uses(rows, old, with_accelerometer)
-    return {name: _bound_deg(slopes, change, covariance) for name, slopes, _ in parts}
-
-
-def _bound_deg(slopes: np.ndarray, change: np.ndarray, covariance: np.ndarray) -> float:
-    """Bound of the largest of angles with these slopes (M, k, 21), each of k components, degrees; along its most uncertain direction."""
+def bound_deg(slopes: np.ndarray, change: np.ndarray, covariance: np.ndarray) -> float:
+    """Degrees that a minute of use misses at most (95 %) by a change (21,) with its covariance (21, 21): the largest of angles with these
+    slopes (M, k, 21), each of k components, along its most uncertain direction."""
     sigma = np.sqrt(np.linalg.eigvalsh(slopes @ covariance @ slopes.transpose(0, 2, 1)).max(axis=1))
     return float((np.linalg.norm(slopes @ change, axis=1) + _BOUND * sigma).max() / DEG)
 

@@ -20,7 +20,7 @@ from session.base import features
 from session.base.errors import CalibrationError, FormatError
 from session.base.numeric import sigmas_in
 from session.base.units import DEG, G
-from tinygc.estimation.accelerometer import JOINT_NAMES, into_frame_of
+from tinygc.estimation.accelerometer import JOINT_NAMES
 from tinygc.estimation.accelerometer import USUAL_SPREAD as USUAL_ACCELEROMETER
 from tinygc.estimation.between_sessions import course
 from tinygc.estimation.expected_zero import (
@@ -32,7 +32,7 @@ from tinygc.estimation.expected_zero import (
 )
 from tinygc.estimation.repeatability import taken_out
 from tinygc.estimation.session_times import moment_of, times_of
-from tinygc.features.unit.calibrated import read_calibrated
+from tinygc.features.unit.calibrated import in_one_frame, read_calibrated
 from tinygc.features.unit.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, OldCalibration
 from tinygc.features.unit.verification.rows import LENGTH, Rows, columns_of
 from tinygc.models.linear import BIAS
@@ -109,9 +109,7 @@ def _of_history(old: OldCalibration, rows: Rows, history: Sequence[Path]) -> Spr
     for each in sessions:
         if serial and each.config.sensor.serial and each.config.sensor.serial != serial:
             raise FormatError(f"--history {each.folder}: of {each.config.sensor.serial!r}, expected {serial!r}, the unit that is verified")
-    turns = [into_frame_of(old.accelerometer or sessions[0].triad.calibration, each.triad.calibration) for each in sessions]
-    vectors = np.array([turn @ each.vector for turn, each in zip(turns, sessions, strict=True)])
-    stated = np.array([turn @ each.covariance @ turn.T for turn, each in zip(turns, sessions, strict=True)])
+    vectors, stated, _ = in_one_frame(sessions, old.accelerometer or sessions[0].triad.calibration)
     courses = {GYROSCOPE.start + q: course(vectors[:, q], stated[:, q, q], at) for q in range(vectors.shape[1])}
     fits = [each.triad for each in sessions if each.triad.covariance is not None]
     if len(fits) == len(sessions):

@@ -20,13 +20,13 @@ from tinygc.features.unit.verification.causes import Cause, Diagnosis, Evidence,
 from tinygc.features.unit.verification.cost import (
     Bound,
     Cost,
-    bounds,
+    bound_deg,
     cost_of,
-    effects_deg,
     estimated_change,
     left_open,
     turns_that_separate,
     turns_that_tell,
+    uses,
 )
 from tinygc.features.unit.verification.expected import ZERO, Part, expected_parts, spread_of_unit
 from tinygc.features.unit.verification.old import OldCalibration, facts, is_its_own, with_bias_moved
@@ -132,7 +132,8 @@ def verify_session(
     progress("questions")
     questions = tuple(ask(rows, parts, noise, old, options.false_alarm))
     W = left_open(rows, noise)
-    found_bounds = tuple(bounds(rows, old.linear, W, options.limit_deg, old.accelerometer is not None))
+    used = uses(rows, old.linear, old.accelerometer is not None)
+    bounds = tuple(Bound(name, bound_deg(slopes, np.zeros(len(W)), W), options.limit_deg, words) for name, slopes, words in used)
     causes = candidate_causes(rows, old, temp_then_c)
     evidence = Evidence(rows, parts, noise.found.s)
     anew = evidence.of([cause for cause in causes if cause.name == "zero"])
@@ -149,30 +150,30 @@ def verify_session(
     cost = cost_of(rows, old.linear, change, covariance, anew.change[ZERO], anew.covariance[ZERO, ZERO])
     if diagnosis is not None and not diagnosis.best.causes:  # whatever it was, it is as large as today's data alone leave it
         change, covariance = estimated_change(rows, noise, W), W
-    effects = effects_deg(rows, old.linear, change, covariance, old.accelerometer is not None)
+    effects = {name: bound_deg(slopes, change, covariance) for name, slopes, _ in used}
     effects[NOISE] = max(question.left_rps for question in questions) * MINUTE_S / DEG
     if diagnosis is not None:  # a zero that moves within the recording
         effects[NOISE] = max(effects[NOISE], *(float(np.linalg.norm(diagnosis.best.of(n))) * MINUTE_S / DEG for n in ("step", "warm-up")))
     changed = {question.name: effects[question.name] for question in refuted}
     new = bias_words(old.bias + anew.change[ZERO], anew.covariance[ZERO, ZERO])
-    answer, headline, advice, bias_serves = _decide(changed, found_bounds, cost, new, diagnosis, options, rows.turns > 0)
+    answer, headline, advice, bias_serves = _decide(changed, bounds, cost, new, diagnosis, options, rows.turns > 0)
     if rows.remark and bias_serves:
         answer, headline, advice = FAILS, rows.remark, "mend the unit, the range or the data rate, then verify again"
         bias_serves = False
     if is_its_own(old, session):
         headline = "the model was fitted to this very recording, and agrees with itself"
         answer, advice, bias_serves = UNDECIDED, "give another recording", False
-    open_names = {bound.name for bound in found_bounds if not bound.is_seen}
+    open_names = {bound.name for bound in bounds if not bound.is_seen}
     return Verification(
         old=old,
         rows=rows,
         options=options,
         answer=answer,
-        headline="; ".join(filter(None, (power_words(found_bounds), apart, headline))),
+        headline="; ".join(filter(None, (power_words(bounds), apart, headline))),
         questions=questions,
         parts=tuple(parts),
         noise=noise,
-        bounds=found_bounds,
+        bounds=bounds,
         cost=cost,
         bias_anew=anew.change[ZERO],
         bias_covariance=anew.covariance[ZERO, ZERO],

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
+from session.base.progress import Told, untold
 from session.base.rotation import angle_between
 from session.base.texts import command_line
 from session.base.units import DEG, NS
@@ -270,9 +271,7 @@ class LogSegments:
     segments: list[Segment]
 
 
-def session_segments(
-    session: Session, found: SessionStills, moving: Collection[int] = (), progress: Callable[[str], None] = lambda what: None
-) -> list[LogSegments]:
+def session_segments(session: Session, found: SessionStills, moving: Collection[int] = (), progress: Told = untold) -> list[LogSegments]:
     """Cut the segments of a session, numbered over all logs; a log without a still has none, and is not counted.
 
     found: the session's stills; moving: numbers of stills, over all logs, that are known not to be at rest.

@@ -6,7 +6,7 @@ import csv
 import hashlib
 import math
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import NoneType
@@ -31,6 +31,7 @@ from session.base.files import (
     write_new,
 )
 from session.base.names import CLOCKS, log_paths, refuse_special
+from session.base.progress import Told, untold
 from session.base.texts import command_line, printable, unicode_text
 from session.base.toml import Note, add_lines, edited, parse_toml, toml_line, value_text
 from session.base.units import DEG
@@ -333,7 +334,7 @@ def _write_lines(path: Path, lines: Iterable[str]) -> None:
         file.writelines(text.encode() for text in lines)
 
 
-def read_session(folder: Path | str, progress: Callable[[str], None] = lambda what: None) -> Session:
+def read_session(folder: Path | str, progress: Told = untold) -> Session:
     """Read a whole session folder.  FormatError or DataError names file and line.  ``progress`` is called with each file's name."""
     folder = Path(folder)
     if not folder.is_dir():
@@ -373,7 +374,7 @@ def read_logs(
     paths: Sequence[Path],
     closures: Sequence[Path],
     rests: Sequence[Path],
-    progress: Callable[[str], None] = lambda what: None,
+    progress: Told = untold,
     gyro_alone: bool = False,
 ) -> Session:
     """A session of these logs, closure runs and rest logs, without the tables of its folder; gyro_alone: as in ``read_log``.

@@ -17,6 +17,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 from session.base.errors import CalibrationError
 from session.base.options import folder_written, option, typed
+from session.base.progress import Told
 from session.base.texts import command_line, printable
 from tinygc.cli.arguments import note as note_read
 from tinygc.cli.arguments import stream_header
@@ -325,7 +326,7 @@ def stay(server: PageServer, folder: Path, wanted: Callable[[], bool]) -> None:
         time.sleep(LOOK_EVERY_S)
 
 
-def _made(folder: Path, wanted: Callable[[], bool], say: Callable[[str], None]) -> str:
+def _made(folder: Path, wanted: Callable[[], bool], say: Told) -> str:
     """Make the report in a process of its own, saying how long it takes; return why there is none, or nothing."""
     began_s = time.monotonic()
     command = [sys.executable, str(CALIBRATE), "report", str(folder.resolve()), "--quiet"]  # no name that looks like an option

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from session.base import rotation
 from session.base.errors import DataError, FitError, SegmentError
 from session.base.numeric import running_sum
+from session.base.progress import Told, untold
 from session.base.rotation import angle_between
 from session.base.texts import command_line
 from session.base.units import DEG, EARTH_RATE_RPS, NS
@@ -246,7 +247,7 @@ def build_problem(
     near: LinearModel | None = None,
     prior: PriorOf | None = None,
     most: int | None = None,
-    progress: Callable[[str], None] = lambda what: None,
+    progress: Told = untold,
 ) -> Problem:
     """Find stills, cut segments, carry the attitude through each log, and compute the Earth's rate and the floor.
 
@@ -326,7 +327,7 @@ def _stills_and_segments(
     exclude: Collection[int],
     moving: Collection[int],
     clipped: Collection[int],
-    progress: Callable[[str], None],
+    progress: Told,
 ) -> tuple[Session, list[StillSet], list[Segment]]:
     session, parts, _ = without_wrong_dials(session, session_segments(session, found, moving, progress))
     logs = [

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from session.base.errors import CalibrationError
+from session.base.progress import Told, untold
 from session.base.units import DEG_PER_HOUR
 from session.detect.check_references import ACCELEROMETER, ZERO_DRIFT, drift_finding, with_own_accelerometer
 from session.detect.check_samples import BRIDGED, IMPACTS, with_bridges
@@ -159,7 +159,7 @@ def prepare(
     use_earth: bool = True,
     exclude: tuple[int, ...] = (),
     accelerometer: str = AUTO,
-    progress: Callable[[str], None] = lambda what: None,
+    progress: Told = untold,
     known: SessionStills | None = None,
     near: LinearModel | None = None,
     prior: PriorOf | None = None,

@@ -7,7 +7,7 @@ import gzip
 import itertools
 import sys
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, BinaryIO
@@ -16,6 +16,7 @@ import numpy as np
 
 from session.base.errors import CalibrationError, DataError, FormatError
 from session.base.numeric import decimal_rows
+from session.base.progress import Progress
 from session.base.records import Count, table_of
 from session.base.results import Text, whole
 from session.base.texts import command_line
@@ -35,7 +36,6 @@ from tinygc.deploy.calibration import Calibration, Stream, Surroundings, began_i
 DECIMALS = {"rps": 9, "dps": 7, "mps2": 6, "c": 4}
 #: a data rate that differs from the model's by more than this share is reported
 RATE_WITHIN = 0.05
-Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)

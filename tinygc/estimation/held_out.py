@@ -10,10 +10,11 @@ from functools import partial
 
 import numpy as np
 
+from session.base.progress import Steps, untold
 from tinygc.closure.least_squares import GaussianPrior, StillRates, naming_segments
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch, closure_angles
-from tinygc.estimation.options import METHODS, FitOptions, MethodFit, Progress
+from tinygc.estimation.options import METHODS, FitOptions, MethodFit
 from tinygc.models.linear import LinearModel, bias_only
 from tinygc.models.model import Model
 
@@ -24,7 +25,7 @@ def run_method(
     name: str,
     problem: Problem,
     options: FitOptions,
-    progress: Progress = lambda done, of: None,
+    progress: Steps = untold,
     before: dict[str, MethodFit] | None = None,
 ) -> MethodFit:
     """Fit to all segments, and to all but each fold in turn; ``before``: the methods fitted already, which a method may build upon.
@@ -57,7 +58,7 @@ class FitInput:
     options: FitOptions
     start: LinearModel
     still_rates: StillRates | None
-    progress: Progress
+    progress: Steps
     whole: Model | None = None
     among: np.ndarray | None = None
     same: bool = True
@@ -65,7 +66,7 @@ class FitInput:
     rest_rps: np.ndarray | None = None
     prior: GaussianPrior | None = None
 
-    def fold(self, batch: Batch, seen: np.ndarray, number: int, whole: Model, progress: Progress, same_rates: bool = True) -> FitInput:
+    def fold(self, batch: Batch, seen: np.ndarray, number: int, whole: Model, progress: Steps, same_rates: bool = True) -> FitInput:
         """Select the segments of a batch of all where ``seen`` (S,) is set, as fold ``number``; same_rates: whether its readings are those
         of the fit to all, whose work may be used."""
         same, among = same_rates and batch is self.batch, seen if same_rates else None
@@ -73,7 +74,7 @@ class FitInput:
         return replace(self, batch=batch, sigma=sigma, whole=whole, among=among, same=same, progress=progress, label=label)
 
 
-def _input(problem: Problem, options: FitOptions, progress: Progress) -> FitInput:
+def _input(problem: Problem, options: FitOptions, progress: Steps) -> FitInput:
     return FitInput(
         batch=problem.batch,
         sigma=problem.floor.sigma,
@@ -91,9 +92,7 @@ def _input(problem: Problem, options: FitOptions, progress: Progress) -> FitInpu
 FitOnce = Callable[[FitInput], tuple[Model, dict]]
 
 
-def held_out(
-    name: str, fit: FitOnce, problem: Problem, options: FitOptions, progress: Progress, integrator: str | None = None
-) -> MethodFit:
+def held_out(name: str, fit: FitOnce, problem: Problem, options: FitOptions, progress: Steps, integrator: str | None = None) -> MethodFit:
     """Run ``fit`` as the method of that name; integrator: for its closure, if not that of the options."""
     batch, judged_by = problem.batch, integrator or options.integrator
     folds = min(options.folds, len(batch))
@@ -119,6 +118,6 @@ def held_out(
     return MethodFit(name, model, closure_angles(batch, model, judged_by), angles, seconds, notes, tuple(models))
 
 
-def tell(progress: Progress, before: int, steps: int, done: int, of: int) -> None:
+def tell(progress: Steps, before: int, steps: int, done: int, of: int) -> None:
     """Report progress after ``before`` of the ``steps``, with ``done`` of ``of`` in the current one."""
     progress(before * of + done, of * steps)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,9 +19,6 @@ if TYPE_CHECKING:
 # The methods by name, in the order of the report.  A new method needs a line here, and the module that it names.
 #
 # Nothing heavy is imported before a method runs: the command line takes its names from here.
-
-#: callback with the number of steps done and their total
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)

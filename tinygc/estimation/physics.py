@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from session.base.progress import Told
 from session.base.texts import listed
 from session.log.config import NominalRate
 from tinygc.closure.problem import Problem
@@ -54,7 +55,7 @@ PART_NAMED = "partly explained: something is left that has no name here"
 RunErrors = Callable[[np.ndarray, ClosureRun], np.ndarray]
 #: function that fits named physics; its arguments are the problem as given, that of the fit and its least squares, its options, its closure
 #: runs, and a progress callback
-FitPhysics = Callable[[Problem, Problem, MethodFit, FitOptions, Sequence[ClosureRun], Callable[[str], None]], PhysicsFit]
+FitPhysics = Callable[[Problem, Problem, MethodFit, FitOptions, Sequence[ClosureRun], Told], PhysicsFit]
 
 
 def errors_with_physics(claims: Sequence[AppliedEffect], known: Conditions, earth_t: np.ndarray) -> RunErrors:

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.special import chdtrc, chdtri
 
 from session.base.errors import CalibrationError
+from session.base.progress import Told, untold
 from session.base.units import DEG
 from session.detect import bridging
 from session.detect.segments import Segment
@@ -434,7 +435,7 @@ class RepairedProblem:
 Gap = tuple[int, int, float]
 
 
-def repair(problem: Problem, progress: Callable[[str], None] = lambda what: None) -> RepairedProblem:
+def repair(problem: Problem, progress: Told = untold) -> RepairedProblem:
     """Repair clipping, then false readings and losses, then creeping stills: each is proposed, tested, and repaired if closure accepts
     it."""
     found: dict[str, tuple[dict, dict]] = {}
@@ -453,7 +454,7 @@ def repair(problem: Problem, progress: Callable[[str], None] = lambda what: None
     return RepairedProblem(problem, found, chances, reference, verdicts, clipping)
 
 
-def tried_events(problem: Problem, clipping: Clipping | None, progress: Callable[[str], None]) -> tuple[list[Verdict], tuple[Effect, ...]]:
+def tried_events(problem: Problem, clipping: Clipping | None, progress: Told) -> tuple[list[Verdict], tuple[Effect, ...]]:
     """Verdicts on false readings and losses, in this order, and the effects used in the tests.  Events in clipped turns are not tested."""
     clipped = [] if clipping is None else [s for s in problem.segments if s.number in clipping.numbers]
     events = [e for e in proposed(problem.session) if not any(s.log == e.log and s.start <= e.row < s.stop for s in clipped)]

@@ -13,6 +13,7 @@ from scipy.special import chdtrc
 
 from session.base.errors import CalibrationError
 from session.base.numeric import rms_length
+from session.base.progress import Told, untold
 from session.base.rotation import matrix
 from session.base.units import DEG
 from session.detect.check_time import STEPS
@@ -553,7 +554,7 @@ def _expected_rms(twin: Twin, naming: Naming, proof: Proof) -> float:
 def decide(
     twin: Twin,
     seed: int,
-    progress: Callable[[str], None] = lambda what: None,
+    progress: Told = untold,
     begin: tuple[Effect, ...] = (),
     prove: Prover | None = None,
 ) -> Naming:

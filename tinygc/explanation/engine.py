@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from session.base.errors import CalibrationError
+from session.base.progress import Progress, untold
 from session.base.units import DEG
 from session.detect.findings import Finding, as_arguments
 from session.log.folder import Session
@@ -118,7 +118,7 @@ def explain_session(
     *,
     seed: int = 0,
     use_earth: bool = True,
-    progress: Callable[[str, int, int], None] = lambda what, done, of: None,
+    progress: Progress = untold,
     prepared: Prepared | None = None,
     noise: Path | None = None,
     fit: FitResult | None = None,
@@ -165,9 +165,7 @@ def _fitted(prepared: Prepared, use_earth: bool) -> FitResult | None:
         return None
 
 
-def named_in(
-    problem: Problem, stated: FitClosure, seed: int, progress: Callable[[str, int, int], None]
-) -> tuple[RepairedProblem, Twin, Naming, Proof]:
+def named_in(problem: Problem, stated: FitClosure, seed: int, progress: Progress) -> tuple[RepairedProblem, Twin, Naming, Proof]:
     """Repair a problem, select the effects, and prove them; stated: by ``fit`` for this session."""
     mended = repair(problem, lambda what: progress(what, 2, 6))
     twin, naming, proof = _decided(problem, mended, seed, progress, stated)
@@ -182,7 +180,7 @@ def _decided(
     problem: Problem,
     mended: RepairedProblem,
     seed: int,
-    progress: Callable[[str, int, int], None],
+    progress: Progress,
     stated: FitClosure,
 ) -> tuple[Twin, Naming, Proof]:
     """Build the twin of the repaired problem, select its effects, and prove both on held-out segments."""

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from session.base.errors import FitError
+from session.base.progress import Told, untold
 from tinygc.closure.problem import Problem
 from tinygc.closure.runs import ClosureRun
 from tinygc.effects import Effect, catalogue
@@ -49,7 +50,7 @@ def fit_physics(
     problem: Problem,
     ids: tuple[str, ...] | None,
     seed: int = 0,
-    progress: Callable[[str], None] = lambda what: None,
+    progress: Told = untold,
     stated: FitClosure | None = None,
 ) -> PhysicsFit:
     """Fit with these effects, or with what `explain` names (None), given what ``fit`` states without them.  Raises FitError for an id that
@@ -104,7 +105,7 @@ def physics_methods(
     linear: MethodFit,
     options: FitOptions,
     runs: Sequence[ClosureRun],
-    progress: Callable[[str], None] = lambda what: None,
+    progress: Told = untold,
 ) -> PhysicsFit:
     """Fit the physics of the options, and the net after it if the net is among their methods; close both on the runs.  level: the problem
     that ``fit`` solves; linear: its least squares."""

@@ -13,6 +13,7 @@ import numpy as np
 
 from session.base import features
 from session.base.numeric import sigmas_in
+from session.base.progress import Progress, untold
 from session.base.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, EARTH_RATE_RPS, PPM
 from session.log.config import Accelerometer
 from session.log.folder import Session, file_key, hash_of_log, input_hashes
@@ -308,14 +309,14 @@ def gather(
     explain: bool = True,
     limit_deg: float | None = None,
     fit: FitResult | None = None,
-    progress: Callable[[str, int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> ReportData:
     """Run fit and explain of a session or a session folder.
 
     fit: the fit of this session with these options, where it was run before; else earlier output is in the session's ``fit``.
     The session is read, checked and turned into a problem once, for both.  Raises what ``fit_session`` and ``explain_session`` raise.
     """
-    progress = progress or (lambda what, done, of: None)
+    progress = progress or untold
     prepared = None
     folder = session if isinstance(session, Path) else None if session.in_memory else session.folder
     if explain or fit is None:

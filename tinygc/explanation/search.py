@@ -9,6 +9,7 @@ from itertools import combinations
 
 import numpy as np
 
+from session.base.progress import Told, untold
 from session.base.units import DEG, EARTH_RATE_RPS
 from tinygc.closure.earth import EarthRate
 from tinygc.effects import Effect, Movement, Parameter, Reach, Scan, catalogue, diagonal, per_axis, without_vibration
@@ -43,7 +44,7 @@ def search(
     tried: list[Effect],
     begin: Hypothesis,
     most: int = MOST_EFFECTS,
-    progress: Callable[[str], None] = lambda what: None,
+    progress: Told = untold,
 ) -> Hypothesis:
     """Find the hypothesis with the most evidence that can be reached from ``begin``."""
     evidence.will_try(tried)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
@@ -14,6 +13,7 @@ from session.base import rotation
 from session.base.errors import FitError, SegmentError
 from session.base.files import result_folder
 from session.base.numeric import runs_of, sigmas_in
+from session.base.progress import Progress, untold
 from session.base.records import plain, write_whole
 from session.base.results import read_json
 from session.base.rotation import steps
@@ -306,7 +306,7 @@ def rebias_session(
     table: dict | None = None,
     use_earth: bool = True,
     exclude: tuple[int, ...] = (),
-    progress: Callable[[str, int, int], None] = lambda what, done, of: None,
+    progress: Progress = untold,
 ) -> Rebiased:
     """Estimate the bias of a session, or a session folder, from ``source``, and from the other sources for comparison.
 

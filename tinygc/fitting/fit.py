@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 
 from session.base import features
 from session.base.errors import DataError, FitError, SegmentError
+from session.base.progress import Progress, untold
 from session.log.folder import Session, read_session
 from session.log.requirements import read_requirements
 from tinygc.closure.least_squares import GaussianPrior, PriorOf, PriorUse
@@ -32,9 +32,6 @@ from tinygc.fitting import fitted_file
 from tinygc.fitting.results import FitResult
 from tinygc.models.linear import LinearModel
 from tinygc.noise.measured import measured_noise
-
-#: callback with the current task, the number of steps done, and their total
-Progress = Callable[[str, int, int], None]
 
 
 class GivenPrior(Protocol):
@@ -105,7 +102,7 @@ def prepared_for(session: Session | Path, options: FitOptions, progress: Progres
 def fit_session(
     session: Session | Path,
     options: FitOptions,
-    progress: Progress = lambda what, done, of: None,
+    progress: Progress = untold,
     saved: Path | None = None,
     prepared: Prepared | None = None,
     physics: FitPhysics | None = None,

@@ -11,11 +11,12 @@ import numpy as np
 from session.base import features
 from session.base.errors import CalibrationError
 from session.base.options import given, records
+from session.base.progress import Progress, untold
 from session.log.logfile import Log, refuse_calibrated
 from session.log.samples import Samples
 from tinygc.deploy.apply import Applied, apply_model, model_of
 from tinygc.deploy.calibration import Calibration
-from tinygc.library.arguments import Progress, column_unit, is_fit, nothing, public
+from tinygc.library.arguments import column_unit, is_fit, public
 from tinygc.models.files import load_with_table
 
 #: what features add to it
@@ -130,7 +131,7 @@ def _apply_to_file(
             raise CalibrationError(f"{out}: is what is read, and nothing is written over it; give out another path")
     around = None if session is None else Path(session)
     further = records(choices, *FURTHER)
-    how: dict[str, Any] = {"unit": column_unit(unit), "session": around, "further": further, "progress": progress or nothing}
+    how: dict[str, Any] = {"unit": column_unit(unit), "session": around, "further": further, "progress": progress or untold}
     if table is None and (fused := features.first("use of a model", path, log, Path(out), **how)) is not None:
         return fused
     if log.is_dir():

@@ -21,8 +21,6 @@ from session.base.units import DEG
 from session.log.arrays import si_of
 from session.log.folder import Session
 
-#: progress callback: current step's description, steps done, steps in all
-Progress = Callable[[str, int, int], None]
 P = ParamSpec("P")
 R = TypeVar("R")
 Options = TypeVar("Options")
@@ -129,10 +127,6 @@ def column_unit(unit: str) -> str:
     if si not in (1.0, DEG):
         raise DataError(f"unit is {unit!r}, and a log has rad/s or dps; give one of these")
     return "dps" if si == DEG else "rps"
-
-
-def nothing(what: str, done: int, of: int) -> None:
-    """Ignore progress; the default callback."""
 
 
 def chosen(kind: type[Options], options: Options | None, choices: dict[str, Any]) -> Options:

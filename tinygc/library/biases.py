@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 
 from session.base.errors import CalibrationError
+from session.base.progress import Progress, untold
 from session.log.folder import Session
 from tinygc.deploy.calibration import Calibration
 from tinygc.estimation.choice import ClosureFigures, closure_figures
 from tinygc.estimation.options import Earth
 from tinygc.fitting.bias_of_day import Rebiased, rebias_session, rebias_to_json, rebiased_table, save_rebiased
 from tinygc.library.applied import stored_model
-from tinygc.library.arguments import Progress, nothing, public, session_or_folder
+from tinygc.library.arguments import public, session_or_folder
 from tinygc.library.records import Estimate, Named, Shown
 from tinygc.reporting.fit_text import rebias_report
 from tinygc.reporting.terminal import Group
@@ -130,6 +131,6 @@ def rebias(
         table=table,
         use_earth=Earth(**choices).earth,
         exclude=tuple(exclude),
-        progress=progress or nothing,
+        progress=progress or untold,
     )
     return Rebias(found)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from session.base import features
 from session.base.errors import CalibrationError
 from session.base.options import given, records
+from session.base.progress import Progress, untold
 from session.log.config import read_config, reference_of
 from session.log.folder import Session, read_session
 from session.log.siblings import recordings_at, serial_of
@@ -18,7 +19,7 @@ from tinygc.estimation.options import AtRest, Seed
 from tinygc.explanation.checked import Checked
 from tinygc.explanation.checked import check_on as check
 from tinygc.explanation.engine import explain_session
-from tinygc.library.arguments import Progress, nothing, public, session_or_folder
+from tinygc.library.arguments import public, session_or_folder
 from tinygc.library.records import Listed
 from tinygc.reporting.explanation_text import ExplanationReport
 from tinygc.reporting.pictures.canvas import saved
@@ -214,7 +215,7 @@ def explain(
     where = session_or_folder(session)
     others = _others(where, check_on)
     (draws, options, *further) = records(choices, Seed, AtRest, *FURTHER)
-    how = {"seed": draws.seed, "use_earth": options.earth, "noise": options.noise, "progress": progress or nothing}
+    how = {"seed": draws.seed, "use_earth": options.earth, "noise": options.noise, "progress": progress or untold}
     why = _explained(where, further, how)
     checked = []
     for other in others:

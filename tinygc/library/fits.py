@@ -12,6 +12,7 @@ import numpy as np
 
 from session.base.errors import FitError
 from session.base.numeric import sigmas_in
+from session.base.progress import Progress, untold
 from session.log.config import Config, read_config
 from session.log.folder import Session
 from tinygc.deploy import ExportOptions
@@ -21,7 +22,7 @@ from tinygc.estimation.options import FitOptions
 from tinygc.fitting.fit import fit_session
 from tinygc.fitting.fit_file import model_tables, save_models, to_json
 from tinygc.fitting.results import FitResult
-from tinygc.library.arguments import Progress, chosen, nothing, public, session_or_folder
+from tinygc.library.arguments import chosen, public, session_or_folder
 from tinygc.library.records import Estimate, Named, Shown, accelerometer_estimates
 from tinygc.models.linear import NAMES
 from tinygc.reporting.fit_screen import verdict_text
@@ -232,7 +233,7 @@ def fit(session: Session | Path | str, options: FitOptions | None = None, *, pro
     """
     where, options = session_or_folder(session), chosen(FitOptions, options, choices)
     if options.physics is None:
-        return Fit(fit_session(where, options, progress or nothing), where)
+        return Fit(fit_session(where, options, progress or untold), where)
     from tinygc.explanation.physics import physics_methods
 
-    return Fit(fit_session(where, options, progress or nothing, physics=physics_methods), where)
+    return Fit(fit_session(where, options, progress or untold, physics=physics_methods), where)

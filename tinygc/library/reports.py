@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Any
 from session.base.errors import CalibrationError
 from session.base.files import result_folder
 from session.base.names import refuse_special
+from session.base.progress import Progress
 from session.base.records import plain
 from session.base.results import write_text_whole
 from session.log.folder import Session
 from tinygc.deploy import FORMATS, NOISE_FORMATS, ExportError, ExportOptions, exports, feature_exports, format_named
 from tinygc.deploy.exports._context import Context, NoiseSource, read_context
 from tinygc.estimation.options import FitOptions
-from tinygc.library.arguments import Progress, chosen, is_fit, public, session_or_folder
+from tinygc.library.arguments import chosen, is_fit, public, session_or_folder
 from tinygc.library.records import Shown
 from tinygc.models.model import Model
 from tinygc.noise.figures import NoiseFigures

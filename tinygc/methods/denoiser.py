@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from session.base.errors import FitError
+from session.base.progress import Steps, untold
 from tinygc.closure import residual
 from tinygc.closure.problem import Problem
 from tinygc.estimation.denoised import Material, denoised_angles, of_problem
 from tinygc.estimation.held_out import run_method, tell
-from tinygc.estimation.options import Checkpoint, FitOptions, MethodFit, Progress, device
+from tinygc.estimation.options import Checkpoint, FitOptions, MethodFit, device
 from tinygc.methods.adamw import minimise
 from tinygc.models.denoiser import DILATIONS, KERNEL, PARAMETERS, REACH, DenoisedNet, Denoiser
 from tinygc.models.model import Model
@@ -311,7 +312,7 @@ LEARNING_RATE = 0.003
 
 
 def train_adamw(
-    material: Material, calibration: Model, seed: int, progress: Progress, checkpoint: Checkpoint | None = None
+    material: Material, calibration: Model, seed: int, progress: Steps, checkpoint: Checkpoint | None = None
 ) -> DenoiserTraining:
     """Train by AdamW as ``train_denoiser``."""
     where = device()
@@ -355,7 +356,7 @@ def train_denoiser(
     loss: str = "neighbours",
     *,
     seed: int = 0,
-    progress: Progress = lambda step, steps: None,
+    progress: Steps = untold,
     near: Denoiser | None = None,
     closing: bool = True,
     smoothing: Term | None = None,
@@ -383,7 +384,7 @@ def train_denoiser(
 # The method ``tinygc_denoised``: the frozen calibration of ``tinygc``, and the denoising subnet after it.
 
 
-def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[str, MethodFit]) -> MethodFit:
+def run(problem: Problem, options: FitOptions, progress: Steps, before: dict[str, MethodFit]) -> MethodFit:
     """Fit the calibration of ``tinygc``, unless it is among ``before``, and the denoiser after it.
 
     The denoiser is trained on all segments, then on all but each fold with that fold's calibration, which excludes it as well.  A fold's

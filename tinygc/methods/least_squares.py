@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from typing import cast
 
+from session.base.progress import Steps
 from tinygc.closure.least_squares import FORESEEN, Rows, fit_least_squares
 from tinygc.closure.problem import Problem
 from tinygc.estimation.held_out import FitInput, held_out
-from tinygc.estimation.options import FitOptions, MethodFit, Progress
+from tinygc.estimation.options import FitOptions, MethodFit
 from tinygc.models.linear import LinearModel
 
 #: in sigmas of the residuals: a fold's search ends where the next step would change none by more than this
 ENOUGH = 1e-3
 
 
-def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[str, MethodFit]) -> MethodFit:
+def run(problem: Problem, options: FitOptions, progress: Steps, before: dict[str, MethodFit]) -> MethodFit:
     """Fit E and B.  Raises FitError where the search does not converge."""
     near = before.get("least_squares")
     begin = near.model if near is not None and isinstance(near.model, LinearModel) else None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, cast
@@ -13,12 +12,13 @@ import numpy as np
 from session.base import rotation
 from session.base.errors import FitError
 from session.base.numeric import rms_of
+from session.base.progress import Steps, untold
 from tinygc.closure import residual
 from tinygc.closure.least_squares import LinearEnds, Rows, StillRates, fit_least_squares, vague
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch
 from tinygc.estimation.held_out import FitInput, held_out
-from tinygc.estimation.options import Checkpoint, FitOptions, MethodFit, Progress, device
+from tinygc.estimation.options import Checkpoint, FitOptions, MethodFit, device
 from tinygc.methods.adamw import minimise
 from tinygc.models.linear import PARAMETERS, LinearModel, bias_only
 from tinygc.models.nets import TIES, CalibrationNet
@@ -65,7 +65,7 @@ def train_second_order(
     ties: tuple[float, ...] = TIES,
     begin: LinearModel | None = None,
     ends: Rows | None = None,
-    progress: Callable[[int, int], None] = lambda step, steps: None,
+    progress: Steps = untold,
 ) -> Training:
     """Train from the linear solution by Levenberg-Marquardt; sigma (S,) rad per angle.
 
@@ -237,7 +237,7 @@ def train_adamw(
     *,
     still_rates: StillRates | None = None,
     checkpoint: Checkpoint | None = None,
-    progress: Callable[[int, int], None] = lambda step, steps: None,
+    progress: Steps = untold,
 ) -> Training:
     """Train by AdamW from the identity, with a cosine decay.
 
@@ -269,7 +269,7 @@ def train_adamw(
     return Training(CalibrationNet.from_vector(vector), np.inf, tuple(losses))
 
 
-def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[str, MethodFit]) -> MethodFit:
+def run(problem: Problem, options: FitOptions, progress: Steps, before: dict[str, MethodFit]) -> MethodFit:
     """Fit 27 parameters, by the second order or as in the paper.  Raises FitError where the loss is not finite."""
     return held_out("tinygc", partial(_fit, _Begins(before.get("least_squares"))), problem, options, progress)
 

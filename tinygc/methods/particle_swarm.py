@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from session.base.progress import Steps, untold
 from session.base.units import DEG
 from tinygc.closure import residual
 from tinygc.closure.least_squares import Nearby, StillRates
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch
 from tinygc.estimation.held_out import FitInput, held_out, tell
-from tinygc.estimation.options import FitOptions, MethodFit, Progress
+from tinygc.estimation.options import FitOptions, MethodFit
 from tinygc.models.linear import PRIOR_SIGMA, LinearModel
 
 # Global-best swarm with Clerc and Kennedy's constriction (2002): v <- chi (v + c1 r1 (own best - x) + c2 r2 (swarm's best - x)).
@@ -41,7 +42,7 @@ def minimise(
     centre: np.ndarray,
     half_width: np.ndarray,
     rng: np.random.Generator,
-    progress: Callable[[int, int], None] = lambda step, steps: None,
+    progress: Steps = untold,
 ) -> np.ndarray:
     """Return the best position (D,) found for ``cost``, which maps (P, D) to (P,), from a box around ``centre``."""
     shape = (PARTICLES, len(centre))
@@ -73,7 +74,7 @@ def fit_pso(
     seed: int,
     still_rates: StillRates | None = None,
     prior: LinearModel | None = None,
-    progress: Callable[[int, int], None] = lambda step, steps: None,
+    progress: Steps = untold,
 ) -> LinearModel:
     """Find the swarm's best linear model from a box around ``start``.
 
@@ -92,7 +93,7 @@ def search(
     seed: int,
     still_rates: StillRates | None = None,
     prior: LinearModel | None = None,
-    progress: Callable[[int, int], None] = lambda step, steps: None,
+    progress: Steps = untold,
 ) -> tuple[LinearModel, Nearby]:
     """Find the swarm's best linear model from a box, in shares of ``START_BOX``, around a model ``centre``.
 
@@ -121,7 +122,7 @@ def search(
     return centre, nearby
 
 
-def run(problem: Problem, options: FitOptions, progress: Progress, before: dict[str, MethodFit]) -> MethodFit:
+def run(problem: Problem, options: FitOptions, progress: Steps, before: dict[str, MethodFit]) -> MethodFit:
     """Fit E and B; the result depends only on the data and ``options.seed``."""
     # A swarm uses the exact integrator, so its closure is computed with that.
     return held_out("pso", _SwarmFits(), problem, options, progress, integrator="exact")

@@ -11,6 +11,7 @@ import numpy as np
 
 from session.base.errors import CalibrationError, DataError
 from session.base.files import MOST_TOML, read_text
+from session.base.progress import Told, untold
 from session.base.results import write_text_whole
 from session.base.texts import comment
 from session.base.units import DEG, G
@@ -268,7 +269,7 @@ class VirtualBoard:
     uptime_s: float = 0.0
     faults: LineFaults = field(default_factory=LineFaults)
     seed: int = 0
-    say: Callable[[str], None] = lambda what: None
+    say: Told = untold
     clock: Clock = field(default_factory=Clock)
     sent: int = 0
     starts: int = 0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING
 from session.base import features
 from session.base.errors import CalibrationError
 from session.base.options import argument, file_written, option
+from session.base.progress import Told
 from session.base.texts import printable
 from tinygc.cli.arguments import is_standard_output
 from tinygc.cli.options import LONGEST_S, Command, Force
@@ -142,7 +142,7 @@ def _options(args: Options) -> SimulationOptions:
     return replace(options, accel_bias_mg=args.raw_accelerometer) if args.raw_accelerometer else options
 
 
-def _source(args: Options, link: Path, say: Callable[[str], None]) -> BoardSource:
+def _source(args: Options, link: Path, say: Told) -> BoardSource:
     """Return the sensor's data: the folder's session, or a simulated one that no board at this link has streamed yet."""
     from tinygc.simulation.virtual_board import next_take, recorded, remember, simulated, taken
 

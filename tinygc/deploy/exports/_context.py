@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from math import isinf
 from pathlib import Path
 
@@ -13,6 +13,7 @@ import numpy as np
 
 from session.base.errors import FormatError
 from session.base.names import log_paths
+from session.base.progress import Told, untold
 from session.base.records import json_text
 from session.base.results import read_json, read_json_text
 from session.base.texts import command_line, printable
@@ -57,7 +58,7 @@ class Context:
     table: dict
     fit: dict
     hashes: dict[str, str]
-    say: Callable[[str], None] = field(default=lambda line: None)
+    say: Told = untold
     temperatures: Callable[[], list[np.ndarray | None]] = list
     noise: NoiseFigures | None = None
     inflation: Inflation | None = None
@@ -148,7 +149,7 @@ class Context:
 def read_context(
     folder: Path,
     method: str | None = None,
-    say: Callable[[str], None] = lambda line: None,
+    say: Told = untold,
     *,
     anyway: bool = False,
     noise: NoiseSource = None,
@@ -193,7 +194,7 @@ def read_context(
 def context_of_fit(
     result: FitResult,
     method: str | None = None,
-    say: Callable[[str], None] = lambda line: None,
+    say: Told = untold,
     *,
     anyway: bool = False,
     noise: NoiseSource = None,
@@ -242,7 +243,7 @@ def _noise_file(source: Path) -> Path | None:
     return next((path for path in (source / "fit" / figures.FILE, source / figures.FILE) if path.exists()), None)
 
 
-def _context_of_noise(source: Path, inflation: str | None, say: Callable[[str], None]) -> Context:
+def _context_of_noise(source: Path, inflation: str | None, say: Told) -> Context:
     """Context of noise figures without a session: sensor, serial and data rate are those of the file."""
     path = _noise_file(source) or source
     found = figures.read_figures(path)
@@ -290,7 +291,7 @@ def _with_noise(context: Context, source: NoiseSource, inflation: str | None) ->
 # A model that may leave.
 
 
-def _say_of_physics(there: set[str], say: Callable[[str], None], option: str = "--model {}") -> None:
+def _say_of_physics(there: set[str], say: Told, option: str = "--model {}") -> None:
     """Say which model with physics the fit has, where nobody has asked for a model; there: names of its models; option: that takes one."""
     if "physics" in there:
         ended = AT_END if f"physics{AT_END}" in there else ""
@@ -305,7 +306,7 @@ def _refuse_session_time(model: Model, path: Path, option: str = "--model {}") -
         )
 
 
-def _judge(name: str, fit: dict, judged: str, say: Callable[[str], None], anyway: bool, option: str = "--anyway") -> None:
+def _judge(name: str, fit: dict, judged: str, say: Told, anyway: bool, option: str = "--anyway") -> None:
     """Raise ExportError for a model that closes held-out segments worse than raw rates, or say so; fit: its figures; option: to insist."""
     if worse := worse_in_table(fit, judged):
         by = "by no number that fit.json knows" if isinf(worse[0]) else f"with {worse[0]:.4g} deg"

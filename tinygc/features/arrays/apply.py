@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from session.base.errors import DataError, FormatError
 from session.base.numeric import decimal_rows, nearest_row
+from session.base.progress import Progress, untold
 from session.base.units import DEG, NS
 from session.log.folder import sha256_of
 from tinygc.deploy.apply import DECIMALS, Applicable, LogSource, columns_of, opened
@@ -120,7 +121,6 @@ def force_weights(model: ArrayModel) -> np.ndarray:
 
 # Apply an array's model to a recording of any length; the result is one log with the fused rate and specific force.
 
-Progress = Callable[[str, int, int], None]
 #: samples of a log that are compared to find out whether one reader stamped all units
 FIRST_STAMPS = 1000
 
@@ -175,7 +175,7 @@ def apply_array(
     out: Path,
     which: str | None = None,
     unit: str = "rps",
-    progress: Progress = lambda what, done, of: None,
+    progress: Progress = untold,
 ) -> ArrayApplied:
     """Fuse one log of an array's folder; which: its name without the unit, needed where there are several.
 

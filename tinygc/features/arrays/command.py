@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from session.base.errors import CalibrationError
 from session.base.options import changed, given, part
+from session.base.progress import Progress
 from session.base.texts import command_line
 from tinygc.cli.results import Done, complain, inside, output, print_commands, try_destinations, verdict, write_json
 from tinygc.estimation.options import FitOptions
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from tinygc.features.arrays.library import Array
-    from tinygc.library.arguments import Progress
     from tinygc.simulation.options import SimulationOptions
 
 #: options of ``fit`` that an array's fit uses

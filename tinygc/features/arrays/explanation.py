@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,6 +12,7 @@ from session import VERSION
 from session.base.errors import CalibrationError
 from session.base.files import result_folder
 from session.base.numeric import rms_of
+from session.base.progress import Progress, untold
 from session.base.records import plain, table_of, write_whole
 from session.base.texts import printable
 from session.base.units import DEG, NS, G
@@ -198,7 +198,7 @@ def explain_array(
     *,
     seed: int = 0,
     use_earth: bool = True,
-    progress: Callable[[str, int, int], None] = lambda what, done, of: None,
+    progress: Progress = untold,
 ) -> ArrayExplanation:
     """Fit the array, explain each unit as a session of its own, and state of each effect whether units share it, by tests.
 

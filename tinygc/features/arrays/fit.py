@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -15,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from session import VERSION
 from session.base.files import result_folder
 from session.base.numeric import rms_of, sigma_of, sigmas_in
+from session.base.progress import Told, untold
 from session.base.records import plain, write_whole
 from session.base.rotation import cross_matrix
 from session.base.solving import inverse as covariance_of
@@ -287,7 +287,7 @@ def fit_array(
     bias: str = "auto",
     use_earth: bool = True,
     accelerometer: str = "auto",
-    progress: Callable[[str], None] = lambda what: None,
+    progress: Told = untold,
 ) -> ArrayFit:
     """Estimate all units jointly.
 
@@ -378,7 +378,7 @@ def missed_between(units: list[ArrayUnit], same: SameStills) -> np.ndarray:
 
 
 def _by_bias(
-    units: list[ArrayUnit], same: SameStills, missed: np.ndarray, bias: str, use_earth: bool, progress: Callable[[str], None]
+    units: list[ArrayUnit], same: SameStills, missed: np.ndarray, bias: str, use_earth: bool, progress: Told
 ) -> tuple[str, float | None, Joint]:
     """Return the biases' source, the p-value of the stills' advantage, and the estimate with that source."""
     if bias != "auto":

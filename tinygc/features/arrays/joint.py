@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -10,6 +10,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from session.base.numeric import sigma_of
+from session.base.progress import Told, untold
 from session.base.units import DEG, NS
 from tinygc.closure.floor import wander_covariance
 from tinygc.closure.joint import GRAVITY_SIGMA_MPS2, KNOWN_MPS2
@@ -195,7 +196,7 @@ def estimate(
     bias: str = "ends",
     alone: bool = False,
     use_earth: bool = True,
-    progress: Callable[[str], None] = lambda what: None,
+    progress: Told = untold,
 ) -> Joint:
     """Estimate all units jointly.
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from session.base.errors import CalibrationError, DataError
+from session.base.progress import Progress, untold
 from session.base.texts import printable
 from session.detect.check_references import with_own_accelerometer
 from session.detect.findings import Finding
@@ -26,7 +27,7 @@ from tinygc.features.arrays.explanation import (
 )
 from tinygc.features.arrays.fit import ArrayFit, array_to_json, fit_array, save_array
 from tinygc.features.arrays.recording import ArraySession, array_of, read_array
-from tinygc.library.arguments import Progress, column_unit, is_path, nothing, public
+from tinygc.library.arguments import column_unit, is_path, public
 from tinygc.library.records import Shown
 from tinygc.reporting.checked_text import checked_page
 from tinygc.reporting.terminal import Group, RenderableType, one_line
@@ -40,7 +41,7 @@ def check_units(
     *,
     seed: int,
     use_earth: bool,
-    progress: Callable[[str, int, int], None],
+    progress: Progress,
 ) -> dict[int, Checked]:
     """Check each unit's effects on the unit of the same number in another recording, by that number.  DataError where none is in both."""
     numbers = [number for number in found.explanations if number in other.numbers]
@@ -153,7 +154,7 @@ class Array:
         ``result`` in SI, ``summary()``, ``save(folder)``, ``to_json()``.  Raises CalibrationError for data that cannot be fitted.
         """
         how: dict[str, Any] = {"bias": bias, "accelerometer": accelerometer, "use_earth": earth}
-        return FittedArray(fit_array(self.session, **how, progress=lambda what: (progress or nothing)(what, 0, 1)))
+        return FittedArray(fit_array(self.session, **how, progress=lambda what: (progress or untold)(what, 0, 1)))
 
     @public()
     def explain(self, *, seed: int = 0, earth: bool = True, check_on: Sequence[Any] = (), progress: Progress | None = None) -> Any:
@@ -163,7 +164,7 @@ class Array:
         ``save(folder)``, ``to_json()``.  Raises CalibrationError for data that cannot be explained.
         """
         others = [(each if isinstance(each, Array) else array(each)).session for each in check_on]
-        how: dict[str, Any] = {"seed": seed, "use_earth": earth, "progress": progress or nothing}
+        how: dict[str, Any] = {"seed": seed, "use_earth": earth, "progress": progress or untold}
         found = explain_array(self.session, **how)
         return ExplainedArray(found, tuple((other.name, check_units(found, other, **how)) for other in others))
 
@@ -182,7 +183,7 @@ class Array:
         model: the array's model file, as its fit saves it; which: the log, of several; unit: of the rates in the log, rad/s or dps.
         Returns an ArrayApplied: ``rows``, ``used``, ``events``, ``notes``.
         """
-        return apply_array(Path(model), self.session.folder, Path(out), which, column_unit(unit), progress or nothing)
+        return apply_array(Path(model), self.session.folder, Path(out), which, column_unit(unit), progress or untold)
 
 
 @public()

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from session.base.errors import CalibrationError
 from session.base.names import CLOCKS
 from session.base.options import given_beside, record_in
+from session.base.progress import Progress
 from session.base.texts import command_line
 from session.detect.findings import Finding
 from tinygc.features.arrays.feature import ApplyOptions, ImportOptions
@@ -76,7 +77,7 @@ def apply(
     unit: str,
     session: Path | None,
     further: Sequence[Any],
-    progress: Callable[[str, int, int], None],
+    progress: Progress,
 ) -> ArrayApplied | None:
     """Fuse an array's folder into one log; CalibrationError for what is no folder, and as ``apply_array``."""
     if not is_array_model(model):

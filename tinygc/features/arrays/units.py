@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from session.base.errors import CalibrationError, FitError
+from session.base.progress import Told, untold
 from session.base.units import NS
 from session.detect.segments import moments_of
 from session.detect.stills import Still
@@ -70,7 +70,7 @@ def prepare_units(
     *,
     use_earth: bool = True,
     accelerometer: str = AUTO,
-    progress: Callable[[str], None] = lambda what: None,
+    progress: Told = untold,
 ) -> tuple[list[ArrayUnit], dict[int, str]]:
     """Prepare each unit's problem; of those without one the reason, by number.
 

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -16,6 +16,7 @@ import numpy as np
 
 from session.base import results
 from session.base.errors import CalibrationError, DataError
+from session.base.progress import Progress, untold
 from session.base.records import Size
 from session.base.units import G
 from session.log.config import Config, Site
@@ -254,9 +255,7 @@ def _own_names(untouched: dict) -> set[str]:
     return own | ({DELAY} if abs(gravity["offset_s"]) > DELAY_SIGMAS * gravity["offset_std_s"] else set())
 
 
-def examine(
-    count: int, seed: int, on: Path | None = None, *, progress: Callable[[str, int, int], None] = lambda what, done, of: None
-) -> Examination:
+def examine(count: int, seed: int, on: Path | None = None, *, progress: Progress = untold) -> Examination:
     """Conceal effects in ``count`` simulated sessions, or in copies of the recording ``on``, and explain each blind."""
     rng, host, own, pool = np.random.default_rng(seed), None, set(), sorted(MAKERS)
     if on is not None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
+from session.base.progress import Progress, Told, untold
 from tinygc.effects import Effect, Movement, catalogue
 from tinygc.explanation.claims import readable
 from tinygc.explanation.engine import Explanation
@@ -86,7 +87,7 @@ class _AssessedLaw:
     threshold: tuple[float, float] | None
 
 
-def answer(explanation: Explanation, searched: SearchState, progress: Callable[[str], None]) -> Discovery:
+def answer(explanation: Explanation, searched: SearchState, progress: Told) -> Discovery:
     """The result of a search."""
     first = searched.rounds[0].screening
     common: dict[str, Any] = {
@@ -427,7 +428,7 @@ def discover(
     explanation: Explanation,
     *,
     seed: int = 0,
-    progress: Callable[[str, int, int], None] = lambda what, done, of: None,
+    progress: Progress = untold,
 ) -> Discovery:
     """Search a session's residuals for the missing equation; the explanation lists the catalogue's effects.
 

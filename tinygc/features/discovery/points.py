@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from session.base.errors import CalibrationError
 from session.base.options import record_in
+from session.base.progress import Progress
 from tinygc.features.discovery.feature import SearchOptions
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ def before(args: Any) -> None:
         raise CalibrationError(f"{folder}: nothing can be written there, and the laws that are found go there; give --out another folder")
 
 
-def search(explanation: Explanation, further: Sequence[Any], *, seed: int, progress: Callable[[str, int, int], None]) -> Discovery | None:
+def search(explanation: Explanation, further: Sequence[Any], *, seed: int, progress: Progress) -> Discovery | None:
     """Search for the missing equation, where that is asked for."""
     if not record_in(further, SearchOptions).discover:
         return None

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from session.base.numeric import rms_of, running_sum
+from session.base.progress import Progress, untold
 from tinygc.features.discovery.form import LawForm
 from tinygc.features.discovery.projections import FAINT, Projection, basis_of, equivalent_forms, leaders, price, promise, seen_directions
 from tinygc.features.discovery.responses import ColumnPlan, ResponseBlock, Responses, SessionValues, planned
@@ -136,8 +137,6 @@ TILE_BYTES, TOGETHER = 1 << 26, 1536
 #: most unwanted partners between two wanted ones for which one larger product is faster than two
 GAP = 16
 
-Progress = Callable[[str, int, int], None]
-
 
 @dataclass(frozen=True, eq=False)
 class Passed:
@@ -156,7 +155,7 @@ def passed(
     responses: Responses,
     projections: Sequence[Projection],
     targets: Sequence[np.ndarray],
-    progress: Progress = lambda what, done, of: None,
+    progress: Progress = untold,
 ) -> Iterator[Passed]:
     """Every form with finite columns that are not all zero, in each projection; targets (m, T): of each projection."""
     matrices = [projection.matrix() for projection in projections]
@@ -398,7 +397,7 @@ def screened(
     projections: Sequence[tuple[Whitener, Refit]],
     seed: int,
     draws: int = DRAWS,
-    progress: Progress = lambda what, done, of: None,
+    progress: Progress = untold,
 ) -> Screening:
     """Screen all forms in each projection (whiten, fit), which share the signals of one replay.  bits (F,) of each form among all.
 

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from session.base.numeric import sigmas_in
+from session.base.progress import Told
 from tinygc.closure.uncertainty import signed_ranks_above
 from tinygc.effects import Effect, Movement
 from tinygc.explanation.evidence import Evidence, Guess, Hypothesis
@@ -262,9 +263,7 @@ class SearchRound:
     tried: list[Effect]
 
 
-def with_a_form(
-    evidence: FormEvidence, forms: Sequence[LawForm], bases: Sequence[Hypothesis], seed: int, progress: Callable[[str], None]
-) -> SearchRound:
+def with_a_form(evidence: FormEvidence, forms: Sequence[LawForm], bases: Sequence[Hypothesis], seed: int, progress: Told) -> SearchRound:
     """The best hypothesis with one form more than one of the bases, of which the last is the most probable."""
     whitens = [(base, whiten) for base in bases for whiten in (evidence.first_whiten, base.whiten)]
     projections = [(whiten, rewhitened(base, whiten)) for base, whiten in whitens]

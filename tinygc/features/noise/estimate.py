@@ -11,12 +11,12 @@ import numpy as np
 from scipy.special import chdtrc, gammaincinv
 
 from session.base.errors import DataError
+from session.base.progress import Progress, untold
 from session.base.solving import inverse
 from session.detect.rest_noise import FEWEST, lines_of, spectra
 from tinygc.features.noise.choice import FILTER, UNSEEN, Chosen, Search, cost, sandwich, stacked, stacks_of, unit_covariance
 from tinygc.features.noise.scales import TOP, Group, groups_of, knots_of, left_out, of_log_and_log, rest_of, temperature_part, unsteady
 from tinygc.features.noise.summary import SECTION, RestSums, contrasts, ratios_of
-from tinygc.library.arguments import Progress, nothing
 from tinygc.noise.figures import MISFIT, ONE_SIDED_95, TERMS, AllanBand, AxisNoise, Line, NoiseFigures, SensorNoise, Term, fits_data
 
 #: rates of logs of one unit agree to this share
@@ -39,7 +39,7 @@ DETERMINED = 2.0
 ENOUGH = 3
 
 
-def estimate_noise(sums: Sequence[RestSums], progress: Progress = nothing) -> tuple[NoiseFigures, list[str], float]:
+def estimate_noise(sums: Sequence[RestSums], progress: Progress = untold) -> tuple[NoiseFigures, list[str], float]:
     """Estimate the terms of one unit from all its rest logs and stills.
 
     Returns the figures, with the Allan deviations of the same data; what was left out or is to be known, one sentence each; and the time

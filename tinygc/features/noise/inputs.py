@@ -20,6 +20,7 @@ from session.base.errors import DataError, FormatError
 from session.base.files import MB, open_file, require_file
 from session.base.names import has_recorded_name, log_paths, refuse_special
 from session.base.numeric import median_length
+from session.base.progress import Progress, untold
 from session.base.rotation import angle_between
 from session.base.texts import command_line, printable
 from session.base.units import DEG
@@ -35,7 +36,6 @@ from session.log.samples import TOGETHER, Samples, joined
 from session.log.sensors import CLOCK_WITHIN
 from session.log.stamps import FASTEST_HZ, SLOWEST_HZ, evenly, pace_of
 from tinygc.features.noise.summary import RestSums
-from tinygc.library.arguments import Progress, nothing
 
 #: one log as arrays: t_s (N,) s, gyro (N, 3) rad/s, accel (N, 3) m/s^2
 Arrays = tuple[Any, Any, Any]
@@ -90,7 +90,7 @@ class Rests:
         self.sensor, self.serial, self.rate_hz = self.sensor or sensor, self.serial or serial, self.rate_hz or rate_hz
 
 
-def read_inputs(inputs: Sequence[Input], sensor: str = "", serial: str = "", progress: Progress = nothing) -> Rests:
+def read_inputs(inputs: Sequence[Input], sensor: str = "", serial: str = "", progress: Progress = untold) -> Rests:
     """Read all inputs of one unit; sensor, serial: of which it is said to be.
 
     Raises FormatError and DataError, in one line, for what cannot be read, for logs of two units or data rates, for a recording that is

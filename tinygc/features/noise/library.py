@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from session import VERSION
 from session.base.errors import CalibrationError
 from session.base.files import result_folder
+from session.base.progress import Progress, untold
 from session.base.records import Key, Size, table_of, write_whole
 from session.base.results import Keys, Maybe, Number
 from session.log.folder import Session
@@ -27,7 +28,7 @@ from tinygc.features.noise.output import (
     noise_page,
     open_terms,
 )
-from tinygc.library.arguments import Progress, is_number, is_path, nothing, public
+from tinygc.library.arguments import is_number, is_path, public
 from tinygc.library.records import Shown
 from tinygc.noise.figures import FILE, AllanBand, Inflation, NoiseFigures
 from tinygc.reporting.pictures.canvas import has_matplotlib, save, saved
@@ -173,7 +174,7 @@ def estimate_noise(logs: Any = None, *, progress: Progress | None = None, **choi
     options = NoiseOptions(**choices)
     if options.curve is None:
         inputs = [_input(each) for each in (logs if isinstance(logs, list) else [logs])]
-        return noise_of(inputs, options.sensor, options.serial, progress or nothing)
+        return noise_of(inputs, options.sensor, options.serial, progress or untold)
     if logs is not None:
         raise CalibrationError("estimate_noise: give logs or curve, not both")
     figures, said = estimate_of_curve(options.curve, options.curve_units, options.duration_s, options.odr_hz)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from session.base.errors import CalibrationError
 from session.base.options import argument, file_written, option
+from session.base.progress import Told
 from session.base.texts import command_line, printable
 from session.base.units import DEG
 from tinygc.cli.arguments import is_standard_output
@@ -238,7 +239,7 @@ def _confirm(args: Options, question: str) -> bool:
     return args.yes or ask_person(f"{question} [y/N]", f"table {args.action}: not confirmed; nothing was moved")
 
 
-def _teller(args: Options) -> Callable[[str], None]:
+def _teller(args: Options) -> Told:
     """Prints to standard error; a plan is shown even with --quiet where it is asked about."""
     quiet = args.quiet and args.yes
     return lambda text: None if quiet else print(printable(text), file=sys.stderr, flush=True)

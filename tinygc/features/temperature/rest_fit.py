@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from session.base.errors import DataError
+from session.base.progress import Progress, untold
 from session.base.units import NS
 from session.detect.check_stills import check_rest
 from session.detect.events import knocked
@@ -19,7 +20,6 @@ from session.log.samples import Samples
 from tinygc.closure.floor import AllanCurve, AllanSums, averaging_factors, curve_of, joined_curves
 from tinygc.features.temperature.axis_fit import ORDERS, AxisFit, Knots, fit_axis, make_knots
 from tinygc.features.temperature.sweeps import Sweep, sweeps_of
-from tinygc.library.arguments import Progress, nothing
 
 # A gyroscope's noise from rest logs: Allan deviation over all averaging times, and its dependence on temperature.
 
@@ -167,7 +167,7 @@ def fit_rests(
     read: Sequence[tuple[RestLog, _ShortTimes | None]],
     orders: tuple[int, ...] = ORDERS,
     with_accel: bool = True,
-    progress: Progress = nothing,
+    progress: Progress = untold,
 ) -> RestFit:
     """Fit one sensor's rest logs together.  Raises DataError for a log that is not a rest log, or where only some have temperatures."""
     logs = [log for log, _ in read]

@@ -12,6 +12,7 @@ from scipy.special import chdtrc
 from session.base.errors import DataError, FitError, FormatError
 from session.base.names import log_paths
 from session.base.numeric import sigmas_in
+from session.base.progress import Progress, untold
 from session.base.solving import inverse
 from session.base.texts import printable
 from session.log.config import Accelerometer, read_config
@@ -23,7 +24,7 @@ from tinygc.features.temperature.axis_fit import AxisFit
 from tinygc.features.temperature.model import ThermalModel
 from tinygc.features.temperature.rest_fit import RestFit, fit_rests, read_rests
 from tinygc.fitting.fit import fit_session
-from tinygc.library.arguments import Progress, nothing, public
+from tinygc.library.arguments import public
 from tinygc.models.linear import BIAS, MATRIX, LinearModel
 
 # Parameters of a model over temperature in one vector: E's terms, the zero's, the lags.
@@ -71,7 +72,7 @@ class _SessionPoint:
     accelerometer: Accelerometer = field(default_factory=lambda: Accelerometer(source="none"))
 
 
-def point_of(session: Session, shape: ThermalModel | None, progress: Progress = nothing) -> _SessionPoint:
+def point_of(session: Session, shape: ThermalModel | None, progress: Progress = untold) -> _SessionPoint:
     """Fit one session by least squares; shape: zero over temperature from rest logs, which refers readings to the mean temperature.
 
     Raises FitError where a log has no temperature, and the errors of a fit.
@@ -408,7 +409,7 @@ def fit_temperature(folders: Path | str | Sequence[Path | str], *, most_order: i
     >>> thermal.model(raw, temp=celsius)  # (N, 3) rad/s from (N, 3) rad/s and (N,) degC  # doctest: +SKIP
 
     """
-    progress = progress or nothing
+    progress = progress or untold
     paths = [Path(folder) for folder in ([folders] if isinstance(folders, Path | str) else folders)]
     sensors = [read_config(folder / "session.toml").sensor for folder in paths]
     for folder, sensor in zip(paths[1:], sensors[1:], strict=True):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import numpy as np
 from scipy.special import chdtrc, fdtrc, gammaincinv
 
 from session.base.numeric import median_length
+from session.base.progress import Progress, untold
 from session.base.units import DEG
 from session.log.folder import Session
 from tinygc.closure.least_squares import fit_least_squares
@@ -171,7 +171,7 @@ def explain_truth(
     *,
     seed: int = 0,
     use_earth: bool = True,
-    progress: Callable[[str, int, int], None] = lambda what, done, of: None,
+    progress: Progress = untold,
     prepared: Prepared | None = None,
     noise: Path | None = None,
 ) -> TruthExplanation:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from session.base import rotation
 from session.base.errors import FitError
 from session.base.numeric import sigma_of
+from session.base.progress import Told
 from session.base.units import DEG
 from tinygc.closure.problem import Problem
 from tinygc.effects import Effect
@@ -81,7 +80,7 @@ def truth_components(twin: Twin, sizes: tuple[int, int, int]) -> list[Component]
 WRONG_MOMENTS = "reference.truth_jump"
 
 
-def fit_beside_truth(problem: Problem, ids: tuple[str, ...] | None, seed: int, progress: Callable[[str], None], folds: int) -> PhysicsFit:
+def fit_beside_truth(problem: Problem, ids: tuple[str, ...] | None, seed: int, progress: Told, folds: int) -> PhysicsFit:
     """Fit with these effects, or with what ``explain`` names for a session with a truth file (None).  Raises FitError for an id that cannot
     be fitted."""
     sound, jumps, _ = without_wrong_moments(problem)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from session.base.errors import SegmentError
+from session.base.progress import Told, untold
 from session.base.units import DEG
 from session.detect.segments import Segment, without_excluded
 from session.detect.stills import LogStills, Noise, SessionStills
@@ -44,7 +44,7 @@ def build_truth_problem(
     *,
     use_earth: bool = True,
     exclude: tuple[int, ...] = (),
-    progress: Callable[[str], None] = lambda what: None,
+    progress: Told = untold,
 ) -> Problem:
     """As ``build_problem``.  Raises SegmentError (too few segments) and DataError (truth and log do not share their times)."""
     logs: list[StillSet] = []

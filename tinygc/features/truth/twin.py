@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
 
@@ -11,6 +10,7 @@ from scipy.special import chdtrc
 
 from session.base import rotation
 from session.base.numeric import rms_of, running_sum, sigmas_in
+from session.base.progress import Told, untold
 from session.base.units import DEG
 from tinygc.closure.floor import Floor, gyro_variance
 from tinygc.closure.problem import Problem
@@ -263,9 +263,7 @@ class TruthTwin(Twin):
 WANDER_S = 20.0  #: spacing of the knots; the evidence penalizes their number
 
 
-def name_beside_truth(
-    twin: TruthTwin, evidence: Evidence, seed: int, progress: Callable[[str], None] = lambda what: None
-) -> TruthExplanation:
+def name_beside_truth(twin: TruthTwin, evidence: Evidence, seed: int, progress: Told = untold) -> TruthExplanation:
     """Select among the candidates by the twin's evidence.  An effect at a size that no gyroscope has is rejected, and the selection
     repeated without it."""
     # A drifting bias, so that an unnamed drift is not taken for one of the catalogue's effects.
@@ -310,7 +308,7 @@ def beside_clock(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
     return in_gauge(twin, whiten, fit)
 
 
-def _best(evidence: Evidence, tried: list[Effect], slow: Effect, progress: Callable[[str], None]) -> Hypothesis:
+def _best(evidence: Evidence, tried: list[Effect], slow: Effect, progress: Told) -> Hypothesis:
     """Search from nothing and from a slow bias: otherwise effects that imitate parts of a slow bias are found first and leave it no
     gain."""
     evidence.will_try(tried)

@@ -6,7 +6,7 @@ Other programs' recordings become such a folder through ``write_turn_session``.
 from __future__ import annotations
 
 import gzip
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,6 +15,7 @@ import numpy as np
 from session.base.errors import DataError, FormatError
 from session.base.files import folder_whole, require_empty, require_file, write_new
 from session.base.names import log_paths
+from session.base.progress import Told, untold
 from session.base.texts import printable
 from session.base.toml import Note, setting, toml_line
 from session.base.units import DEG, NS_PER_S
@@ -27,7 +28,7 @@ from tinygc.features.turns.feature import TURNS
 HEADER = "t_ns,gx_rps,gy_rps,gz_rps"
 
 
-def read_turn_session(folder: Path | str, progress: Callable[[str], None] = lambda what: None) -> Session:
+def read_turn_session(folder: Path | str, progress: Told = untold) -> Session:
     """Read a folder whose reference is turns of known angle; the specific force of its samples is NaN.
 
     Closure runs, rest logs and dial readings beside the logs are not read.  Raises FormatError or DataError, which name file and line.

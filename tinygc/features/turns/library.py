@@ -7,13 +7,14 @@ from pathlib import Path
 import numpy as np
 
 from session.base.errors import FitError
+from session.base.progress import Progress, untold
 from session.log.folder import Session, input_hashes
 from tinygc.features.turns.angles import measured_turns
 from tinygc.features.turns.estimate import estimate
 from tinygc.features.turns.feature import TURNS
 from tinygc.features.turns.folder import read_turn_session
 from tinygc.features.turns.result import RestBias, TurnFit
-from tinygc.library.arguments import Progress, nothing, public
+from tinygc.library.arguments import public
 
 
 @public()
@@ -45,7 +46,7 @@ def fit_turns(session: Session | Path | str, *, progress: Progress | None = None
     >>> turned.scales[0].value, turned.scales[0].sigma  # doctest: +SKIP
 
     """
-    progress = progress or nothing
+    progress = progress or untold
     if not isinstance(session, Session):
         session = read_turn_session(session)
     elif session.config.protocol.reference != TURNS:

@@ -29,6 +29,7 @@ from typing import TypeVar
 import numpy as np
 
 from session.base.errors import CalibrationError
+from session.base.progress import Told
 from session.base.texts import printable
 from session.base.units import DEG
 from session.bench.clocks import Clock
@@ -214,7 +215,7 @@ class Guarded:
         begins = [f"before the first move it is sent: {self.begins}"] if self.begins else []
         return [*begins, *filter(None, [self._table.warning])]
 
-    def confirm(self, moves: Sequence[Move], ask: Callable[[str], bool] | None, say: Callable[[str], None]) -> None:
+    def confirm(self, moves: Sequence[Move], ask: Callable[[str], bool] | None, say: Told) -> None:
         """Show a plan, check it against the limits, and have it confirmed; ask None: somebody confirmed it already (``--yes``).
 
         Raises TableLimit for a plan beyond the limits, here or by the controller's own settings, for one of angles that are lost, and where

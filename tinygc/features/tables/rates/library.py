@@ -12,6 +12,7 @@ import numpy as np
 from session import VERSION
 from session.base.errors import CalibrationError, FormatError
 from session.base.files import result_folder
+from session.base.progress import Progress, untold
 from session.base.records import write_whole
 from session.base.results import write_text_whole
 from session.base.texts import NONE, printable, probability, significant
@@ -23,7 +24,7 @@ from tinygc.features.tables.rates.points import Points, points_of, read_points, 
 from tinygc.features.tables.rates.recording import read_recording
 from tinygc.features.tables.rates.sweep import Response, Sweep, fit_response, is_response, read_response, transfer
 from tinygc.features.tables.rates.terms import TermRow, left_open, size, terms
-from tinygc.library.arguments import Progress, is_path, nothing, public
+from tinygc.library.arguments import is_path, public
 from tinygc.library.records import Shown
 from tinygc.reporting.html.chart import Axis, Chart, linear_axis
 from tinygc.reporting.html.markup import Section, escape, figure, key, paragraph, table
@@ -500,7 +501,7 @@ def estimate_rates(source: Any, *, sigma: Any = None, progress: Progress | None 
     if is_path(source):
         if sigma is not None:
             raise CalibrationError("estimate_rates: sigma is of arrays; a CSV has a column std and --readings")
-        return rates_of(Path(source), columns, progress or nothing)
+        return rates_of(Path(source), columns, progress or untold)
     if not (isinstance(source, tuple) and len(source) == 2):
         raise CalibrationError(f"source is of type {type(source).__name__}, expected a path or a tuple of two arrays (rate_dps, output)")
-    return rates_of_arrays(*source, sigma, columns.unit or "units", progress or nothing)
+    return rates_of_arrays(*source, sigma, columns.unit or "units", progress or untold)

@@ -16,6 +16,7 @@ import numpy as np
 from session.base.errors import DataError, FormatError
 from session.base.files import require_file
 from session.base.names import log_paths
+from session.base.progress import Progress
 from session.base.solving import solve
 from session.base.texts import printable
 from session.base.units import DEG, NS
@@ -29,7 +30,6 @@ from tinygc.features.tables.machines.description import Description, body_axes, 
 from tinygc.features.tables.machines.rates import MARGIN_RAD
 from tinygc.features.tables.rates.points import Points, points_of
 from tinygc.features.tables.rates.sweep import LEAST, Response
-from tinygc.library.arguments import Progress
 
 STEM = "rates"
 #: key of ``[settings]`` in table.toml: how late the machine's angles are, s

@@ -10,6 +10,7 @@ from session import VERSION
 from session.base.errors import CalibrationError
 from session.base.files import result_folder
 from session.base.options import records
+from session.base.progress import Progress, untold
 from session.base.records import plain, write_whole
 from session.base.results import write_text_whole
 from session.base.texts import printable
@@ -24,7 +25,7 @@ from tinygc.features.unit.budget.use import TOTAL
 from tinygc.features.unit.options import BudgetOptions
 from tinygc.fitting.fit import fit_session
 from tinygc.fitting.results import FitResult
-from tinygc.library.arguments import Progress, is_fit, nothing, public, session_or_folder
+from tinygc.library.arguments import is_fit, public, session_or_folder
 from tinygc.library.records import Shown
 from tinygc.reporting.terminal import Group, RenderableType
 
@@ -106,7 +107,7 @@ class UncertaintyBudget(Shown):
         return folder
 
 
-def budget_of_fit(result: FitResult, use: BudgetOptions, progress: Progress = nothing) -> UncertaintyBudget:
+def budget_of_fit(result: FitResult, use: BudgetOptions, progress: Progress = untold) -> UncertaintyBudget:
     """The budget of a fit.
 
     Raises CalibrationError for a name that is none, for a motion that cannot be read, and for draws of a fit whose errors cannot be drawn.
@@ -165,6 +166,6 @@ def budget(session: Session | Path | str, *, progress: Progress | None = None, *
 
     """
     use, options = records({"methods": ("least_squares",)} | choices, BudgetOptions, FitOptions)
-    said = progress or nothing
+    said = progress or untold
     found = session.result if is_fit(session) else fit_session(session_or_folder(session), options, said)  # type: ignore[union-attr]
     return budget_of_fit(found, use, said)

@@ -23,6 +23,7 @@ from scipy.special import ndtri, stdtrit
 from session.base import rotation
 from session.base.errors import CalibrationError, FitError
 from session.base.numeric import sigmas_in
+from session.base.progress import Progress
 from session.base.records import table_of
 from tinygc.closure.build import bias_shares
 from tinygc.closure.least_squares import fit_least_squares
@@ -33,7 +34,6 @@ from tinygc.estimation.stated_noise import CALIBRATION, GRAVITY_LENGTH, channel_
 from tinygc.features.unit.budget.rows import Budget
 from tinygc.features.unit.budget.use import model_of
 from tinygc.fitting.results import FitResult
-from tinygc.library.arguments import Progress
 from tinygc.models.linear import BIAS, NAMES, PARAMETERS, WORDS, LinearModel, field_vector
 
 #: names of the attitude about single axes

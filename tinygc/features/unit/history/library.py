@@ -12,6 +12,7 @@ import numpy as np
 from session import VERSION
 from session.base.errors import CalibrationError
 from session.base.files import result_folder
+from session.base.progress import Progress, untold
 from session.base.records import in_unit, plain, table_of, write_whole
 from session.base.results import write_text_whole
 from session.base.units import DEG
@@ -21,7 +22,7 @@ from tinygc.features.unit.history.forecast import FAILS, UNDECIDED, Outlook, out
 from tinygc.features.unit.history.sessions import NUMBERS, read_dates, sessions_of
 from tinygc.features.unit.history.text import outlook_line, unit_page
 from tinygc.features.unit.options import HistoryOptions
-from tinygc.library.arguments import Progress, is_path, nothing, public
+from tinygc.library.arguments import is_path, public
 from tinygc.library.records import Shown
 from tinygc.reporting.pictures.canvas import has_matplotlib, save, saved
 from tinygc.reporting.terminal import Group
@@ -230,7 +231,7 @@ def history(sessions: Path | str | Sequence[Path | str], *, dates: Any = None, p
     requirements = [*([parse_accuracy(options.accuracy)] if options.accuracy else []), *map(parse_limit, options.require)]
     moments = read_dates(Path(dates)) if is_path(dates) else {name: _moment(name, when) for name, when in (dates or {}).items()}
     today = None if options.today is None else _moment("today", options.today).when
-    grouped, remarks = sessions_of(given, moments, progress or nothing, options.serial)
+    grouped, remarks = sessions_of(given, moments, progress or untold, options.serial)
     units = tuple(history_of(sessions) for _, sessions in sorted(grouped.items()))
     return History(units, tuple(outlooks_of(unit, requirements, today) for unit in units), tuple(remarks))
 

@@ -14,6 +14,7 @@ from session.base.errors import CalibrationError, FormatError
 from session.base.files import KB, read_text
 from session.base.names import is_session, is_special, log_paths
 from session.base.numeric import sigmas_in
+from session.base.progress import Progress
 from session.base.records import DERIVED
 from session.base.texts import command_line, printable
 from session.base.units import DEG, MG
@@ -26,7 +27,6 @@ from tinygc.estimation.accelerometer import SMALL, triad_errors
 from tinygc.estimation.session_times import Moment, moment_of, parsed
 from tinygc.features.unit.calibrated import Calibrated, in_one_frame, read_calibrated, refuse_same
 from tinygc.fitting.listing import folders_of
-from tinygc.library.arguments import Progress
 from tinygc.models.linear import BIAS, NAMES, WORDS, field_jacobian, field_quantities, field_vector
 
 #: a fit's file that a session of a history must have

@@ -13,6 +13,7 @@ from session.base.errors import CalibrationError, FormatError
 from session.base.files import require_file
 from session.base.names import is_session
 from session.base.numeric import sigmas_in
+from session.base.progress import Progress, untold
 from session.base.records import in_unit, plain, write_whole
 from session.base.texts import command_line
 from session.base.units import DEG
@@ -22,7 +23,7 @@ from tinygc.features.unit.options import VerifyOptions
 from tinygc.features.unit.verification.old import read_old
 from tinygc.features.unit.verification.text import verdict_line, verification_page
 from tinygc.features.unit.verification.verdict import Verification, verify_session, written_model
-from tinygc.library.arguments import Progress, is_path, nothing, public
+from tinygc.library.arguments import is_path, public
 from tinygc.library.records import Shown
 from tinygc.reporting.terminal import Group, RenderableType
 
@@ -163,7 +164,7 @@ def verify(model: Path | str, today: Any, *, progress: Progress | None = None, *
     options, old = VerifyOptions(**choices), read_old(Path(model))
 
     def step(what: str) -> None:
-        (progress or nothing)(what, 0, 1)
+        (progress or untold)(what, 0, 1)
 
     if not isinstance(today, Session):
         today = Path(today)

@@ -17,6 +17,7 @@ import numpy as np
 
 from session.base import rotation
 from session.base.errors import DataError, FitError, SegmentError
+from session.base.progress import Told, untold
 from session.base.units import G
 from session.detect.accelerometer import IDENTITY, force_of, length_columns, times_of, units
 from session.detect.axes import agreement
@@ -110,7 +111,7 @@ class Rows:
         return twin.effect_columns(catalogue()[name], start, twin.sensitivity(start, rates), rates).stacked()
 
 
-def rows_of(session: Session, old: OldCalibration, use_earth: bool = True, progress: Callable[[str], None] = lambda what: None) -> Rows:
+def rows_of(session: Session, old: OldCalibration, use_earth: bool = True, progress: Told = untold) -> Rows:
     """Compare a session with the old calibration.  Raises SegmentError without a rest, and the errors of ``prepare``."""
     session = old.readings(session)
     vector = old.linear.vector

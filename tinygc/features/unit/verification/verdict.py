@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from session.base.errors import DataError
 from session.base.numeric import sigmas_in
+from session.base.progress import Told, untold
 from session.base.texts import significant
 from session.base.units import DEG
 from session.log.folder import Session, read_session
@@ -91,7 +92,7 @@ def verify_session(
     old: OldCalibration,
     session: Session,
     options: VerifyOptions | None = None,
-    progress: Callable[[str], None] = lambda what: None,
+    progress: Told = untold,
     temp_then_c: float | None = None,
 ) -> Verification:
     """Verify a calibration by a session; temp_then_c: mean temperature of the old session, where its folder does not say it.  Raises

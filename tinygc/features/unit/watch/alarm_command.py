@@ -8,9 +8,9 @@ import shlex
 import signal
 import subprocess
 import threading
-from collections.abc import Callable
 
 from session.base.errors import CalibrationError
+from session.base.progress import Told
 
 #: s that a command may take, and commands that may run at once
 MOST_S, MOST_RUNNING = 30.0, 4
@@ -30,7 +30,7 @@ def words_of(text: str) -> list[str]:
 class AlarmCommand:
     """Runs ``words`` for each alarm, beside the watch; say: one line of what went wrong."""
 
-    def __init__(self, words: list[str], say: Callable[[str], None], most_s: float = MOST_S):
+    def __init__(self, words: list[str], say: Told, most_s: float = MOST_S):
         self._words, self._say, self._most_s = words, say, most_s
         self._running: list[threading.Thread] = []
 

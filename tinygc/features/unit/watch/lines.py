@@ -7,12 +7,12 @@ import errno
 import os
 import sys
 from collections import deque
-from collections.abc import Callable
 from io import FileIO
 from pathlib import Path
 
 from session.base.errors import StorageError
 from session.base.files import open_written
+from session.base.progress import Told
 from session.base.records import json_line
 
 #: lines that are kept while they cannot be written
@@ -25,7 +25,7 @@ class JsonLines:
     Raises StorageError for a file that cannot be opened.
     """
 
-    def __init__(self, path: Path | None, say: Callable[[str], None]):
+    def __init__(self, path: Path | None, say: Told):
         self._path, self._say = path, say
         self._waiting: deque[bytes] = deque(maxlen=MOST_KEPT)
         self._whole = 0  # bytes of whole lines in the file

@@ -44,6 +44,6 @@ def test_each_turn_is_on_the_law_that_was_put_in_and_the_report_draws_it(known):
         assert slope == pytest.approx(1.0, abs=4 * sigma + 0.02)
     for picture, words in (("", "The scale error of each turn along its rate"), (TURNS, "What each turn misses against what")):
         drawn = replace(claim, effect=replace(claim.effect, picture=picture)) if picture else claim
-        found = section(SimpleNamespace(explanation=replace(e, claimed=[drawn])))
+        found = section(SimpleNamespace(by_reference=None, explanation=replace(e, claimed=[drawn])))
         assert words in found.html
         assert "nan" not in found.html.lower().replace("nano", "")

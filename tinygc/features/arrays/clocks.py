@@ -11,7 +11,7 @@ from scipy.fft import irfft, next_fast_len, rfft
 from scipy.interpolate import CubicSpline
 
 from session.base.errors import CalibrationError
-from session.base.numeric import later_row, rms_of, running_sum, sigma_of
+from session.base.numeric import later_row, new_readings, rms_of, running_sum, sigma_of
 from session.base.records import Size
 from session.base.results import Number
 from session.base.solving import inverse
@@ -91,6 +91,11 @@ class Rates:
         part = slice(good[0], good[-1] + 1)
         return replace(self, t_s=self.t_s[part], rate=self.rate[part], good=self.good[part])
 
+    @property
+    def speed(self) -> np.ndarray:
+        """(N,) |rate| without the zero-rate offset."""
+        return np.linalg.norm(self.rate - np.median(self.rate, axis=0), axis=1)
+
     def spline(self) -> CubicSpline:
         """Return the rate as a cubic spline over the unit's time."""
         return CubicSpline(self.t_s, self.rate)
@@ -109,7 +114,7 @@ def rates_of(samples: Samples, end_dps: float) -> Rates:
     bad = (np.abs(rate) >= end_dps * DEG).any(axis=1)
     step, period_s = np.diff(t_s), samples.period_s
     # Readings in runs of identical values on all axes, of at least this length
-    begins = np.flatnonzero(np.append(True, (rate[1:] != rate[:-1]).any(axis=1)))
+    begins = np.flatnonzero(new_readings(rate))
     count = np.diff(np.append(begins, len(rate)))
     bad |= np.repeat(count >= max(round(STUCK_S / period_s), 4), count)
     gaps = step > GAP_PERIODS * period_s
@@ -176,7 +181,7 @@ def _search(first: Rates, unit: Rates, step_s: float, rates: np.ndarray) -> tupl
 
 def _speed(rates: Rates, t_s: np.ndarray, grid: np.ndarray) -> np.ndarray:
     """Return |rate| without the zero-rate offset, averaged over the steps of a grid that lies within the log."""
-    speed = np.linalg.norm(rates.rate - np.median(rates.rate, axis=0), axis=1)
+    speed = rates.speed
     turned = running_sum((speed[1:] + speed[:-1]) / 2 * np.diff(t_s))
     edges = np.append(grid, grid[-1] + (grid[-1] - grid[-2] if len(grid) > 1 else 1.0))
     return np.diff(np.interp(edges, t_s, turned))
@@ -309,7 +314,7 @@ def noise_of(rate: np.ndarray) -> np.ndarray:
 
 def _moves(rates: Rates, bar: float) -> np.ndarray:
     """Return (N,) bool: readings that turn, and those within half a second of them."""
-    speed = np.linalg.norm(rates.rate - np.median(rates.rate, axis=0), axis=1)
+    speed = rates.speed
     reach = max(1, round(0.25 / rates.period_s))
     return np.asarray(np.convolve(speed > bar, np.ones(2 * reach + 1), mode="same")[: len(speed)] > 0.5)
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 from scipy.special import gammaincc, gammainccinv, ndtr
 
-from session.base.numeric import later_row, rms_of, sigma_of
+from session.base.numeric import nearest_row, rms_of, sigma_of
 from session.base.units import NS
 from session.log.folder import Session
 from session.log.logfile import Log
@@ -74,7 +74,7 @@ def age_readings(t_s: np.ndarray, excess: np.ndarray, slope: np.ndarray, noise: 
 def find_beat(readings: AgeReadings) -> tuple[float, float, float]:
     """Return the frequency of the highest peak in Hz, without its sign, the amplitude of the sinusoid there in s, and the p-value over all
     frequencies searched, 1 where there are too few readings."""
-    stretches = _stretches(readings)
+    stretches = _spans(readings.t_s - readings.t_s[:1], STRETCH_S, 8)
     if not stretches:
         return 0.0, 0.0, 1.0
     # fast Fourier transform of readings on a grid much finer than the reader's period
@@ -103,12 +103,10 @@ def find_beat(readings: AgeReadings) -> tuple[float, float, float]:
     return float(frequency[best]), float(amplitude[best] / weight.sum()), p_value
 
 
-def _stretches(readings: AgeReadings) -> list[np.ndarray]:
-    """Split the readings into stretches of time that hold enough of them."""
-    if not len(readings.t_s):
-        return []
-    index = np.floor((readings.t_s - readings.t_s[0]) / STRETCH_S).astype(int)
-    return [rows for rows in (np.flatnonzero(index == each) for each in np.unique(index)) if len(rows) >= 8]
+def _spans(t_s: np.ndarray, length_s: float, fewest: int) -> list[np.ndarray]:
+    """Rows of times (N,) in spans of this length, of those that hold enough of them."""
+    index = np.floor(t_s / length_s).astype(np.int64)
+    return [rows for rows in (np.flatnonzero(index == each) for each in np.unique(index)) if len(rows) >= fewest]
 
 
 # Phase of a beat through a recording in which only some readings determine it.
@@ -151,8 +149,7 @@ class PhaseTrack:
         inside = np.clip(t_s, self.t_s[0], self.t_s[-1])
         phase = CubicHermiteSpline(self.t_s, self.cycles, self.frequency_hz)(inside)
         phase = phase + np.where(t_s < inside, self.frequency_hz[0], self.frequency_hz[-1]) * (t_s - inside)
-        nearest = np.abs(t_s - self.t_s[later_row(self.t_s, t_s) - 1])
-        nearest = np.minimum(nearest, np.abs(self.t_s[np.clip(np.searchsorted(self.t_s, t_s), 0, len(self.t_s) - 1)] - t_s))
+        nearest = np.abs(t_s - self.t_s[nearest_row(self.t_s, t_s)])
         sigma = np.interp(t_s, self.t_s, self.sigma_cycles)
         return phase, np.sqrt(sigma**2 + WALK_HZ**2 * nearest**3 / 3)
 
@@ -168,8 +165,7 @@ def sawtooth(cycles: np.ndarray, sigma_cycles: np.ndarray) -> np.ndarray:
 
 def track(readings: AgeReadings, beat_hz: float, period_s: float, offset_s: float) -> PhaseTrack:
     """Track the phase of ages ``offset + period frac(phase)``; beat_hz with its sign."""
-    index = np.floor(readings.t_s / WINDOW_S).astype(np.int64)
-    windows = [rows for rows in (np.flatnonzero(index == each) for each in np.unique(index)) if len(rows) >= 3]
+    windows = _spans(readings.t_s, WINDOW_S, 3)
     middle = np.array([np.average(readings.t_s[w], weights=1 / readings.variance[w]) for w in windows])
     likelihood, none = np.zeros((len(windows), PHASES)), 0.0
     grid = np.arange(PHASES) / PHASES

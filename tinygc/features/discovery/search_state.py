@@ -11,7 +11,7 @@ import numpy as np
 from session.base.records import Count, Key
 from session.base.units import DEG
 from tinygc.closure.problem import Problem
-from tinygc.closure.uncertainty import chi_square_above
+from tinygc.closure.uncertainty import chi_square_above, signed_ranks_above
 from tinygc.effects import Effect, Movement
 from tinygc.explanation.decision import LEAST_EXCESS, tilt_rms
 from tinygc.explanation.evidence import Hypothesis
@@ -176,14 +176,11 @@ class Unseen:
 
     def assessed(self, without: Hypothesis, law: Hypothesis, held: np.ndarray, recording: str | None = None) -> HeldOut | None:
         """Test the law's prediction of the used segments ``held`` (indices); None where there are none."""
-        from scipy.stats import wilcoxon
-
         if not len(held):
             return None
         sigma = self.sigma(law.noise)
         before, after = (self.whole.residuals(each.fit.state) for each in (without, law))
         gains = self._squares(before.stacked() / sigma)[held] - self._squares(after.stacked() / sigma)[held]
-        p_value = float(wilcoxon(gains, alternative="greater").pvalue) if np.any(gains) else 1.0
         white = self.whole.problem.floor.white[held]
         floor = float(np.sqrt(np.mean(white[:, 0, 0] + white[:, 1, 1])))
         rms = [tilt_rms(each.closure[held]) for each in (before, after)]
@@ -192,7 +189,7 @@ class Unseen:
         # Probability under white noise and the sensor's bias instability only, so that the residuals do not raise the noise
         closure = (after.stacked() / self._sensor_sigma)[self.white.parts["closure"]].reshape(len(self.whole.segments), -1)[held]
         noise_p = chi_square_above(float(np.sum(closure**2)), closure.size)
-        return HeldOut(rms[0], rms[1], floor, removed, p_value, noise_p, len(held), recording)
+        return HeldOut(rms[0], rms[1], floor, removed, signed_ranks_above(gains), noise_p, len(held), recording)
 
     def _squares(self, rows: np.ndarray) -> np.ndarray:
         """Sums of squares (S,) of rows (n,) in sigmas: of each segment, with the still at its beginning where that was held out."""

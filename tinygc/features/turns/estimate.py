@@ -247,12 +247,10 @@ def _fits(data: _Data, good: np.ndarray, grid: np.ndarray) -> tuple[np.ndarray, 
     """For each of K points, with independent turns: variance (K, n), log of the restricted likelihood (K,) of the good ones, residual
     (K, n) and leverage (K, n), as a variance, of all."""
     variance = _variance(data, grid)
-    w = np.where(good, 1 / variance, 0.0)
-    information = np.eye(data.J.shape[1]) + np.einsum("kn,nij->kij", w, data.J[:, :, None] * data.J[:, None], optimize=True)
-    pull = (w * data.r) @ data.J
+    information, pull, squares = _normal_equations(data, good, variance, [])
     inverse = np.linalg.inv(information)
     beta = np.einsum("kij,kj->ki", inverse, pull)
-    square = np.log(2 * np.pi * variance) @ good + (w * data.r) @ data.r - np.sum(pull * beta, axis=1)
+    square = np.log(2 * np.pi * variance) @ good + squares - np.sum(pull * beta, axis=1)
     leverage = np.einsum("kni,ni->kn", data.J @ inverse, data.J, optimize=True)
     return variance, -0.5 * (square + np.linalg.slogdet(information)[1]), data.r - beta @ data.J.T, leverage
 
@@ -305,20 +303,22 @@ def _near_the_median(data: _Data) -> np.ndarray:
     return np.asarray(np.abs(off) <= 6 * max(float(sigma_of(off)), 1.0))
 
 
-def _normal_equations(data: _Data, good: np.ndarray, grid: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Information (K, p, p) with the prior, pull (K, p) and sum of squares (K,) of the good turns, with the rests that turns share."""
+def _normal_equations(
+    data: _Data, good: np.ndarray, variance: np.ndarray, coupled: list[tuple[np.ndarray, np.ndarray]]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Information (K, p, p) with the prior, pull (K, p) and sum of squares (K,) of the good turns, of variance (K, n) rad^2; coupled: turns
+    that share rests, as of the data, or none."""
     alone = good.copy()
-    for rows, _ in data.coupled:
+    for rows, _ in coupled:
         alone[rows] = False
-    variance = _variance(data, grid)
     w = np.where(alone, 1 / variance, 0.0)
     information = np.eye(data.J.shape[1]) + np.einsum("kn,nij->kij", w, data.J[:, :, None] * data.J[:, None], optimize=True)
     pull, square = (w * data.r) @ data.J, (w * data.r) @ data.r
-    for rows, matrix in data.coupled:
+    for rows, matrix in coupled:
         own = rows[good[rows]]
         C = matrix[np.ix_(good[rows], good[rows])] + variance[:, own, None] * np.eye(len(own))
         columns = np.column_stack([data.J[own], data.r[own]])
-        product = columns.T @ np.linalg.solve(C, np.broadcast_to(columns, (len(grid), *columns.shape)))
+        product = columns.T @ np.linalg.solve(C, np.broadcast_to(columns, (len(variance), *columns.shape)))
         information, pull, square = information + product[:, :-1, :-1], pull + product[:, :-1, -1], square + product[:, -1, -1]
     return information, pull, square
 
@@ -336,7 +336,7 @@ def _posterior(data: _Data, good: np.ndarray, grid: _Grid) -> tuple[np.ndarray, 
         weighed = grid.prior + _fits(data, good, grid.points)[1]
         weights = np.exp(weighed - logsumexp(weighed))
         points, weights = grid.points[weights > NO_WEIGHT], weights[weights > NO_WEIGHT]
-    information, pull, _ = _normal_equations(data, good, points)
+    information, pull, _ = _normal_equations(data, good, _variance(data, points), data.coupled)
     covariances = np.linalg.inv(information)
     return points, weights / weights.sum(), np.einsum("kij,kj->ki", covariances, pull), covariances
 
@@ -371,5 +371,5 @@ def _chi_square(data: _Data, good: np.ndarray) -> tuple[float, int]:
     dof = int(good.sum()) - len(np.unique(data.group[good]))
     if dof <= 0:
         return 0.0, 0
-    information, pull, square = _normal_equations(data, good, np.zeros((1, 3)))
+    information, pull, square = _normal_equations(data, good, _variance(data, np.zeros((1, 3))), data.coupled)
     return float(square[0] - pull[0] @ np.linalg.solve(information[0], pull[0])), dof

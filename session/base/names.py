@@ -36,14 +36,9 @@ def is_session(folder: Path) -> bool:
     return any((folder / sign).exists() for sign in SIGNS)
 
 
-def is_recorded(path: Path) -> bool:
-    """Whether a path, as it stands, is a recording's own file that is there (a link counts as what it is called)."""
-    return has_recorded_name(path) and os.path.lexists(path) and is_session(path.parent)
-
-
 def refuse_recorded(path: Path) -> None:
-    """StorageError where a result would take the place of a recording's own file."""
-    if is_recorded(path):
+    """StorageError where a result would take the place of a recording's own file that is there (a link counts as what it is called)."""
+    if has_recorded_name(path) and os.path.lexists(path) and is_session(path.parent):
         raise StorageError(f"{path}: is a file of the recording in {path.parent}, and no result is written over one; give another path")
 
 

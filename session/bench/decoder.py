@@ -54,7 +54,8 @@ def decode_frames(
     bad[found] = False
     infos = {row: body for row, body in zip(found.tolist(), bodies, strict=True) if body[0] == frames.INFO_TYPE}
     left = np.flatnonzero(bad & (lengths >= frames.SHORTEST_OTHER) & (lengths <= frames.LONGEST_OTHER))
-    left = left[frames.is_other(codes[ends[left] - lengths[left] + 1])]
+    types = codes[ends[left] - lengths[left] + 1]
+    left = left[(types >= frames.FIRST_OTHER) & (types <= frames.LAST_OTHER)]
     others: dict[int, np.ndarray] = {}
     for length in np.unique(lengths[left]).tolist():
         found, bodies = _good_frames(codes, ends, left[lengths[left] == length], length)

@@ -84,11 +84,6 @@ def decode_blocks(blocks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return body, (place == size) & (sent == crc(body))
 
 
-def is_other(types: np.ndarray) -> np.ndarray:
-    """Whether the first byte of a body (n,) uint8 is a type that is neither a sample's nor an info's."""
-    return (types >= FIRST_OTHER) & (types <= LAST_OTHER)
-
-
 def decode_info(body: bytes) -> Info | None:
     """Decode an info frame's body; None where no sensor has such values."""
     _, _, gyro_fs, accel_fs, odr_hz, serial = INFO.unpack(body)

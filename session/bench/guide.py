@@ -357,8 +357,8 @@ class Guide:
             return None, "there is no turn to drop now"
         if self.here.refused:
             return None, "the last turn does not count"
-        last = self.taken.last_of(self.log)
-        return (None, "this log holds no accepted turn yet") if last is None else (fastest_ns(last) // 1000, "")
+        last = self.taken.turns[-1:]
+        return (fastest_ns(last[0]) // 1000, "") if last and last[0].log == self.log else (None, "this log holds no accepted turn yet")
 
     @property
     def now_s(self) -> float:

@@ -105,13 +105,6 @@ def only_candidate() -> KnownPort:
     return boards[0]
 
 
-def name_of(identity: tuple | None) -> str | None:
-    """The present port of a USB device, or None."""
-    if identity is None:
-        return None
-    return next((port.device for port in list_ports.comports() if (port.vid, port.pid, port.serial_number) == identity), None)
-
-
 def _known(port: ListPortInfo) -> KnownPort:
     if port.vid is None:
         what = port.description if port.description not in (None, "n/a") else "no USB device"
@@ -242,7 +235,9 @@ class Port:
                 self._serial = self._open()
             except UNPLUGGED:
                 # The board may return as another device: ttyACM1 for ttyACM0.
-                self.name = name_of(self._identity) or self.name
+                ports = list_ports.comports() if self._identity is not None else ()
+                mine = (port.device for port in ports if (port.vid, port.pid, port.serial_number) == self._identity)
+                self.name = next(mine, self.name)
                 continue
             self._opened()
             return

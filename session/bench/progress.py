@@ -320,10 +320,6 @@ class AcceptedData:
         self.turns.append(turn)
         self._turned[id(turn)] = turned_deg(turn)
 
-    def last_of(self, log: int) -> AcceptedTurn | None:
-        """The last turn that counts, if it is of this log."""
-        return self.turns[-1] if self.turns and self.turns[-1].log == log else None
-
     def drop(self, log: int, at_ns: int) -> AcceptedTurn | None:
         """Remove and return the turn that moved at that moment of a log; None where no accepted one did."""
         for turn in self.turns:

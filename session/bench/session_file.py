@@ -141,7 +141,11 @@ class SessionFile:
             self._write(config, bool(physical))
             self._own, self._written = config, True
         if board is not None and self._written:
-            self._text, self._written = add_board(self.path, _board_keys(board), BOARD_REMARKS).encode(), False
+            keys: dict[str, str | float] = {"source": board.source_name, "firmware": board.firmware}
+            if board.source != STANDIN:  # which has no registers
+                keys |= {"who_am_i": board.who_am_i, "freq_fine": board.freq_fine, "registers": board.registers.hex()}
+                keys["odr_hz"] = setting(board.odr_hz)
+            self._text, self._written = add_board(self.path, keys, BOARD_REMARKS).encode(), False
         notes, self._notes = self._notes, {}
         if notes:
             self._text = add_notes(self.path, notes).encode()
@@ -258,19 +262,6 @@ def plain(text: str) -> str:
     """A board's text for a file: one printable line of limited length."""
     text = text.encode("utf-8", errors="replace").decode("utf-8")
     return " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())[:LONGEST_WORDS]
-
-
-def _board_keys(board: BoardStatus) -> dict[str, str | float]:
-    """``[board]`` from its status; a stand-in has no registers."""
-    keys: dict[str, str | float] = {"source": board.source_name, "firmware": board.firmware}
-    if board.source == STANDIN:
-        return keys
-    return keys | {
-        "who_am_i": board.who_am_i,
-        "freq_fine": board.freq_fine,
-        "registers": board.registers.hex(),
-        "odr_hz": setting(board.odr_hz),
-    }
 
 
 def _same_model(one: str, other: str) -> bool:

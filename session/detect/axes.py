@@ -373,7 +373,16 @@ def _axes_finding(where: str, found: AxesAgreement, turns: str) -> Finding:
         says = f"not as logged: {' - or: '.join(orders[:2])}: {says} ({turns}); {len(orders)} orders fit alike, and none is chosen"
         return Finding("error", where, "axes", says, "turn about the third axis as well; correct the columns where the log is written")
     says = f"{_axes_in_words(found.axes)}: {says} ({turns})"
-    return Finding("error", where, "axes", says, _axes_advice(found.axes), _axes_corrections(found.axes))
+    gyro = Correction(_axes_in_words(found.axes), "gyro", axes=_rows(found.axes))
+    do = "correct the columns or their signs where the log is written; a rotation of the board cannot do this"
+    if np.linalg.det(found.axes) < 0:
+        return Finding("error", where, "axes", says, do, (gyro,))
+    # A gyro mirrored alone is the gyro's fault; a turned one can be the accelerometer's: d' = det(Q) d x Q'm if d is Q d.  Gravity's sign
+    # does not show (d and -d move alike), so of Q and -Q the one that changes less is named.
+    axes = max((found.axes.T, -found.axes.T), key=np.trace)
+    other = _axes_in_words(axes).replace("gyro", "accelerometer").replace("; its triad is left-handed", "")
+    do = f"correct the columns where the log is written; or it is the accelerometer: {other}"
+    return Finding("error", where, "axes", says, do, (gyro, Correction(other, "accel", axes=_rows(axes))))
 
 
 def _axes_in_words(axes: np.ndarray) -> str:
@@ -397,31 +406,6 @@ def _axes_in_words(axes: np.ndarray) -> str:
     if np.linalg.det(axes) < 0:
         texts.append("its triad is left-handed")
     return "; ".join(texts)
-
-
-def _axes_advice(axes: np.ndarray) -> str:
-    """A gyro mirrored alone is the gyro's fault; a turned one can be the accelerometer's: ``d' = det(Q) d x Q'm`` if d is Q d.
-
-    Gravity's sign does not show (d and -d move alike), so of Q and -Q the one that changes less is named.
-    """
-    if np.linalg.det(axes) < 0:
-        return "correct the columns or their signs where the log is written; a rotation of the board cannot do this"
-    return f"correct the columns where the log is written; or it is the accelerometer: {_of_accelerometer(axes)[1]}"
-
-
-def _of_accelerometer(axes: np.ndarray) -> tuple[np.ndarray, str]:
-    """The accelerometer's axes (3, 3) that look like the gyro's, and what is wrong with its columns."""
-    other = max((axes.T, -axes.T), key=np.trace)
-    return other, _axes_in_words(other).replace("gyro", "accelerometer").replace("; its triad is left-handed", "")
-
-
-def _axes_corrections(axes: np.ndarray) -> tuple[Correction, ...]:
-    """Of the gyro; or of the accelerometer, where a turned one looks alike."""
-    gyro = Correction(_axes_in_words(axes), "gyro", axes=_rows(axes))
-    if np.linalg.det(axes) < 0:
-        return (gyro,)
-    other, says = _of_accelerometer(axes)
-    return gyro, Correction(says, "accel", axes=_rows(other))
 
 
 def _rows(axes: np.ndarray) -> Axes:

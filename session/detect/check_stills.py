@@ -135,7 +135,9 @@ def check_noise(
     """
     if noise is None:
         return []
-    gyro, accel = _gyro_yardstick(sensor), _of_model(sensor, "accel_noise_ug_rthz")
+    stated = sensor.gyro_noise_mdps_rthz
+    gyro = _of_model(sensor, "gyro_noise_mdps_rthz") if stated is None else ("session.toml says", stated)
+    accel = _of_model(sensor, "accel_noise_ug_rthz")
     mdps, ug = noise.gyro / MDPS, noise.accel / MG * 1e3
 
     def spectrum(accelerometer: bool) -> RestSpectrum | None:
@@ -147,14 +149,8 @@ def check_noise(
     ]
 
 
-def _gyro_yardstick(sensor: Sensor) -> tuple[str, float] | None:
-    """Who says it, and how much, mdps/sqrt(Hz)."""
-    if sensor.gyro_noise_mdps_rthz is not None:
-        return "session.toml says", sensor.gyro_noise_mdps_rthz
-    return _of_model(sensor, "gyro_noise_mdps_rthz")
-
-
 def _of_model(sensor: Sensor, figure: str) -> tuple[str, float] | None:
+    """Who says it, and how much."""
     typical = sensor.typical(figure)
     return typical and (f"the {typical[0]} has", typical[1])
 
@@ -360,16 +356,16 @@ def other_unit(low: float, high: float, profile: Profile | None, step: float = 0
     step: of the column's values, 0 where it is not known.
     """
     works = CHIP_C if profile is None or profile.works_c is None else profile.works_c
+    register = None if profile is None else profile.thermometer
     if low < works[0] or high > works[1]:
         whose = "a chip survives" if works is CHIP_C else "the sensor works from"
         says = f"{low:.1f} to {high:.1f} degC; {whose} {works[0]:g} to {works[1]:g}"
-        register = None if profile is None else profile.thermometer
         scale = "" if register is None else f"{register.lsb_per_c:.6g} LSB per degC, 0 at {register.at_zero_c:.4g} degC: "
         return "warning", says, f"{scale}look at the column and its unit{units_of_people(low, high, profile)}"
     if low < WARM_C or not _handled("Fahrenheit", low, high):
         return None
     says = f"{low:.1f} to {high:.1f} degC, which in Fahrenheit is {_words('Fahrenheit', low, high)}"
-    if _fahrenheit_steps(step, profile):
+    if register is not None and abs(step * abs(register.lsb_per_c) / 1.8 - 1) < STEP_WITHIN:
         return "warning", f"{says}; its steps of {step:.4g} are those of this sensor's register in Fahrenheit", "write temp_c in degC"
     return "note", says, "is the column in degC, as its name says?"
 
@@ -434,12 +430,6 @@ def _words(unit: str, low: float, high: float) -> str:
 
 def _handled(unit: str, low: float, high: float) -> bool:
     return HANDLED_C[0] <= OTHERS[unit](low) and OTHERS[unit](high) <= HANDLED_C[1]
-
-
-def _fahrenheit_steps(step: float, profile: Profile | None) -> bool:
-    if profile is None or profile.thermometer is None:
-        return False
-    return abs(step * abs(profile.thermometer.lsb_per_c) / 1.8 - 1) < STEP_WITHIN
 
 
 def _step(values: np.ndarray) -> float:

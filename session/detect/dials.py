@@ -63,12 +63,12 @@ def without_wrong_dials(session: Session, parts: Sequence[LogSegments]) -> tuple
         findings.append(Finding("warning", where, DIAL_ROW, f"still {still}: {says}: left out", "correct or remove that row"))
     for segment, says in turns.items():
         findings.append(Finding("warning", ATTITUDES, DIAL_TURN, f"turn {segment}: {says}: left out", "were samples lost in it?"))
-    kept = [replace(part, segments=[_rejected(s, turns) for s in part.segments]) for part in parts]
+    kept = []
+    for part in parts:
+        wrong_here = {s.number: turns[s.number] for s in part.segments if s.number in turns and s.accepted}
+        segments = [replace(s, problem=wrong_here[s.number], breaks_yaw=True) if s.number in wrong_here else s for s in part.segments]
+        kept.append(replace(part, segments=segments))
     return replace(session, attitudes=table), kept, findings
-
-
-def _rejected(segment: Segment, turns: dict[int, str]) -> Segment:
-    return replace(segment, problem=turns[segment.number], breaks_yaw=True) if segment.number in turns and segment.accepted else segment
 
 
 def down_of_dials(angles: np.ndarray) -> np.ndarray:

@@ -26,7 +26,7 @@ FULL_SCALE_ROUNDING = 2e-3
 SIGNS_APART = 1e-4
 
 
-def register_reach(full_scale: float, table: Mapping[float, float] | None, per_lsb: float) -> float:
+def register_reach(full_scale: float, table: Mapping[float, float] | None) -> float:
     """The largest reading that the 16-bit register can hold, in the unit of the full scale; table: full scale -> thousandths per LSB.
 
     A register may go further than the full scale: 32767 x 17.5 mdps = 573 dps at +-500 dps, and sensors do read on up there.
@@ -34,21 +34,21 @@ def register_reach(full_scale: float, table: Mapping[float, float] | None, per_l
     """
     if table is None:
         return full_scale * REGISTER_MAX / REGISTER_SPAN
-    return REGISTER_MAX * table[full_scale] * per_lsb if full_scale in table else full_scale
+    return REGISTER_MAX * table[full_scale] * 1e-3 if full_scale in table else full_scale
 
 
 def gyro_reach_dps(sensor: Sensor) -> float:
     """The largest rate that the gyroscope's register holds, dps; infinite where the sensor is not known: a plateau shows its limit."""
     if sensor.gyro_mdps_per_lsb is not None:
         return REGISTER_MAX * sensor.gyro_mdps_per_lsb * 1e-3
-    return np.inf if sensor.profile is None else register_reach(sensor.gyro_fs_dps, sensor.profile.gyro, 1e-3)
+    return np.inf if sensor.profile is None else register_reach(sensor.gyro_fs_dps, sensor.profile.gyro)
 
 
 def accel_reach_g(sensor: Sensor) -> float:
     """The largest force that the accelerometer's register holds, g; infinite where the sensor is not known."""
     if sensor.accel_mg_per_lsb is not None:
         return REGISTER_MAX * sensor.accel_mg_per_lsb * 1e-3
-    return np.inf if sensor.profile is None else register_reach(sensor.accel_fs_g, sensor.profile.accel, 1e-3)
+    return np.inf if sensor.profile is None else register_reach(sensor.accel_fs_g, sensor.profile.accel)
 
 
 def register_end_dps(sensor: Sensor, gyro: np.ndarray) -> float:

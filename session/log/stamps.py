@@ -488,6 +488,6 @@ def _lacks_samples(change: np.ndarray, t_ns: np.ndarray) -> bool:
     return bool((lacking - np.median(lacking) > FEW + USUALLY * usual).any())
 
 
-def counted(rows: int, odr_hz: float, first: int = 0) -> np.ndarray:
-    """Stamps (N,) ns of samples that are only counted; first: how many came before."""
-    return np.rint(np.arange(first, first + rows) * (NS_PER_S / odr_hz)).astype(np.int64)
+def counted(rows: int, odr_hz: float) -> np.ndarray:
+    """Stamps (N,) ns of samples that are only counted."""
+    return np.rint(np.arange(rows) * (NS_PER_S / odr_hz)).astype(np.int64)

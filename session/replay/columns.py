@@ -12,6 +12,8 @@ EXPECTED = (
     "expected t_us=NAME,gx_dps=NAME,…,az_g=NAME,temp_c=NAME; NAME is the header's, or the column's number from 1, with - for a wrong sign; "
     "t may be a sum, t_s=secs+nsecs*1e-9"
 )
+#: a cell of a row, not of a header
+NUMERIC = re.compile(r"[-+]?[\d.,:eE+-]+")
 KEY = re.compile(r"(t|g[xyz]|a[xyz]|temp)(?:_(\S+))?")
 #: one column of a log: its position, its unit as text, its sign
 Column = tuple[int, str, int]
@@ -38,7 +40,7 @@ def from_columns(text: str, lines: list[str], name: str) -> tuple[str | None, in
             names = split(line, delimiter)
             looked_up = {key: _place(what, names, headless) for key, (what, _, _) in wanted.items()}
             places = {key: place for key, place in looked_up.items() if place is not None}
-            if len(places) < len(wanted) or (headless and not _numeric(names, places)):
+            if len(places) < len(wanted) or (headless and not all(NUMERIC.fullmatch(names[place]) for place in places.values())):
                 continue
             if twice := [what for what, _, _ in wanted.values() if not what.isdigit() and names.count(what) > 1]:
                 raise FormatError(
@@ -112,8 +114,3 @@ def _place(what: str, names: tuple[str, ...], headless: bool) -> int | None:
         return int(what) - 1
     lower = [name.lower() for name in names]
     return lower.index(what.lower()) if what.lower() in lower else None
-
-
-def _numeric(names: tuple[str, ...], places: dict[str, int]) -> bool:
-    """Whether a line is a row, not a header."""
-    return all(re.fullmatch(r"[-+]?[\d.,:eE+-]+", names[place]) for place in places.values())

@@ -116,7 +116,8 @@ def _converted(
         with folder_whole(out) as work:
             samples = len(joined.t_ns)
             log, notes, t_ns = _write_log(sources, joined, work / "log0001.csv", answers)
-            joined = joined.without_rows()  # what reads the log again takes as much
+            none = np.zeros(0)
+            joined = replace(joined, t_ns=none, gyro=none, accel=none, temp=None)  # what reads the log again takes as much
             notes = [*notes, *assumed]
             rate_hz, duration_s = float(f"{pace_of(t_ns).rate_hz:.4g}"), float(t_ns[-1] - t_ns[0]) * NS
             del t_ns

@@ -47,7 +47,9 @@ def import_log(
         answers = replace(answers, like=kind_named(answers.like))
     out = Path(_stem(paths[0])) if out is None else out
     alone = replace(answers, columns=columns[0]) if len(columns) == 1 else answers
-    if len(paths) == 1 and not _is_known(paths[0], answers) and is_raw(paths[0], alone):
+    # A file with the name of a port's bytes may be a binary log after all: by its bytes, or as ``--like`` says.
+    binary = paths[0].is_file() and (answers.like in registry.READERS or registry.reader_of(paths[0], head_of(paths[0])) is not None)
+    if len(paths) == 1 and not binary and is_raw(paths[0], alone):
         ignored = {"add": add is not None, "serial": bool(serial)}
         ignored |= {flag.removeprefix("--"): True for each in further for flag in given(each)}
         refuse_of_logs(paths[0], alone, ignored)
@@ -85,11 +87,6 @@ def _stem(path: Path) -> str:
     if not stem or str(path) == "-":
         raise FormatError(f"{path}: says no name for the session; give --out DIR")
     return stem
-
-
-def _is_known(path: Path, answers: Answers) -> bool:
-    """Whether a file with the name of a port's bytes is a binary log after all: by its bytes, or as ``--like`` says."""
-    return path.is_file() and (answers.like in registry.READERS or registry.reader_of(path, head_of(path)) is not None)
 
 
 def known_logs() -> Iterator[tuple[str, str, str]]:

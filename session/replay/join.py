@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -42,11 +42,6 @@ class Joined:
     notes: tuple[str, ...]
     counted: bool = False
     even_sigma_ppm: float | None = None
-
-    def without_rows(self) -> Joined:
-        """The layouts and the notes."""
-        none = np.zeros(0)
-        return replace(self, t_ns=none, gyro=none, accel=none, temp=None)
 
 
 def rates_of(source: Source, odr_hz: float | None) -> tuple[np.ndarray, np.ndarray, list[str]]:

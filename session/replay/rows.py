@@ -88,7 +88,12 @@ class Rows:
         self._delimiter, self.left_out, self._held = form.delimiter, 0, held
         self._word = word_told(rows)
         self._width = None if rows is None or self._word else int(rows)
-        self._column, self._value = (None, "") if where is None else _place_and_value(where, form)
+        self._column, self._value = None, ""
+        if where is not None:
+            called, equals, self._value = (part.strip() for part in where.partition("="))
+            if not equals or not called or not self._value:
+                raise FormatError(f"where is {where!r}, expected NAME=VALUE, the column's name or its number from 1")
+            self._column = place_of(called, form)
 
     def __call__(self, lines: list[str]) -> list[str]:
         """The lines, with blanks in the place of rows that are not wanted: each line keeps its number."""
@@ -174,13 +179,6 @@ def _described_kind(line: str) -> str | None:
     """The kind of rows that an ArduPilot log's line describes."""
     cells = line.split(",") if word_of(line) == FORMAT_WORD else []
     return cells[FORMAT_KIND].strip() if len(cells) > FORMAT_NAMES else None
-
-
-def _place_and_value(where: str, form: Form) -> tuple[int, str]:
-    called, equals, value = (part.strip() for part in where.partition("="))
-    if not equals or not called or not value:
-        raise FormatError(f"where is {where!r}, expected NAME=VALUE, the column's name or its number from 1")
-    return place_of(called, form), value
 
 
 def place_of(called: str, form: Form) -> int:

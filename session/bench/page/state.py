@@ -100,17 +100,6 @@ def closure_deg(turn: AcceptedTurn) -> float:
 MOST_STILLS = 200  #: on the sphere: the last of them
 
 
-def pose_of(attitude: Attitude, full_scale_dps: float, t_s: float) -> dict[str, Any]:
-    """The ``pose`` event.  t_s: device time of the last sample; q: board to a frame with z up; rate of the three axes, and its peak."""
-    return {
-        "t_s": round(t_s, 4),
-        "q": _rounded(attitude.q, 4),
-        "rate_dps": _rounded(attitude.rate / DEG, 1),
-        "peak_dps": round(attitude.peak_rps / DEG, 1),
-        "full_scale_dps": full_scale_dps,
-    }
-
-
 def state_of(guide: Guide, still: np.ndarray, said: Collection[tuple[int, str, float, str]], closure_deg: float | None) -> dict[str, Any]:
     """The ``state`` event.  still: attitude in the last accepted still, where the requested movement begins; said: the last messages."""
     now, health, wait = guide.instruction, guide.health, guide.wait
@@ -233,4 +222,12 @@ class PageView:
             self._attitude.zero_rps = stills[-1].gyro_mean
         if guide.sensor is not None:
             self._sent_s = time.monotonic()
-            self._server.publish("pose", pose_of(self._attitude, guide.sensor.gyro_fs_dps, float(samples.t_ns[-1]) * NS))
+            # Device time of the last sample; board to a frame with z up; rate of the three axes, and its peak.
+            pose = {
+                "t_s": round(float(samples.t_ns[-1]) * NS, 4),
+                "q": _rounded(self._attitude.q, 4),
+                "rate_dps": _rounded(self._attitude.rate / DEG, 1),
+                "peak_dps": round(self._attitude.peak_rps / DEG, 1),
+                "full_scale_dps": guide.sensor.gyro_fs_dps,
+            }
+            self._server.publish("pose", pose)

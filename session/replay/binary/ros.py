@@ -403,13 +403,8 @@ def streams_of(path: Path, what: str, names: Sequence[str], topics: Iterable[Top
     """The streams of topics.  FormatError for a recording where none holds an IMU, or none of these names; seen: all of its topics."""
     held = [stream for topic in topics if (stream := topic.stream(notes)) is not None]
     if not held:
-        raise _refuse_empty(path, what, names, sorted(seen), notes)
+        there = f"; its topics are {', '.join(sorted(seen)[:20])[:200]}" if seen else ""
+        why = f" ({'; '.join(notes[:20])[:300]})" if notes else ""
+        lacks = f"the topic {names[0]}" if names else f"a topic of {IMU.replace('/msg', '')} or the like"
+        raise FormatError(f"{path}: {what} without {lacks} that can be read{why}{there}")
     return held
-
-
-def _refuse_empty(path: Path, what: str, names: Sequence[str], seen: Sequence[str], notes: Sequence[str]) -> FormatError:
-    """The complaint about a recording without an IMU, or without the topics of these names; seen: its topics with their types."""
-    there = f"; its topics are {', '.join(seen[:20])[:200]}" if seen else ""
-    why = f" ({'; '.join(notes[:20])[:300]})" if notes else ""
-    lacks = f"the topic {names[0]}" if names else f"a topic of {IMU.replace('/msg', '')} or the like"
-    return FormatError(f"{path}: {what} without {lacks} that can be read{why}{there}")

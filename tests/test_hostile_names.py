@@ -76,7 +76,7 @@ def test_the_name_of_a_log_says_nothing_of_it(axes, folder, tmp_path, run):
     made = tmp_path / "made"
     clean(run("import", log, "--out", made, "--gyro-fs", "500", "--accel-fs", "4", *axes))
     table = tomllib.loads((made / "session.toml").read_text(encoding="utf-8"))
-    assert set(table) == {"schema", "sensor"}
+    assert set(table) == {"schema", "sensor", "site", "protocol"}
     assert table["sensor"]["gyro_fs_dps"] == 500
     said = read_log(made / "log0001.csv", read_config(made / "session.toml").sensor).comments
     assert said.get("gyro_fs_dps") != "125"

@@ -18,7 +18,7 @@ from session.detect.dials import without_wrong_dials
 from session.detect.events import Impact, find_impacts
 from session.detect.segments import FEWEST_SEGMENTS, FoundTurn, Segment, known_turns, session_segments, why_too_few
 from session.detect.stamp_errors import stamp_errors
-from session.detect.stills import SessionStills, Still
+from session.detect.stills import SessionStills, Still, references
 from session.log.folder import Session
 from session.log.samples import start_times
 from tinygc.closure import residual
@@ -198,8 +198,7 @@ def bias_shares(problem: Problem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Indices (S,) of the reference stills before and after each used segment, and the weight (S, T) of the latter at each sample."""
     rates = problem.still_rates
     assert rates.middle_s is not None
-    stills = [still for log in problem.logs for still in log.stills if still.problem is None]
-    number = {id(still): q for q, still in enumerate(stills)}
+    number = {id(still): q for q, still in enumerate(references(problem.stills))}
     first = np.array([number[id(segment.first)] for segment in problem.used])
     last = np.array([number[id(segment.last)] for segment in problem.used])
     began = problem.began_s
@@ -207,6 +206,14 @@ def bias_shares(problem: Problem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     at_s = start[:, None] + running_sum(problem.batch.dt, axis=1)
     before, after = rates.middle_s[first][:, None], rates.middle_s[last][:, None]
     return first, last, np.clip((at_s - before) / (after - before), 0.0, 1.0)
+
+
+def bias_apart(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
+    """Return the mean bias (3,) rad/s, as measured, and the deviation from it at each sample of each used turn (S, T, 3), by its stills."""
+    bias = rest_biases(problem)
+    mean = bias.mean(axis=0)
+    first, last, share = bias_shares(problem)
+    return mean, bias[first][:, None] * (1 - share[..., None]) + bias[last][:, None] * share[..., None] - mean
 
 
 def with_still_bias(problem: Problem) -> Problem:
@@ -217,10 +224,7 @@ def with_still_bias(problem: Problem) -> Problem:
     """
     if problem.session.reference is not None or not len(problem.still_rates.rate):
         raise FitError("the turns of this session do not lie between stills, so these show no bias of theirs; fit without --bias stills")
-    bias = rest_biases(problem)
-    mean = bias.mean(axis=0)
-    first, last, share = bias_shares(problem)
-    apart = bias[first][:, None] * (1 - share[..., None]) + bias[last][:, None] * share[..., None] - mean
+    mean, apart = bias_apart(problem)
     batch = replace(problem.batch, earth=problem.batch.earth + apart @ problem.first.E.T)
     return replace(problem, batch=batch, rest_rps=mean, folds=tuple(map(with_still_bias, problem.folds)))
 

@@ -66,7 +66,7 @@ def fit_joint(problem: Problem, mode: str, sigma_mg: float = GIVEN_SIGMA_MG, jud
     whether the zero may drift within the session, where enough stills are to spare.
     Returns None for a further reference, or without stills or used segments.
     """
-    stills = [still for log in problem.logs for still in log.stills if still.problem is None]
+    stills = references(problem.stills)
     number = {id(still): q for q, still in enumerate(stills)}
     if problem.session.reference is not None or not stills or not problem.used:
         return None

@@ -113,7 +113,8 @@ def small_array(
         session = SimpleNamespace(config=SimpleNamespace(site=site, accelerometer=Accelerometer(np.eye(3), np.zeros(3), "stills")), logs=())
         log = SimpleNamespace(noise=noise, stills=own, q_tb=wxyz(q_bu), samples=samples, group=np.zeros(stills, dtype=int))
         problem = SimpleNamespace(
-            batch=batch, first=near, logs=[log], used=segments, session=session, earths={0: earth}, began_s=np.array([0.0, 99.0]),
+            batch=batch, first=near, logs=[log], stills=own, used=segments,
+            session=session, earths={0: earth}, began_s=np.array([0.0, 99.0]),
             still_rates=StillRates(still_rate, q_bu.inv().apply(earth.rate_t), sigma, wxyz(q_bu), middle_s),
             joint=None if joint is None else SimpleNamespace(mode=joint), instability=SimpleNamespace(rps=(1 + i) * 1e-5),
         )  # fmt: skip

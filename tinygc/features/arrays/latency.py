@@ -178,10 +178,9 @@ def track(readings: AgeReadings, beat_hz: float, period_s: float, offset_s: floa
 
 
 def _log_likelihood(readings: AgeReadings, rows: np.ndarray, ages: np.ndarray, period_s: float) -> np.ndarray:
-    variance = readings.variance[rows]
-    good = np.exp(-0.5 * (readings.age_s[rows] - ages) ** 2 / variance) / np.sqrt(2 * np.pi * variance)
-    wide = variance + (SPOILT_PERIODS * period_s) ** 2
-    spoilt = np.exp(-0.5 * (readings.age_s[rows] - ages) ** 2 / wide) / np.sqrt(2 * np.pi * wide)
+    variance, square = readings.variance[rows], (readings.age_s[rows] - ages) ** 2
+    both = (variance, variance + (SPOILT_PERIODS * period_s) ** 2)
+    good, spoilt = (np.exp(-0.5 * square / each) / np.sqrt(2 * np.pi * each) for each in both)
     return np.asarray(np.log((1 - SPOILT) * good + SPOILT * spoilt))
 
 

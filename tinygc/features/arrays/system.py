@@ -14,9 +14,10 @@ from session.base.solving import inverse
 from session.base.units import MG, G
 from session.detect.accelerometer import IDENTITY, PARAMETERS, SPREAD_MPS2, after, corrected, force_columns, units
 from session.detect.accelerometer import PARAMETERS as OF_ACCELEROMETER
+from session.detect.stills import references
 from session.log.config import Accelerometer
 from tinygc.closure import residual
-from tinygc.closure.build import bias_shares, rest_biases
+from tinygc.closure.build import bias_apart, bias_shares
 from tinygc.closure.earth import EarthRate, estimate_heading, with_heading
 from tinygc.closure.floor import gyro_variance
 from tinygc.closure.joint import GIVEN_SIGMA_MG
@@ -429,7 +430,7 @@ def unit_rows(unit: ArrayUnit, index: int, same: SameStills, bias: str) -> UnitR
     noises = [problem.logs[segment.log].noise for segment in problem.used]
     floor = np.diagonal(gyro_variance(problem.batch, at, noises), axis1=1, axis2=2).mean(axis=1)
     floor = (floor + _of_still_rates(problem) if bias == "stills" else floor)[turns]
-    forces = {id(still): twin for still, twin in zip(_references(problem), _references(given), strict=True)}
+    forces = {id(still): twin for still, twin in zip(references(problem.stills), references(given.stills), strict=True)}
     mine = [(q, still, forces[id(still)]) for q, still in enumerate(same.stills[index]) if still is not None]
     walk = {id(s): np.mean(log.noise.velocity_random_walk**2) for log in problem.logs for s in log.stills}
     gravity = problem.session.config.site.expected_gravity_mps2
@@ -445,14 +446,6 @@ def unit_rows(unit: ArrayUnit, index: int, same: SameStills, bias: str) -> UnitR
         prior=_spread(unit) * units(gravity),
         centre=centre,
     )
-
-
-def bias_apart(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
-    """Return the mean bias (3,) rad/s, as measured, and the deviation from it at each sample of each used turn (S, T, 3), by its stills."""
-    bias = rest_biases(problem)
-    mean = bias.mean(axis=0)
-    first, last, share = bias_shares(problem)
-    return mean, bias[first][:, None] * (1 - share[..., None]) + bias[last][:, None] * share[..., None] - mean
 
 
 def _of_still_rates(problem: Problem) -> np.ndarray:
@@ -490,10 +483,6 @@ def _spread(unit: ArrayUnit) -> np.ndarray:
     return np.full(PARAMETERS, (force_problem(unit).session.config.accelerometer.sigma_mg or GIVEN_SIGMA_MG) * MG)
 
 
-def _references(problem: Problem) -> list:
-    return [still for log in problem.logs for still in log.stills if still.problem is None]
-
-
 def common_earth(units: list[ArrayUnit], state: ArrayState, same: SameStills) -> dict[int, EarthRate]:
     """Return the Earth rate in the frame of each yaw group: the anchor's, with its heading from all units' stills."""
     anchor = units[same.anchor].problem
@@ -505,7 +494,7 @@ def common_earth(units: list[ArrayUnit], state: ArrayState, same: SameStills) ->
         headings = []
         for index, unit in enumerate(units):
             rates = unit.problem.still_rates
-            index_of = {id(still): row for row, still in enumerate(_references(unit.problem))}
+            index_of = {id(still): row for row, still in enumerate(references(unit.problem.stills))}
             pairs = [(q, index_of[id(s)]) for q, s in enumerate(same.stills[index]) if s is not None and same.group[q] == group]
             if len(pairs) < 3:
                 continue

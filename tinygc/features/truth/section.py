@@ -8,14 +8,14 @@ from session.base.units import DEG
 from tinygc.features.truth.evidence import TruthExplanation
 from tinygc.features.truth.text import CANNOT, evidence_rows, refusals, values_of
 from tinygc.reporting.html.chart import Chart, log_axis
-from tinygc.reporting.html.markup import Section, render_own
+from tinygc.reporting.html.markup import Section, render
 
 
 def section(e: TruthExplanation) -> Section:
     """Section on the explanation."""
-    html = render_own(
-        "tinygc.features.truth",
+    html = render(
         "truth.html",
+        "tinygc.features.truth",
         e=e,
         values_of=values_of,
         refusals=refusals(e),

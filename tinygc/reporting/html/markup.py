@@ -42,15 +42,18 @@ class Section:
     html: str
 
 
+HERE = "tinygc.reporting.html"
+
+
 @cache
-def _environment(package: str = "tinygc.reporting.html") -> Environment:
+def _environment(package: str) -> Environment:
     """Jinja environment of a package's templates: values are escaped, control characters included; the thin space of numbers is kept."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
+    from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
     def shown(value: object) -> object:
         return value if hasattr(value, "__html__") else "\u202f".join(map(printable, str(value).split("\u202f")))
 
-    loader = PackageLoader(package)
+    loader = ChoiceLoader([PackageLoader(package), PackageLoader(HERE)])  # the macros are here
     environment = Environment(
         loader=loader, autoescape=True, finalize=shown, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
@@ -62,13 +65,8 @@ def _environment(package: str = "tinygc.reporting.html") -> Environment:
     return environment
 
 
-def render(template: str, **values: object) -> str:
-    """Render a file of ``templates`` with values."""
-    return _environment().get_template(template).render(values)
-
-
-def render_own(package: str, template: str, **values: object) -> str:
-    """Render a file of the ``templates`` of a package, a feature, with values."""
+def render(template: str, package: str = HERE, **values: object) -> str:
+    """Render a file of the ``templates`` of this package, or of a feature's, with values."""
     return _environment(package).get_template(template).render(values)
 
 
@@ -82,7 +80,7 @@ def _html(value: Any) -> Any:
 
 
 def _macro(name: str, *values: object, **more: object) -> str:
-    macro = getattr(_environment().get_template("macros.html").module, name)
+    macro = getattr(_environment(HERE).get_template("macros.html").module, name)
     return str.__str__(macro(*values, **more))
 
 

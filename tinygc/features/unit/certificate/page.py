@@ -9,7 +9,7 @@ import numpy as np
 from session.base.texts import fixed, significant
 from session.log.requirements import ATTITUDE
 from tinygc.features.unit.certificate.content import Content, ResultRow
-from tinygc.reporting.html.markup import decimals_for, render_own
+from tinygc.reporting.html.markup import decimals_for, render
 from tinygc.verdict.requirements import Conformity, Measured, share_words
 
 TITLE, DRAFT = "Calibration certificate", "Draft of a calibration certificate"
@@ -20,9 +20,9 @@ def page(content: Content) -> str:
     title = DRAFT if content.is_draft else TITLE
     number = f"{'draft, ' if content.is_draft else ''}certificate number {content.number}"
     rows = zip("xyz", content.model.E, content.model.B, strict=True)
-    return render_own(
-        "tinygc.features.unit.certificate",
+    return render(
         "certificate.html",
+        "tinygc.features.unit.certificate",
         c=content,
         title=title,
         running={"bottom-left": number},

@@ -352,7 +352,8 @@ def _from_start(problem: Problem, model: Model) -> tuple[np.ndarray, np.ndarray]
         number = len(_false_stills(problem, model))
         return rates.earth[number] - _at_rest(model, rates.rate[number]), rates.sigma[number]
     for log in problem.logs:
-        for rate, duration_s in problem.session.reference.rests(log.samples)[:1]:
+        for part, rate in problem.session.reference.rests(log.samples)[:1]:
+            duration_s = (part.stop - part.start) * log.samples.period_s
             return -_at_rest(model, rate), log.noise.angle_random_walk / np.sqrt(duration_s)
     return None
 
@@ -420,7 +421,7 @@ def _first_attitude(problem: Problem, number: int) -> tuple[int, np.ndarray, np.
 
 def _rest_change(session: Session, log: StillSet, model: Model, change: np.ndarray) -> np.ndarray | None:
     """Return the median change (3,) over a log's rests, since a slowly moving hand may be detected as a rest."""
-    rates = [still.gyro_mean for still in log.stills if still.problem is None] or [rate for rate, _ in session.reference.rests(log.samples)]
+    rates = [still.gyro_mean for still in log.stills if still.problem is None] or [rate for _, rate in session.reference.rests(log.samples)]
     if not rates:
         return None
     return -np.median([_at_rest(model, rate) for rate in rates], axis=0) - change

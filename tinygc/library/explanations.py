@@ -245,7 +245,9 @@ def _explained(where: Session | Path, further: Sequence[Any], how: dict[str, Any
     config = where.config if isinstance(where, Session) else read_config(where / "session.toml")
     reference = reference_of(config.protocol.reference)
     if reference is not None and reference.accelerometer:
-        return Why(reference.explain(where, [flag for each in further for flag in given(each)], **how))
+        if idle := [flag for each in further for flag in given(each)]:
+            raise CalibrationError(f"{', '.join(idle)}: of no use where the reference is a {reference.title}; leave it out")
+        return Why(reference.explain(where, **how))
     explanation = explain_session(where, **how)
     turned_by = features.first("explanation of what turned", explanation, how["seed"])
     beyond = features.first("search beyond the catalogue", explanation, tuple(further), seed=how["seed"], progress=how["progress"])

@@ -59,6 +59,7 @@ from tinygc.features.truth.evidence import (
     zero_at_rest,
 )
 from tinygc.features.truth.physics import TRUTH
+from tinygc.features.truth.points import TruthFiles
 from tinygc.features.truth.reading import FOUND, GIVEN, Truth, changed
 from tinygc.features.truth.text import truth_to_json
 from tinygc.features.truth.twin import (
@@ -466,7 +467,7 @@ def test_the_zero_at_rest_is_weighed_by_the_samples_of_each(monkeypatch):
     rng = np.random.default_rng(7)
     accel, means = rng.normal(size=(2, 400, 3)) * [[[1.0]], [[3.0]]], rng.normal(size=(3, 3))
     spans = ((0, 50, 80), (0, 200, 300), (1, 100, 140))
-    rests = [SimpleNamespace(start=a, stop=b, gyro_mean=mean) for (_, a, b), mean in zip(spans, means, strict=True)]
+    rests = [(slice(a, b), mean) for (_, a, b), mean in zip(spans, means, strict=True)]
     logs = [log_of(np.zeros((400, 3)), 0.01, each) for each in accel]
     of = {id(logs[0].samples): rests[:2], id(logs[1].samples): rests[2:]}
     monkeypatch.setattr(evidence, "find_rests", lambda samples: of[id(samples)])
@@ -656,6 +657,7 @@ def test_sensor_clock_and_wrong_moments_are_told_apart(whole):
     assert (e.truth_rad, e.walk_rad) == noises(e.lengths_s, e.closure_rad)
     assert e.gyro_rad == pytest.approx(np.mean(e.problem.noise.angle_random_walk))
     table = truth_to_json(e)
+    assert all(f"<h3>{name}</h3>" in TruthFiles.report_section(e).html for name in named)
     assert strangers(json.loads(json.dumps(table, allow_nan=False))) == []
     jump = next(effect for effect in table["effects"] if effect["id"] == "reference.truth_jump")
     assert_allclose(sorted(jump["parameters"]["at_s"]), moments, atol=0.2)

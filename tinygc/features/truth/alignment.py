@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product as combinations
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -104,6 +105,10 @@ class Spans:
 
     def __len__(self) -> int:
         return len(self.first)
+
+    def pick(self, rows: Any) -> Spans:
+        """Some of them."""
+        return Spans(self.begin_s[rows], self.end_s[rows], self.first[rows], self.last[rows])
 
     def turned(self, q: np.ndarray) -> np.ndarray:
         """(K, 4): what attitudes (moments, 4) turn by from begin to end, in the axes at the beginning."""
@@ -314,18 +319,11 @@ BLOCKS, DRAWN_BLOCK_S = 20, (1.0, 10.0)
 ROBUST, ROBUST_PASSES = 2.0, 4
 
 
-@dataclass(frozen=True, eq=False)
-class Fine:
-    """offset_s, mounting (3, 3) and their sigmas, the mounting's (3,) rad about the gyro's axes."""
-
-    offset_s: float
-    offset_sigma_s: float
-    mounting: np.ndarray
-    mounting_sigma: np.ndarray
-
-
-def refined(seen: Sequence[AlignedLog], samples: Sequence[Samples], reading: TruthReading) -> Fine | None:
-    """From where the ways have left it; None where there are too few spans, or they do not fix the unknowns."""
+def refined(
+    seen: Sequence[AlignedLog], samples: Sequence[Samples], reading: TruthReading
+) -> tuple[float, float, np.ndarray, np.ndarray] | None:
+    """offset_s and its sigma, mounting (3, 3) and its sigmas (3,) rad about the gyro's axes, from where the ways have left it; None where
+    there are too few spans, or they do not fix the unknowns."""
     E, b, mounting, offset_s = np.eye(3), np.zeros(3), reading.mounting, reading.offset_s
     gyro = [one.gyro for one in seen]
     for step in range(STEPS):
@@ -351,7 +349,7 @@ def refined(seen: Sequence[AlignedLog], samples: Sequence[Samples], reading: Tru
     for axis, (i, j) in enumerate(((2, 1), (0, 2), (1, 0))):
         pick[axis, 1 + 3 * i + j], pick[axis, 1 + 3 * j + i] = 0.5, -0.5
     sigma = sigmas_in(pick @ covariance @ pick.T)
-    return Fine(offset_s, float(np.sqrt(covariance[0, 0])), mounting, sigma)
+    return offset_s, float(np.sqrt(covariance[0, 0])), mounting, sigma
 
 
 def span_rows(one: AlignedLog, gyro: Carried, reading: TruthReading) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -513,8 +511,8 @@ def _alignment(session: Session, given: TruthGiven, stated: TruthReading) -> Tru
     way = _best_way(ways(seen, given, start))
     if 1 - way.misfit < EXPLAINED:
         return _unknown(stated, source)
-    fine = refined(seen, [log.samples for log in session.logs], way.reading)
-    return _adopted(given, stated, source, way, fine)
+    unknown = (way.reading.offset_s, float("nan"), way.reading.mounting, np.full(3, np.nan))
+    return _adopted(given, stated, source, way, *(refined(seen, [log.samples for log in session.logs], way.reading) or unknown))
 
 
 def _seen(session: Session, stated: TruthReading) -> list[AlignedLog]:
@@ -529,9 +527,8 @@ def _seen(session: Session, stated: TruthReading) -> list[AlignedLog]:
 
 
 def _fewer(spans: Spans, turned: np.ndarray) -> tuple[Spans, np.ndarray]:
-    every = len(spans) // ROUGH_SPANS + 1
-    picked = slice(None, None, every)
-    return Spans(spans.begin_s[picked], spans.end_s[picked], spans.first[picked], spans.last[picked]), turned[picked]
+    picked = slice(None, None, len(spans) // ROUGH_SPANS + 1)
+    return spans.pick(picked), turned[picked]
 
 
 def _unknown(stated: TruthReading, source: dict[str, str]) -> TruthAlignment:
@@ -539,7 +536,16 @@ def _unknown(stated: TruthReading, source: dict[str, str]) -> TruthAlignment:
     return TruthAlignment(stated, source, float("nan"), float("nan"), nothing, nothing, None, float("nan"))
 
 
-def _adopted(given: TruthGiven, stated: TruthReading, source: dict[str, str], way: _Way, fine: Fine | None) -> TruthAlignment:
+def _adopted(
+    given: TruthGiven,
+    stated: TruthReading,
+    source: dict[str, str],
+    way: _Way,
+    offset_s: float,
+    offset_sigma_s: float,
+    mounting: np.ndarray,
+    sigma: np.ndarray,
+) -> TruthAlignment:
     """What is adopted of a convention and of the refined estimate; the rest stays as stated."""
     source, reading = dict(source), replace(way.reading, mounting=stated.mounting, offset_s=stated.offset_s)
     for name in ("order", "sense"):
@@ -549,8 +555,6 @@ def _adopted(given: TruthGiven, stated: TruthReading, source: dict[str, str], wa
     if given.frame is None and frame is not None:
         source["frame"] = FOUND
         reading = replace(reading, frame=frame)
-    mounting, sigma = (way.reading.mounting, np.full(3, np.nan)) if fine is None else (fine.mounting, fine.mounting_sigma)
-    offset_s, offset_sigma_s = (way.reading.offset_s, float("nan")) if fine is None else (fine.offset_s, fine.offset_sigma_s)
     turned = Rotation.from_matrix(mounting).as_rotvec()
     if given.mounting is None and np.linalg.norm(turned) > MOUNTING_RAD and _sure(turned, sigma, MOUNTING_SIGMAS):
         source["mounting"] = FOUND

@@ -2,24 +2,36 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from session.base.errors import CalibrationError
 from session.base.numeric import rms_of
+from session.base.rotation import conjugate, multiply
+from session.base.rotation import log as rotation_vector
 from session.base.units import DEG
 from session.detect.findings import Finding, axes_text, xyz_text
-from session.detect.segments import Segment
-from session.log.config import Config
 from session.log.folder import Session
 from session.log.logfile import Log
-from tinygc.features.truth.reading import FOUND, GIVEN, Truth, TruthAlignment, TruthGiven, TruthOutage, down_of, given_in
+from tinygc.features.truth.alignment import MOUNTING_RAD, OFFSET_SIGMAS, carried
+from tinygc.features.truth.outages import without_outages
+from tinygc.features.truth.reading import (
+    ATTITUDE,
+    CEILING,
+    CLOCK,
+    FOUND,
+    FRAME,
+    GIVEN,
+    MOUNTING,
+    OUTAGE,
+    Truth,
+    TruthAlignment,
+    TruthGiven,
+    TruthOutage,
+    down_of,
+    given_in,
+)
 from tinygc.features.truth.segments import cut_at_truth
-
-if TYPE_CHECKING:
-    from scipy.spatial.transform import Rotation
-
 
 # Check of a truth file: its rotations must be the ones that the gyro's rates make.
 
@@ -29,9 +41,10 @@ SHORT_S = 10.0  #: over more, a bias of some dps turns so far that it is no long
 LEAST_DEG = 1.0
 
 
-def check_truth(log: Log, truth: Truth, config: Config, limited: bool = False) -> list[Finding]:
-    """The rotations between moments of truth, against the gyro's, a constant bias taken off; limited: whether a ceiling of the gyro, which
-    another finding names, is the reason of what they miss."""
+def check_truth(session: Session, log: Log) -> list[Finding]:
+    """The rotations between moments of truth, against the gyro's, a constant bias taken off."""
+    truth, config, alignment = session.reference.truths[session.logs.index(log)], session.config, session.reference.alignment
+    limited = alignment is not None and np.isfinite(alignment.ceiling_rps).any()  # another finding names the ceiling
     where = truth.path.name
     try:
         cut = cut_at_truth(log.samples, truth, config.sensor, config.protocol)
@@ -45,20 +58,20 @@ def check_truth(log: Log, truth: Truth, config: Config, limited: bool = False) -
     picked = good[:: -(-len(good) // MOST_SEGMENTS)]
     if float(np.median([segment.duration_s for segment, _ in picked])) > SHORT_S:
         return findings
-    from scipy.spatial.transform import Rotation
-
-    gyro = Rotation.from_quat(np.array([_integrated(log, segment) for segment, _ in picked]), scalar_first=True)
-    start, end = (Rotation.from_quat(np.array([getattr(ends, name) for _, ends in picked]), scalar_first=True) for name in ("start", "end"))
+    q = carried(log.samples, log.samples.gyro).q
+    begin, last = (np.array([getattr(segment, name) for segment, _ in picked]) for name in ("start", "stop"))
+    gyro = multiply(conjugate(q[begin]), q[last - 1])
+    start, end = (np.array([getattr(ends, name) for _, ends in picked]) for name in ("start", "end"))
     duration = np.array([segment.duration_s for segment, _ in picked])[:, None]
-    turned = start.inv() * end
-    size = rms_of(turned.magnitude()) / DEG
+    turned = multiply(conjugate(start), end)
+    size = rms_of(np.linalg.norm(rotation_vector(turned), axis=1)) / DEG
     if size < LEAST_DEG:
         return [*findings, Finding("note", where, "gyro against truth", f"hardly turned ({size:.1f} deg): it cannot test the gyro")]
     misfit, bias = _misfit(gyro, turned, duration)
     says = f"segments of {size:.0f} deg, explained to {1 - misfit:.1%} (bar {EXPLAINED:.0%}) with a bias of {xyz_text(bias / DEG)} dps"
     if misfit <= 1 - EXPLAINED:
         return [*findings, Finding("ok", where, "gyro against truth", says)]
-    inverse, _ = _misfit(gyro, start * end.inv(), duration)
+    inverse, _ = _misfit(gyro, multiply(start, conjugate(end)), duration)
     hint = (
         "the inverse explains it: write q_nb, body to navigation frame"
         if inverse < 0.5 * misfit
@@ -69,32 +82,15 @@ def check_truth(log: Log, truth: Truth, config: Config, limited: bool = False) -
     return [*findings, Finding("error", where, "gyro against truth", says, hint)]
 
 
-def _misfit(gyro: Rotation, turned: Rotation, duration: np.ndarray) -> tuple[float, np.ndarray]:
+def _misfit(gyro: np.ndarray, turned: np.ndarray, duration: np.ndarray) -> tuple[float, np.ndarray]:
     """Share of the truth's squared rotation that the gyro leaves, and the bias (3,) rad/s that was taken off."""
-    error = (turned.inv() * gyro).as_rotvec()
+    error = rotation_vector(multiply(conjugate(turned), gyro))
     bias = np.median(error / duration, axis=0)
-    return float(np.sum((error - bias * duration) ** 2) / np.sum(turned.magnitude() ** 2)), bias
-
-
-def _integrated(log: Log, segment: Segment) -> np.ndarray:
-    """Quaternion (4,) of a segment's rotation by the measured rate."""
-    part = log.samples.between(segment.start, segment.stop)
-    from scipy.spatial.transform import Rotation
-
-    steps = Rotation.from_rotvec((part.gyro[1:] + part.gyro[:-1]) / 2 * part.dt_s[:, None])
-    while len(steps) > 1:
-        even = len(steps) // 2 * 2
-        product = steps[0:even:2] * steps[1:even:2]
-        steps = product if even == len(steps) else Rotation.concatenate([product, steps[even:]])
-    return steps.as_quat(scalar_first=True).reshape(4)
+    return float(np.sum((error - bias * duration) ** 2) / np.sum(rotation_vector(turned) ** 2)), bias
 
 
 # A truth file whose clock, frame or mounting departs from docs/formats.md: it is estimated, corrected and reported.
 
-CLOCK, FRAME, ATTITUDE, MOUNTING = "truth's clock", "truth's frame", "truth's attitudes", "truth's mounting"
-OUTAGE, CEILING = "truth's outages", "gyro ceiling"
-#: what fit and explain say as well, where it is more than ok
-SAID = (CLOCK, FRAME, ATTITUDE, MOUNTING, OUTAGE)
 MS = 1e-3
 #: of the world's up from the nearest axis: an accelerometer's zero-g offset of 35 mg, more than data sheets of MEMS sensors allow but few
 TILTED_DEG = 2.0
@@ -106,8 +102,6 @@ def with_aligned_truth(session: Session) -> tuple[Session, list[Finding]]:
 
     One whose truth does not go with its gyro is returned as it is: the first look says that.
     """
-    from tinygc.features.truth.outages import without_outages
-
     aligned = without_outages(session)
     alignment, truths = aligned.reference.alignment, aligned.reference.truths
     where = truths[0].path.name if len(truths) == 1 else "truth files"
@@ -127,6 +121,11 @@ def frame_text(alignment: TruthAlignment) -> str:
     if reading.order != "wxyz":
         parts.append(f"scalar last ({source['order']})")
     return "; ".join(parts)
+
+
+def words(found: TruthAlignment) -> str:
+    """All of it in a line."""
+    return f"Truth: clock {offset_text(found)}; {frame_text(found)}; gyro to truth {mounting_text(found)}."
 
 
 def offset_text(alignment: TruthAlignment) -> str:
@@ -161,8 +160,6 @@ def _turned_seen(alignment: TruthAlignment) -> str:
 
 
 def _clock(alignment: TruthAlignment) -> tuple[str, str, str, str]:
-    from tinygc.features.truth.alignment import OFFSET_SIGMAS
-
     source, used, says = alignment.source["offset_s"], alignment.reading.offset_s, offset_text(alignment)
     if source == GIVEN and not np.isfinite(alignment.offset_s):
         return "note", CLOCK, says, "is truth.offset_s this truth's? what is within 2 s of it is searched"
@@ -218,10 +215,6 @@ def _frame(alignment: TruthAlignment, given: TruthGiven) -> tuple[str, str, str,
 
 
 def _mounting(alignment: TruthAlignment, given: TruthGiven) -> tuple[str, str, str, str]:
-    from scipy.spatial.transform import Rotation
-
-    from tinygc.features.truth.alignment import MOUNTING_RAD
-
     says = f"gyro to truth {mounting_text(alignment)}"
     if given.mounting is not None:
         apart = Rotation.from_matrix(given.mounting).inv() * Rotation.from_rotvec(np.nan_to_num(alignment.turned))

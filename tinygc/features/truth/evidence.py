@@ -150,7 +150,7 @@ def neighbours_correlation(problem: Problem, angles: np.ndarray) -> float:
 def force_against_truth(problem: Problem, stands: np.ndarray, turned: np.ndarray) -> Force | None:
     """Compare the mean specific force with the truth's vertical in long windows, over which a vehicle's acceleration averages out. stands,
     turned (3, 3): from the sensor's axes to those of the problem's attitudes, with the truth as recorded and rotated as the gyro shows."""
-    rows: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
+    rows: list[np.ndarray] = []
     values: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
     g = problem.session.config.site.expected_gravity_mps2
     down = np.array([0, 0, g])
@@ -168,20 +168,19 @@ def force_against_truth(problem: Problem, stands: np.ndarray, turned: np.ndarray
             ):
                 continue
             mean = np.einsum("t,tij->ij", weight, turn[part])
-            for out, x in zip(rows, (mean, mean), strict=True):
-                out.append(x)
+            rows.append(mean)
             for out, f in zip(values, (force[part] @ stands.T, force[part] @ turned.T), strict=True):
                 out.append(np.einsum("t,tij,tj->i", weight, turn[part], f) + down)
-    if len(rows[0]) < 3:
+    if len(rows) < 3:
         return None
+    # The unknowns are a bias in the body frame, and a tilt of the truth's world frame.
+    tilt = np.tile(np.array([[0, g], [-g, 0], [0, 0]]), (len(rows), 1, 1))
+    A = np.concatenate([np.array(rows), tilt], axis=2).reshape(-1, 5)
+    prior = np.diag([1e-6] * 3 + [1 / (0.5 * DEG) ** 2] * 2) * 0.05**2
+    inverse = np.linalg.inv(A.T @ A + prior)
     found = []
-    for design, value in zip(rows, values, strict=True):
-        # The unknowns are a bias in the body frame, and a tilt of the truth's world frame.
-        tilt = np.tile(np.array([[0, g], [-g, 0], [0, 0]]), (len(design), 1, 1))
-        A = np.concatenate([np.array(design), tilt], axis=2).reshape(-1, 5)
+    for value in values:
         y = np.array(value).ravel()
-        prior = np.diag([1e-6] * 3 + [1 / (0.5 * DEG) ** 2] * 2) * 0.05**2
-        inverse = np.linalg.inv(A.T @ A + prior)
         x = inverse @ (A.T @ y)
         left = y - A @ x
         found.append((x[:3], np.sqrt(np.diag(inverse)[:3] * float(left @ left) / max(len(y) - 5, 1))))
@@ -194,10 +193,9 @@ def zero_at_rest(problem: Problem, model: LinearModel) -> Rests | None:
     for log in problem.logs:
         movement = movement_of(log.samples, model(log.samples.gyro), conditions(problem))
         moving = np.ones(len(log.samples), dtype=bool)
-        for rest in find_rests(log.samples):
-            part = slice(rest.start, rest.stop)
-            rates.append(np.asarray(model(rest.gyro_mean[None]))[0])
-            weights.append(rest.stop - rest.start)
+        for part, rate in find_rests(log.samples):
+            rates.append(np.asarray(model(rate[None]))[0])
+            weights.append(part.stop - part.start)
             quiet.append(float(movement.vibration_g2[part].mean()))
             moving[part] = False
         shaken.append(float(np.median(movement.vibration_g2[moving])))

@@ -128,7 +128,7 @@ def find_outages(log: Log, truth: Truth) -> tuple[TruthOutage, ...]:
     parting = _parting(log.samples, truth)
     if parting is None:
         return ()
-    found = [(run, witnesses(log, truth, parting, *run)) for run in _runs(parting.times_usual, parting.spans.begin_s, parting.spans.end_s)]
+    found = [(run, _wrong(log, truth, parting, *run)) for run in _runs(parting.times_usual, parting.spans.begin_s, parting.spans.end_s)]
     found = [(_widened(truth, parting, *run), seen) for run, seen in found]
     size = np.linalg.norm(parting.rate, axis=1)
     # Moments that are in no span go with the outage beside them.
@@ -144,10 +144,10 @@ def find_outages(log: Log, truth: Truth) -> tuple[TruthOutage, ...]:
             size_rps=rms_of(size[start:stop]),
             times_usual=float(parting.times_usual[start:stop].max()),
             spans=len(size),
-            sure=seen.truth,
+            sure=of_truth,
         )
-        for (start, stop), seen in found
-        if not seen.gyro
+        for (start, stop), (of_truth, of_gyro) in found
+        if not of_gyro
     )
 
 
@@ -155,7 +155,7 @@ def _parting(samples: Samples, truth: Truth) -> Parting | None:
     gyro = carried(samples, samples.gyro)
     spans = _chain(samples, truth)
     whole = gyro.whole(spans.begin_s, spans.end_s)
-    spans = Spans(spans.begin_s[whole], spans.end_s[whole], spans.first[whole], spans.last[whole])
+    spans = spans.pick(whole)
     if len(spans) < FEWEST:
         return None
     force = np.zeros_like(samples.gyro)
@@ -306,34 +306,19 @@ CONSTANT = 0.8
 LIMIT_SHARE, LIMIT_S = 0.02, 0.1
 
 
-@dataclass(frozen=True)
-class Witnesses:
-    """What speaks for an error of the truth, and what for one of the gyro; strong witnesses outweigh weak ones."""
+def _wrong(log: Log, truth: Truth, parting: Parting, start: int, stop: int) -> tuple[bool, bool]:
+    """Whether the truth alone is wrong in the spans from start to stop, and whether the gyro alone is.
 
-    strong: tuple[bool, bool]
-    weak: tuple[bool, bool]
-
-    @property
-    def truth(self) -> bool:
-        """Whether the truth alone is wrong."""
-        return (self.strong[0] and not self.strong[1]) or (not any(self.strong) and self.weak[0] and not self.weak[1])
-
-    @property
-    def gyro(self) -> bool:
-        """Whether the gyro alone is wrong."""
-        return (self.strong[1] and not self.strong[0]) or (not any(self.strong) and self.weak[1] and not self.weak[0])
-
-
-def witnesses(log: Log, truth: Truth, parting: Parting, start: int, stop: int) -> Witnesses:
-    """Of the spans from start to stop."""
+    What speaks for either is strong or weak; weak witnesses are heard where there are no strong ones.
+    """
     returns = _returns(truth, parting, start, stop)
     for_truth, for_gyro = _by_force(log, truth, parting, start, stop)
     leaps_truth, leaps_gyro = _leaps(parting, start, stop)
     frozen = _frozen(truth, parting, start, stop)
-    return Witnesses(
-        strong=(returns or for_gyro or frozen, for_truth),
-        weak=(leaps_truth, leaps_gyro or _stands(log.samples, parting, start, stop) or _constant(parting, start, stop)),
-    )
+    of_truth, of_gyro = returns or for_gyro or frozen, for_truth
+    if not (of_truth or of_gyro):
+        of_truth, of_gyro = leaps_truth, leaps_gyro or _stands(log.samples, parting, start, stop) or _constant(parting, start, stop)
+    return of_truth and not of_gyro, of_gyro and not of_truth
 
 
 def _apart(truth: Truth, parting: Parting, base: int, moments: np.ndarray) -> np.ndarray:

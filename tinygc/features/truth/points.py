@@ -4,21 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
-from session.base.errors import CalibrationError, DataError
+from session.base.errors import DataError
 from session.base.files import write_new
 from session.base.toml import toml_line
-from session.detect.findings import Finding
-from session.detect.stills import SessionStills
 from session.log.config import Config
-from session.log.folder import Session
-from session.log.logfile import Log
 from session.log.samples import Samples
 from tinygc.features.truth.reading import (
+    SAID,
     TRUTH_ARRAYS,
     Truth,
     TruthAlignment,
@@ -30,14 +28,15 @@ from tinygc.features.truth.reading import (
     truths_of_arrays,
 )
 
-if TYPE_CHECKING:
-    from tinygc.closure.problem import Problem
-    from tinygc.estimation.physics import PhysicsFit
-    from tinygc.features.truth.evidence import TruthExplanation
-    from tinygc.noise.components import Component
-    from tinygc.noise.twin import Twin
-    from tinygc.reporting.explanation_text import ExplanationReport
-    from tinygc.reporting.html.markup import Section
+
+def _late(place: str) -> Any:
+    """What is at ``module:name`` of this folder, imported when it is called."""
+    module, name = place.split(":")
+
+    def call(*given: Any, **more: Any) -> Any:
+        return getattr(import_module(f"tinygc.features.truth.{module}"), name)(*given, **more)
+
+    return staticmethod(call)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,97 +88,29 @@ class TruthFiles:
         for number, truth in enumerate(self.truths, start=1):
             write_new(folder / f"truth{number:04d}.csv", truth_text(truth.reread(reading, TruthReading())))
 
-    # The first look.
+    # The fit and the explanation.
 
-    @property
-    def said(self) -> tuple[str, ...]:
-        """What ``fit`` and ``explain`` say as well, where it is more than ok."""
-        from tinygc.features.truth.check import SAID
-
-        return SAID
-
-    def examined(self, session: Session) -> tuple[Session, list[Finding]]:
-        """The session with its truths read as the recording shows, and the findings."""
-        from tinygc.features.truth.check import with_aligned_truth
-
-        return with_aligned_truth(session)
-
-    def check(self, session: Session, log: Log) -> list[Finding]:
-        """The truth of one log against its gyroscope; a ceiling of the gyroscope, which another finding names, may be why they differ."""
-        from tinygc.features.truth.check import check_truth
-
-        limited = self.alignment is not None and bool(np.isfinite(self.alignment.ceiling_rps).any())
-        return check_truth(log, self.truths[session.logs.index(log)], session.config, limited)
-
-    # The fit.
-
-    def problem(self, session: Session, found: SessionStills, **how: Any) -> Problem:
-        """As ``build_problem``."""
-        from tinygc.features.truth.problem import build_truth_problem
-
-        return build_truth_problem(session, found, **how)
+    said: ClassVar[tuple[str, ...]] = SAID
+    examined = _late("check:with_aligned_truth")
+    check = _late("check:check_truth")
+    problem = _late("problem:build_truth_problem")
+    rests = _late("segments:find_rests")
+    components = _late("physics:truth_components")
+    physics = _late("physics:fit_beside_truth")
+    explain = _late("engine:explain_truth")
+    report = _late("text:TruthReport")
+    report_section = _late("section:section")
 
     def attitudes(self, number: int, samples: Samples) -> tuple[np.ndarray, np.ndarray]:
         """Rows (K,) of a log at which its attitude is known, and ``q_nb`` (K, 4) there."""
-        from tinygc.features.truth.segments import moments_inside
-
-        return moments_inside(samples, self.truths[number])
-
-    def rests(self, samples: Samples) -> list[tuple[np.ndarray, float]]:
-        """Mean rate (3,) and duration, s, of each rest of a log, in which motors may run."""
-        from tinygc.features.truth.segments import find_rests
-
-        return [(rest.gyro_mean, (rest.stop - rest.start) * samples.period_s) for rest in find_rests(samples)]
-
-    def components(self, twin: Twin, sizes: tuple[int, int, int]) -> list[Component]:
-        """Variance components of the truth's errors."""
-        from tinygc.features.truth.physics import truth_components
-
-        return truth_components(twin, sizes)
-
-    def physics(self, problem: Problem, *how: Any) -> PhysicsFit:
-        """Fit named physics: ``fit_beside_truth``."""
-        from tinygc.features.truth.physics import fit_beside_truth
-
-        return fit_beside_truth(problem, *how)
+        return _late("segments:moments_inside")(samples, self.truths[number])  # type: ignore[no-any-return]
 
     @property
     def table(self) -> dict | None:
         """How the files were read, for fit.json; None where that was not found out."""
-        from tinygc.features.truth.alignment import alignment_table
-
-        return None if self.alignment is None else alignment_table(self.alignment)
+        return None if self.alignment is None else _late("alignment:alignment_table")(self.alignment)
 
     @property
     def words(self) -> str:
         """The same, for the terminal; empty where that was not found out."""
-        from tinygc.features.truth.check import frame_text, mounting_text, offset_text
-
-        if (found := self.alignment) is None:
-            return ""
-        return f"Truth: clock {offset_text(found)}; {frame_text(found)}; gyro to truth {mounting_text(found)}."
-
-    # The explanation.
-
-    @staticmethod
-    def explain(session: Session | Path, idle: Sequence[str] = (), **how: Any) -> TruthExplanation:
-        """As ``explain_session``; idle: options of the catalogue's search that were given.  Raises CalibrationError for these."""
-        if idle:
-            raise CalibrationError(f"{', '.join(idle)}: of no use where the reference is a truth file; leave it out")
-        from tinygc.features.truth.engine import explain_truth
-
-        return explain_truth(session, **how)
-
-    @staticmethod
-    def report(explanation: TruthExplanation) -> ExplanationReport:
-        """The report of an explanation."""
-        from tinygc.features.truth.text import TruthReport
-
-        return TruthReport(explanation)
-
-    @staticmethod
-    def report_section(explanation: TruthExplanation) -> Section:
-        """The section of a report on an explanation."""
-        from tinygc.features.truth.section import section
-
-        return section(explanation)
+        return "" if self.alignment is None else _late("check:words")(self.alignment)

@@ -143,6 +143,13 @@ class TruthAlignment:
     ceiling_share: float = 0.0
 
 
+# What the first look says of truth files.
+
+CLOCK, FRAME, ATTITUDE, MOUNTING = "truth's clock", "truth's frame", "truth's attitudes", "truth's mounting"
+OUTAGE, CEILING = "truth's outages", "gyro ceiling"
+#: what fit and explain say as well, where it is more than ok
+SAID = (CLOCK, FRAME, ATTITUDE, MOUNTING, OUTAGE)
+
 # A truth file: attitudes that something better than gravity saw, at some moments of a log (``reference = "truth"``).
 #
 # A motion capture, a total station, a rate table's encoder: whatever gives three angles.  Beside ``log0001.csv`` lies ``truth0001.csv``,

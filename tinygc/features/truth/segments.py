@@ -27,17 +27,8 @@ RATE_RPS = 0.25 * DEG
 FORCE_MPS2 = 0.06
 
 
-@dataclass(frozen=True, eq=False)
-class Rest:
-    """Samples ``start <= i < stop``; gyro_mean (3,) rad/s."""
-
-    start: int
-    stop: int
-    gyro_mean: np.ndarray
-
-
-def find_rests(samples: Samples) -> list[Rest]:
-    """All rests of at least 1.5 s, in order.  Rows whose specific force is exactly zero have none, and are no part of a rest."""
+def find_rests(samples: Samples) -> list[tuple[slice, np.ndarray]]:
+    """Samples and mean rate (3,) of all rests of at least 1.5 s, in order; none has rows whose specific force is exactly zero."""
     size = max(1, round(MOTION_BLOCK_S / samples.period_s))
     count, length = len(samples) // size, round(LEAST_S / MOTION_BLOCK_S)
     if count < length:
@@ -52,8 +43,8 @@ def find_rests(samples: Samples) -> list[Rest]:
     rest = np.zeros(count, dtype=bool)
     for start in np.flatnonzero(steady):
         rest[start : start + length] = True
-    rows = [(int(start) * size, int(stop) * size) for start, stop in zip(*runs_of(rest), strict=True)]
-    return [Rest(start, stop, samples.gyro[start:stop].mean(axis=0)) for start, stop in rows]
+    rows = [slice(int(start) * size, int(stop) * size) for start, stop in zip(*runs_of(rest), strict=True)]
+    return [(part, samples.gyro[part].mean(axis=0)) for part in rows]
 
 
 # Segments between moments of a truth file, and the attitudes at their ends.

@@ -321,7 +321,7 @@ def build_problem(
     _require_axes(session, fit.model)
     if batch.turns is not None:
         floor = replace(floor, tilt_excess=tilt_excess(batch, floor, fit.model, at_rest))
-    rates = _still_rates(logs, earths)
+    rates = still_rates(logs, earths)
     return Problem(session, every, batch, floor, earths, logs, fit.model, rates, found, known_turns=turns, widened=tuple(widened))
 
 
@@ -419,21 +419,27 @@ def _dial(session: Session, logs: list[StillSet], log: int, still: Still) -> np.
 def _batch(session: Session, logs: list[StillSet], segments: list[Segment]) -> Batch:
     """Batch of all segments, accepted or not, with reference attitudes; unknown yaw is 0, and the Earth's rate is not yet set."""
     dials = session.config.protocol.reference == "table"
+    ends = np.stack([rotation.from_gravity(np.array([segment.stills[end].accel_mean for segment in segments])) for end in (0, 1)])
+    for i, segment in enumerate(segments):
+        for end, still in zip(ends, segment.stills, strict=True):
+            if dials and (reading := _dial(session, logs, segment.log, still)) is not None:
+                # Gravity gives the tilt to a hundredth of a degree, a dial to a twentieth: tilt from gravity, yaw from the dial.
+                end[i] = rotation.nearest_yaw(rotation.from_euler(*reading), end[i])
+    return batch_between(logs, segments, ends[0], ends[1], dials)
+
+
+def batch_between(logs: list[StillSet], segments: list[Segment], start: np.ndarray, end: np.ndarray, yaw_known: bool) -> Batch:
+    """Batch of segments between attitudes start and end (S, 4); the Earth's rate is not yet set."""
     longest = max(segment.stop - segment.start for segment in segments)
     rate = np.moveaxis(np.zeros((3, len(segments), longest)), 0, -1)  # each component contiguous in memory: faster to compute with
     dt = np.zeros((len(segments), longest - 1))
-    ends = np.stack([rotation.from_gravity(np.array([segment.stills[end].accel_mean for segment in segments])) for end in (0, 1)])
     for i, segment in enumerate(segments):
         samples = logs[segment.log].samples
         count = segment.stop - segment.start
         rate[i, :count] = samples.gyro[segment.start : segment.stop]
         rate[i, count:] = rate[i, count - 1]
         dt[i, : count - 1] = np.diff(samples.t_ns[segment.start : segment.stop]) * NS
-        for end, still in zip(ends, segment.stills, strict=True):
-            if dials and (reading := _dial(session, logs, segment.log, still)) is not None:
-                # Gravity gives the tilt to a hundredth of a degree, a dial to a twentieth: tilt from gravity, yaw from the dial.
-                end[i] = rotation.nearest_yaw(rotation.from_euler(*reading), end[i])
-    return Batch(rate, dt, np.zeros_like(rate), ends[0], ends[1], dials)
+    return Batch(rate, dt, np.zeros_like(rate), start, end, yaw_known)
 
 
 def _earths(session: Session, logs: list[StillSet], model: LinearModel) -> dict[int, EarthRate]:
@@ -469,7 +475,10 @@ def _reference_stills(logs: list[StillSet]) -> tuple[np.ndarray, np.ndarray, np.
     return q_tb, rate, sigma, group
 
 
-def _still_rates(logs: list[StillSet], earths: dict[int, EarthRate]) -> StillRates:
+def still_rates(logs: list[StillSet], earths: dict[int, EarthRate]) -> StillRates:
+    """Mean rates of the stills that are references, and the Earth's there.  Raises DataError for a gyro that shows no noise."""
+    if not any(still.problem is None for log in logs for still in log.stills):
+        return StillRates(*np.zeros((3, 0, 3)), np.zeros((0, 4)), np.zeros(0))
     q_tb, rate, sigma, group = _reference_stills(logs)
     if not (sigma > 0).all():
         raise DataError("the gyro shows no noise at all in the stills; is the log made of registers, not of smoothed values?")

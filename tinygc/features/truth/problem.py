@@ -13,10 +13,11 @@ from session.base.units import DEG
 from session.detect.segments import Segment, without_excluded
 from session.detect.stills import LogStills, Noise, SessionStills
 from session.log.folder import Session
-from session.log.samples import Samples, start_times
+from session.log.samples import Samples
+from tinygc.closure.build import batch_between, still_rates
 from tinygc.closure.earth import EarthRate, no_earth, vertical_only, with_heading
 from tinygc.closure.floor import Floor, gyro_variance
-from tinygc.closure.least_squares import StillRates, fit_least_squares
+from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.problem import LEFT_OUT, Problem, widened_by_bridges
 from tinygc.closure.residual import Batch, attitudes
 from tinygc.closure.stills import StillSet
@@ -80,7 +81,7 @@ def build_truth_problem(
     floor = _floor(batch, at, accepted, ends, logs, session.reference)
     more, widened = widened_by_bridges(accepted, [log.bridges for log in logs], at)
     floor = floor.widened(more) if widened else floor
-    return Problem(session, segments, batch, floor, {0: earth}, logs, model, _still_rates(logs, earth), found, widened=tuple(widened))
+    return Problem(session, segments, batch, floor, {0: earth}, logs, model, still_rates(logs, {0: earth}), found, widened=tuple(widened))
 
 
 def _still_set(found: LogStills, cut: list[tuple[Segment, TruthEnds]]) -> StillSet:
@@ -106,15 +107,8 @@ def _noise_in_motion(samples: Samples) -> Noise:
 
 def batch_of(logs: list[StillSet], segments: list[Segment], ends: list[TruthEnds]) -> Batch:
     """Batch of the segments with the truth's attitudes at their ends."""
-    longest = max(segment.stop - segment.start for segment in segments)
-    rate, dt = np.zeros((len(segments), longest, 3)), np.zeros((len(segments), longest - 1))
-    for i, segment in enumerate(segments):
-        samples, count = logs[segment.log].samples, segment.stop - segment.start
-        rate[i, :count] = samples.gyro[segment.start : segment.stop]
-        rate[i, count:] = rate[i, count - 1]
-        dt[i, : count - 1] = samples.dt_s[segment.start : segment.stop - 1]
     start, end = (np.array([getattr(one, name) for one in ends]) for name in ("start", "end"))
-    return Batch(rate, dt, np.zeros_like(rate), start, end, yaw_known=True)
+    return batch_between(logs, segments, start, end, yaw_known=True)
 
 
 def _first_fit(session: Session, logs: list[StillSet], batch: Batch) -> LinearModel:
@@ -162,17 +156,3 @@ def _floor(batch: Batch, at: np.ndarray, segments: list[Segment], ends: list[Tru
             shared[i] = -truth
     of_truth = Floor(np.broadcast_to(2 * truth, own.shape), shared)
     return Floor(own + of_truth.own, shared, references={reference.title: of_truth})
-
-
-def _still_rates(logs: list[StillSet], earth: EarthRate) -> StillRates:
-    rate, sigma, q, middle_s = [], [], [], []
-    for log, began in zip(logs, start_times(log.samples for log in logs)[:-1], strict=True):
-        for still, q_tb in zip(log.stills, log.q_tb, strict=True):
-            if still.problem is None:
-                rate.append(still.gyro_mean)
-                sigma.append(log.noise.angle_random_walk / np.sqrt(still.duration_s))
-                q.append(q_tb)
-                middle_s.append(began + still.start_s + still.duration_s / 2)
-    attitude = np.array(q).reshape(-1, 4)
-    turned = earth.in_body(attitude) if len(attitude) else np.zeros((0, 3))
-    return StillRates(np.array(rate).reshape(-1, 3), turned, np.array(sigma).reshape(-1, 3), attitude, np.array(middle_s))

@@ -51,7 +51,7 @@ class AgeReadings:
 
 
 def age_readings(t_s: np.ndarray, excess: np.ndarray, slope: np.ndarray, noise: float, reader_s: float) -> AgeReadings:
-    """Estimate ages from excess and slope (N, 3), rad/s and rad/s^2, as of ``SharedMotion.differences``.
+    """Estimate ages from excess and slope (N, 3), rad/s and rad/s^2, as of ``_differences``.
 
     noise: scatter of one excess component, rad/s.
 
@@ -237,53 +237,41 @@ def _moved(state: np.ndarray, frequency: np.ndarray, seconds: float) -> np.ndarr
 # first unit; a linear map takes each unit's there, with its scales and misalignments.
 
 
-class SharedMotion:
-    """Rates of all units on one clock.  rates: each unit's logs; fits: one for each unit."""
+#: of each unit and log
+_Logs = list[list[Rates]]
 
-    def __init__(self, rates: Sequence[Sequence[Rates]], fits: Sequence[ClockFit]):
-        self.stamped = [[replace(each, t_s=fit.clock.array_time(each.t_s)) for each in unit] for unit, fit in zip(rates, fits, strict=True)]
-        self.maps = [np.linalg.inv(fit.matrix) for fit in fits]
-        self.offsets = [fit.bias for fit in fits]
-        self.moved = self.stamped
 
-    def correct(self, ages: Sequence[Sequence[np.ndarray]]) -> None:
-        """Shift the readings' times back by their ages: of each unit, of each log, (N,) s."""
-        self.moved = [
-            [replace(each, t_s=each.t_s - age) for each, age in zip(unit, mine, strict=True)]
-            for unit, mine in zip(self.stamped, ages, strict=True)
-        ]
+def _differences(
+    stamped: _Logs, moved: _Logs, maps: list[np.ndarray], offsets: list[np.ndarray]
+) -> tuple[list[tuple[np.ndarray, np.ndarray, np.ndarray]], list[np.ndarray], list[np.ndarray]]:
+    """Return every unit's difference from the others, over all its logs, at readings that all units cover, with its map refitted.
 
-    def differences(self) -> list[tuple[np.ndarray, ...]]:
-        """Return every unit's difference from the others, over all its logs, at readings that all units cover, with its map refitted.
-
-        t_s (N,) s array clock, as stamped; excess (N, 3) rad/s, the unit's rate in the first unit's axes minus the others' mean at that
-        time; slope (N, 3) rad/s^2 of that mean.
-        """
-        splines = [[each.spline() for each in unit] for unit in self.moved]
-        slopes = [[spline.derivative() for spline in unit] for unit in splines]
-        found, maps, offsets = [], [], []
-        for unit in range(len(self.moved)):
-            others = [each for each in range(len(self.moved)) if each != unit]
-            parts = []
-            for number, mine in enumerate(self.moved[unit]):
-                covered = mine.good & np.all([self.moved[other][number].covers(mine.t_s) for other in others], axis=0)
-                rows = np.flatnonzero(covered)
-                at = self.stamped[unit][number].t_s[rows]
-                # compared with the motion at the stamp, so that the whole age shows
-                rate = np.mean([(splines[o][number](at) - self.offsets[o][number]) @ self.maps[o].T for o in others], axis=0)
-                slope = np.mean([slopes[o][number](at) @ self.maps[o].T for o in others], axis=0)
-                parts.append((at, np.full(len(rows), number), rows, mine.rate[rows], rate, slope))
-            t_s, log, _, read, rate, slope = (np.concatenate(each) for each in zip(*parts, strict=True))
-            logs = len(self.moved[unit])
-            design = np.hstack([read, (log[:, None] == np.arange(logs)).astype(float)])
-            age = np.concatenate([self.stamped[unit][i].t_s[part[2]] - self.moved[unit][i].t_s[part[2]] for i, part in enumerate(parts)])
-            target = rate - age[:, None] * slope  # the others' rate at the time of the reading
-            coefficients = np.linalg.lstsq(design, target, rcond=None)[0]
-            found.append((t_s, design @ coefficients - rate, slope))
-            maps.append(coefficients[:3].T)
-            offsets.append(-np.linalg.solve(coefficients[:3].T, coefficients[3:].T).T)
-        self.maps, self.offsets = maps, offsets
-        return found
+    stamped, moved: rates on one clock, as stamped and at the times of the readings; maps (3, 3) and offsets (logs, 3) rad/s of each unit.
+    Of each unit t_s (N,) s array clock, as stamped; excess (N, 3) rad/s, the unit's rate in the first unit's axes minus the others' mean at
+    that time; slope (N, 3) rad/s^2 of that mean.  And the new maps and offsets.
+    """
+    splines = [[each.spline() for each in unit] for unit in moved]
+    slopes = [[spline.derivative() for spline in unit] for unit in splines]
+    found, new_maps, new_offsets = [], [], []
+    for unit, own in enumerate(moved):
+        others = [each for each in range(len(moved)) if each != unit]
+        parts = []
+        for number, mine in enumerate(own):
+            covered = mine.good & np.all([moved[other][number].covers(mine.t_s) for other in others], axis=0)
+            rows = np.flatnonzero(covered)
+            at = stamped[unit][number].t_s[rows]
+            # compared with the motion at the stamp, so that the whole age shows
+            rate = np.mean([(splines[o][number](at) - offsets[o][number]) @ maps[o].T for o in others], axis=0)
+            slope = np.mean([slopes[o][number](at) @ maps[o].T for o in others], axis=0)
+            parts.append((at, np.full(len(rows), number), at - mine.t_s[rows], mine.rate[rows], rate, slope))
+        t_s, log, age, read, rate, slope = (np.concatenate(each) for each in zip(*parts, strict=True))
+        design = np.hstack([read, (log[:, None] == np.arange(len(own))).astype(float)])
+        target = rate - age[:, None] * slope  # the others' rate at the time of the reading
+        coefficients = np.linalg.lstsq(design, target, rcond=None)[0]
+        found.append((t_s, design @ coefficients - rate, slope))
+        new_maps.append(coefficients[:3].T)
+        new_offsets.append(-np.linalg.solve(coefficients[:3].T, coefficients[3:].T).T)
+    return found, new_maps, new_offsets
 
 
 # Age of each unit's readings when they are read: a sawtooth, for a unit that samples by its own clock and waits for the reader.
@@ -348,13 +336,17 @@ def ages_of(array: ArraySession, fits: Sequence[ClockFit]) -> tuple[SampleAges, 
     if len(array) < LEAST_UNITS:
         return tuple(ages)
     rates = [session_rates(unit) for unit in array.units]
-    motion = SharedMotion(rates, fits)
-    motion.differences()  # fits the maps, each unit's on the mean of the others
+    stamped = [[replace(each, t_s=clock.array_time(each.t_s)) for each in mine] for mine, clock in zip(rates, clocks, strict=True)]
+    _, maps, offsets = _differences(stamped, stamped, [np.linalg.inv(fit.matrix) for fit in fits], [fit.bias for fit in fits])
+    moved = stamped
     for _ in range(ROUNDS):
-        found = motion.differences()
+        found, maps, offsets = _differences(stamped, moved, maps, offsets)
         ages = [_aged(before, difference, mine[0].period_s) for before, difference, mine in zip(ages, found, rates, strict=True)]
         ages = [SampleAges(a.number, False, a.p_value, clock=a.clock) if _is_echo(a, ages) else a for a in ages]
-        motion.correct([[each.age_s(log.t_s) for log in mine] for each, mine in zip(ages, rates, strict=True)])
+        moved = [
+            [replace(one, t_s=one.t_s - each.age_s(log.t_s)) for one, log in zip(unit, mine, strict=True)]
+            for each, unit, mine in zip(ages, stamped, rates, strict=True)
+        ]
     return tuple(ages)
 
 

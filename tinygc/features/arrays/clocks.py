@@ -383,8 +383,9 @@ def _stepped(v: dict[str, np.ndarray], logs: int, noise: np.ndarray, matrix: np.
     means = [read[v["log"] == log].mean(axis=0) if (v["log"] == log).any() else np.zeros(3) for log in range(logs)]
     about = read - np.array(means)[v["log"]]
     total = float(np.square(about).sum())
+    (offset_s, rate), (offset_sigma_s, rate_sigma) = (x + solution[-2:]).tolist(), sigma[-2:].tolist()
     return ClockFit(
-        UnitClock(*map(float, x + solution[-2:]), about_s, *map(float, sigma[-2:])),
+        UnitClock(offset_s, rate, about_s, offset_sigma_s, rate_sigma),
         coefficients[:, :3],
         sigma[:-2].reshape(3, size)[:, :3],
         coefficients[:, 3:].T,

@@ -9,11 +9,10 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from session.base.errors import CalibrationError
-from session.base.options import changed, given, part
+from session.base.options import changed, given
 from session.base.progress import Progress
 from session.base.texts import command_line
 from tinygc.cli.results import Done, complain, inside, output, print_commands, try_destinations, verdict, write_json
-from tinygc.estimation.options import FitOptions
 from tinygc.features.arrays.feature import ArrayOptions
 from tinygc.features.arrays.names import is_array
 
@@ -59,12 +58,8 @@ def fit(args: Any) -> Done | None:
         return None
     from tinygc.reporting.terminal import progress_bar
 
-    idle = given(part(args, FitOptions), USED)
-    if idle:
-        raise CalibrationError(
-            f"{', '.join(idle)}: of no use with {args.folder}, an array, whose units are all fitted by least squares together; "
-            f"leave {'it' if len(idle) == 1 else 'them'} out, or give one unit a folder of its own"
-        )
+    what = f"{args.folder}, an array, whose units are all fitted by least squares together"
+    args.refuse_beside(what, *USED, "folder", "more", "out", "limit", "strict", "verbose")
     try_destinations(args.out or inside(args.folder, "fit"), args.json)
     with progress_bar(args.quiet) as progress:
         found = _read(args.folder, progress).fit(**{name: getattr(args, name) for name in USED}, progress=progress)
@@ -87,12 +82,7 @@ def explain(args: Any) -> int | None:
     from tinygc.features.arrays.explanation import array_verdict_line
     from tinygc.reporting.terminal import progress_bar
 
-    if args.noise is not None:
-        raise CalibrationError(f"--noise: of no use with {args.folder}, an array; leave it out, or give one unit a folder of its own")
-    if idle := [flag for each in args.of_features for flag in given(each)]:
-        raise CalibrationError(
-            f"{', '.join(idle)}: of no use with {args.folder}, an array; leave it out, or give one unit a folder of its own"
-        )
+    args.refuse_beside(f"{args.folder}, an array", "folder", "check_on", "out", "strict", "pictures", "seed", "earth")
     try_destinations(args.out or inside(args.folder, "explain"), args.json)
     with progress_bar(args.quiet) as progress:
         others = [_read(each, progress) for each in args.check_on]

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from session.base.errors import CalibrationError, FormatError
-from session.base.options import given, given_beside, part, record_in
+from session.base.errors import FormatError
+from session.base.options import given_beside, record_in
 from session.base.texts import command_line
 from session.base.toml import read_toml
-from tinygc.estimation.options import FitOptions
 from tinygc.features.turns.feature import TURNS, ImportOptions
 
 if TYPE_CHECKING:
@@ -62,12 +61,8 @@ def fit(args: Any) -> Done | None:
     from tinygc.features.turns.result import MODEL
     from tinygc.reporting.terminal import progress_bar
 
-    more = ["--strict"] if args.strict else []
-    limit = ["--limit"] if args.limit is not None and args.defaults is None else []
-    if idle := [*given(part(args, FitOptions)), *limit, *more]:
-        raise CalibrationError(
-            f"{', '.join(idle)}: of no use for a gyroscope alone, which has no closure; leave {'it' if len(idle) == 1 else 'them'} out"
-        )
+    limit = () if args.defaults is None else ("limit",)  # one of the user's own defaults is of other recordings
+    args.refuse_beside("a gyroscope alone, which has no closure", "folder", "more", "out", "verbose", *limit)
     try_destinations(args.out or inside(args.folder, "fit"), args.json)
     with progress_bar(args.quiet) as progress:
         result = fit_turns(args.folder, progress=progress)

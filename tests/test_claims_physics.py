@@ -283,7 +283,8 @@ def twin_of(thermometer=False, seconds=100):
     t = np.arange(0.0, seconds, 1.0)
     temp = np.linspace(25, 30, len(t)) if thermometer else np.full(len(t), np.nan)
     zero = np.zeros((len(t), 3))
-    return SimpleNamespace(movements=[Movement(t, 1.0, zero, zero, temp, np.zeros(len(t)), seconds, 1.0, 25.0)])
+    movements = [Movement(t, 1.0, zero, zero, temp, np.zeros(len(t)), seconds, 1.0, 25.0)]
+    return SimpleNamespace(movements=movements, has_thermometer=bool(np.isfinite(temp).all()))
 
 
 def drift(probability, name="gyro.bias_drift", dps=(0.05, -0.2, 0.1), **rivals):

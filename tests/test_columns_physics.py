@@ -135,7 +135,8 @@ def session_of_movements(*movements, stills=10, earth=None, latitude_deg=47.0):
     site = SimpleNamespace(latitude_deg=latitude_deg)
     problem = SimpleNamespace(earth=earth or no_earth(), session=SimpleNamespace(config=SimpleNamespace(site=site)))
     axes = [np.full((101, 6), float(number + 1)) for number in range(len(movements))]
-    return SimpleNamespace(movements=list(movements), stills=[None] * stills, problem=problem, level_axes=axes)
+    thermometer = all(np.isfinite(each.temp_c).all() for each in movements)
+    return SimpleNamespace(movements=list(movements), stills=[None] * stills, problem=problem, level_axes=axes, has_thermometer=thermometer)
 
 
 def shapes(twin, name):

@@ -448,7 +448,7 @@ def _earths(session: Session, logs: list[StillSet], model: LinearModel) -> dict[
     groups = sorted({int(g) for log in logs for g, still in zip(log.group, log.stills, strict=True) if still.problem is None})
     if site.latitude_deg is None:
         return {g: no_earth() for g in groups}
-    q_tb, rate, sigma, group = _reference_stills(logs)
+    q_tb, rate, sigma, group = reference_stills(logs)
     found = {}
     for g in groups:
         mine = group == g
@@ -463,7 +463,7 @@ def _earths(session: Session, logs: list[StillSet], model: LinearModel) -> dict[
     return found
 
 
-def _reference_stills(logs: list[StillSet]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def reference_stills(logs: list[StillSet]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Attitudes (Q, 4), mean rates (Q, 3), their sigmas (Q, 3) and yaw groups (Q,) of all stills that are references."""
     rows = [
         (q, still.gyro_mean, log.noise.angle_random_walk / np.sqrt(still.duration_s), group)
@@ -479,7 +479,7 @@ def still_rates(logs: list[StillSet], earths: dict[int, EarthRate]) -> StillRate
     """Mean rates of the stills that are references, and the Earth's there.  Raises DataError for a gyro that shows no noise."""
     if not any(still.problem is None for log in logs for still in log.stills):
         return StillRates(*np.zeros((3, 0, 3)), np.zeros((0, 4)), np.zeros(0))
-    q_tb, rate, sigma, group = _reference_stills(logs)
+    q_tb, rate, sigma, group = reference_stills(logs)
     if not (sigma > 0).all():
         raise DataError("the gyro shows no noise at all in the stills; is the log made of registers, not of smoothed values?")
     began = start_times(log.samples for log in logs)

@@ -18,7 +18,7 @@ from session.detect.first_look import check_session
 from session.detect.stamp_errors import STAMPS
 from session.detect.stills import SessionStills
 from session.log.folder import Session, read_session
-from tinygc.closure.build import build_problem
+from tinygc.closure.build import build_problem, reference_stills
 from tinygc.closure.earth import vertical_only, vertical_rate
 from tinygc.closure.joint import GIVEN_SIGMA_MG, REFUTED_P, fit_joint, recalibrated
 from tinygc.closure.least_squares import PriorOf
@@ -85,13 +85,7 @@ def first_look_at_fit(session: Session, found: SessionStills, at_rest: AtRest | 
 
 def _vertical(logs: list[StillSet], model: LinearModel) -> tuple[float, float] | None:
     """Rate about down and its sigma, rad/s, over all yaw groups."""
-    rows = [
-        (q, still.gyro_mean, log.noise.angle_random_walk / np.sqrt(still.duration_s), int(group))
-        for log in logs
-        for q, still, group in zip(log.q_tb, log.stills, log.group, strict=True)
-        if still.problem is None
-    ]
-    q, rate, sigma, group = (np.array(column) for column in zip(*rows, strict=True))
+    q, rate, sigma, group = reference_stills(logs)
     if not (sigma > 0).all():
         return None
     found = [vertical_rate(q[mine], model(rate[mine]), sigma[mine]) for mine in (group == each for each in np.unique(group))]

@@ -118,18 +118,10 @@ class MatrixC:
 
 
 @dataclass(frozen=True, eq=False)
-class StageC:
+class StageC(Stage):
     """Any other correction in C, with a state if it needs one: the fields of ``Stage``, constants as in ``PerAxisC``."""
 
-    formula: str
-    body: str
-    constants: Callable[[np.ndarray, Conditions], dict[str, np.ndarray]]
-    numpy: Callable[[dict[str, np.ndarray], np.ndarray, Any], np.ndarray]
-    cost: Cost
-    functions: str = ""
-    state: str = ""
-    state_bytes: int = 0
-    start: str = ""
+    constants: Callable[[np.ndarray, Conditions], dict[str, np.ndarray]]  # type: ignore[assignment]
 
     def stage(self, theta: np.ndarray, known: Conditions) -> Stage:
         """The correction by parameters theta (P,), SI."""

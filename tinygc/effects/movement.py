@@ -85,9 +85,7 @@ def movement_of(samples: Samples, rate: np.ndarray, known: Conditions, began_s: 
         force_g=force_g,
         temp_c=np.full(len(samples), np.nan) if samples.temp_c is None else _mean(samples.temp_c, mean_s, dt_s),
         vibration_g2=vibration(force_g, dt_s),
-        duration_s=known.duration_s,
-        fs_rps=known.fs_rps,
-        first_temp_c=known.first_temp_c,
+        **vars(known),
     )
 
 

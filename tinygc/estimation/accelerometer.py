@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -143,8 +143,7 @@ class AccelerometerFit:
     @cached_property
     def slope(self) -> np.ndarray:
         """Derivative (9, 9) of the sensor errors by the correction x."""
-        sides = [[triad_errors(self.values + sign * step) for step in SMALL * np.eye(PARAMETERS)] for sign in (1, -1)]
-        return (np.array(sides[0]) - np.array(sides[1])).T / (2 * SMALL) @ self.jacobian
+        return derivative(triad_errors, self.values) @ self.jacobian
 
     @property
     def freedoms(self) -> np.ndarray:
@@ -215,12 +214,17 @@ def triad_errors(values: np.ndarray) -> np.ndarray:
     return found
 
 
+def derivative(function: Callable[[np.ndarray], np.ndarray], x: np.ndarray) -> np.ndarray:
+    """Return the derivative (9, 9) of a function of nine numbers of an accelerometer, (9,), at x (9,)."""
+    sides = [[function(x + sign * step) for step in SMALL * np.eye(PARAMETERS)] for sign in (1, -1)]
+    return (np.array(sides[0]) - np.array(sides[1])).T / (2 * SMALL)
+
+
 def jacobian(calibration: Accelerometer, x: np.ndarray) -> np.ndarray:
     """Return the derivative (9, 9) of the triad's parameters by the correction x (9,) that led to a calibration."""
     matrix = np.linalg.solve(matrix_of(x), calibration.matrix)
     before = Accelerometer(matrix, calibration.bias_mps2 - np.linalg.solve(matrix, x[BIAS]), calibration.source)
-    sides = [[after(x + step, before).triad for step in sign * SMALL * np.eye(PARAMETERS)] for sign in (1, -1)]
-    return (np.array(sides[0]) - np.array(sides[1])).T / (2 * SMALL)
+    return derivative(lambda moved: after(moved, before).triad, x)
 
 
 def _unobserved_values(joint: JointFit) -> tuple[str, ...]:

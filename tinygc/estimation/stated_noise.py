@@ -321,8 +321,7 @@ def _response(problem: Problem, model: LinearModel, still_rates: bool) -> np.nda
     """Return L (12, n) 1, rad/s: the response of the parameters to errors of the stacked channels."""
     batch, rest = problem.batch, problem.rest_rps
     count, q = len(batch) * batch.angles, len(problem.still_rates.rate)
-    sensitivity = residual.sensitivity(batch, model(batch.rate))
-    design = linear.columns(sensitivity, batch.rate)[:, : batch.angles].reshape(count, PARAMETERS)
+    sensitivity, design = _design(batch, model)
     weight = 1 / problem.floor.sigma.ravel() ** 2
     carry = _carry(problem, sensitivity)
     if rest is not None:
@@ -342,6 +341,12 @@ def _response(problem: Problem, model: LinearModel, still_rates: bool) -> np.nda
     return -np.linalg.solve(hessian, pull)
 
 
+def _design(batch: residual.Batch, model: LinearModel) -> tuple[np.ndarray, np.ndarray]:
+    """Return the sensitivity (S, T, d, 3) of the closure, and its columns (S d, 12) by the parameters."""
+    sensitivity = residual.sensitivity(batch, model(batch.rate))
+    return sensitivity, linear.columns(sensitivity, batch.rate)[:, : batch.angles].reshape(-1, PARAMETERS)
+
+
 def _prior_information(problem: Problem) -> np.ndarray:
     """Return the prior's information as in the fit: (9, 9) of E alone where the bias is known from the stills, else (12, 12)."""
     own = slice(0, PARAMETERS) if problem.rest_rps is None else MATRIX
@@ -356,8 +361,7 @@ def prior_share(problem: Problem, model: LinearModel, still_rates: bool) -> np.n
     theta - truth = L y + K (centre - truth): a prior with covariance P adds K P K' to the covariance from noise.
     """
     batch, rest = problem.batch, problem.rest_rps
-    sensitivity = residual.sensitivity(batch, model(batch.rate))
-    design = linear.columns(sensitivity, batch.rate)[:, : batch.angles].reshape(-1, PARAMETERS)
+    _, design = _design(batch, model)
     weight = 1 / problem.floor.sigma.ravel() ** 2
     own, share = _prior_information(problem), np.zeros((PARAMETERS, PARAMETERS))
     if rest is not None:

@@ -59,13 +59,19 @@ def readable(claim: AppliedEffect, covariance: np.ndarray) -> tuple[np.ndarray, 
     theta, effect = claim.theta, claim.effect
     if effect.derived is not None:
         return theta, *effect.derived.values(theta, covariance)
-    if isinstance(effect.gauge_convention, Convention):
-        slope = effect.gauge_convention.slope(theta)
-        covariance = slope @ covariance @ slope.T
+    covariance = _in_convention(effect, theta, covariance)
     parameter = effect.parameter
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0) + (effect.known_to * theta) ** 2)
     values, spread = ((x / parameter.si).reshape(parameter.shape).tolist() for x in (theta, sigma))
     return theta, {parameter.name: values, **effect.shape}, {parameter.name: spread}
+
+
+def _in_convention(effect: Effect, theta: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Covariance (P, P) of parameters that follow their effect's convention."""
+    if not isinstance(effect.gauge_convention, Convention):
+        return covariance
+    slope = effect.gauge_convention.slope(theta)
+    return slope @ covariance @ slope.T
 
 
 def described(effect: Effect, theta: np.ndarray, covariance: np.ndarray) -> str:
@@ -75,9 +81,7 @@ def described(effect: Effect, theta: np.ndarray, covariance: np.ndarray) -> str:
     """
     if isinstance(effect.derived, Derived) or isinstance(effect.gauge_convention, CommonDelay):
         return effect.describe(theta)  # of all parameters in common
-    if isinstance(effect.gauge_convention, Convention):
-        slope = effect.gauge_convention.slope(theta)
-        covariance = slope @ covariance @ slope.T
+    covariance = _in_convention(effect, theta, covariance)
     sigmas = np.abs(theta) / np.maximum(np.sqrt(np.maximum(np.diag(covariance), 0)), 1e-300)
     sure = sigmas > SAID_SIGMAS
     sure[np.argmax(sigmas)] = True
@@ -148,9 +152,7 @@ def _against_stated(claim: AppliedEffect, covariance: np.ndarray) -> AgainstStat
     effect, stated = claim.effect, claim.effect.stated
     if stated is None:
         return None
-    if isinstance(effect.gauge_convention, Convention):
-        slope = effect.gauge_convention.slope(claim.theta)
-        covariance = slope @ covariance @ slope.T
+    covariance = _in_convention(effect, claim.theta, covariance)
     value = None if effect.scan is None else effect.shape.get(effect.scan.name)
     return AgainstStated(*stated.against(claim.theta, covariance, None if value is None else value * effect.scan.si))  # type: ignore[union-attr]
 

@@ -210,7 +210,7 @@ def about_the_vertical(problem: Problem) -> list[int]:
     twin = Twin(problem)
     whiten = known_whitener(twin)
     reference = [i for i, still in enumerate(problem.stills) if still.problem is None]
-    still_rows = np.arange(whiten.parts["still"].start, whiten.parts["still"].stop).reshape(-1, 3)
+    still_rows = np.r_[whiten.parts["still"]].reshape(-1, 3)
     good = np.ones(len(reference), dtype=bool)
     fit = None
     for _ in range(8):

@@ -299,7 +299,7 @@ def folds_of(count: int, folds: int = FOLDS) -> list[np.ndarray]:
 def fold_rows(twin: Twin, whiten: Whitener, held: np.ndarray) -> np.ndarray:
     """Rows (n,) bool of the channels without the held-out segments and without the stills at their ends."""
     d = twin.batch.angles
-    still = np.arange(whiten.parts["still"].start, whiten.parts["still"].stop).reshape(-1, 3)
+    still = np.r_[whiten.parts["still"]].reshape(-1, 3)
     rows = np.ones(whiten.parts["length"].stop, dtype=bool)
     rows[(held[:, None] * d + np.arange(d)).ravel()] = False
     if twin.stills:

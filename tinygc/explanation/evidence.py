@@ -152,7 +152,7 @@ def selection_of(twin: Twin, whiten: Whitener, fit: Refit, rest: list[Effect], s
     columns = dict(enumerate(whiten.each(map((replay or Replay(twin, fit)).stacked, rest))))
     along = frozenset(number for number, effect in enumerate(rest) if effect.kind == "force")
     # An angle that no reference observes is always 0 and carries no information on the noise scale.
-    rows = np.concatenate([np.flatnonzero(twin.batch.known), np.arange(whiten.parts["still"].start, whiten.parts["still"].stop)])
+    rows = np.r_[np.flatnonzero(twin.batch.known), whiten.parts["still"]]
     return Selection(fit.J, columns, seed, allowances=whiten.allowances, scale_rows=rows, along=along)
 
 

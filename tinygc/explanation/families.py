@@ -82,7 +82,7 @@ def slow_zero(twin: Twin, claims: Iterable[Claim], state: State) -> SlowZero | N
             if name in SLOW_ZERO:
                 weights[name] = weights.get(name, 0.0) + p
     size, axis = motion(twin, [(claim.effect, theta_of(claim.effect, claim.parameters, state)) for claim in mine])
-    return SlowZero(size, axis, shares_of(weights), has_thermometer(twin))
+    return SlowZero(size, axis, shares_of(weights), twin.has_thermometer)
 
 
 def motion(twin: Twin, applied: Iterable[tuple[Effect, np.ndarray]]) -> tuple[float, int]:
@@ -91,8 +91,3 @@ def motion(twin: Twin, applied: Iterable[tuple[Effect, np.ndarray]]) -> tuple[fl
     added = np.concatenate([sum(effect.columns(m) @ theta for effect, theta in applied) for m in twin.movements])
     reach = np.ptp(added, axis=0)
     return float(reach.max()), int(reach.argmax())
-
-
-def has_thermometer(twin: Twin) -> bool:
-    """Whether all logs have temperatures."""
-    return all(np.isfinite(movement.temp_c).all() for movement in twin.movements)

@@ -342,7 +342,7 @@ def slow_candidates(twin: Twin) -> list[Effect]:
     duration = twin.movements[0].duration_s
     found = _lines(1 / np.geomspace(duration, 2.2 * _interval(twin), 40))
     found += [_curve("time", "s", lambda m: 2 * m.t_s / m.duration_s - 1, order) for order in ORDERS]
-    if all(np.isfinite(movement.temp_c).all() for movement in twin.movements):
+    if twin.has_thermometer:
         low, high = (f([f(movement.temp_c) for movement in twin.movements]) for f in (np.min, np.max))
         if high - low > LEAST_CHANGE_C:
             found += [_curve("temperature", "°C", lambda m: 2 * (m.temp_c - low) / (high - low) - 1, order) for order in ORDERS]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -178,14 +178,9 @@ class Fit(Shown):
     def export(self, to: str, folder: Path | str | None = None, **choices: Any) -> Exported:
         """Make the files of a calibration for another program, and write them if a folder is given; as ``tinygc.export`` of this fit."""
         from tinygc.deploy.exports._context import context_of_fit
-        from tinygc.library.reports import Exported, noise_source
+        from tinygc.library.reports import exported
 
-        options, remarks = ExportOptions(**choices), list[str]()
-        how: dict[str, Any] = {"anyway": options.anyway, "noise": noise_source(options.noise), "inflation": options.inflation}
-        made = Exported.of(to, lambda name: context_of_fit(self.result, options.model, remarks.append, **how), remarks)
-        if folder is not None:
-            made.save(folder)
-        return made
+        return exported(to, folder, choices, partial(context_of_fit, self.result))
 
     def to_json(self, limit_deg: float | None = None) -> dict:
         """``tinygc-fit/2`` (docs/formats.md); limit_deg: of the verdict."""

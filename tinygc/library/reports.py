@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -220,6 +220,19 @@ def noise_source(noise: Any) -> NoiseSource:
     raise CalibrationError(f"noise is of type {type(noise).__name__}, expected NoiseFigures, noise.json or its folder")
 
 
+def exported(
+    to: str, folder: Path | str | None, choices: dict[str, Any], context_of: Callable[..., tuple[Model | None, Context]]
+) -> Exported:
+    """Export in a format, and write the files if a folder is given; choices: fields of ``ExportOptions``; context_of: ``read_context`` of a
+    folder, or ``context_of_fit`` of a fit."""
+    options, remarks = ExportOptions(**choices), list[str]()
+    how: dict[str, Any] = {"anyway": options.anyway, "noise": noise_source(options.noise), "inflation": options.inflation}
+    made = Exported.of(to, lambda name: context_of(options.model, remarks.append, **how), remarks)
+    if folder is not None:
+        made.save(folder)
+    return made
+
+
 @public(ExportOptions)
 def export(source: Any, to: str, folder: Path | str | None = None, **choices: Any) -> Exported:
     """Make the files of a calibration, or of noise figures, for another program.
@@ -255,11 +268,6 @@ def export(source: Any, to: str, folder: Path | str | None = None, **choices: An
         return source.export(to, folder, **choices)
     if not isinstance(source, str | os.PathLike):
         raise CalibrationError(f"source is of type {type(source).__name__}, expected a Fit, a session folder or noise.json")
-    options, remarks = ExportOptions(**choices), list[str]()
-    if options.model is None and os.path.isdir(source):
+    if choices.get("model") is None and os.path.isdir(source):
         refuse_special(Path(source))
-    how: dict[str, Any] = {"anyway": options.anyway, "noise": noise_source(options.noise), "inflation": options.inflation}
-    made = Exported.of(to, lambda name: read_context(Path(source), options.model, remarks.append, **how), remarks)
-    if folder is not None:
-        made.save(folder)
-    return made
+    return exported(to, folder, choices, partial(read_context, Path(source)))

@@ -150,9 +150,7 @@ def _columns_at_end(effect: Effect, known: Conditions) -> np.ndarray:
         force_g=nothing,
         temp_c=np.full(2, np.nan),
         vibration_g2=np.zeros(2),
-        duration_s=known.duration_s,
-        fs_rps=known.fs_rps,
-        first_temp_c=known.first_temp_c,
+        **vars(known),
     )
     at_rest, turning = effect.columns(effect.shown(ends))
     return at_rest if np.abs(turning - at_rest).max() < RATES_ALIKE else still

@@ -23,10 +23,9 @@ MOST_TIMES = 60
 
 def candidates(twin: Twin) -> list[Effect]:
     """Candidate effects for this recording; an effect with a scanned shape gives one candidate for each value."""
-    has_temp = all(np.isfinite(movement.temp_c).all() for movement in twin.movements)
     found = []
     for effect in catalogue().values():
-        if effect.kind in ("register", "motion") or ("temperature" in effect.inputs and not has_temp):
+        if effect.kind in ("register", "motion") or ("temperature" in effect.inputs and not twin.has_thermometer):
             continue
         if effect.kind == "earth" and twin.problem.earth.source != "none":
             continue

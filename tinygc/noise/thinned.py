@@ -97,9 +97,7 @@ class Thinning:
             force_g=force_g,
             temp_c=temp_c,
             vibration_g2=vibration_g2,
-            duration_s=known.duration_s,
-            fs_rps=known.fs_rps,
-            first_temp_c=known.first_temp_c,
+            **vars(known),
         )
 
 

@@ -105,12 +105,16 @@ class _TurnEquations:
 
     def _solved_each(self) -> np.ndarray:
         """(S, 4) solutions of all turns but one; NaN where these do not determine a number."""
-        normal, right = self.normal.sum(axis=0) - self.normal, self.right.sum(axis=0) - self.right
+        normal, right = self._others()
         return np.einsum("sij,sj->si", inverse(normal), right)
+
+    def _others(self) -> tuple[np.ndarray, np.ndarray]:
+        """The sums of all turns but one, (S, 4, 4) and (S, 4)."""
+        return self.normal.sum(axis=0) - self.normal, self.right.sum(axis=0) - self.right
 
     def improvement_p(self) -> float:
         """P-value of the delay's improvement of each turn, with all four numbers fitted to all others."""
-        normal, right = self.normal.sum(axis=0) - self.normal, self.right.sum(axis=0) - self.right
+        normal, right = self._others()
         three = np.einsum("sij,sj->si", inverse(normal[:, :3, :3]), right[:, :3])
         gains = self._left_each(np.pad(three, ((0, 0), (0, 1)))) - self._left_each(self._solved_each())
         return signed_ranks_above(gains) if len(gains) > 1 and np.isfinite(gains).all() else 1.0

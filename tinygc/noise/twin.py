@@ -156,9 +156,7 @@ class Twin:
             force_g=self.force / G,
             temp_c=np.array([still.temp_c for _, still in self.stills]),
             vibration_g2=np.zeros(len(self.force)),
-            duration_s=known.duration_s,
-            fs_rps=known.fs_rps,
-            first_temp_c=known.first_temp_c,
+            **vars(known),
         )
 
     def freed(self, state: State, movement: Movement) -> np.ndarray:
@@ -244,9 +242,12 @@ class Twin:
         lengths = np.linalg.norm(self.freed(state, self.rests), axis=1) - state.gravity_mps2
         return Channels(angles, self.still_means(rates) - earth, lengths)
 
+    def _known(self, state: State, rates: list[np.ndarray]) -> _Replayed:
+        return self._last if self._last.rates is rates and self._last.key == _key(state) else _Replayed((), rates)
+
     def _turned(self, state: State, rates: list[np.ndarray]) -> tuple[Batch, np.ndarray]:
         """The batch at a state, and the rotation (S, 4) of the body over each segment at these rates."""
-        last = self._last if self._last.rates is rates and self._last.key == _key(state) else _Replayed((), rates)
+        last = self._known(state, rates)
         if last.turned is None:
             batch = self.batch_at(state)
             last.turned = batch, residual.turned(batch, self.padded(rates))
@@ -322,13 +323,18 @@ class Twin:
         logs = range(len(self.problem.logs))
         return [StillMeans([still for number, still in self.stills if number == log], self.counts(log)) for log in logs]
 
+    @cached_property
+    def has_thermometer(self) -> bool:
+        """Whether all logs have temperatures."""
+        return all(np.isfinite(movement.temp_c).all() for movement in self.movements)
+
     def counts(self, log: int) -> np.ndarray | None:
         """(N,) number of readings averaged in each row of a log; None if it is one."""
         return None if self._thinnings is None else self._thinnings[log].counts
 
     def sensitivity(self, state: State, rates: list[np.ndarray]) -> np.ndarray:
         """(S, T, d, 3) s: sensitivity of the closure; the row of an unobserved angle is omitted to save memory."""
-        last = self._last if self._last.rates is rates and self._last.key == _key(state) else _Replayed((), rates)
+        last = self._known(state, rates)
         if last.sensitivity is None:
             batch, padded, angles = self.batch_at(state), self.padded(rates), self.batch.angles
             last.sensitivity = np.empty((len(batch), angles, 3, padded.shape[1])).transpose(0, 3, 1, 2)

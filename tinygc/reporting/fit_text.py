@@ -35,9 +35,7 @@ IDLE_WEIGHT = 0.1
 
 def accelerometer_table(found: AccelerometerFit, title: str) -> Table:
     """Table of scale, nonorthogonality and bias, each with one sigma."""
-    table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, padding=(0, 2, 0, 0))
-    for column in ("", "x", "y", "z"):
-        table.add_column(column, justify="right" if column else "left", no_wrap=True)
+    table = plain_table(title, "", "x", "y", "z", right=True)
     for word, unit, values, sigmas, names in found.errors():
         digits, spread = DIGITS[unit], np.zeros(3) if sigmas is None else sigmas
         shown = zip(values, spread, names, strict=True)

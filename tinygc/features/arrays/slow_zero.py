@@ -13,7 +13,7 @@ from tinygc.effects import Effect
 from tinygc.estimation.systematic import PRIOR_ODDS
 from tinygc.explanation.engine import Explanation
 from tinygc.explanation.evidence import Evidence, linear_estimate
-from tinygc.explanation.families import SLOW_ZERO, alternatives, has_thermometer, motion, shares_of
+from tinygc.explanation.families import SLOW_ZERO, alternatives, motion, shares_of
 from tinygc.explanation.search import guesses, slow_candidates
 from tinygc.explanation.standing import LEVEL, Standing, Statement, upper_limit
 from tinygc.noise.refit import candidates
@@ -58,7 +58,7 @@ def slow_zero_of(explanations: Mapping[int, Explanation], progress: Callable[[in
     for number, e in explanations.items():
         progress(number)
         found[number] = evidence_of(e)
-    return pooled(found, named, all(has_thermometer(e.twin) for e in explanations.values()))
+    return pooled(found, named, all(e.twin.has_thermometer for e in explanations.values()))
 
 
 def evidence_of(e: Explanation) -> _UnitEvidence:

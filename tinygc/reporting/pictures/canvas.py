@@ -13,7 +13,9 @@ import numpy as np
 
 from session.base.errors import CalibrationError
 from session.base.results import whole
+from session.base.units import DEG
 from tinygc.effects import Effect
+from tinygc.estimation.bias import tilt_rms
 from tinygc.explanation.claims import Claim
 
 if TYPE_CHECKING:
@@ -146,3 +148,15 @@ def legend(axes: Axes, title: str | None = None) -> None:
     low, high = axes.get_ylim()
     axes.set_ylim(low, low + (high - low) / (1 - LINE * lines - 0.03))
     axes.legend(loc="upper center", ncols=columns, fontsize=8, title=title, title_fontsize=8, columnspacing=1.2, borderaxespad=0.3)
+
+
+def draw_closure(axes: Axes, series: Sequence[tuple[str, str, str, Sequence[int], np.ndarray]], floor_deg: float) -> None:
+    """Plot the tilt at the end of each segment, and the floor; series: name, colour, that of the points within, numbers of segments, error
+    angles (S, d) rad."""
+    for name, colour, face, numbers, angles in series:
+        tilt = np.linalg.norm(angles[:, :2], axis=1) / DEG
+        axes.semilogy(numbers, tilt, "o-", mfc=face, color=colour, lw=0.7, label=f"{name}, {tilt_rms(angles) / DEG:.4f}° rms")
+    axes.axhline(floor_deg, color=FLOOR, ls="--", label=f"floor, {floor_deg:.4f}°")
+    low, high = axes.get_ylim()
+    axes.set(xlabel="segment", ylim=(low, high * (high / low) ** 0.2))  # room for the legend above the points
+    axes.legend(loc="upper center", ncols=3, fontsize=8)

@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from session.base.units import DEG
 from tinygc.closure.residual import closure_angles
-from tinygc.estimation.bias import tilt_rms
 from tinygc.estimation.options import METHODS
 from tinygc.fitting.results import FitResult
 from tinygc.models.linear import Quantity, bias_only
-from tinygc.reporting.pictures.canvas import AFTER, BEFORE, FLOOR, canvas
+from tinygc.reporting.pictures.canvas import AFTER, BEFORE, FLOOR, canvas, draw_closure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -37,15 +34,9 @@ def _closure(result: FitResult, axes: Axes) -> None:
     title = METHODS[method].title if method in result.methods else "least squares"
     numbers = [segment.number for segment in result.problem.used]
     raw = closure_angles(result.problem.batch, bias_only())
-    for name, colour, angles in (("raw rates", BEFORE, raw), (f"{title}, held out", AFTER, after)):
-        tilt = np.linalg.norm(angles[:, :2], axis=1) / DEG
-        axes.semilogy(numbers, tilt, "o-", color=colour, lw=0.7, label=f"{name}, {tilt_rms(angles) / DEG:.4f}° rms")
-    floor = result.problem.floor.tilt_rms / DEG
-    axes.axhline(floor, color=FLOOR, ls="--", label=f"floor, {floor:.4f}°")
-    axes.set(xlabel="segment", ylabel="tilt at the end (°)", title="Closure of each segment")
-    low, high = axes.get_ylim()
-    axes.set_ylim(low, high * (high / low) ** 0.2)  # room for the legend above the points
-    axes.legend(loc="upper center", ncols=3, fontsize=8)
+    series = [("raw rates", BEFORE, BEFORE, numbers, raw), (f"{title}, held out", AFTER, AFTER, numbers, after)]
+    draw_closure(axes, series, result.problem.floor.tilt_rms / DEG)
+    axes.set(ylabel="tilt at the end (°)", title="Closure of each segment")
 
 
 def _errors(word: str, group: Sequence[Quantity], axes: Axes) -> None:

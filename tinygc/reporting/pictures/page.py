@@ -8,12 +8,11 @@ import numpy as np
 
 from session.base.units import DEG, MG
 from tinygc.effects.effect import TURNS
-from tinygc.explanation.decision import tilt_rms
 from tinygc.explanation.engine import Explanation
 from tinygc.explanation.result import is_refitted
 from tinygc.noise.channels import own_residuals
 from tinygc.noise.twin import Variable
-from tinygc.reporting.pictures.canvas import AFTER, AXES, BEFORE, FLOOR, canvas
+from tinygc.reporting.pictures.canvas import AFTER, AXES, BEFORE, FLOOR, canvas, draw_closure
 from tinygc.reporting.pictures.panels import draw_claim
 from tinygc.reporting.pictures.values import lengths_per_still, rates_per_still
 
@@ -57,14 +56,8 @@ def _closure(e: Explanation, axes: Axes) -> None:
     """Plot held-out closure per segment: before, after, floor."""
     series = [("before", BEFORE, BEFORE, e.proof.before_numbers, e.proof.before)] if e.proof.changed else []
     series += [("after" if e.proof.changed else "held out", AFTER, "none", e.proof.after_numbers, e.proof.after)]
-    for name, colour, face, numbers, angles in series:
-        closure = np.linalg.norm(angles[:, :2], axis=1) / DEG
-        axes.semilogy(numbers, closure, "o-", mfc=face, color=colour, lw=0.7, label=f"{name}, {tilt_rms(angles) / DEG:.4f}° rms")
-    axes.axhline(e.proof.floor_rms / DEG, color=FLOOR, ls="--", label=f"floor, {e.proof.floor_rms / DEG:.4f}°")
-    axes.set(xlabel="segment", ylabel="closure (°)", title="Closure of segments that the fit never saw")
-    low, high = axes.get_ylim()
-    axes.set_ylim(low, high * (high / low) ** 0.2)  # room for the legend above the points
-    axes.legend(loc="upper center", ncols=3, fontsize=8)
+    draw_closure(axes, series, e.proof.floor_rms / DEG)
+    axes.set(ylabel="closure (°)", title="Closure of segments that the fit never saw")
 
 
 def _stills_in_time(e: Explanation, axes: Axes) -> None:

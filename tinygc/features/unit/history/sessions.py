@@ -23,7 +23,7 @@ from session.detect.accelerometer import NAMES as TRIAD
 from session.log.config import Config
 from session.log.logfile import read_log
 from session.log.reader import Reader
-from tinygc.estimation.accelerometer import SMALL, triad_errors
+from tinygc.estimation.accelerometer import derivative, triad_errors
 from tinygc.estimation.session_times import Moment, moment_of, parsed
 from tinygc.features.unit.calibrated import Calibrated, in_one_frame, read_calibrated, refuse_same
 from tinygc.fitting.listing import folders_of
@@ -208,8 +208,7 @@ def gyroscope_numbers(
 
 def triad_numbers(correction: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Values (9,) and covariance (9, 9) of the accelerometer's errors, in the order of ``NUMBERS``, from its correction (9,)."""
-    sides = [[triad_errors(correction + sign * step) for step in SMALL * np.eye(PARAMETERS)] for sign in (1, -1)]
-    slope = ((np.array(sides[0]) - np.array(sides[1])).T / (2 * SMALL))[_TRIAD_ORDER]
+    slope = derivative(triad_errors, correction)[_TRIAD_ORDER]
     return triad_errors(correction)[_TRIAD_ORDER], slope @ covariance @ slope.T
 
 

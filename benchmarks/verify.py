@@ -181,7 +181,7 @@ def run(job: Job) -> Outcome:
     old, then = calibrated(job.unit)
     session, drift, unit, _ = today_of(job, then)
     temp = 25.0 if job.fault == "temperature" else float("nan")
-    found = verify_session(old, session, VerifyOptions(), temp_then_c=temp)
+    found = verify_session(replace(old, table=old.table | {"temperature_c": temp}), session, VerifyOptions())
     truth, off, truth_anew, off_anew = cost_in_truth(found, unit, drift)
     diagnosis = found.diagnosis
     causes = () if diagnosis is None else diagnosis.best.names

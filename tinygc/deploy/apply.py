@@ -247,15 +247,22 @@ def columns_of(unit: str, accel: bool, temp: bool, calibrated: tuple[str, ...]) 
     return names + flags_of({CALIBRATED: ",".join(calibrated)})
 
 
+def taken(waiting: deque[Applicable], count: int) -> Iterator[Applicable]:
+    """Yield the first ``count`` rows of what waits."""
+    while count > 0:
+        piece = waiting.popleft()
+        if len(piece.gyro) > count:
+            waiting.appendleft(piece.rows(slice(count, None)))
+            piece = piece.rows(slice(count))
+        count -= len(piece.gyro)
+        yield piece
+
+
 def _drain(file: BinaryIO | gzip.GzipFile, waiting: deque[Applicable], omega: np.ndarray, unit: str, before: int, flags: int) -> int:
     """Write the rows whose rates are known; the remaining rows of their pieces stay in the queue."""
     done = 0
-    while done < len(omega):
-        piece = waiting.popleft()
-        take = min(len(piece.gyro), len(omega) - done)
-        if take < len(piece.gyro):
-            waiting.appendleft(piece.rows(slice(take, None)))
-            piece = piece.rows(slice(take))
+    for piece in taken(waiting, len(omega)):
+        take = len(piece.gyro)
         rate = omega[done : done + take] / (DEG if unit == "dps" else 1.0)
         columns, decimals = [piece.t_ns, *rate.T], [0, *[DECIMALS[unit]] * 3]
         if piece.accel is not None:

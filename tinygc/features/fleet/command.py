@@ -113,13 +113,11 @@ def run(args: Options) -> int:
     if commands:
         print_commands(args, "does what is named hold in the unit's other sessions?", *commands)
     write_json(args.json, found.to_json())
-    failed = summary.failed + summary.died + summary.unreadable
     if args.limit_deg is not None and summary.missed:
-        fitted = summary.passed + summary.undecided + summary.missed
-        complain(f"FAIL with --limit {args.limit_deg:g} deg: {summary.missed} of {fitted} fitted sessions")
-    if args.strict and failed:
-        complain(f"failed: {failed} of {summary.sessions + summary.unreadable} sessions, listed in {page}")
-    return 1 if (args.limit_deg is not None and summary.missed) or (args.strict and failed) else 0
+        complain(f"FAIL with --limit {args.limit_deg:g} deg: {summary.missed} of {summary.fitted} fitted sessions")
+    if args.strict and summary.all_failed:
+        complain(f"failed: {summary.all_failed} of {summary.sessions + summary.unreadable} sessions, listed in {page}")
+    return 1 if (args.limit_deg is not None and summary.missed) or (args.strict and summary.all_failed) else 0
 
 
 def _lot(args: Options) -> int:

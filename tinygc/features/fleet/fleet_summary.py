@@ -146,6 +146,16 @@ class Summary:
     distributions: dict[str, Distribution] = field(default_factory=dict)
 
     @property
+    def fitted(self) -> int:
+        """Sessions with a verdict."""
+        return self.passed + self.undecided + self.missed
+
+    @property
+    def all_failed(self) -> int:
+        """Failed, died and unreadable ones."""
+        return self.failed + self.died + self.unreadable
+
+    @property
     def rule(self) -> str:
         """By what a session passes."""
         if self.limit_deg is not None:

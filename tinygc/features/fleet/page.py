@@ -57,17 +57,16 @@ def fleet_html(summary: Summary, more: Sequence[Section] = ()) -> str:
 
 
 def _counts(summary: Summary) -> Section:
-    fitted = summary.passed + summary.undecided + summary.missed
     pairs = [
         ("Folders", _count(summary.folders)),
         ("Different sessions", _count(summary.sessions)),
         ("Done", _count(summary.done)),
-        ("Failed", _count(summary.failed + summary.died + summary.unreadable)),
-        ("Pass, of those fitted", f"{_count(summary.passed)} of {_count(fitted)}" if fitted else "–"),
+        ("Failed", _count(summary.all_failed)),
+        ("Pass, of those fitted", f"{_count(summary.passed)} of {_count(summary.fitted)}" if summary.fitted else "–"),
         *([("Not decided", _count(summary.undecided))] if summary.undecided else []),
         ("Computing, in all", f"{significant(summary.cpu_s / 3600)} CPU h"),
     ]
-    return Section("counts", "How many", facts(pairs) + (paragraph(f"Pass {summary.rule}.", "soft") if fitted else ""))
+    return Section("counts", "How many", facts(pairs) + (paragraph(f"Pass {summary.rule}.", "soft") if summary.fitted else ""))
 
 
 def _closures(summary: Summary) -> Section | None:
@@ -91,8 +90,9 @@ def _failures(summary: Summary) -> Section | None:
         return None
     reasons = [(escape(reason), escape(step), _count(count)) for step, reason, count in summary.reasons]
     rows = [(escape(folder), escape(step), escape(line)) for folder, step, line in summary.failures]
-    failed = summary.failed + summary.died + summary.unreadable
-    cut = f"The first {len(rows)} of {_count(failed)}; fleet.sqlite and --csv have all." if len(rows) < failed else ""
+    cut = (
+        f"The first {len(rows)} of {_count(summary.all_failed)}; fleet.sqlite and --csv have all." if len(rows) < summary.all_failed else ""
+    )
     html = table(("reason", "in", "sessions"), reasons, "By reason: … stands for what differs", "words")
     return Section("failures", "Failures", html + table(("folder", "in", "because"), rows, cut or "Each", "words"))
 

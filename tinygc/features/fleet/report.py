@@ -64,7 +64,7 @@ class LotReport(Lot):
     """The lot as a prior, which is what ``fit --lot`` reads, with its report: its drift; sentences; the numbers that any unit tells, in
     displayed units; units that do not belong, the least probable first."""
 
-    drift_p_value: Share | None
+    drift_p_value: Share
     drifts: bool
     notes: tuple[str, ...]
     quantities: tuple[LotQuantity, ...]

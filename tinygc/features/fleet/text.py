@@ -78,14 +78,13 @@ MOST_SHOWN = 8  #: rows of each list; the page has more
 def fleet_page(summary: Summary, tally: FleetRun | None) -> Group:
     """Return the summary, for rich."""
     lines = [] if tally is None else [f"this run: {tally.done} done, {tally.failed} failed, {tally.reused} known before"]
-    failed = summary.failed + summary.died + summary.unreadable
     lines.append(
         f"the table: {summary.folders} folders, {summary.sessions} different sessions of {summary.units} serial numbers; "
-        f"{summary.done} done, {failed} failed"
+        f"{summary.done} done, {summary.all_failed} failed"
     )
-    if fitted := summary.passed + summary.undecided + summary.missed:
+    if summary.fitted:
         undecided = f", {summary.undecided} not decided" if summary.undecided else ""
-        lines.append(f"of {fitted} that were fitted, {summary.passed} pass{undecided}, {summary.missed} fail: {summary.rule}")
+        lines.append(f"of {summary.fitted} that were fitted, {summary.passed} pass{undecided}, {summary.missed} fail: {summary.rule}")
     for what, counts in (("first look", summary.first_look), ("explain", summary.verdicts), ("named", summary.effects)):
         if counts:
             shown = ", ".join(f"{name} {count}" for name, count in list(counts.items())[:MOST_SHOWN])

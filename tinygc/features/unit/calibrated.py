@@ -152,8 +152,10 @@ def in_one_frame(sessions: Sequence[Calibrated], frame: Accelerometer) -> tuple[
     one given calibration of the accelerometer."""
     alike, turns = all_given_the_same(sessions), [into_frame_of(frame, each.triad.calibration) for each in sessions]
     apart = [s.covariance - s.of_given if alike and s.of_given is not None else s.covariance for s in sessions]
-    covariances = ([turn @ each @ turn.T for turn, each in zip(turns, of, strict=True)] for of in ([s.covariance for s in sessions], apart))
-    return np.array([turn @ s.vector for turn, s in zip(turns, sessions, strict=True)]), *map(np.array, covariances)
+    whole, own = (
+        np.array([turn @ each @ turn.T for turn, each in zip(turns, of, strict=True)]) for of in ([s.covariance for s in sessions], apart)
+    )
+    return np.array([turn @ s.vector for turn, s in zip(turns, sessions, strict=True)]), whole, own
 
 
 def refuse_same(sessions: Sequence[Calibrated]) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from session import VERSION
 from tinygc.features.unit.budget.monte_carlo import MonteCarlo
 from tinygc.features.unit.budget.rows import Budget
-from tinygc.features.unit.budget.text import beside_words, cells_of, drawn_cells, heading, source_words, sum_words, value_and_expanded
+from tinygc.features.unit.budget.text import beside_words, cells_of, drawn_cells, heading, overview_cells, source_words, sum_words
 from tinygc.reporting.html.chart import drawing
 from tinygc.reporting.html.markup import Section, escape, figure, key, paragraph, table
 from tinygc.reporting.html.page import document
@@ -74,11 +74,7 @@ def _bars(budgets: Sequence[Budget], kinds: dict[str, str], width: int, about: s
 
 
 def _summary(budgets: Sequence[Budget]) -> str:
-    rows = []
-    for each in budgets:
-        value, _, expanded = value_and_expanded(each).rpartition(" ± ")
-        rows.append([escape(cell) for cell in (each.name, value, expanded, "" if each.unit == "1" else each.unit, f"{each.k:.2f}")])
-    return table(("", "value", "U", "unit", "k"), rows)
+    return table(("", "value", "U", "unit", "k"), [[escape(cell) for cell in overview_cells(each)] for each in budgets])
 
 
 def whole(budget: Budget) -> str:

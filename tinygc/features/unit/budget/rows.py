@@ -61,6 +61,11 @@ class Budget:
     beside: tuple[Beside, ...] = ()
 
     @property
+    def shown_unit(self) -> str:
+        """The unit, empty of a number without one."""
+        return "" if self.unit == "1" else self.unit
+
+    @property
     def variance(self) -> float:
         """In SI: the sum of the rows, in their order."""
         found = self.rows[0].variance

@@ -30,9 +30,14 @@ def overview(title: str, budgets: Sequence[Budget]) -> Table:
     for column in (1, 2, 4):
         table.columns[column].justify = "right"
     for each in budgets:
-        value, _, expanded = value_and_expanded(each).rpartition(" ± ")
-        table.add_row(each.name, value, expanded, "" if each.unit == "1" else each.unit, f"{each.k:.2f}", largest_words(each))
+        table.add_row(*overview_cells(each), largest_words(each))
     return table
+
+
+def overview_cells(budget: Budget) -> list[str]:
+    """Name, value, U, unit and k of a quantity."""
+    value, _, expanded = value_and_expanded(budget).rpartition(" ± ")
+    return [budget.name, value, expanded, budget.shown_unit, f"{budget.k:.2f}"]
 
 
 def value_and_expanded(budget: Budget) -> str:
@@ -61,9 +66,8 @@ def whole(budget: Budget) -> list[RenderableType]:
 
 def heading(budget: Budget) -> str:
     """The quantity, its value and unit."""
-    unit = "" if budget.unit == "1" else f", {budget.unit}"
     value = "" if budget.value is None else f" = {value_and_expanded(budget)}"
-    return f"{budget.name}{unit}{value}"
+    return f"{', '.join(filter(None, (budget.name, budget.shown_unit)))}{value}"
 
 
 def cells_of(budget: Budget) -> list[list[str]]:
@@ -106,7 +110,7 @@ def freedom_words(freedom: float) -> str:
 def sum_words(budget: Budget) -> str:
     """Combined and expanded uncertainty in one line."""
     u, expanded = budget.u / budget.si, budget.expanded / budget.si
-    unit = "" if budget.unit == "1" else f" {budget.unit}"
+    unit = f" {budget.shown_unit}".rstrip()
     of = "" if budget.freedom >= MANY else f" with {freedom_words(np.floor(budget.freedom))} effective degrees of freedom"
     share = "95 %" if budget.name != TOTAL else "at least 95 %, and more where no axis dominates"
     return f"u = {number(u)}{unit}; U = {number(expanded)}{unit}: k = {budget.k:.2f}, {share}{of}"
@@ -114,7 +118,7 @@ def sum_words(budget: Budget) -> str:
 
 def beside_words(budget: Budget) -> list[str]:
     """What is not in the sum, a line for each."""
-    unit = "" if budget.unit == "1" else f" {budget.unit}"
+    unit = f" {budget.shown_unit}".rstrip()
     sizes = ["" if each.u is None else f"{number(each.u / budget.si)}{unit}; " for each in budget.beside]
     return [f"not in the sum: {printable(each.what)}: {size}{printable(each.why)}" for each, size in zip(budget.beside, sizes, strict=True)]
 

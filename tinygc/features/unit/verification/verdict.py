@@ -91,13 +91,13 @@ class Verification:
 def verify_session(
     old: OldCalibration,
     session: Session,
-    options: VerifyOptions | None = None,
+    options: VerifyOptions,
     progress: Told = untold,
-    temp_then_c: float | None = None,
 ) -> Verification:
-    """Verify a calibration by a session; temp_then_c: mean temperature of the old session, where its folder does not say it.  Raises
-    DataError for a session of another sensor, unless that is accepted, and the errors of ``rows_of`` and ``spread_of_unit``."""
-    options = options or VerifyOptions()
+    """Verify a calibration by a session.
+
+    Raises DataError for a session of another sensor, unless that is accepted, and the errors of ``rows_of`` and ``spread_of_unit``.
+    """
     told, other = facts(old, session)
     told += [apart] if (apart := old.clocks_apart(session)) else []
     if other and not options.other_serial:
@@ -111,7 +111,7 @@ def verify_session(
         told.append(rows.remark)
     spread = spread_of_unit(old, rows, options.history, options.lot)
     figures = None if options.noise is None else read_figures(options.noise)
-    temp_then_c = _temperature_of(old) if temp_then_c is None else temp_then_c
+    temp_then_c = _temperature_of(old)
     if not np.isfinite(rows.temp_c - temp_then_c):
         which = "the model" if np.isfinite(rows.temp_c) else "today's recording"
         notes.append(f"{which} does not say how warm the sensor was: a change by temperature is not told apart from a moved zero")

@@ -21,7 +21,7 @@ from session.base.texts import significant
 from session.base.units import DEG, MG, NS, NS_PER_S
 from session.log.stamps import pace_of
 from tinygc.closure.motion import LIMIT_DEG, MINUTE_S, at_rest
-from tinygc.deploy.apply import Applicable
+from tinygc.deploy.apply import Applicable, taken
 from tinygc.deploy.calibration import Calibration, Stream
 from tinygc.features.unit.watch.change import Change, Reading, change_of
 from tinygc.features.unit.watch.detector import Detector, Judged, Window
@@ -63,11 +63,10 @@ class Event:
 
 
 class Watch:
-    """known: the model and what lies beside it; false_alarm_every_s: mean time at rest to a false alarm; rate_hz: where the stamps do not
-    say it."""
+    """known: the model and what lies beside it; false_alarm_every_s: mean time at rest to a false alarm."""
 
-    def __init__(self, known: ModelInUse, false_alarm_every_s: float = FALSE_ALARM_EVERY_S, rate_hz: float | None = None):
-        self._known, self._every_s, self._asked_hz = known, false_alarm_every_s, rate_hz
+    def __init__(self, known: ModelInUse, false_alarm_every_s: float = FALSE_ALARM_EVERY_S):
+        self._known, self._every_s = known, false_alarm_every_s
         self._early: list[Applicable] = []
         self.expected: Expectation | None = None
         self.settings: Settings | None = None
@@ -114,6 +113,7 @@ class Watch:
         yield Event("remark", self.t_s, item.words, {"what": RESTART, "count": self.counts[RESTART]})
 
     def _readings(self, item: Applicable) -> Iterator[Event]:
+        assert item.accel is not None  # a source without forces was refused
         finite = np.isfinite(item.gyro).all(axis=1) & np.isfinite(item.accel).all(axis=1)
         if not finite.all():
             yield from self._remark(Remark("not a number", "readings are no numbers: left out", int(np.sum(~finite))))
@@ -124,7 +124,7 @@ class Watch:
             self._early.append(item)
             item = _joined(self._early)
             seconds = float(item.t_ns[-1] - item.t_ns[0]) * NS
-            if self._asked_hz is None and seconds < RATE_S and len(item.t_ns) < 100_000:
+            if seconds < RATE_S and len(item.t_ns) < 100_000:
                 return
             self._early = []
             yield self._start(item)
@@ -133,12 +133,10 @@ class Watch:
 
     def _start(self, item: Applicable) -> Event:
         """The data rate is known: make the detector."""
-        rate_hz = self._asked_hz
-        if rate_hz is None:
-            if not (np.diff(item.t_ns) > 0).any():
-                raise DataError("the stamps stand still, and do not say the data rate; give --odr HZ")
-            begun = item.t_ns[item.t_ns <= item.t_ns[0] + round(RATE_S * NS_PER_S)]  # so that pieces do not matter
-            rate_hz = pace_of(begun if (np.diff(begun) > 0).any() else item.t_ns).rate_hz
+        if not (np.diff(item.t_ns) > 0).any():
+            raise DataError("the stamps stand still, and do not say the data rate; import counts samples at a rate: --odr HZ")
+        begun = item.t_ns[item.t_ns <= item.t_ns[0] + round(RATE_S * NS_PER_S)]  # so that pieces do not matter
+        rate_hz = pace_of(begun if (np.diff(begun) > 0).any() else item.t_ns).rate_hz
         temp_c = None if item.temp is None or not np.isfinite(item.temp).any() else float(np.nanmean(item.temp))
         self.expected = expected = expect(self._known, rate_hz)
         self.settings = chosen = settings(expected, self._every_s, None if self._known.model.kind == "thermal" else temp_c)
@@ -197,11 +195,12 @@ class Watch:
         self._waiting.append(item)
         omega = self._stream.push(item.gyro, item.accel, item.temp)
         if len(omega):
-            yield from self._calibrated(omega, _taken(self._waiting, len(omega)))
+            yield from self._calibrated(omega, _joined(list(taken(self._waiting, len(omega)))))
 
     def _calibrated(self, omega: np.ndarray, item: Applicable) -> Iterator[Event]:
         n = self._detector.chosen.samples
         t_s = ((item.t_ns - (self._first_ns or 0)) + self._base_ns) * NS
+        assert item.accel is not None
         self._force_sum += float(np.linalg.norm(item.accel, axis=1).sum())
         self._force_count += len(item.accel)
         rate, measured, times = (np.concatenate(pair) for pair in zip(self._left, (omega, item.gyro, t_s), strict=True))
@@ -379,7 +378,7 @@ class Watch:
         else:
             rest = self._stream.flush()
             if len(rest):
-                yield from self._calibrated(rest, _taken(self._waiting, len(rest)))
+                yield from self._calibrated(rest, _joined(list(taken(self._waiting, len(rest)))))
         self._end_quiet()
         yield from self._end_rest()
         table = {
@@ -438,7 +437,7 @@ def _joined(items: list[Applicable]) -> Applicable:
     if len(items) == 1:
         return items[0]
     parts = zip(*(vars(each).values() for each in items), strict=True)
-    return Applicable(*(None if any(each is None for each in part) else np.concatenate(part) for part in parts))
+    return Applicable(*(None if any(each is None for each in part) else np.concatenate(part) for part in parts))  # type: ignore[arg-type]
 
 
 def _parts(item: Applicable, gap_ns: int) -> Iterator[tuple[int, Applicable]]:
@@ -447,16 +446,3 @@ def _parts(item: Applicable, gap_ns: int) -> Iterator[tuple[int, Applicable]]:
     cuts = np.flatnonzero((steps > gap_ns) | (steps < 0)) + 1
     for number, (begin, stop) in enumerate(zip([0, *cuts.tolist()], [*cuts.tolist(), len(item.t_ns)], strict=True)):
         yield 0 if number == 0 else int(steps[begin - 1]), item.rows(slice(begin, stop))
-
-
-def _taken(waiting: deque[Applicable], count: int) -> Applicable:
-    """The first ``count`` rows of what waits."""
-    found, rows = [], count
-    while rows:
-        first = waiting.popleft()
-        if len(first.t_ns) > rows:
-            waiting.appendleft(first.rows(slice(rows, None)))
-            first = first.rows(slice(rows))
-        found.append(first)
-        rows -= len(first.t_ns)
-    return _joined(found)

@@ -21,7 +21,6 @@ from session.base.solving import inverse as covariance_of
 from session.base.units import DEG, DEG_PER_HOUR, NS, G
 from session.detect.accelerometer import corrected as corrected_force
 from session.detect.events import register_end_dps
-from session.detect.findings import Finding
 from session.detect.stills import Noise
 from session.log.config import Accelerometer
 from session.log.folder import Session, hash_of_log, input_hashes
@@ -188,8 +187,7 @@ class UnitFit:
     of the array's clock; accelerometer; covariance (24, 24) of E, B, the accelerometer's nine and the mounting's three (rad about the
     array's axes); alone: the same twelve by the unit's own gravity alone, and its covariance_alone (12, 12); own_rad: tilt beyond noise,
     rms a turn, by which this unit alone misses, with its sigma; closure_rad, floor_rad: rms of tilt by its own calibration alone, and the
-    part that white noise explains; noise; instability; warnings of its check; runs: its closure runs, each with the error (3,) rad at its
-    end.
+    part that white noise explains; noise; instability; runs: its closure runs, each with the error (3,) rad at its end.
     """
 
     number: int
@@ -206,7 +204,6 @@ class UnitFit:
     floor_rad: float
     noise: Noise
     instability: BiasInstability
-    warnings: tuple[Finding, ...]
     runs: tuple[tuple[ClosureRun, np.ndarray], ...] = ()
 
     @property
@@ -338,7 +335,6 @@ def fit_array(
                 floor_rad=problem.floor.tilt_rms,
                 noise=problem.noise,
                 instability=problem.instability,
-                warnings=tuple(unit.prepared.warnings),
                 runs=tuple((run, run.errors(joint.models[i])) for run in read_closure_runs(problem)),
             )
         )

@@ -54,11 +54,12 @@ def parts_of(joint: Joint, split: VarianceSplit, floors_rad: np.ndarray, numbers
     floors_rad (N,): what white noise makes each unit miss, tilt rms a turn, from which on a part matters; numbers of the units.
     """
     floor = rms_of(floors_rad)
-    said = _stated("what all units miss by alike", split.p_value, split.common, split.common_upper, floor)
-    common = Part(said, split.common, split.common_upper)
+    common = _part("what all units miss by alike", split.p_value, split.common, split.common_upper, floor)
+    sizes_rad = [float(np.sqrt(2 * t)) for t in joint.solution.t[: len(numbers)]]
+    limits_rad = [float(np.sqrt(2 * upper_component(joint.solution, i, joint.sigmas[i]))) for i in range(len(numbers))]
     own = tuple(
-        _own(joint, i, float(p), float(floor), f"unit {number} by itself")
-        for i, (p, floor, number) in enumerate(zip(split.own_p, floors_rad, numbers, strict=True))
+        _part(f"unit {number} by itself", float(p), size, max(limit, size), float(each))
+        for number, p, size, limit, each in zip(numbers, split.own_p, sizes_rad, limits_rad, floors_rad, strict=True)
     )
     fast = _fast(joint, split.predicted, floor) if split.predicted > 0 else None
     # One statement over all units: those with an excess, and what any of them may have
@@ -73,15 +74,9 @@ def parts_of(joint: Joint, split: VarianceSplit, floors_rad: np.ndarray, numbers
     return Parts(common, fast, own, Part(every, size, upper))
 
 
-def _stated(what: str, p_value: float, size_rad: float, upper_rad: float, matters_rad: float) -> Statement:
+def _part(what: str, p_value: float, size_rad: float, upper_rad: float, matters_rad: float) -> Part:
     standing = standing_of(p_value, upper=upper_rad, matters=matters_rad)
-    return Statement(what, standing, RATIO, p_value, f"{_deg(size_rad)} rms a turn", _deg(upper_rad))
-
-
-def _own(joint: Joint, i: int, p_value: float, floor: float, what: str) -> Part:
-    size = float(np.sqrt(2 * joint.solution.t[i]))
-    upper = max(float(np.sqrt(2 * upper_component(joint.solution, i, joint.sigmas[i]))), size)
-    return Part(_stated(what, p_value, size, upper, floor), size, upper)
+    return Part(Statement(what, standing, RATIO, p_value, f"{_deg(size_rad)} rms a turn", _deg(upper_rad)), size_rad, upper_rad)
 
 
 def _fast(joint: Joint, predicted: float, floor: float) -> Part:

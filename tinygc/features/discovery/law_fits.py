@@ -15,7 +15,7 @@ from tinygc.explanation.evidence import Evidence
 from tinygc.explanation.result import what_next
 from tinygc.explanation.search import STAND_IN
 from tinygc.features.discovery.engine import DECISIVE
-from tinygc.features.discovery.form import Factor, LawForm, Term
+from tinygc.features.discovery.form import Factor, LawForm
 from tinygc.features.discovery.result import briefly, other_equation
 from tinygc.features.discovery.search_state import Discovery, Law
 from tinygc.features.discovery.words import equation, splits
@@ -61,9 +61,9 @@ def other_of(form: LawForm) -> Factor | None:
     return form.factors[_beside(form)] if len(form.factors) == 2 else None
 
 
-def component_beside(form: LawForm, term: Term) -> int:
-    """Component of the second factor in a term."""
-    return term[1][_beside(form)][1]
+def component_beside(form: LawForm, series: LawSeries) -> int:
+    """Component of the second factor in a series' first term."""
+    return form.terms()[series.entries[0]][1][_beside(form)][1]
 
 
 def _beside(form: LawForm) -> int:

@@ -154,7 +154,7 @@ def _level(pair: Pair, series: LawSeries, mean: Callable[[Callable[[Movement], n
     beside: Factor | None = other_of(form)
     if beside is None:
         return None
-    component = component_beside(form, form.terms()[series.entries[0]])
+    component = component_beside(form, series)
     return mean(lambda movement: beside.values(movement)[:, component])
 
 
@@ -239,7 +239,7 @@ def _name(law: Law, series: LawSeries) -> str:
     own, other = "xyz"[series.axis], other_of(law.form)
     parts = [component_name(main_of(law.form), series.component)]
     if other is not None and len(series.entries) == 1:
-        beside = component_beside(law.form, law.form.terms()[series.entries[0]])
+        beside = component_beside(law.form, series)
         parts.append(component_name(other, beside // other.through.phases))
     follows = list(dict.fromkeys(part for part in parts if part))
     return own + (f" from {' and '.join(follows)}" if follows not in ([], [own]) else "")
@@ -299,7 +299,7 @@ def _levels(law: Law, own: Fitted, points: Points, times: float, one: float, lef
         axes.errorbar(points.x * times, values * one, points.sigma * one, fmt="none", lw=0.8, color=FLOOR, zorder=1)
         drawn = axes.scatter(points.x * times, values * one, c=points.level, cmap=colours, norm=scale, s=26, zorder=2)
     # The second quantity through its function, with its unit
-    component = component_beside(law.form, law.form.terms()[points.series.entries[0]])
+    component = component_beside(law.form, points.series)
     symbol = other.of.symbol.format(i=component_name(other, component // other.through.phases))
     constant = "" if other.constant is None else f"{other.constant:.3g}"
     shown = other.through.shown.format(x=symbol, c=constant)

@@ -20,12 +20,12 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests/features/tables"))
 
+from imperfect_tables import AxisErrors, AxisTrack, TableErrors
 from simulated_tables import LostSteps, Summary, draw, fixed_moves
 
 from session.base.units import DEG
 from tinygc.effects.catalogue import catalogue
-from tinygc.features.tables.machines.description import Axis, AxisErrors, Description, TableErrors
-from tinygc.features.tables.machines.virtual_motion import AxisTrack
+from tinygc.features.tables.machines.description import Axis, Description
 from tinygc.features.tables.observed import held_up_from, said_at, stamps_beside
 from tinygc.features.tables.selection import Selected, select
 
@@ -75,7 +75,7 @@ def stamped(
     """The word (S, B + 1, K) at the edges (S, B + 1), s, and their places among the answers, as ``observe`` has them."""
 
     def word(at_s: np.ndarray) -> np.ndarray:
-        return np.stack([track.said_and_sense(at_s)[0] for track in tracks], axis=-1)
+        return np.stack([track.said(at_s) for track in tracks], axis=-1)
 
     asked_s, stamp_s = stamps.drawn(spans[-1][1] + summary.still_s, rng)
     answers, cut = word(asked_s - summary.errors.latency_s), []

@@ -11,15 +11,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from imperfect_tables import AxisErrors, AxisTrack, TableErrors, motion_on, true_attitudes
 from scipy.spatial.transform import Rotation
 
 from session.base.units import DEG, DEG_PER_HOUR, EARTH_RATE_RPS, G
 from tinygc.closure.floor import wander_covariance
 from tinygc.effects import Effect, Movement
-from tinygc.features.tables.board import motion_on
 from tinygc.features.tables.machines.angles import header, row
-from tinygc.features.tables.machines.description import Axis, AxisErrors, Description, TableErrors, true_attitudes
-from tinygc.features.tables.machines.virtual_motion import AxisTrack
+from tinygc.features.tables.machines.description import Axis, Description
 from tinygc.features.tables.observed import Observed
 from tinygc.simulation.options import SimulatedUnit, SimulationOptions
 from tinygc.simulation.sensor import SensorModel
@@ -177,8 +176,8 @@ def draw(summary: Summary, seed: int) -> Observed:
     ends = (share[..., 0] == 0) | (share[..., 0] == 1)  # at rest, before the next move, a late word is the same
     asked = np.clip(asked, np.array([start for start, _ in spans])[:, None] - 0.5, np.array([stop for _, stop in spans])[:, None] + 0.5)
     asked = np.where(ends & (share[..., 0] == 1), edges + 0.5 * summary.still_s, asked)
-    said_edges = np.stack([track.said_and_sense(asked.ravel())[0] for track in tracks], axis=-1).reshape(*edges.shape, axes)
-    said = np.stack([track.said_and_sense(rest_s_)[0] for track in tracks], axis=-1)
+    said_edges = np.stack([track.said(asked.ravel()) for track in tracks], axis=-1).reshape(*edges.shape, axes)
+    said = np.stack([track.said(rest_s_) for track in tracks], axis=-1)
     answer_at = np.minimum(np.arange(most + 1.0), blocks[:, None])
     if summary.word is not None:
         said_edges, answer_at = summary.word(summary, tracks, spans, edges, said, rng)
@@ -260,16 +259,13 @@ class Swings:
         self.seconds, self.amplitude = seconds, amplitude_dps * DEG
         self.ends_s = self.plan[-1][0] + seconds + 1.0
 
-    def angle(self, t_s):
+    def said(self, t_s):
         found = np.zeros(len(t_s))
         for begin, f in self.plan:
             whole_s = np.floor(self.seconds * f) / f  # whole cycles, so that it ends where it began
             since = np.clip(t_s - begin, 0, whole_s)
             found += self.amplitude / (2 * np.pi * f) * (1 - np.cos(2 * np.pi * f * since))
         return found
-
-    def said_and_sense(self, t_s):
-        return self.angle(t_s), np.ones(len(t_s))
 
 
 def steps(rates_dps, dwell_s: float) -> tuple[AxisTrack, float]:
@@ -305,7 +301,7 @@ def record(
     (folder / "table.toml").write_text(TOML + limits)
     rng = np.random.default_rng(1)
     t_s = np.arange(0.0, ends_s - 0.1, 1 / ANSWERS_HZ)
-    said = track.said_and_sense(t_s - latency_s)[0] + 0.002 * DEG * rng.normal(size=len(t_s))
+    said = track.said(t_s - latency_s) + 0.002 * DEG * rng.normal(size=len(t_s))
     rows = [row("rates0001.csv", round(s * 1e6), None, True, [angle]) for s, angle in zip(t_s.tolist(), said, strict=True)]
     (folder / "table.csv").write_text("\n".join([header(TABLE), *rows, ""]))
     return folder

@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
+from imperfect_tables import TableErrors, motion_on
 from virtual_tables import SimulatedClock, VirtualLink
 
 from session.base.units import NS
@@ -22,8 +23,7 @@ from session.bench.guided_session import GuidedRecording
 from session.bench.recorder import Recorder
 from session.bench.session_file import SessionFile
 from session.log.written import toml_text
-from tinygc.features.tables.board import motion_on
-from tinygc.features.tables.machines.description import Description, TableErrors, read_description
+from tinygc.features.tables.machines.description import Description, read_description
 from tinygc.features.tables.machines.makes import open_table
 from tinygc.features.tables.machines.safety import Guarded, Move
 from tinygc.features.tables.machines.verbs import TableFault

@@ -9,6 +9,7 @@ from unittest.mock import MagicMock, Mock
 
 import numpy as np
 import pytest
+from imperfect_tables import AxisErrors, AxisTrack
 from scipy.spatial.transform import Rotation
 from table_recordings import table_toml
 
@@ -17,19 +18,10 @@ from session.base.units import DEG, NS
 from session.bench.guide import Moment
 from session.bench.messages import Stage
 from tinygc.features.tables.machines.angles import AngleFile, AngleLog, header, on_its_clock, read_angles
-from tinygc.features.tables.machines.description import (
-    Axis,
-    AxisErrors,
-    Description,
-    attitudes,
-    body_axes,
-    read_description,
-    roll_pitch_yaw,
-)
+from tinygc.features.tables.machines.description import Axis, Description, attitudes, body_axes, read_description, roll_pitch_yaw
 from tinygc.features.tables.machines.mover import PAUSE, TableDriver, TableMover, WordAgainstSensor, _DeviceTime
 from tinygc.features.tables.machines.rates import steps_of
 from tinygc.features.tables.machines.verbs import Where
-from tinygc.features.tables.machines.virtual_motion import AxisTrack
 
 
 def axis(name, direction, backlash_deg=0.0):

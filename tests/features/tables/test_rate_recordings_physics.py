@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from imperfect_tables import AxisTrack
 from simulated_tables import DOWN, Swings, record, steps
 
 import tinygc
 from session.base.errors import DataError, FormatError
 from session.base.units import DEG
 from tinygc.features.tables.feature import Columns
-from tinygc.features.tables.machines.virtual_motion import AxisTrack
 from tinygc.features.tables.rates import sweep
 from tinygc.features.tables.rates.points import points_of, read_points
 from tinygc.features.tables.rates.recording import read_recording
@@ -144,7 +144,7 @@ def test_means_are_over_whole_turns(tmp_path):
     track, ends_s = steps([60.0, 90.0, 120.0, 150.0], 9.5)
 
     def distort(t_s, rate, force, temp_c):
-        return rate + np.deg2rad(2) * np.sin(track.said_and_sense(t_s)[0])[:, None] * [0, 0, 1]
+        return rate + np.deg2rad(2) * np.sin(track.said(t_s))[:, None] * [0, 0, 1]
 
     record(tmp_path, track, ends_s, distort=distort, noise=0.5)
     (points,), _, _ = read(tmp_path)

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from imperfect_tables import AxisErrors, TableErrors, true_attitudes
 from scipy.linalg import block_diag
 from scipy.ndimage import maximum_filter1d
 from scipy.spatial.transform import Rotation
@@ -16,7 +17,7 @@ from session.base.units import DEG, EARTH_RATE_RPS
 from tinygc.closure.floor import wander_covariance
 from tinygc.features.tables.candidates import DROPPED, _most_cycles, candidates_of
 from tinygc.features.tables.explanation import TableExplanation
-from tinygc.features.tables.machines.description import LATENCY_SIGMA_S, Axis, AxisErrors, Description, TableErrors, true_attitudes
+from tinygc.features.tables.machines.description import LATENCY_SIGMA_S, Axis, Description
 from tinygc.features.tables.observed import held_up_from, stamps_beside
 from tinygc.features.tables.rows import Comparison, _right_jacobian, moved, part_names, prior_of, start_of
 from tinygc.features.tables.rows_noise import AT_REST, IN_TURN, REPEATABILITY, USUAL_WORD, WANDER, NoiseModel, RowsNoise, _of_answers

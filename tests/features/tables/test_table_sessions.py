@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from imperfect_tables import AxisErrors, TableErrors
 from processes import PATIENCE_S
 from table_recordings import Bench, table_toml
 from virtual_tables import SimulatedClock
@@ -25,7 +26,7 @@ from tinygc.closure.prepared import prepare
 from tinygc.features.tables.explanation import explain_table
 from tinygc.features.tables.feature import explained
 from tinygc.features.tables.machines.angles import read_angles
-from tinygc.features.tables.machines.description import AxisErrors, TableErrors, attitudes, read_description
+from tinygc.features.tables.machines.description import attitudes, read_description
 from tinygc.features.tables.machines.virtual import TableLine, VirtualTable
 from tinygc.features.tables.recording import TurnedRecording, require_table_of
 from tinygc.reporting.terminal import as_text

@@ -6,7 +6,7 @@ one thread serves both.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +18,9 @@ from session.base.options import given
 from session.bench.clocks import Clock
 from session.log.written import toml_text
 from tinygc.features.tables.feature import TableOptions
-from tinygc.features.tables.machines.description import Description, TableErrors, read_description, true_attitudes
+from tinygc.features.tables.machines.description import attitudes, read_description
 from tinygc.features.tables.machines.virtual import TableLine, VirtualTable
-from tinygc.features.tables.machines.virtual_motion import AxisTrack, Fault
+from tinygc.features.tables.machines.virtual_motion import Fault
 from tinygc.simulation.movement import felt
 from tinygc.simulation.options import SimulatedUnit, SimulationOptions
 from tinygc.simulation.sensor import Motion, SensorModel, self_heating
@@ -29,19 +29,15 @@ from tinygc.simulation.virtual_board import BoardSource, info_of
 from tinygc.simulation.write import config_of, head_of
 
 
-def motion_on(
-    table: Description, errors: TableErrors, tracks: Sequence[AxisTrack], options: SimulationOptions, unit: SimulatedUnit
-) -> Motion:
-    """Motion of a sensor at ``options.lever_m`` on the innermost stage; time counts in seconds of the tracks.
+def motion_on(attitudes_at: Callable[[np.ndarray], np.ndarray], options: SimulationOptions, unit: SimulatedUnit) -> Motion:
+    """Motion of a sensor at ``options.lever_m`` on the innermost stage, of its attitudes R_tb (N, 3, 3) at times (N,) s.
 
     A track has no derivatives at its corners: rates are means over a step of the grid of times, about each time.
     """
 
     def motion(t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         step = (t_s[-1] - t_s[0]) / (len(t_s) - 1)
-        edges = np.append(t_s, t_s[-1] + step) - step / 2
-        said, sense = np.stack([track.said_and_sense(edges) for track in tracks], axis=-1)
-        body = Rotation.from_matrix(true_attitudes(table, errors, said, sense))
+        body = Rotation.from_matrix(attitudes_at(np.append(t_s, t_s[-1] + step) - step / 2))
         rate = (body[:-1].inv() * body[1:]).as_rotvec() / step
         middle = (body[:-1] * Rotation.from_rotvec(rate * step / 2)).inv()
         inputs = felt(options, unit.heading_deg, rate, np.gradient(rate, step, axis=0), middle.apply)
@@ -74,7 +70,11 @@ class TableUnderBoard:
         description = read_description(file)
         table = VirtualTable(description, Clock(), Fault.parse(faults), options.seed)
         unit = unit_of(options)
-        sensor = SensorModel(options, unit, motion_on(description, TableErrors.none(description), table.tracks, options, unit))
+
+        def attitudes_at(t_s: np.ndarray) -> np.ndarray:
+            return attitudes(description, np.stack([track.said(t_s) for track in table.tracks], axis=-1))
+
+        sensor = SensorModel(options, unit, motion_on(attitudes_at, options, unit))
         text = (head_of(options) + toml_text(config_of(options, unit, calibrated))).replace("SIM-", "")  # as the board says its serial
 
         def rows(count: int) -> np.ndarray:

@@ -122,7 +122,7 @@ class Comparison:
         """R_tb (Q, 3, 3).  The zero of the outermost axis turns the base with it, so that a tilt is in the frame of the said angles."""
         table, axes = self.observed.table, tuple(replace(each, lost=0.0) for each in self._errors.axes)
         outermost = self._axis_zero * (np.arange(len(axes)) == 0)
-        stage = true_attitudes(table, replace(self._errors, axes=axes), self.angles - outermost, np.zeros_like(self.angles))
+        stage = true_attitudes(table, replace(self._errors, axes=axes), self.angles - outermost)
         return rotations(table.axes[0].direction, outermost[0]) @ stage @ table.mounting.T @ self.mounting
 
     @cached_property

@@ -214,48 +214,30 @@ def roll_pitch_yaw(R: np.ndarray) -> np.ndarray:
     return np.stack([roll, pitch, yaw], axis=1)
 
 
-# What a real table does besides: the errors between its word and the truth.
+# What a real table does besides: errors that do not change within a rest.
 #
-# The angle that a machine says of axis k, alpha, and the true one, with the sense s of its last motion (+1, -1, 0 before any):
+#     R_tb = Rot(tilt) prod_k Rot(wobble_k(alpha)) Rot(a_k + skew_k, alpha_k + lost_k) M
 #
-#     alpha_true = alpha + i1 sin alpha + i2 cos alpha + i3 sin 2 alpha + i4 cos 2 alpha      index: an encoder's eccentricity
-#                  + r sin(n alpha + phase)                                                   rate ripple: a motor's steps, a worm
-#                  - s backlash / 2 + lost                                                    play; steps that the motor lost
-#     R_tb = Rot(tilt) prod_k Rot(wobble_k(alpha)) Rot(a_k + skew_k, alpha_true,k) M
-#
-# tilt: the base against the vertical; skew_k: an axis is not where it should be (its component along a_k says nothing); wobble_k(alpha) =
-# w1 cos alpha e1 + w2 sin alpha e2 + w3 cos alpha e2 + w4 sin alpha e1, e1 and e2 normal to a_k.  The angle is said ``latency_s`` late.
+# tilt: the base against the vertical; lost: what the angle is beside its word, such as steps that the motor has lost; skew_k: an axis is
+# not where it should be (its component along a_k says nothing); wobble_k(alpha) = w1 cos alpha e1 + w2 sin alpha e2 + w3 cos alpha e2 +
+# w4 sin alpha e1, e1 and e2 normal to a_k.
 
 
 @dataclass(frozen=True, eq=False)
 class AxisErrors:
-    """Errors of one axis, rad: index (4,), ripple and its cycles a turn and phase, backlash, lost (of the steps so far; one for all
-    angles, or one for each), skew (3,), wobble (4,)."""
+    """Errors of one axis, rad: lost (one for all angles, or one for each), skew (3,), wobble (4,)."""
 
-    index: np.ndarray = field(default_factory=lambda: np.zeros(4))
-    ripple: float = 0.0
-    ripple_cycles: int = 0
-    ripple_phase: float = 0.0
-    backlash: float = 0.0
     lost: float | np.ndarray = 0.0
     skew: np.ndarray = field(default_factory=lambda: np.zeros(3))
     wobble: np.ndarray = field(default_factory=lambda: np.zeros(4))
 
-    def true_angle(self, said: np.ndarray, sense: np.ndarray) -> np.ndarray:
-        """(N,) rad, of what the machine says (N,) rad and the sense (N,) of its last motion."""
-        i1, i2, i3, i4 = self.index
-        index = i1 * np.sin(said) + i2 * np.cos(said) + i3 * np.sin(2 * said) + i4 * np.cos(2 * said)
-        ripple = self.ripple * np.sin(self.ripple_cycles * said + self.ripple_phase)
-        return said + index + ripple - sense * self.backlash / 2 + self.lost
-
 
 @dataclass(frozen=True, eq=False)
 class TableErrors:
-    """Errors of a table: of each axis; tilt (3,) rad of its base; latency_s of its word."""
+    """Errors of a table: of each axis; tilt (3,) rad of its base."""
 
     axes: tuple[AxisErrors, ...]
     tilt: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    latency_s: float = 0.0
 
     @classmethod
     def none(cls, table: Description) -> TableErrors:
@@ -263,8 +245,8 @@ class TableErrors:
         return cls(tuple(AxisErrors() for _ in table.axes))
 
 
-def true_attitudes(table: Description, errors: TableErrors, said: np.ndarray, sense: np.ndarray) -> np.ndarray:
-    """``R_tb`` (N, 3, 3) with all errors, of angles said (N, K) rad and the senses (N, K) of the axes' last motions."""
+def true_attitudes(table: Description, errors: TableErrors, said: np.ndarray) -> np.ndarray:
+    """``R_tb`` (N, 3, 3) with all errors, of angles said (N, K) rad."""
     product = np.broadcast_to(matrix(exp(errors.tilt)), (len(said), 3, 3))
     for k, (axis, of) in enumerate(zip(table.axes, errors.axes, strict=True)):
         alpha, (e1, e2) = said[:, k], normals(axis.direction)
@@ -272,7 +254,7 @@ def true_attitudes(table: Description, errors: TableErrors, said: np.ndarray, se
         w1, w2, w3, w4 = of.wobble
         wobble = (w1 * cos + w4 * sin) * e1 + (w2 * sin + w3 * cos) * e2
         skewed = axis.direction + of.skew
-        turned = rotations(skewed / np.linalg.norm(skewed), of.true_angle(alpha, sense[:, k]))
+        turned = rotations(skewed / np.linalg.norm(skewed), alpha + of.lost)
         product = product @ matrix(exp(wobble)) @ turned
     return product @ table.mounting
 

@@ -46,25 +46,17 @@ BRAKE = 10.0
 HOMING_RPS = 20 * DEG
 
 
-#: a play too small for any encoder: its whole way is one step
-NO_PLAY_RAD = 1e-9
-
-
 class AxisTrack:
-    """What a motor does in time: pieces of constant acceleration, appended by the verbs; a piece lasts until the next begins.
+    """What a motor does in time: pieces of constant acceleration, appended by the verbs; a piece lasts until the next begins."""
 
-    ``backlash`` rad is the play between motor and stage, ``word`` the angle that the machine says, which is the motor's.
-    """
-
-    def __init__(self, angle_rad: float = 0.0, backlash: float = 0.0):
-        self._backlash = backlash
-        #: of each piece: begin s, angle rad, rate rad/s, acceleration rad/s^2, sense at its begin
-        self._pieces: list[tuple[float, float, float, float, float]] = [(-np.inf, angle_rad, 0.0, 0.0, 0.0)]
+    def __init__(self, angle_rad: float = 0.0):
+        #: of each piece: begin s, angle rad, rate rad/s, acceleration rad/s^2
+        self._pieces: list[tuple[float, float, float, float]] = [(-np.inf, angle_rad, 0.0, 0.0)]
 
     @property
     def busy_until_s(self) -> float:
         """When the last move ends; infinite while it turns at a rate."""
-        begin_s, _, rate, acceleration, _ = self._pieces[-1]
+        begin_s, _, rate, acceleration = self._pieces[-1]
         return float("inf") if rate or acceleration else begin_s
 
     def turn_to(self, begin_s: float, angle_rad: float, rate_rps: float, acceleration_rps2: float) -> None:
@@ -79,10 +71,10 @@ class AxisTrack:
         ramp_s = min(rate_rps / acceleration_rps2, float(np.sqrt(abs(change) / acceleration_rps2)))
         peak = ramp_s * acceleration_rps2
         cruise_s = abs(change) / peak - ramp_s
-        self._add(begin_s, before, 0.0, sense * acceleration_rps2)
-        self._add(begin_s + ramp_s, before + sense * peak * ramp_s / 2, sense * peak, 0.0)
-        self._add(begin_s + ramp_s + cruise_s, angle_rad - sense * peak * ramp_s / 2, sense * peak, -sense * acceleration_rps2)
-        self._add(begin_s + 2 * ramp_s + cruise_s, angle_rad, 0.0, 0.0)
+        self._pieces.append((begin_s, before, 0.0, sense * acceleration_rps2))
+        self._pieces.append((begin_s + ramp_s, before + sense * peak * ramp_s / 2, sense * peak, 0.0))
+        self._pieces.append((begin_s + ramp_s + cruise_s, angle_rad - sense * peak * ramp_s / 2, sense * peak, -sense * acceleration_rps2))
+        self._pieces.append((begin_s + 2 * ramp_s + cruise_s, angle_rad, 0.0, 0.0))
 
     def turn_at(self, begin_s: float, rate_rps: float, acceleration_rps2: float) -> None:
         """From any motion to a rate, through rest if its sign is another; 0 stops."""
@@ -93,27 +85,23 @@ class AxisTrack:
             if goal != rate:
                 acceleration = np.copysign(acceleration_rps2, goal - rate)
                 ramp_s = (goal - rate) / acceleration
-                self._add(t_s, angle, rate, acceleration)
+                self._pieces.append((t_s, angle, rate, acceleration))
                 t_s, angle, rate = t_s + ramp_s, angle + (rate + goal) / 2 * ramp_s, goal
-        self._add(t_s, angle, rate, 0.0)
+        self._pieces.append((t_s, angle, rate, 0.0))
 
     def state(self, t_s: float) -> tuple[float, float]:
         """Angle, rad, and rate, rad/s, at a time."""
-        begin_s, angle, rate, acceleration, _ = next(piece for piece in reversed(self._pieces) if piece[0] <= t_s)
+        begin_s, angle, rate, acceleration = next(piece for piece in reversed(self._pieces) if piece[0] <= t_s)
         since = t_s - begin_s if np.isfinite(begin_s) else 0.0
         return angle + rate * since + acceleration * since**2 / 2, rate + acceleration * since
 
-    def said_and_sense(self, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Angle said (N,) rad and sense (N,) at times (N,) s: the sense is where in its play the stage hangs, -1 to 1."""
-        begin, angle, rate, acceleration, sense = np.array(self._pieces).T
+    def said(self, t_s: np.ndarray) -> np.ndarray:
+        """Angle said (N,) rad at times (N,) s."""
+        begin, angle, rate, acceleration = np.array(self._pieces).T
         at = np.searchsorted(begin, t_s, side="right") - 1
         since = np.where(np.isfinite(begin[at]), t_s - np.where(np.isfinite(begin[at]), begin[at], 0.0), 0.0)
-        change = rate[at] * since + acceleration[at] * since**2 / 2
-        return angle[at] + change, np.clip(sense[at] + 2 * change / max(self._backlash, NO_PLAY_RAD), -1.0, 1.0)
-
-    def _add(self, begin_s: float, angle: float, rate: float, acceleration: float) -> None:
-        sense = float(self.said_and_sense(np.array([begin_s]))[1][0])
-        self._pieces.append((begin_s, angle, rate, acceleration, sense))
+        found: np.ndarray = angle[at] + (rate[at] * since + acceleration[at] * since**2 / 2)
+        return found
 
     def _cut(self, t_s: float) -> None:
         """Forget what was planned after a time."""

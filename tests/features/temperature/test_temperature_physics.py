@@ -432,9 +432,6 @@ def test_what_is_not_there_is_not_claimed_and_what_may_not_be_tried_is_not():
     about_it = estimate_noise(y / np.std(y), columns(knots, 0.0, 0), knots.covariances(), white / np.std(y))
     assert none.noise.sizes == pytest.approx(about_it.sizes * np.std(y))
     assert fitted(made(), orders=(0, 1))[1].order == 1
-    prompt = fitted(made(20.0), with_lag=False)[1]
-    assert prompt.tau_s == 0
-    assert not any(lagged for _, lagged in prompt.candidates)
     _, still = fitted([small_rest(np.full(30, 25.0), np.random.default_rng(0).normal(size=30))])
     assert (still.order, still.p_value, still.line) == (0, 1, None)
     # Two rests, each at a temperature of its own: their zeros take up any slope.
@@ -648,8 +645,8 @@ def test_rest_logs_are_fitted_axis_by_axis_without_their_knocks():
     assert_array_equal(alone.covariance[MATRIX.stop :, MATRIX.stop :], zero_covariance(found.gyro, 1))
     assert_array_equal(alone.model.E_terms, np.eye(3)[None])
     assert (alone.sigma[MATRIX].max(), len(alone.names)) == (0, len(alone.sigma))
-    bare = fit_rests([(replace(log, temp_c=np.full(48, np.nan)), None)], with_accel=False)
-    assert ([fit.order for fit in bare.gyro], bare.noise, bare.accel) == ([0, 0, 0], None, ())
+    bare = fit_rests([(replace(log, temp_c=np.full(48, np.nan)), None)])
+    assert ([fit.order for fit in bare.gyro], bare.noise) == ([0, 0, 0], None)
     with pytest.raises(DataError, match=r"b.csv has no temperature, and other rest logs have"):
         fit_rests([(log, None), (small_rest([np.nan] * 48, name="b.csv"), None)])
 

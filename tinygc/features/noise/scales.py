@@ -15,6 +15,7 @@ import numpy as np
 from scipy.special import chdtri, fdtrc, ndtri
 
 from session.base import features
+from session.base.numeric import runs_of
 from session.log.rests import RestLog
 from tinygc.features.noise.summary import CHANNELS, MOST_WINDOW, Blocks, RestSums, contrasts, ratios_of
 
@@ -98,8 +99,7 @@ def rest_of(sums: RestSums) -> Rest:
             still = blocks.peak[:, channel] == 0
             if not still.any() or np.mean(still) > MOST_STILL:
                 continue
-            edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
-            for start, stop in zip(edges[::2], edges[1::2], strict=True):
+            for start, stop in zip(*runs_of(still), strict=True):
                 if stop - start >= STILL_BLOCKS:
                     found[start:stop] = True
         kinds["stuck"] = (blocks.stuck >= STUCK * (blocks.size - 1)) | found

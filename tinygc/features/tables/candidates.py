@@ -16,7 +16,7 @@ import numpy as np
 from session.base.units import DEG, G
 from tinygc.effects import Effect, Movement
 from tinygc.effects.catalogue import catalogue
-from tinygc.features.tables.machines.description import AxisErrors, TableErrors
+from tinygc.features.tables.machines.description import TableErrors
 from tinygc.features.tables.observed import Observed
 from tinygc.features.tables.rows import Comparison, harmonic
 
@@ -96,10 +96,9 @@ def _of_table(comparison: Comparison) -> Iterator[Candidate]:
     yield candidate(TILT, "base", comparison.of_tilt, _tilted, ("tilt_deg", DEG, (0, 1)))
     for number, axis in enumerate(axes):
         at, angle = f"axis {axis.name}", said[:, number]
-        once_and_twice = np.concatenate([harmonic(angle, 1), harmonic(angle, 2)], axis=1)
         quantities = ("once_deg", DEG, (0, 1)), ("twice_deg", DEG, (2, 3))
-        index = partial(_beside, number, once_and_twice)
-        yield candidate(INDEX, at, partial(_once_and_twice, comparison, number), index, *quantities, axis=axis.name)
+        index = partial(comparison.of_harmonic, number, 1, 2), partial(_beside, number, harmonic(angle, 1, 2))
+        yield candidate(INDEX, at, *index, *quantities, axis=axis.name)
         wobble = partial(comparison.of_wobble, number), partial(_wobbling, number)
         yield candidate(WOBBLE, at, *wobble, ("wobble_deg", DEG, (0, 1, 2, 3)), axis=axis.name)
         play = partial(comparison.of_backlash, number), partial(_beside, number, comparison.play_at_rest(number))
@@ -118,25 +117,21 @@ def _tilted(errors: TableErrors, theta: np.ndarray) -> TableErrors:
     return replace(errors, tilt=errors.tilt + np.append(theta, 0.0))
 
 
-def _of_axis(errors: TableErrors, axis: int, changed: AxisErrors) -> TableErrors:
-    return replace(errors, axes=(*errors.axes[:axis], changed, *errors.axes[axis + 1 :]))
+def _of_axis(errors: TableErrors, axis: int, **changed: np.ndarray) -> TableErrors:
+    return replace(errors, axes=(*errors.axes[:axis], replace(errors.axes[axis], **changed), *errors.axes[axis + 1 :]))
 
 
 def _beside(axis: int, function: np.ndarray, errors: TableErrors, theta: np.ndarray) -> TableErrors:
     """With angles at rest beside the said ones, function (Q, P) rad per rad."""
-    return _of_axis(errors, axis, replace(errors.axes[axis], lost=errors.axes[axis].lost + function @ theta))
+    return _of_axis(errors, axis, lost=errors.axes[axis].lost + function @ theta)
 
 
 def _wobbling(axis: int, errors: TableErrors, theta: np.ndarray) -> TableErrors:
-    return _of_axis(errors, axis, replace(errors.axes[axis], wobble=errors.axes[axis].wobble + theta))
+    return _of_axis(errors, axis, wobble=errors.axes[axis].wobble + theta)
 
 
 def _skewed(axis: int, away: np.ndarray, errors: TableErrors, theta: np.ndarray) -> TableErrors:
-    return _of_axis(errors, axis, replace(errors.axes[axis], skew=errors.axes[axis].skew + np.tan(theta[0]) * away))
-
-
-def _once_and_twice(comparison: Comparison, axis: int) -> np.ndarray:
-    return np.concatenate([comparison.of_harmonic(axis, cycles) for cycles in (1, 2)], axis=1)
+    return _of_axis(errors, axis, skew=errors.axes[axis].skew + np.tan(theta[0]) * away)
 
 
 def _most_cycles(observed: Observed, axis: int) -> int:
@@ -170,17 +165,15 @@ def _of_sensor(comparison: Comparison) -> Iterator[Candidate]:
             continue
         if "temperature" in effect.inputs and warmed < LEAST_WARMED_C:
             continue
-        make = partial(_force_columns if effect.kind == "force" else _rate_columns, comparison, effect, rests, turns)
+        make = partial(_columns, comparison, effect, rests, turns)
         of = effect.parameter
         parts = ((of.name, of.si, tuple(range(of.size))),)
         yield Candidate(effect.id, SENSOR, "", make, np.full(of.size, of.plausible), parts, {})
 
 
-def _force_columns(comparison: Comparison, effect: Effect, rests: Movement, turns: list[Movement]) -> np.ndarray:
-    return comparison.of_forces(effect.bent(rests) / G)
-
-
-def _rate_columns(comparison: Comparison, effect: Effect, rests: Movement, turns: list[Movement]) -> np.ndarray:
+def _columns(comparison: Comparison, effect: Effect, rests: Movement, turns: list[Movement]) -> np.ndarray:
+    if effect.kind == "force":
+        return comparison.of_forces(effect.bent(rests) / G)
     seen = comparison.observed
     in_turns = np.zeros((*seen.rates.shape, effect.parameter.size))
     for number, turn in enumerate(turns):

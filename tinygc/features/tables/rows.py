@@ -326,11 +326,10 @@ class Comparison:
         own = (self.observed.alone == axis)[:, None, None]
         return self.of_angles(at_rest, np.where(own, edges, 0.0)).stacked()
 
-    def of_harmonic(self, axis: int, cycles: int) -> np.ndarray:
-        """(n, 2) of sine and cosine, ``cycles`` a turn, of an axis' angle."""
-        return self.of_angle_function(
-            axis, harmonic(self.observed.said[:, axis], cycles), harmonic(self.observed.said_edges[:, :, axis], cycles)
-        )
+    def of_harmonic(self, axis: int, *cycles: int) -> np.ndarray:
+        """(n, 2 C) of sine and cosine, each of ``cycles`` a turn, of an axis' angle."""
+        at_rest, edges = self.observed.said[:, axis], self.observed.said_edges[:, :, axis]
+        return self.of_angle_function(axis, harmonic(at_rest, *cycles), harmonic(edges, *cycles))
 
     def play_at_rest(self, axis: int) -> np.ndarray:
         """(Q, 1) rad of an axis' angle, of a play of 1 rad."""
@@ -382,9 +381,9 @@ class Comparison:
         return self.of_attitudes(phi).stacked()
 
 
-def harmonic(angle: np.ndarray, cycles: int) -> np.ndarray:
-    """(…, 2): sine and cosine, ``cycles`` a turn, of an angle (…) rad."""
-    return np.stack([np.sin(cycles * angle), np.cos(cycles * angle)], axis=-1)
+def harmonic(angle: np.ndarray, *cycles: int) -> np.ndarray:
+    """(…, 2 C): sine and cosine, each of ``cycles`` a turn, of an angle (…) rad."""
+    return np.stack([function(each * angle) for each in cycles for function in (np.sin, np.cos)], axis=-1)
 
 
 def moved(state: np.ndarray, step: np.ndarray) -> np.ndarray:

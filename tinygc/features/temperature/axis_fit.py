@@ -405,13 +405,13 @@ class AxisFit:
         return float(np.sqrt(self.squares[:, self.candidates.index((order, lagged))].mean()))
 
 
-def fit_axis(knots: Knots, blocks: np.ndarray, orders: tuple[int, ...] = ORDERS, with_lag: bool = True) -> AxisFit:
+def fit_axis(knots: Knots, blocks: np.ndarray, orders: tuple[int, ...] = ORDERS) -> AxisFit:
     """Fit one axis' block means (B,) rad/s, or m/s^2, at rest."""
     y, V = knots.mean(blocks), knots.covariances()
     unit = float(np.std(y)) or 1.0  # scaled to numbers near 1, as the noise estimate requires
     y = y / unit
     orders = tuple(p for p in orders if p <= most_order(knots) and determined(columns(knots, 0.0, p)).rank == len(knots.logs) + p)
-    lags = _lag_grid(knots) if with_lag and max(orders) else np.zeros(0)
+    lags = _lag_grid(knots) if max(orders) else np.zeros(0)
     white = float(sigma_of_steps(blocks / unit)) * np.sqrt(knots.logs[0].block_s)
     every, most, tau = slice(None), max(orders), 0.0
     noise = about(knots, y, V, white, most)

@@ -147,8 +147,7 @@ def temperature_report(fit: ThermalFit) -> Group:
     if fit.rests is not None:
         problems = [finding for finding in fit.rests.findings if finding.level != "ok"]
         parts += [findings_table(problems)] if problems else []
-        parts += [_axes(fit.rests, "gyro"), _noise(fit.rests)]
-        parts += [_axes(fit.rests, "accel")] if fit.rests.accel else []
+        parts += [_axes(fit.rests, "gyro"), _noise(fit.rests), _axes(fit.rests, "accel")]
     if fit.sessions is not None:
         table = plain_table("Sessions", "session", "segments", "°C", "zero, dps (x, y, z)", "less the model, mdps")
         for point in fit.sessions.points:
@@ -374,7 +373,7 @@ def of_rests(rests: RestFit) -> dict:
         ],
         "sweeps": {name: sum(s.direction == way for s in rests.sweeps) for name, way in (("up", 1), ("down", -1))},
         "gyro": [_axis(axis, fit, DEG, "dps") for axis, fit in zip("xyz", rests.gyro, strict=True)],
-        "accel": [_axis(axis, fit, MG, "mg") for axis, fit in zip("xyz", rests.accel, strict=False)],
+        "accel": [_axis(axis, fit, MG, "mg") for axis, fit in zip("xyz", rests.accel, strict=True)],
         "noise": [_noise_table(rests, axis) for axis in range(3)] if rests.allan is not None else [],
     }
 
@@ -463,7 +462,7 @@ def model_table(fit: ThermalFit) -> dict:
     if fit.sessions is not None:
         # All sessions were rotated into the first one's frame.  Without turns E is the identity, and has no frame.
         more["accelerometer"] = accelerometer_table(fit.sessions.points[0].accelerometer)
-    if fit.rests is not None and fit.rests.accel:
+    if fit.rests is not None:
         # At a single attitude, changes of scale and of zero cannot be separated, and the constant is gravity.
         more["accel_change_mps2"] = zero_terms(fit.rests.accel)[1:]
     return models.to_dict(fit.model, **more)

@@ -166,7 +166,6 @@ def read_rests(paths: list[Path], sensor: Sensor, progress: Progress) -> list[tu
 def fit_rests(
     read: Sequence[tuple[RestLog, _ShortTimes | None]],
     orders: tuple[int, ...] = ORDERS,
-    with_accel: bool = True,
     progress: Progress = untold,
 ) -> RestFit:
     """Fit one sensor's rest logs together.  Raises DataError for a log that is not a rest log, or where only some have temperatures."""
@@ -184,7 +183,7 @@ def fit_rests(
         orders = (0,)
     knots = make_knots(kept, sweeps)
     axes: dict[str, list[AxisFit]] = {"gyro": [], "accel": []}
-    for kind in ("gyro", *(["accel"] if with_accel else [])):
+    for kind in axes:
         blocks = np.concatenate([getattr(log, kind) for log in kept])
         for axis in range(3):
             progress(f"{kind} {'xyz'[axis]}", axis, 3)

@@ -17,24 +17,24 @@ from session.base.units import DEG
 from session.bench.clocks import Clock
 from tinygc.features.tables.machines.description import Description
 
-#: what each fault does; where it is given a move, it comes in the middle of it (``AT_ONCE``: when the move is asked for)
-FAULTS = {
-    "estop": "somebody presses the emergency stop: at rest at once, nothing moves until it is released and cleared",
-    "limit": "a limit switch is hit: at rest at once, an alarm that stays",
-    "cable": "the cable drops: nothing is heard in either direction; the motion goes on",
-    "silence": "the controller hears, and does not answer any more",
-    "garbled": "bytes of answers are changed for two seconds",
-    "late": "answers come 0.6 s late for five seconds",
-    "doubled": "each answer comes twice for five seconds",
-    "lost_steps": "the motor loses 5 deg during a move, and the controller does not know it",
-    "stall": "a move is acknowledged, and nothing moves",
-    "wrong_angle": "the angle that is said jumps by 30 deg, and stays so",
-    "home_fails": "homing ends without the reference mark",
-    "disabled": "the amplifier is off: moves are refused",
-    "endless": "a move does not end: it goes on beyond its angle",
-    "restart": "the controller restarts: at rest, its angles are 0 where it stands",
-    "unknown_error": "a request is refused with a code that no manual lists",
-}
+#: faults, and what each does; where it is given a move, it comes in the middle of it (``AT_ONCE``: when the move is asked for)
+FAULTS = (
+    "estop",  # somebody presses the emergency stop: at rest at once, nothing moves until it is released and cleared
+    "limit",  # a limit switch is hit: at rest at once, an alarm that stays
+    "cable",  # the cable drops: nothing is heard in either direction; the motion goes on
+    "silence",  # the controller hears, and does not answer any more
+    "garbled",  # bytes of answers are changed for two seconds
+    "late",  # answers come 0.6 s late for five seconds
+    "doubled",  # each answer comes twice for five seconds
+    "lost_steps",  # the motor loses 5 deg during a move, and the controller does not know it
+    "stall",  # a move is acknowledged, and nothing moves
+    "wrong_angle",  # the angle that is said jumps by 30 deg, and stays so
+    "home_fails",  # homing ends without the reference mark
+    "disabled",  # the amplifier is off: moves are refused
+    "endless",  # a move does not end: it goes on beyond its angle
+    "restart",  # the controller restarts: at rest, its angles are 0 where it stands
+    "unknown_error",  # a request is refused with a code that no manual lists
+)
 AT_ONCE = ("lost_steps", "stall", "endless", "home_fails")
 #: those of the request itself, which does not become a move
 REFUSED = ("disabled", "unknown_error")

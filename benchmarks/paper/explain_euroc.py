@@ -61,6 +61,7 @@ def explain_euroc(parent: Path, progress: Callable[[str], None] = lambda what: N
 
 
 def _row(name: str, e: TruthExplanation) -> tuple[str, ...]:
+    turned = e.alignment.turned
     short = np.sqrt(np.mean(e.closure_rad[0] ** 2)) / DEG if len(e.lengths_s) else float("nan")
     own = e.gyro_rad / DEG * np.sqrt(e.lengths_s[0]) if independent(e) is not None else float("nan")
     return (
@@ -69,8 +70,8 @@ def _row(name: str, e: TruthExplanation) -> tuple[str, ...]:
         f"{e.closure_rms[0] / DEG:.3f} → {e.closure_rms[1] / DEG:.3f}",
         f"{short:.4f}, {own:.4f}".replace("nan", "–"),
         f"{e.neighbours[0]:+.2f} → {e.neighbours[1]:+.2f}".replace("+nan", "–"),
-        f"{1e3 * e.offset[0]:+.2f} ± {1e3 * e.offset[1]:.2f}".replace("+nan ± nan", "–"),
-        "–" if np.isnan(e.turned).any() else f"{_triple(e.turned / DEG)} ± {e.turned_sigma.max() / DEG:.2f}",
+        f"{1e3 * e.alignment.offset_s:+.2f} ± {1e3 * e.alignment.offset_sigma_s:.2f}".replace("+nan ± nan", "–"),
+        "–" if np.isnan(turned).any() else f"{_triple(turned / DEG)} ± {e.alignment.turned_sigma.max() / DEG:.2f}",
         "–" if e.force is None else f"{_triple(e.force.bias / MG, 0)} ± {e.force.sigma.max() / MG:.0f}",
         "–" if e.rests is None else f"{_triple(e.rests.difference / DEG, 3)} ({e.rests.seconds:.0f} s)",
     )

@@ -370,11 +370,11 @@ def test_a_frame_is_claimed_if_it_is_large_and_sure_and_the_accelerometer_agrees
     assert [(claim.effect, claim.p_value) for claim in found] == ([] if p is None else [(FRAME, pytest.approx(p))])
     found = _frame_claim(aligned([0.3, 0, 0], 0.1, (0.3, 0, 0), FOUND), None)
     assert [(claim.effect, claim.p_value) for claim in found] == [(MOUNTED, pytest.approx(stats.chi2.sf(9.0, 3)))]
-    assert _frame_claim(None, force) == _frame_claim(aligned([0, 9.0, 0], 0.1, (0, 9.0, 0)), force) == []
+    assert _frame_claim(aligned(np.full(3, np.nan), 0.1), force) == _frame_claim(aligned([0, 9.0, 0], 0.1, (0, 9.0, 0)), force) == []
     stands, asked = _stands_and_turned(aligned([0, 9.0, 0], 0.1, (0, 7.0, 0), FOUND))
     assert_allclose(stands, Rotation.from_rotvec([0, -7 * DEG, 0]).as_matrix(), atol=1e-12)
     assert_allclose(asked, Rotation.from_rotvec([0, 2 * DEG, 0]).as_matrix(), atol=1e-12)
-    for alignment, turned in ((None, 0), (aligned([0, 9.0, 0], 0.1), 9)):
+    for alignment, turned in ((aligned(np.full(3, np.nan), 0.1), 0), (aligned([0, 9.0, 0], 0.1), 9)):
         stands, asked = _stands_and_turned(alignment)
         assert_array_equal(stands, np.eye(3))
         assert_allclose(asked, Rotation.from_rotvec([0, turned * DEG, 0]).as_matrix(), atol=1e-12)
@@ -402,7 +402,7 @@ def named(effect, share=0.5, p_value=1e-3):
 
 @pytest.mark.parametrize(("sigmas", "said"), [(3.01, True), (2.99, False)])
 def test_a_clock_fitted_beside_a_delay_is_said_from_three_sigmas_on(sigmas, said):
-    session = SimpleNamespace(reference=SimpleNamespace(alignment=None))
+    session = SimpleNamespace(reference=SimpleNamespace(alignment=SimpleNamespace(source={"offset_s": GIVEN})))
     fit = fit_of(claim(LEAN, *np.zeros(9)), claim(OFFSET, -sigmas * 0.001), variance=0.5e-6)
     other = named(LEAN)
     before = explanation(problem=SimpleNamespace(session=session), fit=fit, claimed=[other], p_value=0.5)
@@ -516,7 +516,6 @@ def test_claims_have_their_share_and_stand_by_what_they_gain():
     assert (clock.share, clock.equivalent, clock.sigma[0]) == (0.2, common_delays(), pytest.approx(1e-3))
     entry = clock.to_json()
     assert list(entry)[:4] == ["id", "equation", "parameters", "std"]
-    assert list(entry)[-5:] == ["share", "probability", "rivals", "equivalent", "description"]
     assert (entry["parameters"], entry["share"]) == ({"seconds": 0.1}, 0.2)
 
 
@@ -602,7 +601,7 @@ def test_a_wander_more_probable_than_none_is_a_slow_bias_and_what_it_makes_idle_
 def test_what_is_left_makes_an_explanation_partial(verdict, known):
     e = explanation(**known)
     assert e.verdict == verdict
-    assert np.isnan([*e.offset, *e.turned, *e.turned_sigma, e.truth_rad]).all()
+    assert np.isnan(e.truth_rad)
     angles = np.array([[3.0, 4.0, 0.0], [0.0, 0.0, 1.0]])
     e = explanation(angles=(angles, 2 * angles), held_out=(3 * angles, 4 * angles))
     assert (*e.closure_rms, *e.held_out_rms) == pytest.approx(np.sqrt(13) * np.arange(1, 5))

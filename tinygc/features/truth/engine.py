@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 from scipy.special import chdtrc, fdtrc, gammaincinv
 
 from session.base.numeric import median_length
@@ -99,12 +100,12 @@ SAID_SIGMAS = 3.0
 def _with_recorded_clock(names: TruthExplanation) -> TruthExplanation:
     """Put the whole clock offset among the claims.  If an offset was found before the fit, "before" is the recording with the clock set
     back."""
-    alignment = names.session.reference.alignment
-    found_s = alignment.reading.offset_s if alignment is not None and alignment.source["offset_s"] == FOUND else 0.0
+    alignment = names.alignment
+    found_s = alignment.reading.offset_s if alignment.source["offset_s"] == FOUND else 0.0
     named = next((claim for claim in names.claimed if claim.effect.id == OFFSET.id), None)
     others = [claim for claim in names.claimed if claim is not named]
     left_s, sigma_s = _left(names)
-    if found_s and not np.isfinite(sigma_s) and alignment is not None:
+    if found_s and not np.isfinite(sigma_s):
         sigma_s = alignment.offset_sigma_s
     whole_s = found_s + left_s
     if not found_s and named is not None:
@@ -183,15 +184,14 @@ def explain_truth(
     sound, jumps, jumps_p = without_wrong_moments(problem)
     progress("naming", 2, 5)
     fit = fit_least_squares(sound.batch, sound.floor.sigma, problem.first)
-    alignment = sound.session.reference.alignment
     twin = TruthTwin(sound)
     names = _with_recorded_clock(name_beside_truth(twin, Evidence(twin), seed, lambda what: progress(what, 2, 5)))
     progress("growth and clocks", 3, 5)
     lengths, closures = growth(sound, fit.model)
     truth_rad, walk_rad = noises(lengths, closures)
     progress("frames and rests", 4, 5)
-    force = force_against_truth(sound, *_stands_and_turned(alignment))
-    claims = _outage_claims(problem) + _frame_claim(alignment, force) + names.claimed
+    force = force_against_truth(sound, *_stands_and_turned(names.alignment))
+    claims = _outage_claims(problem) + _frame_claim(names.alignment, force) + names.claimed
     if jumps:
         began = problem.began_s
         at_s = np.array([round(float(began[log]) + at, 3) for log, at in jumps])
@@ -206,7 +206,6 @@ def explain_truth(
         walk_rad=walk_rad,
         gyro_rad=float(np.mean(sound.noise.angle_random_walk)),
         neighbours=(neighbours_correlation(sound, names.angles[0]), neighbours_correlation(sound, names.angles[1])),
-        alignment=alignment,
         rests=zero_at_rest(sound, fit.model),
         force=force,
         warnings=prepared.warnings + weighed_down(prepared.session.name, problem.widened),
@@ -228,30 +227,26 @@ def _outage_claims(problem: Problem) -> list[TruthClaim]:
     return claims
 
 
-def _not_taken_off(alignment: TruthAlignment | None) -> np.ndarray:
+def _not_taken_off(alignment: TruthAlignment) -> np.ndarray:
     """(3,) rad of the rotation from the gyro's axes to the truth's body, beyond the mounting that the problem already includes."""
-    if alignment is None or not np.isfinite(alignment.turned).all():
+    if not np.isfinite(alignment.turned).all():
         return np.zeros(3)
-    from scipy.spatial.transform import Rotation
-
     return (Rotation.from_matrix(alignment.reading.mounting).inv() * Rotation.from_rotvec(alignment.turned)).as_rotvec()
 
 
-def _stands_and_turned(alignment: TruthAlignment | None) -> tuple[np.ndarray, np.ndarray]:
+def _stands_and_turned(alignment: TruthAlignment) -> tuple[np.ndarray, np.ndarray]:
     """(3, 3) each: from the sensor's axes to those of the problem's attitudes, without an estimated mounting, and with the rotation
     estimated from the gyro."""
-    from scipy.spatial.transform import Rotation
-
     asked = Rotation.from_rotvec(_not_taken_off(alignment)).as_matrix()
-    if alignment is None or alignment.source["mounting"] != FOUND:
+    if alignment.source["mounting"] != FOUND:
         return np.eye(3), asked
     return alignment.reading.mounting.T, asked
 
 
-def _frame_claim(alignment: TruthAlignment | None, force: Force | None) -> list[TruthClaim]:
+def _frame_claim(alignment: TruthAlignment, force: Force | None) -> list[TruthClaim]:
     """Claim a rotation of the truth's frame if the gyro shows more than its misalignment can be, or if the rotation reduces the
     accelerometer's apparent bias."""
-    if alignment is None or not np.isfinite([alignment.turned, alignment.turned_sigma]).all():
+    if not np.isfinite([alignment.turned, alignment.turned_sigma]).all():
         return []
     turned, sigma = _not_taken_off(alignment), alignment.turned_sigma
     if alignment.source["mounting"] == FOUND:

@@ -233,10 +233,7 @@ class TruthClaim(Claim):
 
     def to_json(self) -> dict:
         """Return the claim's entry with the share of chi-square that it removes."""
-        head, tail = ("id", "equation", "parameters", "std"), ("probability", "rivals", "equivalent", "description")
-        entry = super().to_json()
-        rest = {key: value for key, value in entry.items() if key not in head + tail}
-        return {key: entry[key] for key in head} | rest | {"share": self.share} | {key: entry[key] for key in tail}
+        return super().to_json() | {"share": self.share}
 
 
 def truth_claim(effect: Effect, theta: np.ndarray, sigma: np.ndarray | None, p_value: float, **more: Any) -> TruthClaim:
@@ -257,8 +254,8 @@ class TruthExplanation:
     first fit. angles (S, 3), before and after: each used segment's closure about the truth's axes. held_out: the same from fits without
     that segment. excess: chi-square per degree of freedom, against the stated noise. jumps: log and s of wrong moments. lengths_s (L,),
     closure_rad (L, 3): growth. truth_rad per moment and walk_rad per root second, from the growth. gyro_rad per root second: the gyro's own
-    walk at its quietest. neighbours: correlation of neighbouring segments' errors, before and after. alignment: clock and frame of the
-    truth against the gyro. rests; force; warnings of the preparation.
+    walk at its quietest. neighbours: correlation of neighbouring segments' errors, before and after. rests; force; warnings of the
+    preparation.
     """
 
     problem: Problem
@@ -278,7 +275,6 @@ class TruthExplanation:
     walk_rad: float = np.nan
     gyro_rad: float = np.nan
     neighbours: tuple[float, float] = (np.nan, np.nan)
-    alignment: TruthAlignment | None = None
     rests: Rests | None = None
     force: Force | None = None
     warnings: Sequence[Finding] = ()
@@ -287,6 +283,12 @@ class TruthExplanation:
     def session(self) -> Session:
         """The explained session."""
         return self.problem.session
+
+    @property
+    def alignment(self) -> TruthAlignment:
+        """Clock and frame of the truth against the gyro."""
+        found: TruthAlignment = self.session.reference.alignment
+        return found
 
     @property
     def noise(self) -> SessionNoise:
@@ -302,28 +304,15 @@ class TruthExplanation:
     def measured(self) -> dict[str, tuple[np.ndarray, np.ndarray] | None]:
         """As of an ``Explanation``: the offset of the truth's clock, None where it is not known."""
         claim = next((claim for claim in self.claimed if claim.effect.id == OFFSET_ID), None)
-        value, sigma = self.offset if claim is None or claim.sigma is None else (float(claim.theta[0]), float(claim.sigma[0]))
+        value, sigma = self.alignment.offset_s, self.alignment.offset_sigma_s
+        if claim is not None and claim.sigma is not None:
+            value, sigma = float(claim.theta[0]), float(claim.sigma[0])
         return {OFFSET_ID: (np.array([value]), np.array([[sigma**2]])) if np.isfinite([value, sigma]).all() else None}
 
     def closure_without(self, state: State) -> float | None:
         """As of an ``Explanation``."""
         angles = FitClosure.of(cleared(self.problem, self.twin, state)).held_out
         return None if angles is None else rms_length(angles)
-
-    @property
-    def offset(self) -> tuple[float, float]:
-        """Offset, s, of the truth's clock as recorded, and its sigma; nan if unknown."""
-        return (float("nan"), float("nan")) if self.alignment is None else (self.alignment.offset_s, self.alignment.offset_sigma_s)
-
-    @property
-    def turned(self) -> np.ndarray:
-        """(3,) rad from the gyro's axes to the truth's body as recorded; nan if unknown."""
-        return np.full(3, np.nan) if self.alignment is None else self.alignment.turned
-
-    @property
-    def turned_sigma(self) -> np.ndarray:
-        """(3,) rad, sigma of ``turned``; nan if unknown."""
-        return np.full(3, np.nan) if self.alignment is None else self.alignment.turned_sigma
 
     @property
     def closure_rms(self) -> tuple[float, float]:

@@ -94,15 +94,16 @@ def _neighbours(e: TruthExplanation, axes: Axes) -> None:
 def _frame(e: TruthExplanation, axes: Axes) -> None:
     """Plot the rotation from the gyro's axes to the truth's."""
     axes.set(ylabel="rotation (°)", title="Truth's frame against the gyro's, ± one sigma")
-    if not np.isfinite([e.turned, e.turned_sigma]).all():
+    turned, sigma = e.alignment.turned, e.alignment.turned_sigma
+    if not np.isfinite([turned, sigma]).all():
         _nothing(axes, "too few segments")
         return
     for i, axis in enumerate("xyz"):
-        axes.errorbar(i, e.turned[i] / DEG, e.turned_sigma[i] / DEG, fmt="o", color=AXES[axis], capsize=6)
+        axes.errorbar(i, turned[i] / DEG, sigma[i] / DEG, fmt="o", color=AXES[axis], capsize=6)
     axes.axhline(0, color=FLOOR, lw=0.8)
     axes.set_xticks(range(3), ["about x", "about y", "about z"])
-    offset, sigma = (1e3 * x for x in e.offset)
-    axes.set_xlabel(f"clock of the truth against the gyro's: {offset:+.2f} ± {sigma:.2f} ms")
+    offset_ms, sigma_ms = 1e3 * e.alignment.offset_s, 1e3 * e.alignment.offset_sigma_s
+    axes.set_xlabel(f"clock of the truth against the gyro's: {offset_ms:+.2f} ± {sigma_ms:.2f} ms")
 
 
 def _force(e: TruthExplanation, axes: Axes) -> None:

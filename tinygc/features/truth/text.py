@@ -59,7 +59,7 @@ def truth_to_json(e: TruthExplanation) -> dict:
                 "closure_deg_by_length_s": lengths,
                 "gyro_noise_walk_deg_rts": e.gyro_rad / DEG,
                 "neighbours_correlation": {"before": e.neighbours[0], "after": e.neighbours[1]},
-                **({} if e.alignment is None else alignment_table(e.alignment)),
+                **alignment_table(e.alignment),
             },
             "force": None
             if e.force is None
@@ -163,8 +163,8 @@ def evidence_rows(e: TruthExplanation) -> list[tuple[str, str]]:
         ("", f"by this growth {e.truth_rad / DEG:.3f}° a moment of truth, {e.walk_rad / DEG:.3f}°/√s"),
         ("", _own_noise(e)),
         ("", f"neighbouring segments correlate {before:+.2f}, after {after:+.2f} (-0.5: the truth's noise, 0: the gyro's, more: slow)"),
-        ("clocks", "truth not known" if e.alignment is None else f"truth {offset_text(e.alignment)}"),
-        ("frames", "not known" if e.alignment is None else f"gyro to truth {mounting_text(e.alignment)}; {frame_text(e.alignment)}"),
+        ("clocks", f"truth {offset_text(e.alignment)}"),
+        ("frames", f"gyro to truth {mounting_text(e.alignment)}; {frame_text(e.alignment)}"),
     ]
     if (force := e.force) is not None:
         off = f"accelerometer off by {xyz_text(force.bias / MG, 0)} mg ± {xyz_text(force.sigma / MG, 0)}"

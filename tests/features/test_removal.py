@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import os
 import pkgutil
@@ -16,6 +17,7 @@ import pytest
 import tinygc
 from session.base import features
 from session.base.options import declared, flag
+from session.log.config import read_config
 from tinygc.cli.commands import COMMANDS
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -173,6 +175,20 @@ def test_what_a_feature_records_is_refused_without_it(tmp_path, monkeypatch):
     monkeypatch.setattr(features, "known", dict)
     with pytest.raises(tinygc.CalibrationError, match=r"log0001\.unit3\.csv is one unit's log of several"):
         tinygc.read_session(tmp_path)
+
+
+def test_a_further_reference_is_no_reference_without_its_feature_and_has_all_that_is_asked_of_it(tmp_path, monkeypatch):
+    served = [kind for kind in features.each("reference") if kind.accelerometer]
+    for kind in served:
+        assert {name for name in features.REFERENCE if not hasattr(kind, name)} <= inspect.get_annotations(kind).keys()
+    sensor = "[sensor]\nodr_hz = 104\ngyro_fs_dps = 500\naccel_fs_g = 4\n"
+    monkeypatch.setattr(features, "known", dict)
+    for word in (kind.word for kind in served):
+        (tmp_path / "session.toml").write_text(f'schema = "tinygc-session/1"\n{sensor}[protocol]\nreference = "{word}"\n')
+        with pytest.raises(tinygc.CalibrationError, match=rf'protocol.reference is "{word}", expected one of gravity, table'):
+            read_config(tmp_path / "session.toml")
+        with pytest.raises(TypeError, match=word):
+            tinygc.Session.from_arrays(**{word: ()})
 
 
 @pytest.mark.skipif(not (ROOT / ".git").exists(), reason="no checkout")

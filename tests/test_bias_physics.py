@@ -46,7 +46,6 @@ from tinygc.estimation.options import FitOptions
 from tinygc.estimation.repeatability import BiasRepeatability, accelerometer_between, repeatability_of
 from tinygc.features.truth.reading import Truth, changed
 from tinygc.fitting.bias_of_day import (
-    Origin,
     Rebiased,
     _bias_from_gravity,
     _BiasOfDay,
@@ -390,7 +389,7 @@ def rebiased(**more):
     start, gravity = DEG * np.array([[[1.0, 2, 3], [3, 3, 4]], [[7, 2, 9], [4, 4, 3]]])
     changes = {"start": start, "given": (np.array([0.5, 0, 0]) * DEG, None), "gravity": gravity}
     angles = {name: problem.batch.start[:, 1:3] * 1e-3 for name in ("stored", *changes)}
-    made = Rebiased(problem, [], TRUE, changes, "start", angles, [], Path("m.json"), Origin("x", False, "said"))
+    made = Rebiased(problem, [], TRUE, changes, "start", angles, [], Path("m.json"), (False, "said"))
     return replace(made, **more)
 
 
@@ -429,7 +428,7 @@ def test_start_and_gravity_disagree_by_sigmas_of_their_difference():
         ({"sha256": [3], "session": ["x"], "stored": 7}, None, "not known"),
     ],
 )
-def test_what_a_stored_model_was_fitted_to(tmp_path, table, here, says):
+def test_what_a_stored_model_was_fitted_to(table, here, says):
     samples = Samples(np.arange(9) * 10_000_000, np.ones((9, 3)), np.ones((9, 3)))
     session = Session(Path("made"), config(), (Log(Path("log0001.csv"), samples, raw=True, in_memory=True),), ())
     hashes = {"own": {"log0001.csv": hash_of_log(session.logs[0])}, "other": {"log0001.csv": "0" * 64}}
@@ -437,11 +436,10 @@ def test_what_a_stored_model_was_fitted_to(tmp_path, table, here, says):
     text = json.dumps(table)
     for name, value in hashes.items():
         text = text.replace(f'"sha256": "{name}"', f'"sha256": {json.dumps(value)}')
-    (tmp_path / "m.json").write_text(text)
-    found = _origin_of(tmp_path / "m.json", session)
-    assert found.here is here
-    assert says in found.says
-    assert ("had its bias" in found.says) == ("had its bias" in says)
+    found, said = _origin_of(json.loads(text), session)
+    assert found is here
+    assert says in said
+    assert ("had its bias" in said) == ("had its bias" in says)
 
 
 RNG = np.random.default_rng(37)

@@ -15,7 +15,6 @@ from session.base.files import result_folder
 from session.base.numeric import runs_of, sigmas_in
 from session.base.progress import Progress, untold
 from session.base.records import plain, write_whole
-from session.base.results import read_json
 from session.base.rotation import steps
 from session.base.units import DEG, NS, STANDARD_GRAVITY_MPS2, G
 from session.detect.stills import BLOCK_S
@@ -217,37 +216,24 @@ def _whitened(velocity: np.ndarray, span: np.ndarray) -> np.ndarray:
 # The origin of a stored model: if it was fitted to the session at hand, its closure there is not independent evidence.
 
 
-@dataclass(frozen=True)
-class Origin:
-    """The origin of a model: session: the name in the model, or None; here: whether it was fitted to a log of the session at hand, None
-    where only the names agree, or nothing is known; says: the same as text."""
-
-    session: str | None
-    here: bool | None
-    says: str
-
-
-def _origin_of(path: Path, session: Session, table: dict | None = None) -> Origin:
-    """Compare the logs' hashes in the model file with those of the session's logs; table: what the file holds, where it was read
-    before."""
-    table = read_json(path) if table is None else table
+def _origin_of(table: dict, session: Session) -> tuple[bool | None, str]:
+    """Whether a stored model, with what its file holds, was fitted to a log of this session, by the hashes of the logs; None where only the
+    names agree, or nothing is known.  And the same as text."""
     logs = {hash_of_log(log) for log in session.logs}
     stored = table["stored"] if isinstance(table.get("stored"), dict) else table
     name = stored.get("session") if isinstance(stored.get("session"), str) else None
     known = _hashes(stored.get("sha256"))
     if logs & known:
-        return Origin(name, True, "the stored model was fitted to this very session: its closure is that of fitted segments")
+        return True, "the stored model was fitted to this very session: its closure is that of fitted segments"
     if name == session.name:
-        return Origin(
-            name, None, f"the stored model is of a session of the same name ({name}): if it is this one, its segments were fitted"
-        )
+        return None, f"the stored model is of a session of the same name ({name}): if it is this one, its segments were fitted"
     if stored is not table and logs & _hashes(table.get("sha256")):
-        return Origin(name, False, f"the stored model was fitted to other logs ({name}), and had its bias from this very session already")
+        return False, f"the stored model was fitted to other logs ({name}), and had its bias from this very session already"
     if known:
-        return Origin(name, False, f"the stored model was fitted to other logs ({name or 'of a session without a name'})")
+        return False, f"the stored model was fitted to other logs ({name or 'of a session without a name'})"
     if name:
-        return Origin(name, False, f"the stored model is of another session by its name ({name})")
-    return Origin(None, None, "what the stored model was fitted to is not known: its file does not say")
+        return False, f"the stored model is of another session by its name ({name})"
+    return None, "what the stored model was fitted to is not known: its file does not say"
 
 
 def _hashes(entry: object) -> set[str]:
@@ -278,7 +264,7 @@ class Rebiased:
     angles: dict[str, np.ndarray]
     run_errors: list[dict[str, np.ndarray]]
     path: Path
-    origin: Origin
+    origin: tuple[bool | None, str]
     table: dict = field(default_factory=dict)
 
     @property
@@ -332,7 +318,7 @@ def rebias_session(
     runs = read_closure_runs(problem)
     angles = {name: _closure(problem, model) for name, model in all_models.items()}
     errors = [{name: run.errors(model) for name, model in all_models.items()} for run in runs]
-    return Rebiased(problem, runs, stored, changes, source, angles, errors, path, _origin_of(path, session, table), table)
+    return Rebiased(problem, runs, stored, changes, source, angles, errors, path, _origin_of(table, session), table)
 
 
 def _closure(problem: Problem, model: Model) -> np.ndarray:
@@ -465,7 +451,7 @@ def rebias_to_json(result: Rebiased) -> dict:
             "bias": {
                 "model": str(result.path),
                 "source": result.source,
-                "fitted_here": result.origin.here,
+                "fitted_here": result.origin[0],
                 "remarks": remarks(result),
                 "change_dps": {name: change / DEG for name, (change, _) in result.changes.items()},
                 "sigma_dps": {name: None if sigma is None else sigma / DEG for name, (_, sigma) in result.changes.items()},
@@ -509,7 +495,7 @@ def rebiased_table(result: Rebiased) -> dict:
 
 def remarks(result: Rebiased) -> list[str]:
     """Return remarks on the figures."""
-    said = [f"{result.origin.says}; start and gravity take the bias from this session itself, from its first still and its accelerometer"]
+    said = [f"{result.origin[1]}; start and gravity take the bias from this session itself, from its first still and its accelerometer"]
     if false := _false_stills(result.problem, result.stored):
         stills = "the first still is" if len(false) == 1 else f"the first {len(false)} stills are"
         said.append(

@@ -11,7 +11,7 @@ import numpy as np
 from session.base import rotation
 from session.base.errors import FormatError
 from session.base.results import Array, Keys, Number, require
-from tinygc.models.model import FACTOR, BaseModel, Model, Stream
+from tinygc.models.model import FACTOR, Model, Stream
 
 # TinyGC-Net's denoising subnet: per axis, causal, three convolutions 1 -> 2 -> 2 -> 1 of kernel 7, no biases: 14 + 28 + 14 = 56 weights.
 #
@@ -125,7 +125,7 @@ class Denoiser:
 
 
 @dataclass(frozen=True, eq=False)
-class DenoisedNet(BaseModel):
+class DenoisedNet(Model):
     """The whole TinyGC-Net: first ``calibration``, any map of rates (27 parameters), then ``denoiser`` (168), made for rate_hz.
 
     Called on rates (..., N, 3) in the order of time it gives the microcontroller's output: causal, with the denoiser's delay.

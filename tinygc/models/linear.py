@@ -12,7 +12,7 @@ from session.base import rotation
 from session.base.numeric import sigmas_in
 from session.base.rotation import Array
 from session.base.units import DEG
-from tinygc.models.model import BaseModel
+from tinygc.models.model import Model
 
 # The linear model every calibration begins with: omega = E m + B, 12 parameters (docs/model.md).
 
@@ -33,7 +33,7 @@ def mapped(matrix: Array, vectors: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class LinearModel(BaseModel):
+class LinearModel(Model):
     """omega = E m + B with m the measured rate (register x sensitivity): E (3, 3), B (3,) rad/s."""
 
     kind: ClassVar[str] = "linear"

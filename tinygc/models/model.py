@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, runtime_checkable
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
@@ -181,8 +181,7 @@ def sensor_of(table: dict, where: str = "model") -> KnownSensor:
 Stream = Callable[[np.ndarray, Any], np.ndarray]
 
 
-@runtime_checkable
-class Model(Protocol):
+class Model:
     """A map from measured rates to calibrated ones.
 
     kind: its name in the model file (``tinygc/models/files.py``); pointwise: whether each rate is calibrated by itself, so that the model
@@ -193,64 +192,13 @@ class Model(Protocol):
     """
 
     kind: ClassVar[str]
-    pointwise: ClassVar[bool]
-    rates_only: ClassVar[bool]
-
-    def __call__(self, rate: Any) -> Any:
-        """Calibrated rate (..., 3) rad/s from the measured one.  Raises CalibrationError for a kind that needs whole samples."""
+    pointwise: ClassVar[bool] = True
+    rates_only: ClassVar[bool] = True
 
     @property
     def parameters(self) -> int:
         """Number of fitted parameters."""
-
-    @property
-    def undone(self) -> tuple[AppliedEffect, ...]:
-        """The effects that it removes, in order."""
-
-    @property
-    def conditions(self) -> tuple[str, ...]:
-        """Names of its inputs other than the rate."""
-
-    @property
-    def made_for_hz(self) -> float | None:
-        """The sampling rate in Hz that it was made for; None for any."""
-
-    @property
-    def delay_s(self) -> float:
-        """Seconds by which an answer comes late."""
-
-    @property
-    def session_s(self) -> float | None:
-        """Duration in s of the session if it is valid only in that session's time; None otherwise."""
-
-    def at_end(self) -> Model:
-        """The same for any time, as it stood at its session's end."""
-
-    def calibrate(self, samples: Samples, began_s: float = 0.0, live: bool = False) -> np.ndarray:
-        """True rates (N, 3) rad/s of one log, each at its own sample.  Raises CalibrationError outside the model's time."""
-
-    def stream(self, rate_hz: float | None) -> Stream | None:
-        """Function that calibrates a log piece by piece; None for a kind that needs whole samples, earlier and later ones.
-
-        Raises CalibrationError if it needs the data rate and has none.
-        """
-
-    def undelayed(self, rate: Any) -> Any:
-        """Its output (N, 3) rad/s for measured rates (N, 3), with its delay removed."""
-
-    def without_denoiser(self) -> Model:
-        """The calibration alone."""
-
-    def with_bias_moved(self, change: np.ndarray) -> Model:
-        """The model with its calibrated rate increased by ``change`` (3,) rad/s everywhere."""
-
-
-class BaseModel:
-    """Defaults shared by most kinds of model."""
-
-    kind: ClassVar[str]
-    pointwise: ClassVar[bool] = True
-    rates_only: ClassVar[bool] = True
+        raise NotImplementedError
 
     @property
     def undone(self) -> tuple[AppliedEffect, ...]:
@@ -279,7 +227,7 @@ class BaseModel:
 
     def at_end(self) -> Model:
         """The same for any time, as it stood at its session's end."""
-        return self  # type: ignore[return-value]
+        return self
 
     def __call__(self, rate: Any) -> Any:
         """Calibrated rate (..., 3) rad/s from the measured one, for a kind that needs only rates."""
@@ -300,7 +248,7 @@ class BaseModel:
 
     def without_denoiser(self) -> Model:
         """The calibration alone."""
-        return self  # type: ignore[return-value]
+        return self
 
     def with_bias_moved(self, change: np.ndarray) -> Self:
         """The model with its calibrated rate increased by ``change`` (3,) rad/s everywhere.  Raises CalibrationError if it has no bias."""

@@ -11,7 +11,7 @@ import numpy as np
 from session.base import rotation
 from session.base.results import Array, Keys, require
 from tinygc.models.linear import PRIOR_SIGMA, LinearModel, mapped
-from tinygc.models.model import FACTOR, MATRIX, RATE, BaseModel
+from tinygc.models.model import FACTOR, MATRIX, RATE, Model
 
 # TinyGC-Net's calibration subnet (Cui et al. 2024): two linear basic networks joined by a PReLU, with an identity path.
 #
@@ -28,7 +28,7 @@ INNER_TIE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class CalibrationNet(BaseModel):
+class CalibrationNet(Model):
     """The subnet's weights, NumPy or torch: W1 (3, 3), b1 (3,) rad/s, slope (3,), W2 (3, 3), b2 (3,) rad/s."""
 
     kind: ClassVar[str] = "tinygc"

@@ -14,7 +14,7 @@ from session.log.samples import Samples
 from tinygc.effects import AppliedEffect, Conditions, Effect, EffectError, Movement, effect_of, movement_of
 from tinygc.effects.effect import READINGS
 from tinygc.models.linear import BIAS, PARAMETERS, LinearModel
-from tinygc.models.model import CELSIUS, RATE, BaseModel
+from tinygc.models.model import CELSIUS, RATE, Model
 from tinygc.models.nets import CalibrationNet, weight
 
 # Reference conditions of a model as JSON: ``conditions`` of ``tinygc-model/1``.
@@ -47,7 +47,7 @@ RATES_ALIKE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class PhysicsModel(BaseModel):
+class PhysicsModel(Model):
     """omega = (E m + B) with the effects removed; effects on readings are removed from m.
 
     It has a linear model, claims in the order of their removal, and reference conditions."""
@@ -157,7 +157,7 @@ def _columns_at_end(effect: Effect, known: Conditions) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class CarriedNet(BaseModel):
+class CarriedNet(Model):
     """TinyGC-Net behind physical effects: the net calibrates the rates that the sensor would have measured without them."""
 
     kind: ClassVar[str] = "tinygc_physics"

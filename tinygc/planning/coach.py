@@ -9,7 +9,7 @@ from the present attitude.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 
@@ -70,14 +70,6 @@ class _Place:
     angles: np.ndarray | None
 
 
-class Turnable(Protocol):
-    """A machine whose moves the coach chooses from, instead of the turns that an operator can make."""
-
-    def turns_from(self, angles: np.ndarray | None, most_rps: float) -> list[Turn]:
-        """Return its turns from angles (K,) rad, None: the present ones; most_rps: largest rate."""
-        ...
-
-
 @dataclass(frozen=True, eq=False)
 class Rehearsal:
     """The session that a machine would make from now on: its turns, and the sigmas (P,) after each, in units of their targets."""
@@ -94,14 +86,14 @@ class Rehearsal:
 class Coach:
     """A callable that returns ``Advice`` for the session so far.
 
-    targets (12,) of the gyroscope's parameters.  machine: what turns the table, None: an operator.  Of a machine the gain per time counts,
-    and what none of its turns shows does not.
+    targets (12,) of the gyroscope's parameters.  machine: what turns the table, whose ``turns_from(angles, most_rps)`` are its
+    turns from there; None: an operator.  Of a machine the gain per time counts, and what none of its turns shows does not.
     """
 
     def __init__(
         self,
         targets: np.ndarray = TARGETS,
-        machine: Turnable | None = None,
+        machine: Any = None,
     ):
         self._gyro_targets, self._machine = targets, machine
         self._seen: dict[int, _Seen] = {}

@@ -14,7 +14,7 @@ from session.base.records import Key, record_of
 from session.base.results import Array, Keys, require
 from session.log.samples import Samples
 from tinygc.models.linear import LinearModel
-from tinygc.models.model import CELSIUS, FACTOR, RATE, SECONDS, BaseModel, invertible
+from tinygc.models.model import CELSIUS, FACTOR, RATE, SECONDS, Model, invertible
 
 # The element's temperature from the reading of the temperature sensor: the two differ while either changes.
 #
@@ -78,7 +78,7 @@ def element_temperature(reading_c: np.ndarray, tau_s: float, step_s: float) -> n
 
 
 @dataclass(frozen=True, eq=False)
-class ThermalModel(BaseModel):
+class ThermalModel(Model):
     """E_terms (R + 1, 3, 3) per degC^n; zero_terms (Q + 1, 3) rad/s per degC^n; lag_s (3,); reference_c: T0; range_c."""
 
     kind: ClassVar[str] = "thermal"

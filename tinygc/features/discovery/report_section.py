@@ -16,13 +16,11 @@ from session.base.results import Array, Keys, ListOf, MapOf, Maybe, Number, Text
 from session.base.texts import shell_word
 from tinygc.explanation.reported import ReportData
 from tinygc.features.discovery.result import (
-    MOST_RUNNERS_UP,
     abbreviated,
     evidence_words,
     headline,
     number_lines,
-    runner_up_words,
-    same_words,
+    open_words,
 )
 from tinygc.features.discovery.search_state import HeldOut
 from tinygc.reporting.html.markup import Section, code, escape, paragraph
@@ -157,8 +155,6 @@ def _law(law: dict) -> str:
     says = law["in_words"]
     html = f'<div class="found"><h3>{escape(law["id"])}</h3>{paragraph(escape(says))}{code(law["equation"])}'
     html += code("\n".join(number_lines(law)))
-    evidence = [escape(words) for words in evidence_words(law)]
-    evidence += [f"equivalent in this recording: {escape(same_words(law))}"] if law["same_here"] else []
-    evidence += [f"alternative: {escape(runner_up_words(each))}" for each in law["runners_up"][:MOST_RUNNERS_UP]]
+    evidence = [escape(words) for words in (*evidence_words(law), *open_words(law))]
     evidence += [f"written as <code>explain/{escape(law['file'])}</code>"] if law["file"] else []
     return html + "<ul>" + "".join(f"<li>{each}</li>" for each in evidence) + "</ul></div>"

@@ -160,9 +160,7 @@ def _law_lines(law: dict) -> list[Text]:
     ]
     lines += [Text(f"  {line}") for line in number_lines(law)]
     lines += [one_line(f"  {words}") for words in evidence_words(law)]
-    if law["same_here"]:
-        lines.append(Text(f"  equivalent in this recording: {same_words(law)}", "yellow"))
-    lines += [Text(f"  alternative: {runner_up_words(each)}", "yellow") for each in law["runners_up"][:MOST_RUNNERS_UP]]
+    lines += [Text(f"  {words}", "yellow") for words in open_words(law)]
     if law["file"]:
         lines.append(one_line(f"  written as {law['file']}"))
     return lines
@@ -260,16 +258,17 @@ def learnable_words(factor: float) -> str:
     return f"in 19 of 20 draws of noise this search finds it here only from {factor:.2g} times its size on"
 
 
-def same_words(law: dict) -> str:
-    """Forms that this recording cannot distinguish from a law."""
-    return _listed([briefly(text) for text in law["same_here"]], MOST_SAME)
-
-
-def runner_up_words(each: dict) -> str:
-    """Equation, evidence against it, correlation with the law, and what would discriminate."""
-    name = f"{each['id']}  " if each["id"] else ""
-    worse = f"worse by {each['worse_by']:.3g}, correlation {each['correlation']:.3f}"
-    return f"{name}{briefly(each['equation'])} ({worse}): {each['discriminating_motion']}"
+def open_words(law: dict) -> list[str]:
+    """Forms that this recording cannot distinguish from a law; alternatives: equation, evidence against it, correlation with the law, and
+    what would discriminate."""
+    same = [briefly(text) for text in law["same_here"]]
+    more = f"; … ({len(same)})" if len(same) > MOST_SAME else ""
+    found = [f"equivalent in this recording: {'; '.join(same[:MOST_SAME])}{more}"] if same else []
+    for each in law["runners_up"][:MOST_RUNNERS_UP]:
+        name = f"{each['id']}  " if each["id"] else ""
+        worse = f"worse by {each['worse_by']:.3g}, correlation {each['correlation']:.3f}"
+        found.append(f"alternative: {name}{briefly(each['equation'])} ({worse}): {each['discriminating_motion']}")
+    return found
 
 
 def _learnable(learnable: dict) -> str:
@@ -283,7 +282,3 @@ def _learnable(learnable: dict) -> str:
 
 def _quantity(name: str) -> str:
     return QUANTITIES[name].words.split(",")[0]
-
-
-def _listed(words: list[str], most: int) -> str:
-    return "; ".join(words[:most]) + (f"; … ({len(words)})" if len(words) > most else "")

@@ -19,15 +19,14 @@ from tinygc.effects.inversion import MOST_PASSES, substituted, undone_with_jumps
 from tinygc.features.discovery.equivalence import FULL_SCALE, columns_of, some_movement
 from tinygc.features.discovery.form import LawForm
 from tinygc.features.discovery.law_code import SESSIONS_OWN, device_code, law_code, why_not
-from tinygc.features.discovery.search_state import HeldOut, Law, RunnerUp
+from tinygc.features.discovery.result import evidence_words, law_table, open_words
+from tinygc.features.discovery.search_state import Law
 from tinygc.features.discovery.words import (
     Constant,
     coefficient_unit,
-    combination,
     constants_of,
     equation,
     follows,
-    in_words,
     jumps,
     known_to,
     observable_in,
@@ -40,12 +39,10 @@ from tinygc.features.discovery.words import (
 # The docstring of a written file: the law, where it was found, and its evidence.
 
 EVIDENCE_WIDTH, INDENT = 110, 12
-#: longest name taken from a file, in characters
-LONGEST = 80
+#: longest name taken from a file, and a line of evidence, in characters
+LONGEST, LONGEST_EVIDENCE = 80, 1000
 #: hexadecimal digits of a log's hash that identify it
 DIGEST = 16
-#: runners-up that are listed
-MOST = 3
 
 
 @dataclass(frozen=True)
@@ -60,32 +57,23 @@ class Where:
     first_temp_c: float | None = None
 
 
-def plain(text: str) -> str:
-    """Sanitise foreign text for a docstring: it can neither end the docstring nor contain escapes."""
+def plain(text: str, most: int = LONGEST) -> str:
+    """Sanitise foreign text for a docstring, of so many characters: it can neither end the docstring nor contain escapes."""
     line = printable(text)
-    line = line if len(line) <= LONGEST else line[: LONGEST - 1] + "…"
+    line = line if len(line) <= most else line[: most - 1] + "…"
     return line.replace("\\", "/").replace('"', "'").replace("{", "(").replace("}", ")")
 
 
 def docstring(law: Law, where: Where, undoing: str = "") -> str:
     """The text between the quotes, not indented; undoing: a note on inverting the law."""
-    parts = {"Equation": equation(law.form), "Found in": _where(where), "Evidence": _evidence(law)}
-    for number, each in enumerate(law.held_out):
-        parts[f"Held out{' ' * number}"] = _held_out(each)
-    if law.same:
-        parts["The same"] = "this recording cannot tell it from " + "; ".join(equation(form) for form in law.same[:MOST])
-    if len(law.unobserved):
-        parts["Not seen"] = "not observed there, and not applied: " + "; ".join(combination(law.form, each) for each in law.unobserved)
-    for number, other in enumerate(law.runners_up[:MOST]):
-        parts[f"Else{' ' * number}"] = _runner_up(other)
-    if law.learnable_from is not None:
-        parts["Learnable"] = f"in 19 of 20 draws of noise the search finds it in that recording from {law.learnable_from:.2g} of its size"
-    if undoing:
-        parts["Undoing"] = undoing
-    first = f"A law found in a recording.  {in_words(law.form)}"
+    told = law_table(law, None)
+    parts = [("Equation", told["equation"]), ("Found in", _where(where))]
+    parts += [("Evidence", plain(words, LONGEST_EVIDENCE)) for words in (*evidence_words(told), *open_words(told))]
+    parts += [("Undoing", undoing)] if undoing else []
+    first = f"A law found in a recording.  {told['in_words']}"
     lines = ["\n".join(wrap(first, EVIDENCE_WIDTH)), ""]
-    for name, text in parts.items():
-        lines += wrap(f"{name.strip():<{INDENT}}{text}", EVIDENCE_WIDTH, subsequent_indent=" " * INDENT, break_long_words=False)
+    for name, text in parts:
+        lines += wrap(f"{name:<{INDENT}}{text}", EVIDENCE_WIDTH, subsequent_indent=" " * INDENT, break_long_words=False)
     return "\n".join(lines)
 
 
@@ -95,32 +83,6 @@ def _where(where: Where) -> str:
     return (
         f"session {plain(where.session)}{scale}{f'; {logs}' if logs else ''}{f'; TinyGC {plain(where.version)}' if where.version else ''}"
     )
-
-
-def _evidence(law: Law) -> str:
-    numbers = f"{len(law.theta)} coefficients" + (f" and {len(law.form.constants)} constant(s)" if law.form.constants else "")
-    return (
-        f"chi-square {law.gain:.0f} taken up by {numbers}, of a form of {law.bits:.1f} bits; better by {law.better:.0f} in -2 log evidence "
-        f"than without it; chance that the best of all forms does as much in noise: {_chance(law.chance_p)}"
-    )
-
-
-def _chance(p: float) -> str:
-    return f"{p:.2g}" if p >= 1e-4 else "below 0.0001"
-
-
-def _held_out(each: HeldOut) -> str:
-    source = "parts of the recording" if each.recording is None else f"recording {plain(each.recording)}"
-    share = "" if each.removed is None else f", {100 * each.removed:.0f} % of what was beyond it"
-    return (
-        f"{source} that the search never saw, {each.segments} segments: closure {each.before_rad / DEG:.4f}° without it, "
-        f"{each.after_rad / DEG:.4f}° with it, noise {each.floor_rad / DEG:.4f}°{share} (chance {_chance(each.p_value)})"
-    )
-
-
-def _runner_up(each: RunnerUp) -> str:
-    name, motion = each.effect.id if each.form is None else equation(each.form), plain(each.effect.discriminating_motion)
-    return f"could be {plain(name)} instead, worse by {each.worse:.1f} in -2 log evidence; to tell: {motion}"
 
 
 # How many fixed-point passes invert a law, by trial on a simulated movement: declared by the written file and run by its C.

@@ -39,7 +39,7 @@ def to_json(discovery: Discovery, files: Sequence[str | None]) -> dict:
     return {
         "verdict": discovery.verdict,
         "why": discovery.why,
-        "laws": [_law(law, file) for law, file in zip(discovery.laws, files, strict=True)],
+        "laws": [law_table(law, file) for law, file in zip(discovery.laws, files, strict=True)],
         "catalogue_effects": list(discovery.beside),
         "forms": discovery.forms,
         "distinct": discovery.distinct,
@@ -49,7 +49,8 @@ def to_json(discovery: Discovery, files: Sequence[str | None]) -> dict:
     }
 
 
-def _law(law: Law, file: str | None) -> dict:
+def law_table(law: Law, file: str | None) -> dict:
+    """One of ``laws``."""
     unit, name = coefficient_unit(law.form)
     parameters, std = ((x / DEG).reshape(law_code(law.form)[1]).tolist() for x in (law.theta, sigmas_in(law.covariance)))
     return {

@@ -60,10 +60,6 @@ class Table:
         if _identity(self.path) != self._file:
             raise StorageError(f"{self.path}: was removed or replaced during the run, whose rows are lost with it; run again")
 
-    def has(self, key: str) -> bool:
-        """Return whether the key has a result."""
-        return bool(self.rows("SELECT 1 FROM results WHERE key = ?", (key,)))
-
     def status(self, key: str) -> str | None:
         """Return the status of a key's result; None where there is none."""
         found = self.rows("SELECT status FROM results WHERE key = ?", (key,))
@@ -104,9 +100,9 @@ class Table:
         with named_errors(self.path):
             yield from self._connection.execute(sql, values)
 
-    def one(self, sql: str, values: Sequence[Any] = ()) -> Any:
+    def one(self, sql: str) -> Any:
         """Return a single number or text."""
-        return self.rows(sql, values)[0][0]
+        return self.rows(sql)[0][0]
 
 
 @contextlib.contextmanager

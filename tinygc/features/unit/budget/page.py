@@ -5,13 +5,27 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from session import VERSION
+from session.base.texts import command_line
+from tinygc.explanation.reported import ReportData
 from tinygc.features.unit.budget.monte_carlo import MonteCarlo
+from tinygc.features.unit.budget.quantities import SHOWN, sensor_error_budgets
 from tinygc.features.unit.budget.rows import Budget
-from tinygc.features.unit.budget.text import beside_words, cells_of, drawn_cells, heading, overview_cells, source_words, sum_words
+from tinygc.features.unit.budget.text import (
+    beside_words,
+    cells_of,
+    drawn_cells,
+    heading,
+    largest_words,
+    overview_cells,
+    source_words,
+    sum_words,
+)
 from tinygc.reporting.html.chart import drawing
-from tinygc.reporting.html.markup import Section, escape, figure, key, paragraph, table
+from tinygc.reporting.html.markup import Section, code, escape, figure, key, paragraph, table
 from tinygc.reporting.html.page import document
 
+#: the section of the report that this one stands behind
+BEHIND = "correlations"
 #: colours of the sources, in their order; further ones share the last
 COLOURS = ("least_squares", "y", "raw", "x", "pso", "tinygc", "tinygc_denoised", "raw_bias_removed", "tinygc_physics", "quiet")
 BAR, GAP, NAMES_PX = 16, 6, 150
@@ -82,3 +96,17 @@ def whole(budget: Budget) -> str:
     rows = [[escape(cell) for cell in cells] for cells in cells_of(budget)]
     said = "".join(paragraph(escape(words)) for words in (sum_words(budget), *beside_words(budget)))
     return f"<h3>{escape(heading(budget))}</h3>{table(HEADER, rows)}{said}"
+
+
+def section(evidence: ReportData) -> Section | None:
+    """The section; None where the calibration to use is another than the linear model, whose sources these are."""
+    if evidence.adopted.name != "least_squares":
+        return None
+    budgets = [each for each in sensor_error_budgets(evidence.fit) if each.name.startswith(SHOWN)]
+    if not budgets:
+        return None
+    worst = max(budgets, key=lambda each: each.share(each.largest[0]))
+    said = paragraph(escape(f"Each bar is the variance of one sensor error by its sources. {worst.name}: {largest_words(worst)}."))
+    more = paragraph("The tables, with degrees of freedom and coverage factors:") + code(command_line("budget", evidence.fit.session.name))
+    drawn = bars(budgets, "Share of each source in each sensor error", colours_of(budgets))
+    return Section("sources", "Where the uncertainty comes from", said + drawn + more)

@@ -124,11 +124,6 @@ class Content:
     temperature_c: tuple[float, float, float] | None
 
     @property
-    def is_draft(self) -> bool:
-        """Whether it cannot be issued as it is."""
-        return bool(self.draft)
-
-    @property
     def conformity(self) -> list[Conformity]:
         """Each value that has limits, of all statements."""
         return [each for *_, conformities in self.statements for each in conformities]

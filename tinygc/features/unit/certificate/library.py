@@ -32,7 +32,7 @@ class Certificate:
     content: Content
 
     def __repr__(self) -> str:
-        return f"<Certificate {self.content.number}{': a draft' if self.content.is_draft else ''}>"
+        return f"<Certificate {self.content.number}{': a draft' if self.content.draft else ''}>"
 
     @property
     def draft(self) -> tuple[str, ...]:

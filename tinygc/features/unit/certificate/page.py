@@ -17,8 +17,8 @@ TITLE, DRAFT = "Calibration certificate", "Draft of a calibration certificate"
 
 def page(content: Content) -> str:
     """The certificate as HTML."""
-    title = DRAFT if content.is_draft else TITLE
-    number = f"{'draft, ' if content.is_draft else ''}certificate number {content.number}"
+    title = DRAFT if content.draft else TITLE
+    number = f"{'draft, ' if content.draft else ''}certificate number {content.number}"
     rows = zip("xyz", content.model.E, content.model.B, strict=True)
     return render(
         "certificate.html",

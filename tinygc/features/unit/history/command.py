@@ -52,10 +52,10 @@ def run(args: Options) -> int:
 def _compare(args: Options) -> int:
     """Say whether the calibrations of several sessions agree."""
     args.refuse_beside("--compare", "sessions", "compare", "bias")
-    from tinygc.features.unit.history.comparison import compare
+    from tinygc.features.unit.history.comparison import compare, verdict_line
 
     found = compare(args.sessions, bias=args.bias)
     output(args).print(found.page)
-    verdict(args, found.verdict_line)
+    verdict(args, verdict_line(found))
     write_json(args.json, found.to_json())
     return 0 if found.agree else 1

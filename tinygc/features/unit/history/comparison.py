@@ -31,7 +31,7 @@ from tinygc.library.arguments import is_fit, is_path, public
 from tinygc.library.records import Listed, Shown
 from tinygc.models.linear import BIAS, MATRIX, field_jacobian, field_vector
 from tinygc.reporting.pictures.canvas import plain
-from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_line, plain_table
+from tinygc.reporting.terminal import Group, Table, Text, one_line, plain_table
 
 # Stable and unstable parameters
 #
@@ -93,12 +93,15 @@ class Moved:
     p_value: float
 
 
-@dataclass(frozen=True, eq=False)
-class Comparison:
-    """The comparison of sessions: agreement of E (lasting), of B (bias) and of both (all); values and sigmas (sessions, quantities) of the
-    sensor errors; sigmas_off (sessions, quantities): each session against the rest; moved: significant changes, largest first; with_bias:
-    whether the verdict includes B; triads: agreement of the accelerometers that were estimated, in the parameters observed in all; None
-    where fewer than two were."""
+@dataclass(frozen=True, eq=False, repr=False)
+class Compared(Shown):
+    """Result of ``tinygc.compare``.
+
+    agreement of E (lasting), of B (bias) and of both (all); values and sigmas (sessions, quantities) of the sensor errors; sigmas_off
+    (sessions, quantities): each session against the rest; moved: significant changes, largest first; with_bias: whether the verdict
+    includes B; triads: agreement of the accelerometers that were estimated, in the parameters observed in all; None where fewer than two
+    were.
+    """
 
     sessions: tuple[Calibrated, ...]
     lasting: Agreement
@@ -107,18 +110,63 @@ class Comparison:
     values: np.ndarray
     sigmas: np.ndarray
     sigmas_off: np.ndarray
-    moved: tuple[Moved, ...]
+    moved: Listed[Moved]
     notes: tuple[str, ...]
     with_bias: bool
     triads: Agreement | None
+
+    def __repr__(self) -> str:
+        return f"<Compared {len(self.sessions)} sessions: {'agree' if self.agree else 'differ'}, p = {self.p_value:.2g}>"
 
     @property
     def verdict(self) -> Agreement:
         """The requested agreement."""
         return self.all if self.with_bias else self.lasting
 
+    @property
+    def p_value(self) -> float:
+        """Probability of at least this difference where nothing has changed."""
+        return self.verdict.p_value
 
-def compare_calibrated(sessions: list[Calibrated], bias: bool = False) -> Comparison:
+    @property
+    def agree(self) -> bool:
+        """Whether they agree: p is at least 0.01."""
+        return self.p_value >= DIFFERS_P
+
+    @property
+    def page(self) -> Group:
+        """The command's output as a rich renderable."""
+        notes = [one_line(f"Note: {note}.", "yellow") for note in self.notes]
+        return Group(_table(self), *_verdict(self), _triads(self), _triads_agree(self), *notes)
+
+    def to_json(self) -> dict:
+        """``tinygc-compare/2`` (docs/formats.md)."""
+        return {
+            "schema": SCHEMA,
+            "sessions": [session.name for session in self.sessions],
+            "agree": self.agree,
+            "verdict_on": "E and B" if self.with_bias else "E",
+            **{name: vars(getattr(self, name)) for name in ("lasting", "bias", "all")},
+            "moved": [vars(moved) for moved in self.moved],
+            "quantities": [
+                table_of(each) | {"values": values, "sigmas": sigmas, "sigmas_from_the_rest": off}
+                for each, values, sigmas, off in zip(
+                    QUANTITIES, self.values.T.tolist(), self.sigmas.T.tolist(), self.sigmas_off.T.tolist(), strict=True
+                )
+            ],
+            "accelerometer": {
+                "modes": [s.triad.mode for s in self.sessions],
+                **(dict.fromkeys(("chi_square", "freedom", "p_value")) if self.triads is None else vars(self.triads)),
+                "quantities": [
+                    dict(zip(("name", "component", "unit", "values", "sigmas"), row, strict=True))
+                    for row in _side_by_side(self.sessions, [s.triad.rows() for s in self.sessions])
+                ],
+            },
+            "notes": list(self.notes),
+        }
+
+
+def compare_calibrated(sessions: list[Calibrated], bias: bool = False) -> Compared:
     """Compare two sessions or more.  Raises DataError where two of them are the same recording."""
     refuse_same(sessions)
     vectors, _, covariances = in_one_frame(sessions, sessions[0].triad.calibration)
@@ -134,7 +182,7 @@ def compare_calibrated(sessions: list[Calibrated], bias: bool = False) -> Compar
     rest = ((weights * values).sum(axis=0) - weights * values) / others
     off, by = (values - rest) / np.sqrt(variances + 1 / others), values - rest
     sigmas = np.sqrt(variances)
-    return Comparison(
+    return Compared(
         sessions=tuple(sessions),
         lasting=agreement(vectors[:, MATRIX], covariances[:, MATRIX, MATRIX]),
         bias=agreement(vectors[:, BIAS], covariances[:, BIAS, BIAS]),
@@ -149,7 +197,7 @@ def compare_calibrated(sessions: list[Calibrated], bias: bool = False) -> Compar
     )
 
 
-def _moved(sessions: list[Calibrated], by: np.ndarray, off: np.ndarray, count: int) -> tuple[Moved, ...]:
+def _moved(sessions: list[Calibrated], by: np.ndarray, off: np.ndarray, count: int) -> Listed[Moved]:
     """Return significant changes in the first ``count`` quantities, corrected for the number of comparisons (Sidak); of two sessions only
     the second is named."""
     looks = count * (len(sessions) if len(sessions) > 2 else 1)
@@ -159,7 +207,7 @@ def _moved(sessions: list[Calibrated], by: np.ndarray, off: np.ndarray, count: i
             p_value = float(-np.expm1(looks * np.log1p(-min(2 * normal_above(abs(off[s, q])), 1 - 1e-16))))
             found.append(Moved(sessions[s].name, each.name, each.component, each.unit, float(by[s, q]), float(off[s, q]), p_value))
     found = [moved for moved in found if moved.p_value < DIFFERS_P]
-    return tuple(sorted(found, key=lambda moved: -abs(moved.sigmas)))
+    return Listed(sorted(found, key=lambda moved: -abs(moved.sigmas)))
 
 
 def _notes(sessions: list[Calibrated]) -> tuple[str, ...]:
@@ -245,97 +293,60 @@ def _side_by_side(sessions: tuple[Calibrated, ...], tables: list) -> list[Row]:
     return found
 
 
-# Its file, its page, and the function.
+# Its page, and the function.
 
 
-def to_json(comparison: Comparison) -> dict:
-    """Return the comparison as ``tinygc-compare/2``."""
-    verdict = comparison.verdict
-    return {
-        "schema": SCHEMA,
-        "sessions": [session.name for session in comparison.sessions],
-        "agree": verdict.p_value >= DIFFERS_P,
-        "verdict_on": "E and B" if comparison.with_bias else "E",
-        **{name: vars(getattr(comparison, name)) for name in ("lasting", "bias", "all")},
-        "moved": [vars(moved) for moved in comparison.moved],
-        "quantities": [
-            table_of(each) | {"values": values, "sigmas": sigmas, "sigmas_from_the_rest": off}
-            for each, values, sigmas, off in zip(
-                QUANTITIES, comparison.values.T.tolist(), comparison.sigmas.T.tolist(), comparison.sigmas_off.T.tolist(), strict=True
-            )
-        ],
-        "accelerometer": {
-            "modes": [s.triad.mode for s in comparison.sessions],
-            **(dict.fromkeys(("chi_square", "freedom", "p_value")) if comparison.triads is None else vars(comparison.triads)),
-            "quantities": [
-                dict(zip(("name", "component", "unit", "values", "sigmas"), row, strict=True))
-                for row in _side_by_side(comparison.sessions, [s.triad.rows() for s in comparison.sessions])
-            ],
-        },
-        "notes": list(comparison.notes),
-    }
-
-
-def comparison_page(comparison: Comparison) -> Group:
-    """Page of a comparison: table, verdict, changes and remarks."""
-    notes = [one_line(f"Note: {note}.", "yellow") for note in comparison.notes]
-    parts: list[RenderableType] = [_table(comparison), *_verdict(comparison), _triads(comparison), _triads_agree(comparison), *notes]
-    return Group(*parts)
-
-
-def _table(comparison: Comparison) -> Table:
-    names = (session.name for session in comparison.sessions)
+def _table(found: Compared) -> Table:
+    names = (session.name for session in found.sessions)
     table = plain_table("Calibrations side by side: value ± one sigma", "", *names, "most off, sigmas", right=True)
-    for each, values, sigmas, offs in zip(QUANTITIES, comparison.values.T, comparison.sigmas.T, comparison.sigmas_off.T, strict=True):
+    for each, values, sigmas, offs in zip(QUANTITIES, found.values.T, found.sigmas.T, found.sigmas_off.T, strict=True):
         off = np.abs(offs).max()
         table.add_row(f"{each.words}, {each.unit}", *map(plain, values, sigmas), Text(f"{off:.1f}", "bold red" if off > MARKED else ""))
     return table
 
 
-def _triads(comparison: Comparison) -> Table:
-    table = plain_table(
-        "Accelerometers side by side: value ± one sigma", "", *(session.name for session in comparison.sessions), right=True
-    )
-    for word, component, unit, values, sigmas in _side_by_side(comparison.sessions, [s.triad.errors() for s in comparison.sessions]):
+def _triads(found: Compared) -> Table:
+    table = plain_table("Accelerometers side by side: value ± one sigma", "", *(session.name for session in found.sessions), right=True)
+    for word, component, unit, values, sigmas in _side_by_side(found.sessions, [s.triad.errors() for s in found.sessions]):
         pairs = zip(values, sigmas, strict=True)
         cells = ["not observed" if value is None else plain(value, np.nan if sigma is None else sigma) for value, sigma in pairs]
         table.add_row(f"{word} {component}, {unit}", *cells)
-    table.caption = "; ".join(f"{s.name}: {MODES[s.triad.mode]}" for s in comparison.sessions)
+    table.caption = "; ".join(f"{s.name}: {MODES[s.triad.mode]}" for s in found.sessions)
     table.caption_justify = "left"
     return table
 
 
-def _triads_agree(comparison: Comparison) -> Text:
-    found = comparison.triads
-    if found is None:
+def _triads_agree(found: Compared) -> Text:
+    agreed = found.triads
+    if agreed is None:
         return Text("The accelerometers were not both estimated: there is nothing to hold against each other.")
-    agrees = found.p_value >= DIFFERS_P
+    agrees = agreed.p_value >= DIFFERS_P
     return Text(
-        f"The accelerometers {'agree' if agrees else 'DIFFER'}, with the spread between switch-ons usual of them ({_words(found)}).",
+        f"The accelerometers {'agree' if agrees else 'DIFFER'}, with the spread between switch-ons usual of them ({_words(agreed)}).",
         "bold green" if agrees else "bold red",
     )
 
 
-def comparison_verdict_line(comparison: Comparison) -> Text:
+def verdict_line(found: Compared) -> Text:
     """State whether the calibrations agree."""
-    agrees = comparison.verdict.p_value >= DIFFERS_P
-    what = "scale factors, misalignments and biases" if comparison.with_bias else "scale factors and misalignments"
-    said = f"The {what} {'agree' if agrees else 'DIFFER'} ({_words(comparison.verdict)})."
+    agrees = found.agree
+    what = "scale factors, misalignments and biases" if found.with_bias else "scale factors and misalignments"
+    said = f"The {what} {'agree' if agrees else 'DIFFER'} ({_words(found.verdict)})."
     return Text(said, "bold green" if agrees else "bold red")
 
 
-def _verdict(comparison: Comparison) -> list[Text]:
-    lines, agrees = [comparison_verdict_line(comparison)], comparison.verdict.p_value >= DIFFERS_P
-    rest = "the others" if len(comparison.sessions) > 2 else comparison.sessions[0].name
-    for moved in comparison.moved[:MOST_MOVED]:
+def _verdict(found: Compared) -> list[Text]:
+    lines, agrees = [verdict_line(found)], found.agree
+    rest = "the others" if len(found.sessions) > 2 else found.sessions[0].name
+    for moved in found.moved[:MOST_MOVED]:
         by = f"{moved.by:+.3g} {moved.unit} from {rest}, {abs(moved.sigmas):.1f} sigmas"
         lines.append(one_line(f"  {moved.name} {moved.component} of {moved.session}: {by}"))
-    if len(comparison.moved) > MOST_MOVED:
-        lines.append(Text(f"  and {len(comparison.moved) - MOST_MOVED} more"))
-    if not agrees and not comparison.moved:
+    if len(found.moved) > MOST_MOVED:
+        lines.append(Text(f"  and {len(found.moved) - MOST_MOVED} more"))
+    if not agrees and not found.moved:
         lines.append(Text("  no single one stands out: several moved a little, together"))
-    if not comparison.with_bias:
-        bias = comparison.bias
+    if not found.with_bias:
+        bias = found.bias
         if bias.p_value < DIFFERS_P:
             said = "as after a switch-on or at another temperature; take B anew before each use (--bias if it was never off)"
             lines.append(Text(f"The bias is another one ({_words(bias)}), {said}."))
@@ -346,45 +357,6 @@ def _verdict(comparison: Comparison) -> list[Text]:
 
 def _words(agreement: Agreement) -> str:
     return f"chi-square {agreement.chi_square:.1f} for {agreement.freedom}, {probability(agreement.p_value)}"
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Compared(Shown):
-    """Result of ``tinygc.compare``."""
-
-    result: Comparison
-
-    def __repr__(self) -> str:
-        return f"<Compared {len(self.result.sessions)} sessions: {'agree' if self.agree else 'differ'}, p = {self.p_value:.2g}>"
-
-    @property
-    def p_value(self) -> float:
-        """Probability of at least this difference where nothing has changed."""
-        return self.result.verdict.p_value
-
-    @property
-    def agree(self) -> bool:
-        """Whether they agree: p is at least 0.01."""
-        return self.p_value >= DIFFERS_P
-
-    @property
-    def moved(self) -> Listed[Moved]:
-        """What differs in one session from the rest, the largest first: ``session``, ``name``, ``by``, ``unit``, ``sigmas``."""
-        return Listed(self.result.moved)
-
-    @property
-    def page(self) -> Group:
-        """The command's output as a rich renderable."""
-        return comparison_page(self.result)
-
-    @property
-    def verdict_line(self) -> Text:
-        """Whether the calibrations agree, for rich."""
-        return comparison_verdict_line(self.result)
-
-    def to_json(self) -> dict:
-        """``tinygc-compare/2`` (docs/formats.md)."""
-        return to_json(self.result)
 
 
 @public()
@@ -401,7 +373,7 @@ def compare(sessions: Any, *, bias: bool = False) -> Compared:
     Returns
     -------
     Compared
-        ``agree``, ``p_value``, ``moved``, ``summary()``, ``to_json()``; ``result`` holds everything.
+        ``agree``, ``p_value``, ``moved``, ``summary()``, ``to_json()``; the numbers of all sessions.
 
     Raises
     ------
@@ -423,4 +395,4 @@ def compare(sessions: Any, *, bias: bool = False) -> Compared:
     if len(given) < 2:
         raise CalibrationError("compare needs two sessions or more")
     read = [calibrated_of(each.result, each.config) if is_fit(each) else read_calibrated(Path(each)) for each in given]
-    return Compared(compare_calibrated(read, bias))
+    return compare_calibrated(read, bias)

@@ -1,23 +1,29 @@
-"""The page of ``history``, and the section of a calibration report: tables, what they say, charts over the dates."""
+"""The page of ``history``, and the section of a calibration report, where ``report --history`` names other fitted sessions of the unit."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from datetime import timedelta
 
 import numpy as np
 
 from session import VERSION
 from tinygc.estimation.session_times import YEAR_S
+from tinygc.explanation.reported import ReportData
+from tinygc.features.unit.calibrated import calibrated_of, read_calibrated
 from tinygc.features.unit.history.curves import Panel, panels_of
-from tinygc.features.unit.history.estimate import UnitHistory
+from tinygc.features.unit.history.estimate import UnitHistory, history_of
 from tinygc.features.unit.history.forecast import Outlook
+from tinygc.features.unit.history.sessions import unit_sessions
 from tinygc.features.unit.history.text import TOGETHER, headline, lines, outlook_line, rows, session_words, together_columns, value_rows
 from tinygc.reporting.html.chart import Axis, Chart, linear_axis
 from tinygc.reporting.html.markup import Section, escape, figure, key, paragraph, table
 from tinygc.reporting.html.page import document
 
 HEIGHT = 230
+#: the section of the report that this one stands behind
+BEHIND = "explanation"
 #: sessions of the table of values; of more, the first and the last ones stand there, and all are in history.json
 MOST_COLUMNS = 5
 
@@ -90,3 +96,14 @@ def _chart(history: UnitHistory, panel: Panel, width: int) -> str:
         (px,), _ = chart.at([at_years], [0.0])
         chart.text(float(px) + 4, chart.top + chart.inner_height - 6, words, "start", "floor")
     return chart.svg()
+
+
+def section(evidence: ReportData) -> Section | None:
+    """Section on the unit's sessions, this one among them; None where the fit has no ``history``."""
+    fit = evidence.fit
+    if not fit.options.history or "least_squares" not in fit.methods:
+        return None
+    others = [read_calibrated(folder) for folder in fit.options.history]
+    history = history_of(unit_sessions([*others, calibrated_of(fit, fit.session.config)]))
+    # The fit states the bias of any other session, of the others alone: one document has one number.
+    return Section("history", "History", unit_html(replace(history, any_session=fit.repeatability), ()))

@@ -96,7 +96,7 @@ def noise_beside(rows: Rows, J: np.ndarray, with_sigma: bool = False, start: np.
         [c.V for c in parts],
         np.array([c.usual for c in parts]),
         [c.prior for c in parts],
-        rows.blocks,
+        [np.arange(len(rows.r))],
         start,
         with_sigma,
         SCORING_STEPS,

@@ -87,21 +87,6 @@ class Rows:
     twin: Twin | None = None
     remark: str = ""
 
-    @property
-    def gyroscope(self) -> np.ndarray:
-        """(n, 12)."""
-        return self.parameters[:, GYROSCOPE]
-
-    @property
-    def bias(self) -> np.ndarray:
-        """(n, 3): derivative by B."""
-        return self.gyroscope[:, BIAS]
-
-    @property
-    def blocks(self) -> list[np.ndarray]:
-        """All rows together."""
-        return [np.arange(len(self.r))]
-
     def effect(self, name: str) -> np.ndarray | None:
         """(n, P) columns of an effect of the catalogue; None without turns."""
         if self.twin is None:

@@ -190,17 +190,14 @@ def split(q: Array) -> tuple[Array, ...]:
 
 def multiply(p: Array, q: Array) -> Array:
     """Hamilton product (..., 4): first q, then p."""
-    return join(multiply_parts(split(p), split(q)))
-
-
-def multiply_parts(p: Sequence[Any], q: Sequence[Any]) -> tuple[Any, Any, Any, Any]:
-    """``multiply`` of four components each: of tensors, or of plain numbers, where NumPy is slow on four of them."""
-    (pw, px, py, pz), (qw, qx, qy, qz) = p, q
-    return (
-        pw * qw - px * qx - py * qy - pz * qz,
-        pw * qx + px * qw + py * qz - pz * qy,
-        pw * qy - px * qz + py * qw + pz * qx,
-        pw * qz + px * qy - py * qx + pz * qw,
+    (pw, px, py, pz), (qw, qx, qy, qz) = split(p), split(q)
+    return join(
+        [
+            pw * qw - px * qx - py * qy - pz * qz,
+            pw * qx + px * qw + py * qz - pz * qy,
+            pw * qy - px * qz + py * qw + pz * qx,
+            pw * qz + px * qy - py * qx + pz * qw,
+        ]
     )
 
 

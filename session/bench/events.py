@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from session.base.texts import SENSOR_NAME, STANDIN_NAME
 from session.base.units import BEYOND, DEG, WORDS, G
+
+if TYPE_CHECKING:
+    from session.log.registers import RegisterUnits
 
 # Columns of a text stream: a sensor's registers, or physical units, as its header states (docs/formats.md).
 
@@ -116,6 +120,17 @@ class SampleChunk:
         rows = slice(start, stop)
         sequence = None if self.sequence is None else self.sequence[rows]
         return SampleChunk(self.t_us[rows], self.registers[rows], self.form, self.damaged[rows], sequence, self.periods[rows])
+
+    def in_si(self, units: Callable[[], RegisterUnits]) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+        """Rates and forces (n, 3), and temperatures (n,) where they are known; units: of registers, asked for where there are some."""
+        values = self.registers.astype(float)
+        if self.form.physical:
+            gyro, accel = (WORDS[kind][word] for kind, word in zip(("gyro", "accel"), self.form.units, strict=True))
+            temp_c = values[:, 6] if self.form.has_temperature else None
+        else:
+            meant = units()
+            gyro, accel, temp_c = meant.gyro_rps, meant.accel_mps2, meant.temperature_c(values[:, 6])
+        return values[:, 0:3] * gyro, values[:, 3:6] * accel, temp_c
 
 
 def joined_chunk(chunks: Sequence[SampleChunk]) -> SampleChunk:

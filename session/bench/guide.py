@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import Protocol as Interface
 
-from session.base.units import DEG, NS, WORDS
+from session.base.units import DEG, NS
 from session.bench.events import AnyEvent, Event, SampleChunk, joined_chunk
 from session.bench.live import CHECK_S, MotionBlock, StreamHealth, TurnInProgress, Wait
 from session.bench.messages import AcceptedTurn, Advice, GuideMessage, Instruction, Kind, Stage
@@ -29,14 +29,8 @@ def joined_chunks(events: Iterable[AnyEvent]) -> Iterator[AnyEvent]:
 
 def samples_of(chunk: SampleChunk, config: Config) -> Samples:
     """Registers or physical units as SI, with the accelerometer's calibration."""
-    values = chunk.registers.astype(float)
-    if chunk.form.physical:
-        gyro, accel = (WORDS[kind][word] for kind, word in zip(("gyro", "accel"), chunk.form.units, strict=True))
-        temp_c = values[:, 6] if chunk.form.has_temperature else None
-    else:
-        units = config.sensor.register_units
-        gyro, accel, temp_c = units.gyro_rps, units.accel_mps2, units.temperature_c(values[:, 6])
-    return Samples(chunk.t_us * 1000, values[:, 0:3] * gyro, config.accelerometer.correct(values[:, 3:6] * accel), temp_c)
+    gyro, accel, temp_c = chunk.in_si(lambda: config.sensor.register_units)
+    return Samples(chunk.t_us * 1000, gyro, config.accelerometer.correct(accel), temp_c)
 
 
 # The closure run after the last segment: onto the index mark, still, turn freely, back onto the same mark, still.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import itertools
 import os
@@ -71,7 +72,9 @@ class SessionFile:
         self._like = read_config(like) if like is not None else None
         self._info: Info | None = None  # the last
         self._written = False  # by this recording, and still without [board]; a user's own file gets none
-        self._text = self._read()
+        self._text: bytes | None = None
+        with contextlib.suppress(FormatError):
+            self._text = read_bytes(self.path, MOST_TOML)
         if self._own is not None:
             for name, value in self._notes.items():
                 if (there := self._own.notes.get(name, value)) != value:
@@ -198,12 +201,6 @@ class SessionFile:
         """Write the last content of the file into the folder that replaces a removed one.  Raises OSError."""
         if self._text is not None and not (folder / NAME).exists():
             write_new(folder / NAME, self._text)
-
-    def _read(self) -> bytes | None:
-        try:
-            return read_bytes(self.path, MOST_TOML)
-        except FormatError:
-            return None
 
     def _sensor(self, info: Info | None, waited_s: float, physical: bool, board: BoardStatus | None) -> Sensor | None:
         like = self._like.sensor if self._like is not None else None

@@ -40,13 +40,6 @@ FEWEST_COMMAS = 6  #: of a line of numbers, and of a header
 WIDTH_CHANGE = 3
 
 
-def _cells(line: bytes, order: tuple[int, ...], number: re.Pattern[bytes]) -> list[bytes] | None:
-    """The cells of a line without blanks; None where one of ``order`` is no such number, or a further one holds other characters."""
-    cells = [cell.strip(b" \t") for cell in line.split(b",")]
-    right = len(cells) > max(order) and all(number.fullmatch(cells[i]) for i in order) and all(map(_FURTHER.fullmatch, cells))
-    return cells if right else None
-
-
 @cache
 def _run(width: int, form: StreamFormat) -> re.Pattern[bytes]:
     """Whole lines of so many numbers, as many as follow each other, and empty ones behind them."""
@@ -70,8 +63,9 @@ def parse_line(line: bytes, order: tuple[int, ...] = tuple(range(8)), form: Stre
     """The number of columns of a line of numbers, and the log's: the stamp in whole us, and the values; None for another line, and for
     values that no sensor measures."""
     number = _DECIMAL if form.physical else _WHOLE
-    cells = _cells(line, order, re.compile(number))
-    if cells is None:
+    cells = [cell.strip(b" \t") for cell in line.split(b",")]
+    numbers = len(cells) > max(order) and all(re.fullmatch(number, cells[i]) for i in order)
+    if not numbers or not all(map(_FURTHER.fullmatch, cells)):  # a further one holds other characters
         return None
     stamp, *values = [cells[i] for i in order]
     if not form.physical:
@@ -80,10 +74,10 @@ def parse_line(line: bytes, order: tuple[int, ...] = tuple(range(8)), form: Stre
     if form.time_us <= 1.0 and not stamp.isdigit():
         return None  # us and ns are whole numbers
     t_us = int(stamp) // 1000 if form.names[0] == "t_ns" else round(float(stamp) * form.time_us)
-    numbers = [float(value) for value in values]
-    if not 0 <= t_us < _LATEST_US or any(abs(number) > limit for number, limit in zip(numbers, form.limits, strict=True)):
+    read = [float(value) for value in values]
+    if not 0 <= t_us < _LATEST_US or any(abs(value) > limit for value, limit in zip(read, form.limits, strict=True)):
         return None
-    return len(cells), [t_us, *numbers]
+    return len(cells), [t_us, *read]
 
 
 def parse_comment(line: bytes) -> str | None:

@@ -102,13 +102,10 @@ def looks_counted(log: Log, sensor: Sensor) -> bool:
     """
     measured = sensor.odr_hz != sensor.nominal_hz and sensor.odr_hz % 1 > 0
     told = log.in_memory or log.counted or measured or sensor.odr_sigma is not None or sensor.clock_sigma is not None
-    return not told and _multiples(log.samples, sensor.odr_hz)
-
-
-def _multiples(samples: Samples, odr_hz: float) -> bool:
-    if len(samples) < LEAST_COUNTED or abs(samples.period_s * odr_hz - 1) > COUNTED_WITHIN:
+    samples = log.samples
+    if told or len(samples) < LEAST_COUNTED or abs(samples.period_s * sensor.odr_hz - 1) > COUNTED_WITHIN:
         return False
-    periods = (samples.t_ns - samples.t_ns[0]) * (odr_hz * NS)
+    periods = (samples.t_ns - samples.t_ns[0]) * (sensor.odr_hz * NS)
     return bool(np.abs(periods - np.rint(periods)).max() <= COUNTED_WITHIN)
 
 

@@ -137,11 +137,6 @@ def _stage(findings: Iterable[Finding]) -> str | None:
     return next((what for what in STAGES if _explained(findings, what)), None)
 
 
-def _disagrees(findings: Iterable[Finding]) -> bool:
-    """Whether gyroscope and gravity close with no order, sign and scale at all: what leaves that has put nothing right."""
-    return any(finding.what in ("gyro against gravity", "gravity moves") and finding.level != "note" for finding in findings)
-
-
 def _why_not(findings: Sequence[Finding]) -> str:
     errors = [finding for finding in findings if finding.level == "error"]
     return f"no cause is determined: {errors[0].line}" if errors else "nothing to repair: check finds no error"
@@ -157,7 +152,9 @@ def _undo(
         folder = copy.with_name(f"{copy.name}{number}")
         change = _apply(copy, folder, each, what, findings)
         after = check_folder(folder)
-        if len(_explained(after, what)) < len(mine) and not _disagrees(after):
+        # Where gyroscope and gravity close with no order, sign and scale at all, nothing has been put right.
+        closes = all(each.what not in ("gyro against gravity", "gravity moves") or each.level == "note" for each in after)
+        if len(_explained(after, what)) < len(mine) and closes:
             tried.append((sum(finding.level == "error" for finding in after), folder, after, change))
     fewest = min((errors for errors, *_ in tried), default=0)
     best = [(folder, after, change) for errors, folder, after, change in tried if errors == fewest]

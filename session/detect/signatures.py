@@ -40,10 +40,12 @@ def explains_others(findings: Iterable[Finding]) -> bool:
 
 def check_signatures(log: Log, sensor: Sensor, at_rest: bool = True) -> list[Finding]:
     """The first of these faults that a log shows; at_rest: whether it is one of turns from rest to rest, with an accelerometer."""
-    for check in (_check_values, _check_bytes, _check_wraps, _check_dead_band):
-        if found := check(log, sensor):
+    for look in (_check_values, _check_bytes, _check_wraps, _check_dead_band):
+        if found := look(log, sensor):
             return found
-    return _check_at_rest(log) if at_rest else []
+    rests = _rests(log.samples) if at_rest else None
+    checks = (_check_change, _check_high_pass, _check_tracked, _check_new_zero)
+    return [] if rests is None else next(filter(None, (check(log.path.name, rests) for check in checks)), [])
 
 
 # A bus that answers a few values whatever the sensor does.
@@ -302,12 +304,6 @@ def _rests(samples: Samples) -> _Rests | None:
         return None
     steps = np.concatenate([np.diff(blocks.gyro_mean[start:stop], axis=0) for start, stop in runs])
     return _Rests(samples, blocks, runs, np.maximum(sigma_of(steps) / np.sqrt(2), np.finfo(float).tiny))
-
-
-def _check_at_rest(log: Log) -> list[Finding]:
-    rests = _rests(log.samples)
-    checks = (_check_change, _check_high_pass, _check_tracked, _check_new_zero)
-    return [] if rests is None else next(filter(None, (check(log.path.name, rests) for check in checks)), [])
 
 
 # A full scale or a filter that changes within a log: the noise of neighbouring readings at rest does, at one row.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 #: a register of 16 bits holds -32768 to 32767; all sensors here have such registers, two's complement
 REGISTER_MAX = 32767
@@ -131,7 +132,7 @@ _MPU_9250_ITSELF = Profile(
 
 def _within(whole: Profile, name: str, units: str, how: str) -> Profile:
     """A sensor that is one with another, whose figures it has."""
-    figures = {figure: replace(found, source=f"{found.source}, {how}") for figure, found in whole.figures.items()}
+    figures: dict[str, Any] = {figure: replace(found, source=f"{found.source}, {how}") for figure, found in whole.figures.items()}
     return replace(whole, name=name, also=(), units=units, **figures)
 
 

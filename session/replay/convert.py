@@ -124,7 +124,9 @@ def _converted(
             _require_a_sensors_rate(sources[0], rate_hz)
             took = said_took(sources, joined, answers, assumed, rate_hz, duration_s)
             if add:
-                name = _next_name(out, add) + log.name.removeprefix("log0001")
+                taken = {path.name.split(".")[0] for path in log_paths(out, add)}
+                stem = next(f"{add}{number:04d}" for number in range(1, 10_000) if f"{add}{number:04d}" not in taken)
+                name = stem + log.name.removeprefix("log0001")
                 log.rename(work / name)
                 before = _with_even_sigma(out / "session.toml", joined.even_sigma_ppm)
                 write_new(work / "session.toml", before + f"\n# {name}: from {_source(sources)}\n".encode())
@@ -225,11 +227,6 @@ def _in_our_unit(values: np.ndarray, si: float | None, units: dict[str, float]) 
             return suffix, values, "%r"
     suffix, ours = next(iter(units.items()))
     return suffix, values * (si / ours), "%.15g"
-
-
-def _next_name(folder: Path, stem: str) -> str:
-    taken = {path.name.split(".")[0] for path in log_paths(folder, stem)}
-    return next(f"{stem}{number:04d}" for number in range(1, 10_000) if f"{stem}{number:04d}" not in taken)
 
 
 def _with_even_sigma(path: Path, sigma_ppm: float | None) -> bytes:

@@ -249,7 +249,10 @@ def _layout(
         key: (column, "", sign) if _is_no_register(word, column, delimiter, lines[first:]) else (column, word, sign)
         for key, (column, word, sign) in columns.items()
     }
-    facts = dialect.facts(_preamble(lines[: first - 1])) if dialect is not None and dialect.facts is not None else {}
+    # What ``key,value`` lines before the header say, quoted or not.
+    pairs = [[part.strip().strip('"') for part in line.split(",", 1)] for line in lines[: first - 1]]
+    said = {pair[0].lower(): pair[1] for pair in pairs if len(pair) == 2}
+    facts = dialect.facts(said) if dialect is not None and dialect.facts is not None else {}
     questions: list[Question] = []
     row = _first_row(lines[first:], delimiter)
     time_column, time_unit = columns["t"][:2] if "t" in columns else (None, "none")
@@ -333,12 +336,6 @@ def _sources(
         said = TOLD if stated or answers.columns else "its own lines before the header" if f"{kind}_unit" in facts else ""
         found[kind] = said or (BY_HEADER if written else DOCUMENTED)
     return found
-
-
-def _preamble(lines: list[str]) -> dict[str, str]:
-    """What ``key,value`` lines before a header say, quoted or not."""
-    pairs = [[part.strip().strip('"') for part in line.split(",", 1)] for line in lines]
-    return {pair[0].lower(): pair[1] for pair in pairs if len(pair) == 2}
 
 
 def _is_no_register(word: str, column: int, delimiter: str | None, lines: list[str]) -> bool:

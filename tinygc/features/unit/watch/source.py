@@ -18,7 +18,6 @@ from pathlib import Path
 
 from session.base.errors import CalibrationError, DataError, DeviceError, FormatError
 from session.base.files import open_file, require_file
-from session.base.units import WORDS
 from session.bench.decoder import StreamDecoder
 from session.bench.events import AnyEvent, Event, Info, SampleChunk, starts_log
 from session.bench.port import Port
@@ -235,20 +234,15 @@ def _readings(chunk: SampleChunk, info: Info | None, known: Surroundings, name: 
 
     FormatError for registers whose full scale nobody says.
     """
-    values = chunk.registers.astype(float)
-    if chunk.form.physical:
-        gyro, accel = (WORDS[kind][word] for kind, word in zip(("gyro", "accel"), chunk.form.units, strict=True))
-        temp_c = values[:, 6] if chunk.form.has_temperature else None
-    else:
-        own = known.sensor
+    own = known.sensor
+
+    def units() -> RegisterUnits:
         gyro_fs = (info.gyro_fs_dps if info else None) or own.gyro_fs_dps
         accel_fs = (info.accel_fs_g if info else None) or own.accel_fs_g
         if gyro_fs is None or accel_fs is None:
             raise FormatError(f"{name} sends registers and nobody says the full scale; give --session DIR")
         model = (info.sensor if info else None) or own.model or DEFAULT
-        units = RegisterUnits(model, gyro_fs, accel_fs, **(own.own_units if model == own.model else {}))
-        gyro, accel, temp_c = units.gyro_rps, units.accel_mps2, units.temperature_c(values[:, 6])
-    force = values[:, 3:6] * accel
-    return Applicable(
-        chunk.t_us * 1000, values[:, :3] * gyro, force if known.accelerometer is None else known.accelerometer.correct(force), temp_c
-    )
+        return RegisterUnits(model, gyro_fs, accel_fs, **(own.own_units if model == own.model else {}))
+
+    gyro, force, temp_c = chunk.in_si(units)
+    return Applicable(chunk.t_us * 1000, gyro, force if known.accelerometer is None else known.accelerometer.correct(force), temp_c)

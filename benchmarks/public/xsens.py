@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 
 from session.base.errors import FormatError
-from session.detect.accelerometer import section
 from session.log.config import Accelerometer
 
 from .writing import AGAIN, LOG, found, rows_of_numbers, write_folder
@@ -59,5 +58,6 @@ def write(source: Path, out: Path, given: bool = True) -> Iterator[Path]:
         f"{t:.6f},{','.join(f'{value:.7f}' for value in rate)},{','.join(f'{value:.6f}' for value in force)}"
         for t, rate, force in zip(accel[:, 0].tolist(), rates.tolist(), forces.tolist(), strict=True)
     )
-    known = f"# imu_tk's own result.\n{section(BY_IMU_TK)}\n" if given else ""
+    matrix, bias = np.round(BY_IMU_TK.matrix, 9).tolist(), np.round(BY_IMU_TK.bias_mps2, 8).tolist()
+    known = f"# imu_tk's own result.\n[accelerometer]\nmatrix = {matrix}\nbias_mps2 = {bias}\n\n" if given else ""
     yield write_folder(out / "xsens", TOML.format(accelerometer=known), {LOG: (HEADER, lines)}, given)

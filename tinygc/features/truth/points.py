@@ -1,4 +1,4 @@
-"""What the core asks of truth files (``session/log/reference.py``); what is heavy is imported where it is asked."""
+"""What the core asks of truth files (``REFERENCE`` of session/base/features.py); what is heavy is imported where it is asked."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ class TruthFiles:
 
     def attitudes(self, number: int, samples: Samples) -> tuple[np.ndarray, np.ndarray]:
         """Rows (K,) of a log at which its attitude is known, and ``q_nb`` (K, 4) there."""
-        return _late("segments:moments_inside")(samples, self.truths[number])  # type: ignore[no-any-return]
+        return _late("segments:moments_inside")(samples, self.truths[number])
 
     @property
     def table(self) -> dict | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -62,7 +62,7 @@ def explanation_page(e: Explanation, with_next: bool = True) -> Group:
             )
         )
         parts.append(one_line(f"  {claim.says}"))
-        parts += [Text(f"  {line}") for line in parameter_lines(claim)]
+        parts += [Text(f"  {line}") for line in parameter_lines(claim.parameters, claim.std)]
         if claim.equivalent:
             parts.append(Text(f"  could as well be: {', '.join(equivalent_words(claim))}", "yellow"))
         parts += [*_rivals(claim), Text("")]
@@ -115,11 +115,11 @@ def _noise(e: Explanation) -> list[Text | Table]:
     return [Text("estimated non-white noise:"), table] if table.row_count else []
 
 
-def parameter_lines(claim: Claim) -> list[str]:
-    """Parameters as ``name: value ± std``, a matrix by rows."""
+def parameter_lines(parameters: Mapping[str, Any], stds: Mapping[str, Any]) -> list[str]:
+    """Parameters and their standard deviations as ``name: value ± std``, a matrix by rows."""
     lines = []
-    for name, value in claim.parameters.items():
-        std = claim.std.get(name)
+    for name, value in parameters.items():
+        std = stds.get(name)
         rows = value if isinstance(value, list) and value and isinstance(value[0], list) else [value]
         spreads = std if isinstance(std, list) and std and isinstance(std[0], list) else [std]
         for i, row in enumerate(rows):

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import PurePosixPath
-from typing import Any
-
-import numpy as np
 
 from session.base.numeric import sigmas_in
 from session.base.records import table_of
@@ -29,6 +26,7 @@ from tinygc.features.discovery.words import (
     in_words,
     terms_of,
 )
+from tinygc.reporting.explanation_text import parameter_lines
 from tinygc.reporting.terminal import Group, Text, one_line
 
 # A discovery as the key ``discovery`` of ``tinygc-explain/2`` (docs/formats.md); the page and the report are made from the same table.
@@ -110,8 +108,6 @@ HEADLINES = {
 }
 MOST_RUNNERS_UP = 3
 MOST_SAME = 3
-#: most numbers printed of a catalogue effect that accompanies the laws
-MOST_NUMBERS = 9
 #: smallest chance printed, by the number of noise draws
 LEAST_P = 1e-4
 #: quantities whose detection limits are on the page
@@ -136,7 +132,9 @@ def discovery_page(explained: dict) -> Group:
     if table["laws"]:
         lines.append(Text(""))
         lines += [one_line(f"in these equations: {short}")] if (short := abbreviated(table)) else []
-        lines += [one_line(f"beside {'it' if len(table['laws']) == 1 else 'them'}: {_beside(each)}") for each in table["catalogue_effects"]]
+        which = "it" if len(table["laws"]) == 1 else "them"
+        named = [(each["id"], *parameter_lines(each["parameters"], each["std"])) for each in table["catalogue_effects"]]
+        lines += [one_line(f"beside {which}: {'  '.join(each)}") for each in named]
     elif table["forms"]:
         # Effects of an answer without a law come from part of the recording, untested: the explanation above lists its own.
         lines.append(
@@ -187,7 +185,6 @@ def number_lines(law: dict) -> list[str]:
     for name, values in law["parameters"].items():
         rows = values if values and isinstance(values[0], list) else [values]
         spreads = law["std"][name] if rows is values else [law["std"][name]]
-        rows, spreads = _by_axis(rows, spreads)
         heads = _heads(rows, law.get("terms", []))
         for row, spread, labels in zip(rows, spreads, heads, strict=True):
             numbers = "   ".join(f"{label}{measured(*each)}" for label, *each in zip(labels, row, spread, strict=True))
@@ -218,27 +215,6 @@ def abbreviated(table: dict) -> str:
     said = [law["equation"] for law in table["laws"]]
     others = [text for law in table["laws"] for text in (*law["same_here"][:MOST_SAME], *(each["equation"] for each in law["runners_up"]))]
     return "; ".join(meaning for meaning in abbreviations(" ".join([*said, *others])) if not any(meaning in text for text in said))
-
-
-def _beside(each: dict) -> str:
-    """An effect of the catalogue with its numbers, in a line."""
-    numbers = [f"{name}: {_numbers(value, each['std'].get(name))}" for name, value in each["parameters"].items()]
-    return "  ".join([each["id"], *numbers])
-
-
-def _numbers(value: Any, std: Any) -> str:
-    flat, spread = np.ravel(value), np.ravel([] if std is None else std)
-    if flat.dtype.kind not in "if" or len(flat) > MOST_NUMBERS:
-        return str(value) if len(flat) == 1 else f"{len(flat)} numbers"
-    return "   ".join(measured(float(x), float(spread[i]) if i < len(spread) else None) for i, x in enumerate(flat))
-
-
-def _by_axis(rows: list, spreads: list) -> tuple[list, list]:
-    """A long row as three, one for each axis."""
-    if len(rows) != 1 or len(rows[0]) <= 3 or len(rows[0]) % 3:
-        return rows, spreads
-    each = len(rows[0]) // 3
-    return tuple([row[0][k : k + each] for k in range(0, 3 * each, each)] for row in (rows, spreads))  # type: ignore[return-value]
 
 
 def held_out_words(each: dict) -> str:

@@ -86,7 +86,7 @@ def test_terminal_report_and_json_show_one_table_of_residuals(explained):
     lines = as_text(explanation_page(e)).splitlines()
     at = next(number for number, line in enumerate(lines) if line.startswith(heading))
     shown = [re.split(r"\s{2,}", line.strip()) for line in lines[at + 2 : at + 7]]
-    html = section(SimpleNamespace(explanation=e)).html
+    html = section(SimpleNamespace(by_reference=None, explanation=e)).html
     body = html[html.index("<tbody>", html.index("channel</th>")) :]
     rows = [re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row) for row in re.findall(r"<tr>(.*?)</tr>", body[: body.index("</tbody>")])]
     assert shown == [[unescape(cell) for cell in row if cell] for row in rows]

@@ -35,12 +35,6 @@ def ends(model: ArrayModel) -> np.ndarray:
     return np.array([np.inf if scale is None else END * scale * DEG for scale in scales])
 
 
-def clips(model: ArrayModel, measured: np.ndarray) -> np.ndarray:
-    """Return (..., N): whether a unit is saturated on any axis, for measured rates (..., N, 3) rad/s."""
-    with np.errstate(invalid="ignore"):
-        return (np.abs(measured) >= ends(model)[:, None]).any(axis=-1)
-
-
 # Fused rate: all units' rates in; one rate, its sigma, and the units that it is of.
 
 
@@ -59,7 +53,8 @@ def fuse(model: ArrayModel, raw: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.
     rates = rates.reshape(-1, len(model), 3)
     calibrated = np.einsum("nij,tnj->tni", model.matrices, rates) + model.offsets
     present = np.isfinite(rates).all(axis=2)
-    used = present & ~clips(model, rates)
+    with np.errstate(invalid="ignore"):
+        used = present & ~(np.abs(rates) >= ends(model)[:, None]).any(axis=2)
     at_end = ~used.any(axis=1) & present.any(axis=1)
     used = np.where(at_end[:, None], present, used)
     own = model.bias_sigma

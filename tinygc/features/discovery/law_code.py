@@ -124,17 +124,11 @@ def _neighbour(form: LawForm, number: int, name: str) -> str:
 
 #: quantity -> why a device cannot compute it
 WHY_NOT = {
-    "level": "it follows the heading, which the device does not know",
-    "world": "it follows the heading, which the device does not know",
-    "acceleration": "it needs samples that are yet to come",
-    "acceleration_size": "it needs samples that are yet to come",
-    "speed_slope": "it needs samples that are yet to come",
-    "jerk": "it needs samples that are yet to come",
-    "vibration": "it needs samples that are yet to come",
+    **dict.fromkeys(("level", "world"), "it follows the heading, which the device does not know"),
+    **dict.fromkeys(("acceleration", "acceleration_size", "speed_slope", "jerk", "vibration"), "it needs samples that are yet to come"),
     "time": "it belongs to the time of that one session",
     "turned": "it follows the angle turned since its session began",
-    "rest": "it follows its session from the beginning",
-    "sense": "it follows its session from the beginning",
+    **dict.fromkeys(("rest", "sense"), "it follows its session from the beginning"),
     "force": "it follows a mean of the force, to which samples belong that are yet to come",
     "temperature_rate": "it follows the last ten seconds of the temperature, and C is not told the data rate",
     "rate_size": "it asks for a square root, which C has no code for here",

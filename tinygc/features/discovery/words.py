@@ -13,14 +13,11 @@ from session.base.units import DEG
 from tinygc.features.discovery.form import Factor, LawForm
 from tinygc.features.discovery.quantities import FUNCTIONS
 
+#: quantities that follow the rate sample by sample, and so are zero at rest
+OF_TURNS = ("rate", "rate_size", "acceleration", "acceleration_size", "speed_slope", "jerk")
 #: definition of an equation's symbol, where it is not one of the catalogue's
 SYMBOLS = {
-    "rate": "u = ω / FS",
-    "rate_size": "u = ω / FS",
-    "acceleration": "u = ω / FS",
-    "acceleration_size": "u = ω / FS",
-    "speed_slope": "u = ω / FS",
-    "jerk": "u = ω / FS",
+    **dict.fromkeys(OF_TURNS, "u = ω / FS"),
     "force": "f in g",
     "temperature": "T in °C",
     "temperature_rate": "T′ in °C/s",
@@ -45,11 +42,8 @@ SHORT = {
 }
 #: displayed constants: a quantity's unit in an equation and in a sentence, and how many of it one of the quantity's own has
 PEOPLES = {
-    "rate": ("", " of full scale", 1.0),
-    "rate_size": ("", " of full scale", 1.0),
-    "acceleration": ("/s", " full scales a second", 1.0),
-    "acceleration_size": ("/s", " full scales a second", 1.0),
-    "speed_slope": ("/s", " full scales a second", 1.0),
+    **dict.fromkeys(("rate", "rate_size"), ("", " of full scale", 1.0)),
+    **dict.fromkeys(("acceleration", "acceleration_size", "speed_slope"), ("/s", " full scales a second", 1.0)),
     "jerk": ("/s²", " full scales a second squared", 1.0),
     "turned": ("°", "°", 57.29577951308232),
 }
@@ -67,10 +61,8 @@ SPLITS = {
     "rate": "turn about each axis slowly and fast, in both senses",
     "rate_size": "turn slowly and fast, and look at the axes that do not turn",
     "force": "hold each axis up, down and level, and turn it there",
-    "acceleration": "start and stop turns softly and briskly",
-    "acceleration_size": "start and stop turns softly and briskly, and look at the axes that do not turn",
-    "speed_slope": "start and stop turns softly and briskly, and look at the axes that do not turn",
-    "jerk": "start and stop turns softly and briskly",
+    **dict.fromkeys(("acceleration", "jerk"), "start and stop turns softly and briskly"),
+    **dict.fromkeys(("acceleration_size", "speed_slope"), "start and stop turns softly and briskly, and look at the axes that do not turn"),
     "temperature": "let the sensor warm up, and cool, while you record",
     "temperature_rate": "change the temperature fast, then hold it",
     "time": "record again, begun at another time after switch-on",
@@ -78,27 +70,16 @@ SPLITS = {
     "vibration": "repeat the same turns with and without the vibration",
     "turned": "turn one axis on and on in one sense, then back",
     "sense": "come to the same rest from either sense of turning",
-    "level": "hold the same attitudes at four headings",
-    "world": "hold the same attitudes at four headings",
+    **dict.fromkeys(("level", "world"), "hold the same attitudes at four headings"),
 }
 #: the catalogue's variables and their units; of two quantities, the first in this order is the plotted variable
 REGIMES = {
-    "temperature": ("temperature", "°C"),
-    "temperature_rate": ("temperature", "°C"),
+    **dict.fromkeys(("temperature", "temperature_rate"), ("temperature", "°C")),
     "vibration": ("vibration", "g²"),
-    "time": ("time", "s"),
-    "rest": ("time", "s"),
-    "turned": ("time", "s"),
-    "sense": ("time", "s"),
-    "level": ("attitude", "g"),
-    "world": ("attitude", "g"),
-    "force": ("attitude", "g"),
-    "jerk": ("angular acceleration", "rad/s²"),
-    "acceleration": ("angular acceleration", "rad/s²"),
-    "acceleration_size": ("angular acceleration", "rad/s²"),
-    "speed_slope": ("angular acceleration", "rad/s²"),
-    "rate_size": ("rate", "dps"),
-    "rate": ("rate", "dps"),
+    **dict.fromkeys(("time", "rest", "turned", "sense"), ("time", "s")),
+    **dict.fromkeys(("level", "world", "force"), ("attitude", "g")),
+    **dict.fromkeys(("jerk", "acceleration", "acceleration_size", "speed_slope"), ("angular acceleration", "rad/s²")),
+    **dict.fromkeys(("rate_size", "rate"), ("rate", "dps")),
 }
 NEIGHBOURS = "i, j, k = x, y, z in turn"
 #: abbreviation in an equation -> definition
@@ -362,8 +343,7 @@ def rounded(form: LawForm, sigmas: Sequence[float] = ()) -> LawForm:
 
 # Entries of a written file in addition to its sentence: the parameter's name, its meaning, and where it is observable.
 
-#: quantities that follow the rate sample by sample, and so are zero at rest, and functions that are not zero there
-OF_TURNS = ("rate", "rate_size", "acceleration", "acceleration_size", "speed_slope", "jerk")
+#: functions that are not zero at zero
 NOT_AT_ZERO = ("decay", "wave", "clock")
 #: uncertainty of the energy that the accelerometer passes (gyro.vibration_rectification, benchmarks/vibration.py)
 VIBRATION_KNOWN_TO = 0.1

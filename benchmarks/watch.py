@@ -21,8 +21,7 @@ from tinygc.closure.floor import TIMES_S, wander_covariance
 from tinygc.deploy.apply import Applicable
 from tinygc.features.unit.watch.bars import squares_bar_of
 from tinygc.features.unit.watch.detector import Window, ZeroFilter
-from tinygc.features.unit.watch.expectation import Expectation, ModelInUse
-from tinygc.features.unit.watch.settings import BLOCKS, WATCHED_S, Settings, settings
+from tinygc.features.unit.watch.expectation import BLOCKS, WATCHED_S, Expectation, ModelInUse, Settings, settings
 from tinygc.features.unit.watch.turns import MOST_SQUARE, RATIO
 from tinygc.features.unit.watch.watch import Watch
 from tinygc.models.linear import LinearModel

@@ -28,8 +28,7 @@ from tinygc.estimation.sources import coverage_factor, effective_freedom
 from tinygc.explanation.reported import ReportData
 from tinygc.features.unit.certificate.content import REQUIRED, content_of
 from tinygc.features.unit.certificate.dcc_file import UNITS, dcc_text
-from tinygc.features.unit.certificate.library import certificate_of
-from tinygc.features.unit.certificate.page import page
+from tinygc.features.unit.certificate.library import certificate_of, page
 from tinygc.models.linear import LinearModel, field_jacobian
 from tinygc.verdict.acceptance import decide
 from tinygc.verdict.requirements import Measured

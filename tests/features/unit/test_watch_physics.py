@@ -25,13 +25,22 @@ from tinygc.closure.floor import BiasInstability
 from tinygc.deploy.apply import Applicable
 from tinygc.deploy.calibration import Surroundings
 from tinygc.features.unit.watch import source
-from tinygc.features.unit.watch.alarm_command import AlarmCommand
+from tinygc.features.unit.watch.alarms import AlarmCommand, JsonLines
 from tinygc.features.unit.watch.bars import _run_length, _squares_run_length, bar_of, squares_bar_of
 from tinygc.features.unit.watch.change import Reading, _response, change_of
 from tinygc.features.unit.watch.detector import PROCESSES, Detector, Judged, Window, ZeroFilter
-from tinygc.features.unit.watch.expectation import Expectation, ModelInUse, _drift, expect
-from tinygc.features.unit.watch.lines import JsonLines
-from tinygc.features.unit.watch.settings import BLOCKS, CLIP, SHIFTS, TIMES_S, Settings, settings
+from tinygc.features.unit.watch.expectation import (
+    BLOCKS,
+    CLIP,
+    SHIFTS,
+    TIMES_S,
+    Expectation,
+    ModelInUse,
+    Settings,
+    _drift,
+    expect,
+    settings,
+)
 from tinygc.features.unit.watch.source import RESTART, Remark, SourceOptions, _decoded
 from tinygc.features.unit.watch.turns import Turn, TurnTest
 from tinygc.models.linear import LinearModel

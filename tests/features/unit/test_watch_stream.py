@@ -18,7 +18,7 @@ from watched import RATE_HZ, G, csv, joined, known, model_file, of_kind, samples
 import calibrate
 import tinygc
 from session.base.errors import CalibrationError
-from tinygc.features.unit.watch.lines import JsonLines
+from tinygc.features.unit.watch.alarms import JsonLines
 from tinygc.features.unit.watch.source import Remark
 from tinygc.features.unit.watch.watch import Watch
 

@@ -7,19 +7,24 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from session.base.errors import CalibrationError, FormatError
 from session.base.files import open_file, result_folder
 from session.base.results import write_text_whole
+from session.base.texts import fixed, significant
 from session.log.config import read_config
+from session.log.requirements import ATTITUDE
 from tinygc.explanation.reported import ReportData
-from tinygc.features.unit.certificate.content import Content, content_of
+from tinygc.features.unit.certificate.content import Content, ResultRow, content_of
 from tinygc.features.unit.certificate.dcc_file import dcc_text, require_fields
-from tinygc.features.unit.certificate.page import TITLE, page
 from tinygc.library.arguments import public
 from tinygc.library.reports import Report
 from tinygc.models.files import load_with_table
 from tinygc.models.linear import LinearModel
+from tinygc.reporting.html.markup import decimals_for, render
 from tinygc.reporting.html.paper import print_pdf, require_browser
+from tinygc.verdict.requirements import Conformity, Measured, share_words
 
 #: bytes of a file that say whether it is a certificate
 ENOUGH = 4096
@@ -141,3 +146,87 @@ def certificate_of(data: ReportData, as_found: Path | str | None = None) -> Cert
             raise FormatError(f"{as_found}: a model of kind {model.kind}, expected a linear one; give model_least_squares.json")
         previous = (Path(as_found).name, model)
     return Certificate(content_of(data, previous))
+
+
+# The HTML document for paper: A4, the number and page x of y on every sheet; nothing is fetched, nothing runs.
+
+TITLE, DRAFT = "Calibration certificate", "Draft of a calibration certificate"
+
+
+def page(content: Content) -> str:
+    """The certificate as HTML."""
+    title = DRAFT if content.draft else TITLE
+    number = f"{'draft, ' if content.draft else ''}certificate number {content.number}"
+    rows = zip("xyz", content.model.E, content.model.B, strict=True)
+    return render(
+        "certificate.html",
+        "tinygc.features.unit.certificate",
+        c=content,
+        title=title,
+        running={"bottom-left": number},
+        rows=[_row(each) for each in content.results],
+        found=[_row(each) for each in content.as_found],
+        model=[(axis, [*(fixed(each, 6) for each in row), fixed(bias, 7)]) for axis, row, bias in rows],
+        closure=[(_first(each.words), _value(each), _factor(each), significant(floor, 2)) for each, floor in content.closure],
+        statements=[(reference, rule, [_conformity(one) for one in each]) for reference, rule, each in content.statements],
+    ).lstrip()
+
+
+def _first(words: str) -> str:
+    return f"{words[:1].upper()}{words[1:]}"
+
+
+def _row(row: ResultRow) -> dict[str, Any]:
+    """A line of the table of results: decimals that give the largest U of the line two digits, and the range of k."""
+    words, values = row
+    known = [each for _, each in values if each.observed and np.isfinite(each.expanded) and each.expanded > 0]
+    decimals = min((decimals_for(each.expanded) for each in known), default=3)
+    factors = sorted({fixed(each.factor, 2) for each in known})
+    cells = [_cell(part, each, decimals) for part, each in values]
+    return {
+        "words": _first(words),
+        "unit": values[0][1].unit,
+        "cells": [*cells, None, None, None][:3],
+        "k": "–".join(dict.fromkeys((factors[0], factors[-1]))) if factors else "",
+    }
+
+
+def _cell(part: str, each: Measured, decimals: int) -> dict[str, str]:
+    if not each.observed:
+        return {"part": part, "value": "not observed", "expanded": ""}
+    known = np.isfinite(each.expanded) and each.expanded > 0
+    return {"part": part, "value": fixed(each.value, decimals), "expanded": fixed(each.expanded, decimals) if known else ""}
+
+
+def _factor(each: Measured) -> str:
+    return fixed(each.factor, 2) if each.observed and np.isfinite(each.expanded) and each.expanded > 0 else ""
+
+
+def _value(each: Measured) -> str:
+    if not (np.isfinite(each.expanded) and each.expanded > 0):
+        return significant(each.value, 3)
+    decimals = decimals_for(each.expanded)
+    return f"{fixed(each.value, decimals)} ± {fixed(each.expanded, decimals)}"
+
+
+def _conformity(each: Conformity) -> dict[str, str]:
+    if each.measured.key == ATTITUDE:
+        risk = "none: an uncertainty"
+    elif each.risk is not None:
+        risk = share_words(each.risk)
+    elif each.measured.observed and np.isfinite(each.measured.sigma):
+        risk = f"PASS {share_words(1 - each.probability)}, FAIL {share_words(each.probability)}"
+    else:
+        risk = "not known"
+    sides = [significant(side, 3) for side in each.limits if np.isfinite(side)]
+    limits = " to ".join(sides) if len(sides) == 2 else f"at {'most' if np.isfinite(each.limits[1]) else 'least'} {sides[0]}"
+    value = _value(each.measured) if each.measured.observed else "not observed"
+    return {
+        "words": _first(each.measured.words),
+        "unit": each.measured.unit,
+        "limits": limits,
+        "value": value,
+        "k": _factor(each.measured),
+        "answer": each.answer.upper(),
+        "risk": risk,
+    }

@@ -82,7 +82,7 @@ class History(Shown):
 
     def plot(self, path: Path | str | None = None, unit: int = 0) -> Figure:
         """Draw the numbers of a unit over the dates; path: a PNG to write.  Raises CalibrationError where matplotlib is missing."""
-        from tinygc.features.unit.history.picture import figure_of
+        from tinygc.features.unit.history.curves import figure_of
 
         figure = figure_of(self.units[unit])
         return figure if path is None else saved(figure, Path(path))

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tinygc.features.unit.watch.detector import STATES, Judged, Window
-from tinygc.features.unit.watch.settings import Settings
+from tinygc.features.unit.watch.expectation import Settings
 
 #: log likelihood ratio by which one form must be better than the other: odds of twenty to one
 TOLD_APART = 3.0

@@ -34,9 +34,8 @@ class Options(WatchOptions, SourceOptions, Command, UsesEffects):
 def run(args: Options) -> int:
     """Watch a source until it ends; print events, write JSON lines, run a command at an alarm."""
     from session.base.records import json_line
-    from tinygc.features.unit.watch.alarm_command import AlarmCommand, words_of
+    from tinygc.features.unit.watch.alarms import AlarmCommand, JsonLines, words_of
     from tinygc.features.unit.watch.library import events_of
-    from tinygc.features.unit.watch.lines import JsonLines
 
     source = str(args.source)
     to_standard = is_standard_output(args.json)

@@ -15,14 +15,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tinygc.features.unit.watch.expectation import MOST_TEMPERATURE_C
-from tinygc.features.unit.watch.settings import (
+from tinygc.features.unit.watch.expectation import (
     BLOCKS,
     CHANNELS,
     CLIP,
     FORCE_WITHIN,
     MOST_GAP,
     MOST_SCATTER,
+    MOST_TEMPERATURE_C,
     NOISE_WINDOWS,
     REST_RATE_RPS,
     SHIFTS,

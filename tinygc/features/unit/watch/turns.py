@@ -15,8 +15,7 @@ import numpy as np
 from session.base import rotation
 from session.base.units import DEG
 from tinygc.features.unit.watch.bars import squares_bar_of
-from tinygc.features.unit.watch.expectation import Expectation
-from tinygc.features.unit.watch.settings import TESTS
+from tinygc.features.unit.watch.expectation import TESTS, Expectation
 from tinygc.models.linear import MATRIX
 
 #: sigma of the tilt's scatter that the test looks for, over the stated

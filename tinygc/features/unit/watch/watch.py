@@ -25,8 +25,19 @@ from tinygc.deploy.apply import Applicable, taken
 from tinygc.deploy.calibration import Calibration, Stream
 from tinygc.features.unit.watch.change import Change, Reading, change_of
 from tinygc.features.unit.watch.detector import Detector, Judged, Window
-from tinygc.features.unit.watch.expectation import SPREAD, Expectation, ModelInUse, expect
-from tinygc.features.unit.watch.settings import BLOCKS, CHANNELS, CLIP, FORCE_WITHIN, SHIFTS, Settings, settings
+from tinygc.features.unit.watch.expectation import (
+    BLOCKS,
+    CHANNELS,
+    CLIP,
+    FORCE_WITHIN,
+    SHIFTS,
+    SPREAD,
+    Expectation,
+    ModelInUse,
+    Settings,
+    expect,
+    settings,
+)
 from tinygc.features.unit.watch.source import RESTART, Item, Remark
 from tinygc.features.unit.watch.turns import LEAST_RAD, LONGEST_S, Turn, TurnTest
 from tinygc.models.linear import LinearModel

@@ -528,7 +528,7 @@ class Guide:
         else:
             self.here.refused = False
             turn = accepted_turn(segment, examined, self.log, self._before_s, self.here.began_ns)
-            self.taken.add(turn)
+            self.taken.turns.append(turn)
             note = f"; {segment.note}" if segment.note else ""
             self._say(Kind.ACCEPTED, f"turn {number} accepted: {segment.turn_deg:.0f}° in {segment.turn_s:.1f} s{note}", turn)
             if self.accepted >= self.segments:

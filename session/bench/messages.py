@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from functools import cached_property
 from math import inf
 
 import numpy as np
 
+from session.base.units import DEG
 from session.detect.segments import Segment
 from session.detect.stills import Noise, Still
 from session.log.config import Accelerometer
@@ -70,6 +72,15 @@ class AcceptedTurn:
         """(N, 3) rad/s, the bias of the stills around it taken off."""
         first, last = self.segment.stills
         return self.samples.gyro - (first.gyro_mean + last.gyro_mean) / 2
+
+    @cached_property
+    def turned_deg(self) -> np.ndarray:
+        """(6,) the rotation about +x, -x, +y, -y, +z, -z; computed once."""
+        first, last = self.segment.stills
+        noise = 3 * np.maximum(first.gyro_std, last.gyro_std)  # rates within the noise are no rotation
+        rate = self.rate[:-1]
+        moved = np.where(np.abs(rate) > noise, rate, 0.0) * np.diff(self.samples.t_s)[:, None] / DEG
+        return np.stack([moved, -moved], axis=2).clip(0.0).sum(axis=0).ravel()
 
 
 @dataclass(frozen=True, eq=False)

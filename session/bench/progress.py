@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from session.base.numeric import median_length
-from session.base.units import DEG, MG, NS
+from session.base.units import MG, NS
 from session.bench.live import CHECK_S, FEWEST, MotionBlock, Stillness, TurnInProgress, stream_problem
 from session.bench.messages import AcceptedTurn, Progress
 from session.detect.accelerometer import attitudes_of, fit_lengths
@@ -260,23 +260,12 @@ def face_up(accel: np.ndarray) -> str:
     return f"{'+' if accel[axis] > 0 else '-'}{'xyz'[axis]}"
 
 
-def turned_deg(turn: AcceptedTurn) -> dict[str, float]:
-    """A turn's rotation about each axis in each direction."""
-    (first, last), rate = turn.segment.stills, turn.rate
-    step = np.diff(turn.samples.t_s)[:, None]
-    noise = 3 * np.maximum(first.gyro_std, last.gyro_std)  # rates within the noise are no rotation
-    moved = np.where(np.abs(rate[:-1]) > noise, rate[:-1], 0.0) * step / DEG
-    both = np.stack([moved, -moved], axis=2).clip(0.0)
-    return dict(zip(FACES, both.sum(axis=0).ravel().tolist(), strict=True))
-
-
 class AcceptedData:
     """The turns that count, in order, and all stills; the accelerometer that they calibrate (None where one was given)."""
 
     def __init__(self) -> None:
         self.turns: list[AcceptedTurn] = []
         self.stills: list[Still] = []
-        self._turned: dict[int, dict[str, float]] = {}  # by the turn's identity
         self.own: LiveAccelerometerFit | None = None
         self.gyro_fs_rps = np.inf  #: full scale, once it is known
 
@@ -297,7 +286,7 @@ class AcceptedData:
     @property
     def turned_deg(self) -> dict[str, float]:
         """Total rotation about each axis in each direction."""
-        return {face: sum(self._turned[id(turn)][face] for turn in self.turns) for face in FACES}
+        return dict(zip(FACES, sum((turn.turned_deg for turn in self.turns), np.zeros(6)).tolist(), strict=True))
 
     @property
     def progress(self) -> Progress:
@@ -314,11 +303,6 @@ class AcceptedData:
         known = self.own.known
         self.own.add(still)
         return not known and self.own.known
-
-    def add(self, turn: AcceptedTurn) -> None:
-        """Add an accepted turn."""
-        self.turns.append(turn)
-        self._turned[id(turn)] = turned_deg(turn)
 
     def drop(self, log: int, at_ns: int) -> AcceptedTurn | None:
         """Remove and return the turn that moved at that moment of a log; None where no accepted one did."""

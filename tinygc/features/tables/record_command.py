@@ -13,7 +13,7 @@ from session.base.options import Record, option
 from session.base.texts import printable
 from tinygc.cli.commands.record import EPILOG as EPILOG
 from tinygc.cli.commands.record import run as run
-from tinygc.cli.recording import Recording, Turning
+from tinygc.cli.recording import Turning
 
 if TYPE_CHECKING:
     from tinygc.features.tables.recording import TurnedRecording
@@ -31,15 +31,16 @@ class Machine(Record):
 
 
 @contextlib.contextmanager
-def opened(machine: Machine, recording: Recording, folder: Path, port: str) -> Iterator[TurnedRecording]:
-    """Yield the table; what can be refused without it is refused before its port is opened, since --home moves it."""
+def opened(options: Any, folder: Path, port: str) -> Iterator[TurnedRecording]:
+    """Yield the table of options of ``Machine`` and ``Recording``; what can be refused without it is refused before its port is opened,
+    since --home moves it."""
     from session.bench.port import Port
     from tinygc.features.tables.recording import TurnedRecording, require_table_of
 
-    if (words := require_table_of(machine.table, folder)) and not recording.quiet:
+    if (words := require_table_of(options.table, folder)) and not options.quiet:
         print(printable(words), file=sys.stderr)
-    Port(port, recording.baud).close()  # DeviceError where there is no board
-    found = TurnedRecording(machine.table, machine.table_port, machine.home, at_zero=machine.at_zero)
+    Port(port, options.baud).close()  # DeviceError where there is no board
+    found = TurnedRecording(options.table, options.table_port, options.home, at_zero=options.at_zero)
     try:
         yield found
     finally:
@@ -57,6 +58,6 @@ class Options(Turning, Machine):
         """Yield the table, its plan confirmed."""
         from tinygc.features.tables.recording import is_raw
 
-        with opened(self, self, folder, port) as machine:
+        with opened(self, folder, port) as machine:
             machine.confirmed(is_raw(folder, self.like), self.segments, self.stop_at_target, self.closure, self.yes, self.quiet)
             yield machine

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -156,7 +155,7 @@ CUBIC = 3
 WORTH_DPS = 1e-4
 
 
-def cubic_about(terms: np.ndarray, reference_c: float, range_c: Sequence[float], about_c: float) -> tuple[np.ndarray, float]:
+def cubic_about(terms: np.ndarray, reference_c: float, range_c: tuple[float, float], about_c: float) -> tuple[np.ndarray, float]:
     """Return (4, 3) terms per degC^n about another temperature, from terms (n, 3) about ``reference_c``, and the largest error.
 
     Exact up to the third order; beyond it the least-squares cubic, with uniform weight over the range.
@@ -187,8 +186,7 @@ def zero(model: ThermalModel, context: Context, name: str, about_c: float | None
         context.say(
             f"{name} has no lag ({lags} s): while the temperature changes by 1 °C a minute the zero is off by up to {behind:.2g} dps"
         )
-    low, high = model.range_c
     part = LinearPart(linear.E, linear.B, np.zeros((3, 3)), np.zeros(3), reference)
     change = np.asarray(context.table.get("accel_change_mps2") or np.zeros((0, 3)), dtype=float)  # from rest logs
     accel = cubic_about(np.vstack([np.zeros(3), change]), reference, model.range_c, about_c)[0] if len(change) else None
-    return Zero(part, terms, reference, (low, high), accel)
+    return Zero(part, terms, reference, model.range_c, accel)

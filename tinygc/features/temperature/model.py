@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar
 
@@ -89,7 +89,7 @@ class ThermalModel(Model):
     zero_terms: Annotated[np.ndarray, Array((None, 3), RATE, _terms), Key("zero_rps")]
     lag_s: Annotated[np.ndarray, Array((3,), SECONDS)]
     reference_c: Annotated[float, CELSIUS]
-    range_c: Annotated[Sequence[float], Array((2,), CELSIUS, _rising)]
+    range_c: Annotated[tuple[float, float], _Range((2,), CELSIUS, _rising)]
 
     @property
     def parameters(self) -> int:
@@ -176,6 +176,14 @@ def _terms(values: np.ndarray) -> str:
 
 def _rising(values: np.ndarray) -> str:
     return "" if values[0] <= values[1] else "goes down, expected coldest and warmest"
+
+
+class _Range(Array):
+    """Coldest and warmest."""
+
+    def made(self, value: list) -> tuple[float, ...]:
+        """As numbers."""
+        return tuple(map(float, value))
 
 
 def to_table(model: ThermalModel, write: Callable[..., dict]) -> dict:

@@ -15,7 +15,7 @@ from session.base.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MDPS, MG
 from tinygc import models
 from tinygc.closure.floor import angle_random_walk, bias_instability
 from tinygc.features.temperature.axis_fit import AxisFit, Hysteresis
-from tinygc.features.temperature.rest_fit import RestFit
+from tinygc.features.temperature.rest_fit import RestFit, zero_of_blocks
 from tinygc.features.temperature.sessions_fit import APART_C, SessionsFit, ThermalFit, zero_terms
 from tinygc.models.linear import BIAS, MATRIX, scale_factor_errors
 from tinygc.models.model import accelerometer_table
@@ -83,10 +83,8 @@ def _zero(rests: RestFit, axis: int, axes: Axes) -> None:
 def _left(rests: RestFit, axis: int, axes: Axes) -> None:
     """Draw the residuals against the element's temperature, with the held-out error."""
     knots, fit = rests.knots, rests.gyro[axis]
-    values = knots.mean(np.concatenate([log.gyro[:, axis] for log in knots.logs]))
     element = knots.mean(knots.element_c(fit.tau_s))
-    model = np.polynomial.polynomial.polyval(knots.mean(knots.element_c(fit.tau_s)) - knots.reference_c, fit.terms)
-    left = (values - model) / DEG
+    left = knots.mean(np.concatenate([log.gyro[:, axis] for log in knots.logs]) - zero_of_blocks(knots, fit)) / DEG
     for number in range(len(knots.logs)):
         left[knots.of == number] -= left[knots.of == number].mean()
     for _, colour, which in _ways(rests):

@@ -275,16 +275,15 @@ class WordAgainstSensor:
         from the still before, None where it was not followed; raw: whether the accelerometer is not calibrated."""
         attitude = attitudes(self._table, angles[None])[0]
         up, measured = -attitude[2], accel / np.linalg.norm(accel)
-        found = self._of_gravity(up, measured, raw)
-        if self._before is not None and turned is not None:
-            found = self._of_turn(self._before, angles, turned) + found
+        turn = "" if self._before is None or turned is None else self._of_turn(self._before, angles, turned)
+        found = [*filter(None, (turn, self._of_gravity(up, measured, raw)))]
         if found:
             self.begin_again()
         self._stills.append((up, measured))
         self._before = np.array(angles, dtype=float)
         return found
 
-    def _of_gravity(self, up: np.ndarray, measured: np.ndarray, raw: bool) -> list[str]:
+    def _of_gravity(self, up: np.ndarray, measured: np.ndarray, raw: bool) -> str:
         predicted, sigma = up, MOUNTING_SIGMA_RAD
         if len(self._stills) >= FEWEST:
             before = np.array(self._stills)
@@ -295,39 +294,38 @@ class WordAgainstSensor:
         sigma = float(np.sqrt(sigma**2 + (RAW_TILT_SIGMA_RAD**2 if raw else 0.0) + sum(declared)))
         apart = float(angle_between(predicted, measured))
         if apart <= SIGMAS * sigma:
-            return []
+            return ""
         way = (
             "upside down: is mounting the rotation from the sensor to the table?"
             if apart > 150 * DEG
             else "lost steps, or a wrong mounting"
         )
-        return [f"gravity lies {apart / DEG:.1f} deg from where the machine's angles put it ({SIGMAS * sigma / DEG:.1f} at most): {way}"]
+        return f"gravity lies {apart / DEG:.1f} deg from where the machine's angles put it ({SIGMAS * sigma / DEG:.1f} at most): {way}"
 
-    def _of_turn(self, before: np.ndarray, after: np.ndarray, turned: np.ndarray) -> list[str]:
+    def _of_turn(self, before: np.ndarray, after: np.ndarray, turned: np.ndarray) -> str:
         changes = np.abs(after - before)
         moved = np.flatnonzero(changes > LEAST_RAD)
         seen, says = float(np.linalg.norm(turned)), float(changes.sum())
         if not len(moved):
-            return [] if seen < LEAST_RAD else [f"the gyroscope turned by {seen / DEG:.0f} deg, and the machine says that it rested"]
+            return "" if seen < LEAST_RAD else f"the gyroscope turned by {seen / DEG:.0f} deg, and the machine says that it rested"
         names = " and ".join(self._table.axes[k].name for k in moved)
         if seen < STALLED * float(changes.max()):
-            return [
-                f"{names}: the machine says {says / DEG:.0f} deg, the gyroscope saw {seen / DEG:.1f}: it is stalled, or its coupling slips"
-            ]
+            far = f"the machine says {says / DEG:.0f} deg, the gyroscope saw {seen / DEG:.1f}"
+            return f"{names}: {far}: it is stalled, or its coupling slips"
         if len(moved) > 1:  # the sum of two turns is compared by the attitude alone
-            return []
+            return ""
         (axis,) = moved
         change = float(after[axis] - before[axis])
         along = float(turned @ body_axes(self._table, after[None])[0, axis]) * np.sign(change)
         if along < -SAME_AXIS * seen:
-            return [f"{names}: the gyroscope turned the other way round: the sign of the axis, or the mounting, is wrong"]
+            return f"{names}: the gyroscope turned the other way round: the sign of the axis, or the mounting, is wrong"
         if along < SAME_AXIS * seen:
-            return [f"{names}: the gyroscope turned about another axis: direction or mounting is wrong in table.toml"]
+            return f"{names}: the gyroscope turned about another axis: direction or mounting is wrong in table.toml"
         of = self._table.axes[axis]
         sigma = float(np.sqrt((SCALE_SIGMA * change) ** 2 + of.sigma_rad**2 * 2 + of.backlash_rad**2))
         if abs(seen - abs(change)) > SIGMAS * sigma:
-            return [f"{names}: the machine says {abs(change) / DEG:.1f} deg, the gyroscope saw {seen / DEG:.1f}: lost steps?"]
-        return []
+            return f"{names}: the machine says {abs(change) / DEG:.1f} deg, the gyroscope saw {seen / DEG:.1f}: lost steps?"
+        return ""
 
 
 #: without samples while the table moves, s: nobody sees what it does
@@ -518,13 +516,12 @@ class TableMover(MachineMover):
                 self.driver.make(self._moves.choose(rate))
                 return
             axes = self.driver.table.description.axes
-            away = [float(mark - angle) for mark, angle in zip(self._mark, angles, strict=True)]
-            whole = [2 * np.pi * round(each / (2 * np.pi)) if axis.is_endless else 0.0 for each, axis in zip(away, axes, strict=True)]
-            back = [each - turns for each, turns in zip(away, whole, strict=True)]
+            away = self._mark - angles
+            back = away - np.where([axis.is_endless for axis in axes], 2 * np.pi * np.round(away / (2 * np.pi)), 0.0)
             self.driver.make(
                 [
                     AxisMove(k, float(angles[k] + each), min(rate, axes[k].fastest_rps))
-                    for k, each in enumerate(back)
+                    for k, each in enumerate(back.tolist())
                     if abs(each) > 0.01 * DEG
                 ]
             )

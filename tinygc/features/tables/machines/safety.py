@@ -165,7 +165,7 @@ class Guarded:
         self._handlers = contextlib.ExitStack()
 
     def __enter__(self) -> Guarded:
-        atexit.register(self._at_exit)
+        atexit.register(self._stop_what_moves)
         if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
             signal.signal(signal.SIGTERM, _interrupt)
             self._handlers.callback(signal.signal, signal.SIGTERM, signal.SIG_DFL)
@@ -192,7 +192,7 @@ class Guarded:
                 self.close()
         finally:
             self._handlers.close()
-            atexit.unregister(self._at_exit)
+            atexit.unregister(self._stop_what_moves)
 
     @property
     def is_at_rest(self) -> bool:
@@ -523,18 +523,16 @@ class Guarded:
     def _watch(self) -> None:
         """A thread: a program that does not look at a moving table any more has hung; one that is suspended (Ctrl-Z) stops it before."""
         while not self._closed:
-            if not self._rest.is_set() and self._clock.now_s() - self._looked_s > HUNG_S:
-                with contextlib.suppress(TableFault):
-                    self._table.stop()
+            if self._clock.now_s() - self._looked_s > HUNG_S:
+                self._stop_what_moves()
                 self._looked_s = self._clock.now_s()
             if self._suspended.wait(0.5):
                 self._suspended.clear()
-                if not self._rest.is_set():
-                    with contextlib.suppress(TableFault):
-                        self._table.stop()
+                self._stop_what_moves()
                 os.kill(os.getpid(), signal.SIGSTOP)
 
-    def _at_exit(self) -> None:
+    def _stop_what_moves(self) -> None:
+        """As well as it can, at the end of a program too."""
         if not self._rest.is_set() and not self._closed:
             with contextlib.suppress(TableFault):
                 self._table.stop()

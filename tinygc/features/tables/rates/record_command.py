@@ -34,7 +34,7 @@ class Options(Recording, Machine):
     @contextlib.contextmanager
     def machine(self, folder: Path, port: str) -> Iterator[Any]:
         """Yield the table, its plan confirmed."""
-        with opened(self, self, folder, port) as machine:
+        with opened(self, folder, port) as machine:
             machine.confirmed_rates(self.rates, self.dwell, self.axis, self.yes, self.quiet)
             yield machine
 

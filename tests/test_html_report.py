@@ -62,7 +62,7 @@ def test_text_from_files_stays_text_and_the_first_sheet_of_paper_stands_alone(si
     folder = shutil.copytree(simulated(), tmp_path / "<b>s&amp;")
     config = folder / "session.toml"
     text = re.sub(r"^(model|serial) = .*$", lambda found: f"{found[1]} = {json.dumps(evil)}", config.read_text(), flags=re.M)
-    text = text.replace("[accelerometer]", "gyro_mdps_per_lsb = 17.5\naccel_mg_per_lsb = 0.122\n[accelerometer]")
+    text = text.replace("[sensor]\n", "[sensor]\ngyro_mdps_per_lsb = 17.5\naccel_mg_per_lsb = 0.122\n")
     config.write_text(text + '\n[notes]\noperator = "Mara"\ndate = "2026-03-04"\n')
     (folder / "closure0001.csv.gz").rename(folder / "closure<i>1.csv.gz")
     page = report_of(folder, tmp_path / "r.html", *QUICK).read_text(encoding="utf-8")

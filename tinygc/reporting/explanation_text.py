@@ -88,7 +88,7 @@ def explanation_page(e: Explanation, with_next: bool = True) -> Group:
         parts.append(one_line(f"bias instability, which `noise.bias_wander` begins from: {e.problem.instability.words}"))
     if e.problem.at_rest is not None and e.problem.at_rest.words:
         parts.append(one_line(e.problem.at_rest.words))
-    parts += [*_where(e), _proof(e)]
+    parts += [*([Text("; ".join(place))] if (place := where_words(e)) else []), _proof(e)]
     if e.verdict == "no_mismatch":
         parts += [Text(line) for line in in_words(e.detection_limits)]
     if with_next and (following := what_next(e)):
@@ -166,7 +166,8 @@ def _gravity(e: Explanation) -> Text:
     )
 
 
-def _where(e: Explanation) -> list[Text]:
+def where_words(e: Explanation) -> list[str]:
+    """Where the mismatch lives: phases, axes, range, times, and the worst segments; empty where nothing tells it."""
     place = where(e)
     if not place["phases"]:
         return []
@@ -177,7 +178,7 @@ def _where(e: Explanation) -> list[Text]:
     if place["segments"]:
         worst = zip(place["segments"][:MOST_SAID], place["segment_seconds"], strict=False)
         words.append("worst segments " + ", ".join(f"{number} ({start:.0f}–{stop:.0f} s)" for number, (start, stop) in worst))
-    return [Text("; ".join(words))]
+    return words
 
 
 def variable_words(regime: dict | None) -> str:

@@ -149,12 +149,6 @@ class SimulatedUnit:
     odr_hz: float
     heading_deg: float
 
-    def measured_rate(self, rate: np.ndarray) -> np.ndarray:
-        """Measured rate for a true rate (N, 3) rad/s, before noise and low-pass: ``E^-1 (omega - B)``."""
-        import numpy as np
-
-        return (rate - self.B) @ np.linalg.inv(self.E).T
-
     def measured_force(self, force: np.ndarray) -> np.ndarray:
         """Measured specific force for a true one (N, 3) m/s^2, before noise and low-pass."""
         import numpy as np

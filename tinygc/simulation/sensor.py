@@ -207,7 +207,7 @@ class SensorModel:
             force = _checked("disturb", self._disturb(t_fine, force), force.shape)
         skipped, units = max(-first, 0), options.register_units
         t_s = np.arange(first + skipped, self.next) / odr_hz
-        gyro = self._gyro(unit.measured_rate(rate))[skipped:] + self._flicker(t_s)
+        gyro = self._gyro((rate - unit.B) @ np.linalg.inv(unit.E).T)[skipped:] + self._flicker(t_s)
         accel = self._accel(unit.measured_force(force))[skipped:]
         read_c = temp_c[skipped * oversampling(odr_hz) :: oversampling(odr_hz)]
         return RegisterLog(

@@ -45,7 +45,7 @@ def promise_of(problem: Problem) -> Promise:
     if sensor.gyro_noise_mdps_rthz is not None:
         density, source = sensor.gyro_noise_mdps_rthz, "the noise in session.toml"
     elif typical is not None:
-        source, density = f"{_article(typical[0])} {typical[0]}'s data sheet", typical[1]
+        source, density = f"{'an' if typical[0][0] in 'AEFHILMNORSX' else 'a'} {typical[0]}'s data sheet", typical[1]
     else:
         return Promise(turn_s)
     unit_accel = float(np.mean(problem.noise.accel**2))
@@ -62,7 +62,3 @@ def promise_of(problem: Problem) -> Promise:
     unit = rms_of(problem.noise.gyro) / MDPS
     noisier = f"this unit has {unit:.2g} mdps/√Hz of noise, {density:g} there" if unit > NOISIER * density else ""
     return Promise(turn_s, float(np.sqrt(np.mean(tilt))), source, noisier)
-
-
-def _article(name: str) -> str:
-    return "an" if name[0] in "AEFHILMNORSX" else "a"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from session.base.numeric import rms_of
 from session.base.texts import degrees
 from session.base.units import DEG
@@ -20,7 +22,7 @@ def section(evidence: ReportData) -> Section:
 
     adopted, fit = evidence.adopted, evidence.fit
     raw = fit.methods.get("raw")
-    segments = {
+    segments: dict[str, Any] = {
         "raw": tilt_rms(raw.angles if raw is not None else closure_angles(evidence.problem.batch, bias_only())),
         "after": tilt_rms(adopted.angles),
         "floor": adopted.floor_rms,

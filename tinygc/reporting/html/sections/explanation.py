@@ -23,9 +23,8 @@ from tinygc.explanation.result import (
     residual_table,
     rival_words,
     what_next,
-    where,
 )
-from tinygc.reporting.explanation_text import parameter_lines, seconds_words, variable_words
+from tinygc.reporting.explanation_text import parameter_lines, where_words
 from tinygc.reporting.html.chart import Axis, Chart, linear_axis, log_axis
 from tinygc.reporting.html.markup import Section, render
 from tinygc.reporting.pictures.values import (
@@ -67,7 +66,7 @@ def section(evidence: ReportData) -> Section | None:
         verdict=e.words[0],
         words=WORDS,
         among=" among the catalogue's effects" if e.verdict in LEFT else "",
-        place=_place(e),
+        place=where_words(e),
         heading=HEADING,
         header=header,
         residuals=residuals,
@@ -85,19 +84,6 @@ def section(evidence: ReportData) -> Section | None:
         next=what_next(e),
     )
     return Section("explain", "Why recording and simulation differ", html)
-
-
-def _place(e: Explanation) -> list[str]:
-    place = where(e)
-    if not place["phases"]:
-        return []
-    words = [f"It lives in: {', '.join(place['phases'])}"]
-    if place["axes"]:
-        words.append(f"on {', '.join(place['axes'])}")
-    words += [text for text in (variable_words(place["conditions"]), seconds_words(place["seconds"])) if text]
-    if place["segments"]:
-        words.append(f"worst in segments {', '.join(map(str, place['segments'][:6]))}")
-    return words
 
 
 def residual_rows(e: Explanation) -> tuple[list[str], list[list[str]]]:

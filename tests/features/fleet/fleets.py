@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from session.base.units import DEG
-from tinygc.features.fleet.fleet_row import FleetOptions, empty, packed
+from tinygc.features.fleet.fleet_row import FleetOptions, Outcome, compute, empty, packed
 from tinygc.features.fleet.fleet_run import run_fleet, session_folders
-from tinygc.features.fleet.fleet_session import Outcome, compute
 from tinygc.features.fleet.fleet_table import open_table
 from tinygc.features.fleet.lot import NAMES, UnitResult
 from tinygc.simulation.options import SimulationOptions

@@ -22,9 +22,8 @@ from scipy import stats
 from session.base.errors import FormatError, StorageError
 from tinygc import CalibrationError, check, fit
 from tinygc.explanation.engine import explain_session
-from tinygc.features.fleet.fleet_row import COLUMNS, FIGURES, LONG, FleetOptions, key_of
+from tinygc.features.fleet.fleet_row import COLUMNS, FIGURES, LONG, FleetOptions, Job, _failing_at, compute, key_of
 from tinygc.features.fleet.fleet_run import Processes, listed_folders, run_fleet, session_folders
-from tinygc.features.fleet.fleet_session import Job, _failing_at, compute
 from tinygc.features.fleet.fleet_summary import summarise, to_check, unit_results, write_csv
 from tinygc.features.fleet.fleet_table import EACH, VERSION, open_table, read_table
 from tinygc.features.fleet.page import fleet_html

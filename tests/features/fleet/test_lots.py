@@ -16,9 +16,8 @@ import calibrate
 import tinygc
 from session.base.errors import FormatError
 from session.base.records import table_of, write_whole
-from tinygc.features.fleet.page import lot_html
+from tinygc.features.fleet.page import lot_html, lot_page
 from tinygc.features.fleet.report import lot_of, read_lot
-from tinygc.features.fleet.text import lot_page
 from tinygc.reporting.terminal import as_text
 
 

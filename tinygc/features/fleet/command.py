@@ -123,7 +123,7 @@ def run(args: Options) -> int:
 def _lot(args: Options) -> int:
     """Print and write the statistics of the lot."""
     from tinygc.features.fleet.library import LOT, LOT_PAGE, lot
-    from tinygc.features.fleet.text import headline
+    from tinygc.features.fleet.page import headline
 
     found = lot(args.out, model=args.model)
     report = found.result

@@ -22,8 +22,7 @@ from typing import Any
 
 from session.base.errors import CalibrationError
 from session.base.texts import printable
-from tinygc.features.fleet.fleet_row import DIED, DONE, FleetOptions, empty, key_of
-from tinygc.features.fleet.fleet_session import Job, Outcome, compute
+from tinygc.features.fleet.fleet_row import DIED, DONE, FleetOptions, Job, Outcome, compute, empty, key_of
 from tinygc.features.fleet.fleet_table import WATCH_S, Table
 
 # Session folders, found one by one on demand: a hundred thousand of them are never in memory at once.

@@ -19,8 +19,7 @@ from session.base.errors import CalibrationError, FormatError, StorageError
 from session.base.files import open_written, refuse_link, result_folder
 from session.base.texts import command_line, printable, unicode_text
 from session.bench.rawfile import lock
-from tinygc.features.fleet.fleet_row import BLOB, COLUMNS, DIED, DONE, FAILED, INTEGER, REAL, TEXT, Row
-from tinygc.features.fleet.fleet_session import Outcome
+from tinygc.features.fleet.fleet_row import BLOB, COLUMNS, DIED, DONE, FAILED, INTEGER, REAL, TEXT, Outcome, Row
 
 NAME, LOCK = "fleet.sqlite", "fleet.lock"
 #: file format (PRAGMA application_id, "TGCF"), and its version (user_version)

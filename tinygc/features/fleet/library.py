@@ -17,9 +17,8 @@ from tinygc.features.fleet.fleet_row import FleetOptions
 from tinygc.features.fleet.fleet_run import Cluster, FleetRun, Processes, run_fleet, session_folders
 from tinygc.features.fleet.fleet_summary import Summary, lot_if_any, lot_of_table, summarise, to_check
 from tinygc.features.fleet.fleet_table import open_table, read_table
-from tinygc.features.fleet.page import fleet_html, lot_html, lot_sections, noise_sections, unit_noises
+from tinygc.features.fleet.page import fleet_html, fleet_page, lot_html, lot_page, lot_sections, noise_sections, unit_noises
 from tinygc.features.fleet.report import LotReport
-from tinygc.features.fleet.text import fleet_page, lot_page
 from tinygc.features.fleet.work import Run
 from tinygc.library.arguments import public
 from tinygc.library.records import Shown

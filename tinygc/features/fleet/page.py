@@ -1,28 +1,36 @@
-"""Pages of a fleet's table (counts, closures, distributions, failures), of its lot (numbers, and units that do not belong), and of the
-noise of its units at rest.  Their size does not grow with the number of sessions."""
+"""What people see of a fleet and of its lot: the pages of the table (counts, closures, distributions, failures), of the lot (numbers, and
+units that do not belong) and of the noise of its units at rest, and the terminal's output.  Their size does not grow with the number of
+sessions.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from session import VERSION
 from session.base.errors import CalibrationError
-from session.base.texts import probability, significant
+from session.base.texts import NONE, fixed, printable, probability, significant
 from session.base.units import DEG, MG
 from tinygc.features.fleet.fleet_row import VALUES
 from tinygc.features.fleet.fleet_summary import IN_ORDER, SHARES, Distribution, Summary
 from tinygc.features.fleet.fleet_table import EACH, Table
 from tinygc.features.fleet.report import LotReport
-from tinygc.features.fleet.text import CAPTION, COLUMNS, rows_of
 from tinygc.models.linear import BIAS
 from tinygc.noise.figures import FILE, NoiseFigures, read_figures
 from tinygc.noise.measured import SHOWN, rms_of_axes
 from tinygc.reporting.html.chart import Axis, Chart
-from tinygc.reporting.html.markup import WIDE, Section, escape, facts, figure, paragraph, table
+from tinygc.reporting.html.markup import WIDE, Section, decimals_for, escape, facts, figure, paragraph, table
 from tinygc.reporting.html.page import document
+from tinygc.reporting.terminal import Group, RenderableType, Text, one_line, plain_table
+
+if TYPE_CHECKING:
+    from tinygc.features.fleet.fleet_run import FleetRun
+    from tinygc.features.fleet.fleet_summary import Summary
+
 
 #: columns of closures, with their titles
 CLOSURES = {
@@ -224,3 +232,88 @@ def noise_sections(units: Sequence[NoiseFigures]) -> list[Section]:
         rows.append((f"{name}, {unit}", str(len(known)), middle, spread))
     words = "Gyroscopes at rest, rms of the axes that show a term. The spread is without the measurement's share."
     return [Section("rest-noise", "Noise at rest", table(("", "units", "median", "spread between units"), rows, words))]
+
+
+# The terminal.
+
+# A lot: numbers, units that do not belong, notes.
+
+MOST_SAID = 10
+#: p-value below which a drift is marked
+MARKED_P = 0.01
+#: fewest units for a drift per 1000
+FEWEST_DRIFT = 30
+COLUMNS = ("", "mean ± sigma", "spread", "repeats within", "drift per 1000")
+CAPTION = (
+    "spread: one sigma between units, measurement noise taken out; repeats within: one sigma from session to session beyond what is stated"
+)
+
+
+def lot_page(report: LotReport) -> Group:
+    """Headline, table, outliers, notes."""
+    table = plain_table("Sensor errors", *COLUMNS, right=True)
+    table.caption, table.caption_justify = CAPTION, "left"
+    for row, drifts in rows_of(report):
+        table.add_row(*row[:-1], Text(row[-1], "bold red" if drifts else ""))
+    lines = [one_line(f"{each.says} (p = {each.p_value:.1g})", "bold red") for each in report.outliers[:MOST_SAID]]
+    if report.outliers_found > MOST_SAID:
+        lines.append(Text(f"and {report.outliers_found - MOST_SAID} more"))
+    return Group(headline(report), table, *lines, *(one_line(f"Note: {note}.", "yellow") for note in report.notes))
+
+
+def headline(report: LotReport) -> Text:
+    """Number of units, drift, outliers."""
+    drift = f"{'it drifts' if report.drifts else 'no drift is seen'} (p = {report.drift_p_value:.2g})"
+    count = report.outliers_found
+    which = f"{count} unit{'s do' if count != 1 else ' does'} not belong" if count else "all belong"
+    name = f"{report.sensor}: " if report.sensor else ""
+    said = f"{name}{report.units} units, {report.sessions} sessions; {drift}; {which}."
+    return one_line(said, "bold yellow" if count or report.drifts else "bold")
+
+
+def rows_of(report: LotReport) -> list[tuple[list[str], bool]]:
+    """Return the cells of each number that any unit tells, by ``COLUMNS``, and whether it drifts."""
+    rows = []
+    for each in report.quantities:
+        digits = decimals_for(each.mean_sigma)
+        drift = NONE
+        if report.units >= FEWEST_DRIFT and np.isfinite(each.drift_per_1000):
+            drift = " ± ".join(fixed(value, decimals_for(each.drift_sigma)) for value in (each.drift_per_1000, each.drift_sigma))
+        row = [
+            f"{each.name}, {each.unit}",
+            f"{fixed(each.mean, digits)} ± {fixed(each.mean_sigma, digits)}",
+            fixed(each.spread, digits),
+            fixed(each.repeatability, max(digits, decimals_for(each.repeatability))),  # often far below the spread between units
+            drift,
+        ]
+        rows.append((row, report.drifts and each.drift_p_value < MARKED_P))
+    return rows
+
+
+# A fleet's table in a few lines.
+
+MOST_SHOWN = 8  #: rows of each list; the page has more
+
+
+def fleet_page(summary: Summary, tally: FleetRun | None) -> Group:
+    """Return the summary, for rich."""
+    lines = [] if tally is None else [f"this run: {tally.done} done, {tally.failed} failed, {tally.reused} known before"]
+    lines.append(
+        f"the table: {summary.folders} folders, {summary.sessions} different sessions of {summary.units} serial numbers; "
+        f"{summary.done} done, {summary.all_failed} failed"
+    )
+    if summary.fitted:
+        undecided = f", {summary.undecided} not decided" if summary.undecided else ""
+        lines.append(f"of {summary.fitted} that were fitted, {summary.passed} pass{undecided}, {summary.missed} fail: {summary.rule}")
+    for what, counts in (("first look", summary.first_look), ("explain", summary.verdicts), ("named", summary.effects)):
+        if counts:
+            shown = ", ".join(f"{name} {count}" for name, count in list(counts.items())[:MOST_SHOWN])
+            lines.append(f"{what}: {shown}" + (" …" if len(counts) > MOST_SHOWN else ""))
+    parts: list[RenderableType] = [Text(printable(line)) for line in lines]
+    if summary.reasons:
+        table = plain_table("Failures by reason", "sessions", "in", "because")
+        table.columns[0].justify = "right"
+        for step, reason, count in summary.reasons[:MOST_SHOWN]:
+            table.add_row(str(count), step, printable(reason))
+        parts.append(table)
+    return Group(*parts)

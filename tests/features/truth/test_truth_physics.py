@@ -61,7 +61,7 @@ from tinygc.features.truth.evidence import (
 from tinygc.features.truth.physics import TRUTH
 from tinygc.features.truth.points import TruthFiles
 from tinygc.features.truth.reading import FOUND, GIVEN, Truth, changed
-from tinygc.features.truth.text import truth_to_json
+from tinygc.features.truth.text import TruthReport
 from tinygc.features.truth.twin import (
     _SMOOTHING,
     FRAME,
@@ -655,7 +655,7 @@ def test_sensor_clock_and_wrong_moments_are_told_apart(whole):
     assert e.neighbours == pytest.approx([neighbours_correlation(e.problem, angles) for angles in e.angles])
     assert (e.truth_rad, e.walk_rad) == noises(e.lengths_s, e.closure_rad)
     assert e.gyro_rad == pytest.approx(np.mean(e.problem.noise.angle_random_walk))
-    table = truth_to_json(e)
+    table = TruthReport(e).to_json()
     assert all(f"<h3>{name}</h3>" in TruthFiles.report_section(e).html for name in named)
     assert strangers(json.loads(json.dumps(table, allow_nan=False))) == []
     jump = next(effect for effect in table["effects"] if effect["id"] == "reference.truth_jump")

@@ -325,6 +325,11 @@ class TruthExplanation:
         return rms_length(self.held_out[0]), rms_length(self.held_out[1])
 
     @property
+    def words(self) -> tuple[str, str]:
+        """The verdict in words, and its style."""
+        return self.verdict.replace("_", " "), ""
+
+    @property
     def verdict(self) -> str:
         """The verdict, as defined in docs/explain.md."""
         if not self.claimed:

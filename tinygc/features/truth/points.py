@@ -99,7 +99,7 @@ class TruthFiles:
     physics = _late("physics:fit_beside_truth")
     explain = _late("engine:explain_truth")
     report = _late("text:TruthReport")
-    report_section = _late("section:section")
+    report_section = _late("text:section")
 
     def attitudes(self, number: int, samples: Samples) -> tuple[np.ndarray, np.ndarray]:
         """Rows (K,) of a log at which its attitude is known, and ``q_nb`` (K, 4) there."""

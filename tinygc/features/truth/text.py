@@ -1,4 +1,4 @@
-"""An explanation with a truth file as reference: its JSON, its page in the terminal, its report."""
+"""An explanation with a truth file as reference: its page, its JSON and its report."""
 
 from __future__ import annotations
 
@@ -18,68 +18,12 @@ from tinygc.features.truth.check import frame_text, mounting_text, offset_text
 from tinygc.features.truth.evidence import TruthClaim, TruthExplanation
 from tinygc.features.truth.picture import figure_of
 from tinygc.reporting.explanation_text import ExplanationReport
+from tinygc.reporting.html.chart import Chart, log_axis
+from tinygc.reporting.html.markup import Section, render
 from tinygc.reporting.terminal import Group, Table, Text, one_line
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-
-def truth_to_json(e: TruthExplanation) -> dict:
-    """The result of a session with a truth file, JSON-ready."""
-    expected_deg = float(np.sqrt(np.mean(np.trace(e.problem.floor.own, axis1=1, axis2=2)))) / DEG
-    lengths = {f"{length:g}": row / DEG for length, row in zip(e.lengths_s, e.closure_rad, strict=True)}
-    phases = sorted({phase for c in e.claimed for phase in c.effect.observable_in})
-    place = {"phases": phases, "axes": [], "segments": [], "conditions": None}
-    return plain(
-        head(e, e.closure_rms[0] / DEG, expected_deg, place, e.claimed)
-        | {
-            "refused": [claim.to_json() for claim in e.refused],
-            "considered": [{"id": name, "probability": p} for name, p in e.naming.considered.items()],
-            "fit": {
-                "holdout_closure_rms_deg": {**_before_after(e.held_out_rms), "floor": expected_deg},
-                "closure_rms_deg": _before_after(e.closure_rms),
-            },
-            "noise": e.problem.instability.to_json() | at_rest(e.problem) | {"components": e.noise.to_json()},
-            "truth": {
-                "wrong_moments": [{"log": log, "at_s": round(at, 3)} for log, at in e.jumps],
-                "outages": [
-                    {
-                        "log": log,
-                        "from_s": round(outage.from_s, 3),
-                        "to_s": round(outage.to_s, 3),
-                        "rms_dps": outage.size_rps / DEG,
-                        "times_usual": outage.times_usual,
-                        "of": "truth" if outage.sure else "truth or gyro",
-                    }
-                    for log, truth in enumerate(e.session.reference.truths)
-                    for outage in truth.outages
-                ],
-                "sigma_deg": e.truth_rad / DEG,
-                "gyro_walk_deg_rts": e.walk_rad / DEG,
-                "closure_deg_by_length_s": lengths,
-                "gyro_noise_walk_deg_rts": e.gyro_rad / DEG,
-                "neighbours_correlation": {"before": e.neighbours[0], "after": e.neighbours[1]},
-                **alignment_table(e.alignment),
-            },
-            "force": None
-            if e.force is None
-            else {
-                "bias_mg": e.force.bias / MG,
-                "bias_turned_mg": e.force.turned / MG,
-                "std_mg": e.force.sigma / MG,
-            },
-            "rests": None
-            if e.rests is None
-            else {
-                "seconds": e.rests.seconds,
-                "zero_less_motion_dps": e.rests.difference / DEG,
-                "vibration_g2": {"rest": e.rests.vibration_g2[0], "motion": e.rests.vibration_g2[1]},
-            },
-            "excess": {"before": e.excess[0], "after": e.excess[1]},
-            "next": None,
-            "version": VERSION,
-        }
-    )
 
 
 def _before_after(rms_rad: tuple[float, float]) -> dict:
@@ -95,33 +39,6 @@ CANNOT = (
     "cannot know: an error of the gyro's sensitivity from one of the truth's scale of angles; a common rotation of gyro and accelerometer "
     "from one of the truth's body; temperature, which is not recorded; clocks of gyro and accelerometer, where no still gives gravity"
 )
-
-
-def truth_page(e: TruthExplanation) -> Group:
-    """Page of verdict, claims, and the evidence on sensor, truth and clocks."""
-    parts: list = [truth_line(e), Text("")]
-    for claim in e.claimed:
-        share = f"   takes up {100 * claim.share:.0f} % of chi-square" if claim.share else ""
-        share += f"   or {', '.join(claim.equivalent)}" if claim.equivalent else ""
-        # A claim that was found before any fit has a p-value alone.
-        weighed = f"probability {chance_words(claim.probability)}, " if claim.rivals else ""
-        chance = f"   {weighed}p {p_words(claim.p_value)}{share}"
-        parts.append(Text.assemble((f"{claim.effect.id}  ", "bold cyan"), claim.effect.equation, chance))
-        parts.append(one_line(f"  {claim.says}"))
-        parts.append(Text(f"  {claim.effect.parameter.name}: {'   '.join(values_of(claim)[:MOST_VALUES])}\n"))
-    parts += [one_line(sentence, end="\n") for sentence in refusals(e)]
-    table = Table(title="Evidence", title_justify="left", box=None)
-    table.add_column("of")
-    table.add_column("it says", overflow="fold")
-    for row in evidence_rows(e):
-        table.add_row(*row)
-    parts += [table, Text(CANNOT)]
-    return Group(*parts, *(Text(f"First look: {w.where}: {w.what}: {w.says}", "yellow") for w in e.warnings))
-
-
-def truth_line(e: TruthExplanation) -> Text:
-    """Session, verdict and p-value."""
-    return Text.assemble((f"{e.problem.session.name}: ", "bold"), e.verdict.replace("_", " "), f"   (p {p_words(e.p_value)})")
 
 
 def values_of(claim: TruthClaim) -> list[str]:
@@ -190,15 +107,114 @@ class TruthReport(ExplanationReport):
     """Report of an explanation with a truth file as reference."""
 
     def _table(self) -> dict:
-        return truth_to_json(self.explanation)
-
-    def line(self) -> Text:
-        """Session, verdict and p-value, in one line."""
-        return truth_line(self.explanation)
+        e: TruthExplanation = self.explanation
+        expected_deg = float(np.sqrt(np.mean(np.trace(e.problem.floor.own, axis1=1, axis2=2)))) / DEG
+        lengths = {f"{length:g}": row / DEG for length, row in zip(e.lengths_s, e.closure_rad, strict=True)}
+        phases = sorted({phase for c in e.claimed for phase in c.effect.observable_in})
+        place = {"phases": phases, "axes": [], "segments": [], "conditions": None}
+        return plain(
+            head(e, e.closure_rms[0] / DEG, expected_deg, place, e.claimed)
+            | {
+                "refused": [claim.to_json() for claim in e.refused],
+                "considered": [{"id": name, "probability": p} for name, p in e.naming.considered.items()],
+                "fit": {
+                    "holdout_closure_rms_deg": {**_before_after(e.held_out_rms), "floor": expected_deg},
+                    "closure_rms_deg": _before_after(e.closure_rms),
+                },
+                "noise": e.problem.instability.to_json() | at_rest(e.problem) | {"components": e.noise.to_json()},
+                "truth": {
+                    "wrong_moments": [{"log": log, "at_s": round(at, 3)} for log, at in e.jumps],
+                    "outages": [
+                        {
+                            "log": log,
+                            "from_s": round(outage.from_s, 3),
+                            "to_s": round(outage.to_s, 3),
+                            "rms_dps": outage.size_rps / DEG,
+                            "times_usual": outage.times_usual,
+                            "of": "truth" if outage.sure else "truth or gyro",
+                        }
+                        for log, truth in enumerate(e.session.reference.truths)
+                        for outage in truth.outages
+                    ],
+                    "sigma_deg": e.truth_rad / DEG,
+                    "gyro_walk_deg_rts": e.walk_rad / DEG,
+                    "closure_deg_by_length_s": lengths,
+                    "gyro_noise_walk_deg_rts": e.gyro_rad / DEG,
+                    "neighbours_correlation": {"before": e.neighbours[0], "after": e.neighbours[1]},
+                    **alignment_table(e.alignment),
+                },
+                "force": None
+                if e.force is None
+                else {
+                    "bias_mg": e.force.bias / MG,
+                    "bias_turned_mg": e.force.turned / MG,
+                    "std_mg": e.force.sigma / MG,
+                },
+                "rests": None
+                if e.rests is None
+                else {
+                    "seconds": e.rests.seconds,
+                    "zero_less_motion_dps": e.rests.difference / DEG,
+                    "vibration_g2": {"rest": e.rests.vibration_g2[0], "motion": e.rests.vibration_g2[1]},
+                },
+                "excess": {"before": e.excess[0], "after": e.excess[1]},
+                "next": None,
+                "version": VERSION,
+            }
+        )
 
     def _page(self) -> Group:
-        return truth_page(self.explanation)
+        e: TruthExplanation = self.explanation
+        parts: list = [self.line(), Text("")]
+        for claim in e.claimed:
+            share = f"   takes up {100 * claim.share:.0f} % of chi-square" if claim.share else ""
+            share += f"   or {', '.join(claim.equivalent)}" if claim.equivalent else ""
+            # A claim that was found before any fit has a p-value alone.
+            weighed = f"probability {chance_words(claim.probability)}, " if claim.rivals else ""
+            chance = f"   {weighed}p {p_words(claim.p_value)}{share}"
+            parts.append(Text.assemble((f"{claim.effect.id}  ", "bold cyan"), claim.effect.equation, chance))
+            parts.append(one_line(f"  {claim.says}"))
+            parts.append(Text(f"  {claim.effect.parameter.name}: {'   '.join(values_of(claim)[:MOST_VALUES])}\n"))
+        parts += [one_line(sentence, end="\n") for sentence in refusals(e)]
+        table = Table(title="Evidence", title_justify="left", box=None)
+        table.add_column("of")
+        table.add_column("it says", overflow="fold")
+        for row in evidence_rows(e):
+            table.add_row(*row)
+        parts += [table, Text(CANNOT)]
+        return Group(*parts, *(Text(f"First look: {w.where}: {w.what}: {w.says}", "yellow") for w in e.warnings))
 
     def picture(self) -> Figure:
         """Draw the page of pictures.  Raises CalibrationError if matplotlib is missing."""
         return figure_of(self.explanation)
+
+
+# The section of a report.
+
+
+def section(e: TruthExplanation) -> Section:
+    """Section on the explanation."""
+    html = render(
+        "truth.html",
+        "tinygc.features.truth",
+        e=e,
+        values_of=values_of,
+        refusals=refusals(e),
+        rows=evidence_rows(e),
+        growth=lambda width: _growth(e, width),
+        cannot=CANNOT,
+    )
+    return Section("explain", "Why recording and truth differ", html)
+
+
+def _growth(e: TruthExplanation, width: int) -> str:
+    closure = e.closure_rad / DEG
+    # A gyro that is never still shows vibration in its apparent noise.
+    own = e.gyro_rad / DEG * np.sqrt(e.lengths_s) if len(e.problem.stills) else np.zeros(0)
+    x, y = log_axis(e.lengths_s, "length of a segment, s"), log_axis(np.r_[closure.ravel(), own], "closure, degrees")
+    chart = Chart(width, 250, x, y, "Closure against the length of a segment")
+    if len(own):
+        chart.line(e.lengths_s, own, "floor", "dash")
+    for i, axis in enumerate("xyz"):
+        chart.dots(e.lengths_s, closure[:, i], axis)
+    return chart.svg()

@@ -57,7 +57,8 @@ def _noise_of_fits(array: ArraySession, fits: list[ClockFit]) -> dict[str, Share
 
 def _with_source(finding: Finding, noise: dict[str, SharedNoise]) -> Finding:
     """Say of a unit's noise that is too large what the other units tell of it, in place of what one unit alone can tell."""
-    if finding.level != "warning" or (shared := noise.get(finding.what.removesuffix(" noise"))) is None:
+    sensor, _, what = finding.what.rpartition(" ")
+    if finding.level != "warning" or what != "noise" or (shared := noise.get(sensor)) is None:
         return finding
     agrees = f"the units' noise at rest correlates by {shared.value:.2f} ± {shared.sigma:.2f}"
     if shared.is_own:

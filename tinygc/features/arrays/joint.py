@@ -91,7 +91,7 @@ def candidates(solution: Solution, blocks: list[Blocks]) -> list[ArrayEvent]:
     for what, unit, rows, spans in blocks:
         chi, error = solution.blocks(rows)
         d = rows.shape[1]
-        counted: np.ndarray = ~solution.system.out[rows].any(axis=1)
+        counted = np.asarray(~solution.system.out[rows].any(axis=1))
         m = int(counted.sum())
         for b in range(len(chi)):
             others = m - counted[b]

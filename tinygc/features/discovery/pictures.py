@@ -80,7 +80,8 @@ class Points:
     def some(self, keep: np.ndarray) -> Points:
         """The points of a mask (n,)."""
         values = {name: getattr(self, name) for name in ("x", "without", "left", "other_left", "sigma", "level")}
-        return replace(self, **{name: None if each is None else each[keep] for name, each in values.items()})
+        kept: dict[str, Any] = {name: None if each is None else each[keep] for name, each in values.items()}
+        return replace(self, **kept)
 
 
 def of_stills(e: Explanation, pair: Pair, series: LawSeries) -> Points:

@@ -363,7 +363,7 @@ def _scale(rung: Ladder, gravity_mps2: float) -> np.ndarray:
     return np.asarray(size @ np.abs(rung.directions))
 
 
-def _at_the_middle(x: np.ndarray, force: np.ndarray, share: np.ndarray | None = None) -> np.ndarray:
+def _at_the_middle(x: np.ndarray, force: np.ndarray, share: np.ndarray | None) -> np.ndarray:
     """Forces (S, 3) without the drift."""
     return force if share is None else force - share[:, None] * x[PARAMETERS:]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -41,7 +42,7 @@ TURNS, MOVEMENT, NO_STILLS = "turns", "movement", "no stills"
 ENOUGH_ATTITUDES = 6  #: to tell a scale factor and a bias of each of three axes; fewer can all have gravity's length by chance
 
 
-def check_stills(where: str, stills: list[Still], blind: bool = False) -> list[Finding]:
+def check_stills(where: str, stills: list[Still], blind: bool) -> list[Finding]:
     """The number and length of the stills, and those that are no reference; blind: the gyro shows no noise, and that finding says why there
     is none."""
     good = references(stills)
@@ -125,9 +126,7 @@ def check_unseen(parts: Sequence[LogSegments]) -> list[Finding]:
     return found
 
 
-def check_noise(
-    where: str, noise: Noise | None, sensor: Sensor, samples: Samples | None = None, stills: Sequence[Still] = ()
-) -> list[Finding]:
+def check_noise(where: str, noise: Noise | None, sensor: Sensor, samples: Samples, stills: Sequence[Still]) -> list[Finding]:
     """White noise in the stills against the sensor's own, by session.toml or else by its model; without either the noise is only reported.
 
     Taken from neighbouring means of 0.1 s, so the sensor's filter does not lower it.  Where it is too large, its spectrum in the stills
@@ -139,10 +138,7 @@ def check_noise(
     gyro = _of_model(sensor, "gyro_noise_mdps_rthz") if stated is None else ("session.toml says", stated)
     accel = _of_model(sensor, "accel_noise_ug_rthz")
     mdps, ug = noise.gyro / MDPS, noise.accel / MG * 1e3
-
-    def spectrum(accelerometer: bool) -> RestSpectrum | None:
-        return None if samples is None else rest_spectrum(samples, stills, accelerometer)
-
+    spectrum = partial(rest_spectrum, samples, stills)
     return [
         _noise_finding(where, GYRO_NOISE, xyz_text(mdps, 1) + " mdps/√Hz", mdps, gyro, "give sensor.gyro_noise_mdps_rthz", spectrum),
         _noise_finding(where, ACCEL_NOISE, xyz_text(ug, 0) + " ug/√Hz", ug, accel, "", spectrum),
@@ -221,9 +217,7 @@ def accel_unit_factor(stills: list[Still], config: Config) -> tuple[float, float
     return candidates[best], lengths[best]
 
 
-def check_gravity(
-    where: str, stills: list[Still], config: Config, noise: Noise | None, closure_run: bool = False, raw: bool = False
-) -> list[Finding]:
+def check_gravity(where: str, stills: list[Still], config: Config, noise: Noise | None, closure_run: bool, raw: bool) -> list[Finding]:
     """Length of gravity in the stills against the site's, and its spread over attitudes.
 
     The length does not depend on attitude, so its mean tests the units and the sensitivity.  Its spread is what the

@@ -91,7 +91,7 @@ def _follows(share: Share, words: str) -> str:
     return f"{words} in less than {max(100 * share.upper, 1):.0f} % (95 %)"
 
 
-def rest_spectrum(samples: Samples, stills: Sequence[Still], accelerometer: bool = False) -> RestSpectrum | None:
+def rest_spectrum(samples: Samples, stills: Sequence[Still], accelerometer: bool) -> RestSpectrum | None:
     """Return the noise of the gyro, or of the accelerometer, in stills; None where they are too short to tell."""
     rows = sections(samples, stills)
     if rows is None:

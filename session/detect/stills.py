@@ -247,7 +247,7 @@ def quiet_runs(blocks: Blocks, by_force: bool = False) -> tuple[list[tuple[int, 
     return kept, spread
 
 
-def _quiet_blocks(blocks: Blocks, by_force: bool = False) -> np.ndarray:
+def _quiet_blocks(blocks: Blocks, by_force: bool) -> np.ndarray:
     """Blocks (B,) bool whose scatter is the noise's own."""
     quiet = np.ones(len(blocks), dtype=bool)
     for variance, ratio in ((blocks.gyro_var, QUIET_VARIANCE_RATIO), (blocks.accel_var, QUIET_ACCEL_RATIO))[by_force:]:

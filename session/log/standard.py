@@ -27,14 +27,12 @@ MOST_NAMES = 200
 SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars"}
 
 
-def standard_layout(lines: list[str], name: str, gyro_alone: bool = False, instead: str = "") -> Layout:
+def standard_layout(lines: list[str], name: str, gyro_alone: bool, instead: str) -> Layout:
     """The layout of a file whose first line that is neither blank nor a comment is a standard header.  FormatError where it is not.
 
     gyro_alone: whether it may lack an accelerometer; instead: what reads other logs.
     """
-    number, line = next(
-        ((number, line) for number, line in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")), (0, "")
-    )
+    number, line = next(((n, line) for n, line in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")), (0, ""))
     return with_degrees(parse_header(line, f"{name} line {number + 1}", number + 1, gyro_alone, instead), lines)
 
 

@@ -20,8 +20,8 @@ from session.bench.messages import Stage
 from tinygc.features.tables.machines.angles import AngleFile, AngleLog, header, on_its_clock, read_angles
 from tinygc.features.tables.machines.description import Axis, Description, attitudes, body_axes, read_description, roll_pitch_yaw
 from tinygc.features.tables.machines.mover import PAUSE, TableDriver, TableMover, WordAgainstSensor, _DeviceTime
-from tinygc.features.tables.machines.rates import steps_of
 from tinygc.features.tables.machines.verbs import Where
+from tinygc.features.tables.recording import steps_of
 
 
 def axis(name, direction, backlash_deg=0.0):

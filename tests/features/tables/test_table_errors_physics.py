@@ -15,11 +15,20 @@ from simulated_tables import Summary, draw, fixed_moves
 from session.base.errors import DataError
 from session.base.units import DEG, EARTH_RATE_RPS
 from tinygc.closure.floor import wander_covariance
-from tinygc.features.tables.candidates import DROPPED, _most_cycles, candidates_of
 from tinygc.features.tables.explanation import TableExplanation
 from tinygc.features.tables.machines.description import LATENCY_SIGMA_S, Axis, Description
 from tinygc.features.tables.observed import held_up_from, stamps_beside
-from tinygc.features.tables.rows import Comparison, _right_jacobian, moved, part_names, prior_of, start_of
+from tinygc.features.tables.rows import (
+    DROPPED,
+    Comparison,
+    _most_cycles,
+    _right_jacobian,
+    candidates_of,
+    moved,
+    part_names,
+    prior_of,
+    start_of,
+)
 from tinygc.features.tables.rows_noise import AT_REST, IN_TURN, REPEATABILITY, USUAL_WORD, WANDER, NoiseModel, RowsNoise, _of_answers
 from tinygc.features.tables.selection import (
     Named,

@@ -19,7 +19,7 @@ from session.base.errors import DataError
 from session.base.units import DEG, DEG_PER_HOUR
 from tinygc.closure.problem import Problem
 from tinygc.explanation.claims import measured, p_words
-from tinygc.features.tables import candidates as of
+from tinygc.features.tables import rows as of
 from tinygc.features.tables.machines.angles import NAME as ANGLES
 from tinygc.features.tables.machines.angles import read_angles
 from tinygc.features.tables.machines.description import NAME as TABLE

@@ -24,10 +24,22 @@ from scipy.stats import chi2
 
 from session.base.errors import DataError
 from session.base.units import DEG
-from tinygc.features.tables.candidates import DROPPED, LATENCY, LOST, SENSOR, TABLE, Candidate, candidates_of
 from tinygc.features.tables.machines.description import TableErrors
 from tinygc.features.tables.observed import Observed
-from tinygc.features.tables.rows import Comparison, moved, part_names, prior_of, start_of
+from tinygc.features.tables.rows import (
+    DROPPED,
+    LATENCY,
+    LOST,
+    SENSOR,
+    TABLE,
+    Candidate,
+    Comparison,
+    candidates_of,
+    moved,
+    part_names,
+    prior_of,
+    start_of,
+)
 from tinygc.features.tables.rows_noise import NoiseModel, RowsNoise
 
 #: probability that anything is named in a clean recording

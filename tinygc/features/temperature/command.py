@@ -32,8 +32,8 @@ class Options(Command, UsesEffects):
 
 def run(args: Options) -> int:
     """Fit one model to all folders."""
+    from tinygc.features.temperature.library import fit_temperature
     from tinygc.features.temperature.output import MODEL, save_thermal, temperature_report, to_json
-    from tinygc.features.temperature.sessions_fit import fit_temperature
     from tinygc.reporting.terminal import progress_bar
 
     folder = args.out or args.folders[0] / "fit"

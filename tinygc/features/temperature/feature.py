@@ -48,7 +48,7 @@ FEATURE = Feature(
     commands={
         "temperature": ("command", "one calibration over temperature, of sessions and rest logs of one sensor"),
     },
-    public={"fit_temperature": "sessions_fit", "ThermalFit": "sessions_fit"},
+    public={"fit_temperature": "library", "ThermalFit": "sessions_fit"},
     kinds={"thermal": "model"},
     exports={"thermal": "deploy"},
     serves={

@@ -4,27 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 from scipy.special import chdtrc
 
-from session.base.errors import DataError, FitError, FormatError
-from session.base.names import log_paths
+from session.base.errors import FitError
 from session.base.numeric import sigmas_in
 from session.base.progress import Progress, untold
 from session.base.solving import inverse
-from session.base.texts import printable
-from session.log.config import Accelerometer, read_config
-from session.log.folder import Session, file_key, input_hashes, read_session, sha256_of
+from session.log.config import Accelerometer
+from session.log.folder import Session
 from session.log.logfile import Log
 from tinygc.estimation.accelerometer import into_frame_of
 from tinygc.estimation.options import FitOptions
 from tinygc.features.temperature.axis_fit import AxisFit
 from tinygc.features.temperature.model import ThermalModel
-from tinygc.features.temperature.rest_fit import RestFit, fit_rests, read_rests
+from tinygc.features.temperature.rest_fit import RestFit
 from tinygc.fitting.fit import fit_session
-from tinygc.library.arguments import public
 from tinygc.models.linear import BIAS, MATRIX, LinearModel
 
 # Parameters of a model over temperature in one vector: E's terms, the zero's, the lags.
@@ -373,80 +369,3 @@ def of_rests_alone(name: str, rests: RestFit, sha256: dict[str, str]) -> Thermal
     covariance = np.zeros((9 + terms.size + 3,) * 2)
     covariance[MATRIX.stop :, MATRIX.stop :] = zero_covariance(rests.gyro, len(terms) - 1)
     return ThermalFit(name, model, covariance, rests, None, sha256)
-
-
-# From folders with rest logs, and sessions at several temperatures, to one model over temperature.
-
-
-@public()
-def fit_temperature(folders: Path | str | Sequence[Path | str], *, most_order: int = 5, progress: Progress | None = None) -> ThermalFit:
-    """Fit a calibration over temperature to rest logs and sessions with turns of one sensor.
-
-    Parameters
-    ----------
-    folders : str, Path or sequence of them
-        Folders of rest logs and sessions of one sensor.
-    most_order : int, optional
-        Highest order of the polynomials over temperature, 0 to 5.
-    progress : callable, optional
-        Called with the current step's description, the number of steps done and the number of all steps.
-
-    Returns
-    -------
-    ThermalFit
-        ``model``, ``covariance``, ``names``, ``values``, ``sigma``.  Rest logs alone give the zero rate over temperature; E is then the
-        identity.
-
-    Raises
-    ------
-    CalibrationError
-        For data that cannot be read or fitted; its message is one line.
-
-    Examples
-    --------
-    >>> import tinygc
-    >>> thermal = tinygc.fit_temperature(["data/rests", "data/session1"])  # doctest: +SKIP
-    >>> thermal.model(raw, temp=celsius)  # (N, 3) rad/s from (N, 3) rad/s and (N,) degC  # doctest: +SKIP
-
-    """
-    progress = progress or untold
-    paths = [Path(folder) for folder in ([folders] if isinstance(folders, Path | str) else folders)]
-    sensors = [read_config(folder / "session.toml").sensor for folder in paths]
-    for folder, sensor in zip(paths[1:], sensors[1:], strict=True):
-        for what in ("model", "serial", "gyro_fs_dps"):
-            mine, first = getattr(sensor, what), getattr(sensors[0], what)
-            if mine != first:
-                raise FitError(f"{folder}: sensor.{what} is {mine!r}, and {paths[0]} has {first!r}; join sessions of one sensor")
-    sensor = sensors[0]
-    rest_paths = [path for folder in paths for path in log_paths(folder, "rest")]
-    turning = [folder for folder in paths if log_paths(folder, "log")]
-    if not rest_paths and not turning:
-        raise FormatError(f"{paths[0]}: neither a rest log nor a log; expected rest*.csv or log*.csv beside session.toml")
-    _refuse_same([*rest_paths, *(path for folder in turning for path in log_paths(folder, "log"))])
-    rests: RestFit | None = None
-    begins = {path: "" if len(paths) == 1 else f"{printable(path.parent.resolve().name)}/" for path in rest_paths}
-    hashes = {f"{begins[path]}{file_key(path)}": sha256_of(path) for path in rest_paths}
-    name = printable(paths[0].resolve().name)
-    if rest_paths:
-        rests = fit_rests(read_rests(rest_paths, sensor, progress), tuple(range(most_order + 1)), progress=progress)
-    if not turning:
-        assert rests is not None
-        return of_rests_alone(name, rests, {"session.toml": sha256_of(paths[0] / "session.toml")} | hashes)
-    shape = None if rests is None else of_rests_alone(name, rests, {}).model
-    points = []
-    for folder in turning:
-        session = read_session(folder)
-        prefix = f"{session.name}/" if len(paths) > 1 else ""
-        hashes |= {f"{prefix}{file}": digest for file, digest in input_hashes(session).items()}
-        points.append(point_of(session, shape, progress))
-    sessions = join(points, rests, most_order)
-    return ThermalFit(name, sessions.model, sessions.covariance, rests, sessions, hashes)
-
-
-def _refuse_same(paths: list[Path]) -> None:
-    """Raise DataError where two logs are the same recording: it would count twice, and halve the variances."""
-    seen: dict[str, Path] = {}
-    for path in paths:
-        first = seen.setdefault(sha256_of(path), path)
-        if first is not path:
-            raise DataError(f"{first} and {path} are the same recording, which tells everything once; leave one of them out")

@@ -27,9 +27,9 @@ from tinygc.features.tables.machines.angles import NAME as ANGLES
 from tinygc.features.tables.machines.angles import AngleLog, on_its_clock, read_angles
 from tinygc.features.tables.machines.description import NAME as TABLE
 from tinygc.features.tables.machines.description import Description, body_axes, read_description
-from tinygc.features.tables.machines.rates import MARGIN_RAD
 from tinygc.features.tables.rates.points import Points, points_of
 from tinygc.features.tables.rates.sweep import LEAST, Response
+from tinygc.features.tables.recording import MARGIN_RAD
 
 STEM = "rates"
 #: key of ``[settings]`` in table.toml: how late the machine's angles are, s

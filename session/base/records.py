@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
 from enum import Enum
 from functools import cache
@@ -128,8 +128,7 @@ class Record(Keys):
         return self.kind(**values)
 
 
-@cache
-def record_of(kind: Any, null: bool = True) -> Record:
+def _record_of(kind: Any, null: bool = True) -> Record:
     """The shape of a record's table; null: whether what is not known is null in its file, which TOML has no word for.
 
     A class variable ``schema`` is the key of that name, and its first; one ``written`` names the attributes that are keys, properties, too.
@@ -139,6 +138,9 @@ def record_of(kind: Any, null: bool = True) -> Record:
     must: dict[str, Shape] = {"schema": Text((kind.schema,))} if hasattr(kind, "schema") else {}
     must |= {entry.name: entry.shape for entry in entries if entry.absent is REQUIRED and entry.is_read}
     return Record(must, {entry.name: entry.shape for entry in entries if entry.name not in must}, kind, entries)
+
+
+record_of: Callable[..., Record] = cache(_record_of)
 
 
 def _entry(kind: Any, name: str, own: Mapping[str, Field], hints: Mapping[str, Any], null: bool) -> Entry:

@@ -65,8 +65,7 @@ def without_wrong_dials(session: Session, parts: Sequence[LogSegments]) -> tuple
         findings.append(Finding("warning", ATTITUDES, DIAL_TURN, f"turn {segment}: {says}: left out", "were samples lost in it?"))
     kept = []
     for part in parts:
-        wrong_here = {s.number: turns[s.number] for s in part.segments if s.number in turns and s.accepted}
-        segments = [replace(s, problem=wrong_here[s.number], breaks_yaw=True) if s.number in wrong_here else s for s in part.segments]
+        segments = [replace(s, problem=turns[s.number], breaks_yaw=True) if s.number in turns and s.accepted else s for s in part.segments]
         kept.append(replace(part, segments=segments))
     return replace(session, attitudes=table), kept, findings
 

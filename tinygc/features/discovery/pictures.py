@@ -31,7 +31,7 @@ from tinygc.features.discovery.law_fits import (
 from tinygc.features.discovery.result import briefly, headline, other_equation
 from tinygc.features.discovery.search_state import Discovery, Law
 from tinygc.features.discovery.words import coefficient_unit, equation
-from tinygc.reporting.pictures.canvas import AXES, FLOOR, canvas, colour_scale, legend, plain
+from tinygc.reporting.pictures.canvas import AXES, FLOOR, canvas, colour_scale, legend, plain, zero_line
 from tinygc.reporting.pictures.values import one_way, projector, telling
 
 if TYPE_CHECKING:
@@ -214,7 +214,7 @@ def draw_pair(e: Explanation, pair: Pair, points: list[Points], left: Axes, righ
     names = [_name(law, each.series) for each in points]
     level = points[0].level
     for axes in (left, right):
-        axes.axhline(0, color=FLOOR, lw=0.8)
+        zero_line(axes)
     if level is None:
         for name, each, colour in zip(names, points, COLOURS, strict=False):
             _errorbars(left, each.x * times, each.without * one, each.sigma * one, colour)

@@ -8,7 +8,7 @@ import numpy as np
 
 from session.base.units import DEG, MG
 from tinygc.features.truth.evidence import TruthExplanation, neighbours
-from tinygc.reporting.pictures.canvas import AFTER, AXES, BEFORE, FLOOR, canvas
+from tinygc.reporting.pictures.canvas import AFTER, AXES, BEFORE, FLOOR, canvas, zero_line
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -46,7 +46,7 @@ def _rate_in_time(e: TruthExplanation, angles: np.ndarray, axes: Axes, when: str
     began = e.problem.began_s
     for number, (log, at) in enumerate(e.jumps):
         axes.axvline(began[log] + at, color=FLOOR, ls=":", label=None if number else "wrong moment of truth, left out")
-    axes.axhline(0, color=FLOOR, lw=0.8)
+    zero_line(axes)
     # The limits ignore outlying segments, which would hide the others.
     limit = 1.3 * np.quantile(np.abs(e.angles[0]).max(axis=1) / [segment.duration_s for segment in e.problem.used], 0.98) / DEG
     axes.set_ylim(-limit, limit)
@@ -100,7 +100,7 @@ def _frame(e: TruthExplanation, axes: Axes) -> None:
         return
     for i, axis in enumerate("xyz"):
         axes.errorbar(i, turned[i] / DEG, sigma[i] / DEG, fmt="o", color=AXES[axis], capsize=6)
-    axes.axhline(0, color=FLOOR, lw=0.8)
+    zero_line(axes)
     axes.set_xticks(range(3), ["about x", "about y", "about z"])
     offset_ms, sigma_ms = 1e3 * e.alignment.offset_s, 1e3 * e.alignment.offset_sigma_s
     axes.set_xlabel(f"clock of the truth against the gyro's: {offset_ms:+.2f} ± {sigma_ms:.2f} ms")
@@ -118,7 +118,7 @@ def _force(e: TruthExplanation, axes: Axes) -> None:
         (0.18, e.force.turned, AFTER, "turned as the gyro asks"),
     ):
         axes.bar(at + shift, values / MG, 0.34, yerr=e.force.sigma / MG, color=colour, capsize=4, label=name)
-    axes.axhline(0, color=FLOOR, lw=0.8)
+    zero_line(axes)
     axes.set_xticks(at, list("xyz"))
     axes.legend(fontsize=8)
 

@@ -140,10 +140,10 @@ class Chart:
         )
         return self
 
-    def upright(self, x: float, kind: str, style: str = "dash") -> Chart:
+    def upright(self, x: float, kind: str) -> Chart:
         """Draw a vertical line."""
         (a,), _ = self.at([x], [self.y.lo])
-        self._parts.append(f'<path class="{style} k-{kind}" d="M{_px(a)} {self.top}v{_px(self.inner_height)}"/>')
+        self._parts.append(f'<path class="dash k-{kind}" d="M{_px(a)} {self.top}v{_px(self.inner_height)}"/>')
         return self
 
     def text(self, px: float, py: float, text: str, anchor: str = "start", kind: str = "") -> Chart:

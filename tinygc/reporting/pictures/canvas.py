@@ -140,6 +140,11 @@ def plain(value: float, sigma: float) -> str:
     return f"{value:.{decimals}f} ± {sigma:.{decimals}f}".replace("-", "−")
 
 
+def zero_line(axes: Axes) -> None:
+    """Draw a thin line at zero."""
+    axes.axhline(0, color=FLOOR, lw=0.8)
+
+
 def legend(axes: Axes, title: str | None = None) -> None:
     """Draw the legend above the data in as many columns as fit, and extend the y axis to make room."""
     _, labels = axes.get_legend_handles_labels()

@@ -10,7 +10,7 @@ from tinygc.closure.residual import closure_angles
 from tinygc.estimation.options import METHODS
 from tinygc.fitting.results import FitResult
 from tinygc.models.linear import Quantity, bias_only
-from tinygc.reporting.pictures.canvas import AFTER, BEFORE, FLOOR, canvas, draw_closure
+from tinygc.reporting.pictures.canvas import AFTER, BEFORE, canvas, draw_closure, zero_line
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,5 +43,5 @@ def _errors(word: str, group: Sequence[Quantity], axes: Axes) -> None:
     """Plot one sort of sensor error, each with one sigma."""
     names, values = [q.component for q in group], [q.value for q in group]
     axes.errorbar(names, values, [q.sigma for q in group], fmt="o", color=AFTER, capsize=4)
-    axes.axhline(0, color=FLOOR, lw=0.8)
+    zero_line(axes)
     axes.set(title=f"{word[0].upper()}{word[1:]}, one sigma", ylabel=group[0].unit if group else "not observed")

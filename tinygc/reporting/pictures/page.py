@@ -12,7 +12,7 @@ from tinygc.explanation.engine import Explanation
 from tinygc.explanation.result import is_refitted
 from tinygc.noise.channels import own_residuals
 from tinygc.noise.twin import Variable
-from tinygc.reporting.pictures.canvas import AFTER, AXES, BEFORE, FLOOR, canvas, draw_closure
+from tinygc.reporting.pictures.canvas import AFTER, AXES, BEFORE, FLOOR, canvas, draw_closure, zero_line
 from tinygc.reporting.pictures.panels import draw_claim
 from tinygc.reporting.pictures.values import lengths_per_still, rates_per_still
 
@@ -40,7 +40,7 @@ def figure_of(e: Explanation) -> Figure:
         axes = grid[0, 1]
         _, left = lengths_per_still(e)
         axes.plot(Variable("time").of_stills(e.twin), left / MG, "o", mfc="none", color=AFTER, ms=4)
-        axes.axhline(0, color=FLOOR, lw=0.8)
+        zero_line(axes)
         axes.set(xlabel="time (s)", ylabel="beyond one value (mg)", title="Length of gravity in the stills over time")
     _closure(e, grid[-1, 0])
     if any(
@@ -70,7 +70,7 @@ def _stills_in_time(e: Explanation, axes: Axes) -> None:
         axes.plot(t_s, after[:, i] * 1e3, "o", mfc="none", color=AXES[axis], ms=4, label=axis)
     title = "Rate in the stills over time" + (": lines before, circles after" if refitted else "")
     axes.set(xlabel="time (s)", ylabel="rate beyond the prediction (mdps)", title=title)
-    axes.axhline(0, color=FLOOR, lw=0.8)
+    zero_line(axes)
     axes.legend(ncols=3)
 
 

@@ -29,7 +29,7 @@ from tinygc.library.records import Shown
 from tinygc.reporting.html.chart import Axis, Chart, linear_axis
 from tinygc.reporting.html.markup import Section, escape, figure, key, paragraph, table
 from tinygc.reporting.html.page import document
-from tinygc.reporting.pictures.canvas import AFTER, BEFORE, FLOOR, PALE, canvas, has_matplotlib, legend, plain, save, saved
+from tinygc.reporting.pictures.canvas import AFTER, BEFORE, FLOOR, PALE, canvas, has_matplotlib, legend, plain, save, saved, zero_line
 from tinygc.reporting.terminal import Group, RenderableType, one_line, plain_table
 
 if TYPE_CHECKING:
@@ -306,7 +306,7 @@ def _draw_residuals(choice: Choice, axes: Axes) -> None:
     noise = choice.fit.noise * (points.sigma if points.is_known else np.ones(len(points)))
     order = np.argsort(points.rate_dps, kind="stable")
     axes.fill_between(points.rate_dps[order], -noise[order], noise[order], color=FLOOR, alpha=0.2, lw=0, label="noise, 1 σ")
-    axes.axhline(0, color=FLOOR, lw=0.8)
+    zero_line(axes)
     axes.grid(True, color=PALE, lw=0.4, alpha=0.6)
     axes.set(xlabel="rate (°/s)", ylabel=f"left ({points.unit})", title=f"what the law leaves (a straight line: {choice.line.rms:.3g} rms)")
 

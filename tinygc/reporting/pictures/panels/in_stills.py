@@ -14,7 +14,7 @@ from tinygc.closure.stills import StillSet
 from tinygc.explanation.claims import Claim
 from tinygc.explanation.engine import Explanation
 from tinygc.noise.twin import Variable, variable_of
-from tinygc.reporting.pictures.canvas import AFTER, AXES, BEFORE, FLOOR, PALE, legend, value_text
+from tinygc.reporting.pictures.canvas import AFTER, AXES, BEFORE, FLOOR, PALE, legend, value_text, zero_line
 from tinygc.reporting.pictures.values import (
     added_in_stills,
     at_constant,
@@ -64,7 +64,7 @@ def along(e: Explanation, claim: Claim, axes: Axes) -> None:
         value = value_text(claim, number) if claim.effect.parameter.shape in ((3,), (3, 3)) else ""
         axes.plot([], [], "o-", color=AXES[axis], label=f"{axis}: {value}" if value else axis)
     axes.plot([], [], "o", mfc="none", color="black", label="after")
-    axes.axhline(0, color=FLOOR, lw=0.8)
+    zero_line(axes)
     label = "gravity along the same axis" if own else variable.words
     over = "gravity" if variable.variable == "attitude" else variable.words
     axes.set(
@@ -134,7 +134,7 @@ def over_attitude(e: Explanation, claim: Claim, axes: Axes) -> None:
         ends = np.array([x.min(), x.max()])
         axes.plot(ends, -ends * bias / MG, "-", color=colour, lw=1.5, label=f"{axis}: {value_text(claim, number)}")
     axes.plot([], [], "o", mfc="none", color="black", label="after")
-    axes.axhline(0, color=FLOOR, lw=0.8)
+    zero_line(axes)
     axes.set(
         xlabel="gravity along the same axis (g)",
         ylabel="length of gravity beyond one value (mg)",
@@ -155,7 +155,7 @@ def length_over_conditions(e: Explanation, claim: Claim, axes: Axes) -> None:
     x, after = variable.of_stills(e.twin), lengths_per_still(e)[1] / MG
     axes.plot(x, after + _length_explained(e, claim) / MG, "o", color=BEFORE, ms=4, label="before")
     axes.plot(x, after, "o", color=AFTER, mfc="none", ms=4, label="after")
-    axes.axhline(0, color=FLOOR, lw=0.8)
+    zero_line(axes)
     axes.set(
         xlabel=f"{variable.words} ({variable.units})",
         ylabel="length of gravity beyond one value (mg)",

@@ -10,7 +10,7 @@ from session.base.units import DEG
 from tinygc.explanation.claims import Claim
 from tinygc.explanation.engine import Explanation
 from tinygc.noise.turn_gravity import velocity_equations
-from tinygc.reporting.pictures.canvas import AFTER, AXES, BEFORE, FLOOR, entry_name, legend, value_text
+from tinygc.reporting.pictures.canvas import AFTER, AXES, BEFORE, FLOOR, entry_name, legend, value_text, zero_line
 from tinygc.reporting.pictures.values import axis_laws, closure_by_segment, per_parameter, strongest, theta, variable_for
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ def _points(e: Explanation, claim: Claim, axes: Axes, taken_off: bool, entry: in
     x, y = of.x * unit / DEG, (of.after if taken_off else of.before) / DEG
     axes.errorbar(x, y, of.sigma / DEG, fmt="o", ms=4, lw=0.8, color=colour, label=label or None)
     axes.update_datalim(np.column_stack([x, of.before / DEG]))
-    axes.axhline(0, color=FLOOR, lw=0.8)
+    zero_line(axes)
     axes.autoscale_view()
     return np.array([np.min(x, initial=0.0), np.max(x, initial=0.0)])
 
@@ -110,7 +110,7 @@ def along_law(e: Explanation, claim: Claim, axes: Axes, taken_off: bool) -> None
             axes.plot(at, values, color=colour, lw=1.8, label=f"{axis}: {value_text(claim, number)}")
         else:
             axes.plot([], [], "o", color=colour, ms=4, label=axis)
-    axes.axhline(0, color=FLOOR, lw=0.8)
+    zero_line(axes)
     if len(laws.reached):
         axes.set_xlim(*_limits(laws.reached))
         axes.set_ylim(*_limits(np.append(laws.asked, 0.0)))

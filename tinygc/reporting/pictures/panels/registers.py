@@ -13,7 +13,7 @@ from tinygc.explanation.claims import Claim
 from tinygc.explanation.engine import Explanation
 from tinygc.explanation.faulty_readings import find_glitches, without_glitches
 from tinygc.explanation.result import reading_s
-from tinygc.reporting.pictures.canvas import AFTER, AXES, BEFORE, FLOOR
+from tinygc.reporting.pictures.canvas import AFTER, AXES, BEFORE, FLOOR, zero_line
 from tinygc.reporting.pictures.values import closure_as_recorded, closure_by_segment
 
 if TYPE_CHECKING:
@@ -100,7 +100,7 @@ def all_readings(e: Explanation, claim: Claim, axes: Axes) -> None:
     for i, axis in enumerate("xyz"):
         axes.vlines(t_s, 0, size[:, i], color=AXES[axis], lw=1)
         axes.plot(t_s, size[:, i], "o", color=AXES[axis], label=axis)
-    axes.axhline(0, color=FLOOR, lw=0.8)
+    zero_line(axes)
     axes.set(xlabel="time of the session (s)", ylabel="false less bridge (dps)", title=f"All {len(t_s)} false readings")
     axes.legend(ncols=3)
 

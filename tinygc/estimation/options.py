@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from session.base.errors import CalibrationError
 from session.base.features import extended
@@ -14,6 +14,7 @@ from session.base.options import Record, documented, option
 if TYPE_CHECKING:
     import numpy as np
 
+    from tinygc.models.linear import LinearModel
     from tinygc.models.model import Model
 
 # The methods by name, in the order of the report.  A new method needs a line here, and the module that it names.
@@ -74,6 +75,16 @@ class MethodFit:
     seconds: float
     notes: dict = field(default_factory=dict)
     fold_models: tuple[Model, ...] = ()
+
+    @property
+    def linear(self) -> LinearModel:
+        """The model of least squares."""
+        return cast("LinearModel", self.model)
+
+    @property
+    def unobserved(self) -> tuple[str, ...]:
+        """Names of the parameters that the session does not observe."""
+        return tuple(self.notes.get("unobserved", ()))
 
     @property
     def parameters(self) -> int:

@@ -165,14 +165,12 @@ def adopt(fit: FitResult, explanation: Explanation | None) -> Adopted:
         before, after = (tilt_rms(x) for x in (explanation.proof.before, explanation.proof.after))
         if after < before:
             return _with_physics(fit, explanation)
-    linear = fit.linear.model
-    assert isinstance(linear, LinearModel)
+    linear, unobserved = fit.linear.linear, fit.linear.unobserved
     vector, covariance = linear.vector, fit.covariance
 
     def errors(trial: np.ndarray, run: ClosureRun) -> np.ndarray:
         return run.errors(LinearModel.from_vector(trial), fit.options.integrator)
 
-    unobserved = tuple(fit.linear.notes.get("unobserved", ()))
     moved = None if fit.allowed is None else fit.allowed.of
     return Adopted(
         name=LINEAR,
@@ -256,7 +254,7 @@ def model_table(adopted: Adopted, fit: FitResult) -> dict:
     more = {"method": adopted.method, "session": fit.session.name, "sha256": hashes, "version": VERSION}
     more |= {"sensor": sensor_table(fit.session.config.sensor), "accelerometer": accelerometer_table(adopted.accelerometer)}
     if adopted.name == LINEAR:
-        more |= {"covariance": adopted.covariance.tolist(), "unobserved": fit.linear.notes.get("unobserved", [])}
+        more |= {"covariance": adopted.covariance.tolist(), "unobserved": fit.linear.unobserved}
     else:
         assert isinstance(adopted.model, PhysicsModel)  # by construction in ``_with_physics``
         more |= covariance_at_end(adopted.model, adopted.covariance)

@@ -16,7 +16,6 @@ from tinygc.closure.runs import read_closure_runs
 from tinygc.estimation.choice import closure_figures, run_figures
 from tinygc.estimation.held_out import run_method
 from tinygc.estimation.options import FitOptions
-from tinygc.models.linear import LinearModel
 
 #: measured rates less the first still's mean show the recording as it is; least squares shows what a calibration leaves
 METHODS = ("raw_bias_removed", "least_squares")
@@ -54,11 +53,9 @@ def closure_of(folder: Path) -> RecordingClosure:
         runs = read_closure_runs(problem)
     except CalibrationError as error:
         return RecordingClosure(why=str(error).removeprefix(f"{folder}: "))
-    linear = fits["least_squares"].model
-    assert isinstance(linear, LinearModel)
     return RecordingClosure(
         turns=len(problem.used),
-        scale=tuple(np.linalg.norm(linear.E, axis=0).tolist()),
+        scale=tuple(np.linalg.norm(fits["least_squares"].linear.E, axis=0).tolist()),
         tilt_deg={name: closure_figures(fit.held_out)["tilt_rms_deg"] for name, fit in fits.items()},
         runs_deg={run.file: {name: run_figures(run.errors(fit.model))["rmse_deg"] for name, fit in fits.items()} for run in runs},
     )

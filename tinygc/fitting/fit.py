@@ -30,7 +30,6 @@ from tinygc.estimation.stated_noise import StatedNoise, stated_noise
 from tinygc.estimation.systematic import systematic_of
 from tinygc.fitting import fitted_file
 from tinygc.fitting.results import FitResult
-from tinygc.models.linear import LinearModel
 from tinygc.noise.measured import measured_noise
 
 
@@ -142,8 +141,7 @@ def fit_session(
         named = physics(whole, level, linear, options, runs, lambda what: progress(what, 0, 1))
         fits |= named.methods
         errors = [error | more for error, more in zip(errors, named.run_errors, strict=True)]
-    model = linear.model
-    assert isinstance(model, LinearModel)
+    model = linear.linear
     if given is None:
         progress("noise", 0, 1)
         noise = None if options.bias_per_log else stated_noise(problem)
@@ -151,7 +149,7 @@ def fit_session(
     systematic = None if noise is None else systematic_of(level, model, noise, stated["widened"], options.still_rates)
     turned = replace(options, still_rates=not options.still_rates)
     other = partial(run_method, "least_squares", problem.changed(prior=level.prior), turned, before={"least_squares": linear})
-    exact, first_order = (closure_angles(level.batch, linear.model, name) for name in ("exact", "first-order"))
+    exact, first_order = (closure_angles(level.batch, model, name) for name in ("exact", "first-order"))
     return FitResult(
         problem=problem.changed(batch=level.batch, rest_rps=level.rest_rps, floor=floor),  # the weights over several days are not noise
         options=options,

@@ -64,7 +64,7 @@ def to_json(result: FitResult, limit_deg: float | None = None) -> dict:
             **({} if result.prior is None else result.prior.to_json()),
             "known_turns": known_turns_json(result),
             "truth": None if result.session.reference is None else result.session.reference.table,
-            "unobserved": result.linear.notes.get("unobserved", []),
+            "unobserved": result.linear.unobserved,
             "earth": {
                 "source": earth.source,
                 "heading_deg": None if earth.heading_rad is None or earth.source == "unknown" else earth.heading_rad / DEG,
@@ -275,7 +275,7 @@ def model_tables(result: FitResult) -> dict[str, dict]:
                     "matrix": result.joint_covariance,
                     "shared": result.joint_shared,
                 }
-            more["unobserved"] = fit.notes.get("unobserved", [])
+            more["unobserved"] = fit.unobserved
         ended: dict[str, Any] = {"method": name + AT_END, **made_from}
         if name == "physics" and result.physics is not None:
             from tinygc.estimation.physics import covariance_at_end, covariance_table

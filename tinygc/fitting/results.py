@@ -139,10 +139,8 @@ class FitResult:
             problem, held_out, freedom = physics.problem, self.methods[name].held_out, None
             closure_p = physics.fit.p_value
         else:
-            model = self.linear.model
-            assert isinstance(model, LinearModel)
             used = self.methods.get(name or "", self.linear)
-            problem, held_out, vector, covariance = self.problem, used.held_out, model.vector, self.covariance
+            problem, held_out, vector, covariance = self.problem, used.held_out, self.linear.linear.vector, self.covariance
             closure_p, freedom = self.goodness.p_value, self.goodness.freedom
 
             def errors(trial: np.ndarray, run: ClosureRun) -> np.ndarray:
@@ -164,22 +162,20 @@ class FitResult:
             run_floors=[run.floor_rad for run in self.runs],
             covariance=covariance,
             sources=self.sources,
-            unobserved=tuple(self.linear.notes.get("unobserved", ())),
+            unobserved=self.linear.unobserved,
             allowed=None if physics is not None and name in PHYSICS else self.allowed,
         )
 
     @cached_property
     def doubts(self) -> list[str]:
         """Reasons, besides the closure's, for which a pass of this session is weak evidence."""
-        nominal, linear = self.nominal_rate, self.linear.model
-        assert isinstance(linear, LinearModel)
-        known = [] if nominal is None else [nominal.doubt]
+        known = [] if self.nominal_rate is None else [self.nominal_rate.doubt]
         if not self.against_raw.held_out:
             known.append("no method was fitted: ask for least_squares")
         if counted := [log.path.name for log in self.session.logs if looks_counted(log, self.session.config.sensor)]:
             known.append(f"{counted[0]}: the stamps look counted, so the scale common to all axes is not known; give sensor.odr_sigma")
         known += [f"{w.where}: {w.what} {w.says}" for w in self.warnings if w.what in DOUBTED]
-        return known + too_good(goodness(self.problem.batch, self.problem.floor, linear).p_value)
+        return known + too_good(goodness(self.problem.batch, self.problem.floor, self.linear.linear).p_value)
 
     def verdict(self, limit_deg: float | None = None) -> Acceptance:
         """PASS, NOT DECIDED or FAIL, with the rule and the reasons."""

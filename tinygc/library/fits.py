@@ -70,7 +70,7 @@ class Fit(Shown):
     @cached_property
     def parameters(self) -> Named[Estimate]:
         """The 12 least-squares parameters of omega = E m + B by name: ``E_xx`` … ``E_zz`` (unitless), ``B_x`` … ``B_z`` in rad/s."""
-        values, sigmas = self.result.linear.model.vector, sigmas_in(self.result.covariance)  # type: ignore[attr-defined]
+        values, sigmas = self.result.linear.linear.vector, sigmas_in(self.result.covariance)
         return Named(
             (name, Estimate(name, float(value), float(sigma), "1" if name.startswith("E") else "rad/s"))
             for name, value, sigma in zip(NAMES, values, sigmas, strict=True)

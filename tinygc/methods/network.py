@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -279,7 +279,7 @@ class _Begins:
     once for the fit to all and for all folds."""
 
     def __init__(self, linear: MethodFit | None):
-        self.model = None if linear is None else cast(LinearModel, linear.model)
+        self.model = None if linear is None else linear.linear
         self.ends: LinearEnds | None = None
 
     def of(self, seen: FitInput) -> dict[str, Any]:

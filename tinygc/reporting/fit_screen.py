@@ -16,7 +16,7 @@ from session.base.units import DEG
 from session.detect.stamp_errors import STAMPS
 from tinygc.estimation.choice import RAW, closure_figures, run_figures
 from tinygc.fitting.results import FitResult
-from tinygc.reporting.fit_text import TITLES, linear_of, parameters_table
+from tinygc.reporting.fit_text import TITLES, parameters_table
 from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_line
 from tinygc.verdict.acceptance import Acceptance
 from tinygc.verdict.model_tests import contradictions
@@ -82,7 +82,7 @@ def _run_cells(errors: list[np.ndarray], several: bool) -> list[float]:
 
 def _correction(result: FitResult) -> Text:
     """E and B of least squares, to copy."""
-    model = linear_of(result.linear)
+    model = result.linear.linear
     rows = ["[" + ", ".join(f"{value:.7f}" for value in row) + "]" for row in model.E]
     text = Text(f"omega = E m + B, rad/s\n  E = [{rows[0]},\n       {rows[1]},\n       {rows[2]}]\n")
     return text.append(f"  B = [{', '.join(f'{value:.7f}' for value in model.B)}]")

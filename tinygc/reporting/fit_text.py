@@ -13,10 +13,10 @@ from session.detect.accelerometer import LengthFit
 from tinygc.estimation.accelerometer import AccelerometerFit, drift_json
 from tinygc.estimation.choice import closure_figures, run_figures
 from tinygc.estimation.expected_zero import USUAL_SPREAD
-from tinygc.estimation.options import METHODS, MethodFit
+from tinygc.estimation.options import METHODS
 from tinygc.fitting.fit_file import known_turns_words
 from tinygc.fitting.results import FitResult
-from tinygc.models.linear import BIAS, NAMES, PARAMETERS, LinearModel, Quantity, field_quantities
+from tinygc.models.linear import BIAS, NAMES, PARAMETERS, Quantity, field_quantities
 from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_line, plain_table
 from tinygc.verdict.model_tests import NOISE, contradictions, gravity_test
 
@@ -90,8 +90,7 @@ def remarks(result: FitResult) -> list[Text]:
 
         lost = [(run.file, loss_words(samples)) for run, samples in zip(result.runs, result.physics.lost_s, strict=True)]
         said += [one_line(f"{file}: {words}.", "yellow") for file, words in lost if words]
-    unobserved = result.linear.notes.get("unobserved")
-    if unobserved:
+    if unobserved := result.linear.unobserved:
         seen = f"Not observed by these movements: {', '.join(unobserved)}; turn about more axes, both ways."
         if result.problem.batch.turns is not None:
             seen += " Whole circles show scale factors alone; rests half way round, or turns to other sides, show misalignments."
@@ -105,7 +104,7 @@ def remarks(result: FitResult) -> list[Text]:
         said.append(Text("Correlated above 0.5: " + ", ".join(shown)))
     now, other = (closure_figures(fit.held_out)["tilt_rms_deg"] for fit in (result.linear, result.other_choice))
     words = ("without", "with") if result.options.still_rates else ("with", "without")
-    moved = np.abs(linear_of(result.other_choice).B - linear_of(result.linear).B) / np.sqrt(np.diag(result.covariance)[BIAS])
+    moved = np.abs(result.other_choice.linear.B - result.linear.linear.B) / np.sqrt(np.diag(result.covariance)[BIAS])
     said.append(
         Text(
             f"{words[0].capitalize()} still_rates: held out {other:.4f} instead of {now:.4f}; "
@@ -144,12 +143,6 @@ def _noise_words(result: FitResult) -> list[Text]:
     if result.problem.at_rest is not None and result.problem.at_rest.words:
         words.append(one_line(result.problem.at_rest.words))
     return words
-
-
-def linear_of(fit: MethodFit) -> LinearModel:
-    """The model of a least-squares fit."""
-    assert isinstance(fit.model, LinearModel)
-    return fit.model
 
 
 def _denoiser_words(figures: dict) -> str:
@@ -303,9 +296,8 @@ def _methods(result: FitResult) -> Table:
 
 def sensor_errors(result: FitResult) -> list[Quantity]:
     """Return the sensor errors of a fit by least squares, in the terms and signs of the report."""
-    hidden = tuple(result.linear.notes.get("unobserved", ()))
     moved = None if result.allowed is None else result.allowed.of
-    return field_quantities(linear_of(result.linear).vector, result.covariance, hidden, moved)
+    return field_quantities(result.linear.linear.vector, result.covariance, result.linear.unobserved, moved)
 
 
 def parameters_table(result: FitResult) -> Table:

@@ -231,9 +231,9 @@ class LotFile:
         start = bias_only(still[0] if len(still) else -problem.first.B).vector
         prior = prior_of(lot, start).weighed(_noise_factor(problem, noise))
         bias_from, level, linear = choose(problem.changed(prior=prior), options)
-        share = prior_share(level, _model(linear), options.still_rates)
+        share = prior_share(level, linear.linear, options.still_rates)
         inside = _noise_covariance(level, linear, noise, options)
-        found = _belonging(prior, _model(linear).vector - prior.centre, inside, np.eye(PARAMETERS) - share)
+        found = _belonging(prior, linear.linear.vector - prior.centre, inside, np.eye(PARAMETERS) - share)
         few = len(problem.batch) < FEWEST_SEGMENTS
         p = found[0]
         if p >= (BELONGS if few else SURE):
@@ -246,17 +246,17 @@ class LotFile:
         covariance = _noise_covariance(free, alone, noise, options)
         more = np.zeros((PARAMETERS, PARAMETERS))
         if own_prior is not None:
-            free_share = prior_share(free, _model(alone), options.still_rates)
+            free_share = prior_share(free, alone.linear, options.still_rates)
             more = free_share @ own_prior.covariance @ free_share.T
             covariance = covariance + more
         unseen = alone.notes.get("unobserved", ())
-        off = farthest(lot, _model(alone).vector, covariance, np.array([name not in unseen for name in NAMES]))
+        off = farthest(lot, alone.linear.vector, covariance, np.array([name not in unseen for name in NAMES]))
         if p <= FOREIGN:
             bias_from, level, linear = choose(problem.changed(prior=own_prior), options)
             return bias_from, level, linear, LotUse(self.file, self.hash, lot.units, found, "no", np.zeros(PARAMETERS), more, off)
         # undecided: the mean of both, weighted by their probabilities, with the covariance of the mixture
-        own = _model(linear).vector
-        apart = own - _model(alone).vector
+        own = linear.linear.vector
+        apart = own - alone.linear.vector
         vector = own - (1 - p) * apart
         mixed = LinearModel.from_vector(vector)
         whole = p * (inside + share @ prior.covariance @ share.T) + (1 - p) * covariance + p * (1 - p) * np.outer(apart, apart)
@@ -275,7 +275,7 @@ def lot_for(path: Path, sensor: str) -> LotFile:
 
 def _noise_covariance(level: Problem, linear: MethodFit, noise: StatedNoise | None, options: FitOptions) -> np.ndarray:
     """Return (12, 12) by the session's own noise, widened."""
-    model = _model(linear)
+    model = linear.linear
     if noise is None:
         rates = level.still_rates if options.still_rates else None
         wide = goodness(level.batch, level.floor, model, level.wander).excess
@@ -290,8 +290,3 @@ def _noise_factor(problem: Problem, noise: StatedNoise | None) -> float:
         return goodness(problem.batch, problem.floor, problem.first, problem.wander).excess
     wide = stated_goodness(problem, problem.first, noise)[1]
     return float(max(1.0, wide * (noise.tilt_rms / problem.floor.tilt_rms) ** 2))
-
-
-def _model(fit: MethodFit) -> LinearModel:
-    assert isinstance(fit.model, LinearModel)  # least squares fits a linear model
-    return fit.model

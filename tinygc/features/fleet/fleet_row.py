@@ -227,7 +227,7 @@ def numbers_of(result: FitResult) -> tuple[np.ndarray, np.ndarray]:
     """Return (21,) and (21, 21) in the order of ``tinygc.features.fleet.lot.NAMES``; NaN where unknown."""
     values, covariance = np.full(COUNT, np.nan), np.full((COUNT, COUNT), np.nan)
     accelerometer, joint = result.accelerometer, result.joint_covariance
-    values[GYRO], covariance[GYRO, GYRO] = result.linear.model.vector, result.covariance  # type: ignore[attr-defined]
+    values[GYRO], covariance[GYRO, GYRO] = result.linear.linear.vector, result.covariance
     if joint is not None:
         # A joint covariance is of the accelerometer's correction, then of the gyroscope; the triad's numbers follow the correction.
         whole = np.eye(COUNT)
@@ -237,8 +237,7 @@ def numbers_of(result: FitResult) -> tuple[np.ndarray, np.ndarray]:
         values[ACCEL], covariance = accelerometer.values, (whole @ joint @ whole.T)[np.ix_(order, order)]
         covariance = (covariance + covariance.T) / 2
     untold = np.isnan(values)
-    unobserved = result.linear.notes.get("unobserved", [])
-    untold[GYRO] |= np.isin(linear.NAMES, unobserved)
+    untold[GYRO] |= np.isin(linear.NAMES, result.linear.unobserved)
     if joint is not None:
         untold[ACCEL] |= np.isin(TRIAD, accelerometer.unobserved)
     values[untold] = np.nan

@@ -52,7 +52,6 @@ from tinygc.fitting.fit import fit_session
 from tinygc.fitting.fit_file import read_fit
 from tinygc.fitting.results import FitResult
 from tinygc.models import linear
-from tinygc.models.linear import LinearModel
 from tinygc.noise.components import TURN, UNDERSAMPLED, WANDER, SessionNoise
 from tinygc.noise.figures import FILE, ONE_SIDED_95, AxisNoise, Inflation, NoiseFigures, SensorNoise, unit_allan_variance
 
@@ -134,8 +133,7 @@ def inflations(result: FitResult, figures: NoiseFigures) -> tuple[Inflation, ...
     rest = at_rest(figures, f"rest of {figures.duration_s:.0f} s")
     if result.noise is None:
         return (rest,)
-    batch, model, noise, N = result.problem.batch, result.linear.model, result.noise.noise, figures.gyro.values("N")
-    assert isinstance(model, LinearModel)
+    batch, model, noise, N = result.problem.batch, result.linear.linear, result.noise.noise, figures.gyro.values("N")
     window_s, rate = float(np.mean(batch.duration_s)), model(batch.rate)
     walk = np.array([walk_density(axis, white, noise.size(WANDER)) for axis, white in zip(figures.gyro.axes, N, strict=True)])
     held_out, expected = np.sqrt(np.mean(np.sum(result.linear.held_out[:, :2] ** 2, axis=1))), result.noise.tilt_rms

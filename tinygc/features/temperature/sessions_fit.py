@@ -86,9 +86,7 @@ def point_of(session: Session, shape: ThermalModel | None, progress: Progress = 
         session = replace(session, logs=tuple(_brought_to(log, shape, mean_c) for log in session.logs), closures=())
     options = FitOptions(methods=("least_squares",))
     found = fit_session(session, options, lambda what, done, of: progress(f"{session.name}: {what}", done, of))
-    model = found.linear.model
-    assert isinstance(model, LinearModel)  # the type that least squares fits
-    values, covariance = _zero_form(model, found.covariance)
+    values, covariance = _zero_form(found.linear.linear, found.covariance)
     low, high = np.quantile(temp, [0.005, 0.995])
     own = found.accelerometer.calibration
     return _SessionPoint(session.name, mean_c, float(low), float(high), values, covariance, len(found.problem.used), own)

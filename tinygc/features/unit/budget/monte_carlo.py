@@ -32,7 +32,6 @@ from tinygc.estimation.assembly import CLOCK, MISFIT, ROUNDING
 from tinygc.estimation.sources import COVERAGE, Source, coverage_factor
 from tinygc.estimation.stated_noise import CALIBRATION, GRAVITY_LENGTH, channel_sources, joint_response
 from tinygc.features.unit.budget.rows import Budget
-from tinygc.features.unit.budget.use import model_of
 from tinygc.fitting.results import FitResult
 from tinygc.models.linear import BIAS, NAMES, PARAMETERS, WORDS, LinearModel, field_vector
 
@@ -69,7 +68,7 @@ class _Redrawn:
             )
         self.result, self.problem, self.noise = result, problem, result.noise
         self.rng = np.random.default_rng(seed)
-        self.model = model_of(result)
+        self.model = result.linear.linear
         known = 0 if problem.joint is None else problem.joint.beforehand.shape[1]
         *edges, size = np.cumsum([len(self.noise.white), known, 3, 1])
         self.nothing = np.zeros(size)

@@ -22,7 +22,7 @@ from tinygc.estimation.assembly import CLOCK, MISFIT, ROUNDING
 from tinygc.estimation.sources import Source
 from tinygc.estimation.stated_noise import CALIBRATION, COMPONENTS, GRAVITY_LENGTH, stated_response
 from tinygc.features.unit.budget.rows import Beside, Budget, budget_of
-from tinygc.features.unit.budget.use import DRIFT_SINCE, USUAL_SWITCH_ON, axes_and_total, model_of, motion_in, sources_in_use
+from tinygc.features.unit.budget.use import DRIFT_SINCE, USUAL_SWITCH_ON, axes_and_total, motion_in, sources_in_use
 from tinygc.features.unit.options import BudgetOptions
 from tinygc.fitting.results import FitResult
 from tinygc.models.linear import BIAS, NAMES, PARAMETERS, WORDS, field_jacobian
@@ -42,7 +42,7 @@ LEAST_OF_CLOCK = 0.01
 
 def parameter_budgets(result: FitResult) -> list[Budget]:
     """Of the twelve parameters of omega = E m + B; their variances are the diagonal of the fit's covariance, bit for bit."""
-    vector, sizes = model_of(result).vector, _source_sizes(result)
+    vector, sizes = result.linear.linear.vector, _source_sizes(result)
     found = []
     for i, name in enumerate(NAMES):
         unit, si = ("dps", DEG) if name in NAMES[BIAS] else ("1", 1.0)
@@ -53,7 +53,7 @@ def parameter_budgets(result: FitResult) -> list[Budget]:
 
 def sensor_error_budgets(result: FitResult) -> list[Budget]:
     """Of the sensor errors in the terms and signs of ``fit``; those that the session does not observe are left out."""
-    vector, sizes = model_of(result).vector, _source_sizes(result)
+    vector, sizes = result.linear.linear.vector, _source_sizes(result)
     units = {word: si for word, _, _, si in WORDS}
     found = []
     for quantity, slope in zip(sensor_errors(result), field_jacobian(vector), strict=True):
@@ -84,7 +84,7 @@ def use_budgets(result: FitResult, use: BudgetOptions) -> tuple[Motion, list[Bud
     Raises CalibrationError for its log."""
     motion = motion_in(use, result)
     sources, more, assumed = sources_in_use(result, use, motion)
-    sizes, slope = _source_sizes(result) | more, motion.slope(model_of(result))
+    sizes, slope = _source_sizes(result) | more, motion.slope(result.linear.linear)
     found = []
     for name, weight in axes_and_total():
         beside = list(_beside_use(result, use, slope, weight, assumed))
@@ -129,7 +129,7 @@ def _beside_parameter(result: FitResult, slope: np.ndarray) -> list[Beside]:
 
 def _clock(result: FitResult, slope: np.ndarray) -> Iterator[Beside]:
     """Of quantities with this derivative (..., 12): a clock that is not known, where it moves them, as it scales E and B together."""
-    vector = model_of(result).vector
+    vector = result.linear.linear.vector
     if not result.session.clock_known and np.abs(slope @ vector).max() > LEAST_OF_CLOCK * np.linalg.norm(vector):
         yield Beside(CLOCK, None, f"{NOT_KNOWN} how far the clock of the stamps is off, and with it the scale: give sensor.clock_sigma_ppm")
 
@@ -153,7 +153,7 @@ def earth_left_out(result: FitResult) -> np.ndarray | None:
     problem = result.problem
     if problem.earth.source != "none" or result.noise is None:
         return None
-    rows = stated_response(problem, model_of(result), result.options.still_rates)
+    rows = stated_response(problem, result.linear.linear, result.options.still_rates)
     columns = rows @ result.noise.twin.earth_columns().stacked()
     return columns @ unseen_covariance(problem.earth, problem.session.config.site.latitude_deg) @ columns.T
 

@@ -28,7 +28,7 @@ from tinygc.estimation.stated_noise import COMPONENTS, kind_of
 from tinygc.features.unit.options import BudgetOptions
 from tinygc.fitting.results import FitResult
 from tinygc.library.logs import read_log
-from tinygc.models.linear import BIAS, LinearModel
+from tinygc.models.linear import BIAS
 from tinygc.noise.components import WANDER
 
 #: names of the sources of the use itself
@@ -53,7 +53,7 @@ def motion_in(use: BudgetOptions, result: FitResult) -> Motion:
     if use.motion is None:
         return motion_of(result.session.logs, use.seconds)
     if str(use.motion) == REST:
-        return at_rest(model_of(result), use.seconds)
+        return at_rest(result.linear.linear, use.seconds)
     path, sensor = use.motion, result.session.config.sensor
     if path.is_dir():
         return motion_of(read_session(path).logs, use.seconds)
@@ -66,7 +66,7 @@ def sources_in_use(
 ) -> tuple[list[Source], dict[str, tuple[float, str]], tuple[str, ...]]:
     """Sources (3, 3) rad^2 of the attitude at a motion's end; the sizes of those that only the use has, in a unit; names of those whose
     size is not this unit's own."""
-    model = model_of(result)
+    model = result.linear.linear
     slope = motion.slope(model)
     found = [source.through(slope) for source in result.sources]
     density, problem = result.problem.noise.angle_random_walk, result.problem
@@ -99,12 +99,6 @@ def sources_in_use(
         found.append(own.through(slope[:, BIAS]))
         sizes[name] = (float(np.sqrt(np.mean(np.diag(zero.parts[cause])))) / DEG, "dps")
     return found, sizes, tuple(names[cause] for cause in zero.assumed)
-
-
-def model_of(result: FitResult) -> LinearModel:
-    """The model of least squares."""
-    assert isinstance(result.linear.model, LinearModel)
-    return result.linear.model
 
 
 def replace_covariance(source: Source, name: str, covariance: np.ndarray) -> Source:

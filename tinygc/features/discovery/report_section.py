@@ -142,18 +142,14 @@ def section(evidence: ReportData) -> Section | None:
     if found.following:
         html += paragraph(f"<strong>Next:</strong> {escape(found.following)}.")
     if table["laws"]:
-        html += paragraph("The law as an effect, in another session:") + code(f"calibrate.py explain OTHER --effects {_effects(evidence)}")
+        html += paragraph("The law as an effect, in another session:") + code(
+            f"calibrate.py explain OTHER --effects {shell_word(found.folder / 'effects')}"
+        )
     return Section("discovery", "Beyond the catalogue", html)
 
 
-def _effects(evidence: ReportData) -> str:
-    assert evidence.searched is not None
-    return shell_word(evidence.searched.folder / "effects")
-
-
 def _law(law: dict) -> str:
-    says = law["in_words"]
-    html = f'<div class="found"><h3>{escape(law["id"])}</h3>{paragraph(escape(says))}{code(law["equation"])}'
+    html = f'<div class="found"><h3>{escape(law["id"])}</h3>{paragraph(escape(law["in_words"]))}{code(law["equation"])}'
     html += code("\n".join(number_lines(law)))
     evidence = [escape(words) for words in (*evidence_words(law), *open_words(law))]
     evidence += [f"written as <code>explain/{escape(law['file'])}</code>"] if law["file"] else []

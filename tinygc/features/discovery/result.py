@@ -176,7 +176,10 @@ def evidence_words(law: dict) -> list[str]:
     if law.get("not_observed"):
         words = "; ".join(each["in_words"] for each in law["not_observed"])
         found.append(f"not observed in this recording, set to zero and not applied: {words}")
-    return found + ([learnable_words(law["learnable_from"])] if law["learnable_from"] is not None else [])
+    if (factor := law["learnable_from"]) is not None:
+        size = f"from {factor:.2g} of its size on" if factor <= 1 else f"only from {factor:.2g} times its size on"
+        found.append(f"in 19 of 20 draws of noise this search finds it here {size}")
+    return found
 
 
 def number_lines(law: dict) -> list[str]:
@@ -226,13 +229,6 @@ def held_out_words(each: dict) -> str:
     closure = f"closure {each['before_deg']:.4f}° before, {each['after_deg']:.4f}° after, floor {each['floor_deg']:.4f}°{gone}"
     left = f"; the rest is more than the sensor's own noise (p {p_words(each['noise_p'])})" if each["noise_p"] < NOISE_P else ""
     return f"{of}: {closure} (p {p_words(each['p_value'])}){left}"
-
-
-def learnable_words(factor: float) -> str:
-    """Detection limit of the law here, as a factor on its size (``detection_limits.SURE``)."""
-    if factor <= 1:
-        return f"in 19 of 20 draws of noise this search finds it here from {factor:.2g} of its size on"
-    return f"in 19 of 20 draws of noise this search finds it here only from {factor:.2g} times its size on"
 
 
 def open_words(law: dict) -> list[str]:

@@ -478,7 +478,8 @@ def reference_stills(logs: list[StillSet]) -> tuple[np.ndarray, np.ndarray, np.n
 def still_rates(logs: list[StillSet], earths: dict[int, EarthRate]) -> StillRates:
     """Mean rates of the stills that are references, and the Earth's there.  Raises DataError for a gyro that shows no noise."""
     if not any(still.problem is None for log in logs for still in log.stills):
-        return StillRates(*np.zeros((3, 0, 3)), np.zeros((0, 4)), np.zeros(0))
+        none = np.zeros((0, 3))
+        return StillRates(none, none, none, np.zeros((0, 4)), np.zeros(0))
     q_tb, rate, sigma, group = reference_stills(logs)
     if not (sigma > 0).all():
         raise DataError("the gyro shows no noise at all in the stills; is the log made of registers, not of smoothed values?")

@@ -195,6 +195,17 @@ def write_json(path: Path | None, table: Any) -> None:
         raise _no_json(path, error) from None
 
 
+def keep(args: Any, found: Any, folder: Path | None, *names: str) -> None:
+    """Save a result with its pictures into a folder, or say that nothing is written; then its JSON.  names: of what it saves."""
+    if folder is not None:
+        found.save(folder, pictures=args.pictures)
+        written = [str(folder / name) for name in names if (folder / name).exists() and (args.pictures or not name.endswith(".png"))]
+        output(args).print(f"written: {', '.join(written)}", soft_wrap=True, markup=False)
+    elif args.json is None:
+        output(args).print(f"nothing is written; --out DIR keeps {', '.join(names[:-1])} and {names[-1]}", soft_wrap=True)
+    write_json(args.json, found.to_json())
+
+
 def try_json(path: Path | None) -> None:
     """Fail early if the JSON cannot be written where ``--json`` says."""
     if path is None or is_standard_output(path) or is_stream(path):  # the system's is not opened twice

@@ -8,7 +8,7 @@ from pathlib import Path
 from session.base.errors import CalibrationError
 from session.base.options import argument, folder_written, option, values
 from tinygc.cli.options import Command, Pictures
-from tinygc.cli.results import output, try_destinations, write_json
+from tinygc.cli.results import keep, output, try_destinations
 from tinygc.features.noise.options import NoiseOptions
 
 
@@ -38,12 +38,5 @@ def run(args: Options) -> int:
     with progress_bar(args.quiet) as progress:
         found = estimate_noise(list(args.logs) or None, progress=progress, **values(args, NoiseOptions))
     output(args).print(found.pages(args.verbose))
-    if folder is not None:
-        found.save(folder, pictures=args.pictures)
-        picture = folder / PICTURE
-        files = [folder / FILE, *([picture] if picture.exists() and args.pictures else [])]
-        output(args).print(f"written: {', '.join(map(str, files))}", soft_wrap=True, markup=False)
-    elif args.json is None:
-        output(args).print("nothing is written; --out DIR keeps noise.json and noise.png", soft_wrap=True)
-    write_json(args.json, found.to_json())
+    keep(args, found, folder, FILE, PICTURE)
     return 0

@@ -200,20 +200,10 @@ class Guarded:
         return self._rest.is_set()
 
     @property
-    def has_rate_mode(self) -> bool:
-        """Whether the machine turns at a rate by itself."""
-        return self._table.has_rate_mode
-
-    @property
-    def begins(self) -> str:
-        """What will be sent before the first motion (``begin`` of its make), such as to switch its motors on; empty where nothing is."""
-        return self._table.begins
-
-    @property
     def notes(self) -> list[str]:
         """What belongs to a plan besides its moves: what is sent before the first, and what the make warns of."""
-        begins = [f"before the first move it is sent: {self.begins}"] if self.begins else []
-        return [*begins, *filter(None, [self._table.warning])]
+        begins = self._table.begins and f"before the first move it is sent: {self._table.begins}"
+        return [*filter(None, (begins, self._table.warning))]
 
     def confirm(self, moves: Sequence[Move], ask: Callable[[str], bool] | None, say: Told) -> None:
         """Show a plan, check it against the limits, and have it confirmed; ask None: somebody confirmed it already (``--yes``).
@@ -295,7 +285,7 @@ class Guarded:
     def turn_at(self, axis: int, rate_rps: float) -> None:
         """Begin to turn one axis at a rate; through rest, where the machine has no rate mode or the axis has limits; 0 ends in rest."""
         of = self.description.axes[axis]
-        direct = self.has_rate_mode and of.is_endless
+        direct = self._table.has_rate_mode and of.is_endless
         if not rate_rps:
             if direct:
                 self._begin(of.fastest_rps / of.acceleration_rps2)
@@ -414,7 +404,7 @@ class Guarded:
 
         angles (K,) rad: where all axes rest; returns where they do behind it.  None where the angles mean nothing: it is homed next.
         """
-        if self.begins:
+        if self._table.begins:
             self._begin(0.0, angles)
             self._guard(self._table.begin)
             if angles is not None:

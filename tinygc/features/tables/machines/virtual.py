@@ -151,7 +151,7 @@ class Grbl(Firmware):
             self._unread.clear()
             self._is_locked = self._is_locked or moving
             alarm = ["ALARM:6" if homing else "ALARM:3"] if moving else []
-            return self.lines([*alarm, "", "Grbl 1.1h ['$' for help]", *(["[MSG:'$H'|'$X' to unlock]"] if self._is_locked else [])])
+            return self.lines(alarm) + self.greeting()
         elif byte in b"\r\n":
             line, self._line = self._line.decode("latin-1").strip(), b""
             self._unread += [(mechanics.now_s(), line)] if line else []

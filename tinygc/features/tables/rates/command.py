@@ -7,7 +7,7 @@ from pathlib import Path
 
 from session.base.options import argument, folder_written, option, values
 from tinygc.cli.options import Command, Pictures
-from tinygc.cli.results import output, try_destinations, write_json
+from tinygc.cli.results import keep, output, try_destinations
 from tinygc.features.tables.feature import Columns
 
 
@@ -31,11 +31,5 @@ def run(args: Options) -> int:
     with progress_bar(args.quiet) as progress:
         found = estimate_rates(args.source, progress=progress, **values(args, Columns))
     output(args).print(found.page)
-    if args.out is not None:
-        found.save(args.out, pictures=args.pictures)
-        names = [FILE, PAGE, *([PICTURE] if (args.out / PICTURE).exists() and args.pictures else [])]
-        output(args).print(f"written: {', '.join(str(args.out / name) for name in names)}", soft_wrap=True, markup=False)
-    elif args.json is None:
-        output(args).print("nothing is written; --out DIR keeps rates.json, rates.html and rates.png", soft_wrap=True)
-    write_json(args.json, found.to_json())
+    keep(args, found, args.out, FILE, PAGE, PICTURE)
     return 0

@@ -487,7 +487,7 @@ def with_bridges(session: Session) -> Session:
         samples, bridges = bridged(log.samples, session.config.sensor)
         return replace(log, samples=samples, bridges=bridges) if bridges else log
 
-    return replace(session, logs=tuple(map(whole, session.logs)), closures=tuple(map(whole, session.closures)))
+    return session.with_logs(whole)
 
 
 def check_bridges(log: Log, sensor: Sensor, stills: list[Still], noise: Noise | None, segment_s: float) -> list[Finding]:

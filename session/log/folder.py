@@ -6,7 +6,7 @@ import csv
 import hashlib
 import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import NoneType
@@ -292,7 +292,7 @@ class Session:
 
         exclude = tuple(replace(row, at_s=row.at_s / ratio) for row in self.config.exclude)
         config = replace(self.config, sensor=replace(self.config.sensor, clock_ratio=None), exclude=exclude)
-        return replace(self, config=config, logs=tuple(map(timed, self.logs)), closures=tuple(map(timed, self.closures)))
+        return replace(self.with_logs(timed), config=config)
 
     def examined(self) -> tuple[Session, list[Any]]:
         """The session with its further reference as the recording shows it, and findings on it; without one it stays as it is."""
@@ -313,6 +313,10 @@ class Session:
     def in_memory(self) -> bool:
         """Whether it is made of arrays and was never a folder."""
         return any(log.in_memory for log in self.logs)
+
+    def with_logs(self, change: Callable[[Log], Log]) -> Session:
+        """The session with each log and closure run changed."""
+        return replace(self, logs=tuple(map(change, self.logs)), closures=tuple(map(change, self.closures)))
 
     def own_folder(self, name: str) -> Path:
         """Where results of that name go, unless another place is given.  CalibrationError where the session was never a folder."""

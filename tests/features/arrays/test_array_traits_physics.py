@@ -14,7 +14,7 @@ from tinygc import SimulationOptions
 from tinygc.effects import catalogue
 from tinygc.estimation.systematic import PRIOR_ODDS
 from tinygc.explanation.standing import Standing, Statement
-from tinygc.features.arrays.explanation import ArrayExplanation, _event_lines, array_page, moments_of
+from tinygc.features.arrays.explanation import ArrayExplanation, _events_and_left_out, array_page, moments_of
 from tinygc.features.arrays.feature import ArrayOptions
 from tinygc.features.arrays.fit import fit_array
 from tinygc.features.arrays.joint import ArrayEvent
@@ -209,7 +209,7 @@ def test_units_that_stand_out_together_are_not_blamed(hit):
     _, fit = hit
     one, other = (ArrayEvent("turn", unit, 3, 4, size * DEG, 1e-9, np.zeros(0, dtype=int)) for unit, size in ((1, 0.5), (0, 2.0)))
     alone, both = (replace(fit, joint=replace(fit.joint, events=events)) for events in ((one,), (one, other)))
-    (words,), (together,) = _event_lines(alone), _event_lines(both)
+    words, together = (line.plain for each in (alone, both) for line in _events_and_left_out(each))
     assert "unit 1 misses this turn by 0.5° against the other (F test, p = 1e-09): its own readings" in words
     assert "2 of 2 units stand out in this turn, each in its own way (unit 0 by 2°, unit 1 by 0.5°)" in together
     assert "its own readings" not in together

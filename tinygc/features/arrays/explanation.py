@@ -353,9 +353,7 @@ def array_page(fit: ArrayFit) -> Group:
     if fit.ages:
         ages = ", ".join(f"unit {each.number} ({each.beat_hz:.3g} Hz)" for each in fit.ages)
         parts.append(one_line(f"Readings wait for the reader, and their ages beat: {ages}; the stamps were corrected."))
-    parts += [one_line(f"{line}.", "yellow") for line in _event_lines(fit)]
-    parts += [one_line(f"Left out: unit {number}: {why}", "bold red") for number, why in fit.left_out.items()]
-    return Group(*parts)
+    return Group(*parts, *_events_and_left_out(fit))
 
 
 def _place(unit: UnitFit, first: bool) -> list[str]:
@@ -434,9 +432,11 @@ def event_words(event: ArrayEvent, fit: ArrayFit) -> str:
     return f"{at} unit {number} feels {size(event)} too much in this still {tested}; its gravity there does not count"
 
 
-def _event_lines(fit: ArrayFit) -> list[str]:
-    """Return a line for each event; one line for several units with events in one turn or still."""
-    return list(dict.fromkeys(event_words(event, fit) for event in fit.joint.events))
+def _events_and_left_out(fit: ArrayFit) -> list[Text]:
+    """Return a line for each event, one for several units with events in one turn or still, and one for each unit that was left out."""
+    events = dict.fromkeys(event_words(event, fit) for event in fit.joint.events)
+    left_out = (f"Left out: unit {number}: {why}" for number, why in fit.left_out.items())
+    return [*(one_line(f"{line}.", "yellow") for line in events), *(one_line(line, "bold red") for line in left_out)]
 
 
 # Terminal output of an array's explanation.
@@ -463,7 +463,7 @@ def array_explain_page(found: ArrayExplanation) -> Group:
     parts += [one_line(f"{moment.at_s - begins:.2f} s: {moment.words}.", "yellow") for moment in found.moments[:MOST_MOMENTS]]
     if len(found.moments) > MOST_MOMENTS:
         parts.append(one_line(f"… and {len(found.moments) - MOST_MOMENTS} moments more, in array.json."))
-    parts += [one_line(f"{line}.", "yellow") for line in _event_lines(fit)]
+    parts += _events_and_left_out(fit)
     columns = ("own excess, deg", "95 % below", "p", "standing", "named in its own session")
     table = plain_table("Beyond the common part, by unit", "unit", *columns)
     for unit, part in zip(fit.units, found.parts.own, strict=True):
@@ -474,5 +474,4 @@ def array_explain_page(found: ArrayExplanation) -> Group:
         sizes = f"{part.size_rad / DEG:.4f}", f"{part.upper_rad / DEG:.4f}", f"{statement.p_value:.2g}"
         table.add_row(str(unit.number), *sizes, statement.standing.value, named or "–")
     parts += ["", table]
-    parts += [one_line(f"Left out: unit {number}: {why}", "bold red") for number, why in fit.left_out.items()]
     return Group(*parts)

@@ -433,4 +433,4 @@ def _corrected(unit: Session, ages: SampleAges) -> Session:
         t_ns = log.samples.t_ns - np.rint(ages.age_s(log.samples.t_ns * NS) / NS).astype(np.int64)
         return replace(log, samples=replace(log.samples, t_ns=t_ns))
 
-    return replace(unit, logs=tuple(map(earlier, unit.logs)), closures=tuple(map(earlier, unit.closures)))
+    return unit.with_logs(earlier)

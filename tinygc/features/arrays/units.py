@@ -12,7 +12,7 @@ from session.base.units import NS
 from session.detect.segments import moments_of
 from session.detect.stills import Still
 from session.log.folder import Session
-from session.log.samples import Samples
+from session.log.logfile import Log
 from tinygc.closure.prepared import AUTO, Prepared, prepare
 from tinygc.closure.problem import Problem
 from tinygc.features.arrays.clocks import UnitClock, UnitPlace
@@ -51,17 +51,17 @@ def on_array_clock(session: Session, clock: UnitClock) -> Session:
     if clock.offset_s == 0 and clock.rate == 0:
         return session
 
-    def moved(samples: Samples) -> Samples:
+    def moved(log: Log) -> Log:
+        samples = log.samples
         t_ns = samples.t_ns - samples.t_ns[0]  # whole nanoseconds, for any epoch of the stamps
         begins_s = float(samples.t_ns[0]) * NS
         first_ns = round(float(clock.array_time(np.array([begins_s]))[0]) / NS)
         stretched = first_ns + np.rint(t_ns * (1 + clock.rate)).astype(np.int64)
-        return replace(samples, t_ns=stretched)
+        return replace(log, samples=replace(samples, t_ns=stretched))
 
-    logs, runs = (tuple(replace(log, samples=moved(log.samples)) for log in each) for each in (session.logs, session.closures))
     # left-out times are on the log's clock as well
     exclude = tuple(replace(row, at_s=float(clock.array_time(np.array([row.at_s]))[0])) for row in session.config.exclude)
-    return replace(session, config=replace(session.config, exclude=exclude), logs=logs, closures=runs)
+    return replace(session.with_logs(moved), config=replace(session.config, exclude=exclude))
 
 
 def prepare_units(

@@ -17,13 +17,13 @@ from session.base.numeric import sigmas_in
 from session.base.progress import Progress
 from session.base.records import DERIVED
 from session.base.texts import command_line, printable
-from session.base.units import DEG, MG
-from session.detect.accelerometer import BIASES, PARAMETERS, SCALES, SHEARS
+from session.base.units import DEG
 from session.detect.accelerometer import NAMES as TRIAD
+from session.detect.accelerometer import PARAMETERS
 from session.log.config import Config
 from session.log.logfile import read_log
 from session.log.reader import Reader
-from tinygc.estimation.accelerometer import derivative, triad_errors
+from tinygc.estimation.accelerometer import ROWS, UNITS, derivative, triad_errors
 from tinygc.estimation.session_times import Moment, moment_of, parsed
 from tinygc.features.unit.calibrated import Calibrated, in_one_frame, read_calibrated, refuse_same
 from tinygc.fitting.listing import folders_of
@@ -54,16 +54,8 @@ _SHOWN = [(word, component, unit, si) for word, components, unit, si in WORDS fo
 #: places in ``field_vector`` of what a history follows; the others are combinations of the misalignments
 KEPT = [i for i, (word, _, _, _) in enumerate(_SHOWN) if word in ("scale factor error", "misalignment", "bias")]
 GYROSCOPE = len(KEPT)
-_TRIAD = [
-    Number(f"accelerometer {word}", TRIAD[i].split()[-1], unit, si)
-    for word, unit, si, which in (
-        ("scale factor error", "ppm", 1e-6, SCALES),
-        ("nonorthogonality", "mrad", 1e-3, SHEARS),
-        ("bias", "mg", MG, BIASES),
-    )
-    for i in which
-]
-_TRIAD_ORDER = [*SCALES, *SHEARS, *BIASES]
+_TRIAD_ORDER = [i for *_, which in ROWS for i in which]
+_TRIAD = [Number(f"accelerometer {word}", TRIAD[i].split()[-1], unit, UNITS[unit]) for _, word, unit, which in ROWS for i in which]
 #: the numbers of a unit, in the order of every array here
 NUMBERS = (*(Number(*_SHOWN[i]) for i in KEPT), *_TRIAD)
 #: places of the gyroscope's zero

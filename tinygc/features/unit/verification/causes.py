@@ -235,7 +235,7 @@ def _of_accelerometer(rows: Rows, old: OldCalibration) -> list[Cause]:
     """Changes of the accelerometer, where its calibration is known and stills show gravity's length."""
     if not rows.stills or old.accelerometer is None:
         return []
-    found, advice = [], f"calibrate the accelerometer again (`{command_line('accelerometer')}`), then fit"
+    found, advice = [], f"calibrate the accelerometer again (`{command_line('fit', 'DIR', '--accelerometer', 'alone')}`), then fit"
     for name, says, which, sign, size, unit, si in (
         ("accelerometer's zero", "the accelerometer's zero has moved", BIASES, 1, ACCEL_ZERO_MPS2, "mg", MG),
         ("accelerometer's scale", "the accelerometer's scale has changed", SCALES_OF_ACCELEROMETER, -1, ACCEL_SCALE, "ppm", 1e-6),

@@ -52,6 +52,7 @@ class Part:
     """One source: name; columns (n, k) of the rows for one sigma of each of its k numbers; into (21, k): the same of the parameters;
     freedom: degrees of freedom of its size; source, in words; assumed: whether its size is not this unit's own."""
 
+    written = ("name", "source", "freedom", "assumed")
     name: str
     columns: np.ndarray
     into: np.ndarray

@@ -101,9 +101,7 @@ class Verified(Shown):
                     | {name: getattr(each, name) if each.asked else None for name in ("holds", "statistic", "chi_square", "p_value")}
                     for each in found.questions
                 ],
-                "expected": [
-                    {"name": part.name, "source": part.source, "freedom": part.freedom, "assumed": part.assumed} for part in found.parts
-                ],
+                "expected": found.parts,
                 "bias_anew": in_unit(DEG, bias_dps=found.new_bias, change_dps=found.bias_anew, sigma_dps=sigmas_in(found.bias_covariance)),
                 "cause": None
                 if diagnosis is None

@@ -59,7 +59,6 @@ class Verification:
     headline: str
     questions: tuple[Question, ...]
     parts: tuple[Part, ...]
-    noise: TodaysNoise
     bounds: tuple[Bound, ...]
     cost: Cost
     bias_anew: np.ndarray
@@ -173,7 +172,6 @@ def verify_session(
         headline="; ".join(filter(None, (power_words(bounds), apart, headline))),
         questions=questions,
         parts=tuple(parts),
-        noise=noise,
         bounds=bounds,
         cost=cost,
         bias_anew=anew.change[ZERO],

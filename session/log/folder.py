@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from session.base import features
 from session.base.errors import CalibrationError, DataError, FormatError, StorageError
 from session.base.files import (
+    MB,
     MOST_TOML,
     copy_new,
     created,
@@ -500,6 +501,21 @@ def sha256_of(path: Path) -> str:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise unreadable(path, error) from None
+
+
+#: bytes up to which two logs of one size are compared
+MOST_COMPARED = 20_000 * MB
+
+
+def refuse_same(paths: Sequence[Path]) -> None:
+    """DataError where two logs are the same recording, which would count twice, and narrow every sigma."""
+    seen: dict[str, int] = {}
+    sizes = [path.stat().st_size if path.is_file() else -1 for path in paths]
+    for number, (path, size) in enumerate(zip(paths, sizes, strict=True)):
+        compared = sizes.count(size) > 1 and 0 <= size <= MOST_COMPARED
+        first = seen.setdefault(sha256_of(path) if compared else os.path.realpath(path), number)
+        if first != number:
+            raise DataError(f"{paths[first]} and {path} are the same recording, which would count twice; leave one of them out")
 
 
 # What is added to a ``session.toml`` that is there: notes, and turns that do not count.  The rest stays as it is, and the file is replaced

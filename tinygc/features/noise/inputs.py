@@ -6,7 +6,6 @@ the rests between its movements, each for itself, since nothing is known of the 
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -17,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from session.base.errors import DataError, FormatError
-from session.base.files import MB, open_file, require_file
+from session.base.files import open_file, require_file
 from session.base.names import has_recorded_name, log_paths, refuse_special
 from session.base.numeric import median_length
 from session.base.progress import Progress, untold
@@ -27,7 +26,7 @@ from session.base.units import DEG
 from session.detect.check_stills import check_rest
 from session.detect.stills import find_stills, references
 from session.log.config import REFERENCES, Config, Sensor, read_config
-from session.log.folder import Session, sha256_of
+from session.log.folder import Session, refuse_same
 from session.log.logfile import number_in, read_log
 from session.log.reader import Reader
 from session.log.registers import profile_of
@@ -55,8 +54,6 @@ SHORTEST_S = 1.0
 #: how a file begins whose first column is called tau
 FIRST_OF_CURVE = re.compile(rb"\W*(\xcf\x84|(taus?|averaging[ _]?times?)(_?s)?\W)", re.IGNORECASE)
 FIRST_BYTES = 100
-#: bytes up to which two files of one size are compared
-MOST_COMPARED = 20_000 * MB
 
 
 @dataclass(eq=False)
@@ -98,15 +95,7 @@ def read_inputs(inputs: Sequence[Input], sensor: str = "", serial: str = "", pro
     """
     rests = Rests([], [], [], sensor, serial)
     parts = list(_parts(inputs))
-    # The same recording given twice would count twice, and narrow every sigma
-    paths = [path for _, path, _ in parts if path is not None]
-    seen: dict[str, int] = {}
-    sizes = [path.stat().st_size if path.is_file() else -1 for path in paths]
-    for number, (path, size) in enumerate(zip(paths, sizes, strict=True)):
-        compared = sizes.count(size) > 1 and 0 <= size <= MOST_COMPARED
-        first = seen.setdefault(sha256_of(path) if compared else os.path.realpath(path), number)
-        if first != number:
-            raise DataError(f"{paths[first]} and {path} are the same recording, which would count twice; leave one of them out")
+    refuse_same([path for _, path, _ in parts if path is not None])
     names = [name for name, _, _ in parts]
     for number, (name, file, read) in enumerate(parts):
         progress(f"reading {name}", number, len(parts))

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from session.base.errors import DataError, FitError, FormatError
+from session.base.errors import FitError, FormatError
 from session.base.names import log_paths
 from session.base.progress import Progress, untold
 from session.base.texts import printable
 from session.log.config import read_config
-from session.log.folder import file_key, input_hashes, read_session, sha256_of
+from session.log.folder import file_key, input_hashes, read_session, refuse_same, sha256_of
 from tinygc.features.temperature.rest_fit import RestFit, fit_rests, read_rests
 from tinygc.features.temperature.sessions_fit import ThermalFit, join, of_rests_alone, point_of
 from tinygc.library.arguments import public
@@ -60,31 +60,22 @@ def fit_temperature(folders: Path | str | Sequence[Path | str], *, most_order: i
     turning = [folder for folder in paths if log_paths(folder, "log")]
     if not rest_paths and not turning:
         raise FormatError(f"{paths[0]}: neither a rest log nor a log; expected rest*.csv or log*.csv beside session.toml")
-    _refuse_same([*rest_paths, *(path for folder in turning for path in log_paths(folder, "log"))])
-    rests: RestFit | None = None
+    refuse_same([*rest_paths, *(path for folder in turning for path in log_paths(folder, "log"))])
     begins = {path: "" if len(paths) == 1 else f"{printable(path.parent.resolve().name)}/" for path in rest_paths}
     hashes = {f"{begins[path]}{file_key(path)}": sha256_of(path) for path in rest_paths}
     name = printable(paths[0].resolve().name)
+    rests: RestFit | None = None
+    alone: ThermalFit | None = None
     if rest_paths:
         rests = fit_rests(read_rests(rest_paths, sensor, progress), tuple(range(most_order + 1)), progress=progress)
-    if not turning:
-        assert rests is not None
-        return of_rests_alone(name, rests, {"session.toml": sha256_of(paths[0] / "session.toml")} | hashes)
-    shape = None if rests is None else of_rests_alone(name, rests, {}).model
+        alone = of_rests_alone(name, rests, {"session.toml": sha256_of(paths[0] / "session.toml")} | hashes)
+        if not turning:
+            return alone
     points = []
     for folder in turning:
         session = read_session(folder)
         prefix = f"{session.name}/" if len(paths) > 1 else ""
         hashes |= {f"{prefix}{file}": digest for file, digest in input_hashes(session).items()}
-        points.append(point_of(session, shape, progress))
+        points.append(point_of(session, alone and alone.model, progress))
     sessions = join(points, rests, most_order)
     return ThermalFit(name, sessions.model, sessions.covariance, rests, sessions, hashes)
-
-
-def _refuse_same(paths: list[Path]) -> None:
-    """Raise DataError where two logs are the same recording: it would count twice, and halve the variances."""
-    seen: dict[str, Path] = {}
-    for path in paths:
-        first = seen.setdefault(sha256_of(path), path)
-        if first is not path:
-            raise DataError(f"{first} and {path} are the same recording, which tells everything once; leave one of them out")

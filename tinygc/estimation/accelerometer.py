@@ -215,8 +215,8 @@ def triad_errors(values: np.ndarray) -> np.ndarray:
 
 
 def derivative(function: Callable[[np.ndarray], np.ndarray], x: np.ndarray) -> np.ndarray:
-    """Return the derivative (9, 9) of a function of nine numbers of an accelerometer, (9,), at x (9,)."""
-    sides = [[function(x + sign * step) for step in SMALL * np.eye(PARAMETERS)] for sign in (1, -1)]
+    """Return the derivative (n, n) of a function of n numbers, (n,), at x (n,), by central differences."""
+    sides = [[function(x + sign * step) for step in SMALL * np.eye(len(x))] for sign in (1, -1)]
     return (np.array(sides[0]) - np.array(sides[1])).T / (2 * SMALL)
 
 

@@ -231,7 +231,7 @@ def with_component(rows, name, kind, s, sigma):
     V = np.zeros((len(rows.r), len(rows.r)))
     own = rows.kinds[kind]
     V[own, own] = np.eye(own.stop - own.start)
-    return TodaysNoise(rows.white + s**2 * V, ((name, V, s, sigma),), todays_noise(rows).found, 1e6)
+    return TodaysNoise(rows.white + s**2 * V, ((name, V, s, sigma),), todays_noise(rows).found)
 
 
 @pytest.mark.parametrize(("sigma", "heavier"), [(1e-6, False), (1.0, True)])
@@ -284,7 +284,7 @@ def test_noise_that_the_old_fit_found_has_the_freedom_of_its_estimate(known):
     old.noise = {"noise.still_rate": (1.5**2, known)}
     found = asked(rows, old=old, noise=noise)["noise"]
     share = 18 * 1.5**2 / (0.25 + 1.5**2) / 42
-    other = 1 / (1 / noise.freedom + share**2 / known)
+    other = 1 / (1 / rows.noise_freedom + share**2 / known)
     assert found.p_value == pytest.approx(stats.f.sf(found.statistic / found.rank, found.rank, other), rel=1e-6, abs=0)
 
 

@@ -14,7 +14,7 @@ from session.base.records import Key
 from session.base.results import Column, Maybe, Number, shown
 from session.base.units import MDPS
 from session.detect.accelerometer import NAMES as TRIAD
-from tinygc.estimation.accelerometer import ROWS, triad_errors
+from tinygc.estimation.accelerometer import ROWS, derivative, triad_errors
 from tinygc.estimation.accelerometer import UNITS as SIZES
 from tinygc.models import linear
 from tinygc.models.linear import WORDS, field_vector
@@ -102,7 +102,6 @@ UNITS = np.array([si for _, _, si in SENSOR_ERRORS])
 OWN = np.array([0, 4, 8, 1, 2, 3, 5, 6, 7, 9, 10, 11, *(linear.PARAMETERS + i for *_, which in ROWS for i in which)])
 #: values of a sensor without an error
 NO_ERROR = np.isin(NAMES, ("E_xx", "E_yy", "E_zz")).astype(float)
-_STEP = 1e-6
 
 
 def key_of(name: str, unit: str) -> str:
@@ -124,8 +123,7 @@ def sensor_errors(values: np.ndarray) -> np.ndarray:
 def jacobian(values: np.ndarray) -> np.ndarray:
     """Return (21, 21), the derivative of ``sensor_errors`` at values (21,), by central differences; unknown numbers are taken as no
     error."""
-    at = np.where(np.isfinite(values), values, NO_ERROR)
-    return np.stack([sensor_errors(at + step) - sensor_errors(at - step) for step in np.eye(len(NAMES)) * _STEP], axis=1) / (2 * _STEP)
+    return derivative(sensor_errors, np.where(np.isfinite(values), values, NO_ERROR))
 
 
 def error_sigmas(sigmas: np.ndarray, J: np.ndarray) -> np.ndarray:

@@ -55,12 +55,11 @@ E, B, GRAVITY, NOISE = "E", "B", "gravity's length", "noise"
 @dataclass(frozen=True, eq=False)
 class TodaysNoise:
     """Noise of today's recording: covariance (n, n); parts beyond white: name, V (n, n) for size 1, its size and that one's sigma; found:
-    their sizes; freedom of the white noise."""
+    their sizes."""
 
     covariance: np.ndarray
     parts: tuple[tuple[str, np.ndarray, float, float], ...]
     found: ComponentEstimate
-    freedom: float
 
     @property
     def named(self) -> np.ndarray:
@@ -81,7 +80,7 @@ def todays_noise(rows: Rows) -> TodaysNoise:
         spread = float(sigma) if np.isfinite(sigma) else max(float(s), component.usual)
         parts.append((component.name, own, float(s), spread))
         covariance = covariance + s**2 * own
-    return TodaysNoise(covariance, tuple(parts), found, rows.noise_freedom)
+    return TodaysNoise(covariance, tuple(parts), found)
 
 
 def noise_beside(rows: Rows, J: np.ndarray, with_sigma: bool = False, start: np.ndarray | None = None) -> ComponentEstimate:
@@ -267,7 +266,7 @@ def _left_over(rows: Rows, noise: TodaysNoise, old: OldCalibration) -> Question:
     # The expected square of each row is a mixture, whose degrees of freedom are those of its parts by their shares (Welch–Satterthwaite).
     whitened = [(solve_lower(factor, solve_lower(factor, own[np.ix_(keep, keep)]).T), known) for own, known in of_old]
     shares = [(float(np.trace(own)) / len(keep), known) for own, known in whitened]
-    ratio, other = chi_square / freedom, 1 / (1 / noise.freedom + sum(share**2 / known for share, known in shares))
+    ratio, other = chi_square / freedom, 1 / (1 / rows.noise_freedom + sum(share**2 / known for share, known in shares))
     if old.goodness is not None and old.goodness[1] > 0 and (before := old.goodness[0] / old.goodness[1]) > 1:
         ratio, other = ratio / before, 1 / (1 / other + 1 / old.goodness[1])
     return Question(NOISE, chi_square, freedom, float(fdtrc(freedom, other, ratio)), left_rps=left_rps)

@@ -119,11 +119,15 @@ class TurnFit(Shown):
                 found[axis] = float(gain @ self.estimate.scale) / mean, float(np.sqrt(gain @ self.covariance @ gain)) / mean
         return found
 
+    @property
+    def used(self) -> list[TurnAngle]:
+        """The turns that the scales are from."""
+        return [angle for angle, good in zip(self.angles, self.estimate.used, strict=True) if good]
+
     @cached_property
     def axis_bound(self) -> float:
         """Of (S_kj + S_jk) u_j, were misalignments and leans as large as the leans that show: sqrt(2) times their mean square, of axes."""
-        used = [angle for angle, good in zip(self.angles, self.estimate.used, strict=True) if good]
-        leans = [np.mean([angle.lean_rad**2 for angle in used if angle.axis == axis]) for axis in {angle.axis for angle in used}]
+        leans = [np.mean([turn.lean_rad**2 for turn in self.used if turn.axis == axis]) for axis in {turn.axis for turn in self.used}]
         return float(np.sqrt(2) * np.mean(leans))
 
     @cached_property
@@ -282,8 +286,7 @@ class TurnFit(Shown):
 def repeats(fit: TurnFit) -> list[dict]:
     """``repeats`` of the JSON: cells of two turns or more of one axis, sense, stated angle and rate, in this order, that are used."""
     cells: list[list[TurnAngle]] = []
-    used = [angle for angle, good in zip(fit.angles, fit.estimate.used, strict=True) if good]
-    for angle in sorted(used, key=lambda angle: (angle.axis, -angle.sense, round(angle.stated_rad / DEG, 6), angle.rate_rps)):
+    for angle in sorted(fit.used, key=lambda angle: (angle.axis, -angle.sense, round(angle.stated_rad / DEG, 6), angle.rate_rps)):
         first = cells[-1][0] if cells else None
         same = (
             first is not None and (first.axis, first.sense) == (angle.axis, angle.sense) and abs(first.stated_rad - angle.stated_rad) < 1e-6

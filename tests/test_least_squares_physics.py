@@ -32,9 +32,9 @@ from tinygc.closure.uncertainty import (
     GoodnessOfFit,
     chi_square_above,
     covariance_from_columns,
+    covariance_parts,
     goodness,
     normal_above,
-    parameter_covariance,
     signed_ranks_above,
 )
 from tinygc.models.linear import BIAS, MATRIX, NAMES, PARAMETERS, PRIOR_SIGMA, LinearModel, bias_only
@@ -313,7 +313,7 @@ class Data:
 
     def covariance(self, rate_t=EARTH_T, **more):
         earth = EarthRate(rate_t, 0.0, 0.6, more.pop("source", "given"))
-        return parameter_covariance(self.batch, self.floor, TRUE, earth, self.stills, prior=self.prior, **more)
+        return sum(covariance_parts(self.batch, self.floor, TRUE, earth, self.stills, prior=self.prior, **more).values())
 
     @cached_property
     def unmoved(self):

@@ -265,7 +265,7 @@ def fit_least_squares(
     around ``start``, or is ``prior``.  settled: rad; it ends where the next step is foreseen to change no residual by more.
 
     Raises FitError if the search does not converge, for residuals that are not finite, or without segments.
-    The covariance returned is that of independent residuals with these sigmas; ``uncertainty.parameter_covariance`` refines it.
+    The covariance returned is that of independent residuals with these sigmas; ``uncertainty.covariance_parts`` refines it.
     """
     if len(batch) == 0:
         raise FitError("no segments to fit; see the reasons for which they were rejected")

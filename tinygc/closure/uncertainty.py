@@ -117,20 +117,6 @@ def closure_goodness(angles: np.ndarray, design: np.ndarray, covariance: np.ndar
 BIAS_DRIFT, EARTH = "drift of the bias", "heading and the Earth's rate"
 
 
-def parameter_covariance(
-    batch: residual.Batch,
-    floor: Floor,
-    model: LinearModel,
-    earth: EarthRate,
-    still_rates: StillRates | None = None,
-    wander: BiasWander | None = None,
-    prior: GaussianPrior | None = None,
-) -> np.ndarray:
-    """(12, 12) covariance of ``LinearModel.vector`` from least squares: the sum of ``covariance_parts``."""
-    parts = covariance_parts(batch, floor, model, earth, still_rates, wander, prior).values()
-    return sum(parts, np.zeros((linear.PARAMETERS, linear.PARAMETERS)))
-
-
 def covariance_parts(
     batch: residual.Batch,
     floor: Floor,
@@ -197,7 +183,7 @@ def covariance_from_columns(
     more_prior: np.ndarray | None = None,
     information: np.ndarray | None = None,
 ) -> np.ndarray:
-    """(P, P) covariance from the segments' columns (S, d, P) alone: ``parameter_covariance`` without still rates and heading.
+    """(P, P) covariance from the segments' columns (S, d, P) alone: the sum of ``covariance_parts`` without still rates and heading.
 
     Further parameters may follow the 12, with prior sigmas ``more_prior`` (P - 12,); information (P, P): of other data.
     """

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -226,8 +226,8 @@ def exported(
     """Export in a format, and write the files if a folder is given; choices: fields of ``ExportOptions``; context_of: ``read_context`` of a
     folder, or ``context_of_fit`` of a fit."""
     options, remarks = ExportOptions(**choices), list[str]()
-    how: dict[str, Any] = {"anyway": options.anyway, "noise": noise_source(options.noise), "inflation": options.inflation}
-    made = Exported.of(to, lambda name: context_of(options.model, remarks.append, **how), remarks)
+    options = replace(options, noise=noise_source(options.noise))
+    made = Exported.of(to, lambda name: context_of(options, remarks.append), remarks)
     if folder is not None:
         made.save(folder)
     return made

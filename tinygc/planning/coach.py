@@ -169,7 +169,7 @@ class Coach:
 
     @property
     def covariance(self) -> np.ndarray:
-        """Covariance (P, P) as from ``uncertainty.parameter_covariance``, without errors shared by neighbours and the Earth's heading."""
+        """Covariance (P, P) as the sum of ``uncertainty.covariance_parts``, without errors shared by neighbours and the Earth's heading."""
         return self._covariance_of(len(self._seen))
 
     def _covariance_of(self, count: int) -> np.ndarray:

@@ -23,7 +23,7 @@ from tinygc.closure.build import build_problem
 from tinygc.closure.joint import GIVEN_SIGMA_MG, REFUTED_P, fit_joint, recalibrated, tilt_columns
 from tinygc.closure.problem import GYROSCOPE, Problem
 from tinygc.closure.residual import Batch
-from tinygc.closure.uncertainty import parameter_covariance
+from tinygc.closure.uncertainty import covariance_parts
 from tinygc.estimation.accelerometer import JOINT_NAMES
 from tinygc.estimation.stated_noise import prior_share, stated_joint_covariance, stated_noise
 from tinygc.models import linear
@@ -136,8 +136,8 @@ def known_of(problem: Problem) -> Known:
     share = prior_share(level, problem.first if joint is None else joint.model, still_rates=False)
     left = (share * linear.PRIOR_SIGMA**2) @ share.T
     if joint is None or noise is None:
-        covariance = parameter_covariance(problem.batch, problem.floor, problem.first, problem.earth, wander=problem.wander) + left
-        return Known(covariance, float(np.median(problem.floor.sigma[problem.batch.known])))
+        parts = covariance_parts(problem.batch, problem.floor, problem.first, problem.earth, wander=problem.wander)
+        return Known(sum(parts.values()) + left, float(np.median(problem.floor.sigma[problem.batch.known])))
     rows = len(problem.used) * problem.batch.angles
     sigma_mps2 = float(np.median(1 / joint.system.root[rows:]))
     covariance = stated_joint_covariance(level, joint.model, noise, still_rates=False)

@@ -17,7 +17,7 @@ from session.base.units import DEG, G
 from tinygc import CalibrationError
 from tinygc.closure.least_squares import GaussianPrior, fit_least_squares, vague
 from tinygc.closure.prepared import prepare
-from tinygc.closure.uncertainty import goodness, parameter_covariance
+from tinygc.closure.uncertainty import covariance_parts, goodness
 from tinygc.estimation.options import FitOptions
 from tinygc.estimation.stated_noise import stated_covariance, stated_goodness, stated_noise
 from tinygc.features.fleet import fit as lots_fit
@@ -433,7 +433,7 @@ class Refits:
         model = fitted(prior)
         self.fit = model.vector
         excess = goodness(problem.batch, problem.floor, model, problem.wander).excess
-        stated = parameter_covariance(problem.batch, problem.floor, model, problem.earth, still_rates, problem.wander, prior)
+        stated = sum(covariance_parts(problem.batch, problem.floor, model, problem.earth, still_rates, problem.wander, prior).values())
         self.noise = excess * stated
         if prior is not None:
             moved = [fitted(replace(prior, centre=prior.centre + step * unit)).vector for unit in np.eye(PARAMETERS)]

@@ -15,7 +15,7 @@ from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.prepared import prepare
 from tinygc.closure.residual import closure_angles
-from tinygc.closure.uncertainty import parameter_covariance
+from tinygc.closure.uncertainty import covariance_parts
 from tinygc.features.truth.check import with_aligned_truth
 from tinygc.features.truth.reading import changed, read_truth
 from tinygc.models.linear import LinearModel
@@ -33,7 +33,7 @@ def test_the_errors_are_recovered_within_their_sigmas_without_a_single_still():
     problem = build_problem(session)
     assert problem.batch.angles == 3
     fit = fit_least_squares(problem.batch, problem.floor.sigma, problem.first)
-    sigma = np.sqrt(np.diag(parameter_covariance(problem.batch, problem.floor, fit.model, problem.earth)))
+    sigma = np.sqrt(np.diag(sum(covariance_parts(problem.batch, problem.floor, fit.model, problem.earth).values())))
     z = (fit.model.vector - true_model(E).vector) / sigma
     assert np.abs(z).max() < 3.5
     assert 2 < z @ z < 30  # twelve of them

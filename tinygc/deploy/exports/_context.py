@@ -23,7 +23,7 @@ from session.log.config import Accelerometer, Config, Protocol, Sensor, Site, re
 from session.log.folder import file_key, input_hashes, sha256_of
 from session.log.logfile import read_log
 from tinygc import models
-from tinygc.deploy import ExportError
+from tinygc.deploy import ExportError, ExportOptions
 from tinygc.deploy.calibration import effects_of_session_time
 from tinygc.estimation.accelerometer import USUAL_SPREAD, AccelerometerFit, AnySession
 from tinygc.estimation.choice import worse_in_table
@@ -148,22 +148,17 @@ class Context:
 
 def read_context(
     folder: Path,
-    method: str | None = None,
-    say: Told = untold,
-    *,
-    anyway: bool = False,
-    noise: NoiseSource = None,
-    inflation: str | None = None,
+    options: ExportOptions,
+    say: Told,
 ) -> tuple[Model | None, Context]:
     """Return ``(model, Context)`` of a fitted session, of a folder with noise figures alone, or of a file of noise figures; model: None
     where there are only figures.
 
-    ``method`` names one of the fit's models, or is a model file; the default is least squares.  anyway: report, instead of refusing, a
-    model that closes held-out segments worse than the raw rates do.  noise: the unit's figures; those beside the model by default.
-    inflation: the kind of motion whose factors the densities are to have.
+    Its model is one of the fit's by its method, or a file's; the default is least squares.  Its noise: those beside the model by default.
     Raises ExportError where there is neither fit nor figures, for figures of another sensor, and for a refused model; FormatError for
     files that cannot be read.
     """
+    method, noise, inflation = options.model, options.noise, options.inflation
     if _holds_noise_alone(folder):
         if method is not None or noise is not None:
             raise ExportError(f"{folder} holds noise figures alone: --model and --noise go with a session folder")
@@ -186,40 +181,36 @@ def read_context(
     named: str = table.get("method") or path.stem.removeprefix("model_")
     judged = named.removesuffix(AT_END)
     fit = _fit_beside(path, judged, f"run `{command_line('fit', folder)}` again")
-    _judge(path.name, fit, judged, say, anyway)
+    _judge(path.name, fit, judged, say, options.anyway)
     context = Context(name, named, config, table, fit, hashes, say, lambda: [read_log(log, config.sensor).samples.temp_c for log in logs])
     return model, _with_noise(context, source, inflation)
 
 
 def context_of_fit(
     result: FitResult,
-    method: str | None = None,
-    say: Told = untold,
-    *,
-    anyway: bool = False,
-    noise: NoiseSource = None,
-    inflation: str | None = None,
+    options: ExportOptions,
+    say: Told,
 ) -> tuple[Model, Context]:
-    """Return the same of a fit that need not lie in a folder; method: one of its models, least squares by default; noise: none by default.
+    """Return the same of a fit that need not lie in a folder; model: one of its own, least squares by default; noise: none by default.
 
     Raises ExportError for a model that was not fitted, and as ``read_context``.
     """
     tables = model_tables(result)
-    name = method or PREFERRED
+    name = options.model or PREFERRED
     if name not in tables:
         raise ExportError(f"{name} was not fitted; the fit has {', '.join(tables)}")
-    _say_of_physics(set(tables) if method is None else set(), say, 'model="{}"')
+    _say_of_physics(set(tables) if options.model is None else set(), say, 'model="{}"')
     path = Path(f"model_{name}.json")
     model = models.from_dict(tables[name], path.name)
     _refuse_session_time(model, path, 'model="{}"')
     fit = read_json_text(json_text(to_json(result)), "fit.json")  # as the file has it: null for what is no number
-    _judge(path.name, fit, name.removesuffix(AT_END), say, anyway, "anyway=True")
+    _judge(path.name, fit, name.removesuffix(AT_END), say, options.anyway, "anyway=True")
     session = result.session
     text = json_text(tables[name]) + "\n"  # as ``save_models`` writes it
     hashes = {path.name: hashlib.sha256(text.encode()).hexdigest(), **input_hashes(session)}
     temperatures = [log.samples.temp_c for log in session.logs]
     context = Context(session.name, name, session.config, tables[name], fit, hashes, say, lambda: temperatures)
-    return model, _with_noise(context, noise, inflation)
+    return model, _with_noise(context, options.noise, options.inflation)
 
 
 # Noise figures: from a file, a folder or a record; those of another sensor are refused.

@@ -14,7 +14,7 @@ from session.log.folder import file_key, sha256_of
 from tinygc.closure.least_squares import GaussianPrior, vague
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import closure_angles
-from tinygc.closure.uncertainty import goodness, parameter_covariance
+from tinygc.closure.uncertainty import covariance_parts, goodness
 from tinygc.estimation.accelerometer import USUAL_SPREAD, AnySession
 from tinygc.estimation.bias import BiasChoice, choose
 from tinygc.estimation.held_out import run_method
@@ -279,7 +279,8 @@ def _noise_covariance(level: Problem, linear: MethodFit, noise: StatedNoise | No
     if noise is None:
         rates = level.still_rates if options.still_rates else None
         wide = goodness(level.batch, level.floor, model, level.wander).excess
-        return wide * parameter_covariance(level.batch, level.floor, model, level.earth, rates, level.wander, level.prior)
+        parts = covariance_parts(level.batch, level.floor, model, level.earth, rates, level.wander, level.prior)
+        return wide * np.sum([*parts.values()], axis=0)
     wide = stated_goodness(level, model, noise)[1]
     return wide * stated_covariance(level, model, noise, options.still_rates)[0]
 

@@ -25,14 +25,16 @@ from tinygc.features.unit.budget.library import budget_of_fit
 from tinygc.features.unit.budget.monte_carlo import _coverage_of, _Redrawn
 from tinygc.features.unit.budget.page import cells_of
 from tinygc.features.unit.budget.quantities import (
+    _DRIFT_OF_USE,
+    _NOISE_OF_USE,
     _source_sizes,
     accelerometer_budgets,
     parameter_budgets,
     sensor_error_budgets,
+    sources_in_use,
     use_budgets,
 )
 from tinygc.features.unit.budget.rows import Beside, Budget, Row, decimals_of
-from tinygc.features.unit.budget.use import _DRIFT_OF_USE, _NOISE_OF_USE, sources_in_use
 from tinygc.features.unit.options import BudgetOptions
 from tinygc.models.linear import BIAS, NAMES, field_jacobian
 

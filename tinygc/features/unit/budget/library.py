@@ -18,9 +18,16 @@ from session.log.folder import Session
 from tinygc.estimation.options import FitOptions
 from tinygc.features.unit.budget.monte_carlo import MonteCarlo, monte_carlo
 from tinygc.features.unit.budget.page import drawn_page, overview, page, whole
-from tinygc.features.unit.budget.quantities import SHOWN, accelerometer_budgets, named, parameter_budgets, sensor_error_budgets, use_budgets
+from tinygc.features.unit.budget.quantities import (
+    SHOWN,
+    TOTAL,
+    accelerometer_budgets,
+    named,
+    parameter_budgets,
+    sensor_error_budgets,
+    use_budgets,
+)
 from tinygc.features.unit.budget.rows import Budget
-from tinygc.features.unit.budget.use import TOTAL
 from tinygc.features.unit.options import BudgetOptions
 from tinygc.fitting.fit import fit_session
 from tinygc.fitting.results import FitResult

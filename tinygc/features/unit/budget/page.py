@@ -11,9 +11,8 @@ from session import VERSION
 from session.base.texts import NONE, command_line, printable, significant
 from tinygc.explanation.reported import ReportData
 from tinygc.features.unit.budget.monte_carlo import MonteCarlo
-from tinygc.features.unit.budget.quantities import SHOWN, sensor_error_budgets
+from tinygc.features.unit.budget.quantities import SHOWN, TOTAL, sensor_error_budgets
 from tinygc.features.unit.budget.rows import Budget, Row, apportioned, decimals_of
-from tinygc.features.unit.budget.use import TOTAL
 from tinygc.reporting.html.chart import drawing
 from tinygc.reporting.html.markup import Section, code, escape, figure, key, paragraph, table
 from tinygc.reporting.html.page import document

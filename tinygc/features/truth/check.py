@@ -13,7 +13,7 @@ from session.base.units import DEG
 from session.detect.findings import Finding, axes_text, xyz_text
 from session.log.folder import Session
 from session.log.logfile import Log
-from tinygc.features.truth.alignment import MOUNTING_RAD, OFFSET_SIGMAS, carried
+from tinygc.features.truth.alignment import EXPLAINED, LONGEST_S, MOUNTING_RAD, OFFSET_SIGMAS, carried
 from tinygc.features.truth.outages import without_outages
 from tinygc.features.truth.reading import (
     ATTITUDE,
@@ -35,9 +35,7 @@ from tinygc.features.truth.segments import cut_at_truth
 
 # Check of a truth file: its rotations must be the ones that the gyro's rates make.
 
-EXPLAINED = 0.5  #: of the truth's rotations, or they are not this gyro's
 MOST_SEGMENTS = 200
-SHORT_S = 10.0  #: over more, a bias of some dps turns so far that it is no longer a small correction
 LEAST_DEG = 1.0
 
 
@@ -56,7 +54,7 @@ def check_truth(session: Session, log: Log) -> list[Finding]:
         return [Finding("error", where, "truth", f"{says}: {cut[0][0].problem}", "is the truth of this log?")]
     findings = [Finding("ok", where, "truth", says)]
     picked = good[:: -(-len(good) // MOST_SEGMENTS)]
-    if float(np.median([segment.duration_s for segment, _ in picked])) > SHORT_S:
+    if float(np.median([segment.duration_s for segment, _ in picked])) > LONGEST_S:
         return findings
     q = carried(log.samples, log.samples.gyro).q
     begin, last = (np.array([getattr(segment, name) for segment, _ in picked]) for name in ("start", "stop"))

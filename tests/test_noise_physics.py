@@ -1,7 +1,6 @@
 """A session's noise: restricted likelihood against its definition, each component by numeric derivatives or sums over every reading."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 from unittest.mock import patch
 
 import numpy as np
@@ -376,7 +375,7 @@ def test_the_p_value_of_unusual_noise_is_the_likelihood_ratios():
     r = np.array([3.0, -2.0, 2.5, 2.2, -3.3, 1.0])
     noise = noise_of([1.0, 1.0], names=(TURN, STILL_RATE), priors=(None, None))
     noise = replace(noise, components=(*noise.components, absent(np.eye(6)[5])), s=np.ones(3), sigma=np.zeros(3))
-    noise = noise.estimated(SimpleNamespace(white=np.eye(6)), r, np.zeros((6, 1)), steps=60)
+    noise = noise.estimated(np.eye(6), r, np.zeros((6, 1)), steps=60)
     assert np.isnan(noise.sigma).all()  # unless asked for
 
     def gain(rows):  # -2 log L of white noise and as much of the component, a variance of 2, less the least of it
@@ -422,7 +421,7 @@ def test_beside_an_effect_the_noise_is_of_what_both_leave_with_the_effects_own_s
         return np.linalg.lstsq(np.concatenate([both / sigma, np.eye(2)]), np.append(-r / sigma, [0, 0]), rcond=None)[0]
 
     both = np.hstack([J, effect * np.abs(fitted(np.hstack([J, effect]))[1])])
-    expected = noise.estimated_beside(sigma**2 * np.eye(6), r + both @ fitted(both), both, noise.s, steps=_GUESS_STEPS)
+    expected = noise.estimated(sigma**2 * np.eye(6), r + both @ fitted(both), both, noise.s, steps=_GUESS_STEPS)
     found = noise_beside(noise, lambda rows: rows / sigma, sigma**2 * np.eye(6), r, J, effect, noise.s)
     assert found.s == pytest.approx(expected.s, rel=1e-6)
     assert found.value == pytest.approx(expected.value, rel=1e-9)

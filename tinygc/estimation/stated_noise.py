@@ -177,7 +177,7 @@ def stated_noise(problem: Problem) -> StatedNoise | None:
         lengths = np.arange(len(white))[whiten.parts["length"]]
         white[lengths, lengths] -= ACCEL_INSTABILITY_MPS2**2
     beside, r = whiten.white if joint is None else white, whiten.back(fit.r)
-    noise = first.estimated_beside(beside, r, J, with_sigma=True)
+    noise = first.estimated(beside, r, J, with_sigma=True)
     unusual_p = noise.unusual_p(beside, r, J)
     if joint is None:
         factor = _accelerometer_factor(columns[whiten.parts["length"]], noise, own)

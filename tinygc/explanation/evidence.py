@@ -294,7 +294,7 @@ class Evidence:
         fit, noise = refit(twin, whiten, list(effects), state, max_steps=FIRST_STEPS), self.first_noise
         for start in (None, True):
             r, J = whiten.back(fit.r), whiten.back(fit.J) * self.prior(fit)
-            noise = self.first_noise.estimated(whiten, r, J, noise.s if start else None)
+            noise = self.first_noise.estimated(whiten.white, r, J, noise.s if start else None)
             whiten = self.whiteners.of(noise) if start else self.whiteners.white.with_more(noise.covariance)
             fit = settled(twin, whiten, refit(twin, whiten, list(effects), fit.state, max_steps=MORE_STEPS))
         # The part of theta' D^-1 theta that ``price`` leaves out: the squared penalty of a claim larger than plausible.

@@ -317,7 +317,7 @@ class SessionNoise:
                 white = white + most**2 * (component.V.dense() if isinstance(component.V, Sparse) else component.V)
                 cost += 0.0 if component.prior is None else component.prior.apart(most)[0] ** 2
                 own, held = own.without(component.name), held + 1
-            own = own.estimated_beside(white, r, J, own.s)
+            own = own.estimated(white, r, J, own.s)
         if not held:
             return 1.0
         gain = max(own.value + cost - self.value, 0.0)
@@ -350,22 +350,6 @@ class SessionNoise:
 
     def estimated(
         self,
-        whiten: Whitener,
-        r: np.ndarray,
-        J: np.ndarray,
-        start: np.ndarray | None = None,
-        with_sigma: bool = False,
-        steps: int = SCORING_STEPS,
-    ) -> SessionNoise:
-        """Re-estimate the components with columns J (n, p), stacked, in units of their priors' sigmas, and residuals r (n,), stacked.
-
-        An effect that explains part of a component reduces it.  start: s (K,) at which the search starts; with_sigma: whether to compute
-        the sigmas.
-        """
-        return self.estimated_beside(whiten.white, r, J, start, with_sigma, steps)
-
-    def estimated_beside(
-        self,
         white: np.ndarray,
         r: np.ndarray,
         J: np.ndarray,
@@ -373,7 +357,12 @@ class SessionNoise:
         with_sigma: bool = False,
         steps: int = SCORING_STEPS,
     ) -> SessionNoise:
-        """``estimated``, beside white noise of covariance (n, n)."""
+        """Re-estimate the components beside white noise of covariance (n, n), with columns J (n, p), stacked, in units of their priors'
+        sigmas, and residuals r (n,), stacked.
+
+        An effect that explains part of a component reduces it.  start: s (K,) at which the search starts; with_sigma: whether to compute
+        the sigmas.
+        """
         found = estimate(
             r,
             J,
@@ -386,7 +375,7 @@ class SessionNoise:
             with_sigma,
             steps,
         )
-        return replace(self, s=found.s, sigma=found.sigma, value=found.value)
+        return replace(self, **vars(found))
 
 
 #: steps of an estimate beside one more effect, which starts from the noise without it
@@ -416,7 +405,7 @@ def noise_beside(
 
     if columns.shape[1]:
         both[:, own] *= np.sqrt(np.mean(optimum()[own] ** 2))
-    return noise.estimated_beside(white, r + both @ optimum(), both, start, steps=_GUESS_STEPS)
+    return noise.estimated(white, r + both @ optimum(), both, start, steps=_GUESS_STEPS)
 
 
 #: of each twin that is in use: ``explain`` asks where ``fit`` has asked before

@@ -76,6 +76,6 @@ def fit_temperature(folders: Path | str | Sequence[Path | str], *, most_order: i
         session = read_session(folder)
         prefix = f"{session.name}/" if len(paths) > 1 else ""
         hashes |= {f"{prefix}{file}": digest for file, digest in input_hashes(session).items()}
-        points.append(point_of(session, alone and alone.model, progress))
+        points.append(point_of(session, None if alone is None else alone.model, progress))
     sessions = join(points, rests, most_order)
     return ThermalFit(name, sessions.model, sessions.covariance, rests, sessions, hashes)

@@ -177,6 +177,53 @@ def test_a_description_that_does_not_fit_its_make(table, expected):
         open_table(table, link=Bench(description("line")).link, clock=SimulatedClock())
 
 
+VISA_DEVICE = """spec: "1.1"
+devices:
+  table:
+    eom:
+      ASRL INSTR: {q: "\\n", r: "\\n"}
+    dialogues:
+      - {q: "AXIS1:MOV?", r: "0"}
+      - {q: "STAT:STOP?", r: "0"}
+      - {q: "SYST:ERR?", r: "0,No error"}
+      - {q: "SYST:TIME?", r: "3.5"}
+      - {q: "ABOR"}
+      - {q: "HOME"}
+    properties:
+      position:
+        default: 0.0
+        getter: {q: "AXIS1:POS?", r: "{:.5f}"}
+        setter: {q: "AXIS1:POS {:.5f}"}
+        specs: {min: -360, max: 360, type: float}
+      rate:
+        default: 1.0
+        getter: {q: "AXIS1:VEL?", r: "{:.5f}"}
+        setter: {q: "AXIS1:VEL {:.5f}"}
+        specs: {min: 0, max: 360, type: float}
+resources:
+  ASRL1::INSTR: {device: table}
+"""
+
+
+def test_an_instrument_behind_visa(tmp_path):
+    """PyVISA's simulated instruments: no motion, but its real interface."""
+    pytest.importorskip("pyvisa_sim", reason="pyvisa-sim is not installed")
+    device = tmp_path / "device.yaml"
+    device.write_text(VISA_DEVICE)
+    table = replace(description("scpi", visa=f"{device}@sim", answer_s=0.2), port="ASRL1::INSTR")
+    driver = open_table(table)
+    try:
+        driver.turn_to(0, 33 * DEG, 20 * DEG)
+        found = driver.where()
+        assert found.angles[0] == pytest.approx(33 * DEG)
+        assert (found.moving, found.table_s) == (False, 3.5)
+        driver.stop()
+    finally:
+        driver.close()
+    with pytest.raises(TableFault, match=r"lost|does not answer"):
+        open_table(replace(table, port="ASRL7::INSTR")).where()
+
+
 def test_a_stage_behind_libximc(tmp_path):
     """Its own virtual controller; real time, since the library keeps it."""
     pytest.importorskip("libximc.highlevel", exc_type=ImportError, reason="libximc is not installed, or not for this system")

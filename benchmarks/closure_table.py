@@ -21,8 +21,7 @@ from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.problem import Problem
 from tinygc.closure.runs import read_closure_runs
 from tinygc.estimation.choice import run_figures
-from tinygc.estimation.denoised import of_problem
-from tinygc.methods.denoiser import train_denoiser
+from tinygc.methods.denoiser import of_problem, train_denoiser
 from tinygc.methods.network import train_second_order
 from tinygc.methods.particle_swarm import fit_pso
 from tinygc.models.linear import bias_only

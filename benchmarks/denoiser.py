@@ -29,9 +29,8 @@ from tinygc.closure import residual
 from tinygc.closure.build import build_problem
 from tinygc.closure.runs import ClosureRun, read_closure_runs
 from tinygc.estimation.choice import run_figures
-from tinygc.estimation.denoised import Material, of_problem
 from tinygc.methods import denoiser
-from tinygc.methods.denoiser import DELAY, train_adamw, train_denoiser
+from tinygc.methods.denoiser import DELAY, Material, of_problem, train_adamw, train_denoiser
 from tinygc.methods.network import train_second_order
 from tinygc.models.denoiser import REACH, DenoisedNet
 from tinygc.simulation.options import SimulationOptions

@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 from session.base.units import EARTH_RATE_RPS
 from tinygc.effects import Effect, EffectError, Movement, NoC, Parameter, Reach, axis_of, catalogue, diagonal, full, largest, signals
 from tinygc.effects.catalogue import tried
+from tinygc.effects.device import MOST_PASSES
 from tinygc.effects.entries.earth_rotation import latitude_deg
-from tinygc.effects.inversion import MOST_PASSES
 from tinygc.effects.movement import _mean, vibration
 
 

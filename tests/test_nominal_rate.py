@@ -11,7 +11,7 @@ import tinygc
 from session.base.errors import FormatError
 from session.log.sensors import CLOCK_WITHIN
 from tinygc import FitOptions, read_session
-from tinygc.estimation.assembly import CLOCK
+from tinygc.estimation.stated_noise import CLOCK
 from tinygc.fitting.fit import fit_session
 
 TRUE_HZ, NOMINAL_HZ = 52.7, 50.0

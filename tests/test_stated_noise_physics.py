@@ -25,13 +25,15 @@ from tinygc.closure.floor import (
 from tinygc.closure.joint import fit_joint
 from tinygc.closure.least_squares import GaussianPrior
 from tinygc.closure.uncertainty import BIAS_DRIFT, EARTH
-from tinygc.estimation import assembly
-from tinygc.estimation.assembly import CLOCK, MISFIT, ROUNDING, stated_uncertainty
+from tinygc.estimation import stated_noise as stating
 from tinygc.estimation.options import FitOptions
 from tinygc.estimation.sources import coverage_factor, effective_freedom, freedom_of, total
 from tinygc.estimation.stated_noise import (
     CALIBRATION,
+    CLOCK,
     COMPONENTS,
+    MISFIT,
+    ROUNDING,
     StatedNoise,
     _accelerometer_factor,
     channel_sources,
@@ -45,6 +47,7 @@ from tinygc.estimation.stated_noise import (
     stated_noise,
     stated_response,
     stated_sources,
+    stated_uncertainty,
 )
 from tinygc.models.linear import BIAS, MATRIX, PRIOR_SIGMA, LinearModel
 from tinygc.noise.components import REFERENCE, STILL_RATE, TURN, WANDER, first_noise
@@ -476,9 +479,9 @@ def plain_session(**more):
 
 def stated_with(monkeypatch, problem, noise, widened=1.0, lot=None):
     found = SimpleNamespace(freedom=20, excess=widened)
-    monkeypatch.setattr(assembly, "require_plausible", lambda *given: None)
-    monkeypatch.setattr(assembly, "stated_goodness", lambda *given: (found, widened))
-    monkeypatch.setattr(assembly, "goodness", lambda *given: found)
+    monkeypatch.setattr(stating, "require_plausible", lambda *given: None)
+    monkeypatch.setattr(stating, "stated_goodness", lambda *given: (found, widened))
+    monkeypatch.setattr(stating, "goodness", lambda *given: found)
     return stated_uncertainty(problem, problem, problem.first, noise, PLAIN, lot)
 
 
@@ -504,7 +507,7 @@ def test_clock_prior_and_rounding_are_added_as_they_are(monkeypatch):
     problem = plain_session()
     covariance, vector = np.diag(np.arange(1.0, 13.0)) * 1e-8, problem.first.vector
     problem.session.clock = SimpleNamespace(covariance=lambda vector: 4e-6 * np.outer(vector, vector))
-    monkeypatch.setattr(assembly, "rounding_covariance", lambda problem, model: 3 * covariance)
+    monkeypatch.setattr(stating, "rounding_covariance", lambda problem, model: 3 * covariance)
     found = stated_with(monkeypatch, problem, loud(problem), 2.0, SimpleNamespace(more=covariance, source="a prior"))
     expected = {ROUNDING: 3 * covariance, "a prior": covariance, CLOCK: 4e-6 * np.outer(vector, vector)}
     assert [(source.name, source.freedom) for source in found["sources"][-3:]] == [(name, np.inf) for name in expected]

@@ -20,7 +20,6 @@ from tinygc.closure.floor import wander_covariance
 from tinygc.closure.uncertainty import GoodnessOfFit
 from tinygc.estimation import systematic
 from tinygc.estimation.accelerometer import AccelerometerFit
-from tinygc.estimation.assembly import require_plausible
 from tinygc.estimation.choice import (
     AgainstRaw,
     closure_figures,
@@ -29,11 +28,11 @@ from tinygc.estimation.choice import (
     worse_in_table,
 )
 from tinygc.estimation.repeatability import BiasRepeatability
+from tinygc.estimation.stated_noise import require_plausible
 from tinygc.estimation.systematic import Systematic, _beside, _likeliest, systematic_of
 from tinygc.models.linear import LinearModel
-from tinygc.verdict.acceptance import GIVEN, JudgedFit, decide, run_p_values, too_good, too_wide
+from tinygc.verdict.acceptance import GIVEN, JudgedFit, Promise, decide, promise_of, run_p_values, too_good, too_wide
 from tinygc.verdict.model_tests import EFFECT, GRAVITY, NOISE, RUN, TURNS, ModelTest, contradictions, least_p, model_tests
-from tinygc.verdict.promise import Promise, promise_of
 
 
 def test_figures_are_root_mean_squares_in_degrees_and_yaw_is_of_the_turns_that_know_it():

@@ -18,11 +18,10 @@ from scipy.optimize import minimize
 from paper.euroc import EUROC, TEST, Euroc
 from session.base.units import DEG
 from tinygc.closure.least_squares import fit_least_squares
-from tinygc.estimation.denoised import of_problem
 from tinygc.estimation.options import Checkpoint
 from tinygc.fitting.bias_of_day import _from_start, from_gravity
 from tinygc.methods import denoiser
-from tinygc.methods.denoiser import train_denoiser
+from tinygc.methods.denoiser import of_problem, train_denoiser
 from tinygc.methods.network import train_adamw, train_second_order
 from tinygc.models.linear import bias_only
 

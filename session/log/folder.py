@@ -36,7 +36,6 @@ from session.base.progress import Told, untold
 from session.base.texts import command_line, printable, unicode_text
 from session.base.toml import Note, add_lines, edited, parse_toml, toml_line, value_text
 from session.base.units import DEG
-from session.log.arrays import logs_of_arrays, require_kind, si_of, turns_of_arrays, usual_ranges
 from session.log.config import (
     Accelerometer,
     Config,
@@ -52,7 +51,6 @@ from session.log.config import (
 from session.log.logfile import NAME as KNOWN_TURNS
 from session.log.logfile import KnownTurn, Log, already_calibrated, read_known_turns, read_log, rows_of
 from session.log.samples import Samples, joined, mapped
-from session.log.written import attitudes_text, board_text, exclude_text, log_lines, notes_text, toml_text, turns_text
 
 # A session folder as one record: configuration, calibration logs, closure runs, dial readings (docs/formats.md).
 
@@ -152,6 +150,8 @@ class Session:
         np.float64(-9.80665)
 
         """
+        from session.log.arrays import logs_of_arrays, require_kind, si_of, turns_of_arrays, usual_ranges
+
         for what, text in (("name", name), ("model", model), ("serial", serial)):
             require_kind(what, text, str, "text")
         if Path(name).name != name or not name or "\0" in name:
@@ -207,6 +207,9 @@ class Session:
         Rates are in rad/s, specific force in m/s^2 and stamps in ns, with all digits; registers become such numbers.  Logs and closure
         runs are numbered from 1.  Raises FormatError where the folder holds something, and for a setting that no session.toml may hold.
         """
+        from session.log.arrays import require_kind
+        from session.log.written import attitudes_text, board_text, log_lines, toml_text, turns_text
+
         require_kind("folder", folder, (str, os.PathLike), "the path of a new folder")
         if "\0" in str(folder) or not str(folder).strip():
             raise DataError(f"folder is {folder!r:.60}, expected the path of a new folder")
@@ -525,6 +528,8 @@ def refuse_same(paths: Sequence[Path]) -> None:
 def add_notes(path: Path, notes: Mapping[str, Note]) -> str:
     """Add to ``[notes]``, and give the file's text, which its folder may not outlive.  What is there already in the same words is left;
     FormatError where it says something else."""
+    from session.log.written import notes_text
+
     text, table = _read(path)
     notes = {unicode_text(name): unicode_text(value) if isinstance(value, str) else value for name, value in notes.items()}
     there = table.get("notes", {})
@@ -554,6 +559,8 @@ def add_board(path: Path, board: Mapping[str, str | float], remarks: Mapping[str
 
 def add_exclude(path: Path, row: LeftOut) -> str:
     """Add a turn that does not count, and give the file's text."""
+    from session.log.written import exclude_text
+
     text, table = _read(path)
     more = {"log": unicode_text(row.log), "at_s": row.at_s}
     return _replace(path, _ended(text) + exclude_text((row,)), table | {"exclude": [*table.get("exclude", []), more]})

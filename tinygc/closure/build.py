@@ -22,7 +22,7 @@ from session.detect.stills import SessionStills, Still, references
 from session.log.folder import Session
 from session.log.samples import start_times
 from tinygc.closure import residual
-from tinygc.closure.earth import EarthRate, contradicts, estimate_heading, no_earth, vertical_only, with_heading
+from tinygc.closure.earth import EarthRate, contradicts, earths_in_body, estimate_heading, no_earth, vertical_only, with_heading
 from tinygc.closure.floor import Floor, closure_floor
 from tinygc.closure.least_squares import PriorOf, StillRates, fit_least_squares, naming_segments
 from tinygc.closure.problem import CLIPPED, LEFT_OUT, NOT_TAKEN, Problem, Widening, bridged_sigma, widened_by_bridges
@@ -490,6 +490,4 @@ def still_rates(logs: list[StillSet], earths: dict[int, EarthRate]) -> StillRate
         for still in log.stills
         if still.problem is None
     ]
-    return StillRates(
-        rate, np.array([earths[int(g)].in_body(q) for g, q in zip(group, q_tb, strict=True)]), sigma, q_tb, np.array(middle_s)
-    )
+    return StillRates(rate, earths_in_body(earths, group, q_tb), sigma, q_tb, np.array(middle_s))

@@ -7,6 +7,7 @@ mean over its posterior p(h), which vanishes if the heading is not observed.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,6 +37,14 @@ class EarthRate:
     def in_body(self, q_tb: np.ndarray) -> np.ndarray:
         """(..., 3) rad/s in body axes at attitudes q_tb (..., 4)."""
         return np.einsum("...ji,j->...i", rotation.matrix(q_tb), self.rate_t)
+
+
+def earths_in_body(earths: Mapping[int, EarthRate], group: np.ndarray, q_tb: np.ndarray) -> np.ndarray:
+    """(S, 3) rad/s in body axes at attitudes q_tb (S, 4), each by its group's (S,)."""
+    found = np.empty((len(q_tb), 3))
+    for number in np.unique(group):
+        found[group == number] = earths[int(number)].in_body(q_tb[group == number])
+    return found
 
 
 def no_earth() -> EarthRate:

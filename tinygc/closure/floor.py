@@ -15,7 +15,7 @@ from session.base.units import DEG_PER_HOUR
 from session.detect.stamp_errors import StampErrors, moved_by_stamps
 from session.detect.stills import Noise, Still
 from session.log.config import Sensor
-from tinygc.closure.earth import EarthRate
+from tinygc.closure.earth import EarthRate, earths_in_body
 from tinygc.closure.least_squares import solve_lower
 from tinygc.closure.residual import Batch, directions, parts
 from tinygc.closure.stills import StillSet
@@ -489,8 +489,7 @@ def likelihood_of_instability(logs: list[StillSet], earths: dict[int, EarthRate]
     if not pieces:
         return None
     rate, log, t_s, span_s, walk, down, q_tb, group, temp_c = (np.array(column) for column in zip(*pieces, strict=True))
-    for g in np.unique(group):
-        rate[group == g] -= earths[int(g)].in_body(q_tb[group == g])
+    rate -= earths_in_body(earths, group, q_tb)
     heading_known = all(earths[int(g)].source in ("given", "estimated") for g in np.unique(group))
     sideways = [np.zeros((len(t_s), 0)) if heading_known else _sideways_columns(q_tb, group, axis) for axis in range(3)]
     white, flicker = walk**2 / span_s[:, None], wander_covariance(t_s, span_s, instability_rps=1.0)

@@ -15,6 +15,8 @@ from tinygc.effects.movement import Conditions
 
 #: passes of rate <- measured - add(rate): each multiplies the error by the effect's own size, some per cent
 PASSES = 3
+#: a slope of 0.5 then leaves a billionth; a larger slope is not a sensor error
+MOST_PASSES = 30
 #: passes in C, the same for each sample: after 3, a strong effect leaves more than single-precision rounding
 PASSES_IN_C = 5
 

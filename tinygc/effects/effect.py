@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from session.base.units import DEG
-from tinygc.effects.device import NONE, PASSES, DeviceCode
-from tinygc.effects.inversion import MOST_PASSES, substituted
+from tinygc.effects.device import MOST_PASSES, NONE, PASSES, DeviceCode
 from tinygc.effects.movement import INPUT_REACH, INPUTS, NOWHERE, EffectError, Movement, Reach, shown
 
 # Time of occurrence: for an effect found in the registers or in the stills, the JSON parameter that contains the times.
@@ -369,6 +368,8 @@ class Effect:
             return self.exact_correct(measured, movement, theta)
         if self.basis is not None:
             return measured - self.basis(movement) @ self.shares(theta)
+        from tinygc.effects.inversion import substituted  # late: no effect is undone in most fits
+
         return substituted(measured, movement, lambda moved: self._distorted(moved, theta) - moved.rate, self._passes)
 
     def bent(self, movement: Movement) -> np.ndarray:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from session.base.rotation import identities
-from tinygc.effects.device import PASSES
+from tinygc.effects.device import MOST_PASSES, PASSES
 from tinygc.effects.movement import Movement, Reach
 
 # Inversion by repeated substitution, rate <- measured - added(rate).
@@ -16,8 +16,6 @@ from tinygc.effects.movement import Movement, Reach
 # it converges, so that a strong effect takes more passes than a weak one.  Where rows use their neighbours, all of them take the declared
 # number of passes.  A log in pieces then gives the same result as the whole log, and the result has a known reach.
 
-#: a slope of 0.5 then leaves a billionth; a larger slope is not a sensor error
-MOST_PASSES = 30
 #: passes of plain substitution, before slopes are estimated: a slope of 0.03 of 5 dps has then converged, and most effects are weaker
 PLAIN_PASSES = 7
 #: rad/s: a millionth of any register's step, a tenth of what a log in pieces and a whole one may differ by

@@ -324,7 +324,7 @@ def rebias_session(
 def _closure(problem: Problem, model: Model) -> np.ndarray:
     """Return error angles (S, d) rad as in ``fit``: a denoiser's delay is corrected."""
     if isinstance(model, DenoisedNet):
-        from tinygc.estimation.denoised import denoised_angles, of_problem
+        from tinygc.methods.denoiser import denoised_angles, of_problem
 
         return denoised_angles(of_problem(problem), model)
     return closure_angles(problem.batch, model)

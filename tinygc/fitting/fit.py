@@ -20,15 +20,14 @@ from tinygc.closure.problem import Problem
 from tinygc.closure.residual import closure_angles
 from tinygc.closure.runs import read_closure_runs
 from tinygc.estimation.accelerometer import USUAL_SPREAD, AnySession
-from tinygc.estimation.assembly import stated_uncertainty
 from tinygc.estimation.bias import BiasChoice, choose, with_level_bias
 from tinygc.estimation.choice import RAW, against_raw
 from tinygc.estimation.held_out import run_method
 from tinygc.estimation.options import CHOSEN, NETS, FitOptions, MethodFit, device
 from tinygc.estimation.repeatability import BiasRepeatability, accelerometer_between, repeatability_of
-from tinygc.estimation.stated_noise import StatedNoise, stated_noise
+from tinygc.estimation.stated_noise import StatedNoise, stated_noise, stated_uncertainty
 from tinygc.estimation.systematic import systematic_of
-from tinygc.fitting import fitted_file
+from tinygc.fitting.fit_file import inputs_of, saved_methods
 from tinygc.fitting.results import FitResult
 from tinygc.noise.measured import measured_noise
 
@@ -182,7 +181,7 @@ def _run_methods(
 
     Raises the error of the last one where none can run.
     """
-    known = {} if saved is None else fitted_file.saved_methods(saved, level, options, fitted_file.inputs_of(problem))
+    known = {} if saved is None else saved_methods(saved, level, options, inputs_of(problem))
     known.setdefault("least_squares", linear)
     if options.as_in_paper and any(name in NETS and name not in known for name in options.methods):
         device()  # what is missing is said before the work

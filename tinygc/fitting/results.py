@@ -30,9 +30,8 @@ from tinygc.estimation.sources import Source
 from tinygc.estimation.stated_noise import StatedNoise
 from tinygc.estimation.systematic import Systematic
 from tinygc.models.linear import LinearModel
-from tinygc.verdict.acceptance import Acceptance, JudgedFit, decide, run_p_values, too_good, too_wide
+from tinygc.verdict.acceptance import Acceptance, JudgedFit, decide, promise_of, run_p_values, too_good, too_wide
 from tinygc.verdict.model_tests import GRAVITY, ModelTest, model_tests
-from tinygc.verdict.promise import promise_of
 
 if TYPE_CHECKING:
     from tinygc.estimation.physics import PhysicsFit
@@ -94,7 +93,7 @@ class FitResult:
     def __repr__(self) -> str:
         return f"<FitResult {self.session.name}: {', '.join(self.methods)}>"
 
-    @property
+    @cached_property
     def accelerometer(self) -> AccelerometerFit:
         """The accelerometer's calibration that the references depend on."""
         config = self.session.config

@@ -18,7 +18,6 @@ import numpy as np
 from session.base.errors import CalibrationError, DataError
 from session.base.options import keywords as keywords_of
 from session.base.units import DEG
-from session.log.arrays import si_of
 from session.log.folder import Session
 
 P = ParamSpec("P")
@@ -123,6 +122,8 @@ def is_fit(value: Any) -> bool:
 
 def column_unit(unit: str) -> str:
     """Return the ending of a log's columns of rates, ``rps`` or ``dps``, of a unit's word; DataError for any other unit."""
+    from session.log.arrays import si_of
+
     si = si_of("unit", "gyro", unit)
     if si not in (1.0, DEG):
         raise DataError(f"unit is {unit!r}, and a log has rad/s or dps; give one of these")

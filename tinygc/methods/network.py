@@ -19,7 +19,6 @@ from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch
 from tinygc.estimation.held_out import FitInput, held_out
 from tinygc.estimation.options import Checkpoint, FitOptions, MethodFit, device
-from tinygc.methods.adamw import minimise
 from tinygc.models.linear import PARAMETERS, LinearModel, bias_only
 from tinygc.models.nets import TIES, CalibrationNet
 
@@ -245,6 +244,8 @@ def train_adamw(
     """
     where = device()
     import torch
+
+    from tinygc.methods.adamw import minimise
 
     spread_of_rows = sigma.reshape(len(batch), -1)
     weights_of_rows = 2 / spread_of_rows

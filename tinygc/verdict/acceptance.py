@@ -1,7 +1,7 @@
 """PASS, NOT DECIDED or FAIL: the verdict on a calibration, by the one rule that ``fit``, ``report`` and ``fleet`` apply.
 
 With a limit, neither the held-out closure of the segments nor the error of any closure run may exceed it.  Without a limit, both must agree
-with noise (p at least 0.01), and the limit of the closure is what the sensor's data sheet promises for such turns (``promise.py``): its own
+with noise (p at least 0.01), and the limit of the closure is what the sensor's data sheet promises for such turns (``promise_of``): its own
 noise would pass a noisy unit.  Where nothing promises anything there is no PASS, but the closure in words.  Either way a calibration fails
 if held-out segments close worse with it than with the raw rates, and does not pass where the recording contradicts the model
 (``model_tests.py``).  Requirements of session.toml, or of a file, count besides; whether a value meets its limits is decided in
@@ -22,10 +22,11 @@ import numpy as np
 from session.base.numeric import rms_of, sigmas_in
 from session.base.records import plain
 from session.base.texts import degrees, probability, significant
-from session.base.units import DEG
+from session.base.units import DEG, DEG_PER_HOUR, MDPS, MG
 from session.detect.accelerometer import PARAMETERS as ACCELEROMETER_PARAMETERS
 from session.detect.check_stills import ENOUGH_SEGMENTS
 from session.log.requirements import CLOSURE, CLOSURE_RUN, Requirements, Rule
+from tinygc.closure.floor import ACCEL_NOISE, GYRO_NOISE, SINGLE_SEGMENTS, STAMPS, wander_covariance
 from tinygc.closure.problem import Problem
 from tinygc.closure.runs import ClosureRun
 from tinygc.closure.uncertainty import MISMATCH_P, chi_square_above
@@ -39,7 +40,6 @@ from tinygc.estimation.sources import Source
 from tinygc.estimation.systematic import Systematic
 from tinygc.models.linear import BIAS, PARAMETERS
 from tinygc.verdict.model_tests import RUN, TURNS, ModelTest, contradictions
-from tinygc.verdict.promise import Promise
 from tinygc.verdict.requirements import (
     Conformity,
     Measured,
@@ -69,6 +69,60 @@ WORDS = {
 }
 #: of tilts with this rms, about two axes alike, 95 % are below so many times it: sqrt(-ln 0.05)
 BELOW_95 = 1.73
+
+
+# What a sensor's data sheet promises for the turns of a session: the limit of their closure where nobody gives one.
+#
+#     variance of a turn's tilt, rad^2:   N^2 T  +  2 T^2 C_ii(B)  +  references
+#
+# N: one-sided density of white noise, of which each of two axes has half; T: the turn's seconds; C(B): covariance of flicker noise of the
+# stated bias instability at the turns' middles, about their mean; references: the accelerometer's stated noise over the stills at both
+# ends, or a truth's sigma; errors of a log's stamps are none of it.  Figures of session.toml take the place of the data sheet's.  ST states
+# no nonlinearity; where a sheet does, as 0.1 or 0.2 % of full scale, it bounds the whole range, of which E takes up all that a session's
+# turns share: no limit of a turn follows from it.
+
+#: ratio of the noise of a unit to that of its data sheet, above which it is no such unit: units differ by 1.4 at most (``check_noise``)
+NOISIER = 1.4
+#: figures of a data sheet that a promise is made of
+GYRO_DENSITY, ACCEL_DENSITY, INSTABILITY = "gyro_noise_mdps_rthz", "accel_noise_ug_rthz", "gyro_bias_instability_dph"
+
+
+@dataclass(frozen=True)
+class Promise:
+    """turn_s: median duration of the turns; tilt_rms, rad, that they close to by ``source``, None where nothing says how much noise the
+    sensor has; noisier: how much more this unit has, in words, empty where it has no more than units do."""
+
+    turn_s: float
+    tilt_rms: float | None = None
+    source: str = ""
+    noisier: str = ""
+
+
+def promise_of(problem: Problem) -> Promise:
+    """What is promised for the used segments of a problem."""
+    sensor, turn_s = problem.session.config.sensor, float(np.median(problem.batch.duration_s))
+    named = problem.session.config.model_given
+    typical, accel, drifts = (sensor.typical(name) if named else None for name in (GYRO_DENSITY, ACCEL_DENSITY, INSTABILITY))
+    if sensor.gyro_noise_mdps_rthz is not None:
+        density, source = sensor.gyro_noise_mdps_rthz, "the noise in session.toml"
+    elif typical is not None:
+        source, density = f"{'an' if typical[0][0] in 'AEFHILMNORSX' else 'a'} {typical[0]}'s data sheet", typical[1]
+    else:
+        return Promise(turn_s)
+    unit_accel = float(np.mean(problem.noise.accel**2))
+    shares = dict.fromkeys((GYRO_NOISE, SINGLE_SEGMENTS, STAMPS), 0.0)
+    shares[ACCEL_NOISE] = 1.0 if accel is None else (accel[1] * 1e-3 * MG) ** 2 / unit_accel
+    drift = np.zeros(len(problem.used))
+    instability = sensor.gyro_bias_instability_dph or (0.0 if drifts is None else drifts[1])
+    if instability:
+        of_turns = wander_covariance(problem.middle_s, instability_rps=instability * DEG_PER_HOUR)
+        drift = np.diag(of_turns) - 2 * of_turns.mean(axis=0) + of_turns.mean()
+    tilt = (density * MDPS) ** 2 * problem.batch.duration_s + 2 * problem.batch.duration_s**2 * drift
+    for cause, part in problem.floor.parts.items():
+        tilt = tilt + shares.get(cause, 1.0) * (part.own[:, 0, 0] + part.own[:, 1, 1])
+    unit = rms_of(problem.noise.gyro) / MDPS
+    noisier = f"this unit has {unit:.2g} mdps/√Hz of noise, {density:g} there" if unit > NOISIER * density else ""
+    return Promise(turn_s, float(np.sqrt(np.mean(tilt))), source, noisier)
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,8 +15,7 @@ import tinygc
 from session.base.errors import FormatError
 from session.base.records import plain
 from tinygc import CalibrationError, SimulationOptions, check, read_session
-from tinygc.features.arrays.feature import ArrayOptions
-from tinygc.features.arrays.names import is_array
+from tinygc.features.arrays.feature import ArrayOptions, is_array
 from tinygc.features.arrays.recording import read_array
 from tinygc.features.arrays.simulation import simulate_array, write_array
 

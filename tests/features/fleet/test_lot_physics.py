@@ -22,6 +22,7 @@ from tinygc.estimation.options import FitOptions
 from tinygc.estimation.stated_noise import stated_covariance, stated_goodness, stated_noise
 from tinygc.features.fleet import fit as lots_fit
 from tinygc.features.fleet.estimate import FAMILY_P, estimate, family, outliers, repeated
+from tinygc.features.fleet.feature import prior
 from tinygc.features.fleet.fit import LEAST, LotFile, _belonging, _require_usable, farthest, prior_of
 from tinygc.features.fleet.lot import (
     NAMES,
@@ -37,7 +38,6 @@ from tinygc.features.fleet.lot import (
     lot_sessions,
     sensor_errors,
 )
-from tinygc.features.fleet.points import prior
 from tinygc.models.linear import PARAMETERS, PRIOR_SIGMA, bias_only, field_vector
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulator import simulate_session, unit_of

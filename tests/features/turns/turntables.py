@@ -13,7 +13,7 @@ from session.log.arrays import samples_of_arrays
 from session.log.config import Accelerometer, Config, Protocol, Sensor, Site
 from session.log.folder import Session
 from session.log.logfile import KnownTurn, Log
-from tinygc.features.turns.feature import TURNS
+from tinygc.features.turns import TURNS
 from tinygc.features.turns.folder import GyroLog, _full_scale, _rate_hz, _refuse
 
 RAMP_S = 0.2

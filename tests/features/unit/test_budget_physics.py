@@ -15,11 +15,10 @@ from session.detect.accelerometer import NAMES as NAMES_OF_FORCE
 from tinygc.closure.floor import GYRO_NOISE, UNKNOWN, BiasInstability, wander_covariance
 from tinygc.closure.motion import at_rest
 from tinygc.closure.uncertainty import BIAS_DRIFT, EARTH
-from tinygc.estimation.assembly import CLOCK, MISFIT, ROUNDING
 from tinygc.estimation.expected_zero import USUAL_SPREAD
 from tinygc.estimation.repeatability import BiasRepeatability
 from tinygc.estimation.sources import Source, total
-from tinygc.estimation.stated_noise import CALIBRATION, GRAVITY_LENGTH, stated_response
+from tinygc.estimation.stated_noise import CALIBRATION, CLOCK, GRAVITY_LENGTH, MISFIT, ROUNDING, stated_response
 from tinygc.features.unit.budget import monte_carlo as draws
 from tinygc.features.unit.budget.library import budget_of_fit
 from tinygc.features.unit.budget.monte_carlo import _coverage_of, _Redrawn
@@ -191,7 +190,7 @@ def test_the_accelerometer_has_budgets_with_another_switch_on_beside(fitted, mon
             assert [each.u for each in found.beside] == ([pytest.approx(spread)] if spread else [])
     first, hidden, *others = own
     (_, _, _, _, (_, name, *_)), *_ = triad.errors()
-    monkeypatch.setattr(type(fitted), "accelerometer", replace(triad, unobserved=(name,)))
+    monkeypatch.setitem(vars(fitted), "accelerometer", replace(triad, unobserved=(name,)))
     assert [each.name for each in accelerometer_budgets(fitted)] == [first, *others], hidden
 
 

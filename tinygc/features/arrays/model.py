@@ -18,8 +18,7 @@ from session.base.records import ROTATION, read_record
 from session.base.results import Array, Keys, Maybe, Number, Text
 from session.log.config import OWN_UNITS, Accelerometer, Sensor
 from tinygc.features.arrays.clocks import UnitClock
-from tinygc.features.arrays.feature import MOST_UNITS
-from tinygc.features.arrays.names import LARGEST_NUMBER, SCHEMA
+from tinygc.features.arrays.feature import LARGEST_NUMBER, MOST_UNITS, SCHEMA
 from tinygc.models.files import UNITS
 from tinygc.models.model import (
     ACCELEROMETER,

@@ -24,7 +24,7 @@ from session.base.units import NS
 from session.log.config import DO, SHAPE, Config, LeftOut, config_of, read_session_toml
 from session.log.folder import ATTITUDES, Session, read_logs, read_session
 from session.log.logfile import NAME as KNOWN_TURNS
-from tinygc.features.arrays.names import FOLDERS, LARGEST_NUMBER, UNIT, array_section, array_size, unit_of
+from tinygc.features.arrays.feature import FOLDERS, LARGEST_NUMBER, UNIT, array_section, array_size, unit_of
 
 # Several units that were fixed to one rigid body and recorded at the same time: each a session of its own, on its own clock.
 

@@ -14,8 +14,8 @@ from session.base.numeric import rms_of
 from session.base.texts import printable
 from session.base.units import DEG
 from tinygc.effects import NEIGHBOURS, Movement, Reach, signals
-from tinygc.effects.device import PASSES
-from tinygc.effects.inversion import MOST_PASSES, substituted, undone_with_jumps
+from tinygc.effects.device import MOST_PASSES, PASSES
+from tinygc.effects.inversion import substituted, undone_with_jumps
 from tinygc.features.discovery.equivalence import FULL_SCALE, columns_of, some_movement
 from tinygc.features.discovery.form import LawForm
 from tinygc.features.discovery.law_code import SESSIONS_OWN, device_code, law_code, why_not

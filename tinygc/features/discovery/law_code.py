@@ -6,8 +6,7 @@ import re
 from collections.abc import Sequence
 from textwrap import indent
 
-from tinygc.effects.device import PASSES
-from tinygc.effects.inversion import MOST_PASSES
+from tinygc.effects.device import MOST_PASSES, PASSES
 from tinygc.features.discovery.form import Factor, LawForm
 from tinygc.features.discovery.words import Constant, constants_of, jumps
 

@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from session.base.errors import CalibrationError
 from session.base.features import Feature
 from session.base.options import Record, option
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from tinygc.estimation.options import FitOptions
+    from tinygc.features.fleet.fit import LotFile
 
 # Options of a fit that a lot adds.
 
@@ -18,6 +27,51 @@ class LotOptions(Record):
     lot: Path | None = option(None, "prior from a production lot (lot.json), of least squares alone: fewer turns are enough")
 
 
+# What the core asks of a fleet's table and of a lot.
+
+
+def fitted_sessions(path: Path) -> Iterator[tuple[str, str, str, str, np.ndarray, np.ndarray]] | None:
+    """Yield folder, model, serial number, date, numbers (21,) and their covariance of each fitted session of a fleet's table, or of the
+    folder that holds one."""
+    from tinygc.features.fleet.fleet_table import NAME, read_table
+
+    out = path.parent if path.name == NAME else path
+    if path.name != NAME and not (path / NAME).is_file():
+        return None
+    from tinygc.features.fleet.fleet_summary import fitted_rows
+
+    def rows() -> Iterator[tuple[str, str, str, str, np.ndarray, np.ndarray]]:
+        with read_table(out) as table:
+            for *whose, _, values, covariance in fitted_rows(table):
+                yield *whose, values, covariance  # type: ignore[misc]
+
+    return rows()
+
+
+def spread(path: Path, sensor: str) -> tuple[np.ndarray, str, float]:
+    """Return how far the numbers (21,) of a unit of a lot move between sessions, one sigma; of what, and its degrees of freedom."""
+    from tinygc.features.fleet.fit import lot_for
+
+    lot = lot_for(path, sensor).lot
+    return lot.repeatability, f"{lot.sessions} sessions of {lot.units} units of a lot", float(max(1, lot.sessions - lot.units))
+
+
+def prior(options: FitOptions, sensor: str) -> LotFile | None:
+    """Return the lot as prior of a unit with this sensor, where the options name one.
+
+    Raises CalibrationError for options that cannot use a prior, and the errors of ``lot_for``.
+    """
+    assert isinstance(options, LotOptions)
+    if options.lot is None:
+        return None
+    for idle, name in ((options.physics is not None, "--physics"), (options.bias_per_log, "bias_per_log")):
+        if idle:
+            raise CalibrationError(f"{name} fits without a lot's prior; leave it or --lot out")
+    from tinygc.features.fleet.fit import lot_for
+
+    return lot_for(options.lot, sensor)
+
+
 FEATURE = Feature(
     commands={
         "fleet": ("command", "check, fit and explain thousands of sessions, each once, into one table and one page"),
@@ -25,8 +79,8 @@ FEATURE = Feature(
     public={"fleet": "library", "lot": "library"},
     serves={
         "options of a fit": "feature:LotOptions",
-        "spread of a production lot": "points:spread",
-        "prior of a fit": "points:prior",
-        "fitted sessions of a table": "points:fitted_sessions",
+        "spread of a production lot": "feature:spread",
+        "prior of a fit": "feature:prior",
+        "fitted sessions of a table": "feature:fitted_sessions",
     },
 )

@@ -1,7 +1,4 @@
-"""``temperature``: a model over temperature of sessions and rest logs; ``simulate`` of rest logs.
-
-Imports nothing heavy at its top, because the core's commands load it for its options.
-"""
+"""``temperature``: a model over temperature of sessions and rest logs; ``simulate`` of rest logs."""
 
 from __future__ import annotations
 
@@ -9,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from session.base.errors import CalibrationError
 from session.base.options import argument, changed, folder_written, option
 from tinygc.cli.options import Command, UsesEffects
 from tinygc.cli.results import output, try_destinations, write_json
@@ -45,13 +41,6 @@ def run(args: Options) -> int:
     output(args).print(f"model: {folder / MODEL}", soft_wrap=True)
     write_json(args.json, to_json(result))
     return 0
-
-
-def fit(args: Any) -> None:
-    """Refuse a folder of rest logs alone, in which nothing turns."""
-    folder: Path = args.folder
-    if folder.is_dir() and any(folder.glob("rest*.csv*")) and not any(folder.glob("log*.csv*")):
-        raise CalibrationError(f"{folder}: holds rest logs alone; the command temperature makes a model of them")
 
 
 def simulate(args: Any, options: SimulationOptions, chosen: dict) -> int | None:

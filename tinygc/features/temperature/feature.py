@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
+from session.base.errors import CalibrationError
 from session.base.features import Feature
 from session.base.options import Record, option
 
@@ -44,6 +47,16 @@ class RestOptions(Record):
         self.expect(abs(self.noise_per_c) * (self.warm_c - self.cold_c) < 2, "noise_per_c", "less: the noise would be negative")
 
 
+# What the core asks.
+
+
+def fit(args: Any) -> None:
+    """Refuse a folder of rest logs alone, in which nothing turns."""
+    folder: Path = args.folder
+    if folder.is_dir() and any(folder.glob("rest*.csv*")) and not any(folder.glob("log*.csv*")):
+        raise CalibrationError(f"{folder}: holds rest logs alone; the command temperature makes a model of them")
+
+
 FEATURE = Feature(
     commands={
         "temperature": ("command", "one calibration over temperature, of sessions and rest logs of one sensor"),
@@ -53,7 +66,7 @@ FEATURE = Feature(
     exports={"thermal": "deploy"},
     serves={
         "zero over temperature": "rest_fit",
-        "fit of a folder": "command:fit",
+        "fit of a folder": "feature:fit",
         "options of simulate": "feature:RestOptions",
         "simulation": "command:simulate",
     },

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
+from session.base.errors import FormatError
 from session.base.features import Feature
-from session.base.options import Record, option
+from session.base.options import Record, given_beside, option, record_in
+from session.base.texts import command_line
+from tinygc.features.turns import TURNS
 
-#: ``protocol.reference`` of a gyroscope alone
-TURNS = "turns"
+if TYPE_CHECKING:
+    from session.replay.convert import Converted
+    from session.replay.options import Answers
+    from tinygc.cli.results import Done
 
 
 class KnownAngles:
@@ -30,13 +36,73 @@ class ImportOptions(Record):
     turns: Path | None = option(None, "of a gyroscope alone: turns.csv, the known angles of its turns")
 
 
+# What the core asks: each function answers None of any other folder, and imports the rest only where it is one.
+
+
+def is_gyroscope_alone(folder: Path) -> bool:
+    """Whether that is the reference of a folder; what cannot be read is none."""
+    from session.base.toml import read_toml
+
+    try:
+        protocol = read_toml(folder / "session.toml").get("protocol") if (folder / "session.toml").exists() else None
+    except (FormatError, OSError):  # who reads the folder says it
+        return False
+    return isinstance(protocol, dict) and protocol.get("reference") == TURNS
+
+
+def kind_of_folder(folder: Path) -> str | None:
+    """Say what the folder is, and what takes it."""
+    if not is_gyroscope_alone(folder):
+        return None
+    return (
+        f'protocol.reference is "{TURNS}": a gyroscope alone, whose turns are known; '
+        f"`{command_line('fit', folder)}` takes it (tinygc.fit_turns in Python), and `apply` its model"
+    )
+
+
+def import_logs(
+    paths: Sequence[Path], out: Path, answers: Answers, *, columns: Sequence[str], serial: str, add: str | None, further: Sequence[Any]
+) -> Converted | None:
+    """Make a session folder of a gyroscope alone, by the known turns of the file that ``--turns`` names."""
+    own = record_in(further, ImportOptions)
+    if own.turns is None:
+        return None
+    from session.replay.importing import refuse_beside
+    from tinygc.features.turns.importing import import_turns
+
+    others: dict[str, object] = {"--add": add, "--even": answers.even}
+    refuse_beside("--turns", {**others, **given_beside(further, own)})
+    return import_turns(paths, out, answers, own.turns, columns, serial)
+
+
+def fit(args: Any) -> Done | None:
+    """Fit scale and bias by the known turns; None of a folder whose reference is another."""
+    if not is_gyroscope_alone(args.folder):
+        return None
+    from tinygc.cli.results import Done, inside, output, try_destinations
+    from tinygc.features.turns.library import fit_turns
+    from tinygc.features.turns.result import MODEL
+    from tinygc.reporting.terminal import progress_bar
+
+    limit = () if args.defaults is None else ("limit",)  # one of the user's own defaults is of other recordings
+    args.refuse_beside("a gyroscope alone, which has no closure", "folder", "more", "out", "verbose", *limit)
+    try_destinations(args.out or inside(args.folder, "fit"), args.json)
+    with progress_bar(args.quiet) as progress:
+        result = fit_turns(args.folder, progress=progress)
+    folder = result.save(args.out)
+    output(args).print(result.page)
+    output(args).print(f"model: {folder / MODEL}", soft_wrap=True)
+    used = int(result.estimate.used.sum())
+    return Done(0, result.to_json(), f"a gyroscope alone, {used} of {len(result.angles)} turns: {MODEL}")
+
+
 FEATURE = Feature(
     public={"fit_turns": "library", "TurnFit": "result"},
     serves={
-        "kind of folder": "points:kind_of_folder",
+        "kind of folder": "feature:kind_of_folder",
         "reference": "feature:KnownAngles",
-        "fit of a folder": "points:fit",
+        "fit of a folder": "feature:fit",
         "options of import": "feature:ImportOptions",
-        "import of logs": "points:import_logs",
+        "import of logs": "feature:import_logs",
     },
 )

@@ -23,7 +23,7 @@ from session.log.arrays import USUAL_DPS
 from session.log.config import read_config
 from session.log.folder import Session, read_logs
 from session.log.logfile import COLUMNS, LOG, NAME, KnownTurn, read_known_turns
-from tinygc.features.turns.feature import TURNS
+from tinygc.features.turns import TURNS
 
 HEADER = "t_ns,gx_rps,gy_rps,gz_rps"
 

@@ -9,9 +9,9 @@ import numpy as np
 from session.base.errors import FitError
 from session.base.progress import Progress, untold
 from session.log.folder import Session, input_hashes
+from tinygc.features.turns import TURNS
 from tinygc.features.turns.angles import measured_turns
 from tinygc.features.turns.estimate import estimate
-from tinygc.features.turns.feature import TURNS
 from tinygc.features.turns.folder import read_turn_session
 from tinygc.features.turns.result import RestBias, TurnFit
 from tinygc.library.arguments import public

@@ -22,10 +22,9 @@ from tinygc.closure.motion import Motion, at_rest, motion_of
 from tinygc.closure.problem import GRAVITY
 from tinygc.closure.uncertainty import BIAS_DRIFT, EARTH
 from tinygc.estimation.accelerometer import UNITS
-from tinygc.estimation.assembly import CLOCK, MISFIT, ROUNDING
 from tinygc.estimation.expected_zero import drift_between, expected_zero
 from tinygc.estimation.sources import Source, freedom_of
-from tinygc.estimation.stated_noise import CALIBRATION, COMPONENTS, GRAVITY_LENGTH, kind_of, stated_response
+from tinygc.estimation.stated_noise import CALIBRATION, CLOCK, COMPONENTS, GRAVITY_LENGTH, MISFIT, ROUNDING, kind_of, stated_response
 from tinygc.features.unit.budget.rows import Beside, Budget, budget_of
 from tinygc.features.unit.options import BudgetOptions
 from tinygc.fitting.results import FitResult

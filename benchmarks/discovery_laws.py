@@ -162,7 +162,7 @@ def one(name: str, times: float, seed: int) -> dict:
         begun, cpu = time.perf_counter(), time.process_time()
         why = tinygc.explain(folder)
         between = time.process_time()
-        why = replace(why, discovery=_discovery(why))
+        why = _discovery(why)
         result |= {"explain_s": between - cpu, "discover_s": time.process_time() - between, "wall_s": time.perf_counter() - begun}
         why.save(pictures=False)
         table = why.to_json()
@@ -181,7 +181,7 @@ def one(name: str, times: float, seed: int) -> dict:
         if name:
             movement, true = signals_of(second, added, size)
             beside = said["catalogue_effects"] if laws else table["effects"]
-            rate, unseen = stated(laws, beside, folder / "explain", movement), _unseen(why.discovery.laws, first, movement)
+            rate, unseen = stated(laws, beside, folder / "explain", movement), _unseen(why.beyond.laws, first, movement)
             result["strict_share"] = explained_share(movement, true, rate, [])
             result["share"] = explained_share(movement, true, rate, unseen)
         if laws:
@@ -200,8 +200,9 @@ def _unseen(laws, first: SimulationOptions, movement: Movement) -> list[np.ndarr
 
 def _discovery(why):
     from tinygc.features.discovery.engine import discover
+    from tinygc.features.discovery.report import DiscoveryReport
 
-    return discover(why.explanation)
+    return DiscoveryReport(why.explanation, discover(why.explanation))
 
 
 def _yaw(folder: Path) -> dict:

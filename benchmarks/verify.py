@@ -41,7 +41,7 @@ from tinygc.features.unit.verification.expected import Spread, expected_parts, s
 from tinygc.features.unit.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, OldCalibration, read_old
 from tinygc.features.unit.verification.questions import PLAUSIBLE, ask, todays_noise
 from tinygc.features.unit.verification.rows import LENGTH, Rows, rows_of
-from tinygc.features.unit.verification.verdict import BIAS, HOLDS, Verification, verify_session
+from tinygc.features.unit.verification.verdict import BIAS, HOLDS, Verified, verify_session
 from tinygc.library.simulations import Simulated
 from tinygc.models.linear import LinearModel
 from tinygc.simulation.options import SimulatedUnit, SimulationOptions
@@ -190,7 +190,7 @@ def run(job: Job) -> Outcome:
     return Outcome(job, found.alarm, found.answer, causes, instead, off, truth, off_anew, truth_anew, p)
 
 
-def cost_in_truth(found: Verification, unit: SimulatedUnit, drift: Callable[[np.ndarray], np.ndarray]) -> tuple[float, float, float, float]:
+def cost_in_truth(found: Verified, unit: SimulatedUnit, drift: Callable[[np.ndarray], np.ndarray]) -> tuple[float, float, float, float]:
     """What the old calibration truly costs in the same minute, rad, and how far the stated error lies from the true one; the same with B
     taken anew."""
     motion, old = minute_of(found.rows), found.old.linear

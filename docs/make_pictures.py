@@ -22,8 +22,8 @@ from session.base.units import DEG, G
 from tinygc.explanation.engine import explain_session
 from tinygc.features.truth.engine import explain_truth
 from tinygc.features.truth.text import TruthReport
-from tinygc.library.explanations import explain
-from tinygc.reporting.explanation_text import ExplanationReport, explanation_page
+from tinygc.library.explanations import Why, explain
+from tinygc.reporting.explanation_text import explanation_page
 from tinygc.reporting.terminal import output
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
@@ -50,14 +50,14 @@ def main() -> None:
         folder = write_session(options, Path(parent) / "warm", distort=warm)
         explanation = explain_session(folder)
         output().print(explanation_page(explanation))
-        shutil.copy(ExplanationReport(explanation).save() / "explain.png", Path(__file__).parent / "explain.png")
+        shutil.copy(Why(explanation).save() / "explain.png", Path(__file__).parent / "explain.png")
         options = SimulationOptions(seed=5, segments=40, closure_s=0.0)
         folder = write_session(options, Path(parent) / "hidden", distort=leaning)
         why = explain(folder, discover=True)
         output().print(why.page)
         shutil.copy(why.save() / "discover.png", Path(__file__).parent / "features" / "discovery" / "discover.png")
         if XSENS.is_dir():
-            there = ExplanationReport(explain_session(XSENS)).save(Path(parent) / "xsens")
+            there = Why(explain_session(XSENS)).save(Path(parent) / "xsens")
             shutil.copy(there / "explain.png", Path(__file__).parent / "explain-xsens.png")
         if EUROC.is_dir():
             there = TruthReport(explain_truth(write_sequences(EUROC, ["MH_02"], Path(parent) / "MH_02", 2.0))).save()

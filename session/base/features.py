@@ -39,7 +39,7 @@ POINTS = {
     "prior of a fit": "function(options, sensor) -> prior | None, a GivenPrior of tinygc/fitting/fit.py",
     "table under a virtual board": "function(args, options) -> table | None: what turns a virtual board",
     "search beyond the catalogue": "function(explanation, further, seed, progress) -> what was found, or None",
-    "report beyond the catalogue": "function(explanation, what was found) -> ExplanationReport",
+    "report beyond the catalogue": "function(explanation, what was found) -> Why",
     "explanation of what turned": "function(explanation, seed) -> explanation | None: of the machine that turned a recording",
     "proof of an effect": "function(effect, ...) -> report",
     "beside a report": "function(args of report) -> function(report) -> keys of its JSON, or None: what is written beside it",
@@ -70,7 +70,7 @@ REFERENCE = {
     "table": "``truth`` of fit.json",
     "words": "the same in a line for the terminal, or nothing",
     "explain": "(session or folder, further arguments of ``explain_session``) -> explanation",
-    "report": "(explanation) -> ExplanationReport",
+    "report": "(explanation) -> Why",
     "report_section": "(explanation) -> Section",
 }
 GROUP = "tinygc.features"

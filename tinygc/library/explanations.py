@@ -3,27 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from session.base import features
 from session.base.errors import CalibrationError
+from session.base.files import result_folder
 from session.base.options import given, records
 from session.base.progress import Progress, untold
+from session.base.records import write_whole
 from session.log.config import read_config, reference_of
 from session.log.folder import Session, read_session
 from session.log.siblings import recordings_at, serial_of
 from tinygc.estimation.options import AtRest, Seed
-from tinygc.explanation.checked import Checked
+from tinygc.explanation.checked import Checked, checked_to_json
 from tinygc.explanation.checked import check_on as check
 from tinygc.explanation.engine import explain_session
+from tinygc.explanation.result import to_json
 from tinygc.library.arguments import public, session_or_folder
-from tinygc.library.records import Listed
-from tinygc.reporting.explanation_text import ExplanationReport
+from tinygc.library.records import Listed, Shown
+from tinygc.reporting.checked_text import checked_page
+from tinygc.reporting.explanation_text import explanation_page, verdict_line
 from tinygc.reporting.pictures.canvas import saved
-from tinygc.reporting.terminal import Group, Text, as_html, as_text
+from tinygc.reporting.pictures.page import figure_of
+from tinygc.reporting.terminal import Group, Text
 
 if TYPE_CHECKING:
     from tinygc.reporting.pictures.canvas import Figure
@@ -56,38 +61,34 @@ class FoundEffect:
         return f"<{self.id}: {self.says}>"
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Why:
-    """Result of ``tinygc.explain``.
+class Why(Shown):
+    """Result of ``tinygc.explain``; subclasses serve further references and the search beyond the catalogue.
 
     explanation: the complete result, in SI; beyond: what was found beyond the catalogue, None if not requested; checked: outcome
     of each effect in each of the recordings that it was checked on; turned_by: what is said of the machine that turned the table (feature
-    machines), None without one.
+    machines), None without one; notes: on the effect files that ``save`` has written: which user-edited file was kept, which was removed.
     """
 
-    explanation: Any
     beyond: Any = None
     checked: Sequence[Checked] = ()
     turned_by: Any = None
+    notes: tuple[str, ...] = ()
+
+    def __init__(self, explanation: Any):
+        self.explanation = explanation
 
     def __repr__(self) -> str:
         named = ", ".join(effect.id for effect in self.effects)
         return f"<Why {self.table['session']}: {self.verdict}{f': {named}' if named else ''}>"
 
     @cached_property
-    def _report(self) -> ExplanationReport:
-        if self.beyond is not None:
-            report: ExplanationReport = features.first("report beyond the catalogue", self.explanation, self.beyond)
-        else:
-            reference = self.explanation.session.reference
-            report = (ExplanationReport if reference is None else reference.report)(self.explanation)
-        report.checked, report.turned_by = self.checked, self.turned_by
-        return report
-
-    @cached_property
     def table(self) -> dict:
         """``tinygc-explain/2`` (docs/formats.md)."""
-        return self._report.to_json()
+        by = {} if self.turned_by is None else {"table": self.turned_by.to_json()}
+        return self._table() | by | {"checked": checked_to_json(self.checked)}
+
+    def _table(self) -> dict:
+        return to_json(self.explanation)
 
     @property
     def verdict(self) -> str:
@@ -99,14 +100,9 @@ class Why:
         """Probability of at least this mismatch from noise alone."""
         return self.explanation.p_value
 
-    @property
-    def said_of_files(self) -> tuple[str, ...]:
-        """Notes on the effect files that ``save`` has written: which user-edited file was kept, which file was removed."""
-        return self._report.notes
-
     def offers(self, folder: Path) -> list[tuple[str, str]]:
         """Titles and commands of what may follow; folder: where it is saved."""
-        return self._report.offers(folder)
+        return []
 
     @cached_property
     def effects(self) -> Listed[FoundEffect]:
@@ -139,26 +135,26 @@ class Why:
 
     @property
     def page(self) -> Group:
-        """The command's output as a rich renderable."""
-        return self._report.page()
+        """The command's output as a rich renderable: verdict, effects, residuals, evidence and what to do next."""
+        by = [] if self.turned_by is None else [self.turned_by.page()]
+        return Group(self._page(), *by, *checked_page(self.checked))
+
+    def _page(self) -> Group:
+        return explanation_page(self.explanation)
 
     @property
     def verdict_line(self) -> Text:
         """Session, verdict, probability and the ids of reported effects, for rich."""
         named = ", ".join(effect.id for effect in self.effects)
-        return self._report.line().append(f": {named}" if named else "")
-
-    def summary(self) -> str:
-        """The command's output as plain text: verdict, effects, residuals, evidence and what to do next."""
-        return as_text(self.page)
-
-    def _repr_html_(self) -> str:
-        return as_html(self.page)
+        return verdict_line(self.explanation).append(f": {named}" if named else "")
 
     def plot(self, path: Path | str | None = None) -> Figure:
         """Draw the page of pictures as a matplotlib figure; write it as PNG if a path is given.  CalibrationError without matplotlib."""
-        figure = self._report.picture()
+        figure = self._picture()
         return figure if path is None else saved(figure, Path(path))
+
+    def _picture(self) -> Figure:
+        return figure_of(self.explanation)
 
     def to_json(self) -> dict:
         """``tinygc-explain/2`` (docs/formats.md)."""
@@ -166,9 +162,12 @@ class Why:
 
     def save(self, folder: Path | str | None = None, pictures: bool = True) -> Path:
         """Write the result and its picture into a folder (``explain`` in the session's folder by default); returns it."""
-        saved = self._report.save(None if folder is None else Path(folder), pictures)
-        self.__dict__.pop("table", None)  # it names the effect files just written
-        return saved
+        folder = self.explanation.session.own_folder("explain") if folder is None else Path(folder)
+        with result_folder(folder):
+            write_whole(folder / "explain.json", self.table)
+        if pictures:
+            self.plot(folder / "explain.png")
+        return folder
 
 
 #: what features add to it
@@ -224,7 +223,8 @@ def explain(
             checked.append(check(why.explanation, explained, draws.seed))
         except CalibrationError as error:  # of the other recording: the first one's result stands
             checked.append(Checked(other, None, error=str(error)))
-    return replace(why, checked=checked)
+    why.checked = checked
+    return why
 
 
 def _others(first: Session | Path, places: Sequence[Session | Path | str]) -> list[Session]:
@@ -247,11 +247,13 @@ def _explained(where: Session | Path, further: Sequence[Any], how: dict[str, Any
     if reference is not None and reference.accelerometer:
         if idle := [flag for each in further for flag in given(each)]:
             raise CalibrationError(f"{', '.join(idle)}: of no use where the reference is a {reference.title}; leave it out")
-        return Why(reference.explain(where, **how))
+        return reference.report(reference.explain(where, **how))
     explanation = explain_session(where, **how)
     turned_by = features.first("explanation of what turned", explanation, how["seed"])
     beyond = features.first("search beyond the catalogue", explanation, tuple(further), seed=how["seed"], progress=how["progress"])
-    return Why(explanation, beyond, turned_by=turned_by)
+    why: Why = Why(explanation) if beyond is None else features.first("report beyond the catalogue", explanation, beyond)
+    why.turned_by = turned_by
+    return why
 
 
 def _found(entry: dict) -> FoundEffect:

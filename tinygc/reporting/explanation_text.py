@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from session.base.files import result_folder
-from session.base.records import write_whole
 from session.base.units import DEG, MG
 from tinygc.effects.effect import IN_STILLS
-from tinygc.explanation.checked import Checked, checked_to_json
 from tinygc.explanation.claims import LEFT, Claim, measured, p_words
 from tinygc.explanation.decision import tilt_rms
 from tinygc.explanation.engine import Explanation
@@ -24,19 +20,15 @@ from tinygc.explanation.result import (
     noise_rows,
     residual_table,
     rival_words,
-    to_json,
     what_next,
     where,
 )
 from tinygc.explanation.search import in_words, lines_end_hz
 from tinygc.noise.twin import Variable
-from tinygc.reporting.checked_text import checked_page
-from tinygc.reporting.pictures.canvas import save as save_figure
-from tinygc.reporting.pictures.page import figure_of
 from tinygc.reporting.terminal import Group, Table, Text, one_line
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
 
 # An explanation as text, for the terminal and the page of pictures, and its files.
@@ -204,61 +196,3 @@ def _proof(e: Explanation) -> Text:
     if e.proof.worse:
         removed = f"; closure is worse with what is named, {tilt_rms(e.proof.named) / DEG:.4f}°: the model without it is handed on"
     return Text(f"held-out closure: {before:.4f}° before, {after:.4f}° after, floor {floor:.4f}°{removed}")
-
-
-# Report of an explanation: its page, line, JSON, picture and files.
-
-
-class ExplanationReport:
-    """Base class for reports of an explanation; subclasses serve other references and the search beyond the catalogue."""
-
-    #: notes for the user on files that ``save`` kept or removed
-    notes: tuple[str, ...] = ()
-
-    #: the claims on other recordings
-    checked: Sequence[Checked] = ()
-    #: what a feature says of the machine that turned the table: ``page()`` and ``to_json()``; None without one
-    turned_by: Any = None
-
-    def __init__(self, explanation: Any):
-        self.explanation = explanation
-
-    def offers(self, folder: Path) -> list[tuple[str, str]]:
-        """Titles and commands of what may follow; folder: where it is saved."""
-        return []
-
-    def to_json(self) -> dict:
-        """``tinygc-explain/2`` (docs/formats.md)."""
-        by = {} if self.turned_by is None else {"table": self.turned_by.to_json()}
-        return self._table() | by | {"checked": checked_to_json(self.checked)}
-
-    def _table(self) -> dict:
-        return to_json(self.explanation)
-
-    def line(self) -> Text:
-        """Session, verdict and p-value, in one line."""
-        return verdict_line(self.explanation)
-
-    def page(self) -> Group:
-        """Page for the terminal."""
-        by = [] if self.turned_by is None else [self.turned_by.page()]
-        return Group(self._page(), *by, *checked_page(self.checked))
-
-    def _page(self) -> Group:
-        return explanation_page(self.explanation)
-
-    def picture(self) -> Figure:
-        """Draw the page of pictures.  Raises CalibrationError if matplotlib is missing."""
-        return figure_of(self.explanation)
-
-    def save(self, folder: Path | None = None, pictures: bool = True) -> Path:
-        """Write the JSON and the picture into a folder, the session's ``explain`` by default; returns that folder.
-
-        Raises StorageError if it cannot be written, CalibrationError if a picture is requested and matplotlib is missing.
-        """
-        folder = folder or self.explanation.session.own_folder("explain")
-        with result_folder(folder):
-            write_whole(folder / "explain.json", self.to_json())
-        if pictures:
-            save_figure(self.picture(), folder / "explain.png")
-        return folder

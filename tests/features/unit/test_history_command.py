@@ -131,7 +131,7 @@ def test_fit_budget_history_and_verify_take_one_spread_of_the_zero(fitted, tmp_p
     assert (in_fit.source, in_fit.freedom.tolist()) == ("6 other sessions of this unit, less drift and 1 step", [4, 4, 3])
     assert max(in_fit.scatter_rps) < 0.05 * DEG
     np.testing.assert_array_equal(tinygc.history(folders).units[0].any_session.scatter_rps, in_fit.scatter_rps)
-    verified = tinygc.verify(folders[0] / "fit" / "model_least_squares.json", fitted, history=folders).result
+    verified = tinygc.verify(folders[0] / "fit" / "model_least_squares.json", fitted, history=folders)
     parts = [part for part in verified.parts if part.name == "switch-on" and part.into[-3:].any()]
     assert [part.freedom for part in parts] == [4, 4, 3]
     two = 2 * in_fit.scatter_rps**2

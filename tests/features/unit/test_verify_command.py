@@ -108,27 +108,27 @@ def test_a_zero_that_moved_is_taken_anew_and_the_new_model_holds(model, unit, tm
     found = tinygc.verify(model, today)
     assert (found.answer, found.exit_code) == ("holds for E, take B anew", 1)
     assert found.bias_dps == pytest.approx((unit.B + moved) / DEG, abs=0.01)
-    assert found.result.diagnosis.best.names == ("zero",)
-    assert any("the model does not say how warm" in note for note in found.result.notes)
-    x, y, z = re.findall(r"[xyz] ([-+][\d.]+)", found.result.diagnosis.best.words[0])
+    assert found.diagnosis.best.names == ("zero",)
+    assert any("the model does not say how warm" in note for note in found.notes)
+    x, y, z = re.findall(r"[xyz] ([-+][\d.]+)", found.diagnosis.best.words[0])
     assert [float(x), float(y), float(z)] == pytest.approx(-moved / DEG, abs=0.01)  # it reads less where B is more
     written = found.save_model(tmp_path / "anew.json")
     assert pytest.approx(found.bias_dps) == tinygc.load(written).model.B / DEG
     table = json.loads(written.read_text())
     covariance = np.array(table["covariance"])
     assert table["temperature_c"] == pytest.approx(today.temperature_c, abs=0.01)  # the mean over its stills
-    assert covariance[9:, 9:] == pytest.approx(found.result.bias_covariance)
+    assert covariance[9:, 9:] == pytest.approx(found.bias_covariance)
     assert not covariance[9:, :9].any()
     assert covariance[:9, :9] == pytest.approx(np.diag(SIGMA**2)[:9, :9])
     again = tinygc.verify(written, today)  # whose file says how warm it was
-    assert (again.answer, any("how warm" in note for note in again.result.notes)) == ("holds", False)
+    assert (again.answer, any("how warm" in note for note in again.notes)) == ("holds", False)
 
 
 def test_what_changed_in_e_is_named_and_b_anew_is_not_written(model, unit, tmp_path):
     turned = [0.02, -0.01, 0.015]
     R = Rotation.from_rotvec(turned).as_matrix()
     found = tinygc.verify(model, session_of(replace(unit, E=R @ unit.E, B=R @ unit.B)))
-    best, cost = found.result.diagnosis.best, found.result.cost
+    best, cost = found.diagnosis.best, found.cost
     assert (found.answer, found.exit_code, best.names) == ("does not hold", 1, ("rotation",))
     assert best.theta == pytest.approx(turned, abs=5e-4)
     assert np.linalg.norm(cost.bias_anew) > 0.5 * np.linalg.norm(cost.as_it_is)  # another B does not mend E
@@ -174,7 +174,7 @@ def test_what_is_wrong_is_said(model, folder, run, words, says):
 
 def test_a_zero_that_differs_from_rest_to_rest_is_seen_where_the_old_rests_were_calm(model, unit):
     found = tinygc.verify(model, session_of(unit, lambda t_s, rate, force, temp_c: rate + 0.1 * DEG * force / G))
-    noise = {question.name: question for question in found.result.questions}["noise"]
+    noise = {question.name: question for question in found.questions}["noise"]
     assert (noise.holds, found.answer) == (False, "does not hold")
     assert 60 * noise.left_rps / DEG == pytest.approx(60 * 0.1 / np.sqrt(3), rel=0.7)
 
@@ -183,7 +183,7 @@ def test_rates_in_another_unit_are_said_to_be(model, today):
     (log,) = today.logs
     wrong = replace(log, samples=replace(log.samples, gyro=np.asarray(log.samples.gyro) * DEG), raw=False)
     found = tinygc.verify(model, replace(today, logs=(wrong,)))
-    assert (found.answer, found.result.bias_serves, "the rates are in rad/s" in found.headline) == ("does not hold", False, True)
+    assert (found.answer, found.bias_serves, "the rates are in rad/s" in found.headline) == ("does not hold", False, True)
 
 
 @pytest.mark.parametrize(("factor", "axis", "says"), [(2.0, 1.0, "gravity: 19"), (1.0, 0.0, "gyro stuck: y")])
@@ -209,9 +209,9 @@ def rests_with(folder, session, jump_dps):
 
 def test_a_jump_between_rests_is_seen_and_knocks_are_no_turns(model, today, tmp_path):
     found = tinygc.verify(model, rests_with(tmp_path / "rests", today, jump_dps=0.1))
-    noise = {question.name: question for question in found.result.questions}["noise"]
-    assert (found.result.rows.turns, found.result.rows.stills, noise.rank, noise.holds) == (0, 6, 15, False)
-    assert (found.result.diagnosis.best.names, found.answer) == (("step",), "does not hold")
+    noise = {question.name: question for question in found.questions}["noise"]
+    assert (found.rows.turns, found.rows.stills, noise.rank, noise.holds) == (0, 6, 15, False)
+    assert (found.diagnosis.best.names, found.answer) == (("step",), "does not hold")
 
 
 def test_a_recording_does_not_verify_the_model_that_was_fitted_to_it(unit, today, tmp_path):
@@ -233,5 +233,5 @@ def test_a_board_whose_clock_is_off_is_compared_by_the_clock_of_the_model(unit, 
         return write(tmp_path / f"{clock}.json", np.r_[unit.E.ravel(), unit.B] * scale, today.config, **how)
 
     found = tinygc.verify(of("board", 1 / ratio), on(logs, clock_ratio=ratio, clock_sigma_ppm=20.0))
-    assert (found.answer, found.result.bounds[0].is_seen) == ("holds", True)
+    assert (found.answer, found.bounds[0].is_seen) == ("holds", True)
     assert "the model goes by the computer's clock" in tinygc.verify(of("arrivals", 1.0), on(logs)).headline

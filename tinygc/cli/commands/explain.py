@@ -42,7 +42,7 @@ def run(args: Options) -> int:
     folder = why.save(args.out, pictures=_with_pictures(args))
     output(args).print(why.page)
     output(args).print(f"written: {folder}", soft_wrap=True)
-    for line in why.said_of_files:
+    for line in why.notes:
         output(args).print(line, soft_wrap=True)
     for title, command in why.offers(folder):
         print_commands(args, title, command)

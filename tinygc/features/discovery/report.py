@@ -26,7 +26,8 @@ from tinygc.features.discovery.pictures import figure_of
 from tinygc.features.discovery.result import discovery_page, to_json
 from tinygc.features.discovery.search_state import Discovery, Law
 from tinygc.features.discovery.selection import FORM
-from tinygc.reporting.explanation_text import ExplanationReport, explanation_page
+from tinygc.library.explanations import Why
+from tinygc.reporting.explanation_text import explanation_page
 from tinygc.reporting.pictures.canvas import save as save_figure
 from tinygc.reporting.terminal import Group, Text
 
@@ -113,56 +114,58 @@ def _digest(text: str) -> str:
 # An explanation together with its discovery: table, terminal page, picture, files.
 
 
-class DiscoveryReport(ExplanationReport):
+class DiscoveryReport(Why):
     """The outputs of an explanation and its discovery, each computed once."""
 
     def __init__(self, explanation: Explanation, discovery: Discovery):
         super().__init__(explanation)
-        self.discovery = discovery
+        self.beyond: Discovery = discovery
         #: of each law, relative to the folder of the explanation; None until they are saved
         self._files: list[str | None] = [None for _ in discovery.laws]
 
     @cached_property
     def pairs(self) -> list[Pair]:
         """Each law and its runner-up, refitted."""
-        return pairs_of(self.explanation, self.discovery)
+        return pairs_of(self.explanation, self.beyond)
 
     @cached_property
     def _following(self) -> str | None:
-        pairs = self.pairs if any(map(is_open, self.discovery.laws)) else []
-        return next_of(self.explanation, self.discovery, pairs)
+        pairs = self.pairs if any(map(is_open, self.beyond.laws)) else []
+        return next_of(self.explanation, self.beyond, pairs)
 
-    def to_json(self) -> dict:
+    @cached_property
+    def table(self) -> dict:
         """``tinygc-explain/2``, with the search's advice on what to do next."""
-        return super().to_json() | {"next": self._following, "discovery": to_json(self.discovery, self._files)}
+        return super().table | {"next": self._following, "discovery": to_json(self.beyond, self._files)}
 
     def offers(self, folder: Path) -> list[tuple[str, str]]:
         """The laws, in another session."""
         use = command_line("explain", "OTHER", "--effects", folder / "effects")
-        return [("use it in another session:", use)] if self.discovery.laws else []
+        return [("use it in another session:", use)] if self.beyond.laws else []
 
     def _page(self) -> Group:
         """The terminal's page: the explanation, then the search with its advice on what to do next."""
-        return Group(explanation_page(self.explanation, with_next=False), Text(""), discovery_page(self.to_json()))
+        return Group(explanation_page(self.explanation, with_next=False), Text(""), discovery_page(self.table))
 
     def figure(self) -> Figure:
         """``discover.png``, for an answer with laws.  CalibrationError without matplotlib."""
-        return figure_of(self.explanation, self.discovery, self.pairs)
+        return figure_of(self.explanation, self.beyond, self.pairs)
 
-    def save(self, folder: Path | None = None, pictures: bool = True) -> Path:
+    def save(self, folder: Path | str | None = None, pictures: bool = True) -> Path:
         """Save the explanation's files, an effect file for each law, and the picture of them; return the folder.
 
-        An edited file stays; ``notes`` has the alternative taken.  Raises what ``ExplanationReport.save`` raises.
+        An edited file stays; ``notes`` has the alternative taken.  Raises what ``Why.save`` raises.
         """
-        folder = folder or self.explanation.session.own_folder("explain")
         session = self.explanation.session
+        folder = session.own_folder("explain") if folder is None else Path(folder)
         logs = {file_key(log.path): hash_of_log(log) for log in session.logs}
         movement = self.explanation.twin.movements[0]
         where = Where(session.name, logs, VERSION, movement.fs_rps / DEG, movement.first_temp_c)
-        files, says = save_laws(self.discovery.laws, where, folder / FOLDER)
+        files, says = save_laws(self.beyond.laws, where, folder / FOLDER)
         self._files, self.notes = [f"{FOLDER}/{path.name}" for path in files], tuple(says)
+        self.__dict__.pop("table", None)  # it names the effect files
         super().save(folder, pictures)
-        if pictures and self.discovery.laws:
+        if pictures and self.beyond.laws:
             save_figure(self.figure(), folder / "discover.png")
         else:  # a picture of an earlier run shows another answer
             with naming(folder / "discover.png"):

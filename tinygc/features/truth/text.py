@@ -17,7 +17,8 @@ from tinygc.features.truth.alignment import alignment_table
 from tinygc.features.truth.check import frame_text, mounting_text, offset_text
 from tinygc.features.truth.evidence import TruthClaim, TruthExplanation
 from tinygc.features.truth.picture import figure_of
-from tinygc.reporting.explanation_text import ExplanationReport
+from tinygc.library.explanations import Why
+from tinygc.reporting.explanation_text import verdict_line
 from tinygc.reporting.html.chart import Chart, log_axis
 from tinygc.reporting.html.markup import Section, render
 from tinygc.reporting.terminal import Group, Table, Text, one_line
@@ -103,7 +104,7 @@ def _own_noise(e: TruthExplanation) -> str:
     return f"the gyro's own noise would leave {own:.4f}° after the shortest length{too_good}"
 
 
-class TruthReport(ExplanationReport):
+class TruthReport(Why):
     """Report of an explanation with a truth file as reference."""
 
     def _table(self) -> dict:
@@ -165,7 +166,7 @@ class TruthReport(ExplanationReport):
 
     def _page(self) -> Group:
         e: TruthExplanation = self.explanation
-        parts: list = [self.line(), Text("")]
+        parts: list = [verdict_line(e), Text("")]
         for claim in e.claimed:
             share = f"   takes up {100 * claim.share:.0f} % of chi-square" if claim.share else ""
             share += f"   or {', '.join(claim.equivalent)}" if claim.equivalent else ""
@@ -184,8 +185,7 @@ class TruthReport(ExplanationReport):
         parts += [table, Text(CANNOT)]
         return Group(*parts, *(Text(f"First look: {w.where}: {w.what}: {w.says}", "yellow") for w in e.warnings))
 
-    def picture(self) -> Figure:
-        """Draw the page of pictures.  Raises CalibrationError if matplotlib is missing."""
+    def _picture(self) -> Figure:
         return figure_of(self.explanation)
 
 

@@ -20,7 +20,7 @@ FEATURE = Feature(
     },
     public={
         "certificate": "certificate.library",
-        "verify": "verification.library",
+        "verify": "verification.verdict",
         "watch": "watch.library",
         "history": "history.library",
         "compare": "history.comparison",

@@ -22,7 +22,7 @@ class Options(VerifyOptions, Command, UsesEffects, Force):
 
 def run(args: Options) -> int:
     """Verify a calibration, print the verdict, and return its exit code."""
-    from tinygc.features.unit.verification.library import verify
+    from tinygc.features.unit.verification.verdict import verify
     from tinygc.reporting.terminal import progress_bar
 
     if args.write is not None:

@@ -4,16 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from session.base.errors import DataError
+from session import VERSION
+from session.base.errors import CalibrationError, DataError, FormatError
+from session.base.files import require_file
+from session.base.names import is_session
 from session.base.numeric import sigmas_in
-from session.base.progress import Told, untold
-from session.base.texts import significant
+from session.base.progress import Progress, Told, untold
+from session.base.records import in_unit, plain, write_whole
+from session.base.texts import command_line, probability, significant
 from session.base.units import DEG
 from session.log.folder import Session, read_session
+from tinygc import models
 from tinygc.closure.motion import MINUTE_S
 from tinygc.estimation.expected_zero import USUAL_SPREAD
 from tinygc.features.unit.options import VerifyOptions
@@ -30,29 +36,47 @@ from tinygc.features.unit.verification.cost import (
     uses,
 )
 from tinygc.features.unit.verification.expected import ZERO, Part, expected_parts, spread_of_unit
-from tinygc.features.unit.verification.old import OldCalibration, facts, is_its_own, with_bias_moved
+from tinygc.features.unit.verification.old import OldCalibration, facts, is_its_own, read_old, with_bias_moved
 from tinygc.features.unit.verification.questions import GRAVITY, NOISE, B, E, Question, TodaysNoise, ask, todays_noise
 from tinygc.features.unit.verification.rows import Rows, rows_of
+from tinygc.library.arguments import is_path, public
+from tinygc.library.records import Shown
 from tinygc.noise.figures import read_figures
 from tinygc.planning.proposals import Proposal
+from tinygc.reporting.terminal import Group, RenderableType, one_line, plain_table
 
+SCHEMA = "tinygc-verify/1"
 #: answers, and the exit code of each
 HOLDS, BIAS, FAILS, UNDECIDED = "holds", "holds for E, take B anew", "does not hold", "undecided"
 EXIT = {HOLDS: 0, BIAS: 1, FAILS: 1, UNDECIDED: 5}
 #: in whose way it fails, in words
 OF = {E: "E", B: "the zero", GRAVITY: "the accelerometer", NOISE: "what is left beyond noise"}
 
+#: questions in words
+ASKED = {
+    E: "scale and axes (E), the zero free",
+    B: "the zero (B)",
+    GRAVITY: "gravity's length (the accelerometer)",
+    NOISE: "noise explains the rest",
+}
+#: causes that change within the recording
+IN_TIME = {"step", "warm-up"}
+STYLES = {HOLDS: "bold green", BIAS: "bold yellow", FAILS: "bold red"}
 
-@dataclass(frozen=True, eq=False)
-class Verification:
-    """The answer, with all that it stands on.
 
-    bias_anew (3,) rad/s: change of B that today's rests ask for, with covariance (3, 3); diagnosis: None where nothing speaks against the
-    calibration; tell, separate: turns that would tell what is open, and what the causes are; facts: what the settings say; notes;
+@dataclass(frozen=True, eq=False, repr=False)
+class Verified(Shown):
+    """Result of ``tinygc.verify``: the answer, with all that it stands on.
+
+    old: the calibration; today: the name of the session that verifies it; answer: ``holds``, ``holds for E, take B anew``,
+    ``does not hold`` or ``undecided``; headline: the reason, in one line; bias_anew (3,) rad/s: change of B that today's rests ask for,
+    with covariance (3, 3); diagnosis: None where nothing speaks against the calibration; tell, separate: turns that would tell what is
+    open, and what the causes are; facts: what the settings say; notes;
     bias_serves: whether the model may be used with B anew, as far as this recording tells.
     """
 
     old: OldCalibration
+    today: str
     rows: Rows
     options: VerifyOptions
     answer: str
@@ -71,6 +95,9 @@ class Verification:
     advice: str = ""
     bias_serves: bool = True
 
+    def __repr__(self) -> str:
+        return f"<Verified {self.old.name} by {self.today}: {self.answer}>"
+
     @property
     def exit_code(self) -> int:
         """0 holds, 1 does not hold as it is, 5 undecided."""
@@ -86,13 +113,168 @@ class Verification:
         """(3,) rad/s: B with the change."""
         return self.old.bias + self.bias_anew
 
+    @property
+    def bias_dps(self) -> np.ndarray:
+        """(3,) dps: B taken anew."""
+        return np.asarray(self.new_bias / DEG)
+
+    @property
+    def verdict_line(self) -> RenderableType:
+        """The answer and its reason in one line, for ``--quiet``."""
+        return one_line(f"{self.answer}: {self.headline}", STYLES.get(self.answer, "bold"))
+
+    @property
+    def page(self) -> Group:
+        """The command's output, as a rich renderable."""
+        parts: list[RenderableType] = [self.verdict_line]
+        parts += [one_line(f"Settings: {fact}.") for fact in self.facts]
+        rows = self.rows
+        title = (
+            f"{rows.turns} turns and {rows.stills} rests against {self.old.name}; "
+            f"a false alarm in {significant(100 * self.options.false_alarm, 2)} % of such recordings"
+        )
+        table = plain_table(title, "does it hold?", "answer", "χ²", "degrees of freedom", "p", "bar")
+        for question in self.questions:
+            chi_square, p = f"{question.chi_square:.1f}", probability(question.p_value)
+            if question.beyond_draws:
+                chi_square, p = f"> {chi_square}", p.replace("=", "<")
+            numbers = (chi_square, str(question.rank), p, significant(question.level, 2))
+            table.add_row(ASKED[question.name], _answer(question), *(numbers if question.asked else ("", "", "", "")))
+        parts.append(table)
+        parts += [one_line(line) for line in (*cause_lines(self), *cost_lines(self), *open_lines(self))]
+        parts += [one_line(f"Note: {note}.") for note in self.notes]
+        parts.append(one_line(f"Do: {self.advice}.", "bold"))
+        return Group(*parts)
+
+    def save_model(self, path: Path | str) -> Path:
+        """Write the model with B taken anew, and return the path.  Raises StorageError for a file that cannot be written,
+        DataError where E does not hold, or the zero moves within the recording."""
+        if not self.bias_serves:
+            raise DataError(f"{self.old.path}: not written with B anew: {self.headline}; {self.advice}")
+        old = self.old
+        table = old.table
+        before = table["stored"] if isinstance(table.get("stored"), dict) else table
+        more: dict[str, Any] = {
+            "method": f"{table.get('method') or 'stored'}, bias anew",
+            "stored": {name: before.get(name) for name in ("method", "session", "sha256")},
+            **{name: table[name] for name in ("sensor", "accelerometer", "clock") if name in table},
+        }
+        if np.isfinite(self.rows.temp_c):
+            more["temperature_c"] = self.rows.temp_c
+        if np.shape(table.get("covariance") or ()) == (12, 12) and old.linear is old.model:
+            covariance = np.array(table["covariance"], dtype=float)
+            bias = slice(9, 12)
+            covariance[bias, :] = covariance[:, bias] = 0.0
+            covariance[bias, bias] = self.bias_covariance
+            more["covariance"] = covariance.tolist()
+        model = with_bias_moved(old.model, self.bias_anew)
+        write_whole(Path(path), models.to_dict(model, **more, session=self.today, version=VERSION))
+        return Path(path)
+
+    def to_json(self) -> dict:
+        """``tinygc-verify/1`` (docs/features/unit/verify-format.md)."""
+        diagnosis = self.diagnosis
+        return plain(
+            {
+                "schema": SCHEMA,
+                "version": VERSION,
+                "model": self.old.path.name,
+                "of": self.old.name,
+                "today": self.today,
+                "answer": self.answer,
+                "headline": self.headline,
+                "advice": self.advice,
+                "exit_code": self.exit_code,
+                "alarm": self.alarm,
+                "false_alarm": self.options.false_alarm,
+                "turns": self.rows.turns,
+                "rests": self.rows.stills,
+                "questions": [
+                    {"name": each.name, "asked": each.asked, "freedom": each.rank, "level": each.level}
+                    | {name: getattr(each, name) if each.asked else None for name in ("holds", "statistic", "chi_square", "p_value")}
+                    for each in self.questions
+                ],
+                "expected": self.parts,
+                "bias_anew": in_unit(DEG, bias_dps=self.new_bias, change_dps=self.bias_anew, sigma_dps=sigmas_in(self.bias_covariance)),
+                "cause": None
+                if diagnosis is None
+                else {
+                    "names": diagnosis.best.names,
+                    "words": diagnosis.best.words,
+                    "probability": diagnosis.probability,
+                    "instead": [{"name": name, "others": others} for name, others in diagnosis.rivals.items()],
+                    "alone": [{"name": name, "log_odds": odds} for name, odds in diagnosis.alone.items()],
+                },
+                "cost": self.cost,
+                "bounds": self.bounds,
+                "turns_that_tell": [proposal.words for proposal in self.tell],
+                "turns_that_separate": [proposal.words for proposal in self.separate],
+                "facts": self.facts,
+                "notes": self.notes,
+            }
+        )
+
+
+@public(VerifyOptions)
+def verify(model: Path | str, today: Any, *, progress: Progress | None = None, **choices: Any) -> Any:
+    """Say whether a stored calibration still holds, and if not, why, what that costs, and what to do.
+
+    Parameters
+    ----------
+    model : str or Path
+        A model file, or a fitted session folder.
+    today : Session, str or Path
+        A session, or its folder: with rests and turns, or a minute at rest.
+    progress : callable, optional
+        Called with what is done, how far, and of how much.
+
+    Returns
+    -------
+    Verified
+        ``answer``, ``headline``, ``exit_code``, ``bias_dps``, ``questions``, ``diagnosis``, ``cost``; ``summary()``, ``to_json()``,
+        ``save_model(path)``.
+
+    Raises
+    ------
+    CalibrationError
+        For what cannot be read or compared; its message is one line.
+
+    Examples
+    --------
+    >>> import tempfile, tinygc
+    >>>     >>> folder = Path(tempfile.mkdtemp())
+    >>> unit = {"closure_s": 0.0, "odr_hz": 104.0, "unit_seed": 1}
+    >>> then = tinygc.fit(tinygc.simulate(segments=14, seed=1, **unit).session, methods=("least_squares",))
+    >>> model = then.save(folder) / "model_least_squares.json"
+    >>> tinygc.verify(model, tinygc.simulate(segments=10, seed=2, **unit).session).answer
+    'holds'
+
+    """
+    if not isinstance(today, Session) and not is_path(today):
+        raise CalibrationError(f"today is of type {type(today).__name__}, expected a tinygc.Session or a session folder")
+    options, old = VerifyOptions(**choices), read_old(Path(model))
+
+    def step(what: str) -> None:
+        (progress or untold)(what, 0, 1)
+
+    if not isinstance(today, Session):
+        today = Path(today)
+        if not today.exists():
+            raise FormatError(f"{today}: not found; give a session folder with rests, with turns or without")
+        if not today.is_dir():
+            require_file(today)
+        if not is_session(today):
+            raise FormatError(f"{today}: no session folder; `{command_line('import', today)}` makes one of a log, of any program")
+        today = read_session(today, lambda name: step(f"reading {name}"))
+    return verify_session(old, today, options, step)
+
 
 def verify_session(
     old: OldCalibration,
     session: Session,
     options: VerifyOptions,
     progress: Told = untold,
-) -> Verification:
+) -> Verified:
     """Verify a calibration by a session.
 
     Raises DataError for a session of another sensor, unless that is accepted, and the errors of ``rows_of`` and ``spread_of_unit``.
@@ -164,8 +346,9 @@ def verify_session(
         headline = "the model was fitted to this very recording, and agrees with itself"
         answer, advice, bias_serves = UNDECIDED, "give another recording", False
     open_names = {bound.name for bound in bounds if not bound.is_seen}
-    return Verification(
+    return Verified(
         old=old,
+        today=session.name,
         rows=rows,
         options=options,
         answer=answer,
@@ -276,24 +459,57 @@ def _temperature_of(old: OldCalibration) -> float:
     return float("nan") if found is None else float(found)
 
 
-def written_model(found: Verification) -> tuple[Any, dict[str, Any]]:
-    """The model with B taken anew, and what its file holds besides.  Raises DataError where it does not hold with it either."""
-    if not found.bias_serves:
-        raise DataError(f"{found.old.path}: not written with B anew: {found.headline}; {found.advice}")
-    old = found.old
-    table = old.table
-    before = table["stored"] if isinstance(table.get("stored"), dict) else table
-    more: dict[str, Any] = {
-        "method": f"{table.get('method') or 'stored'}, bias anew",
-        "stored": {name: before.get(name) for name in ("method", "session", "sha256")},
-        **{name: table[name] for name in ("sensor", "accelerometer", "clock") if name in table},
-    }
-    if np.isfinite(found.rows.temp_c):
-        more["temperature_c"] = found.rows.temp_c
-    if np.shape(table.get("covariance") or ()) == (12, 12) and old.linear is old.model:
-        covariance = np.array(table["covariance"], dtype=float)
-        bias = slice(9, 12)
-        covariance[bias, :] = covariance[:, bias] = 0.0
-        covariance[bias, bias] = found.bias_covariance
-        more["covariance"] = covariance.tolist()
-    return with_bias_moved(old.model, found.bias_anew), more
+# The screen: what was asked, why, what it costs, and what this recording cannot tell.
+
+
+def _answer(question: Question) -> str:
+    if not question.asked:
+        return "not asked by this recording"
+    return "nothing against it" if question.holds else "no"
+
+
+def cause_lines(found: Verified) -> list[str]:
+    """Why it does not hold."""
+    if found.diagnosis is None:
+        return []
+    diagnosis, said = found.diagnosis, []
+    if not diagnosis.best.causes:
+        return ["Cause: none of the list is more probable than none; `explain` looks further."]
+    for cause, words in zip(diagnosis.best.causes, diagnosis.best.words, strict=True):
+        others = diagnosis.rivals.get(cause.name, ())
+        instead = f"; not told apart from: {', '.join(others)}" if others else ""
+        said.append(f"Cause: {words}{instead}.")
+    said.append(f"Probability of this explanation among those compared: {significant(100 * diagnosis.probability, 2)} %.")
+    said += [f"To tell the causes apart: {proposal.words}." for proposal in found.separate]
+    return said
+
+
+def cost_lines(found: Verified) -> list[str]:
+    """What it costs."""
+    cost = found.cost
+
+    def angles(value: np.ndarray, sigma: np.ndarray) -> str:
+        pairs = zip(("roll", "pitch", "yaw"), value / DEG, sigma / DEG, strict=True)
+        return ", ".join(f"{name} {angle:+.3f} ± {s:.3f}°" for name, angle, s in pairs)
+
+    as_it_is = f"Cost, the largest error in {cost.motion}: {angles(cost.as_it_is, cost.sigma)}."
+    if found.diagnosis is not None and set(found.diagnosis.best.names) & IN_TIME:
+        return [as_it_is, "B anew would not last: the zero moves within this recording."]
+    return [
+        as_it_is,
+        f"With B anew ({bias_words(found.new_bias, found.bias_covariance)}): {angles(cost.bias_anew, cost.bias_anew_sigma)}.",
+    ]
+
+
+def open_lines(found: Verified) -> list[str]:
+    """What this recording cannot tell, and which turns would."""
+    said = [
+        f"Open: {ASKED[bound.name]}: {bound.use} may miss {significant(bound.bound_deg, 2)}° (95 %), "
+        f"more than {significant(bound.limit_deg, 2)}°."
+        for bound in found.bounds
+        if not bound.is_seen
+    ]
+    if said and found.tell:
+        said.append(f"Turns that would tell ({len(found.tell)}):")
+        said += [f"  {number}. {proposal.words}" for number, proposal in enumerate(found.tell, start=1)]
+    return said

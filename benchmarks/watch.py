@@ -193,7 +193,7 @@ def recorded() -> None:
         halves = (slice(0, len(rate) // 2), slice(len(rate) // 2, len(rate)))
         for known, seen in (halves, halves[::-1]):
             progress(f"imu{number}")
-            figures = tinygc.estimate_noise((t_s[known] - t_s[known][0], rate[known], force[known])).figures
+            figures = tinygc.estimate_noise((t_s[known] - t_s[known][0], rate[known], force[known]))
             gravity = float(np.linalg.norm(force[known].mean(axis=0)))
             module.expect = lambda model, hz, gravity=gravity: dataclasses.replace(usual(model, hz), gravity_mps2=gravity)
             model = LinearModel(np.eye(3), -rate[known].mean(axis=0))

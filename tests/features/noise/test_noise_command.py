@@ -66,7 +66,7 @@ def estimate(of: NoiseFigures | None = None, seed: int = 1) -> Noise:
         sigma = np.sqrt(tau_s / of.duration_s / 2)[:, None]
         seen = true * np.exp(sigma * rng.normal(size=true.shape))
         bands[kind] = AllanBand(tau_s, seen, seen * np.exp(-sigma), seen * np.exp(sigma))
-    return Noise(dataclasses.replace(of, allan=bands), (), 12.0)
+    return Noise.of(dataclasses.replace(of, allan=bands), (), 12.0)
 
 
 @pytest.fixture(scope="module")
@@ -251,11 +251,11 @@ def test_what_a_curve_does_not_say_is_assumed_and_said(tmp_path):
     """White noise of 1 °/√h, of one axis."""
     path = written(tmp_path / "c.csv", 1, "(deg/h)")
     found = tinygc.estimate_noise(curve=path)
-    assert found.figures.gyro.axes[2].value("N") == pytest.approx(H, rel=0.02)  # deviation 1 °/h at 1 s
-    assert (found.figures.accel, found.figures.duration_s, found.to_json()["rate_known"]) == (None, 10_000.0, False)
+    assert found.gyro.axes[2].value("N") == pytest.approx(H, rel=0.02)  # deviation 1 °/h at 1 s
+    assert (found.accel, found.duration_s, found.to_json()["rate_known"]) == (None, 10_000.0, False)
     for words in ("--duration", "stands for all three", "The data rate is not known: 1 over the shortest averaging time, 10 Hz"):
         assert any(words in remark for remark in found.remarks)
-    told = tinygc.estimate_noise(curve=path, duration_s=73_800, odr_hz=400, sensor="BMI055", serial="7").figures
+    told = tinygc.estimate_noise(curve=path, duration_s=73_800, odr_hz=400, sensor="BMI055", serial="7")
     assert (told.duration_s, told.rate_hz, told.rate_known, told.sensor, told.serial) == (73_800, 400, True, "BMI055", "7")
     for header, more, says in (("(deg/h)", {"duration_s": 100}, "a recording of 100 s cannot"), ("(mg)", {}, "holds no gyroscope")):
         with pytest.raises(CalibrationError, match=says):

@@ -30,7 +30,7 @@ from tinygc.features.noise.output import (
 )
 from tinygc.library.arguments import is_number, is_path, public
 from tinygc.library.records import Shown
-from tinygc.noise.figures import FILE, AllanBand, Inflation, NoiseFigures
+from tinygc.noise.figures import FILE, Inflation, NoiseFigures
 from tinygc.reporting.pictures.canvas import has_matplotlib, save, saved
 from tinygc.reporting.terminal import Group
 
@@ -42,9 +42,10 @@ PICTURE = "noise.png"
 FITTED = "fit/fit.json"
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class NoiseFile(NoiseFigures):
-    """``noise.json`` as it is written."""
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Noise(NoiseFigures, Shown):
+    """Result of ``tinygc.estimate_noise``, and ``noise.json`` as it is written: the figures in SI, and ``allan``, the Allan deviation of
+    ``gyro`` and ``accel`` with 68 % bounds; remarks: what was left out, repaired, assumed or is to be known, one sentence each."""
 
     version: Annotated[str, Key(absent="")] = VERSION
     left_out_s: Size
@@ -53,23 +54,15 @@ class NoiseFile(NoiseFigures):
     open_terms: tuple[OpenTerm, ...]
     data_sheet: tuple[SheetFigure, ...]
 
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Noise(Shown):
-    """Result of ``tinygc.estimate_noise``: ``figures`` in SI, ``allan`` with the Allan deviation of ``gyro`` and ``accel``, ``remarks``."""
-
-    figures: NoiseFigures
-    #: what was left out, repaired, assumed or is to be known, one sentence each
-    remarks: tuple[str, ...]
-    left_out_s: float
-
     def __repr__(self) -> str:
-        return f"<Noise of {self.figures.sensor or 'a sensor'}: {self.figures.duration_s:.0f} s of rest>"
+        return f"<Noise of {self.sensor or 'a sensor'}: {self.duration_s:.0f} s of rest>"
 
-    @property
-    def allan(self) -> dict[str, AllanBand]:
-        """Allan deviation with 68 % bounds, SI."""
-        return dict(self.figures.allan)
+    @classmethod
+    def of(cls, figures: NoiseFigures, remarks: Sequence[str], left_out_s: float) -> Noise:
+        """Figures with what follows from them."""
+        sheet = tuple(against_data_sheet(figures))
+        more: dict[str, Any] = {"kalibr": kalibr_figures(figures), "open_terms": tuple(open_terms(figures)), "data_sheet": sheet}
+        return cls(**vars(figures), left_out_s=left_out_s, remarks=tuple(remarks), **more)
 
     @property
     def page(self) -> Group:
@@ -78,21 +71,11 @@ class Noise(Shown):
 
     def pages(self, verbose: bool = False) -> Group:
         """The command's output; verbose: with every term, and all remarks."""
-        return noise_page(self.figures, self.remarks, self.left_out_s, verbose)
+        return noise_page(self, self.remarks, self.left_out_s, verbose)
 
     def to_json(self) -> dict:
         """``tinygc-noise/1`` (docs/formats/noise.md)."""
-        figures = self.figures
-        return table_of(
-            NoiseFile(
-                **vars(figures),
-                left_out_s=self.left_out_s,
-                remarks=self.remarks,
-                kalibr=kalibr_figures(figures),
-                open_terms=tuple(open_terms(figures)),
-                data_sheet=tuple(against_data_sheet(figures)),
-            )
-        )
+        return table_of(self)
 
     def save(self, folder: Path | str, pictures: bool = True) -> Path:
         """Write ``noise.json`` and, where matplotlib is installed, ``noise.png`` into a folder, and return it.
@@ -103,12 +86,12 @@ class Noise(Shown):
         with result_folder(folder):
             write_whole(folder / FILE, self.to_json())
             if pictures and has_matplotlib():
-                save(figure_of(self.figures), folder / PICTURE)
+                save(figure_of(self), folder / PICTURE)
         return folder
 
     def plot(self, path: Path | str | None = None) -> Figure:
         """Draw Allan deviation, model, terms and residuals; path: a PNG to write.  Raises CalibrationError where matplotlib is missing."""
-        figure = figure_of(self.figures)
+        figure = figure_of(self)
         return figure if path is None else saved(figure, Path(path))
 
 
@@ -139,7 +122,7 @@ def noise_of(inputs: Sequence[Input], sensor: str, serial: str, progress: Progre
             remarks.append(f"No inflation of {folder.name}: {error}")
     # Each session says the same of rest.
     figures = replace(figures, inflations=tuple({each.motion: each for each in found}.values()))
-    return Noise(figures, tuple(remarks), left_out_s)
+    return Noise.of(figures, remarks, left_out_s)
 
 
 @public(NoiseOptions)
@@ -157,7 +140,7 @@ def estimate_noise(logs: Any = None, *, progress: Progress | None = None, **choi
     Returns
     -------
     Noise
-        ``figures`` in SI, ``allan``, ``remarks``, ``summary()``, ``to_json()``, ``save(folder)``, ``plot(path)``.
+        ``gyro`` and ``accel`` in SI, ``allan``, ``remarks``, ``summary()``, ``to_json()``, ``save(folder)``, ``plot(path)``.
 
     Raises
     ------
@@ -168,7 +151,7 @@ def estimate_noise(logs: Any = None, *, progress: Progress | None = None, **choi
     --------
     >>> import tinygc
     >>> found = tinygc.estimate_noise(["rest0001.csv", "rest0002.csv"])  # doctest: +SKIP
-    >>> found.figures.gyro.values("N")  # doctest: +SKIP
+    >>> found.gyro.values("N")  # doctest: +SKIP
 
     """
     options = NoiseOptions(**choices)
@@ -178,7 +161,7 @@ def estimate_noise(logs: Any = None, *, progress: Progress | None = None, **choi
     if logs is not None:
         raise CalibrationError("estimate_noise: give logs or curve, not both")
     figures, said = estimate_of_curve(options.curve, options.curve_units, options.duration_s, options.odr_hz)
-    return Noise(replace(figures, sensor=options.sensor, serial=options.serial), tuple(said), 0.0)
+    return Noise.of(replace(figures, sensor=options.sensor, serial=options.serial), said, 0.0)
 
 
 def _input(given: Any) -> Any:

@@ -30,7 +30,7 @@ POINTS = {
     "explanation of a folder": "function(args) -> exit code | None: explains such a folder",
     "check of a recording": "function(session or folder, clock, further) -> list of Finding | None: checks what is no session",
     "use of a model": "function(model, log, out, unit, session, further, progress) -> applied | None: ``apply`` of its model",
-    "import of logs": "function(paths, out, answers, columns, serial, add, further) -> Converted | None: makes another folder of logs",
+    "import of logs": "function(paths, out, answers, columns, serial, add, further) -> Imported | None: makes another folder of logs",
     "simulation": "function(args, options, chosen) -> exit code | None: simulates something else than a session",
     "options of a fit": "record of options: further fields of FitOptions, and options of the commands that fit",
     "fitted sessions of a table": "function(path) -> rows of folder, model, serial, date, numbers, covariance; None of no such table",

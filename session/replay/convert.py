@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated
 
@@ -22,6 +23,7 @@ from session.base.units import NS, TIME, endings
 from session.detect.findings import Finding
 from session.detect.first_look import check_folder
 from session.log.config import Accelerometer, Config, Protocol, Sensor, Site, read_config
+from session.log.folder import Session, read_session
 from session.log.logfile import CALIBRATED, read_log
 from session.log.registers import profile_of
 from session.log.stamps import FASTEST_HZ, SLOWEST_HZ, fresh, pace_of
@@ -52,9 +54,12 @@ EVEN_SIGMA = "even_sigma_ppm"
 
 
 @dataclass(frozen=True)
-class Converted:
-    """folder and log that were written; dialects read; samples; notes on what was repaired, assumed or left out; findings of the first
-    look; next: what to run; took: what was taken for what, in three lines."""
+class Imported:
+    """Result of ``tinygc.import_log``: a session folder, and what was taken for what.
+
+    folder and log that were written; dialects read; samples; notes on what was repaired, assumed or left out; findings of the first
+    look; next: what to run; took: program, columns, units and full scales, clock and rate, in three lines.
+    """
 
     schema = "tinygc-replay/2"
     written = ("folder", "log_name", "dialects", "samples", "took", "notes", "findings", "next")
@@ -72,10 +77,15 @@ class Converted:
         """Of its file."""
         return self.log.name
 
+    @cached_property
+    def session(self) -> Session:
+        """The session, read from its folder."""
+        return read_session(self.folder)
+
 
 def convert(
     paths: Sequence[Path], out: Path, answers: Answers, add: str | None = None, serial: str = "", columns: Sequence[str] = ()
-) -> Converted:
+) -> Imported:
     """Make a session folder of one log, or of the two files that hold one.
 
     ``add`` ("log" or "closure") puts it into a session that is there; columns: a list for each file.  Nothing is left behind where it
@@ -100,7 +110,7 @@ def _converted(
     serial: str,
     columns: Sequence[str],
     known: str = "",
-) -> Converted:
+) -> Imported:
     """known: how the unit of the clock is, where the person has not said it."""
     with sources_of(paths, answers, columns) as sources:
         for source in sources if known else ():
@@ -139,7 +149,7 @@ def _converted(
         dialects = tuple(dict.fromkeys(source.layout.dialect for source in sources))
     with np.errstate(all="ignore"):  # what is absurd in a log becomes a finding, not a warning of numpy's
         findings = tuple(check_folder(out))
-    return Converted(out, out / name, dialects, samples, tuple(notes), findings, _next(out, findings), took)
+    return Imported(out, out / name, dialects, samples, tuple(notes), findings, _next(out, findings), took)
 
 
 def _as_in(sensor: Sensor, answers: Answers) -> Answers:

@@ -13,7 +13,7 @@ from session.base.errors import FormatError
 from session.base.options import given
 from session.base.texts import letters_of
 from session.replay.binary import registry
-from session.replay.convert import Converted, convert
+from session.replay.convert import Imported, convert
 from session.replay.dialects import DIALECTS, OWN
 from session.replay.forms import EXAMPLES
 from session.replay.options import Answers
@@ -32,7 +32,7 @@ def import_log(
     header: str | None = None,
     further: Sequence[Any] = (),
     most_memory: int | None = None,
-) -> Converted:
+) -> Imported:
     """Make a session folder of a log; out: None for one with the log's name, in the folder where one works.
 
     header: of a port's bytes as text; further: records of options that features add; most_memory: bytes that reading may take

@@ -23,7 +23,7 @@ from session.detect.first_look import check_folder
 from session.log.config import read_config
 from session.log.logfile import read_log
 from session.log.reader import Reader
-from session.replay.convert import Converted
+from session.replay.convert import Imported
 from session.replay.dialects import OWN
 from session.replay.options import Answers
 from session.replay.sources import head_of
@@ -67,7 +67,7 @@ def refuse_of_logs(path: Path, answers: Answers, more: Mapping[str, bool]) -> No
         raise FormatError(f"{path.name} holds a port's bytes, of which {options} says nothing: that is for logs; leave it out")
 
 
-def convert_raw(raw_path: Path, out: Path, answers: Answers, header: str | None = None) -> Converted:
+def convert_raw(raw_path: Path, out: Path, answers: Answers, header: str | None = None) -> Imported:
     """Make a session folder of a raw file; session.toml is the one in its folder, or is made from the board's data and the answers.
 
     Nothing is left behind where it fails.  Raises FormatError and StorageError.
@@ -109,7 +109,7 @@ def convert_raw(raw_path: Path, out: Path, answers: Answers, header: str | None 
     next_steps = (command_line("check", out), command_line("fit", out))
     log = out / own[0].name
     findings, took = tuple(check_folder(out)), _took(raw_path, log)
-    return Converted(out, log, ("a port's raw bytes",), decoder.samples, tuple(notes), findings, next_steps, took)
+    return Imported(out, log, ("a port's raw bytes",), decoder.samples, tuple(notes), findings, next_steps, took)
 
 
 def _took(raw_path: Path, log: Path) -> tuple[str, ...]:

@@ -6,7 +6,6 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import cached_property
 from os import PathLike, fspath
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,34 +17,13 @@ from session.base import features
 from session.base.errors import CalibrationError, FormatError
 from session.base.options import records
 from session.base.questions import QuestionsError
-from session.detect.findings import Finding
 from session.log.folder import Session, read_session
+from session.replay.convert import Imported as Imported
 from session.replay.importing import import_log as import_files
 from session.replay.options import Answers
 from tinygc.library.arguments import public
 
 Paths = str | PathLike[str] | Sequence[str | PathLike[str]]
-
-
-@dataclass(frozen=True)
-class Imported:
-    """Result of ``tinygc.import_log``: a session folder, and what was taken for what."""
-
-    #: the session folder
-    folder: Path
-    #: program, columns, units and full scales, clock and rate, in three lines
-    took: tuple[str, ...]
-    #: what was repaired, assumed or left out
-    notes: tuple[str, ...]
-    #: results of the first look, as ``tinygc.check`` has them
-    findings: tuple[Finding, ...]
-    #: commands to go on with
-    next: tuple[str, ...]
-
-    @cached_property
-    def session(self) -> Session:
-        """The session, read from its folder."""
-        return read_session(self.folder)
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +161,7 @@ def import_log(
 
     """
     with asking_for_keywords():
-        made = import_files(
+        return import_files(
             _paths(paths),
             None if out is None else Path(out),
             *records(answers, Answers),
@@ -194,7 +172,6 @@ def import_log(
             further=records(answers, *FURTHER),
             most_memory=most_memory,
         )
-    return Imported(made.folder, made.took, made.notes, made.findings, made.next)
 
 
 @public(Answers)

@@ -11,7 +11,7 @@ from session.base.errors import FormatError
 from session.base.files import folder_whole, require_empty, write_new
 from session.base.texts import command_line
 from session.detect.findings import Finding
-from session.replay.convert import Converted, convert
+from session.replay.convert import Imported, convert
 from session.replay.forms import EXAMPLES
 from session.replay.options import Answers
 from session.replay.sources import BY_NAMES
@@ -22,7 +22,7 @@ from tinygc.features.arrays.recording import read_array
 Said = TypeVar("Said", str, Finding)
 
 
-def import_array(paths: Sequence[Path], out: Path, answers: Answers, column: str, columns: Sequence[str] = ()) -> Converted:
+def import_array(paths: Sequence[Path], out: Path, answers: Answers, column: str, columns: Sequence[str] = ()) -> Imported:
     """``out/unit0`` and so on, a session for each value of the column, and a ``session.toml`` that makes them one array.
 
     Nothing is left behind where it fails.  Raises FormatError, and what ``convert`` raises.
@@ -32,7 +32,7 @@ def import_array(paths: Sequence[Path], out: Path, answers: Answers, column: str
     require_empty(out, "exists; give --out a new folder")
     like = None if answers.like in (BY_NAMES, *EXAMPLES) else answers.like  # each unit's own import holds a form of text to it
     values = TableReader(paths[0], replace(answers, like=like), picking=column).values_of(column)
-    made: list[Converted] = []
+    made: list[Imported] = []
     with folder_whole(out) as work:
         for number, value in enumerate(values):
             told = replace(answers, where=f"{column}={value}")
@@ -47,10 +47,10 @@ def import_array(paths: Sequence[Path], out: Path, answers: Answers, column: str
     units = ", ".join(f"{column}={value} is {each.folder.name}" for value, each in zip(values, made, strict=True))
     samples = sum(each.samples for each in made)
     steps = (command_line("check", out), command_line("fit", out))
-    return Converted(out, out, made[0].dialects, samples, notes, findings, steps, (*made[0].took, units))
+    return Imported(out, out, made[0].dialects, samples, notes, findings, steps, (*made[0].took, units))
 
 
-def _once(said: Iterable[tuple[Said, Converted]]) -> Iterable[tuple[Said, list[str]]]:
+def _once(said: Iterable[tuple[Said, Imported]]) -> Iterable[tuple[Said, list[str]]]:
     """What is said of several units once, with the names of those units."""
     units: dict[Said, list[str]] = {}
     for what, unit in said:

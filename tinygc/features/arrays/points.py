@@ -17,7 +17,7 @@ from session.detect.findings import Finding
 from tinygc.features.arrays.feature import SCHEMA, ApplyOptions, ArrayOptions, ImportOptions, array_folders, array_size, is_array, unit_of
 
 if TYPE_CHECKING:
-    from session.replay.convert import Converted
+    from session.replay.convert import Imported
     from session.replay.options import Answers
     from tinygc.cli.results import Done
     from tinygc.features.arrays.apply import ArrayApplied
@@ -106,7 +106,7 @@ def apply(
 
 def import_logs(
     paths: Sequence[Path], out: Path, answers: Answers, *, columns: Sequence[str], serial: str, add: str | None, further: Sequence[Any]
-) -> Converted | None:
+) -> Imported | None:
     """Make an array of one log's rows, by the column that ``--array-by`` names."""
     own = record_in(further, ImportOptions)
     if own.array_by is None:

@@ -14,7 +14,7 @@ from session.base.texts import command_line
 from tinygc.features.turns import TURNS
 
 if TYPE_CHECKING:
-    from session.replay.convert import Converted
+    from session.replay.convert import Imported
     from session.replay.options import Answers
     from tinygc.cli.results import Done
 
@@ -62,7 +62,7 @@ def kind_of_folder(folder: Path) -> str | None:
 
 def import_logs(
     paths: Sequence[Path], out: Path, answers: Answers, *, columns: Sequence[str], serial: str, add: str | None, further: Sequence[Any]
-) -> Converted | None:
+) -> Imported | None:
     """Make a session folder of a gyroscope alone, by the known turns of the file that ``--turns`` names."""
     own = record_in(further, ImportOptions)
     if own.turns is None:

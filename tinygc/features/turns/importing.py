@@ -16,7 +16,7 @@ from session.log.config import Sensor, read_config
 from session.log.logfile import NAME, read_known_turns
 from session.log.stamps import pace_of
 from session.replay.answers import with_comments
-from session.replay.convert import Converted
+from session.replay.convert import Imported
 from session.replay.join import rates_of
 from session.replay.options import Answers
 from session.replay.sources import Source, sources_of
@@ -29,7 +29,7 @@ NAMED = 3
 
 def import_turns(
     paths: Sequence[Path], out: Path, answers: Answers, turns: Path, columns: Sequence[str] = (), serial: str = ""
-) -> Converted:
+) -> Imported:
     """A session folder of a gyroscope alone: a log of each file, and the turns of ``turns``, which name the files in their column log.
 
     An accelerometer beside the gyroscope is left out.  Nothing is left behind where it fails.  Raises FormatError, DataError, and
@@ -67,7 +67,7 @@ def import_turns(
         write_turn_session(out, logs, known, model=answers.sensor or "unknown", serial=serial, gyro_fs_dps=answers.gyro_fs_dps)
     except FormatError as error:
         raise FormatError(re.sub(rf"^{re.escape(NAME)}\b", lambda _: turns.name, str(error))) from None
-    return Converted(
+    return Imported(
         out,
         out / f"{logs[0].name}.csv.gz",
         tuple(dict.fromkeys(dialects)),

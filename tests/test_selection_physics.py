@@ -136,14 +136,14 @@ def test_a_direction_of_which_too_little_remains_is_unobservable():
     nuisance, _ = design()
     allowances, free = (np.random.default_rng(seed).normal(size=(N, 2)) for seed in (9, 5))
     for share, kept in ((0.9e-4, []), (1.1e-4, [1])):
-        assert [group.basis.shape[1] for group in Selection(nuisance, {"one": leaning(share, nuisance)}, 0).groups] == kept
+        assert [basis.shape[1] for basis in Selection(nuisance, {"one": leaning(share, nuisance)}, 0).groups.values()] == kept
     both = np.hstack([allowances, nuisance])
     for share, along, tested in ((0.9e-3, (), False), (1.1e-3, (), True), (0.9e-3, ("one",), True)):
         selection = Selection(nuisance, {"one": leaning(share, both)}, 0, allowances=allowances, along=frozenset(along))
         assert (selection.lowest_log_p(residuals(1))[0] < 0) == tested
     assert orthonormal(np.diag([1e-10, 1.0])).shape == (2, 2)  # whatever the columns' units
     groups = {"nothing": np.zeros((N, 3)), "half": np.hstack([nuisance[:, :1], 1e-7 * free]), "twice": np.hstack([free, free])}
-    assert {group.name: group.basis.shape[1] for group in Selection(1e5 * nuisance, groups, seed=0).groups} == {"half": 2, "twice": 2}
+    assert {name: basis.shape[1] for name, basis in Selection(1e5 * nuisance, groups, seed=0).groups.items()} == {"half": 2, "twice": 2}
 
 
 def test_the_noise_scale_comes_from_known_angles_and_stills_rates():

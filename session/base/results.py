@@ -148,7 +148,7 @@ class Array(Shape):
     shape: tuple[int | None, ...]
     entry: Number = field(default_factory=Number)
     sound: Callable[[np.ndarray], str] | None = None
-    fitted: Callable[[np.ndarray], np.ndarray] | None = None
+    fitted: Callable[[np.ndarray], Any] | None = None
 
     def check(self, value: Any, where: str) -> None:
         """Raises Mismatch."""

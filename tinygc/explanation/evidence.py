@@ -41,14 +41,6 @@ UNSEEN_BESIDE = 1e-3
 Name = TypeVar("Name")
 
 
-@dataclass(frozen=True, eq=False)
-class Group(Generic[Name]):
-    """A candidate's orthonormal columns (n, r) after projection; a candidate with none left is dropped."""
-
-    name: Name
-    basis: np.ndarray
-
-
 class Selection(Generic[Name]):
     """Tests of candidates against one set of nuisance columns.
 
@@ -67,7 +59,8 @@ class Selection(Generic[Name]):
         along: frozenset = frozenset(),
     ):
         self.q = orthonormal(nuisance)
-        self.groups = [Group(name, basis) for name, columns in candidates.items() if (basis := left_of(self.q, columns, UNSEEN)).shape[1]]
+        #: each candidate's orthonormal columns (n, r) after projection; a candidate with none left is dropped
+        self.groups = {name: basis for name, columns in candidates.items() if (basis := left_of(self.q, columns, UNSEEN)).shape[1]}
         self.n = len(nuisance)
         self._seed, self._rows, self._along = seed, scale_rows, along
         self._candidates, self._nuisance, self._allowances = candidates, nuisance, allowances
@@ -76,7 +69,7 @@ class Selection(Generic[Name]):
     def gains(self, r: np.ndarray) -> dict[Name, float]:
         """Chi-square that each candidate would remove."""
         r = r - self.q @ (self.q.T @ r)
-        return {group.name: float(np.sum((group.basis.T @ r) ** 2)) for group in self.groups}
+        return {name: float(np.sum((basis.T @ r) ** 2)) for name, basis in self.groups.items()}
 
     def p_value(self, r: np.ndarray) -> float:
         """Probability that some candidate explains as much of residuals r (n,) as the best one does if nothing is missing."""
@@ -94,16 +87,16 @@ class Selection(Generic[Name]):
         return min((1 + DRAWS // 100) / (DRAWS + 1), float(-np.expm1(tests * np.log1p(-np.exp(max(log_p, -700))))))
 
     @cached_property
-    def _tested(self) -> tuple[np.ndarray, list[tuple[Group[Name], bool]]]:
+    def _tested(self) -> tuple[np.ndarray, list[tuple[np.ndarray, bool]]]:
         """Orthonormal nuisance including the allowances, and the remaining groups, each with whether it is tested along the allowances."""
         if self._allowances is None:
-            return self.q, [(group, False) for group in self.groups]
+            return self.q, [(basis, False) for basis in self.groups.values()]
         q = orthonormal(np.concatenate([unit_columns(self._nuisance), unit_columns(self._allowances)], axis=1), UNSEEN)
         groups = []
         for name, columns in self._candidates.items():
             basis = left_of(self.q, columns, UNSEEN) if name in self._along else left_of(q, columns, UNSEEN_BESIDE)
             if basis.shape[1]:
-                groups.append((Group(name, basis), name in self._along))
+                groups.append((basis, name in self._along))
         return q, groups
 
     def lowest_log_p(self, r: np.ndarray) -> np.ndarray:
@@ -113,9 +106,9 @@ class Selection(Generic[Name]):
         left = (r - q @ (q.T @ r))[self._rows]
         rss, freedom = np.sum(left**2, axis=0), len(left) - np.sum(q[self._rows] ** 2)
         lowest = np.zeros(r.shape[1])
-        for group, is_along in groups:
-            rank = group.basis.shape[1]
-            gain = np.sum((group.basis.T @ r) ** 2, axis=0)
+        for basis, is_along in groups:
+            rank = basis.shape[1]
+            gain = np.sum((basis.T @ r) ** 2, axis=0)
             rest, rest_freedom = (rss, freedom) if is_along else (np.maximum(rss - gain, 1e-12 * rss), freedom - rank)
             if rest_freedom > 1 - 1e-9:  # a difference of rounded sums
                 ratio = (gain / rank) / np.maximum(rest / rest_freedom, 1e-300)

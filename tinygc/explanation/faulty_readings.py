@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -60,23 +60,19 @@ LOSS_IN_ACCEL = 3.0
 PER_SECOND = 1.0
 
 
-@dataclass(frozen=True, eq=False)
-class Jumps:
-    """Steps between rows[i] and rows[i] + 1; size (J, 6) of each in every channel, signed, in units of the local scatter."""
-
-    rows: np.ndarray
-    size: np.ndarray
+#: steps between row i and i + 1 for each of rows (J,); size (J, 6) of each in every channel, signed, in units of the local scatter
+Jumps = tuple[np.ndarray, np.ndarray]
 
 
 def find_jumps(samples: Samples) -> Jumps:
     """All steps within one sample period that a smooth movement cannot make."""
     rows, sizes = [np.zeros(0, dtype=int)], [np.zeros((0, 6))]
     for first, own, part in in_parts(samples):
-        found = _jumps_of(part)
-        mine = np.isin(found.rows + first, own) if len(part) < len(samples) else np.ones(len(found.rows), dtype=bool)
-        rows.append(found.rows[mine] + first)
-        sizes.append(found.size[mine])
-    return Jumps(np.concatenate(rows), np.concatenate(sizes))
+        found, size = _jumps_of(part)
+        mine = np.isin(found + first, own) if len(part) < len(samples) else np.ones(len(found), dtype=bool)
+        rows.append(found[mine] + first)
+        sizes.append(size[mine])
+    return np.concatenate(rows), np.concatenate(sizes)
 
 
 def _jumps_of(samples: Samples) -> Jumps:
@@ -88,7 +84,7 @@ def _jumps_of(samples: Samples) -> Jumps:
     steps = dict(step for i in peaks for step in _steps_at(int(i), size, total))
     missing = open_gaps(samples)
     rows = [row for row in sorted(steps) if not missing[row]]
-    return Jumps(np.array(rows, dtype=int), np.array([steps[row] for row in rows]).reshape(-1, 6))
+    return np.array(rows, dtype=int), np.array([steps[row] for row in rows]).reshape(-1, 6)
 
 
 def open_gaps(samples: Samples) -> np.ndarray:
@@ -133,8 +129,9 @@ def _local_scatter(absolute: np.ndarray, period_s: float) -> np.ndarray:
 
 def find_losses(jumps: Jumps, duration_s: float) -> np.ndarray:
     """Rows (L,) after which samples are missing, by the registers alone: permanent steps in gyro and accelerometer together."""
-    alone = np.array([np.sum(np.abs(jumps.rows - row) <= ALONE) == 1 for row in jumps.rows], dtype=bool)
-    rows, accel = jumps.rows[alone], np.linalg.norm(jumps.size[alone, 3:], axis=1)
+    rows, size = jumps
+    alone = np.array([np.sum(np.abs(rows - row) <= ALONE) == 1 for row in rows], dtype=bool)
+    rows, accel = rows[alone], np.linalg.norm(size[alone, 3:], axis=1)
     if not len(rows) or np.median(accel) < LOSS_IN_ACCEL or len(rows) > PER_SECOND * duration_s:
         return rows[:0]
     return rows
@@ -142,11 +139,12 @@ def find_losses(jumps: Jumps, duration_s: float) -> np.ndarray:
 
 def _possible_losses(jumps: Jumps, duration_s: float) -> np.ndarray:
     """Rows (L,) after which samples may be missing, for closure to decide (``ClosureTrial``): the greatest permanent steps nearby."""
-    if not len(jumps.rows):
-        return jumps.rows
-    size = np.zeros(int(jumps.rows.max()) + 1)
-    size[jumps.rows] = np.linalg.norm(jumps.size, axis=1)
-    rows = jumps.rows[size[jumps.rows] >= maximum_filter1d(size, 2 * ALONE + 1)[jumps.rows]]
+    rows, sizes = jumps
+    if not len(rows):
+        return rows
+    size = np.zeros(int(rows.max()) + 1)
+    size[rows] = np.linalg.norm(sizes, axis=1)
+    rows = rows[size[rows] >= maximum_filter1d(size, 2 * ALONE + 1)[rows]]
     return rows if len(rows) <= PER_SECOND * duration_s else rows[:0]
 
 
@@ -217,28 +215,23 @@ THIRD = np.sqrt(20.0)
 LEAST_NOISE_LSB = 2.0
 
 
-@dataclass(frozen=True, eq=False)
-class Glitches:
-    """False readings: first rows; samples, the length of each; accel, whether the accelerometer's readings are false, too."""
-
-    rows: np.ndarray
-    samples: np.ndarray
-    accel: np.ndarray
+#: false readings: first row; samples; whether the accelerometer's readings are false, too
+Glitch = tuple[int, int, bool]
 
 
-def find_glitches(samples: Samples) -> Glitches | None:
+def find_glitches(samples: Samples) -> list[Glitch] | None:
     """All false readings; None if there are none, or so many that they have another cause."""
     found = [
         (row + first, count, accel) for first, own, part in in_parts(samples) for row, count, accel in _found_in(part) if row + first in own
     ]
-    return _glitches(found) if found and len(found) <= PER_SECOND * samples.duration_s else None
+    return found if found and len(found) <= PER_SECOND * samples.duration_s else None
 
 
-def _found_in(samples: Samples) -> list[tuple[int, int, bool]]:
+def _found_in(samples: Samples) -> list[Glitch]:
     impossible = _impossible_rows(samples)
     if len(impossible) > PER_SECOND * samples.duration_s:
         return []
-    cleaned = without_glitches(samples, _glitches(impossible))
+    cleaned = without_glitches(samples, impossible)
     values = np.concatenate([cleaned.gyro, cleaned.accel], axis=1)
     size, scatter = third_differences(cleaned)
     high = np.flatnonzero(np.linalg.norm(size, axis=1) > JUMP)
@@ -251,12 +244,7 @@ def _found_in(samples: Samples) -> list[tuple[int, int, bool]]:
     return [run for i, run in enumerate(found) if i == 0 or run[0] >= found[i - 1][0] + found[i - 1][1]]
 
 
-def _glitches(runs: list[tuple[int, int, bool]]) -> Glitches:
-    rows, counts, accel = np.array(runs, dtype=int).reshape(-1, 3).T
-    return Glitches(rows, counts, accel.astype(bool))
-
-
-def _impossible_rows(samples: Samples) -> list[tuple[int, int, bool]]:
+def _impossible_rows(samples: Samples) -> list[Glitch]:
     """(first row, samples, True) of runs of rows that no sensor outputs."""
     values = np.concatenate([samples.gyro, samples.accel], axis=1)
     lsb = np.array([register_step(column) for column in values.T])
@@ -272,14 +260,14 @@ def _impossible_rows(samples: Samples) -> list[tuple[int, int, bool]]:
     return [*_runs(empty, 1), *_runs(same & ~empty, 2)]
 
 
-def _runs(mask: np.ndarray, fewest: int) -> list[tuple[int, int, bool]]:
+def _runs(mask: np.ndarray, fewest: int) -> list[Glitch]:
     """(first row, samples, True) of each run of at least ``fewest`` rows that is short enough and has neighbours."""
     starts, stops = runs_of(mask)
     runs = zip(starts.tolist(), (stops - starts).tolist(), strict=True)
     return [(first, count, True) for first, count in runs if fewest <= count <= LONGEST and SIDE <= first <= len(mask) - count - SIDE]
 
 
-def _excursion_at(values: np.ndarray, scatter: np.ndarray, first: int, last: int) -> tuple[int, int, bool] | None:
+def _excursion_at(values: np.ndarray, scatter: np.ndarray, first: int, last: int) -> Glitch | None:
     """(first row, samples, False) of what the cubic across a cluster of high third differences misses, if only the gyro deviates, and
     returns."""
     start, stop = first + 1, last + 3
@@ -323,11 +311,12 @@ def cubic_across(values: np.ndarray, start: int, stop: int) -> tuple[np.ndarray,
     return between, np.polynomial.polynomial.polyval(at - middle, fit).T
 
 
-def without_glitches(samples: Samples, glitches: Glitches) -> Samples:
+def without_glitches(samples: Samples, glitches: Sequence[Glitch]) -> Samples:
     """Replace false readings by interpolation from their neighbours."""
     mended: dict[str, dict[int, np.ndarray]] = {"gyro": {}, "accel": {}}
-    orders = {count: bridging.best_order(samples, glitches.rows, count)[0] for count in set(glitches.samples.tolist())}
-    for row, count, both in zip(glitches.rows.tolist(), glitches.samples.tolist(), glitches.accel, strict=True):
+    rows = np.array([row for row, *_ in glitches])
+    orders = {count: bridging.best_order(samples, rows, count)[0] for count in {count for _, count, _ in glitches}}
+    for row, count, both in glitches:
         for name in ("gyro", "accel") if both else ("gyro",):
             first = max(row - bridging.SIDE, 0)
             near = np.array(getattr(samples, name)[first : row + count + bridging.SIDE])
@@ -367,10 +356,9 @@ def proposed(session: Session) -> list[RegisterFault]:
         samples = log.samples
         calibrated = session.calibrated(log)
         if (glitches := find_glitches(samples)) is not None:
-            columns = zip(glitches.rows.tolist(), glitches.samples.tolist(), glitches.accel.tolist(), strict=True)
-            own = set(_away_from_blows(calibrated, glitches.rows).tolist())
+            own = set(_away_from_blows(calibrated, np.array([row for row, *_ in glitches])).tolist())
             # No sensor outputs an impossible row, beside a blow or not; an excursion of the gyro may be the blow's.
-            events += [RegisterFault(FALSE, number, row, count, accel) for row, count, accel in columns if accel or row in own]
+            events += [RegisterFault(FALSE, number, row, count, accel) for row, count, accel in glitches if accel or row in own]
             samples = without_glitches(samples, glitches)
         samples = session.calibrated(replace(log, samples=samples))
         losses = _possible_losses(find_jumps(samples), samples.duration_s)
@@ -390,10 +378,8 @@ def without_false_readings(session: Session, events: list[RegisterFault]) -> Ses
     """The session with false readings interpolated from their neighbours; losses are unchanged."""
     logs = []
     for number, log in enumerate(session.logs):
-        mine = [event for event in events if event.id == FALSE and event.log == number]
-        if mine:
-            rows, counts, accel = (np.array([getattr(e, name) for e in mine]) for name in ("row", "samples", "accel"))
-            log = replace(log, samples=without_glitches(log.samples, Glitches(rows, counts, accel)))
+        if mine := [(event.row, event.samples, event.accel) for event in events if event.id == FALSE and event.log == number]:
+            log = replace(log, samples=without_glitches(log.samples, mine))
         logs.append(log)
     return replace(session, logs=tuple(logs))
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -21,30 +21,14 @@ from tinygc.estimation.options import FitOptions
 METHODS = ("raw_bias_removed", "least_squares")
 
 
-@dataclass(frozen=True)
-class RecordingClosure:
-    """turns used; scale (3,): what least squares multiplies the rates by; tilt_deg: held out, by method; runs_deg: RMSE by closure run and
-    method; why: the reason why there is none of it, or nothing."""
+def closure_of(folder: Path) -> dict[str, Any]:
+    """Fit a session folder by least squares, and compare with the raw rates: ``closure.before`` and ``closure.after`` of
+    ``tinygc-repair/1``.
 
-    turns: int = 0
-    scale: tuple[float, ...] = ()
-    tilt_deg: dict[str, float] = field(default_factory=dict)
-    runs_deg: dict[str, dict[str, float]] = field(default_factory=dict)
-    why: str = ""
-
-    def to_json(self) -> dict:
-        """Return ``closure.before`` and ``closure.after`` of ``tinygc-repair/1``."""
-        return {
-            "turns": self.turns,
-            "scale": list(self.scale) or None,
-            "holdout_tilt_rms_deg": self.tilt_deg or None,
-            "runs": [{"file": file, "rmse_deg": errors} for file, errors in self.runs_deg.items()],
-            "why": self.why,
-        }
-
-
-def closure_of(folder: Path) -> RecordingClosure:
-    """Fit a session folder by least squares, and compare with the raw rates."""
+    turns used; scale (3): what least squares multiplies the rates by; tilt held out, by method; runs: RMSE of each closure run by method;
+    why: the reason why there is none of it, or nothing.
+    """
+    found: dict[str, Any] = {"turns": 0, "scale": None, "holdout_tilt_rms_deg": None, "runs": [], "why": ""}
     try:
         session, _ = with_own_accelerometer(read_session(folder))
         problem = build_problem(with_bridges(session))
@@ -52,10 +36,13 @@ def closure_of(folder: Path) -> RecordingClosure:
         fits = {name: run_method(name, problem, options) for name in METHODS}
         runs = read_closure_runs(problem)
     except CalibrationError as error:
-        return RecordingClosure(why=str(error).removeprefix(f"{folder}: "))
-    return RecordingClosure(
-        turns=len(problem.used),
-        scale=tuple(np.linalg.norm(fits["least_squares"].linear.E, axis=0).tolist()),
-        tilt_deg={name: closure_figures(fit.held_out)["tilt_rms_deg"] for name, fit in fits.items()},
-        runs_deg={run.file: {name: run_figures(run.errors(fit.model))["rmse_deg"] for name, fit in fits.items()} for run in runs},
-    )
+        return found | {"why": str(error).removeprefix(f"{folder}: ")}
+    return found | {
+        "turns": len(problem.used),
+        "scale": np.linalg.norm(fits["least_squares"].linear.E, axis=0).tolist(),
+        "holdout_tilt_rms_deg": {name: closure_figures(fit.held_out)["tilt_rms_deg"] for name, fit in fits.items()},
+        "runs": [
+            {"file": run.file, "rmse_deg": {name: run_figures(run.errors(fit.model))["rmse_deg"] for name, fit in fits.items()}}
+            for run in runs
+        ],
+    }

@@ -88,7 +88,7 @@ def explanation_page(e: Explanation, with_next: bool = True) -> Group:
     return Group(*parts)
 
 
-def verdict_line(e: Explanation) -> Text:
+def verdict_line(e: Any) -> Text:
     """Session, verdict and p-value."""
     words, style = e.words
     return Text.assemble((f"{e.session.name}: ", "bold"), (words, style), f"   (p {p_words(e.p_value)})")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from session.base.names import CLOCKS
 from session.base.texts import NONE, command_line, printable
@@ -13,7 +13,6 @@ from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_li
 
 if TYPE_CHECKING:
     from session.detect.repair import Repaired
-    from tinygc.fitting.before_after import RecordingClosure
     from tinygc.fitting.listing import ListedSession
 
 # The first look in the terminal: the verdict, then what is not ok, the worst first, then the next step.
@@ -59,7 +58,7 @@ def next_line(folder: Path, findings: list[Finding]) -> Text:
     return Text("next:\n").append(one_line(f"  {command_line('fit', folder, *again)}"))
 
 
-def repair_report(done: Repaired, before: RecordingClosure, after: RecordingClosure) -> Group:
+def repair_report(done: Repaired, before: dict[str, Any], after: dict[str, Any]) -> Group:
     """What was corrected in a copy of a session, and what the recording closes to before and after."""
     from tinygc.estimation.options import METHODS
 
@@ -73,15 +72,16 @@ def repair_report(done: Repaired, before: RecordingClosure, after: RecordingClos
         table.add_row(title, *values)
 
     both = (before, after)
-    row("turns that can be used", [NONE if each.why else str(each.turns) for each in both])
+    runs = [{run["file"]: run["rmse_deg"] for run in each["runs"]} for each in both]
+    row("turns that can be used", [NONE if each["why"] else str(each["turns"]) for each in both])
     for name in ("raw_bias_removed", "least_squares"):
-        row(f"{METHODS[name].title}, tilt held out", [degrees_text(each.tilt_deg.get(name)) for each in both])
-    for file in after.runs_deg or before.runs_deg:
+        row(f"{METHODS[name].title}, tilt held out", [degrees_text((each["holdout_tilt_rms_deg"] or {}).get(name)) for each in both])
+    for file in runs[1] or runs[0]:
         for name in ("raw_bias_removed", "least_squares"):
-            row(f"{file}, {METHODS[name].title}, RMSE", [degrees_text(each.runs_deg.get(file, {}).get(name)) for each in both])
-    row("least squares multiplies the rates by", [" ".join(f"{value:.3f}" for value in each.scale) or NONE for each in both])
+            row(f"{file}, {METHODS[name].title}, RMSE", [degrees_text(each.get(file, {}).get(name)) for each in runs])
+    row("least squares multiplies the rates by", [" ".join(f"{value:.3f}" for value in each["scale"] or ()) or NONE for each in both])
     parts.append(table)
-    parts += [one_line(f"{when}: {each.why}") for when, each in zip(("before", "after"), both, strict=True) if each.why]
+    parts += [one_line(f"{when}: {each['why']}") for when, each in zip(("before", "after"), both, strict=True) if each["why"]]
     folder = done.folder
     parts += [one_line(f"written: {folder} (repaired.json says from which files)"), verdict_line(list(done.findings))]
     return Group(*parts, next_line(folder, list(done.findings)))

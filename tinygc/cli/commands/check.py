@@ -67,8 +67,7 @@ def _repair(args: Options, out: Path) -> int:
     before, after = closure_of(done.source), closure_of(done.folder)
     output(args).print(repair_report(done, before, after))
     verdict(args, verdict_line(list(done.findings)))
-    closure = {"before": before.to_json(), "after": after.to_json()}
-    write_json(args.json, {**done.to_json(), "closure": closure, "findings": done.findings})
+    write_json(args.json, {**done.to_json(), "closure": {"before": before, "after": after}, "findings": done.findings})
     return 2 if any(finding.level == "error" for finding in done.findings) else 0
 
 

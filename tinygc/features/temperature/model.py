@@ -89,7 +89,7 @@ class ThermalModel(Model):
     zero_terms: Annotated[np.ndarray, Array((None, 3), RATE, _terms), Key("zero_rps")]
     lag_s: Annotated[np.ndarray, Array((3,), SECONDS)]
     reference_c: Annotated[float, CELSIUS]
-    range_c: Annotated[tuple[float, float], _Range((2,), CELSIUS, _rising)]
+    range_c: Annotated[tuple[float, float], Array((2,), CELSIUS, _rising, lambda ends: tuple(ends.tolist()))]
 
     @property
     def parameters(self) -> int:
@@ -176,14 +176,6 @@ def _terms(values: np.ndarray) -> str:
 
 def _rising(values: np.ndarray) -> str:
     return "" if values[0] <= values[1] else "goes down, expected coldest and warmest"
-
-
-class _Range(Array):
-    """Coldest and warmest."""
-
-    def made(self, value: list) -> tuple[float, ...]:
-        """As numbers."""
-        return tuple(map(float, value))
 
 
 def to_table(model: ThermalModel, write: Callable[..., dict]) -> dict:

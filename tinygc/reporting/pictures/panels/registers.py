@@ -119,8 +119,7 @@ def _runs(e: Explanation, claim: Claim) -> list[tuple[int, int, int, np.ndarray]
         glitches = find_glitches(each.samples)
         if glitches is not None:
             off = each.samples.gyro / DEG - _bridged(e, log)
-            runs = zip(glitches.rows.tolist(), glitches.samples.tolist(), strict=True)
-            found += [(log, row, count, off[row : row + count]) for row, count in runs if row + began in claim.parameters["at"]]
+            found += [(log, row, count, off[row : row + count]) for row, count, _ in glitches if row + began in claim.parameters["at"]]
         began += len(each.samples)
     return found
 

@@ -46,10 +46,10 @@ def test_a_limit_is_taken_said_and_beaten_by_the_command_line(own, capsys):
     assert (os.environ["TINYGC_DEFAULTS"], asked("fit", "x").defaults) == ("", None)  # tests see nobody's
     path = own()
     args = asked("fit", "x")
-    assert (args.limit, args.defaults) == (1e-5, {"file": str(path), "limits": {"closure_deg": 1e-5}})
+    assert (args.limit_deg, args.defaults) == (1e-5, {"file": str(path), "limits": {"closure_deg": 1e-5}})
     assert f"of {path}: limits.closure_deg = 1e-05 (TINYGC_DEFAULTS= leaves it out)" in capsys.readouterr().err
     args = asked("fit", "x", "--limit", "45")
-    assert (args.defaults, args.limit) == (None, 45.0)
+    assert (args.defaults, args.limit_deg) == (None, 45.0)
 
 
 def test_a_recording_takes_port_and_site_unless_something_nearer_says_them(own, tmp_path):
@@ -84,7 +84,7 @@ def test_what_is_not_sound_is_one_line_with_file_and_key(run, own, tmp_path, tex
 
 def test_a_key_that_is_not_known_is_said_with_the_nearest(own, capsys):
     own(WHOLE.replace("closure_deg", "closure_degs"))
-    assert asked("fit", "x").limit is None
+    assert asked("fit", "x").limit_deg is None
     assert "limits.closure_degs is not known, and ignored; did you mean limits.closure_deg?" in capsys.readouterr().err
 
 

@@ -296,7 +296,7 @@ def test_a_wrong_argument_is_an_error_that_names_the_right_one(call, complaint):
 @pytest.mark.parametrize(
     ("call", "complaint"),
     [
-        (lambda fit: fit.report(explain=False, limit_deg=-1), "report: limit_deg is -1, expected a number above 0"),
+        (lambda fit: fit.report(explain=False, limit_deg=-1), "limit_deg is -1, expected a number above 0 deg"),
         (lambda fit: fit.export("matlab"), "to is 'matlab', expected one of json, kalibr"),
         (lambda fit: fit.export("json", model="tinygc"), "tinygc was not fitted; the fit has raw, least_squares"),
         (lambda fit: tinygc.compare([fit]), "compare needs two sessions or more"),

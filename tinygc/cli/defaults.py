@@ -71,7 +71,7 @@ def defaults_json(args: Any) -> dict:
 
 def limit_text(args: Any) -> str:
     """Return ``--limit``, and its source if that is not the command line."""
-    return f"--limit {args.limit:g} deg" + ("" if args.defaults is None else f" (limits.closure_deg of {args.defaults['file']})")
+    return f"--limit {args.limit_deg:g} deg" + ("" if args.defaults is None else f" (limits.closure_deg of {args.defaults['file']})")
 
 
 def _read(path: Path) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 from session.base.errors import CalibrationError
 from session.base.options import Record, changed, file_written, flag, option
+from tinygc.estimation.options import Limit
 
 LONGEST_S = 1e9  #: up to 30 years, which a program can wait for and a counter can hold
 EFFECTS_HELP = "folder with further effects, a Python file each, which is run; may be given several times"
@@ -68,14 +69,7 @@ class Pictures(Record):
 
 
 @dataclass(frozen=True)
-class Judged(Record):
+class Judged(Limit):
     """Options of a command whose exit code is its verdict on a calibration."""
 
-    limit: float | None = option(
-        None,
-        "pass only if the held-out tilt of the segments and each closure run's RMSE are at most this; exit 1 if not",
-        unit="deg",
-        above=0,
-        default_key="limits.closure_deg",
-    )
     strict: bool = option(False, "exit 1 for all but PASS without doubts")

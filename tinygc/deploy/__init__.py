@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
@@ -43,6 +44,15 @@ class ExportOptions(Record):
     noise: Any = option(None, "noise figures of this unit: noise.json, or its folder (fit/noise.json)", metavar="PATH", read=path_read)
     inflation: str | None = option(None, "enlarge noise densities by the factors of this kind of motion", metavar="MOTION")
     anyway: bool = option(False, "export a model that closes held-out segments worse than raw rates, too")
+
+
+@dataclass(frozen=True)
+class Beside(Record):
+    """What belongs to a log file to which a model is applied."""
+
+    session: Path | None = option(
+        None, "where session.toml is (beside the log); its [accelerometer] then holds, not the model's", metavar="DIR"
+    )
 
 
 class ExportError(CalibrationError):

@@ -158,10 +158,42 @@ class AtRest(Earth):
     )
 
 
+@dataclass(frozen=True)
+class Clock(Record):
+    """Options of what reads the times of a session."""
+
+    clock: str = option(
+        CLOCKS[0],
+        "arrivals: divide the stamps by sensor.clock_ratio, the board's clock against the computer's as record measured it",
+        choices=CLOCKS,
+    )
+
+
+@dataclass(frozen=True)
+class Exclude(Record):
+    """Options of what closes the segments of a session."""
+
+    exclude: tuple[int, ...] = option((), "numbers of segments to leave out")
+
+
+@dataclass(frozen=True)
+class Limit(Record):
+    """Options of what passes or fails a calibration."""
+
+    limit_deg: float | None = option(
+        None,
+        "pass only if the held-out tilt of the segments and each closure run's RMSE are at most this; exit 1 if not",
+        unit="deg",
+        above=0,
+        flags=("--limit",),
+        default_key="limits.closure_deg",
+    )
+
+
 @documented
 @extended("options of a fit")
 @dataclass(frozen=True)
-class FitOptions(AtRest):
+class FitOptions(AtRest, Clock, Exclude):
     """Options that determine a fit's numbers; features have further ones.
 
     Raises
@@ -190,7 +222,6 @@ class FitOptions(AtRest):
     physics: tuple[str, ...] | None = option(
         None, "fit what explain names as well (auto), or effects by id, with commas", metavar="auto|IDS"
     )
-    exclude: tuple[int, ...] = option((), "numbers of segments to leave out")
     checkpoints: Path | None = option(None, "folder of the checkpoints of a training as in the paper", cli=False)
     resume: bool = option(False, "go on with that training where it was interrupted", cli=False)
     bias_per_log: bool = option(False, "each log has a bias of its own, as of several days; their median is kept", cli=False)
@@ -206,11 +237,6 @@ class FitOptions(AtRest):
         (),
         "a fitted session of the same unit; of two or more, the spread of their biases is that of any session",
         repeated=True,
-    )
-    clock: str = option(
-        CLOCKS[0],
-        "arrivals: divide the stamps by sensor.clock_ratio, the board's clock against the computer's as record measured it",
-        choices=CLOCKS,
     )
     requirements: Path | None = option(
         None,

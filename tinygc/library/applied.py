@@ -14,6 +14,7 @@ from session.base.options import given, records
 from session.base.progress import Progress, untold
 from session.log.logfile import Log, refuse_calibrated
 from session.log.samples import Samples
+from tinygc.deploy import Beside
 from tinygc.deploy.apply import Applied, apply_model, model_of
 from tinygc.deploy.calibration import Calibration
 from tinygc.library.arguments import column_unit, is_fit, public
@@ -23,7 +24,7 @@ from tinygc.models.files import load_with_table
 FURTHER = tuple(features.each("options of apply"))
 
 
-@public(*FURTHER)
+@public(Beside, *FURTHER)
 def apply(
     model: Any,
     data: Any,
@@ -32,7 +33,6 @@ def apply(
     acc: Any = None,
     temp: Any = None,
     unit: str = "rad/s",
-    session: Path | str | None = None,
     progress: Progress | None = None,
     **choices: Any,
 ) -> Any:
@@ -50,8 +50,6 @@ def apply(
         Beside rates: calibrated specific force (N, 3), m/s^2, and temperature (N,), degC, where the model needs them.
     unit : str, optional
         Of rates, in and out; of a log file the unit that is written.
-    session : str or Path, optional
-        Of a log file: where session.toml is (beside the log); its accelerometer's calibration then holds, not the model's.
     progress : callable, optional
         Called with the current step's description, the number of steps done and the number of all steps.
 
@@ -76,10 +74,9 @@ def apply(
 
     """
     if isinstance(data, str | os.PathLike):
-        return _apply_to_file(model, Path(data), out, unit, session, progress, choices)
-    if out is not None or session is not None or choices:
-        given = [name for name, value in {"out": out, "session": session, **choices}.items() if value is not None]
-        raise CalibrationError(f"apply: {', '.join(given)} goes with a log file, and data is a {type(data).__name__}; leave it out")
+        return _apply_to_file(model, Path(data), out, unit, progress, choices)
+    if named := [name for name, value in {"out": out, **choices}.items() if value is not None]:
+        raise CalibrationError(f"apply: {', '.join(named)} goes with a log file, and data is a {type(data).__name__}; leave it out")
     calibration = _calibration(model)
     if not isinstance(data, Log):
         return calibration(data, acc, temp, unit=unit)
@@ -118,7 +115,6 @@ def _apply_to_file(
     log: Path,
     out: Path | str | None,
     unit: str,
-    session: Path | str | None,
     progress: Progress | None,
     choices: dict[str, Any],
 ) -> Any:
@@ -129,16 +125,15 @@ def _apply_to_file(
     for source in (log, path):
         if source.exists() and Path(out).exists() and os.path.samefile(source, out):
             raise CalibrationError(f"{out}: is what is read, and nothing is written over it; give out another path")
-    around = None if session is None else Path(session)
-    further = records(choices, *FURTHER)
-    how: dict[str, Any] = {"unit": column_unit(unit), "session": around, "further": further, "progress": progress or untold}
+    beside, *further = records(choices, Beside, *FURTHER)
+    how: dict[str, Any] = {"unit": column_unit(unit), "session": beside.session, "further": further, "progress": progress or untold}
     if table is None and (fused := features.first("use of a model", path, log, Path(out), **how)) is not None:
         return fused
     if log.is_dir():
         raise CalibrationError(f"{log}: cannot be read (it is a folder, expected a log)")
     if idle := [flag for each in further for flag in given(each)]:
         raise CalibrationError(f"{', '.join(idle)}: of no use with {path.name}, the model of one sensor")
-    done: Applied = apply_model(path, log, Path(out), around, how["unit"], progress, table)
+    done: Applied = apply_model(path, log, Path(out), beside.session, how["unit"], progress, table)
     return done
 
 

@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 
 from session.base.errors import CalibrationError
+from session.base.options import records
 from session.base.progress import Progress, untold
 from session.log.folder import Session
 from tinygc.deploy.calibration import Calibration
 from tinygc.estimation.choice import ClosureFigures, closure_figures
-from tinygc.estimation.options import Earth
+from tinygc.estimation.options import Earth, Exclude
 from tinygc.fitting.bias_of_day import Rebiased, rebias_session, rebias_to_json, rebiased_table, save_rebiased
 from tinygc.library.applied import stored_model
 from tinygc.library.arguments import public, session_or_folder
@@ -70,14 +71,13 @@ class Rebias(Shown):
 SOURCES = ("start", "gravity", "given")
 
 
-@public(Earth)
+@public(Earth, Exclude)
 def rebias(
     session: Session | Path | str,
     model: Any,
     source: str = "start",
     *,
     bias_dps: Sequence[float] | None = None,
-    exclude: Sequence[int] = (),
     progress: Progress | None = None,
     **choices: Any,
 ) -> Rebias:
@@ -93,8 +93,6 @@ def rebias(
         From the first still, from gravity over the run, or ``bias_dps``.
     bias_dps : sequence of float, optional
         What the sensor reads at rest, (3,) dps, for ``given``.
-    exclude : sequence of int, optional
-        Numbers of segments to leave out of the closure.
     progress : callable, optional
         Called with the current step's description, the number of steps done and the number of all steps.
 
@@ -121,6 +119,7 @@ def rebias(
         raise CalibrationError(f"source is {source!r}, expected start or gravity, or given with bias_dps=(x, y, z)")
     if bias_dps is not None and len(bias_dps) != 3:
         raise CalibrationError(f"bias_dps is {bias_dps!r:.60}, expected three numbers, dps")
+    earth, closed = records(choices, Earth, Exclude)
     path, table = stored_model(model)
     given = None if bias_dps is None else np.asarray(bias_dps, dtype=float)
     found = rebias_session(
@@ -129,8 +128,8 @@ def rebias(
         source,
         given,
         table=table,
-        use_earth=Earth(**choices).earth,
-        exclude=tuple(exclude),
+        use_earth=earth.earth,
+        exclude=closed.exclude,
         progress=progress or untold,
     )
     return Rebias(found)

@@ -8,26 +8,24 @@ from pathlib import Path
 from typing import Any
 
 from session.base import features
-from session.base.names import CLOCKS
 from session.detect.findings import Finding, worst
 from session.detect.first_look import check_folder, check_session
 from session.detect.stills import SessionStills
 from session.log.folder import Session
 from tinygc.closure.prepared import first_look_at_fit
+from tinygc.estimation.options import Clock
 from tinygc.library.arguments import public, session_or_folder
 from tinygc.noise.measured import measured_noise
 
 
-@public()
-def check(session: Any, clock: str = CLOCKS[0]) -> list[Finding]:
+@public(Clock)
+def check(session: Any, **choices: Any) -> list[Finding]:
     """Check a recording before a fit: rates, scales, stills, turns, gaps, the accelerometer.
 
     Parameters
     ----------
     session : Session, ArraySession, str or Path
         The recording, or its folder.
-    clock : {"board", "arrivals"}, optional
-        Times as the board stamped them, or divided by ``sensor.clock_ratio``; of one sensor.
 
     Returns
     -------
@@ -48,7 +46,7 @@ def check(session: Any, clock: str = CLOCKS[0]) -> list[Finding]:
     False
 
     """
-    at_rest = measured_noise()
+    at_rest, clock = measured_noise(), Clock(**choices).clock
     recording = Path(session) if isinstance(session, str | PathLike) else session
     if (found := features.first("check of a recording", recording, clock, first_look_at_fit)) is not None:
         return found

@@ -25,6 +25,7 @@ from tinygc.fitting.results import FitResult
 from tinygc.library.arguments import chosen, public, session_or_folder
 from tinygc.library.records import Estimate, Named, Shown, accelerometer_estimates
 from tinygc.models.linear import NAMES
+from tinygc.reporting import ReportOptions
 from tinygc.reporting.fit_screen import verdict_text
 from tinygc.reporting.fit_text import fit_report, sensor_errors
 from tinygc.reporting.terminal import Group
@@ -156,23 +157,12 @@ class Fit(Shown):
         figure = figure_of_fit(self.result, SENSOR_ERRORS, sensor_errors(self.result))
         return figure if path is None else saved(figure, Path(path))
 
-    @public()
-    def report(
-        self,
-        path: Path | str | None = None,
-        *,
-        explain: bool = True,
-        limit_deg: float | None = None,
-        pdf: bool = False,
-        progress: Progress | None = None,
-    ) -> Report:
+    @public(ReportOptions)
+    def report(self, path: Path | str | None = None, *, progress: Progress | None = None, **choices: Any) -> Report:
         """Make the calibration report, and write it as one HTML file if a path is given; as ``tinygc.report`` of this fit."""
         from tinygc.library.reports import report_of  # with the search for effects, which a plain fit does not need
 
-        made = report_of(self.source, self.result.options, self.result, explain, limit_deg, progress)
-        if path is not None:
-            made.save(path, pdf=pdf)
-        return made
+        return report_of(self.source, self.result.options, self.result, path, ReportOptions(**choices), progress)
 
     @public(ExportOptions)
     def export(self, to: str, folder: Path | str | None = None, **choices: Any) -> Exported:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from session.base.errors import CalibrationError
 from session.base.files import result_folder
 from session.base.names import refuse_special
+from session.base.options import records
 from session.base.progress import Progress
 from session.base.records import plain
 from session.base.results import write_text_whole
@@ -23,6 +24,7 @@ from tinygc.library.arguments import chosen, is_fit, public, session_or_folder
 from tinygc.library.records import Shown
 from tinygc.models.model import Model
 from tinygc.noise.figures import NoiseFigures
+from tinygc.reporting import ReportOptions
 from tinygc.reporting.terminal import Group, one_line
 from tinygc.verdict.acceptance import Acceptance
 
@@ -91,23 +93,29 @@ class Report(Shown):
 
 
 def report_of(
-    where: Session | Path, options: FitOptions, fit: FitResult | None, explain: bool, limit_deg: float | None, progress: Progress | None
+    where: Session | Path,
+    options: FitOptions,
+    fit: FitResult | None,
+    path: Path | str | None,
+    how: ReportOptions,
+    progress: Progress | None,
 ) -> Report:
-    """Gather what the report of a session, or a session folder, shows; fit: its fit with these options, where it was run before."""
+    """Gather what the report of a session, or a session folder, shows, and write it if a path is given; fit: its fit with these options,
+    where it was run before."""
     from tinygc.explanation.reported import gather  # with the fit and the search for effects, which an export does not need
 
-    return Report(gather(where, options, explain=explain, limit_deg=limit_deg, fit=fit, progress=progress))
+    made = Report(gather(where, options, explain=how.explain, limit_deg=how.limit_deg, fit=fit, progress=progress))
+    if path is not None:
+        made.save(path, pdf=how.pdf)
+    return made
 
 
-@public(FitOptions)
+@public(ReportOptions, FitOptions)
 def report(
     session: Any,
     path: Path | str | None = None,
     options: FitOptions | None = None,
     *,
-    explain: bool = True,
-    limit_deg: float | None = None,
-    pdf: bool = False,
     progress: Progress | None = None,
     **choices: Any,
 ) -> Report:
@@ -121,12 +129,6 @@ def report(
         The HTML file to write; without it ``save`` writes the report.
     options : FitOptions, optional
         Options of the fit, where none is given.
-    explain : bool, optional
-        Ask why recording and simulation differ.
-    limit_deg : float, optional
-        Pass only if the held-out tilt of the segments and each closure run's RMSE are at most this, degrees.
-    pdf : bool, optional
-        Print it as well, to a PDF beside it; needs Chromium.
     progress : callable, optional
         Called with the current step's description, the number of steps done and the number of all steps.
 
@@ -149,14 +151,13 @@ def report(
     'NOT DECIDED'
 
     """
+    (how,) = records(choices, ReportOptions)
+    choices = {name: value for name, value in choices.items() if name not in vars(how)}
     if is_fit(session):
         if options is not None or choices:
             raise CalibrationError("report: the options are those of the fit that is given; leave them out, or give the session")
-        return session.report(path, explain=explain, limit_deg=limit_deg, pdf=pdf, progress=progress)
-    made = report_of(session_or_folder(session), chosen(FitOptions, options, choices), None, explain, limit_deg, progress)
-    if path is not None:
-        made.save(path, pdf=pdf)
-    return made
+        return session.report(path, progress=progress, **vars(how))
+    return report_of(session_or_folder(session), chosen(FitOptions, options, choices), None, path, how, progress)
 
 
 # Exports: files for other programs.

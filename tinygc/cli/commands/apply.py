@@ -9,19 +9,17 @@ from session.base.options import argument, log_written, option
 from tinygc.cli.arguments import STANDARD, is_standard_output
 from tinygc.cli.options import Command, Force, UsesEffects
 from tinygc.cli.results import beside_log, write_json
+from tinygc.deploy import Beside
 
 
 @dataclass(frozen=True)
-class Options(Command, UsesEffects, Force):
+class Options(Beside, Command, UsesEffects, Force):
     """Options of ``apply``."""
 
     model: Path = argument("model file, or the folder of a session: the model that its fit recommends")
     log: Path = argument("a standard log, as in a session folder; -: standard input")
     out: Path = option(..., "to write (.csv or .csv.gz); -: standard output", metavar="CSV", flags=("-o", "--out"), read=log_written)
     unit: str = option("rps", "of the rates; rps: rad/s", choices=("rps", "dps"))
-    session: Path | None = option(
-        None, "where session.toml is (beside the log); its [accelerometer] then holds, not the model's", metavar="DIR"
-    )
 
 
 def run(args: Options) -> int:

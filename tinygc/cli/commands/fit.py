@@ -52,10 +52,10 @@ def _fit(args: Options) -> Done:
     try_destinations(args.out or inside(args.folder, "fit"), args.json)
     with progress_bar(args.quiet) as progress:
         result = fit(args.folder, part(args, FitOptions), progress=progress)
-    decision, use = result.verdict(args.limit), result.result.use
-    table = result.to_json(args.limit) | defaults_json(args)
+    decision, use = result.verdict(args.limit_deg), result.result.use
+    table = result.to_json(args.limit_deg) | defaults_json(args)
     # Save the results first: a failing terminal must not lose them.
-    folder = result.save(args.out, args.limit)
+    folder = result.save(args.out, args.limit_deg)
     console = output(args)
     if args.verbose:
         console.print(verdict_text(decision))
@@ -68,7 +68,7 @@ def _fit(args: Options) -> Done:
         complain(result.result.against_raw.words)
     elif not decision.passed:
         missed = "; ".join(text for met, text in decision.reasons if met is False)
-        complain(f"above {limit_text(args)}: {missed}" if args.limit is not None else decision.headline)
+        complain(f"above {limit_text(args)}: {missed}" if args.limit_deg is not None else decision.headline)
     code = 1 if not decision.passed or (args.strict and decision.answer != "pass") else 0
     return _done(code, table, use.method or use.best, decision.word)
 

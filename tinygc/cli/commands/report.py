@@ -7,22 +7,21 @@ from pathlib import Path
 
 from session.base import features
 from session.base.errors import CalibrationError
-from session.base.options import argument, file_written, option, part
+from session.base.options import argument, file_written, option, part, values
 from tinygc.cli.defaults import defaults_json, limit_text
 from tinygc.cli.options import Command, Force, Judged, UsesEffects
 from tinygc.cli.results import Done, complain, output, run_each, try_file, verdict, write_json
 from tinygc.estimation.options import FitOptions
+from tinygc.reporting import ReportOptions
 
 
 @dataclass(frozen=True)
-class Options(FitOptions, Judged, Command, UsesEffects, Force):
+class Options(ReportOptions, FitOptions, Judged, Command, UsesEffects, Force):
     """Options of ``report``."""
 
     folder: Path = argument("session folder; of several, each gets a report of its own")
     more: tuple[Path, ...] = argument("further folders", ())
     out: Path | None = option(None, "the report (report.html in the session folder)", read=file_written)
-    pdf: bool = option(False, "print it as well, to a PDF beside it; needs Chromium")
-    explain: bool = option(True, "ask why recording and simulation differ", off="do not ask why recording and simulation differ")
 
 
 def run(args: Options) -> int:
@@ -53,7 +52,7 @@ def _report(args: Options) -> Done:
         require_browser()
         try_file(path.with_suffix(".pdf"), args.json)
     with progress_bar(args.quiet) as progress:
-        made = report(args.folder, options=part(args, FitOptions), explain=args.explain, limit_deg=args.limit, progress=progress)
+        made = report(args.folder, options=part(args, FitOptions), progress=progress, **values(args, ReportOptions))
     files = made.save(path, pdf=args.pdf)
     decision, evidence = made.verdict, made.data
     for line, style in made.lines:
@@ -63,7 +62,7 @@ def _report(args: Options) -> Done:
     table, code = made.to_json() | defaults_json(args), 0
     for write in beside:
         table |= write(made)
-    if args.limit is not None and not decision.passed:
+    if args.limit_deg is not None and not decision.passed:
         complain(f"above {limit_text(args)}: {'; '.join(text for met, text in decision.reasons if met is False)}")
         code = 1
     elif evidence.fit.against_raw.condemns(tilt_rms(evidence.adopted.angles) / DEG):

@@ -164,7 +164,7 @@ def fit(args: Any) -> Done | None:
     from tinygc.reporting.terminal import progress_bar
 
     what = f"{args.folder}, an array, whose units are all fitted by least squares together"
-    args.refuse_beside(what, *USED, "folder", "more", "out", "limit", "strict", "verbose")
+    args.refuse_beside(what, *USED, "folder", "more", "out", "limit_deg", "strict", "verbose")
     try_destinations(args.out or inside(args.folder, "fit"), args.json)
     with progress_bar(args.quiet) as progress:
         found = _read(args.folder, progress).fit(**{name: getattr(args, name) for name in USED}, progress=progress)
@@ -174,7 +174,7 @@ def fit(args: Any) -> Done | None:
     output(args).print(f"models: {folder}", soft_wrap=True)
     print_commands(args, "next:", command_line("explain", args.folder))
     closure = {unit["number"]: unit["closure"]["alone_rms_deg"] for unit in table["units"]}
-    above = [] if args.limit is None else [number for number, rms in closure.items() if not rms <= args.limit]
+    above = [] if args.limit_deg is None else [number for number, rms in closure.items() if not rms <= args.limit_deg]
     for number in above:
         complain(f"above --limit: unit {number}'s closure is {closure[number]:.4g} deg")
     return Done(1 if above else 0, table, f"{len(table['units'])} units")

@@ -19,7 +19,7 @@ from session.base.texts import command_line
 from tinygc.cli.arguments import STANDARD
 from tinygc.cli.options import Command, Force, UsesEffects
 from tinygc.cli.results import complain, output, print_commands, verdict, write_json
-from tinygc.features.fleet.work import Run
+from tinygc.features.fleet.work import LotOf, Run
 
 if TYPE_CHECKING:
     from tinygc.features.fleet.fleet_run import FleetRun
@@ -77,7 +77,7 @@ def metered(quiet: bool, folders: Callable[[], Iterable[Any]] | None) -> Iterato
 
 
 @dataclass(frozen=True)
-class Options(Run, Command, UsesEffects, Force):
+class Options(Run, LotOf, Command, UsesEffects, Force):
     """Options of ``fleet``."""
 
     folders: tuple[Path, ...] = argument("where session folders lie, at any depth", (), metavar="DIR")
@@ -88,7 +88,6 @@ class Options(Run, Command, UsesEffects, Force):
         "print how the lot of OUT spreads, drifts and repeats, and which units do not belong, and write lot.json, for fit --lot, and "
         "lot.html",
     )
-    model: str | None = option(None, "with --lot, of several models of sensors: the lot of this one", metavar="TEXT", read=str)
     csv: Path | None = option(None, "write the table as CSV, too (- for standard output)", read=file_written)
     strict: bool = option(False, "exit 1 if a session failed; with --lot, if the lot drifts, or a unit does not belong")
 

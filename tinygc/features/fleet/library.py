@@ -19,7 +19,7 @@ from tinygc.features.fleet.fleet_summary import Summary, lot_if_any, lot_of_tabl
 from tinygc.features.fleet.fleet_table import open_table, read_table
 from tinygc.features.fleet.page import fleet_html, fleet_page, lot_html, lot_page, lot_sections, noise_sections, unit_noises
 from tinygc.features.fleet.report import LotReport
-from tinygc.features.fleet.work import Run
+from tinygc.features.fleet.work import LotOf, Run
 from tinygc.library.arguments import public
 from tinygc.library.records import Shown
 from tinygc.noise.figures import NoiseFigures
@@ -183,16 +183,14 @@ def fleet(
     return summed_up(folder, tally, options.limit_deg)
 
 
-@public()
-def lot(table: Path | str, *, model: str | None = None) -> LotStatistics:
+@public(LotOf)
+def lot(table: Path | str, **choices: Any) -> LotStatistics:
     """Compute the statistics of a lot of sensors: mean, spread, drift, units that do not belong.
 
     Parameters
     ----------
     table : str or Path
         The folder that ``fleet`` wrote, or its fleet.sqlite.
-    model : str, optional
-        Of a table with several models of sensors, this one.
 
     Returns
     -------
@@ -212,4 +210,4 @@ def lot(table: Path | str, *, model: str | None = None) -> LotStatistics:
     """
     folder = Path(table).parent if Path(table).name == TABLE else Path(table)
     with read_table(folder) as opened:
-        return LotStatistics(lot_of_table(opened, model), unit_noises(opened))
+        return LotStatistics(lot_of_table(opened, LotOf(**choices).model), unit_noises(opened))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from session.base.options import option
+from session.base.options import Record, option
 from tinygc.estimation.options import ACCELEROMETERS, Earth, Seed
 
 #: in order; fit and explain include the work of check, so omitting check omits only its findings
@@ -23,3 +23,10 @@ class Run(Seed, Earth):
     limit_deg: float | None = option(
         None, "exit 1 if a session fails by this limit, as in fit --limit", unit="deg", above=0, flags=("--limit",)
     )
+
+
+@dataclass(frozen=True)
+class LotOf(Record):
+    """Which lot of a table."""
+
+    model: str | None = option(None, "of several models of sensors: the lot of this one", metavar="TEXT", read=str)

@@ -6,23 +6,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from session.base.options import argument, changed, folder_written, option
+from session.base.options import argument, changed, folder_written, option, values
 from tinygc.cli.options import Command, UsesEffects
 from tinygc.cli.results import output, try_destinations, write_json
-from tinygc.features.temperature.feature import RestOptions
+from tinygc.features.temperature.feature import RestOptions, ThermalOptions
 
 if TYPE_CHECKING:
     from tinygc.simulation.options import SimulationOptions
 
-HIGHEST_ORDER = 20  #: above it powers of a temperature are indistinguishable in float64
-
 
 @dataclass(frozen=True)
-class Options(Command, UsesEffects):
+class Options(ThermalOptions, Command, UsesEffects):
     """Options of ``temperature``."""
 
     folders: tuple[Path, ...] = argument("session folders, and folders of rest logs, of one sensor", metavar="DIR")
-    order: int = option(5, "highest power of the temperature that is tried", least=0, most=HIGHEST_ORDER)
     out: Path | None = option(None, "where the model goes (fit/ in the first folder)", metavar="DIR", read=folder_written)
 
 
@@ -35,7 +32,7 @@ def run(args: Options) -> int:
     folder = args.out or args.folders[0] / "fit"
     try_destinations(folder, args.json)
     with progress_bar(args.quiet) as progress:
-        result = fit_temperature(args.folders, most_order=args.order, progress=progress)
+        result = fit_temperature(args.folders, progress=progress, **values(args, ThermalOptions))
     save_thermal(result, folder)
     output(args).print(temperature_report(result))
     output(args).print(f"model: {folder / MODEL}", soft_wrap=True)

@@ -10,7 +10,17 @@ from session.base.errors import CalibrationError
 from session.base.features import Feature
 from session.base.options import Record, option
 
-# Options of a simulated rest log.
+# Options of a model over temperature, and of a simulated rest log.
+
+HIGHEST_ORDER = 20  #: above it powers of a temperature are indistinguishable in float64
+
+
+@dataclass(frozen=True)
+class ThermalOptions(Record):
+    """Options of ``temperature``."""
+
+    most_order: int = option(5, "highest power of the temperature that is tried", least=0, most=HIGHEST_ORDER, flags=("--order",))
+
 
 GROUP = "a rest log, with --rest-cycles"
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from session.base.errors import FitError, FormatError
 from session.base.names import log_paths
@@ -11,21 +12,20 @@ from session.base.progress import Progress, untold
 from session.base.texts import printable
 from session.log.config import read_config
 from session.log.folder import file_key, input_hashes, read_session, refuse_same, sha256_of
+from tinygc.features.temperature.feature import ThermalOptions
 from tinygc.features.temperature.rest_fit import RestFit, fit_rests, read_rests
 from tinygc.features.temperature.sessions_fit import ThermalFit, join, of_rests_alone, point_of
 from tinygc.library.arguments import public
 
 
-@public()
-def fit_temperature(folders: Path | str | Sequence[Path | str], *, most_order: int = 5, progress: Progress | None = None) -> ThermalFit:
+@public(ThermalOptions)
+def fit_temperature(folders: Path | str | Sequence[Path | str], *, progress: Progress | None = None, **choices: Any) -> ThermalFit:
     """Fit a calibration over temperature to rest logs and sessions with turns of one sensor.
 
     Parameters
     ----------
     folders : str, Path or sequence of them
         Folders of rest logs and sessions of one sensor.
-    most_order : int, optional
-        Highest order of the polynomials over temperature, 0 to 5.
     progress : callable, optional
         Called with the current step's description, the number of steps done and the number of all steps.
 
@@ -47,7 +47,7 @@ def fit_temperature(folders: Path | str | Sequence[Path | str], *, most_order: i
     >>> thermal.model(raw, temp=celsius)  # (N, 3) rad/s from (N, 3) rad/s and (N,) degC  # doctest: +SKIP
 
     """
-    progress = progress or untold
+    progress, most_order = progress or untold, ThermalOptions(**choices).most_order
     paths = [Path(folder) for folder in ([folders] if isinstance(folders, Path | str) else folders)]
     sensors = [read_config(folder / "session.toml").sensor for folder in paths]
     for folder, sensor in zip(paths[1:], sensors[1:], strict=True):

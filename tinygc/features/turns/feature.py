@@ -84,7 +84,7 @@ def fit(args: Any) -> Done | None:
     from tinygc.features.turns.result import MODEL
     from tinygc.reporting.terminal import progress_bar
 
-    limit = () if args.defaults is None else ("limit",)  # one of the user's own defaults is of other recordings
+    limit = () if args.defaults is None else ("limit_deg",)  # one of the user's own defaults is of other recordings
     args.refuse_beside("a gyroscope alone, which has no closure", "folder", "more", "out", "verbose", *limit)
     try_destinations(args.out or inside(args.folder, "fit"), args.json)
     with progress_bar(args.quiet) as progress:

@@ -90,14 +90,14 @@ def test_a_hand_that_accelerates_with_the_turn_makes_no_delay(replayed):
     rate to two behind, is another.  The specific force itself takes it for a delay."""
     twin, fit = replayed
     logs, before = [np.array(log.samples.accel) for log in twin.seen.logs], 0.0
-    for turn, segment in zip(_turns(twin, fit), twin.segments, strict=True):
-        rows = np.flatnonzero(np.linalg.norm(turn.rate, axis=1) > 0.02 * np.linalg.norm(turn.rate, axis=1).max())
+    for (attitude, rate, force, dt_s), segment in zip(_turns(twin, fit), twin.segments, strict=True):
+        rows = np.flatnonzero(np.linalg.norm(rate, axis=1) > 0.02 * np.linalg.norm(rate, axis=1).max())
         window = slice(rows[0] - 2, rows[-1] + 3)
-        before += np.sum(np.trapezoid(np.einsum("tij,tj->ti", turn.attitude[:, :2], turn.force)[window], dx=turn.dt_s, axis=0) ** 2)
-        push = np.einsum("tij,tj->ti", turn.attitude, np.gradient(turn.attitude[:, 2], axis=0)) * [1, 1, 0]
+        before += np.sum(np.trapezoid(np.einsum("tij,tj->ti", attitude[:, :2], force)[window], dx=dt_s, axis=0) ** 2)
+        push = np.einsum("tij,tj->ti", attitude, np.gradient(attitude[:, 2], axis=0)) * [1, 1, 0]
         push[: rows[0]] = push[rows[-1] + 1 :] = 0
         push -= np.outer(np.sum(push**2, axis=1) / np.sum(push**2), push.sum(axis=0))
-        logs[segment.log][segment.start : segment.stop] -= 30 * np.einsum("tji,tj->ti", turn.attitude, push)
+        logs[segment.log][segment.start : segment.stop] -= 30 * np.einsum("tji,tj->ti", attitude, push)
     moved = copy.copy(twin)
     moved.__dict__.pop("movements", None)
     seen = [replace(log, samples=log.samples.with_accel(accel)) for log, accel in zip(twin.seen.logs, logs, strict=True)]

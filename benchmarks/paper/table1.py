@@ -53,14 +53,14 @@ def table1(euroc: Euroc, progress: Callable[[str], None]) -> str:
 
     row("raw", 0, "gyro", bias_only())
     squared, material = train_second_order(batch, sigma).net, of_problem(euroc.training)
-    denoised = train_denoiser(material, squared, "endpoint").model
+    denoised = train_denoiser(material, squared, "endpoint")[0]
     row("least squares", 12, "gyro", fit_least_squares(batch, sigma, euroc.training.first).model)
     row("TinyGC-Net", 27, "gyro", squared)
     row("… and denoised", 195, "gyro", denoised)
     kept = [Checkpoint(RUNS / f"{name}.json", resume=True) for name in ("calibration", "denoiser")]
     as_in_paper = train_adamw(batch, sigma, checkpoint=kept[0], progress=advanced).net
     row("TinyGC-Net, `as_in_paper`", 27, "gyro", as_in_paper)
-    row("… and denoised", 195, "gyro", denoiser.train_adamw(material, as_in_paper, 0, advanced, kept[1]).model)
+    row("… and denoised", 195, "gyro", denoiser.train_adamw(material, as_in_paper, 0, advanced, kept[1])[0])
     rows += [
         (f"*{title}*", n, inputs, *(f"{e:.2f}" for e in errors), f"{np.mean(errors):.2f}") for title, n, inputs, errors in PUBLISHED[:2]
     ]

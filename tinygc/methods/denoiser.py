@@ -216,13 +216,8 @@ def risk_of(rates: list[np.ndarray], stills: list[np.ndarray], taps: int, delay:
 
 # The start and the result of the denoiser's training.
 
-
-@dataclass(frozen=True, eq=False)
-class DenoiserTraining:
-    """The whole model, and the loss after each step or epoch."""
-
-    model: DenoisedNet
-    loss: tuple[float, ...]
+#: the whole model, and the loss after each step or epoch
+DenoiserTraining = tuple[DenoisedNet, list[float]]
 
 
 def start(seed: int) -> Denoiser:
@@ -400,7 +395,7 @@ def train_adamw(
         progress=progress,
     )
     denoiser = Denoiser.from_vector(best).normalised()
-    return DenoiserTraining(DenoisedNet(calibration, denoiser, material.rate_hz), tuple(losses))
+    return DenoisedNet(calibration, denoiser, material.rate_hz), losses
 
 
 # Train the denoising subnet, calibration frozen: second order in NumPy, or as in the paper in PyTorch.
@@ -441,7 +436,7 @@ def train_denoiser(
         losses += trace
         progress(number + 1, ROUNDS)
     denoiser = Denoiser.from_vector(vector).normalised()
-    return DenoiserTraining(DenoisedNet(calibration, denoiser, material.rate_hz), tuple(losses))
+    return DenoisedNet(calibration, denoiser, material.rate_hz), losses
 
 
 # The method ``tinygc_denoised``: the frozen calibration of ``tinygc``, and the denoising subnet after it.
@@ -471,18 +466,18 @@ def run(problem: Problem, options: FitOptions, progress: Steps, before: dict[str
 
     began, enough, smooth = time.perf_counter(), material.enough(), None
     smoothing = None if endpoint else smoothing_rows(enough, calibrated.model)
-    trained = train(enough, calibrated.model, 0, "whole", smoothing=smoothing)
+    model, losses = train(enough, calibrated.model, 0, "whole", smoothing=smoothing)
     seconds = time.perf_counter() - began
     if not endpoint:
-        smooth = train_denoiser(enough, calibrated.model, seed=options.seed, closing=False, smoothing=smoothing).model.denoiser
+        smooth = train_denoiser(enough, calibrated.model, seed=options.seed, closing=False, smoothing=smoothing)[0].denoiser
     held_out = np.zeros_like(calibrated.held_out)
     fold = np.arange(len(problem.batch)) % len(calibrated.fold_models)
     for k, calibration in enumerate(calibrated.fold_models):
-        part = train(material.pick(fold != k).enough(), calibration, k + 1, f"fold{k}", near=smooth)
-        held_out[fold == k] = denoised_angles(material.pick(fold == k), part.model, options.integrator)
-    notes = {"loss": list(trained.loss), "denoiser": figures(material, trained.model) | {"loss": loss}}
-    angles = denoised_angles(material, trained.model, options.integrator)
-    return MethodFit("tinygc_denoised", trained.model, angles, held_out, calibrated.seconds + seconds, notes)
+        part, _ = train(material.pick(fold != k).enough(), calibration, k + 1, f"fold{k}", near=smooth)
+        held_out[fold == k] = denoised_angles(material.pick(fold == k), part, options.integrator)
+    notes = {"loss": losses, "denoiser": figures(material, model) | {"loss": loss}}
+    angles = denoised_angles(material, model, options.integrator)
+    return MethodFit("tinygc_denoised", model, angles, held_out, calibrated.seconds + seconds, notes)
 
 
 def figures(material: Material, model: DenoisedNet) -> dict:

@@ -134,14 +134,8 @@ class _TurnEquations:
         return np.append(np.linalg.solve(three[:, :3], self.right.sum(axis=0)[:3] - offset_s * three[:, 3]), offset_s)
 
 
-@dataclass(frozen=True, eq=False)
-class _Turn:
-    """One turn of N samples: attitude R_tb (N, 3, 3), with its share of the closure; rate (N, 3); force (N, 3) as measured; dt_s."""
-
-    attitude: np.ndarray
-    rate: np.ndarray
-    force: np.ndarray
-    dt_s: float
+#: one turn of N samples: attitude R_tb (N, 3, 3), with its share of the closure; rate (N, 3); force (N, 3) as measured; dt_s
+_Turn = tuple[np.ndarray, np.ndarray, np.ndarray, float]
 
 
 def _turns(twin: Twin, fit: Refit) -> Iterator[_Turn]:
@@ -160,7 +154,7 @@ def _turns(twin: Twin, fit: Refit) -> Iterator[_Turn]:
             turn = turn + np.cross(tilt[:, None, :], turn, axisb=1, axisc=1)
             rate = padded[i, : len(turn)] - batch.earth[i, : len(turn)]
             force = twin.freed(state, twin.movements[segment.log].part(slice(segment.start, segment.stop)))
-            yield _Turn(turn, rate, force, twin.seen.logs[segment.log].samples.period_s)
+            yield turn, rate, force, twin.seen.logs[segment.log].samples.period_s
 
 
 def velocity_equations(twin: Twin, fit: Refit) -> _TurnEquations:
@@ -169,15 +163,16 @@ def velocity_equations(twin: Twin, fit: Refit) -> _TurnEquations:
 
 
 def _velocity(turn: _Turn) -> tuple[np.ndarray, np.ndarray]:
-    weight = np.zeros(len(turn.force))
-    speed = np.linalg.norm(turn.rate, axis=1)
+    attitude, rate, force, dt_s = turn
+    weight = np.zeros(len(force))
+    speed = np.linalg.norm(rate, axis=1)
     moving = np.flatnonzero(speed > MOVING * speed.max())
     first, last = max(moving[0] - MARGIN, 0), min(moving[-1] + MARGIN, len(weight) - 1)
-    weight[first : last + 1] = turn.dt_s
+    weight[first : last + 1] = dt_s
     weight[[first, last]] /= 2
-    level = turn.attitude[:, :2]
-    velocity = np.einsum("t,tij,tj->i", weight, level, turn.force)
-    delayed = np.einsum("t,tij,tj->i", weight, level, np.gradient(turn.force, turn.dt_s, axis=0))
+    level = attitude[:, :2]
+    velocity = np.einsum("t,tij,tj->i", weight, level, force)
+    delayed = np.einsum("t,tij,tj->i", weight, level, np.gradient(force, dt_s, axis=0))
     return np.column_stack([np.einsum("t,tij->ij", weight, level), delayed]), velocity
 
 
@@ -201,17 +196,18 @@ def lever_equations(twin: Twin, fit: Refit) -> _TurnEquations:
 
 
 def _lever(turn: _Turn, gravity_mps2: float) -> tuple[np.ndarray, np.ndarray]:
-    alpha = np.gradient(turn.rate, turn.dt_s, axis=0)
-    gravity = -gravity_mps2 * turn.attitude[:, 2]
-    crossed = cross_matrix(turn.rate)
-    columns = np.concatenate([cross_matrix(alpha) + crossed @ crossed, np.gradient(gravity, turn.dt_s, axis=0)[:, :, None]], axis=-1)
-    size = max(1, round(ROW_S / turn.dt_s))
-    blocks = len(turn.force) // size
+    attitude, rate, force, dt_s = turn
+    alpha = np.gradient(rate, dt_s, axis=0)
+    gravity = -gravity_mps2 * attitude[:, 2]
+    crossed = cross_matrix(rate)
+    columns = np.concatenate([cross_matrix(alpha) + crossed @ crossed, np.gradient(gravity, dt_s, axis=0)[:, :, None]], axis=-1)
+    size = max(1, round(ROW_S / dt_s))
+    blocks = len(force) // size
 
     def mean(values: np.ndarray) -> np.ndarray:
         return values[: blocks * size].reshape(blocks, size, *values.shape[1:]).mean(axis=1)
 
-    return mean(columns).reshape(-1, 4), mean(turn.force - gravity).ravel()
+    return mean(columns).reshape(-1, 4), mean(force - gravity).ravel()
 
 
 def turn_gravity(twin: Twin, fit: Refit) -> TurnGravity:

@@ -324,8 +324,8 @@ def test_dependence_between_scales_is_that_of_the_slope(name, size, more):
         later, sooner = (search.unit("G", time_s * np.exp(step)) for step in (1e-4, -1e-4))
         V.append([size**2 * (a - b) / 2e-4 for a, b in zip(later, sooner, strict=True)])
     slopes = [np.zeros((count, count)) for _ in V]
-    for stack, *own in zip(search.stacks, *V, strict=True):
-        for which, *parts in zip(stack.which, *own, strict=True):
+    for (*_, places), *own in zip(search.stacks, *V, strict=True):
+        for which, *parts in zip(places, *own, strict=True):
             group = search.groups[which]
             inside = np.kron(group.basis.T, np.full((1, group.size), 1 / group.size))
             P = inside if group.top else np.kron(np.eye(int(group.count)), inside)

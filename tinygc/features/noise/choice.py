@@ -95,13 +95,8 @@ def unit_covariance(name: str, groups: Sequence[Group], period_s: float, correla
 Stacked = list[np.ndarray]
 
 
-@dataclass(frozen=True, eq=False)
-class Stack:
-    """Groups with d contrasts each: S (g, d, d); count (g,); which: places of the groups."""
-
-    S: np.ndarray
-    count: np.ndarray
-    which: list[int]
+#: groups with d contrasts each: S (g, d, d); count (g,); places of the groups
+Stack = tuple[np.ndarray, np.ndarray, list[int]]
 
 
 def stacks_of(groups: Sequence[Group]) -> list[Stack]:
@@ -110,13 +105,13 @@ def stacks_of(groups: Sequence[Group]) -> list[Stack]:
     found = []
     for d in np.unique(width):
         which = np.flatnonzero(width == d).tolist()
-        found.append(Stack(np.stack([groups[k].S for k in which]), np.array([groups[k].count for k in which]), which))
+        found.append((np.stack([groups[k].S for k in which]), np.array([groups[k].count for k in which]), which))
     return found
 
 
 def stacked(V: Sequence[np.ndarray], stacks: Sequence[Stack]) -> Stacked:
     """Stack the covariances of all groups like the groups."""
-    return [np.stack([V[k] for k in stack.which]) for stack in stacks]
+    return [np.stack([V[k] for k in which]) for *_, which in stacks]
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +136,7 @@ def cost(x: np.ndarray, V: Sequence[Stacked], stacks: Sequence[Stack]) -> tuple[
     """
     terms = len(V)
     value, slope, curvature = 0.0, np.zeros(terms), np.zeros((terms, terms))
-    for s, stack in enumerate(stacks):
+    for s, (S, count, _) in enumerate(stacks):
         every = np.stack([own[s] for own in V])
         C = np.tensordot(x, every[: len(x)], axes=1)
         try:
@@ -151,12 +146,12 @@ def cost(x: np.ndarray, V: Sequence[Stacked], stacks: Sequence[Stack]) -> tuple[
         inverse = np.linalg.inv(factor)
         inverse = np.swapaxes(inverse, 1, 2) @ inverse
         A = inverse @ every
-        seen = inverse @ stack.S
+        seen = inverse @ S
         log_size = 2 * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)
-        value += float(stack.count @ log_size + np.trace(seen, axis1=1, axis2=2).sum())
+        value += float(count @ log_size + np.trace(seen, axis1=1, axis2=2).sum())
         turned = np.ascontiguousarray(np.swapaxes(A, 2, 3)).reshape(terms, -1)
-        slope += np.trace(A, axis1=2, axis2=3) @ stack.count - turned @ seen.ravel()
-        curvature += (A * stack.count[:, None, None]).reshape(terms, -1) @ turned.T
+        slope += np.trace(A, axis1=2, axis2=3) @ count - turned @ seen.ravel()
+        curvature += (A * count[:, None, None]).reshape(terms, -1) @ turned.T
     return value, slope, curvature
 
 
@@ -389,9 +384,9 @@ class Search:
     def most(self, V: Stacked) -> float:
         """Largest variance that a term may have: at some scale it would be all that is there."""
         shares = []
-        for stack, own in zip(self.stacks, V, strict=True):
-            size = stack.count * np.trace(own, axis1=1, axis2=2)
-            shares += [float(s) for s in (np.trace(stack.S, axis1=1, axis2=2)[size > 0] / size[size > 0])]
+        for (S, count, _), own in zip(self.stacks, V, strict=True):
+            size = count * np.trace(own, axis1=1, axis2=2)
+            shares += [float(s) for s in (np.trace(S, axis1=1, axis2=2)[size > 0] / size[size > 0])]
         return min(shares, default=1.0) or 1e-30
 
     def _start(self, name: str, near: Chosen | None) -> float:

@@ -182,7 +182,7 @@ def goodness(search: Search, chosen: Chosen) -> tuple[float, float]:
     """
     total, freedom = 0.0, 0.0
     for stack, C in zip(search.stacks, search.covariance(chosen), strict=True):
-        for which, S, n, own in zip(stack.which, stack.S, stack.count, C, strict=True):
+        for S, n, which, own in zip(*stack, C, strict=True):
             d = len(S)
             if n >= ENOUGH * d:
                 R = np.linalg.solve(own, S) / n
@@ -249,7 +249,7 @@ def _slope(search: Search, chosen: Chosen) -> tuple[float, float]:
     without = replace(chosen.fitted, x=chosen.fitted.x * (np.array(chosen.names) != "R"))
     covariance = search.covariance(replace(chosen, fitted=without))
     for stack, C in zip(search.stacks, covariance, strict=True):
-        for which, S, own in zip(stack.which, stack.S, C, strict=True):
+        for S, _, which, own in zip(*stack, C, strict=True):
             group = search.groups[which]
             if group.top:
                 t = group.t() * group.size * search.period_s

@@ -62,15 +62,6 @@ class _Seen:
 
 
 @dataclass(frozen=True, eq=False)
-class _Place:
-    """Where a session stands: information (P, P) in units of the targets; force (3,) m/s^2 and angles (K,) rad, None: the present ones."""
-
-    information: np.ndarray
-    force: np.ndarray
-    angles: np.ndarray | None
-
-
-@dataclass(frozen=True, eq=False)
 class Rehearsal:
     """The session that a machine would make from now on: its turns, and the sigmas (P,) after each, in units of their targets."""
 
@@ -138,13 +129,13 @@ class Coach:
         alone = Coach(self._gyro_targets, machine=self._machine)
         alone._own, alone._zero_rps = as_known(None, ()) if own else None, self._zero_rps
         prior = np.concatenate([linear.PRIOR_SIGMA, accel.PRIOR_SIGMA]) if own else linear.PRIOR_SIGMA
-        place = _Place(np.diag((alone.targets / prior) ** 2), np.array([0.0, 0.0, -G]), None)
+        information, force, angles = np.diag((alone.targets / prior) ** 2), np.array([0.0, 0.0, -G]), None
         turns, sigmas = list[Turn](), list[np.ndarray]()
         while len(turns) < most and not (sigmas and sigmas[-1].max() <= 1):
-            turn, rows = alone._best(place)
-            place = _Place(place.information + rows.T @ rows, turn.carries(place.force), turn.angles)
+            turn, rows = alone._best(information, force, angles)
+            information, force, angles = information + rows.T @ rows, turn.carries(force), turn.angles
             turns.append(turn)
-            sigmas.append(sigmas_in(np.linalg.inv(place.information)))
+            sigmas.append(sigmas_in(np.linalg.inv(information)))
         return Rehearsal(tuple(turns), tuple(sigmas))
 
     def look(self, progress: Progress) -> None:
@@ -196,19 +187,15 @@ class Coach:
 
     def best_turn(self, measured: np.ndarray) -> Turn:
         """Return the best turn from where the accelerometer reads ``measured`` (3,) m/s^2."""
-        return self._best(self._place(measured))[0]
-
-    def _place(self, measured: np.ndarray) -> _Place:
-        """The present place, where the accelerometer reads ``measured`` (3,) m/s^2."""
         force = measured if self._own is None else self._own.accelerometer.correct(measured)
-        return _Place(np.linalg.inv(self.covariance / np.outer(self.targets, self.targets)), force, None)
+        return self._best(np.linalg.inv(self.covariance / np.outer(self.targets, self.targets)), force, None)[0]
 
-    def _best(self, place: _Place) -> tuple[Turn, np.ndarray]:
-        """Return the best rated turn from a place, and its rows (2 or 3, P).
+    def _best(self, information: np.ndarray, force: np.ndarray, angles: np.ndarray | None) -> tuple[Turn, np.ndarray]:
+        """Return the best rated turn, and its rows (2 or 3, P), from where a session stands: information (P, P) in units of the targets;
+        force (3,) m/s^2 and angles (K,) rad, None: the present ones.
 
         The gain of a turn is the logarithm of what it makes of the criterion, and counts by its time.
         """
-        information, force, angles = place.information, place.force, place.angles
         most_rps = PLANNED_FULL_SCALE * self._progress.gyro_fs_rps
         if self._machine is None:
             turns = turns_from(force, QUARTERS if self._own is None else EIGHTHS, most_rps)

@@ -642,30 +642,30 @@ FIT = np.diag([1.0, 4.0, 9.0]) * 1e-10
 
 def test_each_session_is_one_draw_of_the_spread():
     spread = BiasRepeatability(np.array([1.0, 2.0, 3.0]) * 1e-4, "measured")
-    found = expected_zero(FIT, repeatability=spread)
-    assert found.covariance == pytest.approx(FIT + np.diag(2 * spread.rps**2), rel=1e-12)
-    assert found.assumed == ()
+    parts, assumed = expected_zero(FIT, repeatability=spread)
+    assert parts["calibration"] + parts["switch-on"] == pytest.approx(FIT + np.diag(2 * spread.rps**2), rel=1e-12)
+    assert assumed == ()
 
-    found = expected_zero(FIT)
-    assert found.parts["switch-on"] == pytest.approx(2 * np.diag(USUAL_SPREAD.rps**2), rel=1e-12)
-    assert found.assumed == ("switch-on",)
+    parts, assumed = expected_zero(FIT)
+    assert parts["switch-on"] == pytest.approx(2 * np.diag(USUAL_SPREAD.rps**2), rel=1e-12)
+    assert assumed == ("switch-on",)
 
 
 def test_within_one_switch_on_the_zero_walks_and_the_flicker_of_the_session_is_in_the_fit():
     noise = figures(sensor(axis(K=1e-6, B=2e-5)))
-    found = expected_zero(FIT, elapsed_s=600.0, switched_on_since=False, figures=noise)
-    assert found.parts["wander"] == pytest.approx(np.eye(3) * 1e-12 * 600.0, rel=1e-12)
-    assert set(expected_zero(FIT, elapsed_s=600.0, switched_on_since=False).parts) == {"calibration"}
+    parts, _ = expected_zero(FIT, elapsed_s=600.0, switched_on_since=False, figures=noise)
+    assert parts["wander"] == pytest.approx(np.eye(3) * 1e-12 * 600.0, rel=1e-12)
+    assert set(expected_zero(FIT, elapsed_s=600.0, switched_on_since=False)[0]) == {"calibration"}
 
 
 def test_temperature_counts_once_per_kelvin():
-    found = expected_zero(FIT, warmer_k=-3.0)
-    assert found.parts["temperature"] == pytest.approx(np.eye(3) * (3 * USUAL_PER_K) ** 2, rel=1e-12)
+    parts, _ = expected_zero(FIT, warmer_k=-3.0)
+    assert parts["temperature"] == pytest.approx(np.eye(3) * (3 * USUAL_PER_K) ** 2, rel=1e-12)
     per_k = np.array([1.0, 2.0, 3.0]) * 1e-3 * DEG
-    own = expected_zero(FIT, warmer_k=2.0, per_k=per_k)
-    assert own.parts["temperature"] == pytest.approx(np.diag((2 * per_k) ** 2), rel=1e-12)
-    assert own.assumed == ("switch-on",)
-    assert "temperature" not in expected_zero(FIT, warmer_k=0.0).parts
+    own, assumed = expected_zero(FIT, warmer_k=2.0, per_k=per_k)
+    assert own["temperature"] == pytest.approx(np.diag((2 * per_k) ** 2), rel=1e-12)
+    assert assumed == ("switch-on",)
+    assert "temperature" not in expected_zero(FIT, warmer_k=0.0)[0]
 
 
 def test_a_random_walk_grows_with_the_time_and_a_gauss_markov_saturates():

@@ -14,12 +14,10 @@ means, var(use - session) = C_use + C_session - 2 C_both (``drift_between``).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from session.base.numeric import sigmas_in
 from session.base.units import DEG, MG
 from tinygc.closure.floor import BiasInstability, wander_covariance
 from tinygc.estimation.repeatability import BiasRepeatability
@@ -36,24 +34,6 @@ USUAL_ACCEL_PER_K = 0.1 * MG
 END_S = 86400.0
 
 
-@dataclass(frozen=True, eq=False)
-class ExpectedZero:
-    """Variance of the zero's change, by cause: name -> (3, 3) (rad/s)^2; assumed: names of causes whose size is not this unit's own."""
-
-    parts: Mapping[str, np.ndarray]
-    assumed: tuple[str, ...] = ()
-
-    @property
-    def covariance(self) -> np.ndarray:
-        """(3, 3) (rad/s)^2, of all causes together."""
-        return sum(self.parts.values(), np.zeros((3, 3)))
-
-    @property
-    def sigma(self) -> np.ndarray:
-        """(3,) rad/s."""
-        return sigmas_in(self.covariance)
-
-
 def expected_zero(
     calibration: np.ndarray,
     *,
@@ -63,8 +43,9 @@ def expected_zero(
     figures: NoiseFigures | None = None,
     warmer_k: float | None = None,
     per_k: np.ndarray | None = None,
-) -> ExpectedZero:
-    """Variance of the zero's change from a session to another time.
+) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
+    """Variance (3, 3) (rad/s)^2 of the zero's change from a session to another time, by cause; and the causes whose size is not this unit's
+    own.
 
     calibration (3, 3): of B in the fit, (rad/s)^2.  elapsed_s: between them, None where not known; switched_on_since: whether the sensor
     was, or may have been, switched off between them.  figures: of the unit at rest.  warmer_k: by how much it is warmer than in the
@@ -83,7 +64,7 @@ def expected_zero(
         parts["temperature"] = np.diag((slope * warmer_k) ** 2)
         if per_k is None:
             assumed.append("temperature")
-    return ExpectedZero(parts, tuple(assumed))
+    return parts, tuple(assumed)
 
 
 def wander_variance(elapsed_s: float, figures: NoiseFigures | None, instability: BiasInstability | None) -> np.ndarray:

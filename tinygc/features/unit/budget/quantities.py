@@ -271,22 +271,22 @@ def sources_in_use(
         between = drift_between(problem.middle_s, problem.batch.duration_s, middle_s, motion.duration_s, rps)
         shared = between.correlation * _root(found[at].covariance) @ _root(in_use)
         found[at] = replace_covariance(drift, DRIFT_SINCE, found[at].covariance + in_use - shared - shared.T)
-    zero = expected_zero(
+    by_cause, assumed = expected_zero(
         result.covariance[BIAS, BIAS],
         switched_on_since=use.elapsed_s is None,
         repeatability=result.repeatability,
         warmer_k=use.warmer_k,
     )
-    names = ZERO_OF_USE | ({"switch-on": USUAL_SWITCH_ON} if "switch-on" in zero.assumed else {})
+    names = ZERO_OF_USE | ({"switch-on": USUAL_SWITCH_ON} if "switch-on" in assumed else {})
     for cause, name in names.items():
-        if cause not in zero.parts:
+        if cause not in by_cause:
             continue
-        own, spread = Source(name, "B", np.inf, zero.parts[cause]), result.repeatability
+        own, spread = Source(name, "B", np.inf, by_cause[cause]), result.repeatability
         if cause == "switch-on" and spread is not None and np.isfinite(spread.freedom).all():  # as estimated: its freedom is in k
             own = Source(name, "A", float(spread.freedom.min()), np.diag(2 * spread.scatter_rps**2))
         found.append(own.through(slope[:, BIAS]))
-        sizes[name] = (float(np.sqrt(np.mean(np.diag(zero.parts[cause])))) / DEG, "dps")
-    return found, sizes, tuple(names[cause] for cause in zero.assumed)
+        sizes[name] = (float(np.sqrt(np.mean(np.diag(by_cause[cause])))) / DEG, "dps")
+    return found, sizes, tuple(names[cause] for cause in assumed)
 
 
 def replace_covariance(source: Source, name: str, covariance: np.ndarray) -> Source:

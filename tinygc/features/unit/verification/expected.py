@@ -146,7 +146,7 @@ def expected_parts(
         both = drift_between(none, none + span, span + elapsed_s, span, instability.rps).both
     parts = _of_calibration(old, rows, both)
     warmer_k = rows.temp_c - temp_then_c if np.isfinite(rows.temp_c - temp_then_c) else None
-    zero = expected_zero(
+    by_cause, assumed = expected_zero(
         np.zeros((3, 3)),
         elapsed_s=elapsed_s,
         switched_on_since=switched_on_since,
@@ -154,9 +154,9 @@ def expected_parts(
         warmer_k=warmer_k,
     )
     sources = {"temperature": f"{abs(warmer_k or 0):.1f} K apart, {USUAL_PER_K / DEG:g} dps/K as usual", "wander": "drift since then"}
-    for name, covariance in zero.parts.items():
+    for name, covariance in by_cause.items():
         if name in sources and covariance.any():
-            parts.append(_of_parameters(rows, name, ZERO, sigmas_in(covariance), np.inf, sources[name], name in zero.assumed))
+            parts.append(_of_parameters(rows, name, ZERO, sigmas_in(covariance), np.inf, sources[name], name in assumed))
     for number in range(COUNT) if switched_on_since else ():
         if np.isfinite(spread.variance[number]):
             sigma = np.sqrt(2 * spread.variance[number : number + 1])

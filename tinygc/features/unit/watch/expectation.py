@@ -17,6 +17,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from session.base.errors import CalibrationError
+from session.base.numeric import sigmas_in
 from session.base.units import DEG, DEG_PER_HOUR, EARTH_RATE_RPS, MDPS, MG, STANDARD_GRAVITY_MPS2, G
 from session.detect.accelerometer import BIASES
 from session.detect.stills import QUIET_ACCEL_RATIO, QUIET_VARIANCE_RATIO
@@ -138,8 +139,8 @@ def expect(known: ModelInUse, rate_hz: float) -> Expectation:
     if spread is None and config is not None and config.sensor.gyro_bias_repeatability_dps is not None:
         spread = [config.sensor.gyro_bias_repeatability_dps * DEG] * 3
     repeatability = None if spread is None else BiasRepeatability(np.asarray(spread, dtype=float), "the model's")
-    zero = expected_zero(own[BIAS, BIAS], repeatability=repeatability)
-    if zero.assumed:
+    by_cause, of_spread = expected_zero(own[BIAS, BIAS], repeatability=repeatability)
+    if of_spread:
         assumed.append(SPREAD)
     instability = _instability(fit_noise, config)
     if figures is None and instability is None:
@@ -165,7 +166,7 @@ def expect(known: ModelInUse, rate_hz: float) -> Expectation:
         rate_hz,
         given(white, USUAL_WHITE, "white noise of the gyroscope"),
         lambda elapsed_s, span_s: _drift(elapsed_s, span_s, figures, instability),
-        zero.sigma,
+        sigmas_in(sum(by_cause.values(), np.zeros((3, 3)))),
         np.full(3, float(np.hypot(across, USUAL_ATTITUDE_RPS if attitude is None else attitude))),
         np.full(3, USUAL_PER_K),
         None if thermal else known.temperature_c,

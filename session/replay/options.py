@@ -58,3 +58,11 @@ class Answers(Record):
         cli=False,
         group=GROUP,
     )
+
+
+@dataclass(frozen=True)
+class Into(Record):
+    """What a log becomes a part of."""
+
+    add: str | None = option(None, "add to the session that is there, as a further log or a closure run", choices=("log", "closure"))
+    serial: str = option("", "which one it is", metavar="TEXT", read=str)

@@ -20,7 +20,7 @@ from session.base.questions import QuestionsError
 from session.log.folder import Session, read_session
 from session.replay.convert import Imported as Imported
 from session.replay.importing import import_log as import_files
-from session.replay.options import Answers
+from session.replay.options import Answers, Into
 from tinygc.library.arguments import public
 
 Paths = str | PathLike[str] | Sequence[str | PathLike[str]]
@@ -108,13 +108,11 @@ def columns_of(columns: Sequence[str] | None) -> tuple[str, ...]:
 FURTHER = tuple(features.each("options of import"))
 
 
-@public(Answers, *FURTHER)
+@public(Answers, Into, *FURTHER)
 def import_log(
     paths: Paths,
     out: Path | str | None = None,
     *,
-    add: str | None = None,
-    serial: str = "",
     columns: Sequence[str] | None = None,
     header: str | None = None,
     most_memory: int | None = None,
@@ -128,10 +126,6 @@ def import_log(
         The log; or the gyroscope's and the accelerometer's; or a folder or an archive that holds them.
     out : str or Path, optional
         The session folder to make; named as the log by default.
-    add : {"log", "closure"}, optional
-        Add to the session that is in ``out``.
-    serial : str, optional
-        Serial number of the sensor.
     columns : str or sequence of str, optional
         Which column is what, ``"t_us=time,gx_dps=wx,…"``; of several files, one for each.
     header : str, optional
@@ -165,8 +159,7 @@ def import_log(
             _paths(paths),
             None if out is None else Path(out),
             *records(answers, Answers),
-            add=add,
-            serial=serial,
+            **vars(*records(answers, Into)),
             columns=columns_of(columns),
             header=header,
             further=records(answers, *FURTHER),

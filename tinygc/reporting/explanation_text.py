@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from session.base.units import DEG, MG
 from tinygc.effects.effect import IN_STILLS
@@ -26,10 +26,6 @@ from tinygc.explanation.result import (
 from tinygc.explanation.search import in_words, lines_end_hz
 from tinygc.noise.twin import Variable
 from tinygc.reporting.terminal import Group, Table, Text, one_line
-
-if TYPE_CHECKING:
-    pass
-
 
 # An explanation as text, for the terminal and the page of pictures, and its files.
 

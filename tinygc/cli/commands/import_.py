@@ -4,28 +4,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from session.base.options import argument, folder_written, option, part
-from session.replay.options import GROUP, Answers
+from session.base.options import argument, folder_written, option, part, values
+from session.replay.options import GROUP, Answers, Into
 from tinygc.cli.arguments import memory, stream_header
 from tinygc.cli.options import Command
 from tinygc.cli.results import output, write_json
 
-if TYPE_CHECKING:
-    pass
-
 
 @dataclass(frozen=True)
-class Options(Answers, Command):
+class Options(Answers, Into, Command):
     """Options of ``import``."""
 
     logs: tuple[Path, ...] = argument("the log; or the gyroscope's and the accelerometer's; or raw.bin", (), metavar="LOG")
     out: Path | None = option(None, "session folder to make (named as the log, beside it)", metavar="DIR", read=folder_written)
-    add: str | None = option(None, "add to the session that is there, as a further log or a closure run", choices=("log", "closure"))
     list: bool = option(False, "list what is read, each with an example line")
     header: str | None = option(None, "of raw.bin in text that does not hold it: t_us,gx_dps,…", metavar="LINE", read=stream_header)
-    serial: str = option("", "which one it is", metavar="TEXT", read=str)
     even: bool = option(
         False, "count the samples along their stamps, which scatter or are rounded: at one rate, on straight lines between gaps"
     )
@@ -69,8 +63,7 @@ def run(args: Options) -> int:
         args.logs,
         args.out,
         part(args, Answers, columns=one),
-        add=args.add,
-        serial=args.serial,
+        **values(args, Into),
         columns=columns,
         header=args.header,
         further=args.of_features,

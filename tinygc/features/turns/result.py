@@ -46,7 +46,7 @@ class RestBias:
 @dataclass(frozen=True, eq=False)
 class AxisScale:
     """A scale factor error, measured / true - 1: of one sense (1 or -1), or of both (0), their mean; its sigma; turns that it is from; and
-    by how much the scale of the sensor's own axis may differ (1 sigma, ``TurnsResult.axis_bound``)."""
+    by how much the scale of the sensor's own axis may differ (1 sigma, ``TurnFit.axis_bound``)."""
 
     axis: int
     sense: int

@@ -9,6 +9,7 @@ were divided on their way.
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,19 +28,28 @@ from session.bench.events import (
     SampleChunk,
     StreamFormat,
 )
-from session.bench.text_stream import LONGEST_LINE, LineReader, parse_comment
-
-#: bodies of frames, by their blocks
-Bodies = dict[int, np.ndarray]
+from session.bench.text_stream import LONGEST_LINE, Garbage, LineReader, parse_comment
 
 
-def decode_frames(
-    codes: np.ndarray, ends: np.ndarray, lengths: np.ndarray
-) -> tuple[SampleChunk, np.ndarray, bool, Bodies, Bodies, np.ndarray, int]:
+class DecodedFrames(NamedTuple):
+    """What b blocks between zero bytes hold.
+
+    readings: n samples, of the blocks rows (n,); behind: whether something unreadable came behind the last one.
+    infos, messages: bodies of info frames and of board messages, by their blocks.
+    left_over (b,): bytes of each block that are none of these; crc_errors: number of blocks of the right length with a wrong check.
+    """
+
+    readings: SampleChunk
+    rows: np.ndarray
+    behind: bool
+    infos: dict[int, np.ndarray]
+    messages: dict[int, np.ndarray]
+    left_over: np.ndarray
+    crc_errors: int
+
+
+def decode_frames(codes: np.ndarray, ends: np.ndarray, lengths: np.ndarray) -> DecodedFrames:
     """Decode the b blocks of codes (n,) uint8, each between two zero bytes, that end at ``ends`` and have these lengths.
-
-    Returns the n readings, with the blocks (n,) that they are of; whether something unreadable came behind the last one; info frames and
-    board messages; bytes (b,) of each block that are none of these; number of blocks of the right length with a wrong check.
 
     A whole frame at the end of a longer block counts: what was before it only lost its delimiter.  In a block that is longer than any
     line nothing counts.
@@ -56,10 +66,10 @@ def decode_frames(
     left = np.flatnonzero(bad & (lengths >= frames.SHORTEST_OTHER) & (lengths <= frames.LONGEST_OTHER))
     types = codes[ends[left] - lengths[left] + 1]
     left = left[(types >= frames.FIRST_OTHER) & (types <= frames.LAST_OTHER)]
-    others: dict[int, np.ndarray] = {}
+    messages: dict[int, np.ndarray] = {}
     for length in np.unique(lengths[left]).tolist():
         found, bodies = _good_frames(codes, ends, left[lengths[left] == length], length)
-        others.update(zip(found.tolist(), bodies, strict=True))
+        messages.update(zip(found.tolist(), bodies, strict=True))
         bad[found] = False
     wrong = bad & ((lengths == sample) | (lengths == info))
     left_over = np.where(bad & ~wrong, lengths, 0)
@@ -69,7 +79,7 @@ def decode_frames(
     behind = len(spoilt) > 0 and int(spoilt[-1]) > (int(spoilt[rows[-1]]) if len(rows) else 0)
     t_us, registers, sequence = table["t_us"].astype(np.int64), table["registers"].astype(np.int16), table["sequence"].astype(np.int64)
     readings = SampleChunk(t_us, registers, REGISTERS, damaged, sequence)
-    return readings, rows, behind, infos, others, left_over, int(np.count_nonzero(wrong))
+    return DecodedFrames(readings, rows, behind, infos, messages, left_over, int(np.count_nonzero(wrong)))
 
 
 def _good_frames(codes: np.ndarray, ends: np.ndarray, rows: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
@@ -245,17 +255,18 @@ class StreamDecoder:
         return int(starts[count]), bool(len(change))
 
     def _blocks(self, data: bytes, starts: np.ndarray, ends: np.ndarray, lengths: np.ndarray, out: EventCollector) -> None:
-        readings, rows, behind, infos, bodies, left_over, crc_errors = decode_frames(np.frombuffer(data, np.uint8), ends, lengths)
-        if crc_errors:
-            self.crc_errors += crc_errors
-            out.add(Event("crc", crc_errors, self._last_us))
+        found = decode_frames(np.frombuffer(data, np.uint8), ends, lengths)
+        readings, rows, infos, left_over = found.readings, found.rows, found.infos, found.left_over
+        if found.crc_errors:
+            self.crc_errors += found.crc_errors
+            out.add(Event("crc", found.crc_errors, self._last_us))
         remarks = [row for row in np.flatnonzero(left_over).tolist() if b"#" in data[starts[row] : ends[row]]] if left_over.any() else []
         self._garbage(int(left_over.sum()), out, damages=False)
         damaged_before = self._damaged
         if len(rows):
             readings.damaged[0] |= damaged_before
         begin = earned = 0
-        others = self._news(bodies)
+        others = self._news(found.messages)
         placed = sorted({*infos, *others, *remarks})
         for row, stop in zip(placed, np.searchsorted(rows, placed).tolist(), strict=True):
             self._remarks.at += stop - earned
@@ -272,7 +283,7 @@ class StreamDecoder:
         self._remarks.at += len(rows) - earned
         if len(rows) > begin:
             self._take(readings.part(begin), out)
-        self._damaged = behind or (damaged_before and not len(rows))
+        self._damaged = found.behind or (damaged_before and not len(rows))
 
     def _news(self, bodies: dict[int, np.ndarray]) -> dict[int, BoardStatus | Event]:
         """Of bodies by block, in order, those that differ from the last of their type, and every answer."""
@@ -354,8 +365,8 @@ class StreamDecoder:
                 item.damaged[0] |= self._damaged
                 self._damaged = False
                 self._take(item, out)
-            elif isinstance(item, Event) and item.kind == "garbage":
-                self._garbage(item.count, out, damages=bool(item.text))
+            elif isinstance(item, Garbage):
+                self._garbage(item.length, out, damages=item.behind)
             elif isinstance(item, StreamFormat):
                 # A header has changed the columns: what was before, if anything, is another recording.
                 self._end_run(out)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from functools import cache
+from typing import NamedTuple
 from unicodedata import category
 
 import numpy as np
@@ -106,7 +107,14 @@ def parse_info(comment: str) -> Info | None:
     return Info(gyro, accel, odr, pairs.get("serial", ""), pairs.get("sensor", "")) if all(0 < number < 1e6 for number in numbers) else None
 
 
-Item = SampleChunk | Event | Info | StreamFormat
+class Garbage(NamedTuple):
+    """Unreadable lines: length in bytes; behind: whether some came behind all rows so far."""
+
+    length: int
+    behind: bool
+
+
+Item = SampleChunk | Event | Garbage | Info | StreamFormat
 
 
 class LineReader:
@@ -193,7 +201,7 @@ class LineReader:
         if self._rows:
             self._items.append(joined_chunk(self._rows))
         if self._unreadable:
-            self._items.append(Event("garbage", self._unreadable, text="behind" * self._behind))  # text: behind all rows so far
+            self._items.append(Garbage(self._unreadable, self._behind))
         self._begin()
 
     def parse(self, line: bytes) -> tuple[int, list] | None:

@@ -242,7 +242,8 @@ def verify(model: Path | str, today: Any, *, progress: Progress | None = None, *
     Examples
     --------
     >>> import tempfile, tinygc
-    >>>     >>> folder = Path(tempfile.mkdtemp())
+    >>> from pathlib import Path
+    >>> folder = Path(tempfile.mkdtemp())
     >>> unit = {"closure_s": 0.0, "odr_hz": 104.0, "unit_seed": 1}
     >>> then = tinygc.fit(tinygc.simulate(segments=14, seed=1, **unit).session, methods=("least_squares",))
     >>> model = then.save(folder) / "model_least_squares.json"

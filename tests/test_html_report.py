@@ -5,15 +5,18 @@ import re
 import shutil
 from base64 import b64decode
 from html import unescape
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from html_pages import QUICK, parsed, report_of
+from models_in_use import MODELS, SAMPLES
 
 import calibrate
 from session.base.units import DEG
 from tinygc import models
 from tinygc.reporting.html import markup
+from tinygc.reporting.html.sections import denoising
 
 PARTS = "answer session methods closure runs parameters correlations noise explain apply provenance"
 
@@ -97,3 +100,9 @@ def test_what_cannot_be_made_is_refused_before_the_work(simulated, tmp_path, cap
     assert calibrate.main(["report", str(folder), "--out", str(tmp_path / out), *more, *QUICK]) == 2
     assert says in capfd.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_denoiser_without_a_still_of_two_samples_has_no_section():
+    fit = SimpleNamespace(methods={"tinygc_denoised": SimpleNamespace(model=MODELS["denoised"])})
+    log = SimpleNamespace(samples=SAMPLES, stills=())
+    assert denoising.section(SimpleNamespace(fit=fit, problem=SimpleNamespace(logs=[log]))) is None

@@ -22,13 +22,15 @@ AROUND_S = 0.6
 
 
 def section(evidence: ReportData) -> Section | None:
-    """Section on denoising; None if the fit has no denoiser."""
+    """Section on denoising; None if the fit has no denoiser, or no still is long enough to tell its noise."""
     fit = evidence.fit.methods.get(NAME)
     if fit is None:
         return None
     model, problem = fit.model, evidence.problem
     assert isinstance(model, DenoisedNet)
     before, after = (still_pieces(problem, one) for one in (model.calibration, model))
+    if not any(len(piece) > 2 for piece in before):
+        return None
     settle = [slice(min(REACH, len(piece) // 2), None) for piece in before]
     quiet = [_scatter([piece[part] for piece, part in zip(pieces, settle, strict=True)]) for pieces in (before, after)]
     calibrated = evidence.fit.methods.get("tinygc")

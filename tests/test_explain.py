@@ -14,7 +14,7 @@ from formats_page import strangers
 from session.base.errors import DataError
 from session.base.units import DEG, G
 from session.log.siblings import others_beside, recordings_at
-from tinygc import SimulationOptions, explain, read_session
+from tinygc import SimulationOptions, explain, read_session, report
 from tinygc.estimation.options import FitOptions
 from tinygc.explanation.checked import Outcome, check_on
 from tinygc.explanation.engine import explain_session
@@ -96,6 +96,11 @@ def test_terminal_report_and_json_show_one_table_of_residuals(explained):
     before, after = (channels["length"]["rms_sigmas"][when] for when in ("before", "after"))
     assert before == pytest.approx(after, abs=0.02)
     assert 0.3 < before < 1.5
+
+
+def test_the_json_of_a_report_with_a_named_effect_is_as_its_page_says(unit):
+    table = report(unit / "first", methods=("least_squares",)).to_json()
+    assert (table["calibration"], table["closure"]["degrees_of_freedom"], strangers(table)) == ("physics", None, [])
 
 
 def test_a_wrong_full_scale_is_said_and_not_explained(unit, run, tmp_path):

@@ -299,7 +299,7 @@ def test_a_wrong_argument_is_an_error_that_names_the_right_one(call, complaint):
         (lambda fit: fit.report(explain=False, limit_deg=-1), "limit_deg is -1, expected a number above 0 deg"),
         (lambda fit: fit.export("matlab"), "to is 'matlab', expected one of json, kalibr"),
         (lambda fit: fit.export("json", model="tinygc"), "tinygc was not fitted; the fit has raw, least_squares"),
-        (lambda fit: tinygc.compare([fit]), "compare needs two sessions or more"),
+        (lambda fit: tinygc.compare([fit]), "--compare needs two sessions or more"),
         (lambda fit: tinygc.compare([fit, fit]), "hold the same log"),
         (lambda fit: tinygc.rebias(fit.source, fit, "noon"), "source is 'noon', expected start or gravity, or given with bias_dps="),
         (lambda fit: tinygc.plan(fit.source, count=0), "count is 0, expected a whole number"),

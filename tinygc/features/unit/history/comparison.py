@@ -393,6 +393,6 @@ def compare(sessions: Any, *, bias: bool = False) -> Compared:
         if not is_fit(each) and not is_path(each):
             raise CalibrationError(f"sessions holds {each!r:.60}, expected a Fit or the path of a fitted session")
     if len(given) < 2:
-        raise CalibrationError("compare needs two sessions or more")
+        raise CalibrationError("--compare needs two sessions or more")
     read = [calibrated_of(each.result, each.config) if is_fit(each) else read_calibrated(Path(each)) for each in given]
     return compare_calibrated(read, bias)

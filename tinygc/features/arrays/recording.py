@@ -337,5 +337,7 @@ def array_log_paths(folder: Path) -> dict[str, dict[int, Path]]:
             if (unit := unit_of(path)) is not None:
                 found.setdefault(unit[0], {})[unit[1]] = path
     if not found:
-        raise FormatError(f"{folder}: no array: it has neither log0001.unit0.csv and so on, nor [array] folders (arrays.md)")
+        raise FormatError(
+            f"{folder}: no array: it has neither log0001.unit0.csv and so on, nor [array] folders (docs/features/arrays/arrays.md)"
+        )
     return {which: dict(sorted(found[which].items())) for which in sorted(found)}

@@ -26,7 +26,9 @@ class SearchOptions(Record):
     """Options of ``explain``."""
 
     discover: bool = option(
-        False, "search for the equation that no catalogue has, write it as an effect file, and prove it (discover.md); takes longer"
+        False,
+        "search for the equation that no catalogue has, write it as an effect file, and prove it (docs/features/discovery/discover.md); "
+        "takes longer",
     )
 
 

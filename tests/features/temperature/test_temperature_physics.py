@@ -22,6 +22,7 @@ from tinygc.features.temperature.axis_fit import (
     _AS_NOISE,
     BY_CHANCE,
     AxisFit,
+    Candidate,
     _best_lag,
     _Coloured,
     _hysteresis_of,
@@ -311,14 +312,14 @@ def test_the_zero_of_a_log_that_is_left_out_is_not_predicted():
 
 
 def test_the_simplest_within_one_standard_error_of_the_best():
-    plain, lagged = tuple((p, False) for p in (0, 1, 2)), (1, True)
+    plain, lagged = tuple(Candidate(p, False) for p in (0, 1, 2)), Candidate(1, True)
     best, gain = np.array([1.0, 1.2, 0.9]), np.array([0.3, 0.1, 0.2])
     error = np.std(gain, ddof=1) / np.sqrt(3)
     for shift, chosen in ((error - 1e-9, 1), (error + 1e-9, 2)):
         assert simplest(plain, np.column_stack([best + 5, best + gain - gain.mean() + shift, best])) == chosen
     # Of two as simple, the one without a lag; of one fold, the best itself.
-    assert simplest(((2, False), lagged), np.column_stack([best, best])) == 0
-    assert simplest((lagged, (2, False)), np.column_stack([best, best])) == 1
+    assert simplest((Candidate(2, False), lagged), np.column_stack([best, best])) == 0
+    assert simplest((lagged, Candidate(2, False)), np.column_stack([best, best])) == 1
     assert simplest(plain, np.array([[1.0, 0.5, 0.5 - 1e-9]])) == 2
 
 
@@ -395,10 +396,10 @@ def test_a_fit_is_put_together_from_these(lag_s):
     knots, fit = fitted(logs)
     assert (fit.order, fit.tau_s > 0) == (2, lag_s > 0)
     y = knots.mean(np.concatenate([log.gyro[:, 0] for log in logs]))
-    chosen, A, plain = (2, lag_s > 0), columns(knots, fit.tau_s, 2), columns(knots, 0.0, 2)
+    chosen, A, plain = Candidate(2, lag_s > 0), columns(knots, fit.tau_s, 2), columns(knots, 0.0, 2)
     coefficients, covariance = solve_axis(knots, y, fit.noise, fit.tau_s, 2)
     # Per degree, and the zero the mean of both logs.
-    per_c, size = block_diag([[0.5, 0.5]], 1 / knots.half_c, 1 / knots.half_c**2, *[1] * chosen[1]), 3 + chosen[1]
+    per_c, size = block_diag([[0.5, 0.5]], 1 / knots.half_c, 1 / knots.half_c**2, *[1] * chosen.lagged), 3 + chosen.lagged
     assert fit.terms == pytest.approx(per_c[:3, :4] @ coefficients)
     assert fit.covariance[:size, :size] == pytest.approx(per_c @ covariance @ per_c.T, rel=1e-6)
     assert (fit.covariance.shape, fit.covariance[size:].any()) == ((4, 4), False)
@@ -411,7 +412,7 @@ def test_a_fit_is_put_together_from_these(lag_s):
     held_out = np.sqrt(fit.squares[:, fit.candidates.index(chosen)].mean())
     assert (fit.held_out, fit.held_out_of(*chosen)) == pytest.approx((held_out, held_out))
     assert np.isnan(fit.held_out_of(9, False))
-    assert {order for order, lagged in fit.candidates if not lagged} == {0, 1, 2, 3, 4, 5}
+    assert {each.order for each in fit.candidates if not each.lagged} == {0, 1, 2, 3, 4, 5}
     assert fit.p_value < 1e-6
     if lag_s:
         assert fit.tau_s == pytest.approx(lag_s, abs=4 * fit.sigma[-1])
@@ -437,7 +438,7 @@ def test_what_is_not_there_is_not_claimed_and_what_may_not_be_tried_is_not():
     # Two rests, each at a temperature of its own: their zeros take up any slope.
     noise = np.random.default_rng(0).normal(size=(2, 30))
     _, two = fitted([small_rest(np.full(30, t), n) for t, n in zip((10.0, 20.0), noise, strict=True)], orders=(0, 1))
-    assert [order for order, _ in two.candidates] == [0]
+    assert [each.order for each in two.candidates] == [0]
 
 
 # Between the steps of a thermometer

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
@@ -114,7 +115,7 @@ def make_knots(logs: list[RestLog], sweeps: list[Sweep]) -> Knots:
     """Merge the kept blocks of each log by their sweeps (``sweeps_of``); a log without sweeps counts as one."""
     has_temperature = all(log.has_temperature for log in logs)
     between = [between_steps(log.t_s, log.temp_c, log.grid) for log in logs]
-    logs = [replace(log, temp_c=temp_c) for log, (temp_c, _, _) in zip(logs, between, strict=True)]
+    logs = [replace(log, temp_c=each.temp_c) for log, each in zip(logs, between, strict=True)]
     temp = np.concatenate([log.temp_c for log in logs]) if has_temperature else np.zeros(sum(map(len, logs)))
     total = sum(map(len, logs))
     rows: list[tuple] = []
@@ -135,10 +136,10 @@ def make_knots(logs: list[RestLog], sweeps: list[Sweep]) -> Knots:
     reference_c = float(np.round((low + high) / 2)) if has_temperature else 25.0
     half_c = max((high - low) / 2, 1.0)
     knot, counts = np.repeat(np.arange(len(starts)), np.diff(np.append(starts, total))), np.diff(np.append(starts, total))
-    first = np.cumsum([0, *(int(each.max(initial=-1)) + 1 for _, _, each in between)])
-    interval = np.concatenate([each + begin for (_, _, each), begin in zip(between, first, strict=False)])
+    first = np.cumsum([0, *(int(each.interval.max(initial=-1)) + 1 for each in between)])
+    interval = np.concatenate([each.interval + begin for each, begin in zip(between, first, strict=False)])
     off_c = np.zeros((len(starts), first[-1]))
-    np.add.at(off_c, (knot, interval), np.concatenate([sigma_c for _, sigma_c, _ in between]) / counts[knot])
+    np.add.at(off_c, (knot, interval), np.concatenate([each.sigma_c for each in between]) / counts[knot])
     return Knots(tuple(logs), of, starts, t_s, span_s, sweep_number, direction, temp_c, off_c[:, off_c.any(axis=0)], reference_c, half_c)
 
 
@@ -251,8 +252,16 @@ LAGS, LONGEST_SHARE = 20, 0.25
 STRETCHES, STRETCH_FOLDS = 20, 5
 
 
-#: order of a polynomial, and whether the element's temperature lags the reading
-Candidate = tuple[int, bool]
+class Candidate(NamedTuple):
+    """Model of one axis, by the order of its polynomial; lagged: whether the element's temperature lags the reading."""
+
+    order: int
+    lagged: bool
+
+    @property
+    def complexity(self) -> int:
+        """Number of fitted parameters besides the zero itself."""
+        return self.order + self.lagged
 
 
 def folds_of(knots: Knots) -> tuple[np.ndarray, str]:
@@ -307,7 +316,7 @@ def examine(
     Returns the candidates; (F, candidates) mean square of each fold's prediction; and the kind of fold.
     """
     folds, by = folds_of(knots)
-    candidates = tuple((p, lagged) for lagged in (False, *([True] if len(lags) else [])) for p in orders if p or not lagged)
+    candidates = tuple(Candidate(p, lagged) for lagged in (False, *([True] if len(lags) else [])) for p in orders if p or not lagged)
     most = max(orders)
     table = []
     for fold in np.unique(folds):
@@ -338,7 +347,7 @@ def simplest(candidates: tuple[Candidate, ...], held_out: np.ndarray) -> int:
     worse = held_out - held_out[:, [best]]
     error = worse.std(axis=0, ddof=1) / np.sqrt(len(worse)) if len(worse) > 1 else np.zeros(len(candidates))
     within = [i for i in range(len(candidates)) if worse[:, i].mean() <= error[i]]
-    return min(within, key=lambda i: (sum(candidates[i]), candidates[i][1]))
+    return min(within, key=lambda i: (candidates[i].complexity, candidates[i].lagged))
 
 
 # One axis' zero over temperature: polynomial, lag, hysteresis, residuals, and their uncertainties.
@@ -402,7 +411,7 @@ class AxisFit:
         """Return the held-out rms of another candidate; NaN where it was not tried."""
         if (order, lagged) not in self.candidates:
             return float("nan")
-        return float(np.sqrt(self.squares[:, self.candidates.index((order, lagged))].mean()))
+        return float(np.sqrt(self.squares[:, self.candidates.index(Candidate(order, lagged))].mean()))
 
 
 def fit_axis(knots: Knots, blocks: np.ndarray, orders: tuple[int, ...] = ORDERS) -> AxisFit:
@@ -443,7 +452,7 @@ def fit_axis(knots: Knots, blocks: np.ndarray, orders: tuple[int, ...] = ORDERS)
     terms, of_terms = _in_degrees(knots, coefficients, covariance, order)
     zeros = coefficients[: len(knots.logs)]
     scale = np.append(np.full(len(terms), unit), 1.0)
-    index = candidates.index((order, tau != 0))
+    index = candidates.index(Candidate(order, tau != 0))
     return AxisFit(
         terms=terms * unit,
         tau_s=tau,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -82,20 +83,26 @@ BENT = 0.046
 DITHERED = 0.12
 
 
-def between_steps(t: np.ndarray, temp_c: np.ndarray, grid: Grid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Interpolate block means (B,) degC, of readings on a grid, at times t (B,), rising, of any unit.
+class BetweenSteps(NamedTuple):
+    """Interpolated block means temp_c (B,) degC, their sigmas sigma_c (B,) degC, and interval (B,): its number between two passages, within
+    which errors are alike."""
 
-    Returns them, their sigmas (B,), and the number of the interval between two passages (B,), within which errors are alike.
-    """
+    temp_c: np.ndarray
+    sigma_c: np.ndarray
+    interval: np.ndarray
+
+
+def between_steps(t: np.ndarray, temp_c: np.ndarray, grid: Grid) -> BetweenSteps:
+    """Interpolate block means (B,) degC, of readings on a grid, at times t (B,), rising, of any unit."""
     step, on = grid
     if not step or len(t) < 2 or sigma_of_steps(temp_c) > DITHERED * step:
-        return temp_c, np.zeros(len(t)), np.zeros(len(t), dtype=int)
+        return BetweenSteps(temp_c, np.zeros(len(t)), np.zeros(len(t), dtype=int))
     reading = (temp_c - on) / step
     at, level = _passages(t, reading)
     interval = np.searchsorted(at, t)
     sigma = np.full(len(at) + 1, UNIFORM)
     if not len(at):
-        return temp_c, step * sigma[interval], interval
+        return BetweenSteps(temp_c, step * sigma[interval], interval)
     mean = np.bincount(interval, reading) / np.bincount(interval)
     # Rate of each interval, and level of the passage that it lies beside; neither end has a rate of its own.
     rate = np.concatenate([[np.nan], np.diff(level) / np.diff(at), [np.nan]])
@@ -118,7 +125,7 @@ def between_steps(t: np.ndarray, temp_c: np.ndarray, grid: Grid) -> tuple[np.nda
 
     order = np.argsort(nodes)
     found = PchipInterpolator(np.array(nodes)[order], np.array(values)[order])(t)
-    return on + step * found, step * sigma[interval], interval
+    return BetweenSteps(on + step * found, step * sigma[interval], interval)
 
 
 def _passages(t: np.ndarray, reading: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -108,7 +108,7 @@ def test_fewer_than_five_turns_or_a_sigma_beyond_5_cm_tell_no_position(turns, si
     """Of six turns that are size / sqrt(3) off, variance 3 a^2 / 4 along the diagonal."""
     signs = np.resize([1.0, -1.0], turns)
     found = _solve_position(axis_rows([[[s * size / np.sqrt(3)] * 3] for s in signs]))
-    assert (found is not None and found[2] is not None) == known
+    assert (found is not None and found.position is not None) == known
 
 
 def test_rows_are_the_force_of_a_lever_and_its_delays():

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
@@ -168,12 +168,12 @@ def _search(first: Rates, unit: Rates, step_s: float, rates: np.ndarray) -> tupl
     grid = first.t_s[0] + step_s * np.arange(int((first.t_s[-1] - first.t_s[0]) / step_s) + 1)
     about_s = float(unit.t_s[0] + unit.t_s[-1]) / 2
     count = int((unit.t_s[-1] - unit.t_s[0]) * (1 + MOST_RATE) / step_s) + 2
-    correlated = _correlated_with(_speed(first, first.t_s, grid), next_fast_len(len(grid) + count, real=True))
+    correlator = _Correlator(_speed(first, first.t_s, grid), next_fast_len(len(grid) + count, real=True))
     best, highest = UnitClock(0.0, 0.0, about_s), -2.0
     for rate in rates:
         moved = about_s + (1 + rate) * (unit.t_s - about_s)
         theirs = _speed(unit, moved, moved[0] + step_s * np.arange(int((moved[-1] - moved[0]) / step_s) + 1))
-        likeness, lag = correlated(theirs)
+        likeness, lag = correlator.best(theirs)
         if likeness > highest:
             best, highest = UnitClock(float(grid[0] + lag * step_s - moved[0]), float(rate), about_s), likeness
     return best, highest
@@ -187,29 +187,31 @@ def _speed(rates: Rates, t_s: np.ndarray, grid: np.ndarray) -> np.ndarray:
     return np.diff(np.interp(edges, t_s, turned))
 
 
-def _correlated_with(ours: np.ndarray, size: int) -> Callable[[np.ndarray], tuple[float, int]]:
-    """Correlate speeds (N,) of the first unit with others at every lag with enough overlap: the largest coefficient, and its lag;
-    theirs[0] is aligned with ours[lag]."""
-    length, ours = len(ours), ours - ours.mean()
-    our_one, our_value, our_square = (rfft(each, size) for each in (np.ones(length), ours, ours**2))
+class _Correlator:
+    """Correlates speeds (N,) of the first unit, on a grid, with other speeds at every lag; size: of the Fourier transforms."""
 
-    def summed(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        return np.asarray(irfft(a * b, size))
+    def __init__(self, ours: np.ndarray, size: int):
+        self._length, self._size = len(ours), size
+        ours = ours - ours.mean()
+        self._one, self._value, self._square = (rfft(each, size) for each in (np.ones(self._length), ours, ours**2))
 
-    def best(theirs: np.ndarray) -> tuple[float, int]:
+    def best(self, theirs: np.ndarray) -> tuple[float, int]:
+        """Return the largest coefficient over all lags with enough overlap, and its lag: theirs[0] is aligned with ours[lag]."""
         theirs = theirs - theirs.mean()
-        one, value, square = (np.conj(rfft(each, size)) for each in (np.ones(len(theirs)), theirs, theirs**2))
-        count = np.round(summed(our_one, one))
-        x, y = summed(our_value, one), summed(our_one, value)
-        xx, yy, xy = summed(our_square, one), summed(our_one, square), summed(our_value, value)
-        enough = count >= max(2, LEAST_OVERLAP * min(length, len(theirs)))
+        one, value, square = (np.conj(rfft(each, self._size)) for each in (np.ones(len(theirs)), theirs, theirs**2))
+        count = np.round(self._summed(self._one, one))
+        x, y = self._summed(self._value, one), self._summed(self._one, value)
+        xx, yy = self._summed(self._square, one), self._summed(self._one, square)
+        xy = self._summed(self._value, value)
+        enough = count >= max(2, LEAST_OVERLAP * min(self._length, len(theirs)))
         with np.errstate(divide="ignore", invalid="ignore"):
             spread = (xx - x * x / count) * (yy - y * y / count)
             likeness = np.where(enough & (spread > 0), (xy - x * y / count) / np.sqrt(spread), -1.0)
         lag = int(np.argmax(likeness))
-        return float(likeness[lag]), lag - size if lag >= length else lag
+        return float(likeness[lag]), lag - self._size if lag >= self._length else lag
 
-    return best
+    def _summed(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        return np.asarray(irfft(a * b, self._size))
 
 
 # Fine clock of a unit: offset and rate, by the likelihood of its rates given the first unit's.
@@ -293,7 +295,7 @@ def nearest_clock(first: Sequence[Rates], unit: Sequence[Rates], name: str = "th
     x, fit = np.array([rough.offset_s, rough.rate]), None
     for _ in range(ROUNDS):
         rows = _clock_rows(first, unit, moving, splines, slopes, x, about_s)
-        if len(rows["since"]) <= 10 * (3 + len(first)):
+        if not rows.enough_for(len(first)):
             break
         try:
             fit = _stepped(rows, len(first), noise, None if fit is None else fit.matrix, x, about_s)
@@ -319,6 +321,28 @@ def _moves(rates: Rates, bar: float) -> np.ndarray:
     return np.asarray(np.convolve(speed > bar, np.ones(2 * reach + 1), mode="same")[: len(speed)] > 0.5)
 
 
+class _ClockRows(NamedTuple):
+    """Readings (N,) of a unit that turns, beside the first unit's at the same times, for one clock.
+
+    log (N,): its number; read (N, 3) rad/s; ours (N, 3) rad/s and slope (N, 3) rad/s^2: the first unit's rate there; since (N,) s from
+    ``about_s``; block (N,): number of the block whose readings share their errors; variance (N,): of the first unit's interpolated
+    reading, relative to a reading's own, and variance_slope (N,) 1/s.
+    """
+
+    log: np.ndarray
+    read: np.ndarray
+    ours: np.ndarray
+    slope: np.ndarray
+    since: np.ndarray
+    block: np.ndarray
+    variance: np.ndarray
+    variance_slope: np.ndarray
+
+    def enough_for(self, logs: int) -> bool:
+        """Return whether there are more than ten rows for each number of an axis: its row of the map, and a bias for each log."""
+        return len(self.since) > 10 * (3 + logs)
+
+
 def _clock_rows(
     first: Sequence[Rates],
     unit: Sequence[Rates],
@@ -327,8 +351,8 @@ def _clock_rows(
     slopes: Sequence[CubicSpline],
     x: np.ndarray,
     about_s: float,
-) -> dict[str, np.ndarray]:
-    """Return the first unit's rates and their slopes at the unit's sample times, for one clock, and what belongs to each row."""
+) -> _ClockRows:
+    """Return the first unit's rates and their slopes at the unit's sample times, for one clock."""
     parts = []
     for number, (one, other, moves) in enumerate(zip(first, unit, moving, strict=True)):
         tau = other.t_s + x[0] + x[1] * (other.t_s - about_s)
@@ -337,33 +361,33 @@ def _clock_rows(
         after = later_row(one.t_s, at)
         phase = (at - one.t_s[after - 1]) / (one.t_s[after] - one.t_s[after - 1])
         parts.append(
-            {
-                "log": np.full(len(rows), number),
-                "read": other.rate[rows],
-                "ours": splines[number](at),
-                "slope": slopes[number](at),
-                "since": other.t_s[rows] - about_s,
-                "block": np.floor(other.t_s[rows] / CLOCK_BLOCK_S) + 1e7 * number,
-                "variance": _VARIANCE(phase),
-                "variance_slope": _VARIANCE_SLOPE(phase) / one.period_s,
-            }
+            _ClockRows(
+                log=np.full(len(rows), number),
+                read=other.rate[rows],
+                ours=splines[number](at),
+                slope=slopes[number](at),
+                since=other.t_s[rows] - about_s,
+                block=np.floor(other.t_s[rows] / CLOCK_BLOCK_S) + 1e7 * number,
+                variance=_VARIANCE(phase),
+                variance_slope=_VARIANCE_SLOPE(phase) / one.period_s,
+            )
         )
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    return _ClockRows(*map(np.concatenate, zip(*parts, strict=True)))
 
 
-def _stepped(v: dict[str, np.ndarray], logs: int, noise: np.ndarray, matrix: np.ndarray | None, x: np.ndarray, about_s: float) -> ClockFit:
+def _stepped(rows: _ClockRows, logs: int, noise: np.ndarray, matrix: np.ndarray | None, x: np.ndarray, about_s: float) -> ClockFit:
     """Take one Gauss-Newton step from a clock x (2,) by its rows; noise (3,): variance of the first unit's readings."""
-    ours, read, since = v["ours"], v["read"], v["since"]
+    ours, read, since, log = rows.ours, rows.read, rows.since, rows.log
     count = len(since)
-    design = np.hstack([ours, (v["log"][:, None] == np.arange(logs)).astype(float)])
+    design = np.hstack([ours, (log[:, None] == np.arange(logs)).astype(float)])
     if matrix is None:
         matrix = np.linalg.lstsq(design, read, rcond=None)[0][:3].T
     size = 3 + logs
     whole = np.zeros((3 * size + 2, 3 * size + 2))
     right = np.zeros(3 * size + 2)
     gram = design.T @ design
-    gram[:3, :3] -= np.diag(noise) * v["variance"].sum()
-    turned = v["slope"] @ matrix.T  # (N, 3)
+    gram[:3, :3] -= np.diag(noise) * rows.variance.sum()
+    turned = rows.slope @ matrix.T  # (N, 3)
     clock = np.stack([turned, turned * since[:, None]], axis=2)  # (N, 3, 2)
     for axis in range(3):
         part = slice(axis * size, (axis + 1) * size)
@@ -371,7 +395,7 @@ def _stepped(v: dict[str, np.ndarray], logs: int, noise: np.ndarray, matrix: np.
         whole[part, -2:] = design.T @ clock[:, axis]
         # E[n n'] of an interpolated reading: half the slope of its variance.
         for column, weight in ((-2, np.ones(count)), (-1, since)):
-            whole[axis * size : axis * size + 3, column] -= matrix[axis] * noise * (v["variance_slope"] * weight).sum() / 2
+            whole[axis * size : axis * size + 3, column] -= matrix[axis] * noise * (rows.variance_slope * weight).sum() / 2
         whole[-2:, part] = whole[part, -2:].T
         right[part] = design.T @ read[:, axis]
         right[-2:] += clock[:, axis].T @ read[:, axis]
@@ -379,9 +403,9 @@ def _stepped(v: dict[str, np.ndarray], logs: int, noise: np.ndarray, matrix: np.
     solution = np.linalg.solve(whole, right)
     coefficients = solution[:-2].reshape(3, size)
     residual = read - (design @ coefficients.T + clock @ solution[-2:])
-    sigma = np.sqrt(np.diag(_covariance(v["block"], whole, design, clock, residual)))
-    means = [read[v["log"] == log].mean(axis=0) if (v["log"] == log).any() else np.zeros(3) for log in range(logs)]
-    about = read - np.array(means)[v["log"]]
+    sigma = np.sqrt(np.diag(_covariance(rows.block, whole, design, clock, residual)))
+    means = [read[log == each].mean(axis=0) if (log == each).any() else np.zeros(3) for each in range(logs)]
+    about = read - np.array(means)[log]
     total = float(np.square(about).sum())
     (offset_s, rate), (offset_sigma_s, rate_sigma) = (x + solution[-2:]).tolist(), sigma[-2:].tolist()
     return ClockFit(

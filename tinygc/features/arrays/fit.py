@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -76,20 +77,20 @@ def positions(motion: _ArrayMotion) -> list[tuple[np.ndarray, np.ndarray] | None
     begun = {i: solved for i in range(1, len(motion.force)) if (solved := _solve_position(motion.rows(i, 0.0))) is not None}
     if not begun:
         return found + [None] * (len(motion.force) - 1)
-    scales = {i: BAR * float(sigma_of(np.concatenate(each[1]))) for i, each in begun.items()}
+    scales = {i: BAR * float(sigma_of(np.concatenate(each.left))) for i, each in begun.items()}
 
     def left(delay_s: float) -> float:
         at = {i: _solve_position(motion.rows(i, delay_s)) for i in begun}
         if any(each is None for each in at.values()):
             return math.inf
-        return sum(float(np.log1p((np.concatenate(each[1]) / scales[i]) ** 2).sum()) for i, each in at.items() if each is not None)
+        return sum(float(np.log1p((np.concatenate(each.left) / scales[i]) ** 2).sum()) for i, each in at.items() if each is not None)
 
     bounds = (-MOST_DELAY_S, MOST_DELAY_S)
     delay_s = float(minimize_scalar(left, bounds=bounds, method="bounded", options={"xatol": DELAY_STEP_S}).x)
     for i in range(1, len(motion.force)):
         first = _solve_position(motion.rows(i, delay_s))
-        whole = None if first is None else _solve_position(motion.rows(i, delay_s, first[0][:3]))
-        found.append(None if whole is None else whole[2])
+        whole = None if first is None else _solve_position(motion.rows(i, delay_s, first.x[:3]))
+        found.append(None if whole is None else whole.position)
     return found
 
 
@@ -147,8 +148,13 @@ def _of_logs(unit: ArrayUnit, joint: Joint, i: int, what: str) -> list[CubicSpli
     return found
 
 
-#: x (P,); left (turns, n) residuals; the position with its covariance, None where it is not determined
-SolvedPosition = tuple[np.ndarray, list[np.ndarray], tuple[np.ndarray, np.ndarray] | None]
+class SolvedPosition(NamedTuple):
+    """Numbers x (P,) of the design; left: residuals (n,) m/s^2 of each turn; position (3,) m with its covariance (3, 3), None where it
+    is not determined."""
+
+    x: np.ndarray
+    left: list[np.ndarray]
+    position: tuple[np.ndarray, np.ndarray] | None
 
 
 def _solve_position(turns: list[tuple[np.ndarray, np.ndarray]]) -> SolvedPosition | None:
@@ -173,7 +179,7 @@ def _solve_position(turns: list[tuple[np.ndarray, np.ndarray]]) -> SolvedPositio
     covariance = (inverse @ (scores.T @ scores) @ inverse)[:3, :3] * count / (count - 2)
     covariance += np.eye(3) * (FILTERS * float(np.linalg.norm(x[:3]))) ** 2
     known = np.sqrt(np.linalg.eigvalsh(covariance)[-1]) <= KNOWN_M
-    return x, left, (x[:3], covariance) if known else None
+    return SolvedPosition(x, left, (x[:3], covariance) if known else None)
 
 
 # Fit of an array: each unit's calibration and extrinsics, and the residuals of its turns, split into common and individual parts.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -38,11 +39,20 @@ def ends(model: ArrayModel) -> np.ndarray:
 # Fused rate: all units' rates in; one rate, its sigma, and the units that it is of.
 
 
-def fuse(model: ArrayModel, raw: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Combine measured rates raw (N, 3) or (T, N, 3) rad/s, a row NaN where a unit has none.  Raises CalibrationError for another shape.
+class Fused(NamedTuple):
+    """Rate of T moments.
 
-    Returns the rate (T, 3) rad/s in the array's frame, NaN where no unit gave one; its sigma (T, 3), infinite where every unit is
-    saturated; and the units that it is of (T, N).
+    rate (T, 3) rad/s in the array's frame, NaN where no unit gave one; sigma (T, 3) rad/s, infinite where every unit is saturated; used
+    (T, N): the units that the rate is of.
+    """
+
+    rate: np.ndarray
+    sigma: np.ndarray
+    used: np.ndarray
+
+
+def fuse(model: ArrayModel, raw: ArrayLike) -> Fused:
+    """Combine measured rates raw (N, 3) or (T, N, 3) rad/s, a row NaN where a unit has none.  Raises CalibrationError for another shape.
 
     A saturated unit is used only where all are.  The weights of the used units are renormalised, ``(sum of theirs)^-1 W_i``, which is
     optimal where noise is independent.
@@ -75,7 +85,7 @@ def fuse(model: ArrayModel, raw: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.
         variance = np.diag(undo @ spread[mask].sum(axis=0) @ undo.T)
         sigma[rows] = np.sqrt(variance + (0.0 if own is None else np.square(own)))
     sigma[at_end] = np.inf
-    return rate, sigma, used
+    return Fused(rate, sigma, used)
 
 
 # Resampling of one unit's samples at the array's sample times: cubic between four samples, in pieces, each sample read once.

@@ -44,14 +44,12 @@ from tinygc.estimation.bias import BiasChoice, choose, closes_better, less_by_ch
 from tinygc.estimation.expected_zero import END_S, USUAL_PER_K, USUAL_SPREAD, drift_between, expected_zero, wander_variance
 from tinygc.estimation.options import FitOptions
 from tinygc.estimation.repeatability import BiasRepeatability, accelerometer_between, repeatability_of
-from tinygc.features.truth.reading import Truth, changed
 from tinygc.fitting.bias_of_day import (
     Rebiased,
     _bias_from_gravity,
     _BiasOfDay,
     _day_sigma,
     _false_stills,
-    _first_attitude,
     _from_start,
     _origin_of,
     _prior,
@@ -368,14 +366,6 @@ def test_gravity_s_bias_of_one_log_is_the_prior_of_the_next():
         change, sigma = change + one.change, one.sigma
     found = from_gravity(problem, TRUE, 0.01)
     assert_allclose([found.change, found.sigma], [change, sigma], rtol=1e-9)
-
-
-def test_with_a_truth_a_run_begins_at_its_first_moment():
-    problem = small_session(truths=True)
-    log, rows = problem.logs[0], [3, 9, 15]
-    truth = Truth(Path("truth0001.csv"), log.samples.t_ns[rows], np.eye(4)[:3])
-    found = _first_attitude(replace(problem, session=changed(problem.session, truths=(truth, None))), 0)
-    assert (found[0], found[1].tolist(), found[2].tolist()) == (3, [1, 0, 0, 0], EARTH_T.tolist())
 
 
 def test_a_stored_bias_is_as_certain_as_its_file_s_days_are_alike():

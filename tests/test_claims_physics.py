@@ -45,7 +45,6 @@ from tinygc.explanation.families import SLOW_ZERO, alternatives, slow_zero
 from tinygc.explanation.result import MOST_SAID, considered_lines
 from tinygc.explanation.search import NamedEffect
 from tinygc.explanation.standing import ONE_SIDED, Standing, Statement, homogeneity_p, standing_of, upper_limit
-from tinygc.features.truth.evidence import truth_claim
 from tinygc.noise.turn_gravity import NUMBERS, TurnGravity
 from tinygc.reporting.checked_text import checked_page
 from tinygc.reporting.terminal import Group, as_text
@@ -108,9 +107,6 @@ def test_an_axis_is_said_from_three_sigmas_on_or_as_the_surest():
         sigma = theta / sigmas
         assert "0.200 dps on y" in DRIFT.describe(theta * said)
         assert described(DRIFT, theta, np.diag(sigma**2)) == DRIFT.describe(theta * said)
-        assert truth_claim(DRIFT, theta, sigma, 0.01).says == DRIFT.describe(theta * said)
-    bare = truth_claim(DRIFT, theta, None, 0.01)
-    assert (bare.says, bare.probability) == (DRIFT.describe(theta), 1.0)
     for name in ("earth.rotation", "gyro.bandwidth"):  # what follows from all parameters in common is left alone
         theta = np.array([0.3, 0.01, -0.8]) * EFFECTS[name].parameter.plausible
         assert described(EFFECTS[name], theta, np.diag((10 * theta) ** 2)) == EFFECTS[name].describe(theta)

@@ -11,6 +11,7 @@ from pathlib import Path
 import processes
 import pytest
 from conftest import ROOT, SESSION_TOML, Table, write_session
+from feature import feature
 from formats_page import strangers
 from processes import HEADER, QUICK, as_it_stands, refused, spoil
 
@@ -219,11 +220,11 @@ def test_formats_are_understood_in_other_spellings(text, name):
 
 # Tab completion: the scripts as the shells themselves run them
 
+NOISE = feature("tinygc.features.noise")
 #: what is typed -> some of what is offered; what is not
 TYPED = [
     ("calibrate ", {name for name in commands() if " " not in name} | {"--version"}, {"--json"}),
-    ("calibrate noise ", {"record"}, {"fit"}),
-    ("calibrate noise record --ho", {"--hours"}, {"--json"}),
+    *([("calibrate noise ", {"record"}, {"fit"}), ("calibrate noise record --ho", {"--hours"}, {"--json"})] if NOISE else []),
     ("calibrate re", {"record", "report"}, {"fit"}),
     ("calibrate fit --acc", {"--accelerometer"}, {"--json"}),
     ("calibrate fit --quiet --bi", {"--bias"}, {"--bi"}),

@@ -84,10 +84,6 @@ def test_the_pre_calibration_undoes_offset_and_matrix():
         (SESSION_TOML + "[[exclude]]\nlog = 3\nat_s = 1\n", "exclude[0].log is 3"),
         (SESSION_TOML + '[[exclude]]\nlog = "log0001.csv"\n', "exclude[0].at_s is"),
         (SESSION_TOML + '[[exclude]]\nlog = "a"\nat_s = nan\n', "which is not finite"),
-        (SESSION_TOML + '[truth]\nframe = "up"\n', "truth.frame"),
-        (SESSION_TOML + "[truth]\norder = 4\n", "truth.order"),
-        (SESSION_TOML + "[truth]\noffset_s = 1e9\n", "truth.offset_s"),
-        (SESSION_TOML + "[truth]\nmounting = [[1, 0, 0], [0, 1, 0], [0, 0, -1]]\n", "truth.mounting is no rotation"),
     ],
 )
 def test_a_complaint_names_the_key_and_the_value(tmp_path, text, said):

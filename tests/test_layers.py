@@ -108,6 +108,12 @@ def test_no_string_of_the_core_names_a_module_of_a_feature():
     assert {module for module in named if "features." not in module} == set()
 
 
+def test_no_test_of_the_core_needs_a_feature_to_be_collected():
+    """What it wants of one is asked for where it is used, through ``feature`` of tests/feature.py or ``pytest.importorskip``."""
+    texts = {path.name: path.read_text(encoding="utf-8") for path in (ROOT / "tests").glob("*.py")}
+    assert [name for name, text in texts.items() if re.search(r"^(from|import) tinygc\.features\b", text, re.M)] == []
+
+
 def test_the_bench_side_names_neither_the_estimators_nor_torch():
     for module, text in FILES.items():
         assert module.split(".")[0] != "session" or not re.search(r"^ *(from|import) (torch|tinygc)\b", text, re.M), module

@@ -1,16 +1,15 @@
 """Sessions of plain arrays: refused in the words of the arguments, converted on the way in, saved and read to the same numbers."""
 
 import contextlib
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from conftest import DEG
 
 import tinygc
+from session.base import features
 from session.base.units import G
-from tinygc import CalibrationError, Protocol, Session, Site
-from tinygc.features.truth.reading import TruthGiven
+from tinygc import CalibrationError, Session, Site
 
 ARRAYS = (np.arange(5) / 100, np.zeros((5, 3)), np.tile([0, 0, -G], (5, 1)))
 
@@ -74,28 +73,6 @@ def test_several_logs_with_numbers_of_any_digits_their_turns_and_closures_come_b
     again = tinygc.read_session(session.save(tmp_path / "s"))
     same(session, again)
     assert [turn.log for turn in again.turns] == [None, "log0002.csv"]
-
-
-@pytest.mark.parametrize(
-    "given",
-    [
-        TruthGiven(),
-        TruthGiven(offset_s=0.25, sense="world_to_body"),
-        TruthGiven(order="xyzw", frame="enu", mounting=np.eye(3)[[1, 2, 0]]),
-    ],
-)
-def test_a_truth_that_is_read_in_another_way_is_written_in_that_way(given, tmp_path):
-    """Its file holds what the reading makes these very attitudes of, of length 1."""
-    q = np.random.default_rng(3).normal(size=(20, 4))
-    q *= 1.001 / np.linalg.norm(q, axis=1, keepdims=True)  # nearly of length 1
-    made = Session.from_arrays(*ARRAYS, truth=[(np.arange(20) / 10, q, np.repeat([0, 1], 10))])
-    assert made.config.protocol.reference == "truth"
-    session = replace(made, config=replace(made.config, sections={"truth": given}))
-    (mine,), (theirs,) = session.reference.truths, tinygc.read_session(session.save(tmp_path / "s")).reference.truths
-    np.testing.assert_array_equal(mine.t_ns, theirs.t_ns)
-    np.testing.assert_array_equal(mine.window, theirs.window)
-    np.testing.assert_allclose(mine.q_nb, theirs.q_nb, rtol=0, atol=4 * np.finfo(float).eps)
-    np.testing.assert_allclose(np.linalg.norm(mine.q_nb, axis=1), 1, rtol=1e-15)
 
 
 def test_units_are_converted_on_the_way_in_and_full_scales_hold_what_was_measured(simulated):
@@ -162,10 +139,8 @@ LOG = {"logs": [ARRAYS]}
             {**LOG, "closures": [(ARRAYS[0], np.zeros((4, 3)), ARRAYS[2])]},
             r"^closures\[0\]: gyro_rps has shape \(4, 3\), expected \(5, 3\)",
         ),
-        ({**LOG, "truth": [(ARRAYS[0], np.ones((5, 4)))]}, r"^truth\[0\]: q_nb\[0\] has length 2, expected a quaternion"),
         ({**LOG, "turns": [(0, "x", 90, 0.1), (0, "y", 90, 0.1)]}, r"^turns\[1\]: turn 0 is given twice"),
         ({**LOG, "turns": [(0, "q", 90, 0.1)]}, r"^turns\[0\]: axis is 'q', expected x, y or z"),
-        ({**LOG, "protocol": Protocol(reference="truth")}, 'reference is "truth"; arrays have "gravity", or "truth" with truth='),
         ({**LOG, "name": "../etc"}, "expected one word"),
         ({**LOG, "gyro_fs_dps": -5}, "gyro_fs_dps is -5, expected the full scale"),
     ],
@@ -182,7 +157,8 @@ JUNK = [3, -1.5, float("nan"), "x", "", "a\0b", b"x", [1, 2], {"a": 1}, object()
 @pytest.mark.parametrize("junk", JUNK)
 def test_whatever_an_argument_is_the_answer_is_a_session_or_one_line(junk):
     given = dict(zip(("t_s", "gyro_rps", "accel_mps2"), ARRAYS, strict=True))
-    for name in ("t_s", "gyro_rps", "accel_mps2", "temp_c", "logs", "closures", "truth", "turns", "rate_unit", "name"):
+    further = [kind.word for kind in features.each("reference") if kind.accelerometer]
+    for name in ("t_s", "gyro_rps", "accel_mps2", "temp_c", "logs", "closures", "turns", "rate_unit", "name", *further):
         with contextlib.suppress(CalibrationError):
             Session.from_arrays(**given | {name: junk})
     with pytest.raises(CalibrationError):

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 from conftest import ROOT
+from feature import feature
 from formats_page import PAGE, SCHEMA, keys_on_page, maker, strangers, validators
 from jsonschema import Draft202012Validator
 
@@ -22,7 +23,8 @@ def test_each_schema_is_one():
 
 
 def test_every_json_format_has_a_schema():
-    assert set(validators()) == set(FORMATS)
+    assert set(FORMATS) - set(validators()) == set(), "no code has these sections of docs/formats/*.md"
+    assert set(validators()) <= set(FORMATS)
 
 
 @pytest.mark.parametrize(
@@ -78,7 +80,8 @@ def test_every_record_has_the_keys_of_its_page():
         page = {tuple("<>" if word.startswith("<") else word.removesuffix("[]") for word in path) for path in keys_on_page(name)}
         schema = set(paths(validators()[name].schema))
         assert {path for path in schema if not any(_of_one(path, known) for known in page)} == set(), name
-        assert {known for known in page if not any(_of_one(path, known) for path in schema)} == set(), name
+        if name != "tinygc-noise/1" or feature("tinygc.features.noise"):  # without it the core reads some of the keys
+            assert {known for known in page if not any(_of_one(path, known) for path in schema)} == set(), name
 
 
 def _of_one(path: tuple[str, ...], known: tuple[str, ...]) -> bool:

@@ -10,7 +10,7 @@ import pytest
 from fleets import simulated_lot, written_fleet
 from formats_page import strangers
 from formats_page import told as command
-from processes import unread
+from processes import refused, unread
 
 import calibrate
 import tinygc
@@ -148,6 +148,10 @@ def test_a_lot_gives_the_commands_numbers(tmp_path):
     found = tinygc.lot(tmp_path / "fleet")
     assert json.loads(json.dumps(found.to_json())) == theirs
     assert found.save(tmp_path / "mine.json").read_bytes() == (tmp_path / "fleet" / "lot.json").read_bytes()
+
+
+def test_a_lot_is_of_no_use_without_a_gyroscope(run):
+    refused(run("fit", "s", "--accelerometer", "alone", "--lot", "l"), "--lot: of no use with --accelerometer alone; leave it out")
 
 
 def test_the_verdict_stands_though_nobody_reads(tmp_path, monkeypatch):

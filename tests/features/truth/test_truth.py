@@ -1,25 +1,29 @@
 """A truth file as reference: segments between its moments, how it is written, and what is wrong with such a file; gravity's sign."""
 
 import gzip
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import DEG
+from conftest import DEG, SESSION_TOML
 from truth_sessions import BIAS_DPS, Wrong, made, write
 
-from session.base.errors import FormatError
+from session.base.errors import CalibrationError, FormatError
+from session.base.units import G
 from session.detect.first_look import check_session
-from tinygc import read_session, simulate
+from session.log.config import read_config
+from tinygc import Protocol, Session, read_session, simulate
 from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.prepared import prepare
 from tinygc.closure.residual import closure_angles
 from tinygc.closure.uncertainty import covariance_parts
 from tinygc.features.truth.check import with_aligned_truth
-from tinygc.features.truth.reading import changed, read_truth
+from tinygc.features.truth.reading import TruthGiven, changed, read_truth
 from tinygc.models.linear import LinearModel
 
+ARRAYS = (np.arange(5) / 100, np.zeros((5, 3)), np.tile([0, 0, -G], (5, 1)))
 FEW = Wrong(turns=16, every_s=0.5)
 SHORT = Wrong(turns=10, frame="enu")
 
@@ -129,3 +133,57 @@ def test_the_earth_tells_an_accelerometer_that_is_upside_down():
         said = [finding for finding in prepare(tried).warnings if finding.what == "gravity's sign"]
         assert len(said) == (advice is not None)
         assert all(advice in finding.do and "as if gravity were upside down" in finding.says for finding in said)
+
+
+# Arrays, and session.toml.
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        TruthGiven(),
+        TruthGiven(offset_s=0.25, sense="world_to_body"),
+        TruthGiven(order="xyzw", frame="enu", mounting=np.eye(3)[[1, 2, 0]]),
+    ],
+)
+def test_a_truth_that_is_read_in_another_way_is_written_in_that_way(given, tmp_path):
+    """Its file holds what the reading makes these very attitudes of, of length 1."""
+    q = np.random.default_rng(3).normal(size=(20, 4))
+    q *= 1.001 / np.linalg.norm(q, axis=1, keepdims=True)  # nearly of length 1
+    made = Session.from_arrays(*ARRAYS, truth=[(np.arange(20) / 10, q, np.repeat([0, 1], 10))])
+    assert made.config.protocol.reference == "truth"
+    session = replace(made, config=replace(made.config, sections={"truth": given}))
+    (mine,), (theirs,) = session.reference.truths, read_session(session.save(tmp_path / "s")).reference.truths
+    np.testing.assert_array_equal(mine.t_ns, theirs.t_ns)
+    np.testing.assert_array_equal(mine.window, theirs.window)
+    np.testing.assert_allclose(mine.q_nb, theirs.q_nb, rtol=0, atol=4 * np.finfo(float).eps)
+    np.testing.assert_allclose(np.linalg.norm(mine.q_nb, axis=1), 1, rtol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("more", "complaint"),
+    [
+        ({"truth": [(ARRAYS[0], np.ones((5, 4)))]}, r"^truth\[0\]: q_nb\[0\] has length 2, expected a quaternion"),
+        ({"protocol": Protocol(reference="truth")}, 'reference is "truth"; arrays have "gravity", or "truth" with truth='),
+    ],
+)
+def test_arrays_that_are_no_truth_are_refused_by_the_name_of_the_argument(more, complaint):
+    with pytest.raises(CalibrationError, match=complaint):
+        Session.from_arrays(*ARRAYS, **more)
+
+
+@pytest.mark.parametrize(
+    ("section", "said"),
+    [
+        ('frame = "up"', "truth.frame"),
+        ("order = 4", "truth.order"),
+        ("offset_s = 1e9", "truth.offset_s"),
+        ("mounting = [[1, 0, 0], [0, 1, 0], [0, 0, -1]]", "truth.mounting is no rotation"),
+        ("mounting = [[1e308, 0, 0], [0, 1, 0], [0, 0, 1]]", "truth.mounting[0][0] is 1e+308, expected a number within 10"),
+    ],
+)
+def test_a_complaint_about_its_section_names_the_key(tmp_path, section, said):
+    path = tmp_path / "session.toml"
+    path.write_text(f"{SESSION_TOML}[truth]\n{section}\n")
+    with pytest.raises(FormatError, match=f"session.toml.*{re.escape(said)}"):
+        read_config(path)

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import patch
 
@@ -14,7 +15,7 @@ from linear_twin import effect, linear_twin
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import optimize, stats
 from scipy.spatial.transform import Rotation
-from small_sessions import DPH, small_session
+from small_sessions import DPH, EARTH_T, small_session
 from truth_sessions import Wrong, made, write
 
 import calibrate
@@ -77,6 +78,7 @@ from tinygc.features.truth.twin import (
     excess_of,
     wander,
 )
+from tinygc.fitting.bias_of_day import _first_attitude
 from tinygc.noise.channels import in_gauge
 from tinygc.noise.components import TURN, WANDER, first_noise, undersampling
 from tinygc.noise.refit import refit
@@ -739,3 +741,19 @@ def test_an_error_of_a_moment_of_truth_is_shared_by_two_turns_and_grows_with_the
     times = [log.samples.t_s for log in problem.logs]
     paths = [np.trapezoid(np.linalg.norm(rates[s.log][s.start : s.stop], axis=1), times[s.log][s.start : s.stop]) for s in used]
     assert_allclose(found["noise.turned"].V.dense(), np.diag(np.repeat(paths, 3)), rtol=1e-9)
+
+
+def test_with_a_truth_a_run_begins_at_its_first_moment():
+    problem = small_session(truths=True)
+    log, rows = problem.logs[0], [3, 9, 15]
+    truth = Truth(Path("truth0001.csv"), log.samples.t_ns[rows], np.eye(4)[:3])
+    found = _first_attitude(replace(problem, session=changed(problem.session, truths=(truth, None))), 0)
+    assert (found[0], found[1].tolist(), found[2].tolist()) == (3, [1, 0, 0, 0], EARTH_T.tolist())
+
+
+def test_a_claim_says_the_axes_that_are_three_sigmas_off_zero_or_the_surest():
+    drift, theta = catalogue()["gyro.bias_drift"], np.array([0.1, 0.2, 0.3]) * DEG
+    for sigmas, said in (((3.01, 3.01, 2.99), [1, 1, 0]), ((2.5, 2.9, 2.8), [0, 1, 0]), ((9.0, 3.1, 2.9), [1, 1, 0])):
+        assert truth_claim(drift, theta, theta / sigmas, 0.01).says == drift.describe(theta * said)
+    bare = truth_claim(drift, theta, None, 0.01)
+    assert (bare.says, bare.probability) == (drift.describe(theta), 1.0)

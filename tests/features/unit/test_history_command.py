@@ -110,6 +110,10 @@ def test_what_is_no_history_is_refused(days, tmp_path, run):
     refused(run("history", days / "day2", "--quiet"), "run `")
 
 
+def test_a_comparison_leaves_no_file(run):
+    refused(run("history", "a", "b", "--compare", "--out", "h"), "--out: of no use with --compare; leave it out")
+
+
 def test_several_sessions_without_a_serial_number_are_no_unit_and_each_serial_is_one(days, run):
     for name, change in (("day1", ("SIM-", "OTHER-")), ("day2", ("SIM-", "OTHER-"))):
         for path in (days / name / "session.toml", days / name / "fit" / "model_least_squares.json"):

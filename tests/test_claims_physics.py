@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -335,7 +336,8 @@ def test_an_effect_is_predicted_with_the_uncertainty_of_its_numbers_whose_covari
     rng = np.random.default_rng(8)
     r, J, own, theta, half = (rng.normal(size=shape) for shape in (6, (6, 2), (6, 3), 3, (3, 2)))
     noise = SimpleNamespace(s=None, estimated=lambda whiten, r, J, s: SimpleNamespace(value=np.column_stack([r, J @ J.T])))
-    prediction = _Prediction(SimpleNamespace(noise=noise, whiten=lambda rows: rows), r, J, own, None, 7.0)
+    whiten = MagicMock(side_effect=lambda rows: rows)
+    prediction = _Prediction(SimpleNamespace(noise=noise, whiten=whiten), r, J, own, None, 7.0)
     for given, moved, covariance in (((), r, J @ J.T), ((theta, half @ half.T), r + own @ theta, J @ J.T + own @ half @ half.T @ own.T)):
         left = np.linalg.solve(np.eye(6) + covariance, moved)  # of columns with a prior of one sigma
         np.testing.assert_allclose(prediction.value(*given) - 7.0, np.column_stack([left, covariance]), atol=1e-7)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 from hypothesis import strategies as st
 
-from session.log.config import REFERENCES, Accelerometer, Config, LeftOut, Protocol, Sensor, Site
+from session.base.records import record_of
+from session.base.results import Flag, Number
+from session.log.config import REFERENCES, Accelerometer, BoardGiven, Config, LeftOut, Protocol, Sensor, Site
 from session.log.registers import DEFAULT
+from session.log.requirements import GUARDED, QUANTITIES, SIZES, Requirements, Rule
 
 #: ordinary ones, those of a shell, of TOML and of a terminal, and any other
 TEXTS = st.one_of(
@@ -26,19 +29,26 @@ def maybe(strategy):
     return st.none() | strategy
 
 
-SENSORS = st.builds(
+def of_shape(shape):
+    """Values that a key of this shape may have."""
+    if isinstance(shape, Number):
+        assert not shape.whole
+        return numbers(shape.low, shape.high, exclude_min=shape.above)
+    return st.booleans() if isinstance(shape, Flag) else st.sampled_from(shape.one_of) if getattr(shape, "one_of", ()) else TEXTS
+
+
+def drawn(kind, **own):
+    """Records of a kind, each key as it is declared; own: strategies of some."""
+    entries = [each for each in record_of(kind, null=False).entries if each.attribute not in own]
+    strategies = {each.attribute: maybe(of_shape(each.shape)) if each.absent is None else of_shape(each.shape) for each in entries}
+    return st.builds(kind, **own, **strategies)
+
+
+SENSORS = drawn(
     Sensor,
     model=st.sampled_from([DEFAULT, "MPU-9250", "unknown"]) | TEXTS,
-    serial=TEXTS,
-    odr_hz=numbers(0.1, 50000),
     gyro_fs_dps=st.sampled_from([125.0, 250.0, 500.0, 2000.0]) | numbers(1, 1e5),
     accel_fs_g=st.sampled_from([2.0, 4.0, 16.0]) | numbers(0.1, 1000),
-    gyro_bias_instability_dph=maybe(numbers(0, 1000)),
-    gyro_noise_mdps_rthz=maybe(numbers(1e-3, 1000)),
-    gyro_mdps_per_lsb=maybe(numbers(1e-6, 1e5)),
-    accel_mg_per_lsb=maybe(numbers(1e-6, 1e5)),
-    temp_lsb_per_c=maybe(numbers(1e-3, 1e5)),
-    temp_at_zero_c=maybe(numbers(-300, 300)),
 )
 
 
@@ -54,18 +64,36 @@ GIVEN = st.builds(
     maybe(st.booleans()),
 )
 ACCELEROMETERS = st.builds(lambda: Accelerometer(source="none")) | GIVEN
-SITES = st.builds(Site, maybe(numbers(-90, 90)), maybe(numbers(9.7, 9.9)), maybe(numbers(-360, 360)))
-PROTOCOLS = st.builds(Protocol, numbers(0.1, 600), numbers(0.5, 3600), st.sampled_from(REFERENCES), numbers(1e-4, 10))
+SITES, PROTOCOLS, BOARDS = drawn(Site), drawn(Protocol, reference=st.sampled_from(REFERENCES)), drawn(BoardGiven)
+BOUNDS = st.tuples(maybe(numbers(-1e6, 0, exclude_max=True)), maybe(numbers(0, 1e6, exclude_min=True))).filter(any)
+LIMITS = st.dictionaries(
+    st.sampled_from([each for each in QUANTITIES if each not in SIZES]),
+    BOUNDS.map(lambda both: tuple(end if value is None else value for value, end in zip(both, (-np.inf, np.inf), strict=True))),
+    min_size=1,
+    max_size=3,
+)
+REQUIREMENTS = st.builds(Requirements, LIMITS, st.just(Rule()) | st.builds(Rule, st.just(GUARDED), numbers(0, 100)), TEXTS)
 NOTE = TEXTS | st.booleans() | st.integers(-(2**53), 2**53) | numbers(-1e9, 1e9) | st.datetimes() | st.dates()
 NOTES = st.dictionaries(TEXTS, NOTE, max_size=4)
 EXCLUDED = st.lists(st.builds(LeftOut, TEXTS, numbers(-1e9, 1e9)), max_size=3).map(tuple)
-CONFIGS = st.builds(Config, SENSORS, ACCELEROMETERS, SITES, PROTOCOLS, st.just(()), st.just(True), NOTES, EXCLUDED)
+CONFIGS = st.builds(
+    Config,
+    sensor=SENSORS,
+    accelerometer=ACCELEROMETERS,
+    site=SITES,
+    protocol=PROTOCOLS,
+    notes=NOTES,
+    exclude=EXCLUDED,
+    board=BOARDS,
+    requirements=maybe(REQUIREMENTS),
+)
 
 
 def difference(one: Config, other: Config) -> list[str]:
     """Names of what differs, but for what no session.toml says."""
-    found = [name for name in ("sensor", "site", "protocol", "exclude") if getattr(one, name) != getattr(other, name)]
-    found += ["notes"] * (dict(one.notes) != dict(other.notes)) + ["unknown"] * bool(other.unknown)
+    found = [name for name in ("sensor", "site", "protocol", "exclude", "board", "notes") if getattr(one, name) != getattr(other, name)]
+    limits = [None if each.requirements is None else replace(each.requirements, source="") for each in (one, other)]
+    found += ["requirements"] * (limits[0] != limits[1]) + ["unknown"] * bool(other.unknown)
     for name in ("accelerometer",):
         mine, theirs = getattr(one, name), getattr(other, name)
         for field in fields(mine):

@@ -300,4 +300,4 @@ def written(text: str):
 @FEW
 @given(CONFIGS)
 def test_any_configuration_that_is_written_is_read_as_it_was(config):
-    assert difference(config, written(toml_text(config))) == []
+    assert difference(config, written(toml_text(config, but=()))) == []

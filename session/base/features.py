@@ -57,7 +57,6 @@ REFERENCE = {
     "read": "(its paths, config) -> the reference",
     "of_arrays": "(name of the session, its arrays, number of logs, config) -> the reference",
     "arrays": "path of each file, and its arrays, each with the type that it is hashed as",
-    "toml": "(config) -> what ``Session.save`` adds to session.toml",
     "save": "(folder, config): its files",
     "examined": "(session) -> the session with the reference as the recording shows it, findings",
     "said": "names of those findings that ``fit`` repeats even as a note",

@@ -209,6 +209,24 @@ def table_of(record: Any) -> dict[str, Any]:
     return table
 
 
+def stated(record: Any, always: tuple[str, ...] = (), but: tuple[str, ...] = ()) -> dict[str, Any]:
+    """What TOML is told of a record: the keys that are not as without them, and those that are always there; never what is not known."""
+    table = {}
+    for entry in record_of(type(record), null=False).entries:
+        value = getattr(record, entry.attribute)
+        if value is not None and entry.name not in but and (entry.name in always or np.any(value != entry.absent)):
+            table[entry.name] = _stated(value if entry.key.si == 1 else value / entry.key.si)
+    return {name: value for name, value in table.items() if value is not None}
+
+
+def _stated(value: Any) -> Any:
+    if is_dataclass(value):
+        return stated(value)
+    if isinstance(value, Mapping):
+        return {key: _stated(inner) for key, inner in value.items()}
+    return [_stated(inner) for inner in value] if isinstance(value, tuple | list) else plain(value)
+
+
 def in_unit(si: float, **values: Any) -> dict[str, Any]:
     """Entries in a unit of this size, of numbers or arrays in SI; None of what is not known."""
     return {name: None if value is None else value / si for name, value in values.items()}

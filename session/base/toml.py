@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from datetime import date, datetime, time
 from pathlib import Path
 from typing import Any
@@ -91,6 +91,16 @@ def value_text(value: Value) -> str:
 def toml_line(name: str, value: Value) -> str:
     """``name = value`` and the line's end; a whole number of an instrument's setting stands without its ``.0`` (``setting``)."""
     return f"{_key(name)} = {value_text(value)}\n"
+
+
+def section_text(name: str, table: Mapping[str, Any]) -> str:
+    """A section and those within it; nothing of an empty one.  name: as it stands in its head."""
+    inner = {key: value for key, value in table.items() if isinstance(value, Mapping)}
+    lists = {key: value for key, value in table.items() if isinstance(value, list) and value and isinstance(value[0], Mapping)}
+    own = "".join(toml_line(key, value) for key, value in table.items() if key not in inner | lists)
+    texts = [f"\n[{name}]\n{own}" if own else "", *(section_text(f"{name}.{_key(key)}", value) for key, value in inner.items())]
+    texts += [section_text(f"[{name}.{_key(key)}]", each) for key, value in lists.items() for each in value]
+    return "".join(texts)
 
 
 def edited(text: str, change: Callable[[Any], None]) -> str:

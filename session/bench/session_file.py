@@ -132,15 +132,8 @@ class SessionFile:
             if sensor is None:
                 return None
             known = self._like or Config(sensor, Accelerometer(source="none"), self._bench, Protocol())
-            config = replace(
-                known,
-                sensor=sensor,
-                # These are of one session alone.
-                accelerometer=replace(known.accelerometer, own_stills=None),
-                unknown=(),
-                notes={},
-                exclude=(),
-            )
+            accelerometer = replace(known.accelerometer, own_stills=None)  # which are of one session alone, as its notes and limits
+            config = Config(sensor, accelerometer, known.site, known.protocol)
             self._write(config, bool(physical))
             self._own, self._written = config, True
         if board is not None and self._written:

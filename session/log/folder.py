@@ -55,8 +55,6 @@ from session.log.samples import Samples, joined, mapped
 # A session folder as one record: configuration, calibration logs, closure runs, dial readings (docs/formats.md).
 
 ATTITUDES = "attitudes.csv"
-#: keys of ``[sensor]`` that a saved session has besides those of a new one; which rows were its own (rows, where) is done with
-OF_THESE_LOGS = ("gyro_bias_repeatability_dps", "odr_sigma", "clock_ratio")
 #: beyond any full scale, dps or g
 FAR = 1e9
 #: far beyond any recording, and small enough for a table with a row each
@@ -208,7 +206,7 @@ class Session:
         runs are numbered from 1.  Raises FormatError where the folder holds something, and for a setting that no session.toml may hold.
         """
         from session.log.arrays import require_kind
-        from session.log.written import attitudes_text, board_text, log_lines, toml_text, turns_text
+        from session.log.written import attitudes_text, log_lines, toml_text, turns_text
 
         require_kind("folder", folder, (str, os.PathLike), "the path of a new folder")
         if "\0" in str(folder) or not str(folder).strip():
@@ -222,8 +220,7 @@ class Session:
         if own.source in ("stills", "prior"):  # estimated from these very stills
             own = replace(own, own_stills=True)
         config = replace(self.config, exclude=exclude, accelerometer=own)
-        text = toml_text(config, OF_THESE_LOGS) + board_text(config.board)
-        text += "" if self.reference is None else self.reference.toml(config)
+        text = toml_text(config, but=())
         config_of(Path(self.name), parse_toml(text, self.name))  # nothing is written that no reader takes
         with folder_whole(folder) as work:
             write_new(work / "session.toml", text)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
-from session.base.records import Key, record_of
+from session.base.records import Key, record_of, stated
 from session.base.results import Keys, MapOf, Mismatch, Number, Text, require, require_schema, shown
 from session.base.toml import read_toml
 
@@ -69,6 +69,14 @@ class Requirements:
     rule: Rule = field(default_factory=Rule)
     reference: str = ""
     source: str = ""
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """The section, or the file without its schema."""
+        limits = {
+            key: {side: value for side, value in zip(SIDES, both, strict=True) if math.isfinite(value)} for key, both in self.limits.items()
+        }
+        return stated(self.rule) | ({"reference": self.reference} if self.reference else {}) | limits
 
 
 # Limits of quantities, as TOML sections with lower, upper or both.

@@ -6,51 +6,45 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from session.base.toml import Note, Value, setting, toml_line
+from session.base.records import stated
+from session.base.toml import Note, section_text, setting, toml_line
 from session.base.units import DEG, EARTH_RATE_RPS, MDPS
-from session.log.config import OWN_UNITS, REFERENCES, SCHEMA, BoardGiven, Config, LeftOut, Protocol
+from session.log.config import SCHEMA, Config, LeftOut
 from session.log.logfile import COLUMNS, LOG, KnownTurn, Log
 
 # ``session.toml``: of a recording that begins, or of a session that is saved.
 
-#: keys of ``[sensor]`` that are written where they are known
-OPTIONAL = ("gyro_bias_instability_dph", "gyro_noise_mdps_rthz", "clock_sigma_ppm", "even_sigma_ppm", *OWN_UNITS)
+#: keys that are written in any case: what a person looks for, and changes
+ALWAYS = ("model", "serial", "matrix", "bias_mps2", "still_s", "segment_s", "reference")
+#: keys of ``[sensor]`` that hold for the logs beside it alone, and not for a recording that is made like this one
+OF_THESE_LOGS = ("gyro_bias_repeatability_dps", "odr_sigma", "clock_ratio")
 LATITUDE_REMOVES = f"removes the Earth's rotation from the rates, up to {EARTH_RATE_RPS / MDPS:.1f} mdps"
 NO_SITE = f"# optional: latitude_deg, north positive ({LATITUDE_REMOVES}), and gravity_mps2, the local one\n"
 
 
-def toml_text(config: Config, further: tuple[str, ...] = ()) -> str:
-    """``session.toml`` of a configuration (docs/formats.md); what the user may fill in is there as a comment.
-
-    further: keys of ``[sensor]`` that hold for the logs beside it alone, and not for a recording that is made like this one.
-    """
-    sensor, site, protocol = config.sensor, config.site, config.protocol
-    here = {"latitude_deg": site.latitude_deg, "gravity_mps2": site.gravity_mps2, "heading_deg": site.heading_deg}
-    chip: dict[str, Value | None] = {"model": sensor.model, "serial": sensor.serial, "odr_hz": sensor.odr_hz}
-    chip |= {name: setting(getattr(sensor, name)) for name in ("gyro_fs_dps", "accel_fs_g")}
-    chip |= {name: getattr(sensor, name) for name in (*OPTIONAL, *further)}
-    accelerometer, own = "# [accelerometer]  # nobody has calibrated it: the session's own stills do\n", config.accelerometer
-    if own.source != "none":  # a section counts as a calibration
-        given: dict[str, Value | None] = {"matrix": own.matrix.tolist(), "bias_mps2": own.bias_mps2.tolist()}
-        accelerometer = "[accelerometer]\n" + _lines(given | {"sigma_mg": own.sigma_mg, "own_stills": own.own_stills})
-    table: dict[str, Value | None] = {"still_s": protocol.still_s, "segment_s": protocol.segment_s, "reference": protocol.reference}
-    stated = protocol.reference not in REFERENCES or protocol.truth_sigma_deg != Protocol().truth_sigma_deg
-    table |= {"truth_sigma_deg": protocol.truth_sigma_deg} if stated else {}
-    table |= {"dial_sigma_deg": protocol.dial_sigma_deg} if protocol.dial_sigma_deg != Protocol().dial_sigma_deg else {}
-    notes = f"\n[notes]\n{notes_text(config.notes)}" if config.notes else ""
-    return f"""\
-{toml_line("schema", SCHEMA)}
-[sensor]
-{_lines(chip)}
-[site]
-{_lines(here) or NO_SITE}
-{accelerometer}
-[protocol]
-{_lines(table)}{notes}{exclude_text(config.exclude)}"""
-
-
-def _lines(table: Mapping[str, Value | None]) -> str:
-    return "".join(toml_line(name, value) for name, value in table.items() if value is not None)
+def toml_text(config: Config, but: tuple[str, ...] = OF_THESE_LOGS) -> str:
+    """``session.toml`` of a configuration (docs/formats.md); what the user may fill in is there as a comment.  but: keys of ``[sensor]``
+    that are left out."""
+    sensor = stated(config.sensor, ALWAYS, but)
+    sensor |= {name: setting(sensor[name]) for name in ("gyro_fs_dps", "accel_fs_g") if name in sensor}
+    accelerometer = "\n# [accelerometer]  # nobody has calibrated it: the session's own stills do\n"
+    if config.accelerometer.source != "none":  # a section counts as a calibration
+        accelerometer = section_text("accelerometer", stated(config.accelerometer, ALWAYS))
+    requirements = {} if config.requirements is None else config.requirements.table
+    return "".join(
+        [
+            toml_line("schema", SCHEMA),
+            section_text("sensor", sensor),
+            section_text("site", stated(config.site)) or f"\n[site]\n{NO_SITE}",
+            accelerometer,
+            section_text("protocol", stated(config.protocol, ALWAYS)),
+            section_text("board", stated(config.board)),
+            section_text("notes", config.notes),
+            section_text("requirements", requirements),
+            *(section_text(name, stated(section)) for name, section in config.sections.items()),
+            exclude_text(config.exclude),
+        ]
+    )
 
 
 def notes_text(notes: Mapping[str, Note]) -> str:
@@ -61,12 +55,6 @@ def notes_text(notes: Mapping[str, Note]) -> str:
 def exclude_text(rows: tuple[LeftOut, ...]) -> str:
     """``[[exclude]]`` of each turn."""
     return "".join(f"\n[[exclude]]\n{toml_line('log', row.log)}{toml_line('at_s', row.at_s)}" for row in rows)
-
-
-def board_text(board: BoardGiven) -> str:
-    """``[board]``, or nothing where the board has said nothing."""
-    said = _lines({name: value for name, value in vars(board).items() if value != ""})
-    return f"\n[board]\n{said}" if said else ""
 
 
 # Logs and tables.  A number is written with as many digits as give it back to the last bit.

@@ -12,7 +12,6 @@ import numpy as np
 
 from session.base.errors import DataError
 from session.base.files import write_new
-from session.base.toml import toml_line
 from session.log.config import Config
 from session.log.samples import Samples
 from tinygc.features.truth.reading import (
@@ -75,12 +74,6 @@ class TruthFiles:
     def arrays(self) -> list[tuple[Path, tuple[tuple[np.ndarray | None, str], ...]]]:
         """Path of each file, and what is in it, each array with the type that it is hashed as."""
         return [(truth.path, ((truth.t_ns, "<i8"), (truth.q_nb, "<f8"), (truth.window, "<i8"))) for truth in self.truths]
-
-    def toml(self, config: Config) -> str:
-        """``[truth]`` of session.toml; nothing where the recording determines how the files are read."""
-        stated = {name: value for name, value in vars(given_in(config)).items() if value is not None}
-        lines = [toml_line(name, value.tolist() if isinstance(value, np.ndarray) else value) for name, value in stated.items()]
-        return "".join(["\n[truth]\n", *lines]) if lines else ""
 
     def save(self, folder: Path, config: Config) -> None:
         """Write the files for logs that are numbered from 1, at the stamps and in the convention that session.toml states."""

@@ -17,10 +17,10 @@ from session.base.files import folder_whole, require_empty, require_file, write_
 from session.base.names import log_paths
 from session.base.progress import Told, untold
 from session.base.texts import printable
-from session.base.toml import Note, setting, toml_line
+from session.base.toml import Note, section_text, setting, toml_line
 from session.base.units import DEG, NS_PER_S
 from session.log.arrays import USUAL_DPS
-from session.log.config import read_config
+from session.log.config import SCHEMA, read_config
 from session.log.folder import Session, read_logs
 from session.log.logfile import COLUMNS, LOG, NAME, KnownTurn, read_known_turns
 from tinygc.features.turns import TURNS
@@ -89,11 +89,10 @@ def write_turn_session(
     require_empty(out, "is there, and is no empty folder; choose another one")
     _refuse(logs)
     names = [f"{log.name}.csv.gz" for log in logs]
-    toml = 'schema = "tinygc-session/1"\n\n[sensor]\n' + toml_line("model", model) + toml_line("serial", serial)
-    toml += toml_line("odr_hz", float(f"{_rate_hz(logs):.4g}")) + toml_line("gyro_fs_dps", setting(gyro_fs_dps or _full_scale(logs)))
-    toml += f'\n[protocol]\nreference = "{TURNS}"\n'
-    if notes:
-        toml += "\n[notes]\n" + "".join(toml_line(name, value) for name, value in notes.items())
+    sensor = {"model": model, "serial": serial, "odr_hz": float(f"{_rate_hz(logs):.4g}")}
+    sensor["gyro_fs_dps"] = setting(gyro_fs_dps or _full_scale(logs))
+    sections = {"sensor": sensor, "protocol": {"reference": TURNS}, "notes": notes or {}}
+    toml = toml_line("schema", SCHEMA) + "".join(section_text(name, table) for name, table in sections.items())
     files = {"session.toml": toml.encode()}
     for name, log in zip(names, logs, strict=True):
         files[name] = gzip.compress("\n".join([HEADER, *_rows(log), ""]).encode(), compresslevel=6, mtime=0)

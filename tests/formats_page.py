@@ -13,6 +13,7 @@ from jsonschema.exceptions import best_match
 from referencing import Registry, Resource
 
 import calibrate
+from tinygc import FitOptions
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [ROOT / "docs" / "formats.md", *sorted((ROOT / "docs" / "formats").glob("*.md")), *sorted((ROOT / "docs").rglob("*-format.md"))]
@@ -61,6 +62,7 @@ STANDS_FOR = {
     "<id>": lambda word: word in EFFECTS or word.startswith("unknown."),
     "<parameter>": lambda word: word in PARAMETERS,
     "<option>": lambda word: word in OPTIONS,
+    "<option of a fit>": lambda word: word in FitOptions.__dataclass_fields__,
     "<quantity>": lambda word: re.fullmatch(r"(gyro|accel)_\w+_(ppm|mrad|mdps|mg)", word),
     "<coefficient>": lambda word: re.fullmatch(r"dps\w*", word),
     "<cause>": lambda word: re.fullmatch(r"[a-z][a-z0-9 _-]*", word),

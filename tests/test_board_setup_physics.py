@@ -22,7 +22,7 @@ from session.bench.decoder import StreamDecoder
 from session.bench.events import Info
 from session.bench.port import BoardSetup, Port
 from session.bench.session_file import NAME, SessionFile, toml_text
-from session.log.config import BoardGiven, read_config
+from session.log.config import Accelerometer, Config, Protocol, Sensor, Site, read_config, sections
 from tinygc import CalibrationError, read_session
 
 
@@ -301,3 +301,13 @@ def written(text: str):
 @given(CONFIGS)
 def test_any_configuration_that_is_written_is_read_as_it_was(config):
     assert difference(config, written(toml_text(config, but=()))) == []
+
+
+def test_sections_of_features_and_limits_are_written_with_a_saved_session(tmp_path):
+    """What a section holds beyond its defaults, tables and lists of tables within it, too."""
+    limits = "[requirements.closure_deg]\nupper = 1.0\n"
+    text = toml_text(Config(Sensor("ASM330LHH", "7", 208.0, 500.0, 4.0), Accelerometer(), Site(), Protocol()))
+    names = {"certificate": '[certificate]\nlaboratory = "A"\n[[certificate.equipment]]\nname = "table"\ndue = 2027-01-01\n'}
+    given = written("\n".join([text, limits, *(names[name] for name in names if name in sections())]))
+    again = written(toml_text(given, but=()))
+    assert (again.requirements.limits, again.sections) == ({"closure_deg": (-np.inf, 1.0)}, given.sections)

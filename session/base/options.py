@@ -41,7 +41,8 @@ class Rule:
     choices: the values there are; some: the words of a list; least, most, above: bounds of each number; metavar: its value in
     ``--help``; group: heading in ``--help``; flags: in place of the field's name; positional; repeated: given once for each value;
     several: one flag, and all words behind it; example: of a text; alone: value of a flag without one; read: parser of its text; cli:
-    whether the command line has it; default_key: of the user's defaults file.
+    whether the command line has it; default_key: of the user's defaults file; of_methods: of a fit, whether a method's numbers follow from
+    it, so that a saved one is used again only where it is the same.
     """
 
     help: str
@@ -63,6 +64,7 @@ class Rule:
     read: Callable[[str], Any] | None = None
     cli: bool = True
     default_key: str = ""
+    of_methods: bool = True
 
 
 def option(default: Any, help: str, **rule: Any) -> Any:

@@ -155,6 +155,7 @@ class AtRest(Earth):
     noise: Path | None = option(
         None,
         "noise figures of the unit, measured at rest: the prior of its bias drift (fit/noise.json in the session folder, if it is there)",
+        of_methods=False,
     )
 
 
@@ -212,7 +213,9 @@ class FitOptions(AtRest, Clock, Exclude):
 
     """
 
-    methods: tuple[str, ...] = option(CHOSEN, f"methods, in the order of the report, among {','.join(CHOSEN)}", some=CHOSEN)
+    methods: tuple[str, ...] = option(
+        CHOSEN, f"methods, in the order of the report, among {','.join(CHOSEN)}", some=CHOSEN, of_methods=False
+    )
     folds: int = option(5, "folds of the held-out closure", least=2, cli=False)
     seed: int = option(0, "seed of the swarm", least=0, cli=False)
     still_rates: bool = option(False, "use the mean rate in each still as data, too", cli=False)
@@ -220,10 +223,10 @@ class FitOptions(AtRest, Clock, Exclude):
         False, "train the nets as the paper does: AdamW (needs PyTorch), the distance at the ends, the first-order integrator", cli=False
     )
     physics: tuple[str, ...] | None = option(
-        None, "fit what explain names as well (auto), or effects by id, with commas", metavar="auto|IDS"
+        None, "fit what explain names as well (auto), or effects by id, with commas", metavar="auto|IDS", of_methods=False
     )
-    checkpoints: Path | None = option(None, "folder of the checkpoints of a training as in the paper", cli=False)
-    resume: bool = option(False, "go on with that training where it was interrupted", cli=False)
+    checkpoints: Path | None = option(None, "folder of the checkpoints of a training as in the paper", cli=False, of_methods=False)
+    resume: bool = option(False, "go on with that training where it was interrupted", cli=False, of_methods=False)
     bias_per_log: bool = option(False, "each log has a bias of its own, as of several days; their median is kept", cli=False)
     bias: str = option(
         "auto", "from the ends of the turns, from the stills around each, or whichever closes held-out segments better", choices=BIASES
@@ -237,11 +240,13 @@ class FitOptions(AtRest, Clock, Exclude):
         (),
         "a fitted session of the same unit; of two or more, the spread of their biases is that of any session",
         repeated=True,
+        of_methods=False,
     )
     requirements: Path | None = option(
         None,
         "limits of closure and sensor errors, and the rule that decides (session.toml's [requirements])",
         cli=False,
+        of_methods=False,
     )
 
     def __post_init__(self) -> None:

@@ -13,6 +13,7 @@ from session import VERSION
 from session.base.errors import CalibrationError, FormatError
 from session.base.files import result_folder
 from session.base.numeric import rms_of
+from session.base.options import declared
 from session.base.records import Size, in_unit, plain, read_record, table_of, write_whole
 from session.base.results import Array, Flag, Keys, ListOf, MapOf, Maybe, Number, Shape, Text, read_required, require
 from session.base.units import DEG, G
@@ -302,8 +303,6 @@ def _began_s(problem: Problem) -> dict[str, float]:
 # ``fitted.json``: saved methods, reused where they were made from the same files, with the same options, by the same version.
 
 SAVED_NAME = "fitted.json"
-#: options that do not affect the numbers of a method
-IRRELEVANT = ("methods", "physics", "checkpoints", "resume", "history", "noise", "requirements")
 _ANGLES = Array((None, None))
 
 
@@ -328,11 +327,7 @@ class Fitted:
 
 def key(options: FitOptions, hashes: dict[str, str]) -> dict:
     """Return what must be equal for reuse, JSON-ready."""
-    chosen = {
-        name: list(value) if isinstance(value, tuple) else str(value) if isinstance(value, Path) else value
-        for name, value in asdict(options).items()
-        if name not in IRRELEVANT
-    }
+    chosen = {each.name: plain(getattr(options, each.name)) for each, rule in declared(options) if rule.of_methods}
     return {"options": chosen, "inputs": hashes, "version": VERSION}
 
 

@@ -22,7 +22,7 @@ from session.bench.decoder import StreamDecoder
 from session.bench.events import Info
 from session.bench.port import BoardSetup, Port
 from session.bench.session_file import NAME, SessionFile, toml_text
-from session.log.config import Accelerometer, Config, Protocol, Sensor, Site, read_config, sections
+from session.log.config import Accelerometer, BoardGiven, Config, Protocol, Sensor, Site, read_config, sections
 from tinygc import CalibrationError, read_session
 
 

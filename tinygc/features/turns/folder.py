@@ -9,6 +9,7 @@ import gzip
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -91,7 +92,7 @@ def write_turn_session(
     names = [f"{log.name}.csv.gz" for log in logs]
     sensor = {"model": model, "serial": serial, "odr_hz": float(f"{_rate_hz(logs):.4g}")}
     sensor["gyro_fs_dps"] = setting(gyro_fs_dps or _full_scale(logs))
-    sections = {"sensor": sensor, "protocol": {"reference": TURNS}, "notes": notes or {}}
+    sections: dict[str, Mapping[str, Any]] = {"sensor": sensor, "protocol": {"reference": TURNS}, "notes": notes or {}}
     toml = toml_line("schema", SCHEMA) + "".join(section_text(name, table) for name, table in sections.items())
     files = {"session.toml": toml.encode()}
     for name, log in zip(names, logs, strict=True):

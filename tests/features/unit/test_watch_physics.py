@@ -474,7 +474,7 @@ def test_a_turn_states_the_sum_of_its_errors(variance):
     turn.add(np.tile([0.0, 0.0, 0.5], (401, 1)), np.zeros((401, 3)), np.full(401, 0.01))  # 4 s about the vertical, E without a slope
     own = (3e-4**2) * 4.0 + (4e-5 * 4.0) ** 2 + 5e-4**2 + 2 * (3e-3**2 + 2e-3**2 / 2.0) / G**2
     lever2 = (2 * np.sin(0.5 * 4.0 / 2) / 0.5) ** 2  # s^2: |integral of a vector that turns with 0.5 rad/s|
-    _, sigma_rad, *_ = TurnTest(expected, 1e6).judge(turn, down, down, variance, 2.0)
+    sigma_rad = TurnTest(expected, 1e6).judge(turn, down, down, variance, 2.0).sigma_rad
     assert sigma_rad == pytest.approx(np.sqrt(own + variance * lever2), rel=1e-4)
 
 

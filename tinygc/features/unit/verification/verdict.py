@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -339,21 +339,20 @@ def verify_session(
         effects[NOISE] = max(effects[NOISE], *(float(np.linalg.norm(diagnosis.best.of(n))) * MINUTE_S / DEG for n in ("step", "warm-up")))
     changed = {question.name: effects[question.name] for question in refuted}
     new = bias_words(old.bias + anew.change[ZERO], anew.covariance[ZERO, ZERO])
-    answer, headline, advice, bias_serves = _decide(changed, bounds, cost, new, diagnosis, options, rows.turns > 0)
-    if rows.remark and bias_serves:
-        answer, headline, advice = FAILS, rows.remark, "mend the unit, the range or the data rate, then verify again"
-        bias_serves = False
+    decision = _decide(changed, bounds, cost, new, diagnosis, options, rows.turns > 0)
+    if rows.remark and decision.bias_serves:
+        decision = _Decision(FAILS, rows.remark, "mend the unit, the range or the data rate, then verify again", bias_serves=False)
     if is_its_own(old, session):
-        headline = "the model was fitted to this very recording, and agrees with itself"
-        answer, advice, bias_serves = UNDECIDED, "give another recording", False
+        itself = "the model was fitted to this very recording, and agrees with itself"
+        decision = _Decision(UNDECIDED, itself, "give another recording", bias_serves=False)
     open_names = {bound.name for bound in bounds if not bound.is_seen}
     return Verified(
         old=old,
         today=session.name,
         rows=rows,
         options=options,
-        answer=answer,
-        headline="; ".join(filter(None, (power_words(bounds), apart, headline))),
+        answer=decision.answer,
+        headline="; ".join(filter(None, (power_words(bounds), apart, decision.headline))),
         questions=questions,
         parts=tuple(parts),
         bounds=bounds,
@@ -365,9 +364,18 @@ def verify_session(
         separate=_separate(rows, noise, diagnosis, causes),
         facts=tuple(told),
         notes=tuple(notes),
-        advice=advice,
-        bias_serves=bias_serves,
+        advice=decision.advice,
+        bias_serves=decision.bias_serves,
     )
+
+
+class _Decision(NamedTuple):
+    """answer; headline: the line that says why; advice: what to do; bias_serves: whether the model may be used with B anew."""
+
+    answer: str
+    headline: str
+    advice: str
+    bias_serves: bool = True
 
 
 def _decide(
@@ -378,11 +386,10 @@ def _decide(
     diagnosis: Diagnosis | None,
     options: VerifyOptions,
     turned: bool = True,
-) -> tuple[str, str, str, bool]:
-    """Return the answer; the line that says why; what to do; and whether the model may be used with B anew.
+) -> _Decision:
+    """Decide by the questions with a significant change, and the degrees that a minute of use misses by it at most (95 %): changed.
 
-    changed: the questions with a significant change, and the degrees that a minute of use misses by it at most (95 %); new: B anew, in
-    words; turned: whether there are turns, without which E is not asked.
+    new: B anew, in words; turned: whether there are turns, without which E is not asked.
     """
     limit, uses = options.limit_deg * DEG, {bound.name: bound.use for bound in found}
     matters = [name for name in changed if changed[name] > options.limit_deg]
@@ -400,7 +407,8 @@ def _decide(
         moved = ", ".join(amounts[name] for name in by_size if name in matters and name != NOISE)
         left = f"more than noise is left: up to {amount(NOISE)}" if NOISE in matters else ""
         departs = f"{'; '.join(filter(None, (moved and f'departs from the calibration: {moved}', left)))} (95 %)"
-        return FAILS, f"{departs}; {why}", "; ".join(dict.fromkeys(cause.advice for cause in causes)) or fit_again, False
+        advice = "; ".join(dict.fromkeys(cause.advice for cause in causes)) or fit_again
+        return _Decision(FAILS, f"{departs}; {why}", advice, bias_serves=False)
     unseen = [bound for bound in found if not bound.is_seen]
     e_seen = E not in [bound.name for bound in unseen]
     small = [amounts[name] for name in by_size if name not in matters]
@@ -410,23 +418,25 @@ def _decide(
         why = (because or "the zero moved by more than between switch-ons") if matters else "it moved as between switch-ons"
         why += f", and costs {significant(costs / DEG, 2)}° in the next minute{f'; {less}' if small else ''}"
         if anew > max(limit, 2 * float(np.linalg.norm(cost.bias_anew_sigma))):
-            return FAILS, f"{why}; with B anew the minute still misses {significant(anew / DEG, 2)}°", fit_again, False
+            still = f"{why}; with B anew the minute still misses {significant(anew / DEG, 2)}°"
+            return _Decision(FAILS, still, fit_again, bias_serves=False)
         take = "take B anew: --write FILE writes the model with it"
         if e_seen:
-            return BIAS, f"B = {new}; {why}", take, True
+            return _Decision(BIAS, f"B = {new}; {why}", take)
         said = f"take B anew: B = {new}; {why}; whether E holds stays open"
-        return FAILS if matters else UNDECIDED, said, f"{take}; then record the turns above, which decide about E", True
+        return _Decision(FAILS if matters else UNDECIDED, said, f"{take}; then record the turns above, which decide about E")
     if unseen and (turned or B in [bound.name for bound in unseen]):
         turns = "record the turns above, with a rest before and after each, then verify again"
         if {bound.name for bound in unseen} == {B}:
             turns = "let it lie still for some minutes, in several attitudes, then verify again"
         open_ = " and ".join(OF[bound.name] for bound in unseen)
-        return UNDECIDED, f"{less if small else 'nothing significant'}, but {open_} may miss more than {options.limit_deg:g}°", turns, True
+        said = f"{less if small else 'nothing significant'}, but {open_} may miss more than {options.limit_deg:g}°"
+        return _Decision(UNDECIDED, said, turns)
     so_far = less if small else "within what noise, the old fit and a switch-on explain"
     said = f"{so_far}; it costs {significant(costs / DEG, 2)}° in the next minute"
     if unseen:  # at rest, the zero is all that is asked for
-        return HOLDS, f"the zero holds: {said}", "use it as it is; turns would tell E (above)", True
-    return HOLDS, said, "use it as it is", True
+        return _Decision(HOLDS, f"the zero holds: {said}", "use it as it is; turns would tell E (above)")
+    return _Decision(HOLDS, said, "use it as it is")
 
 
 def power_words(found: Sequence[Bound]) -> str:

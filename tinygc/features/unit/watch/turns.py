@@ -10,6 +10,8 @@ and no rest shows it without its azimuth.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from session.base import rotation
@@ -61,6 +63,16 @@ class Turn:
         self.angle += float(np.sum(np.linalg.norm(omega[1:], axis=1) * dt))
 
 
+class Closure(NamedTuple):
+    """A judged turn: tilt_rad (3,) across gravity, axes of its start; sigma_rad, stated, of each of its two components; square: chi-square
+    of 2 degrees of freedom; alarm: whether the test has passed its bar."""
+
+    tilt_rad: np.ndarray
+    sigma_rad: float
+    square: float
+    alarm: bool
+
+
 class TurnTest:
     """Judges one turn after another."""
 
@@ -74,14 +86,8 @@ class TurnTest:
         self.bar, self.sum = squares_bar_of(RATIO, 2, TESTS * windows_to_alarm), 0.0
         self._share = 0.0
 
-    def judge(
-        self, turn: Turn, start: np.ndarray, end: np.ndarray, zero_variance: float, window_s: float
-    ) -> tuple[np.ndarray, float, float, bool]:
-        """Return the tilt across gravity (3,), rad, axes of the start; the stated sigma of each of its two components; chi-square of 2
-        degrees of freedom; and whether the test has passed its bar.
-
-        start, end (3,): force of the rests, in g; zero_variance (rad/s)^2 of each axis; window_s: of a rest's mean.
-        """
+    def judge(self, turn: Turn, start: np.ndarray, end: np.ndarray, zero_variance: float, window_s: float) -> Closure:
+        """Judge a turn; start, end (3,): force of the rests, in g; zero_variance (rad/s)^2 of each axis; window_s: of a rest's mean."""
         e = self._expected
         R = rotation.matrix(turn.q)
         up = start / np.linalg.norm(start)
@@ -111,7 +117,7 @@ class TurnTest:
             self.x = self.x + gain @ innovation
             left = np.eye(12) - gain @ H
             self.P = left @ self.P @ left.T + gain @ (S - H @ self.P @ H.T) @ gain.T
-        return tilt, stated_rad, square, bool(alarm)
+        return Closure(tilt, stated_rad, square, bool(alarm))
 
     def _expected_scatter(self, turn: Turn, H: np.ndarray, noise: np.ndarray) -> np.ndarray:
         """(2, 2) covariance of the innovation: what P leaves open, in first and second order, and noise."""

@@ -301,13 +301,13 @@ class Watch:
         jumped = np.max(np.where(np.abs(judged.whole[:3, 0]) >= CLIP, innovation**2, 0.0))
         variance = float(np.max(self._detector.chosen.rate_sigma_rps) ** 2 * (self._detector.filter.lasting[1][0] + jumped))
         assert self._direction is not None
-        tilt_rad, sigma_rad, square, alarm = self._turn_test.judge(turn, self._direction, end, variance, self.window_s)
+        closure = self._turn_test.judge(turn, self._direction, end, variance, self.window_s)
         self.turns += 1
-        tilt, sigma, angle = (float(np.linalg.norm(tilt_rad)) / DEG, sigma_rad / DEG, turn.angle / DEG)
-        table = {"tilt_deg": tilt, "sigma_deg": sigma, "chi_square": square, "seconds": turn.seconds, "angle_deg": angle}
+        tilt, sigma, angle = (float(np.linalg.norm(closure.tilt_rad)) / DEG, closure.sigma_rad / DEG, turn.angle / DEG)
+        table = {"tilt_deg": tilt, "sigma_deg": sigma, "chi_square": closure.square, "seconds": turn.seconds, "angle_deg": angle}
         words = f"turn of {angle:.0f}° in {turn.seconds:.1f} s: tilt {tilt:.3f}°, stated {sigma:.3f}° (one sigma of a component)"
         yield Event("turn", self.t_s, words, table)
-        if alarm:
+        if closure.alarm:
             self.alarms += 1
             advice = "take a new calibration, or `calibrate verify` with ten turns"
             said = f"ALARM closure: turns close worse than stated; the last by {tilt:.3f}°; {advice}"

@@ -42,8 +42,8 @@ def fitted_sessions(path: Path) -> Iterator[tuple[str, str, str, str, np.ndarray
 
     def rows() -> Iterator[tuple[str, str, str, str, np.ndarray, np.ndarray]]:
         with read_table(out) as table:
-            for *whose, _, values, covariance in fitted_rows(table):
-                yield *whose, values, covariance  # type: ignore[misc]
+            for row in fitted_rows(table):
+                yield row.folder, row.model, row.serial, row.recorded, row.values, row.covariance
 
     return rows()
 

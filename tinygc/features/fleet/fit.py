@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import chdtrc
@@ -69,9 +70,14 @@ def _require_usable(lot: Lot, sensor: str, where: str) -> None:
         )
 
 
-#: membership test of a unit: probability that it belongs to the lot; distance from the lot's mean, in sigmas of lot and session together;
-#: number of directions that the session observes; and p-value of so large a distance in a unit that belongs
-Belonging = tuple[float, float, int, float]
+class Belonging(NamedTuple):
+    """Membership test of a unit: probability that it belongs to the lot; distance from the lot's mean, in sigmas of lot and session
+    together; freedom: number of directions that the session observes; p_value of so large a distance in a unit that belongs."""
+
+    probability: float
+    distance: float
+    freedom: int
+    p_value: float
 
 
 def _belonging(prior: GaussianPrior, moved: np.ndarray, noise: np.ndarray, kept: np.ndarray) -> Belonging:
@@ -91,7 +97,7 @@ def _belonging(prior: GaussianPrior, moved: np.ndarray, noise: np.ndarray, kept:
     d = project.T @ y
     square, freedom = float(d @ d), int(seen.sum())
     if freedom == 0:
-        return 1.0 - OFF_LOT, 0.0, 0, 1.0
+        return Belonging(1.0 - OFF_LOT, 0.0, 0, 1.0)
     # a unit that does not belong: one number, or all, each from a normal this many times as wide
     shift = project.T @ to
     outside = []
@@ -106,7 +112,7 @@ def _belonging(prior: GaussianPrior, moved: np.ndarray, noise: np.ndarray, kept:
     log_out = float(np.logaddexp.reduce(logs))
     odds = np.log1p(-OFF_LOT) - square / 2 - np.log(OFF_LOT) - log_out
     probability = float(1 / (1 + np.exp(-np.clip(odds, -700, 700))))
-    return probability, float(np.sqrt(square)), freedom, float(chdtrc(freedom, square))
+    return Belonging(probability, float(np.sqrt(square)), freedom, float(chdtrc(freedom, square)))
 
 
 def _log_normal(d: np.ndarray, covariance: np.ndarray) -> float:
@@ -165,16 +171,15 @@ class LotUse:
 
     def to_json(self) -> dict:
         """Return ``lot`` of ``tinygc-fit/2``."""
-        probability, distance, freedom, p_value = self.belonging
         table = {
             "file": self.file,
             "hash": self.hash,
             "units": self.units,
             "used": self.used,
-            "belongs_probability": probability,
-            "distance": distance,
-            "freedom": freedom,
-            "p_value": p_value,
+            "belongs_probability": self.belonging.probability,
+            "distance": self.belonging.distance,
+            "freedom": self.belonging.freedom,
+            "p_value": self.belonging.p_value,
             "off": None if self.off is None else {"parameter": self.off[0], "sigmas": self.off[1]},
             "share": self.share.tolist(),
         }
@@ -183,14 +188,14 @@ class LotUse:
     @property
     def words(self) -> str:
         """Return one line of text."""
-        probability, distance, freedom, p_value = self.belonging
-        far = f"{distance:.1f} sigmas from its mean in {freedom} directions, p = {p_value:.2g}"
+        found = self.belonging
+        far = f"{found.distance:.1f} sigmas from its mean in {found.freedom} directions, p = {found.p_value:.2g}"
         off = "" if self.off is None else f"{self.off[0]} is {self.off[1]:+.1f} sigmas of the lot from its mean"
         if self.used == "no":
             return f"The unit does not belong to the lot of {self.file} ({far}): {off}; the lot's prior was not used."
         if self.used == "partly":
             return (
-                f"It is open whether the unit belongs to the lot of {self.file} (probability {probability:.2f}; {far}): "
+                f"It is open whether the unit belongs to the lot of {self.file} (probability {found.probability:.2f}; {far}): "
                 f"{off}; the sigmas are wide enough for both."
             )
         shares = [(share, name) for share, name in zip(self.share, NAMES, strict=True) if share >= SAID_SHARE]
@@ -235,7 +240,7 @@ class LotFile:
         inside = _noise_covariance(level, linear, noise, options)
         found = _belonging(prior, linear.linear.vector - prior.centre, inside, np.eye(PARAMETERS) - share)
         few = len(problem.batch) < FEWEST_SEGMENTS
-        p = found[0]
+        p = found.probability
         if p >= (BELONGS if few else SURE):
             more = share @ prior.covariance @ share.T
             return bias_from, level, linear, LotUse(self.file, self.hash, lot.units, found, "yes", np.clip(np.diag(share), 0, 1), more)

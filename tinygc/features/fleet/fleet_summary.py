@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TextIO
+from typing import NamedTuple, TextIO
 
 import numpy as np
 
@@ -39,18 +39,31 @@ def unit_results(out: Path) -> Iterator[UnitResult]:
 
 def results_of(table: Table) -> Iterator[UnitResult]:
     """Yield the fitted sessions of an open table, as ``unit_results``."""
-    for order, (folder, _, serial, _, key, values, covariance) in enumerate(fitted_rows(table)):
-        yield UnitResult(key, serial, Path(folder).name, values, covariance, float(order))
+    for order, row in enumerate(fitted_rows(table)):
+        yield UnitResult(row.key, row.serial, Path(row.folder).name, row.values, row.covariance, float(order))
 
 
-def fitted_rows(table: Table) -> Iterator[tuple[str, str, str, str, str, np.ndarray, np.ndarray]]:
-    """Yield folder, model, serial number, date, key, numbers (21,) and their covariance of each fitted session, in order."""
+class FittedRow(NamedTuple):
+    """A fitted session of a fleet's table: its folder; model and serial number of its sensor; recorded: its date; key of its inputs and
+    options; values (21,) in the order of ``VALUES``, and their covariance (21, 21)."""
+
+    folder: str
+    model: str
+    serial: str
+    recorded: str
+    key: str
+    values: np.ndarray
+    covariance: np.ndarray
+
+
+def fitted_rows(table: Table) -> Iterator[FittedRow]:
+    """Yield each fitted session, in order."""
     names = ("folder", "model", "serial", "recorded", "key", "covariance")
     sql = f"SELECT {', '.join((*names, *VALUES))} FROM {EACH} WHERE held_out_deg IS NOT NULL {IN_ORDER}"
     for folder, model, serial, recorded, key, blob, *row in table.each(sql):
         with read_as_written(table, folder):
             values, covariance = np.array(row, dtype=float), unpacked(blob)
-        yield folder, model or "", serial or "", recorded or "", key, values, covariance
+        yield FittedRow(folder, model or "", serial or "", recorded or "", key, values, covariance)
 
 
 @contextlib.contextmanager

@@ -86,12 +86,12 @@ def host(folder):
 
 @pytest.mark.parametrize("name", ["gyro.g_sensitivity", "gyro.bias_step", "gyro.thermal_bias", "gyro.scale_asymmetry"])
 def test_what_is_added_is_the_effect_seen_through_the_calibration_within_one_step(name, host):
-    old = host[0].logs[0].samples
+    old = host.session.logs[0].samples
     session, truth = injected(host, {name: 1.0}, np.random.default_rng(3))
-    new, (movement,), effect = session.logs[0].samples, host[1], catalogue()[name]
+    new, (movement,), effect = session.logs[0].samples, host.movements, catalogue()[name]
     effect = effect.at(truth[name]["at_s"]) if effect.scan else effect
     theta = np.ravel(truth[name][effect.parameter.name]) * effect.parameter.si
-    change = (effect.distort(movement, theta) - movement.rate) @ host[2].T
+    change = (effect.distort(movement, theta) - movement.rate) @ host.back.T
     off, step = np.asarray(new.gyro) - old.gyro - change, 17.5e-3 * DEG
     assert np.abs(off).max() < 1.1 * step
     assert abs(np.mean(off)) < 0.05 * step, "rounding must not add a bias"

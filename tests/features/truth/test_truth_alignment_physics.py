@@ -3,7 +3,6 @@
 from dataclasses import replace
 from itertools import combinations_with_replacement, pairwise
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -156,8 +155,7 @@ def test_clock_and_mounting_have_the_covariance_of_leaving_out_blocks(moved, wil
         session = changed(session, truths=(replace(truth, q_nb=q),))
     one, samples = seen_of(session)
     start = TruthReading(mounting=Rotation.from_rotvec(np.multiply((3.3, -2.2, 0.8), DEG)).as_matrix(), offset_s=-0.01)
-    names = ("offset_s", "offset_sigma_s", "mounting", "mounting_sigma")
-    found = SimpleNamespace(**dict(zip(names, refined([one], [samples], start), strict=True)))
+    found = refined([one], [samples], start)
     attitudes, spans = rotation(one.written), one.spans
     turned = attitudes[spans.first].inv() * attitudes[spans.last]
     # The gyro's matrix and bias at that offset and mounting: by least squares of what is left, robustly, as nuisance.

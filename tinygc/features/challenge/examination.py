@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -117,9 +117,14 @@ def distorted(hidden: Iterable[Concealment], t: np.ndarray, rate: np.ndarray, fo
 STEP_SHARE = 0.1
 
 
-#: a recording; movement of each log by its linear fit; E^-1 (3, 3) of that fit; full scale in dps, first temperature in degC and length in
-#: s, for a ``Scene``
-Host = tuple[Session, tuple[Movement, ...], np.ndarray, tuple[float, float, float]]
+class Host(NamedTuple):
+    """A recording: session; movement of each log by its linear fit; back: E^-1 (3, 3) of that fit; place: full scale in dps, first
+    temperature in degC and length in s, for a ``Scene``."""
+
+    session: Session
+    movements: tuple[Movement, ...]
+    back: np.ndarray
+    place: tuple[float, float, float]
 
 
 def _host_of(folder: Path) -> Host:
@@ -133,19 +138,18 @@ def _host_of(folder: Path) -> Host:
     bridged = zip(session.logs, problem.session.logs, strict=True)
     start_c = 25.0 if session.logs[0].samples.temp_c is None else float(moved[0].first_temp_c)
     whole = replace(session, logs=tuple(replace(log, samples=old.samples) for log, old in bridged))
-    return whole, moved, np.linalg.inv(first.E), (session.config.sensor.gyro_fs_dps, start_c, float(began[-1]))
+    return Host(whole, moved, np.linalg.inv(first.E), (session.config.sensor.gyro_fs_dps, start_c, float(began[-1])))
 
 
 def injected(host: Host, strengths: Mapping[str, float], rng: np.random.Generator) -> tuple[Session, dict[str, dict]]:
     """The recording with these effects in its readings, and the truth."""
-    session, movements, back, place = host
-    hidden = [RATE_EFFECTS[name](Scene(rng, strength, *place)) for name, strength in strengths.items()]
+    hidden = [RATE_EFFECTS[name](Scene(rng, strength, *host.place)) for name, strength in strengths.items()]
     logs = []
-    for log, moved in zip(session.logs, movements, strict=True):
+    for log, moved in zip(host.session.logs, host.movements, strict=True):
         gyro = np.asarray(log.samples.gyro)
-        change = (distorted(hidden, moved.t_s, moved.rate, moved.force_g * G, moved.temp_c) - moved.rate) @ back.T
+        change = (distorted(hidden, moved.t_s, moved.rate, moved.force_g * G, moved.temp_c) - moved.rate) @ host.back.T
         logs.append(replace(log, samples=replace(log.samples, gyro=_in_steps(gyro, change, rng))))
-    return replace(session, logs=tuple(logs)), {one.id: dict(one.truth) for one in hidden}
+    return replace(host.session, logs=tuple(logs)), {one.id: dict(one.truth) for one in hidden}
 
 
 def _in_steps(old: np.ndarray, change: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -260,7 +264,7 @@ def examine(count: int, seed: int, on: Path | None = None, *, progress: Progress
     rng, host, own, pool = np.random.default_rng(seed), None, set(), sorted(MAKERS)
     if on is not None:
         host = _host_of(on)
-        untouched = answer_of(explain_session(host[0]))
+        untouched = answer_of(explain_session(host.session))
         own, limits = _own_names(untouched), untouched["detection_limits"]
         pool = [name for name in sorted(RATE_EFFECTS) if name in limits and limits[name]["size"] and name not in own]
         if not pool:
@@ -272,7 +276,7 @@ def examine(count: int, seed: int, on: Path | None = None, *, progress: Progress
         with tempfile.TemporaryDirectory(prefix="tinygc-") as folder:
             session, truth = simulated(strengths, rng, Path(folder) / "session") if host is None else injected(host, strengths, rng)
             answers.append(judged(strengths, truth, explained(session), own | {EARTH} if host else ()))
-    return Examination(seed, None if host is None else host[0].name, tuple(sorted(own)), tuple(answers))
+    return Examination(seed, None if host is None else host.session.name, tuple(sorted(own)), tuple(answers))
 
 
 # What is printed and written.

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product as combinations
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -319,11 +319,18 @@ BLOCKS, DRAWN_BLOCK_S = 20, (1.0, 10.0)
 ROBUST, ROBUST_PASSES = 2.0, 4
 
 
-def refined(
-    seen: Sequence[AlignedLog], samples: Sequence[Samples], reading: TruthReading
-) -> tuple[float, float, np.ndarray, np.ndarray] | None:
-    """offset_s and its sigma, mounting (3, 3) and its sigmas (3,) rad about the gyro's axes, from where the ways have left it; None where
-    there are too few spans, or they do not fix the unknowns."""
+class Refined(NamedTuple):
+    """offset_s of the truth's clock and its sigma; mounting (3, 3) and its sigmas (3,) rad about the gyro's axes; sigmas are NaN where they
+    are not known."""
+
+    offset_s: float
+    offset_sigma_s: float
+    mounting: np.ndarray
+    mounting_sigma: np.ndarray
+
+
+def refined(seen: Sequence[AlignedLog], samples: Sequence[Samples], reading: TruthReading) -> Refined | None:
+    """Estimate clock and mounting from where the ways have left them; None where there are too few spans, or they do not fix them."""
     E, b, mounting, offset_s = np.eye(3), np.zeros(3), reading.mounting, reading.offset_s
     gyro = [one.gyro for one in seen]
     for step in range(STEPS):
@@ -349,7 +356,7 @@ def refined(
     for axis, (i, j) in enumerate(((2, 1), (0, 2), (1, 0))):
         pick[axis, 1 + 3 * i + j], pick[axis, 1 + 3 * j + i] = 0.5, -0.5
     sigma = sigmas_in(pick @ covariance @ pick.T)
-    return offset_s, float(np.sqrt(covariance[0, 0])), mounting, sigma
+    return Refined(offset_s, float(np.sqrt(covariance[0, 0])), mounting, sigma)
 
 
 def span_rows(one: AlignedLog, gyro: Carried, reading: TruthReading) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -511,8 +518,10 @@ def _alignment(session: Session, given: TruthGiven, stated: TruthReading) -> Tru
     way = _best_way(ways(seen, given, start))
     if 1 - way.misfit < EXPLAINED:
         return _unknown(stated, source)
-    unknown = (way.reading.offset_s, float("nan"), way.reading.mounting, np.full(3, np.nan))
-    return _adopted(given, stated, source, way, *(refined(seen, [log.samples for log in session.logs], way.reading) or unknown))
+    found = refined(seen, [log.samples for log in session.logs], way.reading)
+    if found is None:
+        found = Refined(way.reading.offset_s, float("nan"), way.reading.mounting, np.full(3, np.nan))
+    return _adopted(given, stated, source, way, found)
 
 
 def _seen(session: Session, stated: TruthReading) -> list[AlignedLog]:
@@ -536,17 +545,9 @@ def _unknown(stated: TruthReading, source: dict[str, str]) -> TruthAlignment:
     return TruthAlignment(stated, source, float("nan"), float("nan"), nothing, nothing, None, float("nan"))
 
 
-def _adopted(
-    given: TruthGiven,
-    stated: TruthReading,
-    source: dict[str, str],
-    way: _Way,
-    offset_s: float,
-    offset_sigma_s: float,
-    mounting: np.ndarray,
-    sigma: np.ndarray,
-) -> TruthAlignment:
+def _adopted(given: TruthGiven, stated: TruthReading, source: dict[str, str], way: _Way, found: Refined) -> TruthAlignment:
     """What is adopted of a convention and of the refined estimate; the rest stays as stated."""
+    offset_s, offset_sigma_s, mounting, sigma = found
     source, reading = dict(source), replace(way.reading, mounting=stated.mounting, offset_s=stated.offset_s)
     for name in ("order", "sense"):
         if getattr(given, name) is None and getattr(reading, name) != getattr(stated, name):

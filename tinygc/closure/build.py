@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -463,16 +464,24 @@ def _earths(session: Session, logs: list[StillSet], model: LinearModel) -> dict[
     return found
 
 
-def reference_stills(logs: list[StillSet]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Attitudes (Q, 4), mean rates (Q, 3), their sigmas (Q, 3) and yaw groups (Q,) of all stills that are references."""
+class ReferenceStills(NamedTuple):
+    """All stills that are references: attitudes q_tb (Q, 4), mean rates and their sigmas (Q, 3) rad/s, and yaw groups (Q,)."""
+
+    q_tb: np.ndarray
+    rate: np.ndarray
+    sigma: np.ndarray
+    group: np.ndarray
+
+
+def reference_stills(logs: list[StillSet]) -> ReferenceStills:
+    """Collect the stills that are references."""
     rows = [
         (q, still.gyro_mean, log.noise.angle_random_walk / np.sqrt(still.duration_s), group)
         for log in logs
         for q, still, group in zip(log.q_tb, log.stills, log.group, strict=True)
         if still.problem is None
     ]
-    q_tb, rate, sigma, group = (np.array(column) for column in zip(*rows, strict=True))
-    return q_tb, rate, sigma, group
+    return ReferenceStills(*(np.array(column) for column in zip(*rows, strict=True)))
 
 
 def still_rates(logs: list[StillSet], earths: dict[int, EarthRate]) -> StillRates:

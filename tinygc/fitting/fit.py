@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
@@ -54,15 +54,23 @@ if TYPE_CHECKING:
 # A fit reads and refuses all its inputs first, then computes.
 
 
-def read_inputs(
-    session: Session | Path, options: FitOptions, progress: Progress, prepared: Prepared | None = None
-) -> tuple[FitOptions, Prepared, GivenPrior | None, BiasRepeatability | None, AnySession]:
+class FitInputs(NamedTuple):
+    """What a fit reads: options, with the methods of a given prior; prepared: the session, ready to be fitted; given: what is known of the
+    unit beforehand, or None; between, accelerometer_between: how far its bias and its accelerometer change between sessions, by its other
+    sessions, session.toml, or usual."""
+
+    options: FitOptions
+    prepared: Prepared
+    given: GivenPrior | None
+    between: BiasRepeatability | None
+    accelerometer_between: AnySession
+
+
+def read_inputs(session: Session | Path, options: FitOptions, progress: Progress, prepared: Prepared | None = None) -> FitInputs:
     """Read what a fit needs; prepared: the session, if it is prepared already.
 
-    Return its options, with the methods of a given prior; the session, ready to be fitted; what is known of the unit beforehand, or None;
-    and how far its bias and its accelerometer change between sessions: by its other sessions, session.toml, or usual.  Raises
-    FormatError for requirements or other sessions of the unit that cannot be read, the errors of ``prepare``, and SegmentError where still
-    rates are requested and there are none.
+    Raises FormatError for requirements or other sessions of the unit that cannot be read, the errors of ``prepare``, and SegmentError where
+    still rates are requested and there are none.
     """
     if options.requirements is not None:
         read_requirements(options.requirements)
@@ -79,7 +87,7 @@ def read_inputs(
     prepared = prepared or prepared_for(session, options, progress, None if given is None else given.prior)
     if options.still_rates and not len(prepared.problem.still_rates.rate):
         raise SegmentError(f"{prepared.session.folder}: no still to take a rate from; fit without still_rates")
-    return options, prepared, given, between, triad_between
+    return FitInputs(options, prepared, given, between, triad_between)
 
 
 def prepared_for(session: Session | Path, options: FitOptions, progress: Progress, prior: PriorOf | None = None) -> Prepared:
@@ -112,7 +120,8 @@ def fit_session(
     ``options.physics`` names, and is required for that.
     Raises the errors of ``read_inputs``, of ``read_closure_runs`` and of the methods.
     """
-    options, prepared, given, between, triad_between = read_inputs(session, options, progress, prepared)
+    read = read_inputs(session, options, progress, prepared)
+    options, prepared, given, between = read.options, read.prepared, read.given, read.between
     problem = prepared.problem
     runs, floor = read_closure_runs(problem), problem.floor
     if options.bias_per_log:
@@ -159,7 +168,7 @@ def fit_session(
         linear=linear,
         allowed=systematic,
         repeatability=between,
-        accelerometer_between=triad_between,
+        accelerometer_between=read.accelerometer_between,
         noise=noise,
         bias_from=bias_from,
         fit_other_choice=other,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -134,8 +135,14 @@ class _TurnEquations:
         return np.append(np.linalg.solve(three[:, :3], self.right.sum(axis=0)[:3] - offset_s * three[:, 3]), offset_s)
 
 
-#: one turn of N samples: attitude R_tb (N, 3, 3), with its share of the closure; rate (N, 3); force (N, 3) as measured; dt_s
-_Turn = tuple[np.ndarray, np.ndarray, np.ndarray, float]
+class _Turn(NamedTuple):
+    """One turn of N samples: attitude R_tb (N, 3, 3), with its share of the closure; rate (N, 3) rad/s; force (N, 3) m/s^2, as measured;
+    dt_s."""
+
+    attitude: np.ndarray
+    rate: np.ndarray
+    force: np.ndarray
+    dt_s: float
 
 
 def _turns(twin: Twin, fit: Refit) -> Iterator[_Turn]:
@@ -154,7 +161,7 @@ def _turns(twin: Twin, fit: Refit) -> Iterator[_Turn]:
             turn = turn + np.cross(tilt[:, None, :], turn, axisb=1, axisc=1)
             rate = padded[i, : len(turn)] - batch.earth[i, : len(turn)]
             force = twin.freed(state, twin.movements[segment.log].part(slice(segment.start, segment.stop)))
-            yield turn, rate, force, twin.seen.logs[segment.log].samples.period_s
+            yield _Turn(turn, rate, force, twin.seen.logs[segment.log].samples.period_s)
 
 
 def velocity_equations(twin: Twin, fit: Refit) -> _TurnEquations:

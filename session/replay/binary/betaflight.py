@@ -14,7 +14,7 @@ import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -197,8 +197,17 @@ def _steps(path: Path, reader: Any, loops: int) -> Iterator[int | None]:
             reader.seek(found.start() if found else len(reader))
 
 
-def _header(headers: dict[str, Any]) -> tuple[str, str, float | None, list[str]]:
-    """Units of one count, full scale of the accelerometer, and notes.
+class _Header(NamedTuple):
+    """What a log's header says: units of one count, full scale of the accelerometer in g, and notes."""
+
+    gyro_unit: str
+    accel_unit: str
+    accel_fs_g: float | None
+    notes: list[str]
+
+
+def _header(headers: dict[str, Any]) -> _Header:
+    """Read a log's header.
 
     ``gyro_scale`` is the bits of a float, dps per count; ``acc_1G`` is counts per g.
     """
@@ -214,7 +223,7 @@ def _header(headers: dict[str, Any]) -> tuple[str, str, float | None, list[str]]
         accel_unit, accel_fs_g = f"g/{one_g:g}", 32768 / one_g
     if "Firmware revision" in headers:
         notes.append(f"firmware: {str(headers['Firmware revision'])[:60]}")
-    return gyro_unit, accel_unit, accel_fs_g, notes
+    return _Header(gyro_unit, accel_unit, accel_fs_g, notes)
 
 
 FORMAT = Messages(

@@ -9,7 +9,7 @@ from conftest import DEG
 import tinygc
 from session.base import features
 from session.base.units import G
-from tinygc import CalibrationError, Session, Site
+from tinygc import CalibrationError, Protocol, Session, Site
 
 ARRAYS = (np.arange(5) / 100, np.zeros((5, 3)), np.tile([0, 0, -G], (5, 1)))
 
@@ -141,6 +141,10 @@ LOG = {"logs": [ARRAYS]}
         ),
         ({**LOG, "turns": [(0, "x", 90, 0.1), (0, "y", 90, 0.1)]}, r"^turns\[1\]: turn 0 is given twice"),
         ({**LOG, "turns": [(0, "q", 90, 0.1)]}, r"^turns\[0\]: axis is 'q', expected x, y or z"),
+        *(
+            ({**LOG, "protocol": Protocol(reference=word)}, f'^protocol.reference is "{word}"; arrays have "gravity"')
+            for word in ("table", "turns", "nothing")
+        ),
         ({**LOG, "name": "../etc"}, "expected one word"),
         ({**LOG, "gyro_fs_dps": -5}, "gyro_fs_dps is -5, expected the full scale"),
     ],

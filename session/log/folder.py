@@ -167,7 +167,7 @@ class Session:
         protocol = protocol or Protocol(reference=next(iter(further), "gravity"))
         kind = reference_of(protocol.reference)
         asked = [] if kind is None or not kind.accelerometer else [kind.word]
-        if protocol.reference == "table" or list(further) != asked:
+        if list(further) != asked or (protocol.reference != "gravity" and not asked):
             words = [each.word for each in features.each("reference") if each.accelerometer]
             others = "".join(f', or "{word}" with {word}=' for word in words)
             raise DataError(f'protocol.reference is "{protocol.reference}"; arrays have "gravity"{others}')

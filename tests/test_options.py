@@ -285,6 +285,9 @@ def test_types_may_be_text_or_types():
     [
         (["fit", "s", "--accelerometer", "alone", "--methods", "pso"], "--methods: of no use with --accelerometer alone; leave it out"),
         (["fit", "s", "--accelerometer", "alone", "--bias", "ends", "--strict"], "--bias, --strict: of no use with"),
+        (["check", "s", "--plan", "--strict", "--all"], "--strict, --all: of no use with --plan; leave them out"),
+        (["check", "s", "--repair", "r", "--plan"], "--plan: of no use with --repair"),
+        (["record", "--port", "list", "--out", "x", "--odr", "3"], "--out, --odr: of no use with --port list"),
     ],
 )
 def test_an_option_that_would_do_nothing_is_refused(words, says, run):

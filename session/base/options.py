@@ -308,9 +308,12 @@ def record_in(records: Sequence[Any], kind: type[R]) -> R:
     return next((each for each in records if isinstance(each, kind)), kind())
 
 
-def given_beside(records: Sequence[Any], own: Any) -> dict[str, bool]:
-    """Flags of the options that differ from their defaults, of all records but one."""
-    return {name: True for each in records if each is not own for name in given(each)}
+def refuse_beside(what: str, others: Mapping[str, object], records: Sequence[Any], otherwise: str = "") -> None:
+    """Raise CalibrationError for options that do nothing beside ``what``: flag -> whether it is given, and all that records have;
+    otherwise: what to do instead of leaving them out."""
+    idle = [name for name, is_given in others.items() if is_given] + [name for each in records for name in given(each)]
+    if idle:
+        raise CalibrationError(f"{', '.join(idle)}: of no use with {what}; leave {'it' if len(idle) == 1 else 'them'} out{otherwise}")
 
 
 # The command line

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,14 +10,14 @@ from typing import Any
 from session.base import features
 from session.base.budget import budget
 from session.base.errors import FormatError
-from session.base.options import given
+from session.base.options import given, refuse_beside
 from session.base.texts import letters_of
 from session.replay.binary import registry
 from session.replay.convert import Imported, convert
 from session.replay.dialects import DIALECTS, OWN
 from session.replay.forms import EXAMPLES
 from session.replay.options import Answers
-from session.replay.raw import convert_raw, is_raw, refuse_of_logs
+from session.replay.raw import convert_raw, is_raw
 from session.replay.sources import BY_NAMES, head_of
 
 
@@ -36,7 +36,8 @@ def import_log(
     """Make a session folder of a log; out: None for one with the log's name, in the folder where one works.
 
     header: of a port's bytes as text; further: records of options that features add; most_memory: bytes that reading may take
-    (session/base/budget.py).  Raises FormatError and DataError, QuestionsError for all that the log does not say, StorageError.
+    (session/base/budget.py).  Raises CalibrationError for options that do nothing here, FormatError and DataError, QuestionsError for all
+    that the log does not say, StorageError.
     """
     if most_memory is not None:
         with budget(paths, most_memory):
@@ -50,9 +51,9 @@ def import_log(
     # A file with the name of a port's bytes may be a binary log after all: by its bytes, or as ``--like`` says.
     binary = paths[0].is_file() and (answers.like in registry.READERS or registry.reader_of(paths[0], head_of(paths[0])) is not None)
     if len(paths) == 1 and not binary and is_raw(paths[0], alone):
-        ignored = {"add": add is not None, "serial": bool(serial)}
-        ignored |= {flag.removeprefix("--"): True for each in further for flag in given(each)}
-        refuse_of_logs(paths[0], alone, ignored)
+        of_logs = given(alone, ("odr_hz", "gyro_fs_dps", "accel_fs_g", "sensor"))
+        ignored = {**dict.fromkeys(of_logs, True), "--add": add, "--serial": serial, "--even": answers.even}
+        refuse_beside(f"{paths[0].name}, a port's bytes", ignored, further)
         return convert_raw(paths[0], out, answers, header)
     if header is not None:
         raise FormatError(f"{paths[0].name}: --header is of a port's bytes, named .bin; of a log, --columns says what its columns are")
@@ -60,12 +61,6 @@ def import_log(
     if (made := features.first("import of logs", paths, out, answers, **how)) is not None:
         return made
     return convert(paths, out, answers, add, serial, columns)
-
-
-def refuse_beside(option: str, others: Mapping[str, object]) -> None:
-    """FormatError for options that this one takes no notice of."""
-    if idle := [name for name, value in others.items() if value]:
-        raise FormatError(f"{option} and {' and '.join(idle)} do not go together; leave one out")
 
 
 def kind_named(text: str) -> str:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -55,16 +53,6 @@ def is_raw(path: Path, answers: Answers) -> bool:
         return False
     except FormatError:
         return True
-
-
-def refuse_of_logs(path: Path, answers: Answers, more: Mapping[str, bool]) -> None:
-    """FormatError for options that a port's bytes take no notice of; more: those that are no answers, and whether they are given."""
-    used = ("odr_hz", "gyro_fs_dps", "accel_fs_g", "sensor")
-    given = [each.name for each in fields(Answers) if each.name not in used and getattr(answers, each.name) != each.default]
-    given += [name for name, is_given in more.items() if is_given]
-    if given:
-        options = ", ".join(f"--{name.replace('_', '-')}" for name in given)
-        raise FormatError(f"{path.name} holds a port's bytes, of which {options} says nothing: that is for logs; leave it out")
 
 
 def convert_raw(raw_path: Path, out: Path, answers: Answers, header: str | None = None) -> Imported:

@@ -13,7 +13,7 @@ from streams import frame_list, sent
 from written_texts import TEXTS, sensor_logger
 
 import tinygc
-from session.base.errors import DataError, FormatError
+from session.base.errors import CalibrationError, DataError, FormatError
 from session.base.options import records as records_of
 from session.base.questions import QuestionsError
 from session.base.units import TIME, G
@@ -301,10 +301,10 @@ def of_features(**told):
 
 
 TOGETHER = [
-    ({**of_features(array_by="id"), "add": "log"}, "--array-by and --add do not go together"),
-    ({**of_features(array_by="id"), "serial": "7"}, "--array-by and --serial"),
+    ({**of_features(array_by="id"), "add": "log"}, "--add: of no use with --array-by; leave it out"),
+    ({**of_features(array_by="id"), "serial": "7"}, "--serial: of no use with --array-by"),
     (of_features(array_by="time_ms"), "holds more than 16 values"),
-    ({**of_features(turns="turns.csv"), "add": "log"}, "--turns and --add"),
+    ({**of_features(turns="turns.csv"), "add": "log"}, "--add: of no use with --turns"),
     ({"add": "foo"}, "add is 'foo', expected log or closure"),
 ]
 LOGGER = sensor_logger(SAMPLES)[0][1]
@@ -331,7 +331,7 @@ SOURCES = [
     (lambda at: arrays_file(at / "x.npz"), {"like": "phyphox"}, "a log of NumPy, and --like is 'phyphox'"),
     (lambda at: arrays_file(at / "x.npz"), {"lines": "1-5"}, "--lines is of a text log"),
     *(
-        (lambda at: written(at / "raw.bin", b"".join(frame_list(*sent(50)))), told, f"of which {option} says nothing")
+        (lambda at: written(at / "raw.bin", b"".join(frame_list(*sent(50)))), told, f"{option}: of no use with raw.bin")
         for told, option in OF_A_PORT
     ),
     *((lambda at: written(at / "x.csv", USUAL.encode()), {**TOLD, "more": more}, says) for more, says in TOGETHER),
@@ -359,7 +359,7 @@ def arrays_file(path):
 def test_a_source_that_is_damaged_or_an_option_that_it_ignores_is_refused(source, told, says, tmp_path):
     told, at = dict(told), tmp_path / "at"
     at.mkdir()
-    with pytest.raises(FormatError, match=says) as error:
+    with pytest.raises(CalibrationError, match=says) as error:
         import_log([source(at)], tmp_path / "out", Answers(**{k: v for k, v in told.items() if k != "more"}), **told.get("more", {}))
     assert "\n" not in str(error.value)
     assert {path.name for path in tmp_path.iterdir()} == {"at"}

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from session.base.errors import CalibrationError
-from session.base.options import Record, changed, file_written, flag, option
+from session.base.options import Record, declared, file_written, given, option, refuse_beside
 from tinygc.estimation.options import Limit
 
 LONGEST_S = 1e9  #: up to 30 years, which a program can wait for and a counter can hold
@@ -34,12 +33,12 @@ class Command(Record):
         """Return the record of a kind among those of the features."""
         return next(each for each in self.of_features if isinstance(each, kind))
 
-    def refuse_beside(self, what: str, *used: str) -> None:
-        """Raise CalibrationError where options are given that do nothing beside ``what``, which uses those fields alone."""
-        own = [flag(type(self), name) for name in changed(self) if name not in ("json", "quiet", "effects", *used)]
-        idle = own + [flag(type(each), name) for each in self.of_features for name in changed(each)]
-        if idle:
-            raise CalibrationError(f"{', '.join(idle)}: of no use with {what}; leave {'it' if len(idle) == 1 else 'them'} out")
+    def refuse_beside(self, what: str, *used: str, otherwise: str = "") -> None:
+        """Raise CalibrationError where options are given that do nothing beside ``what``, which uses those fields alone; what the user's
+        defaults say is of other commands as well.  otherwise: what to do instead."""
+        by_default = [each.name for each, rule in declared(self) if rule.default_key and self.defaults]
+        idle = given(self, ("json", "quiet", "effects", *used, *by_default))
+        refuse_beside(what, dict.fromkeys(idle, True), self.of_features, otherwise)
 
     @property
     def further(self) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from session.base import features
 from session.base.errors import CalibrationError
-from session.base.options import given, records
+from session.base.options import records, refuse_beside
 from session.base.progress import Progress, untold
 from session.log.logfile import Log, refuse_calibrated
 from session.log.samples import Samples
@@ -131,8 +131,7 @@ def _apply_to_file(
         return fused
     if log.is_dir():
         raise CalibrationError(f"{log}: cannot be read (it is a folder, expected a log)")
-    if idle := [flag for each in further for flag in given(each)]:
-        raise CalibrationError(f"{', '.join(idle)}: of no use with {path.name}, the model of one sensor")
+    refuse_beside(f"{path.name}, the model of one sensor", {}, further)
     done: Applied = apply_model(path, log, Path(out), beside.session, how["unit"], progress, table)
     return done
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from session.base import features
 from session.base.errors import CalibrationError
 from session.base.files import result_folder
-from session.base.options import given, records
+from session.base.options import records, refuse_beside
 from session.base.progress import Progress, untold
 from session.base.records import write_whole
 from session.log.config import read_config, reference_of
@@ -245,8 +245,7 @@ def _explained(where: Session | Path, further: Sequence[Any], how: dict[str, Any
     config = where.config if isinstance(where, Session) else read_config(where / "session.toml")
     reference = reference_of(config.protocol.reference)
     if reference is not None and reference.accelerometer:
-        if idle := [flag for each in further for flag in given(each)]:
-            raise CalibrationError(f"{', '.join(idle)}: of no use where the reference is a {reference.title}; leave it out")
+        refuse_beside(f"a {reference.title} as the reference", {}, further)
         return reference.report(reference.explain(where, **how))
     explanation = explain_session(where, **how)
     turned_by = features.first("explanation of what turned", explanation, how["seed"])

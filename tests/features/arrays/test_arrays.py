@@ -213,7 +213,7 @@ def test_an_array_is_listed(named):
     ("words", "says"),
     [
         ("fit AT --physics auto", "--physics"),
-        ("explain AT --noise some.json", "--noise: of no use with"),
+        ("explain AT --noise some.json", "an array; leave it out, or give one unit a folder of its own"),
         ("history AT AT --compare", "an array of 3 units"),
         ("simulate --mounting-deg 3 --out AT/new", "--units"),
     ],

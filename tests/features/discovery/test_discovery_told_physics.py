@@ -183,7 +183,7 @@ def test_what_cannot_be_searched_is_said_in_one_line_before_the_search(folder, t
         (tmp_path / "effects").write_text("mine", encoding="utf-8")
     assert calibrate.main(["explain", str(tmp_path), "--discover", "--out", str(tmp_path), "--quiet"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    says = {"effects": f"{tmp_path / 'effects'}: that is no folder", "truth": "--discover: of no use where the reference is a truth file"}
+    says = {"effects": f"{tmp_path / 'effects'}: that is no folder", "truth": "--discover: of no use with a truth file as the reference"}
     assert says[fault] in line
 
 

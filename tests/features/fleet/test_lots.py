@@ -117,6 +117,18 @@ def test_fleet_says_of_one_model_what_its_units_are_together(fleet, tmp_path, ca
     assert "left as it was, and not of this table" in line
 
 
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ("--jobs 2 --csv t", "--csv, --jobs: of no use with --lot; leave them out, or give DIR"),
+        ("s --jobs 2 --limit 1", "--limit: of no use with --lot; leave it out"),
+    ],
+)
+def test_what_a_lot_takes_no_notice_of_is_refused(words, says, run):
+    code, _, err = run("fleet", "--out", "f", "--lot", *words.split())
+    assert (code, says in err) == (2, True), err
+
+
 def test_the_command(fleet, tmp_path, capsys):
     copy = shutil.copytree(fleet, tmp_path / "fleet")
     out, html, told = copy / "lot.json", copy / "lot.html", tmp_path / "x.json"

@@ -58,6 +58,8 @@ def test_a_description_is_printed_and_checked(run, tmp_path, monkeypatch):
         (["turn", "outer", "nan"], "'nan' is no number"),
         (["spin", "outer", "0", "1"], "expected a rate in deg/s that is not 0"),
         (["new", "nothing"], "no make 'nothing'"),
+        (["list", "--rate", "3", "--yes", "--axes", "2"], "--axes, --rate, --yes: of no use with table list"),
+        (["new", "grbl", "--axes", "2", "--home"], "--home: of no use with table new"),
     ],
 )
 def test_wrong_words_are_refused_in_one_line(words, expected, run, table):

@@ -59,6 +59,7 @@ def run(args: Options) -> int:
 
 def _repair(args: Options, out: Path) -> int:
     """Write the corrected copy of a session, and show what it closes to before and after."""
+    args.refuse_beside("--repair", "repair", "cause")
     from session.detect.repair import repair
     from tinygc.fitting.before_after import closure_of
     from tinygc.reporting.tables import repair_report, verdict_line
@@ -73,6 +74,7 @@ def _repair(args: Options, out: Path) -> int:
 
 def _plan(args: Options, count: int) -> int:
     """Recommend what to record next."""
+    args.refuse_beside("--plan", "plan")
     from tinygc.library.sessions import plan
 
     found = plan(args.folder, count=count)

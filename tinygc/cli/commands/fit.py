@@ -75,7 +75,7 @@ def _fit(args: Options) -> Done:
 
 def _accelerometer(args: Options) -> Done:
     """Estimate nine parameters of the accelerometer, or as many as the attitudes determine, and write a copy of the session with them."""
-    args.refuse_beside("--accelerometer alone", "folder", "more", "accelerometer", "out")
+    args.refuse_beside("--accelerometer alone", "accelerometer", "out")
     from tinygc.library.sessions import accelerometer
 
     found = accelerometer(args.folder)

@@ -68,6 +68,7 @@ def run(args: Recording) -> int:
 
 def _ports(args: Recording) -> int:
     """List the serial ports, candidates first."""
+    args.refuse_beside("--port list", "port")
     from session.bench.port import known_ports
 
     ports = known_ports()

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from session.base.errors import CalibrationError, FormatError
 from session.base.names import CLOCKS
-from session.base.options import changed, given, given_beside, record_in
+from session.base.options import changed, given, record_in, refuse_beside
 from session.base.progress import Progress
 from session.base.results import read_json
 from session.base.texts import command_line
@@ -111,7 +111,6 @@ def import_logs(
     own = record_in(further, ImportOptions)
     if own.array_by is None:
         return None
-    from session.replay.importing import refuse_beside
     from tinygc.features.arrays.importing import import_array
 
     others: dict[str, object] = {
@@ -121,12 +120,13 @@ def import_logs(
         "--topic": answers.topic,
         "--even": answers.even,
     }
-    refuse_beside("--array-by", {**others, **given_beside(further, own)})
+    refuse_beside("--array-by", others, [each for each in further if each is not own])
     return import_array(paths, out, answers, own.array_by, columns)
 
 
 #: options of ``fit`` that an array's fit uses
 USED = ("bias", "accelerometer", "earth")
+OTHERWISE = ", or give one unit a folder of its own"
 
 
 def simulate(args: Any, options: SimulationOptions, chosen: dict) -> int | None:
@@ -164,7 +164,7 @@ def fit(args: Any) -> Done | None:
     from tinygc.reporting.terminal import progress_bar
 
     what = f"{args.folder}, an array, whose units are all fitted by least squares together"
-    args.refuse_beside(what, *USED, "folder", "more", "out", "limit_deg", "strict", "verbose")
+    args.refuse_beside(what, *USED, "out", "limit_deg", "strict", "verbose", otherwise=OTHERWISE)
     try_destinations(args.out or inside(args.folder, "fit"), args.json)
     with progress_bar(args.quiet) as progress:
         found = _read(args.folder, progress).fit(**{name: getattr(args, name) for name in USED}, progress=progress)
@@ -188,7 +188,8 @@ def explain(args: Any) -> int | None:
     from tinygc.features.arrays.explanation import array_verdict_line
     from tinygc.reporting.terminal import progress_bar
 
-    args.refuse_beside(f"{args.folder}, an array", "folder", "check_on", "out", "strict", "pictures", "seed", "earth")
+    used = ("check_on", "out", "strict", "pictures", "seed", "earth")
+    args.refuse_beside(f"{args.folder}, an array", *used, otherwise=OTHERWISE)
     try_destinations(args.out or inside(args.folder, "explain"), args.json)
     with progress_bar(args.quiet) as progress:
         others = [_read(each, progress) for each in args.check_on]

@@ -8,7 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -98,7 +98,11 @@ def run(args: Options) -> int:
 
     if args.model is not None and not args.lot:
         raise CalibrationError("--model goes with --lot; add it, or leave --model out")
-    tally = _computed(args) if args.folders or args.listed is not None else None
+    computes = bool(args.folders) or args.listed is not None
+    if args.lot:
+        of_run = ("listed", *(each.name for each in fields(Run) if each.name != "limit_deg")) if computes else ()
+        args.refuse_beside("--lot", "lot", "out", "model", "strict", "force", *of_run, otherwise="" if computes else ", or give DIR")
+    tally = _computed(args) if computes else None
     if args.lot:
         return _lot(args)
     found = summed_up(args.out, tally, args.limit_deg)

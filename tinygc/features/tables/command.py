@@ -84,6 +84,7 @@ def run(args: Options) -> int:
         given = f"; it has {len(args.words)} words" if args.words else ""
         raise CalibrationError(f"table {args.action}: expected {' '.join((args.action, *words))}{given}")
     if args.action in ("list", "new"):
+        args.refuse_beside(f"table {args.action}", *(("axes",) if args.action == "new" else ()))
         from tinygc.features.tables.machines.makes import makes, template
 
         told = {"schema": SCHEMA, "action": args.action}

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from session.base.errors import FormatError
 from session.base.features import Feature
-from session.base.options import Record, given_beside, option, record_in
+from session.base.options import Record, option, record_in, refuse_beside
 from session.base.texts import command_line
 from tinygc.features.turns import TURNS
 
@@ -67,11 +67,10 @@ def import_logs(
     own = record_in(further, ImportOptions)
     if own.turns is None:
         return None
-    from session.replay.importing import refuse_beside
     from tinygc.features.turns.importing import import_turns
 
     others: dict[str, object] = {"--add": add, "--even": answers.even}
-    refuse_beside("--turns", {**others, **given_beside(further, own)})
+    refuse_beside("--turns", others, [each for each in further if each is not own])
     return import_turns(paths, out, answers, own.turns, columns, serial)
 
 
@@ -84,8 +83,7 @@ def fit(args: Any) -> Done | None:
     from tinygc.features.turns.result import MODEL
     from tinygc.reporting.terminal import progress_bar
 
-    limit = () if args.defaults is None else ("limit_deg",)  # one of the user's own defaults is of other recordings
-    args.refuse_beside("a gyroscope alone, which has no closure", "folder", "more", "out", "verbose", *limit)
+    args.refuse_beside("a gyroscope alone, which has no closure", "out", "verbose")
     try_destinations(args.out or inside(args.folder, "fit"), args.json)
     with progress_bar(args.quiet) as progress:
         result = fit_turns(args.folder, progress=progress)

@@ -51,7 +51,7 @@ def run(args: Options) -> int:
 
 def _compare(args: Options) -> int:
     """Say whether the calibrations of several sessions agree."""
-    args.refuse_beside("--compare", "sessions", "compare", "bias")
+    args.refuse_beside("--compare", "compare", "bias")
     from tinygc.features.unit.history.comparison import compare, verdict_line
 
     found = compare(args.sessions, bias=args.bias)

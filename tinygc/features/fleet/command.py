@@ -109,7 +109,7 @@ def run(args: Options) -> int:
     summary, page = found.result, args.out / PAGE
     _write_csv(args)
     if found.lot is None and (args.out / LOT).exists():
-        complain(f"{args.out / LOT}: left as it was, and not of this table, whose sensors are of several models or too few for a lot")
+        complain(f"{args.out / LOT}: left as it was, since the sensors are of several models or too few; --lot writes it anew")
     output(args).print(found.page)
     output(args).print(f"written: {', '.join(map(str, found.files))}", soft_wrap=True)
     commands = [command_line("explain", first, "--check-on", *others) for first, others in found.offered]

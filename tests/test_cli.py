@@ -196,6 +196,7 @@ def test_list_says_what_lies_there(run, four, tmp_path):
         ("board --rate nan", "; see --help"),
         ("chek x", "'chek' is no command; is 'check' meant?"),
         ("fit x --limmit 0.1", "fit has no option --limmit; is '--limit' meant?"),
+        ("fit x --seed 1", "fit has no option --seed; see --help"),
         ("export x --to kaliber", "argument --to: 'kaliber' is no choice, expected json, kalibr,"),
         ("export x --to kaliber", "is 'kalibr' meant?"),
         ("fit x --methods least-squares", "is 'least_squares' meant?"),

@@ -22,7 +22,7 @@ from session.base.toml import edited, setting
 from session.base.units import ENDINGS, WORDS
 from session.detect.findings import Axes, Correction, Finding
 from session.detect.first_look import check_folder
-from session.log.config import REFERENCES, read_config
+from session.log.config import read_config, reference_of
 from session.log.folder import sha256_of
 from session.log.lines import Lines
 
@@ -90,8 +90,8 @@ def repair(source: Path, out: Path, cause: int | None = None) -> Repaired:
         raise FormatError(f"{out}: exists; give --repair a new folder")
     refuse_special(source)
     protocol = read_config(source / "session.toml").protocol  # what is not there is named as the user wrote it
-    if protocol.reference not in REFERENCES:
-        raise DataError(f'{source}: protocol.reference is "{protocol.reference}"; --repair takes sessions that gravity judges')
+    if (kind := reference_of(protocol.reference)) is not None:
+        raise DataError(f"{source}: a {kind.title} tells its own clock and axes (see check); --repair takes sessions that gravity judges")
     with folder_whole(out) as whole, tempfile.TemporaryDirectory(dir=whole) as work:
         copy, changes = Path(work) / "0", []
         names = _copy(source, copy)

@@ -9,9 +9,10 @@ import pytest
 from conftest import DEG, SESSION_TOML
 from truth_sessions import BIAS_DPS, Wrong, made, write
 
-from session.base.errors import CalibrationError, FormatError
+from session.base.errors import CalibrationError, DataError, FormatError
 from session.base.units import G
 from session.detect.first_look import check_session
+from session.detect.repair import repair
 from session.log.config import read_config
 from tinygc import Protocol, Session, read_session, simulate
 from tinygc.closure.build import build_problem
@@ -111,6 +112,8 @@ def test_check_says_all_that_is_found_and_what_it_says_can_be_kept(tmp_path):
     with (folder / "session.toml").open("a") as file:
         file.write("[truth]\n" + "\n".join(keeps) + "\n")
     assert {finding.level for finding in with_aligned_truth(read_session(folder))[1]} == {"ok"}
+    with pytest.raises(DataError, match=r"a truth file tells its own clock and axes \(see check\)"):
+        repair(folder, tmp_path / "repaired")
     (folder / "truth0001.csv").unlink()
     with pytest.raises(FormatError, match=r'protocol.reference is "truth"'):
         read_session(folder)

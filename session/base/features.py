@@ -17,6 +17,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar
 
+from session.base.errors import CalibrationError
+
 Record = TypeVar("Record")
 
 #: where the core asks -> what it asks for: the arguments of a function and its answer, or what a module has
@@ -109,7 +111,11 @@ def known() -> dict[str, Feature]:
     if any(map(_has_features, sys.path)):
         from importlib.metadata import entry_points
 
-        found |= {entry.module.rpartition(".")[0]: entry.load() for entry in entry_points(group=GROUP)}
+        for entry in entry_points(group=GROUP):
+            package, _, module = entry.module.rpartition(".")
+            found[package] = _load(package, f"{module}:{entry.attr}")
+            if not isinstance(found[package], Feature):
+                raise CalibrationError(f"installed feature {entry.value}: is no Feature; mend or uninstall its package")
     return found
 
 
@@ -119,9 +125,16 @@ def _has_features(folder: str) -> bool:
 
 
 def _load(package: str, value: str) -> Any:
+    """What a package has at ``module`` or ``module:attribute``; CalibrationError where that of somebody else cannot be loaded."""
     module, _, attribute = value.partition(":")
-    found = import_module(f"{package}.{module}")
-    return getattr(found, attribute) if attribute else found
+    try:
+        found = import_module(f"{package}.{module}")
+        return getattr(found, attribute) if attribute else found
+    except Exception as error:
+        if package.rpartition(".")[0] in _PLACES.values():
+            raise
+        what = f"installed feature {package}.{value}: cannot be loaded: {type(error).__name__}: {error}"
+        raise CalibrationError(f"{what}; mend or uninstall its package") from None
 
 
 def named(table: str, name: str) -> Any:

@@ -168,6 +168,18 @@ def test_an_installed_feature_adds_its_options_to_the_command_and_to_python(tmp_
     done = processes.run([sys.executable, "-c", code], cwd=tmp_path, env=environment, capture_output=True, text=True)
     assert (done.returncode, done.stdout.count("of mine")) == (0, 2), done.stderr
     assert done.stdout.startswith("2\n")
+    text = (tmp_path / "mine/feature.py").read_text()
+    for broken, says in (
+        ("import no_such\n" + text, "mine.feature:FEATURE: cannot be loaded: ModuleNotFoundError: No module named 'no_such'"),
+        (text.replace("'feature:More'", "'nowhere:More'"), "mine.nowhere:More: cannot be loaded: ModuleNotFoundError: No module named"),
+        ("FEATURE = 3", "mine.feature:FEATURE: is no Feature"),
+    ):
+        (tmp_path / "mine/feature.py").write_text(broken)
+        words = [sys.executable, ROOT / "calibrate.py", "fit", "s"]
+        done = processes.run(words, cwd=tmp_path, env=environment, capture_output=True, text=True)
+        (line,) = done.stderr.splitlines()
+        assert (done.returncode, f"calibrate: installed feature {says}" in line) == (2, True), done.stderr
+        assert line.endswith("; mend or uninstall its package")
 
 
 def test_what_a_feature_records_is_refused_without_it(tmp_path, monkeypatch):

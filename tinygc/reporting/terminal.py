@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -62,12 +62,14 @@ def progress_bar(quiet: bool = False) -> Iterator[Callable[[str, int, int], None
         yield lambda what, done, of: bar.update(task, description=what, completed=done, total=of)
 
 
-def plain_table(title: str, first: str, *columns: str, right: bool = False) -> Table:
-    """An empty table without a frame; right: whether all columns but the first hold numbers, aligned and never wrapped."""
+def plain_table(title: str, first: str, *columns: str, right: bool | Collection[str] = False) -> Table:
+    """An empty table without a frame; right: whether all columns but the first hold numbers, aligned and never wrapped, or which ones do,
+    aligned, where there may be no room for all of them."""
+    numbers = columns if right is True else right or ()
     table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, padding=(0, 2, 0, 0))
     table.add_column(first)
     for column in columns:
-        table.add_column(column, justify="right" if right else "left", no_wrap=right)
+        table.add_column(column, justify="right" if column in numbers else "left", no_wrap=right is True)
     return table
 
 

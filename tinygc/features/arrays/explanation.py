@@ -327,7 +327,7 @@ def save_array_explanation(found: ArrayExplanation, folder: Path, table: dict) -
 def array_page(fit: ArrayFit) -> Group:
     """Return the page: extrinsics, closure, common errors, events, and what was left out."""
     columns = ("serial", "clock, ms", "rate, ppm", "mounting about x, y, z, deg", "± deg", "position, mm", "± mm")
-    table = plain_table("Units against the first: clock, mounting, position", "unit", *columns)
+    table = plain_table("Units against the first: clock, mounting, position", "unit", *columns, right=columns[1:])
     for unit in fit.units:
         table.add_row(*_place(unit, unit is fit.units[0]))
     parts: list[RenderableType] = [table, "", _closure(fit), ""]
@@ -465,7 +465,7 @@ def array_explain_page(found: ArrayExplanation) -> Group:
         parts.append(one_line(f"… and {len(found.moments) - MOST_MOMENTS} moments more, in array.json."))
     parts += _events_and_left_out(fit)
     columns = ("own excess, deg", "95 % below", "p", "standing", "named in its own session")
-    table = plain_table("Beyond the common part, by unit", "unit", *columns)
+    table = plain_table("Beyond the common part, by unit", "unit", *columns, right=columns[:3])
     for unit, part in zip(fit.units, found.parts.own, strict=True):
         explanation = found.explanations.get(unit.number)
         claims = [] if explanation is None else [*explanation.claimed, *explanation.findings]

@@ -14,12 +14,13 @@ from session.base.records import write_whole
 from session.base.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MDPS, MG
 from tinygc import models
 from tinygc.closure.floor import angle_random_walk, bias_instability
+from tinygc.explanation.claims import measured
 from tinygc.features.temperature.axis_fit import AxisFit, Hysteresis
 from tinygc.features.temperature.rest_fit import RestFit, zero_of_blocks
 from tinygc.features.temperature.sessions_fit import APART_C, SessionsFit, ThermalFit, zero_terms
 from tinygc.models.linear import BIAS, MATRIX, scale_factor_errors
 from tinygc.models.model import accelerometer_table
-from tinygc.reporting.pictures.canvas import AXES, PALE, canvas, has_matplotlib, plain, save
+from tinygc.reporting.pictures.canvas import AXES, PALE, canvas, has_matplotlib, save
 from tinygc.reporting.tables import findings_table
 from tinygc.reporting.terminal import Group, RenderableType, Text, plain_table
 
@@ -165,8 +166,8 @@ def _over_temperature(fit: ThermalFit) -> RenderableType:
         sigma_E, sigma_zero = fit.sigma_at(float(temp_c))
         E, zero = fit.model.E(np.array([temp_c]))[0], fit.model.zero(np.full((1, 3), temp_c))[0]
         too_far = scale_factor_errors(E)
-        scale = "  ".join(plain(1e6 * too_far[i], 1e6 * sigma_E[i, i]) for i in range(3))
-        table.add_row(f"{temp_c:.1f}", scale, "  ".join(plain(zero[i] / DEG, sigma_zero[i] / DEG) for i in range(3)))
+        scale = "  ".join(measured(1e6 * too_far[i], 1e6 * sigma_E[i, i]) for i in range(3))
+        table.add_row(f"{temp_c:.1f}", scale, "  ".join(measured(zero[i] / DEG, sigma_zero[i] / DEG) for i in range(3)))
     table.caption = "± one sigma of the fit; the remaining uncertainty of the rest logs comes on top of the zero"
     table.caption_justify = "left"
     return table
@@ -189,14 +190,14 @@ def _axes(rests: RestFit, kind: str) -> RenderableType:
         "this model",
     )
     for axis, fit in zip("xyz", fits, strict=True):
-        slope = plain(fit.terms[1] / unit, fit.sigma[1] / unit) if fit.order else "–"
+        slope = measured(fit.terms[1] / unit, fit.sigma[1] / unit) if fit.order else "–"
         model = order_word(fit.order)
         if fit.line is not None:
-            slope = plain(fit.line.slope / unit, fit.line.sigma / unit)
+            slope = measured(fit.line.slope / unit, fit.line.sigma / unit)
             model = f"{order_word(fit.line.order)} or walk" if fit.line.order else model
-        lag = plain(fit.tau_s, fit.sigma[-1]) if fit.tau_s else "–"
+        lag = measured(fit.tau_s, fit.sigma[-1]) if fit.tau_s else "–"
         held = [f"{value / unit:.2g}" if np.isfinite(value) else "–" for value in (fit.held_out_of(0, False), fit.held_out)]
-        zero = plain(fit.terms[0] / unit, fit.sigma[0] / unit)
+        zero = measured(fit.terms[0] / unit, fit.sigma[0] / unit)
         table.add_row(axis, model, zero, slope, lag, f"{_extent(rests, fit) / unit:.3g} {word}", *held)
     by = "sweeps" if fits[0].folds == "sweeps" else "stretches of time"
     table.caption = f"the last two: rms of what {by} that were left out differ from the prediction, {word}"
@@ -219,11 +220,11 @@ def _noise(rests: RestFit) -> RenderableType:
         walk, floor = angle_random_walk(rests.allan, axis), bias_instability(rests.allan, axis)
         wander = "not observed"
         if floor.observed:
-            wander = plain(floor.value / DEG_PER_HOUR, floor.sigma / DEG_PER_HOUR)
+            wander = measured(floor.value / DEG_PER_HOUR, floor.sigma / DEG_PER_HOUR)
         elif np.isfinite(floor.at_most):
             wander = f"at most {floor.at_most / DEG_PER_HOUR:.2g}"
-        over = "–" if rests.noise is None else f"{plain(100 * rests.noise.per_c[axis], 100 * rests.noise.sigma[axis])} %/°C"
-        table.add_row("xyz"[axis], plain(walk.value / DEG_PER_SQRT_HOUR, walk.sigma / DEG_PER_SQRT_HOUR), wander, over)
+        over = "–" if rests.noise is None else f"{measured(100 * rests.noise.per_c[axis], 100 * rests.noise.sigma[axis])} %/°C"
+        table.add_row("xyz"[axis], measured(walk.value / DEG_PER_SQRT_HOUR, walk.sigma / DEG_PER_SQRT_HOUR), wander, over)
     return table
 
 
@@ -240,7 +241,7 @@ def remarks(fit: ThermalFit) -> list[str]:
 def _of_rests(rests: RestFit) -> list[str]:
     said = [_hysteresis(axis, axis_fit) for axis, axis_fit in zip("xyz", rests.gyro, strict=True)]
     said += [
-        f"{axis}: {order_word(fit.line.order)} or walk, {plain(fit.line.slope / DEG, fit.line.sigma / DEG)} dps/°C: not told apart, "
+        f"{axis}: {order_word(fit.line.order)} or walk, {measured(fit.line.slope / DEG, fit.line.sigma / DEG)} dps/°C: not told apart, "
         "and the model takes off neither."
         for axis, fit in zip("xyz", rests.gyro, strict=True)
         if fit.line is not None and fit.line.order
@@ -284,10 +285,10 @@ def _hysteresis(axis: str, fit: AxisFit) -> str:
     before, after = fit.hysteresis_before, fit.hysteresis_after
     if before is None or after is None:
         return ""
-    differ, left = (f"{plain(abs(size) / DEG, sigma / DEG)} dps" for size, sigma, _ in (before.largest, after.largest))
+    differ, left = (f"{measured(abs(size) / DEG, sigma / DEG)} dps" for size, sigma, _ in (before.largest, after.largest))
     remains = f"held out, {fit.held_out / DEG:.2g} dps rms remain, which is this axis' uncertainty"
     if fit.tau_s and _seen(before):
-        lag = f"a lag of {plain(fit.tau_s, fit.sigma[-1])} s leaves {left}"
+        lag = f"a lag of {measured(fit.tau_s, fit.sigma[-1])} s leaves {left}"
         return f"{axis}: up and down differ by {differ} at {before.largest[2]:.0f} °C; {lag}; {remains}."
     if _seen(after):
         return f"{axis}: up and down differ by {left} at {after.largest[2]:.0f} °C, and no lag removes it; {remains}."

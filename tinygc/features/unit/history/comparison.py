@@ -16,6 +16,7 @@ from session.detect.accelerometer import PARAMETERS
 from tinygc.closure.uncertainty import chi_square_above, normal_above
 from tinygc.deploy.calibration import in_frame_of
 from tinygc.estimation.accelerometer import USUAL_SPREAD
+from tinygc.explanation.claims import measured
 from tinygc.features.unit.calibrated import (
     DIFFERS_P,
     MODES,
@@ -30,7 +31,6 @@ from tinygc.features.unit.history.sessions import GYROSCOPE, KEPT, NUMBERS, ZERO
 from tinygc.library.arguments import is_fit, is_path, public
 from tinygc.library.records import Listed, Shown
 from tinygc.models.linear import BIAS, MATRIX, field_jacobian, field_vector
-from tinygc.reporting.pictures.canvas import plain
 from tinygc.reporting.terminal import Group, Table, Text, one_line, plain_table
 
 # Stable and unstable parameters
@@ -301,7 +301,7 @@ def _table(found: Compared) -> Table:
     table = plain_table("Calibrations side by side: value ± one sigma", "", *names, "most off, sigmas", right=True)
     for each, values, sigmas, offs in zip(QUANTITIES, found.values.T, found.sigmas.T, found.sigmas_off.T, strict=True):
         off = np.abs(offs).max()
-        table.add_row(f"{each.words}, {each.unit}", *map(plain, values, sigmas), Text(f"{off:.1f}", "bold red" if off > MARKED else ""))
+        table.add_row(f"{each.words}, {each.unit}", *map(measured, values, sigmas), Text(f"{off:.1f}", "bold red" if off > MARKED else ""))
     return table
 
 
@@ -309,7 +309,7 @@ def _triads(found: Compared) -> Table:
     table = plain_table("Accelerometers side by side: value ± one sigma", "", *(session.name for session in found.sessions), right=True)
     for word, component, unit, values, sigmas in _side_by_side(found.sessions, [s.triad.errors() for s in found.sessions]):
         pairs = zip(values, sigmas, strict=True)
-        cells = ["not observed" if value is None else plain(value, np.nan if sigma is None else sigma) for value, sigma in pairs]
+        cells = ["not observed" if value is None else measured(value, np.nan if sigma is None else sigma) for value, sigma in pairs]
         table.add_row(f"{word} {component}, {unit}", *cells)
     table.caption = "; ".join(f"{s.name}: {MODES[s.triad.mode]}" for s in found.sessions)
     table.caption_justify = "left"

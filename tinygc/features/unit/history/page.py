@@ -45,10 +45,10 @@ def unit_html(history: UnitHistory, outlooks: Sequence[Outlook]) -> str:
     said += "".join(paragraph(f"<strong>{escape(outlook_line(each))}</strong>") for each in outlooks)
     said += "".join(paragraph(escape(line)) for line in lines(history))
     if len(history.sessions) > 1:
-        together = [[escape(cell) for cell in row] for row in rows(history)]
+        together = [[escape(cell.replace("-", "−")) for cell in row] for row in rows(history)]
         said += table(("", *map(escape, together_columns(history))), together, f"{TOGETHER}.")
     shown = range(max(0, len(history.sessions) - MOST_COLUMNS), len(history.sessions))
-    found = [[*map(escape, (first, *cells[-MOST_COLUMNS:]))] for first, *cells in value_rows(history)]
+    found = [[escape(cell.replace("-", "−")) for cell in (first, *cells[-MOST_COLUMNS:])] for first, *cells in value_rows(history)]
     more = f"The last {len(shown)} sessions. " if len(shown) < len(history.sessions) else ""
     said += table(("", *(escape(session_words(history, place)) for place in shown)), found, f"{more}Values ± one sigma of the session.")
     for panel in panels_of(history):

@@ -11,10 +11,10 @@ from session.base.texts import significant as with_thin_spaces
 from session.base.units import DEG
 from tinygc.estimation.between_sessions import CHANCE, FEWEST_WITH_DRIFT, FEWEST_WITH_TEMPERATURE, LEAST_WARMTH_K, LOOKED_AT
 from tinygc.estimation.session_times import SOURCES
+from tinygc.explanation.claims import measured
 from tinygc.features.unit.history.estimate import LONGEST_YEAR, NumberHistory, UnitHistory
 from tinygc.features.unit.history.forecast import FAILS, HOLDS, Outlook
 from tinygc.features.unit.history.sessions import GYROSCOPE, NUMBERS, Number
-from tinygc.reporting.pictures.canvas import plain
 from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_line, plain_table
 
 #: characters of the table of values; of more sessions than have room the last ones are shown
@@ -98,7 +98,7 @@ def value_rows(history: UnitHistory, shown_numbers: int = len(NUMBERS)) -> list[
 
 def number_cell(each: NumberHistory, k: int) -> str:
     """Value and sigma of the k-th session that shows the number."""
-    return plain(each.values[k] / each.number.si, each.sigmas[k] / each.number.si)
+    return measured(each.values[k] / each.number.si, each.sigmas[k] / each.number.si)
 
 
 def rows(history: UnitHistory) -> list[tuple[str, ...]]:
@@ -126,7 +126,7 @@ def drift_words(history: UnitHistory, each: NumberHistory) -> str:
     if each.course is None or each.drift is None or each.drift_limit is None or (history.dated and not history.is_year_stated):
         return NONE
     if each.course.drifts:
-        return plain(each.drift[0] / each.number.si, each.drift[1] / each.number.si)
+        return measured(each.drift[0] / each.number.si, each.drift[1] / each.number.si)
     return f"less than {significant(each.drift_limit / each.number.si)}"
 
 
@@ -202,7 +202,7 @@ def _step_lines(history: UnitHistory) -> list[str]:
         return []
     found = []
     for step in history.steps:
-        size = plain(step.size / step.number.si, step.sigma / step.number.si)
+        size = measured(step.size / step.number.si, step.sigma / step.number.si)
         by = f"{step.number.words} by {'+' if step.size > 0 else ''}{size} {step.number.unit}"
         found.append(f"a shock between {step.before} and {step.after}: {by} ({probability(step.p_value)})")
     chance = f"{CHANCE:.0%} by chance over all intervals and numbers"
@@ -224,7 +224,7 @@ def _warmth_lines(history: UnitHistory) -> list[str]:
     for each in told:
         value, sigma, limit = (1e3 * part / each.number.si for part in each.warmth or ())
         is_known = each.course is not None and each.course.warms
-        cells.append(f"{each.number.component} {plain(value, sigma) if is_known else f'undecided, less than {significant(limit)}'}")
+        cells.append(f"{each.number.component} {measured(value, sigma) if is_known else f'undecided, less than {significant(limit)}'}")
     return [f"the bias over temperature, mdps/K, from {min(known):.1f} to {max(known):.1f} °C: {'; '.join(cells)}"]
 
 

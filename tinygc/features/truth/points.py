@@ -35,6 +35,7 @@ def _late(place: str) -> Any:
     def call(*given: Any, **more: Any) -> Any:
         return getattr(import_module(f"tinygc.features.truth.{module}"), name)(*given, **more)
 
+    call.__doc__ = f"As ``tinygc.features.truth.{module}.{name}``."
     return staticmethod(call)
 
 

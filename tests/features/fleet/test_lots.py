@@ -120,7 +120,7 @@ def test_fleet_says_of_one_model_what_its_units_are_together(fleet, tmp_path, ca
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        ("--jobs 2 --csv t", "--csv, --jobs: of no use with --lot; leave them out, or give DIR"),
+        ("--jobs 2 --csv t", "--csv, --jobs: of no use with --lot; leave them out"),
         ("s --jobs 2 --limit 1", "--limit: of no use with --lot; leave it out"),
     ],
 )

@@ -20,7 +20,7 @@ from session.base import features  # noqa: E402
 from session.base.options import declared, flag, help_of, metavar, typed_as  # noqa: E402
 from session.replay.options import Answers  # noqa: E402
 from tinygc.cli.commands import command_module, commands  # noqa: E402
-from tinygc.cli.options import Command, Force, Judged, Pictures, UsesEffects  # noqa: E402
+from tinygc.cli.options import Command, Force, Judged, Pictures, Stream, UsesEffects  # noqa: E402
 from tinygc.cli.recording import Recording, Turning  # noqa: E402
 from tinygc.estimation.options import FitOptions, Seed  # noqa: E402
 from tinygc.simulation.options import SimulationOptions  # noqa: E402
@@ -29,6 +29,7 @@ from tinygc.simulation.options import SimulationOptions  # noqa: E402
 SHARED: dict[type, str] = {
     Command: "every command",
     UsesEffects: "commands that use the catalogue of effects",
+    Stream: "commands that read a port",
     Force: "commands that write files by name",
     Seed: "commands that draw",
     Pictures: "commands that draw their result",

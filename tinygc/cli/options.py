@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from session.base.options import Record, declared, file_written, given, option, refuse_beside
+from tinygc.cli.arguments import stream_header
 from tinygc.estimation.options import Limit
 
 LONGEST_S = 1e9  #: up to 30 years, which a program can wait for and a counter can hold
@@ -44,6 +45,14 @@ class Command(Record):
     def further(self) -> dict[str, Any]:
         """The options of features, as keywords of the function that the command calls."""
         return {name: value for each in self.of_features for name, value in vars(each).items()}
+
+
+@dataclass(frozen=True)
+class Stream(Record):
+    """Options of a command that reads a port."""
+
+    baud: int = option(921600, "of a port that has one", least=1)
+    header: str | None = option(None, "of a text stream that does not send it: t_us,gx_dps,…", metavar="LINE", read=stream_header)
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,7 @@ from session.base.options import folder_written, option, typed
 from session.base.progress import Told
 from session.base.texts import command_line, printable
 from tinygc.cli.arguments import note as note_read
-from tinygc.cli.arguments import stream_header
-from tinygc.cli.options import Command
+from tinygc.cli.options import Command, Stream
 
 if TYPE_CHECKING:
     from session.bench.guide import Guide, View
@@ -52,7 +51,7 @@ SHORTEST_CLOSURE_S = 5.0
 
 
 @dataclass(frozen=True)
-class Recording(Command):
+class Recording(Command, Stream):
     """Options of every recording, with what one kind has otherwise than another: its guide, its machine, the commands to go on with."""
 
     #: the command, as it is typed
@@ -64,7 +63,6 @@ class Recording(Command):
     port: str | None = option(
         None, "such as /dev/ttyACM0 (the only one there is, if it can be the board); list: those there are", default_key="record.port"
     )
-    baud: int = option(921600, "of a port that has one", least=1)
     out: Path | None = option(None, "session folder to write (the next free data/sessionN)", metavar="DIR", read=folder_written)
     resume: bool = option(False, "go on with the recording in --out")
     note: tuple[Any, ...] = option((), "for [notes] of session.toml, such as operator=…", metavar="KEY=TEXT", read=note_read, repeated=True)
@@ -72,7 +70,6 @@ class Recording(Command):
         None, "take accelerometer, site and protocol from this session.toml", metavar="TOML", default_key="record.like"
     )
     sensor: str | None = option(None, "what it is, where the board does not say (see the command sensors)")
-    header: str | None = option(None, "of a text stream that does not send it: t_us,gx_dps,…", metavar="LINE", read=stream_header)
     odr_hz: float | None = option(
         None, "data rate: set where the board takes commands, else what it is", unit="Hz", least=0.1, most=50_000, flags=("--odr",)
     )

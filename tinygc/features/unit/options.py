@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from session.base.options import Record, documented, file_written, option
-from tinygc.cli.arguments import OWN_PLACE, duration, stream_header
+from tinygc.cli.arguments import OWN_PLACE, duration
+from tinygc.cli.options import Stream
 from tinygc.estimation.options import Earth, Seed
 
 # Whether a calibration holds: verify and watch.
@@ -66,12 +67,10 @@ class WatchOptions(Record):
 
 
 @dataclass(frozen=True)
-class SourceOptions(Record):
+class SourceOptions(Stream):
     """How a source is read."""
 
     follow: bool = option(False, "read a log on while it grows, until Ctrl-C")
-    baud: int = option(921600, "of a port that has one", least=1)
-    header: str | None = option(None, "of a text stream that does not send it: t_us,gx_dps,…", metavar="LINE", read=stream_header)
 
 
 # One unit over its sessions: history.

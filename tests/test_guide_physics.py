@@ -24,6 +24,7 @@ from session.bench.live import (
     STILL_SIGMA_RPS,
     UNKNOWN_ZERO_RPS,
     MotionBlock,
+    Settling,
     Stillness,
     StreamHealth,
     TurnInProgress,
@@ -414,10 +415,10 @@ def test_the_wait_is_the_first_minute_that_brings_the_drift_below_the_bar_or_hal
     def drift(minutes):
         return each * np.std(10 * np.exp(-(60 * minutes + left) / 150))
 
-    wait = worth_waiting((25.0, 10.0, 150.0), np.array([np.nan]), each, 5)
+    wait = worth_waiting(Settling(25.0, 10.0, 150.0), np.array([np.nan]), each, 5)
     assert (wait.now_rps, wait.then_rps, wait.left_min) == pytest.approx((drift(0), drift(wait.minutes), 40 / 60))
     assert wait.minutes == next(minutes for minutes in range(1, 11) if drift(minutes) <= (limit or drift(0) / 2))
-    assert worth_waiting((25.0, 10.0, 150.0), np.array([24.0]), each, 5) is None  # of which one is cold
+    assert worth_waiting(Settling(25.0, 10.0, 150.0), np.array([24.0]), each, 5) is None  # of which one is cold
 
 
 def test_a_window_holds_the_present_still_and_of_a_long_one_the_last_part():

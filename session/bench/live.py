@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -253,8 +254,16 @@ class Wait:
         return f"{waiting}; going on now ({self.left_min:.0f} min), by {self.now_rps / MDPS:.1f} (bar {_BAR_RPS / MDPS:g})"
 
 
-#: an exponential temperature: present value, °C; remaining change, °C; time constant, s
-Settling = tuple[float, float, float]
+class Settling(NamedTuple):
+    """An exponential temperature: present value, °C; remaining change, °C; time constant, s."""
+
+    now_c: float
+    to_come_c: float
+    settles_s: float
+
+    def at(self, later_s: np.ndarray) -> np.ndarray:
+        """Temperature in °C after later_s (N,)."""
+        return self.now_c - self.to_come_c * np.expm1(-later_s / self.settles_s)
 
 
 def settling(temps: np.ndarray) -> Settling:
@@ -267,7 +276,7 @@ def settling(temps: np.ndarray) -> Settling:
     squares = np.sum(misses**2, axis=1)
     variance = max(LEAST_SIGMA_C**2, float(squares.min()) / max(len(temps) - 2, 1))
     best = int(np.argmin(squares / variance + (np.log(SETTLES_S / USUALLY_S) / np.log(USUALLY_FACTOR)) ** 2))
-    return float(mean_c + slope[best] * (1 - x_mean[best, 0])), float(-slope[best]), float(SETTLES_S[best])
+    return Settling(float(mean_c + slope[best] * (1 - x_mean[best, 0])), float(-slope[best]), float(SETTLES_S[best]))
 
 
 def rps_per_c(stills: Sequence[Still]) -> float:
@@ -289,11 +298,9 @@ def worth_waiting(temperature: Settling, turned_c: np.ndarray, each_rps: float, 
     """
     turned_c = turned_c[np.isfinite(turned_c)]
     later_s = _SEGMENT_S * np.arange(1, segments_left + 1)
-    now_c, to_come_c, settles_s = temperature
 
     def drift(minutes: float) -> float:
-        later_c = now_c - to_come_c * np.expm1(-(60 * minutes + later_s) / settles_s)
-        return each_rps * float(np.std(np.concatenate([turned_c, later_c])))
+        return each_rps * float(np.std(np.concatenate([turned_c, temperature.at(60 * minutes + later_s)])))
 
     now_rps = drift(0.0)
     if now_rps <= _BAR_RPS:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from itertools import combinations, pairwise
 from math import erf, exp, pi, sqrt
 from statistics import NormalDist
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -245,8 +245,11 @@ LEAST_AT = 20
 FAR = 20.0
 
 
-#: levels (3,) dps, NaN where an axis has none; (N,) bool: rows with a reading at its level
-Ceiling = tuple[np.ndarray, np.ndarray]
+class Ceiling(NamedTuple):
+    """levels_dps (3,), NaN where an axis has none; at (N,) bool: rows with a reading at its level."""
+
+    levels_dps: np.ndarray
+    at: np.ndarray
 
 
 def find_ceiling(gyro: np.ndarray) -> Ceiling | None:
@@ -254,14 +257,14 @@ def find_ceiling(gyro: np.ndarray) -> Ceiling | None:
     new = new_readings(gyro)
     if held_for(new) > 1:  # each reading stands, and not at a level
         found = find_ceiling(gyro[new])
-        return None if found is None else (found[0], found[1][np.cumsum(new) - 1])
+        return None if found is None else found._replace(at=found.at[np.cumsum(new) - 1])
     levels, at = np.full(3, np.nan), np.zeros(len(gyro), dtype=bool)
     for axis in range(3):
         noise = _usual_step(gyro[:, axis])  # of a day, before the next column is held
         if (stands := _stands(gyro[:, axis], noise)) is not None:
             levels[axis] = stands[0] / DEG
             at |= stands[1]
-    return (levels, at) if at.any() else None
+    return Ceiling(levels, at) if at.any() else None
 
 
 def _stands(values: np.ndarray, noise: float) -> tuple[float, np.ndarray] | None:
@@ -285,7 +288,7 @@ def _usual_step(values: np.ndarray) -> float:
 
 def clean_turns(ceiling: Ceiling | None, between: Sequence[Ends]) -> list[Ends]:
     """Those of the turns, given by the stills around them, that hold no reading at the level."""
-    return [(first, last) for first, last in between if ceiling is None or not ceiling[1][first.stop : last.start].any()]
+    return [(first, last) for first, last in between if ceiling is None or not ceiling.at[first.stop : last.start].any()]
 
 
 def ceiling_finding(log: Log, sensor: Sensor, ceiling: Ceiling, between: Sequence[Ends] = ()) -> Finding:

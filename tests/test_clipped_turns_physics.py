@@ -55,10 +55,10 @@ def test_a_ceiling_is_a_level_that_is_kept_for_longer_than_noise_keeps_it():
     assert_array_equal(mask, at)
     short = np.array(clipped.gyro)
     short[50:52, 1], short[55, 2] = -level, level - 2 * LSB  # two readings at it on another axis, and one below
-    assert_array_equal(find_reached_ceiling(replace(clipped, gyro=short), FS)[1], at | np.isin(np.arange(len(at)), [50, 51]))
+    assert_array_equal(find_reached_ceiling(replace(clipped, gyro=short), FS).mask, at | np.isin(np.arange(len(at)), [50, 51]))
     short[60:62, 1] = level + 2 * LSB  # an axis that exceeds it has no ceiling there
-    assert_array_equal(find_reached_ceiling(replace(clipped, gyro=short), FS)[1], at)
-    assert find_reached_ceiling(replace(clipped, gyro=-clipped.gyro), FS)[0] == pytest.approx(level)
+    assert_array_equal(find_reached_ceiling(replace(clipped, gyro=short), FS).mask, at)
+    assert find_reached_ceiling(replace(clipped, gyro=-clipped.gyro), FS).level == pytest.approx(level)
     for share, found in ((19.9, True), (20.1, False)):
         assert (find_reached_ceiling(clipped, share * level) is not None) == found
     assert find_reached_ceiling(samples_of(np.zeros((50, 3))), FS) is None
@@ -156,7 +156,7 @@ def test_a_motor_turns_at_one_rate_and_is_not_clipped():
     for number, axis in enumerate(((1, 0, 0), (0, 1, 0), (0, 0, 1), (-1, 0, 0), (0, -1, 0), (0, 0, -1)) * 2):
         table.steady(70, axis, 1.2 + 0.1 * number).rest(3)
     samples = table.samples()
-    assert _find_plateaus(samples, FS)[0] == pytest.approx(70 * DEG, rel=0.03)
+    assert _find_plateaus(samples, FS).level == pytest.approx(70 * DEG, rel=0.03)
     problem = build_problem(session_of(samples))
     found = find_clipping(problem)
     assert (found.borne_out, found.known_to) == (False, pytest.approx(0.02 * found.level))

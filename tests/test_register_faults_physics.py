@@ -116,9 +116,9 @@ def test_two_jumps_three_rows_apart_are_two_and_at_a_gap_that_the_stamps_show_th
     gyro = samples.gyro + 1.0 * (np.arange(1000) >= 500)[:, None] * [1, 0, 0]
     stepped = replace(samples, gyro=gyro)
     late = replace(stepped, t_ns=samples.t_ns + (np.arange(1000) >= 500) * 20_000_000)
-    assert (find_jumps(stepped)[0].tolist(), find_jumps(late)[0].tolist(), find_glitches(stepped)) == ([499], [], None)
+    assert (find_jumps(stepped).rows.tolist(), find_jumps(late).rows.tolist(), find_glitches(stepped)) == ([499], [], None)
     gyro[503:, 0] += second
-    assert find_jumps(replace(samples, gyro=gyro))[0].tolist() == [499, 502]
+    assert find_jumps(replace(samples, gyro=gyro)).rows.tolist() == [499, 502]
 
 
 def test_a_long_log_is_read_in_parts_that_overlap(monkeypatch):
@@ -130,10 +130,10 @@ def test_a_long_log_is_read_in_parts_that_overlap(monkeypatch):
     gyro[450:] -= 1.0
     gyro[[300, 520]] += 0.5
     stepped = replace(samples, gyro=gyro)
-    rows, glitches = find_jumps(stepped)[0].tolist(), find_glitches(stepped)
+    rows, glitches = find_jumps(stepped).rows.tolist(), find_glitches(stepped)
     monkeypatch.setattr(faulty_readings, "LONG", 1000)
-    assert rows == find_jumps(stepped)[0].tolist() == [198, 299, 300, 449, 519, 520]
-    assert [row for row, *_ in glitches] == [row for row, *_ in find_glitches(stepped)] == [300, 520]
+    assert rows == find_jumps(stepped).rows.tolist() == [198, 299, 300, 449, 519, 520]
+    assert [each.row for each in glitches] == [each.row for each in find_glitches(stepped)] == [300, 520]
 
 
 # Losses

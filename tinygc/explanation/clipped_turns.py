@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import chdtrc
@@ -29,8 +30,11 @@ CORNER_CHI2 = 3 * 9 * 2
 LEAST_CEILING = 0.05
 
 
-#: a level that a rate does not exceed: rad/s, and the mask (N,) of the samples at it
-ReachedCeiling = tuple[float, np.ndarray]
+class ReachedCeiling(NamedTuple):
+    """A level that a rate does not exceed, rad/s, and the mask (N,) of the samples at it."""
+
+    level: float
+    mask: np.ndarray
 
 
 def find_reached_ceiling(samples: Samples, full_scale_rps: float) -> ReachedCeiling | None:
@@ -57,7 +61,7 @@ def find_reached_ceiling(samples: Samples, full_scale_rps: float) -> ReachedCeil
     # A clip of a sample or two loses as much of its turn: on any axis that reaches the level, and does not exceed it.
     size, slack = np.abs(samples.gyro), 1.5 * np.array(steps)
     short = ((size >= level - slack) & (size.max(axis=0) <= level + slack)).any(axis=1)
-    return level, np.any([short, *(at for _, at, _ in found)], axis=0)
+    return ReachedCeiling(level, np.any([short, *(at for _, at, _ in found)], axis=0))
 
 
 def has_corners(values: np.ndarray, start: int, stop: int, lsb: float) -> bool:
@@ -106,7 +110,7 @@ def _find_plateaus(samples: Samples, full_scale_rps: float) -> ReachedCeiling | 
         mask[start:stop] = True
     for start, part in pieces(samples.gyro):
         mask[start : start + len(part)] |= (np.abs(part) > (1 - SAME) * level).any(axis=1)
-    return level, mask
+    return ReachedCeiling(level, mask)
 
 
 def _plateaus_of(values: np.ndarray, noise: float, least: float, shortest: float) -> list[tuple[float, int, int]]:
@@ -162,10 +166,10 @@ def find_clipping(problem: Problem) -> Clipping | None:
         misfit = np.sum((closure_angles(problem.batch, problem.first) / problem.floor.sigma) ** 2)
         chance = float(chdtrc(int(problem.batch.known.sum()), misfit))
         ceilings = [_find_plateaus(log.samples, full_scale) for log in problem.logs]
-    levels = [ceiling[0] for ceiling in ceilings if ceiling is not None]
+    levels = [ceiling.level for ceiling in ceilings if ceiling is not None]
     if not levels:
         return None
-    numbers = [s.number for s in problem.segments if (c := ceilings[s.log]) is not None and c[1][s.start : s.stop].any()]
+    numbers = [s.number for s in problem.segments if (c := ceilings[s.log]) is not None and c.mask[s.start : s.stop].any()]
     if not numbers:
         return None
     excess = excess_of(problem, numbers)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import chdtrc, chdtri
@@ -174,7 +175,7 @@ class ClosureTrial:
             rate[here.start - segment.start : here.stop - segment.start] = self._bridged[segment.log][self._calm.rows(segment.log, here)]
         for event in sorted((e for e in mended if e.id == LOST), key=lambda e: -e.row):
             at = event.row - segment.start + 1
-            between = bridging.across(rate, at - 1, at, length, cross(event)[0])
+            between = bridging.across(rate, at - 1, at, length, cross(event).order)
             rate, earth = np.insert(rate, at, between, axis=0), np.insert(earth, at, np.repeat(earth[at : at + 1], length, axis=0), axis=0)
             dt = np.insert(dt, at, np.full(length, np.median(dt)))
         one = replace(batch.pick(slice(i, i + 1)), rate=rate[None], dt=dt[None], earth=earth[None])
@@ -197,7 +198,7 @@ class ClosureTrial:
         """
         open_still: set[Choice] = set()
         as_recorded = self.angles(i, others, cross, length)
-        bridged = sum(cross(event)[1] ** 2 for event in others)
+        bridged = sum(cross(event).missed_rad ** 2 for event in others)
 
         def likelihood(angles: np.ndarray, variance: float) -> float:
             C = self.covariance[i] + variance * np.eye(len(angles))
@@ -208,7 +209,7 @@ class ClosureTrial:
         def value(choice: Choice) -> tuple[float, float]:
             chosen = [own[k] for k in choice]
             angles = self.angles(i, [*others, *chosen], cross, length)
-            variance = bridged + sum(cross(event)[1] ** 2 for event in chosen)
+            variance = bridged + sum(cross(event).missed_rad ** 2 for event in chosen)
             repaired = likelihood(angles, variance)
             gain, moved = repaired - unrepaired, repaired - likelihood(as_recorded, variance)
             gain = gain if moved > MOVED else min(gain, moved)
@@ -273,7 +274,7 @@ class ClosureTrial:
             total = dict.fromkeys((i for _, i in inside), -np.inf)
             for event, i in inside:
                 crossings = {event: crossing(self.twin.problem.logs[event.log].samples, event, count)}
-                for mended, variance in (([], 0.0), ([event], crossings[event][1] ** 2)):
+                for mended, variance in (([], 0.0), ([event], crossings[event].missed_rad ** 2)):
                     angles, C = self.angles(i, mended, crossings.__getitem__, count), self.covariance[i]
                     C = C + variance * np.eye(len(C))
                     gain = -(angles @ np.linalg.solve(C, angles) + np.linalg.slogdet(C)[1]) / 2
@@ -431,8 +432,12 @@ class RepairedProblem:
     clipping: Clipping | None = None
 
 
-#: where samples were inserted: log, row of the first, and the unknown rotation (rad per axis)
-Gap = tuple[int, int, float]
+class Gap(NamedTuple):
+    """Where samples were inserted: log, row of the first, and the unknown rotation (rad per axis)."""
+
+    log: int
+    row: int
+    missed_rad: float
 
 
 def repair(problem: Problem, progress: Told = untold) -> RepairedProblem:
@@ -529,7 +534,7 @@ def session_with_lost(session: Session, lost: list[RegisterFault], length: int) 
         rows = np.array([e.row for e in lost if e.log == number], dtype=int)
         if len(rows):
             orders, missed_rad = zip(*(bridging.best_order(log.samples, np.array([row]), length) for row in rows), strict=True)
-            gaps += [(number, int(row) + 1 + i * length, missed) for i, (row, missed) in enumerate(zip(rows, missed_rad, strict=True))]
+            gaps += [Gap(number, int(row) + 1 + i * length, missed) for i, (row, missed) in enumerate(zip(rows, missed_rad, strict=True))]
             moved = tuple(replace(each, row=each.row + length * int(np.sum(rows < each.row))) for each in log.bridges)
             log = replace(log, samples=faulty_readings.with_lost(log.samples, rows, length, np.array(orders)), bridges=moved)
         logs.append(log)
@@ -561,7 +566,7 @@ def _with_gaps(problem: Problem, gaps: list[Gap]) -> Problem:
     """Widen the floor of each segment by the unknown rotation in its gaps."""
     if not gaps:
         return problem
-    added = [sum(missed**2 for log, row, missed in gaps if log == s.log and s.start <= row < s.stop) for s in problem.used]
+    added = [sum(gap.missed_rad**2 for gap in gaps if gap.log == s.log and s.start <= gap.row < s.stop) for s in problem.used]
     own = problem.floor.own + np.array(added)[:, None, None] * np.eye(problem.batch.angles)
     return replace(problem, floor=replace(problem.floor, own=own))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
@@ -60,8 +61,11 @@ LOSS_IN_ACCEL = 3.0
 PER_SECOND = 1.0
 
 
-#: steps between row i and i + 1 for each of rows (J,); size (J, 6) of each in every channel, signed, in units of the local scatter
-Jumps = tuple[np.ndarray, np.ndarray]
+class Jumps(NamedTuple):
+    """Steps between row i and i + 1 for each of rows (J,); size (J, 6) of each in every channel, signed, in units of the local scatter."""
+
+    rows: np.ndarray
+    size: np.ndarray
 
 
 def find_jumps(samples: Samples) -> Jumps:
@@ -72,7 +76,7 @@ def find_jumps(samples: Samples) -> Jumps:
         mine = np.isin(found + first, own) if len(part) < len(samples) else np.ones(len(found), dtype=bool)
         rows.append(found[mine] + first)
         sizes.append(size[mine])
-    return np.concatenate(rows), np.concatenate(sizes)
+    return Jumps(np.concatenate(rows), np.concatenate(sizes))
 
 
 def _jumps_of(samples: Samples) -> Jumps:
@@ -84,7 +88,7 @@ def _jumps_of(samples: Samples) -> Jumps:
     steps = dict(step for i in peaks for step in _steps_at(int(i), size, total))
     missing = open_gaps(samples)
     rows = [row for row in sorted(steps) if not missing[row]]
-    return np.array(rows, dtype=int), np.array([steps[row] for row in rows]).reshape(-1, 6)
+    return Jumps(np.array(rows, dtype=int), np.array([steps[row] for row in rows]).reshape(-1, 6))
 
 
 def open_gaps(samples: Samples) -> np.ndarray:
@@ -215,14 +219,18 @@ THIRD = np.sqrt(20.0)
 LEAST_NOISE_LSB = 2.0
 
 
-#: false readings: first row; samples; whether the accelerometer's readings are false, too
-Glitch = tuple[int, int, bool]
+class Glitch(NamedTuple):
+    """False readings: first row; samples; accel: whether the accelerometer's readings are false, too."""
+
+    row: int
+    samples: int
+    accel: bool
 
 
 def find_glitches(samples: Samples) -> list[Glitch] | None:
     """All false readings; None if there are none, or so many that they have another cause."""
     found = [
-        (row + first, count, accel) for first, own, part in in_parts(samples) for row, count, accel in _found_in(part) if row + first in own
+        each._replace(row=each.row + first) for first, own, part in in_parts(samples) for each in _found_in(part) if each.row + first in own
     ]
     return found if found and len(found) <= PER_SECOND * samples.duration_s else None
 
@@ -241,11 +249,11 @@ def _found_in(samples: Samples) -> list[Glitch]:
     whole = [(int(c[0]), int(c[-1])) for c in clusters if not missing[max(c[0] + 1 - SIDE, 0) : c[-1] + 3 + SIDE].any()]
     excursions = [run for first, last in whole if (run := _excursion_at(values, scatter, first, last)) is not None]
     found = sorted({*impossible, *excursions})
-    return [run for i, run in enumerate(found) if i == 0 or run[0] >= found[i - 1][0] + found[i - 1][1]]
+    return [run for i, run in enumerate(found) if i == 0 or run.row >= found[i - 1].row + found[i - 1].samples]
 
 
 def _impossible_rows(samples: Samples) -> list[Glitch]:
-    """(first row, samples, True) of runs of rows that no sensor outputs."""
+    """Runs of rows that no sensor outputs."""
     values = np.concatenate([samples.gyro, samples.accel], axis=1)
     lsb = np.array([register_step(column) for column in values.T])
     if not (lsb > 0).all():
@@ -261,15 +269,14 @@ def _impossible_rows(samples: Samples) -> list[Glitch]:
 
 
 def _runs(mask: np.ndarray, fewest: int) -> list[Glitch]:
-    """(first row, samples, True) of each run of at least ``fewest`` rows that is short enough and has neighbours."""
+    """Each run of at least ``fewest`` rows that is short enough and has neighbours."""
     starts, stops = runs_of(mask)
     runs = zip(starts.tolist(), (stops - starts).tolist(), strict=True)
-    return [(first, count, True) for first, count in runs if fewest <= count <= LONGEST and SIDE <= first <= len(mask) - count - SIDE]
+    return [Glitch(first, count, True) for first, count in runs if fewest <= count <= LONGEST and SIDE <= first <= len(mask) - count - SIDE]
 
 
 def _excursion_at(values: np.ndarray, scatter: np.ndarray, first: int, last: int) -> Glitch | None:
-    """(first row, samples, False) of what the cubic across a cluster of high third differences misses, if only the gyro deviates, and
-    returns."""
+    """What the cubic across a cluster of high third differences misses, if only the gyro deviates, and returns."""
     start, stop = first + 1, last + 3
     if start < SIDE or stop + SIDE > len(values) or stop - start > LONGEST + 4:
         return None
@@ -286,7 +293,7 @@ def _excursion_at(values: np.ndarray, scatter: np.ndarray, first: int, last: int
         return None  # a corner, as of clipping: each reading continues one of the sides
     count = int(false[-1] - false[0]) + 1
     came_back = np.linalg.norm(missed[:, :3], axis=1).max() < max(CAME_BACK * away.max(), NOISE_MISSES)
-    return (start + int(false[0]), count, False) if came_back and count <= LONGEST else None
+    return Glitch(start + int(false[0]), count, accel=False) if came_back and count <= LONGEST else None
 
 
 def off_both_sides(values: np.ndarray, start: int, stop: int, along: np.ndarray) -> float:
@@ -314,8 +321,8 @@ def cubic_across(values: np.ndarray, start: int, stop: int) -> tuple[np.ndarray,
 def without_glitches(samples: Samples, glitches: Sequence[Glitch]) -> Samples:
     """Replace false readings by interpolation from their neighbours."""
     mended: dict[str, dict[int, np.ndarray]] = {"gyro": {}, "accel": {}}
-    rows = np.array([row for row, *_ in glitches])
-    orders = {count: bridging.best_order(samples, rows, count)[0] for count in {count for _, count, _ in glitches}}
+    rows = np.array([each.row for each in glitches])
+    orders = {count: bridging.best_order(samples, rows, count)[0] for count in {each.samples for each in glitches}}
     for row, count, both in glitches:
         for name in ("gyro", "accel") if both else ("gyro",):
             first = max(row - bridging.SIDE, 0)
@@ -356,7 +363,7 @@ def proposed(session: Session) -> list[RegisterFault]:
         samples = log.samples
         calibrated = session.calibrated(log)
         if (glitches := find_glitches(samples)) is not None:
-            own = set(_away_from_blows(calibrated, np.array([row for row, *_ in glitches])).tolist())
+            own = set(_away_from_blows(calibrated, np.array([each.row for each in glitches])).tolist())
             # No sensor outputs an impossible row, beside a blow or not; an excursion of the gyro may be the blow's.
             events += [RegisterFault(FALSE, number, row, count, accel) for row, count, accel in glitches if accel or row in own]
             samples = without_glitches(samples, glitches)
@@ -378,16 +385,19 @@ def without_false_readings(session: Session, events: list[RegisterFault]) -> Ses
     """The session with false readings interpolated from their neighbours; losses are unchanged."""
     logs = []
     for number, log in enumerate(session.logs):
-        if mine := [(event.row, event.samples, event.accel) for event in events if event.id == FALSE and event.log == number]:
+        if mine := [Glitch(event.row, event.samples, event.accel) for event in events if event.id == FALSE and event.log == number]:
             log = replace(log, samples=without_glitches(log.samples, mine))
         logs.append(log)
     return replace(session, logs=tuple(logs))
 
 
-#: how a gap is bridged: order of the polynomial, and its error in rotation, rad rms per axis
-Crossing = tuple[int, float]
+class Crossing(NamedTuple):
+    """How a gap is bridged: order of the polynomial, and its error in rotation, rad rms per axis."""
+
+    order: int
+    missed_rad: float
 
 
 def crossing(samples: Samples, event: RegisterFault, length: int) -> Crossing:
     """The best crossing of an event; length: samples lost each time, for a loss."""
-    return bridging.best_order(samples, np.array([event.row]), event.samples or max(length, 1))
+    return Crossing(*bridging.best_order(samples, np.array([event.row]), event.samples or max(length, 1)))

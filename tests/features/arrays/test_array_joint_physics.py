@@ -21,6 +21,7 @@ from tinygc.features.arrays.joint import (
     GRAVITY_SIGMA_MPS2,
     OWN_TURN,
     ArrayEvent,
+    Blocks,
     VarianceSplit,
     _gains_of,
     _worst_of_each_turn,
@@ -171,7 +172,7 @@ def plain(values, base=BASE):
 def rows_alone(errors):
     """Blocks of two rows that nothing else touches, errors (B, 2), and the component that is their mean square."""
     rows, number = np.arange(errors.size).reshape(-1, 2), np.arange(len(errors))
-    return plain(errors, 1e-9), [(OWN_TURN, 0, rows, np.column_stack([number, number + 1]))]
+    return plain(errors, 1e-9), [Blocks(OWN_TURN, 0, rows, np.column_stack([number, number + 1]))]
 
 
 def test_an_event_is_an_F_test_of_a_block_against_the_others():

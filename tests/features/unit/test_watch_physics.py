@@ -339,7 +339,7 @@ def records(mean: np.ndarray, sigma: float = 1.0) -> list[Reading]:
     """Windows 2 s apart with these innovations of gravity, in sigmas."""
     none = np.zeros((5, 1))
     judged = [Judged(none, np.array([[0.0], [0.0], [0.0], [z]]), np.array([[1.0], [sigma]]), none, none, none, none) for z in mean]
-    return [(2.0 * i, reading(np.zeros((3, 1))), each) for i, each in enumerate(judged)]
+    return [Reading(2.0 * i, reading(np.zeros((3, 1))), each) for i, each in enumerate(judged)]
 
 
 def forms_of(count: int, ramp: bool, places: int = 200) -> np.ndarray:
@@ -417,7 +417,7 @@ def test_the_response_is_what_the_filter_makes_of_a_change(ramp):
         if number == 25:
             filters.x, filters.P = before
             judged = dataclasses.replace(judged, taken=np.array([False, True]))
-        rows.append((2.0 * number, window, judged))
+        rows.append(Reading(2.0 * number, window, judged))
     found = _response(rows, np.array([20]), ramp, 0, c)[:, 0]
     assert found == pytest.approx(1e3 * np.array([each.whole[0, 0] for _, _, each in rows]), rel=1e-9, abs=1e-9)
 

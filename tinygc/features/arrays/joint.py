@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import chi2
@@ -64,18 +65,23 @@ class ArrayEvent:
         return tuple(e for e in events if e.unit is not None and (e.what, e.first, e.last) == (self.what, self.first, self.last))
 
 
-#: what rows are of, and the index of their unit; rows (B, d) that are kept or rejected together; spans (B, 2) stills
-Blocks = tuple[str, int | None, np.ndarray, np.ndarray]
+class Blocks(NamedTuple):
+    """what rows are of, and the index of their unit; rows (B, d) that are kept or rejected together; spans (B, 2) stills."""
+
+    what: str
+    unit: int | None
+    rows: np.ndarray
+    spans: np.ndarray
 
 
 def blocks_of(rows: list[UnitRows], same: SameStills, where: RowMap) -> list[Blocks]:
     """Return the blocks of every unit's turns and stills, and of the common part."""
     q = np.arange(len(same))
     return [
-        *((OWN_TURN, i, where.closure[i], np.column_stack([unit.first, unit.last])) for i, unit in enumerate(rows)),
-        *((OWN_STILL, i, where.force[i], np.column_stack([unit.stills, unit.stills])) for i, unit in enumerate(rows)),
-        (COMMON_TURN, None, where.common, np.column_stack([q[:-1], q[1:]])),
-        (COMMON_STILL, None, where.level, np.column_stack([q, q])),
+        *(Blocks(OWN_TURN, i, where.closure[i], np.column_stack([unit.first, unit.last])) for i, unit in enumerate(rows)),
+        *(Blocks(OWN_STILL, i, where.force[i], np.column_stack([unit.stills, unit.stills])) for i, unit in enumerate(rows)),
+        Blocks(COMMON_TURN, None, where.common, np.column_stack([q[:-1], q[1:]])),
+        Blocks(COMMON_STILL, None, where.level, np.column_stack([q, q])),
     ]
 
 
@@ -86,7 +92,7 @@ def candidates(solution: Solution, blocks: list[Blocks]) -> list[ArrayEvent]:
     """
     from scipy.stats import f
 
-    total = sum(len(rows) for _, _, rows, _ in blocks)
+    total = sum(len(each.rows) for each in blocks)
     found = []
     for what, unit, rows, spans in blocks:
         chi, error = solution.blocks(rows)

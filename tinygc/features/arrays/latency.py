@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
@@ -71,12 +72,20 @@ def age_readings(t_s: np.ndarray, excess: np.ndarray, slope: np.ndarray, noise: 
     return AgeReadings(t_s, age, white + spread_s**2, reader_s, spread_s)
 
 
-def find_beat(readings: AgeReadings) -> tuple[float, float, float]:
-    """Return the frequency of the highest peak in Hz, without its sign, the amplitude of the sinusoid there in s, and the p-value over all
-    frequencies searched, 1 where there are too few readings."""
+class Beat(NamedTuple):
+    """Highest peak of a unit's ages: its frequency_hz, without its sign; amplitude_s of the sinusoid there; p_value over all frequencies
+    searched, 1 where there are too few readings."""
+
+    frequency_hz: float
+    amplitude_s: float
+    p_value: float
+
+
+def find_beat(readings: AgeReadings) -> Beat:
+    """Find the beat between a unit's samples and the reads of its registers."""
     stretches = _spans(readings.t_s - readings.t_s[:1], STRETCH_S, 8)
     if not stretches:
-        return 0.0, 0.0, 1.0
+        return Beat(0.0, 0.0, 1.0)
     # fast Fourier transform of readings on a grid much finer than the reader's period
     step_s = readings.reader_s / GRID
     points = round(FINENESS * STRETCH_S / step_s)
@@ -100,7 +109,7 @@ def find_beat(readings: AgeReadings) -> tuple[float, float, float]:
     ratio = power / np.maximum(level, 1.0)
     best = int(np.argmax(ratio))
     p_value = min(1.0, len(frequency) * float(gammaincc(count, ratio[best])))
-    return float(frequency[best]), float(amplitude[best] / weight.sum()), p_value
+    return Beat(float(frequency[best]), float(amplitude[best] / weight.sum()), p_value)
 
 
 def _spans(t_s: np.ndarray, length_s: float, fewest: int) -> list[np.ndarray]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,8 +31,12 @@ PLAUSIBLE_RPS = 5 * DEG
 LEAST_RPS = 5e-7
 
 
-#: basis (m, r) of a form in a projection, its price, and whether it is the law itself
-_Form = tuple[np.ndarray, float, bool]
+class _Form(NamedTuple):
+    """basis (m, r) of a form in a projection, its price, and own: whether it is the law itself."""
+
+    basis: np.ndarray
+    price: float
+    own: bool
 
 
 def learnable_from(screening: Screening, form: LawForm, theta: np.ndarray, chance: float, whiten: Whitener | None = None) -> float | None:
@@ -51,7 +56,7 @@ def learnable_from(screening: Screening, form: LawForm, theta: np.ndarray, chanc
     quantities = {factor.quantity for factor in form.factors}
     kin = [number for number, other in enumerate(screening.forms) if {factor.quantity for factor in other.factors} <= quantities]
     near = np.union1d(screening.order[:NEAR_LAW], np.array(sorted(kin, key=lambda number: screening.price[number])[:NEAR_LAW], dtype=int))
-    forms = [(basis, screening.price_of(form), True), *_forms(screening, near, responses, projection).values()]
+    forms = [_Form(basis, screening.price_of(form), own=True), *_forms(screening, near, responses, projection).values()]
     found = _trial(screening, projection, projection.whitened(response), projection.seen(response), forms, 0, chance)
     return _threshold(found, 1 / MOST_FACTOR, MOST_FACTOR)
 
@@ -88,7 +93,7 @@ def _forms(screening: Screening, numbers: np.ndarray, responses: Responses, proj
     for some in passed(planned([screening.forms[number] for number in numbers]), responses, [projection], [np.zeros((projection.free, 0))]):
         weights, rank, _ = seen_directions(some.free, some.length)
         for form, basis, r in zip(numbers[some.forms].tolist(), weights @ some.free, rank.tolist(), strict=True):
-            found[form] = basis[:r].T, float(screening.price[form]), False
+            found[form] = _Form(basis[:r].T, float(screening.price[form]), own=False)
     return found
 
 
@@ -108,12 +113,12 @@ def _trial(
     law, noise = projection.beside(whitened), projection.beside(generator.standard_normal((len(whitened), DRAWS)))
     # The promise of all other forms in noise alone.
     others = generator.choice(screening.drawn, DRAWS)
-    rank, prices = np.array([basis.shape[1] for basis, _, _ in forms]), np.array([price for _, price, _ in forms])
+    rank, prices = np.array([each.basis.shape[1] for each in forms]), np.array([each.price for each in forms])
     starts = np.concatenate([[0], np.cumsum(rank)[:-1]]).astype(int)
-    bases = np.concatenate([basis for basis, _, _ in forms], axis=1)
+    bases = np.concatenate([each.basis for each in forms], axis=1)
     along_law, along_noise = bases.T @ free, bases.T @ projection.free_of(noise)
     said = np.add.reduceat(along_law**2, starts) / float(free @ free)
-    says = (said > SAID) | np.array([own for _, _, own in forms])
+    says = (said > SAID) | np.array([each.own for each in forms])
 
     def found(factor: float) -> bool:
         gains = np.add.reduceat((factor * along_law[:, None] + along_noise) ** 2, starts, axis=0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,9 +24,13 @@ from tinygc.noise.refit import Replay
 ONE = 0
 
 
-#: terms of all forms of one pattern over factors of the same kind: axis (P,), and the component (P,) of the hub and of the partner, of each
-#: coefficient
-Wiring = tuple[np.ndarray, np.ndarray, np.ndarray]
+class Wiring(NamedTuple):
+    """Terms of all forms of one pattern over factors of the same kind: axis (P,), and the component (P,) of the hub and of the partner, of
+    each coefficient."""
+
+    axis: np.ndarray
+    hub: np.ndarray
+    partner: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,8 +105,8 @@ def _wiring(form: LawForm, first_is_hub: bool) -> Wiring:
     axis = np.array([axis for axis, _ in terms])
     first, *second = np.array([[component for _, component in parts] for _, parts in terms]).T
     if not second:
-        return axis, np.zeros(len(terms), dtype=int), first
-    return (axis, first, *second) if first_is_hub else (axis, *second, first)
+        return Wiring(axis, np.zeros(len(terms), dtype=int), first)
+    return Wiring(axis, first, second[0]) if first_is_hub else Wiring(axis, second[0], first)
 
 
 # Values of factors over all samples of a recording, each quantity computed once.

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,8 +30,12 @@ PLACES, SIGMAS = np.linspace(0, 1, 9), np.linspace(-4, 4, 9)
 BEFORE, TRIED = 30, 60
 
 
-#: t_s of a window, it, and what it gave, of whose copies the first counts
-Reading = tuple[float, Window, Judged]
+class Reading(NamedTuple):
+    """t_s of a window, it, and what it gave, of whose copies the first counts."""
+
+    t_s: float
+    window: Window
+    judged: Judged
 
 
 @dataclass(frozen=True)
@@ -60,7 +65,7 @@ def change_of(records: Sequence[Reading], channel: int, begun: int, chosen: Sett
     count = len(rows)
     first = max(0, count - 1 - begun - BEFORE)
     moments = np.unique(np.linspace(first, count - 1, TRIED).round().astype(int))
-    t_s = np.array([at for at, _, _ in rows])
+    t_s = np.array([each.t_s for each in rows])
     forms = [_within_windows(rows, moments, ramp, channel, chosen) for ramp in (False, True)]
     gains = [score**2 / information / 2 for score, information, *_ in forms]
     better = float(gains[0].max() - gains[1].max())
@@ -85,7 +90,7 @@ def _within_windows(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Of a change in each window of the moments, at K places within it: score and information of its size now, the prior share of the
     place, and the place, 0 to 1; each (M, K)."""
-    z, t_s = np.array([judged.whole[channel, 0] for _, _, judged in rows]), np.array([at for at, _, _ in rows])
+    z, t_s = np.array([each.judged.whole[channel, 0] for each in rows]), np.array([each.t_s for each in rows])
     ends = [np.minimum(moments + later, len(rows) - 1) for later in (0, 1)]
     own, after = (_response(rows, moments + later, ramp, channel, chosen) for later in (0, 1))
     A, B, C, a, b = (np.sum(own**2, axis=0), np.sum(own * after, axis=0), np.sum(after**2, axis=0), own.T @ z, after.T @ z)
@@ -111,11 +116,11 @@ def _response(rows: Sequence[Reading], moments: np.ndarray, ramp: bool, channel:
     Of gravity, whose filter depends on the attitude, the innovation is taken as the change itself.
     """
     index = np.arange(len(rows))
-    t_s = np.array([at for at, _, _ in rows])
+    t_s = np.array([each.t_s for each in rows])
     after = index[:, None] >= moments[None]
     change = np.where(after, t_s[:, None] - t_s[np.minimum(moments, len(rows) - 1)][None] if ramp else 1.0, 0.0)
     if channel == 3:
-        return change / np.array([judged.sigma[1, 0] for _, _, judged in rows])[:, None]
+        return change / np.array([each.judged.sigma[1, 0] for each in rows])[:, None]
     decay = np.ones(STATES)
     decay[1 : 1 + len(chosen.decay)] = chosen.decay
     x, found = np.zeros((STATES, len(moments))), np.empty(change.shape)

@@ -317,7 +317,7 @@ class Watch:
 
     def _judged(self, window: Window, judged: Judged) -> Iterator[Event]:
         f = self._detector.filter
-        self._records.append((self.t_s, window, judged))
+        self._records.append(Reading(self.t_s, window, judged))
         alarmed = {int(k): int(judged.alarm[k, 0]) for k in np.flatnonzero(judged.alarm[:, 0])}
         if alarmed:
             begun = {k: self.windows - int(self._since[k, 0 if sign > 0 else 1, int(judged.shift[k, 0])]) for k, sign in alarmed.items()}

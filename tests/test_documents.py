@@ -40,7 +40,8 @@ each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relativ
 
 
 def without_code(text: str) -> str:
-    return re.sub(r"^```.*?^```", "", text, flags=re.S | re.M)
+    """Its lines keep their numbers."""
+    return re.sub(r"^```.*?^```", lambda block: "\n" * block[0].count("\n"), text, flags=re.S | re.M)
 
 
 def anchors(text: str) -> set[str]:
@@ -60,15 +61,25 @@ def blocks(path: Path, language: str) -> list[str]:
     return re.findall(rf"```{language}\n(.*?)```", path.read_text(encoding="utf-8"), re.S)
 
 
+def alike(listed: set, there: set, page: str) -> None:
+    """A page lists what is there, and nothing else."""
+    wrong = {f"{each} is not there" for each in listed - there} | {f"{each} is not listed" for each in there - listed}
+    assert not wrong, "\n".join([f"edit {page}:", *sorted(wrong)])
+
+
 @each_page
 def test_every_link_inside_the_project_leads_somewhere(page):
-    text = without_code(page.read_text(encoding="utf-8"))
-    for target, anchor in LINK.findall(text):
-        path = (page.parent / target).resolve() if target else page
-        assert path.exists(), f"{page.name}: {target}"
-        assert path.is_relative_to(ROOT), f"{page.name}: {target} is outside the project"
-        if anchor:
-            assert anchor in anchors(path.read_text(encoding="utf-8")), f"{page.name}: {target}#{anchor}"
+    name, broken = page.relative_to(ROOT), []
+    for number, line in enumerate(without_code(page.read_text(encoding="utf-8")).split("\n"), start=1):
+        for target, anchor in LINK.findall(line):
+            path = (page.parent / target).resolve() if target else page
+            if not path.exists():
+                broken.append(f"{name}:{number}: {target} is not there")
+            elif not path.is_relative_to(ROOT):
+                broken.append(f"{name}:{number}: {target} is outside the project")
+            elif anchor and anchor not in anchors(path.read_text(encoding="utf-8")):
+                broken.append(f"{name}:{number}: {target} has no heading #{anchor}")
+    assert not broken, "\n".join(broken)
 
 
 def test_every_page_that_the_code_names_is_there():
@@ -91,18 +102,18 @@ def test_one_list_leads_to_every_page():
     listed = {path for path in linked_pages(INDEX.read_text(encoding="utf-8"), DOCS) if path.is_relative_to(DOCS)}
     ends = {"formats": "-format.md", "measured": "-measured.md"}
     pages = {name: {*(DOCS / name).glob("*.md"), *DOCS.glob(f"features/*/*{end}")} for name, end in ends.items()}
-    assert listed == set(DOCS.rglob("*.md")) - set().union(*pages.values()) - {INDEX}
+    alike(listed, set(DOCS.rglob("*.md")) - set().union(*pages.values()) - {INDEX}, "docs/index.md")
     assert all(line.count("](") == 1 for line in INDEX.read_text(encoding="utf-8").splitlines() if line.startswith("- "))
     for name, there in pages.items():
         rows = re.findall(r"^\| \[.*", (DOCS / f"{name}.md").read_text(encoding="utf-8"), re.M)
-        assert set(linked_pages("\n".join(rows), DOCS)) == there
+        alike(set(linked_pages("\n".join(rows), DOCS)), there, f"docs/{name}.md")
     assert INDEX in linked_pages((ROOT / "README.md").read_text(encoding="utf-8"), ROOT)
 
 
 def test_every_helper_of_the_tests_has_its_row():
     rows = "\n".join(re.findall(r"^\| (`[^|]+)", (ROOT / "tests" / "README.md").read_text(encoding="utf-8"), re.M))
     paths = [path for place in ("*.py", "features/*/*.py") for path in (ROOT / "tests").glob(place) if not path.name.startswith("test_")]
-    assert {name.split("/")[-1] for name in re.findall(r"`([\w/]+\.py)`", rows)} == {path.name for path in paths}
+    alike({name.split("/")[-1] for name in re.findall(r"`([\w/]+\.py)`", rows)}, {path.name for path in paths}, "tests/README.md")
 
 
 def test_every_command_effect_and_export_is_on_its_page():

@@ -115,7 +115,7 @@ def sizes_table(mixtures: int) -> str:
         count = round(duration_s * RATE_HZ)
         values = np.column_stack([simulated(sizes, 1.0, count, rng) for sizes in truth])
         whole, *parts = (
-            [axis for sensor in estimate_noise([rest(each)])[0].sensors().values() for axis in sensor.axes]
+            [axis for sensor in estimate_noise([rest(each)]).figures.sensors().values() for axis in sensor.axes]
             for each in (values, values[: count // 2], values[count // 2 :])
         )
         for k, sizes in enumerate(truth):
@@ -197,7 +197,7 @@ def main() -> None:
                 count = round(DURATIONS_S[label] * RATE_HZ)
                 sums = rest(np.column_stack([simulated(sizes, time_s, count, rng) for _ in range(6)]))
                 can_be_seen = margin(sizes, time_s, sums) > SEEN
-                figures = estimate_noise([sums])[0]
+                figures = estimate_noise([sums]).figures
                 for axis in (axis for sensor in figures.sensors().values() for axis in sensor.axes):
                     chosen = {name for name, term in axis.terms.items() if term.chosen}
                     right = chosen == set(sizes)

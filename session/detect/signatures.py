@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -189,10 +190,10 @@ def _check_dead_band(log: Log, sensor: Sensor) -> list[Finding]:
     found = np.array([band is not None for band in bands])
     if found.any():
         here = [band for band in bands if band is not None]
-        edges = ", ".join(f"{beyond / DEG:.2g}" for _, beyond, _ in here)
-        says = f"{_stands(found, centres, max(share for *_, share in here))}, and no reading lies between that and ±{edges} dps: a gate"
-    elif (norm := _gap(np.linalg.norm(gyro - centres, axis=1), sided=False)) is not None and norm[0] == 0:
-        says = f"{_stands(np.ones(3, dtype=bool), centres, norm[2])}, and all others beyond {norm[1] / DEG:.2g} dps together: a gate"
+        edges = ", ".join(f"{band.beyond / DEG:.2g}" for band in here)
+        says = f"{_stands(found, centres, max(band.share for band in here))}, and no reading lies between that and ±{edges} dps: a gate"
+    elif (norm := _gap(np.linalg.norm(gyro - centres, axis=1), sided=False)) is not None and norm.within == 0:
+        says = f"{_stands(np.ones(3, dtype=bool), centres, norm.share)}, and all others beyond {norm.beyond / DEG:.2g} dps together: a gate"
     elif (found := np.array([_repeats_finely(each, at, sensor, log) for each, at in zip(gyro.T, centres, strict=True)])).any():
         share = float((gyro == centres).mean(axis=0)[found].max())
         says = f"{_stands(found, centres, share)}, in steps that are finer than any noise"
@@ -214,9 +215,16 @@ def _centre(values: np.ndarray) -> float:
     return float(np.median(ordered[first : first + count]))
 
 
-def _gap(off: np.ndarray, sided: bool = True) -> tuple[float, float, float] | None:
-    """A gap in the sizes of readings (N,) from where they are densest, empty though as wide a span beyond it is full: the farthest within,
-    the nearest beyond it, rad/s, and the share of the readings within.
+class _Band(NamedTuple):
+    """A gap around the densest readings: the farthest within and the nearest beyond it, rad/s, and the share of the readings within."""
+
+    within: float
+    beyond: float
+    share: float
+
+
+def _gap(off: np.ndarray, sided: bool = True) -> _Band | None:
+    """A gap in the sizes of readings (N,) from where they are densest, empty though as wide a span beyond it is full.
 
     Of n readings that lie in the two spans together by a density that does not fall towards zero, all are in the outer one with a chance
     of 2^-n at most; there are N gaps.
@@ -238,7 +246,7 @@ def _gap(off: np.ndarray, sided: bool = True) -> tuple[float, float, float] | No
         outer = off[(size >= beyond) & (size <= beyond + width)]
         side = float((outer > 0).mean())
         if crossings >= CROSSINGS and (not sided or min(side, 1 - side) >= LEAST_SIDE):
-            return within, beyond, float(inside.mean())
+            return _Band(within, beyond, float(inside.mean()))
     return None
 
 

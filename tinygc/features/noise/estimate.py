@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise, zip_longest
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import chdtrc, gammaincinv
@@ -39,11 +40,17 @@ DETERMINED = 2.0
 ENOUGH = 3
 
 
-def estimate_noise(sums: Sequence[RestSums], progress: Progress = untold) -> tuple[NoiseFigures, list[str], float]:
-    """Estimate the terms of one unit from all its rest logs and stills.
+class NoiseEstimate(NamedTuple):
+    """figures, with the Allan deviations of the same data; said: what was left out or is to be known, one sentence each; left_out_s: the
+    time that is not used."""
 
-    Returns the figures, with the Allan deviations of the same data; what was left out or is to be known, one sentence each; and the time
-    that is not used, s.
+    figures: NoiseFigures
+    said: list[str]
+    left_out_s: float
+
+
+def estimate_noise(sums: Sequence[RestSums], progress: Progress = untold) -> NoiseEstimate:
+    """Estimate the terms of one unit from all its rest logs and stills.
 
     Raises DataError where the rates differ, or where no rest is long enough.
     """
@@ -105,7 +112,7 @@ def estimate_noise(sums: Sequence[RestSums], progress: Progress = untold) -> tup
         duration_s=sum(each.duration_s for each in sums),
         samples=sum(each.samples for each in sums),
     )
-    return figures, said, sum(rest.left_out_s for rest in rests)
+    return NoiseEstimate(figures, said, sum(rest.left_out_s for rest in rests))
 
 
 def _sensor(axes: Sequence[AxisNoise | None]) -> SensorNoise:

@@ -100,7 +100,7 @@ class LiveNoise:
     def _run(self, sums: list[RestSums], rested_s: float) -> None:
         began_s = time.monotonic()
         try:
-            self._found = answer_of(estimate_noise(sums)[0], rested_s, self._relative)
+            self._found = answer_of(estimate_noise(sums).figures, rested_s, self._relative)
         except CalibrationError as error:  # too short a rest, as a rule
             self._found = RestAnswer((f"no noise figures yet: {error}",))
         except Exception as error:

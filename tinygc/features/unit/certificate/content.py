@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -83,8 +84,13 @@ CALIBRATED = {
 
 #: a line of the certificate: label, text, and the key of session.toml that holds it, empty where it is computed from the recording
 Line = tuple[str, str, str]
-#: quantities of one kind: words, and for each component its name and its measured value
-ResultRow = tuple[str, list[tuple[str, Measured]]]
+
+
+class ResultRow(NamedTuple):
+    """Quantities of one kind: words, and for each component its name and its measured value."""
+
+    words: str
+    values: list[tuple[str, Measured]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -390,8 +396,8 @@ def _results(data: ReportData, vector: np.ndarray, sources: Sequence[Source]) ->
         spread = np.zeros((PARAMETERS, PARAMETERS))
         spread[BIAS, BIAS] = np.diag(2 * data.fit.repeatability.rps**2)
         other = [*sources, Source("switch-on", "B", float("inf"), spread)]
-        again = [cells for words, cells in _rows(_gyroscope(data, vector, other)) if words == "gyroscope bias"]
-        found += [("gyroscope bias at any switch-on", cells) for cells in again]
+        again = [row for row in _rows(_gyroscope(data, vector, other)) if row.words == "gyroscope bias"]
+        found += [row._replace(words="gyroscope bias at any switch-on") for row in again]
     # one that was taken as given is no result of this calibration
     found += _rows([each for each in accelerometer_measured(data.fit.accelerometer) if np.isfinite(each.sigma)])
     beyond = [q for q in data.quantities if q not in data.adopted.quantities and q.observed]
@@ -410,10 +416,10 @@ def _rows(values: Sequence[Measured]) -> list[ResultRow]:
     rows: list[ResultRow] = []
     for each in values:
         words, part = _split(each.words)
-        if rows and rows[-1][0] == words and len(rows[-1][1]) < 3:
-            rows[-1][1].append((part, each))
+        if rows and rows[-1].words == words and len(rows[-1].values) < 3:
+            rows[-1].values.append((part, each))
         else:
-            rows.append((words, [(part, each)]))
+            rows.append(ResultRow(words, [(part, each)]))
     return rows
 
 

@@ -178,14 +178,13 @@ def _first(words: str) -> str:
 
 def _row(row: ResultRow) -> dict[str, Any]:
     """A line of the table of results: decimals that give the largest U of the line two digits, and the range of k."""
-    words, values = row
-    known = [each for _, each in values if each.observed and np.isfinite(each.expanded) and each.expanded > 0]
+    known = [each for _, each in row.values if each.observed and np.isfinite(each.expanded) and each.expanded > 0]
     decimals = min((decimals_for(each.expanded) for each in known), default=3)
     factors = sorted({fixed(each.factor, 2) for each in known})
-    cells = [_cell(part, each, decimals) for part, each in values]
+    cells = [_cell(part, each, decimals) for part, each in row.values]
     return {
-        "words": _first(words),
-        "unit": values[0][1].unit,
+        "words": _first(row.words),
+        "unit": row.values[0][1].unit,
         "cells": [*cells, None, None, None][:3],
         "k": "–".join(dict.fromkeys((factors[0], factors[-1]))) if factors else "",
     }

@@ -113,7 +113,7 @@ def fit_model(name: str, problem: Problem, still_rates: bool = False):
     if name == "pso":
         return fit_pso(batch, sigma, start, seed=0, still_rates=rates)
     net = train_second_order(batch, sigma, still_rates=rates).net
-    return net if name == "tinygc" else train_denoiser(of_problem(problem), net)[0]
+    return net if name == "tinygc" else train_denoiser(of_problem(problem), net).model
 
 
 def rms(values: np.ndarray) -> float:

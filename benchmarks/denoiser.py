@@ -108,9 +108,9 @@ def _figures(session: Session) -> dict:
     calibrated = _closures(unseen, run, net, net)[0]
     filters = {
         "calibrated alone": Filter(np.ones(1), np.ones(1), 0),
-        "endpoint": train_denoiser(seen, net, "endpoint")[0],
+        "endpoint": train_denoiser(seen, net, "endpoint").model,
         "endpoint, as in the paper": train_adamw(seen, net, 0, lambda done, of: None).model,
-        f"neighbours, {DELAY} samples": train_denoiser(seen, net)[0],
+        f"neighbours, {DELAY} samples": train_denoiser(seen, net).model,
         "Butterworth": butterworth(DELAY),
         "Savitzky–Golay": savitzky_golay(DELAY),
     }

@@ -224,7 +224,7 @@ def test_noise_at_rest_falls_threefold_twelve_samples_late_and_the_closure_does_
     """On noise and turns that it has not seen; a cubic passes late but whole; bad input is refused."""
     seen, _ = material()
     calibration = bias_only()
-    trained = denoiser.train_denoiser(seen, calibration)[0]
+    trained = denoiser.train_denoiser(seen, calibration).model
     assert trained.calibration is calibration
     noise = np.random.default_rng(9).standard_normal((40000, 3))
     assert (noise.std(axis=0) / trained.denoiser(noise).std(axis=0) > 3.0).all()

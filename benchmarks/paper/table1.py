@@ -53,7 +53,7 @@ def table1(euroc: Euroc, progress: Callable[[str], None]) -> str:
 
     row("raw", 0, "gyro", bias_only())
     squared, material = train_second_order(batch, sigma).net, of_problem(euroc.training)
-    denoised = train_denoiser(material, squared, "endpoint")[0]
+    denoised = train_denoiser(material, squared, "endpoint").model
     row("least squares", 12, "gyro", fit_least_squares(batch, sigma, euroc.training.first).model)
     row("TinyGC-Net", 27, "gyro", squared)
     row("… and denoised", 195, "gyro", denoised)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -216,8 +216,12 @@ def risk_of(rates: list[np.ndarray], stills: list[np.ndarray], taps: int, delay:
 
 # The start and the result of the denoiser's training.
 
-#: the whole model, and the loss after each step or epoch
-DenoiserTraining = tuple[DenoisedNet, list[float]]
+
+class DenoiserTraining(NamedTuple):
+    """The whole model, and the loss after each step or epoch."""
+
+    model: DenoisedNet
+    loss: list[float]
 
 
 def start(seed: int) -> Denoiser:
@@ -395,7 +399,7 @@ def train_adamw(
         progress=progress,
     )
     denoiser = Denoiser.from_vector(best).normalised()
-    return DenoisedNet(calibration, denoiser, material.rate_hz), losses
+    return DenoiserTraining(DenoisedNet(calibration, denoiser, material.rate_hz), losses)
 
 
 # Train the denoising subnet, calibration frozen: second order in NumPy, or as in the paper in PyTorch.
@@ -436,7 +440,7 @@ def train_denoiser(
         losses += trace
         progress(number + 1, ROUNDS)
     denoiser = Denoiser.from_vector(vector).normalised()
-    return DenoisedNet(calibration, denoiser, material.rate_hz), losses
+    return DenoiserTraining(DenoisedNet(calibration, denoiser, material.rate_hz), losses)
 
 
 # The method ``tinygc_denoised``: the frozen calibration of ``tinygc``, and the denoising subnet after it.
@@ -469,7 +473,7 @@ def run(problem: Problem, options: FitOptions, progress: Steps, before: dict[str
     model, losses = train(enough, calibrated.model, 0, "whole", smoothing=smoothing)
     seconds = time.perf_counter() - began
     if not endpoint:
-        smooth = train_denoiser(enough, calibrated.model, seed=options.seed, closing=False, smoothing=smoothing)[0].denoiser
+        smooth = train_denoiser(enough, calibrated.model, seed=options.seed, closing=False, smoothing=smoothing).model.denoiser
     held_out = np.zeros_like(calibrated.held_out)
     fold = np.arange(len(problem.batch)) % len(calibrated.fold_models)
     for k, calibration in enumerate(calibrated.fold_models):

@@ -250,14 +250,24 @@ def _moved(state: np.ndarray, frequency: np.ndarray, seconds: float) -> np.ndarr
 _Logs = list[list[Rates]]
 
 
+class _Difference(NamedTuple):
+    """One unit's difference from the others, over all its logs, at readings that all units cover.
+
+    t_s (N,) s array clock, as stamped; excess (N, 3) rad/s, the unit's rate in the first unit's axes minus the others' mean at that time;
+    slope (N, 3) rad/s^2 of that mean.
+    """
+
+    t_s: np.ndarray
+    excess: np.ndarray
+    slope: np.ndarray
+
+
 def _differences(
     stamped: _Logs, moved: _Logs, maps: list[np.ndarray], offsets: list[np.ndarray]
-) -> tuple[list[tuple[np.ndarray, np.ndarray, np.ndarray]], list[np.ndarray], list[np.ndarray]]:
-    """Return every unit's difference from the others, over all its logs, at readings that all units cover, with its map refitted.
+) -> tuple[list[_Difference], list[np.ndarray], list[np.ndarray]]:
+    """Return every unit's difference from the others with its map refitted, and the new maps and offsets.
 
     stamped, moved: rates on one clock, as stamped and at the times of the readings; maps (3, 3) and offsets (logs, 3) rad/s of each unit.
-    Of each unit t_s (N,) s array clock, as stamped; excess (N, 3) rad/s, the unit's rate in the first unit's axes minus the others' mean at
-    that time; slope (N, 3) rad/s^2 of that mean.  And the new maps and offsets.
     """
     splines = [[each.spline() for each in unit] for unit in moved]
     slopes = [[spline.derivative() for spline in unit] for unit in splines]
@@ -277,7 +287,7 @@ def _differences(
         design = np.hstack([read, (log[:, None] == np.arange(len(own))).astype(float)])
         target = rate - age[:, None] * slope  # the others' rate at the time of the reading
         coefficients = np.linalg.lstsq(design, target, rcond=None)[0]
-        found.append((t_s, design @ coefficients - rate, slope))
+        found.append(_Difference(t_s, design @ coefficients - rate, slope))
         new_maps.append(coefficients[:3].T)
         new_offsets.append(-np.linalg.solve(coefficients[:3].T, coefficients[3:].T).T)
     return found, new_maps, new_offsets
@@ -374,7 +384,7 @@ def _is_echo(one: SampleAges, ages: Sequence[SampleAges]) -> bool:
     return False
 
 
-def _aged(before: SampleAges, difference: tuple[np.ndarray, ...], reader_s: float) -> SampleAges:
+def _aged(before: SampleAges, difference: _Difference, reader_s: float) -> SampleAges:
     """Estimate one unit's ages relative to the others' current ones."""
     t_s, excess, slope = difference
     readings = age_readings(t_s, excess, slope, rms_of(noise_of(excess)), reader_s)

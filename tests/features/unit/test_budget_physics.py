@@ -198,7 +198,9 @@ def test_another_switch_on_counts_twice_its_spread_and_a_temperature_as_assumed(
     spread = BiasRepeatability(np.array([1.0, 2.0, 3.0]) * 1e-3 * DEG, "two other sessions")
     known, motion = replace(fitted, repeatability=spread), at_rest(fitted.linear.model, 10)
     sources, _, assumed = sources_in_use(known, BudgetOptions(motion="rest", seconds=10.0, warmer_k=5.0), motion)
-    usual = sources_in_use(fitted, BudgetOptions(motion="rest", seconds=10.0), motion)[0]  # nobody knows it: in the sum is the usual spread
+    usual = sources_in_use(
+        fitted, BudgetOptions(motion="rest", seconds=10.0), motion
+    ).sources  # nobody knows it: in the sum is the usual spread
     found = {source.name: source.covariance for source in (*sources, *usual)}
     for name, expected in (
         ("bias of another switch-on", 2 * spread.rps**2),
@@ -210,7 +212,7 @@ def test_another_switch_on_counts_twice_its_spread_and_a_temperature_as_assumed(
     estimated = replace(fitted, repeatability=replace(spread, freedom=np.array([5.0, 4.0, 6.0])))
     (own,) = (
         each
-        for each in sources_in_use(estimated, BudgetOptions(motion="rest", seconds=10.0), motion)[0]
+        for each in sources_in_use(estimated, BudgetOptions(motion="rest", seconds=10.0), motion).sources
         if each.name == "bias of another switch-on"
     )
     assert (own.kind, own.freedom) == ("A", 4.0)  # what is estimated is not widened, but counts with its freedom
@@ -236,7 +238,8 @@ def test_a_drift_that_nobody_knows_is_said(fitted):
     problem.__dict__["instability"] = BiasInstability(0.0, UNKNOWN)
     sources = tuple(source for source in fitted.sources if source.name != BIAS_DRIFT)
     unknown = replace(fitted, noise=None, problem=problem, sources=sources)
-    beside = {each.what: each for each in use_budgets(unknown, BudgetOptions(motion="rest", elapsed_s=10.0))[1][0].beside}
+    _, (about_x, *_), _ = use_budgets(unknown, BudgetOptions(motion="rest", elapsed_s=10.0))
+    beside = {each.what: each for each in about_x.beside}
     assert beside["drift of the bias since the session"].u is None
 
 

@@ -35,6 +35,7 @@ from tinygc.features.unit.verification.questions import (
     PLAUSIBLE,
     B,
     E,
+    NoisePart,
     Question,
     TodaysNoise,
     _by_freedom,
@@ -231,7 +232,7 @@ def with_component(rows, name, kind, s, sigma):
     V = np.zeros((len(rows.r), len(rows.r)))
     own = rows.kinds[kind]
     V[own, own] = np.eye(own.stop - own.start)
-    return TodaysNoise(rows.white + s**2 * V, ((name, V, s, sigma),), todays_noise(rows).found)
+    return TodaysNoise(rows.white + s**2 * V, (NoisePart(name, V, s, sigma),), todays_noise(rows).found)
 
 
 @pytest.mark.parametrize(("sigma", "heavier"), [(1e-6, False), (1.0, True)])

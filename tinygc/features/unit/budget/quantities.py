@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -249,11 +249,17 @@ def motion_in(use: BudgetOptions, result: FitResult) -> Motion:
     return motion_of(read_log(path, **answers).session().logs, use.seconds)
 
 
-def sources_in_use(
-    result: FitResult, use: BudgetOptions, motion: Motion
-) -> tuple[list[Source], dict[str, tuple[float, str]], tuple[str, ...]]:
-    """Sources (3, 3) rad^2 of the attitude at a motion's end; the sizes of those that only the use has, in a unit; names of those whose
-    size is not this unit's own."""
+class SourcesInUse(NamedTuple):
+    """Sources (3, 3) rad^2 of the attitude at a motion's end; sizes of those that only the use has, in a unit; assumed: names of those
+    whose size is not this unit's own."""
+
+    sources: list[Source]
+    sizes: dict[str, tuple[float, str]]
+    assumed: tuple[str, ...]
+
+
+def sources_in_use(result: FitResult, use: BudgetOptions, motion: Motion) -> SourcesInUse:
+    """Collect what the attitude at a motion's end is uncertain by."""
     model = result.linear.linear
     slope = motion.slope(model)
     found = [source.through(slope) for source in result.sources]
@@ -286,7 +292,7 @@ def sources_in_use(
             own = Source(name, "A", float(spread.freedom.min()), np.diag(2 * spread.scatter_rps**2))
         found.append(own.through(slope[:, BIAS]))
         sizes[name] = (float(np.sqrt(np.mean(np.diag(by_cause[cause])))) / DEG, "dps")
-    return found, sizes, tuple(names[cause] for cause in assumed)
+    return SourcesInUse(found, sizes, tuple(names[cause] for cause in assumed))
 
 
 def replace_covariance(source: Source, name: str, covariance: np.ndarray) -> Source:

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import chdtrc, chdtri, fdtrc
@@ -52,19 +53,27 @@ LEAST_SHARE = 1e-3
 E, B, GRAVITY, NOISE = "E", "B", "gravity's length", "noise"
 
 
+class NoisePart(NamedTuple):
+    """A component of the noise: its name; V (n, n) for size 1; its size s, and that one's sigma."""
+
+    name: str
+    V: np.ndarray
+    s: float
+    sigma: float
+
+
 @dataclass(frozen=True, eq=False)
 class TodaysNoise:
-    """Noise of today's recording: covariance (n, n); parts beyond white: name, V (n, n) for size 1, its size and that one's sigma; found:
-    their sizes."""
+    """Noise of today's recording: covariance (n, n); parts beyond white; found: their sizes."""
 
     covariance: np.ndarray
-    parts: tuple[tuple[str, np.ndarray, float, float], ...]
+    parts: tuple[NoisePart, ...]
     found: ComponentEstimate
 
     @property
     def named(self) -> np.ndarray:
         """Covariance (n, n) without the independent error of each turn, which would take up any misfit."""
-        return self.covariance - sum((s**2 * V for name, V, s, _ in self.parts if name == TURN), np.zeros_like(self.covariance))
+        return self.covariance - sum((part.s**2 * part.V for part in self.parts if part.name == TURN), np.zeros_like(self.covariance))
 
 
 def todays_noise(rows: Rows) -> TodaysNoise:
@@ -78,7 +87,7 @@ def todays_noise(rows: Rows) -> TodaysNoise:
     for component, s, sigma in zip(rows.components, found.s, found.sigma, strict=True):
         own = dense(component.V)
         spread = float(sigma) if np.isfinite(sigma) else max(float(s), component.usual)
-        parts.append((component.name, own, float(s), spread))
+        parts.append(NoisePart(component.name, own, float(s), spread))
         covariance = covariance + s**2 * own
     return TodaysNoise(covariance, tuple(parts), found)
 

@@ -50,7 +50,8 @@ def to_json(discovery: Discovery, files: Sequence[str | None]) -> dict:
 def law_table(law: Law, file: str | None) -> dict:
     """One of ``laws``."""
     unit, name = coefficient_unit(law.form)
-    parameters, std = ((x / DEG).reshape(law_code(law.form)[1]).tolist() for x in (law.theta, sigmas_in(law.covariance)))
+    _, shape = law_code(law.form)
+    parameters, std = ((x / DEG).reshape(shape).tolist() for x in (law.theta, sigmas_in(law.covariance)))
     return {
         "id": law.effect.id if file is None else PurePosixPath(file).stem.replace("_", ".", 1),  # discovered_rate.py: discovered.rate
         "equation": equation(law.form),
@@ -81,9 +82,7 @@ def law_table(law: Law, file: str | None) -> dict:
             for each in law.runners_up
         ],
         "learnable_from": law.learnable_from,
-        "not_observed": [
-            {"in_words": combination(law.form, each), "direction": each.reshape(law_code(law.form)[1]).tolist()} for each in law.unobserved
-        ],
+        "not_observed": [{"in_words": combination(law.form, each), "direction": each.reshape(shape).tolist()} for each in law.unobserved],
     }
 
 

@@ -198,9 +198,8 @@ def test_another_switch_on_counts_twice_its_spread_and_a_temperature_as_assumed(
     spread = BiasRepeatability(np.array([1.0, 2.0, 3.0]) * 1e-3 * DEG, "two other sessions")
     known, motion = replace(fitted, repeatability=spread), at_rest(fitted.linear.model, 10)
     sources, _, assumed = sources_in_use(known, BudgetOptions(motion="rest", seconds=10.0, warmer_k=5.0), motion)
-    usual = sources_in_use(
-        fitted, BudgetOptions(motion="rest", seconds=10.0), motion
-    ).sources  # nobody knows it: in the sum is the usual spread
+    # Nobody knows it: in the sum is the usual spread.
+    usual = sources_in_use(fitted, BudgetOptions(motion="rest", seconds=10.0), motion).sources
     found = {source.name: source.covariance for source in (*sources, *usual)}
     for name, expected in (
         ("bias of another switch-on", 2 * spread.rps**2),

@@ -39,6 +39,7 @@ from tinygc.explanation.data_repair import (
 from tinygc.explanation.faulty_readings import (
     FALSE,
     LOST,
+    Crossing,
     RegisterFault,
     proposed,
 )
@@ -186,7 +187,7 @@ def test_lost_samples_are_put_in_on_the_polynomial_with_the_median_period():
         earth = np.insert(earth, at, np.tile(earth[at], (3, 1)), axis=0)
         dt = np.insert(dt, at, [step] * 3)
         step = np.median(dt)
-    found = made.angles(0, events, lambda event: (1, 0.0), 3)
+    found = made.angles(0, events, lambda event: Crossing(1, 0.0), 3)
     assert_allclose(found, closes(rate, dt, earth, batch, 0), atol=1e-9)
 
 
@@ -200,7 +201,7 @@ def test_the_likelihood_of_a_choice_is_normal_with_what_its_gaps_may_hide():
     made._bridged = [made.rates[0].copy()]
     made.rates[0][[106, 112, 113, 118]] += 0.3
     hides = {first: 0.01, second: 0.03, other: 0.02}
-    found = made.likelihoods(0, [first, second], [other], lambda event: (1, hides[event]), 0)
+    found = made.likelihoods(0, [first, second], [other], lambda event: Crossing(1, hides[event]), 0)
 
     def normal(repaired, hidden):
         C = made.covariance[0] + sum(hides[event] ** 2 for event in hidden) * np.eye(2)
@@ -257,7 +258,7 @@ def test_a_turn_that_stays_open_is_repaired_by_rows_alone_that_no_sensor_outputs
     own = [RegisterFault(FALSE, 0, 106, 1), RegisterFault(FALSE, 0, 112, 2, True)]
     made._bridged = [made.rates[0].copy()]
     made.rates[0][[106, 112, 113]] += 0.3
-    cross = lambda event: (1, 0.01)  # noqa: E731
+    cross = lambda event: Crossing(1, 0.01)  # noqa: E731
     angles = made.angles(0, own[:1], None, 0)
     left = angles @ np.linalg.solve(made.covariance[0] + 0.01**2 * np.eye(2), angles)
     for most, kept in ((1.01 * left, True), (0.99 * left, False)):

@@ -15,6 +15,7 @@ from session.base.errors import DataError
 from session.bench.rest_guide import RestAnswer
 from session.log.samples import Samples
 from tinygc.features.noise import live
+from tinygc.features.noise.estimate import NoiseEstimate
 from tinygc.features.noise.live import LiveNoise, answer_of
 from tinygc.noise.figures import SensorNoise
 
@@ -98,7 +99,7 @@ def test_an_estimate_runs_each_minute_and_then_each_tenth_of_the_rest(monkeypatc
 
     def estimate(sums):
         ran.append(sum(each.count for each in sums) / 50)
-        return KNOWN, [], 0.0
+        return NoiseEstimate(KNOWN, [], 0.0)
 
     monkeypatch.setattr(live, "estimate_noise", estimate)
     noise = LiveNoise(0.2)
@@ -119,7 +120,7 @@ def test_the_recording_does_not_wait_and_the_sums_of_an_estimate_stay(monkeypatc
     def estimate(sums):
         going.wait()
         seen.append(sums[0].count)
-        return KNOWN, [], 0.0
+        return NoiseEstimate(KNOWN, [], 0.0)
 
     monkeypatch.setattr(live, "estimate_noise", estimate)
     noise = LiveNoise(0.2)

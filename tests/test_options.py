@@ -293,3 +293,8 @@ def test_types_may_be_text_or_types():
 def test_an_option_that_would_do_nothing_is_refused(words, says, run):
     code, _, err = run(*words)
     assert (code, says in err) == (2, True), err
+
+
+def test_a_folder_behind_an_option_that_may_stand_alone_is_no_value_of_it(run):
+    code, _, err = run("check", "--plan", "s1")
+    assert (code, "'s1' is no whole number; put it before the option" in err) == (2, True), err

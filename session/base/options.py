@@ -335,6 +335,14 @@ def _whole(text: str) -> int:
     return int(text)
 
 
+def _number_or_none(read: Callable[[str], Any], text: str) -> Any:
+    """Parse the number of an option that may stand alone: a folder behind it would be taken for the number."""
+    try:
+        return read(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no {read.__name__}; put it before the option, which may stand alone") from None
+
+
 def _filled(text: str) -> str:
     if not text.strip():
         raise argparse.ArgumentTypeError("an empty name")
@@ -415,6 +423,8 @@ def _value(each: Field[Any], rule: Rule) -> dict[str, Any]:
         settings["required"] = True
     if rule.alone is not None:
         settings |= {"nargs": "?", "const": rule.alone}
+        if rule.read is None:
+            settings["type"] = partial(_number_or_none, settings["type"])
     elif kind == "tuple[float, float, float]" and rule.read is None:
         settings["nargs"] = 3
     elif rule.several:

@@ -18,8 +18,8 @@ from session.log.folder import Session, read_session
 from session.log.logfile import Log
 from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import fit_least_squares
-from tinygc.closure.uncertainty import MISMATCH_P
 from tinygc.estimation.stated_noise import stated_covariance, stated_goodness, stated_noise
+from tinygc.inference.choose import MISMATCH_P
 from tinygc.models.linear import BIAS, MATRIX, NAMES, bias_only
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulator import simulate_session

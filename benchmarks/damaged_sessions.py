@@ -21,7 +21,7 @@ from common import in_parallel, markdown
 from damaged_families import FAMILIES, damaged, write
 
 from session.base.errors import CalibrationError
-from tinygc.closure.uncertainty import MISMATCH_P
+from tinygc.inference.choose import MISMATCH_P
 from tinygc.models.linear import NAMES
 
 WRONG = 3.0  #: sigmas

@@ -18,10 +18,11 @@ from scipy import stats
 from session.log.requirements import GUARDED, Rule
 from tinygc.estimation.options import FitOptions
 from tinygc.fitting.fit import fit_session
+from tinygc.inference.decide import Conformity, conforms_probability
 from tinygc.models.linear import LinearModel, field_vector
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulator import simulate_session
-from tinygc.verdict.requirements import Conformity, closure_measured, conforms_probability, field_measured, known_sources, run_measured
+from tinygc.verdict.requirements import closure_measured, field_measured, known_sources, run_measured
 
 #: of segments in a set
 COUNTS = (7, 13, 40, 100)

@@ -17,13 +17,13 @@ from common import markdown, progress
 import tinygc
 from session.base.files import read_npz
 from session.base.units import DEG, DEG_PER_HOUR, NS_PER_S, G
-from tinygc.closure.floor import TIMES_S, wander_covariance
 from tinygc.deploy.apply import Applicable
 from tinygc.features.unit.watch.bars import squares_bar_of
 from tinygc.features.unit.watch.detector import Window, ZeroFilter
 from tinygc.features.unit.watch.expectation import BLOCKS, WATCHED_S, Expectation, ModelInUse, Settings, settings
 from tinygc.features.unit.watch.turns import MOST_SQUARE, RATIO
 from tinygc.features.unit.watch.watch import Watch
+from tinygc.inference.noise import TIMES_S, wander_covariance
 from tinygc.models.linear import LinearModel
 from tinygc.models.model import accelerometer_of
 

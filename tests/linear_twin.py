@@ -11,10 +11,11 @@ from session.base.units import MG
 from tinygc.effects import Effect, Parameter, Scan
 from tinygc.explanation import evidence
 from tinygc.explanation.evidence import Evidence
+from tinygc.inference.noise import Sparse
 from tinygc.models.linear import PRIOR_SIGMA, LinearModel
 from tinygc.noise.components import STILL_RATE, TURN, Component, SessionNoise
 from tinygc.noise.twin import Channels, State
-from tinygc.noise.whitening import PRECALIBRATION_MPS2, Sparse
+from tinygc.noise.whitening import PRECALIBRATION_MPS2
 
 #: of the calibration's columns: the Earth's two are known, gravity's length to 20 mg
 PRIORS = np.r_[PRIOR_SIGMA, 1.0, 1.0, 20 * MG]

@@ -25,7 +25,6 @@ from session.log.folder import Session, hash_of_log
 from session.log.logfile import Log
 from session.log.samples import Samples
 from tinygc import models
-from tinygc.closure.floor import wander_covariance
 from tinygc.closure.least_squares import StillRates
 from tinygc.estimation import bias
 from tinygc.estimation.between_sessions import (
@@ -57,6 +56,7 @@ from tinygc.fitting.bias_of_day import (
     rebias_to_json,
     remarks,
 )
+from tinygc.inference.noise import wander_covariance
 from tinygc.models.linear import BIAS, LinearModel
 
 

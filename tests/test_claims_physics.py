@@ -45,7 +45,7 @@ from tinygc.explanation.claims import (
 from tinygc.explanation.families import SLOW_ZERO, alternatives, slow_zero
 from tinygc.explanation.result import MOST_SAID, considered_lines
 from tinygc.explanation.search import NamedEffect
-from tinygc.explanation.standing import ONE_SIDED, Standing, Statement, homogeneity_p, standing_of, upper_limit
+from tinygc.inference.choose import ONE_SIDED, Standing, Statement, homogeneity_p, standing_of, upper_limit
 from tinygc.noise.turn_gravity import NUMBERS, TurnGravity
 from tinygc.reporting.checked_text import checked_page
 from tinygc.reporting.terminal import Group, as_text

@@ -16,9 +16,9 @@ from session.base.units import DEG, EARTH_RATE_RPS
 from session.log.samples import Samples
 from tinygc.closure import residual
 from tinygc.closure.earth import vertical_only
-from tinygc.closure.floor import wander_covariance
 from tinygc.closure.motion import Motion, at_rest, motion_of
 from tinygc.closure.residual import Batch, KnownTurns, attitudes, end_and_sensitivity, end_attitude
+from tinygc.inference.noise import wander_covariance
 from tinygc.models import linear
 from tinygc.models.linear import LinearModel
 

@@ -26,7 +26,6 @@ from tinygc.explanation.decision import (
     borne_out,
     decided,
     fold_rows,
-    folds_of,
     held_out,
     improvement_p,
     leaves_more,
@@ -36,6 +35,7 @@ from tinygc.explanation.decision import (
 )
 from tinygc.explanation.evidence import Guess
 from tinygc.explanation.search import NAMELESS
+from tinygc.inference.prove import folds_of
 from tinygc.models.linear import LinearModel
 from tinygc.noise.components import MOST_FACTOR, STILL_RATE, TURN, UNDERSAMPLED, Component
 from tinygc.noise.refit import prior_sigmas

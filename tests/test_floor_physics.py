@@ -40,9 +40,9 @@ from tinygc.closure.floor import (
     bias_instability_of,
     closure_floor,
     estimated,
-    wander_covariance,
 )
 from tinygc.closure.stills import StillSet
+from tinygc.inference.noise import wander_covariance
 
 ESTIMATED = _posterior_of_instability(np.zeros(len(GRID_RPS))).source
 STILL_S = (1.0, 0.5, 2.0, 1.5)
@@ -194,7 +194,7 @@ def test_blocks_of_rows_are_the_whole_covariance():
     """Ten moments, each within the span of a neighbour, three rows at a time."""
     t_s, spans_s = np.arange(10.0) ** 1.5, np.linspace(4.0, 9.0, 10)
     whole = wander_covariance(t_s, spans_s, instability_rps=1.0)
-    with patch("tinygc.closure.floor.ROWS_TOGETHER", 3):
+    with patch("tinygc.inference.noise.ROWS_TOGETHER", 3):
         assert_allclose(wander_covariance(t_s, spans_s, instability_rps=1.0), whole, rtol=1e-12)
 
 

@@ -15,28 +15,11 @@ from session.base.units import DEG, DEG_PER_HOUR, EARTH_RATE_RPS
 from tinygc.closure import residual
 from tinygc.closure.earth import EarthRate, with_heading
 from tinygc.closure.floor import BiasWander, Floor
-from tinygc.closure.least_squares import (
-    HELD,
-    GaussianPrior,
-    LinearEnds,
-    Nearby,
-    StillRates,
-    _NotSettled,
-    combination,
-    fit_least_squares,
-    inverse_lower,
-    solve_lower,
-)
-from tinygc.closure.uncertainty import (
-    MISMATCH_P,
-    GoodnessOfFit,
-    chi_square_above,
-    covariance_from_columns,
-    covariance_parts,
-    goodness,
-    normal_above,
-    signed_ranks_above,
-)
+from tinygc.closure.least_squares import HELD, GaussianPrior, LinearEnds, Nearby, StillRates, _NotSettled, combination, fit_least_squares
+from tinygc.closure.uncertainty import GoodnessOfFit, covariance_from_columns, covariance_parts, goodness
+from tinygc.inference.choose import MISMATCH_P, chi_square_above, normal_above
+from tinygc.inference.prove import signed_ranks_above
+from tinygc.inference.solve import inverse_lower, solve_lower
 from tinygc.models.linear import BIAS, MATRIX, NAMES, PARAMETERS, PRIOR_SIGMA, LinearModel, bias_only
 
 RNG = np.random.default_rng(11)

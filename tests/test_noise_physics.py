@@ -16,7 +16,8 @@ from small_turns import TRUE, angles_by_scipy, numeric_jacobian
 
 from session.base.units import MG, G
 from session.detect.check_time import capped, thinning_exponent
-from tinygc.closure.floor import BiasInstability, wander_covariance
+from tinygc.closure.floor import BiasInstability
+from tinygc.inference.noise import Cost, Prior, Sparse, estimate, lowest, wander_covariance
 from tinygc.noise import whitening
 from tinygc.noise.components import (
     _GUESS_STEPS,
@@ -31,9 +32,8 @@ from tinygc.noise.components import (
     noise_beside,
     undersampling,
 )
-from tinygc.noise.reml import Cost, Prior, _lowest, estimate
 from tinygc.noise.twin import Twin
-from tinygc.noise.whitening import Sparse, Whitener
+from tinygc.noise.whitening import Whitener
 
 GROUPS, REPEATS = 12, 5
 #: prior of a column, wide enough to be none
@@ -443,6 +443,6 @@ def test_a_search_steps_back_from_where_the_likelihood_is_no_number():
         value = float((x[0] - 1) ** 2) if x[0] < 3 else np.nan
         return Cost(value, 2 * (x - 1), np.array([[0.02]]))
 
-    x, found = _lowest(cost, np.array([0.5]), np.zeros(1), 24)
+    x, found = lowest(cost, np.array([0.5]))
     assert found.value < 0.25
     assert x[0] < 3

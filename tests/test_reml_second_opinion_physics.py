@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tinygc.noise.reml import estimate
+from tinygc.inference.noise import estimate
 
 
 def test_statsmodels_finds_the_same_variance_components():

@@ -10,7 +10,7 @@ from html_pages import parsed
 
 import tinygc
 from session.base.units import MG
-from tinygc.estimation.sources import coverage_factor, effective_freedom
+from tinygc.inference.solve import coverage_factor, effective_freedom
 from tinygc.reporting.html.page import page
 from tinygc.reporting.html.sections import accelerometer
 from tinygc.verdict.acceptance import decide

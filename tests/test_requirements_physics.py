@@ -13,19 +13,17 @@ from session.log.config import Accelerometer
 from session.log.requirements import GROUPS, GUARDED, QUANTITIES, SIMPLE, Requirements, Rule, read_requirements
 from tinygc.deploy.calibration import in_frame_of
 from tinygc.estimation.choice import AgainstRaw
-from tinygc.estimation.sources import Source
+from tinygc.inference.decide import Conformity, Measured, simply_accepted
+from tinygc.inference.solve import Source
 from tinygc.models.linear import field_jacobian, field_quantities
 from tinygc.verdict.acceptance import JudgedFit, _against, _doubts, decide
 from tinygc.verdict.requirements import (
-    Conformity,
-    Measured,
     accelerometer_measured,
     attitude_measured,
     closure_measured,
     field_measured,
     known_sources,
     run_measured,
-    simply_accepted,
 )
 from tinygc.verdict.requirements import conformity as conformities
 

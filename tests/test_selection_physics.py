@@ -15,15 +15,10 @@ from small_sessions import small_session
 from tinygc.effects import Convention
 from tinygc.explanation import decision
 from tinygc.explanation.decision import _beyond_the_catalogue
-from tinygc.explanation.evidence import Guess, Selection, least_gain, linear_estimate, orthonormal, price, selection_of, sharpened, spacing
-from tinygc.explanation.search import (
-    detection_limits,
-    exchanged,
-    probabilities,
-    rivals_of,
-    search,
-    without_idle,
-)
+from tinygc.explanation.evidence import Guess, selection_of, sharpened, spacing
+from tinygc.explanation.search import detection_limits, exchanged, search, without_idle
+from tinygc.inference.choose import Selection, least_gain, linear_estimate, price, probabilities, rivals_of
+from tinygc.inference.solve import orthonormal
 from tinygc.noise.components import known_whitener
 from tinygc.noise.refit import Replay, candidates, refit
 from tinygc.noise.twin import Twin
@@ -241,7 +236,7 @@ def of_calibration(twin, hypothesis) -> float:
 
 @pytest.mark.parametrize(("size", "shapes"), [(1, 1), (3, 40)])
 def test_the_least_gain_is_that_at_which_an_effect_is_as_probable_as_none(size, shapes):
-    gain = least_gain(effect("x", size), shapes)
+    gain = least_gain(size, shapes)
     ratio = np.exp(gain / 2) * (gain / size) ** (-size / 2) * np.exp(-size / 2) / 10 / 30 / shapes
     assert ratio == pytest.approx(1, rel=1e-9)
     assert gain > size  # the larger root: a smaller gain is no more than chance gives
@@ -313,10 +308,10 @@ def test_an_effect_pays_for_every_shape_that_was_tried_under_its_name():
     step = stepped("step", np.array([1.0, 2.0, 5.0]))
     twin = spoilt_twin((step.at(1.0), [5.0]))
     evidence = twin.evidence()
-    assert evidence.price(C) == price(C, 1)
+    assert evidence.price(C) == price(C.parameter.size, 1)
     evidence.will_try([C, effect("c", 1, equation="another"), *step.variants(np.array([1.0, 2.0, 5.0]))])
-    assert evidence.price(C) - price(C, 1) == pytest.approx(2 * np.log(2))
-    assert evidence.price(step) == price(step, 3)
+    assert evidence.price(C) - price(C.parameter.size, 1) == pytest.approx(2 * np.log(2))
+    assert evidence.price(step) == price(step.parameter.size, 3)
     right, wrong = (evidence.of((step.at(at),), evidence.nothing) for at in (1.0, 2.0))
     assert right is evidence.of((step.at(1.0),), evidence.nothing)
     assert right.score < min(evidence.nothing.score, wrong.score) - 20
@@ -511,7 +506,7 @@ def test_the_detection_limit_removes_the_least_gain_along_half_of_the_directions
     for each in tried:
         own = whiten(replay.columns(each).stacked())
         strength = np.median(np.linalg.svd(own - q @ (q.T @ own), compute_uv=False)) * each.parameter.plausible
-        least = np.sqrt(least_gain(each, sum(other.id == each.id for other in tried)))
+        least = np.sqrt(least_gain(each.parameter.size, sum(other.id == each.id for other in tried)))
         size = least / strength * each.parameter.plausible / each.parameter.si if strength > least else np.inf
         sizes[each.id] = min(size, sizes.get(each.id, np.inf))
     assert detection_limits(twin, whiten, fit) == pytest.approx(sizes)
@@ -534,5 +529,5 @@ def test_a_rival_is_what_stands_in_the_same_place_beside_the_same_others():
     best = guess(10.0, "a", "b")
     others = ((13.0, "cb"), (12.0, "cb"), (12.5, "cb"), (11.0, "c"), (11.5, "b"), (10.5, "ad"), (9, "abd"), (8, "cdb"))
     weighed = [best, *(guess(score, *names) for score, names in others)]
-    assert rivals_of(weighed, best, best.effects[0]) == {"c": 2.0}
-    assert rivals_of(weighed, best, best.effects[1]) == {"d": 0.5}
+    assert rivals_of(weighed, best, best.effects[0].id) == {"c": 2.0}
+    assert rivals_of(weighed, best, best.effects[1].id) == {"d": 0.5}

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from session.base.solving import BAR, inverse, solve
+from tinygc.inference.solve import BAR, inverse, solve
 
 PLAIN = np.array([[1.0, 0.0], [0.0, 2.0], [1.0, 2.0]])
 #: the third number is seen only in its sum with the second

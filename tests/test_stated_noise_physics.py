@@ -27,7 +27,6 @@ from tinygc.closure.least_squares import GaussianPrior
 from tinygc.closure.uncertainty import BIAS_DRIFT, EARTH
 from tinygc.estimation import stated_noise as stating
 from tinygc.estimation.options import FitOptions
-from tinygc.estimation.sources import coverage_factor, effective_freedom, freedom_of, total
 from tinygc.estimation.stated_noise import (
     CALIBRATION,
     CLOCK,
@@ -49,6 +48,7 @@ from tinygc.estimation.stated_noise import (
     stated_sources,
     stated_uncertainty,
 )
+from tinygc.inference.solve import coverage_factor, effective_freedom, freedom_of, total
 from tinygc.models.linear import BIAS, MATRIX, PRIOR_SIGMA, LinearModel
 from tinygc.noise.components import REFERENCE, STILL_RATE, TURN, WANDER, first_noise
 from tinygc.noise.refit import calibration_columns, prior_sigmas

@@ -16,7 +16,6 @@ from session.base.records import table_of
 from session.base.units import DEG, DEG_PER_HOUR, MG
 from session.detect.accelerometer import NAMES as ACCELEROMETER
 from session.log.config import Accelerometer, NominalRate
-from tinygc.closure.floor import wander_covariance
 from tinygc.closure.uncertainty import GoodnessOfFit
 from tinygc.estimation import systematic
 from tinygc.estimation.accelerometer import AccelerometerFit
@@ -30,6 +29,7 @@ from tinygc.estimation.choice import (
 from tinygc.estimation.repeatability import BiasRepeatability
 from tinygc.estimation.stated_noise import require_plausible
 from tinygc.estimation.systematic import Systematic, _beside, _likeliest, systematic_of
+from tinygc.inference.noise import wander_covariance
 from tinygc.models.linear import LinearModel
 from tinygc.verdict.acceptance import GIVEN, JudgedFit, Promise, decide, promise_of, run_p_values, too_good, too_wide
 from tinygc.verdict.model_tests import EFFECT, GRAVITY, NOISE, RUN, TURNS, ModelTest, contradictions, least_p, model_tests

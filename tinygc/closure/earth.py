@@ -14,8 +14,8 @@ import numpy as np
 
 from session.base import rotation
 from session.base.rotation import identities
-from session.base.solving import solve
 from session.base.units import DEG, EARTH_RATE_RPS
+from tinygc.inference.solve import solve
 
 _HEADINGS = np.arange(0, 360, 0.5) * DEG
 #: a heading less certain than this is reported as unknown

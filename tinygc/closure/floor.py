@@ -16,9 +16,10 @@ from session.detect.stamp_errors import StampErrors, moved_by_stamps
 from session.detect.stills import Noise, Still
 from session.log.config import Sensor
 from tinygc.closure.earth import EarthRate, earths_in_body
-from tinygc.closure.least_squares import solve_lower
 from tinygc.closure.residual import Batch, directions, parts
 from tinygc.closure.stills import StillSet
+from tinygc.inference.noise import wander_covariance
+from tinygc.inference.solve import solve_lower
 
 # The floor: closure residuals expected from sensor noise alone, bias instability included.
 
@@ -26,9 +27,6 @@ from tinygc.closure.stills import StillSet
 #
 # Flicker noise of instability B has the one-sided density B^2 / (pi f), so each octave of frequency carries the variance
 # B^2 ln 2 / pi, and the Allan deviation's floor is 0.664 B (IEEE 952, C.1).  The sum of one Gauss-Markov process per octave models it.
-
-#: correlation times of the octaves, s: from a still to a working hour
-TIMES_S = 2.0 ** np.arange(-1, 12)
 
 
 @dataclass(frozen=True)
@@ -88,49 +86,6 @@ class BiasWander:
     @cached_property
     def _of_segments(self) -> np.ndarray:
         return wander_covariance(self.middle_s, instability_rps=self.instability_rps)
-
-
-#: rows that are computed at once: intermediate results stay in the processor's cache
-ROWS_TOGETHER = 128
-
-
-def wander_covariance(t_s: np.ndarray, span_s: np.ndarray | float = 0.0, *, instability_rps: float) -> np.ndarray:
-    """(N, N) (rad/s)^2 covariance of one axis' bias at moments t_s (N,), each averaged over span_s (N,) around it.
-
-    Exact: the covariance exp(-|t - s| / time) of each octave, integrated over both spans.
-    """
-    octave = instability_rps**2 * np.log(2) / np.pi
-    span = np.broadcast_to(np.asarray(span_s, dtype=float), t_s.shape)
-    total = np.zeros((len(t_s), len(t_s)))
-    for first in range(0, len(t_s), ROWS_TOGETHER):
-        some = slice(first, first + ROWS_TOGETHER)  # with all moments up to them: the rest is symmetric
-        other = slice(0, some.stop)
-        gap = np.abs(t_s[some, None] - t_s[other]) - (span[some, None] + span[other]) / 2
-        row, column = np.nonzero(gap < 0)
-        decay, found = np.exp(-np.maximum(gap, 0.0) / TIMES_S[-1]), total[some, other]
-        for time in TIMES_S[::-1]:
-            x = span / time
-            ends = np.where(x > 0, -np.expm1(-x) / np.where(x > 0, x, 1.0), 1.0)
-            part = decay * ends[other]
-            part *= ends[some, None]
-            part[row, column] = _over_both(t_s / time, x, row + first, column)
-            found += part
-            decay *= decay  # of half the time
-        total[:first, some] = found[:, :first].T
-    total *= octave
-    return total
-
-
-def _over_both(t: np.ndarray, span: np.ndarray, i: np.ndarray, j: np.ndarray) -> np.ndarray:
-    """Mean of exp(-|t - s|) over the spans i and j, which overlap; t and span in correlation times."""
-    span = np.where(span > 0, span, 1e-4)  # a moment within another's span: exact to 1e-9
-
-    def twice_integrated(u: np.ndarray) -> np.ndarray:
-        return np.expm1(-np.abs(u)) + np.abs(u)
-
-    apart, half, other = t[i] - t[j], span[i] / 2, span[j] / 2
-    outer = twice_integrated(apart + half + other) + twice_integrated(apart - half - other)
-    return (outer - twice_integrated(apart - half + other) - twice_integrated(apart + half - other)) / (span[i] * span[j])
 
 
 # The floor: closure residuals expected from noise alone.

@@ -31,7 +31,7 @@ from session.detect.stills import Still, references
 from tinygc.closure import residual
 from tinygc.closure.build import tilt_excess
 from tinygc.closure.problem import ACCELEROMETER, COUNT, DRIFT, GRAVITY, GYROSCOPE, JointFit, JointSystem, Problem, bent
-from tinygc.closure.uncertainty import chi_square_above
+from tinygc.inference.choose import chi_square_above
 from tinygc.models import linear
 from tinygc.models.linear import PRIOR_SIGMA, LinearModel
 

@@ -94,38 +94,6 @@ class PriorUse(Protocol):
         """Keys of the file of the least-squares model that say it."""
 
 
-# Lower triangular systems in NumPy: importing ``scipy.linalg`` takes longer than a fit.
-
-#: largest system that is solved directly; larger ones are split into halves joined by a matrix product
-COLUMNS_AT_ONCE = 48
-
-
-def solve_lower(factor: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solve ``factor @ x = right`` for x: factor (..., n, n) lower triangular; right (..., n, m), or (n,) of a single system."""
-    if right.ndim == 1:
-        return solve_lower(factor, right[:, None])[:, 0]
-    count = factor.shape[-1]
-    if count <= COLUMNS_AT_ONCE:
-        # Reversed it is upper triangular, so elimination has nothing to do and ``solve`` only substitutes.
-        return np.linalg.solve(factor[..., ::-1, ::-1], right[..., ::-1, :])[..., ::-1, :]
-    half = count // 2
-    first = solve_lower(factor[..., :half, :half], right[..., :half, :])
-    last = solve_lower(factor[..., half:, half:], right[..., half:, :] - factor[..., half:, :half] @ first)
-    return np.concatenate([first, last], axis=-2)
-
-
-def inverse_lower(factor: np.ndarray) -> np.ndarray:
-    """Inverse (n, n) of a lower triangular factor (n, n), at half the work of ``solve_lower`` on a unit matrix."""
-    count = len(factor)
-    if count <= COLUMNS_AT_ONCE:
-        return solve_lower(factor, np.eye(count))
-    half, inverse = count // 2, np.zeros_like(factor)
-    first = inverse[:half, :half] = inverse_lower(factor[:half, :half])
-    last = inverse[half:, half:] = inverse_lower(factor[half:, half:])
-    inverse[half:, :half] = -last @ (factor[half:, :half] @ first)
-    return inverse
-
-
 # The mean rates of the stills as data: a body at rest turns with the Earth, so E m + B = R_bt w_earth.
 #
 # Optional (``still_rates``): the method itself uses the endpoint loss alone, but the stills observe the bias best.

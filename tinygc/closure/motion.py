@@ -19,8 +19,8 @@ from session.base.rotation import sample_weights, steps
 from session.base.units import NS
 from session.log.logfile import Log
 from session.log.samples import Samples
-from tinygc.closure.floor import wander_covariance
 from tinygc.closure.residual import Batch, sensitivity
+from tinygc.inference.noise import wander_covariance
 from tinygc.models import linear
 from tinygc.models.linear import LinearModel
 from tinygc.models.model import Model

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from session.base import rotation
 from session.base.rotation import sample_weights
-from session.base.solving import solve
 from session.base.units import EARTH_RATE_RPS
 from tinygc.closure import residual
 from tinygc.closure.earth import EarthRate
 from tinygc.closure.floor import GYRO_NOISE, BiasWander, Floor
-from tinygc.closure.least_squares import GaussianPrior, StillRates, solve_lower
+from tinygc.closure.least_squares import GaussianPrior, StillRates
+from tinygc.inference.choose import MISMATCH_P, chi_square_above
+from tinygc.inference.solve import solve, solve_lower
 from tinygc.models import linear
 from tinygc.models.linear import PRIOR_SIGMA, LinearModel
 
@@ -22,54 +22,8 @@ from tinygc.models.linear import PRIOR_SIGMA, LinearModel
 #
 # tests/test_least_squares_physics.py compares them with it.
 
-#: number of differences up to which all assignments of signs are counted
-EXACT_UP_TO = 50
-
-
-def chi_square_above(value: float, freedom: int) -> float:
-    """Probability that chi-square with ``freedom`` >= 1 degrees of freedom exceeds a value.
-
-    For integer degrees the incomplete gamma function is a finite sum of positive terms (Abramowitz & Stegun 1964, 26.4.4 and 26.4.5).
-    """
-    half = value / 2
-    if half <= 0:
-        return 1.0
-    odd = freedom % 2
-    powers = np.arange(freedom // 2) + odd / 2
-    logs = powers * math.log(half) - half - np.array([math.lgamma(power + 1) for power in powers])
-    return min(1.0, odd * math.erfc(math.sqrt(half)) + float(np.sum(np.exp(logs))))
-
-
-def normal_above(value: float) -> float:
-    """Probability that a standard normal variable exceeds a value."""
-    return math.erfc(value / math.sqrt(2)) / 2
-
-
-def signed_ranks_above(differences: np.ndarray) -> float:
-    """Wilcoxon signed-rank test: one-sided p-value of the sum of positive ranks for symmetric differences (n,).
-
-    Zeros are left out; ties share their mean rank.  Exact up to ``EXACT_UP_TO``; above, a normal approximation with the ties' variance.
-    """
-    left = differences[differences != 0]
-    if not len(left):
-        return 1.0
-    _, place, counts = np.unique(np.abs(left), return_inverse=True, return_counts=True)
-    twice = (2 * np.cumsum(counts) - counts + 1)[place]  # doubled ranks, since those of ties may be half-integers
-    positive = int(np.sum(twice[left > 0]))
-    if len(left) <= EXACT_UP_TO:
-        ways = np.zeros(int(np.sum(twice)) + 1)
-        ways[0] = 1.0
-        for rank in twice:
-            ways[rank:] += ways[:-rank].copy()
-        return float(np.sum(ways[positive:]) / np.sum(ways))
-    sigma = math.sqrt(float(np.sum(twice.astype(float) ** 2)))
-    return normal_above((2 * positive - float(np.sum(twice))) / sigma)
-
 
 # Covariance of the parameters, and goodness of fit of the closure against its floor.
-
-#: p-value below which the closure is a mismatch
-MISMATCH_P = 0.01
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,7 +30,7 @@ from session.detect.accelerometer import (
 from session.log.config import Accelerometer
 from tinygc.closure.least_squares import OBSERVED_BELOW
 from tinygc.closure.problem import JointFit
-from tinygc.estimation.sources import Source, effective_freedom
+from tinygc.inference.solve import Source, effective_freedom
 from tinygc.models import linear
 
 #: names of the accelerometer's nine parameters and the gyroscope's twelve, in the order of a joint covariance

@@ -7,9 +7,9 @@ independent, z_i ~ N(0, lambda_i + s^2), so that restricted likelihood and pivot
 
     -2 log L(s) = sum log(lambda_i + s^2) + z_i^2 / (lambda_i + s^2)          Q(s) = sum z_i^2 / (lambda_i + s^2) ~ chi-square of m
 
-The estimate of s is the former's (tests hold it to ``noise.reml``).  Intervals are the latter's: Q is exact at the true s whatever the own
-errors are (the Q profile, Viechtbauer 2007).  Every other interval is over the distribution of s that Q gives, with the coefficients normal
-given s.  Without own errors that is Student's t with m degrees of freedom; without scatter, the normal of known errors.
+The estimate of s is the former's (tests hold it to ``inference.noise``).  Intervals are the latter's: Q is exact at the true s whatever the
+own errors are (the Q profile, Viechtbauer 2007).  Every other interval is over the distribution of s that Q gives, with the coefficients
+normal given s.  Without own errors that is Student's t with m degrees of freedom; without scatter, the normal of known errors.
 """
 
 from __future__ import annotations
@@ -20,8 +20,7 @@ from functools import cached_property
 
 import numpy as np
 
-from session.base.solving import solve
-from tinygc.estimation.sources import COVERAGE
+from tinygc.inference.solve import COVERAGE, solve
 
 #: the share of a normal variable within one sigma
 ONE_SIGMA = 0.6826894921370859

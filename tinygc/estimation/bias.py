@@ -8,7 +8,6 @@ import numpy as np
 
 from session.base.errors import CalibrationError
 from session.base.numeric import rms_length
-from session.base.solving import solve
 from session.base.units import DEG
 from session.detect.check_stills import ENOUGH_SEGMENTS
 from session.detect.segments import FEWEST_SEGMENTS
@@ -17,9 +16,10 @@ from tinygc.closure.build import with_still_bias
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch, RateMap
-from tinygc.closure.uncertainty import signed_ranks_above
 from tinygc.estimation.held_out import run_method
 from tinygc.estimation.options import FitOptions, MethodFit
+from tinygc.inference.prove import signed_ranks_above
+from tinygc.inference.solve import solve
 from tinygc.models.linear import BIAS, NAMES
 
 # The bias from the ends of the turns, or from the stills around each: as requested, or by the smaller held-out closure error.

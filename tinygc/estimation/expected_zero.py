@@ -19,8 +19,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from session.base.units import DEG, MG
-from tinygc.closure.floor import BiasInstability, wander_covariance
+from tinygc.closure.floor import BiasInstability
 from tinygc.estimation.repeatability import BiasRepeatability
+from tinygc.inference.noise import wander_covariance
 from tinygc.noise.figures import NoiseFigures
 
 #: spread of B between days, one sigma, where nothing says it: that of the EuRoC days is 0.03 to 0.14 dps (paper_tables.py --only table1)

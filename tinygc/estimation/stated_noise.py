@@ -18,11 +18,12 @@ from tinygc.closure import residual
 from tinygc.closure.build import bias_shares
 from tinygc.closure.earth import unseen_covariance
 from tinygc.closure.floor import ACCEL_NOISE, GYRO_NOISE, allan_freedom
-from tinygc.closure.least_squares import PriorUse, solve_lower
+from tinygc.closure.least_squares import PriorUse
 from tinygc.closure.problem import GYROSCOPE, JointFit, Problem
 from tinygc.closure.uncertainty import BIAS_DRIFT, EARTH, GoodnessOfFit, closure_goodness, covariance_parts, goodness
 from tinygc.estimation.options import FitOptions
-from tinygc.estimation.sources import Kind, Source, freedom_of, total
+from tinygc.inference.noise import Sparse
+from tinygc.inference.solve import Kind, Source, freedom_of, solve_lower, total
 from tinygc.models import linear
 from tinygc.models.linear import BIAS, MATRIX, PARAMETERS, PRIOR_SIGMA, LinearModel
 from tinygc.noise.components import (
@@ -39,7 +40,7 @@ from tinygc.noise.components import (
 )
 from tinygc.noise.refit import prior_sigmas, refit
 from tinygc.noise.twin import Twin
-from tinygc.noise.whitening import ACCEL_INSTABILITY_MPS2, OPEN_MPS2, PRECALIBRATION_MPS2, Sparse, Whitener
+from tinygc.noise.whitening import ACCEL_INSTABILITY_MPS2, OPEN_MPS2, PRECALIBRATION_MPS2, Whitener
 
 # The noise of a fit: the white floor, and the non-white noise estimated from the recording (``explanation/noise``).
 #

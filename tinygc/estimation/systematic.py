@@ -21,22 +21,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tinygc.closure.least_squares import solve_lower
 from tinygc.closure.problem import Problem
 from tinygc.effects import Effect
 from tinygc.estimation.stated_noise import StatedNoise, stated_response
+from tinygc.inference.choose import AS_PROBABLE, SUSPECTED, penalty
+from tinygc.inference.solve import solve_lower
 from tinygc.models.linear import NAMES, LinearModel
 from tinygc.noise.refit import calibration_columns, candidates, prior_sigmas
 
-#: prior odds of any effect of the catalogue, and of any shape without a name: about one recording in three shows none of twenty effects
-PRIOR_ODDS = 1 / 30
-#: log width of the prior of an effect's scale, from unobservable to larger than any sensor has
-SCALES = 10.0
-#: natural logarithms of the odds from which an effect is suspected, being more probable than not as a name of ``explain`` is; and from
-#: which the recording contradicts the model: it is there with 95 %
-SUSPECTED, SURE = float(np.log(1 / PRIOR_ODDS)), float(np.log(19 / PRIOR_ODDS))
-#: that of odds between two effects that one fit does not tell apart: "positive" evidence (Kass & Raftery 1995)
-AS_PROBABLE = 3.0
 #: effects of either ranking that are weighed with the noise estimated again
 MOST_WEIGHED = 3
 
@@ -130,11 +122,6 @@ def systematic_of(problem: Problem, model: LinearModel, noise: StatedNoise, wide
         gain = noise.gain_of(columns[number] * effect.parameter.plausible)
         log_odds[effect.id] = max(log_odds[effect.id], (gain - penalty(columns[number].shape[1], len(found[effect.id]))) / 2)
     return Systematic({name: _mean_by_evidence(values) for name, values in found.items()}, tilts, log_odds)
-
-
-def penalty(size: int, shapes: int) -> float:
-    """What the evidence pays for an effect, -2 log: its scale, the number of its trial shapes, and the position of its parameters."""
-    return 2 * float(np.log(SCALES) + np.log(shapes)) + size
 
 
 def _beside(J: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -20,7 +20,7 @@ from tinygc.effects import AppliedEffect, Effect
 from tinygc.explanation.claims import readable
 from tinygc.explanation.evidence import Evidence, Hypothesis
 from tinygc.explanation.search import NAMELESS
-from tinygc.explanation.standing import LEVEL, ONE_SIDED, Standing
+from tinygc.inference.choose import LEVEL, ONE_SIDED, Standing
 from tinygc.noise.twin import claim_slice
 
 #: 2 ln of the odds that decide: 20 to 1, "strong" (Kass & Raftery 1995), which even odds turn into the 95 % of ``standing``

@@ -10,13 +10,12 @@ from scipy.special import stdtr
 
 from session.base.units import DEG
 from tinygc.closure.problem import SAID_SIGMAS
-from tinygc.closure.uncertainty import chi_square_above
 from tinygc.effects import AppliedEffect, CommonDelay, Convention, Derived, Effect, Parts, catalogue
 from tinygc.effects.effect import DIFFERENT_P
 from tinygc.estimation.physics import PART_NAMED
-from tinygc.estimation.systematic import PRIOR_ODDS, SCALES
 from tinygc.explanation.data_repair import FROM_THE_BAR, RepairedProblem
 from tinygc.explanation.search import NamedEffect
+from tinygc.inference.choose import PRIOR_ODDS, SCALES, chi_square_above
 from tinygc.noise.refit import Refit
 from tinygc.noise.turn_gravity import NUMBERS, TurnGravity
 from tinygc.noise.twin import State

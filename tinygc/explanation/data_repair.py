@@ -24,12 +24,12 @@ from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.problem import CLIPPED, LEFT_OUT, Problem
 from tinygc.closure.residual import closure_angles
 from tinygc.effects import Effect
-from tinygc.estimation.systematic import PRIOR_ODDS, SCALES
 from tinygc.explanation import faulty_readings
 from tinygc.explanation.clipped_turns import FEWEST_WHOLE, Clipping, about_the_vertical, chance_of_creep, find_clipping
 from tinygc.explanation.evidence import Evidence, Hypothesis
 from tinygc.explanation.faulty_readings import FALSE, LOST, Crossing, RegisterFault, crossing, proposed, without_false_readings
 from tinygc.explanation.search import search
+from tinygc.inference.choose import PRIOR_ODDS, SCALES
 from tinygc.noise.components import first_noise, undersampling
 from tinygc.noise.refit import candidates, design
 from tinygc.noise.twin import Twin

@@ -19,29 +19,19 @@ from session.base.units import DEG
 from session.detect.check_time import STEPS
 from session.detect.segments import Segment
 from tinygc.closure.problem import Problem
-from tinygc.closure.uncertainty import MISMATCH_P
 from tinygc.effects import Effect, catalogue
 from tinygc.estimation.bias import SAME, choose, tilt_rms
 from tinygc.estimation.options import FitOptions, MethodFit
 from tinygc.estimation.stated_noise import stated_response
 from tinygc.explanation.claims import Claim
-from tinygc.explanation.evidence import FAMILY_WISE, Evidence, Hypothesis, left_of, orthonormal
+from tinygc.explanation.evidence import Evidence, Hypothesis
 from tinygc.explanation.families import SLOW_ZERO
-from tinygc.explanation.search import (
-    NAMELESS,
-    STAND_IN,
-    NamedEffect,
-    curves_like,
-    exchanged,
-    guesses,
-    probabilities,
-    rivals_of,
-    search,
-    slow_candidates,
-    unknown_candidates,
-)
-from tinygc.explanation.standing import Standing, standing_of
+from tinygc.explanation.search import NAMELESS, NamedEffect, curves_like, exchanged, guesses, search, slow_candidates, unknown_candidates
 from tinygc.fitting.results import FitResult
+from tinygc.inference import prove
+from tinygc.inference.choose import LEVEL, MISMATCH_P, STAND_IN, Standing, probabilities, rivals_of, standing_of
+from tinygc.inference.prove import folds_of, signed_ranks_above
+from tinygc.inference.solve import left_of, orthonormal
 from tinygc.models.linear import LinearModel
 from tinygc.noise.components import MOST_FACTOR, STILL_RATE, TURN, UNDERSAMPLED, SessionNoise
 from tinygc.noise.refit import Refit, Replay, at_known_shapes, candidates, prior_sigmas, refit, scanned
@@ -51,8 +41,6 @@ from tinygc.verdict.acceptance import NEAR_FLOOR
 
 # Prove: closure on held-out segments, before, after, and the floor.
 
-#: ten-fold cross-validation, stratified in time (Kohavi 1995)
-FOLDS = 10
 #: Gauss-Newton iterations, starting from the fit of all segments, of which a fold lacks a tenth
 FOLD_STEPS = 3
 #: excess, in units of the floor's variance, below which a share of it is a share of noise: three sigmas of the variance of 80 angles, which
@@ -271,29 +259,10 @@ def held_out(twin: Twin, whiten: Whitener, fit: Refit) -> np.ndarray:
 
 
 def left_out(twin: Twin, whiten: Whitener, r: np.ndarray, J: np.ndarray) -> np.ndarray:
-    """(n,) stacked: every row predicted with parameters from the other folds' rows; a still's row by the last of its folds.
-
-    r (n,) and J (n, p) are whitened, at the fit of all rows, with J in units of the prior sigmas.  Leaving rows out is equivalent to giving
-    each a free number of its own: d = P_kk^-1 (C^-1 r)_k, with P the precision of the residuals given the columns. The parameters then move
-    by what these rows contributed.  Linear around the fit of all rows, which is close to that of a fold.
-    """
-    inverse = np.linalg.inv(J.T @ J + np.eye(J.shape[1]))
-    stacked_J, stacked_r = whiten.back(J), whiten.back(r)
-    pulled_J, pulled_r = whiten.pulled(J), whiten.pulled(r)
-    found = np.full(len(r), np.nan)
-    for held in folds_of(len(twin.segments)):
-        rows = np.flatnonzero(~fold_rows(twin, whiten, held))
-        across = pulled_J[rows]
-        precision = whiten.precision[np.ix_(rows, rows)] - across @ inverse @ across.T
-        # At the fit of all rows J' r is balanced by the priors, so only the contribution of the left-out rows changes it.
-        taken = np.linalg.solve(precision, pulled_r[rows])
-        found[rows] = stacked_r[rows] + stacked_J[rows] @ (inverse @ (across.T @ taken))
-    return found
-
-
-def folds_of(count: int, folds: int = FOLDS) -> list[np.ndarray]:
-    """Indices of the segments that are held out together: every ``folds``-th."""
-    return [np.arange(k, count, folds) for k in range(min(folds, count))]
+    """(n,) stacked: every row predicted with parameters from the other folds' rows (``prove.left_out``); a still's row by the last of its
+    folds.  r (n,) and J (n, p) are whitened, at the fit of all rows, with J in units of the prior sigmas."""
+    parts = [np.flatnonzero(~fold_rows(twin, whiten, held)) for held in folds_of(len(twin.segments))]
+    return prove.left_out(whiten.back(r), whiten.back(J), whiten.precision, whiten.pulled(r), whiten.pulled(J), parts)
 
 
 def fold_rows(twin: Twin, whiten: Whitener, held: np.ndarray) -> np.ndarray:
@@ -428,9 +397,7 @@ def improvement_p(twin: Twin, have: Hypothesis, prior: np.ndarray, number: int, 
     else:
         with_it = left_out(twin, whiten, with_r, J)
     gains = _per_segment(twin, have, left_out(twin, whiten, r, fewer)) - _per_segment(twin, have, with_it)
-    from scipy.stats import wilcoxon
-
-    return float(wilcoxon(gains, alternative="greater").pvalue) if np.any(gains) else 1.0
+    return signed_ranks_above(gains)
 
 
 def _settled(r: np.ndarray, J: np.ndarray) -> np.ndarray:
@@ -535,7 +502,7 @@ class Naming:
     @property
     def refused(self) -> bool:
         """Whether there is a mismatch that no effect explains."""
-        return not self.named and not self.undersampled and (self.p_value <= FAMILY_WISE or self.unusual)
+        return not self.named and not self.undersampled and (self.p_value <= LEVEL or self.unusual)
 
 
 def leaves_more(twin: Twin, naming: Naming, proof: Proof) -> bool:
@@ -587,7 +554,7 @@ def _beyond_the_catalogue(evidence: Evidence, tried: list[Effect], best: Hypothe
     ahead = search(evidence, shapes, best, most=MOST_FINDINGS)
     if best.effects and any(g.score < ahead.score + INSTEAD for g in guesses(evidence, shapes, evidence.nothing)[:1]):
         ahead = min(ahead, search(evidence, shapes, evidence.nothing, most=MOST_FINDINGS), key=lambda h: h.score)
-    if ahead.noise.unusual or (not ahead.effects and first_p < FAMILY_WISE):
+    if ahead.noise.unusual or (not ahead.effects and first_p < LEVEL):
         ahead = search(evidence, unknown_candidates(evidence.twin), ahead, most=1)
     if any(effect.id.startswith(NAMELESS) for effect in ahead.effects):
         # An effect that stood for a part of what the shape describes may be removed, and another may enter.
@@ -659,7 +626,7 @@ def named_effect(evidence: Evidence, best: Hypothesis, number: int, chance: dict
     gain = float(theta @ np.linalg.solve(best.fit.covariance[part, part], theta))
     freedom = effect.parameter.size + (effect.scan is not None)
     p_value = min(1.0, tests * float(chdtrc(freedom, gain)))
-    rivals = rivals_of(evidence.weighed, best, effect)
+    rivals = rivals_of(evidence.weighed, best, effect.id)
     return NamedEffect(
         effect,
         p_value,

@@ -19,10 +19,10 @@ from tinygc.estimation.options import FitOptions
 from tinygc.explanation.claims import DIFFERS, VERDICTS, Claim, Considered, considered_of, named_claims, offset_claim, repair_claims
 from tinygc.explanation.data_repair import RepairedProblem, repair
 from tinygc.explanation.decision import FitClosure, Naming, Proof, Prover, cleared, decide, leaves_more, tilt_rms
-from tinygc.explanation.evidence import FAMILY_WISE
 from tinygc.explanation.search import detection_limits
 from tinygc.fitting.fit import fit_session
 from tinygc.fitting.results import FitResult
+from tinygc.inference.choose import LEVEL
 from tinygc.noise.channels import channel_p_values, in_gauge, own_p_values, within_stills
 from tinygc.noise.components import STILL_RATE, TURN, UNDERSAMPLED, SessionNoise
 from tinygc.noise.measured import measured_noise
@@ -219,7 +219,7 @@ def _heading_not_used(problem: Problem) -> list[Finding]:
 
 def _verdict(explanation: Explanation) -> str:
     e = explanation
-    contradicted = bool(e.contradictions) if e.decision is not None else e.naming.unusual or e.naming.first_p <= FAMILY_WISE
+    contradicted = bool(e.contradictions) if e.decision is not None else e.naming.unusual or e.naming.first_p <= LEVEL
     if not e.claimed:
         return "unexplained" if contradicted or e.findings else "no_mismatch"
     clocks_alone = [claim.effect.id for claim in e.claimed] == [DELAY]

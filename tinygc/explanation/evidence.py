@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Generic, TypeVar
 
 import numpy as np
-from scipy.special import fdtrc, lambertw
 
 from session.base.numeric import rms_of
-from session.base.solving import unit_columns
 from tinygc.effects import Effect
-from tinygc.estimation.systematic import PRIOR_ODDS, penalty
+from tinygc.inference.choose import Selection, price
 from tinygc.noise.channels import in_gauge
 from tinygc.noise.components import SessionNoise, Whiteners, first_noise, noise_beside
 from tinygc.noise.refit import ENOUGH, Refit, Replay, prior_sigmas, refit, scanned
@@ -27,114 +22,6 @@ from tinygc.noise.whitening import Whitener
 # What the calibration already fits is projected out of everything.  Each candidate's group of P columns is tested with Fisher's F, which
 # uses the residuals' own scale, so its false-alarm rate holds if the noise is larger than stated.  The smallest p-value of so many
 # correlated groups is not itself a p-value; its distribution when nothing is missing is drawn by Monte Carlo for this design.
-
-#: Monte Carlo draws: the 5 % level is then known to 0.7 % (binomial)
-DRAWS = 1000
-#: allowed false-alarm rate; benchmarks/null_sessions.py finds 6.5 % +- 1.7 %
-FAMILY_WISE = 0.05
-#: a direction of which less than this remains beside the nuisance columns is unobservable: 0.01 %, less than columns are linear to
-UNSEEN = 1e-4
-#: the same limit beside the twelve allowances, which are finite differences themselves (``twin.SMALL_SHARE``)
-UNSEEN_BESIDE = 1e-3
-
-#: key of a candidate: an id, a number or the effect itself
-Name = TypeVar("Name")
-
-
-class Selection(Generic[Name]):
-    """Tests of candidates against one set of nuisance columns.
-
-    nuisance (n, p); candidates: name -> columns (n, P); allowances (n, m): directions along which the covariance is wide; scale_rows: rows
-    that determine the noise scale; along: names of the candidates that are also tested along the allowances.
-    """
-
-    def __init__(
-        self,
-        nuisance: np.ndarray,
-        candidates: Mapping[Name, np.ndarray],
-        seed: int,
-        *,
-        allowances: np.ndarray | None = None,
-        scale_rows: slice | np.ndarray = slice(None),
-        along: frozenset = frozenset(),
-    ):
-        self.q = orthonormal(nuisance)
-        #: each candidate's orthonormal columns (n, r) after projection; a candidate with none left is dropped
-        self.groups = {name: basis for name, columns in candidates.items() if (basis := left_of(self.q, columns, UNSEEN)).shape[1]}
-        self.n = len(nuisance)
-        self._seed, self._rows, self._along = seed, scale_rows, along
-        self._candidates, self._nuisance, self._allowances = candidates, nuisance, allowances
-        self._lowest: np.ndarray | None = None
-
-    def gains(self, r: np.ndarray) -> dict[Name, float]:
-        """Chi-square that each candidate would remove."""
-        r = r - self.q @ (self.q.T @ r)
-        return {name: float(np.sum((basis.T @ r) ** 2)) for name, basis in self.groups.items()}
-
-    def p_value(self, r: np.ndarray) -> float:
-        """Probability that some candidate explains as much of residuals r (n,) as the best one does if nothing is missing."""
-        return self.family_wise(float(self.lowest_log_p(r[:, None])[0]))
-
-    def family_wise(self, log_p: float) -> float:
-        """Probability that the smallest p-value of all groups is as small as this if nothing is missing."""
-        if self._lowest is None:
-            self._lowest = np.sort(self.lowest_log_p(np.random.default_rng(self._seed).standard_normal((self.n, DRAWS))))
-        drawn = float((1 + np.searchsorted(self._lowest, log_p, side="right")) / (DRAWS + 1))
-        if log_p >= self._lowest[DRAWS // 100]:
-            return drawn
-        # The draws give the effective number of independent tests; Sidak's formula then extrapolates beyond the draws.
-        tests = np.log1p(-0.1) / np.log1p(-np.exp(self._lowest[DRAWS // 10]))
-        return min((1 + DRAWS // 100) / (DRAWS + 1), float(-np.expm1(tests * np.log1p(-np.exp(max(log_p, -700))))))
-
-    @cached_property
-    def _tested(self) -> tuple[np.ndarray, list[tuple[np.ndarray, bool]]]:
-        """Orthonormal nuisance including the allowances, and the remaining groups, each with whether it is tested along the allowances."""
-        if self._allowances is None:
-            return self.q, [(basis, False) for basis in self.groups.values()]
-        q = orthonormal(np.concatenate([unit_columns(self._nuisance), unit_columns(self._allowances)], axis=1), UNSEEN)
-        groups = []
-        for name, columns in self._candidates.items():
-            basis = left_of(self.q, columns, UNSEEN) if name in self._along else left_of(q, columns, UNSEEN_BESIDE)
-            if basis.shape[1]:
-                groups.append((basis, name in self._along))
-        return q, groups
-
-    def lowest_log_p(self, r: np.ndarray) -> np.ndarray:
-        """(draws,) logarithm of the smallest p-value of residuals r (n, draws)."""
-        q, groups = self._tested
-        r = r - self.q @ (self.q.T @ r)
-        left = (r - q @ (q.T @ r))[self._rows]
-        rss, freedom = np.sum(left**2, axis=0), len(left) - np.sum(q[self._rows] ** 2)
-        lowest = np.zeros(r.shape[1])
-        for basis, is_along in groups:
-            rank = basis.shape[1]
-            gain = np.sum((basis.T @ r) ** 2, axis=0)
-            rest, rest_freedom = (rss, freedom) if is_along else (np.maximum(rss - gain, 1e-12 * rss), freedom - rank)
-            if rest_freedom > 1 - 1e-9:  # a difference of rounded sums
-                ratio = (gain / rank) / np.maximum(rest / rest_freedom, 1e-300)
-                lowest = np.minimum(lowest, _log_f_tail(ratio, rank, rest_freedom))
-        return lowest
-
-
-def _log_f_tail(ratio: np.ndarray, rank: int, freedom: int) -> np.ndarray:
-    """Logarithm of the upper tail of Fisher's F; where scipy underflows the tail is a power law."""
-    with np.errstate(divide="ignore"):
-        value = np.log(fdtrc(rank, freedom, ratio))
-    far = -freedom / 2 * np.log1p(ratio * rank / freedom)
-    return np.where(np.isfinite(value), value, far)
-
-
-def left_of(q: np.ndarray, columns: np.ndarray, unseen: float = UNSEEN) -> np.ndarray:
-    """Orthonormal basis of the columns after projecting out q."""
-    columns = unit_columns(columns)
-    return orthonormal(columns - q @ (q.T @ columns), unseen, scaled=False)
-
-
-def orthonormal(columns: np.ndarray, unseen: float = 1e-9, scaled: bool = True) -> np.ndarray:
-    """Orthonormal basis (n, r) of columns (n, P): directions with a singular value above ``unseen``, of columns of unit length if
-    scaled."""
-    u, s, _ = np.linalg.svd(unit_columns(columns) if scaled else columns, full_matrices=False)
-    return u[:, s > unseen]
 
 
 # The best value of a scanned shape.
@@ -175,19 +62,6 @@ def spacing(values: np.ndarray, at: float) -> float:
 
 
 # The linear estimate of one effect in addition to what is fitted, without selection.
-
-#: sigma, in units of an effect's plausible size, of the prior that keeps unobservable components finite.  At ten it biases a value that is
-#: known to a tenth of the plausible size by one in ten thousand
-WIDE = 10.0
-
-
-def linear_estimate(r: np.ndarray, J: np.ndarray, columns: np.ndarray, plausible: float) -> tuple[np.ndarray, np.ndarray]:
-    """Estimate theta (P,) and its covariance (P, P) from whitened residuals r (n,), the columns J (n, p) of what is fitted with it, and its
-    own columns (n, P).  The remaining residual is r + columns theta."""
-    q, _ = np.linalg.qr(J / np.maximum(np.linalg.norm(J, axis=0), 1e-300))
-    own = columns - q @ (q.T @ columns)
-    covariance = np.linalg.inv(own.T @ own + np.eye(own.shape[1]) / (WIDE * plausible) ** 2)
-    return -covariance @ (own.T @ r), covariance
 
 
 def without_claim(fit: Refit, number: int) -> Refit:
@@ -337,7 +211,7 @@ class Evidence:
         """Complexity penalty of an effect, -2 log: its prior odds, its scale, the number of shapes tried under its id, and the position of
         the parameters within their prior."""
         shapes = self._shapes.get(effect.id, 1) if effect.scan is None else len(scanned(self.twin, effect))
-        return price(effect, shapes)
+        return price(effect.parameter.size, shapes)
 
     def without(self, component: str) -> Evidence:
         """Return the evidence of the same recording with one noise component removed."""
@@ -363,19 +237,6 @@ class Evidence:
     def will_try(self, tried: list[Effect]) -> None:
         """Count the unscanned shapes that share an id, for their complexity penalty."""
         self._shapes |= Counter(effect.id for effect in tried)
-
-
-def price(effect: Effect, shapes: int) -> float:
-    """``Evidence.price`` of an effect with this number of trial shapes."""
-    return penalty(effect.parameter.size, shapes) - 2 * float(np.log(PRIOR_ODDS))
-
-
-def least_gain(effect: Effect, shapes: int) -> float:
-    """Chi-square that an effect must remove to be as probable as no effect.  Each parameter also costs the logarithm of its signal-to-noise
-    ratio."""
-    size = effect.parameter.size
-    # Of gain - size ln(gain / size) = price the larger root: Lambert's lower branch.
-    return -size * float(lambertw(-np.exp(-price(effect, shapes) / size), -1).real)
 
 
 def settled(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:

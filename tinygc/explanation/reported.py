@@ -26,13 +26,13 @@ from tinygc.effects import AppliedEffect, catalogue
 from tinygc.estimation.bias import tilt_rms
 from tinygc.estimation.options import FitOptions
 from tinygc.estimation.physics import covariance_at_end, errors_with_physics, loss_words, model_at, rate_covariance, rows_of_rates
-from tinygc.estimation.sources import Source, coverage_factor, freedom_of
 from tinygc.estimation.systematic import Systematic
 from tinygc.explanation.claims import LEFT
 from tinygc.explanation.engine import Explanation, explain_session
 from tinygc.explanation.physics import lost_in, physics_methods
 from tinygc.fitting.fit import fit_session, prepared_for
 from tinygc.fitting.results import AT_END, FitResult
+from tinygc.inference.solve import Source, coverage_factor, freedom_of
 from tinygc.models.linear import COVERAGE_FACTOR, PARAMETERS, LinearModel, Quantity, field_quantities
 from tinygc.models.model import accelerometer_table, sensor_table
 from tinygc.models.physics import PhysicsModel

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 
@@ -15,7 +15,9 @@ from tinygc.closure.earth import EarthRate
 from tinygc.effects import Effect, Movement, Parameter, Reach, Scan, catalogue, diagonal, per_axis, without_vibration
 from tinygc.effects.effect import WORLD
 from tinygc.effects.movement import HAND_S, NOWHERE
-from tinygc.explanation.evidence import Evidence, Guess, Hypothesis, least_gain, left_of, orthonormal, sharpened, without_claim
+from tinygc.explanation.evidence import Evidence, Guess, Hypothesis, sharpened, without_claim
+from tinygc.inference.choose import least_gain
+from tinygc.inference.solve import left_of, orthonormal
 from tinygc.noise.refit import Refit, Replay, candidates
 from tinygc.noise.twin import Twin, claim_slice
 from tinygc.noise.whitening import TOGETHER, Whitener
@@ -222,7 +224,7 @@ def detection_limits(twin: Twin, whiten: Whitener, fit: Refit, replay: Replay | 
         left, plausible = columns - q @ (q.T @ columns), effect.parameter.plausible
         # Use the median: the part of a delay common to all axes belongs to the clock and is hardly observable in any recording.
         strength = float(np.median(np.linalg.svd(left * plausible, compute_uv=False)))
-        sigmas = float(np.sqrt(least_gain(effect, shapes[effect.id])))
+        sigmas = float(np.sqrt(least_gain(effect.parameter.size, shapes[effect.id])))
         size = sigmas / strength * plausible / effect.parameter.si if strength > sigmas else np.inf
         sizes[effect.id] = min(size, sizes.get(effect.id, np.inf))
     return sizes
@@ -239,9 +241,6 @@ def in_words(sizes: dict[str, float]) -> list[str]:
 
 # The probability of each effect and of its competitors.
 
-#: -2 log evidence by which an equivalent may be worse and still be listed: beyond it evidence is "very strong" (Kass & Raftery 1995)
-STAND_IN = 10.0
-
 
 @dataclass(frozen=True, eq=False)
 class NamedEffect:
@@ -254,30 +253,6 @@ class NamedEffect:
     probability: float
     equivalent: tuple[str, ...] = ()
     rivals: dict[str, float] = field(default_factory=dict)
-
-
-def probabilities(weighed: Sequence[Guess]) -> dict[str, float]:
-    """Posterior probability of each id, over all evaluated hypotheses; "" for no effect."""
-    scores = np.array([h.score for h in weighed])
-    weight = np.exp(-(scores - scores.min()) / 2)
-    weight /= weight.sum()
-    found: dict[str, float] = {}
-    for h, w in zip(weighed, weight, strict=True):
-        for name in h.ids or ("",):
-            found[name] = found.get(name, 0.0) + float(w)
-    return {name: min(p, 1.0) for name, p in found.items()}
-
-
-def rivals_of(weighed: Sequence[Guess], best: Hypothesis, effect: Effect) -> dict[str, float]:
-    """-2 log evidence by which each effect that was evaluated in place of this one is worse, by id."""
-    others = best.ids - {effect.id}
-    found: dict[str, float] = {}
-    for h in weighed:
-        extra = h.ids - others
-        if others <= h.ids and len(extra) == 1 and effect.id not in extra:
-            (name,) = extra
-            found[name] = min(found.get(name, np.inf), h.score - best.score)
-    return found
 
 
 # Beyond the catalogue: shapes without a physical cause.

@@ -26,9 +26,9 @@ from tinygc.estimation.choice import AgainstRaw, ModelToUse, model_to_use
 from tinygc.estimation.options import FitOptions, MethodFit
 from tinygc.estimation.physics import PART_NAMED, errors_with_physics, rate_covariance, rows_of_rates
 from tinygc.estimation.repeatability import BiasRepeatability
-from tinygc.estimation.sources import Source
 from tinygc.estimation.stated_noise import StatedNoise
 from tinygc.estimation.systematic import Systematic
+from tinygc.inference.solve import Source
 from tinygc.models.linear import LinearModel
 from tinygc.verdict.acceptance import Acceptance, JudgedFit, decide, promise_of, run_p_values, too_good, too_wide
 from tinygc.verdict.model_tests import GRAVITY, ModelTest, model_tests

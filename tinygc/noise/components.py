@@ -1,4 +1,4 @@
-"""Noise beyond white: the variance components of a session, estimated by restricted maximum likelihood (``noise.reml``)."""
+"""Noise beyond white: the variance components of a session, estimated by restricted maximum likelihood (``inference.noise``)."""
 
 from __future__ import annotations
 
@@ -16,11 +16,10 @@ from session.base.numeric import rms_of, running_sum
 from session.base.units import DEG, DEG_PER_HOUR, MG, G
 from session.detect.check_time import LEAST_EXPONENT, STEPS, capped, thinning_exponent, thinning_weights
 from tinygc.closure import residual
-from tinygc.closure.floor import wander_covariance
-from tinygc.closure.uncertainty import chi_square_above
-from tinygc.noise.reml import SCORING_STEPS, Prior, estimate
+from tinygc.inference.choose import chi_square_above
+from tinygc.inference.noise import SCORING_STEPS, Prior, Sparse, estimate, wander_covariance
 from tinygc.noise.twin import Twin
-from tinygc.noise.whitening import Sparse, Whitener
+from tinygc.noise.whitening import Whitener
 
 # Motion faster than half the data rate: its aliasing error in the closure, predicted from the recording alone.
 #

@@ -29,7 +29,7 @@ from tinygc.closure.floor import (
     likelihood_of_instability,
 )
 from tinygc.closure.problem import AtRest, MeasuredNoise, NoiseComparison, Problem
-from tinygc.closure.uncertainty import chi_square_above
+from tinygc.inference.choose import chi_square_above
 from tinygc.noise.figures import FILE, AxisNoise, NoiseFigures, SensorNoise, Term, read_figures, unit_allan_variance
 
 #: terms that make a bias drift at random; a ramp is none: a steady drift is taken out of the stills before their drift is estimated

@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 
 from session.base.units import EARTH_RATE_RPS, MG
-from tinygc.closure.uncertainty import chi_square_above
 from tinygc.effects import AppliedEffect, Effect, catalogue
+from tinygc.inference.choose import chi_square_above
 from tinygc.models.linear import PRIOR_SIGMA
 from tinygc.noise.twin import Channels, State, Twin, claim_slice
 from tinygc.noise.whitening import Whitener

@@ -10,9 +10,9 @@ import numpy as np
 
 from session.base import rotation
 from session.base.rotation import cross_matrix
-from session.base.solving import inverse
 from tinygc.closure import residual
-from tinygc.closure.uncertainty import signed_ranks_above
+from tinygc.inference.prove import signed_ranks_above
+from tinygc.inference.solve import inverse
 from tinygc.noise.refit import Refit
 from tinygc.noise.twin import Twin
 

@@ -12,7 +12,6 @@ import numpy as np
 from session.base import rotation
 from session.base.numeric import median_length
 from session.base.rotation import unit_vectors
-from session.base.solving import solve
 from session.base.units import DEG, G
 from session.detect.accelerometer import IDENTITY, force_columns, units
 from session.detect.stills import Still
@@ -20,6 +19,7 @@ from tinygc.closure import residual
 from tinygc.closure.problem import ACCELEROMETER, Problem
 from tinygc.closure.residual import Batch
 from tinygc.effects import AppliedEffect, Effect, Movement
+from tinygc.inference.solve import solve
 from tinygc.models import linear
 from tinygc.models.linear import PARAMETERS, LinearModel
 from tinygc.noise.thinned import AT_ONCE, StillMeans, conditions, movement_in, thinned

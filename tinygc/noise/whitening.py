@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from copy import copy
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
 
@@ -12,46 +11,10 @@ import numpy as np
 
 from session.base import rotation
 from session.base.units import MG
-from tinygc.closure.least_squares import inverse_lower, solve_lower
+from tinygc.inference.solve import inverse_lower, solve_lower
 from tinygc.noise.twin import Twin
 
 # Sparse covariances: importing ``scipy.sparse`` takes longer than a fit.
-
-
-@dataclass(frozen=True, eq=False)
-class Sparse:
-    """Sparse matrix (n, n): ``values`` (m,) at ``rows`` and ``columns`` (m,), each position once; zero elsewhere."""
-
-    size: int
-    rows: np.ndarray
-    columns: np.ndarray
-    values: np.ndarray
-
-    @classmethod
-    def of(cls, dense: np.ndarray) -> Sparse:
-        """Convert a dense matrix (n, n)."""
-        rows, columns = np.nonzero(dense)
-        return cls(len(dense), rows, columns, dense[rows, columns])
-
-    @classmethod
-    def of_diagonal(cls, diagonal: np.ndarray) -> Sparse:
-        """Build a diagonal matrix from its diagonal (n,)."""
-        at = np.flatnonzero(diagonal)
-        return cls(len(diagonal), at, at, diagonal[at])
-
-    def block(self, of: np.ndarray) -> np.ndarray:
-        """Dense block (k, k) of the rows and columns with these numbers (k,)."""
-        place = np.full(self.size, -1)
-        place[of] = np.arange(len(of))
-        row, column = place[self.rows], place[self.columns]
-        inside = (row >= 0) & (column >= 0)
-        dense = np.zeros((len(of), len(of)))
-        dense[row[inside], column[inside]] = self.values[inside]
-        return dense
-
-    def dense(self) -> np.ndarray:
-        """Convert to a dense matrix (n, n)."""
-        return self.block(np.arange(self.size))
 
 
 # The covariance of all channels together, and whitening with it.

@@ -26,23 +26,23 @@ from session.base.units import DEG, DEG_PER_HOUR, MDPS, MG
 from session.detect.accelerometer import PARAMETERS as ACCELEROMETER_PARAMETERS
 from session.detect.check_stills import ENOUGH_SEGMENTS
 from session.log.requirements import CLOSURE, CLOSURE_RUN, Requirements, Rule
-from tinygc.closure.floor import ACCEL_NOISE, GYRO_NOISE, SINGLE_SEGMENTS, STAMPS, wander_covariance
+from tinygc.closure.floor import ACCEL_NOISE, GYRO_NOISE, SINGLE_SEGMENTS, STAMPS
 from tinygc.closure.problem import Problem
 from tinygc.closure.runs import ClosureRun
-from tinygc.closure.uncertainty import MISMATCH_P, chi_square_above
 from tinygc.estimation.accelerometer import AccelerometerFit
 from tinygc.estimation.bias import tilt_rms
 from tinygc.estimation.choice import AgainstRaw
 from tinygc.estimation.expected_zero import drift_between
 from tinygc.estimation.options import METHODS
 from tinygc.estimation.repeatability import BiasRepeatability
-from tinygc.estimation.sources import Source
 from tinygc.estimation.systematic import Systematic
+from tinygc.inference.choose import MISMATCH_P, chi_square_above
+from tinygc.inference.decide import Conformity, Measured
+from tinygc.inference.noise import wander_covariance
+from tinygc.inference.solve import Source
 from tinygc.models.linear import BIAS, PARAMETERS
 from tinygc.verdict.model_tests import RUN, TURNS, ModelTest, contradictions
 from tinygc.verdict.requirements import (
-    Conformity,
-    Measured,
     accelerometer_measured,
     attitude_measured,
     closure_measured,

@@ -17,10 +17,11 @@ import numpy as np
 from session.base.results import Maybe, Number, Text
 from session.base.texts import probability
 from tinygc.closure.joint import REFUTED_P
-from tinygc.closure.uncertainty import MISMATCH_P, GoodnessOfFit
+from tinygc.closure.uncertainty import GoodnessOfFit
 from tinygc.estimation.accelerometer import AccelerometerFit
 from tinygc.estimation.stated_noise import StatedNoise
-from tinygc.estimation.systematic import PRIOR_ODDS, SURE, SUSPECTED, Systematic
+from tinygc.estimation.systematic import Systematic
+from tinygc.inference.choose import MISMATCH_P, PRIOR_ODDS, SURE, SUSPECTED
 
 TURNS, RUN, NOISE, EFFECT, GRAVITY = "turns", "run", "noise", "effect", "gravity"
 

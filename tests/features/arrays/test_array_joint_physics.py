@@ -11,9 +11,7 @@ from scipy.optimize import brentq, minimize
 from scipy.stats import chi2, f
 from small_array import small_array
 
-from tinygc.closure.floor import wander_covariance
 from tinygc.estimation.bias import less_by_chance
-from tinygc.explanation.standing import Standing
 from tinygc.features.arrays.fit import (
     _by_bias,
 )
@@ -36,6 +34,8 @@ from tinygc.features.arrays.joint import (
 )
 from tinygc.features.arrays.standings import parts_of
 from tinygc.features.arrays.system import MOUNTING, System, array_system
+from tinygc.inference.choose import Standing
+from tinygc.inference.noise import wander_covariance
 from tinygc.models.linear import BIAS, MATRIX
 
 # The optimum.

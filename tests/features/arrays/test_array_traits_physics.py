@@ -12,8 +12,6 @@ from scipy.stats import chi2
 from session.base.units import EARTH_RATE_RPS
 from tinygc import SimulationOptions
 from tinygc.effects import catalogue
-from tinygc.estimation.systematic import PRIOR_ODDS
-from tinygc.explanation.standing import Standing, Statement
 from tinygc.features.arrays.explanation import ArrayExplanation, _events_and_left_out, array_page, moments_of
 from tinygc.features.arrays.feature import ArrayOptions
 from tinygc.features.arrays.fit import fit_array
@@ -30,6 +28,7 @@ from tinygc.features.arrays.traits import (
     _earth_trait,
     _trait_of,
 )
+from tinygc.inference.choose import PRIOR_ODDS, Standing, Statement
 from tinygc.reporting.terminal import as_text
 
 OFFSET = catalogue()["timing.gyro_accel_offset"]

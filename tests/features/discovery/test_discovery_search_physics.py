@@ -10,8 +10,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 from simulated_twins import make_twin_of
 
 from session.base.units import DEG
-from tinygc.explanation.evidence import left_of, orthonormal
-from tinygc.explanation.search import STAND_IN
 from tinygc.features.discovery import engine, search_state
 from tinygc.features.discovery.detection_limits import learnable, learnable_from
 from tinygc.features.discovery.enumeration import bits, enumerated
@@ -33,6 +31,8 @@ from tinygc.features.discovery.search_state import (
     taken,
 )
 from tinygc.features.discovery.selection import Constants, FormEvidence, _takes_calibration, exact, one_step
+from tinygc.inference.choose import STAND_IN
+from tinygc.inference.solve import left_of, orthonormal
 from tinygc.noise.refit import Replay, refit
 from tinygc.noise.twin import Twin, claim_slice
 

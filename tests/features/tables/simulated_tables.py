@@ -15,11 +15,11 @@ from imperfect_tables import AxisErrors, AxisTrack, TableErrors, motion_on, true
 from scipy.spatial.transform import Rotation
 
 from session.base.units import DEG, DEG_PER_HOUR, EARTH_RATE_RPS, G
-from tinygc.closure.floor import wander_covariance
 from tinygc.effects import Effect, Movement
 from tinygc.features.tables.machines.angles import header, row
 from tinygc.features.tables.machines.description import Axis, Description
 from tinygc.features.tables.observed import Observed
+from tinygc.inference.noise import wander_covariance
 from tinygc.simulation.options import SimulatedUnit, SimulationOptions
 from tinygc.simulation.sensor import SensorModel
 

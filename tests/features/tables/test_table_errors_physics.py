@@ -14,7 +14,6 @@ from simulated_tables import Summary, draw, fixed_moves
 
 from session.base.errors import DataError
 from session.base.units import DEG, EARTH_RATE_RPS
-from tinygc.closure.floor import wander_covariance
 from tinygc.features.tables.explanation import TableExplanation
 from tinygc.features.tables.machines.description import LATENCY_SIGMA_S, Axis, Description
 from tinygc.features.tables.observed import held_up_from, stamps_beside
@@ -40,7 +39,7 @@ from tinygc.features.tables.selection import (
     _smallest_under_noise,
     select,
 )
-from tinygc.noise.reml import Prior
+from tinygc.inference.noise import Prior, wander_covariance
 from tinygc.reporting.terminal import as_text
 
 X, Y, Z = np.eye(3)

@@ -16,7 +16,7 @@ from session.base.errors import DataError, FitError
 from session.log.config import Accelerometer
 from session.log.rests import RestLog
 from session.log.samples import Samples
-from tinygc.closure.floor import TIMES_S, AllanSums, averaging_factors, curve_of
+from tinygc.closure.floor import AllanSums, averaging_factors, curve_of
 from tinygc.features.temperature import axis_fit
 from tinygc.features.temperature.axis_fit import (
     _AS_NOISE,
@@ -64,6 +64,7 @@ from tinygc.features.temperature.sessions_fit import (
     zero_covariance,
 )
 from tinygc.features.temperature.sweeps import Sweep, _turning_points, between_steps, sweeps_of
+from tinygc.inference.noise import TIMES_S
 from tinygc.models.linear import BIAS, MATRIX, LinearModel
 
 

@@ -12,12 +12,11 @@ import tinygc
 from session.base.errors import CalibrationError, FitError
 from session.base.units import DEG
 from session.detect.accelerometer import NAMES as NAMES_OF_FORCE
-from tinygc.closure.floor import GYRO_NOISE, UNKNOWN, BiasInstability, wander_covariance
+from tinygc.closure.floor import GYRO_NOISE, UNKNOWN, BiasInstability
 from tinygc.closure.motion import at_rest
 from tinygc.closure.uncertainty import BIAS_DRIFT, EARTH
 from tinygc.estimation.expected_zero import USUAL_SPREAD
 from tinygc.estimation.repeatability import BiasRepeatability
-from tinygc.estimation.sources import Source, total
 from tinygc.estimation.stated_noise import CALIBRATION, CLOCK, GRAVITY_LENGTH, MISFIT, ROUNDING, stated_response
 from tinygc.features.unit.budget import monte_carlo as draws
 from tinygc.features.unit.budget.library import budget_of_fit
@@ -35,6 +34,8 @@ from tinygc.features.unit.budget.quantities import (
 )
 from tinygc.features.unit.budget.rows import Beside, Budget, Row, decimals_of
 from tinygc.features.unit.options import BudgetOptions
+from tinygc.inference.noise import wander_covariance
+from tinygc.inference.solve import Source, total
 from tinygc.models.linear import BIAS, NAMES, field_jacobian
 
 RNG = np.random.default_rng(5)

@@ -24,14 +24,14 @@ from session.base.toml import parse_toml
 from session.base.units import DEG, MG
 from session.log.config import config_of
 from tinygc.estimation.repeatability import BiasRepeatability
-from tinygc.estimation.sources import coverage_factor, effective_freedom
 from tinygc.explanation.reported import ReportData
 from tinygc.features.unit.certificate.content import REQUIRED, content_of
 from tinygc.features.unit.certificate.dcc_file import UNITS, dcc_text
 from tinygc.features.unit.certificate.library import certificate_of, page
+from tinygc.inference.decide import Measured
+from tinygc.inference.solve import coverage_factor, effective_freedom
 from tinygc.models.linear import LinearModel, field_jacobian
 from tinygc.verdict.acceptance import decide
-from tinygc.verdict.requirements import Measured
 
 #: of one number, and of a list
 EXPANDED = ("valueExpandedMU", "valueExpandedMUXMLList")

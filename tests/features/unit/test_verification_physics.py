@@ -15,12 +15,11 @@ from session.base.errors import FormatError
 from session.base.units import DEG, MG, G
 from session.detect import accelerometer
 from tinygc import models
-from tinygc.closure.floor import BiasInstability, wander_covariance
+from tinygc.closure.floor import BiasInstability
 from tinygc.effects import AppliedEffect, Conditions, effect_of
 from tinygc.estimation.accelerometer import JOINT_NAMES, AccelerometerFit
 from tinygc.estimation.accelerometer import USUAL_SPREAD as USUAL_ACCELEROMETER
 from tinygc.estimation.expected_zero import USUAL_PER_K, USUAL_SPREAD
-from tinygc.estimation.systematic import PRIOR_ODDS
 from tinygc.features.unit.calibrated import Calibrated
 from tinygc.features.unit.options import VerifyOptions as Options
 from tinygc.features.unit.verification import causes, verdict
@@ -47,6 +46,8 @@ from tinygc.features.unit.verification.questions import (
 )
 from tinygc.features.unit.verification.rows import CLOSURE, LENGTH, STILL, Rows
 from tinygc.features.unit.verification.verdict import FAILS, HOLDS, UNDECIDED
+from tinygc.inference.choose import PRIOR_ODDS
+from tinygc.inference.noise import wander_covariance
 from tinygc.models.linear import MATRIX, LinearModel
 from tinygc.models.model import accelerometer_table
 from tinygc.models.physics import PhysicsModel

@@ -14,11 +14,11 @@ from session.base.errors import CalibrationError
 from session.base.numeric import later_row, new_readings, rms_of, running_sum, sigma_of
 from session.base.records import Size
 from session.base.results import Number
-from session.base.solving import inverse
 from session.base.units import DEG, NS
 from session.detect.events import register_end_dps
 from session.log.folder import Session
 from session.log.samples import Samples
+from tinygc.inference.solve import inverse
 from tinygc.models.model import SECONDS
 
 # Extrinsics of a unit: clock, mounting and position relative to the array's first unit.

@@ -23,7 +23,6 @@ from tinygc.explanation.engine import Explanation, explain_session
 from tinygc.explanation.families import SLOW_ZERO
 from tinygc.explanation.faulty_readings import FALSE, proposed, without_false_readings
 from tinygc.explanation.result import to_json
-from tinygc.explanation.standing import Standing, Statement
 from tinygc.features.arrays.fit import ArrayFit, UnitFit, begins_s, event_to_json, fit_array, split_to_json
 from tinygc.features.arrays.joint import COMMON_STILL, COMMON_TURN, ArrayEvent
 from tinygc.features.arrays.recording import ArraySession
@@ -31,6 +30,7 @@ from tinygc.features.arrays.rest_noise import SharedNoise, noise_at_rest
 from tinygc.features.arrays.slow_zero import PooledSlowZero, slow_zero_of
 from tinygc.features.arrays.standings import Part, Parts, parts_of
 from tinygc.features.arrays.traits import ALIKE, COMMON, DIFFERS, READINGS, Trait, traits_of
+from tinygc.inference.choose import Standing, Statement
 from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_line, plain_table
 
 # Steps in one unit's register: did the other units feel them? A false reading is in one unit, a knock in all.

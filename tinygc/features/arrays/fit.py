@@ -18,7 +18,6 @@ from session.base.numeric import rms_of, sigma_of, sigmas_in
 from session.base.progress import Told, untold
 from session.base.records import plain, write_whole
 from session.base.rotation import cross_matrix
-from session.base.solving import inverse as covariance_of
 from session.base.units import DEG, DEG_PER_HOUR, NS, G
 from session.detect.accelerometer import corrected as corrected_force
 from session.detect.events import register_end_dps
@@ -41,6 +40,7 @@ from tinygc.features.arrays.model import ArrayModel, FusedUnit
 from tinygc.features.arrays.recording import ArraySession
 from tinygc.features.arrays.system import MOUNTING, PER_UNIT, accelerometer_after, force_problem
 from tinygc.features.arrays.units import ArrayUnit, SameStills, prepare_units, same_stills
+from tinygc.inference.solve import inverse as covariance_of
 from tinygc.models.linear import BIAS, MATRIX, NAMES, PARAMETERS, PRIOR_SIGMA, LinearModel
 from tinygc.models.model import accelerometer_table, sensor_table
 from tinygc.noise.components import undersampling

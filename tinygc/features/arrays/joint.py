@@ -13,9 +13,7 @@ from scipy.stats import chi2
 from session.base.numeric import sigma_of
 from session.base.progress import Told, untold
 from session.base.units import DEG, NS
-from tinygc.closure.floor import wander_covariance
 from tinygc.closure.joint import GRAVITY_SIGMA_MPS2, KNOWN_MPS2
-from tinygc.explanation.standing import LEVEL, ONE_SIDED
 from tinygc.features.arrays.system import (
     GYROSCOPE,
     PER_UNIT,
@@ -32,6 +30,8 @@ from tinygc.features.arrays.system import (
     with_earth,
 )
 from tinygc.features.arrays.units import ArrayUnit, SameStills
+from tinygc.inference.choose import LEVEL, ONE_SIDED
+from tinygc.inference.noise import wander_covariance
 from tinygc.models.linear import BIAS, MATRIX, LinearModel
 
 # Events beyond an array's usual errors: a reading of one unit that the others contradict, a turn that all miss alike.

@@ -13,8 +13,8 @@ from session.base.numeric import sigmas_in
 from session.base.units import NS
 from session.detect.stills import BLOCK_S, SessionStills, references
 from session.log.folder import Session
-from tinygc.explanation.standing import ONE_SIDED, Statement, standing_of
 from tinygc.features.arrays.clocks import UnitClock
+from tinygc.inference.choose import ONE_SIDED, Statement, standing_of
 
 #: most groups of stills that are left out in turn
 GROUPS = 20

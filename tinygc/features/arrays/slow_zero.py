@@ -10,12 +10,11 @@ from scipy.special import chdtrc
 
 from session.base.units import DEG
 from tinygc.effects import Effect
-from tinygc.estimation.systematic import PRIOR_ODDS
 from tinygc.explanation.engine import Explanation
-from tinygc.explanation.evidence import Evidence, linear_estimate
+from tinygc.explanation.evidence import Evidence
 from tinygc.explanation.families import SLOW_ZERO, alternatives, motion, shares_of
 from tinygc.explanation.search import guesses, slow_candidates
-from tinygc.explanation.standing import LEVEL, Standing, Statement, upper_limit
+from tinygc.inference.choose import LEVEL, PRIOR_ODDS, Standing, Statement, linear_estimate, upper_limit
 from tinygc.noise.refit import candidates
 from tinygc.noise.twin import Twin
 

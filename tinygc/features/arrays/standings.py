@@ -14,8 +14,8 @@ from scipy.special import chdtrc
 
 from session.base.numeric import rms_of
 from session.base.units import DEG
-from tinygc.explanation.standing import Standing, Statement, standing_of
 from tinygc.features.arrays.joint import Joint, VarianceSplit, rise, upper_component
+from tinygc.inference.choose import Standing, Statement, standing_of
 
 #: component of motion beyond the data rate in ``RowMap.names``, from the end
 FAST = -2

@@ -10,7 +10,6 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from session.base import rotation
 from session.base.numeric import sigmas_in
-from session.base.solving import inverse
 from session.base.units import MG, G
 from session.detect.accelerometer import IDENTITY, PARAMETERS, SPREAD_MPS2, after, corrected, force_columns, units
 from session.detect.accelerometer import PARAMETERS as OF_ACCELEROMETER
@@ -24,6 +23,7 @@ from tinygc.closure.joint import GIVEN_SIGMA_MG
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch
 from tinygc.features.arrays.units import ArrayUnit, SameStills
+from tinygc.inference.solve import inverse
 from tinygc.models import linear
 from tinygc.models.linear import PRIOR_SIGMA, LinearModel
 

@@ -19,9 +19,9 @@ from session.base.units import EARTH_RATE_RPS
 from tinygc.effects import Effect
 from tinygc.explanation.claims import Claim, measured
 from tinygc.explanation.engine import Explanation
-from tinygc.explanation.evidence import linear_estimate, without_claim
-from tinygc.explanation.standing import LEVEL, Standing, Statement, homogeneity_p, standing_of, upper_limit
+from tinygc.explanation.evidence import without_claim
 from tinygc.features.arrays.fit import ArrayFit
+from tinygc.inference.choose import LEVEL, Standing, Statement, homogeneity_p, linear_estimate, standing_of, upper_limit
 from tinygc.noise.refit import Replay, candidates, prior_sigmas
 
 #: whose an effect is: common by nature, in all units with equality not rejected, different between units, not told, or in single readings

@@ -14,7 +14,7 @@ from tinygc.effects import Effect, Movement, catalogue
 from tinygc.explanation.claims import readable
 from tinygc.explanation.engine import Explanation
 from tinygc.explanation.evidence import Hypothesis
-from tinygc.explanation.search import STAND_IN, exchanged, search, slow_candidates, without_idle
+from tinygc.explanation.search import exchanged, search, slow_candidates, without_idle
 from tinygc.features.discovery.constants import ByAxis
 from tinygc.features.discovery.detection_limits import learnable, learnable_from
 from tinygc.features.discovery.enumeration import bits, enumerated
@@ -50,6 +50,7 @@ from tinygc.features.discovery.search_state import (
 )
 from tinygc.features.discovery.selection import FORM, Constants, FormEvidence, SearchRound, believable, exact, rms_of, with_a_form
 from tinygc.features.discovery.words import constant_of, equation, what
+from tinygc.inference.choose import STAND_IN
 from tinygc.noise.refit import candidates
 from tinygc.noise.twin import Twin, claim_slice
 

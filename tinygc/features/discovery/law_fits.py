@@ -13,12 +13,12 @@ from tinygc.effects import Effect, Movement, catalogue
 from tinygc.explanation.engine import Explanation
 from tinygc.explanation.evidence import Evidence
 from tinygc.explanation.result import what_next
-from tinygc.explanation.search import STAND_IN
 from tinygc.features.discovery.engine import DECISIVE
 from tinygc.features.discovery.form import Factor, LawForm
 from tinygc.features.discovery.result import briefly, other_equation
 from tinygc.features.discovery.search_state import Discovery, Law
 from tinygc.features.discovery.words import equation, splits
+from tinygc.inference.choose import STAND_IN
 from tinygc.noise.refit import Refit, Replay
 from tinygc.noise.twin import Channels
 from tinygc.noise.whitening import Whitener

@@ -7,11 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from session.base.solving import unit_columns
-from tinygc.estimation.systematic import PRIOR_ODDS, SCALES
-from tinygc.explanation.evidence import UNSEEN, orthonormal
 from tinygc.features.discovery.form import LawForm
 from tinygc.features.discovery.responses import Responses
+from tinygc.inference.choose import PRIOR_ODDS, SCALES
+from tinygc.inference.solve import UNSEEN, orthonormal, unit_columns
 from tinygc.noise.refit import Refit
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import Whitener

@@ -11,11 +11,10 @@ import numpy as np
 from session.base.records import Count, Key
 from session.base.units import DEG
 from tinygc.closure.problem import Problem
-from tinygc.closure.uncertainty import chi_square_above, signed_ranks_above
 from tinygc.effects import Effect, Movement
 from tinygc.explanation.decision import LEAST_EXCESS, tilt_rms
 from tinygc.explanation.evidence import Hypothesis
-from tinygc.explanation.search import STAND_IN, rewhitened
+from tinygc.explanation.search import rewhitened
 from tinygc.features.discovery.constants import ByAxis, by_axis, gain_of, linear_coefficients
 from tinygc.features.discovery.equivalence import added, as_effect
 from tinygc.features.discovery.form import LawForm
@@ -23,6 +22,8 @@ from tinygc.features.discovery.projections import Projection
 from tinygc.features.discovery.screening import promised_beside
 from tinygc.features.discovery.selection import FormEvidence, SearchRound, believable, one_step
 from tinygc.features.discovery.words import equation
+from tinygc.inference.choose import STAND_IN, chi_square_above
+from tinygc.inference.prove import signed_ranks_above
 from tinygc.noise.components import SessionNoise, first_noise
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import Whitener

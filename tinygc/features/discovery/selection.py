@@ -10,7 +10,6 @@ import numpy as np
 
 from session.base.numeric import sigmas_in
 from session.base.progress import Told
-from tinygc.closure.uncertainty import signed_ranks_above
 from tinygc.effects import Effect, Movement
 from tinygc.explanation.evidence import Evidence, Guess, Hypothesis
 from tinygc.explanation.search import rewhitened
@@ -21,6 +20,7 @@ from tinygc.features.discovery.form import LawForm
 from tinygc.features.discovery.projections import Projection, price
 from tinygc.features.discovery.responses import Responses
 from tinygc.features.discovery.screening import Screening, screened
+from tinygc.inference.prove import signed_ranks_above
 from tinygc.models.linear import MATRIX
 from tinygc.noise.refit import FARTHEST, LOOSE, Refit, Replay
 from tinygc.noise.turn_gravity import lever_equations

@@ -10,8 +10,8 @@ from scipy.special import stdtr
 
 from session.base.numeric import MEDIAN_SIGMAS
 from session.base.records import Key, Share
-from session.base.solving import inverse
 from tinygc.features.fleet.lot import COUNT, OWN, SENSOR_ERRORS, LotSessions, error_sigmas, jacobian, key_of
+from tinygc.inference.solve import inverse
 
 # Each number of unit u is
 #

@@ -18,7 +18,7 @@ from tinygc.features.fleet.fleet_row import COLUMNS, DONE, VALUES, told_by, unpa
 from tinygc.features.fleet.fleet_table import COUNTED, EACH, Table, not_as_written, read_table
 from tinygc.features.fleet.lot import UnitResult
 from tinygc.features.fleet.report import LotReport, lot_of
-from tinygc.verdict.requirements import simply_accepted
+from tinygc.inference.decide import simply_accepted
 
 # Rows of a fleet's table as a lot's records, and as CSV.
 

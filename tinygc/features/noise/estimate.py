@@ -13,11 +13,11 @@ from scipy.special import chdtrc, gammaincinv
 
 from session.base.errors import DataError
 from session.base.progress import Progress, untold
-from session.base.solving import inverse
 from session.detect.rest_noise import FEWEST, lines_of, spectra
 from tinygc.features.noise.choice import FILTER, UNSEEN, Chosen, Search, cost, sandwich, stacked, stacks_of, unit_covariance
 from tinygc.features.noise.scales import TOP, Group, groups_of, knots_of, left_out, of_log_and_log, rest_of, temperature_part, unsteady
 from tinygc.features.noise.summary import SECTION, RestSums, contrasts, ratios_of
+from tinygc.inference.solve import inverse
 from tinygc.noise.figures import MISFIT, ONE_SIDED_95, TERMS, AllanBand, AxisNoise, Line, NoiseFigures, SensorNoise, Term, fits_data
 
 #: rates of logs of one unit agree to this share

@@ -1,6 +1,6 @@
 """Noise of the rows that compare a sensor with its table: what is known beforehand, and what the recording itself says.
 
-Rest and turn rows have one covariance, whose sizes are estimated by restricted likelihood (``tinygc.noise.reml``):
+Rest and turn rows have one covariance, whose sizes are estimated by restricted likelihood (``tinygc.inference.noise``):
 
     white noise of gyroscope and accelerometer, as measured in the stills                                        known
     wander of the gyroscope's zero (bias instability)                                                            estimated about a prior
@@ -21,9 +21,8 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.optimize import minimize
 
-from tinygc.closure.floor import wander_covariance
 from tinygc.features.tables.rows import Comparison
-from tinygc.noise.reml import ComponentEstimate, Prior, estimate
+from tinygc.inference.noise import ComponentEstimate, Prior, estimate, wander_covariance
 
 WANDER, REPEATABILITY, AT_REST, IN_TURN = "bias wander", "repeatability", "accelerometer at rest", "gyroscope in a turn"
 #: spread (ln) of the bias instability about what is known of it

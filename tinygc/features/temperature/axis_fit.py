@@ -12,12 +12,11 @@ from scipy.linalg import cholesky, solve_triangular
 from scipy.special import chdtrc
 
 from session.base.numeric import rms_of, sigma_of_steps, sigmas_in
-from session.base.solving import solve as determined
 from session.log.rests import RestLog
-from tinygc.closure.floor import wander_covariance
 from tinygc.features.temperature.model import element_temperature
 from tinygc.features.temperature.sweeps import Sweep, between_steps
-from tinygc.noise.reml import estimate
+from tinygc.inference.noise import estimate, wander_covariance
+from tinygc.inference.solve import solve as determined
 
 # Blocks of a rest log merged into knots, few enough for a full covariance of their noise.
 #

@@ -11,7 +11,6 @@ from scipy.special import chdtrc
 from session.base.errors import FitError
 from session.base.numeric import sigmas_in
 from session.base.progress import Progress, untold
-from session.base.solving import inverse
 from session.log.config import Accelerometer
 from session.log.folder import Session
 from session.log.logfile import Log
@@ -21,6 +20,7 @@ from tinygc.features.temperature.axis_fit import AxisFit
 from tinygc.features.temperature.model import ThermalModel
 from tinygc.features.temperature.rest_fit import RestFit
 from tinygc.fitting.fit import fit_session
+from tinygc.inference.solve import inverse
 from tinygc.models.linear import BIAS, MATRIX, LinearModel
 
 # Parameters of a model over temperature in one vector: E's terms, the zero's, the lags.

@@ -20,11 +20,11 @@ from tinygc.closure.residual import Batch, RateMap
 from tinygc.effects import Effect, movement_of
 from tinygc.explanation.claims import AgainstStated, Claim, described  # noqa: F401  # the type of an inherited field, for the API pages
 from tinygc.explanation.decision import FitClosure, Naming, cleared
-from tinygc.explanation.evidence import FAMILY_WISE
 from tinygc.explanation.search import NAMELESS
 from tinygc.features.truth.problem import batch_of
 from tinygc.features.truth.reading import TruthAlignment
 from tinygc.features.truth.segments import TruthEnds, cut_at_truth, find_rests, moments_inside
+from tinygc.inference.choose import LEVEL
 from tinygc.models.linear import LinearModel
 from tinygc.noise.components import SessionNoise
 from tinygc.noise.refit import Refit
@@ -333,6 +333,6 @@ class TruthExplanation:
     def verdict(self) -> str:
         """The verdict, as defined in docs/explain.md."""
         if not self.claimed:
-            return "unexplained" if self.p_value <= FAMILY_WISE else "no_mismatch"
+            return "unexplained" if self.p_value <= LEVEL else "no_mismatch"
         slow = self.neighbours[1] > SLOW or any(claim.effect.id.startswith("unknown") for claim in self.claimed)
         return "partly_explained" if self.excess[1] > LEFT_EXCESS or slow else "explained"

@@ -10,13 +10,13 @@ from scipy.spatial.transform import Rotation
 
 from session.base import rotation
 from session.base.numeric import median_length, rms_of, runs_of
-from session.base.solving import solve
 from session.base.units import NS
 from session.log.folder import Session
 from session.log.logfile import Log
 from session.log.samples import Samples
 from tinygc.features.truth.alignment import AlignedLog, Carried, Spans, align, carried, span_rows
 from tinygc.features.truth.reading import Truth, TruthOutage, TruthReading, changed
+from tinygc.inference.solve import solve
 
 # How far truth and gyro part: between moments about a tenth of a second apart, in units of what is usual at such a movement.
 #

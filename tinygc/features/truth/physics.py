@@ -18,12 +18,11 @@ from tinygc.explanation.evidence import Evidence
 from tinygc.explanation.physics import effect_of
 from tinygc.features.truth.engine import without_wrong_moments
 from tinygc.features.truth.twin import TruthTwin, beside_clock, held_out, name_beside_truth
+from tinygc.inference.noise import Prior, Sparse
 from tinygc.models.physics import PhysicsModel
 from tinygc.noise.components import Component
-from tinygc.noise.reml import Prior
 from tinygc.noise.thinned import conditions
 from tinygc.noise.twin import Twin
-from tinygc.noise.whitening import Sparse
 
 # The variance components of a truth's errors, in place of the accelerometer's.
 #

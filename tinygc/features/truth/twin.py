@@ -16,13 +16,14 @@ from tinygc.closure.floor import Floor, gyro_variance
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch, attitudes
 from tinygc.effects import AppliedEffect, Effect, Movement, Parameter, largest
-from tinygc.estimation.systematic import PRIOR_ODDS
 from tinygc.explanation.claims import common_delays
-from tinygc.explanation.decision import FOLD_STEPS, FOLDS, Naming, decided, fold_rows, folds_of
+from tinygc.explanation.decision import FOLD_STEPS, Naming, decided, fold_rows
 from tinygc.explanation.evidence import Evidence, Hypothesis
-from tinygc.explanation.search import NAMELESS, STAND_IN, NamedEffect, exchanged, search
+from tinygc.explanation.search import NAMELESS, NamedEffect, exchanged, search
 from tinygc.features.truth.evidence import OFFSET_ID, TruthClaim, TruthExplanation, offset_columns, truth_claim
 from tinygc.features.truth.reading import GIVEN
+from tinygc.inference.choose import PRIOR_ODDS, STAND_IN
+from tinygc.inference.prove import FOLDS, folds_of
 from tinygc.models.linear import PARAMETERS
 from tinygc.noise.channels import in_gauge
 from tinygc.noise.components import WANDER

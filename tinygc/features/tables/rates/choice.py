@@ -22,12 +22,12 @@ import numpy as np
 
 from session.base.errors import DataError
 from session.base.numeric import rms_of
-from session.base.solving import solve
 from session.base.texts import printable
 from tinygc.features.tables.rates.curve import Curve, fit, fit_curve
 from tinygc.features.tables.rates.fitting import PLATEAUS, STATED_FREEDOM, Fit, floor, span, weight_sigma
 from tinygc.features.tables.rates.laws import COMPETING, CURVE, LAWS, LIMITS, Hypothesis
 from tinygc.features.tables.rates.points import Points
+from tinygc.inference.solve import solve
 
 #: probability of giving up a straight line that is true (tests/features/tables/test_rates_physics.py; rate-table-measured.md)
 FALSE_ALARM = 0.05

@@ -16,11 +16,11 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from session.base.solving import solve
 from tinygc.features.tables.rates import fitting
 from tinygc.features.tables.rates.fitting import PASSES, ROUNDING, STATED_FREEDOM, Fit, Number, enough, floor, span, weight_sigma
 from tinygc.features.tables.rates.laws import CURVE, Hypothesis
 from tinygc.features.tables.rates.points import Points
+from tinygc.inference.solve import solve
 
 #: log2 of how the departure may begin, from a cusp to a plateau: a grid, halved where one has more than a share of the evidence
 POWERS, MOST_SHARE, MOST_TIMES = np.arange(-1.5, 2.1, 0.5), 0.15, 8

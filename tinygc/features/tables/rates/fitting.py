@@ -10,9 +10,9 @@ from itertools import product
 import numpy as np
 
 from session.base.numeric import rms_of
-from session.base.solving import Solution, solve
 from tinygc.features.tables.rates.laws import EXTRAS, Hypothesis
 from tinygc.features.tables.rates.points import Points
+from tinygc.inference.solve import Solution, solve
 
 #: readings behind stated sigmas count as so many degrees of freedom at most: the setting of the table adds noise that no std shows
 STATED_FREEDOM = 20.0
@@ -205,7 +205,7 @@ class Fit:
 
     @cached_property
     def solution(self) -> Solution:
-        """What the points determine of ``vector``, for noise of variance one (``session.base.solving``)."""
+        """What the points determine of ``vector``, for noise of variance one (``tinygc.inference.solve``)."""
         return solve(self._rows[0])
 
     @property

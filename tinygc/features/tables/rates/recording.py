@@ -17,7 +17,6 @@ from session.base.errors import DataError, FormatError
 from session.base.files import require_file
 from session.base.names import log_paths
 from session.base.progress import Progress
-from session.base.solving import solve
 from session.base.texts import printable
 from session.base.units import DEG, NS
 from session.log.config import read_config
@@ -30,6 +29,7 @@ from tinygc.features.tables.machines.description import Description, body_axes, 
 from tinygc.features.tables.rates.points import Points, points_of
 from tinygc.features.tables.rates.sweep import LEAST, Response
 from tinygc.features.tables.recording import MARGIN_RAD
+from tinygc.inference.solve import solve
 
 STEM = "rates"
 #: key of ``[settings]`` in table.toml: how late the machine's angles are, s

@@ -16,11 +16,11 @@ import numpy as np
 
 from session.base.errors import DataError, FormatError
 from session.base.numeric import rms_of
-from session.base.solving import solve
 from session.base.texts import printable
 from session.base.units import DEG
 from tinygc.features.tables.rates.points import number_in, read_table
 from tinygc.features.tables.rates.terms import size
+from tinygc.inference.solve import solve
 from tinygc.reporting.pictures.canvas import plain
 
 #: least number of frequencies of a sweep

@@ -28,10 +28,10 @@ from session.base.records import table_of
 from tinygc.closure.build import bias_shares
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.motion import Motion
-from tinygc.estimation.sources import COVERAGE, Source, coverage_factor
 from tinygc.estimation.stated_noise import CALIBRATION, CLOCK, GRAVITY_LENGTH, MISFIT, ROUNDING, channel_sources, joint_response
 from tinygc.features.unit.budget.rows import Budget
 from tinygc.fitting.results import FitResult
+from tinygc.inference.solve import COVERAGE, Source, coverage_factor
 from tinygc.models.linear import BIAS, NAMES, PARAMETERS, WORDS, LinearModel, field_vector
 
 #: names of the attitude about single axes

@@ -23,11 +23,11 @@ from tinygc.closure.problem import GRAVITY
 from tinygc.closure.uncertainty import BIAS_DRIFT, EARTH
 from tinygc.estimation.accelerometer import UNITS
 from tinygc.estimation.expected_zero import drift_between, expected_zero
-from tinygc.estimation.sources import Source, freedom_of
 from tinygc.estimation.stated_noise import CALIBRATION, CLOCK, COMPONENTS, GRAVITY_LENGTH, MISFIT, ROUNDING, kind_of, stated_response
 from tinygc.features.unit.budget.rows import Beside, Budget, budget_of
 from tinygc.features.unit.options import BudgetOptions
 from tinygc.fitting.results import FitResult
+from tinygc.inference.solve import Source, freedom_of
 from tinygc.library.logs import read_log
 from tinygc.models.linear import BIAS, NAMES, PARAMETERS, WORDS, field_jacobian
 from tinygc.noise.components import WANDER

@@ -15,7 +15,7 @@ from math import floor, log10
 import numpy as np
 
 from session.base.records import in_unit
-from tinygc.estimation.sources import COVERAGE, Kind, Source, coverage_factor, effective_freedom
+from tinygc.inference.solve import COVERAGE, Kind, Source, coverage_factor, effective_freedom
 
 
 @dataclass(frozen=True)

@@ -26,21 +26,13 @@ from session.base.units import MDPS
 from session.log.config import Config
 from session.log.lines import GZIP
 from session.log.requirements import Rule
-from tinygc.estimation.sources import Source
 from tinygc.explanation.reported import LINEAR, ReportData
 from tinygc.features.unit.certificate.given import TRACED, CertificateGiven, Equipment, given_in, out_of_order
+from tinygc.inference.decide import Conformity, Measured
+from tinygc.inference.solve import Source
 from tinygc.models.linear import BIAS, PARAMETERS, LinearModel, Quantity
 from tinygc.reporting.html.sections.front import SOURCES, recorded
-from tinygc.verdict.requirements import (
-    Conformity,
-    Measured,
-    accelerometer_measured,
-    closure_measured,
-    field_measured,
-    known_sources,
-    rule_words,
-    run_measured,
-)
+from tinygc.verdict.requirements import accelerometer_measured, closure_measured, field_measured, known_sources, rule_words, run_measured
 
 NOT_STATED = "not stated"
 #: what U holds beside the fit's own sources

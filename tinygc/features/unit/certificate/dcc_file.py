@@ -18,11 +18,11 @@ from session.base.errors import CalibrationError
 from session.base.texts import printable
 from session.log.config import Config
 from session.log.requirements import GUARDED
-from tinygc.estimation.sources import COVERAGE
 from tinygc.features.unit.certificate.content import Content, ResultRow, missing_fields
 from tinygc.features.unit.certificate.given import given_in
+from tinygc.inference.decide import Conformity, Measured
+from tinygc.inference.solve import COVERAGE
 from tinygc.models.linear import NAMES, PARAMETERS
-from tinygc.verdict.requirements import Conformity, Measured
 
 DCC, SI, XSI = "https://ptb.de/dcc", "https://ptb.de/si", "http://www.w3.org/2001/XMLSchema-instance"
 VERSION_OF_SCHEMA = "3.3.0"

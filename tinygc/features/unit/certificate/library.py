@@ -18,13 +18,13 @@ from session.log.requirements import ATTITUDE
 from tinygc.explanation.reported import ReportData
 from tinygc.features.unit.certificate.content import Content, ResultRow, content_of
 from tinygc.features.unit.certificate.dcc_file import dcc_text, require_fields
+from tinygc.inference.decide import Conformity, Measured, share_words
 from tinygc.library.arguments import public
 from tinygc.library.reports import Report
 from tinygc.models.files import load_with_table
 from tinygc.models.linear import LinearModel
 from tinygc.reporting.html.markup import decimals_for, render
 from tinygc.reporting.html.paper import print_pdf, require_browser
-from tinygc.verdict.requirements import Conformity, Measured, share_words
 
 #: bytes of a file that say whether it is a certificate
 ENOUGH = 4096

@@ -13,7 +13,6 @@ from session.base.records import table_of
 from session.base.texts import probability
 from session.detect.accelerometer import NAMES as ACCELEROMETER_NAMES
 from session.detect.accelerometer import PARAMETERS
-from tinygc.closure.uncertainty import chi_square_above, normal_above
 from tinygc.deploy.calibration import in_frame_of
 from tinygc.estimation.accelerometer import USUAL_SPREAD
 from tinygc.explanation.claims import measured
@@ -28,6 +27,7 @@ from tinygc.features.unit.calibrated import (
     refuse_same,
 )
 from tinygc.features.unit.history.sessions import GYROSCOPE, KEPT, NUMBERS, ZERO
+from tinygc.inference.choose import chi_square_above, normal_above
 from tinygc.library.arguments import is_fit, is_path, public
 from tinygc.library.records import Listed, Shown
 from tinygc.models.linear import BIAS, MATRIX, field_jacobian, field_vector

@@ -25,12 +25,12 @@ from session.base.texts import command_line
 from session.base.units import DEG, MG
 from session.detect.accelerometer import BIASES
 from session.detect.accelerometer import SCALES as SCALES_OF_ACCELEROMETER
-from tinygc.closure.least_squares import solve_lower
-from tinygc.estimation.systematic import AS_PROBABLE, PRIOR_ODDS, SCALES
 from tinygc.features.unit.verification.expected import ACCELEROMETER_ZERO, ZERO, Part
 from tinygc.features.unit.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, OldCalibration
 from tinygc.features.unit.verification.questions import dense, noise_beside
 from tinygc.features.unit.verification.rows import Rows
+from tinygc.inference.choose import AS_PROBABLE, PRIOR_ODDS, SCALES
+from tinygc.inference.solve import solve_lower
 from tinygc.models.linear import MATRIX, LinearModel
 
 #: causes in one explanation at most
@@ -327,7 +327,7 @@ class Evidence:
         )
 
     def _penalty(self, sizes: np.ndarray) -> float:
-        """-2 log of the priors of the noise's sizes, as ``noise.reml`` has it."""
+        """-2 log of the priors of the noise's sizes, as ``inference.noise`` has it."""
         pairs = zip(sizes, self.rows.components, strict=True)
         return sum(c.prior.apart(float(max(s, 1e-12 * c.usual)))[0] ** 2 for s, c in pairs if c.prior is not None)
 

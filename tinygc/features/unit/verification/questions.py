@@ -26,15 +26,14 @@ import numpy as np
 from scipy.special import chdtrc, chdtri, fdtrc
 
 from session.base.units import DEG, MG, G
-from tinygc.closure.least_squares import solve_lower
-from tinygc.explanation.evidence import orthonormal
 from tinygc.features.unit.verification.expected import ZERO, Part
 from tinygc.features.unit.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, OldCalibration
 from tinygc.features.unit.verification.rows import CLOSURE, LENGTH, STILL, Rows
+from tinygc.inference.noise import SCORING_STEPS, ComponentEstimate, Sparse, estimate
+from tinygc.inference.solve import orthonormal, solve_lower
 from tinygc.models.linear import MATRIX, PRIOR_SIGMA
 from tinygc.noise.components import TURN
-from tinygc.noise.reml import SCORING_STEPS, ComponentEstimate, estimate
-from tinygc.noise.whitening import OPEN_MPS2, Sparse
+from tinygc.noise.whitening import OPEN_MPS2
 
 #: probability of any false alarm
 FALSE_ALARM = 0.05

@@ -28,18 +28,18 @@ from session.detect.signatures import CAUSES
 from session.detect.stills import SessionStills, Still, references
 from session.log.folder import Session
 from tinygc.closure.earth import no_earth, unseen_covariance, vertical_only
-from tinygc.closure.floor import UNKNOWN, BiasInstability, bias_instability_of, wander_covariance
+from tinygc.closure.floor import UNKNOWN, BiasInstability, bias_instability_of
 from tinygc.closure.least_squares import GaussianPrior
 from tinygc.closure.prepared import prepare
 from tinygc.closure.problem import Problem
 from tinygc.closure.stills import StillSet
 from tinygc.effects import catalogue, per_axis
 from tinygc.features.unit.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, OldCalibration
+from tinygc.inference.noise import Prior, Sparse, wander_covariance
 from tinygc.models.linear import BIAS, MATRIX, PRIOR_SIGMA
 from tinygc.noise.components import WANDER, Component, first_noise
-from tinygc.noise.reml import Prior
 from tinygc.noise.twin import Twin
-from tinygc.noise.whitening import ACCEL_INSTABILITY_MPS2, PRECALIBRATION_MPS2, Sparse, Whitener
+from tinygc.noise.whitening import ACCEL_INSTABILITY_MPS2, PRECALIBRATION_MPS2, Whitener
 
 #: rows of each kind
 CLOSURE, STILL, LENGTH = "closure", "still", "length"

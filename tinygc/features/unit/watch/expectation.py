@@ -23,12 +23,13 @@ from session.detect.accelerometer import BIASES
 from session.detect.stills import QUIET_ACCEL_RATIO, QUIET_VARIANCE_RATIO
 from session.log.config import Config, read_config
 from tinygc import models
-from tinygc.closure.floor import BiasInstability, wander_covariance
+from tinygc.closure.floor import BiasInstability
 from tinygc.estimation.accelerometer import USUAL_SPREAD
 from tinygc.estimation.expected_zero import END_S, USUAL_ACCEL_PER_K, USUAL_PER_K, expected_zero, wander_variance
 from tinygc.estimation.repeatability import BiasRepeatability
 from tinygc.features.unit.watch.bars import bar_of
 from tinygc.fitting.fit_file import read_fit
+from tinygc.inference.noise import wander_covariance
 from tinygc.models.linear import BIAS, PARAMETERS
 from tinygc.models.model import Model
 from tinygc.noise.figures import FILE, NoiseFigures, read_figures

@@ -1,0 +1,207 @@
+"""The engine by small exact problems: evidence by quadrature, chance by counting, folds by refitting without them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy import integrate, stats
+
+from tinygc.inference.choose import (
+    LEVEL,
+    SCALES,
+    STEPS,
+    Selection,
+    averaged,
+    climb,
+    factors_by_freedom,
+    factors_by_size,
+    level_of_each,
+    log_evidence,
+    penalty,
+    probabilities,
+    promised,
+    scales_of,
+    tail,
+)
+from tinygc.inference.decide import KINDS, Answer
+from tinygc.inference.noise import Cost, lowest, where_risen
+from tinygc.inference.prove import folds_of, left_out
+from tinygc.inference.solve import left_of, orthonormal
+
+
+def density(r: np.ndarray, covariance: np.ndarray) -> float:
+    return float(stats.multivariate_normal(np.zeros(len(r)), covariance).logpdf(r))
+
+
+def test_the_evidence_is_the_density_with_the_prior_over_that_without():
+    rng = np.random.default_rng(1)
+    X, noise = rng.normal(size=(7, 3)), np.eye(7) * 0.5
+    scales = np.array([[0.3, 0.3, 2.0], [1.0, 1.0, 1e-9]])
+    r = rng.normal(size=7)
+    white, w = X / np.sqrt(0.5), r / np.sqrt(0.5)
+    found = log_evidence(white.T @ white, white.T @ w, scales)
+    for each, of in zip(found, scales, strict=True):
+        assert each == pytest.approx(density(r, noise + (X * of**2) @ X.T) - density(r, noise))
+
+
+def test_scales_are_even_in_their_logarithm_over_the_range_and_one_for_each_hypothesis():
+    assert STEPS[0] == 1
+    assert np.log(STEPS[0] / STEPS[-1]) == pytest.approx(SCALES)
+    both = scales_of([1, 2])
+    assert both.shape == (len(STEPS) ** 2, 3)
+    assert_allclose(both[:, 1], both[:, 2])
+    assert len({tuple(row) for row in both}) == len(STEPS) ** 2
+    assert scales_of([]).shape == (1, 0)
+
+
+@pytest.mark.parametrize("size", [1, 3])
+def test_the_mean_over_scales_is_the_gain_less_the_penalty(size):
+    # y z-scores in each of ``size`` directions whose sigma is 1e-3 of the plausible size
+    rng = np.random.default_rng(size)
+    z = 25 * rng.normal(size=size)
+    information = np.eye(size) * 1e6
+    exact, _ = integrate.quad(
+        lambda u: np.exp(log_evidence(information, 1e3 * z, np.full((1, size), np.exp(-u)))[0] - z @ z / 2), 0, SCALES, limit=400
+    )
+    gain = float(z @ z)
+    assert 2 * np.log(exact / SCALES) + gain == pytest.approx(promised(gain, size) - penalty(size, 1), abs=1.5)
+
+
+def test_a_promise_costs_each_parameter_the_logarithm_of_its_signal_to_noise_ratio():
+    assert promised(40.0, 2) == pytest.approx(40 - 2 * np.log(20))
+    assert promised(0.5, 1) == 0.5
+
+
+@pytest.mark.parametrize(
+    ("more", "scale"),
+    [({"is_known": True}, 1.0), ({}, 3.0), ({"beside": (0.0, 0.0)}, 0.2)],
+    ids=["known noise", "noise larger than stated", "smaller"],
+)
+def test_the_chance_of_the_best_is_uniform_where_nothing_is_missing(more, scale):
+    rng = np.random.default_rng(5)
+    nuisance, groups = rng.normal(size=(30, 4)), {i: rng.normal(size=(30, 1 + i % 3)) for i in range(12)}
+    selection = Selection(nuisance, groups, 2, **more)
+    found = [selection.p_value(scale * rng.normal(size=30) + nuisance @ [5, 0, 1, 2]) for _ in range(400)]
+    assert stats.kstest(found, "uniform").pvalue > 0.01
+
+
+def test_known_noise_that_is_larger_than_stated_is_seen_and_own_scale_is_blind_to_it():
+    rng = np.random.default_rng(7)
+    groups = {i: rng.normal(size=(30, 2)) for i in range(5)}
+    r = 3 * rng.normal(size=30)
+    assert Selection(np.zeros((30, 0)), groups, 0, is_known=True).p_value(r) < LEVEL
+    assert Selection(np.zeros((30, 0)), groups, 0).p_value(r) > LEVEL
+
+
+def test_squares_beside_the_residuals_count_with_their_freedom():
+    column = {0: np.eye(3)[:, :1]}
+    r = np.array([2.0, 1.0, -1.0])
+    own = float(np.exp(Selection(np.zeros((3, 0)), column, 0, beside=(6.0, 4.0)).lowest_log_p(r[:, None])[0]))
+    assert own == pytest.approx(stats.f.sf(4.0 / ((2.0 + 6.0) / (2 + 4)), 1, 6))
+
+
+def test_only_directions_are_tested_in_which_a_plausible_change_is_seen():
+    X = np.zeros((5, 2))
+    X[0, 0], X[1, 1] = 3.0, 0.5
+    assert left_of(np.zeros((5, 0)), X, seen=1.0).shape == (5, 1)
+    assert left_of(np.zeros((5, 0)), X).shape == (5, 2)
+    selection = Selection(np.zeros((5, 0)), {"x": X, "unseen": X[:, 1:]}, 0, is_known=True, seen=1.0)
+    assert list(selection.groups) == ["x"]
+    assert selection.gains(np.array([2.0, 9.0, 0, 0, 0])) == {"x": pytest.approx(4.0)}
+
+
+def test_a_tail_with_uncertain_variances_is_that_of_fisher_and_of_chi_square():
+    draws = 40_000
+    part = np.eye(2)
+    found = tail(9.0, np.zeros((2, 2)), [(part, factors_by_freedom(6, 3, draws))])
+    assert found == pytest.approx(stats.f.sf(4.5, 2, 6), rel=0.05)
+    sized = factors_by_size(1.0, 0.3, 3, draws)
+    assert np.mean(sized) == pytest.approx(1 + 0.09, rel=0.02)
+    assert tail(9.0, part, []) == pytest.approx(stats.chi2.sf(9, 2))
+
+
+def test_the_level_of_each_of_several_tests():
+    assert 1 - (1 - level_of_each(0.05, 4)) ** 4 == pytest.approx(0.05)
+    assert level_of_each(0.05, 0) == pytest.approx(0.05)
+
+
+@dataclass(frozen=True)
+class Several:
+    ids: frozenset[str]
+    score: float
+
+
+def test_climbing_takes_single_steps_to_the_set_of_most_evidence():
+    score = {"": 10.0, "a": 6.0, "b": 7.0, "ab": 1.0, "c": 8.0, "abc": 1.5, "ac": 6.5, "bc": 9.0}
+
+    def of(names: frozenset[str]) -> Several:
+        return Several(names, score["".join(sorted(names))])
+
+    def near(best: Several) -> list[Several]:
+        return [of(best.ids ^ {name}) for name in "abc"]
+
+    assert climb(of(frozenset()), near).ids == {"a", "b"}
+    assert climb(of(frozenset("abc")), near).ids == {"a", "b"}
+
+
+def test_probabilities_and_the_average_over_sets():
+    sets = [Several(frozenset(), 2 * np.log(2)), Several(frozenset("a"), 0.0), Several(frozenset("ab"), 2 * np.log(2))]
+    assert probabilities(sets) == pytest.approx({"": 0.25, "a": 0.75, "b": 0.25})
+    mean, sigma = averaged(np.array([0.25, 0.75]), np.array([0.0, 2.0]), np.array([0.1, 0.2]))
+    assert mean == pytest.approx(1.5)
+    assert sigma**2 == pytest.approx(0.25 * (0.01 + 2.25) + 0.75 * (0.04 + 0.25))
+
+
+def test_scoring_ends_at_the_minimum_within_its_bounds():
+    def cost(x: np.ndarray) -> Cost:
+        return Cost(float(np.sum((x - [3.0, -1.0]) ** 2)), 2 * (x - [3.0, -1.0]), 2 * np.eye(2))
+
+    x, found = lowest(cost, np.array([1.0, 1.0]), 0.0, 2.0)
+    assert_allclose(x, [2.0, 0.0])
+    assert found.value == pytest.approx(2.0)
+    slow, _ = lowest(cost, np.array([0.0, 0.0]), -9.0, steps=2, farthest=0.5)
+    assert_allclose(slow, [1.0, -1.0])
+
+
+@pytest.mark.parametrize("step", [0.1, 1.0, 30.0])
+def test_a_limit_is_where_the_likelihood_has_risen(step):
+    assert where_risen(lambda s: (s - 2.0) ** 2 / 9, 2.0, step, 1.645**2) == pytest.approx(2 + 3 * 1.645, rel=2e-3)
+    assert where_risen(lambda s: 1 - np.exp(-s), 0.0, step, 2.0) == np.inf
+
+
+def test_rows_left_out_are_those_that_a_fit_without_them_predicts():
+    rng = np.random.default_rng(3)
+    J, root = rng.normal(size=(12, 3)), np.tril(0.2 * rng.normal(size=(12, 12))) + np.eye(12)
+    C = root @ root.T
+    y = J @ [1.0, -2.0, 0.5] + root @ rng.normal(size=12)
+    P = np.linalg.inv(C)
+    at = np.linalg.solve(J.T @ P @ J + np.eye(3), J.T @ P @ y)
+    r = y - J @ at
+    # The parameters' priors: at the optimum the rows' pull is theirs.  Rows here are about zero parameters, as priors are.
+    parts = folds_of(12, 4)
+    found = left_out(r, J, P, P @ r, P @ J, parts)
+    for rows in parts:
+        kept = np.setdiff1d(np.arange(12), rows)
+        own = np.linalg.inv(C[np.ix_(kept, kept)])
+        without = np.linalg.solve(J[kept].T @ own @ J[kept] + np.eye(3), J[kept].T @ own @ y[kept])
+        assert_allclose(found[rows], y[rows] - J[rows] @ without, atol=1e-12)
+
+
+def test_folds_are_every_tenth_part_and_hold_each_once():
+    parts = folds_of(23)
+    assert len(parts) == 10
+    assert_allclose(parts[3], [3, 13])
+    assert sorted(np.concatenate(parts).tolist()) == list(range(23))
+    assert len(folds_of(4)) == 4
+
+
+def test_a_basis_leaves_out_what_is_not_there():
+    X = np.array([[1.0, 2.0, 0.0], [1.0, 2.0, 0.0], [0.0, 0.0, 0.0]])
+    assert orthonormal(X).shape == (3, 1)
+
+
+def test_every_answer_has_a_word_and_an_exit_code():
+    assert {kind for kind, of in KINDS.items() if of.exit_code == 0} == {"pass", "doubtful pass", "no limit", "not decided", "holds"}
+    assert KINDS["undecided"].exit_code == 5
+    assert Answer("fail", "above the limit").headline == "FAIL: above the limit"

@@ -1,0 +1,414 @@
+"""Choose among hypotheses: chance, evidence, rivals, and the standing of what is stated.
+
+    rows         r = -X theta - J p + noise          X: columns of a hypothesis, J: what is fitted in any case; all in units of the noise
+    chance       of the best of many hypotheses where nothing is missing: drawn for these very columns (``Selection``)
+    evidence     p(r | H) / p(r | none) = mean over s of |1 + s^2 M|^-1/2 exp(y' (1 / s^2 + M)^-1 y / 2),    M = X' P X,  y = X' P r
+                 theta ~ N(0, s^2) in plausible sizes, s equally probable at every scale over ``SCALES``; P projects J out
+    prior        odds of one hypothesis, and a share of them for each of its forms (``price``)
+    statement    for, against, bounded or undecided (``standing_of``)
+
+Where a hypothesis is fitted exactly, its best scale is the rms of its parameters, and ``penalty`` is what the mean over s leaves of it.
+
+A p-value above its level is no evidence of absence.  Absence is stated only as a bound: the upper 95 % limit of the size (two one-sided
+tests, Schuirmann 1987).  A difference is stated only by a test of the difference.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import cached_property
+from itertools import product
+from statistics import NormalDist
+from typing import Annotated, Generic, Protocol, TypeVar
+
+import numpy as np
+
+from session.base.records import Key
+from session.base.results import Maybe, Number, Text
+from tinygc.inference.solve import UNSEEN, left_of, orthonormal, unit_columns
+
+#: level of every test, family-wise where several are made, and of the limits, which hold with 95 %; of 1000 recordings with nothing wrong
+#: ``explain`` names something in 6.5 % +- 1.7 % (benchmarks/null_sessions.py)
+LEVEL = 0.05
+#: p-value below which a recording contradicts a model
+MISMATCH_P = 0.01
+#: sigmas of a one-sided limit at ``LEVEL``
+ONE_SIDED = NormalDist().inv_cdf(1 - LEVEL)
+
+# Probabilities of a few statistics: importing ``scipy.stats`` takes longer than a fit.
+#
+# tests/test_least_squares_physics.py compares them with it.
+
+
+def chi_square_above(value: float, freedom: int) -> float:
+    """Probability that chi-square with ``freedom`` >= 1 degrees of freedom exceeds a value.
+
+    For integer degrees the incomplete gamma function is a finite sum of positive terms (Abramowitz & Stegun 1964, 26.4.4 and 26.4.5).
+    """
+    half = value / 2
+    if half <= 0:
+        return 1.0
+    odd = freedom % 2
+    powers = np.arange(freedom // 2) + odd / 2
+    logs = powers * math.log(half) - half - np.array([math.lgamma(power + 1) for power in powers])
+    return min(1.0, odd * math.erfc(math.sqrt(half)) + float(np.sum(np.exp(logs))))
+
+
+def normal_above(value: float) -> float:
+    """Probability that a standard normal variable exceeds a value."""
+    return math.erfc(value / math.sqrt(2)) / 2
+
+
+# Chance: the group of columns that explains the residuals beyond it.
+#
+# What is fitted in any case is projected out of everything.  Each candidate's group of P columns is tested with Fisher's F, which uses
+# the residuals' own scale, so its false-alarm rate holds if the noise is larger than stated; where the noise is known, with chi-square.
+# The smallest p-value of so many correlated groups is not itself a p-value; its distribution when nothing is missing is drawn by Monte
+# Carlo for this design.
+
+#: Monte Carlo draws: the 5 % level is then known to 0.7 % (binomial)
+DRAWS = 1000
+#: the least part of a column that may be left beside allowances, which are finite differences themselves (``twin.SMALL_SHARE``)
+UNSEEN_BESIDE = 1e-3
+
+#: key of a candidate: an id, a number or the effect itself
+Name = TypeVar("Name")
+
+
+class Selection(Generic[Name]):
+    """Tests of candidates against one set of nuisance columns.
+
+    nuisance (n, p); candidates: name -> columns (n, P); allowances (n, m): directions along which the covariance is wide; scale_rows: rows
+    that determine the noise scale; along: names of the candidates that are also tested along the allowances.  is_known: whether the rows
+    are in units of a known noise; otherwise their own scale counts, with ``beside``: squares and degrees of freedom that say it as well.
+    seen: columns are changes of a plausible size, and a direction counts if it is at least so many sigmas; None: it counts if more than
+    ``UNSEEN`` of it is left.
+    """
+
+    def __init__(
+        self,
+        nuisance: np.ndarray,
+        candidates: Mapping[Name, np.ndarray],
+        seed: int,
+        *,
+        allowances: np.ndarray | None = None,
+        scale_rows: slice | np.ndarray = slice(None),
+        along: frozenset = frozenset(),
+        is_known: bool = False,
+        beside: tuple[float, float] = (0.0, 0.0),
+        seen: float | None = None,
+    ):
+        self.q = orthonormal(nuisance)
+        #: each candidate's orthonormal columns (n, r) after projection; a candidate with none left is dropped
+        self.groups = {name: basis for name, each in candidates.items() if (basis := left_of(self.q, each, seen=seen)).shape[1]}
+        self.n = len(nuisance)
+        self._seed, self._rows, self._along = seed, scale_rows, along
+        self._candidates, self._nuisance, self._allowances = candidates, nuisance, allowances
+        self._is_known, self._beside = is_known, beside
+
+    def gains(self, r: np.ndarray) -> dict[Name, float]:
+        """Chi-square that each candidate would remove of residuals r (n,)."""
+        r = r - self.q @ (self.q.T @ r)
+        return {name: float(np.sum((basis.T @ r) ** 2)) for name, basis in self.groups.items()}
+
+    def p_value(self, r: np.ndarray) -> float:
+        """Probability that some candidate explains as much of residuals r (n,) as the best one does if nothing is missing."""
+        return self.family_wise(float(self.lowest_log_p(r[:, None])[0]))
+
+    def family_wise(self, log_p: float) -> float:
+        """Probability that the smallest p-value of all groups is as small as this if nothing is missing."""
+        drawn = float((1 + np.searchsorted(self._lowest, log_p, side="right")) / (DRAWS + 1))
+        if log_p >= self._lowest[DRAWS // 100]:
+            return drawn
+        # The draws give the effective number of independent tests; Sidak's formula then extrapolates beyond the draws.
+        tests = np.log1p(-0.1) / np.log1p(-np.exp(self._lowest[DRAWS // 10]))
+        return min((1 + DRAWS // 100) / (DRAWS + 1), float(-np.expm1(tests * np.log1p(-np.exp(max(log_p, -700))))))
+
+    @cached_property
+    def _lowest(self) -> np.ndarray:
+        """(DRAWS,) sorted logarithms of the smallest p-value where nothing is missing."""
+        rng = np.random.default_rng(self._seed)
+        r = rng.standard_normal((self.n, DRAWS))
+        more = rng.chisquare(self._beside[1], DRAWS) if self._beside[1] else 0.0
+        return np.sort(self.lowest_log_p(r, more))
+
+    @cached_property
+    def _tested(self) -> tuple[np.ndarray, list[tuple[np.ndarray, bool]]]:
+        """Orthonormal nuisance including the allowances, and the remaining groups, each with whether it is tested along the allowances."""
+        if self._allowances is None:
+            return self.q, [(basis, False) for basis in self.groups.values()]
+        q = orthonormal(np.concatenate([unit_columns(self._nuisance), unit_columns(self._allowances)], axis=1), UNSEEN)
+        groups = []
+        for name, columns in self._candidates.items():
+            basis = left_of(self.q, columns) if name in self._along else left_of(q, columns, UNSEEN_BESIDE)
+            if basis.shape[1]:
+                groups.append((basis, name in self._along))
+        return q, groups
+
+    def lowest_log_p(self, r: np.ndarray, more: np.ndarray | float | None = None) -> np.ndarray:
+        """(draws,) logarithm of the smallest p-value of residuals r (n, draws); more (draws,): squares beside them, those given if None."""
+        from scipy.special import chdtrc, fdtrc  # late: a fit asks for no chance
+
+        q, groups = self._tested
+        r = r - self.q @ (self.q.T @ r)
+        left = (r - q @ (q.T @ r))[self._rows]
+        rss = np.sum(left**2, axis=0) + (self._beside[0] if more is None else more)
+        freedom = len(left) - np.sum(q[self._rows] ** 2) + self._beside[1]
+        lowest = np.zeros(r.shape[1])
+        for basis, is_along in groups:
+            rank = basis.shape[1]
+            gain = np.sum((basis.T @ r) ** 2, axis=0)
+            if self._is_known:
+                lowest = np.minimum(lowest, _log_tail(chdtrc(rank, gain), -gain / 2))
+                continue
+            rest, rest_freedom = (rss, freedom) if is_along else (np.maximum(rss - gain, 1e-12 * rss), freedom - rank)
+            if rest_freedom > 1 - 1e-9:  # a difference of rounded sums
+                ratio = (gain / rank) / np.maximum(rest / rest_freedom, 1e-300)
+                far = -rest_freedom / 2 * np.log1p(ratio * rank / rest_freedom)  # the tail of F is a power law
+                lowest = np.minimum(lowest, _log_tail(fdtrc(rank, rest_freedom, ratio), far))
+        return lowest
+
+
+def _log_tail(above: np.ndarray, far: np.ndarray) -> np.ndarray:
+    """Logarithm of a probability, ``far`` where that underflows."""
+    with np.errstate(divide="ignore"):
+        value = np.log(above)
+    return np.where(np.isfinite(value), value, far)
+
+
+def tail(statistic: float, known: np.ndarray, uncertain: Sequence[tuple[np.ndarray, np.ndarray]], seed: int = 0) -> float:
+    """Probability that t' t is at least ``statistic`` for t (k,) of covariance known + sum f_i P_i, over the draws of the factors f_i.
+
+    uncertain: P_i (k, k) with the draws (D,) of its factor (``factors_by_freedom``, ``factors_by_size``); without any, chi-square's tail.
+    """
+    k = len(known)
+    if not uncertain:
+        return chi_square_above(statistic, k)
+    count = len(uncertain[0][1])
+    covariance = np.repeat(known[None], count, axis=0)
+    for part, factors in uncertain:
+        covariance += factors[:, None, None] * part
+    size = np.linalg.eigvalsh(covariance)
+    drawn = np.random.default_rng(seed).standard_normal((count, k)) ** 2
+    return float((1 + np.sum(np.sum(drawn * np.maximum(size, 0.0), axis=1) >= statistic)) / (count + 1))
+
+
+def factors_by_freedom(freedom: float, seed: int, draws: int) -> np.ndarray:
+    """(draws,) of the true variance over its estimate from a sample with these degrees of freedom: nu / chi^2_nu."""
+    return freedom / np.random.default_rng([1, seed]).chisquare(freedom, draws)
+
+
+def factors_by_size(s: float, sigma: float, seed: int, draws: int) -> np.ndarray:
+    """(draws,) of the true variance of a component, of size 1, from its size and that one's sigma, never below zero."""
+    return np.maximum(s + sigma * np.random.default_rng([2, seed]).standard_normal(draws), 0.0) ** 2
+
+
+def level_of_each(level: float, count: int) -> float:
+    """Level of each of ``count`` independent tests with this probability of any false alarm (Sidak)."""
+    return float(-np.expm1(np.log1p(-level) / max(count, 1)))
+
+
+# Evidence of a hypothesis beside none.
+
+#: prior odds of any effect of the catalogue, and of any shape without a name: about one recording in three shows none of twenty effects
+PRIOR_ODDS = 1 / 30
+#: log width of the prior of a hypothesis' scale, from unobservable to larger than any sensor has
+SCALES = 10.0
+#: scales over which the evidence is the mean, of the plausible size
+STEPS = np.exp(-np.linspace(0.0, SCALES, 11))
+#: natural logarithms of the odds from which an effect is suspected, being more probable than not as a name of ``explain`` is; and from
+#: which the recording contradicts the model: it is there with 95 %
+SUSPECTED, SURE = float(np.log(1 / PRIOR_ODDS)), float(np.log(19 / PRIOR_ODDS))
+#: that of odds between two effects that one fit does not tell apart: "positive" evidence (Kass & Raftery 1995)
+AS_PROBABLE = 3.0
+
+
+def penalty(size: int, shapes: int) -> float:
+    """What the evidence pays for ``size`` parameters, -2 log: their scale, the number of trial shapes, their position in the prior."""
+    return 2 * float(np.log(SCALES) + np.log(shapes)) + size
+
+
+def price(size: int, shapes: int) -> float:
+    """``penalty`` with the prior odds, -2 log."""
+    return penalty(size, shapes) - 2 * float(np.log(PRIOR_ODDS))
+
+
+def least_gain(size: int, shapes: int) -> float:
+    """Chi-square that a hypothesis must remove to be as probable as none.  Each parameter also costs the logarithm of its signal-to-noise
+    ratio."""
+    from scipy.special import lambertw
+
+    # Of gain - size ln(gain / size) = price the larger root: Lambert's lower branch.
+    return -size * float(lambertw(-np.exp(-price(size, shapes) / size), -1).real)
+
+
+def promised(gain: float, size: int) -> float:
+    """Twice the log evidence, without its price, of ``size`` columns that remove this chi-square, at their best scale: each parameter costs
+    the logarithm of its signal-to-noise ratio."""
+    return gain - size * float(np.log(max(gain / size, 1.0)))
+
+
+def scales_of(counts: Sequence[int]) -> np.ndarray:
+    """(K, sum of counts) all sets of ``STEPS`` of hypotheses with these counts of parameters, one scale for all parameters of each."""
+    each = np.array(list(product(STEPS, repeat=len(counts))))
+    return np.repeat(each.reshape(len(each), len(counts)), counts, axis=1)
+
+
+def log_evidence(information: np.ndarray, pull: np.ndarray, scales: np.ndarray) -> np.ndarray:
+    """(K,) logarithm of the evidence of columns X beside none for each set of prior sigmas, scales (K, P); information X' P X (P, P) and
+    pull X' P r (P,) of whitened rows."""
+    inner = np.eye(len(information)) + information * scales[:, :, None] * scales[:, None, :]
+    scaled = pull * scales
+    _, size = np.linalg.slogdet(inner)
+    solved = np.linalg.solve(inner, scaled[..., None])[..., 0]
+    return np.asarray(np.einsum("ki,ki->k", scaled, solved) - size) / 2
+
+
+#: sigma, in units of an effect's plausible size, of the prior that keeps unobservable components finite.  At ten it biases a value that is
+#: known to a tenth of the plausible size by one in ten thousand
+WIDE = 10.0
+
+
+def linear_estimate(r: np.ndarray, J: np.ndarray, columns: np.ndarray, plausible: float) -> tuple[np.ndarray, np.ndarray]:
+    """Estimate theta (P,) and its covariance (P, P) from whitened residuals r (n,), the columns J (n, p) of what is fitted with it, and its
+    own columns (n, P).  The remaining residual is r + columns theta."""
+    q, _ = np.linalg.qr(J / np.maximum(np.linalg.norm(J, axis=0), 1e-300))
+    own = columns - q @ (q.T @ columns)
+    covariance = np.linalg.inv(own.T @ own + np.eye(own.shape[1]) / (WIDE * plausible) ** 2)
+    return -covariance @ (own.T @ r), covariance
+
+
+# Several hypotheses.
+
+#: -2 log evidence by which an equivalent may be worse and still be listed: beyond it evidence is "very strong" (Kass & Raftery 1995)
+STAND_IN = 10.0
+
+
+class Weighed(Protocol):
+    """A set of hypotheses that has been weighed: their ids; score: -2 log of its evidence times its prior."""
+
+    @property
+    def ids(self) -> frozenset[str]:
+        """Ids of its hypotheses."""
+
+    @property
+    def score(self) -> float:
+        """-2 log of evidence times prior."""
+
+
+Some = TypeVar("Some", bound=Weighed)
+
+
+def climb(best: Some, near: Callable[[Some], Iterable[Some]], least: float = 1e-6) -> Some:
+    """The set of most evidence that single steps reach: of those near the best so far the best is taken, until none is better by more than
+    ``least`` in log evidence."""
+    while (ahead := min(near(best), key=lambda each: each.score, default=best)).score < best.score - 2 * least:
+        best = ahead
+    return best
+
+
+def weights_of(weighed: Sequence[Weighed]) -> np.ndarray:
+    """Posterior probability (N,) of each set."""
+    scores = np.array([each.score for each in weighed])
+    weight = np.exp(-(scores - scores.min()) / 2)
+    return np.asarray(weight / weight.sum())
+
+
+def probabilities(weighed: Sequence[Weighed]) -> dict[str, float]:
+    """Posterior probability of each id, over all sets; "" for none."""
+    found: dict[str, float] = {}
+    for each, weight in zip(weighed, weights_of(weighed), strict=True):
+        for name in each.ids or ("",):
+            found[name] = found.get(name, 0.0) + float(weight)
+    return {name: min(p, 1.0) for name, p in found.items()}
+
+
+def rivals_of(weighed: Sequence[Weighed], best: Weighed, own: str) -> dict[str, float]:
+    """-2 log evidence by which each id that was weighed in place of ``own`` is worse."""
+    others = best.ids - {own}
+    found: dict[str, float] = {}
+    for each in weighed:
+        extra = each.ids - others
+        if others <= each.ids and len(extra) == 1 and own not in extra:
+            (name,) = extra
+            found[name] = min(found.get(name, np.inf), each.score - best.score)
+    return found
+
+
+def averaged(weights: np.ndarray, values: np.ndarray, sigmas: np.ndarray) -> tuple[float, float]:
+    """Mean of a number over sets with these weights (N,), and its sigma, which contains how the sets differ (Hoeting et al. 1999)."""
+    mean = float(weights @ values)
+    return mean, float(np.sqrt(weights @ (sigmas**2 + (values - mean) ** 2)))
+
+
+# Statements.
+
+
+class Standing(StrEnum):
+    """What the evidence says of a statement."""
+
+    FOR = "for"
+    AGAINST = "against"
+    BOUNDED = "bounded"
+    UNDECIDED = "undecided"
+
+
+def standing_of(p_value: float, *, p_claimed: float = 1.0, upper: float = np.inf, matters: float = 0.0) -> Standing:
+    """Return the standing of a size.
+
+    p_value: of the test that the size is zero; p_claimed: of the test that it is the claimed one, 1 if none is claimed; upper: its upper
+    95 % limit, and matters: the size from which on it matters, in one unit.  A size that is neither zero nor the claimed one counts against
+    the claim.
+    """
+    if p_claimed < LEVEL:
+        return Standing.AGAINST
+    if p_value < LEVEL:
+        return Standing.FOR
+    return Standing.BOUNDED if upper < matters else Standing.UNDECIDED
+
+
+def upper_limit(value: float, sigma: float) -> float:
+    """Upper 95 % limit of the magnitude of a normal estimate: each sign is excluded by a one-sided test."""
+    return abs(value) + ONE_SIDED * sigma
+
+
+def homogeneity_p(values: np.ndarray, covariances: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    """Test whether independent estimates (U, P) with covariances (U, P, P) are estimates of one value (chi-square of homogeneity, Cochran
+    1954).  Return the p-value, the pooled value (P,) and its covariance (P, P)."""
+    weights = np.linalg.inv(covariances)
+    covariance = np.linalg.inv(weights.sum(axis=0))
+    pooled = covariance @ np.einsum("uij,uj->i", weights, values)
+    apart = values - pooled
+    chi_square = float(np.einsum("ui,uij,uj->", apart, weights, apart))
+    freedom = values.size - len(pooled)
+    return (chi_square_above(chi_square, freedom) if freedom else 1.0), pooled, covariance
+
+
+@dataclass(frozen=True)
+class Statement:
+    """A statement with its evidence.  what: its subject; test: the name of the test; size, limit: with units; claimed: the size that was
+    claimed, if one was."""
+
+    written = ("standing", "test", "p_value", "words")
+    what: str
+    standing: Annotated[Standing, Text(tuple(each.value for each in Standing))]
+    test: str
+    p_value: Annotated[float, Maybe(Number(0, 1))]
+    size: str
+    limit: str
+    claimed: str = ""
+
+    @property
+    def words(self) -> Annotated[str, Key("description")]:
+        """Return one sentence without its full stop."""
+        tested = f"{self.test}, p = {self.p_value:.2g}"
+        if self.standing is Standing.FOR:
+            return f"{self.what}: {self.size} ({tested})"
+        if self.standing is Standing.AGAINST:
+            return f"{self.what}: {self.size}, not {self.claimed} ({tested})"
+        if self.standing is Standing.BOUNDED:
+            return f"{self.what}: below {self.limit} with 95 % ({tested})"
+        return f"{self.what}: undecided; {self.size}; more than {self.limit} is excluded with 95 % ({tested})"

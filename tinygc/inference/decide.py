@@ -1,0 +1,342 @@
+"""Decide: whether a measured value with its uncertainty meets its limits, with which risk, and the one answer of a result.
+
+    p = F((upper - y) / u) - F((lower - y) / u)     probability of conformity, F: Student's t of u's degrees of freedom, or normal
+    1 - p                                           risk of a wrong PASS           p    risk of a wrong FAIL
+
+(JCGM 106:2012, 7.2, with no prior knowledge of the item.)  Simple acceptance passes a value within its limits: at one limit, half
+of such answers are wrong; between two that are close together against U, more.  A guard band w = r U draws the limits in for a PASS, and
+out for a FAIL (ISO/IEC 17025:2017, 7.8.6; ILAC-G8:09, 4.2); in between nothing is decided.  With a largest risk in place of r, PASS and
+FAIL are wrong in at most that share of the cases.
+
+The RMSE of a closure run is the length of three errors.  Near its floor it is neither normal nor symmetric, so that its p is that of three
+normal errors inside a sphere, and its guard band ends where p is F(r k); below its limit it does not fail.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from session.base.texts import fixed, probability, significant
+from session.log.requirements import ATTITUDE, SIMPLE, Rule
+from tinygc.inference.solve import coverage_factor
+
+# The one answer of a result.
+
+
+class Kind(NamedTuple):
+    """What an answer is called, its style on a terminal, and the exit code of a command whose verdict it is."""
+
+    word: str
+    style: str
+    exit_code: int
+
+
+#: every answer that a result of this program has
+KINDS = {
+    "pass": Kind("PASS", "bold green", 0),
+    "doubtful pass": Kind("PASS, with doubts", "bold yellow", 0),
+    "no limit": Kind("no limit", "bold cyan", 0),
+    "not decided": Kind("NOT DECIDED", "bold yellow", 0),
+    "fail": Kind("FAIL", "bold red", 1),
+    "holds": Kind("holds", "bold green", 0),
+    "holds for E, take B anew": Kind("holds for E, take B anew", "bold yellow", 1),
+    "does not hold": Kind("does not hold", "bold red", 1),
+    "undecided": Kind("undecided", "bold", 5),
+}
+
+
+@dataclass(frozen=True)
+class Answer:
+    """kind, of ``KINDS``; line: the reason, in one line; do: what to do."""
+
+    kind: str
+    line: str
+    do: str = ""
+
+    @property
+    def of(self) -> Kind:
+        """Its word, style and exit code."""
+        return KINDS[self.kind]
+
+    @property
+    def headline(self) -> str:
+        """The answer and its reason, in one line."""
+        return f"{self.of.word}: {self.line}"
+
+
+# A value against its limits.
+
+Verdict = Literal["pass", "fail", "not decided"]
+#: between thousands on a page; a terminal shows it as an escape
+THIN = "\u202f"
+
+
+def quantile(share: float, freedom: float = np.inf) -> float:
+    """Value that Student's t (normal: infinite freedom) stays below in this share of the cases."""
+    from scipy.special import ndtri, stdtrit  # late: most fits have no requirement
+
+    return float(ndtri(share) if not np.isfinite(freedom) else stdtrit(freedom, share))
+
+
+def conforms_probability(value: float, sigma: float, limits: tuple[float, float], freedom: float = np.inf) -> float:
+    """Probability that the true value lies within the limits, given the measured one."""
+    lower, upper = limits
+    if not sigma > 0:
+        return float(lower <= value <= upper)
+    from scipy.special import ndtr, stdtr
+
+    ends = np.array([upper - value, lower - value]) / sigma
+    below = ndtr(ends) if not np.isfinite(freedom) else stdtr(freedom, ends)
+    return float(np.clip(below[0] - below[1], 0.0, 1.0))
+
+
+#: sigmas of a normal error beyond which it is neglected; nodes of the quadrature within; sigmas of a guard band beyond which it is linear
+_FAR, _NODES, _BAND = 9.0, 96, 4.0
+
+
+def rms_below(limit: float, errors: tuple[float, ...], sigmas: tuple[float, ...]) -> float:
+    """Probability that the root mean square of three normal errors, about these values with these sigmas, is at most a limit.
+
+    One axis in closed form, the others by Gauss–Legendre quadrature over the sphere; of equal sigmas it is a non-central chi-square.
+    """
+    if not np.isfinite(limit) or limit <= 0:
+        return float(limit > 0)
+    from scipy.special import ndtr
+
+    radius, (x, y, z) = np.sqrt(3) * limit, errors
+    sx, sy, sz = np.maximum(sigmas, 1e-9 * max(sigmas))
+    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+
+    def within(half: np.ndarray, middle: float, sigma: float) -> tuple[np.ndarray, np.ndarray]:
+        """Places across -half to half, as far as the error comes, and their weights with its density."""
+        low, high = np.maximum(-half, middle - _FAR * sigma), np.minimum(half, middle + _FAR * sigma)
+        width = np.maximum(high - low, 0.0)[..., None] / 2
+        places = low[..., None] + width * (1 + nodes)
+        return places, weights * width * np.exp(-(((places - middle) / sigma) ** 2) / 2) / (np.sqrt(2 * np.pi) * sigma)
+
+    across, of_z = within(np.asarray(radius), z, sz)
+    half = np.sqrt(np.maximum(radius**2 - across**2, 0.0))
+    along, of_y = within(half, y, sy)
+    chord = np.sqrt(np.maximum(half[:, None] ** 2 - along**2, 0.0))
+    inside = ndtr((chord - x) / sx) - ndtr((-chord - x) / sx)
+    return float(np.clip(of_z @ np.sum(of_y * inside, axis=1), 0.0, 1.0))
+
+
+def simply_accepted(value: float, limits: tuple[float, float]) -> bool:
+    """Whether a value lies within its limits; not, where it is no number."""
+    return bool(limits[0] <= value <= limits[1])
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A measured value.
+
+    key: of ``session.log.requirements``; words; unit; value and sigma, its standard uncertainty, in that unit; freedom: degrees of freedom
+    of sigma; observed: whether the session determines it; relative: whether it is decided on the scale of logarithms, as a size is whose
+    scatter grows with it (sigma then is value times that of the logarithm); errors: three errors and the sigma of each, whose root mean
+    square the value is.
+    """
+
+    key: str
+    words: str
+    unit: str
+    value: float
+    sigma: float
+    freedom: float = np.inf
+    observed: bool = True
+    relative: bool = False
+    errors: tuple[tuple[float, ...], tuple[float, ...]] | None = None
+
+    @property
+    def factor(self) -> float:
+        """Coverage factor k of 95 %."""
+        return coverage_factor(self.freedom)
+
+    @property
+    def expanded(self) -> float:
+        """Expanded uncertainty U = k sigma."""
+        return self.factor * self.sigma
+
+
+@dataclass(frozen=True)
+class Conformity:
+    """Whether a measured value meets its limits (lower, upper) by a rule; reference: where the limits are from."""
+
+    measured: Measured
+    limits: tuple[float, float]
+    rule: Rule
+    reference: str = ""
+
+    @cached_property
+    def _scaled(self) -> tuple[float, float, tuple[float, float]]:
+        """Value, sigma and limits on the scale on which it is decided."""
+        m = self.measured
+        if not m.relative:
+            return m.value, m.sigma, self.limits
+        lower, upper = (float(np.log(limit)) if limit > 0 else -np.inf for limit in self.limits)
+        return float(np.log(m.value)), m.sigma / m.value, (lower, upper)
+
+    @property
+    def _width(self) -> float:
+        """Of the guard band, in sigmas: 0 in simple acceptance; with a largest risk, that of one limit far from the other."""
+        if self.rule.kind == SIMPLE:
+            return 0.0
+        return self.rule.guard * self.measured.factor if self.rule.risk is None else quantile(1 - self.rule.risk, self.measured.freedom)
+
+    def _moved(self, inwards: float) -> tuple[float, float]:
+        """The limits, moved towards each other by so many sigmas on the scale of the decision."""
+        if inwards == 0:
+            return self.limits
+        if self.measured.errors is not None:
+            near = float(np.clip(inwards, -_BAND, _BAND))
+            lower, upper = self._at(self.limits[0], -near), self._at(self.limits[1], near)
+            further = (inwards - near) * self.measured.sigma
+            return lower + further, upper - further
+        (lower, upper), by = self._scaled[2], inwards * self._scaled[1]
+        found = (lower + by, upper - by)
+        return (float(np.exp(found[0])), float(np.exp(found[1]))) if self.measured.relative else found
+
+    def _at(self, limit: float, sigmas_below: float) -> float:
+        """RMSE, of errors in the direction of the measured ones, that is below a limit with the probability F(sigmas_below); just below 0
+        where errors of 0 are so with less."""
+        if not np.isfinite(limit):
+            return limit
+        from scipy.optimize import brentq
+        from scipy.special import ndtr
+
+        assert self.measured.errors is not None
+        errors, sigmas = self.measured.errors
+        size = float(np.linalg.norm(errors))
+        unit = np.array(errors) / size if size > 0 else np.full(3, 1 / np.sqrt(3))
+
+        def surplus(value: float) -> float:
+            return rms_below(limit, tuple(value * np.sqrt(3) * unit), sigmas) - float(ndtr(sigmas_below))
+
+        far = max(limit, 0.0) + _FAR * float(max(sigmas))
+        return float(brentq(surplus, 0.0, far, xtol=1e-9 * far)) if surplus(0.0) > 0 else float(np.nextafter(0, -1))
+
+    @property
+    def acceptance(self) -> tuple[float, float]:
+        """Least and largest value that passes, where a guard band decides."""
+        return self._moved(self._width)
+
+    @property
+    def band(self) -> float:
+        """Width w of the guard band within a limit, in the unit of the value: the upper one where there are two."""
+        (lower, upper), (least, most) = self.limits, self.acceptance
+        return upper - most if np.isfinite(upper) else least - lower
+
+    @cached_property
+    def probability(self) -> float:
+        """Of conformity, given the measured value."""
+        if self.measured.errors is not None:
+            most, least = (rms_below(limit, *self.measured.errors) for limit in reversed(self.limits))
+            return most - least
+        value, sigma, limits = self._scaled
+        return conforms_probability(value, sigma, limits, self.measured.freedom)
+
+    @property
+    def ratio(self) -> float | None:
+        """Test uncertainty ratio (upper - lower) / 2 U; None of one limit alone, or without an uncertainty."""
+        width, expanded = self.limits[1] - self.limits[0], self.measured.expanded
+        return width / (2 * expanded) if np.isfinite(width) and expanded > 0 else None
+
+    @cached_property
+    def answer(self) -> Verdict:
+        """PASS, FAIL or NOT DECIDED; the last for what the session does not determine."""
+        value = self.measured.value
+        if not self.measured.observed or not np.isfinite(value):
+            return "not decided"
+        if self.rule.kind == SIMPLE:
+            if self.rule.least_ratio is not None and (self.ratio is None or self.ratio < self.rule.least_ratio):
+                return "not decided"
+            return "pass" if simply_accepted(value, self.limits) else "fail"
+        if not np.isfinite(self.measured.sigma):
+            return "not decided"
+        if self.rule.risk is not None:
+            passes, fails = 1 - self.probability <= self.rule.risk, self.probability <= self.rule.risk
+        else:
+            passes, fails = simply_accepted(value, self.acceptance), not simply_accepted(value, self._moved(-self._width))
+        if self.measured.errors is not None and simply_accepted(value, self.limits):
+            fails = False  # noise alone makes an RMSE; what is below its limit does not fail because the noise is above it
+        return "pass" if passes else "fail" if fails else "not decided"
+
+    @property
+    def risk(self) -> float | None:
+        """Probability that a PASS, or a FAIL, is wrong; None where nothing is decided or the uncertainty is not known."""
+        if self.answer == "not decided" or not np.isfinite(self.measured.sigma):
+            return None
+        return 1 - self.probability if self.answer == "pass" else self.probability
+
+    @property
+    def limit_words(self) -> str:
+        """The limits, in the unit of the value."""
+        lower, upper = self.limits
+        unit = self.measured.unit if self.measured.unit == "°" else f" {self.measured.unit}"
+        if not np.isfinite(lower):
+            return f"at most {_significant(upper)}{unit}"
+        if not np.isfinite(upper):
+            return f"at least {_significant(lower)}{unit}"
+        return f"{_significant(lower)} to {_significant(upper)}{unit}"
+
+    @property
+    def value_words(self) -> str:
+        """The value with U, to two digits of U."""
+        m = self.measured
+        unit = m.unit if m.unit == "°" else f" {m.unit}"
+        if not m.observed or not np.isfinite(m.value):
+            return "not observed"
+        if not (np.isfinite(m.sigma) and m.sigma > 0):
+            return f"{_significant(m.value)}{unit}"
+        decimals = 1 - int(np.floor(np.log10(m.expanded) + 1e-12))
+        value, expanded = (fixed(each, decimals).replace(THIN, "") for each in (m.value, m.expanded))
+        return f"{value}{unit} ± {expanded}{unit} (k = {m.factor:.2f})"
+
+    @property
+    def risk_words(self) -> str:
+        """What the answer risks; of an undecided value, what either answer would."""
+        if self.measured.key == ATTITUDE:
+            return "no risk is stated, since the value is an uncertainty itself"
+        if not np.isfinite(self.measured.sigma) or not self.measured.observed:
+            return "its uncertainty is not known, and so is the risk"
+        wrong = {"pass": 1 - self.probability, "fail": self.probability}
+        if self.risk is not None:
+            return f"risk that this {self.answer.upper()} is wrong: {share_words(self.risk)}"
+        return f"a PASS would be wrong with {probability(wrong['pass'])}, a FAIL with {probability(wrong['fail'])}"
+
+    @property
+    def words(self) -> str:
+        """The whole statement in one line."""
+        return f"{self.measured.words}: {self.value_words}, required {self.limit_words}: {self.answer.upper()}; {self.risk_words}"
+
+    def to_json(self) -> dict:
+        """Return an entry of ``conformity`` of ``tinygc-fit/2``; null for what is not known, or has no limit."""
+        m = self.measured
+        numbers = {
+            "value": m.value if m.observed else None,
+            "standard_uncertainty": m.sigma,
+            "degrees_of_freedom": m.freedom,
+            "coverage_factor": m.factor,
+            "expanded_uncertainty": m.expanded,
+            "lower": self.limits[0],
+            "upper": self.limits[1],
+            "guard_band": self.band,
+            "test_uncertainty_ratio": self.ratio,
+            "conformity_probability": self.probability if np.isfinite(m.sigma) and m.observed else None,
+            "risk": self.risk,
+        }
+        known = {key: value if value is not None and np.isfinite(value) else None for key, value in numbers.items()}
+        return {"quantity": m.key, "name": m.words, "unit": m.unit, "rule": self.rule.kind, "answer": self.answer} | known
+
+
+def _significant(value: float) -> str:
+    return significant(value, 3).replace(THIN, "")
+
+
+def share_words(share: float) -> str:
+    """A probability as a share in percent, or its bound."""
+    return "below 0.01 %" if share < 1e-4 else f"{significant(100 * share, 2)} %"

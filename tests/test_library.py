@@ -221,17 +221,17 @@ def test_records_become_tables_of_pandas_and_a_fit_is_drawn(fits, tmp_path, monk
     assert list(tinygc.to_frame(findings)["what"]) == [finding.what for finding in findings]
     assert isinstance(tinygc.to_frame(fits[0]), pandas.DataFrame)
     np.testing.assert_array_equal(samples.to_frame()["ay_mps2"], samples.accel[:, 1])
-    closure, *panels = fits[0].plot(tmp_path / "new" / "fit.png").axes
+    closure, *panels = fits[0].plot(tmp_path / "new" / "fit.png").panels
     assert (tmp_path / "new" / "fit.png").read_bytes().startswith(b"\x89PNG")
-    rms = np.sqrt(np.mean(np.square(closure.lines[1].get_ydata())))
-    assert rms == pytest.approx(fits[0].closure["least_squares"]["tilt_rms_deg"], rel=1e-9)
-    for axes, word, unit in zip(panels, ("scale_factor_error", "misalignment", "bias"), ("ppm", "mrad", "dps"), strict=True):
+    _, held_out = (mark for mark in closure.marks if mark.radius)
+    assert np.sqrt(np.mean(held_out.y**2)) == pytest.approx(fits[0].closure["least_squares"]["tilt_rms_deg"], rel=1e-9)
+    for panel, word, unit in zip(panels, ("scale_factor_error", "misalignment", "bias"), ("ppm", "mrad", "dps"), strict=True):
         shown = [each.value for name, each in fits[0].sensor_errors.items() if name.startswith(word)]
-        np.testing.assert_array_equal(axes.lines[0].get_ydata(), shown)
-        assert axes.get_ylabel() == unit
+        np.testing.assert_array_equal(panel.marks[-1].y, shown)
+        assert panel.y.label.endswith(f"({unit})")
     for module, call, says in (
         ("pandas", fits[0].to_frame, "to_frame needs pandas: python"),
-        ("matplotlib.figure", fits[0].plot, "matplotlib"),
+        ("matplotlib.figure", lambda: fits[0].plot(tmp_path / "other.png"), "matplotlib.*other.svg is written instead"),
     ):
         monkeypatch.setitem(sys.modules, module, None)
         with pytest.raises(CalibrationError, match=says):

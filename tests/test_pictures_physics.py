@@ -6,12 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from known_effects import movement
-from matplotlib.figure import Figure
 
 from session.base.units import DEG
 from tinygc.effects import catalogue
 from tinygc.noise.twin import Variable
-from tinygc.reporting.pictures.panels import in_turns
+from tinygc.reporting.pictures import in_turns
 from tinygc.reporting.pictures.values import at_constant
 
 FS, FIRST_C = 500.0, 25.0  #: dps, degC
@@ -39,12 +38,11 @@ def test_a_law_at_a_constant_movement_is_its_equation(name, variable, at, one):
 def test_the_closure_over_the_data_rate_leads_to_the_native_one():
     """Made-up: motion that closes by 0.4° at 100 Hz, and by the square of the interval."""
     rates = 100.0 / np.arange(1, 5)
-    axes = Figure().subplots()
     told = {"rates_hz": rates, "closure_deg": 0.4 * (rates / 100) ** -2.0, "exponent": -2.0, "predicted_deg": 0.4}
     explained = SimpleNamespace(proof=SimpleNamespace(floor_rms=0.02 * DEG))
-    in_turns.over_rate(explained, SimpleNamespace(parameters=told), axes)
-    assert axes.get_xscale() == axes.get_yscale() == "log"
-    (line,), (thinned,) = ([each.get_xydata() for each in axes.lines if word in str(each.get_label())] for word in ("motion", "left out"))
-    assert sorted(thinned[:, 0]) == pytest.approx(sorted(rates[1:]))
-    on = np.exp(np.interp(np.log([*thinned[:, 0], 100.0]), np.log(line[:, 0]), np.log(line[:, 1])))
-    assert on == pytest.approx([*thinned[:, 1], 0.4])
+    panel = in_turns.over_rate(explained, SimpleNamespace(parameters=told))
+    assert panel.x.log
+    assert panel.y.log
+    (line,), (thinned,) = ([each for each in panel.marks if word in each.name] for word in ("motion", "left out"))
+    assert thinned.x == pytest.approx(rates[1:])
+    assert line.y == pytest.approx([0.4, *thinned.y])

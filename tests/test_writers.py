@@ -31,7 +31,7 @@ from session.detect.accelerometer import write_calibrated_copy
 from session.log.config import Accelerometer
 from session.log.folder import add_board, add_notes
 from tinygc.deploy.apply import opened
-from tinygc.reporting.pictures.canvas import save
+from tinygc.reporting.drawing import Panel, Picture, saved
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session as write_simulated
 
@@ -45,14 +45,6 @@ TOLD = {"gyro_fs_dps": 500, "accel_fs_g": 4}
 def written(name, text):
     """What stood there before."""
     return lambda folder: (folder / name).write_text(text)
-
-
-def figure():
-    from matplotlib.figure import Figure
-
-    made = Figure(figsize=(1, 1))
-    made.add_subplot().plot([0, 1])
-    return made
 
 
 def applied(name):
@@ -117,7 +109,8 @@ SIMULATED = SimulationOptions(segments=3, closure_s=0.0, odr_hz=62.5)
 WRITERS = {
     "a result": Writer(lambda folder: write_whole(folder / "fit.json", {"a": [1.5] * 9}), written("fit.json", "{}\n")),
     "a new text": Writer(lambda folder: write_text_whole(folder / "page.html", "<p>\n" * 9000)),
-    "a picture": Writer(lambda folder: save(figure(), folder / "page.png"), written("page.png", "old")),
+    "a picture": Writer(lambda folder: saved(Picture([Panel()]), folder / "page.svg"), written("page.svg", "old")),
+    "a picture of pixels": Writer(lambda folder: saved(Picture([Panel()]), folder / "page.png"), written("page.png", "old")),
     "an applied log": Writer(applied("out.csv"), written("out.csv", "old")),
     "a packed log": Writer(applied("out.csv.gz"), written("out.csv.gz", "old")),
     "import": Writer(imported(), written("card.csv", LOG), folder=True),

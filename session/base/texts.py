@@ -128,6 +128,14 @@ def significant(value: float, digits: int = 3) -> str:
     return fixed(value, digits - 1 - floor(log10(abs(value)) + 1e-12))
 
 
+def with_sigma(value: float, sigma: float) -> str:
+    """``−4.21 ± 0.05``: both with two digits of the sigma; three digits of the value where there is no sigma."""
+    if not (isfinite(sigma) and sigma > 0):
+        return f"{value:.3g}".replace("-", "−")
+    decimals = min(max(1 - floor(log10(sigma)), 0), 9)
+    return f"{value:.{decimals}f} ± {sigma:.{decimals}f}".replace("-", "−")
+
+
 def degrees(angle_rad: float) -> str:
     """Angle in degrees, with the sign ``°``."""
     return f"{significant(angle_rad / DEG)}°"

@@ -18,12 +18,11 @@ def _grid(movements) -> np.ndarray:
 
 def _draw(data: PictureData, left, right) -> None:
     for axis, name in enumerate("xyz"):
-        left.plot(data.stills_s / MINUTE_S, data.before[:, axis] / DEG, "o", label=name)
-        right.plot(data.predicted[:, axis] / DEG, (data.predicted + data.after)[:, axis] / DEG, "o", label=name)
-    left.axvline(data.parameters["shock_min"], color="black")
-    left.set(xlabel="time (min)", ylabel="rate in the still (dps)", title="The shock, and the way back")
-    right.set(xlabel="says (dps)", ylabel="recorded (dps)")
-    left.legend()
+        left.points(data.stills_s / MINUTE_S, data.before[:, axis] / DEG, name, name=name)
+        right.points(data.predicted[:, axis] / DEG, (data.predicted + data.after)[:, axis] / DEG, name, name=name)
+    left.upright(data.parameters["shock_min"])
+    left.x.label, left.y.label, left.title = "time (min)", "rate in the still (dps)", "The shock, and the way back"
+    right.x.label, right.y.label = "says (dps)", "recorded (dps)"
 
 
 def _at(shock_s: float) -> Effect:

@@ -231,7 +231,7 @@ class PictureData:
     floor_rad: float
 
 
-#: (data, left axes, right axes) -> None, axes of matplotlib
+#: (data, left panel, right panel) -> None; ``tinygc.reporting.drawing.Panel``
 OwnPicture = Callable[[PictureData, Any, Any], None]
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from session.base import features
 from session.base.errors import CalibrationError
@@ -25,13 +25,10 @@ from tinygc.explanation.result import to_json
 from tinygc.library.arguments import public, session_or_folder
 from tinygc.library.records import Listed, Shown
 from tinygc.reporting.checked_text import checked_page
+from tinygc.reporting.drawing import Picture, saved
 from tinygc.reporting.explanation_text import explanation_page, verdict_line
-from tinygc.reporting.pictures.canvas import saved
-from tinygc.reporting.pictures.page import figure_of
+from tinygc.reporting.pictures.page import picture_of
 from tinygc.reporting.terminal import Group, Text
-
-if TYPE_CHECKING:
-    from tinygc.reporting.pictures.canvas import Figure
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,13 +145,12 @@ class Why(Shown):
         named = ", ".join(effect.id for effect in self.effects)
         return verdict_line(self.explanation).append(f": {named}" if named else "")
 
-    def plot(self, path: Path | str | None = None) -> Figure:
-        """Draw the page of pictures as a matplotlib figure; write it as PNG if a path is given.  CalibrationError without matplotlib."""
-        figure = self._picture()
-        return figure if path is None else saved(figure, Path(path))
+    def plot(self, path: Path | str | None = None) -> Picture:
+        """Draw the picture; path: an SVG to write, or a PNG, which needs matplotlib."""
+        return saved(self._picture(), path)
 
-    def _picture(self) -> Figure:
-        return figure_of(self.explanation)
+    def _picture(self) -> Picture:
+        return picture_of(self.explanation)
 
     def to_json(self) -> dict:
         """``tinygc-explain/2`` (docs/formats.md)."""
@@ -166,7 +162,7 @@ class Why(Shown):
         with result_folder(folder):
             write_whole(folder / "explain.json", self.table)
         if pictures:
-            self.plot(folder / "explain.png")
+            self.plot(folder / "explain.svg")
         return folder
 
 

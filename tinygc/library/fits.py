@@ -34,7 +34,7 @@ from tinygc.verdict.acceptance import Acceptance
 if TYPE_CHECKING:
     from tinygc.deploy.calibration import Calibration
     from tinygc.library.reports import Exported, Report
-    from tinygc.reporting.pictures.canvas import Figure
+    from tinygc.reporting.drawing import Picture
 
 #: the terms that a fit prints
 SENSOR_ERRORS = ("scale factor error", "misalignment", "bias")
@@ -148,14 +148,13 @@ class Fit(Shown):
         return self.parameters.to_frame()
 
     @public()
-    def plot(self, path: Path | str | None = None) -> Figure:
-        """Draw the closure of each segment, raw and calibrated, and the sensor errors with their sigmas as a matplotlib figure; write it as
-        PNG if a path is given.  CalibrationError without matplotlib."""
-        from tinygc.reporting.pictures.canvas import saved
-        from tinygc.reporting.pictures.fit import figure_of_fit
+    def plot(self, path: Path | str | None = None) -> Picture:
+        """Draw the closure of each segment, raw and calibrated, and the sensor errors with their sigmas; path: an SVG to write, or a PNG,
+        which needs matplotlib."""
+        from tinygc.reporting.drawing import saved
+        from tinygc.reporting.pictures.fit import picture_of_fit
 
-        figure = figure_of_fit(self.result, SENSOR_ERRORS, sensor_errors(self.result))
-        return figure if path is None else saved(figure, Path(path))
+        return saved(picture_of_fit(self.result, SENSOR_ERRORS, sensor_errors(self.result)), path)
 
     @public(ReportOptions)
     def report(self, path: Path | str | None = None, *, progress: Progress | None = None, **choices: Any) -> Report:

@@ -42,7 +42,10 @@ def test_each_turn_is_on_the_law_that_was_put_in_and_the_report_draws_it(known):
         weight = turns.law / turns.sigma**2
         slope, sigma = weight @ turns.before / (weight @ turns.law), (weight @ turns.law) ** -0.5
         assert slope == pytest.approx(1.0, abs=4 * sigma + 0.02)
-    for picture, words in (("", "The scale error of each turn along its rate"), (TURNS, "What each turn misses against what")):
+    for picture, words in (
+        ("", "the scale error of each turn follows its rate"),
+        (TURNS, "each turn misses what the effect makes"),
+    ):
         drawn = replace(claim, effect=replace(claim.effect, picture=picture)) if picture else claim
         found = section(SimpleNamespace(by_reference=None, explanation=replace(e, claimed=[drawn])))
         assert words in found.html

@@ -10,7 +10,7 @@ from session.base import features
 from session.base.options import argument, folder_written, option, values
 from session.base.texts import command_line
 from tinygc.cli.options import Command, Pictures, UsesEffects
-from tinygc.cli.results import complain, inside, output, print_commands, try_destinations, verdict, write_json
+from tinygc.cli.results import inside, output, print_commands, try_destinations, verdict, write_json
 from tinygc.estimation.options import AtRest, Seed
 
 #: recordings of the unit that are offered for a check; each takes as long as the first
@@ -39,7 +39,7 @@ def run(args: Options) -> int:
     try_destinations(args.out or inside(args.folder, "explain"), args.json)
     with progress_bar(args.quiet) as progress:
         why = explain(args.folder, check_on=args.check_on, progress=progress, **values(args, Seed, AtRest), **args.further)
-    folder = why.save(args.out, pictures=_with_pictures(args))
+    folder = why.save(args.out, pictures=args.pictures)
     output(args).print(why.page)
     output(args).print(f"written: {folder}", soft_wrap=True)
     for line in why.notes:
@@ -54,13 +54,3 @@ def run(args: Options) -> int:
     verdict(args, why.verdict_line)
     write_json(args.json, why.to_json())
     return 1 if args.strict and why.verdict != "no_mismatch" else 0
-
-
-def _with_pictures(args: Options) -> bool:
-    """Whether pictures are wanted and can be drawn; reports where they cannot."""
-    from tinygc.reporting.pictures.canvas import has_matplotlib
-
-    if args.pictures and not has_matplotlib():
-        complain("no picture: that needs matplotlib (python -m pip install 'tinygc[plot]')")
-        return False
-    return args.pictures

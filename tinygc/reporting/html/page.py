@@ -12,6 +12,7 @@ from session.base.units import DEG
 from tinygc.estimation.bias import tilt_rms
 from tinygc.estimation.choice import run_figures
 from tinygc.explanation.reported import ReportData
+from tinygc.reporting.drawing import style_sheet
 from tinygc.reporting.html.markup import Section, render
 from tinygc.reporting.html.sections import modules
 from tinygc.reporting.html.sections.front import recorded
@@ -82,7 +83,7 @@ def document(title: str, head: str, sections: Sequence[Section], foot: str, runn
     """HTML document of sections with a list of contents; head and foot are HTML, title is text; running: text at the top of each sheet of
     paper, left and right."""
     places = {"top-left": running[0], "top-right": running[1], "bottom-left": title}
-    return render("page.html", title=title, head=head, sections=sections, foot=foot, running=places) + "\n"
+    return render("page.html", title=title, head=head, sections=sections, foot=foot, running=places, sheet=style_sheet()) + "\n"
 
 
 def save(evidence: ReportData, path: Path) -> Path:

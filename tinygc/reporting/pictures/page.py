@@ -1,98 +1,101 @@
-"""Page of pictures of an explanation: each cause and its residuals, closure per segment, the stills over time."""
+"""The picture of an explanation: each cause in its pair of panels, closure per segment, and the stills over time.
+
+An effect names its pair (``tinygc.effects.effect``), or draws its own from plain data.  By default an effect that adds to the rates is
+drawn along its variable.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
-from session.base.units import DEG, MG
-from tinygc.effects.effect import TURNS
+from tinygc.effects import EffectError, effect
+from tinygc.explanation.claims import Claim
 from tinygc.explanation.engine import Explanation
 from tinygc.explanation.result import is_refitted
 from tinygc.noise.channels import own_residuals
-from tinygc.noise.twin import Variable
-from tinygc.reporting.pictures.canvas import AFTER, AXES, BEFORE, FLOOR, canvas, draw_closure, zero_line
-from tinygc.reporting.pictures.panels import draw_claim
-from tinygc.reporting.pictures.values import lengths_per_still, rates_per_still
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from tinygc.reporting.drawing import Axis, Panel, Picture
+from tinygc.reporting.pictures import in_stills, in_turns, registers
+from tinygc.reporting.pictures.values import picture_data
 
 MOST_ROWS = 4  #: number of causes drawn, strongest first
 
+Pair = Callable[[Explanation, Claim], tuple[Panel, Panel]]
 
-def figure_of(e: Explanation) -> Figure:
-    """Draw the page as a matplotlib figure.  Raises CalibrationError if matplotlib is missing."""
+
+def _two(left: Callable[..., Panel], right: Callable[..., Panel]) -> Pair:
+    return lambda e, claim: (left(e, claim), right(e, claim))
+
+
+PAIRS: dict[str, Pair] = {
+    effect.STILLS: _two(in_stills.along, in_stills.against_explained),
+    effect.TURNS: in_turns.against_prediction,
+    effect.CLIPPED_TURN: _two(registers.one_turn, registers.closure_over_peak),
+    effect.FALSE_READINGS: _two(registers.one_reading, registers.all_readings),
+    effect.LOST_SAMPLES: _two(registers.one_loss, registers.closure_over_losses),
+    effect.CREEPING_STILLS: _two(in_stills.turned_angle, in_stills.rate_against_bar),
+    effect.CLOCKS: _two(in_turns.misfit_over_offset, in_turns.misfit_by_turn),
+    effect.GRAVITY_LENGTH: _two(in_stills.over_attitude, in_stills.length_against_explained),
+    effect.GRAVITY_LAW: _two(in_stills.length_over_conditions, in_stills.length_against_explained),
+    effect.WORLD: _two(in_stills.in_the_table, in_stills.against_explained),
+    effect.EARTH: _two(partial(in_stills.in_the_table, as_the_earths=True), in_stills.against_explained),
+    effect.SCALE_LAW: in_turns.along_law,
+    effect.ENERGY_LAW: in_turns.along_law,
+    effect.LAG_LAW: in_turns.against_one_ms,
+    effect.DATA_RATE: _two(in_turns.over_rate, in_turns.along),
+}
+
+
+def pair_of(e: Explanation, claim: Claim) -> tuple[Panel, Panel]:
+    """Draw the mismatch and a second view of it.  EffectError, with the function's message, if an effect's own picture fails."""
+    own = claim.effect.pair
+    if isinstance(own, str):
+        return PAIRS[own](e, claim)
+    left, right = Panel(), Panel()
+    try:
+        own(picture_data(e, claim), left, right)
+    except Exception as error:
+        what = " ".join(str(error).split())
+        raise EffectError(
+            f"{claim.effect.id}: its picture cannot be drawn: {type(error).__name__}: {what}; --no-pictures goes on"
+        ) from None
+    return left, right
+
+
+def picture_of(e: Explanation) -> Picture:
+    """Draw the picture."""
     told = [*e.claimed, *e.findings]
-    shown = told[:MOST_ROWS]
-    rows = max(len(shown), 1) + 1
-    headline = f"{e.session.name}: {e.words[0]}"
-    figure, grid = canvas(rows, headline, [claim.effect.id for claim in told], [claim.says for claim in told])
-    for claim, row in zip(shown, grid, strict=False):
-        draw_claim(e, claim, *row)
+    shown, panels = told[:MOST_ROWS], list[Panel]()
+    for claim in shown:
+        left, right = pair_of(e, claim)
         if len(shown) > 1:
-            row[0].set_title(f"{claim.effect.id}\n{row[0].get_title()}")
+            left.title = f"{claim.effect.id}\n{left.title}"
+        panels += [left, right]
     if not shown:
-        _stills_in_time(e, grid[0, 0])
-        # Plot the length of gravity in each still over the session.
-        axes = grid[0, 1]
-        _, left = lengths_per_still(e)
-        axes.plot(Variable("time").of_stills(e.twin), left / MG, "o", mfc="none", color=AFTER, ms=4)
-        zero_line(axes)
-        axes.set(xlabel="time (s)", ylabel="beyond one value (mg)", title="Length of gravity in the stills over time")
-    _closure(e, grid[-1, 0])
-    if any(
-        claim.effect.kind in ("rate", "earth") and "still" in claim.effect.observable_in and claim.effect.pair != TURNS for claim in shown
-    ):
-        _stills_in_time(e, grid[-1, 1])
-    else:
-        _channels(e, grid[-1, 1])
-    return figure
+        panels = [in_stills.in_time(e), in_stills.length_in_time(e)]
+    in_the_stills = [claim for claim in shown if claim.effect.kind in ("rate", "earth") and "still" in claim.effect.observable_in]
+    panels += [in_turns.proof_panel(e), in_stills.in_time(e) if any(c.effect.pair != effect.TURNS for c in in_the_stills) else _channels(e)]
+    names = ", ".join(claim.effect.id for claim in told)
+    return Picture(panels, f"{e.session.name}: {e.words[0]}", [*filter(None, [names]), *(claim.says for claim in told)])
 
 
-def _closure(e: Explanation, axes: Axes) -> None:
-    """Plot held-out closure per segment: before, after, floor."""
-    series = [("before", BEFORE, BEFORE, e.proof.before_numbers, e.proof.before)] if e.proof.changed else []
-    series += [("after" if e.proof.changed else "held out", AFTER, "none", e.proof.after_numbers, e.proof.after)]
-    draw_closure(axes, series, e.proof.floor_rms / DEG)
-    axes.set(ylabel="closure (°)", title="Closure of segments that the fit never saw")
-
-
-def _stills_in_time(e: Explanation, axes: Axes) -> None:
-    """Plot the rate in each still over the session, which shows drifts and steps."""
-    before, after = rates_per_still(e)
-    t_s, refitted = Variable("time").of_stills(e.twin), is_refitted(e)
-    for i, axis in enumerate("xyz"):
-        if refitted:
-            axes.plot(t_s, before[:, i] * 1e3, "-", color=AXES[axis], lw=0.8, alpha=0.6)
-        axes.plot(t_s, after[:, i] * 1e3, "o", mfc="none", color=AXES[axis], ms=4, label=axis)
-    title = "Rate in the stills over time" + (": lines before, circles after" if refitted else "")
-    axes.set(xlabel="time (s)", ylabel="rate beyond the prediction (mdps)", title=title)
-    zero_line(axes)
-    axes.legend(ncols=3)
-
-
-def _channels(e: Explanation, axes: Axes) -> None:
-    """Plot the sigmas of the channels: residuals and the level of noise alone."""
+def _channels(e: Explanation) -> Panel:
+    """Draw the sigmas of the channels: residuals and the level of noise alone."""
     refitted = is_refitted(e)
-    fits = [("before", BEFORE, e.naming.first), ("after", AFTER, e.naming.fit)] if refitted else [("", AFTER, e.naming.fit)]
+    fits = [("before", e.naming.first), ("after", e.naming.fit)] if refitted else [("after", e.naming.fit)]
     names = {"closure": "closure", "still": "rate in stills", "length": "gravity's length"}
-    at, width, greatest = np.arange(len(e.whiten.parts)), 0.8 / len(fits), 0.0
-    for i, (label, colour, fit) in enumerate(fits):
+    title = "Recorded less predicted, by channel" + (", once mended" if e.mended.found and not refitted else "")
+    ticks = [(float(n), names[name]) for n, name in enumerate(e.whiten.parts)]
+    panel = Panel(Axis(lo=-0.6, hi=len(ticks) - 0.4, ticks=ticks), Axis("rms (sigmas)", zero=True), title).across(1.0, name="noise alone")
+    width = 0.8 / len(fits)
+    for i, (kind, fit) in enumerate(fits):
         left, taken = own_residuals(e.twin, e.whiten, fit)
-        parts = e.whiten.parts.items()
-        rms = [np.sqrt(np.sum(left[part] ** 2) / max(part.stop - part.start - taken[name], 1)) for name, part in parts]
-        axes.bar(at + (i - (len(fits) - 1) / 2) * width, rms, width, color=colour, label=label or None)
-        greatest = max(greatest, *rms)
-    axes.axhline(1, color=FLOOR, ls="--", label="noise alone")
-    axes.set_xticks(at, [names[name] for name in e.whiten.parts])
-    axes.set(
-        ylabel="rms in sigmas", title="Recorded less predicted, by channel" + (", once mended" if e.mended.found and not refitted else "")
-    )
-    if greatest > 20:
-        axes.set_yscale("log")
-    else:
-        axes.set_ylim(0, 1.25 * max(greatest, 1))
-    axes.legend()
+        for at, (name, part) in enumerate(e.whiten.parts.items()):
+            rms = np.sqrt(np.sum(left[part] ** 2) / max(part.stop - part.start - taken[name], 1))
+            middle = at + (i - (len(fits) - 1) / 2) * width
+            panel.area([middle - width / 2, middle + width / 2], 0, rms, kind, "solid", name=kind if refitted else "")
+            if rms > 20:
+                panel.y = Axis("rms (sigmas)", log=True)
+    return panel

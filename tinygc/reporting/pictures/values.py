@@ -4,21 +4,55 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from session.base import rotation
+from session.base.texts import with_sigma
 from session.base.units import DEG
 from tinygc.closure.residual import closure_angles
-from tinygc.effects import Effect, EffectError, Movement, PictureData
+from tinygc.effects import Effect, Movement, PictureData
 from tinygc.effects.effect import ENERGY_LAW, SCALE_LAW
 from tinygc.explanation.claims import Claim, theta_of
 from tinygc.explanation.engine import Explanation
 from tinygc.noise.twin import READ, Variable, variable_of
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+# Labels: a parameter's name, and its value with its sigma in a readable unit.
+
+#: unit of a parameter -> factor to a more readable unit, and its name
+READS: dict[str, tuple[float, str]] = {
+    "s": (1e3, "ms"),
+    "fraction": (1e2, "%"),
+    "fraction of full scale": (1e2, "% of full scale"),
+    "1/°C": (1e6, "ppm/°C"),
+}
+
+
+def entry_name(effect: Effect, entry: int) -> str:
+    """Name ``x``; ``x from y`` in a matrix; otherwise the parameter's name, with a number if there are several."""
+    shape = effect.parameter.shape
+    if shape == (3,):
+        return "xyz"[entry]
+    if shape == (3, 3):
+        return f"{'xyz'[entry // 3]} from {'xyz'[entry % 3]}"
+    return f"{effect.parameter.name} {entry + 1}" if effect.parameter.size > 1 else effect.parameter.name
+
+
+def _value(claim: Claim, entry: int) -> tuple[float, float]:
+    """A parameter and its sigma in the unit of its effect; NaN if the claim states other numbers instead."""
+    name = claim.effect.parameter.name
+    values, sigmas = (np.ravel(told.get(name, np.nan)) for told in (claim.parameters, claim.std))
+    return (float(values[entry]), float(sigmas[entry])) if entry < len(values) and entry < len(sigmas) else (np.nan, np.nan)
+
+
+def value_text(claim: Claim, entry: int) -> str:
+    """Text ``-4.21 ± 0.05 ms``, to the sigma's first digits; empty if the claim states other numbers."""
+    value, sigma = _value(claim, entry)
+    if not np.isfinite(value):
+        return ""
+    unit = claim.effect.parameter.unit
+    times, words = READS.get(unit, (1.0, unit))
+    return f"{with_sigma(times * value, times * sigma)} {words}".strip()
 
 
 # Residuals of the twin's channels, and the contribution of an effect to them.
@@ -27,19 +61,14 @@ if TYPE_CHECKING:
 # contribution added back they are "before".
 
 
-def strongest_rate_effect(e: Explanation) -> Claim | None:
-    """The strongest effect that adds to the rates; only these can be drawn against a variable."""
-    return next((claim for claim in [*e.claimed, *e.findings] if claim.effect.kind == "rate"), None)
-
-
 def theta(e: Explanation, claim: Claim) -> np.ndarray:
     """Parameters of a claim as fitted, (P,) SI."""
     return theta_of(claim.effect, claim.parameters, e.naming.fit.state)
 
 
-def variable_for(e: Explanation, claim: Claim | None) -> Variable:
-    """The variable against which a claim is drawn; time if there is none."""
-    return variable_of(None) if claim is None else variable_of(claim.effect, theta(e, claim))
+def variable_for(e: Explanation, claim: Claim) -> Variable:
+    """The variable against which a claim is drawn."""
+    return variable_of(claim.effect, theta(e, claim))
 
 
 def rates_per_still(e: Explanation) -> tuple[np.ndarray, np.ndarray]:
@@ -354,7 +383,7 @@ def _curve(e: Explanation, claim: Claim, carrier: str, variable: Variable, axis:
     return at, at_constant(claim.effect, theta(e, claim), e.twin.movements[0], variable, axis, at, per_rate=carrier == "scale")
 
 
-# An effect that draws its own picture gets plain arrays and the two axes.
+# An effect that draws its own picture gets plain arrays and two panels.
 
 
 def picture_data(e: Explanation, claim: Claim) -> PictureData:
@@ -380,16 +409,3 @@ def picture_data(e: Explanation, claim: Claim) -> PictureData:
         closure_recorded=closure_recorded,
         floor_rad=float(e.proof.floor_rms),
     )
-
-
-def draw_own(e: Explanation, claim: Claim, left: Axes, right: Axes) -> None:
-    """Call the effect's own function.  EffectError, with the function's message, if it fails."""
-    own = claim.effect.pair
-    assert callable(own)
-    try:
-        own(picture_data(e, claim), left, right)
-    except Exception as error:
-        what = " ".join(str(error).split())
-        raise EffectError(
-            f"{claim.effect.id}: its picture cannot be drawn: {type(error).__name__}: {what}; --no-pictures goes on"
-        ) from None

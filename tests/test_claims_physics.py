@@ -9,6 +9,7 @@ import pytest
 from scipy.special import expit
 from scipy.stats import chi2, multivariate_normal, t
 
+from session.base.texts import measured
 from session.base.units import DEG, EARTH_RATE_RPS
 from tinygc.effects import AppliedEffect, Movement, catalogue
 from tinygc.effects.effect import StatedNumbers
@@ -34,7 +35,6 @@ from tinygc.explanation.claims import (
     _against_stated,
     considered_of,
     described,
-    measured,
     named_claims,
     offset_claim,
     p_entry,

@@ -13,9 +13,10 @@ from html_pages import QUICK, parsed, report_of
 from models_in_use import MODELS, SAMPLES
 
 import calibrate
+from session.base.texts import measured
 from session.base.units import DEG
 from tinygc import models
-from tinygc.reporting.html import markup
+from tinygc.reporting.facts import typeset
 from tinygc.reporting.html.sections import denoising
 
 PARTS = "answer session methods closure runs parameters correlations noise explain apply provenance"
@@ -39,7 +40,7 @@ def test_it_is_one_well_formed_file_without_a_script_that_has_every_part(made):
     read_aloud = [" ".join(part.split()) for part in re.split(r"<[^>]*>", re.sub(r"(?s)<(style|svg|pre|code).*?</\1>", "|", text))]
     assert [found[0] for part in read_aloud for found in re.finditer(r"\b([a-z]\w+(?:[ ,]+\w+){0,4}) \1\b", part)] == []
     assert set(PARTS.split()) <= set(parser.ids)
-    for words in ("no certificate", "noise.bias_wander", "not observable here"):  # of 2 s stills no bias instability can be had
+    for words in ("no certificate", "noise.bias_wander", "not observed"):  # of 2 s stills no bias instability can be had
         assert words in text
 
 
@@ -47,9 +48,7 @@ def test_its_figures_are_those_of_its_json_and_its_code_calibrates_as_the_model_
     """Those of the JSON are those of the fit (tests/test_library.py)."""
     page, report = made
     for entry in (entry for entry in report["parameters"] if entry["value"] is not None):
-        largest = max(other["expanded_uncertainty"] or 0 for other in report["parameters"] if other["parameter"] == entry["parameter"])
-        value, expanded = (markup.fixed(entry[which], markup.decimals_for(largest)) for which in ("value", "expanded_uncertainty"))
-        assert re.search(rf"{value} <small>± {expanded}( \([^)]*\))?</small>".replace("+", r"\+"), page)
+        assert typeset(measured(entry["value"], entry["expanded_uncertainty"]), True) in page
     for digest in report["inputs"].values():
         assert digest in page
     program = next(unescape(found) for found in re.findall(r"<code>(.*?)</code>", page, re.S) if found.startswith("import numpy"))

@@ -17,6 +17,7 @@ from formats_page import told as command
 
 import calibrate
 import tinygc
+from session.base.texts import measured
 from session.base.units import G
 from tinygc import CalibrationError
 from tinygc.deploy import FORMATS
@@ -99,8 +100,7 @@ def test_the_sensor_errors_are_the_inverse_of_the_calibration_and_those_of_the_s
     ):
         shown = [each for name, each in errors.items() if name.startswith(start)]
         for error, (value, sigma) in zip(shown, rows[title], strict=True):
-            digits = len(value.partition(".")[2])
-            assert (f"{error.value:.{digits}f}", f"{error.sigma:.{digits}f}") == (value, sigma), title
+            assert measured(error.value, error.sigma) == f"{value} ± {sigma}", title
 
 
 def test_a_fit_has_a_verdict_for_each_limit_that_it_is_asked(fits):

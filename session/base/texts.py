@@ -111,6 +111,8 @@ STANDIN_NAME, SENSOR_NAME = "stand-in", "sensor"
 # Numbers for reading: only significant digits, a true minus sign, thin spaces between thousands.
 
 NONE = "–"
+#: beyond which a value is written with a power of ten
+MOST_DECIMALS = 12
 
 
 def fixed(value: float, decimals: int) -> str:
@@ -139,6 +141,18 @@ def with_sigma(value: float, sigma: float) -> str:
 def degrees(angle_rad: float) -> str:
     """Angle in degrees, with the sign ``°``."""
     return f"{significant(angle_rad / DEG)}°"
+
+
+def measured(value: float, std: float | None = None) -> str:
+    """``0.000951 ± 0.000012``: two digits of the std, the value to the same; five digits of a value whose std is not known."""
+    if std is None or not isfinite(std) or std <= 0 or not isfinite(value):
+        return f"{value:.5g}"
+    decimals = 1 - int(f"{std:.1e}".split("e")[1])
+    if decimals > MOST_DECIMALS:
+        return f"{value:.5g} ± {std:.2g}"
+    if decimals < 0:  # value and std both end in zeros
+        return f"{round(value, decimals):.0f} ± {round(std, decimals):.0f}"
+    return f"{value:.{decimals}f} ± {std:.{decimals}f}"
 
 
 def probability(p: float) -> str:

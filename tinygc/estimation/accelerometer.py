@@ -30,7 +30,7 @@ from session.detect.accelerometer import (
 from session.log.config import Accelerometer
 from tinygc.closure.least_squares import OBSERVED_BELOW
 from tinygc.closure.problem import JointFit
-from tinygc.inference.solve import Source, effective_freedom
+from tinygc.inference.solve import Source, coverage_factor, effective_freedom
 from tinygc.models import linear
 
 #: names of the accelerometer's nine parameters and the gyroscope's twelve, in the order of a joint covariance
@@ -139,6 +139,17 @@ class AccelerometerFit:
         correction."""
         slope = self.slope
         return _rows(1, triad_errors(self.values), None if self.covariance is None else sigmas_in(slope @ self.covariance @ slope.T))
+
+    @property
+    def quantities(self) -> list[linear.Quantity]:
+        """The nine sensor errors with their expanded uncertainties (NaN: taken as given)."""
+        freedoms, found = dict(zip(NAMES, self.freedoms, strict=True)), []
+        for word, unit, values, sigmas, names in self.errors():
+            for i, name in enumerate(names):
+                sigma, factor = np.nan if sigmas is None else float(sigmas[i]), coverage_factor(freedoms[name])
+                errors = float(values[i]), factor * sigma, name not in self.unobserved
+                found.append(linear.Quantity(word, name.split()[-1], unit, *errors, factor=factor, freedom=float(freedoms[name])))
+        return found
 
     @cached_property
     def slope(self) -> np.ndarray:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import isfinite
 
 import numpy as np
 from scipy.special import stdtr
@@ -20,23 +19,10 @@ from tinygc.noise.refit import Refit
 from tinygc.noise.turn_gravity import NUMBERS, TurnGravity
 from tinygc.noise.twin import State
 
-# Format a measured number: two digits of its standard deviation, the value to the same digit; and a p-value that may underflow.
+# A p-value that may underflow.
 
-MOST_DECIMALS = 12
 #: smallest p-value written; a double holds hardly less, and a smaller one is marked as an upper bound
 SMALLEST_P = 1e-300
-
-
-def measured(value: float, std: float | None = None) -> str:
-    """``0.000951 ± 0.000012``; five digits if the std is unknown, not finite or not positive."""
-    if std is None or not isfinite(std) or std <= 0 or not isfinite(value):
-        return f"{value:.5g}"
-    decimals = 1 - int(f"{std:.1e}".split("e")[1])
-    if decimals > MOST_DECIMALS:
-        return f"{value:.5g} ± {std:.2g}"
-    if decimals < 0:  # value and std both end in zeros
-        return f"{round(value, decimals):.0f} ± {round(std, decimals):.0f}"
-    return f"{value:.{decimals}f} ± {std:.{decimals}f}"
 
 
 def p_entry(name: str, p_value: float, bound: bool = False) -> dict:

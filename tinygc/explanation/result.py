@@ -10,13 +10,14 @@ import numpy as np
 from session import VERSION
 from session.base.numeric import rms_of
 from session.base.records import plain, table_of
+from session.base.texts import measured
 from session.base.units import DEG, G
 from session.log.folder import file_key, hash_of_log
 from session.log.samples import pieces, start_times
 from tinygc.closure.problem import Problem
 from tinygc.effects import catalogue
 from tinygc.effects.effect import IN_STILLS, LEVEL, ROWS, SECONDS
-from tinygc.explanation.claims import CHANNELS, LEFT, Claim, Considered, measured, p_entry, theta_of
+from tinygc.explanation.claims import CHANNELS, LEFT, Claim, Considered, p_entry, theta_of
 from tinygc.explanation.decision import tilt_rms
 from tinygc.explanation.engine import Explanation
 from tinygc.explanation.families import SlowZero, slow_zero

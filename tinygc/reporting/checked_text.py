@@ -6,9 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from session.base.texts import printable
+from session.base.texts import measured, printable
 from tinygc.explanation.checked import OUTCOMES, Checked, CheckedEffect, Outcome, numbers_of, outcome_of
-from tinygc.explanation.claims import measured
 from tinygc.reporting.terminal import RenderableType, Table, Text, one_line
 
 #: why a recording says nothing of an effect, or what it says

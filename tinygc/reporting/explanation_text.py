@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from session.base.texts import measured
 from session.base.units import DEG, MG
 from tinygc.effects.effect import IN_STILLS
-from tinygc.explanation.claims import LEFT, Claim, measured, p_words
+from tinygc.explanation.claims import LEFT, Claim, p_words
 from tinygc.explanation.decision import tilt_rms
 from tinygc.explanation.engine import Explanation
 from tinygc.explanation.result import (

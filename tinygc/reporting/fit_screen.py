@@ -8,30 +8,25 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
-from session.base.numeric import rms_of
 from session.base.texts import command_line
-from session.base.units import DEG
 from session.detect.stamp_errors import STAMPS
-from tinygc.estimation.choice import RAW, closure_figures, run_figures
 from tinygc.fitting.results import FitResult
-from tinygc.reporting.fit_text import TITLES, parameters_table
-from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_line
+from tinygc.reporting.facts import screen
+from tinygc.reporting.fit_text import TITLES, closure_table, parameters_table
+from tinygc.reporting.terminal import Group, Text, one_line
 from tinygc.verdict.acceptance import Acceptance
 from tinygc.verdict.model_tests import contradictions
 
 #: columns of the screen
 COLUMNS = 80
-#: methods that only ``--verbose`` shows: the weaker one of the raw rates, and one whose purpose is another than closure
-VERBOSE = ("raw_bias_removed", "tinygc_denoised")
 STYLES = {"pass": "bold green", "doubtful pass": "bold yellow", "no limit": "bold cyan", "not decided": "bold yellow", "fail": "bold red"}
 
 
 def fit_screen(result: FitResult, decision: Acceptance) -> Group:
     """Verdict, closure, sensor errors and the correction of a fit."""
-    parts: list[RenderableType] = [verdict_text(decision), _closure(result), parameters_table(result), _correction(result)]
-    return Group(*parts, *_remarks(result))
+    return screen(
+        [verdict_text(decision), closure_table(result, brief=True), parameters_table(result), _correction(result), *_remarks(result)]
+    )
 
 
 def verdict_text(decision: Acceptance) -> Text:
@@ -41,43 +36,6 @@ def verdict_text(decision: Acceptance) -> Text:
     for line in (decision.rule, *decision.risks, *more):
         text.append("\n").append(one_line(line, "dim"))
     return text
-
-
-def _closure(result: FitResult) -> Table:
-    """Closure errors of the methods: held-out segments, and closure runs (several: the median and the worst RMSE)."""
-    several = len(result.runs) > 1
-    own = ("median", "worst") if several else ("roll", "pitch", "yaw", "RMSE") if result.runs else ()
-    if not result.runs:
-        title = "Closure error of held-out segments, degrees rms"
-    else:
-        what = f"{len(result.runs)} closure runs, RMSE" if several else f"closure run of {result.runs[0].duration_s:.0f} s"
-        title = f"Closure error, degrees: held-out segments; {what}"
-    table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, padding=(0, 1, 0, 0))
-    table.add_column("", overflow="fold")
-    for column in ("roll", "pitch", "yaw", "tilt", *own):
-        table.add_column(column, justify="right", no_wrap=True)
-
-    def add(title: str, segments: Sequence[float | None], run: Sequence[float], style: str = "") -> None:
-        table.add_row(title, *("–" if value is None else f"{value:.4f}" for value in (*segments, *run)), style=style)
-
-    keys = ("roll", "pitch", "yaw", "tilt")
-    for name, fit in result.methods.items():
-        if name in VERBOSE and name != result.use.method and len(result.methods) > 1:
-            continue
-        figures = closure_figures(fit.held_out)
-        errors = [found[name] for found in result.run_errors]
-        used = "bold" if name == result.use.method else "dim" if name in RAW else ""
-        add(TITLES[name], [figures[f"{key}_rms_deg"] for key in keys], _run_cells(errors, several), used)  # type: ignore[literal-required]
-    floors = [run.floor_rad for run in result.runs]
-    add("noise floor", [None, None, None, result.problem.floor.tilt_rms / DEG], _run_cells(floors, several), "dim")
-    return table
-
-
-def _run_cells(errors: list[np.ndarray], several: bool) -> list[float]:
-    if several:
-        each = [rms_of(error) / DEG for error in errors]
-        return [float(np.median(each)), max(each)]
-    return [value for error in errors for value in run_figures(error).values()]
 
 
 def _correction(result: FitResult) -> Text:

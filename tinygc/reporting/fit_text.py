@@ -1,64 +1,194 @@
-"""A fit in the terminal: closure table, parameters, remarks."""
+"""A fit as text: closure by method, sensor errors, remarks.  Its tables are those of the calibration report as well."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from session.base.numeric import sigmas_in
-from session.base.texts import command_line, listed, printable
+from session.base.numeric import rms_of, sigmas_in
+from session.base.texts import command_line, listed, measured, printable, significant
 from session.base.units import DEG, MG
 from session.detect.accelerometer import LengthFit
 from tinygc.estimation.accelerometer import AccelerometerFit, drift_json
-from tinygc.estimation.choice import closure_figures, run_figures
+from tinygc.estimation.bias import tilt_rms
+from tinygc.estimation.choice import RAW, closure_figures, run_figures
 from tinygc.estimation.expected_zero import USUAL_SPREAD
 from tinygc.estimation.options import METHODS
 from tinygc.fitting.fit_file import known_turns_words
 from tinygc.fitting.results import FitResult
 from tinygc.models.linear import BIAS, NAMES, PARAMETERS, Quantity, field_quantities
-from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_line, plain_table
+from tinygc.reporting.facts import Part, Table, screen
+from tinygc.reporting.tables import degrees_text
+from tinygc.reporting.terminal import Group, Text, one_line
 from tinygc.verdict.model_tests import NOISE, contradictions, gravity_test
 
 if TYPE_CHECKING:
+    from tinygc.closure.runs import ClosureRun
     from tinygc.estimation.physics import PhysicsFit
+    from tinygc.explanation.reported import Adopted
     from tinygc.fitting.bias_of_day import Rebiased
 
+TITLES = {name: method.title for name, method in METHODS.items()}
+MOST_RESTS = 8  #: number of stills listed that are not references
+SAME_FLOOR = 0.01  #: relative difference below which two floors are equal
+#: methods that the first screen leaves out: the weaker one of the raw rates, and one whose purpose is another than closure
+VERBOSE = ("raw_bias_removed", "tinygc_denoised")
 
-# An accelerometer's calibration as a table in the terminal.
 
-#: decimals in a table, by unit
-DIGITS = {"ppm": 0, "mrad": 3, "mg": 3}
 #: least weight of a still that counts
 IDLE_WEIGHT = 0.1
 
 
+# Closure, by method and by run.
+
+
+class Closed(NamedTuple):
+    """A method's closure: error angles of the segments, fitted (None: all are held out) and held out, and of each run, rad; seconds."""
+
+    name: str
+    title: str
+    parameters: int
+    fitted: np.ndarray | None
+    held_out: np.ndarray
+    runs: Sequence[np.ndarray]
+    seconds: float | None
+
+
+def closed_methods(result: FitResult, adopted: Adopted | None = None) -> list[Closed]:
+    """Return the methods of a fit, and the calibration of a report where it is none of them."""
+    found = [
+        Closed(name, TITLES[name], fit.parameters, fit.angles, fit.held_out, [each[name] for each in result.run_errors], fit.seconds)
+        for name, fit in result.methods.items()
+    ]
+    if adopted is not None and adopted.name not in result.methods:
+        found.append(Closed(adopted.name, adopted.title, len(adopted.vector), None, adopted.angles, adopted.run_errors, None))
+    return found
+
+
+def closure_table(result: FitResult, adopted: Adopted | None = None, brief: bool = False) -> Table:
+    """Closure of each method in degrees; adopted: the calibration of a report, in bold; brief: for the first screen."""
+    used, methods, white = adopted.name if adopted else result.use.method, closed_methods(result, adopted), result.problem.floor.tilt_rms
+    rows: list[dict[str, str]] = []
+    styles: dict[int, str] = {}
+    of_run = ("roll ", "pitch ", "yaw ", "RMSE") if len(result.runs) == 1 else ("median", "worst")
+
+    def add(title: str, style: str, errors: Sequence[np.ndarray], **figures: float | None) -> None:
+        sizes = [rms_of(error) / DEG for error in errors]
+        numbers = [*run_figures(errors[0]).values()] if len(sizes) == 1 else [float(np.median(sizes)), max(sizes)] if sizes else []
+        figures |= dict(zip(of_run, numbers, strict=False))
+        styles[len(rows)] = style
+        rows.append({"": title, "closure runs": ", ".join(map(degrees_text, sizes)), **{k: degrees_text(v) for k, v in figures.items()}})
+
+    for each in methods:
+        if brief and each.name in VERBOSE and each.name != used and len(methods) > 1:
+            continue
+        own = {name.partition("_")[0]: value for name, value in closure_figures(each.held_out).items()}
+        fitted = None if each.fitted is None else tilt_rms(each.fitted) / DEG
+        add(each.title, "bold" if each.name == used else "dim" if each.name in RAW else "", each.runs, fitted=fitted, **own)
+        times, seconds = significant(tilt_rms(each.held_out) / white), "" if each.seconds is None else f"{each.seconds:.2f}"
+        rows[-1] |= {"held out": rows[-1]["tilt"], "par.": str(each.parameters), "÷ floor": times, "seconds": seconds}
+    beyond = result.noise.tilt_rms if result.noise is not None else white
+    mended = adopted.floor_rms if adopted else result.physics.problem.floor.tilt_rms if result.physics else white
+    add("noise floor", "dim", [run.floor_rad for run in result.runs], tilt=white / DEG)
+    for title, tilt in (("… with the noise beyond white", beyond), ("noise floor of the mended log (physics)", mended)):
+        if not brief and abs(tilt / white - 1) > SAME_FLOOR:
+            add(title, "dim", [], tilt=tilt / DEG)
+    if brief:
+        title, columns = "Closure error of held-out segments, degrees rms", ("", "roll", "pitch", "yaw", "tilt")
+        if result.runs:
+            what = f"{len(result.runs)} closure runs" if len(result.runs) > 1 else f"closure run of {result.runs[0].duration_s:.0f} s"
+            title, columns = f"Closure error, degrees: held-out segments; {what}", (*columns, *of_run)
+        return Table(title, columns, _picked(rows, columns), styles=styles)
+    rows += [{"": f"{TITLES[name]}: {why}"} for name, why in result.not_run.items()]
+    for row in rows:
+        row.setdefault("held out", row.get("tilt", ""))
+    columns = ("", "par.", "fitted", "held out", "÷ floor", "roll", "pitch", "yaw", *["closure runs"] * bool(result.runs), "seconds")
+    folds = min(result.options.folds, len(result.problem.used))
+    said = f"fitted, held out: tilt; held out over {folds} folds; roll, pitch, yaw: held out, about the table's axes"
+    said += "; yaw here: the turns of known angle, each about its own axis" * (result.problem.batch.turns is not None)
+    return Table("Closure, degrees rms", columns, _picked(rows, columns), said, styles=styles, minor=(1, 5, 6, 7, len(columns) - 1))
+
+
+def _picked(rows: Sequence[Mapping[str, str]], columns: Sequence[str]) -> list[list[str]]:
+    return [[row.get(name, "") for name in columns] for row in rows]
+
+
+def run_table(run: ClosureRun, errors: Mapping[str, np.ndarray], used: str | None) -> Table:
+    """Error of each method at the return of a closure run, degrees; used: the method whose row is bold."""
+    everything = {**{TITLES.get(name, name): error for name, error in errors.items()}, "noise floor (1σ)": run.floor_rad}
+    rows = [[title, *(f"{value:.4f}" for value in run_figures(error).values())] for title, error in everything.items()]
+    styles = {at: "bold" for at, name in enumerate(errors) if name == used} | {len(errors): "dim"}
+    alone = (
+        "the heading is unknown, or the run does not go on where the log ended (the device's clock, gravity): of the Earth's rotation only "
+        "the vertical part is taken off"
+    )
+    title = f"Closure run {run.file}, {run.duration_s:.0f} s, never fitted: error at the return, degrees"
+    return Table(title, ("", "roll", "pitch", "yaw", "RMSE"), rows, alone * (run.earth.source == "unknown"), styles=styles)
+
+
+# Sensor errors.
+
+
+def errors_table(title: str, quantities: Sequence[Quantity], said: Sequence[str] = (), meanings: Mapping[str, str] | None = None) -> Table:
+    """Errors of a sensor by axis: value ± one sigma; meanings of the terms: for a page, which states the expanded uncertainty, and in
+    brackets what one effect that the model lacks may add."""
+    rows: dict[str, list[str]] = {}
+    for q in quantities:
+        axis, of = (q.component[-1], f" of {q.component[0]}") if " " in q.component else (q.component, "")  # x to y: of x, in column y
+        meaning = "" if meanings is None or q.word not in meanings else f"\n{'; '.join(filter(None, (meanings[q.word], q.note)))}"
+        cells = rows.setdefault(f"{q.word}{of}, {q.unit}{meaning}", [])
+        cells += [""] * ("xyz".find(axis) - len(cells))
+        text = measured(q.value, q.sigma if meanings is None else q.expanded)
+        if not q.observed:
+            text = "not observed" + f"; at most {significant(q.at_most, 2)}" * bool(np.isfinite(q.at_most))
+        elif meanings is not None and np.isfinite(q.moved):
+            text += f" ({significant(2 * q.moved, 2)})"
+        cells.append(text if len(axis) == 1 else f"{axis} {text}")
+    return Table(title, ("", "x", "y", "z"), [[label, *cells, "", ""][:4] for label, cells in rows.items()], "; ".join(said))
+
+
+def sensor_errors(result: FitResult) -> list[Quantity]:
+    """Return the sensor errors of a fit by least squares, in the terms and signs of the report."""
+    moved = None if result.allowed is None else result.allowed.of
+    return field_quantities(result.linear.linear.vector, result.covariance, result.linear.unobserved, moved)
+
+
+def parameters_table(result: FitResult) -> Table:
+    """Table of the sensor errors by least squares."""
+    quantities, said = sensor_errors(result), []
+    if result.allowed is not None:
+        most = [max(q.moved for q in quantities if q.word == word) for word in ("scale factor error", "misalignment", "bias")]
+        said.append(
+            f"further, by one effect that the model lacks, up to: scale {most[0]:.0f} ppm, misalignment {most[1]:.3f} mrad, "
+            f"bias {most[2]:.4f} dps"
+        )
+    spread = result.repeatability or USUAL_SPREAD
+    any_session = spread.sigma(result.covariance[BIAS, BIAS]).max() / DEG
+    own = "" if result.repeatability else "this bias is of this session; "
+    said.append(f"{own}the bias of any other session: ± {any_session:.3f} dps ({spread.source})")
+    shown = [q for q in quantities if q.word in ("scale factor error", "misalignment", "bias")]
+    return errors_table("Sensor errors (least squares): value ± one sigma", shown, said)
+
+
 def accelerometer_table(found: AccelerometerFit, title: str) -> Table:
     """Table of scale, nonorthogonality and bias, each with one sigma."""
-    table = plain_table(title, "", "x", "y", "z", right=True)
-    for word, unit, values, sigmas, names in found.errors():
-        digits, spread = DIGITS[unit], np.zeros(3) if sigmas is None else sigmas
-        shown = zip(values, spread, names, strict=True)
-        cells = ["not observed" if name in found.unobserved else f"{v:.{digits}f} ± {s:.{digits}f}" for v, s, name in shown]
-        table.add_row(f"{word}, {unit}" + (" (xy, xz, yz)" if unit == "mrad" else ""), *cells)
-    if found.drift is not None:
-        drift = drift_json(found.drift)
-        cells = [f"{v:.2f} ± {s:.2f}" for v, s in zip(drift["mg_per_1000s"], drift["sigma"], strict=True)]
-        table.add_row("drift of the bias, mg/1000s", *cells)
     said = [test.says for test in gravity_test(found)]
     said += [f"in any other session: {found.any_session_words}"] if found.any_session_words else []
-    if said:
-        table.caption, table.caption_justify = "; ".join(said), "left"
-    return table
+    table = errors_table(title, found.quantities, said)
+    if found.drift is None:
+        return table
+    drift = drift_json(found.drift)
+    return replace(table, rows=[*table.rows, ["drift of the bias, mg/1000s", *zip(drift["mg_per_1000s"], drift["sigma"], strict=True)]])
 
 
 def lengths_page(name: str, found: LengthFit, fit: AccelerometerFit) -> Group:
     """Output of ``fit --accelerometer alone``."""
-    text = Text(f"{name}: ", "bold")
     before, after = (float(np.std(each)) / MG for each in (found.before, found.after))
     said = f"{len(found.before)} stills in {found.attitudes} attitudes; gravity's spread {before:.2f} mg before, {after:.2f} mg after"
-    text.append(said, "not bold")
-    parts: list[RenderableType] = [text, accelerometer_table(fit, "Accelerometer errors: value ± one sigma")]
+    parts: list[Part] = [f"{name}: {said}", accelerometer_table(fit, "Accelerometer errors: value ± one sigma")]
     idle = np.flatnonzero(found.weight < IDLE_WEIGHT)
     if len(idle):
         some = listed([f"{i} ({found.after[i] / MG:+.1f} mg)" for i in idle], 5)
@@ -66,7 +196,7 @@ def lengths_page(name: str, found: LengthFit, fit: AccelerometerFit) -> Group:
     if found.unobserved:
         do = "rest it on edges and corners, too"
         parts.append(Text(f"Not observed by these attitudes: {', '.join(found.unobserved)}; {do}.", "yellow"))
-    return Group(*parts)
+    return screen(parts)
 
 
 # Remarks on a fit, below its tables in the terminal: warnings, noise, losses, physics, correlations.
@@ -170,39 +300,19 @@ def _physics_words(physics: PhysicsFit, contradicted: bool) -> str:
     return "Physics: " + ("; ".join([*fitted, *mended]) or "nothing is missing; it is the linear model")
 
 
-# The terminal report of a fit, as rich renderables; nothing is printed here.
-
-TITLES = {name: method.title for name, method in METHODS.items()}
-MOST_RESTS = 8  #: number of stills listed that are not references
-SAME_FLOOR = 0.01  #: relative difference below which two floors are equal
+# The whole output of ``fit --verbose``; nothing is printed here.
 
 
 def fit_report(result: FitResult) -> Group:
     """Closure by method, closure runs, parameters, remarks."""
-    parts: list[RenderableType] = [_headline(result), _methods(result)]
+    parts: list[Part] = [_headline(result), closure_table(result)]
     if result.against_raw.worse:
         parts.append(one_line(f"{'FAIL: ' if result.against_raw.failed else ''}{result.against_raw.words}", "bold red"))
-    if result.runs:
-        table = plain_table("Closure runs, never fitted: error at the return, degrees", "", "roll", "pitch", "yaw", "RMSE", right=True)
-        for run, errors in zip(result.runs, result.run_errors, strict=True):
-            table.add_row(f"{run.file}, {run.duration_s:.0f} s", style="bold")
-            for name, error in errors.items():
-                figures = run_figures(error)
-                row = (figures[key] for key in ("roll_deg", "pitch_deg", "yaw_deg", "rmse_deg"))
-                table.add_row(f"  {TITLES[name]}", *(f"{value:.4f}" for value in row))
-            floor = run.floor_rad / DEG
-            table.add_row("  noise floor (1σ)", *(f"{x:.4f}" for x in floor), f"{np.sqrt(np.mean(floor**2)):.4f}", style="dim")
-        if any(run.earth.source == "unknown" for run in result.runs):
-            table.caption = (
-                "the heading is unknown, or the run does not go on where the log ended (the device's clock, gravity): "
-                "of the Earth's rotation only the vertical part is taken off"
-            )
-            table.caption_justify = "left"
-        parts.append(table)
+    parts += [run_table(run, errors, result.use.method) for run, errors in zip(result.runs, result.run_errors, strict=True)]
     parts.append(parameters_table(result))
     if result.accelerometer.mode != "given":
         parts.append(accelerometer_table(result.accelerometer, "Accelerometer, estimated with them: value ± one sigma"))
-    return Group(*parts, *remarks(result), Text(f"{result.use.why[0].upper()}{result.use.why[1:]}."))
+    return screen([*parts, *remarks(result), f"{result.use.why[0].upper()}{result.use.why[1:]}."])
 
 
 def _headline(result: FitResult) -> Text:
@@ -261,81 +371,7 @@ def _heading_words(result: FitResult) -> str:
     return f"the Earth's rotation is left out ({missing})"
 
 
-def _methods(result: FitResult) -> Table:
-    table = plain_table("Closure per segment, degrees rms", "", "par.", "fitted", "held out", "roll", "pitch", "yaw", "seconds", right=True)
-    for name, fit in result.methods.items():
-        train, held = closure_figures(fit.angles), closure_figures(fit.held_out)
-        yaw = "–" if held["yaw_rms_deg"] is None else f"{held['yaw_rms_deg']:.4f}"
-        table.add_row(
-            TITLES[name],
-            str(fit.parameters),
-            f"{train['tilt_rms_deg']:.4f}",
-            f"{held['tilt_rms_deg']:.4f}",
-            f"{held['roll_rms_deg']:.4f}",
-            f"{held['pitch_rms_deg']:.4f}",
-            yaw,
-            f"{fit.seconds:.2f}",
-        )
-    for name, why in result.not_run.items():
-        table.add_row(printable(f"{TITLES[name]}: {why}"), style="yellow")
-    floor = f"{result.problem.floor.tilt_rms / DEG:.4f}"
-    table.add_row("noise floor", "", floor, floor, style="dim")
-    if result.noise is not None and result.noise.tilt_rms > (1 + SAME_FLOOR) * result.problem.floor.tilt_rms:
-        beyond = f"{result.noise.tilt_rms / DEG:.4f}"
-        table.add_row("… with the noise beyond white", "", beyond, beyond, style="dim")
-    if result.physics is not None and abs(result.physics.problem.floor.tilt_rms / result.problem.floor.tilt_rms - 1) > SAME_FLOOR:
-        mended = f"{result.physics.problem.floor.tilt_rms / DEG:.4f}"
-        table.add_row("noise floor of the mended log (physics)", "", mended, mended, style="dim")
-    folds = min(result.options.folds, len(result.problem.used))
-    table.caption = f"fitted, held out: tilt; held out over {folds} folds; roll, pitch, yaw: held out, about the table's axes"
-    if result.problem.batch.turns is not None:
-        table.caption += "; yaw here: the turns of known angle, each about its own axis"
-    table.caption_justify = "left"
-    return table
-
-
-def sensor_errors(result: FitResult) -> list[Quantity]:
-    """Return the sensor errors of a fit by least squares, in the terms and signs of the report."""
-    moved = None if result.allowed is None else result.allowed.of
-    return field_quantities(result.linear.linear.vector, result.covariance, result.linear.unobserved, moved)
-
-
-def parameters_table(result: FitResult) -> Table:
-    """Table of the sensor errors by least squares."""
-    quantities = sensor_errors(result)
-    by_name = {(q.word, q.component): q for q in quantities}
-    table = plain_table("Sensor errors (least squares): value ± one sigma", "", "x", "y", "z", right=True)
-    table.padding = (0, 1, 0, 0)
-
-    def row(title: str, digits: int, names: list[tuple[str, str] | None]) -> None:
-        table.add_row(title, *("" if name is None else _cell(by_name[name], digits) for name in names))
-
-    row("scale factor error, ppm", 0, [("scale factor error", axis) for axis in "xyz"])
-    for axis in "xyz":
-        row(f"misalignment of {axis}, mrad", 3, [None if axis == other else ("misalignment", f"{axis} to {other}") for other in "xyz"])
-    said = []
-    if result.allowed is not None:
-        most = [max(q.moved for q in quantities if q.word == word) for word in ("scale factor error", "misalignment", "bias")]
-        said.append(
-            f"further, by one effect that the model lacks, up to: scale {most[0]:.0f} ppm, misalignment {most[1]:.3f} mrad, "
-            f"bias {most[2]:.4f} dps"
-        )
-    spread = result.repeatability or USUAL_SPREAD
-    any_session = spread.sigma(result.covariance[BIAS, BIAS]).max() / DEG
-    own = "" if result.repeatability else "this bias is of this session; "
-    said.append(f"{own}the bias of any other session: ± {any_session:.3f} dps ({spread.source})")
-    if said:
-        table.caption, table.caption_justify = "; ".join(said), "left"
-    sigma = min(by_name["bias", axis].sigma for axis in "xyz")
-    row("bias, dps", int(np.clip(1 - np.floor(np.log10(max(sigma, 1e-9))), 0, 5)), [("bias", axis) for axis in "xyz"])
-    return table
-
-
-def _cell(quantity: Quantity, digits: int) -> str:
-    return f"{quantity.value:.{digits}f} ± {quantity.sigma:.{digits}f}" if quantity.observed else "not observed"
-
-
-# The bias of the day in the terminal.
+# The bias of the day.
 
 
 def rebias_report(result: Rebiased) -> Group:
@@ -343,19 +379,15 @@ def rebias_report(result: Rebiased) -> Group:
     from tinygc.fitting.bias_of_day import remarks
 
     titles = {"stored": "stored bias", "start": "bias start", "gravity": "bias gravity", "given": "bias given"}
-    table = Table(title=f"{result.path.name} in {result.problem.session.name}", title_justify="left", title_style="bold", box=None)
-    for column in ("", "change of B, dps: x", "y", "z", "closure, degrees rms: tilt", "yaw", *(f"{run.file} RMSE" for run in result.runs)):
-        table.add_column(column, justify="left" if not column else "right")
+    header = ("", "change of B, dps: x", "y", "z", "closure, degrees rms: tilt", "yaw", *(f"{run.file} RMSE" for run in result.runs))
+    rows = []
     for name, angles in result.angles.items():
         change, sigma = result.changes.get(name, (np.zeros(3), None))
         own = closure_figures(angles)
-        cells = [
-            f"{c / DEG:+.4f}" + ("" if sigma is None else f" ± {s / DEG:.4f}")
-            for c, s in zip(change, np.zeros(3) if sigma is None else sigma, strict=True)
-        ]
-        yaw = "–" if own["yaw_rms_deg"] is None else f"{own['yaw_rms_deg']:.4f}"
-        rmse = [f"{run_figures(errors[name])['rmse_deg']:.4f}" for errors in result.run_errors]
-        table.add_row(titles[name], *cells, f"{own['tilt_rms_deg']:.4f}", yaw, *rmse, style="bold" if name == result.source else "")
-    table.caption, table.caption_justify = "bold is what is saved", "left"
+        moved = zip(change / DEG, np.zeros(3) if sigma is None else sigma / DEG, strict=True)
+        rmse = [degrees_text(run_figures(errors[name])["rmse_deg"]) for errors in result.run_errors]
+        rows.append([titles[name], *moved, degrees_text(own["tilt_rms_deg"]), degrees_text(own["yaw_rms_deg"]), *rmse])
+    bold = {[*result.angles].index(result.source): "bold"}
+    table = Table(f"{result.path.name} in {result.problem.session.name}", header, rows, "bold is what is saved", styles=bold)
     first, *warnings = (f"{each[0].upper()}{each[1:]}." for each in remarks(result))
-    return Group(table, one_line(first), *(one_line(each, "yellow") for each in warnings))
+    return screen([table, first, *(one_line(each, "yellow") for each in warnings)])

@@ -26,7 +26,7 @@ from tinygc.features.discovery.report import DiscoveryReport
 from tinygc.features.discovery.report_section import PNG, searched, section
 from tinygc.features.discovery.result import discovery_page, to_json
 from tinygc.library import explanations
-from tinygc.reporting.html.page import document
+from tinygc.reporting.facts import document
 from tinygc.reporting.terminal import as_text
 from tinygc.simulation.write import write_session
 

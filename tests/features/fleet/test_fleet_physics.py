@@ -27,7 +27,6 @@ from tinygc.features.fleet.fleet_run import Processes, listed_folders, run_fleet
 from tinygc.features.fleet.fleet_summary import summarise, to_check, unit_results, write_csv
 from tinygc.features.fleet.fleet_table import EACH, VERSION, open_table, read_table
 from tinygc.features.fleet.page import fleet_html
-from tinygc.reporting.html.markup import Section
 
 HOSTILE = '<script>alert(1)</script>"\x1b[2J\n&'
 
@@ -363,7 +362,7 @@ def test_a_page_is_escaped_and_counts_by_the_verdicts(tmp_path):
                 told |= {"verdict": "explained", "effects": '[{"id":"gyro.bias_step"}]'} if n % 5 == 0 else {}
             put(table, Path(f"/data/{n:05d}"), str(n), serial=f"S{n}", **told)
         summary, strict = summarise(table), summarise(table, 0.05)
-    text = fleet_html(summary, [Section("lot", "The lot", "<p>of a lot</p>")])
+    text = fleet_html(summary, [("lot", "The lot", "<p>of a lot</p>")])
     found = parsed(text)
     assert "script" not in found.tags
     assert {"counts", "closure", "parameters", "lot", "failures"} <= set(found.ids)

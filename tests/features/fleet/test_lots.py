@@ -16,8 +16,9 @@ import calibrate
 import tinygc
 from session.base.errors import FormatError
 from session.base.records import table_of, write_whole
-from tinygc.features.fleet.page import lot_html, lot_page
+from tinygc.features.fleet.page import lot_facts, lot_html
 from tinygc.features.fleet.report import lot_of, read_lot
+from tinygc.reporting.facts import screen
 from tinygc.reporting.terminal import as_text
 
 
@@ -31,7 +32,7 @@ def report():
 
 
 def printed(report):
-    return " ".join(as_text(lot_page(report)).split())
+    return " ".join(as_text(screen(lot_facts(report))).split())
 
 
 def test_the_terminal_the_page_and_the_file_have_all_of_it(report, tmp_path):
@@ -39,7 +40,7 @@ def test_the_terminal_the_page_and_the_file_have_all_of_it(report, tmp_path):
     for word in ("ASM330LHH: 60 units, 180 sessions", "it drifts", "gyro bias y, mdps", "serial <b>", "repeats within"):
         assert word in text, word
     html = lot_html(report)
-    for words in (">The lot</h2>", ">What does not belong</h2>", "serial &lt;b&gt;"):
+    for words in (">The lot</h2>", "serial &lt;b&gt;"):
         assert words in html
     assert "nan" not in html.lower().replace("nano", "").replace("finan", "")
     write_whole(tmp_path / "lot.json", table_of(report))
@@ -108,7 +109,7 @@ def test_fleet_says_of_one_model_what_its_units_are_together(fleet, tmp_path, ca
     for folder in (alone, fleet):
         assert calibrate.main(["fleet", "--out", str(folder), "--quiet"]) == 0
     assert read_lot(alone / "lot.json").units == 20
-    assert ">What does not belong</h2>" in (alone / "fleet.html").read_text(encoding="utf-8")
+    assert ">The lot</h2>" in (alone / "fleet.html").read_text(encoding="utf-8")
     assert not (fleet / "lot.json").exists()
     (fleet / "lot.json").write_text("{}")
     assert calibrate.main(["fleet", "--out", str(fleet), "--quiet"]) == 0
@@ -136,7 +137,7 @@ def test_the_command(fleet, tmp_path, capsys):
     assert calibrate.main([*map(str, words)]) == 0
     assert "ASM330LHH: 19 units, 29 sessions" in capsys.readouterr().out
     assert json.loads(told.read_text(encoding="utf-8")) == json.loads(out.read_text(encoding="utf-8"))
-    assert "What does not belong" in html.read_text(encoding="utf-8")
+    assert ">The lot</h2>" in html.read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(

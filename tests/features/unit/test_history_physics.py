@@ -92,7 +92,7 @@ def test_what_made_the_sessions_is_recovered():
         f"the bias of any other session: ± {' '.join(map(significant, sizes))} dps",
     ):
         assert words in said
-    by_name = {row[0]: row[1:] for row in rows(history)}
+    by_name = {row[0]: row[1:] for row in rows(history, history.numbers)}
     assert by_name["bias x, dps"][0] == f"{x.values[-1] / DEG:.4f} ± 0.0010"
     assert [by_name[name][k].startswith("less than") for name, k in (("bias y, dps", 2), ("misalignment x to y, mrad", 1))] == [True, True]
     firm = {curve.label[0] + panel.title for panel in panels_of(history) for curve in panel.curves if curve.shows}
@@ -133,7 +133,7 @@ def test_sessions_without_dates_count_as_they_come_and_days_say_nothing_of_a_yea
     assert (outlook.answer, outlook.until, "needs dates" in outlook.reason) == (UNDECIDED, None, True)
     days = history_of(drawn(np.arange(6) / 365, 1, SCATTER))
     assert "a drift a year is not known: the history is 5 days long" in " ".join(lines(days))
-    assert (days.drift_time, {row[3] for row in rows(days)}) == ("year", {"–"})
+    assert (days.drift_time, {row[3] for row in rows(days, days.numbers)}) == ("year", {"–"})
 
 
 def test_a_number_that_sessions_of_one_day_alone_show_has_no_course():

@@ -15,9 +15,10 @@ from scipy.special import chdtrc
 
 from session.base import rotation
 from session.base.numeric import sigmas_in
+from session.base.texts import measured
 from session.base.units import EARTH_RATE_RPS
 from tinygc.effects import Effect
-from tinygc.explanation.claims import Claim, measured
+from tinygc.explanation.claims import Claim
 from tinygc.explanation.engine import Explanation
 from tinygc.explanation.evidence import without_claim
 from tinygc.features.arrays.fit import ArrayFit

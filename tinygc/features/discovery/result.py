@@ -7,8 +7,9 @@ from pathlib import PurePosixPath
 
 from session.base.numeric import sigmas_in
 from session.base.records import table_of
+from session.base.texts import measured
 from session.base.units import DEG
-from tinygc.explanation.claims import measured, p_entry, p_words
+from tinygc.explanation.claims import p_entry, p_words
 from tinygc.features.discovery.law_code import law_code
 from tinygc.features.discovery.quantities import QUANTITIES
 from tinygc.features.discovery.search_state import NOISE_P, Discovery, Law, RunnerUp

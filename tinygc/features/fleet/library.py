@@ -17,12 +17,13 @@ from tinygc.features.fleet.fleet_row import FleetOptions
 from tinygc.features.fleet.fleet_run import Cluster, FleetRun, Processes, run_fleet, session_folders
 from tinygc.features.fleet.fleet_summary import Summary, lot_if_any, lot_of_table, summarise, to_check
 from tinygc.features.fleet.fleet_table import open_table, read_table
-from tinygc.features.fleet.page import fleet_html, fleet_page, lot_html, lot_page, lot_sections, noise_sections, unit_noises
+from tinygc.features.fleet.page import fleet_facts, fleet_html, lot_chapter, lot_facts, lot_html, noise_chapters, unit_noises
 from tinygc.features.fleet.report import LotReport
 from tinygc.features.fleet.work import LotOf, Run
 from tinygc.library.arguments import public
 from tinygc.library.records import Shown
 from tinygc.noise.figures import NoiseFigures
+from tinygc.reporting.facts import screen
 from tinygc.reporting.terminal import Group
 
 #: in the output folder of a fleet
@@ -52,7 +53,7 @@ class Fleet(Shown):
     @property
     def page(self) -> Group:
         """The command's output, as a rich renderable."""
-        return fleet_page(self.result, self.tally)
+        return screen(fleet_facts(self.result, self.tally))
 
     def to_json(self) -> dict:
         """``tinygc-fleet/1`` (docs/formats.md)."""
@@ -87,10 +88,9 @@ def summed_up(out: Path, tally: FleetRun | None, limit_deg: float | None) -> Fle
     """Sum up the table in ``out``, and write its page, and the lot's file where there is a lot."""
     with read_table(out) as table:
         summary, offered, lot = summarise(table, limit_deg), to_check(table), lot_if_any(table)
-        noise = noise_sections(unit_noises(table))
-    sections = [*(lot_sections(lot) if lot else ()), *noise]
+        noise = noise_chapters(unit_noises(table))
     with result_folder(out):
-        write_text_whole(out / PAGE, fleet_html(summary, sections))
+        write_text_whole(out / PAGE, fleet_html(summary, [*([lot_chapter(lot)] if lot else []), *noise]))
     if lot:
         write_whole(out / LOT, table_of(lot))
     return Fleet(out, tally, summary, lot, offered)
@@ -114,7 +114,7 @@ class LotStatistics(Shown):
     @property
     def page(self) -> Group:
         """The command's output, as a rich renderable."""
-        return lot_page(self.result)
+        return screen(lot_facts(self.result))
 
     def to_json(self) -> dict:
         """``tinygc-lot/3`` (docs/formats.md)."""
@@ -129,7 +129,7 @@ class LotStatistics(Shown):
         """Write a page; returns the path."""
         path = Path(path)
         with result_folder(path.parent):
-            write_text_whole(path, lot_html(self.result, noise_sections(self.noise)))
+            write_text_whole(path, lot_html(self.result, noise_chapters(self.noise)))
         return path
 
 

@@ -16,9 +16,10 @@ from typing import Any
 import numpy as np
 
 from session.base.errors import DataError
+from session.base.texts import measured
 from session.base.units import DEG, DEG_PER_HOUR
 from tinygc.closure.problem import Problem
-from tinygc.explanation.claims import measured, p_words
+from tinygc.explanation.claims import p_words
 from tinygc.features.tables import rows as of
 from tinygc.features.tables.machines.angles import NAME as ANGLES
 from tinygc.features.tables.machines.angles import read_angles

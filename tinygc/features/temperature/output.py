@@ -11,10 +11,10 @@ from session import VERSION
 from session.base.files import result_folder
 from session.base.numeric import sigmas_in
 from session.base.records import write_whole
+from session.base.texts import measured
 from session.base.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MDPS, MG
 from tinygc import models
 from tinygc.closure.floor import angle_random_walk, bias_instability
-from tinygc.explanation.claims import measured
 from tinygc.features.temperature.axis_fit import AxisFit, Hysteresis
 from tinygc.features.temperature.rest_fit import RestFit, zero_of_blocks
 from tinygc.features.temperature.sessions_fit import APART_C, SessionsFit, ThermalFit, zero_terms

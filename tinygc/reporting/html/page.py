@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from math import isfinite
 from pathlib import Path
 
@@ -12,8 +11,8 @@ from session.base.units import DEG
 from tinygc.estimation.bias import tilt_rms
 from tinygc.estimation.choice import run_figures
 from tinygc.explanation.reported import ReportData
-from tinygc.reporting.drawing import style_sheet
-from tinygc.reporting.html.markup import Section, render
+from tinygc.reporting.facts import document
+from tinygc.reporting.html.markup import render
 from tinygc.reporting.html.sections import modules
 from tinygc.reporting.html.sections.front import recorded
 
@@ -77,13 +76,6 @@ def page(evidence: ReportData) -> str:
     date, _ = recorded(evidence)
     running = (f"{sensor.model} · {sensor.serial or 'no serial number'}", f"recorded {date}" if date else f"made {evidence.made}")
     return document(title, render("head.html", e=evidence), sections, render("foot.html", e=evidence), running)
-
-
-def document(title: str, head: str, sections: Sequence[Section], foot: str, running: tuple[str, str] = ("", "")) -> str:
-    """HTML document of sections with a list of contents; head and foot are HTML, title is text; running: text at the top of each sheet of
-    paper, left and right."""
-    places = {"top-left": running[0], "top-right": running[1], "bottom-left": title}
-    return render("page.html", title=title, head=head, sections=sections, foot=foot, running=places, sheet=style_sheet()) + "\n"
 
 
 def save(evidence: ReportData, path: Path) -> Path:

@@ -26,11 +26,11 @@ from tinygc.features.tables.rates.sweep import Response, Sweep, fit_response, is
 from tinygc.features.tables.rates.terms import TermRow, left_open, size, terms
 from tinygc.library.arguments import is_path, public
 from tinygc.library.records import Shown
+from tinygc.reporting import facts
+from tinygc.reporting.facts import Chapter, Part, Picture, Table, screen
 from tinygc.reporting.html.chart import Axis, Chart, linear_axis
-from tinygc.reporting.html.markup import Section, escape, figure, key, paragraph, table
-from tinygc.reporting.html.page import document
 from tinygc.reporting.pictures.canvas import AFTER, BEFORE, FLOOR, PALE, canvas, has_matplotlib, legend, plain, save, saved, zero_line
-from tinygc.reporting.terminal import Group, RenderableType, one_line, plain_table
+from tinygc.reporting.terminal import Group, one_line
 
 if TYPE_CHECKING:
     from tinygc.reporting.pictures.canvas import Axes, Figure
@@ -92,11 +92,6 @@ def lines(choice: Choice) -> list[str]:
     return said
 
 
-def _term_rows(choice: Choice) -> list[tuple[str, ...]]:
-    """Name, value, sigma, unit and condition of each term."""
-    return [(row.name, *cells(row), row.unit, row.condition) for row in terms(choice)]
-
-
 def cells(row: TermRow) -> tuple[str, str]:
     """Value and sigma, ``less than x``, or a dash."""
     if row.value is None:
@@ -146,35 +141,16 @@ def curve_words(curve: str) -> str:
 # The screen.
 
 
+def rates_facts(choices: Sequence[Choice], sweeps: Sequence[Sweep]) -> list[Chapter]:
+    """What stands of each sensor and of each sweep, with its charts."""
+    found: list[Chapter] = [(f"sensor-{n}", choice.points.sensor, _sensor(choice)) for n, choice in enumerate(choices)]
+    return found + [(f"sweep-{n}", f"Sweep {sweep.response.name}", _sweep(sweep)) for n, sweep in enumerate(sweeps)]
+
+
 def rates_page(choices: Sequence[Choice], sweeps: Sequence[Sweep], remarks: Sequence[str]) -> Group:
     """The screen."""
-    parts: list[RenderableType] = []
-    for choice in choices:
-        parts += [*_on_screen(choice), ""]
-    for sweep in sweeps:
-        grid = plain_table("", "frequency, Hz", "gain", "phase, °", right=True)
-        for f, gain, gain_sigma, phase, phase_sigma in sweep.rows_deg:
-            grid.add_row(size(f), plain(gain, gain_sigma), plain(phase, phase_sigma))
-        parts += [one_line(sweep.headline, "bold"), grid, *map(one_line, sweep.lines), ""]
-    return Group(*(parts[:-1] if parts else parts), *map(one_line, remarks))
-
-
-def _on_screen(choice: Choice) -> list[RenderableType]:
-    parts: list[RenderableType] = [one_line(headline(choice), "bold"), *map(one_line, lines(choice))]
-    grid = plain_table("", "", "value", "± σ", "unit", "condition")
-    for column in (1, 2):
-        grid.columns[column].justify = "right"
-    for row in _term_rows(choice):
-        grid.add_row(*row)
-    parts.append(grid)
-    if choice.held_out:
-        # Rms that each law leaves on a curve that it was not fitted to
-        first = f"left on the curve that was not fitted, {choice.points.unit} rms (beyond its rates)"
-        grid = plain_table("", first, *map(curve_words, choice.points.curves), right=True)
-        for law, cells_of_law in held_out_rows(choice):
-            grid.add_row(law, *cells_of_law)
-        parts.append(grid)
-    return parts
+    parts = [part for _, _, said in rates_facts(choices, sweeps) for part in (*said, "")]
+    return screen([*parts[:-1], *remarks])
 
 
 # The page.
@@ -186,31 +162,34 @@ HEIGHT, LOW = 260, 180
 
 def page(choices: Sequence[Choice], sweeps: Sequence[Sweep], remarks: Sequence[str], name: str) -> str:
     """The page as one HTML document; name: of what was measured."""
-    sections = [_sensor(choice, n) for n, choice in enumerate(choices)]
-    sections += [_sweep(sweep, n) for n, sweep in enumerate(sweeps)]
-    if remarks:
-        sections.append(Section("remarks", "Remarks", "".join(paragraph(escape(remark)) for remark in remarks)))
-    head = f'<header><p class="kicker">Rate table</p><h1>{escape(name)}</h1></header>'
-    foot = f"<footer>Terms of IEEE 1431, 12.9 to 12.11 and 12.15. ± is one standard deviation. TinyGC {escape(VERSION)}.</footer>"
-    return document(f"Rate table: {name}", head, sections, foot)
+    more: list[Chapter] = [("remarks", "Remarks", remarks)] if remarks else []
+    foot = "Terms of IEEE 1431, 12.9 to 12.11 and 12.15. ± is one standard deviation; “less than” is an upper limit (95 %)."
+    return facts.page("Rate table", name, [*rates_facts(choices, sweeps), *more], foot)
 
 
-def _sensor(choice: Choice, number: int) -> Section:
-    said = "".join(paragraph(escape(line)) for line in (headline(choice), *lines(choice)))
-    rows = [[*map(escape, row)] for row in _term_rows(choice)]
-    keys = [key("after", "measured"), key("physics", "chosen law", "line"), key("floor", "straight line", "dash")]
-    html = said + table(("", "value", "±", "unit", "condition"), rows, "“Less than” is an upper limit (95 %) of a term that does not show.")
-    html += figure(lambda width: _output(choice, width), "", keys)
-    html += figure(lambda width: _residuals(choice, width), "What the chosen law leaves.")
+def _sensor(choice: Choice) -> list[Part]:
+    rows = [[row.name, *cells(row), row.unit, row.condition] for row in terms(choice)]
+    keys = [("after", "measured"), ("physics", "chosen law", "line"), ("floor", "straight line", "dash")]
+    parts: list[Part] = [
+        one_line(headline(choice), "bold"),
+        *lines(choice),
+        Table("", ("", "value", "± σ", "unit", "condition"), rows, left=(0, 3, 4)),
+    ]
+    parts += [
+        Picture(lambda width: _output(choice, width), "", keys),
+        Picture(lambda width: _residuals(choice, width), "What the law leaves."),
+    ]
     if choice.held_out:
-        curves = choice.points.curves
-        rows = [[escape(law), *found] for law, found in held_out_rows(choice)]
-        words = (
-            f"Rms, {escape(choice.points.unit)}, on a curve that was not fitted; its offset alone is free. "
-            "In brackets: with the rates that lie beyond those that were fitted."
-        )
-        html += table(("", *(escape(curve_words(curve)) for curve in curves)), rows, words)
-    return Section(f"sensor-{number}", choice.points.sensor, html)
+        # Rms that each law leaves on a curve that it was not fitted to, whose offset alone is free
+        first = f"left on the curve that was not fitted, {choice.points.unit} rms (beyond its rates)"
+        left = [[law, *found] for law, found in held_out_rows(choice)]
+        parts.append(Table("", (first, *map(curve_words, choice.points.curves)), left))
+    return parts
+
+
+def _sweep(sweep: Sweep) -> list[Part]:
+    rows = [[size(f), (gain, gain_sigma), (phase, phase_sigma)] for f, gain, gain_sigma, phase, phase_sigma in sweep.rows_deg]
+    return [one_line(sweep.headline, "bold"), Table("", ("frequency, Hz", "gain", "phase, °"), rows), *sweep.lines]
 
 
 def _rates(choice: Choice) -> Axis:
@@ -239,12 +218,6 @@ def _titles(choice: Choice) -> list[str]:
         f"{name} {significant(rate)} °/s: {value:.6g} {points.unit}, {left:+.2g} from the law".strip()
         for name, rate, value, left in zip(names, points.rate_dps, points.output, choice.fit.residuals, strict=True)
     ]
-
-
-def _sweep(sweep: Sweep, number: int) -> Section:
-    rows = [[significant(f), plain(gain, gs), plain(phase, ps)] for f, gain, gs, phase, ps in sweep.rows_deg]
-    said = "".join(paragraph(escape(line)) for line in (sweep.headline, *sweep.lines))
-    return Section(f"sweep-{number}", f"Sweep {sweep.response.name}", said + table(("frequency, Hz", "gain", "phase, °"), rows))
 
 
 # The picture.

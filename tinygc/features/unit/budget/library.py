@@ -33,7 +33,8 @@ from tinygc.fitting.fit import fit_session
 from tinygc.fitting.results import FitResult
 from tinygc.library.arguments import is_fit, public, session_or_folder
 from tinygc.library.records import Shown
-from tinygc.reporting.terminal import Group, RenderableType
+from tinygc.reporting.facts import Part, screen
+from tinygc.reporting.terminal import Group
 
 SCHEMA = "tinygc-budget/1"
 FILE, PAGE = "budget.json", "budget.html"
@@ -72,19 +73,14 @@ class UncertaintyBudget(Shown):
     @property
     def page(self) -> Group:
         """The command's output, as a rich renderable."""
-        drawn = [] if self.drawn is None else ["", *drawn_page(self.drawn)]
+        drawn: list[Part] = [] if self.drawn is None else ["", *drawn_page(self.drawn)]
         if self.asked:
-            parts: list[RenderableType] = []
-            for each in self.asked:
-                parts += [*whole(each), ""]
-            return Group(*parts[:-1], *drawn)
+            return screen([part for each in self.asked for part in (*whole(each), "")][:-1] + drawn)
         title = f"Attitude after {self.motion}, {self.when}, about the axes of its start, 95 % (total: at least), {WITHOUT}"
         errors = [each for each in self.shown if each not in self.attitude]
-        force: list[RenderableType] = []
-        if self.accelerometer:
-            force = [overview("Accelerometer, 95 %, for this switch-on only", self.accelerometer), ""]
         gyroscope = overview(f"Sensor errors, 95 %, the bias for this switch-on only, {WITHOUT}", errors)
-        return Group(gyroscope, "", *force, overview(title, self.attitude), *drawn)
+        force = [overview("Accelerometer, 95 %, for this switch-on only", self.accelerometer), ""] if self.accelerometer else []
+        return screen([gyroscope, "", *force, overview(title, self.attitude), *drawn])
 
     def to_json(self) -> dict:
         """``tinygc-budget/1`` (docs/features/unit/budget-format.md)."""

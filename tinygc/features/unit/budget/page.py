@@ -7,17 +7,15 @@ from math import floor, log10
 
 import numpy as np
 
-from session import VERSION
-from session.base.texts import NONE, command_line, printable, significant
+from session.base.texts import NONE, command_line, measured, printable, significant
 from tinygc.explanation.reported import ReportData
 from tinygc.features.unit.budget.monte_carlo import MonteCarlo
 from tinygc.features.unit.budget.quantities import SHOWN, TOTAL, sensor_error_budgets
 from tinygc.features.unit.budget.rows import Budget, Row, apportioned, decimals_of
+from tinygc.reporting import facts
+from tinygc.reporting.facts import Part, Picture, Table
 from tinygc.reporting.html.chart import drawing
-from tinygc.reporting.html.markup import Section, code, escape, figure, key, paragraph, table
-from tinygc.reporting.html.page import document
-from tinygc.reporting.pictures.canvas import plain
-from tinygc.reporting.terminal import RenderableType, Table, one_line, plain_table
+from tinygc.reporting.html.markup import Section, code, escape
 
 #: the section of the report that this one stands behind
 BEHIND = "correlations"
@@ -26,30 +24,24 @@ COLOURS = ("least_squares", "y", "raw", "x", "pso", "tinygc", "tinygc_denoised",
 BAR, GAP, NAMES_PX = 16, 6, 150
 #: share of a source below which it has no entry in the key
 LEAST_IN_KEY = 0.005
-HEADER = ("source", "type", "dof", "size", "", "sensitivity", "u", "u²", "share, %")
 
 
 def page(name: str, errors: Sequence[Budget], attitude: Sequence[Budget], motion: str, drawn: MonteCarlo | None) -> str:
     """The page as one HTML document; errors: of the parameters that are shown; name: of the session."""
     colours = colours_of([*errors, *attitude])
-    of_errors = bars(errors, "Share of each source in the variance of each sensor error", colours)
-    of_attitude = bars(attitude, "Share of each source in the attitude's variance", colours)
-    sections = [
-        Section("parameters", "Sensor errors", of_errors + _summary(errors)),
-        Section("attitude", f"Attitude after {motion}", of_attitude + _summary(attitude)),
+    about = "Share of each source in the variance of each"
+    sections: list[tuple[str, str, list[Part]]] = [
+        ("parameters", "Sensor errors", [bars(errors, f"{about} sensor error", colours), overview("", errors)]),
+        ("attitude", f"Attitude after {motion}", [bars(attitude, f"{about} angle", colours), overview("", attitude)]),
     ]
     if drawn is not None:
-        header, rows = drawn_cells(drawn)
-        said = paragraph(escape(f"{drawn.words}."))
-        found = table(header, [[escape(cell) for cell in row] for row in rows])
-        sections.append(Section("draws", "Monte Carlo (JCGM 101)", said + found + paragraph(escape(source_words(drawn)))))
-    sections.append(Section("tables", "Budgets", "".join(whole_html(each) for each in (*errors, *attitude))))
-    head = f'<header><p class="kicker">Uncertainty budget</p><h1>{escape(name)}</h1></header>'
+        sections.append(("draws", "Monte Carlo (JCGM 101)", drawn_page(drawn)))
+    sections.append(("tables", "Budgets", [part for each in (*errors, *attitude) for part in whole(each)]))
     foot = (
-        "<footer>U = k u with 95 % coverage, of a total at least; k by the effective degrees of freedom (Welch–Satterthwaite, GUM G.4). "
-        f"Type A: evaluated from this recording; B: from anything else. TinyGC {escape(VERSION)}.</footer>"
+        "U = k u with 95 % coverage, of a total at least; k by the effective degrees of freedom (Welch–Satterthwaite, GUM G.4). "
+        "Type A: evaluated from this recording; B: from anything else."
     )
-    return document(f"Uncertainty budget: {name}", head, sections, foot)
+    return facts.page("Uncertainty budget", name, sections, foot)
 
 
 def colours_of(budgets: Sequence[Budget]) -> dict[str, str]:
@@ -58,10 +50,10 @@ def colours_of(budgets: Sequence[Budget]) -> dict[str, str]:
     return {name: COLOURS[min(i, len(COLOURS) - 1)] for i, name in enumerate(shown)}
 
 
-def bars(budgets: Sequence[Budget], about: str, colours: dict[str, str]) -> str:
-    """A figure of one stacked bar for each quantity, with the key of its sources; colours: of all sources on the page."""
-    keys = [key(colours[name], escape(name), "solid block") for name in colours_of(budgets)]
-    return figure(lambda width: _bars(budgets, colours, width, about), "", keys)
+def bars(budgets: Sequence[Budget], about: str, colours: dict[str, str]) -> Picture:
+    """A picture of one stacked bar for each quantity, with the key of its sources; colours: of all sources on the page."""
+    keys = [(colours[name], name, "solid block") for name in colours_of(budgets)]
+    return Picture(lambda width: _bars(budgets, colours, width, about), "", keys)
 
 
 def _bars(budgets: Sequence[Budget], kinds: dict[str, str], width: int, about: str) -> str:
@@ -82,17 +74,6 @@ def _bars(budgets: Sequence[Budget], kinds: dict[str, str], width: int, about: s
     return drawing(width, len(budgets) * (BAR + GAP), about, "".join(parts))
 
 
-def _summary(budgets: Sequence[Budget]) -> str:
-    return table(("", "value", "U", "unit", "k"), [[escape(cell) for cell in overview_cells(each)] for each in budgets])
-
-
-def whole_html(budget: Budget) -> str:
-    """The table of one quantity, its sum and what stands beside it, as HTML."""
-    rows = [[escape(cell) for cell in cells] for cells in cells_of(budget)]
-    said = "".join(paragraph(escape(words)) for words in (sum_words(budget), *beside_words(budget)))
-    return f"<h3>{escape(heading(budget))}</h3>{table(HEADER, rows)}{said}"
-
-
 def section(evidence: ReportData) -> Section | None:
     """The section; None where the calibration to use is another than the linear model, whose sources these are."""
     if evidence.adopted.name != "least_squares":
@@ -101,10 +82,11 @@ def section(evidence: ReportData) -> Section | None:
     if not budgets:
         return None
     worst = max(budgets, key=lambda each: each.share(each.largest[0]))
-    said = paragraph(escape(f"Each bar is the variance of one sensor error by its sources. {worst.name}: {largest_words(worst)}."))
-    more = paragraph("The tables, with degrees of freedom and coverage factors:") + code(command_line("budget", evidence.fit.session.name))
     drawn = bars(budgets, "Share of each source in each sensor error", colours_of(budgets))
-    return Section("sources", "Where the uncertainty comes from", said + drawn + more)
+    said = f"Each bar is the variance of one sensor error by its sources. {worst.name}: {largest_words(worst)}."
+    more = "The tables, with degrees of freedom and coverage factors:"
+    html = facts.html([said, drawn, more]) + code(command_line("budget", evidence.fit.session.name))
+    return Section("sources", "Where the uncertainty comes from", html)
 
 
 # The screen: an overview with the three largest sources of each quantity, or one whole table for each that is asked for.
@@ -121,26 +103,14 @@ LEAST_SHARE = 5e-4
 
 def overview(title: str, budgets: Sequence[Budget]) -> Table:
     """Value, U and k of each quantity, and what it owes most to."""
-    table = plain_table(title, "", "value", "U", "unit", "k", "largest sources")
-    for column in (1, 2, 4):
-        table.columns[column].justify = "right"
-    for each in budgets:
-        table.add_row(*overview_cells(each), largest_words(each))
-    return table
+    rows = [[each.name, *value_cells(each), each.shown_unit, f"{each.k:.2f}", largest_words(each)] for each in budgets]
+    return Table(title, ("", "value", "U", "unit", "k", "largest sources"), rows, left=(0, 3, 5), minor=(5,))
 
 
-def overview_cells(budget: Budget) -> list[str]:
-    """Name, value, U, unit and k of a quantity."""
-    value, _, expanded = value_and_expanded(budget).rpartition(" ± ")
-    return [budget.name, value, expanded, budget.shown_unit, f"{budget.k:.2f}"]
-
-
-def value_and_expanded(budget: Budget) -> str:
-    """``−1243 ± 31``: the value where there is one, and U, with the digits that U justifies."""
-    expanded = budget.expanded / budget.si
-    if budget.value is None:
-        return f" ± {significant(expanded, 2)}"
-    return plain(budget.value / budget.si, expanded)
+def value_cells(budget: Budget) -> list[str]:
+    """Value, where there is one, and U, with the digits that U justifies."""
+    value, _, expanded = measured((budget.value or 0.0) / budget.si, budget.expanded / budget.si).partition(" ± ")
+    return ["" if budget.value is None else value, expanded]
 
 
 def largest_words(budget: Budget) -> str:
@@ -149,19 +119,17 @@ def largest_words(budget: Budget) -> str:
     return ", ".join(f"{row.source} {100 * budget.share(row):.0f} %" for row in shown)
 
 
-def whole(budget: Budget) -> list[RenderableType]:
+def whole(budget: Budget) -> list[Part]:
     """The table of one quantity, its sum, what it means and what stands beside it."""
-    table = plain_table(heading(budget), "source", "type", "dof", "size", "", "sensitivity", "u", "u²", "share, %")
-    for column in (2, 3, 5, 6, 7, 8):
-        table.columns[column].justify = "right"
-    for cells in cells_of(budget):
-        table.add_row(*cells)
-    return [table, one_line(sum_words(budget)), *(one_line(words) for words in beside_words(budget))]
+    table = Table(
+        heading(budget), ("source", "type", "dof", "size", "", "sensitivity", "u", "u²", "share, %"), cells_of(budget), left=(0, 1, 4)
+    )
+    return [table, sum_words(budget), *beside_words(budget)]
 
 
 def heading(budget: Budget) -> str:
     """The quantity, its value and unit."""
-    value = "" if budget.value is None else f" = {value_and_expanded(budget)}"
+    value = "" if budget.value is None else f" = {' ± '.join(value_cells(budget))}"
     return f"{', '.join(filter(None, (budget.name, budget.shown_unit)))}{value}"
 
 
@@ -193,8 +161,7 @@ def _size_cells(budget: Budget, row: Row) -> list[str]:
 
 def number(value: float) -> str:
     """Three significant digits."""
-    text = significant(value).replace("\u202f", "") if value == 0 or 1e-4 <= abs(value) < 1e5 else f"{value:.3g}"
-    return text.replace("-", "−", 1) if value < 0 else text
+    return significant(value).replace("\u202f", "").replace("−", "-") if value == 0 or 1e-4 <= abs(value) < 1e5 else f"{value:.3g}"
 
 
 def freedom_words(freedom: float) -> str:
@@ -218,27 +185,15 @@ def beside_words(budget: Budget) -> list[str]:
     return [f"not in the sum: {printable(each.what)}: {size}{printable(each.why)}" for each, size in zip(budget.beside, sizes, strict=True)]
 
 
-def drawn_page(drawn: MonteCarlo) -> list[RenderableType]:
+def drawn_page(drawn: MonteCarlo) -> list[Part]:
     """What the draws say of the budgets."""
-    header, rows = drawn_cells(drawn)
-    table = plain_table(f"Monte Carlo (JCGM 101): {drawn.words}", *header)
-    for column in (2, 3, 4, 5, 6, 7, 8, 9, 11):
-        table.columns[column].justify = "right"
-    for row in rows:
-        table.add_row(*row)
-    return [table, one_line(source_words(drawn))]
-
-
-def drawn_cells(drawn: MonteCarlo) -> tuple[tuple[str, ...], list[list[str]]]:
-    """Header and rows of the table of the draws."""
     header = ("", "unit", "u", "drawn", "95 % by u", "drawn from", "to", "stable digits", "apart", "allowed", "", "cover, %")
     rows = []
     for each in drawn.quantities:
         sizes = [number(value / each.si) for value in (each.u, each.drawn_u, each.half, each.low, each.high)]
         ends = [str(each.digits), number(each.apart / each.si), number(each.tolerance / each.si), each.answer]
-        unit = "" if each.unit == "1" else each.unit
-        rows.append([each.name, unit, *sizes, *ends, f"{100 * drawn.coverage[each.name]:.1f}"])
-    return header, rows
+        rows.append([each.name, "" if each.unit == "1" else each.unit, *sizes, *ends, f"{100 * drawn.coverage[each.name]:.1f}"])
+    return [Table(f"Monte Carlo (JCGM 101): {drawn.words}", header, rows, left=(0, 1, 10)), source_words(drawn)]
 
 
 def source_words(drawn: MonteCarlo) -> str:

@@ -10,12 +10,11 @@ import numpy as np
 
 from session.base.errors import CalibrationError
 from session.base.records import table_of
-from session.base.texts import probability
+from session.base.texts import measured, probability
 from session.detect.accelerometer import NAMES as ACCELEROMETER_NAMES
 from session.detect.accelerometer import PARAMETERS
 from tinygc.deploy.calibration import in_frame_of
 from tinygc.estimation.accelerometer import USUAL_SPREAD
-from tinygc.explanation.claims import measured
 from tinygc.features.unit.calibrated import (
     DIFFERS_P,
     MODES,

@@ -20,10 +20,11 @@ from tinygc.estimation.session_times import Moment, parsed
 from tinygc.features.unit.history.estimate import NumberHistory, UnitHistory, history_of
 from tinygc.features.unit.history.forecast import FAILS, UNDECIDED, Outlook, outlooks_of, parse_accuracy, parse_limit
 from tinygc.features.unit.history.sessions import NUMBERS, read_dates, sessions_of
-from tinygc.features.unit.history.text import outlook_line, unit_page
+from tinygc.features.unit.history.text import outlook_line, unit_facts
 from tinygc.features.unit.options import HistoryOptions
 from tinygc.library.arguments import is_path, public
 from tinygc.library.records import Shown
+from tinygc.reporting.facts import screen
 from tinygc.reporting.pictures.canvas import has_matplotlib, save, saved
 from tinygc.reporting.terminal import Group
 
@@ -52,10 +53,9 @@ class History(Shown):
 
     def screen(self, everything: bool = False) -> Group:
         """The same; everything: with the accelerometer's numbers and the values of each session."""
-        parts: list[Any] = []
-        for unit, outlooks in zip(self.units, self.outlooks, strict=True):
-            parts += [unit_page(unit, outlooks, everything), ""]
-        return Group(*parts[:-1], *self.remarks)
+        more = [] if everything else ["--all shows the accelerometer's numbers and the values of each session"]
+        units = zip(self.units, self.outlooks, strict=True)
+        return screen([*(part for unit, outlooks in units for part in (*unit_facts(unit, outlooks, everything), *more, "")), *self.remarks])
 
     @property
     def exit_code(self) -> int:

@@ -8,7 +8,6 @@ from datetime import timedelta
 
 import numpy as np
 
-from session import VERSION
 from tinygc.estimation.session_times import YEAR_S
 from tinygc.explanation.reported import ReportData
 from tinygc.features.unit.calibrated import calibrated_of, read_calibrated
@@ -16,47 +15,33 @@ from tinygc.features.unit.history.curves import Panel, panels_of
 from tinygc.features.unit.history.estimate import UnitHistory, history_of
 from tinygc.features.unit.history.forecast import Outlook
 from tinygc.features.unit.history.sessions import unit_sessions
-from tinygc.features.unit.history.text import TOGETHER, headline, lines, outlook_line, rows, session_words, together_columns, value_rows
+from tinygc.features.unit.history.text import unit_facts
+from tinygc.reporting import facts
+from tinygc.reporting.facts import Part, Picture
 from tinygc.reporting.html.chart import Axis, Chart, linear_axis
-from tinygc.reporting.html.markup import Section, escape, figure, key, paragraph, table
-from tinygc.reporting.html.page import document
+from tinygc.reporting.html.markup import Section
 
 HEIGHT = 230
 #: the section of the report that this one stands behind
 BEHIND = "explanation"
-#: sessions of the table of values; of more, the first and the last ones stand there, and all are in history.json
-MOST_COLUMNS = 5
 
 
 def page(units: Sequence[UnitHistory], outlooks: Sequence[Sequence[Outlook]], remarks: Sequence[str]) -> str:
     """The page as one HTML document."""
-    sections = [Section(f"unit-{k}", unit.name, unit_html(unit, own)) for k, (unit, own) in enumerate(zip(units, outlooks, strict=True))]
-    if remarks:
-        sections.append(Section("remarks", "Remarks", "".join(paragraph(escape(remark)) for remark in remarks)))
+    sections = [(f"unit-{k}", unit.name, unit_page(unit, own)) for k, (unit, own) in enumerate(zip(units, outlooks, strict=True))]
+    sections += [("remarks", "Remarks", [*remarks])] if remarks else []
     title = units[0].name if len(units) == 1 else f"{len(units)} units"
-    head = f'<header><p class="kicker">History</p><h1>{escape(title)}</h1></header>'
-    foot = f"<footer>± is one standard deviation; intervals and limits have 95 %. TinyGC {escape(VERSION)}.</footer>"
-    return document(f"History: {title}", head, sections, foot)
+    return facts.page("History", title, sections, "± is one standard deviation; intervals and limits have 95 %.")
 
 
-def unit_html(history: UnitHistory, outlooks: Sequence[Outlook]) -> str:
-    """What stands of one unit: outlooks, tables, sentences, charts."""
-    said = paragraph(escape(headline(history)))
-    said += "".join(paragraph(f"<strong>{escape(outlook_line(each))}</strong>") for each in outlooks)
-    said += "".join(paragraph(escape(line)) for line in lines(history))
-    if len(history.sessions) > 1:
-        together = [[escape(cell.replace("-", "−")) for cell in row] for row in rows(history)]
-        said += table(("", *map(escape, together_columns(history))), together, f"{TOGETHER}.")
-    shown = range(max(0, len(history.sessions) - MOST_COLUMNS), len(history.sessions))
-    found = [[escape(cell.replace("-", "−")) for cell in (first, *cells[-MOST_COLUMNS:])] for first, *cells in value_rows(history)]
-    more = f"The last {len(shown)} sessions. " if len(shown) < len(history.sessions) else ""
-    said += table(("", *(escape(session_words(history, place)) for place in shown)), found, f"{more}Values ± one sigma of the session.")
+def unit_page(history: UnitHistory, outlooks: Sequence[Outlook]) -> list[Part]:
+    """What stands of one unit, with its charts."""
+    said = unit_facts(history, outlooks)
     for panel in panels_of(history):
-        keys = [key(curve.axis, escape(curve.label)) for curve in panel.curves]
-        keys += [key("floor", "shock", "dash")] if panel.shocks else []
+        keys = [(curve.axis, curve.label) for curve in panel.curves] + [("floor", "shock", "dash")] * bool(panel.shocks)
         course = "the course with its 68 %, dashed where neither drift nor step is significant"
-        caption = f"{escape(panel.title)}: difference from each one’s mean, and {course}."
-        said += figure(lambda width, panel=panel: _chart(history, panel, width), caption, keys)  # type: ignore[misc]
+        caption = f"{panel.title}: difference from each one’s mean, and {course}."
+        said.append(Picture(lambda width, panel=panel: _chart(history, panel, width), caption, keys))  # type: ignore[misc]
     return said
 
 
@@ -106,4 +91,4 @@ def section(evidence: ReportData) -> Section | None:
     others = [read_calibrated(folder) for folder in fit.options.history]
     history = history_of(unit_sessions([*others, calibrated_of(fit, fit.session.config)]))
     # The fit states the bias of any other session, of the others alone: one document has one number.
-    return Section("history", "History", unit_html(replace(history, any_session=fit.repeatability), ()))
+    return Section("history", "History", facts.html(unit_page(replace(history, any_session=fit.repeatability), ())))

@@ -6,19 +6,19 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from session.base.texts import NONE, probability
+from session.base.texts import NONE, measured, probability
 from session.base.texts import significant as with_thin_spaces
 from session.base.units import DEG
 from tinygc.estimation.between_sessions import CHANCE, FEWEST_WITH_DRIFT, FEWEST_WITH_TEMPERATURE, LEAST_WARMTH_K, LOOKED_AT
 from tinygc.estimation.session_times import SOURCES
-from tinygc.explanation.claims import measured
 from tinygc.features.unit.history.estimate import LONGEST_YEAR, NumberHistory, UnitHistory
 from tinygc.features.unit.history.forecast import FAILS, HOLDS, Outlook
-from tinygc.features.unit.history.sessions import GYROSCOPE, NUMBERS, Number
-from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_line, plain_table
+from tinygc.features.unit.history.sessions import GYROSCOPE, Number
+from tinygc.reporting.facts import Part, Table
+from tinygc.reporting.terminal import one_line
 
-#: characters of the table of values; of more sessions than have room the last ones are shown
-COLUMNS = 100
+#: sessions of the table of values; of more, the last ones stand there, and all are in history.json
+MOST_COLUMNS = 4
 #: a limit beyond this many times the range of the values, with their largest sigma, is none
 HIDDEN = 30.0
 #: title of the table of all sessions together
@@ -31,19 +31,20 @@ def significant(value: float, digits: int = 2) -> str:
     return with_thin_spaces(value, digits).replace("\u202f", "")
 
 
-def unit_page(history: UnitHistory, outlooks: Sequence[Outlook], everything: bool = False) -> Group:
-    """The screen of one unit: what matters first, then the gyroscope's numbers; everything: all numbers, and the values of each session."""
-    parts: list[RenderableType] = [one_line(headline(history), "bold")]
-    parts += [Text(outlook_line(each), STYLES.get(each.answer, "bold yellow")) for each in outlooks]
-    parts += [one_line(line) for line in lines(history)]
-    shown = len(NUMBERS) if everything else GYROSCOPE
+def unit_facts(history: UnitHistory, outlooks: Sequence[Outlook], everything: bool = True) -> list[Part]:
+    """What stands of one unit: what matters first, then the gyroscope's numbers; everything: all numbers, and those of each session."""
+    parts: list[Part] = [one_line(headline(history), "bold")]
+    parts += [one_line(outlook_line(each), STYLES.get(each.answer, "bold yellow")) for each in outlooks]
+    parts += lines(history)
+    shown = history.numbers if everything else history.numbers[:GYROSCOPE]
     if len(history.sessions) > 1:
-        parts.append(_table(history, shown))
+        header = ("", "last", "scatter", f"drift a {history.drift_time}", "a further step")
+        parts.append(Table(TOGETHER, header, rows(history, shown)))
     if everything or len(history.sessions) == 1:
-        parts.append(_values(history, shown))
-    if not everything:
-        parts.append(one_line("--all shows the accelerometer's numbers and the values of each session"))
-    return Group(*parts)
+        places = range(max(0, len(history.sessions) - MOST_COLUMNS), len(history.sessions))
+        title = "Values ± one sigma of the session" + f", the last {len(places)}" * (len(places) < len(history.sessions))
+        parts.append(Table(title, ("", *(session_words(history, place) for place in places)), value_rows(shown, places)))
+    return parts
 
 
 def headline(history: UnitHistory) -> str:
@@ -70,30 +71,18 @@ def session_words(history: UnitHistory, place: int) -> str:
     return session.name if session.moment is None or session.moment.day in session.name else f"{session.name} {session.moment.day}"
 
 
-def _values(history: UnitHistory, shown_numbers: int) -> Table:
-    names = [session_words(history, place) for place in range(len(history.sessions))]
-    rows = value_rows(history, shown_numbers)
-    widths = [2 + max(map(len, column)) for column in zip(["", *names], *rows, strict=True)]
-    shown = len(names)
-    while shown > 1 and widths[0] + sum(widths[-shown:]) > COLUMNS:
-        shown -= 1
-    more = f", the last {shown} sessions" if shown < len(names) else ""
-    table = plain_table(f"Values ± one sigma of the session{more}", "", *names[-shown:], right=True)
-    table.columns[0].no_wrap = True
-    for first, *cells in rows:
-        table.add_row(first, *cells[-shown:])
-    return table
-
-
-def value_rows(history: UnitHistory, shown_numbers: int = len(NUMBERS)) -> list[list[str]]:
-    """Of each number that any session tells: its name with the unit, and its value in each session, as text."""
-    rows = []
-    for each in history.numbers[:shown_numbers]:
+def value_rows(numbers: Sequence[NumberHistory], places: Sequence[int]) -> list[list[str]]:
+    """Of each number that any session tells: its name with the unit, and its value in these sessions."""
+    found = []
+    for each in numbers:
         at = {int(place): k for k, place in enumerate(each.sessions)}
         if at:
-            cells = [number_cell(each, at[place]) if place in at else NONE for place in range(len(history.sessions))]
-            rows.append([f"{each.number.words}, {each.number.unit}", *cells])
-    return rows
+            found.append([_name(each), *(number_cell(each, at[place]) if place in at else NONE for place in places)])
+    return found
+
+
+def _name(each: NumberHistory) -> str:
+    return f"{each.number.words}, {each.number.unit}"
 
 
 def number_cell(each: NumberHistory, k: int) -> str:
@@ -101,14 +90,10 @@ def number_cell(each: NumberHistory, k: int) -> str:
     return measured(each.values[k] / each.number.si, each.sigmas[k] / each.number.si)
 
 
-def rows(history: UnitHistory) -> list[tuple[str, ...]]:
-    """Of each number: its name with the unit, last value, scatter, drift and the limit of a step, as text."""
-    found: list[tuple[str, ...]] = []
-    for each in history.numbers:
-        if each.course is not None:
-            cells = number_cell(each, -1), scatter_words(each), drift_words(history, each), step_words(each)
-            found.append((f"{each.number.words}, {each.number.unit}", *cells))
-    return found
+def rows(history: UnitHistory, numbers: Sequence[NumberHistory]) -> list[list[str]]:
+    """Of each number: its name with the unit, last value, scatter, drift and the limit of a step."""
+    known = [each for each in numbers if each.course is not None]
+    return [[_name(each), number_cell(each, -1), scatter_words(each), drift_words(history, each), step_words(each)] for each in known]
 
 
 def scatter_words(each: NumberHistory) -> str:
@@ -137,20 +122,6 @@ def step_words(each: NumberHistory) -> str:
     if each.step_limit > HIDDEN * (float(np.ptp(each.values)) + float(each.sigmas.max())):
         return "not limited"
     return f"less than {significant(each.step_limit / each.number.si)}"
-
-
-def together_columns(history: UnitHistory) -> tuple[str, ...]:
-    """Titles of the columns of ``rows``."""
-    return "last", "scatter", f"drift a {history.drift_time}", "a further step"
-
-
-def _table(history: UnitHistory, shown: int) -> Table:
-    table = plain_table(TOGETHER, "", *together_columns(history), right=True)
-    names = {f"{number.words}, {number.unit}" for number in NUMBERS[:shown]}
-    for row in rows(history):
-        if row[0] in names:
-            table.add_row(*row)
-    return table
 
 
 def grouped(numbers: Sequence[Number]) -> str:

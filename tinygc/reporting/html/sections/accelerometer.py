@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from math import nan
+from dataclasses import replace
 
 import numpy as np
 
 from session.base.texts import significant
 from session.base.units import MG
-from session.detect.accelerometer import NAMES, attitudes_of
+from session.detect.accelerometer import attitudes_of
 from tinygc.closure.joint import REFUTED_P
-from tinygc.estimation.accelerometer import UNITS, AccelerometerFit
-from tinygc.explanation.reported import ReportData, with_freedom
-from tinygc.models.linear import COVERAGE_FACTOR, Quantity
+from tinygc.estimation.accelerometer import UNITS
+from tinygc.explanation.reported import ReportData
+from tinygc.reporting.fit_text import errors_table
 from tinygc.reporting.html.chart import Axis, Chart, log_axis
-from tinygc.reporting.html.markup import Section, decimals_for, render
+from tinygc.reporting.html.markup import Section, render
 
 #: term -> its meaning in one line
 MEANINGS = {
@@ -38,37 +38,20 @@ def section(evidence: ReportData) -> Section | None:
     if after.size:
         numbers += [] if before is None else [(f"Gravity’s spread, {earlier}", spread_text(before))]
         numbers.append(("Gravity’s spread, calibrated", spread_text(after)))
-    groups, nine = [], quantities(found)
-    for at, (word, meaning) in zip(range(0, 9, 3), MEANINGS.items(), strict=True):
-        group = nine[at : at + 3]
-        known = [q.expanded for q in group if q.observed and np.isfinite(q.expanded)]
-        decimals = decimals_for(max(known)) if known else {"ppm": 0, "mrad": 3, "mg": 2}[group[0].unit]
-        groups.append((word, meaning, group, decimals))
+    nine = found.quantities
     html = render(
         "accelerometer.html",
         found=found,
         refuted_p=REFUTED_P,
         numbers=numbers,
         rests_on=evidence.adopted.accelerometer.source,
-        groups=groups,
+        table=replace(errors_table("", nine, meanings=MEANINGS), kind="parameters"),
         factors=[f"{q.factor:.2f}" for q in sorted(nine, key=lambda q: q.factor)],
         before=earlier,
         has_before=before is not None,
         chart=(lambda width: _chart(before, after, width)) if after.size else None,
     )
     return Section("accelerometer", "Accelerometer", html)
-
-
-def quantities(found: AccelerometerFit) -> list[Quantity]:
-    """The nine parameters in the field's terms, each with its expanded uncertainty (NaN if taken as given)."""
-    made, freedoms = [], dict(zip(NAMES, found.freedoms, strict=True))
-    for name, unit, values, sigmas, names in found.errors():
-        spread = np.full(3, nan) if sigmas is None else COVERAGE_FACTOR * sigmas
-        word = f"accelerometer {name}"
-        for value, expanded, each in zip(values, spread, names, strict=True):
-            quantity = Quantity(word, each.split()[-1], unit, float(value), float(expanded), each not in found.unobserved)
-            made.append(with_freedom(quantity, freedoms[each]))
-    return made
 
 
 def _chart(before: np.ndarray | None, after: np.ndarray, width: int) -> str:

@@ -6,15 +6,14 @@ import numpy as np
 
 from session.base import rotation
 from session.base.numeric import rms_of, running_sum
-from session.base.texts import fixed
 from session.base.units import DEG
 from tinygc.closure import residual
 from tinygc.closure.runs import ClosureRun
 from tinygc.explanation.reported import ReportData
 from tinygc.models.linear import bias_only
-from tinygc.reporting.fit_text import TITLES
+from tinygc.reporting.fit_text import TITLES, run_table
 from tinygc.reporting.html.chart import Axis, Chart, log_axis
-from tinygc.reporting.html.markup import Section, aligned_decimals, render, small
+from tinygc.reporting.html.markup import Section, render
 
 DENOISED = "tinygc_denoised"
 
@@ -34,12 +33,6 @@ def _run(evidence: ReportData, number: int, run: ClosureRun) -> dict:
     t = running_sum(run.batch.dt[0])
     # The denoised attitude is left out: its output delay alone would make it deviate.
     moved = [name for name in tracks if name not in (adopted.name, DENOISED)]
-    floor, decimals = run.floor_rad / DEG, aligned_decimals(float(run.floor_rad.min()) / DEG)
-    rows: list[list[str]] = []
-    for name in rates:
-        error = _error(evidence, run, name, number) / DEG
-        rows.append([TITLES.get(name, name), *(_signed(value, decimals) for value in error), fixed(rms_of(error), decimals)])
-    rows.append([small(text) for text in ("noise floor, 1σ", *(fixed(value, decimals) for value in (*floor, rms_of(floor))))])
     return {
         "file": run.file,
         "seconds": run.duration_s,
@@ -47,10 +40,8 @@ def _run(evidence: ReportData, number: int, run: ClosureRun) -> dict:
         "raw": rms_of(_error(evidence, run, "raw", number)),
         "straying": lambda width: _straying(t, tracks, adopted.name, run, width),
         "lines": [*((name, TITLES.get(name, name), "line") for name in moved), ("floor", "noise of the integrated rate, 1σ", "dash")],
-        "rows": rows,
-        "marked": list(rates).index(adopted.name),
+        "table": run_table(run, {name: _error(evidence, run, name, number) for name in rates}, adopted.name),
         "p": adopted.run_p[number],
-        "no_heading": run.earth.source == "unknown",
     }
 
 
@@ -74,11 +65,6 @@ def _error(evidence: ReportData, run: ClosureRun, name: str, number: int) -> np.
         return evidence.adopted.run_errors[number]
     known = evidence.fit.run_errors[number]
     return known[name] if name in known else run.errors(bias_only())
-
-
-def _signed(value: float, decimals: int) -> str:
-    text = fixed(value, decimals)
-    return text if value <= 0 or not text.strip("0.") else f"+{text}"
 
 
 def _attitude(t: np.ndarray, q: np.ndarray, raw: np.ndarray | None, width: int) -> str:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 from session.base.texts import printable
 from tinygc.estimation.session_times import date_of
 from tinygc.explanation.reported import ReportData
+from tinygc.reporting.fit_text import errors_table
 from tinygc.reporting.html.markup import Section, render
-from tinygc.reporting.html.sections.parameters import common_decimals
 from tinygc.reporting.html.sections.recording import reference_words, temperature_words
 
 #: a date as ``date_of`` gives it; what an operator noted stays as it is
@@ -39,9 +40,8 @@ def section(evidence: ReportData) -> Section:
         ("Turns used", f"{len(evidence.problem.used)} of {len(evidence.problem.segments)}"),
         ("Computed by", f"TinyGC {evidence.versions['TinyGC']}"),
     ]
-    groups = {word: [q for q in evidence.quantities if q.word == word] for word in TERMS}
-    rows = [(word, group, common_decimals(group)) for word, group in groups.items() if group]
-    return Section("front", "", render("front.html", facts_of=facts, rows=rows))
+    table = errors_table("Errors of the sensor, ± U (95 %)", [q for q in evidence.quantities if q.word in TERMS], meanings={})
+    return Section("front", "", render("front.html", facts_of=facts, table=replace(table, kind="parameters")))
 
 
 def recorded(evidence: ReportData) -> tuple[str | None, str]:

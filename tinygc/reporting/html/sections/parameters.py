@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from session.base.units import DEG_PER_HOUR
 from tinygc.explanation.reported import ReportData
-from tinygc.models.linear import Quantity
+from tinygc.reporting.fit_text import errors_table
 from tinygc.reporting.html.chart import enlargement, triad
-from tinygc.reporting.html.markup import Section, decimals_for, render
+from tinygc.reporting.html.markup import Section, render
 from tinygc.reporting.html.sections.recording import temperature_words
 
 #: term -> its meaning in one line
@@ -28,10 +30,8 @@ MEANINGS = {
 def section(evidence: ReportData) -> Section:
     """Section of picture and tables."""
     M = np.linalg.inv(evidence.adopted.linear.E)
-    by_word: dict[str, list[Quantity]] = {}
-    for quantity in evidence.quantities:
-        by_word.setdefault(quantity.word, []).append(quantity)
     shown = [q for q in evidence.quantities if q.observed]
+    ordered = sorted(evidence.quantities, key=lambda q: [*MEANINGS].index(q.word))
     html = render(
         "parameters.html",
         e=evidence,
@@ -40,13 +40,7 @@ def section(evidence: ReportData) -> Section:
         enlarged=enlargement(M),
         factors=[f"{q.factor:.2f}" for q in sorted(shown, key=lambda q: q.factor)],
         hidden=[f"{q.word} {q.component}" for q in evidence.quantities if not q.observed and q.word != "bias instability"],
-        meanings=MEANINGS,
-        rows=[(word, by_word[word], common_decimals(by_word[word])) for word in MEANINGS if word in by_word],
+        table=replace(errors_table("", ordered, meanings=MEANINGS), kind="parameters"),
         per_hour=DEG_PER_HOUR,
     )
     return Section("parameters", "Parameters", html)
-
-
-def common_decimals(group: list[Quantity]) -> int:
-    """Common number of decimals for quantities of one term: two digits of the largest uncertainty."""
-    return decimals_for(max((quantity.expanded for quantity in group if quantity.observed), default=0.0))

@@ -1,0 +1,129 @@
+"""Facts, said once: what a result states as text, tables and pictures, which a terminal, a page and a notebook render alike.
+
+A result's facts are lines and tables in their order, the answer first.  A line is text, or rich's ``Text`` with a style; a ``Table`` has
+cells of text.  A number goes with its sigma and is rounded to the sigma's two digits (``session/base/texts.py:measured``).  ``screen``
+renders them for a terminal, ``html`` for a page, where minus signs and thousands are set as in print; a picture shows on the page alone.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from math import isfinite
+from typing import Any
+
+from session import VERSION
+from session.base.texts import NONE, measured, significant
+from tinygc.reporting.drawing import style_sheet
+from tinygc.reporting.html import markup
+from tinygc.reporting.terminal import Group, RenderableType, Text, plain_table
+
+#: what a page shows of a terminal's style; others are plain there
+KINDS = {"dim": "soft", "yellow": "warning"}
+#: a minus sign of a number; four digits or more of a whole number's part
+MINUS, THOUSANDS = re.compile(r"(?<![\w.-])-(?=\d)"), re.compile(r"(?<![\d.\w])\d{4,}(?!\w)")
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """A table: title; header; rows of cells as ``words`` takes them; caption; left: columns of words, by their places; styles of rows by
+    their numbers, of which a page marks the bold ones; minor: columns that a telephone has no room for; kind: class of the page."""
+
+    title: str
+    header: Sequence[str]
+    rows: Sequence[Sequence[Any]]
+    caption: str = ""
+    left: Collection[int] = (0,)
+    styles: Mapping[int, str] = field(default_factory=dict)
+    minor: Collection[int] = ()
+    kind: str = ""
+
+    def __rich__(self) -> RenderableType:
+        """For a terminal."""
+        table = plain_table(self.title, self.header[0], *self.header[1:])
+        for place, column in enumerate(table.columns):
+            column.justify, column.no_wrap = ("left", False) if place in self.left else ("right", True)
+        table.padding = (0, 1, 0, 0)
+        for number, row in enumerate(self.rows):
+            table.add_row(*(Text(words(cell)) for cell in row), style=self.styles.get(number, ""))
+        if self.caption:
+            table.caption, table.caption_justify = self.caption, "left"
+        return table
+
+    def __html__(self) -> str:
+        """For a page."""
+        rows = [[typeset(words(cell), place not in self.left) for place, cell in enumerate(row)] for row in self.rows]
+        said = ". ".join(filter(None, (self.title, self.caption)))
+        marked = [number for number, style in self.styles.items() if "bold" in style]
+        return markup.table([typeset(cell) for cell in self.header], rows, typeset(said), self.kind, marked, self.minor)
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A picture on a page: draw(width) returns its SVG; caption as text; entries of its key: colour, text, and shape where it is no dot."""
+
+    draw: Callable[[int], str]
+    caption: str = ""
+    keys: Sequence[tuple[str, ...]] = ()
+    kind: str = ""
+
+    def __html__(self) -> str:
+        """For a page."""
+        keys = [markup.key(kind, typeset(said), *shape) for kind, said, *shape in self.keys]
+        return markup.figure(self.draw, typeset(self.caption), keys, self.kind)
+
+
+Part = str | Text | Table | Picture
+#: of a page: its id, its title, and its facts or HTML
+Chapter = tuple[str, str, Iterable[Part] | str]
+
+
+def screen(parts: Iterable[Part]) -> Group:
+    """Facts for a terminal."""
+    return Group(*(part for part in parts if not isinstance(part, Picture)))
+
+
+def html(parts: Iterable[Part]) -> str:
+    """Facts for a page."""
+    return "".join(_html_of(part) for part in parts if part)
+
+
+def _html_of(part: Part) -> str:
+    if isinstance(part, Table | Picture):
+        return part.__html__()
+    style = part.style if isinstance(part, Text) else ""
+    said = typeset(str(part))
+    return markup.paragraph(f"<strong>{said}</strong>" if "bold" in str(style) else said, KINDS.get(str(style), ""))
+
+
+def typeset(text: str, number: bool = False) -> str:
+    """Text as HTML, its further lines small; with true minus signs, and thin spaces between the thousands of a number."""
+    said = MINUS.sub("−", text)
+    if number:
+        said = THOUSANDS.sub(lambda found: f"{int(found[0]):,}".replace(",", "\u202f"), said)
+    first, *more = ("\u202f".join(map(markup.escape, line.split("\u202f"))) for line in said.split("\n"))
+    return first + "".join(f"<br><small>{line}</small>" for line in more)
+
+
+def words(cell: Any) -> str:
+    """A cell as text: a number with three digits, one and its sigma as ``measured``, a dash for what is not known."""
+    if cell is None:
+        return NONE
+    if isinstance(cell, tuple):
+        return NONE if cell[0] is None or not isfinite(cell[0]) else measured(*cell)
+    return significant(cell).replace("\u202f", "").replace("−", "-") if isinstance(cell, float) else str(cell)
+
+
+def page(kicker: str, heading: str, chapters: Iterable[Chapter], foot: str) -> str:
+    """A document of chapters; foot: sentences below them."""
+    made = [markup.Section(name, title, said if isinstance(said, str) else html(said)) for name, title, said in chapters]
+    head = f'<header><p class="kicker">{markup.escape(kicker)}</p><h1>{markup.escape(heading)}</h1></header>'
+    return document(f"{kicker}: {heading}", head, made, f"<footer>{markup.escape(foot)} TinyGC {markup.escape(VERSION)}.</footer>")
+
+
+def document(title: str, head: str, sections: Sequence[markup.Section], foot: str, running: tuple[str, str] = ("", "")) -> str:
+    """HTML document of sections with a list of contents; head and foot are HTML, title is text; running: text at the top of each sheet of
+    paper, left and right."""
+    places = {"top-left": running[0], "top-right": running[1], "bottom-left": title}
+    return markup.render("page.html", title=title, head=head, sections=sections, foot=foot, running=places, sheet=style_sheet()) + "\n"

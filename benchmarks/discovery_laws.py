@@ -192,7 +192,7 @@ def one(name: str, times: float, seed: int) -> dict:
 
 def _unseen(laws, first: SimulationOptions, movement: Movement) -> list[np.ndarray]:
     """Rates (N, 3) of the combinations of coefficients that are stated as not observed; temperatures count from the first session's."""
-    from tinygc.features.discovery.equivalence import columns_of
+    from tinygc.features.discovery.law_effect import columns_of
 
     there = replace(movement, first_temp_c=first.temperature_start_c)
     return [columns_of(law.form, there) @ direction for law in laws for direction in law.unobserved]

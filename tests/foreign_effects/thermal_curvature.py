@@ -3,7 +3,7 @@
 import numpy as np
 
 from session.base.units import DEG
-from tinygc.effects import Cost, Effect, Movement, Parameter, PerAxisC, axis_of, diagonal, largest
+from tinygc.effects import Effect, Movement, Parameter, PerAxisC, axis_of, diagonal, largest
 
 
 def _columns(movement: Movement) -> np.ndarray:
@@ -25,10 +25,8 @@ EFFECT = Effect(
     device=PerAxisC(
         name="THERMAL_CURVATURE",
         formula="r -= k (T - T0)^2 (gyro.thermal_curvature)",
-        term="THERMAL_CURVATURE[i] * ((in->temp_c - THERMAL_CURVATURE_AT_C[0]) * (in->temp_c - THERMAL_CURVATURE_AT_C[0]))",
         constants=lambda theta, known: {"THERMAL_CURVATURE": theta, "THERMAL_CURVATURE_AT_C": np.array([known.first_temp_c])},
         numpy=lambda c, w, inputs: c["THERMAL_CURVATURE"] * _square(inputs.temp_c - c["THERMAL_CURVATURE_AT_C"])[:, None],
-        cost=Cost(2, 3),
         passes=1,
     ),
 )

@@ -1,5 +1,8 @@
 """An effect on a microcontroller: C statements and equivalent single-precision NumPy, or the reason why there is none.
 
+The C of a law is written by its NumPy, run on names (``InC``).  A computer algebra system (SymPy) would sort sums and products anew, so
+that C and NumPy round differently, and be one more package of every installation.
+
 ``in`` is the sample: ``in->force[i]`` m/s^2, ``in->temp_c`` degC.  ``r[3]`` is the rate, rad/s, which the effect is subtracted from.
 """
 
@@ -7,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -66,32 +70,75 @@ def affine(w: np.ndarray, x: np.ndarray) -> np.ndarray:
     return y
 
 
+# C from NumPy: arithmetic on names, in the order in which NumPy rounds.
+
+
+def _operator(sign: str, **cost: int) -> Callable[[InC, InC | float], InC]:
+    def written(self: InC, other: InC | float) -> InC:
+        return InC(f"({self.text} {sign} {in_c(other).text})", self.cost + in_c(other).cost + Cost(**cost))
+
+    return written
+
+
+@dataclass(frozen=True, eq=False)
+class InC:
+    """A number in C: its text, and the cost of computing it.  Sums, products and comparisons of numbers are one; nothing else is."""
+
+    text: str
+    cost: Cost = Cost()
+
+    __add__, __sub__, __mul__ = _operator("+", add=1), _operator("-", add=1), _operator("*", multiply=1)
+    __lt__, __gt__ = _operator("<", compare=1), _operator(">", compare=1)
+
+    __radd__, __rmul__ = __add__, __mul__
+
+    def __neg__(self) -> InC:
+        return InC(f"(-{self.text})", self.cost)
+
+    def __pow__(self, power: int) -> InC:
+        return NotImplemented if power != 2 else self * self
+
+    def __abs__(self) -> InC:
+        return where(self < 0.0, -self, self)
+
+
+def in_c(number: InC | float) -> InC:
+    """The number in C."""
+    return number if isinstance(number, InC) else InC(f"{float(number)!r}f")
+
+
+def where(condition: InC, this: InC | float, that: InC | float) -> InC:
+    """One of two numbers in C, as ``np.where``."""
+    this, that = in_c(this), in_c(that)
+    return InC(f"({condition.text} ? {this.text} : {that.text})", condition.cost + this.cost + that.cost)
+
+
 @dataclass(frozen=True, eq=False)
 class PerAxisC:
     """The correction r_i -= term with one coefficient for each axis.
 
-    name: the coefficients' name in C, capital letters; formula: a line of the header; term: a C expression of ``NAME[i]``,
-    ``in``, other constants, and ``w``, the rate about axis i, where the term depends on it (then it is repeated ``passes`` times);
-    numpy(c, w, inputs) -> (N, 3) float32, the same operations in the same order, c: name -> constant, w (N, 3), ``inputs.force`` (N, 3),
-    ``inputs.temp_c`` (N,); constants(theta, known) -> name -> array, ``name`` itself first, theta by default; cost of one term.
+    name: the coefficients' name in C, capital letters; formula: a line of the header; numpy(c, w, inputs) -> (N, 3) float32: the term, by
+    sums, products and magnitudes alone, which also write its C: c: name -> constant, w (N, 3) the rate, ``inputs.force`` (N, 3),
+    ``inputs.temp_c`` (N,); passes: 1 where the term does not depend on w; constants(theta, known) -> name -> array (3,) or (1,), ``name``
+    itself first, theta by default.
     """
 
     name: str
     formula: str
-    term: str
     numpy: Callable[[dict[str, np.ndarray], np.ndarray, Any], np.ndarray]
-    cost: Cost
     passes: int = PASSES_IN_C
     constants: Callable[[np.ndarray, Conditions], dict[str, np.ndarray]] | None = None
 
     def stage(self, theta: np.ndarray, known: Conditions) -> Stage:
         """The correction by parameters theta (P,), SI; as in ``Effect.correct``, it is inverted by passes of r <- r - term(r)."""
-        body = f"for (int i = 0; i < 3; i++)\n    r[i] -= {self.term};"
-        if self.passes > 1:
-            body = (
-                "for (int i = 0; i < 3; i++) {\n    float w = r[i];\n"
-                f"    for (int pass = 0; pass < {self.passes}; pass++)\n        w = r[i] - {self.term};\n    r[i] = w;\n}}"
-            )
+        values = {self.name: theta} if self.constants is None else self.constants(theta, known)
+        c = {name: np.array([InC(f"{name}[{'i' if np.size(value) > 1 else 0}]")]) for name, value in values.items()}
+        inputs = SimpleNamespace(force=np.array([[InC("in->force[i]")]]), temp_c=np.array([InC("in->temp_c")]))
+        term = self.numpy(c, np.array([[InC("w")]]), inputs)[0, 0]
+        body = (
+            "for (int i = 0; i < 3; i++) {\n    float w = r[i];\n"
+            f"    for (int pass = 0; pass < {self.passes}; pass++)\n        w = r[i] - {term.text};\n    r[i] = w;\n}}"
+        )
 
         def run(c: dict[str, np.ndarray], rate: np.ndarray, inputs: Any) -> np.ndarray:
             w = rate
@@ -99,8 +146,7 @@ class PerAxisC:
                 w = rate - self.numpy(c, w, inputs)
             return w
 
-        values = {self.name: theta} if self.constants is None else self.constants(theta, known)
-        return Stage(self.formula, body, values, run, sum([self.cost] * (3 * self.passes), Cost()))
+        return Stage(self.formula, body, values, run, sum([term.cost + Cost(add=1)] * (3 * self.passes), Cost()))
 
 
 @dataclass(frozen=True, eq=False)

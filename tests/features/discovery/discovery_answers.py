@@ -8,8 +8,8 @@ import numpy as np
 from session.base.units import DEG, G
 from tinygc.effects import Movement
 from tinygc.features.discovery import search_state
-from tinygc.features.discovery.equivalence import as_effect
 from tinygc.features.discovery.form import Factor, LawForm
+from tinygc.features.discovery.law_effect import as_effect
 from tinygc.features.discovery.words import equation, what
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session

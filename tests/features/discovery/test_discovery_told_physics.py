@@ -160,7 +160,7 @@ def test_what_is_written_is_not_executed_and_an_edited_or_used_file_stays(asked,
     assert not (tmp_path / "ran").exists()
     written = json.loads((tmp_path / "explain.json").read_text(encoding="utf-8"))
     assert written == json.loads((tmp_path / "x.json").read_text(encoding="utf-8"))
-    assert "EFFECT = Effect(" in (tmp_path / written["discovery"]["laws"][0]["file"]).read_text(encoding="utf-8")
+    assert "EFFECT = law_effect(" in (tmp_path / written["discovery"]["laws"][0]["file"]).read_text(encoding="utf-8")
     assert f"use it in another session:\n  python calibrate.py explain OTHER --effects {effects}" in capsys.readouterr().out
     (effects / "discovered_before.py").unlink(missing_ok=True)
     before = mine.read_bytes()

@@ -1,7 +1,7 @@
 """The gyro's zero-rate offset moves with the square of the specific force along each axis (vibration and gravity alike)."""
 
 from session.base.units import DEG, G
-from tinygc.effects import Cost, Effect, Parameter, PerAxisC, axis_of, diagonal, largest
+from tinygc.effects import Effect, Parameter, PerAxisC, axis_of, diagonal, largest
 
 EFFECT = Effect(
     id="gyro.g2_sensitivity",
@@ -20,10 +20,8 @@ EFFECT = Effect(
     device=PerAxisC(
         name="G2_SENSITIVITY",
         formula="r -= k f^2 (gyro.g2_sensitivity)",
-        term="G2_SENSITIVITY[i] * (in->force[i] * in->force[i])",
         constants=lambda theta, known: {"G2_SENSITIVITY": theta / G**2},
         numpy=lambda c, w, inputs: c["G2_SENSITIVITY"] * (inputs.force * inputs.force),
-        cost=Cost(2, 1),
         passes=1,
     ),
 )

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tinygc.effects import Cost, Effect, Parameter, PerAxisC, axis_of, diagonal, largest
+from tinygc.effects import Effect, Parameter, PerAxisC, axis_of, diagonal, largest
 from tinygc.effects.effect import SCALE_LAW
 
 EFFECT = Effect(
@@ -21,8 +21,6 @@ EFFECT = Effect(
     device=PerAxisC(
         name="SCALE_ASYMMETRY",
         formula="r -= k |r| (gyro.scale_asymmetry)",
-        term="SCALE_ASYMMETRY[i] * (w < 0.0f ? -w : w)",
-        numpy=lambda c, w, inputs: c["SCALE_ASYMMETRY"] * np.where(w < 0, -w, w),
-        cost=Cost(1, 1, 1),
+        numpy=lambda c, w, inputs: c["SCALE_ASYMMETRY"] * np.abs(w),
     ),
 )

@@ -1,6 +1,6 @@
 """The scale factor changes with the rate: a cubic, odd term (IEEE 528: scale factor nonlinearity)."""
 
-from tinygc.effects import Cost, Effect, Parameter, PerAxisC, axis_of, diagonal, largest
+from tinygc.effects import Effect, Parameter, PerAxisC, axis_of, diagonal, largest
 from tinygc.effects.effect import SCALE_LAW
 
 EFFECT = Effect(
@@ -20,9 +20,7 @@ EFFECT = Effect(
     device=PerAxisC(
         name="SCALE_NONLINEARITY",
         formula="r -= k r^3 (gyro.scale_nonlinearity)",
-        term="SCALE_NONLINEARITY[i] * (w * w * w)",
         constants=lambda theta, known: {"SCALE_NONLINEARITY": theta / known.fs_rps**2},
         numpy=lambda c, w, inputs: c["SCALE_NONLINEARITY"] * (w * w * w),
-        cost=Cost(3, 1),
     ),
 )

@@ -3,7 +3,7 @@
 import numpy as np
 
 from session.base.units import DEG
-from tinygc.effects import Cost, Effect, Movement, Parameter, PerAxisC, axis_of, diagonal, largest
+from tinygc.effects import Effect, Movement, Parameter, PerAxisC, axis_of, diagonal, largest
 
 
 def _columns(movement: Movement) -> np.ndarray:
@@ -26,10 +26,8 @@ EFFECT = Effect(
     device=PerAxisC(
         name="THERMAL_BIAS",
         formula="r -= k (T - T0) (gyro.thermal_bias)",
-        term="THERMAL_BIAS[i] * (in->temp_c - THERMAL_BIAS_AT_C[0])",
         constants=lambda theta, known: {"THERMAL_BIAS": theta, "THERMAL_BIAS_AT_C": np.array([known.first_temp_c])},
         numpy=lambda c, w, inputs: c["THERMAL_BIAS"] * (inputs.temp_c - c["THERMAL_BIAS_AT_C"])[:, None],
-        cost=Cost(1, 2),
         passes=1,
     ),
     linear_in="temperature",

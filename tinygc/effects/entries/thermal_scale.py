@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tinygc.effects import Cost, Effect, Parameter, PerAxisC, axis_of, diagonal, largest
+from tinygc.effects import Effect, Parameter, PerAxisC, axis_of, diagonal, largest
 from tinygc.effects.effect import SCALE_LAW
 
 EFFECT = Effect(
@@ -22,9 +22,7 @@ EFFECT = Effect(
     device=PerAxisC(
         name="THERMAL_SCALE",
         formula="r -= k (T - T0) r (gyro.thermal_scale)",
-        term="THERMAL_SCALE[i] * (in->temp_c - THERMAL_SCALE_AT_C[0]) * w",
         constants=lambda theta, known: {"THERMAL_SCALE": theta, "THERMAL_SCALE_AT_C": np.array([known.first_temp_c])},
         numpy=lambda c, w, inputs: c["THERMAL_SCALE"] * (inputs.temp_c - c["THERMAL_SCALE_AT_C"])[:, None] * w,
-        cost=Cost(2, 2),
     ),
 )

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tinygc.effects import Movement
-from tinygc.features.discovery.equivalence import added, as_effect
 from tinygc.features.discovery.form import LawForm
+from tinygc.features.discovery.law_effect import added, as_effect
 from tinygc.features.discovery.projections import Projection, seen_basis
 from tinygc.features.discovery.responses import Responses
 

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from session.base.units import DEG
 from tinygc.features.discovery.form import LawForm
+from tinygc.features.discovery.law_effect import PLAUSIBLE_RPS
 from tinygc.features.discovery.projections import Projection, basis_of, promise, seen_directions
 from tinygc.features.discovery.quantities import QUANTITIES
 from tinygc.features.discovery.responses import Responses, planned
@@ -25,8 +25,6 @@ NEAR_LAW, NEAR_PROBE = 300, 40
 RIVALS_AT = 60.0
 #: range of factors on a law's size that is searched, either way, and bisections: to 2 %
 MOST_FACTOR, HALVINGS = 64.0, 9
-#: rad/s rms: no working gyroscope has a larger error
-PLAUSIBLE_RPS = 5 * DEG
 #: rad/s rms: smaller laws are not considered (a tenth of a degree an hour)
 LEAST_RPS = 5e-7
 

@@ -18,8 +18,8 @@ from tinygc.explanation.search import exchanged, search, slow_candidates, withou
 from tinygc.features.discovery.constants import ByAxis
 from tinygc.features.discovery.detection_limits import learnable, learnable_from
 from tinygc.features.discovery.enumeration import bits, enumerated
-from tinygc.features.discovery.equivalence import added, as_effect
 from tinygc.features.discovery.form import LawForm
+from tinygc.features.discovery.law_effect import added, as_effect
 from tinygc.features.discovery.quantities import largest_of
 from tinygc.features.discovery.search_state import (
     ALL_OF_IT,

@@ -1,4 +1,9 @@
-"""Find forms that are the same for every movement; convert a form to a catalogue effect."""
+"""Find forms that are the same for every movement.
+
+A law that is the same beside a calibration may differ from another by the rate itself (a dead zone, and what is held within it), and some
+forty thousand forms are compared: so they are compared by their values on a movement.  A computer algebra system would sort each
+expression, take minutes, and see no calibration.
+"""
 
 from __future__ import annotations
 
@@ -9,11 +14,8 @@ import numpy as np
 
 from session.base.rotation import unit_vectors
 from session.base.units import DEG
-from tinygc.effects import Effect, Movement, NoC, Parameter, Reach, signals
-from tinygc.explanation.search import PLAUSIBLE_RPS
+from tinygc.effects import Movement, signals
 from tinygc.features.discovery.form import Factor, LawForm
-from tinygc.features.discovery.words import equation as equation_of
-from tinygc.features.discovery.words import regime, splits
 
 # A simulated movement that distinguishes all forms that differ for any movement.
 #
@@ -188,55 +190,3 @@ def _projected(columns: np.ndarray, held: np.ndarray, drawn: np.ndarray) -> np.n
     along = turn.transpose(0, 2, 1) @ (unit @ drawn)[:, :, None]
     share = np.divide(along[:, :, 0], weight, out=np.zeros_like(weight), where=weight > LEFT * weight[:, -1:])
     return ((turn @ share[:, :, None]).transpose(0, 2, 1) @ unit)[:, 0]
-
-
-# A form as a catalogue effect, so that all code that ranks, fits and draws effects accepts it.
-
-
-def columns_of(form: LawForm, movement: Movement) -> np.ndarray:
-    """Rate added by one rad/s of each coefficient, (N, 3, P)."""
-    values = {factor: factor.values(movement) for factor in form.factors}
-    terms = form.terms()
-    found = np.zeros((len(movement.rate), 3, len(terms)))
-    for number, (axis, parts) in enumerate(terms):
-        product = np.ones(len(movement.rate))
-        for factor, component in parts:
-            product = product * values[factor][:, component]
-        found[:, axis, number] = product
-    return found
-
-
-def distorted(form: LawForm, movement: Movement, theta: np.ndarray) -> np.ndarray:
-    """Rate with the law, (N, 3) rad/s; as ``columns_of`` times theta (P,), without the zeros."""
-    values = {factor: factor.values(movement) for factor in form.factors}
-    found = movement.rate.copy()
-    for (axis, (first, *others)), coefficient in zip(form.terms(), theta, strict=True):
-        product = coefficient * values[first[0]][:, first[1]]
-        for factor, component in others:
-            product *= values[factor][:, component]
-        found[:, axis] += product
-    return found
-
-
-def added(effect: Effect, theta: np.ndarray, movements: Sequence[Movement]) -> np.ndarray:
-    """Rate added by an effect, (N, 3) rad/s over all logs concatenated."""
-    return np.concatenate([effect.columns(effect.shown(movement)) @ theta for movement in movements])
-
-
-def as_effect(form: LawForm, name: str = "discovered.law", rms: float = 1.0, equation: str = "") -> Effect:
-    """The form as an effect; rms: of its products in the recording, which sets its plausible size."""
-    unit, said = form.coefficient_unit, equation or equation_of(form)
-    return Effect(
-        id=name,
-        equation=said,
-        parameter=Parameter("coefficients", (form.size,), unit, DEG, plausible=PLAUSIBLE_RPS / max(rms, 1e-12)),
-        observable_in=("still", "turn"),
-        columns=lambda movement: columns_of(form, movement),
-        describe=lambda theta: f"follows {said} (up to {np.abs(theta).max() / DEG:.3g} {unit})",
-        discriminating_motion=splits(form),
-        conditions=regime(form),
-        inputs=form.inputs,
-        reach=sum((factor.reach for factor in form.factors), Reach()),
-        exact_distort=lambda movement, theta: distorted(form, movement, theta),
-        device=NoC("no C has been written for it"),
-    )

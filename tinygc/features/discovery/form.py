@@ -197,9 +197,30 @@ class LawForm:
         return tuple(dict.fromkeys(name for factor in self.factors for name in factor.inputs))
 
     @property
+    def reach(self) -> Reach:
+        """How far around a sample it looks."""
+        return sum((factor.reach for factor in dict.fromkeys(self.factors)), Reach())
+
+    @property
+    def remembers(self) -> bool:
+        """Whether it depends on the whole log."""
+        return self.reach.before_s >= signals.WHOLE.before_s
+
+    @property
+    def is_scale_law(self) -> bool:
+        """Whether each axis has one coefficient that multiplies its own rate, without memory."""
+        odd = sum(factor.quantity == "rate" and factor.through.odd for factor in self.factors)
+        return self.pattern == "each" and self.size == 3 and not self.reach and odd == 1
+
+    @property
     def size(self) -> int:
         """Number of coefficients."""
         return len(self.terms())
+
+    @property
+    def parameter_shape(self) -> tuple[int, ...]:
+        """Shape of the coefficients: a row for each axis."""
+        return (3,) if self.size == 3 else (3, self.size // 3)
 
     @property
     def constants(self) -> tuple[float, ...]:

@@ -6,14 +6,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from tinygc.effects import Movement, Reach, signals, without_vibration
 from tinygc.effects.movement import HAND_S, NOWHERE
 
-# Functions of one quantity, applied before it multiplies.  The Python of each is its one definition: the search evaluates it, and an
-# effect file contains it.
+# Functions of one quantity, applied before it multiplies.  The Python of each is its one definition: the search evaluates it, and its C is
+# written by it.
 
 #: names that the Python of a function or a quantity may use
 _NAMES = {"np": np, "signals": signals, "without_vibration": without_vibration}
@@ -46,6 +47,10 @@ class Function:
     def of(self) -> Callable[[np.ndarray, float], np.ndarray]:
         """``of(x, c)``: values of the shape of x, with several phases as a further last axis."""
         return eval(f"lambda x, c: {self.source}", dict(_NAMES))
+
+    def on(self, x: Any, c: Any, numpy: Any) -> Any:
+        """The same by other functions than NumPy's, such as those that write C."""
+        return eval(self.source, _NAMES | {"np": numpy, "x": x, "c": c})
 
 
 FUNCTIONS: dict[str, Function] = {
@@ -93,7 +98,7 @@ FUNCTIONS: dict[str, Function] = {
             "beyond",
             "[|{x}| > {c}]",
             "a step that is there while the size of {x} is above {c}",
-            "(np.abs(x) > c).astype(float)",
+            "np.where(np.abs(x) > c, 1.0, 0.0)",
             constant="threshold",
             odd=False,
         ),
@@ -105,7 +110,12 @@ FUNCTIONS: dict[str, Function] = {
             constant="threshold",
         ),
         Function(
-            "above", "[{x} > {c}]", "a step that is there while {x} is above {c}", "(x > c).astype(float)", constant="threshold", odd=False
+            "above",
+            "[{x} > {c}]",
+            "a step that is there while {x} is above {c}",
+            "np.where(x > c, 1.0, 0.0)",
+            constant="threshold",
+            odd=False,
         ),
         Function(
             "hinge", "max({x} − {c}, 0)", "how far {x} is above {c}", "np.maximum(x - c, 0.0)", constant="threshold", odd=False, power=1

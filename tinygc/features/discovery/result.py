@@ -10,7 +10,6 @@ from session.base.records import table_of
 from session.base.texts import measured
 from session.base.units import DEG
 from tinygc.explanation.claims import p_entry, p_words
-from tinygc.features.discovery.law_code import law_code
 from tinygc.features.discovery.quantities import QUANTITIES
 from tinygc.features.discovery.search_state import NOISE_P, Discovery, Law, RunnerUp
 from tinygc.features.discovery.words import (
@@ -51,7 +50,7 @@ def to_json(discovery: Discovery, files: Sequence[str | None]) -> dict:
 def law_table(law: Law, file: str | None) -> dict:
     """One of ``laws``."""
     unit, name = coefficient_unit(law.form)
-    _, shape = law_code(law.form)
+    shape = law.form.parameter_shape
     parameters, std = ((x / DEG).reshape(shape).tolist() for x in (law.theta, sigmas_in(law.covariance)))
     return {
         "id": law.effect.id if file is None else PurePosixPath(file).stem.replace("_", ".", 1),  # discovered_rate.py: discovered.rate

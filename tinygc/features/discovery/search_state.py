@@ -16,8 +16,8 @@ from tinygc.explanation.decision import LEAST_EXCESS, tilt_rms
 from tinygc.explanation.evidence import Hypothesis
 from tinygc.explanation.search import rewhitened
 from tinygc.features.discovery.constants import ByAxis, by_axis, gain_of, linear_coefficients
-from tinygc.features.discovery.equivalence import added, as_effect
 from tinygc.features.discovery.form import LawForm
+from tinygc.features.discovery.law_effect import added, as_effect
 from tinygc.features.discovery.projections import Projection
 from tinygc.features.discovery.screening import promised_beside
 from tinygc.features.discovery.selection import FormEvidence, SearchRound, believable, one_step

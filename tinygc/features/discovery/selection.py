@@ -15,8 +15,8 @@ from tinygc.explanation.evidence import Evidence, Guess, Hypothesis
 from tinygc.explanation.search import rewhitened
 from tinygc.features.discovery.constants import refined
 from tinygc.features.discovery.enumeration import bits
-from tinygc.features.discovery.equivalence import as_effect, distorted
 from tinygc.features.discovery.form import LawForm
+from tinygc.features.discovery.law_effect import as_effect, distorted
 from tinygc.features.discovery.projections import Projection, price
 from tinygc.features.discovery.responses import Responses
 from tinygc.features.discovery.screening import Screening, screened

@@ -265,69 +265,51 @@ def combination(form: LawForm, direction: np.ndarray) -> str:
 BEYOND_SIGMA = 2
 #: digits of a constant of unknown sigma
 DIGITS = 5
-#: unit of a quantity -> displayed unit, its size in the quantity's unit, Python of that size, ending of a name
+#: unit of a quantity -> displayed unit, its size in the quantity's unit, ending of a name
 BENCH_UNITS = {
-    "rad": ("deg", DEG, " * DEG", "deg"),
-    "1": ("", 1.0, "", "share"),
-    "g": ("g", 1.0, "", "g"),
-    "g²": ("g²", 1.0, "", "g2"),
-    "s": ("s", 1.0, "", "s"),
-    "°C": ("°C", 1.0, "", "c"),
-    "°C/s": ("°C/s", 1.0, "", "c_per_s"),
-    "1/s": ("1/s", 1.0, "", "per_s"),
-    "1/s²": ("1/s²", 1.0, "", "per_s2"),
+    "rad": ("deg", DEG, "deg"),
+    "1": ("", 1.0, "share"),
+    "g": ("g", 1.0, "g"),
+    "g²": ("g²", 1.0, "g2"),
+    "s": ("s", 1.0, "s"),
+    "°C": ("°C", 1.0, "c"),
+    "°C/s": ("°C/s", 1.0, "c_per_s"),
+    "1/s": ("1/s", 1.0, "per_s"),
+    "1/s²": ("1/s²", 1.0, "per_s2"),
 }
 
 
 @dataclass(frozen=True)
 class Constant:
-    """One of a form's constants.  word: what it is, such as ``threshold`` or ``lag``; python: its name in capitals; json: its name there;
-    number: in its unit, rounded; sigma: likewise, None unknown; unit: the displayed one; si: the size of that unit; times: Python of the
-    same; of: number of its factor, lag: whether it is a lag."""
+    """One of a form's constants: its name in JSON; number: in its unit, rounded; sigma: likewise, None unknown; unit: the displayed one;
+    si: the size of that unit."""
 
-    word: str
-    python: str
     json: str
     number: float
     sigma: float | None
     unit: str
     si: float
-    times: str
-    of: int
-    lag: bool
 
     @property
     def value(self) -> float:
         """The value in the quantity's own unit, as in the form."""
         return self.number * self.si
 
-    @property
-    def source(self) -> str:
-        """Python of its value."""
-        return f"{self.number!r}{self.times}"
-
 
 def constants_of(form: LawForm, sigmas: Sequence[float] = ()) -> list[Constant]:
     """The constants in the order of ``form.constants``; sigmas: theirs, in the quantities' own units."""
-    known = list(sigmas) or [float("nan")] * len(form.constants)
-    given = iter(known)
+    given = iter(sigmas or [float("nan")] * len(form.constants))
     found = []
     for number, factor in enumerate(form.factors):
-        before = f"{factor.quantity}_" if len(form.factors) > 1 and form.factors[0].quantity != form.factors[1].quantity else ""
-        before = before or (f"{('first', 'second')[number]}_" if len(form.factors) > 1 else "")
-        if factor.constant is not None:
-            word = factor.through.constant or "constant"
-            found.append(_constant(word, before, factor.constant, next(given), factor.of.unit, number, False))
-        if factor.lag_s is not None:
-            found.append(_constant("lag", before, factor.lag_s, next(given), "s", number, True))
+        other = {each.quantity for each in form.factors} != {factor.quantity}
+        before = "" if len(form.factors) == 1 else f"{factor.quantity}_" if other else f"{('first', 'second')[number]}_"
+        for word, value, unit in ((factor.through.constant, factor.constant, factor.of.unit), ("lag", factor.lag_s, "s")):
+            if value is not None:
+                shown, si, ending = BENCH_UNITS[unit]
+                sigma = next(given) / si
+                spread = sigma if isfinite(sigma) and sigma > 0 else None
+                found.append(Constant(f"{before}{word}_{ending}", _rounded(value / si, spread), spread, shown, si))
     return found
-
-
-def _constant(word: str, before: str, value: float, sigma: float, unit: str, of: int, lag: bool) -> Constant:
-    shown, si, times, ending = BENCH_UNITS.get(unit, (unit, 1.0, "", ""))
-    name = f"{before}{word}_{ending}".rstrip("_")
-    spread = sigma / si if isfinite(sigma) and sigma > 0 else None
-    return Constant(word, f"{before}{word}".upper(), name, _rounded(value / si, spread), spread, shown, si, times, of, lag)
 
 
 def _rounded(value: float, sigma: float | None) -> float:

@@ -1,62 +1,51 @@
-"""Detection limits: the smallest law that this search would find here, from laws injected into simulated noise of this recording."""
+"""Detection limits: the smallest law that this search would find here, by the chi-square that each form takes up of it."""
 
 from __future__ import annotations
-
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from tinygc.features.discovery.form import LawForm
 from tinygc.features.discovery.law_effect import PLAUSIBLE_RPS
-from tinygc.features.discovery.projections import Projection, basis_of, promise, seen_directions
+from tinygc.features.discovery.projections import Projection, promise, seen_basis, seen_directions
 from tinygc.features.discovery.quantities import QUANTITIES
-from tinygc.features.discovery.responses import Responses, planned
+from tinygc.features.discovery.responses import planned
 from tinygc.features.discovery.screening import Screening, passed
+from tinygc.inference.choose import ONE_SIDED
 from tinygc.noise.whitening import Whitener
 
-#: draws of noise that a law is injected into, and the share in which it must be found: nineteen of twenty, known to 3 %
-DRAWS, SURE = 64, 0.95
 #: squared correlation with the law's rate from which a form counts as having found it: correlation 0.99
 SAID = 0.98
-#: forms considered in a law's place: the best by promise or of the same quantities; and the best approximations of a plain law
-NEAR_LAW, NEAR_PROBE = 300, 40
-#: chi-square of a plain law at which its rivals are selected
+#: forms considered in a law's place: the best by promise, and the cheapest of the same quantities
+NEAR_LAW = 300
+#: chi-square of a law at which its rivals are selected
 RIVALS_AT = 60.0
-#: range of factors on a law's size that is searched, either way, and bisections: to 2 %
-MOST_FACTOR, HALVINGS = 64.0, 9
+#: range of factors on a law's size that is searched, either way; steps of it, of 2 % each
+MOST_FACTOR, STEP = 64.0, 1.02
 #: rad/s rms: smaller laws are not considered (a tenth of a degree an hour)
 LEAST_RPS = 5e-7
-
-
-class _Form(NamedTuple):
-    """basis (m, r) of a form in a projection, its price, and own: whether it is the law itself."""
-
-    basis: np.ndarray
-    price: float
-    own: bool
 
 
 def learnable_from(screening: Screening, form: LawForm, theta: np.ndarray, chance: float, whiten: Whitener | None = None) -> float | None:
     """Factor on a law's size, theta (P,) in rad/s, from which this search would find it in 95 % of all cases; None: not at any.
 
-    A law is found where the best of all forms is the law, or correlates with its added rate to 0.99, and noise alone does as well in no
-    more than the share ``chance`` of searches.  Linear, in the last projection; whiten: the noise estimated with the law in the fit, as
-    otherwise it absorbs the law.  The form has the price of those screened forms that differ from it by constants alone.
+    Linear, in the last projection; whiten: the noise estimated with the law in the fit, as otherwise it absorbs the law.  The form has the
+    price of those screened forms that differ from it by constants alone.
     """
     responses, projection = screening.all_responses, screening.all_projections[-1]
     projection = projection if whiten is None else projection.with_noise(whiten)
-    basis = basis_of(form, responses, projection)
-    if not basis.shape[1]:
+    response, rank = responses.columns(form) @ theta, seen_basis(responses.columns(form), projection).shape[1]
+    if not rank:
         return None
-    response = responses.columns(form) @ theta
-    # Numbers of the cheapest forms of the same quantities
     quantities = {factor.quantity for factor in form.factors}
     kin = [number for number, other in enumerate(screening.forms) if {factor.quantity for factor in other.factors} <= quantities]
     near = np.union1d(screening.order[:NEAR_LAW], np.array(sorted(kin, key=lambda number: screening.price[number])[:NEAR_LAW], dtype=int))
-    forms = [_Form(basis, screening.price_of(form), own=True), *_forms(screening, near, responses, projection).values()]
-    found = _trial(screening, projection, projection.whitened(response), projection.seen(response), forms, 0, chance)
-    return _threshold(found, 1 / MOST_FACTOR, MOST_FACTOR)
+    free, found = projection.seen(response), [(float(np.sum(projection.seen(response) ** 2)), rank, screening.price_of(form))]
+    for some in passed(planned([screening.forms[number] for number in near]), responses, [projection], [free[:, None]]):
+        weights, ranks, _ = seen_directions(some.free, some.length)
+        gains = np.sum((weights @ some.along) ** 2, axis=(1, 2))
+        found += zip(gains.tolist(), ranks.tolist(), screening.price[near[some.forms]].tolist(), strict=True)
+    taken, ranks, prices = np.array(found).T
+    return _least(screening, projection, projection.whitened(response), (taken, ranks, prices), chance, (1 / MOST_FACTOR, MOST_FACTOR))
 
 
 def learnable(screening: Screening, chance: float, least: float = 0.0) -> dict[str, float | None]:
@@ -64,78 +53,49 @@ def learnable(screening: Screening, chance: float, least: float = 0.0) -> dict[s
     quantity is missing.  From there the law is found in 95 % of all cases (as ``learnable_from``) and gains at least ``least`` chi-square.
     The law is the most visible function of the quantity, the same for each axis (``probes``)."""
     found: dict[str, float | None] = dict.fromkeys(QUANTITIES)
-    responses, projection = screening.responses, screening.projections[-1]
-    near = [_rivals(screening, number) for number in range(len(screening.probes))]
-    if not near:
-        return found
-    forms = _forms(screening, np.unique(np.concatenate(near)), responses, projection)
-    for number, (probe, own) in enumerate(zip(screening.probes, near, strict=True)):
-        some = [forms[rival] for rival in own.tolist() if rival in forms]
-        is_found = _trial(screening, projection, probe.whitened, probe.unit, some, 1 + number, chance, least)
-        factor = _threshold(is_found, LEAST_RPS / probe.rms, PLAUSIBLE_RPS / probe.rms)
+    for number, probe in enumerate(screening.probes):
+        forms, range_ = (
+            (screening.shares[:, number], screening.rank[-1], screening.price),
+            (LEAST_RPS / probe.rms, PLAUSIBLE_RPS / probe.rms),
+        )
+        factor = _least(screening, screening.projections[-1], probe.whitened, forms, chance, range_, least)
         found[probe.quantity] = None if factor is None else factor * probe.rms
     return found
 
 
-def _rivals(screening: Screening, probe: int) -> np.ndarray:
-    """Numbers of the forms with the largest promise for a noise-free plain law, itself among them."""
-    rank = screening.rank[-1]
-    expected = promise(RIVALS_AT * screening.shares[:, probe].astype(float) + rank, rank, screening.price)
-    expected[rank == 0] = -np.inf
-    return np.argsort(-expected, kind="stable")[:NEAR_PROBE]
-
-
-def _forms(screening: Screening, numbers: np.ndarray, responses: Responses, projection: Projection) -> dict[int, _Form]:
-    """Bases and prices of the numbered forms."""
-    found = {}
-    for some in passed(planned([screening.forms[number] for number in numbers]), responses, [projection], [np.zeros((projection.free, 0))]):
-        weights, rank, _ = seen_directions(some.free, some.length)
-        for form, basis, r in zip(numbers[some.forms].tolist(), weights @ some.free, rank.tolist(), strict=True):
-            found[form] = _Form(basis[:r].T, float(screening.price[form]), own=False)
-    return found
-
-
-def _trial(
+def _least(
     screening: Screening,
     projection: Projection,
     whitened: np.ndarray,
-    free: np.ndarray,
-    forms: Sequence[_Form],
-    number: int,
+    forms: tuple[np.ndarray, np.ndarray, np.ndarray],
     chance: float,
+    factors: tuple[float, float],
     least: float = 0.0,
-) -> Callable[[float], bool]:
-    """Whether a law is found in ``SURE`` of the draws at so many times its size, by its response, whitened (n,) and free (m,), among forms;
-    the same noise draws are used for every size."""
-    generator, level = np.random.default_rng([screening.seed, number]), max(screening.chance.level(chance), 0.0)
-    law, noise = projection.beside(whitened), projection.beside(generator.standard_normal((len(whitened), DRAWS)))
-    # The promise of all other forms in noise alone.
-    others = generator.choice(screening.drawn, DRAWS)
-    rank, prices = np.array([each.basis.shape[1] for each in forms]), np.array([each.price for each in forms])
-    starts = np.concatenate([[0], np.cumsum(rank)[:-1]]).astype(int)
-    bases = np.concatenate([each.basis for each in forms], axis=1)
-    along_law, along_noise = bases.T @ free, bases.T @ projection.free_of(noise)
-    said = np.add.reduceat(along_law**2, starts) / float(free @ free)
-    says = (said > SAID) | np.array([each.own for each in forms])
+) -> float | None:
+    """The smallest factor on a law's response (n,) at which it is found, of a range; None where there is none.
 
-    def found(factor: float) -> bool:
-        gains = np.add.reduceat((factor * along_law[:, None] + along_noise) ** 2, starts, axis=0)
-        scatter = projection.scatters(factor * law[:, None] + noise)
-        tested = promise(projection.studentised(gains, rank, scatter), rank, prices)
-        best = np.argmax(tested, axis=0)
-        ahead = tested[best, np.arange(DRAWS)] > np.maximum(others, level)
-        enough = gains[best, np.arange(DRAWS)] >= least
-        return bool(np.mean(says[best] & ahead & enough) >= SURE)
-
-    return found
-
-
-def _threshold(found: Callable[[float], bool], least: float, most: float) -> float | None:
-    """The smallest factor that is found, by bisection of its logarithm; None where even the largest is not."""
-    if not found(most):
+    forms: chi-square (F,) that each takes up of the response, rank, price.  A law is found where the most promising form is one that
+    correlates with its rate to 0.99, noise alone does as well in no more than the share ``chance`` of searches, and it gains ``least``.  Of
+    a gain, and of a lead in it over another form, the lower limit counts, which holds with 95 %: noise adds to a response of length l a
+    normal variable of sigma 2 l.
+    """
+    size = np.exp(np.arange(np.log(factors[0]), np.log(factors[1]), np.log(STEP)))
+    taken, rank, price = (np.asarray(each, dtype=float)[np.asarray(forms[1]) > 0] for each in forms)
+    whole = float(np.sum(projection.free_of(whitened) ** 2))
+    near = np.argsort(-promise(RIVALS_AT * taken / whole + rank, rank, price), kind="stable")[:NEAR_LAW]
+    taken, rank, price = taken[near], rank[near], price[near]
+    says = taken > SAID * whole
+    if not says.any():
         return None
-    low, high = np.log(least), np.log(most)
-    for _ in range(HALVINGS + int(np.log2(max((high - low) / np.log(MOST_FACTOR**2), 1.0)))):
-        middle = (low + high) / 2
-        low, high = (low, middle) if found(float(np.exp(middle))) else (middle, high)
-    return float(np.exp(high))
+    gain = np.maximum(np.sqrt(taken[says])[:, None] * size - ONE_SIDED, 0.0) ** 2
+    own = promise(gain + rank[says][:, None] - 1, rank[says], price[says])
+    best, columns = np.argmax(own, axis=0), np.arange(len(size))
+    lead = np.sqrt(np.maximum(taken[says][best] - taken[~says][:, None], 0.0)) * size
+    others = np.maximum(gain[best, columns] - lead**2 + 2 * ONE_SIDED * lead, 0.0) + rank[~says][:, None] - 1
+    ahead = own[best, columns] > promise(others, rank[~says], price[~says]).max(axis=0, initial=-np.inf)
+    scatter = projection.freedom + size**2 * projection.scatters(projection.beside(whitened))
+    tested = promise(projection.studentised(gain, rank[says], scatter), rank[says], price[says])[best, columns]
+    found = ahead & (tested > max(screening.chance.level(chance), 0.0)) & (gain[best, columns] >= least)
+    lost = np.flatnonzero(~found)
+    first = lost[-1] + 1 if len(lost) else 0
+    return float(size[first]) if first < len(size) else None

@@ -266,8 +266,7 @@ class Screening:
     bits, sizes, price (F,): of each form, sizes in coefficients; of every projection (L, F): gain in chi-square, promise, rank: number of
     visible directions, left: share of the columns' squared length outside the nuisance.  marks (F, MARKS): gains in draws of noise (n, D),
     in the last projection; probes: plain laws of each quantity, shares (F, probes): of each one's response that a form can represent;
-    responses, projections: of the turns by which all forms are screened, all_responses, all_projections: of all turns; seed: of all other
-    random draws.
+    responses, projections: of the turns by which all forms are screened, all_responses, all_projections: of all turns.
     """
 
     def __init__(
@@ -278,11 +277,10 @@ class Screening:
         projections: tuple[Projection, ...],
         noise: np.ndarray,
         probes: tuple[Probe, ...] = (),
-        seed: int = 0,
     ):
         self._plan = planned(forms)
         self.forms, self.bits, self.sizes, self.price = forms, bits, self._plan.sizes, price(bits, self._plan.sizes)
-        self.responses, self.projections, self.noise, self.probes, self.seed = responses, projections, noise, probes, seed
+        self.responses, self.projections, self.noise, self.probes = responses, projections, noise, probes
         self.all_responses, self.all_projections = responses, projections
         shape, draws = (len(projections), len(forms)), noise.shape[1]
         self.gain, self.left, self.rank = np.zeros(shape), np.zeros(shape), np.zeros(shape, dtype=int)
@@ -414,7 +412,7 @@ def screened(
         seen = tuple(Projection(replay.twin, whiten, fit, rows) for whiten, fit in projections)
     noise = np.random.default_rng(seed).standard_normal((responses.channels, draws))
     probes = probes_of(forms, responses, seen[-1])
-    screening = Screening(forms, np.asarray(bits, dtype=float), responses, seen, noise, probes, seed)
+    screening = Screening(forms, np.asarray(bits, dtype=float), responses, seen, noise, probes)
     screening.screen(progress)
     if part is not None:
         screening.weigh_with_all(every, all_projections, progress)

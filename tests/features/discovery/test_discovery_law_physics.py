@@ -17,14 +17,10 @@ from tinygc.features.discovery import engine
 from tinygc.features.discovery.effect_file import Where, written
 from tinygc.features.discovery.engine import MOST_LACKING, not_observed, observed, share_lacking
 from tinygc.features.discovery.enumeration import bits, enumerated
-from tinygc.features.discovery.equivalence import (
-    FULL_SCALE,
-    distinct_forms,
-    some_movement,
-)
 from tinygc.features.discovery.form import PATTERNS, Factor, LawForm, unit_of
 from tinygc.features.discovery.law_effect import as_effect, columns_of
 from tinygc.features.discovery.law_on_device import device_of
+from tinygc.features.discovery.passes import FULL_SCALE, some_movement
 from tinygc.features.discovery.quantities import largest_of
 from tinygc.features.discovery.words import (
     LONGEST,
@@ -38,6 +34,8 @@ from tinygc.features.discovery.words import (
     what,
 )
 from tinygc.noise.twin import READ
+
+RATE = Factor("rate")
 
 
 @pytest.fixture(scope="module")
@@ -158,16 +156,34 @@ def test_forms_have_bits_of_a_code_and_names_and_words_of_their_own(movement):
         assert READ[variable][1] == unit
 
 
-def test_identities_are_one_form(movement):
-    """A bias and a matrix hold the rest: what is held within a limit is what is not beyond it."""
-    square = LawForm((Factor("rate", "square"),))
-    same = [square, LawForm((Factor("rate", "size"),) * 2), LawForm((Factor("rate", "signed_square"), Factor("rate", "sign")))]
-    assert distinct_forms(same, [movement]) == same[:1]
-    limited = [LawForm((Factor("rate", function, 0.2),)) for function in ("dead_zone", "within")]
-    assert distinct_forms(limited, [movement]) == limited[:1]
-    assert distinct_forms([LawForm((Factor("rate"),), "full"), LawForm((Factor("sense"), Factor("sense")))], [movement]) == []
-    near = [LawForm((Factor("time"),)), LawForm((Factor("time", "excess", 2.0),))]  # passed in a few samples of four minutes, by little
-    assert distinct_forms(near, [movement]) == near
+def test_what_is_equal_by_algebra_is_one_form(movement):
+    """The forms of a kind have the same columns, but for their order; those of two kinds have not."""
+    force = Factor("force")
+    kinds = [
+        [(("rate", "square"),), (("rate", "size"), ("rate", "size")), (("rate", "signed_square"), ("rate", "sign"))],
+        [(("rate", "cube"),), (("rate", "square"), "rate"), (("rate", "sign"), ("rate", "size_cube"))],
+        [(("rate_size", "root_cube"),), (("rate_size", "root"), "rate_size")],
+        [(("rate", "root"),), (("rate", "signed_root"), ("rate", "sign"))],
+    ]
+    found = [[LawForm(tuple(Factor(*np.atleast_1d(each)) for each in form)) for form in kind] for kind in kinds]
+    found.append([LawForm((force, RATE), "next"), LawForm((RATE, force), "last")])
+    found += [[LawForm((force, RATE), "last")], [LawForm((force, RATE), "leant")], [LawForm((RATE, force), "leant")]]
+    found += [[LawForm((Factor("force", "sign", None, lag_s), Factor("force", "sign")))] for lag_s in (0.5, 1.5)]
+    assert [len({form.canonical for form in kind}) for kind in found] == [1] * len(found)
+    assert len({kind[0].canonical for kind in found}) == len(found)
+    for first, *others in found:
+        for other in others:
+            assert_allclose(columns_of(other, movement), columns_of(first, movement), atol=1e-12)
+
+
+def test_what_a_calibration_spans_is_no_form(movement):
+    some = {name: size if name in ("rate", "sense", "temperature") else 0.0 for name, size in largest_of([movement]).items()}
+    forms = enumerated(some)
+    for factors in ((RATE,), (Factor("sense"),) * 2):
+        assert not {LawForm(factors, pattern) for pattern in ("each", "full")} & set(forms)
+    assert LawForm((RATE, Factor("temperature"))) in forms
+    assert not [form for form in forms if form.factors[0] == RATE and form.factors[-1].function == "above_point"]
+    assert len({form.canonical for form in forms}) == len(forms)
 
 
 _turning = signals.moving_rate
@@ -178,7 +194,7 @@ def _force(m):
 
 
 C = np.array([1.2, -0.7, 0.9])
-RATE, TURNED = Factor("rate"), Factor("turned", "wave", 2 * np.pi / 3)
+TURNED = Factor("turned", "wave", 2 * np.pi / 3)
 #: the law on paper of a movement m, and its form
 PHYSICS = {
     "rectification": (

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from math import isfinite
 from textwrap import indent, wrap
 
 import numpy as np
 
-from session.base.numeric import rms_of
 from session.base.texts import printable
 from session.base.units import DEG
-from tinygc.effects import Movement
 from tinygc.effects.device import MOST_PASSES, PASSES
-from tinygc.effects.inversion import substituted, undone_with_jumps
-from tinygc.features.discovery.equivalence import FULL_SCALE, some_movement
 from tinygc.features.discovery.form import LawForm
-from tinygc.features.discovery.law_effect import columns_of
 from tinygc.features.discovery.law_on_device import why_not
+from tinygc.features.discovery.passes import FULL_SCALE, passes_in_c, passes_of
 from tinygc.features.discovery.result import evidence_words, law_table, open_words
 from tinygc.features.discovery.search_state import Law
 from tinygc.features.discovery.words import jumps, rounded, what
@@ -69,82 +65,6 @@ def _where(where: Where) -> str:
     scale = "" if where.full_scale_dps is None else f", full scale {where.full_scale_dps:g} dps"
     return (
         f"session {plain(where.session)}{scale}{f'; {logs}' if logs else ''}{f'; TinyGC {plain(where.version)}' if where.version else ''}"
-    )
-
-
-# How many fixed-point passes invert a law, by trial on a simulated movement: declared by the written file and run by its C.
-
-#: Hz, the highest rate of a proof; s of movement
-RATE_HZ, LENGTH_S = 833.0, 8.0
-#: factors on the size found, of each sign, that another unit may have: the range of a proof
-STRONGER, DRAWN = 1.5, 2
-#: share of the added rate that may remain (a proof requires 5e-3), and share of rows that may exceed it, as at the rate that ends a
-#: rest
-LEFT, ASTRAY = 1e-3, 0.01
-#: residual allowed in C relative to 1 rad/s: about the rounding of single precision
-LEFT_IN_C = 2e-6
-
-
-def passes_of(form: LawForm, theta: np.ndarray, jumps: bool, full_scale: float = FULL_SCALE) -> int | None:
-    """Fixed-point passes over all rows that invert a law, theta (P,) SI; None where ``MOST_PASSES`` are not enough."""
-    moved = _movement(full_scale)
-
-    def left(size: np.ndarray, passes: int) -> bool:
-        def added(movement: Movement) -> np.ndarray:
-            return columns_of(form, movement) @ size
-
-        distorted = moved.rate + (adds := added(moved))
-        undone = undone_with_jumps if jumps else substituted
-        rate = undone(distorted, moved, added, passes)
-        off = np.abs(rate - moved.rate).max(axis=1) > LEFT * np.abs(adds).max(initial=1e-12)
-        return bool(off.mean() > ASTRAY)
-
-    return _least(theta, left)
-
-
-def passes_in_c(form: LawForm, theta: np.ndarray, full_scale: float = FULL_SCALE) -> int | None:
-    """As ``passes_of`` in single precision up to full scale, each row on its own."""
-    rng, moved = np.random.default_rng(0), _movement(full_scale)
-    moved = replace(moved, rate=rng.uniform(-full_scale, full_scale, np.shape(moved.rate)))
-
-    def left(size: np.ndarray, passes: int) -> bool:
-        rate = substituted(moved.rate, moved, lambda movement: columns_of(form, movement) @ size, passes)
-        again = rate + columns_of(form, moved.with_rate(rate)) @ size
-        return bool((np.abs(again - moved.rate) > LEFT_IN_C * (1 + np.abs(moved.rate))).any())
-
-    return _least(theta, left)
-
-
-def _least(theta: np.ndarray, left: Callable[[np.ndarray, int], bool]) -> int | None:
-    rng, rms = np.random.default_rng(0), rms_of(theta)
-    sizes = [STRONGER * theta, *(STRONGER * rms * rng.choice((-1.0, 1.0), (DRAWN, len(theta))))]
-    passes = PASSES
-    for size in sizes:
-        while left(size, passes):
-            if passes >= MOST_PASSES:
-                return None
-            passes = min(passes + 1 + passes // 4, MOST_PASSES)
-    return passes
-
-
-def _movement(full_scale: float) -> Movement:
-    """(N,) rows of a simulated movement, linear between its samples and more abrupt than a hand."""
-    drawn = some_movement(0)
-    t_s = drawn.t_s[0] + np.arange(0.0, LENGTH_S, 1 / RATE_HZ)
-
-    def at(values: np.ndarray) -> np.ndarray:
-        flat = values.reshape(len(values), -1)
-        return np.stack([np.interp(t_s, drawn.t_s, column) for column in flat.T], axis=-1).reshape(-1, *values.shape[1:])
-
-    return replace(
-        drawn,
-        t_s=t_s,
-        dt_s=1 / RATE_HZ,
-        rate=at(drawn.rate) * full_scale / FULL_SCALE,
-        force_g=at(drawn.force_g),
-        temp_c=at(drawn.temp_c),
-        vibration_g2=at(drawn.vibration_g2),
-        fs_rps=full_scale,
     )
 
 

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
 from itertools import combinations_with_replacement
 
 import numpy as np
 
-from tinygc.features.discovery.equivalence import distinct_forms, some_movement
 from tinygc.features.discovery.form import Factor, LawForm, patterns_of
-from tinygc.features.discovery.quantities import FUNCTIONS, QUANTITIES, largest_of
+from tinygc.features.discovery.quantities import FUNCTIONS, QUANTITIES
 
 # The grid of constants before refinement: functions in units of the quantity's largest size in the recording, and lags.
 #
@@ -199,57 +198,39 @@ def _of_factor(quantity: str, function: str, constant: bool, lag: bool) -> float
 # All forms of the grammar for a recording, each once.
 #
 # One factor: every function of every quantity, lagged where allowed.  Two factors: the plainer functions of both, with fewer places for
-# constants.  Each comes in every pattern of axes that its factors allow.  Algebraic duplicates are skipped while building where one line
-# of code can recognise them; ``distinct_forms`` finds the rest and keeps the form of fewest bits.
+# constants.  Each comes in every pattern of axes that its factors allow.  Of forms that are equal by algebra (``LawForm.canonical``) the
+# simplest is kept.  What is equal only in a recording is found there (``Screening.leaders``).
 
-#: seed of the movement that distinguishes forms: of a dozen tried, one that distinguishes every form that any of the others does
-SEED = 10
 #: numbers of one axis that a product may have: more would give a dozen coefficients
 MOST_EACH = 2
+#: functions of the rate that are zero up to a threshold
+OF_A_TURN = ("dead_zone", "excess", "beyond", "signed_beyond")
 
 #: a factor independent of the recording: quantity, function, its constant's place, lag
 Place = tuple[str, str, float | None, float | None]
-#: factors and pattern
-Plan = tuple[tuple[Place, ...], str]
 
 
 def enumerated(largest: Mapping[str, float]) -> list[LawForm]:
-    """Every form over these quantities; largest: by name, its largest size in the recording, 0 where it does not vary."""
+    """Every form over these quantities, the simplest first; largest: by name, its largest size in the recording, 0 where it does not
+    vary."""
     names = tuple(name for name in QUANTITIES if largest.get(name, 0.0) > 0)
-    factor = _factors(largest)
-    return [LawForm(tuple(map(factor, places)), pattern) for places, pattern in _plans(names)]
-
-
-def _factors(largest: Mapping[str, float]) -> Callable[[Place], Factor]:
-    """A factor by its place, each made once for quantities of these sizes."""
 
     @cache
     def factor(place: Place) -> Factor:
         quantity, function, at, lag_s = place
         return Factor(quantity, function, None if at is None else constant_at(quantity, function, at, largest[quantity]), lag_s)
 
-    return factor
+    forms = [LawForm(tuple(map(factor, places)), pattern) for places, pattern in (*_singles(names), *_products(names))]
+    ones = (Factor("rate"),), (Factor("sense"), Factor("sense"))  # which a calibration spans
+    spanned = {LawForm(factors, pattern).canonical for factors in ones for pattern in ("each", "full", "cross")}
+    found: dict[tuple, LawForm] = {}
+    for form in sorted(forms, key=bits):
+        if form.canonical not in spanned:
+            found.setdefault(form.canonical, form)
+    return list(found.values())
 
 
-@cache
-def _plans(names: tuple[str, ...]) -> tuple[Plan, ...]:
-    """All forms over these quantities, each once, the simplest first; duplicates are found on a simulated movement."""
-    movement = some_movement(SEED)
-    factor = _factors(largest_of([movement]))
-    plans: dict[LawForm, Plan | None] = {}
-    products = list(_products(names))
-    for plan in [*_singles(names), *products]:
-        plans.setdefault(LawForm(tuple(map(factor, plan[0])), plan[1]), plan)
-    # A product whose one factor is 1 wherever the other is not 0 is no product: it is skipped for that other factor alone, a single law
-    # near one of the single grid's places.
-    for place in dict.fromkeys(place for places, _ in products for place in places):
-        for pattern in patterns_of((_any(*place[:2]),)):
-            plans.setdefault(LawForm((factor(place),), pattern), None)
-    found = (plans[form] for form in distinct_forms(sorted(plans, key=bits), [movement]))
-    return tuple(plan for plan in found if plan is not None)
-
-
-def _singles(names: tuple[str, ...]) -> Iterator[Plan]:
+def _singles(names: tuple[str, ...]) -> Iterator[tuple[tuple[Place, ...], str]]:
     for name in names:
         for function, at, lag_s in offered(name, few=False):
             plain = at is None and lag_s is None
@@ -259,7 +240,7 @@ def _singles(names: tuple[str, ...]) -> Iterator[Plan]:
                     yield ((name, function, at, lag_s),), pattern
 
 
-def _products(names: tuple[str, ...]) -> Iterator[Plan]:
+def _products(names: tuple[str, ...]) -> Iterator[tuple[tuple[Place, ...], str]]:
     places = [(name, *place) for name in names for place in offered(name, few=True)]
     for one, other in combinations_with_replacement(places, 2):
         factors = (_any(*one[:2]), _any(*other[:2]))
@@ -277,9 +258,15 @@ def _products(names: tuple[str, ...]) -> Iterator[Plan]:
 def _sensible(one: Place, other: Place) -> bool:
     """Whether a product is worth enumerating.
 
-    A wave multiplies a quantity as it is.  Of two factors with a constant on a grid, one must decay with time, as the after-effect of a
-    motion or a settling supply does; any other pair of grids would be two searches in one.
+    What follows the time since the last turn multiplies nothing that a turn alone has; a rate times the temperature from a point differs
+    from that from another by a scale factor alone.  A wave multiplies a quantity as it is.  Of two factors with a constant on a grid, one
+    must decay with time, as the after-effect of a motion or a settling supply does; any other pair of grids would be two searches in one.
     """
+    quantities, plain = {one[0], other[0]}, ("rate", "itself", None, None)
+    if "rest" in quantities and any(place[0] in ("rate", "rate_size") and place[1] in OF_A_TURN and not place[3] for place in (one, other)):
+        return False
+    if plain in (one, other) and {one[1], other[1]} & {"above_point", "below_point", "settle"}:
+        return False
     if "wave" in (one[1], other[1]):
         return "itself" in (one[1], other[1]) and None in (one[3] or one[2], other[3] or other[2])
     searched = [any(value is not None for value in place[2:]) for place in (one, other)]

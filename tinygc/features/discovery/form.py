@@ -119,6 +119,12 @@ class Factor:
         return FUNCTIONS[self.function]
 
     @property
+    def canonical(self) -> tuple:
+        """Quantity, function, constant and lag; a function without a constant as its power, and whether that is odd."""
+        power = (self.through.power, self.through.odd and not self.of.positive)
+        return self.quantity, power if self.constant is None else self.function, self.constant, self.lag_s
+
+    @property
     def vector(self) -> bool:
         """Whether it has an axis."""
         return self.of.vector
@@ -236,6 +242,20 @@ class LawForm:
             lag_s = None if factor.lag_s is None else left.pop()
             factors.append(replace(factor, constant=constant, lag_s=lag_s))
         return replace(self, factors=tuple(factors))
+
+    @property
+    def canonical(self) -> tuple:
+        """The same for forms that are equal by algebra: a product has no order, and powers of one quantity multiply."""
+        factors, pattern = [factor.canonical for factor in self.factors], self.pattern
+        if pattern == "last":
+            factors, pattern = factors[::-1], "next"
+        elif pattern in ("each", "full", "cross"):
+            factors.sort(key=repr)
+            (name, one, *rest), (other, two, *more) = factors[0], factors[-1]
+            if len(factors) == 2 and (name, rest) == (other, more) == (name, [None, None]):
+                power = one[0] + two[0]
+                factors = [(name, (power, one[1] != two[1] and not QUANTITIES[name].positive), None, None)]
+        return pattern, *factors
 
     @cached_property
     def shape(self) -> LawForm:

@@ -20,14 +20,14 @@ import numpy as np
 from common import in_parallel, markdown
 
 from session.detect.accelerometer import BIASES, SCALES, SHEARS
-from tinygc.estimation.accelerometer import USUAL_SPREAD as USUAL_ACCELEROMETER
 from tinygc.estimation.between_sessions import course
-from tinygc.estimation.expected_zero import USUAL_SPREAD
-from tinygc.estimation.repeatability import widened
 from tinygc.estimation.session_times import YEAR_S, Moment
-from tinygc.features.unit.calibrated import Calibrated, read_calibrated
+from tinygc.estimation.spread import ACCELEROMETER, USUAL, Spread
+from tinygc.estimation.spread import ZERO as B_OF_21
 from tinygc.features.unit.history.estimate import history_of
 from tinygc.features.unit.history.sessions import GYROSCOPE, NUMBERS, ZERO, UnitSession, unit_sessions
+from tinygc.fitting.unit_state import UnitState, fitted_state
+from tinygc.models.linear import BIAS
 
 FIRST = datetime(2020, 1, 1, tzinfo=UTC)
 #: one sigma of a session of thirty turns, in the unit of each number (``python calibrate.py fit data/session1``)
@@ -74,8 +74,9 @@ def unit_of(job: Unit) -> tuple[list[UnitSession], Truth]:
         covariance = np.outer(sigma, sigma) * (root @ root.T)
         moment = Moment(FIRST + timedelta(seconds=float(when) * YEAR_S), "notes")
         vector = np.concatenate([np.eye(3).ravel(), -values[ZERO]])
-        named = f"session{j + 1}"
-        sessions.append(UnitSession(named, "ASM330LHH", "1", moment, values, covariance, -values[ZERO], covariance[ZERO, ZERO], vector))
+        named, stated = f"session{j + 1}", np.zeros((12, 12))
+        stated[BIAS, BIAS] = covariance[ZERO, ZERO]
+        sessions.append(UnitSession(named, "ASM330LHH", "1", moment, values, covariance, vector, stated))
     return sessions, Truth(scatter, drift)
 
 
@@ -151,13 +152,13 @@ def days(folder: Path) -> None:
 
     Three statements: the fit's own sigmas; with the spread that is usual; with that of the unit's days but these two.
     """
-    units: dict[str, list[Calibrated]] = {}
+    units: dict[str, list[UnitState]] = {}
     for session in sorted(folder.glob("e*u*")):
         if (session / "fit" / "model_least_squares.json").exists():
-            units.setdefault(session.name.partition("u")[2], []).append(read_calibrated(session))
+            units.setdefault(session.name.partition("u")[2], []).append(fitted_state(session))
     usual = np.zeros(len(NUMBERS))
-    usual[ZERO] = USUAL_SPREAD.rps
-    usual[GYROSCOPE:] = USUAL_ACCELEROMETER.spread[[*SCALES, *SHEARS, *BIASES]]
+    usual[ZERO] = USUAL.sigma[B_OF_21]
+    usual[GYROSCOPE:] = USUAL.sigma[ACCELEROMETER][[*SCALES, *SHEARS, *BIASES]]
     z: dict[str, dict[str, list[float]]] = {}
     for read in units.values():
         sessions = unit_sessions(read)
@@ -191,7 +192,7 @@ def _spread(sessions: Sequence[UnitSession], q: int) -> float | None:
     if shown.sum() < 2:
         return None
     model = course(values[shown], own[shown], np.arange(shown.sum(), dtype=float)).model
-    return float(widened(np.array([model.counted]), np.array([float(model.freedom)]))[0])
+    return float(Spread.of(0, model.counted, "", model.freedom).at(slice(0, 1)).sigma[0])
 
 
 def _usual_size(units: Sequence[Sequence[UnitSession]], name: str) -> str:

@@ -33,15 +33,14 @@ from session.log.folder import Session, read_session
 from tinygc.closure.motion import LIMIT_DEG
 from tinygc.closure.residual import closure_angles
 from tinygc.estimation.between_sessions import course
-from tinygc.estimation.expected_zero import USUAL_SPREAD
-from tinygc.features.unit.calibrated import read_calibrated
+from tinygc.estimation.spread import ACCELEROMETER, COUNT, GYROSCOPE, USUAL, ZERO, Spread
 from tinygc.features.unit.options import VerifyOptions
 from tinygc.features.unit.verification.cost import minute_of
-from tinygc.features.unit.verification.expected import Spread, expected_parts, spread_of_unit
-from tinygc.features.unit.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, OldCalibration, read_old
+from tinygc.features.unit.verification.expected import expected_parts
 from tinygc.features.unit.verification.questions import PLAUSIBLE, ask, todays_noise
 from tinygc.features.unit.verification.rows import LENGTH, Rows, rows_of
 from tinygc.features.unit.verification.verdict import BIAS, HOLDS, Verified, verify_session
+from tinygc.fitting.unit_state import UnitState, fitted_state, read_state, spread_of, spread_over
 from tinygc.library.simulations import Simulated
 from tinygc.models.linear import LinearModel
 from tinygc.simulation.options import SimulatedUnit, SimulationOptions
@@ -104,7 +103,7 @@ class Outcome:
 
 
 @cache
-def calibrated(unit: int) -> tuple[OldCalibration, SimulatedUnit]:
+def calibrated(unit: int) -> tuple[UnitState, SimulatedUnit]:
     """The calibration of a unit, and the unit as it was then."""
     options = SimulationOptions(segments=THEN, closure_s=0.0, odr_hz=104.0, seed=10_000 + unit, unit_seed=unit)
     rng = np.random.default_rng([1, unit])
@@ -112,13 +111,13 @@ def calibrated(unit: int) -> tuple[OldCalibration, SimulatedUnit]:
     fit = tinygc.fit(Simulated({}, simulate_session(options, unit=then)).session, methods=("least_squares",))
     with tempfile.TemporaryDirectory() as folder:
         fit.save(folder)
-        return read_old(Path(folder) / "model_least_squares.json"), then
+        return read_state(Path(folder) / "model_least_squares.json"), then
 
 
 def today_of(job: Job, then: SimulatedUnit) -> tuple[Session, Callable[[np.ndarray], np.ndarray], SimulatedUnit, np.ndarray]:
     """The session; the zero's drift (N, 3) rad/s over seconds (N,); the unit today; temperature's part of B (3,)."""
     rng = np.random.default_rng([2, job.unit, job.session])
-    zero = then.B + rng.normal(0, np.sqrt(2) * USUAL_SPREAD.rps)
+    zero = then.B + rng.normal(0, np.sqrt(2) * USUAL.sigma[ZERO])
     unit = replace(then, B=zero, accel_shift=then.accel_shift + rng.normal(0, ACCEL_MPS2, 3))
     direction = rng.standard_normal(3)
     direction /= np.linalg.norm(direction)
@@ -180,7 +179,7 @@ def run(job: Job) -> Outcome:
     """One verification against the truth."""
     old, then = calibrated(job.unit)
     session, drift, unit, _ = today_of(job, then)
-    temp = 25.0 if job.fault == "temperature" else float("nan")
+    temp = 25.0 if job.fault == "temperature" else None
     found = verify_session(replace(old, table=old.table | {"temperature_c": temp}), session, VerifyOptions())
     truth, off, truth_anew, off_anew = cost_in_truth(found, unit, drift)
     diagnosis = found.diagnosis
@@ -290,13 +289,13 @@ def unit_and_session(folder: Path) -> tuple[str, str]:
 
 
 def spread_of_others(folders: tuple[Path, ...]) -> Spread:
-    """Variance between sessions of one unit, over all units but the one that is verified."""
+    """Spread between sessions of one unit, over all units but the one that is verified."""
     by_unit: dict[str, list[Path]] = {}
     for folder in folders:
         by_unit.setdefault(unit_and_session(folder)[0], []).append(folder)
     sums, freedom = np.zeros(COUNT), 0
     for own in by_unit.values():
-        sessions, values, stated = [read_calibrated(folder) for folder in own], np.zeros((len(own), COUNT)), np.zeros((len(own), COUNT))
+        sessions, values, stated = [fitted_state(folder) for folder in own], np.zeros((len(own), COUNT)), np.zeros((len(own), COUNT))
         for j, each in enumerate(sessions):
             fit = each.triad
             values[j, GYROSCOPE], stated[j, GYROSCOPE] = each.vector, np.diag(each.covariance)
@@ -304,25 +303,25 @@ def spread_of_others(folders: tuple[Path, ...]) -> Spread:
             stated[j, ACCELEROMETER] = np.diag(fit.jacobian @ np.asarray(fit.covariance) @ fit.jacobian.T)
         models = [course(values[:, q], stated[:, q], np.arange(len(own), dtype=float)).model for q in range(COUNT)]
         sums, freedom = sums + np.array([model.freedom * model.counted**2 for model in models]), freedom + models[0].freedom
-    return Spread(sums / freedom, np.full(COUNT, float(freedom)), ["sessions of the other units"] * COUNT)
+    return Spread.of(slice(None), np.sqrt(sums / freedom), "sessions of the other units", freedom)
 
 
 def run_pair(pair: Pair) -> tuple[str, str, dict[str, tuple[float, ...]], tuple[float, ...]]:
     """p of each question with the usual spread, that of the other units, and that of the unit's own other sessions; tilt, degrees, that
     today's turns miss with the old E and, held out, with today's own fit; rms of gravity's length in today's stills, mg, with the old
     accelerometer and, held out, with today's own."""
-    old, session = read_old(pair.then), read_session(pair.today)
+    old, session = read_state(pair.then), read_session(pair.today)
     rows = rows_of(session, old)
     noise = todays_noise(rows)
     found = {}
     for name, spread in (
-        ("usual", spread_of_unit(old, rows)),
+        ("usual", spread_of(session.config, old.table)),
         ("other units", spread_of_others(pair.others)),
-        ("own history", spread_of_unit(old, rows, pair.history)),
+        ("own history", spread_of(session.config, old.table, between=spread_over(pair.history, session, old.accelerometer))),
     ):
         asked = ask(rows, expected_parts(old, rows, spread), noise, old)
         found[name] = tuple(question.p_value if question.asked else 1.0 for question in asked)
-    own = read_calibrated(pair.today)
+    own = fitted_state(pair.today)
     twin = rows.twin
     assert twin is not None
     model = LinearModel(old.linear.E, old.linear.B + (own.vector - old.linear.vector)[9:])  # E is compared: B is today's

@@ -20,9 +20,10 @@ from session.base.units import DEG, DEG_PER_HOUR, NS_PER_S, G
 from tinygc.deploy.apply import Applicable
 from tinygc.features.unit.watch.bars import squares_bar_of
 from tinygc.features.unit.watch.detector import Window, ZeroFilter
-from tinygc.features.unit.watch.expectation import BLOCKS, WATCHED_S, Expectation, ModelInUse, Settings, settings
+from tinygc.features.unit.watch.expectation import BLOCKS, WATCHED_S, Expectation, Settings, settings
 from tinygc.features.unit.watch.turns import MOST_SQUARE, RATIO
 from tinygc.features.unit.watch.watch import Watch
+from tinygc.fitting.unit_state import UnitState, read_state
 from tinygc.inference.noise import TIMES_S, wander_covariance
 from tinygc.models.linear import LinearModel
 from tinygc.models.model import accelerometer_of
@@ -150,7 +151,7 @@ def turns() -> None:
             fitted = tinygc.simulate(segments=30, seed=100 + unit, unit_seed=unit, closure_s=0.0, odr_hz=RATE_HZ)
             folder = fitted.save(name + "/session")
             tinygc.fit(folder, methods=("least_squares",)).save()
-            known = ModelInUse.read(Path(folder) / "fit" / "model_least_squares.json")
+            known = read_state(Path(folder) / "fit" / "model_least_squares.json")
         accelerometer = accelerometer_of(known.table, "a benchmark")
         assert accelerometer is not None
         for stream in range(6):
@@ -197,7 +198,7 @@ def recorded() -> None:
             gravity = float(np.linalg.norm(force[known].mean(axis=0)))
             module.expect = lambda model, hz, gravity=gravity: dataclasses.replace(usual(model, hz), gravity_mps2=gravity)
             model = LinearModel(np.eye(3), -rate[known].mean(axis=0))
-            watch, events = Watch(ModelInUse(model, {}, {}, None, figures)), []
+            watch, events = Watch(UnitState(Path("imu"), model, figures=figures)), []
             for begin in range(seen.start, seen.stop, 60_000):
                 part = slice(begin, min(begin + 60_000, seen.stop))
                 stamps = np.rint(t_s[part] * NS_PER_S).astype(np.int64)

@@ -20,14 +20,13 @@ from session.detect.accelerometer import (
 )
 from session.log.config import Accelerometer
 from tinygc.estimation.accelerometer import (
-    USUAL_SPREAD,
     AccelerometerFit,
-    AnySession,
     _unobserved_values,
     accelerometer_fit,
     into_frame_of,
     triad_errors,
 )
+from tinygc.estimation.spread import ACCELEROMETER, USUAL, Spread
 from tinygc.models.linear import BIAS, MATRIX
 
 BIAS_MPS2 = np.array([0.1, -0.2, 0.3])
@@ -137,7 +136,9 @@ def test_a_tenth_of_a_numbers_spread_from_one_that_nobody_observed_is_named(shar
 
 
 def test_in_any_other_session_a_number_is_off_by_two_draws_of_the_spread():
-    found = replace(fitted(np.eye(3), x=IDENTITY), between=AnySession(np.arange(9) * 1e-4, "two other sessions"))
+    found = replace(
+        fitted(np.eye(3), x=IDENTITY), between=Spread.of(ACCELEROMETER, np.arange(9) * 1e-4, "two other sessions").at(ACCELEROMETER)
+    )
     assert_allclose(found.any_session, np.sqrt(found.sigmas**2 + 2 * (np.arange(9) * 1e-4) ** 2), rtol=1e-12)
     drift = SimpleNamespace(mps2=np.arange(3) * MG, sigma_mps2=np.full(3, 0.5 * MG), p_value=0.3, significant=False, duration_s=200.0)
     told = replace(found, drift=drift).to_json()["zero_drift"]
@@ -149,8 +150,8 @@ def test_in_any_other_session_a_number_is_off_by_two_draws_of_the_spread():
     assert found.any_session_words.endswith(f"bias ± {found.any_session[6:].max() / MG:.2g} mg (two other sessions)")
     assert AccelerometerFit("given", after(X, Accelerometer())).any_session_words == ""
     # The usual one: 2 mg between two switch-ons
-    assert np.sqrt(2) * USUAL_SPREAD.spread[6:] == pytest.approx([2 * MG] * 3)
-    assert USUAL_SPREAD.spread[[1, 2, 4]].tolist() == [0.0] * 3
+    assert np.sqrt(2) * USUAL.at(ACCELEROMETER).sigma[6:] == pytest.approx([2 * MG] * 3)
+    assert USUAL.sigma[[1, 2, 4]].tolist() == [0.0] * 3
 
 
 def test_a_turn_into_one_frame_is_exact():

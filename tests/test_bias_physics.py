@@ -40,14 +40,12 @@ from tinygc.estimation.between_sessions import (
     jump,
 )
 from tinygc.estimation.bias import BiasChoice, choose, closes_better, less_by_chance, with_level_bias
-from tinygc.estimation.expected_zero import END_S, USUAL_PER_K, USUAL_SPREAD, drift_between, expected_zero, wander_variance
 from tinygc.estimation.options import FitOptions
-from tinygc.estimation.repeatability import BiasRepeatability, accelerometer_between, repeatability_of
+from tinygc.estimation.spread import ACCELEROMETER, END_S, USUAL, ZERO, Spread, drift_between, wander_variance
 from tinygc.fitting.bias_of_day import (
     Rebiased,
     _bias_from_gravity,
     _BiasOfDay,
-    _day_sigma,
     _false_stills,
     _from_start,
     _origin_of,
@@ -56,8 +54,9 @@ from tinygc.fitting.bias_of_day import (
     rebias_to_json,
     remarks,
 )
+from tinygc.fitting.unit_state import UnitState, spread_of, spread_over
 from tinygc.inference.noise import wander_covariance
-from tinygc.models.linear import BIAS, LinearModel
+from tinygc.models.linear import LinearModel
 
 
 def test_better_by_chance_is_the_exact_signed_rank_of_tilts_that_are_smaller_altogether():
@@ -369,9 +368,9 @@ def test_gravity_s_bias_of_one_log_is_the_prior_of_the_next():
 
 
 def test_a_stored_bias_is_as_certain_as_its_file_s_days_are_alike():
-    """0.1 dps where the file tells of no days; none is more alike than 1e-6 rad/s."""
-    assert _day_sigma({}) == 0.1 * DEG
-    assert _day_sigma({"bias_sigma_rps": [1e-3, 0.0, 2e-6]}).tolist() == [1e-3, 1e-6, 2e-6]
+    """0.1 dps where the file tells of no days."""
+    assert spread_of(None, {}).at(ZERO).sigma.tolist() == [0.1 * DEG] * 3
+    assert spread_of(None, {"bias_sigma_rps": [1e-3, 0.0, 2e-6]}).at(ZERO).sigma.tolist() == [1e-3, 0.0, 2e-6]
 
 
 def rebiased(**more):
@@ -379,7 +378,7 @@ def rebiased(**more):
     start, gravity = DEG * np.array([[[1.0, 2, 3], [3, 3, 4]], [[7, 2, 9], [4, 4, 3]]])
     changes = {"start": start, "given": (np.array([0.5, 0, 0]) * DEG, None), "gravity": gravity}
     angles = {name: problem.batch.start[:, 1:3] * 1e-3 for name in ("stored", *changes)}
-    made = Rebiased(problem, [], TRUE, changes, "start", angles, [], Path("m.json"), (False, "said"))
+    made = Rebiased(problem, [], UnitState(Path("m.json"), TRUE), changes, "start", angles, [])
     return replace(made, **more)
 
 
@@ -540,15 +539,26 @@ def test_an_effect_of_temperature_is_taken_off_where_it_shows():
 
 
 def test_another_session_s_bias_differs_by_two_draws_from_the_spread():
-    rps, own = np.array([1.0, 2, 3]), np.diag(np.arange(12.0))
-    own[9, 10] = own[10, 9] = 0.5
-    found = BiasRepeatability(rps * DEG, "said")
-    assert_allclose(found.any_session(own) - own, DEG**2 * np.diag([0] * 9 + [2, 8, 18]), rtol=1e-9, atol=1e-15)
-    assert own[9, 9] == 9  # it is left as it was
-    assert_allclose(found.sigma(own[BIAS, BIAS]), np.sqrt(np.diag(found.any_session(own))[BIAS]), rtol=1e-12)
-    table = plain(found.to_json(np.zeros((3, 3))))
+    rps = np.array([1.0, 2, 3])
+    found = Spread.of(ZERO, rps * DEG, "said").at(ZERO)
+    assert_allclose(found.two_draws, DEG**2 * np.diag([2.0, 8, 18]), rtol=1e-12, atol=0)
+    assert_allclose(found.any_session(np.array([1.0, 0, 4])), np.sqrt([1 + 2 * DEG**2, 8 * DEG**2, 4 + 18 * DEG**2]), rtol=1e-12)
+    table = plain(found.to_json(np.zeros(3)))
     assert table["sigma_dps"] == pytest.approx(np.sqrt(2) * rps)
     assert (table["spread_dps"], table["degrees_of_freedom"]) == (pytest.approx(rps), [None] * 3)
+    assert USUAL.at(ZERO).to_json(np.zeros(3)) is None
+
+
+def test_the_first_that_tells_a_spread_is_taken_for_each_number():
+    one, other = Spread.of(slice(18, 20), [1.0, np.nan], "one", 3.0), Spread.of(ZERO, 2.0, "other")
+    found = one.or_else(other).or_else(USUAL).at(ZERO)
+    assert (found.scatter.tolist(), found.freedom.tolist()) == ([1.0, 2.0, 2.0], [3.0, np.inf, np.inf])
+    assert (found.sources.tolist(), found.is_usual) == (["one", "other", "other"], False)
+    assert found.sigma[:2] == pytest.approx([t.ppf((1 + ONE_SIGMA) / 2, 3), 2.0])
+    assert USUAL.at(ZERO).is_usual
+
+
+SETTINGS = 'schema = "tinygc-session/1"\n[sensor]\nodr_hz = 100.0\ngyro_fs_dps = 500\naccel_fs_g = 4\n'
 
 
 @pytest.fixture
@@ -565,7 +575,8 @@ def unit(tmp_path):
         (tmp_path / name / "fit").mkdir(parents=True)
         model = LinearModel(np.eye(3), np.array(bias))
         told = {"sha256": {"log.csv": name, "session.toml": "same"}, "sensor": {"model": "ASM330LHH", "serial": "test"}}
-        told |= ({} if covariance is False else {"covariance": (np.zeros((12, 12)) if covariance is None else covariance).tolist()}) | more
+        told |= ({} if covariance is False else {"covariance": (1e-20 * np.eye(12) if covariance is None else covariance).tolist()}) | more
+        (tmp_path / name / "session.toml").write_text(SETTINGS)
         (tmp_path / name / "fit" / "model_least_squares.json").write_text(json.dumps(models.to_dict(model, **told)))
         return tmp_path / name
 
@@ -574,21 +585,21 @@ def unit(tmp_path):
 
 def test_the_spread_is_of_the_biases_of_fitted_sessions_less_their_own_variances(unit):
     session, fitted = unit
-    covariance = np.diag(np.arange(12.0)) * 1e-3
+    covariance = np.diag(np.arange(12.0) + 1e-9) * 1e-3
     folders = [fitted("a", (1.0, 2.0, 0.0), covariance), fitted("b", (-1.0, 2.0, 1.0), covariance), fitted("c", (0, 2.1, -1), covariance)]
-    found = repeatability_of(session(), folders)
+    found = spread_over(folders, session()).at(ZERO)
     widened = t.ppf((1 + ONE_SIGMA) / 2, 2)
     expected = [np.sqrt(1 - 0.009), np.sqrt(0.1 * 0.01 / 3), np.sqrt(1 - 0.011)]
-    assert_allclose(found.rps, widened * np.array(expected), rtol=1e-9)
+    assert_allclose(found.sigma, widened * np.array(expected), rtol=1e-6)
     assert found.source == "3 other sessions of this unit"
-    given = repeatability_of(session(-1))
-    assert (given.rps.tolist(), given.source) == ([0.5 * DEG] * 3, "given in session.toml")
-    assert repeatability_of(session()) is None
+    given = spread_of(session(-1).config).at(ZERO)
+    assert (given.sigma.tolist(), given.source) == ([0.5 * DEG] * 3, "given in session.toml")
+    assert spread_of(session().config).at(ZERO).is_usual
 
 
 def test_the_accelerometers_spread_is_of_its_numbers_in_fitted_sessions(unit):
     """Of three sessions two degrees of freedom: the scatter beyond their own sigmas, widened; two without one show none."""
-    _, fitted = unit
+    session, fitted = unit
     values = np.array([0.3, -0.1, 0.7])
 
     def triad(number, sigma):
@@ -597,12 +608,12 @@ def test_the_accelerometers_spread_is_of_its_numbers_in_fitted_sessions(unit):
 
     folders = [fitted(f"t{number}", **triad(number, 1e-6)) for number in range(3)]
     for n in (2, 3):
-        found = accelerometer_between(folders[:n])
+        found = spread_over(folders[:n], session()).at(ACCELEROMETER)
         assert found.source == f"{n} other sessions of this unit"
-        assert not found.usual
-        assert found.spread[6] == pytest.approx(t.ppf((1 + ONE_SIGMA) / 2, n - 1) * values[:n].std(ddof=1), rel=1e-4)
-        assert found.spread[7] < 1e-5
-    assert accelerometer_between([folders[0], fitted("bare")]) is None
+        assert not found.is_usual
+        assert found.sigma[6] == pytest.approx(t.ppf((1 + ONE_SIGMA) / 2, n - 1) * values[:n].std(ddof=1), rel=1e-4)
+        assert found.sigma[7] < 1e-5
+    assert np.isnan(spread_over([folders[0], fitted("bare")], session()).at(ACCELEROMETER).scatter).all()
 
 
 def test_a_history_shows_no_spread_where_it_is_of_one_session_twice_or_of_another_unit(unit):
@@ -617,47 +628,14 @@ def test_a_history_shows_no_spread_where_it_is_of_one_session_twice_or_of_anothe
         "'other', expected ASM330LHH 'test'": [one, fitted("other", sensor={"model": "ASM330LHH", "serial": "other"})],
         "of BMI088 'test', expected": [one, fitted("model", sensor={"model": "BMI088", "serial": "test"})],
         "no linear model with a covariance": [one, fitted("none", covariance=False)],
-        "fit the session first": [one, one.parent],
+        "no such|not found|session.toml": [one, one.parent],
     }
     for said, folders in bad.items():
         with pytest.raises(FormatError, match=said):
-            repeatability_of(session(), folders)
+            spread_over(folders, session())
     with pytest.raises(FormatError, match="names no serial number"):
-        repeatability_of(session(serial=""), [one, two])
-    assert repeatability_of(session(), [one, two]).rps.tolist() == [0, 0, 0]  # session.toml alike is no same log
-
-
-FIT = np.diag([1.0, 4.0, 9.0]) * 1e-10
-
-
-def test_each_session_is_one_draw_of_the_spread():
-    spread = BiasRepeatability(np.array([1.0, 2.0, 3.0]) * 1e-4, "measured")
-    parts, assumed = expected_zero(FIT, repeatability=spread)
-    assert parts["calibration"] + parts["switch-on"] == pytest.approx(FIT + np.diag(2 * spread.rps**2), rel=1e-12)
-    assert assumed == ()
-
-    parts, assumed = expected_zero(FIT)
-    assert parts["switch-on"] == pytest.approx(2 * np.diag(USUAL_SPREAD.rps**2), rel=1e-12)
-    assert assumed == ("switch-on",)
-
-
-def test_within_one_switch_on_the_zero_walks_and_the_flicker_of_the_session_is_in_the_fit():
-    noise = figures(sensor(axis(K=1e-6, B=2e-5)))
-    parts, _ = expected_zero(FIT, elapsed_s=600.0, switched_on_since=False, figures=noise)
-    assert parts["wander"] == pytest.approx(np.eye(3) * 1e-12 * 600.0, rel=1e-12)
-    parts, _ = expected_zero(FIT, elapsed_s=600.0, switched_on_since=False)
-    assert set(parts) == {"calibration"}
-
-
-def test_temperature_counts_once_per_kelvin():
-    parts, _ = expected_zero(FIT, warmer_k=-3.0)
-    assert parts["temperature"] == pytest.approx(np.eye(3) * (3 * USUAL_PER_K) ** 2, rel=1e-12)
-    per_k = np.array([1.0, 2.0, 3.0]) * 1e-3 * DEG
-    own, assumed = expected_zero(FIT, warmer_k=2.0, per_k=per_k)
-    assert own["temperature"] == pytest.approx(np.diag((2 * per_k) ** 2), rel=1e-12)
-    assert assumed == ("switch-on",)
-    parts, _ = expected_zero(FIT, warmer_k=0.0)
-    assert "temperature" not in parts
+        spread_over([one, two], session(serial=""))
+    assert spread_over([one, two], session()).at(ZERO).scatter == pytest.approx(np.zeros(3), abs=1e-9)  # session.toml alike is no same log
 
 
 def test_a_random_walk_grows_with_the_time_and_a_gauss_markov_saturates():

@@ -26,7 +26,7 @@ from tinygc.estimation.choice import (
     run_figures,
     worse_in_table,
 )
-from tinygc.estimation.repeatability import BiasRepeatability
+from tinygc.estimation.spread import ZERO, Spread
 from tinygc.estimation.stated_noise import require_plausible
 from tinygc.estimation.systematic import Systematic, _beside, _likeliest, systematic_of
 from tinygc.inference.noise import wander_covariance
@@ -263,7 +263,7 @@ def test_a_run_is_judged_by_noise_parameters_heading_and_drift():
 
     given = (vector, covariance, lambda trial, run: slopes @ (trial - vector) + off)
     assert run_p_values(problem, runs, *given) == pytest.approx([p(covariance)] * 2, rel=1e-6)
-    spread = BiasRepeatability(np.array([0.01, 0.02, 0.03]), "given")
+    spread = Spread.of(ZERO, [0.01, 0.02, 0.03], "given")
     other = covariance + np.diag(np.r_[np.zeros(9), 2e-4, 8e-4, 18e-4])
     assert run_p_values(problem, runs, *given, spread) == pytest.approx([p(covariance), p(other)], rel=1e-6)
     session.nominal_rate = session.clock = NominalRate(208.0, 0.003, "")

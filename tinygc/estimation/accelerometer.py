@@ -30,6 +30,7 @@ from session.detect.accelerometer import (
 from session.log.config import Accelerometer
 from tinygc.closure.least_squares import OBSERVED_BELOW
 from tinygc.closure.problem import JointFit
+from tinygc.estimation.spread import ACCELEROMETER, USUAL, Spread
 from tinygc.inference.solve import Source, coverage_factor, effective_freedom
 from tinygc.models import linear
 
@@ -47,22 +48,6 @@ ROWS = (
 Row = tuple[str, str, np.ndarray, np.ndarray | None, list[str]]
 #: a parameter of a correction, 1 or m/s^2, whose square is as small as rounding
 SMALL = 1e-6
-
-
-@dataclass(frozen=True, eq=False)
-class AnySession:
-    """How far a switch-on or a day moves the triad's parameters: spread (9,) SI, one sigma each; source, in words; usual: whether it is
-    not the unit's own."""
-
-    spread: np.ndarray
-    source: str
-    usual: bool = False
-
-
-#: of each axis, where nothing says it of the unit: the zeros of eight MPU-9150 over six days (history-measured.md), beside 10 to 40 mg
-#: over the life in data sheets; of the scale those days show none beyond the fits', and data sheets state 0.005 to 0.02 % per K
-USUAL_SPREAD = AnySession(np.zeros(PARAMETERS), "usual of MEMS accelerometers, not of this unit", usual=True)
-USUAL_SPREAD.spread[SCALES], USUAL_SPREAD.spread[BIASES] = 150e-6, 2 * MG / np.sqrt(2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +71,7 @@ class AccelerometerFit:
     x: np.ndarray = field(default_factory=IDENTITY.copy)
     drift: ZeroDrift | None = None
     sources: tuple[Source, ...] = ()
-    between: AnySession = USUAL_SPREAD
+    between: Spread = field(default_factory=lambda: USUAL.at(ACCELEROMETER))
 
     @property
     def spread_mps2(self) -> tuple[float, float] | None:
@@ -117,7 +102,7 @@ class AccelerometerFit:
     @cached_property
     def any_session(self) -> np.ndarray | None:
         """Standard deviations (9,) of ``values`` as those of any other session: both are one draw of the spread."""
-        return None if self.sigmas is None else np.sqrt(self.sigmas**2 + 2 * self.between.spread**2)
+        return None if self.sigmas is None else self.between.any_session(self.sigmas**2)
 
     @property
     def any_session_words(self) -> str:

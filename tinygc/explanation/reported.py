@@ -240,7 +240,7 @@ def _runs(fit: FitResult, vector: np.ndarray, covariance: np.ndarray, errors: Ca
     """Error of each closure run, its p-value, and a sentence where samples seem lost in it."""
     return {
         "run_errors": [errors(vector, run) for run in fit.runs],
-        "run_p": run_p_values(fit.problem, fit.runs, vector, covariance, errors, fit.repeatability),
+        "run_p": run_p_values(fit.problem, fit.runs, vector, covariance, errors, fit.spread),
         "run_losses": [loss_words(lost_in(run)) for run in fit.runs],
         "run_floors": [run.floor_rad for run in fit.runs],
     }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -18,8 +18,7 @@ from session.base.records import plain, write_whole
 from session.base.rotation import steps
 from session.base.units import DEG, NS, STANDARD_GRAVITY_MPS2, G
 from session.detect.stills import BLOCK_S
-from session.log import folder as hashes
-from session.log.folder import Session, hash_of_log
+from session.log.folder import Session, hash_of_log, input_hashes
 from session.log.samples import Samples
 from tinygc import models
 from tinygc.closure.prepared import prepare
@@ -28,7 +27,9 @@ from tinygc.closure.residual import closure_angles
 from tinygc.closure.runs import ClosureRun, read_closure_runs
 from tinygc.closure.stills import StillSet
 from tinygc.estimation.choice import closure_figures, run_figures
+from tinygc.estimation.spread import USUAL, ZERO
 from tinygc.fitting.fit_file import SCHEMA, segments_table
+from tinygc.fitting.unit_state import UnitState, hashes_in, read_state, spread_of
 from tinygc.models.denoiser import DenoisedNet
 from tinygc.models.model import Model
 
@@ -58,8 +59,8 @@ WALK, KNOT_S, MOST_KNOTS = 3e-5, 10.0, 40
 ACCEL_BIAS_MPS2, TILT_RAD = 0.1, 0.5 * DEG
 #: difference of a gyro's bias at rest and in motion (up to 0.06 dps on the EuRoC vehicle, paper_tables.py --only explain)
 REST_SIGMA_RPS = 0.05 * DEG
-#: default sigma of a stored bias: the EuRoC days' spread is 0.03 to 0.14 dps (paper_tables.py --only table1)
-DAY_SIGMA_RPS = 0.1 * DEG
+#: rad/s, least sigma of a stored bias
+LEAST_SIGMA_RPS = 1e-6
 #: an uninterrupted piece shorter than the correlation time of velocity contains no information
 SHORTEST_S = 2.0
 #: Gauss-Newton: number of steps, and the tolerance, 0.002 degrees an hour
@@ -88,7 +89,7 @@ def _bias_from_gravity(
     rate: np.ndarray,
     q_first: np.ndarray,
     *,
-    prior: np.ndarray | float = DAY_SIGMA_RPS,
+    prior: np.ndarray | float = USUAL.scatter[ZERO],
     rest: np.ndarray | None = None,
     rest_sigma: np.ndarray | float = REST_SIGMA_RPS,
     earth_n: np.ndarray | None = None,
@@ -222,22 +223,18 @@ def _origin_of(table: dict, session: Session) -> tuple[bool | None, str]:
     logs = {hash_of_log(log) for log in session.logs}
     stored = table["stored"] if isinstance(table.get("stored"), dict) else table
     name = stored.get("session") if isinstance(stored.get("session"), str) else None
-    known = _hashes(stored.get("sha256"))
+    known = hashes_in(stored)
     if logs & known:
         return True, "the stored model was fitted to this very session: its closure is that of fitted segments"
     if name == session.name:
         return None, f"the stored model is of a session of the same name ({name}): if it is this one, its segments were fitted"
-    if stored is not table and logs & _hashes(table.get("sha256")):
+    if stored is not table and logs & hashes_in(table):
         return False, f"the stored model was fitted to other logs ({name}), and had its bias from this very session already"
     if known:
         return False, f"the stored model was fitted to other logs ({name or 'of a session without a name'})"
     if name:
         return False, f"the stored model is of another session by its name ({name})"
     return None, "what the stored model was fitted to is not known: its file does not say"
-
-
-def _hashes(entry: object) -> set[str]:
-    return {value for value in entry.values() if isinstance(value, str)} if isinstance(entry, dict) else set()
 
 
 # A stored calibration in a new session: E is kept, the bias is taken from the first still, from gravity, or from the user.
@@ -252,20 +249,26 @@ FEWEST_STILLS = 5
 
 @dataclass(frozen=True, eq=False)
 class Rebiased:
-    """A stored calibration in a new session: problem and runs of that session; stored model; changes (3,) rad/s to its calibrated rate by
-    source, with sigma (3,) or None; the requested source; error angles (S, d) rad and run errors by "stored" and source; path of the
-    stored model, its origin, and what its file holds."""
+    """A stored calibration, ``state``, in a new session: problem and runs of that session; changes (3,) rad/s to its calibrated rate by
+    source, with sigma (3,) or None; the requested source; error angles (S, d) rad and run errors by "stored" and source."""
 
     problem: Problem
     runs: list[ClosureRun]
-    stored: Model
+    state: UnitState
     changes: dict[str, tuple[np.ndarray, np.ndarray | None]]
     source: str
     angles: dict[str, np.ndarray]
     run_errors: list[dict[str, np.ndarray]]
-    path: Path
-    origin: tuple[bool | None, str]
-    table: dict = field(default_factory=dict)
+
+    @property
+    def stored(self) -> Model:
+        """The stored model."""
+        return self.state.model
+
+    @property
+    def origin(self) -> tuple[bool | None, str]:
+        """Whether it was fitted to this very session, None where that is not known; and the same in words."""
+        return _origin_of(self.state.table, self.problem.session)
 
     @property
     def model(self) -> Model:
@@ -300,7 +303,8 @@ def rebias_session(
     given_dps (3,): the sensor's reading at rest; exclude: numbers of segments to leave out of the closure.
     Raises SegmentError where ``source`` needs a still or a rest and there is none.
     """
-    stored, table = models.load_with_table(path) if table is None else (models.from_dict(table, str(path)), table)
+    state = read_state(path) if table is None else UnitState(path, models.from_dict(table, str(path)), table)
+    stored = state.model
     stored.with_bias_moved(np.zeros(3))  # fail early for a model whose bias cannot be changed
     problem = prepare(where, use_earth=use_earth, exclude=exclude, progress=lambda what: progress(what, 0, 3)).problem
     session = problem.session
@@ -308,7 +312,7 @@ def rebias_session(
     if (start := _from_start(problem, stored)) is not None:
         changes["start"] = start
     progress("bias from gravity", 2, 3)
-    found = from_gravity(problem, stored, _day_sigma(table))
+    found = from_gravity(problem, stored, np.maximum(spread_of(None, state.table).at(ZERO).sigma, LEAST_SIGMA_RPS))
     changes["gravity"] = (found.change, found.sigma)
     if given_dps is not None:
         changes["given"] = (-_at_rest(stored, np.asarray(given_dps) * DEG), None)
@@ -318,7 +322,7 @@ def rebias_session(
     runs = read_closure_runs(problem)
     angles = {name: _closure(problem, model) for name, model in all_models.items()}
     errors = [{name: run.errors(model) for name, model in all_models.items()} for run in runs]
-    return Rebiased(problem, runs, stored, changes, source, angles, errors, path, _origin_of(table, session), table)
+    return Rebiased(problem, runs, state, changes, source, angles, errors)
 
 
 def _closure(problem: Problem, model: Model) -> np.ndarray:
@@ -373,7 +377,7 @@ def _scatter(values: np.ndarray) -> np.ndarray:
     return np.asarray(MAD_TO_SIGMA * np.median(np.abs(values - np.median(values, axis=0)), axis=0))
 
 
-def from_gravity(problem: Problem, model: Model, prior: np.ndarray | float = DAY_SIGMA_RPS) -> _BiasOfDay:
+def from_gravity(problem: Problem, model: Model, prior: np.ndarray) -> _BiasOfDay:
     """Estimate the bias from all logs of a session in order: the result of one is the prior of the next."""
     # A denoised rate is delayed, which would appear as a bias against the accelerometer; the denoiser itself has no bias.
     model = model.without_denoiser()
@@ -419,12 +423,6 @@ def _at_rest(model: Model, rate: np.ndarray) -> np.ndarray:
     return np.asarray(model(np.asarray(rate, dtype=float)[None]))[0]
 
 
-def _day_sigma(table: dict) -> np.ndarray | float:
-    """Return the bias spread (3,) rad/s from the table of the model's file, where the fit included several days; else the default."""
-    found = table.get("bias_sigma_rps")
-    return DAY_SIGMA_RPS if found is None else np.maximum(np.asarray(found, dtype=float), 1e-6)
-
-
 def rebias_to_json(result: Rebiased) -> dict:
     """Return ``tinygc-fit/2`` with the stored calibration, and that with the bias of each source, as methods.  No E was fitted here: all is
     held out, unless ``bias.fitted_here`` states that the stored model was fitted to this session."""
@@ -449,7 +447,7 @@ def rebias_to_json(result: Rebiased) -> dict:
             },
             "methods": {name if name == "stored" else f"stored_{name}": figures(name) for name in result.angles},
             "bias": {
-                "model": str(result.path),
+                "model": str(result.state.path),
                 "source": result.source,
                 "fitted_here": result.origin[0],
                 "remarks": remarks(result),
@@ -480,17 +478,9 @@ def save_rebiased(result: Rebiased, folder: Path | None = None) -> Path:
 
 def rebiased_table(result: Rebiased) -> dict:
     """Return the stored model with its new bias as ``tinygc-model/1``."""
-    session, table = result.problem.session, result.table
-    before = table["stored"] if isinstance(table.get("stored"), dict) else table
-    more = {
-        "method": f"stored, bias {result.source}",
-        "session": session.name,
-        "sha256": hashes.input_hashes(session),
-        "stored": {name: before.get(name) for name in ("method", "session", "sha256")},
-        "version": VERSION,
-        **{name: table[name] for name in ("sensor", "accelerometer", "clock") if name in table},  # E is in that one's body frame
-    }
-    return models.to_dict(result.model, **more)
+    session = result.problem.session
+    words, change = f"stored, bias {result.source}", result.changes[result.source][0]
+    return result.state.table_with_bias(change, words, session.name, sha256=input_hashes(session))
 
 
 def remarks(result: Rebiased) -> list[str]:

@@ -19,16 +19,16 @@ from tinygc.closure.prepared import Prepared, prepare
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import closure_angles
 from tinygc.closure.runs import read_closure_runs
-from tinygc.estimation.accelerometer import USUAL_SPREAD, AnySession
 from tinygc.estimation.bias import BiasChoice, choose, with_level_bias
 from tinygc.estimation.choice import RAW, against_raw
 from tinygc.estimation.held_out import run_method
 from tinygc.estimation.options import CHOSEN, NETS, FitOptions, MethodFit, device
-from tinygc.estimation.repeatability import BiasRepeatability, accelerometer_between, repeatability_of
+from tinygc.estimation.spread import ZERO, Spread
 from tinygc.estimation.stated_noise import StatedNoise, stated_noise, stated_uncertainty
 from tinygc.estimation.systematic import systematic_of
 from tinygc.fitting.fit_file import inputs_of, saved_methods
 from tinygc.fitting.results import FitResult
+from tinygc.fitting.unit_state import spread_of, spread_over
 from tinygc.noise.measured import measured_noise
 
 
@@ -41,8 +41,8 @@ class GivenPrior(Protocol):
         """Return the prior of the parameters; start (12,): the centre of numbers that it does not know."""
 
     @property
-    def accelerometer_between(self) -> AnySession:
-        """How far a switch-on moves the accelerometer."""
+    def spread(self) -> Spread:
+        """How far the unit's 21 numbers move between sessions."""
 
     def fit(self, problem: Problem, options: FitOptions, noise: StatedNoise | None) -> tuple[BiasChoice, Problem, MethodFit, PriorUse]:
         """Return the choice of the bias, the problem with it and with the prior, its least squares, and the use of the prior."""
@@ -56,14 +56,12 @@ if TYPE_CHECKING:
 
 class FitInputs(NamedTuple):
     """What a fit reads: options, with the methods of a given prior; prepared: the session, ready to be fitted; given: what is known of the
-    unit beforehand, or None; between, accelerometer_between: how far its bias and its accelerometer change between sessions, by its other
-    sessions, session.toml, or usual."""
+    unit beforehand, or None; spread: how far its numbers move between sessions (``unit_state.spread_of``)."""
 
     options: FitOptions
     prepared: Prepared
     given: GivenPrior | None
-    between: BiasRepeatability | None
-    accelerometer_between: AnySession
+    spread: Spread
 
 
 def read_inputs(session: Session | Path, options: FitOptions, progress: Progress, prepared: Prepared | None = None) -> FitInputs:
@@ -81,13 +79,12 @@ def read_inputs(session: Session | Path, options: FitOptions, progress: Progress
     given: GivenPrior | None = features.first("prior of a fit", options, session.config.sensor.model)
     if given is not None and options.methods == CHOSEN:
         options = replace(options, methods=given.methods)
-    between, triad_between = repeatability_of(session, options.history), accelerometer_between(options.history)
-    if triad_between is None:
-        triad_between = USUAL_SPREAD if given is None else given.accelerometer_between
+    between = spread_over(options.history, session) if options.history else None
+    spread = spread_of(session.config, between=between, lot=None if given is None else given.spread)
     prepared = prepared or prepared_for(session, options, progress, None if given is None else given.prior)
     if options.still_rates and not len(prepared.problem.still_rates.rate):
         raise SegmentError(f"{prepared.session.folder}: no still to take a rate from; fit without still_rates")
-    return FitInputs(options, prepared, given, between, triad_between)
+    return FitInputs(options, prepared, given, spread)
 
 
 def prepared_for(session: Session | Path, options: FitOptions, progress: Progress, prior: PriorOf | None = None) -> Prepared:
@@ -121,13 +118,13 @@ def fit_session(
     Raises the errors of ``read_inputs``, of ``read_closure_runs`` and of the methods.
     """
     read = read_inputs(session, options, progress, prepared)
-    options, prepared, given, between = read.options, read.prepared, read.given, read.between
+    options, prepared, given, spread = read
     problem = prepared.problem
     runs, floor = read_closure_runs(problem), problem.floor
     if options.bias_per_log:
-        problem, spread = with_level_bias(problem)
-        if len(problem.logs) > 1:
-            between = between or BiasRepeatability(spread, "the logs of this session")
+        problem, of_logs = with_level_bias(problem)
+        if len(problem.logs) > 1 and spread.at(ZERO).is_usual:
+            spread = Spread.of(ZERO, of_logs, "the logs of this session").or_else(spread)
     noise, use = None, None
     if given is None:
         progress("bias", 0, 1)
@@ -167,8 +164,7 @@ def fit_session(
         physics=named,
         linear=linear,
         allowed=systematic,
-        repeatability=between,
-        accelerometer_between=read.accelerometer_between,
+        spread=spread,
         noise=noise,
         bias_from=bias_from,
         fit_other_choice=other,

@@ -24,6 +24,7 @@ from tinygc.estimation.accelerometer import JOINT_NAMES
 from tinygc.estimation.choice import closure_figures, run_figures
 from tinygc.estimation.options import METHODS, FitOptions, MethodFit
 from tinygc.estimation.physics import rate_covariance
+from tinygc.estimation.spread import ACCELEROMETER, ZERO
 from tinygc.fitting.results import AT_END, PHYSICS, FitResult
 from tinygc.models.linear import BIAS
 from tinygc.models.model import accelerometer_table, sensor_table
@@ -58,7 +59,7 @@ def to_json(result: FitResult, limit_deg: float | None = None) -> dict:
             },
             "accelerometer": {**result.accelerometer.to_json(), "effects": [] if result.physics is None else result.physics.of_force},
             "goodness": vars(result.goodness),
-            "bias_any_session": None if result.repeatability is None else result.repeatability.to_json(result.covariance[BIAS, BIAS]),
+            "bias_any_session": result.spread.at(ZERO).to_json(np.diag(result.covariance)[BIAS]),
             "systematic": None if result.allowed is None else result.allowed.to_json(),
             "sources": result.sources,
             "bias_from": result.bias_from.to_json(),
@@ -284,10 +285,9 @@ def model_tables(result: FitResult) -> dict[str, dict]:
             covariance = rate_covariance(result.physics.fit, result.session.clock)
             more |= covariance_table(result.physics.model.claims, covariance)
             ended |= covariance_at_end(result.physics.model, covariance)
-        if result.repeatability is not None:
-            more["bias_sigma_rps"] = result.repeatability.rps
-        if not result.accelerometer_between.usual:
-            more["accelerometer_spread"] = result.accelerometer_between.spread
+        for key, which in (("bias_sigma_rps", ZERO), ("accelerometer_spread", ACCELEROMETER)):
+            if not (spread := result.spread.at(which)).is_usual:
+                more[key] = spread.sigma
         if fit.model.session_s is not None and result.physics is not None:
             more["began_s"] = _began_s(result.physics.problem)
             tables[name + AT_END] = models.to_dict(fit.model.at_end(), **ended)

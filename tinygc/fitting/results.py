@@ -20,12 +20,12 @@ from tinygc.closure.least_squares import PriorUse
 from tinygc.closure.problem import Problem
 from tinygc.closure.runs import ClosureRun
 from tinygc.closure.uncertainty import GoodnessOfFit, goodness
-from tinygc.estimation.accelerometer import USUAL_SPREAD, AccelerometerFit, AnySession, accelerometer_fit
+from tinygc.estimation.accelerometer import AccelerometerFit, accelerometer_fit
 from tinygc.estimation.bias import BiasChoice
 from tinygc.estimation.choice import AgainstRaw, ModelToUse, model_to_use
 from tinygc.estimation.options import FitOptions, MethodFit
 from tinygc.estimation.physics import PART_NAMED, errors_with_physics, rate_covariance, rows_of_rates
-from tinygc.estimation.repeatability import BiasRepeatability
+from tinygc.estimation.spread import ACCELEROMETER, USUAL, Spread
 from tinygc.estimation.stated_noise import StatedNoise
 from tinygc.estimation.systematic import Systematic
 from tinygc.inference.solve import Source
@@ -58,8 +58,8 @@ class FitResult:
     joint_covariance (21, 21): of both sensors (``accelerometer.JOINT_NAMES``), inflated as well, where they were estimated jointly, and
     joint_sources that it is the sum of; joint_shared (21, 21): its part from a given calibration; prior: its use, None without one;
     not_run: why a requested method cannot run on this session, by name; allowed: how far one effect that the recording still
-    allows moves the parameters, None where the noise is not estimated; repeatability: spread of the bias between sessions, None where
-    nothing tells it; accelerometer_between: the same of the accelerometer; sources: the parts that ``covariance`` is the sum of.
+    allows moves the parameters, None where the noise is not estimated; spread: of the unit's 21 numbers
+    between its sessions; sources: the parts that ``covariance`` is the sum of.
     """
 
     problem: Problem
@@ -86,8 +86,7 @@ class FitResult:
     prior: PriorUse | None = None
     not_run: dict[str, str] = field(default_factory=dict)
     allowed: Systematic | None = None
-    repeatability: BiasRepeatability | None = None
-    accelerometer_between: AnySession = USUAL_SPREAD
+    spread: Spread = USUAL
     sources: tuple[Source, ...] = ()
 
     def __repr__(self) -> str:
@@ -99,7 +98,7 @@ class FitResult:
         config = self.session.config
         gravity_mps2 = config.site.expected_gravity_mps2
         found = accelerometer_fit(config.accelerometer, self.problem.joint, self.joint_covariance, gravity_mps2, self.joint_sources)
-        return replace(found, between=self.accelerometer_between)
+        return replace(found, between=self.spread.at(ACCELEROMETER))
 
     @property
     def session(self) -> Session:
@@ -156,7 +155,7 @@ class FitResult:
             closure_p=closure_p,
             closure_freedom=freedom,
             run_errors=left,
-            run_p=run_p_values(self.problem, self.runs, vector, covariance, errors, self.repeatability, left),
+            run_p=run_p_values(self.problem, self.runs, vector, covariance, errors, self.spread, left),
             run_losses=[""] * len(self.runs),
             run_floors=[run.floor_rad for run in self.runs],
             covariance=covariance,

@@ -15,8 +15,8 @@ from session.detect.accelerometer import LengthFit
 from tinygc.estimation.accelerometer import AccelerometerFit, drift_json
 from tinygc.estimation.bias import tilt_rms
 from tinygc.estimation.choice import RAW, closure_figures, run_figures
-from tinygc.estimation.expected_zero import USUAL_SPREAD
 from tinygc.estimation.options import METHODS
+from tinygc.estimation.spread import ZERO
 from tinygc.fitting.fit_file import known_turns_words
 from tinygc.fitting.results import FitResult
 from tinygc.models.linear import BIAS, NAMES, PARAMETERS, Quantity, field_quantities
@@ -165,9 +165,9 @@ def parameters_table(result: FitResult) -> Table:
             f"further, by one effect that the model lacks, up to: scale {most[0]:.0f} ppm, misalignment {most[1]:.3f} mrad, "
             f"bias {most[2]:.4f} dps"
         )
-    spread = result.repeatability or USUAL_SPREAD
-    any_session = spread.sigma(result.covariance[BIAS, BIAS]).max() / DEG
-    own = "" if result.repeatability else "this bias is of this session; "
+    spread = result.spread.at(ZERO)
+    any_session = spread.any_session(np.diag(result.covariance)[BIAS]).max() / DEG
+    own = "this bias is of this session; " if spread.is_usual else ""
     said.append(f"{own}the bias of any other session: ± {any_session:.3f} dps ({spread.source})")
     shown = [q for q in quantities if q.word in ("scale factor error", "misalignment", "bias")]
     return errors_table("Sensor errors (least squares): value ± one sigma", shown, said)
@@ -388,6 +388,6 @@ def rebias_report(result: Rebiased) -> Group:
         rmse = [degrees_text(run_figures(errors[name])["rmse_deg"]) for errors in result.run_errors]
         rows.append([titles[name], *moved, degrees_text(own["tilt_rms_deg"]), degrees_text(own["yaw_rms_deg"]), *rmse])
     bold = {[*result.angles].index(result.source): "bold"}
-    table = Table(f"{result.path.name} in {result.problem.session.name}", header, rows, "bold is what is saved", styles=bold)
+    table = Table(f"{result.state.path.name} in {result.problem.session.name}", header, rows, "bold is what is saved", styles=bold)
     first, *warnings = (f"{each[0].upper()}{each[1:]}." for each in remarks(result))
     return screen([table, first, *(one_line(each, "yellow") for each in warnings)])

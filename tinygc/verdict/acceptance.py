@@ -32,9 +32,8 @@ from tinygc.closure.runs import ClosureRun
 from tinygc.estimation.accelerometer import AccelerometerFit
 from tinygc.estimation.bias import tilt_rms
 from tinygc.estimation.choice import AgainstRaw
-from tinygc.estimation.expected_zero import drift_between
 from tinygc.estimation.options import METHODS
-from tinygc.estimation.repeatability import BiasRepeatability
+from tinygc.estimation.spread import USUAL, ZERO, Spread, drift_between
 from tinygc.estimation.systematic import Systematic
 from tinygc.inference.choose import MISMATCH_P, chi_square_above
 from tinygc.inference.decide import Conformity, Measured
@@ -413,14 +412,14 @@ def run_p_values(
     vector: np.ndarray,
     covariance: np.ndarray,
     errors: Callable[[np.ndarray, ClosureRun], np.ndarray],
-    between: BiasRepeatability | None = None,
+    spread: Spread = USUAL,
     left: Sequence[np.ndarray] | None = None,
 ) -> list[float]:
     """P-value of each closure run's error: noise, the parameters' uncertainty, the Earth's unknown heading, bias drift since the session.
 
     vector (P,), covariance (P, P) of the calibration, the 12 linear parameters first; errors: roll, pitch, yaw (3,) rad of a run under a
-    trial vector; between: spread of the bias between sessions, for a run whose clock began anew; left: the errors to judge, those of
-    ``vector`` if None.
+    trial vector; spread: of the unit between sessions, for a run whose clock began anew, where it is the unit's own; left: the
+    errors to judge, those of ``vector`` if None.
     """
     found, sigma, session = [], sigmas_in(covariance), problem.session
     by_same = {log.path.name for log in session.closures if session.nominal_rate is None or session.rate_of(log) is not None}
@@ -430,8 +429,9 @@ def run_p_values(
             known = covariance - session.clock.covariance(vector)
         slope = np.stack([(errors(vector + step, run) - error) / step.max() for step in np.diag(sigma)], axis=1)
         drift = slope[:, BIAS] * np.sqrt(_wander_since(problem, run))
-        if between is not None and not run.time_known:  # the sensor may have been switched off
-            known = known + (between.any_session(covariance) - covariance)
+        if not (run.time_known or spread.at(ZERO).is_usual):  # the sensor may have been switched off
+            known = known.copy()
+            known[BIAS, BIAS] += spread.at(ZERO).two_draws
         expected = np.diag(run.floor_rad**2) + run.heading_covariance + slope @ known @ slope.T + drift @ drift.T
         judged = error if left is None else left[number]
         found.append(chi_square_above(float(judged @ np.linalg.solve(expected, judged)), 3))

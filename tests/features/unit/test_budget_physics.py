@@ -15,8 +15,7 @@ from session.detect.accelerometer import NAMES as NAMES_OF_FORCE
 from tinygc.closure.floor import GYRO_NOISE, UNKNOWN, BiasInstability
 from tinygc.closure.motion import at_rest
 from tinygc.closure.uncertainty import BIAS_DRIFT, EARTH
-from tinygc.estimation.expected_zero import USUAL_SPREAD
-from tinygc.estimation.repeatability import BiasRepeatability
+from tinygc.estimation.spread import USUAL, ZERO, Spread
 from tinygc.estimation.stated_noise import CALIBRATION, CLOCK, GRAVITY_LENGTH, MISFIT, ROUNDING, stated_response
 from tinygc.features.unit.budget import monte_carlo as draws
 from tinygc.features.unit.budget.library import budget_of_fit
@@ -149,7 +148,7 @@ def test_a_sensor_error_is_the_slope_on_the_parameters(fit, fitted):
 
 
 def test_what_is_known_besides_stands_beside_the_sum(fitted):
-    again = replace(fitted, repeatability=BiasRepeatability(np.full(3, 0.02 * DEG), "two other sessions"))
+    again = replace(fitted, spread=Spread.of(ZERO, 0.02 * DEG, "two other sessions"))
     bias, scale = (parameter_budgets(again)[i] for i in (9, 0))
     of_bias, of_scale = ({each.what: each.u for each in made.beside} for made in (bias, scale))
     assert of_bias["bias of another switch-on"] == pytest.approx(np.sqrt(2) * 0.02 * DEG)
@@ -187,7 +186,7 @@ def test_the_accelerometer_has_budgets_with_another_switch_on_beside(fitted, mon
         for value, sigma, name in zip(values, sigmas, names, strict=True):
             found = own[f"accelerometer {word} {name.split()[-1]}"]
             assert (found.unit, found.value / found.si, found.u / found.si) == (unit, pytest.approx(value), pytest.approx(sigma, rel=1e-6))
-            spread = np.sqrt(2) * triad.between.spread[NAMES_OF_FORCE.index(name)]
+            spread = np.sqrt(2) * triad.between.sigma[NAMES_OF_FORCE.index(name)]
             assert [each.u for each in found.beside] == ([pytest.approx(spread)] if spread else [])
     first, hidden, *others = own
     (_, _, _, _, (_, name, *_)), *_ = triad.errors()
@@ -196,27 +195,27 @@ def test_the_accelerometer_has_budgets_with_another_switch_on_beside(fitted, mon
 
 
 def test_another_switch_on_counts_twice_its_spread_and_a_temperature_as_assumed(fitted):
-    spread = BiasRepeatability(np.array([1.0, 2.0, 3.0]) * 1e-3 * DEG, "two other sessions")
-    known, motion = replace(fitted, repeatability=spread), at_rest(fitted.linear.model, 10)
+    spread = Spread.of(ZERO, np.array([1.0, 2.0, 3.0]) * 1e-3 * DEG, "two other sessions")
+    known, motion = replace(fitted, spread=spread), at_rest(fitted.linear.model, 10)
     sources, _, assumed = sources_in_use(known, BudgetOptions(motion="rest", seconds=10.0, warmer_k=5.0), motion)
     # Nobody knows it: in the sum is the usual spread.
     usual = sources_in_use(fitted, BudgetOptions(motion="rest", seconds=10.0), motion).sources
     found = {source.name: source.covariance for source in (*sources, *usual)}
     for name, expected in (
-        ("bias of another switch-on", 2 * spread.rps**2),
+        ("bias of another switch-on", 2 * spread.sigma[ZERO] ** 2),
         ("temperature of the use", np.full(3, (0.01 * DEG * 5) ** 2)),
-        ("bias of another switch-on, as usual", 2 * USUAL_SPREAD.rps**2),
+        ("bias of another switch-on, as usual", 2 * USUAL.sigma[ZERO] ** 2),
     ):
         assert_allclose(found[name], 100 * np.diag(np.broadcast_to(expected, 3)), rtol=1e-9, atol=1e-20)
     assert assumed == ("temperature of the use",)
-    estimated = replace(fitted, repeatability=replace(spread, freedom=np.array([5.0, 4.0, 6.0])))
+    estimated = replace(fitted, spread=Spread.of(ZERO, spread.scatter[ZERO], "two other sessions", [5.0, 4.0, 6.0]))
     (own,) = (
         each
         for each in sources_in_use(estimated, BudgetOptions(motion="rest", seconds=10.0), motion).sources
         if each.name == "bias of another switch-on"
     )
     assert (own.kind, own.freedom) == ("A", 4.0)  # what is estimated is not widened, but counts with its freedom
-    assert_allclose(np.diag(own.covariance), 200 * spread.scatter_rps**2, rtol=1e-9)
+    assert_allclose(np.diag(own.covariance), 200 * spread.scatter[ZERO] ** 2, rtol=1e-9)
 
 
 @pytest.mark.parametrize("elapsed_s", [1.0, 1e6])

@@ -23,7 +23,7 @@ from session.base.errors import CalibrationError, FormatError
 from session.base.toml import parse_toml
 from session.base.units import DEG, MG
 from session.log.config import config_of
-from tinygc.estimation.repeatability import BiasRepeatability
+from tinygc.estimation.spread import ZERO, Spread
 from tinygc.explanation.reported import ReportData
 from tinygc.features.unit.certificate.content import REQUIRED, content_of
 from tinygc.features.unit.certificate.dcc_file import UNITS, dcc_text
@@ -252,8 +252,8 @@ def test_the_results_are_those_of_the_report_with_their_k(data, filled):
 
 
 def test_the_bias_at_any_switch_on_has_its_spread_and_a_widened_sigma_its_factor(data):
-    spread = BiasRepeatability(np.full(3, 0.1 * DEG), "three sessions")
-    rows = values_of(content_of(replace(data, fit=replace(data.fit, repeatability=spread))).results)
+    spread = Spread.of(ZERO, 0.1 * DEG, "three sessions")
+    rows = values_of(content_of(replace(data, fit=replace(data.fit, spread=spread))).results)
     usual, any_time = rows["gyroscope bias x"], rows["gyroscope bias at any switch-on x"]
     assert any_time.value == usual.value
     assert any_time.sigma == pytest.approx(np.hypot(usual.sigma, np.sqrt(2) * 100), rel=0.02)  # b = -E^-1 B, E near the identity

@@ -1,6 +1,5 @@
 """Sessions of one unit, compared by their uncertainties: what moved is found, and called by its name."""
 
-import gzip
 import json
 import shutil
 from dataclasses import replace
@@ -16,9 +15,12 @@ from session.base.errors import FormatError
 from session.base.units import MG, STANDARD_GRAVITY_MPS2
 from session.detect.accelerometer import PARAMETERS, units
 from session.log.config import Accelerometer
-from tinygc.estimation.accelerometer import USUAL_SPREAD, AccelerometerFit
-from tinygc.features.unit.calibrated import Calibrated, read_calibrated
+from tinygc.estimation.accelerometer import AccelerometerFit
+from tinygc.estimation.spread import USUAL
 from tinygc.features.unit.history.comparison import agreement, compare_calibrated, compare_triads
+from tinygc.fitting.unit_state import UnitState, fitted_state
+from tinygc.models.linear import LinearModel
+from tinygc.models.model import accelerometer_table
 
 
 def test_two_sessions_are_judged_by_their_difference():
@@ -44,38 +46,41 @@ def monday(tmp_path_factory):
 
 def test_what_moved_is_found_with_its_size_and_a_bias_is_another_one_after_each_switch_on(monday):
     """Whoever left it on asks for it."""
-    first = read_calibrated(monday)
+    first = fitted_state(monday)
     sigma = np.sqrt(np.diag(first.covariance))
     scale, bias = np.zeros((2, len(sigma)))
     scale[0], bias[10] = -30 * sigma[0], 60 * sigma[10]
-    other = replace(first, folder=first.folder.with_name("tuesday"), hashes=("x",))
-    found = compare_calibrated([first, replace(other, vector=first.vector + scale)])
+
+    def tuesday(moved):
+        model = LinearModel.from_vector(first.vector + moved)
+        return replace(first, folder=first.folder.with_name("tuesday"), model=model, table=first.table | {"sha256": {"log": "x"}})
+
+    found = compare_calibrated([first, tuesday(scale)])
     moved = found.moved[0]
     assert found.verdict == found.lasting
     assert found.lasting.p_value < 1e-6
     assert (moved.session, moved.name, moved.component, moved.unit) == ("tuesday", "scale factor error", "x", "ppm")
     assert moved.by == pytest.approx(1e6 * 30 * sigma[0] / first.vector[0] ** 2, rel=0.02)
     assert abs(moved.sigmas) > 30 / np.sqrt(2)  # what both have of one given accelerometer is no difference
-    found = compare_calibrated([first, replace(other, vector=first.vector + bias)])
+    found = compare_calibrated([first, tuesday(bias)])
     assert found.lasting.p_value > 0.01 > 1e-6 > found.bias.p_value
     assert (found.verdict == found.lasting, found.moved) == (True, ())
-    asked = compare_calibrated([first, replace(other, vector=first.vector + bias)], bias=True)
+    asked = compare_calibrated([first, tuesday(bias)], bias=True)
     assert (asked.moved[0].name, asked.moved[0].component) == ("bias", "y")
     assert asked.moved[0].by == pytest.approx(-60 * sigma[10] / DEG, rel=0.05)
 
 
 def test_the_command_says_whether_they_agree_and_what_a_session_does_not_observe(monday, tmp_path, run):
     path = shutil.copytree(monday, tmp_path / "flat")
-    model, fit, (log,) = path / "fit" / "model_least_squares.json", path / "fit" / "fit.json", path.glob("log*")
-    model.write_text(json.dumps({**json.loads(model.read_text()), "unobserved": ["E_xy"]}))
-    log.write_bytes(log.read_bytes() + gzip.compress(b""))  # another file
+    model, fit = path / "fit" / "model_least_squares.json", path / "fit" / "fit.json"
+    model.write_text(json.dumps({**json.loads(model.read_text()), "unobserved": ["E_xy"], "sha256": {"log": "another file"}}))
     code, out, _ = run("history", monday, path, "--compare", "--json", tmp_path / "table.json")
     table = json.loads((tmp_path / "table.json").read_text())
     assert (code, table["agree"], table["sessions"]) == (0, True, ["monday", "flat"])
     assert ("misalignments agree" in out, "E_xy" in out) == (True, True)
     fit.write_text("{")
     with pytest.raises(FormatError, match=r"fit\.json"):
-        read_calibrated(path)
+        fitted_state(path)
 
 
 def test_bad_input_gets_one_line(monday, tmp_path, run):
@@ -109,8 +114,12 @@ def test_triads_of_different_frames_are_compared_with_the_sensors_own_sigmas():
         AccelerometerFit("fit", Accelerometer(turn @ upper, bias), covariance)
         for turn, bias in ((np.eye(3), np.zeros(3)), (quarter, moved))
     )
-    sessions = [Calibrated(Path(), config(), np.zeros(12), np.eye(12), (), (), (), triad=triad) for triad in (one, other)]
-    sigma = np.sqrt(one.sigmas[6] ** 2 + other.sigmas[6] ** 2 + 2 * USUAL_SPREAD.spread[6] ** 2)
+    sessions = []
+    for triad in (one, other):
+        joint = np.pad(covariance, (0, 12))
+        table = {"accelerometer": accelerometer_table(triad.calibration), "joint_covariance": {"matrix": joint}}
+        sessions.append(UnitState(Path(), LinearModel(np.eye(3), np.zeros(3)), table, {"accelerometer": {"mode": "fit"}}, Path(), config()))
+    sigma = np.sqrt(one.sigmas[6] ** 2 + other.sigmas[6] ** 2 + 2 * USUAL.scatter[6] ** 2)
     found = compare_triads(sessions)
     assert found.freedom == PARAMETERS
     assert found.chi_square == pytest.approx((10 * MG / sigma) ** 2, rel=0.03)

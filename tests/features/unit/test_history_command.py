@@ -13,6 +13,7 @@ from processes import refused
 
 import tinygc
 from session.base.units import DEG
+from tinygc.estimation.spread import ZERO
 
 
 def moved_copies(folder: Path, parent: Path, biases_dps, dates=None) -> list[Path]:
@@ -131,14 +132,14 @@ def test_fit_budget_history_and_verify_take_one_spread_of_the_zero(fitted, tmp_p
     moved = np.array([0.0, 0.02, -0.01, 0.015, 0.005, -0.012])
     folders = moved_copies(fitted, tmp_path, moved[:, None] * [1.0, -0.5, 0.7] + np.outer(np.arange(6) > 2, [0.0, 0.0, 1.0]))
     fit = tinygc.fit(fitted, methods=("least_squares",), history=folders)
-    in_fit = fit.result.repeatability
+    in_fit = fit.result.spread.at(ZERO)
     assert (in_fit.source, in_fit.freedom.tolist()) == ("6 other sessions of this unit, less drift and 1 step", [4, 4, 3])
-    assert max(in_fit.scatter_rps) < 0.05 * DEG
-    np.testing.assert_array_equal(tinygc.history(folders).units[0].any_session.scatter_rps, in_fit.scatter_rps)
+    assert max(in_fit.scatter) < 0.05 * DEG
+    np.testing.assert_array_equal(tinygc.history(folders).units[0].any_session.scatter, in_fit.scatter)
     verified = tinygc.verify(folders[0] / "fit" / "model_least_squares.json", fitted, history=folders)
     parts = [part for part in verified.parts if part.name == "switch-on" and part.into[-3:].any()]
     assert [part.freedom for part in parts] == [4, 4, 3]
-    two = 2 * in_fit.scatter_rps**2
+    two = 2 * in_fit.scatter**2
     for axis, variance in zip(tinygc.budget(fit, motion="rest", seconds=1.0).attitude, two, strict=False):
         (row,) = (row for row in axis.rows if row.source == "bias of another switch-on")
         assert row.variance == pytest.approx(variance, rel=0.1)  # E apart

@@ -31,6 +31,7 @@ from tinygc.features.unit.history.forecast import (
 )
 from tinygc.features.unit.history.sessions import GYROSCOPE, NUMBERS, ZERO, UnitSession
 from tinygc.features.unit.history.text import lines, rows, significant
+from tinygc.models.linear import BIAS
 
 FIRST = datetime(2024, 1, 1, tzinfo=UTC)
 
@@ -48,9 +49,9 @@ def drawn(at, seed=0, scatter=0.0, drift=0.0, steps=None, own=1.0, dated=True):
         covariance = np.diag((own * OWN) ** 2)
         moment = Moment(FIRST + timedelta(seconds=float(when) * YEAR_S), "notes") if dated else None
         vector = np.concatenate([np.eye(3).ravel(), -values[ZERO]])
-        sessions.append(
-            UnitSession(f"s{j + 1}", "ASM330LHH", "7", moment, values, covariance, -values[ZERO], covariance[ZERO, ZERO], vector)
-        )
+        stated = np.zeros((12, 12))
+        stated[BIAS, BIAS] = covariance[ZERO, ZERO]
+        sessions.append(UnitSession(f"s{j + 1}", "ASM330LHH", "7", moment, values, covariance, vector, stated))
     return sessions
 
 
@@ -85,7 +86,7 @@ def test_what_made_the_sessions_is_recovered():
     assert abs(step.size / 1e-6 - 900) < 60
     assert step.sigma / 1e-6 < 40
     said = " ".join(lines(history))
-    sizes = np.sqrt(np.diag(history.sessions[-1].bias_covariance) + 2 * history.any_session.rps**2) / DEG  # two draws, and the last fit
+    sizes = np.sqrt(np.diag(history.sessions[-1].stated)[BIAS] + 2 * history.any_session.sigma**2) / DEG  # two draws, and the last fit
     for words in (
         "a drift is significant in bias x",
         "a shock between s5 and s6: scale factor error y by +9",

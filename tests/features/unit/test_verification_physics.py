@@ -2,31 +2,30 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from conftest import config
+from noise_records import axis, figures, sensor
 from scipy import stats
 from scipy.linalg import block_diag
 
 from session.base import rotation
-from session.base.errors import FormatError
 from session.base.units import DEG, MG, G
 from session.detect import accelerometer
 from tinygc import models
 from tinygc.closure.floor import BiasInstability
 from tinygc.effects import AppliedEffect, Conditions, effect_of
-from tinygc.estimation.accelerometer import JOINT_NAMES, AccelerometerFit
-from tinygc.estimation.accelerometer import USUAL_SPREAD as USUAL_ACCELEROMETER
-from tinygc.estimation.expected_zero import USUAL_PER_K, USUAL_SPREAD
-from tinygc.features.unit.calibrated import Calibrated
+from tinygc.estimation.accelerometer import JOINT_NAMES
+from tinygc.estimation.spread import ACCELEROMETER, COUNT, END_S, GYROSCOPE, USUAL, USUAL_PER_K, ZERO, Spread
+from tinygc.features.fleet.fit import LotFile
 from tinygc.features.unit.options import VerifyOptions as Options
-from tinygc.features.unit.verification import causes, verdict
-from tinygc.features.unit.verification.causes import Cause, Evidence, beyond_linear, diagnose
+from tinygc.features.unit.verification import verdict
+from tinygc.features.unit.verification.causes import Cause, Evidence, beyond_linear, candidate_causes, diagnose
 from tinygc.features.unit.verification.cost import _BOUND, Bound, Cost, bound_deg, cost_of, left_open, uses
-from tinygc.features.unit.verification.expected import ACCELEROMETER_ZERO, ZERO, Part, Spread, expected_parts, spread_of_unit
-from tinygc.features.unit.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, _variance_and_freedom, read_old, with_bias_moved
+from tinygc.features.unit.verification.expected import Part, expected_parts
 from tinygc.features.unit.verification.questions import (
     DRAWS,
     GRAVITY,
@@ -37,16 +36,13 @@ from tinygc.features.unit.verification.questions import (
     NoisePart,
     Question,
     TodaysNoise,
-    _by_freedom,
-    _level_of,
     ask,
-    by_size,
-    tail,
     todays_noise,
 )
 from tinygc.features.unit.verification.rows import CLOSURE, LENGTH, STILL, Rows
 from tinygc.features.unit.verification.verdict import FAILS, HOLDS, UNDECIDED
-from tinygc.inference.choose import PRIOR_ODDS
+from tinygc.fitting.unit_state import UnitState, read_state, spread_between, spread_of, variance_and_freedom
+from tinygc.inference.choose import PRIOR_ODDS, STEPS, factors_by_freedom, level_of_each, tail
 from tinygc.inference.noise import wander_covariance
 from tinygc.models.linear import MATRIX, LinearModel
 from tinygc.models.model import accelerometer_table
@@ -99,7 +95,7 @@ def part(rows: Rows, which, sigma, freedom=np.inf, name="switch-on") -> Part:
     return Part(name, rows.parameters @ into, into, freedom)
 
 
-OLD = SimpleNamespace(accelerometer=object(), goodness=None, noise={}, linear=LinearModel(np.eye(3), np.zeros(3)))
+OLD = SimpleNamespace(accelerometer=object(), goodness=None, at_rest={}, linear=LinearModel(np.eye(3), np.zeros(3)), temperature_c=None)
 
 
 MATRIX_OF_21 = np.r_[GYROSCOPE][MATRIX]
@@ -126,20 +122,8 @@ def changed_by(*ones):
 # Questions
 
 
-def test_the_levels_of_all_questions_make_the_stated_rate():
-    for count in (1, 2, 4):
-        assert (1 - _level_of(0.05, count)) ** count == pytest.approx(0.95, rel=1e-12)
-
-
-def test_tails_are_those_of_chi_square_and_of_fisher():
-    assert tail(12.0, np.eye(5), []) == pytest.approx(stats.chi2.sf(12.0, 5), rel=1e-9, abs=0)
-    factors = _by_freedom(4.0, 0)
-    assert tail(12.0, np.zeros((3, 3)), [(np.eye(3), factors)]) == pytest.approx(stats.f.sf(4.0, 3, 4), rel=0.06)
-    assert np.mean(1 / factors) == pytest.approx(1.0, rel=0.02)
-
-
 def test_a_statistic_beyond_all_draws_has_the_smallest_probability_that_they_show():
-    drawn = [(np.eye(2), _by_freedom(5.0, 0))]
+    drawn = [(np.eye(2), factors_by_freedom(5.0, 0, DRAWS))]
     least = tail(1e9, np.zeros((2, 2)), drawn)
     assert (least, tail(0.0, np.zeros((2, 2)), drawn)) == pytest.approx((1 / (DRAWS + 1), 1.0), rel=1e-9)
     assert [Question(E, 1e9, 2, p, 0.0127).beyond_draws for p in (least, 1e-6)] == [True, False]
@@ -153,14 +137,6 @@ def test_the_printed_chi_square_has_the_printed_p():
         assert stats.chi2.sf(Question(E, 1e9, rank, p, 0.0127).chi_square, rank) == pytest.approx(p, rel=1e-9)
     assert Question(E, 5e3, 3, 0.0, 0.0127).chi_square == 5e3  # below the smallest number there is
     assert Question(E, 7.8, 3, 0.05, 0.05).holds
-
-
-def test_a_component_of_the_noise_varies_with_its_size():
-    factors = by_size(2.0, 0.1, 0)
-    assert len(factors) == DRAWS
-    assert np.mean(factors) == pytest.approx(4.01, rel=2e-3)
-    assert np.std(np.sqrt(factors)) == pytest.approx(0.1, rel=0.02)
-    assert by_size(0.0, 1.0, 0).min() == 0.0
 
 
 def gls(rows, which, free, keep, S):
@@ -195,7 +171,7 @@ def test_what_is_left_follows_chi_square_and_the_old_fits_own_excess():
         ((50.0, 100), 1e6, 1.0),  # less than noise is no yardstick
         ((0.0, 0), 1e6, 1.0),
     ):
-        found = asked(replace(rows, noise_freedom=own), old=SimpleNamespace(accelerometer=None, goodness=goodness, noise={}))["noise"]
+        found = asked(replace(rows, noise_freedom=own), old=SimpleNamespace(accelerometer=None, goodness=goodness, at_rest={}))["noise"]
         assert (found.statistic, found.rank) == (pytest.approx(chi_square, rel=1e-6), freedom)
         both = 1 / (1 / own + (1 / goodness[1] if excess > 1 else 0.0))
         assert found.p_value == pytest.approx(stats.f.sf(chi_square / freedom / excess, freedom, both), rel=1e-4, abs=0)
@@ -225,7 +201,7 @@ def test_rows_of_rests_leave_e_unasked():
     rows.parameters[rows.kinds[CLOSURE]] = 0.0
     found = asked(rows)
     assert (found[E].asked, found[B].asked) == (False, True)
-    assert found[B].level == pytest.approx(_level_of(0.05, sum(each.asked for each in found.values())))
+    assert found[B].level == pytest.approx(level_of_each(0.05, sum(each.asked for each in found.values())))
 
 
 def with_component(rows, name, kind, s, sigma):
@@ -283,7 +259,7 @@ def test_noise_that_the_old_fit_found_has_the_freedom_of_its_estimate(known):
     """24 closures of variance 0.25; 18 rates at rest with 1.5^2 more, as the old fit found it, with 8 degrees of freedom."""
     rows = made_rows(16, noise=2.0)
     old, noise = SimpleNamespace(**vars(OLD)), with_component(rows, "noise.still_rate", STILL, 1.0, 0.1)
-    old.noise = {"noise.still_rate": (1.5**2, known)}
+    old.at_rest = {"noise.still_rate": (1.5**2, known)}
     found = asked(rows, old=old, noise=noise)["noise"]
     share = 18 * 1.5**2 / (0.25 + 1.5**2) / 42
     other = 1 / (1 / rows.noise_freedom + share**2 / known)
@@ -291,9 +267,9 @@ def test_noise_that_the_old_fit_found_has_the_freedom_of_its_estimate(known):
 
 
 def test_degrees_of_freedom_of_a_size_with_a_sigma():
-    assert _variance_and_freedom(3.0, 0.3) == pytest.approx((9.09, 2 * 9.09**2 / 3.2562))
-    assert _variance_and_freedom(0.0, 2.0) == pytest.approx((4.0, 1.0))
-    assert _variance_and_freedom(2.0, 0.0) == (4.0, np.inf)
+    assert variance_and_freedom(3.0, 0.3) == pytest.approx((9.09, 2 * 9.09**2 / 3.2562))
+    assert variance_and_freedom(0.0, 2.0) == pytest.approx((4.0, 1.0))
+    assert variance_and_freedom(2.0, 0.0) == (4.0, np.inf)
 
 
 # Causes and costs
@@ -310,7 +286,7 @@ def test_evidence_is_that_of_normal_distributions_over_all_scales():
     spread = part(rows, np.r_[ZERO], np.full(3, 0.1 * DEG))
     cause, evidence = single(rows), Evidence(rows, [spread])
     S, X = rows.white + spread.columns @ spread.columns.T, cause.columns
-    p = [stats.multivariate_normal(cov=S + s**2 * X @ X.T).logpdf(rows.r) for s in (0, *causes.STEPS)]
+    p = [stats.multivariate_normal(cov=S + s**2 * X @ X.T).logpdf(rows.r) for s in (0, *STEPS)]
     expected = np.log(np.mean(np.exp(np.array(p[1:]) - p[0]))) + np.log(PRIOR_ODDS)
     assert evidence.of([cause]).log_evidence - evidence.of([]).log_evidence == pytest.approx(expected, rel=1e-9)
 
@@ -350,8 +326,8 @@ def test_without_data_a_turn_may_miss_what_a_plausible_change_makes():
 
 
 def of_name(rows, name, **more):
-    old = SimpleNamespace(linear=LinearModel(np.eye(3), np.array([0.01, -0.02, 0.03])), accelerometer=object())
-    (found,) = [cause for cause in causes.candidate_causes(rows, old, **more) if cause.name == name][:1]
+    old = SimpleNamespace(linear=LinearModel(np.eye(3), np.array([0.01, -0.02, 0.03])), accelerometer=object(), temperature_c=None)
+    (found,) = [cause for cause in candidate_causes(rows, old, **more) if cause.name == name][:1]
     return found
 
 
@@ -469,22 +445,22 @@ LEFT = "more than noise is left: up to 3.0° in a use of B (95 %); no cause of t
     ],
 )
 def test_the_verdict_follows_from_what_changed_what_is_open_and_what_it_costs(found, answer, bias_serves, headline):
-    said, why, advice, serves = decided(**found)
-    assert (said, serves, headline or why) == (answer, bias_serves, why)
-    assert ("--write" in advice) == ("B = NEW" in why)
+    said, serves = decided(**found)
+    assert (said.kind, serves, headline or said.line) == (answer, bias_serves, said.line)
+    assert ("--write" in said.do) == ("B = NEW" in said.line)
 
 
 # What a calibration that holds may differ by
 
 
 E_OLD, B_OLD = np.array([[1.02, 0.01, 0], [0, 0.98, -0.01], [0.005, 0, 1.01]]), np.array([0.01, -0.02, 0.005])
-NONE_KNOWN = Spread(np.full(COUNT, np.nan), np.full(COUNT, np.inf), [""] * COUNT)
+NONE_KNOWN = Spread.of([], [], "")
 
 
 def written(tmp_path, model=None, **more):
     path = tmp_path / "model.json"
     path.write_text(json.dumps(models.to_dict(model or LinearModel(E_OLD, B_OLD), **more)))
-    return read_old(path)
+    return read_state(path)
 
 
 def rows_with(repeatability=None, **more):
@@ -512,9 +488,11 @@ def test_a_joint_covariance_is_taken_whole(tmp_path):
     assert total(found, "calibration") == pytest.approx(root @ root.T, rel=1e-6, abs=1e-16)
     # Of a covariance without a direction, whose eigenvalues rounding makes negative, there is none.
     one = np.outer(root[0], root[0])
-    found = total(expected_parts(replace(old, covariance=one), rows_with(), NONE_KNOWN), "calibration")
+    found = total(
+        expected_parts(replace(old, table=old.table | {"joint_covariance": {"matrix": one}}), rows_with(), NONE_KNOWN), "calibration"
+    )
     assert found[GYROSCOPE, GYROSCOPE] == pytest.approx(one[GYROSCOPE, GYROSCOPE], abs=1e-20)
-    assert np.diag(written(tmp_path).covariance)[GYROSCOPE] == pytest.approx(TARGETS**2)  # that of a usual session, where a file has none
+    assert np.diag(written(tmp_path).joint)[GYROSCOPE] == pytest.approx(TARGETS**2)  # that of a usual session, where a file has none
 
 
 def test_the_error_of_a_given_accelerometer_is_in_lengths_and_not_in_e(tmp_path):
@@ -527,29 +505,27 @@ def test_the_error_of_a_given_accelerometer_is_in_lengths_and_not_in_e(tmp_path)
     assert (columns[: rows.kinds[LENGTH].start].any(), columns[rows.kinds[LENGTH]].any()) == (False, True)
 
 
-@pytest.mark.parametrize(("known", "moves"), [([], True), ([*range(9)], False), ([0, 1, 2, 3, 4, 5, 7, 8], True)])
-def test_an_accelerometers_zero_moves_by_the_usual_where_nothing_shows_its_spread(tmp_path, known, moves):
-    sigma = USUAL_ACCELEROMETER.spread.copy()
+@pytest.mark.parametrize("known", [[], [*range(9)], [0, 1, 2, 3, 4, 5, 7, 8]])
+def test_an_accelerometers_zero_moves_by_the_usual_where_nothing_shows_its_spread(tmp_path, known):
+    sigma = USUAL.scatter[ACCELEROMETER].copy()
     sigma[known] = 1e-3
-    variance = np.full(COUNT, np.nan)
-    variance[ACCELEROMETER][known] = 1e-6
-    old, spread, usual = written(tmp_path), Spread(variance, np.full(COUNT, 3.0), ["own"] * COUNT), "accelerometer's switch-on"
-    parts = expected_parts(old, rows_with(), spread)
-    assert np.sqrt(np.diag(total(parts, usual, "switch-on"))[ACCELEROMETER]) == pytest.approx(np.sqrt(2) * sigma)
-    assert [part.assumed for part in parts if part.name == usual] == [True] * moves
-    assert not {usual, "switch-on"} & {part.name for part in expected_parts(old, rows_with(), spread, switched_on_since=False)}
+    old, spread = written(tmp_path), Spread.of(known, 1e-3, "own", 3.0).or_else(USUAL)
+    parts = [part for part in expected_parts(old, rows_with(), spread) if part.name == "switch-on"]
+    assert np.sqrt(np.diag(total(parts, "switch-on"))[ACCELEROMETER]) == pytest.approx(np.sqrt(2) * sigma)
+    assert [part.assumed for part in parts] == [part.source != "own" for part in parts]
+    assert "switch-on" not in {part.name for part in expected_parts(old, rows_with(), spread, switched_on=False)}
 
 
 @pytest.mark.parametrize("of_lot", [False, True])
 @pytest.mark.parametrize("in_file", [{}, {"accelerometer_spread": [9.0] * 9}, {"bias_sigma_rps": [1e-3, 2e-3, 3e-3]}])
 @pytest.mark.parametrize("own", [None, 0.02])
-def test_where_the_spread_is_from(tmp_path, monkeypatch, own, in_file, of_lot):
+def test_where_the_spread_is_from(tmp_path, own, in_file, of_lot):
     """session.toml before the lot, that before the model file, and last the usual; a lot has the gyroscope first, and here lacks one."""
-    lot = SimpleNamespace(repeatability=np.r_[1.0:10.0, np.nan, 11.0:22.0], sessions=30, units=10)
-    monkeypatch.setattr("tinygc.features.fleet.fit.lot_for", lambda path, sensor: SimpleNamespace(lot=lot))
+    lot = LotFile(SimpleNamespace(repeatability=np.r_[1.0:10.0, np.nan, 11.0:22.0], sessions=30, units=10), "lot.json", "")
     sigma, sources = np.full(COUNT, np.nan), [""] * COUNT
     for which, value, source in (
-        (ZERO, USUAL_SPREAD.rps, USUAL_SPREAD.source),
+        (ZERO, USUAL.scatter[ZERO], USUAL.at(ZERO).source),
+        (ACCELEROMETER, USUAL.scatter[ACCELEROMETER], USUAL.source),
         (ZERO, in_file.get("bias_sigma_rps"), "stated in the model file"),
         (ACCELEROMETER, in_file.get("accelerometer_spread"), "stated in the model file"),
         (
@@ -563,24 +539,24 @@ def test_where_the_spread_is_from(tmp_path, monkeypatch, own, in_file, of_lot):
             sigma[which] = value
             sources = [source if k in np.arange(COUNT)[which] else each for k, each in enumerate(sources)]
     old, rows = written(tmp_path, **in_file), rows_with(repeatability=own)
-    found = spread_of_unit(old, rows, lot=tmp_path / "lot.json" if of_lot else None)
-    assert found.variance == pytest.approx(sigma**2, nan_ok=True)
+    found = spread_of(rows.session.config, old.table, lot=lot.spread if of_lot else None)
+    assert found.scatter == pytest.approx(sigma, nan_ok=True)
     assert list(found.sources) == sources
     assert found.freedom.tolist() == [20.0 if "lot" in source else np.inf for source in sources]
     told = [(part.source, part.assumed) for part in expected_parts(old, rows, found) if part.name == "switch-on"]
-    assert told == [(source, source == USUAL_SPREAD.source) for source in sources if source]
+    assert told == [(source, "usual" in source) for source, size in zip(sources, sigma, strict=True) if size > 0]
 
 
 @pytest.mark.parametrize(("temp_c", "then_c", "of_zero", "tenths_mg"), [(35.0, 25.0, 10 * USUAL_PER_K, 10), (25.0, None, None, 1)])
 def test_temperature_counts_for_zero_and_accelerometer(tmp_path, temp_c, then_c, of_zero, tenths_mg):
     """Where it is not known, and within one degree, a tenth of a milligram."""
-    more = {} if then_c is None else {"temp_then_c": then_c}
-    parts = expected_parts(written(tmp_path), rows_with(temp_c=temp_c), NONE_KNOWN, **more)
+    more = {} if then_c is None else {"temperature_c": then_c}
+    parts = expected_parts(written(tmp_path, **more), rows_with(temp_c=temp_c), NONE_KNOWN)
     assert ("temperature" in {part.name for part in parts}) == (of_zero is not None)
     if of_zero:
         assert np.sqrt(np.diag(total(parts, "temperature"))[ZERO]) == pytest.approx(np.full(3, of_zero))
     assert np.sqrt(np.diag(total(parts, "accelerometer's temperature"))[ACCELEROMETER]) == pytest.approx(tenths_mg * TENTH_MG)
-    assert np.array(JOINT_NAMES)[ACCELEROMETER_ZERO].tolist() == [f"accelerometer bias {axis}" for axis in "xyz"]
+    assert np.array(JOINT_NAMES)[accelerometer.BIASES].tolist() == [f"accelerometer bias {axis}" for axis in "xyz"]
 
 
 def test_the_drift_that_session_and_today_share_is_in_neither(tmp_path):
@@ -590,49 +566,52 @@ def test_the_drift_that_session_and_today_share_is_in_neither(tmp_path):
     for elapsed_s in (1.0, 600.0, 1e7):
         moments = np.array([0.0, rows.duration_s + elapsed_s])
         both = wander_covariance(moments, rows.duration_s, instability_rps=2e-5)[0, 1] if elapsed_s < 1e7 else 0.0
-        parts = expected_parts(old, rows, NONE_KNOWN, switched_on_since=False, elapsed_s=elapsed_s)
+        parts = expected_parts(old, rows, NONE_KNOWN, switched_on=False, elapsed_s=elapsed_s)
         found = np.diag(total(parts, "calibration", "wander"))[ZERO]
         assert found == pytest.approx(np.full(3, 1e-8 - 2 * both), rel=1e-9)
 
 
-def of_unit(tmp_path, monkeypatch, vectors, matrices=None, serial=None):
-    """The spread by other sessions of the unit, without errors of their own; matrices: of their accelerometers, None for given ones."""
-    sessions, made = {}, config()
-    made = replace(made, sensor=replace(made.sensor, serial=serial))
+@pytest.mark.parametrize("elapsed_s", [600.0, None])
+def test_within_one_switch_on_the_zero_walks(tmp_path, elapsed_s):
+    noise = figures(sensor(axis(K=1e-6, B=2e-5)))
+    parts = expected_parts(replace(written(tmp_path), figures=noise), rows_with(), USUAL, switched_on=False, elapsed_s=elapsed_s)
+    assert total(parts, "wander")[ZERO, ZERO] == pytest.approx(np.eye(3) * 1e-12 * (elapsed_s or END_S), rel=1e-12)
+    assert not {"wander", "switch-on"} & {part.name for part in expected_parts(written(tmp_path), rows_with(), USUAL, switched_on=False)}
+
+
+def of_unit(vectors, matrices=None):
+    """The spread by sessions of one unit, without errors of their own; matrices: of their accelerometers, None for given ones."""
+    sessions, made = [], config()
     for number, vector in enumerate(vectors):
         calibration = replace(made.accelerometer, matrix=np.eye(3) if matrices is None else matrices[number])
-        triad = AccelerometerFit("given", calibration, None if matrices is None else 1e-20 * np.eye(9))
-        folder = tmp_path / f"2026-01-{20 - number}"  # the last one first
-        sessions[folder] = Calibrated(folder, made, vector, 1e-20 * np.eye(12), (), (), (), triad=triad)
-    monkeypatch.setattr("tinygc.features.unit.verification.expected.read_calibrated", sessions.__getitem__)
-    old = written(tmp_path, accelerometer=accelerometer_table(config().accelerometer), sensor={"serial": "mine"})
-    return spread_of_unit(old, rows_with(), list(sessions)), [each.triad.values for each in sessions.values()]
+        table = {"covariance": 1e-20 * np.eye(12), "accelerometer": accelerometer_table(calibration)}
+        table |= {} if matrices is None else {"joint_covariance": {"matrix": 1e-20 * np.eye(21)}}
+        folder = Path(f"2026-01-{20 - number}")  # the last one first
+        sessions.append(UnitState(folder, LinearModel.from_vector(vector), table, folder=folder, config=made))
+    return spread_between(sessions, config().accelerometer, "sessions"), [each.triad.values for each in sessions]
 
 
-def test_the_spread_between_sessions_is_their_sample_variance(tmp_path, monkeypatch):
-    """In the frame of the old session; accelerometers that are all given show no spread of theirs."""
+def test_the_spread_between_sessions_is_their_sample_variance():
+    """In one frame; accelerometers that are all given show no spread of theirs."""
     vectors = 1e-3 * np.random.default_rng(1).normal(size=(3, 12))
     turn = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
-    found, _ = of_unit(tmp_path, monkeypatch, vectors)
-    assert found.variance == pytest.approx(np.r_[np.full(9, np.nan), vectors.var(axis=0, ddof=1)], nan_ok=True)
+    found, _ = of_unit(vectors)
+    assert found.scatter == pytest.approx(np.r_[np.full(9, np.nan), vectors.std(axis=0, ddof=1)], nan_ok=True)
     assert found.freedom[GYROSCOPE].tolist() == [2.0] * 12
-    assert (set(found.sources), found.note) == ({"3 other sessions of this unit"}, "")
-    found, values = of_unit(tmp_path, monkeypatch, vectors, [np.diag(np.r_[1 + 1e-3 * number, 1, 1]) @ turn for number in (0, 2, 1)])
+    assert (set(found.sources[GYROSCOPE]), found.note) == ({"3 sessions"}, "")
+    found, values = of_unit(vectors, [np.diag(np.r_[1 + 1e-3 * number, 1, 1]) @ turn for number in (0, 2, 1)])
     turned = vectors @ block_diag(np.kron(turn, np.eye(3)), turn)
-    assert found.variance[GYROSCOPE] == pytest.approx(np.var(turned, axis=0, ddof=1))
-    assert found.variance[ACCELEROMETER] == pytest.approx(np.var(values, axis=0, ddof=1), abs=1e-15)
-    with pytest.raises(FormatError, match=r"2026-01-\d+: of 'other', expected 'mine'"):
-        of_unit(tmp_path, monkeypatch, np.zeros((2, 12)), serial="other")
-    with pytest.raises(FormatError, match="two or more"):
-        spread_of_unit(written(tmp_path), rows_with(), [tmp_path])
+    assert found.scatter[GYROSCOPE] == pytest.approx(np.std(turned, axis=0, ddof=1))
+    assert found.scatter[ACCELEROMETER] == pytest.approx(np.std(values, axis=0, ddof=1), abs=1e-8)
 
 
-def test_a_step_among_the_other_sessions_is_no_spread(tmp_path, monkeypatch):
+def test_a_step_among_the_other_sessions_is_no_spread():
     vectors = 1e-5 * np.random.default_rng(1).normal(size=(8, 12))
     vectors[:4, 9:11] += 0.1  # from the fifth last on
-    found, _ = of_unit(tmp_path, monkeypatch, vectors)
-    assert (found.variance[ZERO] < 1e-9).all()
+    found, _ = of_unit(vectors)
+    assert (found.scatter[ZERO] ** 2 < 1e-9).all()
     assert found.freedom[GYROSCOPE].tolist() == [6.0] * 9 + [5.0, 5.0, 6.0]
+    assert found.sources[ZERO].tolist() == ["8 sessions, less drift and 2 steps"] * 3
     assert "a step in B_x, B_y between 2026-01-16 and 2026-01-17: it is taken out" in found.note
 
 
@@ -648,5 +627,5 @@ def test_another_kind_of_model_is_a_correction_of_its_own_rates(tmp_path):
     columns = np.concatenate([np.kron(np.eye(3), omega[:, None, :]).reshape(5, 3, 9), np.broadcast_to(np.eye(3), (5, 3, 3))], axis=2)
     moved = [LinearModel.from_vector(model.linear.vector + step)(measured) - omega for step in np.diag(sigma[:12])]
     expected = np.linalg.lstsq(columns.reshape(15, 12), np.reshape(moved, (12, 15)).T, rcond=None)[0]
-    assert old.covariance[GYROSCOPE, GYROSCOPE] == pytest.approx(expected @ expected.T, rel=1e-6, abs=1e-14)
-    assert pytest.approx(B_OLD + 1) == with_bias_moved(model, np.ones(3)).linear.B
+    assert old.joint[GYROSCOPE, GYROSCOPE] == pytest.approx(expected @ expected.T, rel=1e-6, abs=1e-14)
+    assert pytest.approx(B_OLD + 1) == old.with_bias_moved(np.ones(3)).linear.B

@@ -35,7 +35,6 @@ from tinygc.features.unit.watch.expectation import (
     SHIFTS,
     TIMES_S,
     Expectation,
-    ModelInUse,
     Settings,
     _drift,
     expect,
@@ -43,6 +42,7 @@ from tinygc.features.unit.watch.expectation import (
 )
 from tinygc.features.unit.watch.source import RESTART, Remark, SourceOptions, _decoded
 from tinygc.features.unit.watch.turns import Turn, TurnTest
+from tinygc.fitting.unit_state import read_state
 from tinygc.models.linear import LinearModel
 from tinygc.models.model import KnownSensor
 
@@ -311,7 +311,7 @@ def test_the_earth_across_the_vertical_is_that_of_the_latitude(tmp_path):
     sensor = "[sensor]\nodr_hz = 100.0\ngyro_fs_dps = 500\naccel_fs_g = 4\n"
     toml = f'schema = "tinygc-session/1"\n{sensor}[site]\nlatitude_deg = 60.0\ngravity_mps2 = 9.81\n'
     (tmp_path / "session.toml").write_text(toml)
-    found = expect(ModelInUse.read(model), RATE_HZ)
+    found = expect(read_state(model), RATE_HZ)
     assert_allclose(found.attitude, np.hypot(7.292115e-5 * 0.5 / np.sqrt(2), 0.002 * DEG), rtol=1e-6)
     assert found.earth_rps == pytest.approx(7.292115e-5 * np.sqrt(0.75), rel=1e-6)
 
@@ -320,13 +320,13 @@ def test_the_temperature_of_the_calibration_is_that_of_the_models_file(tmp_path)
     path = model_file(tmp_path / "model.json")
     table = json.loads(path.read_text())
     path.write_text(json.dumps(table | {"temperature_c": 31.5}))
-    found = expect(ModelInUse.read(path), RATE_HZ)
+    found = expect(read_state(path), RATE_HZ)
     assert (found.reference_c, "temperature of the calibration" in found.assumed) == (31.5, False)
     assert settings(found, 1e6, 45.0).reference_c == 31.5  # not that of the stream
     for wrong in ("warm", True, 1e9):
         path.write_text(json.dumps(table | {"temperature_c": wrong}))
         with pytest.raises(FormatError, match=r"temperature_c is .*, expected a number"):
-            ModelInUse.read(path)
+            read_state(path)
 
 
 # What an alarm is called

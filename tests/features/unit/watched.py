@@ -11,8 +11,8 @@ from conftest import DEG, Table
 from session.log.config import Accelerometer
 from tinygc import models
 from tinygc.deploy.apply import Applicable
-from tinygc.features.unit.watch.expectation import ModelInUse
 from tinygc.features.unit.watch.watch import Event, Watch
+from tinygc.fitting.unit_state import UnitState
 from tinygc.models.linear import LinearModel
 from tinygc.models.model import accelerometer_table
 
@@ -23,11 +23,11 @@ WHITE, ACCEL_WHITE = GYRO * DEG / np.sqrt(2), ACCEL * G / np.sqrt(2)
 COVARIANCE = np.diag(np.r_[np.full(9, 1e-4**2), np.full(3, 1e-5**2)])
 
 
-def known(spread_dps: float = 0.1, model: LinearModel | None = None) -> ModelInUse:
+def known(spread_dps: float = 0.1, model: LinearModel | None = None) -> UnitState:
     """A model in use whose figures are those of ``samples``."""
     noise = {"gyro_dps_rthz": [GYRO] * 3, "accel_g_rthz": [ACCEL] * 3, "gyro_bias_instability_dph": 0.0}
     table = {"covariance": COVARIANCE.tolist(), "bias_sigma_rps": [spread_dps * DEG] * 3}
-    return ModelInUse(model or LinearModel(np.eye(3), np.zeros(3)), table, {"noise": noise}, None, None)
+    return UnitState(Path("model.json"), model or LinearModel(np.eye(3), np.zeros(3)), table, {"noise": noise})
 
 
 def samples(seconds: float, seed: int, zero_dps=(0.0, 0.0, 0.0), start_s: float = 0.0, force=(0.0, 0.0, -G)) -> Applicable:

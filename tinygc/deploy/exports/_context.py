@@ -25,12 +25,14 @@ from session.log.logfile import read_log
 from tinygc import models
 from tinygc.deploy import ExportError, ExportOptions
 from tinygc.deploy.calibration import effects_of_session_time
-from tinygc.estimation.accelerometer import USUAL_SPREAD, AccelerometerFit, AnySession
+from tinygc.estimation.accelerometer import AccelerometerFit
 from tinygc.estimation.choice import worse_in_table
-from tinygc.estimation.repeatability import BiasRepeatability
+from tinygc.estimation.spread import ACCELEROMETER, ZERO
 from tinygc.fitting import bias_of_day
 from tinygc.fitting.fit_file import model_tables, read_judged, to_json
 from tinygc.fitting.results import AT_END, FitResult
+from tinygc.fitting.unit_state import spread_of
+from tinygc.models.linear import BIAS
 from tinygc.models.model import Model, accelerometer_of
 from tinygc.noise import figures
 from tinygc.noise.figures import Inflation, NoiseFigures
@@ -78,10 +80,12 @@ class Context:
     @property
     def any_session_covariance(self) -> np.ndarray | None:
         """``covariance`` with the spread of the bias between sessions; None where that spread or the covariance is not known."""
-        own, spread = self.covariance, self.table.get("bias_sigma_rps")
-        if own is None or spread is None:
+        own = self.covariance
+        if own is None or "bias_sigma_rps" not in self.table:
             return None
-        return BiasRepeatability(np.asarray(spread, dtype=float), "").any_session(own)
+        found = own.copy()
+        found[BIAS, BIAS] += spread_of(None, self.table).at(ZERO).two_draws
+        return found
 
     @property
     def accelerometer(self) -> Accelerometer:
@@ -96,9 +100,7 @@ class Context:
         if joint is None or self.accelerometer.source == "none":
             return None
         own = np.asarray(joint["matrix"], dtype=float)[:PARAMETERS, :PARAMETERS]
-        spread = self.table.get("accelerometer_spread")
-        between = USUAL_SPREAD if spread is None else AnySession(np.asarray(spread, dtype=float), "of the unit")
-        return AccelerometerFit("fit", self.accelerometer, own, between=between).any_session
+        return AccelerometerFit("fit", self.accelerometer, own, between=spread_of(None, self.table).at(ACCELEROMETER)).any_session
 
     @property
     def accelerometer_words(self) -> str:

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from tinygc.estimation.options import FitOptions
+    from tinygc.estimation.spread import Spread
     from tinygc.features.fleet.fit import LotFile
 
 # Options of a fit that a lot adds.
@@ -48,12 +49,11 @@ def fitted_sessions(path: Path) -> Iterator[tuple[str, str, str, str, np.ndarray
     return rows()
 
 
-def spread(path: Path, sensor: str) -> tuple[np.ndarray, str, float]:
-    """Return how far the numbers (21,) of a unit of a lot move between sessions, one sigma; of what, and its degrees of freedom."""
+def spread(path: Path, sensor: str) -> Spread:
+    """Return how far the numbers of a unit of a lot move between sessions."""
     from tinygc.features.fleet.fit import lot_for
 
-    lot = lot_for(path, sensor).lot
-    return lot.repeatability, f"{lot.sessions} sessions of {lot.units} units of a lot", float(max(1, lot.sessions - lot.units))
+    return lot_for(path, sensor).spread
 
 
 def prior(options: FitOptions, sensor: str) -> LotFile | None:

@@ -16,10 +16,10 @@ from tinygc.closure.least_squares import GaussianPrior, vague
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import closure_angles
 from tinygc.closure.uncertainty import covariance_parts, goodness
-from tinygc.estimation.accelerometer import USUAL_SPREAD, AnySession
 from tinygc.estimation.bias import BiasChoice, choose
 from tinygc.estimation.held_out import run_method
 from tinygc.estimation.options import FitOptions, MethodFit
+from tinygc.estimation.spread import Spread
 from tinygc.estimation.stated_noise import StatedNoise, prior_share, stated_covariance, stated_goodness
 from tinygc.features.fleet.lot import Lot
 from tinygc.features.fleet.report import read_lot
@@ -220,12 +220,12 @@ class LotFile:
         return prior_of(self.lot, start)
 
     @property
-    def accelerometer_between(self) -> AnySession:
-        """How far a switch-on moves the accelerometer of a unit of the lot; what it does not tell is as usual."""
-        repeats = self.lot.repeatability[-len(USUAL_SPREAD.spread) :]
-        if not np.isfinite(repeats).any():
-            return USUAL_SPREAD
-        return AnySession(np.where(np.isfinite(repeats), repeats, USUAL_SPREAD.spread), f"{self.lot.units} units of a lot")
+    def spread(self) -> Spread:
+        """How far the 21 numbers of a unit of the lot move between its sessions, as far as the lot tells it."""
+        lot = self.lot
+        words = f"{lot.sessions} sessions of {lot.units} units of a lot"
+        repeats = np.r_[lot.repeatability[PARAMETERS:], lot.repeatability[:PARAMETERS]]
+        return Spread.of(slice(None), repeats, words, max(1, lot.sessions - lot.units))
 
     def fit(self, problem: Problem, options: FitOptions, noise: StatedNoise | None) -> tuple[BiasChoice, Problem, MethodFit, LotUse]:
         """Return the choice of the bias, the problem with it and with the prior used, its least squares, and the use of the lot.

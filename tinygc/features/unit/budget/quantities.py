@@ -5,6 +5,7 @@ calibration is used for.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -22,7 +23,7 @@ from tinygc.closure.motion import Motion, at_rest, motion_of
 from tinygc.closure.problem import GRAVITY
 from tinygc.closure.uncertainty import BIAS_DRIFT, EARTH
 from tinygc.estimation.accelerometer import UNITS
-from tinygc.estimation.expected_zero import drift_between, expected_zero
+from tinygc.estimation.spread import USUAL_PER_K, ZERO, drift_between
 from tinygc.estimation.stated_noise import CALIBRATION, CLOCK, COMPONENTS, GRAVITY_LENGTH, MISFIT, ROUNDING, kind_of, stated_response
 from tinygc.features.unit.budget.rows import Beside, Budget, budget_of
 from tinygc.features.unit.options import BudgetOptions
@@ -77,7 +78,7 @@ def accelerometer_budgets(result: FitResult) -> list[Budget]:
             if name in found.unobserved:
                 continue
             at, si = ACCELEROMETER_NAMES.index(name), UNITS[unit]
-            other = float(np.sqrt(2) * found.between.spread[at])
+            other = float(np.sqrt(2) * found.between.sigma[at])
             beside = [Beside("another switch-on", other, f"{found.between.source}; counts in any other session")] if other else []
             called = f"accelerometer {word} {name.split()[-1]}"
             budgets.append(budget_of(called, unit, si, value * si, found.sources, partial(_along, found.slope[at]), sizes, beside))
@@ -121,12 +122,12 @@ def _beside_parameter(result: FitResult, slope: np.ndarray) -> list[Beside]:
     else:
         found.append(Beside(LACKS, None, "the noise of this recording is not estimated"))
     if np.abs(slope[BIAS]).any():
-        spread, what = result.repeatability, "bias of another switch-on"
-        if spread is None:
-            found.append(Beside(what, None, f"{NOT_KNOWN}: give --history, or sensor.gyro_bias_repeatability_dps"))
+        spread = result.spread.at(ZERO)
+        if spread.is_usual:
+            found.append(Beside(SWITCH_ON, None, f"{NOT_KNOWN}: give --history, or sensor.gyro_bias_repeatability_dps"))
         else:
-            u = float(np.sqrt(2 * np.sum((slope[BIAS] * spread.rps) ** 2)))
-            found.append(Beside(what, u, f"{spread.source}; counts in any other session"))
+            u = float(np.sqrt(2 * np.sum((slope[BIAS] * spread.sigma) ** 2)))
+            found.append(Beside(SWITCH_ON, u, f"{spread.source}; counts in any other session"))
     if (left := earth_left_out(result)) is not None:
         found.append(Beside("the Earth's rate", float(np.sqrt(slope @ left @ slope)), f"left in the rates: {NO_LATITUDE}"))
     return found
@@ -144,7 +145,7 @@ def _beside_use(result: FitResult, use: BudgetOptions, slope: np.ndarray, weight
     if result.allowed is not None:
         found.append(Beside(LACKS, float(np.sqrt(np.sum(weight * result.allowed.of(slope) ** 2))), STILL_ALLOWED))
     if use.warmer_k is None:
-        found.append(Beside("temperature of the use", None, f"{NOT_KNOWN}: give --warmer"))
+        found.append(Beside(TEMPERATURE, None, f"{NOT_KNOWN}: give --warmer"))
     if use.elapsed_s is not None and not result.problem.instability.rps:
         found.append(Beside(DRIFT_SINCE, None, f"{NOT_KNOWN}: give sensor.gyro_bias_instability_dph"))
     for name in assumed:
@@ -221,11 +222,7 @@ def named(budgets: Sequence[Budget], name: str) -> Budget | None:
 
 #: names of the sources of the use itself
 _NOISE_OF_USE, _DRIFT_OF_USE = f"{GYRO_NOISE}, in use", f"{BIAS_DRIFT}, in use"
-#: causes of ``expected_zero`` as sources
-ZERO_OF_USE = {
-    "switch-on": "bias of another switch-on",
-    "temperature": "temperature of the use",
-}
+SWITCH_ON, TEMPERATURE = "bias of another switch-on", "temperature of the use"
 #: the same by the spread that is usual of MEMS gyroscopes, where nothing tells that of the unit
 USUAL_SWITCH_ON = "bias of another switch-on, as usual"
 #: the drift in use less that in the session, of one switch-on
@@ -271,33 +268,27 @@ def sources_in_use(result: FitResult, use: BudgetOptions, motion: Motion) -> Sou
     in_use = motion.noise_covariance(model, np.zeros(3), rps)
     at = next((i for i, source in enumerate(found) if source.name == BIAS_DRIFT), None)
     if use.elapsed_s is None or at is None:
-        found.append(replace_covariance(drift, _DRIFT_OF_USE, in_use))
+        found.append(replace(drift, name=_DRIFT_OF_USE, covariance=in_use))
     else:
         middle_s = problem.began_s[-1] + use.elapsed_s + motion.duration_s / 2
         between = drift_between(problem.middle_s, problem.batch.duration_s, middle_s, motion.duration_s, rps)
         shared = between.correlation * _root(found[at].covariance) @ _root(in_use)
-        found[at] = replace_covariance(drift, DRIFT_SINCE, found[at].covariance + in_use - shared - shared.T)
-    by_cause, assumed = expected_zero(
-        result.covariance[BIAS, BIAS],
-        switched_on_since=use.elapsed_s is None,
-        repeatability=result.repeatability,
-        warmer_k=use.warmer_k,
-    )
-    names = ZERO_OF_USE | ({"switch-on": USUAL_SWITCH_ON} if "switch-on" in assumed else {})
-    for cause, name in names.items():
-        if cause not in by_cause:
-            continue
-        own, spread = Source(name, "B", np.inf, by_cause[cause]), result.repeatability
-        if cause == "switch-on" and spread is not None and np.isfinite(spread.freedom).all():  # as estimated: its freedom is in k
-            own = Source(name, "A", float(spread.freedom.min()), np.diag(2 * spread.scatter_rps**2))
+        found[at] = replace(drift, name=DRIFT_SINCE, covariance=found[at].covariance + in_use - shared - shared.T)
+    spread, assumed = result.spread.at(ZERO), list[str]()
+    if use.elapsed_s is None:
+        name = USUAL_SWITCH_ON if spread.is_usual else SWITCH_ON
+        own = Source(name, "B", np.inf, spread.two_draws)
+        if np.isfinite(spread.freedom).all():  # as estimated: its freedom is in k
+            own = Source(name, "A", float(spread.freedom.min()), np.diag(2 * spread.scatter**2))
         found.append(own.through(slope[:, BIAS]))
-        sizes[name] = (float(np.sqrt(np.mean(np.diag(by_cause[cause])))) / DEG, "dps")
-    return SourcesInUse(found, sizes, tuple(names[cause] for cause in assumed))
-
-
-def replace_covariance(source: Source, name: str, covariance: np.ndarray) -> Source:
-    """A source of the same kind and freedom."""
-    return Source(name, source.kind, source.freedom, covariance)
+        sizes[name] = (np.sqrt(2) * rms_of(spread.sigma) / DEG, "dps")
+        assumed += [USUAL_SWITCH_ON] if spread.is_usual else []
+    if use.warmer_k:
+        rps = USUAL_PER_K * abs(use.warmer_k)
+        found.append(Source(TEMPERATURE, "B", np.inf, rps**2 * np.eye(3)).through(slope[:, BIAS]))
+        sizes[TEMPERATURE] = (rps / DEG, "dps")
+        assumed.append(TEMPERATURE)
+    return SourcesInUse(found, sizes, tuple(assumed))
 
 
 def _root(covariance: np.ndarray) -> np.ndarray:

@@ -26,6 +26,7 @@ from session.base.units import MDPS
 from session.log.config import Config
 from session.log.lines import GZIP
 from session.log.requirements import Rule
+from tinygc.estimation.spread import ZERO
 from tinygc.explanation.reported import LINEAR, ReportData
 from tinygc.features.unit.certificate.given import TRACED, CertificateGiven, Equipment, given_in, out_of_order
 from tinygc.inference.decide import Conformity, Measured
@@ -384,9 +385,9 @@ def _gyroscope(data: ReportData, vector: np.ndarray, sources: Sequence[Source], 
 
 def _results(data: ReportData, vector: np.ndarray, sources: Sequence[Source]) -> list[ResultRow]:
     found = _rows(_gyroscope(data, vector, sources))
-    if data.fit.repeatability is not None:
+    if not (between := data.fit.spread.at(ZERO)).is_usual:
         spread = np.zeros((PARAMETERS, PARAMETERS))
-        spread[BIAS, BIAS] = np.diag(2 * data.fit.repeatability.rps**2)
+        spread[BIAS, BIAS] = between.two_draws
         other = [*sources, Source("switch-on", "B", float("inf"), spread)]
         again = [row for row in _rows(_gyroscope(data, vector, other)) if row.words == "gyroscope bias"]
         found += [row._replace(words="gyroscope bias at any switch-on") for row in again]
@@ -494,11 +495,11 @@ def _remarks(data: ReportData, given: CertificateGiven) -> list[str]:
         "The results relate only to the item identified above, as it was calibrated.",
         "This document shall not be reproduced except in full without the approval of the laboratory.",
     ]
-    spread = data.fit.repeatability
-    if spread is None:
+    spread = data.fit.spread.at(ZERO)
+    if spread.is_usual:
         said.append("The bias is that of this switch-on; how far it changes between switch-ons was not evaluated.")
     else:
-        sizes = ", ".join(significant(each / MDPS, 2) for each in spread.rps)
+        sizes = ", ".join(significant(each / MDPS, 2) for each in spread.sigma)
         said.append(f"The bias changes between switch-ons by {sizes} mdps (one sigma; {spread.source}).")
     said += [f"In doubt: {doubt}." for doubt in data.decision.doubts]
     for label, key in (("Deviations from the method", "deviations"), ("Results of external providers", "external"), ("Remarks", "remarks")):

@@ -14,18 +14,18 @@ from session.base.texts import measured, probability
 from session.detect.accelerometer import NAMES as ACCELEROMETER_NAMES
 from session.detect.accelerometer import PARAMETERS
 from tinygc.deploy.calibration import in_frame_of
-from tinygc.estimation.accelerometer import USUAL_SPREAD
-from tinygc.features.unit.calibrated import (
+from tinygc.estimation.spread import ACCELEROMETER, USUAL
+from tinygc.features.unit.history.sessions import GYROSCOPE, KEPT, NUMBERS, ZERO
+from tinygc.fitting.unit_state import (
     DIFFERS_P,
     MODES,
-    Calibrated,
+    UnitState,
     all_given_the_same,
-    calibrated_of,
+    fitted_state,
     in_one_frame,
-    read_calibrated,
     refuse_same,
+    state_of,
 )
-from tinygc.features.unit.history.sessions import GYROSCOPE, KEPT, NUMBERS, ZERO
 from tinygc.inference.choose import chi_square_above, normal_above
 from tinygc.library.arguments import is_fit, is_path, public
 from tinygc.library.records import Listed, Shown
@@ -102,7 +102,7 @@ class Compared(Shown):
     were.
     """
 
-    sessions: tuple[Calibrated, ...]
+    sessions: tuple[UnitState, ...]
     lasting: Agreement
     bias: Agreement
     all: Agreement
@@ -165,7 +165,7 @@ class Compared(Shown):
         }
 
 
-def compare_calibrated(sessions: list[Calibrated], bias: bool = False) -> Compared:
+def compare_calibrated(sessions: list[UnitState], bias: bool = False) -> Compared:
     """Compare two sessions or more.  Raises DataError where two of them are the same recording."""
     refuse_same(sessions)
     vectors, _, covariances = in_one_frame(sessions, sessions[0].triad.calibration)
@@ -196,7 +196,7 @@ def compare_calibrated(sessions: list[Calibrated], bias: bool = False) -> Compar
     )
 
 
-def _moved(sessions: list[Calibrated], by: np.ndarray, off: np.ndarray, count: int) -> Listed[Moved]:
+def _moved(sessions: list[UnitState], by: np.ndarray, off: np.ndarray, count: int) -> Listed[Moved]:
     """Return significant changes in the first ``count`` quantities, corrected for the number of comparisons (Sidak); of two sessions only
     the second is named."""
     looks = count * (len(sessions) if len(sessions) > 2 else 1)
@@ -209,12 +209,12 @@ def _moved(sessions: list[Calibrated], by: np.ndarray, off: np.ndarray, count: i
     return Listed(sorted(found, key=lambda moved: -abs(moved.sigmas)))
 
 
-def _notes(sessions: list[Calibrated]) -> tuple[str, ...]:
+def _notes(sessions: list[UnitState]) -> tuple[str, ...]:
     notes = [f"{session.name}: {note}" for session in sessions for note in session.notes]
     notes += [f"{session.name}: not observed there: {', '.join(session.unobserved)}" for session in sessions if session.unobserved]
-    first = sessions[0].config
+    first = sessions[0].settings
     for session in sessions[1:]:
-        sensor = session.config.sensor
+        sensor = session.settings.sensor
         if (sensor.model, sensor.serial) != (first.sensor.model, first.sensor.serial):
             one, other = (f"{s.model} {s.serial}".strip() for s in (first.sensor, sensor))
             notes.append(f"{session.name} is of another sensor by its session.toml ({other}, not {one})")
@@ -224,12 +224,12 @@ def _notes(sessions: list[Calibrated]) -> tuple[str, ...]:
             one, other = (MODES[s.triad.mode] for s in (sessions[0], session))
             notes.append(f"{session.name}: the accelerometer's calibration was {other} there, {one} in {sessions[0].name}")
         given = all(s.triad.mode != "fit" for s in (sessions[0], session))
-        if given and not session.config.accelerometer.is_as(first.accelerometer):
+        if given and not session.settings.accelerometer.is_as(first.accelerometer):
             notes.append(f"{session.name} was given another calibration of the accelerometer: what it changed is in the difference of E")
     return tuple(notes)
 
 
-def _frame_notes(sessions: list[Calibrated], sigmas: np.ndarray) -> list[str]:
+def _frame_notes(sessions: list[UnitState], sigmas: np.ndarray) -> list[str]:
     """Return notes on sessions in another body frame, where it differs by more than a misalignment's sigma."""
     smallest = sigmas[:, [each.name == "misalignment" for each in QUANTITIES]].min() * 1e-3
     angles = [in_frame_of(sessions[0].triad.calibration, session.triad.calibration)[1] for session in sessions]
@@ -246,7 +246,7 @@ def _frame_notes(sessions: list[Calibrated], sigmas: np.ndarray) -> list[str]:
 # was given.  omega = E m + B is in that frame.
 
 
-def compare_triads(sessions: list[Calibrated]) -> Agreement | None:
+def compare_triads(sessions: list[UnitState]) -> Agreement | None:
     """Agreement of the triads; it excludes the error of a calibration that was given to all."""
     estimated = [s for s in sessions if s.triad.covariance is not None]
     seen = np.array([not any(name in s.triad.unobserved for s in sessions) for name in ACCELEROMETER_NAMES])
@@ -258,7 +258,7 @@ def compare_triads(sessions: list[Calibrated]) -> Agreement | None:
         apart = whole - np.array([np.zeros((PARAMETERS, PARAMETERS)) if s.triad_of_given is None else s.triad_of_given for s in estimated])
     slope = np.array([s.triad.jacobian for s in estimated])[:, seen]
     whole, apart = (slope @ each @ slope.transpose(0, 2, 1) for each in (whole, apart))
-    between = np.diag(USUAL_SPREAD.spread[seen] ** 2)  # each session is one draw of what a switch-on does
+    between = np.diag(USUAL.at(ACCELEROMETER).sigma[seen] ** 2)  # each session is one draw of what a switch-on does
     whole, apart = whole + between, apart + between
     kept = _told(whole.sum(axis=0), apart.sum(axis=0))
     return agreement(vectors @ kept, kept.T @ apart @ kept) if kept.shape[1] else None
@@ -278,7 +278,7 @@ def _told(whole: np.ndarray, apart: np.ndarray) -> np.ndarray:
 Row = tuple[str, str, str, list[float | None], list[float | None]]
 
 
-def _side_by_side(sessions: tuple[Calibrated, ...], tables: list) -> list[Row]:
+def _side_by_side(sessions: tuple[UnitState, ...], tables: list) -> list[Row]:
     """Rows of the accelerometers' corrections or errors: word, component, unit, and for each session the value, None where it is not
     observed, and the sigma, None where it was given."""
     found = []
@@ -393,5 +393,5 @@ def compare(sessions: Any, *, bias: bool = False) -> Compared:
             raise CalibrationError(f"sessions holds {each!r:.60}, expected a Fit or the path of a fitted session")
     if len(given) < 2:
         raise CalibrationError("--compare needs two sessions or more")
-    read = [calibrated_of(each.result, each.config) if is_fit(each) else read_calibrated(Path(each)) for each in given]
+    read = [state_of(each.result, each.settings) if is_fit(each) else fitted_state(Path(each)) for each in given]
     return compare_calibrated(read, bias)

@@ -10,9 +10,12 @@ import numpy as np
 
 from session.base.texts import printable, significant
 from tinygc.estimation.between_sessions import LOOKED_AT, TRIED, Between, Course, candidates, course, jump
-from tinygc.estimation.repeatability import BiasRepeatability, between_sessions, widened
 from tinygc.estimation.session_times import times_of
+from tinygc.estimation.spread import ACCELEROMETER, Spread
+from tinygc.estimation.spread import ZERO as B_OF_21
 from tinygc.features.unit.history.sessions import GYROSCOPE, NUMBERS, ZERO, Number, UnitSession
+from tinygc.fitting.unit_state import spread_of_values
+from tinygc.models.linear import BIAS
 
 assert len(NUMBERS) == LOOKED_AT
 #: difference of -2 log of two likelihoods between which there is no "positive" evidence (Kass & Raftery 1995)
@@ -138,7 +141,7 @@ class UnitHistory:
     at: np.ndarray
     dated: bool
     numbers: tuple[NumberHistory, ...]
-    any_session: BiasRepeatability | None
+    any_session: Spread | None
     remarks: tuple[str, ...] = ()
 
     @property
@@ -154,8 +157,9 @@ class UnitHistory:
         models = [each.course.model for each in triad if each.course is not None]
         if len(models) < len(triad):
             return None
-        spread = widened(np.array([each.counted for each in models]), np.array([each.freedom for each in models], dtype=float))
-        return np.sqrt(np.array([each.sigmas[-1] for each in triad]) ** 2 + 2 * spread**2)
+        counted, freedom = ([getattr(each, name) for each in models] for name in ("counted", "freedom"))
+        spread = Spread.of(ACCELEROMETER, counted, "sessions of this unit", freedom).at(ACCELEROMETER)
+        return spread.any_session(np.array([each.sigmas[-1] for each in triad]) ** 2)
 
     @property
     def accelerometer_words(self) -> str | None:
@@ -222,8 +226,8 @@ def history_of(sessions: Sequence[UnitSession]) -> UnitHistory:
         warm = warmth[shown] if ZERO.start <= q < ZERO.stop and np.isfinite(warmth[shown]).all() else None
         found = course(values[shown, q], own, at[shown], warm) if len(shown) > 1 and np.ptp(at[shown]) > 0 else None
         numbers.append(NumberHistory(number, shown, values[shown, q], np.sqrt(own), found))
-    biases, of_bias = (np.array([getattr(session, name) for session in ordered]) for name in ("bias", "bias_covariance"))
     spread = None
     if len(ordered) > 1:
-        spread = between_sessions(biases, of_bias, [session.moment for session in ordered], "sessions of this unit")
+        biases, own = np.array([session.vector[BIAS] for session in ordered]), np.array([session.stated[BIAS, BIAS] for session in ordered])
+        spread = spread_of_values(B_OF_21, biases, own, ordered, "sessions of this unit").at(B_OF_21)
     return UnitHistory(ordered[0].model, ordered[0].serial, ordered, at, dated, tuple(numbers), spread, tuple(said))

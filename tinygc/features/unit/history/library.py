@@ -24,6 +24,7 @@ from tinygc.features.unit.history.text import outlook_line, unit_facts
 from tinygc.features.unit.options import HistoryOptions
 from tinygc.library.arguments import is_path, public
 from tinygc.library.records import Shown
+from tinygc.models.linear import BIAS
 from tinygc.reporting.facts import screen
 from tinygc.reporting.pictures.canvas import has_matplotlib, save, saved
 from tinygc.reporting.terminal import Group
@@ -131,7 +132,7 @@ def _of_unit(unit: UnitHistory, outlooks: Sequence[Outlook]) -> dict[str, Any]:
             }
             for step in unit.steps
         ],
-        "bias_any_session": None if unit.any_session is None else unit.any_session.to_json(unit.sessions[-1].bias_covariance),
+        "bias_any_session": None if unit.any_session is None else unit.any_session.to_json(np.diag(unit.sessions[-1].stated)[BIAS]),
         "accelerometer_any_session": _accelerometer_json(unit),
         "requirements": [_of_outlook(each) for each in outlooks],
         "remarks": unit.remarks,

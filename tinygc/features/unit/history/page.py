@@ -9,13 +9,14 @@ from datetime import timedelta
 import numpy as np
 
 from tinygc.estimation.session_times import YEAR_S
+from tinygc.estimation.spread import ZERO
 from tinygc.explanation.reported import ReportData
-from tinygc.features.unit.calibrated import calibrated_of, read_calibrated
 from tinygc.features.unit.history.curves import Panel, panels_of
 from tinygc.features.unit.history.estimate import UnitHistory, history_of
 from tinygc.features.unit.history.forecast import Outlook
 from tinygc.features.unit.history.sessions import unit_sessions
 from tinygc.features.unit.history.text import unit_facts
+from tinygc.fitting.unit_state import fitted_state, state_of
 from tinygc.reporting import facts
 from tinygc.reporting.facts import Part, Picture
 from tinygc.reporting.html.chart import Axis, Chart, linear_axis
@@ -88,7 +89,9 @@ def section(evidence: ReportData) -> Section | None:
     fit = evidence.fit
     if not fit.options.history or "least_squares" not in fit.methods:
         return None
-    others = [read_calibrated(folder) for folder in fit.options.history]
-    history = history_of(unit_sessions([*others, calibrated_of(fit, fit.session.config)]))
+    others = [fitted_state(folder) for folder in fit.options.history]
+    history = history_of(unit_sessions([*others, state_of(fit, fit.session.config)]))
     # The fit states the bias of any other session, of the others alone: one document has one number.
-    return Section("history", "History", facts.html(unit_page(replace(history, any_session=fit.repeatability), ())))
+    spread = fit.spread.at(ZERO)
+    history = replace(history, any_session=None if spread.is_usual else spread)
+    return Section("history", "History", facts.html(unit_page(history, ())))

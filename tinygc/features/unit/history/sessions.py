@@ -10,9 +10,9 @@ from typing import Annotated
 import numpy as np
 
 from session.base import features
-from session.base.errors import CalibrationError, FormatError
+from session.base.errors import FormatError
 from session.base.files import KB, read_text
-from session.base.names import is_session, is_special, log_paths
+from session.base.names import is_session, is_special
 from session.base.numeric import sigmas_in
 from session.base.progress import Progress
 from session.base.records import DERIVED
@@ -20,17 +20,12 @@ from session.base.texts import command_line, printable
 from session.base.units import DEG
 from session.detect.accelerometer import NAMES as TRIAD
 from session.detect.accelerometer import PARAMETERS
-from session.log.config import Config
-from session.log.logfile import read_log
-from session.log.reader import Reader
 from tinygc.estimation.accelerometer import ROWS, UNITS, derivative, triad_errors
 from tinygc.estimation.session_times import Moment, moment_of, parsed
-from tinygc.features.unit.calibrated import Calibrated, in_one_frame, read_calibrated, refuse_same
 from tinygc.fitting.listing import folders_of
-from tinygc.models.linear import BIAS, NAMES, WORDS, field_jacobian, field_quantities, field_vector
+from tinygc.fitting.unit_state import MODEL, UnitState, fitted_state, in_one_frame, refuse_same
+from tinygc.models.linear import NAMES, WORDS, field_jacobian, field_quantities, field_vector
 
-#: a fit's file that a session of a history must have
-MODEL = Path("fit") / "model_least_squares.json"
 #: a table of dates has a line for each session
 MOST_DATES = 256 * KB
 
@@ -68,8 +63,8 @@ class UnitSession:
     """One session of a unit.
 
     values (21,) SI in the order of ``NUMBERS``, NaN where unknown; covariance (21, 21) of errors that no other session has, NaN there;
-    shared (12, 12): covariance of what all sessions were given alike, of the gyroscope's numbers; bias (3,), bias_covariance (3, 3): B of
-    the calibration, rad/s; vector (12,): all of it.  temperature_c: mean of the first log, None without one.
+    vector (12,) of the calibration, stated (12, 12) its covariance; shared (12, 12): part of it that all sessions were given alike, of the
+    gyroscope's numbers; temperature_c: of the session, None where not known.
     """
 
     name: str
@@ -78,12 +73,10 @@ class UnitSession:
     moment: Moment | None
     values: np.ndarray
     covariance: np.ndarray
-    bias: np.ndarray
-    bias_covariance: np.ndarray
     vector: np.ndarray
+    stated: np.ndarray
     shared: np.ndarray = field(default_factory=lambda: np.zeros((GYROSCOPE, GYROSCOPE)))
     temperature_c: float | None = None
-    folder: Path | None = None
 
     @property
     def sigmas(self) -> np.ndarray:
@@ -99,7 +92,7 @@ def sessions_of(
     Raises FormatError for what is no fitted session and holds none, for a date of no session, for a serial that is not there, and for
     one of several sessions that names no serial number.
     """
-    read: list[Calibrated] = []
+    read: list[UnitState] = []
     units: dict[tuple[str, str], list[UnitSession]] = {}
     remarks: list[str] = []
     used: set[str] = set()
@@ -112,11 +105,11 @@ def sessions_of(
         remarks += passed
         for folder in folders:
             progress(f"reading {printable(folder.name)}", len(read), len(folders))
-            read.append(read_calibrated(folder))
+            read.append(fitted_state(folder))
     refuse_same(read)
-    grouped: dict[tuple[str, str], list[Calibrated]] = {}
+    grouped: dict[tuple[str, str], list[UnitState]] = {}
     for one in read:
-        grouped.setdefault((printable(one.config.sensor.model), printable(one.config.sensor.serial)), []).append(one)
+        grouped.setdefault((printable(one.settings.sensor.model), printable(one.settings.sensor.serial)), []).append(one)
     for unit, of_unit in grouped.items():
         units.setdefault(unit, []).extend(_dated(session, dates, used) for session in unit_sessions(of_unit))
     if unknown := sorted(set(dates) - used):
@@ -156,12 +149,12 @@ def _fitted_folders(path: Path) -> tuple[list[Path], list[str]]:
     return found, passed
 
 
-def unit_sessions(sessions: Sequence[Calibrated]) -> list[UnitSession]:
+def unit_sessions(sessions: Sequence[UnitState]) -> list[UnitSession]:
     """Sessions of one unit, their numbers in the body frame of the last one that was read."""
     return list(map(_session_of, sessions, *in_one_frame(sessions, sessions[-1].triad.calibration)))
 
 
-def _session_of(each: Calibrated, vector: np.ndarray, whole: np.ndarray, own: np.ndarray) -> UnitSession:
+def _session_of(each: UnitState, vector: np.ndarray, whole: np.ndarray, own: np.ndarray) -> UnitSession:
     values, covariance, shared = gyroscope_numbers(vector, own, whole, each.unobserved)
     triad_values, triad_covariance = np.full(PARAMETERS, np.nan), np.full((PARAMETERS, PARAMETERS), np.nan)
     if each.triad.covariance is not None:
@@ -169,20 +162,18 @@ def _session_of(each: Calibrated, vector: np.ndarray, whole: np.ndarray, own: np
         triad_values, triad_covariance = triad_numbers(each.triad.values, slope @ each.triad.covariance @ slope.T)
         hidden = np.isin([TRIAD[i] for i in _TRIAD_ORDER], each.triad.unobserved)
         triad_values[hidden], triad_covariance[hidden], triad_covariance[:, hidden] = np.nan, np.nan, np.nan
-    sensor = each.config.sensor
+    sensor = each.settings.sensor
     return UnitSession(
         each.name,
         printable(sensor.model),
         printable(sensor.serial),
-        moment_of(each.folder, each.config),
+        each.moment,
         np.concatenate([values, triad_values]),
         _blocks(covariance, triad_covariance),
-        each.vector[BIAS],
-        each.covariance[BIAS, BIAS],
         vector,
+        whole,
         shared,
-        mean_temperature(each.folder, each.config),
-        each.folder,
+        each.temperature_c,
     )
 
 
@@ -210,18 +201,6 @@ def _blocks(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     return found
 
 
-def mean_temperature(folder: Path, config: Config) -> float | None:
-    """Mean of the first log's temperatures, °C; None where it has none, or is not there any more."""
-    try:
-        paths = log_paths(folder, "log")
-        if not paths or Reader(paths[0]).layout.temp is None:
-            return None
-        temperatures = read_log(paths[0], config.sensor).samples.temp_c
-    except CalibrationError:
-        return None
-    return None if temperatures is None or not np.isfinite(temperatures).any() else float(np.nanmean(temperatures))
-
-
 def _of_row(folder: str, model: str, serial: str, recorded: str, row: np.ndarray, covariance: np.ndarray) -> UnitSession | None:
     """A fitted session of a table; its numbers are in the frame of its own accelerometer.  None where an axis was not turned."""
     if np.isnan(row[:GYROSCOPE]).any() or np.isnan(covariance[:GYROSCOPE, :GYROSCOPE]).any():
@@ -239,10 +218,8 @@ def _of_row(folder: str, model: str, serial: str, recorded: str, row: np.ndarray
         moment_of(Path(folder), None) if when is None else Moment(when, "notes"),
         np.concatenate([values, triad[0]]),
         _blocks(gyro, triad[1]),
-        vector[BIAS],
-        own[BIAS, BIAS],
         vector,
-        folder=Path(folder),
+        own,
     )
 
 

@@ -14,6 +14,7 @@ from tinygc.estimation.session_times import SOURCES
 from tinygc.features.unit.history.estimate import LONGEST_YEAR, NumberHistory, UnitHistory
 from tinygc.features.unit.history.forecast import FAILS, HOLDS, Outlook
 from tinygc.features.unit.history.sessions import GYROSCOPE, Number
+from tinygc.models.linear import BIAS
 from tinygc.reporting.facts import Part, Table
 from tinygc.reporting.terminal import one_line
 
@@ -134,7 +135,7 @@ def lines(history: UnitHistory) -> list[str]:
     """What stands below the tables: any session, drifts, shocks, temperature, remarks."""
     found = []
     if (spread := history.any_session) is not None:
-        sizes = " ".join(significant(each) for each in spread.sigma(history.sessions[-1].bias_covariance) / DEG)
+        sizes = " ".join(significant(each) for each in spread.any_session(np.diag(history.sessions[-1].stated)[BIAS]) / DEG)
         found.append(f"the bias of any other session: ± {sizes} dps from the last calibration's, x y z ({spread.source})")
     if (words := history.accelerometer_words) is not None:
         found.append(f"the accelerometer of any other session: {words} from the last calibration's, x y z")

@@ -25,18 +25,17 @@ from session.base.texts import command_line
 from session.base.units import DEG, MG
 from session.detect.accelerometer import BIASES
 from session.detect.accelerometer import SCALES as SCALES_OF_ACCELEROMETER
-from tinygc.features.unit.verification.expected import ACCELEROMETER_ZERO, ZERO, Part
-from tinygc.features.unit.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, OldCalibration
+from tinygc.estimation.spread import ACCELEROMETER, COUNT, GYROSCOPE, ZERO
+from tinygc.features.unit.verification.expected import Part
 from tinygc.features.unit.verification.questions import dense, noise_beside
 from tinygc.features.unit.verification.rows import Rows
-from tinygc.inference.choose import AS_PROBABLE, PRIOR_ODDS, SCALES
+from tinygc.fitting.unit_state import UnitState
+from tinygc.inference.choose import AS_PROBABLE, PRIOR_ODDS, climb, log_evidence, rivals_of, scales_of, weights_of
 from tinygc.inference.solve import solve_lower
 from tinygc.models.linear import MATRIX, LinearModel
 
 #: causes in one explanation at most
 MOST = 3
-#: scales s of a cause, from e^-SCALES to 1
-STEPS = np.exp(-np.linspace(0.0, SCALES, 11))
 #: times of a step that are tried at most, and time constants of a warm-up, as shares of the session
 MOST_STEPS, WARM_UP_SHARES = 12, (0.1, 0.2, 0.4, 0.8, 1.6)
 #: physical sizes of each cause, one sigma of a large one
@@ -46,7 +45,7 @@ SCALE, COMMON_SCALE, ROTATION_RAD, SHEAR_RAD = 0.02, 0.5, 0.05, 0.01
 ACCEL_ZERO_MPS2, ACCEL_SCALE = 50 * MG, 0.02
 BANDWIDTH_S2 = 1e-4
 #: causes a part of which is expected: their place among the 21 parameters, and the sign of what the sensor does
-WITH_USUAL = {"zero": (ZERO, -1), "accelerometer's zero": (ACCELEROMETER_ZERO, 1)}
+WITH_USUAL: dict[str, tuple[Any, int]] = {"zero": (ZERO, -1), "accelerometer's zero": (BIASES, 1)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,8 +94,18 @@ class Explanation:
     sizes: np.ndarray
 
     @property
+    def score(self) -> float:
+        """-2 log of evidence times prior."""
+        return -2 * self.log_evidence
+
+    @property
+    def ids(self) -> frozenset[str]:
+        """Names of its causes, as a set."""
+        return frozenset(self.names)
+
+    @property
     def names(self) -> tuple[str, ...]:
-        """Names of its causes."""
+        """Names of its causes, in their order."""
         return tuple(cause.name for cause in self.causes)
 
     def of(self, name: str) -> np.ndarray:
@@ -132,7 +141,7 @@ class Diagnosis:
     alone: dict[str, float]
 
 
-def candidate_causes(rows: Rows, old: OldCalibration, temp_then_c: float = float("nan"), minute_s: float = 60.0) -> list[Cause]:
+def candidate_causes(rows: Rows, old: UnitState, minute_s: float = 60.0) -> list[Cause]:
     """All causes that today's recording may show; minute_s: length of the motion that a drift is stated for."""
     E, xyz = old.linear.E, ("x", "y", "z")
     found: list[Cause] = []
@@ -151,7 +160,7 @@ def candidate_causes(rows: Rows, old: OldCalibration, temp_then_c: float = float
     zero = np.zeros((COUNT, 3))
     zero[ZERO] = -np.eye(3)  # what the sensor reads, which B takes away
     constant("zero", "the zero has moved", zero, np.full(3, ZERO_RPS), "dps", DEG, xyz, "take B anew")
-    if np.isfinite(rows.temp_c - temp_then_c) and (warmer := rows.temp_c - temp_then_c):
+    if warmer := rows.warmer_than(old):
         says = f"the zero follows the temperature, {warmer:+.1f} K since then"
         advice = "take B anew at this temperature, or fit over temperature (temperature)"
         constant("temperature", says, zero * warmer, np.full(3, PER_K), "dps/K", DEG, xyz, advice)
@@ -231,7 +240,7 @@ def candidate_causes(rows: Rows, old: OldCalibration, temp_then_c: float = float
     return found
 
 
-def _of_accelerometer(rows: Rows, old: OldCalibration) -> list[Cause]:
+def _of_accelerometer(rows: Rows, old: UnitState) -> list[Cause]:
     """Changes of the accelerometer, where its calibration is known and stills show gravity's length."""
     if not rows.stills or old.accelerometer is None:
         return []
@@ -305,8 +314,8 @@ class Evidence:
         factor = np.linalg.cholesky(covariance + columns @ columns.T)
         white, w = solve_lower(factor, X), solve_lower(factor, rows.r)
         base = -float(np.sum(np.log(np.diag(factor)))) - float(w @ w) / 2 - self._penalty(sizes) / 2
-        scales = _scales([len(cause.sizes) for cause in causes])
-        gains = _gains(white.T @ white, white.T @ w, scales)
+        scales = scales_of([len(cause.sizes) for cause in causes])
+        gains = log_evidence(white.T @ white, white.T @ w, scales)
         scale = scales[int(np.argmax(gains))]
         # Posterior of the causes and of the expected parts, each number in its own sigma.
         inner = np.linalg.cholesky(covariance)
@@ -332,50 +341,28 @@ class Evidence:
         return sum(c.prior.apart(float(max(s, 1e-12 * c.usual)))[0] ** 2 for s, c in pairs if c.prior is not None)
 
 
-def _scales(counts: Sequence[int]) -> np.ndarray:
-    """(K, k) all sets of scales of causes with these counts of numbers, one scale for all numbers of a cause."""
-    grids = np.meshgrid(*[STEPS] * len(counts), indexing="ij")
-    chosen = np.stack([grid.ravel() for grid in grids], axis=-1) if counts else np.zeros((1, 0))
-    return np.repeat(chosen, counts, axis=1)
-
-
-def _gains(M: np.ndarray, pull: np.ndarray, scales: np.ndarray) -> np.ndarray:
-    """(K,) log evidence of columns with M = X' X and pull = X' w, whitened without them, beside none; scales (K, k): their prior sigmas."""
-    inner = np.eye(len(M)) + M * scales[:, :, None] * scales[:, None, :]
-    scaled = pull * scales
-    _, size = np.linalg.slogdet(inner)
-    solved = np.linalg.solve(inner, scaled[..., None])[..., 0]
-    return np.asarray(np.einsum("ki,ki->k", scaled, solved) - size) / 2
-
-
 def diagnose(evidence: Evidence, causes: Sequence[Cause]) -> Diagnosis:
     """Look for the causes with the most evidence, one after the other, and for those that stand in for each."""
-    nothing = best = evidence.of([])
-    compared = [nothing]
-    singles = trials = _best_of_each(evidence, nothing, causes)
-    alone = {trial.names[-1]: trial.log_evidence - nothing.log_evidence for trial in singles}
-    for _ in range(MOST):
-        compared += trials
-        top = max(trials, key=lambda trial: trial.log_evidence, default=best)
-        if top.log_evidence <= best.log_evidence:
-            break
-        best = top
-        trials = _best_of_each(evidence, best, causes) if len(best.causes) < MOST else []
+    nothing = evidence.of([])
+    compared, beside = [nothing], dict[frozenset[str], list[Explanation]]()
+
+    def near(fixed: Explanation) -> list[Explanation]:
+        if fixed.ids not in beside:
+            beside[fixed.ids] = _best_of_each(evidence, fixed, causes)
+            compared.extend(beside[fixed.ids])
+        return beside[fixed.ids]
+
+    best = climb(nothing, lambda each: near(each) if len(each.causes) < MOST else [])
+    alone = {trial.names[-1]: trial.log_evidence - nothing.log_evidence for trial in near(nothing)}
     rivals: dict[str, tuple[str, ...]] = {}
-    for number, cause in enumerate(best.causes):
-        if best.causes[1:]:
-            others = evidence.of(tuple(each for i, each in enumerate(best.causes) if i != number))
-            trials = _best_of_each(evidence, others, causes)
-        else:
-            trials = singles
-        trials = [trial for trial in trials if trial.names[-1] != cause.name]
-        compared += trials
-        rivals[cause.name] = tuple(
-            t.names[-1] for t in sorted(trials, key=lambda t: -t.log_evidence) if t.log_evidence > best.log_evidence - AS_PROBABLE
-        )
-    unique = {tuple(sorted(each.names)): each.log_evidence for each in sorted(compared, key=lambda each: each.log_evidence)}
-    probability = float(np.exp(best.log_evidence - logsumexp(list(unique.values()))))
-    return Diagnosis(best, probability, rivals, alone)
+    for cause in best.causes:
+        others = tuple(each for each in best.causes if each is not cause)
+        near(evidence.of(others) if others else nothing)
+        worse = rivals_of(compared, best, cause.name)
+        rivals[cause.name] = tuple(name for name in sorted(worse, key=worse.__getitem__) if worse[name] < 2 * AS_PROBABLE)
+    unique = {each.ids: each for each in sorted(compared, key=lambda each: -each.score)}
+    probability = weights_of([*unique.values()])[[*unique].index(best.ids)]
+    return Diagnosis(best, float(probability), rivals, alone)
 
 
 def _best_of_each(evidence: Evidence, fixed: Explanation, causes: Sequence[Cause]) -> list[Explanation]:

@@ -25,8 +25,7 @@ from session.base.units import DEG, STANDARD_GRAVITY_MPS2
 from session.detect.accelerometer import IDENTITY
 from tinygc.closure.joint import tilt_columns
 from tinygc.closure.motion import MINUTE_S, Motion, at_rest, motion_of
-from tinygc.features.unit.verification.expected import ZERO
-from tinygc.features.unit.verification.old import ACCELEROMETER, COUNT, GYROSCOPE
+from tinygc.estimation.spread import ACCELEROMETER, COUNT, GYROSCOPE, ZERO
 from tinygc.features.unit.verification.questions import GRAVITY, PLAUSIBLE, B, E, TodaysNoise
 from tinygc.features.unit.verification.rows import CLOSURE, LENGTH, Rows
 from tinygc.inference.solve import solve_lower

@@ -23,14 +23,16 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import chdtrc, chdtri, fdtrc
+from scipy.special import chdtri, fdtrc
 
 from session.base.units import DEG, MG, G
-from tinygc.features.unit.verification.expected import ZERO, Part
-from tinygc.features.unit.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, OldCalibration
+from tinygc.estimation.spread import ACCELEROMETER, COUNT, GYROSCOPE, ZERO
+from tinygc.features.unit.verification.expected import Part
 from tinygc.features.unit.verification.rows import CLOSURE, LENGTH, STILL, Rows
+from tinygc.fitting.unit_state import UnitState
+from tinygc.inference.choose import factors_by_freedom, factors_by_size, level_of_each, tail
 from tinygc.inference.noise import SCORING_STEPS, ComponentEstimate, Sparse, estimate
-from tinygc.inference.solve import orthonormal, solve_lower
+from tinygc.inference.solve import left_of, orthonormal, solve_lower
 from tinygc.models.linear import MATRIX, PRIOR_SIGMA
 from tinygc.noise.components import TURN
 from tinygc.noise.whitening import OPEN_MPS2
@@ -46,6 +48,8 @@ PLAUSIBLE[GYROSCOPE] = np.r_[np.full(9, 0.01), np.full(3, DEG)]
 DRAWS = 20_000
 #: the least probability that draws show
 LEAST_P = 1 / (DRAWS + 1)
+#: sigmas by which a plausible change of what is free shows at least, to be taken out
+SHOWS = 0.1
 #: of all variance of a question: what a component adds at most for its size to count as known
 LEAST_SHARE = 1e-3
 #: names of the questions
@@ -148,38 +152,7 @@ class Question:
         return self.p_value >= self.level
 
 
-def _level_of(false_alarm: float, count: int) -> float:
-    """Level of each of ``count`` questions with this probability of any false alarm (Sidak)."""
-    return float(-np.expm1(np.log1p(-false_alarm) / max(count, 1)))
-
-
-def tail(statistic: float, known: np.ndarray, estimated: Sequence[tuple[np.ndarray, np.ndarray]], seed: int = 0) -> float:
-    """Probability that t' t is at least ``statistic`` for t (k,) of covariance known + sum f_i P_i, over the draws of the factors f_i.
-
-    estimated: P_i (k, k) with ``DRAWS`` factors each (``_by_freedom``, ``by_size``); without any, chi-square's tail of unit covariance.
-    """
-    k = len(known)
-    if not estimated:
-        return float(chdtrc(k, statistic))
-    covariance = np.repeat(known[None], DRAWS, axis=0)
-    for part, factors in estimated:
-        covariance += factors[:, None, None] * part
-    size = np.linalg.eigvalsh(covariance)
-    drawn = np.random.default_rng(seed).standard_normal((DRAWS, k)) ** 2
-    return float((1 + np.sum(np.sum(drawn * np.maximum(size, 0.0), axis=1) >= statistic)) / (DRAWS + 1))
-
-
-def _by_freedom(freedom: float, seed: int) -> np.ndarray:
-    """(DRAWS,) of the true variance over its estimate from a sample with these degrees of freedom: nu / chi^2_nu."""
-    return freedom / np.random.default_rng([1, seed]).chisquare(freedom, DRAWS)
-
-
-def by_size(s: float, sigma: float, seed: int) -> np.ndarray:
-    """(DRAWS,) of the true variance of a component, of size 1, from its size and that one's sigma, never below zero."""
-    return np.maximum(s + sigma * np.random.default_rng([2, seed]).standard_normal(DRAWS), 0.0) ** 2
-
-
-def ask(rows: Rows, parts: Sequence[Part], noise: TodaysNoise, old: OldCalibration, false_alarm: float = FALSE_ALARM) -> list[Question]:
+def ask(rows: Rows, parts: Sequence[Part], noise: TodaysNoise, old: UnitState, false_alarm: float = FALSE_ALARM) -> list[Question]:
     """Ask all that today's recording can answer."""
     everything = np.arange(len(rows.r))
     matrix, zero, accelerometer = np.r_[GYROSCOPE][MATRIX], np.r_[ZERO], np.r_[ACCELEROMETER]
@@ -194,7 +167,7 @@ def ask(rows: Rows, parts: Sequence[Part], noise: TodaysNoise, old: OldCalibrati
     if old.accelerometer is not None:
         found.append(_ask(rows, expected, parts, noise, GRAVITY, accelerometer, np.r_[matrix, zero], everything))
     found.append(_left_over(rows, noise, old))
-    level = _level_of(false_alarm, sum(question.asked for question in found))
+    level = level_of_each(false_alarm, sum(question.asked for question in found))
     return [replace(question, level=level) for question in found]
 
 
@@ -214,12 +187,9 @@ def _ask(
     X = solve_lower(factor, rows.parameters[np.ix_(keep, which)] * PLAUSIBLE[which])
     N = solve_lower(factor, rows.parameters[np.ix_(keep, free)] * PLAUSIBLE[free])
     w = solve_lower(factor, rows.r[keep])
-    q = seen(N)
-    u, size, vt = np.linalg.svd(X - q @ (q.T @ X), full_matrices=False)
-    kept = size > 1
-    u, size, vt = u[:, kept], size[kept], vt[kept]
-    k = int(kept.sum())
-    if k == 0:
+    q = orthonormal(N, SHOWS, scaled=False)
+    u = left_of(q, X, seen=1.0)
+    if (k := u.shape[1]) == 0:
         return Question(name, 0.0, 0, 1.0)
     project = u.T - (u.T @ q) @ q.T
     t = project @ w
@@ -228,35 +198,29 @@ def _ask(
         if np.isfinite(part.freedom):
             own = project @ solve_lower(factor, part.columns[keep])
             known = known - own @ own.T
-            estimated.append((own @ own.T, _by_freedom(part.freedom, number)))
+            estimated.append((own @ own.T, factors_by_freedom(part.freedom, number, DRAWS)))
     for number, (_, V, s, sigma) in enumerate(noise.parts):
         carried = project @ solve_lower(factor, solve_lower(factor, V[np.ix_(keep, keep)]).T) @ project.T
         if np.trace(carried) * (s + sigma) ** 2 > LEAST_SHARE:
             known = known - s**2 * carried
-            estimated.append((carried, by_size(s, sigma, number)))
+            estimated.append((carried, factors_by_size(s, sigma, number, DRAWS)))
     statistic = float(t @ t)
     return Question(name, statistic, k, tail(statistic, known, estimated))
 
 
-def seen(columns: np.ndarray) -> np.ndarray:
-    """Orthonormal basis (n, k) of the directions of whitened columns, each of a plausible change, that show by a tenth of a sigma."""
-    u, size, _ = np.linalg.svd(columns, full_matrices=False)
-    return u[:, size > 0.1]
-
-
-def _left_over(rows: Rows, noise: TodaysNoise, old: OldCalibration) -> Question:
+def _left_over(rows: Rows, noise: TodaysNoise, old: UnitState) -> Question:
     """Whether noise explains the turns' closure, and the rates at rest, beyond any change of the 21 parameters.
 
     Rates at rest are asked by the noise that the old fit found in them: today's own would take up a zero that differs from rest to rest.
     Without turns they are asked in any case.
     A fit that left more than noise before may do so again: its own ratio of chi-square to degrees of freedom is then the yardstick.
     """
-    part = slice(0, rows.kinds[LENGTH].start) if old.noise or not rows.turns else rows.kinds[CLOSURE]
+    part = slice(0, rows.kinds[LENGTH].start) if old.at_rest or not rows.turns else rows.kinds[CLOSURE]
     keep = np.arange(len(rows.r))[part][~rows.blank[part]]
     total, of_old = noise.named + rows.known @ rows.known.T, []
     for name, V, s, _ in noise.parts:
-        if name in old.noise:
-            variance, known = old.noise[name]
+        if name in old.at_rest:
+            variance, known = old.at_rest[name]
             total = total + (variance - s**2) * V
             of_old.append((variance * V, known))
     columns, matrix = rows.parameters * PLAUSIBLE, np.r_[GYROSCOPE][MATRIX]

@@ -17,7 +17,9 @@ import numpy as np
 
 from session.base import rotation
 from session.base.errors import DataError, FitError, SegmentError
+from session.base.names import CLOCKS
 from session.base.progress import Told, untold
+from session.base.texts import printable
 from session.base.units import G
 from session.detect.accelerometer import IDENTITY, force_of, length_columns, times_of, units
 from session.detect.axes import agreement
@@ -34,9 +36,10 @@ from tinygc.closure.prepared import prepare
 from tinygc.closure.problem import Problem
 from tinygc.closure.stills import StillSet
 from tinygc.effects import catalogue, per_axis
-from tinygc.features.unit.verification.old import ACCELEROMETER, COUNT, GYROSCOPE, OldCalibration
+from tinygc.estimation.spread import ACCELEROMETER, COUNT, GYROSCOPE
+from tinygc.fitting.unit_state import UnitState
 from tinygc.inference.noise import Prior, Sparse, wander_covariance
-from tinygc.models.linear import BIAS, MATRIX, PRIOR_SIGMA
+from tinygc.models.linear import BIAS, MATRIX, PRIOR_SIGMA, LinearModel
 from tinygc.noise.components import WANDER, Component, first_noise
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import ACCEL_INSTABILITY_MPS2, PRECALIBRATION_MPS2, Whitener
@@ -87,6 +90,10 @@ class Rows:
     twin: Twin | None = None
     remark: str = ""
 
+    def warmer_than(self, old: UnitState) -> float | None:
+        """K by which the sensor is warmer than in the old session; None where one of them does not say it."""
+        return None if old.temperature_c is None or not np.isfinite(self.temp_c) else self.temp_c - old.temperature_c
+
     def effect(self, name: str) -> np.ndarray | None:
         """(n, P) columns of an effect of the catalogue; None without turns."""
         if self.twin is None:
@@ -96,9 +103,52 @@ class Rows:
         return twin.effect_columns(catalogue()[name], start, twin.sensitivity(start, rates), rates).stacked()
 
 
-def rows_of(session: Session, old: OldCalibration, use_earth: bool = True, progress: Told = untold) -> Rows:
+def facts(old: UnitState, session: Session) -> list[str]:
+    """What the settings say, a sentence each: another range, rate, model, serial number of the sensor, or clock."""
+    said, sensor = [], session.config.sensor
+    for key, unit, words in (
+        ("gyro_fs_dps", "dps", "full scale of the gyroscope"),
+        ("accel_fs_g", "g", "full scale of the accelerometer"),
+        ("odr_hz", "Hz", "data rate"),
+    ):
+        then, now = old.sensor.get(key), getattr(sensor, key)
+        if then is not None and np.isfinite(now) and abs(then / now - 1) > 0.01:
+            said.append(f"{words}: {then:g} {unit} in the model, {now:g} {unit} today")
+    for key in ("model", "serial"):
+        then, now = old.sensor.get(key), getattr(sensor, key)
+        if then and now and now != "unknown" and then != now:
+            said.append(f"{key} of the sensor: {printable(str(then))} in the model, {printable(now)} today")
+    return said
+
+
+def clocks_apart(old: UnitState, session: Session) -> str:
+    """That the model goes by another clock than the session can go by; empty where both go by the same."""
+    if old.clock == CLOCKS[0] or (session.config.sensor.clock_ratio is not None and session.reference is None):
+        return ""
+    why = "no sensor.clock_ratio says how far that is off" if session.reference is None else f"its {session.reference.title}s do"
+    return f"the model goes by the computer's clock (--clock arrivals), today's recording by the board's: {why}"
+
+
+def readings_by(old: UnitState, session: Session) -> Session:
+    """The session by a calibration's clock and with its accelerometer, and, for a model that is not linear, with calibrated rates as
+    readings."""
+    if not clocks_apart(old, session):
+        session = session.on_clock(old.clock)
+    # How far the board's clock is off is in both alike: only what its measurement leaves open may differ.
+    config = replace(session.config, sensor=replace(session.config.sensor, clock_ratio=None))
+    if old.accelerometer is not None:
+        config = replace(config, accelerometer=replace(old.accelerometer, source="given", own_stills=False))
+    found = replace(session, config=config)
+    if isinstance(old.model, LinearModel):
+        return found
+    model = old.model.at_end()
+    logs = tuple(replace(log, samples=replace(log.samples, gyro=model.calibrate(found.calibrated(log)))) for log in found.logs)
+    return replace(found, logs=logs)
+
+
+def rows_of(session: Session, old: UnitState, use_earth: bool = True, progress: Told = untold) -> Rows:
     """Compare a session with the old calibration.  Raises SegmentError without a rest, and the errors of ``prepare``."""
-    session = old.readings(session)
+    session = readings_by(old, session)
     vector = old.linear.vector
     prior = GaussianPrior(vector, np.diag((PRIOR_SIGMA / 4) ** 2), np.ones(len(vector), dtype=bool))
     if session.reference is None:
@@ -157,7 +207,7 @@ def _factor(session: Session, found: SessionStills) -> float:
     return float(np.median(known)) if known else 1.0
 
 
-def _of_turns(problem: Problem, old: OldCalibration, session: Session, factor: float, said: str) -> Rows:
+def _of_turns(problem: Problem, old: UnitState, session: Session, factor: float, said: str) -> Rows:
     """Rows of a recording with turns; factor: on all rates, without which the first look refuses them, with what it says."""
     twin = Twin(problem)
     start = twin.start()
@@ -220,7 +270,7 @@ def _of_turns(problem: Problem, old: OldCalibration, session: Session, factor: f
     )
 
 
-def _of_rests(session: Session, old: OldCalibration, found: SessionStills) -> Rows:
+def _of_rests(session: Session, old: UnitState, found: SessionStills) -> Rows:
     """Rows of a recording with rests alone: rates and lengths."""
     _stop_at_errors_of_rests(session, found)
     parts = [(log, found.of(log)) for log in session.logs]

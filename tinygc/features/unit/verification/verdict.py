@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from session import VERSION
+from session.base import features
 from session.base.errors import CalibrationError, DataError, FormatError
 from session.base.files import require_file
 from session.base.names import is_session
@@ -18,10 +19,9 @@ from session.base.progress import Progress, Told, untold
 from session.base.records import in_unit, plain, write_whole
 from session.base.texts import command_line, probability, significant
 from session.base.units import DEG
-from session.log.folder import Session, read_session
-from tinygc import models
+from session.log.folder import Session, hash_of_log, read_session
 from tinygc.closure.motion import MINUTE_S
-from tinygc.estimation.expected_zero import USUAL_SPREAD
+from tinygc.estimation.spread import ZERO
 from tinygc.features.unit.options import VerifyOptions
 from tinygc.features.unit.verification.causes import Cause, Diagnosis, Evidence, beyond_linear, candidate_causes, diagnose
 from tinygc.features.unit.verification.cost import (
@@ -35,20 +35,20 @@ from tinygc.features.unit.verification.cost import (
     turns_that_tell,
     uses,
 )
-from tinygc.features.unit.verification.expected import ZERO, Part, expected_parts, spread_of_unit
-from tinygc.features.unit.verification.old import OldCalibration, facts, is_its_own, read_old, with_bias_moved
+from tinygc.features.unit.verification.expected import Part, expected_parts
 from tinygc.features.unit.verification.questions import GRAVITY, NOISE, B, E, Question, TodaysNoise, ask, todays_noise
-from tinygc.features.unit.verification.rows import Rows, rows_of
+from tinygc.features.unit.verification.rows import Rows, clocks_apart, facts, rows_of
+from tinygc.fitting.unit_state import UnitState, read_state, spread_of, spread_over
+from tinygc.inference.decide import Answer
 from tinygc.library.arguments import is_path, public
 from tinygc.library.records import Shown
-from tinygc.noise.figures import read_figures
+from tinygc.models.linear import BIAS as BIAS_OF_12
 from tinygc.planning.proposals import Proposal
 from tinygc.reporting.terminal import Group, RenderableType, one_line, plain_table
 
 SCHEMA = "tinygc-verify/1"
-#: answers, and the exit code of each
+#: its kinds of answer (``inference.decide.KINDS``)
 HOLDS, BIAS, FAILS, UNDECIDED = "holds", "holds for E, take B anew", "does not hold", "undecided"
-EXIT = {HOLDS: 0, BIAS: 1, FAILS: 1, UNDECIDED: 5}
 #: in whose way it fails, in words
 OF = {E: "E", B: "the zero", GRAVITY: "the accelerometer", NOISE: "what is left beyond noise"}
 
@@ -61,26 +61,23 @@ ASKED = {
 }
 #: causes that change within the recording
 IN_TIME = {"step", "warm-up"}
-STYLES = {HOLDS: "bold green", BIAS: "bold yellow", FAILS: "bold red"}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Verified(Shown):
     """Result of ``tinygc.verify``: the answer, with all that it stands on.
 
-    old: the calibration; today: the name of the session that verifies it; answer: ``holds``, ``holds for E, take B anew``,
-    ``does not hold`` or ``undecided``; headline: the reason, in one line; bias_anew (3,) rad/s: change of B that today's rests ask for,
-    with covariance (3, 3); diagnosis: None where nothing speaks against the calibration; tell, separate: turns that would tell what is
-    open, and what the causes are; facts: what the settings say; notes;
+    old: the calibration; today: the name of the session that verifies it; decision: the answer with its reason;
+    bias_anew (3,) rad/s: change of B that today's rests ask for, with covariance (3, 3); diagnosis: None where nothing speaks against the
+    calibration; tell, separate: turns that would tell what is open, and what the causes are; facts: what the settings say; notes;
     bias_serves: whether the model may be used with B anew, as far as this recording tells.
     """
 
-    old: OldCalibration
+    old: UnitState
     today: str
     rows: Rows
     options: VerifyOptions
-    answer: str
-    headline: str
+    decision: Answer
     questions: tuple[Question, ...]
     parts: tuple[Part, ...]
     bounds: tuple[Bound, ...]
@@ -92,16 +89,25 @@ class Verified(Shown):
     separate: tuple[Proposal, ...]
     facts: tuple[str, ...]
     notes: tuple[str, ...] = ()
-    advice: str = ""
     bias_serves: bool = True
 
     def __repr__(self) -> str:
         return f"<Verified {self.old.name} by {self.today}: {self.answer}>"
 
     @property
+    def answer(self) -> str:
+        """``holds``, ``holds for E, take B anew``, ``does not hold`` or ``undecided``."""
+        return self.decision.kind
+
+    @property
+    def headline(self) -> str:
+        """The reason, in one line."""
+        return self.decision.line
+
+    @property
     def exit_code(self) -> int:
         """0 holds, 1 does not hold as it is, 5 undecided."""
-        return EXIT[self.answer]
+        return self.decision.of.exit_code
 
     @property
     def alarm(self) -> bool:
@@ -121,7 +127,7 @@ class Verified(Shown):
     @property
     def verdict_line(self) -> RenderableType:
         """The answer and its reason in one line, for ``--quiet``."""
-        return one_line(f"{self.answer}: {self.headline}", STYLES.get(self.answer, "bold"))
+        return one_line(self.decision.headline, self.decision.of.style)
 
     @property
     def page(self) -> Group:
@@ -143,32 +149,24 @@ class Verified(Shown):
         parts.append(table)
         parts += [one_line(line) for line in (*cause_lines(self), *cost_lines(self), *open_lines(self))]
         parts += [one_line(f"Note: {note}.") for note in self.notes]
-        parts.append(one_line(f"Do: {self.advice}.", "bold"))
+        parts.append(one_line(f"Do: {self.decision.do}.", "bold"))
         return Group(*parts)
 
     def save_model(self, path: Path | str) -> Path:
         """Write the model with B taken anew, and return the path.  Raises StorageError for a file that cannot be written,
         DataError where E does not hold, or the zero moves within the recording."""
         if not self.bias_serves:
-            raise DataError(f"{self.old.path}: not written with B anew: {self.headline}; {self.advice}")
-        old = self.old
-        table = old.table
-        before = table["stored"] if isinstance(table.get("stored"), dict) else table
-        more: dict[str, Any] = {
-            "method": f"{table.get('method') or 'stored'}, bias anew",
-            "stored": {name: before.get(name) for name in ("method", "session", "sha256")},
-            **{name: table[name] for name in ("sensor", "accelerometer", "clock") if name in table},
-        }
+            raise DataError(f"{self.old.path}: not written with B anew: {self.headline}; {self.decision.do}")
+        old, more = self.old, dict[str, Any]()
         if np.isfinite(self.rows.temp_c):
             more["temperature_c"] = self.rows.temp_c
-        if np.shape(table.get("covariance") or ()) == (12, 12) and old.linear is old.model:
-            covariance = np.array(table["covariance"], dtype=float)
-            bias = slice(9, 12)
-            covariance[bias, :] = covariance[:, bias] = 0.0
-            covariance[bias, bias] = self.bias_covariance
-            more["covariance"] = covariance.tolist()
-        model = with_bias_moved(old.model, self.bias_anew)
-        write_whole(Path(path), models.to_dict(model, **more, session=self.today, version=VERSION))
+        if old.covariance.shape == (12, 12) and old.linear is old.model:
+            covariance = old.covariance.copy()
+            covariance[BIAS_OF_12, :] = covariance[:, BIAS_OF_12] = 0.0
+            covariance[BIAS_OF_12, BIAS_OF_12] = self.bias_covariance
+            more["covariance"] = covariance
+        words = f"{old.table.get('method') or 'stored'}, bias anew"
+        write_whole(Path(path), old.table_with_bias(self.bias_anew, words, self.today, **more))
         return Path(path)
 
     def to_json(self) -> dict:
@@ -183,7 +181,7 @@ class Verified(Shown):
                 "today": self.today,
                 "answer": self.answer,
                 "headline": self.headline,
-                "advice": self.advice,
+                "advice": self.decision.do,
                 "exit_code": self.exit_code,
                 "alarm": self.alarm,
                 "false_alarm": self.options.false_alarm,
@@ -253,7 +251,9 @@ def verify(model: Path | str, today: Any, *, progress: Progress | None = None, *
     """
     if not isinstance(today, Session) and not is_path(today):
         raise CalibrationError(f"today is of type {type(today).__name__}, expected a tinygc.Session or a session folder")
-    options, old = VerifyOptions(**choices), read_old(Path(model))
+    options = VerifyOptions(**choices)
+    old = read_state(Path(model), options.noise)
+    old.with_bias_moved(np.zeros(3))  # fail early for a model whose bias cannot be changed
 
     def step(what: str) -> None:
         (progress or untold)(what, 0, 1)
@@ -271,7 +271,7 @@ def verify(model: Path | str, today: Any, *, progress: Progress | None = None, *
 
 
 def verify_session(
-    old: OldCalibration,
+    old: UnitState,
     session: Session,
     options: VerifyOptions,
     progress: Told = untold,
@@ -280,33 +280,28 @@ def verify_session(
 
     Raises DataError for a session of another sensor, unless that is accepted, and the errors of ``rows_of`` and ``spread_of_unit``.
     """
-    told, other = facts(old, session)
-    told += [apart] if (apart := old.clocks_apart(session)) else []
-    if other and not options.other_serial:
+    told, then, now = facts(old, session), old.sensor.get("serial"), session.config.sensor.serial
+    if then and now and then != now and not options.other_serial:
         raise DataError(
-            f"{session.folder}: of sensor {session.config.sensor.serial!r}, expected {old.sensor.get('serial')!r}, which the model "
+            f"{session.folder}: of sensor {now!r}, expected {then!r}, which the model "
             "was fitted to; give a recording of that one, or --other-serial if it is the same sensor after all"
         )
-    notes = list(old.lacks)
+    told += [apart] if (apart := clocks_apart(old, session)) else []
+    notes = old.lacks
     rows = rows_of(session, old, options.earth, progress)
     if rows.remark:
         told.append(rows.remark)
-    spread = spread_of_unit(old, rows, options.history, options.lot)
-    figures = None if options.noise is None else read_figures(options.noise)
-    temp_then_c = _temperature_of(old)
-    if not np.isfinite(rows.temp_c - temp_then_c):
+    lot = None if options.lot is None else features.first("spread of a production lot", options.lot, session.config.sensor.model)
+    if options.lot is not None and lot is None:
+        raise CalibrationError("verify has no option --lot: no feature reads a lot")
+    between = spread_over(options.history, session, old.accelerometer) if options.history else None
+    spread = spread_of(session.config, old.table, between=between, lot=lot)
+    if rows.warmer_than(old) is None:
         which = "the model" if np.isfinite(rows.temp_c) else "today's recording"
         notes.append(f"{which} does not say how warm the sensor was: a change by temperature is not told apart from a moved zero")
-    parts = expected_parts(
-        old,
-        rows,
-        spread,
-        temp_then_c=temp_then_c,
-        switched_on_since=options.switched_on,
-        elapsed_s=options.elapsed_s,
-        figures=figures,
-    )
-    if options.switched_on and (source := spread.sources[ZERO.start]) == USUAL_SPREAD.source:
+    parts = expected_parts(old, rows, spread, switched_on=options.switched_on, elapsed_s=options.elapsed_s)
+    if options.switched_on and spread.at(ZERO).is_usual:
+        source = spread.at(ZERO).source
         notes.append(f"how far the zero moves between switch-ons is {source}; --history with other sessions of this unit tells it")
     if options.switched_on and spread.note:
         notes.append(spread.note)
@@ -317,7 +312,7 @@ def verify_session(
     W = left_open(rows, noise)
     used = uses(rows, old.linear, old.accelerometer is not None)
     bounds = tuple(Bound(name, bound_deg(slopes, np.zeros(len(W)), W), options.limit_deg, words) for name, slopes, words in used)
-    causes = candidate_causes(rows, old, temp_then_c)
+    causes = candidate_causes(rows, old)
     evidence = Evidence(rows, parts, noise.found.s)
     anew = evidence.of([cause for cause in causes if cause.name == "zero"])
     refuted = [question for question in questions if question.asked and not question.holds]
@@ -339,20 +334,20 @@ def verify_session(
         effects[NOISE] = max(effects[NOISE], *(float(np.linalg.norm(diagnosis.best.of(n))) * MINUTE_S / DEG for n in ("step", "warm-up")))
     changed = {question.name: effects[question.name] for question in refuted}
     new = bias_words(old.bias + anew.change[ZERO], anew.covariance[ZERO, ZERO])
-    decision = _decide(changed, bounds, cost, new, diagnosis, options, rows.turns > 0)
-    if rows.remark and decision.bias_serves:
-        decision = _Decision(FAILS, rows.remark, "mend the unit, the range or the data rate, then verify again", bias_serves=False)
-    if is_its_own(old, session):
+    decision, bias_serves = _decide(changed, bounds, cost, new, diagnosis, options, rows.turns > 0)
+    if rows.remark and bias_serves:
+        decision, bias_serves = Answer(FAILS, rows.remark, "mend the unit, the range or the data rate, then verify again"), False
+    if old.logs & {hash_of_log(log) for log in session.logs}:
         itself = "the model was fitted to this very recording, and agrees with itself"
-        decision = _Decision(UNDECIDED, itself, "give another recording", bias_serves=False)
+        decision, bias_serves = Answer(UNDECIDED, itself, "give another recording"), False
+    line = "; ".join(filter(None, (power_words(bounds), apart, decision.line)))
     open_names = {bound.name for bound in bounds if not bound.is_seen}
     return Verified(
         old=old,
         today=session.name,
         rows=rows,
         options=options,
-        answer=decision.answer,
-        headline="; ".join(filter(None, (power_words(bounds), apart, decision.headline))),
+        decision=replace(decision, line=line),
         questions=questions,
         parts=tuple(parts),
         bounds=bounds,
@@ -364,18 +359,8 @@ def verify_session(
         separate=_separate(rows, noise, diagnosis, causes),
         facts=tuple(told),
         notes=tuple(notes),
-        advice=decision.advice,
-        bias_serves=decision.bias_serves,
+        bias_serves=bias_serves,
     )
-
-
-class _Decision(NamedTuple):
-    """answer; headline: the line that says why; advice: what to do; bias_serves: whether the model may be used with B anew."""
-
-    answer: str
-    headline: str
-    advice: str
-    bias_serves: bool = True
 
 
 def _decide(
@@ -386,10 +371,11 @@ def _decide(
     diagnosis: Diagnosis | None,
     options: VerifyOptions,
     turned: bool = True,
-) -> _Decision:
+) -> tuple[Answer, bool]:
     """Decide by the questions with a significant change, and the degrees that a minute of use misses by it at most (95 %): changed.
 
-    new: B anew, in words; turned: whether there are turns, without which E is not asked.
+    Returns the answer, and whether the model may be used with B anew.  new: B anew, in words; turned: whether there are turns, without
+    which E is not asked.
     """
     limit, uses = options.limit_deg * DEG, {bound.name: bound.use for bound in found}
     matters = [name for name in changed if changed[name] > options.limit_deg]
@@ -408,7 +394,7 @@ def _decide(
         left = f"more than noise is left: up to {amount(NOISE)}" if NOISE in matters else ""
         departs = f"{'; '.join(filter(None, (moved and f'departs from the calibration: {moved}', left)))} (95 %)"
         advice = "; ".join(dict.fromkeys(cause.advice for cause in causes)) or fit_again
-        return _Decision(FAILS, f"{departs}; {why}", advice, bias_serves=False)
+        return Answer(FAILS, f"{departs}; {why}", advice), False
     unseen = [bound for bound in found if not bound.is_seen]
     e_seen = E not in [bound.name for bound in unseen]
     small = [amounts[name] for name in by_size if name not in matters]
@@ -419,24 +405,24 @@ def _decide(
         why += f", and costs {significant(costs / DEG, 2)}° in the next minute{f'; {less}' if small else ''}"
         if anew > max(limit, 2 * float(np.linalg.norm(cost.bias_anew_sigma))):
             still = f"{why}; with B anew the minute still misses {significant(anew / DEG, 2)}°"
-            return _Decision(FAILS, still, fit_again, bias_serves=False)
+            return Answer(FAILS, still, fit_again), False
         take = "take B anew: --write FILE writes the model with it"
         if e_seen:
-            return _Decision(BIAS, f"B = {new}; {why}", take)
+            return Answer(BIAS, f"B = {new}; {why}", take), True
         said = f"take B anew: B = {new}; {why}; whether E holds stays open"
-        return _Decision(FAILS if matters else UNDECIDED, said, f"{take}; then record the turns above, which decide about E")
+        return Answer(FAILS if matters else UNDECIDED, said, f"{take}; then record the turns above, which decide about E"), True
     if unseen and (turned or B in [bound.name for bound in unseen]):
         turns = "record the turns above, with a rest before and after each, then verify again"
         if {bound.name for bound in unseen} == {B}:
             turns = "let it lie still for some minutes, in several attitudes, then verify again"
         open_ = " and ".join(OF[bound.name] for bound in unseen)
         said = f"{less if small else 'nothing significant'}, but {open_} may miss more than {options.limit_deg:g}°"
-        return _Decision(UNDECIDED, said, turns)
+        return Answer(UNDECIDED, said, turns), True
     so_far = less if small else "within what noise, the old fit and a switch-on explain"
     said = f"{so_far}; it costs {significant(costs / DEG, 2)}° in the next minute"
     if unseen:  # at rest, the zero is all that is asked for
-        return _Decision(HOLDS, f"the zero holds: {said}", "use it as it is; turns would tell E (above)")
-    return _Decision(HOLDS, said, "use it as it is")
+        return Answer(HOLDS, f"the zero holds: {said}", "use it as it is; turns would tell E (above)"), True
+    return Answer(HOLDS, said, "use it as it is"), True
 
 
 def power_words(found: Sequence[Bound]) -> str:
@@ -459,15 +445,6 @@ def _separate(rows: Rows, noise: TodaysNoise, diagnosis: Diagnosis | None, cause
         if len(spans) > 1:
             return tuple(turns_that_separate(rows, noise, spans))
     return ()
-
-
-def _temperature_of(old: OldCalibration) -> float:
-    """Mean temperature of the session that the model was fitted to, °C: of the file, or of a session that lies around it; NaN where
-    neither says it."""
-    found, folder = old.table.get("temperature_c"), old.path.parent.parent
-    if found is None and old.path.parent.name == "fit" and (folder / "session.toml").is_file():
-        found = read_session(folder).temperature_c
-    return float("nan") if found is None else float(found)
 
 
 # The screen: what was asked, why, what it costs, and what this recording cannot tell.

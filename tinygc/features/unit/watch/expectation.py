@@ -3,7 +3,7 @@
     zero      calibrated rate at rest - Earth's vertical rate = offset + wander(t) + attitude + coefficient (T - T_fit) + noise
     gravity   |f| / g - 1 = direction . zero of the accelerometer + attitude + coefficient (T - T_rest) + noise
 
-offset is one draw for each stream (``expected_zero``: covariance of B, switch-on), attitude one for each rest, wander goes on through the
+offset is one draw for each stream (covariance of B, switch-on), attitude one for each rest, wander goes on through the
 stream.
 """
 
@@ -11,28 +11,23 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from scipy.optimize import nnls
 
 from session.base.errors import CalibrationError
-from session.base.numeric import sigmas_in
 from session.base.units import DEG, DEG_PER_HOUR, EARTH_RATE_RPS, MDPS, MG, STANDARD_GRAVITY_MPS2, G
 from session.detect.accelerometer import BIASES
 from session.detect.stills import QUIET_ACCEL_RATIO, QUIET_VARIANCE_RATIO
-from session.log.config import Config, read_config
-from tinygc import models
+from session.log.config import Config
 from tinygc.closure.floor import BiasInstability
-from tinygc.estimation.accelerometer import USUAL_SPREAD
-from tinygc.estimation.expected_zero import END_S, USUAL_ACCEL_PER_K, USUAL_PER_K, expected_zero, wander_variance
-from tinygc.estimation.repeatability import BiasRepeatability
+from tinygc.estimation.spread import END_S, USUAL_ACCEL_PER_K, USUAL_PER_K, ZERO, wander_variance
 from tinygc.features.unit.watch.bars import bar_of
-from tinygc.fitting.fit_file import read_fit
+from tinygc.fitting.unit_state import UnitState, spread_of
 from tinygc.inference.noise import wander_covariance
 from tinygc.models.linear import BIAS, PARAMETERS
-from tinygc.models.model import Model
-from tinygc.noise.figures import FILE, NoiseFigures, read_figures
+from tinygc.noise.components import REFERENCE, STILL_RATE, TURN
+from tinygc.noise.figures import NoiseFigures
 from tinygc.noise.whitening import PRECALIBRATION_MPS2
 
 #: usual of MEMS gyroscopes where neither the fit nor the sensor's record says it: two-sided white density, bias instability, and spread of
@@ -84,41 +79,7 @@ class Expectation:
     assumed: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, eq=False)
-class ModelInUse:
-    """model with its file's table; fit: ``fit.json`` or empty; config: ``session.toml`` or None; noise: figures of the unit or None;
-    temperature_c: of the session that was fitted, None where not known."""
-
-    model: Model
-    table: dict
-    fit: dict
-    config: Config | None
-    noise: NoiseFigures | None
-    temperature_c: float | None = None
-
-    @classmethod
-    def read(cls, path: Path, noise: Path | None = None) -> ModelInUse:
-        """Read a model file and what lies beside it: ``fit.json``, ``noise.json``, and the session's ``session.toml``.
-
-        noise: the unit's ``noise.json``, or its folder.  Raises FormatError for files that cannot be read, CalibrationError for a
-        model that follows the time of its session.
-        """
-        model, table = models.load_with_table(path)
-        if model.session_s is not None:
-            raise CalibrationError(f"{path}: follows the time of its own session; give {path.stem}_at_end.json beside it")
-        beside = path.parent
-        fit = read_fit(beside / "fit.json") if (beside / "fit.json").is_file() else {}
-        toml = beside.parent / "session.toml"
-        config = read_config(toml) if toml.is_file() and beside.name == "fit" else None
-        candidates = [beside / FILE] if noise is None else [noise, noise / FILE, noise / "fit" / FILE]
-        found = next((each for each in candidates if each.is_file()), None)
-        if noise is not None and found is None:
-            raise CalibrationError(f"{noise}: no {FILE} there; run `calibrate noise` first, or give the file itself")
-        figures = None if found is None else read_figures(found)
-        return cls(model, table, fit, config, figures, table.get("temperature_c"))
-
-
-def expect(known: ModelInUse, rate_hz: float) -> Expectation:
+def expect(known: UnitState, rate_hz: float) -> Expectation:
     """What the model's sensor may read at rest, at this data rate."""
     assumed: list[str] = []
 
@@ -127,21 +88,16 @@ def expect(known: ModelInUse, rate_hz: float) -> Expectation:
             assumed.append(words)
         return np.broadcast_to(np.asarray(usual if value is None else value, dtype=float), (3,)).copy()
 
-    fit_noise, figures, config = known.fit.get("noise") or {}, known.noise, known.config
+    fit_noise, figures, config = known.fit.get("noise") or {}, known.figures, known.config
     stills = {name: fit_noise.get(name) for name in ("gyro_dps_rthz", "accel_g_rthz")}
     white = _white(figures, "gyro", stills["gyro_dps_rthz"], DEG)
     accel_white = _white(figures, "accel", stills["accel_g_rthz"], G)
-    covariance = known.table.get("covariance")
-    own = None if covariance is None else np.asarray(covariance, dtype=float)[:PARAMETERS, :PARAMETERS]
-    if own is None:
+    own = known.covariance[:PARAMETERS, :PARAMETERS]
+    if not len(own):
         assumed.append("covariance of the calibration")
         own = np.diag(np.r_[np.full(9, 1e-3**2), np.full(3, USUAL_COVARIANCE_RPS**2)])
-    spread = known.table.get("bias_sigma_rps")
-    if spread is None and config is not None and config.sensor.gyro_bias_repeatability_dps is not None:
-        spread = [config.sensor.gyro_bias_repeatability_dps * DEG] * 3
-    repeatability = None if spread is None else BiasRepeatability(np.asarray(spread, dtype=float), "the model's")
-    by_cause, of_spread = expected_zero(own[BIAS, BIAS], repeatability=repeatability)
-    if of_spread:
+    spread = spread_of(config, known.table)
+    if spread.at(ZERO).is_usual:
         assumed.append(SPREAD)
     instability = _instability(fit_noise, config)
     if figures is None and instability is None:
@@ -151,11 +107,11 @@ def expect(known: ModelInUse, rate_hz: float) -> Expectation:
     accel = None if figures is None or figures.accel is None else replace(figures, gyro=figures.accel)
     if accel is None:
         assumed.append("bias instability of the accelerometer")
-    attitude = _component(known.fit, "noise.still_rate", DEG)
+    attitude = known.largest(STILL_RATE)
     latitude = None if config is None else config.site.latitude_deg
     across = EARTH_RATE_RPS * (np.cos(latitude * DEG) if latitude is not None else 1.0) / np.sqrt(2 if latitude is not None else 3)
     gravity = None if config is None else config.site.gravity_mps2
-    reference = _component(known.fit, "noise.reference", MG)
+    reference = known.largest(REFERENCE)
     thermal = known.model.kind == "thermal"
     if gravity is None:
         assumed.append("gravity of the place")
@@ -167,7 +123,7 @@ def expect(known: ModelInUse, rate_hz: float) -> Expectation:
         rate_hz,
         given(white, USUAL_WHITE, "white noise of the gyroscope"),
         lambda elapsed_s, span_s: _drift(elapsed_s, span_s, figures, instability),
-        sigmas_in(sum(by_cause.values(), np.zeros((3, 3)))),
+        spread.at(ZERO).any_session(np.diag(own)[BIAS]),
         np.full(3, float(np.hypot(across, USUAL_ATTITUDE_RPS if attitude is None else attitude))),
         np.full(3, USUAL_PER_K),
         None if thermal else known.temperature_c,
@@ -175,11 +131,11 @@ def expect(known: ModelInUse, rate_hz: float) -> Expectation:
         STANDARD_GRAVITY_MPS2 if gravity is None else gravity,
         given(accel_white, USUAL_ACCEL_WHITE, "white noise of the accelerometer"),
         lambda elapsed_s, span_s: _drift(elapsed_s, span_s, accel, usual),
-        np.sqrt(2) * np.asarray(known.table.get("accelerometer_spread") or USUAL_SPREAD.spread, dtype=float)[BIASES],
+        np.sqrt(2) * spread.sigma[BIASES],
         float(np.hypot(PRECALIBRATION_MPS2 if reference is None else reference, 0.0 if gravity is not None else UNKNOWN_GRAVITY_MPS2)),
         USUAL_ACCEL_PER_K,
         own,
-        _component(known.fit, "noise.turn", DEG) or 0.0,
+        known.largest(TURN) or 0.0,
         tuple(assumed),
     )
 
@@ -214,14 +170,6 @@ def _instability(fit_noise: dict, config: Config | None) -> BiasInstability | No
         return BiasInstability(float(found) * DEG_PER_HOUR, str(fit_noise.get("gyro_bias_instability_source")))
     typical = None if config is None else config.sensor.typical("gyro_bias_instability_dph")
     return None if typical is None else BiasInstability(typical[1] * DEG_PER_HOUR, f"typical of {typical[0]}")
-
-
-def _component(fit: dict, name: str, si: float) -> float | None:
-    """Size of a noise component of the fit, or its sigma where that is larger: what its stills do not show may be so large."""
-    for each in (fit.get("noise") or {}).get("components") or ():
-        if each.get("name") == name:
-            return si * max(float(each.get("size") or 0.0), float(each.get("sigma") or 0.0))
-    return None
 
 
 # The numbers of the detector: what a rest is, coefficients of its filters, bars of its tests.

@@ -15,9 +15,9 @@ from session.log.config import read_config
 from tinygc.deploy.apply import model_of
 from tinygc.deploy.calibration import Surroundings, surroundings
 from tinygc.features.unit.options import SourceOptions, WatchOptions
-from tinygc.features.unit.watch.expectation import ModelInUse
 from tinygc.features.unit.watch.source import SILENT_S, Remark, items_of, require_source
 from tinygc.features.unit.watch.watch import Event, Watch
+from tinygc.fitting.unit_state import UnitState, read_state
 from tinygc.library.arguments import public
 
 
@@ -46,7 +46,7 @@ class Watched:
         return [event.to_json() for event in self.events]
 
 
-def surroundings_of(known: ModelInUse, model: Path, source: str, session: Path | None) -> Surroundings:
+def surroundings_of(known: UnitState, model: Path, source: str, session: Path | None) -> Surroundings:
     """Full scales and the accelerometer's calibration, as ``apply`` takes them; without a calibration gravity says nothing.
 
     Raises CalibrationError where nobody has calibrated the accelerometer.
@@ -73,7 +73,9 @@ def events_of(
     """
     require_source(source)
     path = model_of(model)
-    known = ModelInUse.read(path, options.noise)
+    known = read_state(path, options.noise)
+    if known.model.session_s is not None:
+        raise CalibrationError(f"{path}: follows the time of its own session; give {path.stem}_at_end.json beside it")
     if options.session is not None:
         known = replace(known, config=read_config(options.session / "session.toml"))
     around = surroundings_of(known, path, source, options.session)

@@ -33,13 +33,13 @@ from tinygc.features.unit.watch.expectation import (
     SHIFTS,
     SPREAD,
     Expectation,
-    ModelInUse,
     Settings,
     expect,
     settings,
 )
 from tinygc.features.unit.watch.source import RESTART, Item, Remark
 from tinygc.features.unit.watch.turns import LEAST_RAD, LONGEST_S, Turn, TurnTest
+from tinygc.fitting.unit_state import UnitState
 from tinygc.models.linear import LinearModel
 
 DAY_S = 86400.0
@@ -76,7 +76,7 @@ class Event:
 class Watch:
     """known: the model and what lies beside it; false_alarm_every_s: mean time at rest to a false alarm."""
 
-    def __init__(self, known: ModelInUse, false_alarm_every_s: float = FALSE_ALARM_EVERY_S):
+    def __init__(self, known: UnitState, false_alarm_every_s: float = FALSE_ALARM_EVERY_S):
         self._known, self._every_s = known, false_alarm_every_s
         self._early: list[Applicable] = []
         self.expected: Expectation | None = None

@@ -14,13 +14,11 @@ from tinygc.effects import StageC, load_folder, signals, using, without_vibratio
 from tinygc.effects.catalogue import short_movement
 from tinygc.effects.testing import check
 from tinygc.features.discovery import engine
-from tinygc.features.discovery.effect_file import Where, written
+from tinygc.features.discovery.effect_file import FULL_SCALE, Where, some_movement, written
 from tinygc.features.discovery.engine import MOST_LACKING, not_observed, observed, share_lacking
 from tinygc.features.discovery.enumeration import bits, enumerated
 from tinygc.features.discovery.form import PATTERNS, Factor, LawForm, unit_of
-from tinygc.features.discovery.law_effect import as_effect, columns_of
-from tinygc.features.discovery.law_on_device import device_of
-from tinygc.features.discovery.passes import FULL_SCALE, some_movement
+from tinygc.features.discovery.law_effect import as_effect, columns_of, device_of
 from tinygc.features.discovery.quantities import largest_of
 from tinygc.features.discovery.words import (
     LONGEST,

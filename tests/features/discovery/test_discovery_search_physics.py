@@ -12,10 +12,10 @@ from simulated_twins import make_twin_of
 from session.base.units import DEG
 from tinygc.features.discovery import engine, search_state
 from tinygc.features.discovery.detection_limits import learnable, learnable_from
+from tinygc.features.discovery.effect_file import some_movement
 from tinygc.features.discovery.enumeration import bits, enumerated
 from tinygc.features.discovery.form import PATTERNS, Factor, LawForm
-from tinygc.features.discovery.law_effect import as_effect
-from tinygc.features.discovery.passes import some_movement
+from tinygc.features.discovery.law_effect import as_effect, beside_calibration, correlation
 from tinygc.features.discovery.projections import FAINT, Projection
 from tinygc.features.discovery.quantities import largest_of
 from tinygc.features.discovery.responses import Responses
@@ -25,8 +25,6 @@ from tinygc.features.discovery.search_state import (
     RUN,
     Rival,
     Unseen,
-    beside_calibration,
-    correlation,
     parted,
     refused,
     taken,

@@ -17,59 +17,53 @@ from tinygc.features.discovery.responses import Responses
 
 #: search range of a constant as a factor either way, where its neighbours on a grid are unknown
 REACH = 2.5
-#: most columns evaluated for one form, and those of each constant that are scanned over its reach first
-MOST_EVALUATIONS, SCANNED = 40, 9
+#: columns that are scanned over that range first
+SCANNED = 9
 #: those scanned for a constant that decides at a few moments: with thirty turns its gain is flat over about a fifteenth of it
 DECIDED_SCANNED = 81
+#: columns evaluated for the maximum of one constant, and rounds over several, which hardly affect one another
+EVALUATIONS, ROUNDS = 16, 2
 #: ln of a constant: tolerance of the maximum, a tenth of a sigma for constants known to a per cent
 PRECISION = 1e-3
 
 
 def refined(form: LawForm, responses: Responses, projection: Projection) -> LawForm:
     """The form with its constants refined against one hypothesis."""
-    begin = np.log(form.constants)
-
-    def gain(logs: np.ndarray) -> float:
-        return gain_of(responses.columns(form.with_constants(np.exp(logs))), projection)
-
-    if not len(begin):
-        return form
     scanned = DECIDED_SCANNED if any(factor.through.decided for factor in form.factors) else SCANNED
-    # (constants,) ln: scan each constant over its reach, then climb with all of them together
-    reach = np.full(begin.shape, np.log(REACH))
-    from scipy.optimize import minimize, minimize_scalar
+    for _ in range(min(len(form.constants), ROUNDS)):
+        for number in range(len(form.constants)):
+            begin = float(np.log(form.constants[number]))
 
-    at, highest = begin.copy(), gain(begin)
-    spacing = 2 * reach / (scanned - 1)
-    for number in range(len(begin)):
-        for shift in np.linspace(-reach[number], reach[number], scanned):
-            trial = at.copy()
-            trial[number] = begin[number] + shift
-            found = gain(trial)
-            if found > highest:
-                at, highest = trial, found
-    low, high = np.maximum(at - spacing, begin - reach), np.minimum(at + spacing, begin + reach)
-    left = MOST_EVALUATIONS - 1 - SCANNED * len(begin)
-    if len(begin) == 1:
-        options = {"maxiter": left, "xatol": PRECISION}
-        found = minimize_scalar(lambda x: -gain(np.array([x])), bounds=(low[0], high[0]), method="bounded", options=options)
-        end = np.array([found.x])
-    else:
-        simplex = np.vstack([at, at + np.diag(np.where(at + spacing / 2 < high, spacing, -spacing) / 2)])
-        simplex_options = {"maxfev": max(left, len(begin) + 1), "xatol": PRECISION, "fatol": PRECISION, "initial_simplex": simplex}
-        found = minimize(lambda x: -gain(x), at, method="Nelder-Mead", bounds=list(zip(low, high, strict=True)), options=simplex_options)
-        end = found.x
-    return form.with_constants(np.exp(end if -found.fun >= highest else at))
+            def gain(ln: float, form: LawForm = form, number: int = number) -> float:
+                return gain_of(responses.columns(_with(form, number, ln)), projection)
+
+            steps = np.linspace(begin - np.log(REACH), begin + np.log(REACH), scanned)
+            at = steps[np.argmax([gain(ln) for ln in steps])]
+            ln, found = _highest(gain, at, steps[1] - steps[0])
+            form = _with(form, number, ln) if found > gain(begin) else form
+    return form
+
+
+def _with(form: LawForm, number: int, ln: float) -> LawForm:
+    """The form with another of its constants."""
+    values = list(form.constants)
+    values[number] = float(np.exp(ln))
+    return form.with_constants(tuple(values))
+
+
+def _highest(gain: Callable[[float], float], begin: float, reach: float) -> tuple[float, float]:
+    """ln of a constant within reach of its start, and its gain."""
+    from scipy.optimize import minimize_scalar
+
+    bounds, options = (begin - reach, begin + reach), {"maxiter": EVALUATIONS, "xatol": PRECISION}
+    found = minimize_scalar(lambda ln: -gain(ln), bounds=bounds, method="bounded", options=options)
+    return float(found.x), -float(found.fun)
 
 
 # A form with one constant per axis: the grammar has one for all axes, but a gyroscope has three structures.
 
 #: largest ratio of one axis' constant to the common one, either way
 AXIS_REACH = 5.0
-#: columns evaluated for the constant of one axis, and rounds over the axes, which hardly affect one another
-EVALUATIONS, ROUNDS = 16, 2
-#: ln of a constant: tolerance
-AXIS_PRECISION = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +79,7 @@ class ByAxis:
     theta: np.ndarray
 
     def added(self, movements: Sequence[Movement]) -> np.ndarray:
-        """Added rate (N, 3) rad/s over all logs concatenated, as ``equivalence.added``."""
+        """Added rate (N, 3) rad/s over all logs concatenated, as ``law_effect.added``."""
         thetas = (np.where(self.axes == axis, self.theta, 0.0) for axis in range(3))
         return np.sum([added(as_effect(form), theta, movements) for form, theta in zip(self.forms, thetas, strict=True)], axis=0)
 
@@ -109,15 +103,13 @@ def linear_coefficients(columns: np.ndarray, projection: Projection) -> np.ndarr
 
 def _by_axis(form: LawForm, number: int, axes: np.ndarray, responses: Responses, projection: Projection) -> ByAxis:
     def of(ln: float) -> LawForm:
-        values = list(form.constants)
-        values[number] = float(np.exp(ln))
-        return form.with_constants(tuple(values))
+        return _with(form, number, ln)
 
     def with_axes(of_these: np.ndarray, ln: float) -> np.ndarray:
         return np.where(of_these, responses.columns(of(ln)), columns)
 
     def highest(of_these: np.ndarray) -> tuple[float, float]:
-        return _highest_of_one(lambda ln: gain_of(with_axes(of_these, ln), projection), begin)
+        return _highest(lambda ln: gain_of(with_axes(of_these, ln), projection), begin, np.log(AXIS_REACH))
 
     begin, columns = float(np.log(form.constants[number])), responses.columns(form)
     alone = gain_of(columns, projection)
@@ -132,15 +124,6 @@ def _by_axis(form: LawForm, number: int, axes: np.ndarray, responses: Responses,
             if found > top:
                 at[axis], top, columns = ln, found, with_axes(axes == axis, ln)
     return ByAxis(number, np.exp(at), top - alone, (of(at[0]), of(at[1]), of(at[2])), axes, linear_coefficients(columns, projection))
-
-
-def _highest_of_one(gain: Callable[[float], float], begin: float) -> tuple[float, float]:
-    """ln of a constant, within ``REACH`` of its start, and its gain."""
-    from scipy.optimize import minimize_scalar
-
-    bounds, options = (begin - np.log(AXIS_REACH), begin + np.log(AXIS_REACH)), {"maxiter": EVALUATIONS, "xatol": AXIS_PRECISION}
-    found = minimize_scalar(lambda ln: -gain(ln), bounds=bounds, method="bounded", options=options)
-    return float(found.x), -float(found.fun)
 
 
 def gain_of(columns: np.ndarray, projection: Projection) -> float:

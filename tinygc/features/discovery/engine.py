@@ -19,7 +19,7 @@ from tinygc.features.discovery.constants import ByAxis
 from tinygc.features.discovery.detection_limits import learnable, learnable_from
 from tinygc.features.discovery.enumeration import bits, enumerated
 from tinygc.features.discovery.form import LawForm
-from tinygc.features.discovery.law_effect import added, as_effect
+from tinygc.features.discovery.law_effect import added, as_effect, beside_calibration, correlation
 from tinygc.features.discovery.quantities import largest_of
 from tinygc.features.discovery.search_state import (
     ALL_OF_IT,
@@ -35,9 +35,7 @@ from tinygc.features.discovery.search_state import (
     SearchState,
     Unseen,
     alike,
-    beside_calibration,
     chi_square_beyond,
-    correlation,
     differing,
     leaves_something,
     numbers_of,

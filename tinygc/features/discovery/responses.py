@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -16,9 +15,9 @@ from tinygc.noise.refit import Replay
 
 # The products of factors that the forms need, ordered so that each factor is evaluated about once and most work is matrix products.
 #
-# A form's coefficient adds a product of one component of each of its factors.  Of two factors, the one with more partners is the hub: the
-# hub times the channels' sensitivity is a small matrix, and one matrix product gives its products with all partners.  A form of one factor
-# has the hub ``ONE``, which is 1.
+# A form's coefficient adds a product of one component of each of its factors.  Of two factors, the one that comes first in all forms is the
+# hub: the hub times the channels' sensitivity is a small matrix, and one matrix product gives its products with all partners.  A form of
+# one factor has the hub ``ONE``, which is 1.
 
 #: the hub of forms that have one factor
 ONE = 0
@@ -50,19 +49,11 @@ class ColumnPlan:
         """(F,) coefficients of each form."""
         return np.array([len(axis) for axis, _, _ in self.wirings])[self.wiring]
 
-    def tiles(self, most: int) -> Iterator[np.ndarray]:
-        """Partners in tiles of at most so many components, ordered to share hubs within a tile."""
-        hubs: dict[int, set[int]] = {}
-        for hub, partner in zip(self.hub.tolist(), self.partner.tolist(), strict=True):
-            hubs.setdefault(partner, set()).add(hub)
-        order = np.array(sorted(hubs, key=lambda partner: (sorted(hubs[partner]), partner)), dtype=int)
+    def tiles(self, most: int) -> list[np.ndarray]:
+        """Partners in tiles of about so many components."""
+        order = np.unique(self.partner)
         ends = np.cumsum(self.width[order])
-        first = 0
-        while first < len(order):
-            begun = ends[first] - self.width[order[first]]
-            stop = max(int(np.searchsorted(ends, begun + most, side="right")), first + 1)
-            yield order[first:stop]
-            first = stop
+        return np.split(order, np.flatnonzero(np.diff(ends // most)) + 1)
 
 
 def planned(forms: Sequence[LawForm]) -> ColumnPlan:
@@ -73,7 +64,7 @@ def planned(forms: Sequence[LawForm]) -> ColumnPlan:
         row[0] = numbers.setdefault(form.factors[0], len(numbers))
         row[1] = numbers.setdefault(form.factors[1], len(numbers)) if len(form.factors) == 2 else ONE
     factors = tuple(numbers)
-    first_is_hub = _first_is_hub(pairs, len(factors))
+    first_is_hub = (pairs[:, 0] <= pairs[:, 1]) & (pairs[:, 1] != ONE)
     made: dict[tuple, int] = {}
     wirings: list[Wiring] = []
     which = np.empty(len(forms), dtype=int)
@@ -88,16 +79,6 @@ def planned(forms: Sequence[LawForm]) -> ColumnPlan:
     partner = np.where(first_is_hub, pairs[:, 1], pairs[:, 0])
     width = np.array([1 if factor is None else factor.of.components * factor.through.phases for factor in factors])
     return ColumnPlan(factors, width, hub, partner, which, tuple(wirings))
-
-
-def _first_is_hub(pairs: np.ndarray, factors: int) -> np.ndarray:
-    """(F,) whether the first of a form's factors has more partners; False for forms of one factor, whose hub is ``ONE``."""
-    distinct = np.unique(np.sort(pairs, axis=1), axis=0)
-    partners = np.bincount(distinct[:, 0], minlength=factors) + np.bincount(distinct[:, 1], minlength=factors)
-    partners[ONE] = len(pairs) + 1
-    first, second = pairs.T
-    ahead = (partners[first] > partners[second]) | ((partners[first] == partners[second]) & (first <= second))
-    return ahead & (second != ONE)
 
 
 def _wiring(form: LawForm, first_is_hub: bool) -> Wiring:
@@ -126,12 +107,6 @@ class SessionValues:
         if name not in self._quantities:
             self._quantities[name] = [QUANTITIES[name].of(movement) for movement in self.movements]
         return self._quantities[name]
-
-    @cached_property
-    def calibration(self) -> np.ndarray:
-        """(N, 4) orthonormal: the span of a bias and a matrix row for one axis."""
-        rates = np.concatenate([movement.rate for movement in self.movements])
-        return np.linalg.qr(np.concatenate([rates, np.ones((len(rates), 1))], axis=1))[0]
 
     def of(self, factor: Factor | None) -> np.ndarray:
         """Values of a factor, (components, N) float64, as ``Factor.values``; ones for ``ONE``."""

@@ -15,9 +15,9 @@ from tinygc.features.discovery.search_state import NOISE_P, Discovery, Law, Runn
 from tinygc.features.discovery.words import (
     ABBREVIATIONS,
     ARROW,
-    BENCH_UNITS,
     NEIGHBOURS,
     SYMBOLS,
+    UNITS,
     abbreviations,
     coefficient_unit,
     combination,
@@ -195,7 +195,7 @@ def number_lines(law: dict) -> list[str]:
     for name, constant in law["constants"].items():
         unit = "of full scale" if constant["unit"] == "fraction" else constant["unit"]
         # ``width`` of ``width_share``
-        ending = next((f"_{unit}" for *_, unit in BENCH_UNITS.values() if name.endswith(f"_{unit}")), "")
+        ending = next((f"_{unit}" for *_, unit in UNITS.values() if name.endswith(f"_{unit}")), "")
         lines.append(f"{name.removesuffix(ending).replace('_', ' ')}: {measured(constant['value'], constant['sigma'])} {unit}")
     return lines
 

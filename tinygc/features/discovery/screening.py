@@ -11,8 +11,9 @@ import numpy as np
 from session.base.numeric import rms_of, running_sum
 from session.base.progress import Progress, untold
 from tinygc.features.discovery.form import LawForm
+from tinygc.features.discovery.law_effect import added, as_effect, beside_calibration
 from tinygc.features.discovery.projections import FAINT, Projection, basis_of, equivalent_forms, leaders, price, promise, seen_directions
-from tinygc.features.discovery.responses import ColumnPlan, ResponseBlock, Responses, SessionValues, planned
+from tinygc.features.discovery.responses import ColumnPlan, ResponseBlock, Responses, planned
 from tinygc.noise.refit import Refit, Replay
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import Whitener
@@ -34,6 +35,7 @@ class Probe:
 def probes_of(forms: Sequence[LawForm], responses: Responses, projection: Projection) -> tuple[Probe, ...]:
     """For each quantity, the constant-free law of one function, the same for each axis, that is visible at the smallest rate."""
     best: dict[str, Probe] = {}
+    movements = responses.values.movements
     for form in forms:
         (factor, *others) = form.factors
         if others or form.constants or form.pattern != "each":
@@ -44,23 +46,10 @@ def probes_of(forms: Sequence[LawForm], responses: Responses, projection: Projec
         length = float(np.linalg.norm(free))
         if not length > FAINT * float(np.linalg.norm(whitened)):  # also true for NaN
             continue
-        rms = beside_calibration(form, np.ones(form.size), responses.values) / length
+        rms = rms_of(beside_calibration(added(as_effect(form), np.ones(form.size), movements), movements)) / length
         if factor.quantity not in best or rms < best[factor.quantity].rms:
             best[factor.quantity] = Probe(factor.quantity, whitened / length, free / length, rms)
     return tuple(best.values())
-
-
-def beside_calibration(form: LawForm, theta: np.ndarray, values: SessionValues) -> float:
-    """Rate added by a law of coefficients theta (P,), less its regression on a bias and a matrix: rad/s rms over samples and axes."""
-    found = {factor: values.of(factor) for factor in form.factors}
-    added = np.zeros((3, values.samples))
-    for (axis, parts), size in zip(form.terms(), theta, strict=True):
-        product = np.array(size)
-        for factor, component in parts:
-            product = product * found[factor][component]
-        added[axis] += product
-    left = added - (added @ values.calibration) @ values.calibration.T
-    return rms_of(left)
 
 
 # The turns of a long session by which all forms are screened.

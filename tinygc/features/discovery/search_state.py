@@ -11,13 +11,13 @@ import numpy as np
 from session.base.records import Count, Key
 from session.base.units import DEG
 from tinygc.closure.problem import Problem
-from tinygc.effects import Effect, Movement
+from tinygc.effects import Effect
 from tinygc.explanation.decision import LEAST_EXCESS, tilt_rms
 from tinygc.explanation.evidence import Hypothesis
 from tinygc.explanation.search import rewhitened
 from tinygc.features.discovery.constants import ByAxis, by_axis, gain_of, linear_coefficients
 from tinygc.features.discovery.form import LawForm
-from tinygc.features.discovery.law_effect import added, as_effect
+from tinygc.features.discovery.law_effect import added, as_effect, beside_calibration, correlation
 from tinygc.features.discovery.projections import Projection
 from tinygc.features.discovery.screening import promised_beside
 from tinygc.features.discovery.selection import FormEvidence, SearchRound, believable, one_step
@@ -271,24 +271,10 @@ class SearchState:
         return list(dict.fromkeys(effect for each in self.rounds for effect in each.tried))
 
 
-# The rate that a law adds, sample by sample, beyond a calibration: two laws that add the same rate are the same.
+# Two laws that add the same rate beyond a calibration are the same.
 
 #: correlation of the added rates above which two laws are numerically the same
 EQUAL = 0.99
-
-
-def beside_calibration(rate: np.ndarray, movements: Sequence[Movement]) -> np.ndarray:
-    """The part of an added rate (N, 3) that no E m + B gives: each axis less its regression on one and the three rates."""
-    measured = np.concatenate([movement.rate for movement in movements])
-    q, _ = np.linalg.qr(np.column_stack([np.ones(len(measured)), measured]))
-    return rate - q @ (q.T @ rate)
-
-
-def correlation(first: np.ndarray, second: np.ndarray) -> float:
-    """Correlation of two added rates (N, 3), about zero, all axes together; 0 where one of them is zero."""
-    size = float(np.linalg.norm(first) * np.linalg.norm(second))
-    return float(np.sum(first * second)) / size if size > 0 else 0.0
-
 
 # Whether a law's constant differs by axis, so that a constant common to all axes makes another law of it.
 

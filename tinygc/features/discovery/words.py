@@ -40,12 +40,17 @@ SHORT = {
     "temperature": "the temperature since the session's beginning",
     "time": "the time since the session began",
 }
-#: displayed constants: a quantity's unit in an equation and in a sentence, and how many of it one of the quantity's own has
-PEOPLES = {
-    **dict.fromkeys(("rate", "rate_size"), ("", " of full scale", 1.0)),
-    **dict.fromkeys(("acceleration", "acceleration_size", "speed_slope"), ("/s", " full scales a second", 1.0)),
-    "jerk": ("/s²", " full scales a second squared", 1.0),
-    "turned": ("°", "°", 57.29577951308232),
+#: a constant by its quantity's unit: the displayed unit in an equation, in a sentence and in the JSON, the size of that, ending of a name
+UNITS = {
+    "rad": ("°", "°", "deg", DEG, "deg"),
+    "1": ("", " of full scale", "", 1.0, "share"),
+    "g": (" g", " g", "g", 1.0, "g"),
+    "g²": (" g²", " g²", "g²", 1.0, "g2"),
+    "s": (" s", " s", "s", 1.0, "s"),
+    "°C": (" °C", " °C", "°C", 1.0, "c"),
+    "°C/s": (" °C/s", " °C/s", "°C/s", 1.0, "c_per_s"),
+    "1/s": ("/s", " full scales a second", "1/s", 1.0, "per_s"),
+    "1/s²": ("/s²", " full scales a second squared", "1/s²", 1.0, "per_s2"),
 }
 #: a quantity in a name
 NAMES = {"rate_size": "speed", "acceleration_size": "jolt", "speed_slope": "speeding", "temperature_rate": "warming"}
@@ -126,8 +131,7 @@ def _shown(factor: Factor, index: str) -> str:
         symbol = f"({symbol})"
     if symbol.startswith("(") and "({x}" in text and "({x})" in text:
         symbol = symbol.strip("()")
-    unit = PEOPLES.get(factor.quantity, (f" {factor.of.unit}", "", 1.0))
-    constant = "" if factor.constant is None else f"{_number(factor.constant * unit[2])}{unit[0]}"
+    constant = _constant(factor, 0)
     if factor.function in ("wave", "clock"):
         matrix = "ij" if index == "j" else "i"
         argument = f"{symbol} / {constant}"
@@ -142,12 +146,18 @@ def _number(value: float) -> str:
     return f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
 
 
+def _constant(factor: Factor, place: int) -> str:
+    """Its constant with its unit, in an equation or in a sentence."""
+    *units, size, _ = UNITS[factor.of.unit]
+    return "" if factor.constant is None else f"{_number(factor.constant / size)}{units[place]}"
+
+
 def constant_of(form: LawForm, number: int) -> tuple[str, float]:
     """One of a form's constants in a sentence, as ``width (of full scale)``; and how many of the displayed unit its own unit has."""
-    found: list[tuple[str, float]] = []
+    found = []
     for factor in form.factors:
-        _, unit, times = PEOPLES.get(factor.quantity, ("", f" {factor.of.unit}", 1.0))
-        found += [] if factor.constant is None else [(f"{factor.through.constant} ({unit.strip() or 'a share'})", times)]
+        _, unit, _, size, _ = UNITS[factor.of.unit]
+        found += [] if factor.constant is None else [(f"{factor.through.constant} ({unit.strip()})", 1 / size)]
         found += [] if factor.lag_s is None else [("lag (s)", 1.0)]
     return found[number]
 
@@ -180,9 +190,7 @@ def _words(factor: Factor) -> str:
     text = factor.through.words
     if factor.of.positive:
         text = text.replace("the size of {x}", "{x}").replace("its size", "it")
-    unit = PEOPLES.get(factor.quantity, ("", f" {factor.of.unit}", 1.0))
-    constant = "" if factor.constant is None else f"{_number(factor.constant * unit[2])}{unit[1]}"
-    return text.replace("{x}", SHORT.get(factor.quantity, factor.of.words)).replace("{c}", constant)
+    return text.replace("{x}", SHORT.get(factor.quantity, factor.of.words)).replace("{c}", _constant(factor, 1))
 
 
 def what(form: LawForm) -> str:
@@ -265,18 +273,6 @@ def combination(form: LawForm, direction: np.ndarray) -> str:
 BEYOND_SIGMA = 2
 #: digits of a constant of unknown sigma
 DIGITS = 5
-#: unit of a quantity -> displayed unit, its size in the quantity's unit, ending of a name
-BENCH_UNITS = {
-    "rad": ("deg", DEG, "deg"),
-    "1": ("", 1.0, "share"),
-    "g": ("g", 1.0, "g"),
-    "g²": ("g²", 1.0, "g2"),
-    "s": ("s", 1.0, "s"),
-    "°C": ("°C", 1.0, "c"),
-    "°C/s": ("°C/s", 1.0, "c_per_s"),
-    "1/s": ("1/s", 1.0, "per_s"),
-    "1/s²": ("1/s²", 1.0, "per_s2"),
-}
 
 
 @dataclass(frozen=True)
@@ -305,7 +301,7 @@ def constants_of(form: LawForm, sigmas: Sequence[float] = ()) -> list[Constant]:
         before = "" if len(form.factors) == 1 else f"{factor.quantity}_" if other else f"{('first', 'second')[number]}_"
         for word, value, unit in ((factor.through.constant, factor.constant, factor.of.unit), ("lag", factor.lag_s, "s")):
             if value is not None:
-                shown, si, ending = BENCH_UNITS[unit]
+                _, _, shown, si, ending = UNITS[unit]
                 sigma = next(given) / si
                 spread = sigma if isfinite(sigma) and sigma > 0 else None
                 found.append(Constant(f"{before}{word}_{ending}", _rounded(value / si, spread), spread, shown, si))

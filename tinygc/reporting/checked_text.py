@@ -8,7 +8,8 @@ import numpy as np
 
 from session.base.texts import measured, printable
 from tinygc.explanation.checked import OUTCOMES, Checked, CheckedEffect, Outcome, numbers_of, outcome_of
-from tinygc.reporting.terminal import RenderableType, Table, Text, one_line
+from tinygc.reporting.facts import Table
+from tinygc.reporting.terminal import RenderableType, Text, one_line
 
 #: why a recording says nothing of an effect, or what it says
 REASONS = {
@@ -35,13 +36,10 @@ def checked_page(checked: Sequence[Checked]) -> list[RenderableType]:
     for number in range(effects):
         there = [each.effects[number] for each in checked]
         parts.append(_line(there, checked))
-    table = Table(box=None)
-    for column in ("recording", "effect", "", "of its size there", "odds", "closure there: without → with"):
-        table.add_column(column, overflow="fold")
-    for each in checked:
-        for found in each.effects:
-            table.add_row(printable(each.session.name), found.named.effect.id, *_cells(found), style=STYLES.get(found.outcome, ""))
-    return [*parts, table]
+    found = [(each.session.name, found) for each in checked for found in each.effects]
+    header = ("recording", "effect", "", "of its size there", "odds", "closure there: without → with")
+    styles = {at: STYLES.get(each.outcome, "") for at, (_, each) in enumerate(found)}
+    return [*parts, Table("", header, [(name, each.named.effect.id, *_cells(each)) for name, each in found], left=range(6), styles=styles)]
 
 
 def _line(there: list[CheckedEffect], checked: Sequence[Checked]) -> Text:

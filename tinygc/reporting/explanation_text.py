@@ -26,7 +26,8 @@ from tinygc.explanation.result import (
 )
 from tinygc.explanation.search import in_words, lines_end_hz
 from tinygc.noise.twin import Variable
-from tinygc.reporting.terminal import Group, Table, Text, one_line
+from tinygc.reporting.facts import Table
+from tinygc.reporting.terminal import Group, Text, one_line
 
 # An explanation as text, for the terminal and the page of pictures, and its files.
 
@@ -98,10 +99,9 @@ def _rivals(claim: Claim) -> list[Text]:
 
 def _noise(e: Explanation) -> list[Text | Table]:
     """Noise components with their sizes."""
-    table = Table(box=None, show_header=False)
-    for row in noise_rows(e):
-        table.add_row(*row)
-    return [Text("estimated non-white noise:"), table] if table.row_count else []
+    rows = noise_rows(e)
+    width = len(rows[0]) if rows else 0
+    return [Text("estimated non-white noise:"), Table("", [""] * width, rows, left=range(width))] if rows else []
 
 
 def parameter_lines(parameters: Mapping[str, Any], stds: Mapping[str, Any]) -> list[str]:
@@ -128,12 +128,8 @@ def _numbers(value: Any, std: Any) -> str:
 
 def _channels(e: Explanation) -> Table:
     """Table of channels: root mean square of recording less prediction, in sigmas of the channel's noise."""
-    table, refitted = Table(box=None), is_refitted(e)
-    for column in ("channel", "values", *(("before", "after") if refitted else ("rms",))):
-        table.add_column(column, justify="left" if column == "channel" else "right")
-    for channel, values, shown in residual_table(e):
-        table.add_row(channel, str(values), *(f"{rms:.2f}" for rms in shown))
-    return table
+    rows = [(channel, values, *(f"{rms:.2f}" for rms in shown)) for channel, values, shown in residual_table(e)]
+    return Table("", ("channel", "values", *(("before", "after") if is_refitted(e) else ("rms",))), rows)
 
 
 def _stamps(e: Explanation) -> Text:

@@ -13,11 +13,13 @@ from dataclasses import dataclass, field
 from math import isfinite
 from typing import Any
 
+from rich.table import Table as RichTable
+
 from session import VERSION
 from session.base.texts import NONE, measured, significant
 from tinygc.reporting.drawing import style_sheet
 from tinygc.reporting.html import markup
-from tinygc.reporting.terminal import Group, RenderableType, Text, plain_table
+from tinygc.reporting.terminal import Group, RenderableType, Text
 
 #: what a page shows of a terminal's style; others are plain there
 KINDS = {"dim": "soft", "yellow": "warning"}
@@ -41,12 +43,13 @@ class Table:
 
     def __rich__(self) -> RenderableType:
         """For a terminal."""
-        table = plain_table(self.title, self.header[0], *self.header[1:])
-        for place, column in enumerate(table.columns):
-            column.justify, column.no_wrap = ("left", False) if place in self.left else ("right", True)
-        table.padding = (0, 1, 0, 0)
+        table = RichTable(title=self.title or None, title_justify="left", title_style="bold", box=None, padding=(0, 1, 0, 0))
+        table.pad_edge, table.show_header = False, any(self.header)
+        for place, name in enumerate(self.header):
+            words_only = place in self.left
+            table.add_column(name, justify="left" if words_only else "right", no_wrap=not words_only, overflow="fold")
         for number, row in enumerate(self.rows):
-            table.add_row(*(Text(words(cell)) for cell in row), style=self.styles.get(number, ""))
+            table.add_row(*(cell if isinstance(cell, Text) else words(cell) for cell in row), style=self.styles.get(number, ""))
         if self.caption:
             table.caption, table.caption_justify = self.caption, "left"
         return table

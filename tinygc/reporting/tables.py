@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from session.base.names import CLOCKS
-from session.base.texts import NONE, command_line, printable
+from session.base.texts import NONE, command_line
 from session.detect.findings import LEVELS, Finding, worst
-from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_line, plain_table
+from tinygc.reporting.facts import Part, Table, screen
+from tinygc.reporting.terminal import Group, RenderableType, Text, one_line
 
 if TYPE_CHECKING:
     from session.detect.repair import Repaired
@@ -24,10 +25,9 @@ LEVEL_STYLES = {"ok": "green", "note": "cyan", "warning": "yellow", "error": "bo
 
 def findings_table(findings: list[Finding]) -> Table:
     """Table of findings, one row per check, the worst first; findings of one level keep the order of the checks."""
-    table = plain_table("First look", "", "where", "what", "it says", "do")
-    for finding in sorted(findings, key=lambda finding: -LEVELS.index(finding.level)):
-        table.add_row(Text(finding.level, LEVEL_STYLES[finding.level]), finding.where, finding.what, finding.says, finding.do)
-    return table
+    ranked = sorted(findings, key=lambda finding: -LEVELS.index(finding.level))
+    rows = [(Text(each.level, LEVEL_STYLES[each.level]), each.where, each.what, each.says, each.do) for each in ranked]
+    return Table("First look", ("", "where", "what", "it says", "do"), rows, left=range(5))
 
 
 def finding_lines(findings: list[Finding]) -> Group:
@@ -62,29 +62,26 @@ def repair_report(done: Repaired, before: dict[str, Any], after: dict[str, Any])
     """What was corrected in a copy of a session, and what the recording closes to before and after."""
     from tinygc.estimation.options import METHODS
 
-    parts: list[RenderableType] = []
+    parts: list[Part] = []
     for change in done.changes:
         said = ", ".join([*change.files, *(f"sensor.{key} = {value:g}" for key, value in change.cause.settings)])
         parts.append(one_line(f"corrected: {change.cause.says} ({said})"))
-    table = plain_table("Closure of the recording itself, degrees", "", "before", "after", right=True)
-
-    def row(title: str, values: list[str]) -> None:
-        table.add_row(title, *values)
-
     both = (before, after)
     runs = [{run["file"]: run["rmse_deg"] for run in each["runs"]} for each in both]
-    row("turns that can be used", [NONE if each["why"] else str(each["turns"]) for each in both])
+    rows = [["turns that can be used", *(None if each["why"] else each["turns"] for each in both)]]
     for name in ("raw_bias_removed", "least_squares"):
-        row(f"{METHODS[name].title}, tilt held out", [degrees_text((each["holdout_tilt_rms_deg"] or {}).get(name)) for each in both])
+        held_out = (degrees_text((each["holdout_tilt_rms_deg"] or {}).get(name)) for each in both)
+        rows.append([f"{METHODS[name].title}, tilt held out", *held_out])
     for file in runs[1] or runs[0]:
         for name in ("raw_bias_removed", "least_squares"):
-            row(f"{file}, {METHODS[name].title}, RMSE", [degrees_text(each.get(file, {}).get(name)) for each in runs])
-    row("least squares multiplies the rates by", [" ".join(f"{value:.3f}" for value in each["scale"] or ()) or NONE for each in both])
-    parts.append(table)
+            rows.append([f"{file}, {METHODS[name].title}, RMSE", *(degrees_text(each.get(file, {}).get(name)) for each in runs)])
+    scales = (" ".join(f"{value:.3f}" for value in each["scale"] or ()) or None for each in both)
+    rows.append(["least squares multiplies the rates by", *scales])
+    parts.append(Table("Closure of the recording itself, degrees", ("", "before", "after"), rows))
     parts += [one_line(f"{when}: {each['why']}") for when, each in zip(("before", "after"), both, strict=True) if each["why"]]
     folder = done.folder
     parts += [one_line(f"written: {folder} (repaired.json says from which files)"), verdict_line(list(done.findings))]
-    return Group(*parts, next_line(folder, list(done.findings)))
+    return screen([*parts, next_line(folder, list(done.findings))])
 
 
 def unit_lines(findings: list[Finding]) -> list[Text]:
@@ -117,27 +114,22 @@ def verdict_line(findings: list[Finding], with_worst: bool = True) -> Text:
 # List of sessions in the terminal.
 
 COLUMNS = ("session", "recorded", "sensor", "logs", "segments", "held out", "floor", "closure runs", "use", "explain")
-NUMBERS = ("logs", "segments", "held out", "floor", "closure runs")
 
 
-def sessions_table(folder: Path, sessions: list[ListedSession]) -> RenderableType:
+def sessions_table(folder: Path, sessions: list[ListedSession]) -> Part:
     """Table of sessions, one row each; the row of an unreadable session states the error."""
     if not sessions:
-        return one_line(f"{folder}: no session here (folders with session.toml); {command_line('record')} or import makes one")
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
-    for column in COLUMNS:
-        table.add_column(column, justify="right" if column in NUMBERS else "left")
-    table.caption, table.caption_justify = "closure in degrees: held-out tilt rms; RMSE of each closure run", "left"
+        return f"{folder}: no session here (folders with session.toml); {command_line('record')} or import makes one"
+    rows = []
     for each in sessions:
         name = each.folder.relative_to(folder) if each.folder != folder else each.folder
         sensor = (f"{each.units} × " if each.units else "") + " ".join(filter(None, (each.model, each.serial)))
         recorded = (each.date or NONE)[:16].replace("T", " ") + (" (file)" if each.date_from == "file" else "")
-        logs = NONE if each.logs is None else f"{each.logs}" + (f" + {each.closures}" if each.closures else "")
-        figures = [degrees_text(each.held_out_deg), degrees_text(each.floor_deg), ", ".join(map(degrees_text, each.runs_deg)) or NONE]
-        said = Text(f"! {each.problem}", "red") if each.problem else Text((each.verdict or NONE).replace("_", " "))
-        use = each.method or NONE
-        table.add_row(printable(str(name)), recorded, printable(sensor) or NONE, logs, str(each.segments or NONE), *figures, use, said)
-    return table
+        logs = None if each.logs is None else f"{each.logs}" + (f" + {each.closures}" if each.closures else "")
+        figures = [degrees_text(each.held_out_deg), degrees_text(each.floor_deg), ", ".join(map(degrees_text, each.runs_deg)) or None]
+        said = Text(f"! {each.problem}", "red") if each.problem else each.verdict and each.verdict.replace("_", " ")
+        rows.append([name, recorded, sensor or None, logs, each.segments or None, *figures, each.method, said])
+    return Table("", COLUMNS, rows, "closure in degrees: held-out tilt rms; RMSE of each closure run", (0, 1, 2, 8, 9))
 
 
 def degrees_text(value_deg: float | None) -> str:
@@ -147,9 +139,4 @@ def degrees_text(value_deg: float | None) -> str:
 
 def outcomes_table(title: str, rows: list[tuple[str, str, str, str, str]]) -> Table:
     """Result of one command for several folders: folder, held out, floor, closure runs, statement; all text."""
-    table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, padding=(0, 2, 0, 0))
-    for column in ("", "held out", "floor", "closure runs", "it says"):
-        table.add_column(column, justify="left" if column in ("", "it says") else "right", overflow="fold")
-    for row in rows:
-        table.add_row(*map(printable, row))
-    return table
+    return Table(title, ("", "held out", "floor", "closure runs", "it says"), rows, left=(0, 4))

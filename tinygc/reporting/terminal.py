@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import io
 import sys
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
 from rich.console import Group as Group
 from rich.console import RenderableType as RenderableType
-from rich.table import Table as Table
 from rich.text import Text as Text
 
 from session.base.console import PlainConsole as PlainConsole
@@ -60,17 +59,6 @@ def progress_bar(quiet: bool = False) -> Iterator[Callable[[str, int, int], None
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("", total=1)
         yield lambda what, done, of: bar.update(task, description=what, completed=done, total=of)
-
-
-def plain_table(title: str, first: str, *columns: str, right: bool | Collection[str] = False) -> Table:
-    """An empty table without a frame; right: whether all columns but the first hold numbers, aligned and never wrapped, or which ones do,
-    aligned, where there may be no room for all of them."""
-    numbers = columns if right is True else right or ()
-    table = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, padding=(0, 2, 0, 0))
-    table.add_column(first)
-    for column in columns:
-        table.add_column(column, justify="right" if column in numbers else "left", no_wrap=right is True)
-    return table
 
 
 # Render a page as plain text, and as HTML for a notebook.

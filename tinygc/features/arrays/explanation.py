@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -31,7 +32,9 @@ from tinygc.features.arrays.slow_zero import PooledSlowZero, slow_zero_of
 from tinygc.features.arrays.standings import Part, Parts, parts_of
 from tinygc.features.arrays.traits import ALIKE, COMMON, DIFFERS, READINGS, Trait, traits_of
 from tinygc.inference.choose import Standing, Statement
-from tinygc.reporting.terminal import Group, RenderableType, Table, Text, one_line, plain_table
+from tinygc.reporting.facts import Table, screen
+from tinygc.reporting.tables import degrees_text
+from tinygc.reporting.terminal import Group, Text, one_line
 
 # Steps in one unit's register: did the other units feel them? A false reading is in one unit, a knock in all.
 
@@ -326,11 +329,10 @@ def save_array_explanation(found: ArrayExplanation, folder: Path, table: dict) -
 
 def array_page(fit: ArrayFit) -> Group:
     """Return the page: extrinsics, closure, common errors, events, and what was left out."""
-    columns = ("serial", "clock, ms", "rate, ppm", "mounting about x, y, z, deg", "± deg", "position, mm", "± mm")
-    table = plain_table("Units against the first: clock, mounting, position", "unit", *columns, right=columns[1:])
-    for unit in fit.units:
-        table.add_row(*_place(unit, unit is fit.units[0]))
-    parts: list[RenderableType] = [table, "", _closure(fit), ""]
+    header = ("unit", "serial", "clock, ms", "rate, ppm", "mounting about x, y, z, deg", "± deg", "position, mm", "± mm")
+    places = [_place(unit, unit is fit.units[0]) for unit in fit.units]
+    table = Table("Units against the first: clock, mounting, position", header, places, left=(0, 1))
+    parts: list[Any] = [table, "", _closure(fit), ""]
     parts.append(one_line(f"Common: {fit.split.words}."))
     where = {"ends": "from the ends of the turns", "stills": "of each turn from the stills around it"}[fit.bias]
     why = "as asked" if fit.bias_p is None else f"the stills are better by chance with p = {fit.bias_p:.2g}"
@@ -353,24 +355,24 @@ def array_page(fit: ArrayFit) -> Group:
     if fit.ages:
         ages = ", ".join(f"unit {each.number} ({each.beat_hz:.3g} Hz)" for each in fit.ages)
         parts.append(one_line(f"Readings wait for the reader, and their ages beat: {ages}; the stamps were corrected."))
-    return Group(*parts, *_events_and_left_out(fit))
+    return screen([*parts, *_events_and_left_out(fit)])
 
 
-def _place(unit: UnitFit, first: bool) -> list[str]:
+def _place(unit: UnitFit, first: bool) -> list[Any]:
     place, clock = unit.place, unit.place.clock
-    name = [str(unit.number), printable(unit.session.config.sensor.serial)]
+    name = [unit.number, unit.session.config.sensor.serial]
     if first:
-        return [*name, "0", "0", "0, 0, 0", "–", "0, 0, 0", "–"]
+        return [*name, "0", "0", "0, 0, 0", None, "0, 0, 0", None]
     turn = Rotation.from_matrix(place.mounting).as_rotvec() / DEG
     sigma = float(np.sqrt(np.trace(place.mounting_covariance) / 3)) / DEG
-    where, known = "not told by the motion", "–"
+    where, known = "not told by the motion", None
     if place.position_m is not None and place.position_covariance is not None:
         where = ", ".join(f"{x * 1e3:.1f}" for x in place.position_m)
         known = f"{float(np.sqrt(np.trace(place.position_covariance) / 3)) * 1e3:.1f}"
     return [
         *name,
-        f"{clock.offset_s * 1e3:.3f} ± {clock.offset_sigma_s * 1e3:.3f}",
-        f"{clock.rate * 1e6:.1f} ± {clock.rate_sigma * 1e6:.1f}",
+        (clock.offset_s * 1e3, clock.offset_sigma_s * 1e3),
+        (clock.rate * 1e6, clock.rate_sigma * 1e6),
         ", ".join(f"{x:.3f}" for x in turn),
         f"{sigma:.3f}",
         where,
@@ -380,24 +382,15 @@ def _place(unit: UnitFit, first: bool) -> list[str]:
 
 def _closure(fit: ArrayFit) -> Table:
     title = "What turns miss by, degrees of tilt, rms a turn, and how much better the array knows each unit than it knows itself"
-    columns = ("closure alone", "white floor", "own excess", "unit minus mean", "scale, ppm: alone", "array")
-    table = plain_table(title, "unit", *columns, right=True)
+    header = ("unit", "closure alone", "white floor", "own excess", "unit minus mean", "scale, ppm: alone", "array")
+    rows: list[list[Any]] = []
     for unit in fit.units:
-        own, sigma = (part / DEG for part in unit.own_rad)
-        diagonal = [0, 4, 8]
-        alone, array = (rms_of(s[diagonal]) * 1e6 for s in (unit.sigma_alone, unit.sigma))
-        table.add_row(
-            str(unit.number),
-            f"{unit.closure_rad / DEG:.4f}",
-            f"{unit.floor_rad / DEG:.4f}",
-            f"{own:.4f} ± {sigma:.4f}",
-            f"{unit.minus_mean_rad / DEG:.4f}",
-            f"± {alone:.0f}",
-            f"± {array:.0f}",
-        )
+        alone, array = (f"± {rms_of(s[[0, 4, 8]]) * 1e6:.0f}" for s in (unit.sigma_alone, unit.sigma))
+        closure, floor, apart = (degrees_text(size / DEG) for size in (unit.closure_rad, unit.floor_rad, unit.minus_mean_rad))
+        rows.append([unit.number, closure, floor, tuple(part / DEG for part in unit.own_rad), apart, alone, array])
     split = fit.split
-    table.add_row("all", "", "", f"common {split.common / DEG:.4f}", f"{split.minus_mean_rad / DEG:.4f}", "", "", style="bold")
-    return table
+    rows.append(["all", "", "", f"common {split.common / DEG:.4f}", degrees_text(split.minus_mean_rad / DEG), "", ""])
+    return Table(title, header, rows, styles={len(fit.units): "bold"})
 
 
 def event_words(event: ArrayEvent, fit: ArrayFit) -> str:
@@ -454,7 +447,7 @@ def array_verdict_line(found: ArrayExplanation) -> Text:
 def array_explain_page(found: ArrayExplanation) -> Group:
     """Return the page: the verdict, the parts, what is common at rest, whose each effect is, the events, and each unit's own excess."""
     fit = found.fit
-    parts: list[RenderableType] = [array_verdict_line(found), ""]
+    parts: list[Any] = [array_verdict_line(found), ""]
     stated = [part.statement.words for part in (found.parts.common, found.parts.fast, found.parts.all_own) if part is not None]
     stated += [f"{each.statement(name).words}; {each.source}" for name, each in found.rest_noise.items()]
     stated += [] if found.slow_zero is None else [found.slow_zero.statement.words]
@@ -464,14 +457,12 @@ def array_explain_page(found: ArrayExplanation) -> Group:
     if len(found.moments) > MOST_MOMENTS:
         parts.append(one_line(f"… and {len(found.moments) - MOST_MOMENTS} moments more, in array.json."))
     parts += _events_and_left_out(fit)
-    columns = ("own excess, deg", "95 % below", "p", "standing", "named in its own session")
-    table = plain_table("Beyond the common part, by unit", "unit", *columns, right=columns[:3])
+    header = ("unit", "own excess, deg", "95 % below", "p", "standing", "named in its own session")
+    rows = []
     for unit, part in zip(fit.units, found.parts.own, strict=True):
         explanation = found.explanations.get(unit.number)
         claims = [] if explanation is None else [*explanation.claimed, *explanation.findings]
         named = ", ".join(claim.effect.id for claim in claims) if explanation else found.not_explained[unit.number]
-        statement = part.statement
-        sizes = f"{part.size_rad / DEG:.4f}", f"{part.upper_rad / DEG:.4f}", f"{statement.p_value:.2g}"
-        table.add_row(str(unit.number), *sizes, statement.standing.value, named or "–")
-    parts += ["", table]
-    return Group(*parts)
+        sizes = degrees_text(part.size_rad / DEG), degrees_text(part.upper_rad / DEG), f"{part.statement.p_value:.2g}"
+        rows.append([unit.number, *sizes, part.statement.standing.value, named or None])
+    return screen([*parts, "", Table("Beyond the common part, by unit", header, rows, left=(0, 4, 5))])

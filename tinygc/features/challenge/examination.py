@@ -29,7 +29,8 @@ from tinygc.explanation.result import to_json as answer_of
 from tinygc.features.challenge.other_effects import MAKERS, bench
 from tinygc.features.challenge.rate_effects import RATE_EFFECTS, Concealment, Scene
 from tinygc.noise.thinned import conditions
-from tinygc.reporting.terminal import Group, Table, Text
+from tinygc.reporting.facts import Part, Table, screen
+from tinygc.reporting.terminal import Group
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulator import Simulation, plan_of, simulate_session
 from tinygc.simulation.write import config_of, write_files
@@ -285,26 +286,25 @@ def examine(count: int, seed: int, on: Path | None = None, *, progress: Progress
 def page(result: Examination) -> Group:
     """The table and what it comes to."""
     where = "simulated sessions" if result.recording is None else f"copies of {result.recording}"
-    table = Table(
-        "", "concealed", "size", "detection limit", "answer", "closure before", "after", title=f"concealed in {where}, and explained blind"
-    )
+    rows: list[list[Any]] = []
     for number, each in enumerate(result.sessions, 1):
-        rows = [(one.id, _sized(one, one.size), _sized(one, one.detection_limit), one.outcome) for one in each.hidden]
-        rows += [("", "", "", f"wrong: {name}") for name in each.wrong]
-        closure = ("–", each.verdict) if each.before_deg is None else (f"{each.before_deg:.3f}°", f"{each.after_deg:.3f}°")
-        for place, row in enumerate(rows):
-            table.add_row(*(("", *row, "", "") if place else (str(number), *row, *closure)))
+        named = [[one.id, _sized(one, one.size), _sized(one, one.detection_limit), one.outcome] for one in each.hidden]
+        named += [["", "", "", f"wrong: {name}"] for name in each.wrong]
+        closure = [None, each.verdict] if each.before_deg is None else [f"{each.before_deg:.3f}°", f"{each.after_deg:.3f}°"]
+        rows += [["", *row, "", ""] if place else [number, *row, *closure] for place, row in enumerate(named)]
+    header = ("", "concealed", "size", "detection limit", "answer", "closure before", "after")
+    parts: list[Part] = [Table(f"concealed in {where}, and explained blind", header, rows, left=range(7)), ""]
     t = result.totals
     closed = [(each.before_deg, each.after_deg) for each in result.sessions if each.before_deg is not None and each.after_deg is not None]
-    lines = [f"its own, neither right nor wrong: {', '.join(result.own)}"] if result.own else []
-    lines.append(
+    parts += [f"its own, neither right nor wrong: {', '.join(result.own)}"] if result.own else []
+    parts.append(
         f"{len(result.sessions)} sessions conceal {t['hidden']} effects: {t[RIGHT]} right (named, or among the equivalents of a name), "
         f"{t[LIMIT]} below the detection limit, {t[MISSED]} missed; {t['wrong']} wrong names"
     )
     if closed:
         before, after = np.median(closed, axis=0)
-        lines.append(f"held-out closure, median: {before:.3f}° before, {after:.3f}° after")
-    return Group(table, Text(""), Text("\n".join(lines)))
+        parts.append(f"held-out closure, median: {before:.3f}° before, {after:.3f}° after")
+    return screen(parts)
 
 
 def _sized(one: Hidden, size: float | None) -> str:

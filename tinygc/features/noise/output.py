@@ -11,14 +11,15 @@ import numpy as np
 
 from session.base.records import Size
 from session.base.results import Maybe, Number, Text
-from session.base.texts import NONE, printable
+from session.base.texts import NONE, measured, printable
 from session.base.units import DEG_PER_HOUR, MDPS, MG
 from session.log.registers import profile_of
 from tinygc.features.noise.estimate import known_after_s
 from tinygc.noise.figures import SENSORS, TERMS, AllanBand, NoiseFigures, SensorNoise, Term, described_from
 from tinygc.noise.measured import SHOWN
-from tinygc.reporting.pictures.canvas import AXES, FLOOR, PALE, canvas, plain
-from tinygc.reporting.terminal import Group, RenderableType, one_line, plain_table
+from tinygc.reporting.facts import Part, Table, screen
+from tinygc.reporting.pictures.canvas import AXES, FLOOR, PALE, canvas
+from tinygc.reporting.terminal import Group, one_line
 
 if TYPE_CHECKING:
     from tinygc.reporting.pictures.canvas import Axes, Figure
@@ -48,36 +49,36 @@ TIMES = 2.0
 def noise_page(figures: NoiseFigures, said: Sequence[str], left_out_s: float, verbose: bool = False) -> Group:
     """The screen; said: remarks; left_out_s: time that is not used; verbose: with every term and all remarks, however long."""
     misfit = misfit_lines(figures)
-    parts: list[RenderableType] = [one_line(headline(figures), "bold"), *(one_line(line, "bold red") for line in misfit)]
+    parts: list[Part] = [one_line(headline(figures), "bold"), *(one_line(line, "bold red") for line in misfit)]
     lines = 1 + len(misfit)
     for kind, sensor in figures.sensors().items():
-        table = plain_table("", f"{SENSORS[kind]} ± σ, < 95 %", "x", "y", "z", right=True)
+        rows = []
         for name in TERMS:
             if not (verbose or name in ALWAYS or sensor.measured(name)):
                 continue
             unit, si = UNITS[kind][name]
-            table.add_row(f"{name}  {unit}{', two-sided' * (name == 'N')}", *(term_cell(axis.terms[name], si) for axis in sensor.axes))
+            rows.append([f"{name}  {unit}{', two-sided' * (name == 'N')}", *(term_cell(axis.terms[name], si) for axis in sensor.axes)])
             if name == "N":
                 unit, si = ONE_SIDED[kind]
-                table.add_row(f"   {unit}, one-sided", *(term_cell(axis.terms[name], si, False) for axis in sensor.axes))
-        parts.append(table)
-        lines += 1 + table.row_count
+                rows.append([f"   {unit}, one-sided", *(term_cell(axis.terms[name], si, False) for axis in sensor.axes)])
+        parts.append(Table("", (f"{SENSORS[kind]} ± σ, < 95 %", "x", "y", "z"), rows))
+        lines += 1 + len(rows)
     below = [kalibr_line(figures), *described_from(figures)]
     if figures.inflations:
         from tinygc.features.noise.inflation import inflation_lines
 
         below += inflation_lines(figures.inflations, figures.gyro)
     below += [*open_lines(figures), *sheet_lines(figures)]
-    parts += [one_line(line) for line in below]
+    parts += below
     left = [f"{duration_words(left_out_s)} are left out."] if left_out_s else []
     remarks = [*spectral_lines(figures), *left, *said]
     room = SCREEN - lines - sum(map(_height, below))
     kept = len(remarks) if verbose else _fitting(remarks, room)
-    parts += [one_line(remark) for remark in remarks[:kept]]
+    parts += remarks[:kept]
     if kept < len(remarks):
         count = len(remarks) - kept
-        parts.append(one_line(f"{count} {'more ' * bool(kept)}remark{'s' * (count != 1)}: --verbose"))
-    return Group(*parts)
+        parts.append(f"{count} {'more ' * bool(kept)}remark{'s' * (count != 1)}: --verbose")
+    return screen(parts)
 
 
 def duration_words(duration_s: float) -> str:
@@ -117,7 +118,7 @@ def headline(figures: NoiseFigures) -> str:
 def term_cell(term: Term, si: float, probability: bool = True) -> str:
     """``119.3 ± 8.2 (83 %)``, ``< 9.1``, the upper limit of 95 %, or a dash; with the probability where it is not clear."""
     if term.sigma is not None and term.is_determined:
-        text = plain(term.value / si, term.sigma / si)
+        text = measured(term.value / si, term.sigma / si)
         if term.tau_s is not None:
             text += f", τ {duration_words(term.tau_s)}"
     else:

@@ -20,9 +20,10 @@ from tinygc.features.temperature.rest_fit import RestFit, zero_of_blocks
 from tinygc.features.temperature.sessions_fit import APART_C, SessionsFit, ThermalFit, zero_terms
 from tinygc.models.linear import BIAS, MATRIX, scale_factor_errors
 from tinygc.models.model import accelerometer_table
+from tinygc.reporting.facts import Part, Table, screen
 from tinygc.reporting.pictures.canvas import AXES, PALE, canvas, has_matplotlib, save
 from tinygc.reporting.tables import findings_table
-from tinygc.reporting.terminal import Group, RenderableType, Text, plain_table
+from tinygc.reporting.terminal import Group, one_line
 
 if TYPE_CHECKING:
     from tinygc.reporting.pictures.canvas import Axes, Figure
@@ -130,79 +131,64 @@ def order_word(order: int) -> str:
 def temperature_report(fit: ThermalFit) -> Group:
     """Return the effect of temperature on each axis, the residuals, and the noise."""
     low, high = fit.model.range_c
-    text = Text(f"{fit.name}: ", "bold")
+    said = []
     if fit.rests is not None:
         hours = sum(log.duration_s for log in fit.rests.logs) / 3600
         up, down = (sum(sweep.direction == way for sweep in fit.rests.sweeps) for way in (1, -1))
-        text.append(f"{len(fit.rests.logs)} rest log{'s' * (len(fit.rests.logs) != 1)}, {hours:.2f} h, ")
         coldest, warmest = fit.rests.range_c
-        text.append(f"{coldest:.1f} to {warmest:.1f} °C, {up} times up and {down} times down" if np.isfinite(coldest) else "no temperature")
+        range_c = f"{coldest:.1f} to {warmest:.1f} °C, {up} times up and {down} times down" if np.isfinite(coldest) else "no temperature"
+        said.append(f"{len(fit.rests.logs)} rest log{'s' * (len(fit.rests.logs) != 1)}, {hours:.2f} h, {range_c}")
     if fit.sessions is not None:
         count = len(fit.sessions.points)
-        text.append(
-            f"{'; ' if fit.rests is not None else ''}{count} session{'s' * (count != 1)} with turns; model from {low:.1f} to {high:.1f} °C"
-        )
-    parts: list[RenderableType] = [text]
+        said.append(f"{count} session{'s' * (count != 1)} with turns; model from {low:.1f} to {high:.1f} °C")
+    parts: list[Part] = [one_line(f"{fit.name}: {'; '.join(said)}", "bold")]
     if fit.rests is not None:
         problems = [finding for finding in fit.rests.findings if finding.level != "ok"]
         parts += [findings_table(problems)] if problems else []
-        parts += [_axes(fit.rests, "gyro"), _noise(fit.rests), _axes(fit.rests, "accel")]
+        parts += [_axes(fit.rests, "gyro"), *_noise(fit.rests), _axes(fit.rests, "accel")]
     if fit.sessions is not None:
-        table = plain_table("Sessions", "session", "segments", "°C", "zero, dps (x, y, z)", "less the model, mdps")
+        rows = []
         for point in fit.sessions.points:
             zero, there = point.values[BIAS], fit.sessions.model.zero(np.full((1, 3), point.temp_c))[0]
-            said = ", ".join(f"{value / DEG:+.4f}" for value in zero)
+            at_c = f"{point.temp_c:.1f} ({point.low_c:.1f} to {point.high_c:.1f})"
             off = ", ".join(f"{value / MDPS:+.2f}" for value in zero - there)
-            table.add_row(point.name, str(point.segments), f"{point.temp_c:.1f} ({point.low_c:.1f} to {point.high_c:.1f})", said, off)
-        parts += [table, _over_temperature(fit)]
-    parts += [Text(line) for line in remarks(fit)]
-    return Group(*parts)
+            rows.append([point.name, point.segments, at_c, ", ".join(f"{value / DEG:+.4f}" for value in zero), off])
+        parts.append(Table("Sessions", ("session", "segments", "°C", "zero, dps (x, y, z)", "less the model, mdps"), rows))
+        parts.append(_over_temperature(fit))
+    return screen([*parts, *remarks(fit)])
 
 
-def _over_temperature(fit: ThermalFit) -> RenderableType:
+def _over_temperature(fit: ThermalFit) -> Table:
     """Return scale factors and zeros at five temperatures, with their sigmas."""
-    table = plain_table("Over temperature", "°C", "scale factor error, ppm (x, y, z)", "zero, dps (x, y, z)")
+    rows = []
     for temp_c in np.linspace(*fit.model.range_c, 5):
         sigma_E, sigma_zero = fit.sigma_at(float(temp_c))
-        E, zero = fit.model.E(np.array([temp_c]))[0], fit.model.zero(np.full((1, 3), temp_c))[0]
-        too_far = scale_factor_errors(E)
+        too_far, zero = scale_factor_errors(fit.model.E(np.array([temp_c]))[0]), fit.model.zero(np.full((1, 3), temp_c))[0]
         scale = "  ".join(measured(1e6 * too_far[i], 1e6 * sigma_E[i, i]) for i in range(3))
-        table.add_row(f"{temp_c:.1f}", scale, "  ".join(measured(zero[i] / DEG, sigma_zero[i] / DEG) for i in range(3)))
-    table.caption = "± one sigma of the fit; the remaining uncertainty of the rest logs comes on top of the zero"
-    table.caption_justify = "left"
-    return table
+        rows.append([f"{temp_c:.1f}", scale, "  ".join(measured(zero[i] / DEG, sigma_zero[i] / DEG) for i in range(3))])
+    said = "± one sigma of the fit; the remaining uncertainty of the rest logs comes on top of the zero"
+    return Table("Over temperature", ("°C", "scale factor error, ppm (x, y, z)", "zero, dps (x, y, z)"), rows, said)
 
 
-def _axes(rests: RestFit, kind: str) -> RenderableType:
+def _axes(rests: RestFit, kind: str) -> Table:
     fits: tuple[AxisFit, ...] = getattr(rests, kind)
     unit, word = (DEG, "dps") if kind == "gyro" else (MG, "mg")
     title = "Zero over temperature" if kind == "gyro" else "Accelerometer at rest over temperature, zero and scale in one"
-    reference = rests.knots.reference_c
-    table = plain_table(
-        title,
-        "axis",
-        "model",
-        f"at {reference:g} °C, {word}",
-        f"slope there, {word}/°C",
-        "lag, s",
-        "over the range",
-        "constant",
-        "this model",
-    )
+    at = f"at {rests.knots.reference_c:g} °C, {word}"
+    header = ("axis", "model", at, f"slope there, {word}/°C", "lag, s", f"over the range, {word}", "constant", "this model")
+    rows = []
     for axis, fit in zip("xyz", fits, strict=True):
-        slope = measured(fit.terms[1] / unit, fit.sigma[1] / unit) if fit.order else "–"
+        slope = (fit.terms[1] / unit, fit.sigma[1] / unit) if fit.order else None
         model = order_word(fit.order)
         if fit.line is not None:
-            slope = measured(fit.line.slope / unit, fit.line.sigma / unit)
+            slope = (fit.line.slope / unit, fit.line.sigma / unit)
             model = f"{order_word(fit.line.order)} or walk" if fit.line.order else model
-        lag = measured(fit.tau_s, fit.sigma[-1]) if fit.tau_s else "–"
-        held = [f"{value / unit:.2g}" if np.isfinite(value) else "–" for value in (fit.held_out_of(0, False), fit.held_out)]
-        zero = measured(fit.terms[0] / unit, fit.sigma[0] / unit)
-        table.add_row(axis, model, zero, slope, lag, f"{_extent(rests, fit) / unit:.3g} {word}", *held)
+        held = [f"{value / unit:.2g}" if np.isfinite(value) else None for value in (fit.held_out_of(0, False), fit.held_out)]
+        lag = (fit.tau_s, fit.sigma[-1]) if fit.tau_s else None
+        rows.append([axis, model, (fit.terms[0] / unit, fit.sigma[0] / unit), slope, lag, _extent(rests, fit) / unit, *held])
     by = "sweeps" if fits[0].folds == "sweeps" else "stretches of time"
-    table.caption = f"the last two: rms of what {by} that were left out differ from the prediction, {word}"
-    table.caption_justify = "left"
-    return table
+    said = f"the last two: rms of what {by} that were left out differ from the prediction, {word}"
+    return Table(title, header, rows, said, left=(0, 1))
 
 
 def _extent(rests: RestFit, fit: AxisFit) -> float:
@@ -212,20 +198,17 @@ def _extent(rests: RestFit, fit: AxisFit) -> float:
     return float(np.ptp(np.polynomial.polynomial.polyval(at, fit.terms)))
 
 
-def _noise(rests: RestFit) -> RenderableType:
-    table = plain_table("Noise at rest", "axis", "angle random walk, °/√h", "bias instability, °/h", "rms of a reading over temperature")
-    for axis in range(3):
-        if rests.allan is None:
-            break
-        walk, floor = angle_random_walk(rests.allan, axis), bias_instability(rests.allan, axis)
-        wander = "not observed"
-        if floor.observed:
-            wander = measured(floor.value / DEG_PER_HOUR, floor.sigma / DEG_PER_HOUR)
-        elif np.isfinite(floor.at_most):
-            wander = f"at most {floor.at_most / DEG_PER_HOUR:.2g}"
-        over = "–" if rests.noise is None else f"{measured(100 * rests.noise.per_c[axis], 100 * rests.noise.sigma[axis])} %/°C"
-        table.add_row("xyz"[axis], measured(walk.value / DEG_PER_SQRT_HOUR, walk.sigma / DEG_PER_SQRT_HOUR), wander, over)
-    return table
+def _noise(rests: RestFit) -> list[Part]:
+    rows = []
+    for each in (_noise_table(rests, axis) for axis in range(3 if rests.allan is not None else 0)):
+        wander = (each["bias_instability_dph"], each["bias_instability_std_dph"])
+        if wander[0] is None:
+            most = each["bias_instability_at_most_dph"]
+            wander = f"at most {most:.2g}" if np.isfinite(most) else "not observed"
+        over = None if each["rms_per_c"] is None else (100 * each["rms_per_c"], 100 * each["rms_std_per_c"])
+        rows.append([each["axis"], (each["angle_random_walk_deg_rth"], each["angle_random_walk_std_deg_rth"]), wander, over])
+    header = ("axis", "angle random walk, °/√h", "bias instability, °/h", "rms of a reading over temperature, %/°C")
+    return [Table("Noise at rest", header, rows)] if rows else []
 
 
 def remarks(fit: ThermalFit) -> list[str]:

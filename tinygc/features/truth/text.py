@@ -19,9 +19,10 @@ from tinygc.features.truth.evidence import TruthClaim, TruthExplanation
 from tinygc.features.truth.picture import figure_of
 from tinygc.library.explanations import Why
 from tinygc.reporting.explanation_text import verdict_line
+from tinygc.reporting.facts import Table
 from tinygc.reporting.html.chart import Chart, log_axis
 from tinygc.reporting.html.markup import Section, render
-from tinygc.reporting.terminal import Group, Table, Text, one_line
+from tinygc.reporting.terminal import Group, Text, one_line
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -177,12 +178,7 @@ class TruthReport(Why):
             parts.append(one_line(f"  {claim.says}"))
             parts.append(Text(f"  {claim.effect.parameter.name}: {'   '.join(values_of(claim)[:MOST_VALUES])}\n"))
         parts += [one_line(sentence, end="\n") for sentence in refusals(e)]
-        table = Table(title="Evidence", title_justify="left", box=None)
-        table.add_column("of")
-        table.add_column("it says", overflow="fold")
-        for row in evidence_rows(e):
-            table.add_row(*row)
-        parts += [table, Text(CANNOT)]
+        parts += [Table("Evidence", ("of", "it says"), evidence_rows(e), left=(0, 1)), Text(CANNOT)]
         return Group(*parts, *(Text(f"First look: {w.where}: {w.what}: {w.says}", "yellow") for w in e.warnings))
 
     def _picture(self) -> Figure:

@@ -21,7 +21,8 @@ from tinygc.features.turns.estimate import SURE, Component, TurnsEstimate
 from tinygc.library.records import Shown
 from tinygc.models.linear import MATRIX, NAMES, PRIOR_SIGMA, LinearModel
 from tinygc.models.model import sensor_table
-from tinygc.reporting.terminal import Group, RenderableType, Text, plain_table
+from tinygc.reporting.facts import Part, Table, screen
+from tinygc.reporting.terminal import Group, one_line
 
 SCHEMA = "tinygc-turns/1"
 MODEL, FIGURES = "model_turns.json", "turns.json"
@@ -159,42 +160,44 @@ class TurnFit(Shown):
         """What ``fit`` prints, as a rich renderable."""
         estimate = self.estimate
         used, stated = int(estimate.used.sum()), len(self.angles)
-        parts: list[RenderableType] = [Text(f"{self.session.name}: a gyroscope alone, {used} of {stated} stated turns used", "bold")]
-        table = plain_table("Scale factor error, measured / true − 1", "axis", "%", "± (1 σ)", "turns", "own axis ± (1 σ)", right=True)
-        for scale in self.scales:
-            row = (scale.value, scale.sigma)
-            table.add_row(
-                f"{'xyz'[scale.axis]} {SENSES[scale.sense]}",
-                *(significant(100 * x) for x in row),
-                str(scale.turns),
-                significant(100 * scale.axis_bound, 2),
-            )
-        parts.append(table)
+        parts: list[Part] = [one_line(f"{self.session.name}: a gyroscope alone, {used} of {stated} stated turns used", "bold")]
+        rows = [
+            [
+                f"{'xyz'[each.axis]} {SENSES[each.sense]}",
+                100 * each.value,
+                100 * each.sigma,
+                each.turns,
+                significant(100 * each.axis_bound, 2),
+            ]
+            for each in self.scales
+        ]
+        parts.append(Table("Scale factor error, measured / true − 1", ("axis", "%", "± (1 σ)", "turns", "own axis ± (1 σ)"), rows))
         for axis, (value, sigma) in self.asymmetry.items():
-            parts.append(Text(f"asymmetry of {'xyz'[axis]}, (+ − −) / mean: {significant(100 * value)} ± {significant(100 * sigma, 2)} %"))
-        bias = plain_table(f"At rest, {self.bias.rests} rests", "axis", "dps", "± (1 σ)", "from rest to rest", right=True)
-        for axis, name in enumerate("xyz"):
-            bias.add_row(name, *(significant(float(x[axis]) / DEG, 2) for x in (self.bias.mean, self.bias.sigma, self.bias.wander)))
-        parts.append(bias)
+            parts.append(f"asymmetry of {'xyz'[axis]}, (+ − −) / mean: {significant(100 * value)} ± {significant(100 * sigma, 2)} %")
+        rest = [self.bias.mean / DEG, self.bias.sigma / DEG, self.bias.wander / DEG]
+        rows = [[name, *(significant(float(x[axis]), 2) for x in rest)] for axis, name in enumerate("xyz")]
+        parts.append(Table(f"At rest, {self.bias.rests} rests", ("axis", "dps", "± (1 σ)", "from rest to rest"), rows))
         if estimate.dof:
             fits = "explain the spread" if estimate.p_value > 0.01 else "do not explain the spread"
-            parts.append(
-                Text(
-                    f"stated sigmas and the gyroscope's own errors {fits}: chi-square {significant(estimate.chi2)} of {estimate.dof}, "
-                    f"{probability(estimate.p_value)}"
-                )
-            )
-            parts.append(Text(f"play, a further error of each turn: {_component(estimate.play, DEG, '°')}"))
-            parts.append(Text(f"repeat, a further error that grows with the angle: {_component(estimate.repeat, 0.01, ' %')}"))
+            chi_square = f"chi-square {significant(estimate.chi2)} of {estimate.dof}, {probability(estimate.p_value)}"
+            parts.append(f"stated sigmas and the gyroscope's own errors {fits}: {chi_square}")
+            parts.append(f"play, a further error of each turn: {_component(estimate.play, DEG, '°')}")
+            parts.append(f"repeat, a further error that grows with the angle: {_component(estimate.repeat, 0.01, ' %')}")
         else:
-            parts.append(Text("no turn repeats another: play is not known, and the stated sigmas are taken as they are"))
+            parts.append("no turn repeats another: play is not known, and the stated sigmas are taken as they are")
         if cells := repeats(self):
-            table = plain_table("Repeats", "axis", "stated °", "dps", "turns", "mean °", "std °", right=True)
-            for cell in cells:
-                words = (significant(cell["stated_deg"]), significant(cell["rate_dps"]), str(cell["turns"]), f"{cell['mean_deg']:.2f}")
-                table.add_row(f"{cell['axis']} {cell['sense'].replace('-', SENSES[-1])}", *words, significant(cell["std_deg"], 2))
-            parts.append(table)
-        return Group(*parts, *(Text(line) for line in remarks(self)))
+            rows = [
+                [
+                    f"{c['axis']} {c['sense'].replace('-', SENSES[-1])}",
+                    c["stated_deg"],
+                    c["rate_dps"],
+                    c["turns"],
+                    (c["mean_deg"], c["std_deg"]),
+                ]
+                for c in cells
+            ]
+            parts.append(Table("Repeats", ("axis", "stated °", "dps", "turns", "mean ± std, °"), rows))
+        return screen([*parts, *remarks(self)])
 
     def to_json(self) -> dict:
         """``tinygc-turns/1`` (docs/formats.md)."""

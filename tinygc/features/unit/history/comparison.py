@@ -30,7 +30,8 @@ from tinygc.inference.choose import chi_square_above, normal_above
 from tinygc.library.arguments import is_fit, is_path, public
 from tinygc.library.records import Listed, Shown
 from tinygc.models.linear import BIAS, MATRIX, field_jacobian, field_vector
-from tinygc.reporting.terminal import Group, Table, Text, one_line, plain_table
+from tinygc.reporting.facts import Table
+from tinygc.reporting.terminal import Group, Text, one_line
 
 # Stable and unstable parameters
 #
@@ -296,23 +297,22 @@ def _side_by_side(sessions: tuple[UnitState, ...], tables: list) -> list[Row]:
 
 
 def _table(found: Compared) -> Table:
-    names = (session.name for session in found.sessions)
-    table = plain_table("Calibrations side by side: value ± one sigma", "", *names, "most off, sigmas", right=True)
+    rows = []
     for each, values, sigmas, offs in zip(QUANTITIES, found.values.T, found.sigmas.T, found.sigmas_off.T, strict=True):
         off = np.abs(offs).max()
-        table.add_row(f"{each.words}, {each.unit}", *map(measured, values, sigmas), Text(f"{off:.1f}", "bold red" if off > MARKED else ""))
-    return table
+        cells = map(measured, values, sigmas)
+        rows.append([f"{each.words}, {each.unit}", *cells, Text(f"{off:.1f}", "bold red" if off > MARKED else "")])
+    names = [session.name for session in found.sessions]
+    return Table("Calibrations side by side: value ± one sigma", ["", *names, "most off, sigmas"], rows)
 
 
 def _triads(found: Compared) -> Table:
-    table = plain_table("Accelerometers side by side: value ± one sigma", "", *(session.name for session in found.sessions), right=True)
+    rows = []
     for word, component, unit, values, sigmas in _side_by_side(found.sessions, [s.triad.errors() for s in found.sessions]):
-        pairs = zip(values, sigmas, strict=True)
-        cells = ["not observed" if value is None else measured(value, np.nan if sigma is None else sigma) for value, sigma in pairs]
-        table.add_row(f"{word} {component}, {unit}", *cells)
-    table.caption = "; ".join(f"{s.name}: {MODES[s.triad.mode]}" for s in found.sessions)
-    table.caption_justify = "left"
-    return table
+        cells = ["not observed" if value is None else measured(value, sigma) for value, sigma in zip(values, sigmas, strict=True)]
+        rows.append([f"{word} {component}, {unit}", *cells])
+    said = "; ".join(f"{s.name}: {MODES[s.triad.mode]}" for s in found.sessions)
+    return Table("Accelerometers side by side: value ± one sigma", ["", *(s.name for s in found.sessions)], rows, said)
 
 
 def _triads_agree(found: Compared) -> Text:

@@ -44,7 +44,8 @@ from tinygc.library.arguments import is_path, public
 from tinygc.library.records import Shown
 from tinygc.models.linear import BIAS as BIAS_OF_12
 from tinygc.planning.proposals import Proposal
-from tinygc.reporting.terminal import Group, RenderableType, one_line, plain_table
+from tinygc.reporting.facts import Table, screen
+from tinygc.reporting.terminal import Group, Text, one_line
 
 SCHEMA = "tinygc-verify/1"
 #: its kinds of answer (``inference.decide.KINDS``)
@@ -125,32 +126,28 @@ class Verified(Shown):
         return np.asarray(self.new_bias / DEG)
 
     @property
-    def verdict_line(self) -> RenderableType:
+    def verdict_line(self) -> Text:
         """The answer and its reason in one line, for ``--quiet``."""
         return one_line(self.decision.headline, self.decision.of.style)
 
     @property
     def page(self) -> Group:
         """The command's output, as a rich renderable."""
-        parts: list[RenderableType] = [self.verdict_line]
-        parts += [one_line(f"Settings: {fact}.") for fact in self.facts]
-        rows = self.rows
         title = (
-            f"{rows.turns} turns and {rows.stills} rests against {self.old.name}; "
+            f"{self.rows.turns} turns and {self.rows.stills} rests against {self.old.name}; "
             f"a false alarm in {significant(100 * self.options.false_alarm, 2)} % of such recordings"
         )
-        table = plain_table(title, "does it hold?", "answer", "χ²", "degrees of freedom", "p", "bar")
-        for question in self.questions:
-            chi_square, p = f"{question.chi_square:.1f}", probability(question.p_value)
-            if question.beyond_draws:
+        rows = []
+        for each in self.questions:
+            chi_square, p = f"{each.chi_square:.1f}", probability(each.p_value)
+            if each.beyond_draws:
                 chi_square, p = f"> {chi_square}", p.replace("=", "<")
-            numbers = (chi_square, str(question.rank), p, significant(question.level, 2))
-            table.add_row(ASKED[question.name], _answer(question), *(numbers if question.asked else ("", "", "", "")))
-        parts.append(table)
-        parts += [one_line(line) for line in (*cause_lines(self), *cost_lines(self), *open_lines(self))]
-        parts += [one_line(f"Note: {note}.") for note in self.notes]
-        parts.append(one_line(f"Do: {self.decision.do}.", "bold"))
-        return Group(*parts)
+            numbers = (chi_square, each.rank, p, significant(each.level, 2))
+            rows.append([ASKED[each.name], _answer(each), *(numbers if each.asked else ("", "", "", ""))])
+        table = Table(title, ("does it hold?", "answer", "χ²", "degrees of freedom", "p", "bar"), rows, left=(0, 1))
+        said = [*cause_lines(self), *cost_lines(self), *open_lines(self), *(f"Note: {note}." for note in self.notes)]
+        settings = (f"Settings: {fact}." for fact in self.facts)
+        return screen([self.verdict_line, *settings, table, *said, one_line(f"Do: {self.decision.do}.", "bold")])
 
     def save_model(self, path: Path | str) -> Path:
         """Write the model with B taken anew, and return the path.  Raises StorageError for a file that cannot be written,

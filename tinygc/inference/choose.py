@@ -31,7 +31,7 @@ from session.base.results import Maybe, Number, Text
 from tinygc.inference.solve import UNSEEN, left_of, orthonormal, unit_columns
 
 #: level of every test, family-wise where several are made, and of the limits, which hold with 95 %; of 1000 recordings with nothing wrong
-#: ``explain`` names something in 6.5 % +- 1.7 % (benchmarks/null_sessions.py)
+#: ``explain`` names something in 6.5 % +- 1.7 % (benchmarks/doors.py)
 LEVEL = 0.05
 #: p-value below which a recording contradicts a model
 MISMATCH_P = 0.01

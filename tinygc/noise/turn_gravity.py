@@ -29,7 +29,7 @@ from tinygc.noise.twin import Twin
 NUMBERS = 4
 #: samples by which the sensors' filters may delay gyro and accelerometer differently
 FILTERS_PERIODS = 0.5
-#: false-alarm rate of a delay beyond them: a fifth of the 0.5 % at which clean sessions may get any name (benchmarks/null_sessions.py)
+#: false-alarm rate of a delay beyond them: a fifth of the 0.5 % at which clean sessions may get any name (benchmarks/doors.py)
 ALARMS = 1e-3
 #: share of a turn's greatest rate from which on it moves, and samples before and after.  What is left out shows no delay, and in it an
 #: error of the tilt makes velocity all the same

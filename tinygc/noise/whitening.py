@@ -23,7 +23,7 @@ from tinygc.noise.twin import Twin
 # so they share gyro noise.  Non-white noise is added as further covariance (``tinygc/noise/components.py``).
 
 #: drift of a MEMS accelerometer of this class within minutes; it limits the information in the length of gravity.  It is conservative:
-#: lengths scatter less in benchmarks/null_sessions.py, so it causes no false alarm
+#: lengths scatter less in benchmarks/doors.py, so it causes no false alarm
 ACCEL_INSTABILITY_MPS2 = 0.03 * MG
 #: sigma of a pre-calibration, at zero g and at one g: the zero-g level alone changes by 0.1 mg per degC (data sheet)
 PRECALIBRATION_MPS2 = 0.1 * MG

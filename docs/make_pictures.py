@@ -20,8 +20,6 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from benchmarks.public.euroc import write_sequences
 from session.base.units import DEG, G
 from tinygc.explanation.engine import explain_session
-from tinygc.features.truth.engine import explain_truth
-from tinygc.features.truth.text import TruthReport
 from tinygc.library.explanations import Why, explain
 from tinygc.reporting.explanation_text import explanation_page
 from tinygc.reporting.terminal import output
@@ -60,7 +58,7 @@ def main() -> None:
             there = Why(explain_session(XSENS)).save(Path(parent) / "xsens")
             shutil.copy(there / "explain.png", Path(__file__).parent / "explain-xsens.png")
         if EUROC.is_dir():
-            there = TruthReport(explain_truth(write_sequences(EUROC, ["MH_02"], Path(parent) / "MH_02", 2.0))).save()
+            there = Why(explain_session(write_sequences(EUROC, ["MH_02"], Path(parent) / "MH_02", 2.0))).save()
             shutil.copy(there / "explain.png", Path(__file__).parent / "explain-euroc.png")
 
 

@@ -42,7 +42,7 @@ class LinearTwin:
     (closure), 0.5 (stills' rates) and 0.2 (gravity's length), a component that widens all angles alike, and one of all stills' rates.
     """
 
-    clock_free = False
+    clock, errors, slow = None, (), ()
 
     def __init__(self, columns=lambda effect: None, turns: int = 8, resting: bool = True, seed: int = 0, wide: bool = False):
         rng = np.random.default_rng(seed)

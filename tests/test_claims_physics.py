@@ -33,15 +33,14 @@ from tinygc.explanation.claims import (
     Claim,
     Considered,
     _against_stated,
-    considered_of,
     described,
     named_claims,
     offset_claim,
     p_entry,
     p_words,
     readable,
-    repair_claims,
 )
+from tinygc.explanation.data_repair import _claim, considered_of
 from tinygc.explanation.families import SLOW_ZERO, alternatives, slow_zero
 from tinygc.explanation.result import MOST_SAID, considered_lines
 from tinygc.explanation.search import NamedEffect
@@ -142,8 +141,8 @@ def verdict(name, events, accepted, probability):
     return SimpleNamespace(id=name, events=events, accepted=accepted, probability=probability, before_rad=0.1, tried_rad=0.2)
 
 
-def repaired(verdicts=(), clipping=None, found=None, p_value=None):
-    return SimpleNamespace(verdicts=list(verdicts), clipping=clipping, found=found or {}, p_value=p_value or {})
+def repaired(verdicts=(), clipping=None):
+    return SimpleNamespace(verdicts=list(verdicts), clipping=clipping)
 
 
 def test_what_was_considered_is_listed_the_most_probable_first():
@@ -165,14 +164,12 @@ def test_what_was_considered_is_listed_the_most_probable_first():
 
 
 def test_repairs_claim_what_they_found():
-    found = {"gyro.saturation": ({"dps": 250.0}, {"dps": 1.0}), "data.glitches": ({"samples": [{"row": 1}, {"row": 2}]}, {"samples": None})}
-    p_value = {"gyro.saturation": 1e-4, "data.glitches": 1e-5}
-    limit, glitches = repair_claims(repaired([verdict("data.glitches", 2, 2, 0.97)], found=found, p_value=p_value))
+    limit = _claim("gyro.saturation", 250.0 * DEG, {"dps": 250.0}, {"dps": 1.0}, 1e-4, p_is_bound=True)
     assert (limit.p_value, limit.p_is_bound, limit.probability) == (1e-4, True, 0.999)
     assert limit.says == EFFECTS["gyro.saturation"].describe(np.array([250.0 * DEG]))
+    glitches = _claim("data.glitches", 2, {"at": [1, 2]}, {}, 1e-5, 0.97)
     assert (glitches.p_value, glitches.p_is_bound, glitches.probability) == (1e-5, False, 0.97)
     assert glitches.says == EFFECTS["data.glitches"].describe(np.array([2.0]))
-    assert (limit.parameters, limit.std) == found["gyro.saturation"]
     table = limit.to_json()
     assert (table["p_value"], table["p_value_is_upper_bound"], "against_stated" in table) == (1e-4, True, False)
 
@@ -223,13 +220,14 @@ def test_what_a_detector_proposed_is_told_before_names_and_tiny_ones_never():
     tiny = [Considered(f"gyro.tiny{number}", 1e-6) for number in range(20)]
     lost = Considered("timing.dropped_samples", 0.0, 28, (0.5 * DEG, 0.5 * DEG))
     false = Considered("data.glitches", 0.0, 1, (0.5 * DEG, 2 * DEG))
-    said = considered_lines(SimpleNamespace(considered=[*names, *tiny, lost, false]))
+    nothing = SimpleNamespace(refused=[])
+    said = considered_lines(SimpleNamespace(considered=[*names, *tiny, lost, false], naming=nothing))
     assert said[:3] == [
         "timing.dropped_samples at 28 moments: closure there is 0.500°, and no number of lost samples makes it better",
         "data.glitches at 1 moment: closure there is 0.500° as recorded, 2.000° once mended",
         "gyro.name0: probability 0.4",
     ]
-    assert (len(said), considered_lines(SimpleNamespace(considered=tiny))) == (MOST_SAID, [])
+    assert (len(said), considered_lines(SimpleNamespace(considered=tiny, naming=nothing))) == (MOST_SAID, [])
 
 
 # Standings.

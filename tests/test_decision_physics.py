@@ -244,7 +244,7 @@ def test_a_name_is_said_if_it_and_its_equivalents_are_more_probable_than_not(min
     considered = {B.id: 1 - mine - equivalent, D.id: 1 - mine - equivalent} | ({C.id: equivalent} if equivalent else {})
     considered |= {} if kept else {A.id: mine}
     assert naming.considered == pytest.approx({name: min(p, 0.5) for name, p in considered.items()}, rel=1e-4)
-    assert (naming.refused, bool(naming.fit.state.claims)) == (not kept, kept)
+    assert (naming.unnamed, bool(naming.fit.state.claims)) == (not kept, kept)
 
 
 def test_names_that_others_do_not_confirm_leave_the_rest_refitted_and_a_shape_is_no_name():
@@ -279,8 +279,8 @@ def test_names_that_others_do_not_confirm_leave_the_rest_refitted_and_a_shape_is
     ],
 )
 def test_what_no_effect_explains_is_refused(named, undersampled, p, unusual, refused):
-    assert Naming(None, 1.0, None, named, None, None, [], {}, p, undersampled, unusual).refused == refused
-    assert not Naming(None, 1.0, None, [], None, None).refused
+    assert Naming(None, 1.0, None, named, None, None, [], {}, p, undersampled, unusual).unnamed == refused
+    assert not Naming(None, 1.0, None, [], None, None).unnamed
 
 
 def test_effects_that_held_out_segments_do_not_confirm_are_taken_out_weakest_first():
@@ -335,8 +335,10 @@ def test_what_has_a_cause_is_expected_of_a_closure_and_more_has_no_name():
     noise, gone = SimpleNamespace(covariance=np.diag([1.0, 2, 3, 4, 5, 6, 99])), []
     noise.without = lambda name: gone.append(name) or noise
     naming = SimpleNamespace(noise=noise, whiten=SimpleNamespace(parts={"closure": slice(0, 6)}), beyond=[], unusual=False)
-    twin = SimpleNamespace(batch=SimpleNamespace(angles=2))
+    twin = SimpleNamespace(batch=SimpleNamespace(angles=2), errors=())
     proof = SimpleNamespace(floor_rms=3.0, worse=False)
+    assert _expected_rms(SimpleNamespace(batch=twin.batch, errors=("own",)), naming, proof) == 3.0
+    gone.clear()
     assert _expected_rms(twin, naming, proof) == pytest.approx(4.0)
     assert gone == [TURN, STILL_RATE]
     for share, left in ((0.99, False), (1.01, True)):

@@ -408,18 +408,21 @@ def test_accepted_events_are_told_by_rows_and_seconds_of_all_logs_and_widen_the_
         Verdict(FALSE, false, np.array([1.0, 1, 1, 0]), 0.9, 0, 0.0, 0.0, 6.0),
         Verdict(LOST, lost, np.ones(3), 0.9, 9, 0.0, 0.0, 12.0),
     ]
-    again, gaps = _with_accepted(problem, verdicts, found := {}, chances := {})
-    times = found[LOST][0].pop("at_s")
-    assert found == {FALSE: ({"at": [30, count + 40, count + 50], "samples": 2}, {}), LOST: ({"length": 9}, {"length": 0.5})}
+    again, gaps = _with_accepted(problem, verdicts, found := {})
+    times = found[LOST].parameters.pop("at_s")
+    told = {name: (claim.parameters, claim.std) for name, claim in found.items()}
+    assert told == {FALSE: ({"at": [30, count + 40, count + 50], "samples": 2}, {}), LOST: ({"length": 9}, {"length": 0.5})}
     assert_allclose(times, [*first.t_s[at], first.duration_s + second.t_s[there[0]]], atol=0.002)
+    chances = {name: claim.p_value for name, claim in found.items()}
     assert chances == pytest.approx({FALSE: min(1, 4 * stats.chi2.sf(12.0, 3)), LOST: 3 * stats.chi2.sf(24.0, 3)})
+    assert {claim.probability for claim in found.values()} == {0.9}
     assert [each.row for each in again.session.logs[0].bridges] == [int(at[0]), int(at[0]) + 10]
     assert [gap[:2] for gap in gaps] == [(0, at[0] + 1), (0, at[1] + 1), (1, there[0] + 1)]
     wider = _with_gaps(again, gaps).floor.own - again.floor.own
     inside = [sum(missed**2 for log, row, missed in gaps if log == s.log and s.start <= row < s.stop) for s in again.used]
     assert_allclose(wider, np.multiply.outer(inside, np.eye(2)), atol=1e-18)
     assert max(inside) > 0
-    assert _with_accepted(problem, [replace(verdicts[0], chance=np.zeros(4))], {}, chances) == (problem, [])
+    assert _with_accepted(problem, [replace(verdicts[0], chance=np.zeros(4))], {}) == (problem, [])
 
 
 def test_losses_of_the_second_log_are_timed_after_the_first(two):
@@ -429,7 +432,7 @@ def test_losses_of_the_second_log_are_timed_after_the_first(two):
     lossy = with_losses(second, rows, 25)
     mended = repair(build_problem(session_with(first, lossy)))
     assert list(mended.found) == [LOST]
-    parameters, _ = mended.found[LOST]
+    parameters = mended.found[LOST].parameters
     assert parameters["length"] == 25
     assert_allclose(parameters["at_s"], first.duration_s + second.t_s[rows], atol=0.02)
     assert mended.verdicts[0].tried_rad < 0.1 * mended.verdicts[0].before_rad
@@ -444,7 +447,9 @@ def test_a_ceiling_in_one_log_leaves_the_other_logs_segments_alone(two):
     assert (found.borne_out, found.known_to, found.chance) == (True, pytest.approx(0.002 * found.level), pytest.approx(6 * 2 * 1e-4))
     assert found.excess == excess_of(problem, found.numbers) > 2
     mended = repair(problem)
-    assert mended.found == {"gyro.saturation": ({"dps": pytest.approx(70, rel=2e-3)}, {"dps": pytest.approx(0.14, rel=0.01)})}
+    (claim,) = mended.found.values()
+    assert (claim.effect.id, claim.p_is_bound) == ("gyro.saturation", True)
+    assert (claim.parameters, claim.std) == ({"dps": pytest.approx(70, rel=2e-3)}, {"dps": pytest.approx(0.14, rel=0.01)})
     assert [s.number for s in problem.used if s.number not in found.numbers] == [s.number for s in mended.problem.used]
     assert {s.log for s in problem.used if s.number in found.numbers} == {1}
 
@@ -482,5 +487,5 @@ def test_a_real_knock_is_not_mended_and_the_same_readings_without_one_are(really
     if really:
         assert mended.found == {}
     else:
-        assert (list(mended.found), mended.found[FALSE][0]["at"]) == ([FALSE], rows)
-        assert mended.p_value[FALSE] < 1e-6
+        assert (list(mended.found), mended.found[FALSE].parameters["at"]) == ([FALSE], rows)
+        assert mended.found[FALSE].p_value < 1e-6

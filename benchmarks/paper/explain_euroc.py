@@ -13,10 +13,9 @@ from paper.euroc import EUROC
 from session.base.units import DEG, MG
 from session.log.folder import read_session
 from tinygc.closure.build import build_problem
-from tinygc.estimation.bias import level_days
-from tinygc.features.truth.engine import explain_truth
-from tinygc.features.truth.evidence import TruthClaim, TruthExplanation
-from tinygc.features.truth.text import independent
+from tinygc.estimation.bias import level_days, tilt_rms
+from tinygc.explanation.claims import Claim
+from tinygc.explanation.engine import Explanation, explain_session
 
 SEQUENCES = ("MH_01", "MH_02", "MH_03", "MH_04", "MH_05", "V1_01", "V1_02", "V1_03", "V2_01", "V2_02", "V2_03")
 PAIRS = (
@@ -27,7 +26,7 @@ SEGMENT_S = 2.0
 COLUMNS = (
     "",
     "verdict: claims",
-    "closure of 2 s, °",
+    "held-out tilt of 2 s, °",
     "closure of 0.5 s, gyro's noise, °",
     "neighbours",
     "truth's clock, ms",
@@ -42,12 +41,12 @@ def explain_euroc(parent: Path, progress: Callable[[str], None] = lambda what: N
     rows = []
     for name in SEQUENCES:
         progress(f"explain {name}")
-        rows.append(_row(name, explain_truth(write_sequences(EUROC, [name], parent / f"explain_{name}", SEGMENT_S))))
+        rows.append(_row(name, explain_session(write_sequences(EUROC, [name], parent / f"explain_{name}", SEGMENT_S))))
     pairs = []
     for both in PAIRS:
         name = " + ".join(both)
         progress(f"explain {name}")
-        e = explain_truth(write_sequences(EUROC, both, parent / f"explain_{'_'.join(both)}", SEGMENT_S))
+        e = explain_session(write_sequences(EUROC, both, parent / f"explain_{'_'.join(both)}", SEGMENT_S))
         offsets = level_days(e.problem).offsets / DEG
         pairs.append((name, _claims(e), _triple(offsets[1] - offsets[0], 3)))
     progress("mislabelled windows")
@@ -60,26 +59,27 @@ def explain_euroc(parent: Path, progress: Callable[[str], None] = lambda what: N
     )
 
 
-def _row(name: str, e: TruthExplanation) -> tuple[str, ...]:
-    turned = e.alignment.turned
-    short = np.sqrt(np.mean(e.closure_rad[0] ** 2)) / DEG if len(e.lengths_s) else float("nan")
-    own = e.gyro_rad / DEG * np.sqrt(e.lengths_s[0]) if independent(e) is not None else float("nan")
+def _row(name: str, e: Explanation) -> tuple[str, ...]:
+    truth = e.shown
+    turned, clock = truth.alignment.turned, truth.alignment
+    short = np.sqrt(np.mean(truth.closure_rad[0] ** 2)) / DEG if len(truth.lengths_s) else float("nan")
+    own = truth.gyro_rad / DEG * np.sqrt(truth.lengths_s[0]) if truth.independent is not None else float("nan")
     return (
         name,
         _claims(e),
-        f"{e.closure_rms[0] / DEG:.3f} → {e.closure_rms[1] / DEG:.3f}",
+        f"{tilt_rms(e.proof.before) / DEG:.3f} → {tilt_rms(e.proof.after) / DEG:.3f}",
         f"{short:.4f}, {own:.4f}".replace("nan", "–"),
-        f"{e.neighbours[0]:+.2f} → {e.neighbours[1]:+.2f}".replace("+nan", "–"),
-        f"{1e3 * e.alignment.offset_s:+.2f} ± {1e3 * e.alignment.offset_sigma_s:.2f}".replace("+nan ± nan", "–"),
-        "–" if np.isnan(turned).any() else f"{_triple(turned / DEG)} ± {e.alignment.turned_sigma.max() / DEG:.2f}",
-        "–" if e.force is None else f"{_triple(e.force.bias / MG, 0)} ± {e.force.sigma.max() / MG:.0f}",
-        "–" if e.rests is None else f"{_triple(e.rests.difference / DEG, 3)} ({e.rests.seconds:.0f} s)",
+        f"{truth.neighbours[0]:+.2f} → {truth.neighbours[1]:+.2f}".replace("+nan", "–"),
+        f"{1e3 * clock.offset_s:+.2f} ± {1e3 * clock.offset_sigma_s:.2f}".replace("+nan ± nan", "–"),
+        "–" if np.isnan(turned).any() else f"{_triple(turned / DEG)} ± {clock.turned_sigma.max() / DEG:.2f}",
+        "–" if truth.force is None else f"{_triple(truth.force.bias / MG, 0)} ± {truth.force.sigma.max() / MG:.0f}",
+        "–" if truth.rests is None else f"{_triple(truth.rests.difference / DEG, 3)} ({truth.rests.seconds:.0f} s)",
     )
 
 
-def _claims(e: TruthExplanation) -> str:
-    claims = ", ".join(f"{claim.effect.id} ({_size(claim)}{_share(claim)})" for claim in e.claimed)
-    refused = ", ".join(f"{claim.effect.id} ({_size(claim)})" for claim in e.refused)
+def _claims(e: Explanation) -> str:
+    claims = ", ".join(f"{claim.effect.id} ({_size(claim)}{_share(claim)})" for claim in (*e.claimed, *e.findings))
+    refused = ", ".join(f"{claim.effect.id} ({_size(claim)})" for claim in e.naming.refused)
     return (
         e.verdict.replace("_", " ")
         + (f": {claims}" if claims else f" (p = {e.p_value:.2g})")
@@ -87,14 +87,14 @@ def _claims(e: TruthExplanation) -> str:
     )
 
 
-def _share(claim: TruthClaim) -> str:
+def _share(claim: Claim) -> str:
     return "" if claim.share is None else f", {100 * claim.share:.0f} %"
 
 
-def _size(claim: TruthClaim) -> str:
-    if claim.sigma is None:
-        return f"{len(claim.theta)} moments"
-    return f"{np.abs(claim.theta).max() / claim.effect.parameter.si:.2g} {claim.effect.parameter.unit}"
+def _size(claim: Claim) -> str:
+    parameter = claim.effect.parameter
+    values = np.ravel(claim.parameters[parameter.name])
+    return f"{len(values)} moments" if claim.std[parameter.name] is None else f"{np.abs(values).max():.2g} {parameter.unit}"
 
 
 def _triple(values: np.ndarray, digits: int = 2) -> str:

@@ -66,13 +66,12 @@ REFERENCE = {
     "problem": "(session, its stills, further arguments of ``build_problem``) -> the problem of a fit",
     "attitudes": "(number of a log, its samples) -> rows (K,) at which its attitude is known, q_nb (K, 4)",
     "rests": "(samples of a log) -> samples, a slice, and mean rate (3,) of each of its rests",
+    "twin": "(problem) -> Twin of it: its rows, and its own errors, which compete with the sensor's",
     "components": "(twin, sizes of its channels) -> variance components of the reference's errors",
-    "physics": "(problem, ids, seed, progress, folds) -> PhysicsFit: the fit of named effects",
+    "repaired": "(problem) -> RepairedProblem: without what of the reference is wrong",
+    "shown": "(twin, fit) -> what it shows besides: beside(claims) -> all claims, rows of words, to_json(), charts of the report",
     "table": "``truth`` of fit.json",
     "words": "the same in a line for the terminal, or nothing",
-    "explain": "(session or folder, further arguments of ``explain_session``) -> explanation",
-    "report": "(explanation) -> Why",
-    "report_section": "(explanation) -> Section",
 }
 GROUP = "tinygc.features"
 

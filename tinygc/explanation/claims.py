@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from scipy.special import stdtr
@@ -12,7 +13,6 @@ from tinygc.closure.problem import SAID_SIGMAS
 from tinygc.effects import AppliedEffect, CommonDelay, Convention, Derived, Effect, Parts, catalogue
 from tinygc.effects.effect import DIFFERENT_P
 from tinygc.estimation.physics import PART_NAMED
-from tinygc.explanation.data_repair import FROM_THE_BAR, RepairedProblem
 from tinygc.explanation.search import NamedEffect
 from tinygc.inference.choose import PRIOR_ODDS, SCALES, chi_square_above
 from tinygc.noise.refit import Refit
@@ -195,32 +195,16 @@ class Considered:
         return {"id": self.id, "probability": self.probability, "moments": self.moments, "closure_rms_deg": closure}
 
 
-def considered_of(mended: RepairedProblem, chance: dict[str, float]) -> list[Considered]:
-    """The rejected effects and moments, the most probable first."""
-    found = [Considered(name, p) for name, p in chance.items()]
-    for verdict in mended.verdicts:
-        left = len(verdict.events) - len(verdict.accepted)
-        if left:
-            probability = verdict.probability if not verdict.accepted else 0.0
-            found.append(Considered(verdict.id, probability, left, (verdict.before_rad, verdict.tried_rad)))
-    if mended.clipping is not None and not mended.clipping.borne_out and np.isfinite(mended.clipping.excess):
-        found.append(Considered("gyro.saturation", 0.0, len(mended.clipping.numbers)))
-    return sorted(found, key=lambda each: -each.probability)
-
-
-def repair_claims(mended: RepairedProblem) -> list[Claim]:
-    """Claims about what was found in the registers and stills."""
-    claims = []
-    for name, (parameters, std) in mended.found.items():
-        effect = catalogue()[name]
-        value = parameters[effect.parameter.name]
-        theta = np.array([len(value) if isinstance(value, list) else value * effect.parameter.si], dtype=float)
-        probability = next((v.probability for v in mended.verdicts if v.id == name), CERTAIN)
-        bound = name in FROM_THE_BAR
-        claims.append(
-            Claim(effect, parameters, std, mended.p_value[name], effect.describe(theta), p_is_bound=bound, probability=probability)
+def claim_of(applied: AppliedEffect, covariance: np.ndarray | None, p_value: float, **more: Any) -> Claim:
+    """Claim an effect with its parameters and their covariance (P, P), None for moments, which have none; more: fields of the claim."""
+    effect, parameter = applied.effect, applied.effect.parameter
+    if covariance is None:
+        values = (applied.theta / parameter.si).reshape(parameter.shape).tolist()
+        return Claim(
+            effect, {parameter.name: values, **effect.shape}, {parameter.name: None}, p_value, effect.describe(applied.theta), **more
         )
-    return claims
+    theta, parameters, std = readable(applied, covariance)
+    return Claim(effect, parameters, std, p_value, described(effect, theta, covariance), **more)
 
 
 def common_delays() -> tuple[str, ...]:
@@ -239,8 +223,8 @@ def offset_claim(gravity: TurnGravity) -> list[Claim]:
     p_value = float(2 * stdtr(freedom, -abs(t)))
     gain = freedom * np.log1p(t**2 / freedom)
     probability = float(1 / (1 + np.exp(-(gain - 2 * np.log(SCALES / PRIOR_ODDS) - 1) / 2)))
-    parameters, std, says = {"seconds": gravity.offset_s}, {"seconds": sigma}, effect.describe(np.array([gravity.offset_s]))
-    return [Claim(effect, parameters, std, p_value, says, common_delays(), probability=probability)]
+    applied = AppliedEffect(effect, np.array([gravity.offset_s]))
+    return [claim_of(applied, np.array([[sigma**2]]), p_value, equivalent=common_delays(), probability=probability)]
 
 
 def named_claims(fit: Refit, named: list[NamedEffect], beyond_noise: float) -> list[Claim]:
@@ -250,12 +234,11 @@ def named_claims(fit: Refit, named: list[NamedEffect], beyond_noise: float) -> l
     numbers = {claim.effect.id: i for i, claim in enumerate(fit.state.claims)}
     for each in named:
         number = numbers[each.effect.id]
-        claim = fit.state.claims[number]
-        theta, parameters, std = readable(claim, fit.theta_covariance(number))
+        claim, covariance = fit.state.claims[number], fit.theta_covariance(number)
         share = float(np.clip(each.gain / beyond_noise, 0, 1)) if beyond_noise > 0 else None
-        says, stated = described(claim.effect, theta, fit.theta_covariance(number)), _against_stated(claim, fit.theta_covariance(number))
-        says = says if stated is None else f"{says}; {stated.words}"
-        claims.append(
-            Claim(claim.effect, parameters, std, each.p_value, says, each.equivalent, share, False, each.probability, each.rivals, stated)
-        )
+        weighed = {"equivalent": each.equivalent, "probability": each.probability, "rivals": each.rivals}
+        found = claim_of(claim, covariance, each.p_value, share=share, **weighed)
+        if (stated := _against_stated(claim, covariance)) is not None:
+            found = replace(found, says=f"{found.says}; {stated.words}", against_stated=stated)
+        claims.append(found)
     return claims

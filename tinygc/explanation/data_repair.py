@@ -23,8 +23,9 @@ from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.problem import CLIPPED, LEFT_OUT, Problem
 from tinygc.closure.residual import closure_angles
-from tinygc.effects import Effect
+from tinygc.effects import Effect, catalogue
 from tinygc.explanation import faulty_readings
+from tinygc.explanation.claims import CERTAIN, Claim, Considered
 from tinygc.explanation.clipped_turns import FEWEST_WHOLE, Clipping, about_the_vertical, chance_of_creep, find_clipping
 from tinygc.explanation.evidence import Evidence, Hypothesis
 from tinygc.explanation.faulty_readings import FALSE, LOST, Crossing, RegisterFault, crossing, proposed, without_false_readings
@@ -96,7 +97,7 @@ LONGEST_LOSS_S = 0.5  #: (not critical: benchmarks/thresholds.py)
 #: or two, and one more
 NEAR = 3
 #: log-likelihood ratio of a row that no sensor can output, which needs no closure
-CERTAIN = 20.0
+IMPOSSIBLE = 20.0
 #: samples around a false reading over which an effect with memory spreads it: a cubic spline decays by a factor of 3.7 per sample
 SMEARED = 10
 #: passes over the events: their share converges in a few
@@ -216,7 +217,9 @@ class ClosureTrial:
             C = self.covariance[i] + variance * np.eye(len(angles))
             if float(angles @ np.linalg.solve(C, angles)) > most and not all(e.accel for e in chosen):
                 open_still.add(choice)
-            return unrepaired + gain + CERTAIN * sum(e.accel for e in chosen), float(angles @ np.linalg.solve(self.covariance[i], angles))
+            return unrepaired + gain + IMPOSSIBLE * sum(e.accel for e in chosen), float(
+                angles @ np.linalg.solve(self.covariance[i], angles)
+            )
 
         return {choice: each for choice, each in choices(len(own), value).items() if choice not in open_still}
 
@@ -315,7 +318,7 @@ class ClosureTrial:
         nothing: Choice = frozenset()
         closed = sum(likely[i].get(best[i], likely[i][nothing]) - likely[i][nothing] for i in likely)
         tries = round(LONGEST_LOSS_S / self._period_s) if name == LOST else 1  # lengths tried, of which the best was taken
-        in_rests = CERTAIN * sum(e.accel for e, at in zip(events, where, strict=True) if at is None and e in accepted)
+        in_rests = IMPOSSIBLE * sum(e.accel for e, at in zip(events, where, strict=True) if at is None and e in accepted)
         log_ratio = float(closed) + in_rests - np.log(tries)
         touched = list(inside)
         none: dict[int, list[RegisterFault]] = {i: [] for i in touched}
@@ -411,25 +414,38 @@ def closure_over_floor(problem: Problem, kept: np.ndarray) -> np.ndarray:
 
 # Detectors propose repairs of registers and stills; the closure of the segments concerned decides.
 
-#: effects found by a detector, whose p-value is that of its threshold
-FROM_THE_BAR = frozenset({"gyro.saturation", "reference.not_still"})
+#: ids of what a detector's threshold finds in registers and stills
+CLIPPED_RATE, CREEPING = "gyro.saturation", "reference.not_still"
 
 
 @dataclass(frozen=True, eq=False)
 class RepairedProblem:
     """The result of data repair.
 
-    problem: the repaired problem, to be explained. found: effect id -> parameters for the JSON, with their std, in display units. p_value:
-    effect id -> upper bound of the probability that noise alone causes it in this recording. reference: effects found in the segments
-    without any event. verdicts: on all proposed events, accepted or not; clipping likewise.
+    problem: the repaired problem, to be explained. found: effect id -> its claim. reference: effects found in the segments without any
+    event. verdicts: on all proposed events, accepted or not; clipping likewise. recorded: the problem with the reference as recorded, where
+    ``fit`` has mended it already.
     """
 
     problem: Problem
-    found: dict[str, tuple[dict, dict]]
-    p_value: dict[str, float]
+    found: dict[str, Claim]
     reference: tuple[Effect, ...] = ()
     verdicts: list[Verdict] = field(default_factory=list)
     clipping: Clipping | None = None
+    recorded: Problem | None = None
+
+
+def considered_of(mended: RepairedProblem, chance: dict[str, float]) -> list[Considered]:
+    """The rejected effects and moments, the most probable first."""
+    found = [Considered(name, p) for name, p in chance.items()]
+    for verdict in mended.verdicts:
+        left = len(verdict.events) - len(verdict.accepted)
+        if left:
+            probability = verdict.probability if not verdict.accepted else 0.0
+            found.append(Considered(verdict.id, probability, left, (verdict.before_rad, verdict.tried_rad)))
+    if mended.clipping is not None and not mended.clipping.borne_out and np.isfinite(mended.clipping.excess):
+        found.append(Considered(CLIPPED_RATE, 0.0, len(mended.clipping.numbers)))
+    return sorted(found, key=lambda each: -each.probability)
 
 
 class Gap(NamedTuple):
@@ -442,21 +458,28 @@ class Gap(NamedTuple):
 
 def repair(problem: Problem, progress: Told = untold) -> RepairedProblem:
     """Repair clipping, then false readings and losses, then creeping stills: each is proposed, tested, and repaired if closure accepts
-    it."""
-    found: dict[str, tuple[dict, dict]] = {}
-    chances: dict[str, float] = {}
+    it.  A further reference says itself what of it is wrong."""
+    if problem.session.reference is not None:
+        mended: RepairedProblem = problem.session.reference.repaired(problem)
+        return mended
+    found: dict[str, Claim] = {}
     progress("registers")
     clipping = find_clipping(problem)
     if clipping is not None and clipping.borne_out:
-        found["gyro.saturation"] = ({"dps": clipping.level / DEG}, {"dps": clipping.known_to / DEG})
-        chances["gyro.saturation"] = clipping.chance
+        level = {"dps": clipping.level / DEG}, {"dps": clipping.known_to / DEG}
+        found[CLIPPED_RATE] = _claim(CLIPPED_RATE, clipping.level, *level, clipping.chance, p_is_bound=True)
         with suppress(CalibrationError):  # too few segments are left: the clipped ones stay, marked as clipped
             problem = rebuilt(problem, problem.session, clipped=tuple(clipping.numbers))
     verdicts, reference = tried_events(problem, clipping, progress)
-    problem, gaps = _with_accepted(problem, verdicts, found, chances)
+    problem, gaps = _with_accepted(problem, verdicts, found)
     progress("stills")
-    problem = _with_gaps(without_creeping(problem, found, chances), gaps)
-    return RepairedProblem(problem, found, chances, reference, verdicts, clipping)
+    problem = _with_gaps(without_creeping(problem, found), gaps)
+    return RepairedProblem(problem, found, reference, verdicts, clipping)
+
+
+def _claim(name: str, theta: float, parameters: dict, std: dict, p_value: float, probability: float = CERTAIN, **more: bool) -> Claim:
+    effect = catalogue()[name]
+    return Claim(effect, parameters, std, p_value, effect.describe(np.array([theta])), probability=probability, **more)
 
 
 def tried_events(problem: Problem, clipping: Clipping | None, progress: Told) -> tuple[list[Verdict], tuple[Effect, ...]]:
@@ -502,14 +525,15 @@ def _searched(problem: Problem) -> Hypothesis:
     return search(evidence, candidates(evidence.twin), evidence.nothing)
 
 
-def _with_accepted(problem: Problem, verdicts: list[Verdict], found: dict, chances: dict) -> tuple[Problem, list[Gap]]:
+def _with_accepted(problem: Problem, verdicts: list[Verdict], found: dict[str, Claim]) -> tuple[Problem, list[Gap]]:
     """The problem with the accepted events repaired, and where samples were inserted."""
     false, lost = ([e for v in verdicts if v.id == name for e in v.accepted] for name in (FALSE, LOST))
     if not false and not lost:
         return problem, []
+    by_id: dict[str, tuple[dict, dict]] = {}
     if false:
         at = [sum(len(log.samples) for log in problem.session.logs[: e.log]) + e.row for e in false]  # counted over all logs
-        found[FALSE] = ({"at": at, "samples": int(np.median([e.samples for e in false]))}, {})  # a count has no std
+        by_id[FALSE] = ({"at": at, "samples": int(np.median([e.samples for e in false]))}, {})  # a count has no std
     gaps: list[Gap] = []
     session = without_false_readings(problem.session, false)
     if lost:
@@ -519,11 +543,12 @@ def _with_accepted(problem: Problem, verdicts: list[Verdict], found: dict, chanc
             rows = [e.row for e in lost if e.log == number]
             times += [began + float(log.samples.t_s[row]) + i * length * log.samples.period_s for i, row in enumerate(rows)]
             began += log.samples.duration_s + len(rows) * length * log.samples.period_s  # including inserted samples
-        found[LOST] = ({"at_s": [round(time, 3) for time in times], "length": length}, {"length": 0.5})  # whole samples: half a sample
+        by_id[LOST] = ({"at_s": [round(time, 3) for time in times], "length": length}, {"length": 0.5})  # whole samples: half a sample
         session, gaps = session_with_lost(session, lost, length)
     for v in verdicts:
         if v.accepted:
-            chances[v.id] = min(1.0, len(v.events) * float(chdtrc(len(v.accepted), max(2 * v.log_ratio, 0.0))))
+            p_value = min(1.0, len(v.events) * float(chdtrc(len(v.accepted), max(2 * v.log_ratio, 0.0))))
+            found[v.id] = _claim(v.id, len(v.accepted), *by_id[v.id], p_value, v.probability)
     return rebuilt(problem, session), gaps
 
 
@@ -571,13 +596,13 @@ def _with_gaps(problem: Problem, gaps: list[Gap]) -> Problem:
     return replace(problem, floor=replace(problem.floor, own=own))
 
 
-def without_creeping(problem: Problem, found: dict, chances: dict) -> Problem:
+def without_creeping(problem: Problem, found: dict[str, Claim]) -> Problem:
     """Reject creeping stills: the detector found those in which gravity moves; those that turn about the vertical show in the gyro's
     rate."""
     numbers = [i for i, still in enumerate(problem.stills) if still.problem is not None]
     if not numbers:
         return problem
     turning = about_the_vertical(problem)
-    found["reference.not_still"] = ({"stills": sorted(numbers + turning)}, {})
-    chances["reference.not_still"] = chance_of_creep(problem)
+    moving = sorted(numbers + turning)
+    found[CREEPING] = _claim(CREEPING, len(moving), {"stills": moving}, {}, chance_of_creep(problem), p_is_bound=True)
     return rebuilt(problem, problem.session, moving=tuple(turning)) if turning else problem

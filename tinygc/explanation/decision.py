@@ -23,17 +23,17 @@ from tinygc.effects import Effect, catalogue
 from tinygc.estimation.bias import SAME, choose, tilt_rms
 from tinygc.estimation.options import FitOptions, MethodFit
 from tinygc.estimation.stated_noise import stated_response
-from tinygc.explanation.claims import Claim
+from tinygc.explanation.claims import Claim, named_claims
 from tinygc.explanation.evidence import Evidence, Hypothesis
 from tinygc.explanation.families import SLOW_ZERO
 from tinygc.explanation.search import NAMELESS, NamedEffect, curves_like, exchanged, guesses, search, slow_candidates, unknown_candidates
 from tinygc.fitting.results import FitResult
 from tinygc.inference import prove
-from tinygc.inference.choose import LEVEL, MISMATCH_P, STAND_IN, Standing, probabilities, rivals_of, standing_of
+from tinygc.inference.choose import LEVEL, MISMATCH_P, PRIOR_ODDS, STAND_IN, Standing, probabilities, rivals_of, standing_of
 from tinygc.inference.prove import folds_of, signed_ranks_above
 from tinygc.inference.solve import left_of, orthonormal
 from tinygc.models.linear import LinearModel
-from tinygc.noise.components import MOST_FACTOR, STILL_RATE, TURN, UNDERSAMPLED, SessionNoise
+from tinygc.noise.components import MOST_FACTOR, STILL_RATE, TURN, UNDERSAMPLED, WANDER, SessionNoise
 from tinygc.noise.refit import Refit, Replay, at_known_shapes, candidates, prior_sigmas, refit, scanned
 from tinygc.noise.twin import FIRST_CLAIM, LINEAR, State, Twin, claim_slice
 from tinygc.noise.whitening import OPEN_MPS2, TOGETHER, Whitener
@@ -97,8 +97,8 @@ class FitClosure:
     def base(self, original: Problem, twin: Twin, state: State) -> Problem:
         """The problem whose closure is stated with effects, with the accelerometer that ``fit`` has where neither its turns nor the
         accelerometer are changed."""
-        same = twin.problem is original and self.numbers == [segment.number for segment in original.used] and not state.bends
-        return self.problem if self.problem is not None and same else twin.problem
+        same = twin.original is original and self.numbers == [segment.number for segment in original.used] and not state.bends
+        return self.problem if self.problem is not None and same else twin.original
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,19 +168,19 @@ class Prover:
         if key not in self._known:
             self._known[key] = self._held_out(whiten, fit)
         named, left = self._known[key]
-        before, changed = stated.held_out, bool(effects) or twin.problem is not self.original
+        before, changed = stated.held_out, bool(effects) or twin.original is not self.original
         if before is None:
             before = held_out(twin, whiten, refit(twin, whiten, [], twin.start()))
         numbers = numbers_before(self.original, twin)
         before_numbers = stated.numbers or numbers
         named_numbers = numbers if changed else before_numbers
         handed_on = _with_linear(twin, whiten, fit, left)
-        return Proof(before, named, before_numbers, named_numbers, twin.problem.floor.tilt_rms, changed, stated, left, handed_on)
+        return Proof(before, named, before_numbers, named_numbers, twin.original.floor.tilt_rms, changed, stated, left, handed_on)
 
     def _held_out(self, whiten: Whitener, fit: Refit) -> tuple[np.ndarray, FitClosure]:
         """The angles with the effects of a fit, and what ``fit`` states without them; where it states nothing, by the columns."""
         twin, left = self.twin, self.stated
-        if fit.state.claims or twin.problem is not self.original:
+        if fit.state.claims or twin.original is not self.original:
             base = left.base(self.original, twin, fit.state)
             left = FitClosure.of(without_effects(base, twin, whiten, fit, left.options.folds), left.options)
         return held_out(twin, whiten, fit) if left.held_out is None else left.held_out, left
@@ -483,7 +483,8 @@ class Naming:
     first: the fit without any effect, and first_p its family-wise p-value. fit: with all effects that are kept. named: strongest first.
     beyond: shapes without a name. whiten and noise: the covariance used. considered: rejected effects with their probability. p_value of
     the detection. undersampled: the claim about the turns' own noise. unusual: whether the rest of that noise is unlike a sensor's.
-    replay: of the search without any effect, with the columns that it knows.
+    replay: of the search without any effect, with the columns that it knows. refused: names that would fit beside a reference, at a size
+    that no sensor has.
     """
 
     first: Refit
@@ -498,9 +499,10 @@ class Naming:
     undersampled: list[Claim] = field(default_factory=list)
     unusual: bool = False
     replay: Replay | None = None
+    refused: list[Claim] = field(default_factory=list)
 
     @property
-    def refused(self) -> bool:
+    def unnamed(self) -> bool:
         """Whether there is a mismatch that no effect explains."""
         return not self.named and not self.undersampled and (self.p_value <= LEVEL or self.unusual)
 
@@ -515,6 +517,8 @@ def _expected_rms(twin: Twin, naming: Naming, proof: Proof) -> float:
     """Tilt rms, rad, that noise with a cause leaves of a segment: of what is estimated, all but each turn's and each still's own error."""
     noise, closure = naming.noise.without(TURN).without(STILL_RATE), naming.whiten.parts["closure"]
     variance = np.diag(noise.covariance)[closure].reshape(-1, twin.batch.angles)
+    if twin.errors:  # a further reference errs as is stated of it: what it errs beyond has no name
+        return proof.floor_rms
     return math.hypot(proof.floor_rms, float(np.sqrt(np.mean(variance[:, 0] + variance[:, 1]))))
 
 
@@ -531,20 +535,62 @@ def decide(
     which they close no worse; those that ``fit`` states are weighed whatever their rank.
     """
     evidence, tried = Evidence(twin), candidates(twin)
+    if not twin.stills:  # what stills alone would show has no columns
+        tried = [effect for effect in (*tried, *twin.slow) if np.isfinite(columns := evidence.columns(effect)).all() and columns.any()]
     progress("detecting")
-    first_p = evidence.first_p(tried, seed)
+    first_p, refused = evidence.first_p(tried, seed), []
     stated = () if prove is None else prove.stated.effects
-    begins = (begin, *((effect,) for effect in stated))
-    start = min(evidence.nothing, *(evidence.of(effects, evidence.nothing) for effects in begins), key=lambda h: h.score)
-    best = search(evidence, tried, start, progress=progress)
-    progress("lookalikes")
-    best = exchanged(evidence, tried, best)
-    progress("beyond the catalogue")
-    best = _beyond_the_catalogue(evidence, tried, best, first_p)
-    for effect in stated:
-        if effect.id not in best.ids:
-            evidence.guess(best, add=effect)
-    return decided(evidence, best, first_p, len({effect.id for effect in tried}), prove)
+    while True:
+        begins = (begin, *((effect,) for effect in (*stated, *twin.slow)))
+        start = min(evidence.nothing, *(evidence.of(effects, evidence.nothing) for effects in begins), key=lambda h: h.score)
+        best = search(evidence, tried, start, progress=progress)
+        progress("lookalikes")
+        best = exchanged(evidence, tried, best)
+        progress("beyond the catalogue")
+        best = rather_slow(evidence, best) if twin.slow else _beyond_the_catalogue(evidence, tried, best, first_p)
+        for effect in stated:
+            if effect.id not in best.ids:
+                evidence.guess(best, add=effect)
+        naming = with_slow_bias(evidence, decided(evidence, best, first_p, len({effect.id for effect in tried}), prove))
+        impossible = [claim for claim in naming.fit.state.claims if twin.is_impossible(claim)]
+        if not impossible:
+            return replace(naming, refused=refused)
+        ids = frozenset(claim.effect.id for claim in impossible)
+        refused += [claim for claim in named_claims(naming.fit, [*naming.named, *naming.beyond], 0.0) if claim.effect.id in ids]
+        tried = [effect for effect in tried if effect.id not in ids]
+        evidence.forget(ids)
+
+
+def with_slow_bias(evidence: Evidence, naming: Naming) -> Naming:
+    """Where no still shows the bias, a drift of it that is more probable than none is a slow bias, instead of noise of unknown size.
+    Effects that it makes redundant are removed."""
+    names, twin = tuple(claim.effect for claim in naming.fit.state.claims), evidence.twin
+    if twin.problem.instability.rps > 0 or not twin.slow or twin.slow[0] in names:
+        return naming
+    begin, steady = evidence.of(names, evidence.nothing), evidence.without(WANDER)
+    odds = (steady.of(names, steady.nothing).score - begin.score) / 2 + np.log(PRIOR_ODDS)
+    if odds < 0:
+        return naming
+    best = steady.of((*names, *twin.slow), begin)
+    for effect in names:
+        fewer = steady.of(tuple(other for other in best.effects if other is not effect), best)
+        best = min(best, fewer, key=lambda h: h.score)
+    shape = named_effect(steady, best, best.effects.index(twin.slow[0]), {twin.slow[0].id: float(1 / (1 + np.exp(-odds)))}, 1)
+    first = refit(twin, best.whiten, [], twin.start())
+    named = [each for each in naming.named if each.effect.id in best.ids]
+    found = replace(
+        naming, first=first, fit=best.fit, named=named, beyond=[replace(shape, rivals={})], whiten=best.whiten, noise=best.noise
+    )
+    return replace(found, p_value=min(naming.p_value, shape.p_value))
+
+
+def rather_slow(evidence: Evidence, best: Hypothesis) -> Hypothesis:
+    """A slow bias in place of several names, where it does nearly as well with fewer: a wrong name is worse than none."""
+    ids = {effect.id for effect in evidence.twin.slow}
+    if best.ids & ids:
+        return best
+    instead = [h for h in evidence.exact if h.ids & ids and len(h.ids) <= len(best.ids) and h.score < best.score + STAND_IN]
+    return min([*instead, best], key=lambda h: (len(h.ids - ids), h.score))
 
 
 def _beyond_the_catalogue(evidence: Evidence, tried: list[Effect], best: Hypothesis, first_p: float) -> Hypothesis:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,8 +17,8 @@ from session.log.folder import Session
 from tinygc.closure.prepared import Prepared, prepare
 from tinygc.closure.problem import Problem, weighed_down
 from tinygc.estimation.options import FitOptions
-from tinygc.explanation.claims import DIFFERS, VERDICTS, Claim, Considered, considered_of, named_claims, offset_claim, repair_claims
-from tinygc.explanation.data_repair import RepairedProblem, repair
+from tinygc.explanation.claims import DIFFERS, VERDICTS, Claim, Considered, common_delays, named_claims, offset_claim
+from tinygc.explanation.data_repair import CREEPING, RepairedProblem, considered_of, repair
 from tinygc.explanation.decision import FitClosure, Naming, Proof, Prover, cleared, decide, leaves_more, tilt_rms
 from tinygc.explanation.search import detection_limits
 from tinygc.fitting.fit import fit_session
@@ -28,7 +29,7 @@ from tinygc.noise.components import STILL_RATE, TURN, UNDERSAMPLED, SessionNoise
 from tinygc.noise.measured import measured_noise
 from tinygc.noise.refit import Refit, Replay, over_shapes, refit
 from tinygc.noise.turn_gravity import TurnGravity, turn_gravity
-from tinygc.noise.twin import State, Twin
+from tinygc.noise.twin import State, Twin, twin_of
 from tinygc.noise.whitening import Whitener
 from tinygc.verdict.acceptance import Acceptance
 from tinygc.verdict.model_tests import NOISE, ModelTest, contradictions, least_p
@@ -39,11 +40,12 @@ DELAY = "timing.gyro_accel_offset"
 
 @dataclass(eq=False)
 class Explanation:
-    """The result of an explanation; docs/explain.md defines the verdicts.
+    """The result of an explanation, against any reference; docs/explain.md defines the verdicts.
 
-    findings: shapes without a name. left: p-values of the channels under one calibration, after the claims. own_p: p-values of each channel
-    by itself, before and after. detection_limits: effect id -> detection limit in its parameter's unit. decision: the verdict of ``fit`` on
-    this session, which is explained here; None where no fit was possible.
+    gravity: during the turns, where stills bound them. findings: shapes without a name. left: p-values of the channels under one
+    calibration, after the claims. own_p: p-values of each channel by itself, before and after. detection_limits: effect id -> detection
+    limit in its parameter's unit. decision: the verdict of ``fit`` on this session, which is explained here; None where no fit was
+    possible, and beside a further reference. shown: what such a reference shows besides (``REFERENCE`` of session/base/features.py).
     """
 
     session: Session
@@ -51,7 +53,7 @@ class Explanation:
     mended: RepairedProblem
     twin: Twin
     naming: Naming
-    gravity: TurnGravity
+    gravity: TurnGravity | None
     proof: Proof
     verdict: str
     p_value: float
@@ -64,6 +66,7 @@ class Explanation:
     within: dict[str, np.ndarray] = field(default_factory=dict)
     considered: list[Considered] = field(default_factory=list)
     decision: Acceptance | None = None
+    shown: Any = None
 
     @property
     def whiten(self) -> Whitener:
@@ -81,8 +84,12 @@ class Explanation:
         return self.naming.fit
 
     @property
-    def measured(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """id of an effect that no channel of the twin shows -> its parameters and their covariance: the delay between the clocks."""
+    def measured(self) -> dict[str, tuple[np.ndarray, np.ndarray] | None]:
+        """id of an effect that no channel of the twin shows -> its parameters and their covariance: the delay between two clocks, None
+        where it is not known."""
+        if self.gravity is None:
+            found: dict[str, tuple[np.ndarray, np.ndarray] | None] = self.shown.measured
+            return found
         return {DELAY: (np.array([self.gravity.offset_s]), np.array([[self.gravity.whole_sigma_s**2]]))}
 
     def closure_without(self, state: State) -> float | None:
@@ -131,21 +138,25 @@ def explain_session(
     """
     prepared = prepared or prepare(session, use_earth=use_earth, at_rest=measured_noise(noise), progress=lambda what: progress(what, 0, 6))
     progress("least squares", 1, 6)
-    fitted, fit = prepared.problem, _fitted(prepared, use_earth) if fit is None else fit.without_physics
+    fitted, reference = prepared.problem, prepared.session.reference
+    fit = fit.without_physics if fit is not None else _fitted(prepared, use_earth) if reference is None else None
     prepared = prepared.as_given()
     session, problem = prepared.session, prepared.problem
     mended, twin, naming, proof = named_in(problem, FitClosure.stated_by(fit, fitted), seed, progress)
-    whiten, gravity = naming.whiten, turn_gravity(twin, naming.fit)
+    whiten, gravity = naming.whiten, turn_gravity(twin, naming.fit) if twin.stills else None
+    shown = None if reference is None else reference.shown(mended, twin, naming.first, naming.fit)
     beyond_noise = naming.first.chi_square - (len(naming.first.r) - naming.first.J.shape[1])
     named = named_claims(naming.fit, naming.named, beyond_noise)
-    before_the_fit = repair_claims(mended) + offset_claim(gravity)
+    before_the_fit = [*mended.found.values(), *([] if gravity is None else offset_claim(gravity))]
     beyond = named_claims(naming.fit, naming.beyond, beyond_noise)
     claimed = before_the_fit + named + naming.undersampled
+    claimed = claimed if shown is None else shown.beside(claimed)
     # What is detected along the catalogue's columns is a mismatch where it has a name; else the tests of ``fit`` decide.
-    p_values = [claim.p_value for claim in before_the_fit] + ([naming.p_value] if claimed or beyond or fit is None else [])
-    decision = None if fit is None else fit.verdict()
+    decision = None if fit is None or reference is not None else fit.verdict()
+    p_values = [claim.p_value for claim in claimed] + ([naming.p_value] if claimed or beyond or decision is None else [])
     p_value = min([*p_values, *([] if decision is None else least_p(decision.tests))])
-    explanation = Explanation(session, problem, mended, twin, naming, gravity, proof, "", p_value, claimed, beyond, decision=decision)
+    explanation = Explanation(session, problem, mended, twin, naming, gravity, proof, "", p_value, claimed, beyond)
+    explanation.decision, explanation.shown = decision, shown
     explanation.considered = considered_of(mended, naming.considered)
     explanation.left = channel_p_values(twin, whiten, naming.fit.r, naming.fit.J)
     before, after = (own_p_values(twin, whiten, fit) for fit in (naming.first, naming.fit))
@@ -168,10 +179,12 @@ def _fitted(prepared: Prepared, use_earth: bool) -> FitResult | None:
 def named_in(problem: Problem, stated: FitClosure, seed: int, progress: Progress) -> tuple[RepairedProblem, Twin, Naming, Proof]:
     """Repair a problem, select the effects, and prove them; stated: by ``fit`` for this session."""
     mended = repair(problem, lambda what: progress(what, 2, 6))
+    if mended.recorded is not None:
+        problem, stated = mended.recorded, FitClosure.of(mended.recorded, stated.options)
     twin, naming, proof = _decided(problem, mended, seed, progress, stated)
     # Removing a creeping still joins two turns into one, which is longer and for that reason alone closes worse.
-    if mended.found.keys() - {"reference.not_still"} and proof.worse:
-        mended = replace(mended, problem=problem, found={}, p_value={})  # a repair that makes the closure worse is rejected
+    if mended.found.keys() - {CREEPING} and proof.worse:
+        mended = replace(mended, problem=problem, found={})  # a repair that makes the closure worse is rejected
         twin, naming, proof = _decided(problem, mended, seed, progress, stated)
     return mended, twin, naming, proof
 
@@ -185,7 +198,7 @@ def _decided(
 ) -> tuple[Twin, Naming, Proof]:
     """Build the twin of the repaired problem, select its effects, and prove both on held-out segments."""
     progress("digital twin", 3, 6)
-    twin = stated.twin if stated.twin is not None and stated.twin.problem is mended.problem else Twin(mended.problem)
+    twin = stated.twin if stated.twin is not None and stated.twin.problem is mended.problem else twin_of(mended.problem)
     prove = Prover(problem, twin, stated)
     naming = decide(twin, seed, lambda what: progress(what, 4, 6), mended.reference, prove)
     naming = replace(naming, fit=settled(twin, naming.whiten, naming.fit))
@@ -197,7 +210,11 @@ def _decided(
 
 
 def settled(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
-    """The fit in the gauge of its effects, with the covariance that unknown shapes leave it."""
+    """The fit in the gauge of its effects, with the covariance that unknown shapes leave it.  The reference's clock takes what a delay of
+    the sensor has common to all axes."""
+    effects = [claim.effect for claim in fit.state.claims]
+    if twin.clock is not None and twin.clock not in effects and any(effect.id in common_delays() for effect in effects):
+        fit = refit(twin, whiten, [twin.clock, *effects], fit.state)
     return over_shapes(twin, whiten, in_gauge(twin, whiten, fit))
 
 

@@ -19,14 +19,14 @@ from tinygc.estimation.physics import PhysicsFit
 from tinygc.explanation import faulty_readings
 from tinygc.explanation.claims import readable
 from tinygc.explanation.data_repair import repair
-from tinygc.explanation.decision import AS_FIT, FitClosure, leaves_more
+from tinygc.explanation.decision import FitClosure, leaves_more
 from tinygc.explanation.engine import named_in, proved
 from tinygc.explanation.evidence import Evidence
 from tinygc.models.nets import CalibrationNet
 from tinygc.models.physics import CarriedNet, PhysicsModel
 from tinygc.noise.refit import candidates
 from tinygc.noise.thinned import conditions
-from tinygc.noise.twin import Twin
+from tinygc.noise.twin import Twin, twin_of
 
 
 def effect_of(twin: Twin, name: str) -> Effect:
@@ -36,6 +36,10 @@ def effect_of(twin: Twin, name: str) -> Effect:
         raise FitError(f"--physics: {name!r} is no effect; known are {', '.join(catalogue())}; another folder's: --effects DIR")
     if catalogue()[name].kind == "motion":
         raise FitError(f"--physics: {name} is motion that the readings miss: there is nothing to fit, and no model gives it back")
+    if (reference := twin.problem.session.reference) is not None and catalogue()[name].kind != "rate":
+        raise FitError(
+            f"--physics: {name} cannot be fitted beside a {reference.title}: it bends what stills show, and none is a reference there"
+        )
     if name not in known:
         raise FitError(f"--physics: {name} cannot be fitted to this session (it needs what the log lacks, or is found without a fit)")
     if (scan := known[name].scan) is not None:
@@ -55,17 +59,15 @@ def fit_physics(
 ) -> PhysicsFit:
     """Fit with these effects, or with what `explain` names (None), given what ``fit`` states without them.  Raises FitError for an id that
     cannot be fitted, and where what is left without the effects cannot be."""
-    if problem.session.reference is not None:
-        return problem.session.reference.physics(problem, ids, seed, progress, (AS_FIT if stated is None else stated.options).folds)
     stated = FitClosure.of(problem) if stated is None else stated
     refused = False
     if ids is None:
         mended, twin, decision, proof = named_in(problem, stated, seed, lambda what, done, of: progress(what))
         named = decision.named or decision.undersampled or mended.found
-        refused = leaves_more(twin, decision, proof) if named else decision.refused
+        refused = leaves_more(twin, decision, proof) if named else decision.unnamed
     else:
         mended = repair(problem, progress)
-        twin = Twin(mended.problem)
+        twin = twin_of(mended.problem)
         evidence = Evidence(twin)
         asked = evidence.of(tuple(effect_of(twin, name) for name in ids), evidence.nothing)
         proof = proved(problem, twin, asked.whiten, asked.fit, stated)

@@ -268,15 +268,13 @@ def model_table(adopted: Adopted, fit: FitResult) -> dict:
 class ReportData:
     """Data of a report.
 
-    fit; explanation, or by_reference where a further reference explains, or neither; adopted: the reported calibration; decision;
-    quantities: every number of the parameter tables, in the field's terms; allan or None; hashes of the session's files; versions;
-    made: date and time of the report; limit_deg or None; reused: methods read from the output of ``fit``; searched: result of an earlier
-    ``explain --discover``, as the discovery feature reads it, or None.
+    fit; explanation or None; adopted: the reported calibration; decision; quantities: every number of the parameter tables, in the field's
+    terms; allan or None; hashes of the session's files; versions; made: date and time of the report; limit_deg or None; reused: methods
+    read from the output of ``fit``; searched: result of an earlier ``explain --discover``, as the discovery feature reads it, or None.
     """
 
     fit: FitResult
     explanation: Explanation | None
-    by_reference: Any
     adopted: Adopted
     decision: Acceptance
     quantities: list[Quantity]
@@ -296,8 +294,7 @@ class ReportData:
     @property
     def verdict(self) -> str | None:
         """Verdict of ``explain``; None if it was not run."""
-        found = self.explanation or self.by_reference
-        return None if found is None else found.verdict
+        return None if self.explanation is None else self.explanation.verdict
 
 
 def gather(
@@ -323,19 +320,19 @@ def gather(
     if fit is None:
         saved = None if folder is None else folder / "fit"
         fit = fit_session(session, options, progress, saved=saved, prepared=prepared, physics=physics_methods)
-    reference = fit.session.reference
     if options.exclude and prepared is not None and explain:  # segments excluded from the fit are explained all the same
         prepared = prepared.as_given()
         problem = build_problem(prepared.session, use_earth=options.earth, found=prepared.problem.found)
         prepared = replace(prepared, problem=problem.changed(at_rest=prepared.problem.at_rest))
     how: dict[str, Any] = {"seed": options.seed, "use_earth": options.earth, "progress": progress, "prepared": prepared}
-    explanation = explain_session(session, fit=fit, **how) if explain and reference is None else None
-    by_reference = reference.explain(session, **how) if explain and reference is not None else None
+    explanation = explain_session(session, fit=fit, **how) if explain else None
     progress("what the session shows besides", 0, 1)
-    adopted = adopt(fit, explanation)
+    # Beside a further reference the linear model is reported: what is named there may be the reference's.
+    of_sensor = explanation if fit.session.reference is None else None
+    adopted = adopt(fit, of_sensor)
     allan = stillness(fit.problem)
     # The twin needs stills, which a session with a further reference may lack.
-    beyond = [] if reference is not None else _beyond(fit, explanation, adopted)
+    beyond = [] if fit.session.reference is not None else _beyond(fit, explanation, adopted)
     known = [with_freedom(quantity, np.inf) for quantity in beyond]
     quantities = [*adopted.quantities, *known, *_noise(allan)]
     # UTC time, or that of SOURCE_DATE_EPOCH, which makes reports reproducible to the byte.
@@ -344,9 +341,8 @@ def gather(
     return ReportData(
         fit=fit,
         explanation=explanation,
-        by_reference=by_reference,
         adopted=adopted,
-        decision=decided(fit, explanation, adopted, limit_deg),
+        decision=decided(fit, of_sensor, adopted, limit_deg),
         quantities=quantities,
         allan=allan,
         hashes=input_hashes(fit.session),

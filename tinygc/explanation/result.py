@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,6 @@ from session.base.texts import measured
 from session.base.units import DEG, G
 from session.log.folder import file_key, hash_of_log
 from session.log.samples import pieces, start_times
-from tinygc.closure.problem import Problem
 from tinygc.effects import catalogue
 from tinygc.effects.effect import IN_STILLS, LEVEL, ROWS, SECONDS
 from tinygc.explanation.claims import CHANNELS, LEFT, Claim, Considered, p_entry, theta_of
@@ -119,7 +117,7 @@ def _axes(e: Explanation, told: list[Claim]) -> list[str]:
         ratio = np.abs(np.ravel(claim.parameters[name])) / np.maximum(np.ravel(claim.std[name]), 1e-300)
         if ratio.size % 3 == 0:
             weights = np.maximum(weights, ratio.reshape(3, -1).max(axis=1))
-    if not told:
+    if not told and e.twin.stills:
         part = e.whiten.parts["still"]
         rows = own_residuals(e.twin, e.whiten, e.naming.first)[0][part].reshape(-1, 3)
         weights = np.abs(rows).max(axis=0)
@@ -196,7 +194,8 @@ def channel_rms(e: Explanation) -> dict[str, tuple[float, float]]:
     """
     looks = [own_residuals(e.twin, e.whiten, fit) for fit in (e.naming.first, e.naming.fit)]
     found = {}
-    for name, part in e.whiten.parts.items():
+    for name in e.own_p:
+        part = e.whiten.parts[name]
         before, after = (float(np.sqrt(np.sum(r[part] ** 2) / max(values_of(e, name) - taken[name], 1))) for r, taken in looks)
         found[name] = before, after
     return found
@@ -250,9 +249,15 @@ def chance_words(probability: float) -> str:
 
 
 def considered_lines(e: Explanation) -> list[str]:
-    """List the detected moments that closure rejects, which have no probability of their own, then the most probable rejected effects."""
+    """List names of a size that no sensor has, the detected moments that closure rejects, which have no probability of their own, then the
+    most probable rejected effects."""
+    lines = []
+    for claim in e.naming.refused:
+        size = max(np.ravel(claim.parameters[claim.effect.parameter.name]), key=abs)
+        fits = f"{claim.effect.id}: would fit with {size:.2g} {claim.effect.parameter.unit}"
+        lines.append(f"{fits}, more than such a sensor has: it is something else, or the reference's")
     told = [each for each in e.considered if each.moments or each.probability >= LEAST_CHANCE]
-    return [_considered_lines(each) for each in sorted(told, key=lambda each: each.moments == 0)[:MOST_SAID]]
+    return [*lines, *(_considered_lines(each) for each in sorted(told, key=lambda each: each.moments == 0)[:MOST_SAID])]
 
 
 def _considered_lines(each: Considered) -> str:
@@ -296,35 +301,29 @@ def families_of(e: Explanation) -> list[SlowZero]:
 SCHEMA = "tinygc-explain/2"
 
 
-def head(e: Any, closure_deg: float, expected_deg: float, place: dict, claims: Sequence[Claim]) -> dict:
-    """The entries with which every explanation begins, whatever its reference."""
-    mismatch = {**p_entry("p_value", e.p_value), "closure_rms_deg": closure_deg, "expected_rms_deg": expected_deg}
-    mismatch |= {"unnamed_part": e.verdict in LEFT, "where": place}
-    head = {"schema": SCHEMA, "session": e.session.name, "verdict": e.verdict, "mismatch": mismatch}
-    return head | {"effects": [claim.to_json() for claim in claims]}
-
-
-def at_rest(problem: Problem) -> dict:
-    """The entry of noise figures at rest; empty without them."""
-    return {} if problem.at_rest is None else {"at_rest": table_of(problem.at_rest)}
-
-
 def to_json(e: Explanation) -> dict:
     """The complete result, JSON-ready."""
+    before_deg, after_deg, gravity = tilt_rms(e.proof.before) / DEG, tilt_rms(e.proof.after) / DEG, e.gravity
     return plain(
-        head(e, tilt_rms(e.proof.before) / DEG, e.problem.floor.tilt_rms / DEG, where(e), e.claimed)
-        | {
+        {
+            "schema": SCHEMA,
+            "session": e.session.name,
+            "verdict": e.verdict,
+            "mismatch": {
+                **p_entry("p_value", e.p_value),
+                "closure_rms_deg": before_deg,
+                "expected_rms_deg": e.problem.floor.tilt_rms / DEG,
+                "unnamed_part": e.verdict in LEFT,
+                "where": where(e),
+            },
+            "effects": [claim.to_json() for claim in e.claimed],
             "decision": None if e.decision is None else {name: e.decision.to_json()[name] for name in ("answer", "headline", "tests")},
             "findings": [claim.to_json() | {"share": claim.share} for claim in e.findings],
             "families": [family.to_json() for family in families_of(e)],
             "considered": [each.to_json() for each in e.considered],
             "lines_end_hz": lines_end_hz(e.twin),
             "fit": {
-                "holdout_closure_rms_deg": {
-                    "before": tilt_rms(e.proof.before) / DEG,
-                    "after": tilt_rms(e.proof.after) / DEG,
-                    "floor": e.proof.floor_rms / DEG,
-                },
+                "holdout_closure_rms_deg": {"before": before_deg, "after": after_deg, "floor": e.proof.floor_rms / DEG},
                 "excess_removed": e.proof.removed,
                 "segments_after": len(e.proof.after_numbers),
             },
@@ -334,14 +333,9 @@ def to_json(e: Explanation) -> dict:
                 | {"rms_sigmas": dict(zip(("before", "after"), rms, strict=True))}
                 for (name, (before, after)), rms in zip(e.own_p.items(), channel_rms(e).values(), strict=True)
             },
-            "turn_gravity": {
-                "lever_m": e.gravity.lever_m,
-                "offset_s": e.gravity.offset_s,
-                "offset_std_s": e.gravity.whole_sigma_s,
-                "rms_mg": {"before": 1e3 * e.gravity.before_mps2 / G, "after": 1e3 * e.gravity.after_mps2 / G},
-            },
-            "noise": e.problem.instability.to_json() | at_rest(e.problem) | {"components": e.noise.to_json()},
-            "within_stills": {f"{name}_rms_sigmas": rms_of(sigmas) for name, sigmas in e.within.items()},
+            "noise": e.problem.instability.to_json()
+            | ({} if e.problem.at_rest is None else {"at_rest": table_of(e.problem.at_rest)})
+            | {"components": e.noise.to_json()},
             "detection_limits": {
                 name: {"size": size if np.isfinite(size) else None, "unit": catalogue()[name].parameter.unit}
                 for name, size in e.detection_limits.items()
@@ -351,4 +345,18 @@ def to_json(e: Explanation) -> dict:
             "logs": {file_key(log.path): hash_of_log(log) for log in e.session.logs},
             "version": VERSION,
         }
+        | (
+            {}
+            if gravity is None
+            else {
+                "turn_gravity": {
+                    "lever_m": gravity.lever_m,
+                    "offset_s": gravity.offset_s,
+                    "offset_std_s": gravity.whole_sigma_s,
+                    "rms_mg": {"before": 1e3 * gravity.before_mps2 / G, "after": 1e3 * gravity.after_mps2 / G},
+                },
+                "within_stills": {f"{name}_rms_sigmas": rms_of(sigmas) for name, sigmas in e.within.items()},
+            }
+        )
+        | ({} if e.shown is None else {"refused": [claim.to_json() for claim in e.naming.refused], **e.shown.to_json()})
     )

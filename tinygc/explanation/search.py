@@ -216,9 +216,10 @@ def detection_limits(twin: Twin, whiten: Whitener, fit: Refit, replay: Replay | 
     An effect is detected if it is more probable than no effect (``evidence.least_gain``).  An effect with a scanned shape (a step) is taken
     at the value that shows it best.  Linear, in addition to everything in ``fit``; replay: of it, if available.
     """
-    q, _ = np.linalg.qr(fit.J / np.linalg.norm(fit.J, axis=0))
+    length = np.linalg.norm(fit.J, axis=0)
+    q, _ = np.linalg.qr(fit.J[:, length > 0] / length[length > 0])
     sizes: dict[str, float] = {}
-    tried, replay = candidates(twin), replay or Replay(twin, fit)
+    tried, replay = [effect for effect in candidates(twin) if effect not in twin.errors], replay or Replay(twin, fit)
     shapes = Counter(effect.id for effect in tried)
     for effect, columns in zip(tried, whiten.each(map(replay.stacked, tried)), strict=True):
         left, plausible = columns - q @ (q.T @ columns), effect.parameter.plausible

@@ -59,7 +59,7 @@ class FoundEffect:
 
 
 class Why(Shown):
-    """Result of ``tinygc.explain``; subclasses serve further references and the search beyond the catalogue.
+    """Result of ``tinygc.explain``; a subclass serves the search beyond the catalogue.
 
     explanation: the complete result, in SI; beyond: what was found beyond the catalogue, None if not requested; checked: outcome
     of each effect in each of the recordings that it was checked on; turned_by: what is said of the machine that turned the table (feature
@@ -109,14 +109,14 @@ class Why(Shown):
     @cached_property
     def findings(self) -> Listed[FoundEffect]:
         """Findings without a name."""
-        return Listed(_found(entry) for entry in self.table.get("findings", ()))
+        return Listed(_found(entry) for entry in self.table["findings"])
 
     @property
     def considered(self) -> list[dict[str, Any]]:
         """Candidates that were weighed and rejected, likeliest first: ``id``, ``probability``.
 
-        Against gravity or dials also ``moments`` that a detector proposed, and ``closure_rms_deg`` of their segments, ``before`` and
-        ``after`` data repair, or None.
+        Also ``moments`` that a detector proposed, and ``closure_rms_deg`` of their segments, ``before`` and ``after`` data repair, or
+        None.
         """
         return self.table["considered"]
 
@@ -128,7 +128,7 @@ class Why(Shown):
     @property
     def next(self) -> str | None:
         """The movement that would resolve what this recording cannot, or None."""
-        return self.table.get("next")
+        return self.table["next"]
 
     @property
     def page(self) -> Group:
@@ -242,7 +242,7 @@ def _explained(where: Session | Path, further: Sequence[Any], how: dict[str, Any
     reference = reference_of(config.protocol.reference)
     if reference is not None and reference.accelerometer:
         refuse_beside(f"a {reference.title} as the reference", {}, further)
-        return reference.report(reference.explain(where, **how))
+        return Why(explain_session(where, **how))
     explanation = explain_session(where, **how)
     turned_by = features.first("explanation of what turned", explanation, how["seed"])
     beyond = features.first("search beyond the catalogue", explanation, tuple(further), seed=how["seed"], progress=how["progress"])

@@ -8,7 +8,7 @@ import numpy as np
 
 from session.base.units import NS
 from session.detect.stills import BLOCK_S
-from tinygc.effects import CommonDelay, Convention
+from tinygc.effects import CommonDelay, Convention, Effect
 from tinygc.models.linear import MATRIX
 from tinygc.noise.refit import KNOWN, Refit, prior_sigmas
 from tinygc.noise.turn_gravity import TurnGravity, turn_gravity
@@ -29,15 +29,21 @@ def channel_p_values(twin: Twin, whiten: Whitener, r: np.ndarray, nuisance: np.n
 
     r (n,), nuisance (n, p): jointly whitened, as in a ``Refit``.
     """
-    q, _ = np.linalg.qr(nuisance / np.linalg.norm(nuisance, axis=0))
+    length = np.linalg.norm(nuisance, axis=0)
+    q, _ = np.linalg.qr(nuisance[:, length > 0] / length[length > 0])  # without stills none shows gravity's length
     taken = np.sum(q**2, axis=1)
-    return {name: _p(twin, r[part], taken[part].sum(), unknown_rows(twin, name)) for name, part in whiten.parts.items()}
+    return {name: _p(twin, r[part], taken[part].sum(), unknown_rows(twin, name)) for name, part in _seen(whiten)}
 
 
 def own_p_values(twin: Twin, whiten: Whitener, fit: Refit) -> dict[str, float]:
     """P-value of each channel with its own best calibration: a test for the place of a mismatch."""
     alone, taken = own_residuals(twin, whiten, fit)
-    return {name: _p(twin, alone[part], taken[name], unknown_rows(twin, name)) for name, part in whiten.parts.items()}
+    return {name: _p(twin, alone[part], taken[name], unknown_rows(twin, name)) for name, part in _seen(whiten)}
+
+
+def _seen(whiten: Whitener) -> list[tuple[str, slice]]:
+    """The channels that the recording has: without stills the closure alone."""
+    return [(name, part) for name, part in whiten.parts.items() if part.stop > part.start]
 
 
 def own_residuals(twin: Twin, whiten: Whitener, fit: Refit) -> tuple[np.ndarray, dict[str, float]]:
@@ -61,11 +67,13 @@ def unknown_rows(twin: Twin, name: str) -> int:
 
 def _p(twin: Twin, r: np.ndarray, taken: float, unknown: int) -> float:
     """P-value against the measured noise, itself estimated from a finite number of blocks (Fisher's F)."""
-    from scipy.special import fdtrc  # not needed by a fit
+    from scipy.special import chdtrc, fdtrc  # not needed by a fit
 
+    freedom, chi_square = max(len(r) - unknown - taken, 1.0), np.sum(r**2)
+    if not twin.stills:
+        return float(chdtrc(freedom, chi_square))
     noise_freedom = 3 * sum(still.duration_s for _, still in twin.stills) / 0.1 * 0.66
-    freedom = max(len(r) - unknown - taken, 1.0)
-    return float(fdtrc(freedom, noise_freedom, np.sum(r**2) / freedom))
+    return float(fdtrc(freedom, noise_freedom, chi_square / freedom))
 
 
 # Scatter within each still: the prediction is a constant rate with the measured noise, so no slope and the same scatter everywhere.
@@ -76,10 +84,12 @@ DIFFERENCES = 3.0
 
 def within_stills(twin: Twin) -> dict[str, np.ndarray]:
     """Test the slope of the rate and the mean square differences of 0.1 s means against the angle random walk of the log: ``slope`` and
-    ``scatter`` (Q, 3), recorded minus predicted in sigmas of the noise, for each still and axis."""
+    ``scatter`` (Q, 3), recorded minus predicted in sigmas of the noise, for each still and axis; none without stills."""
+    if not twin.stills:
+        return {}
     slopes, scatters = [], []
     logs = twin.problem.logs
-    as_recorded = [(log, still) for log in range(len(logs)) for still in logs[log].stills if still.problem is None and twin.stills]
+    as_recorded = [(log, still) for log in range(len(logs)) for still in logs[log].stills if still.problem is None]
     for log, still in as_recorded:
         samples, walk = logs[log].samples, logs[log].noise.angle_random_walk
         rate = samples.gyro[still.start : still.stop]
@@ -110,7 +120,7 @@ def in_gauge(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
     diagonal is one plus differences) is the delay between gyro and accelerometer; so is that of a lag, as far as the closure permits.
     """
     if not twin.stills:  # beside a further reference turns begin and end in motion, so the closure observes a common delay
-        return _by_the_clock(twin, whiten, fit) if twin.clock_free else fit
+        return fit if twin.clock is None else _by_the_clock(twin, whiten, fit, twin.clock)
     for number, claim in enumerate(fit.state.claims):
         gauge = claim.effect.gauge_convention
         if isinstance(gauge, Convention):
@@ -120,15 +130,14 @@ def in_gauge(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
     return fit
 
 
-def _by_the_clock(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
+def _by_the_clock(twin: Twin, whiten: Whitener, fit: Refit, offset: Effect) -> Refit:
     """Assign a common delay to the reference's unknown clock offset, from which the data do not separate it.
 
     An effect keeps the differences between its axes: from their mean, or from the earliest axis if its delays are never negative.  Nothing
     changes if the clock is not among the claims.
     """
     claims, change = list(fit.state.claims), np.eye(len(fit.covariance))
-    clocks = [claim.effect.kind == "reference" and "timing" in claim.effect.observable_in for claim in claims]
-    clock = clocks.index(True) if any(clocks) else None
+    clock = next((number for number, claim in enumerate(claims) if claim.effect is offset), None)
     if clock is None:
         return fit
     moved = []

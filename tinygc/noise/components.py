@@ -158,7 +158,8 @@ def components_of(twin: Twin, sizes: tuple[int, int, int], missed: Undersampling
     """Variance components of a twin whose channels have sizes (S d, 3 Q, Q)."""
     white = replace(twin.problem.floor, tilt_excess=1.0, own=twin.problem.floor.white, wider=None)
     floor = rms_of(white.sigma[twin.batch.known])
-    references = [_reference(twin, sizes)] if twin.stills else twin.problem.session.reference.components(twin, sizes)
+    reference = twin.problem.session.reference
+    references = [_reference(twin, sizes)] if reference is None else reference.components(twin, sizes)
     found = [_wander(twin, sizes), _still_rate(twin, sizes), *references, _turn(twin, sizes, floor)]
     if missed.rms_rad / np.sqrt(2) > LEAST_UNDERSAMPLING * floor:
         d = twin.batch.angles

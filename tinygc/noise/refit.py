@@ -22,10 +22,12 @@ MOST_TIMES = 60
 
 
 def candidates(twin: Twin) -> list[Effect]:
-    """Candidate effects for this recording; an effect with a scanned shape gives one candidate for each value."""
-    found = []
+    """Candidate effects for this recording, the sensor's and the reference's; an effect with a scanned shape gives one for each value."""
+    found = [*twin.errors]
     for effect in catalogue().values():
         if effect.kind in ("register", "motion") or ("temperature" in effect.inputs and not twin.has_thermometer):
+            continue
+        if effect.kind != "rate" and not twin.stills:
             continue
         if effect.kind == "earth" and twin.problem.earth.source != "none":
             continue

@@ -120,11 +120,16 @@ def _key(state: State) -> tuple:
 class Twin:
     """A problem prepared for prediction."""
 
-    #: whether the reference has a clock of unknown offset: a delay common to all axes is then this offset
-    clock_free = False
+    #: the reference's own errors, which compete with the sensor's; and a slow bias, where no still shows it
+    errors: tuple[Effect, ...] = ()
+    slow: tuple[Effect, ...] = ()
+    #: of these, the offset of the reference's clock, where nothing tells it: a delay common to all axes is then this offset
+    clock: Effect | None = None
 
     def __init__(self, problem: Problem):
         self.problem, self.batch = problem, problem.batch
+        #: what ``fit`` solves
+        self.original = problem
         self._known_taken_up: dict[Effect, np.ndarray] = {}
         self._last = _Replayed((), [])
         self.seen, self._thinnings = thinned(problem)
@@ -139,6 +144,10 @@ class Twin:
         self.q_tb = np.array(q).reshape(-1, 4)
         index = {id(still): number for number, (_, still) in enumerate(self.stills)}
         self.first, self.last = np.array([[index.get(id(s.first), -1), index.get(id(s.last), -1)] for s in self.segments]).T
+
+    def is_impossible(self, claim: AppliedEffect) -> bool:
+        """Whether no sensor and no reference has the effect at this size, so that it stands for something else."""
+        return False
 
     @cached_property
     def movements(self) -> list[Movement]:
@@ -467,6 +476,13 @@ def _of_rows(effect: Effect, of: Callable[[Movement], np.ndarray], movement: Mov
     if len(movement.t_s) <= AT_ONCE or effect.needs_rate_hz:
         return of(movement).__getitem__
     return lambda rows: of(movement.part(rows))
+
+
+def twin_of(problem: Problem) -> Twin:
+    """The twin of a problem: that of its reference, which has rows and errors of its own, or of gravity and dials."""
+    reference = problem.session.reference
+    found: Twin = Twin(problem) if reference is None else reference.twin(problem)
+    return found
 
 
 # The variable of an effect for each sample, still and segment: the same for JSON, page and plot.

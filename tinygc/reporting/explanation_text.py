@@ -25,6 +25,7 @@ from tinygc.explanation.result import (
     where,
 )
 from tinygc.explanation.search import in_words, lines_end_hz
+from tinygc.noise.turn_gravity import TurnGravity
 from tinygc.noise.twin import Variable
 from tinygc.reporting.facts import Table
 from tinygc.reporting.terminal import Group, Text, one_line
@@ -64,8 +65,8 @@ def explanation_page(e: Explanation, with_next: bool = True) -> Group:
     parts += [
         Text(HEADING, "italic"),
         _channels(e),
-        _gravity(e),
-        _stamps(e),
+        *([] if e.gravity is None else [_gravity(e.gravity), _stamps(e)]),
+        *([] if e.shown is None else [Table("", ("", ""), e.shown.rows, left=(0, 1))]),
         Text(""),
     ]
     # Candidates that were detected or weighed, and rejected.
@@ -142,12 +143,12 @@ def _stamps(e: Explanation) -> Text:
     )
 
 
-def _gravity(e: Explanation) -> Text:
-    lever = ", ".join(f"{1e3 * x:.0f}" for x in e.gravity.lever_m)
+def _gravity(gravity: TurnGravity) -> Text:
+    lever = ", ".join(f"{1e3 * x:.0f}" for x in gravity.lever_m)
     return Text(
-        f"gravity during the turns: off by {e.gravity.before_mps2 / MG:.1f} mg rms; {e.gravity.after_mps2 / MG:.1f} mg with a lever arm of "
-        f"{lever} mm and the gyro {1e3 * abs(e.gravity.offset_s):.2f} ms {'late' if e.gravity.offset_s > 0 else 'early'}"
-        + ("" if e.gravity.is_offset else f" ± {1e3 * e.gravity.whole_sigma_s:.2f}, claimed from {1e3 * e.gravity.bar_s:.1f} on")
+        f"gravity during the turns: off by {gravity.before_mps2 / MG:.1f} mg rms; {gravity.after_mps2 / MG:.1f} mg with a lever arm of "
+        f"{lever} mm and the gyro {1e3 * abs(gravity.offset_s):.2f} ms {'late' if gravity.offset_s > 0 else 'early'}"
+        + ("" if gravity.is_offset else f" ± {1e3 * gravity.whole_sigma_s:.2f}, claimed from {1e3 * gravity.bar_s:.1f} on")
     )
 
 

@@ -377,10 +377,6 @@ def _kept_findings(row: Row, folder: Path, findings: list[Finding]) -> None:
 
 
 def _explained(session: Session, prepared: Prepared, options: FleetOptions, fit: FitResult | None) -> Row:
-    how: dict[str, Any] = {"seed": options.seed, "use_earth": options.earth}
-    if session.reference is not None:
-        found = session.reference.explain(session, **how)
-    else:
-        found = explain_session(session, prepared=prepared, fit=fit, **how)
+    found = explain_session(session, prepared=prepared, fit=fit, seed=options.seed, use_earth=options.earth)
     effects = cell_of([claim.to_json() for claim in found.claimed])
     return {"verdict": found.verdict, "p_value": number(found.p_value), "effects": effects}

@@ -89,11 +89,10 @@ class TruthFiles:
     check = _late("check:check_truth")
     problem = _late("problem:build_truth_problem")
     rests = _late("segments:find_rests")
-    components = _late("physics:truth_components")
-    physics = _late("physics:fit_beside_truth")
-    explain = _late("engine:explain_truth")
-    report = _late("text:TruthReport")
-    report_section = _late("text:section")
+    twin = _late("twin:TruthTwin")
+    components = _late("errors:truth_components")
+    repaired = _late("errors:repaired")
+    shown = _late("shown:TruthShown")
 
     def attitudes(self, number: int, samples: Samples) -> tuple[np.ndarray, np.ndarray]:
         """Rows (K,) of a log at which its attitude is known, and ``q_nb`` (K, 4) there."""

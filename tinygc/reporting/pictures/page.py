@@ -50,7 +50,7 @@ PAIRS: dict[str, Pair] = {
 
 def pair_of(e: Explanation, claim: Claim) -> tuple[Panel, Panel]:
     """Draw the mismatch and a second view of it.  EffectError, with the function's message, if an effect's own picture fails."""
-    own = claim.effect.pair
+    own = effect.TURNS if claim.effect.pair == effect.STILLS and not e.twin.stills else claim.effect.pair
     if isinstance(own, str):
         return PAIRS[own](e, claim)
     left, right = Panel(), Panel()
@@ -64,19 +64,26 @@ def pair_of(e: Explanation, claim: Claim) -> tuple[Panel, Panel]:
     return left, right
 
 
+def drawable(e: Explanation) -> list[Claim]:
+    """The claims and findings with a picture: what was left out of a further reference before the fit has none."""
+    fitted = {claim.effect.id for claim in e.naming.fit.state.claims}
+    return [claim for claim in (*e.claimed, *e.findings) if e.twin.stills or claim.effect.id in fitted]
+
+
 def picture_of(e: Explanation) -> Picture:
     """Draw the picture."""
-    told = [*e.claimed, *e.findings]
-    shown, panels = told[:MOST_ROWS], list[Panel]()
+    told, panels = [*e.claimed, *e.findings], list[Panel]()
+    shown = drawable(e)[:MOST_ROWS]
     for claim in shown:
         left, right = pair_of(e, claim)
         if len(shown) > 1:
             left.title = f"{claim.effect.id}\n{left.title}"
         panels += [left, right]
-    if not shown:
+    if not shown and e.twin.stills:
         panels = [in_stills.in_time(e), in_stills.length_in_time(e)]
     in_the_stills = [claim for claim in shown if claim.effect.kind in ("rate", "earth") and "still" in claim.effect.observable_in]
-    panels += [in_turns.proof_panel(e), in_stills.in_time(e) if any(c.effect.pair != effect.TURNS for c in in_the_stills) else _channels(e)]
+    still = e.twin.stills and any(c.effect.pair != effect.TURNS for c in in_the_stills)
+    panels += [in_turns.proof_panel(e), in_stills.in_time(e) if still else _channels(e), *(() if e.shown is None else e.shown.panels)]
     names = ", ".join(claim.effect.id for claim in told)
     return Picture(panels, f"{e.session.name}: {e.words[0]}", [*filter(None, [names]), *(claim.says for claim in told)])
 
@@ -87,12 +94,13 @@ def _channels(e: Explanation) -> Panel:
     fits = [("before", e.naming.first), ("after", e.naming.fit)] if refitted else [("after", e.naming.fit)]
     names = {"closure": "closure", "still": "rate in stills", "length": "gravity's length"}
     title = "Recorded less predicted, by channel" + (", once mended" if e.mended.found and not refitted else "")
-    ticks = [(float(n), names[name]) for n, name in enumerate(e.whiten.parts)]
+    ticks = [(float(n), names[name]) for n, name in enumerate(e.own_p)]
     panel = Panel(Axis(lo=-0.6, hi=len(ticks) - 0.4, ticks=ticks), Axis("rms (sigmas)", zero=True), title).across(1.0, name="noise alone")
     width = 0.8 / len(fits)
     for i, (kind, fit) in enumerate(fits):
         left, taken = own_residuals(e.twin, e.whiten, fit)
-        for at, (name, part) in enumerate(e.whiten.parts.items()):
+        for at, name in enumerate(e.own_p):
+            part = e.whiten.parts[name]
             rms = np.sqrt(np.sum(left[part] ** 2) / max(part.stop - part.start - taken[name], 1))
             middle = at + (i - (len(fits) - 1) / 2) * width
             panel.area([middle - width / 2, middle + width / 2], 0, rms, kind, "solid", name=kind if refitted else "")

@@ -22,7 +22,7 @@ from tinygc.reporting.explanation_text import parameter_lines, where_words
 from tinygc.reporting.html.markup import Section, render
 from tinygc.reporting.pictures.in_stills import in_time
 from tinygc.reporting.pictures.in_turns import proof_panel
-from tinygc.reporting.pictures.page import pair_of
+from tinygc.reporting.pictures.page import drawable, pair_of
 
 #: functions with which the template describes a claim
 WORDS = {each.__name__: each for each in (chance_words, equivalent_words, parameter_lines, rival_words)}
@@ -32,15 +32,12 @@ def section(evidence: ReportData) -> Section | None:
     """Section on the explanation; None if explain was not run."""
     from tinygc.noise.refit import candidates
 
-    if evidence.by_reference is not None:
-        found: Section = evidence.problem.session.reference.report_section(evidence.by_reference)
-        return found
     e = evidence.explanation
     if e is None:
         return None
     # The strongest cause whose picture the page can draw; one that draws its own may fail.
-    told = next((claim for claim in [*e.claimed, *e.findings] if isinstance(claim.effect.pair, str)), None)
-    panels = (in_time(e),) if told is None else pair_of(e, told)
+    told = next((claim for claim in drawable(e) if isinstance(claim.effect.pair, str)), None)
+    panels = pair_of(e, told) if told is not None else (in_time(e),) if e.twin.stills else ()
     header, residuals = residual_rows(e)
     html = render(
         "explanation.html",

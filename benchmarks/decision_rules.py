@@ -19,10 +19,10 @@ from session.log.requirements import GUARDED, Rule
 from tinygc.estimation.options import FitOptions
 from tinygc.fitting.fit import fit_session
 from tinygc.inference.decide import Conformity, conforms_probability
-from tinygc.models.linear import LinearModel, field_vector
+from tinygc.models.linear import LinearModel, field_facts, field_vector
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.simulator import simulate_session
-from tinygc.verdict.requirements import closure_measured, field_measured, known_sources, run_measured
+from tinygc.verdict.requirements import closure_measured, run_measured, sensor_measured
 
 #: of segments in a set
 COUNTS = (7, 13, 40, 100)
@@ -128,7 +128,7 @@ def _session(seed: int) -> list[tuple[float, bool]]:
     assert isinstance(linear, LinearModel)
     truth = field_vector(LinearModel(unit.E, unit.B).vector)
     found = []
-    for number, each in enumerate(field_measured(linear.vector, known_sources(fit.sources, fit.covariance))):
+    for number, each in enumerate(sensor_measured("gyro", field_facts(linear.vector, fit.covariance, sources=fit.sources))):
         true = truth[number] * (each.value / field_vector(linear.vector)[number])
         for limit in true + each.sigma * rng.uniform(-FARTHEST, FARTHEST, LIMITS):
             found.append((conforms_probability(each.value, each.sigma, (-np.inf, limit), each.freedom), bool(true <= limit)))

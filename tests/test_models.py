@@ -9,7 +9,7 @@ from small_turns import numeric_jacobian
 from session.base.errors import FormatError
 from session.base.units import DEG
 from tinygc import models
-from tinygc.models.linear import WORDS, LinearModel, field_quantities, field_vector
+from tinygc.models.linear import WORDS, LinearModel, field_facts, field_vector
 from tinygc.models.nets import CalibrationNet
 
 
@@ -36,7 +36,7 @@ TURNED = np.array([[np.cos(TURN), np.sin(TURN), 0], [-np.sin(TURN), np.cos(TURN)
 )
 def test_errors_in_the_words_of_the_field_are_those_of_a_sensor_with_them_alone(M, b, expected):
     """The others are nothing, but for what the words state twice."""
-    found = {f"{q.word} {q.component}": q.value for q in field_quantities(calibration_of(M, np.array(b)), np.zeros((12, 12)))}
+    found = {f"{q.word} {q.component}": q.value for q in field_facts(calibration_of(M, np.array(b)), np.zeros((12, 12)))}
     assert {name: found[name] for name in expected} == pytest.approx(expected, rel=1e-4)
     if M is TURNED:
         assert [found[f"nonorthogonality {pair}"] for pair in ("xy", "yz", "zx")] == pytest.approx([0, 0, 0], abs=1e-9)
@@ -48,13 +48,13 @@ def test_their_uncertainties_are_the_derivatives_times_the_covariance():
     root = 1e-4 * rng.standard_normal((12, 12))
     slope = numeric_jacobian(field_vector, vector)
     units = np.concatenate([[si] * len(components) for _, components, _, si in WORDS])
-    expected = 2 * np.sqrt(np.diag(slope @ root @ root.T @ slope.T)) / units
-    assert [q.expanded for q in field_quantities(vector, root @ root.T)] == pytest.approx(expected, rel=1e-6)
+    expected = np.sqrt(np.diag(slope @ root @ root.T @ slope.T)) / units
+    assert [q.sigma for q in field_facts(vector, root @ root.T)] == pytest.approx(expected, rel=1e-6)
 
 
 def test_what_no_turn_shows_is_said():
     hidden = ("E_xy", "E_yy", "E_zy")
-    found = field_quantities(calibration_of(np.eye(3)), np.eye(12), hidden)
+    found = field_facts(calibration_of(np.eye(3)), np.eye(12), hidden)
     shown = {(q.word, q.component): q.observed for q in found}
     for q, there in {
         ("scale factor error", "y"): 0,

@@ -35,7 +35,7 @@ def test_the_section_has_the_nine_numbers_with_their_expanded_uncertainties(evid
     found, sources = evidence.fit.accelerometer, evidence.fit.joint_sources
     text = words_of(accelerometer.section(evidence).html)
     assert "own stills and turns" in text
-    numbers = found.quantities
+    numbers = found.facts
     assert [q.component for q in numbers] == ["x", "y", "z", "xy", "xz", "yz", "x", "y", "z"]
     np.testing.assert_allclose([q.value for q in numbers[6:]], found.calibration.bias_mps2 / MG)
     whole = evidence.fit.joint_covariance

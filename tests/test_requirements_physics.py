@@ -12,18 +12,17 @@ from session.base.units import DEG
 from session.log.config import Accelerometer
 from session.log.requirements import GROUPS, GUARDED, QUANTITIES, SIMPLE, Requirements, Rule, read_requirements
 from tinygc.deploy.calibration import in_frame_of
+from tinygc.estimation.accelerometer import AccelerometerFit
 from tinygc.estimation.choice import AgainstRaw
-from tinygc.inference.decide import Conformity, Measured, simply_accepted
-from tinygc.inference.solve import Source
-from tinygc.models.linear import field_jacobian, field_quantities
+from tinygc.inference.decide import Conformity, Fact, simply_accepted
+from tinygc.inference.solve import Source, known_sources, total
+from tinygc.models.linear import field_facts, field_jacobian
 from tinygc.verdict.acceptance import JudgedFit, _against, _doubts, decide
 from tinygc.verdict.requirements import (
-    accelerometer_measured,
     attitude_measured,
     closure_measured,
-    field_measured,
-    known_sources,
     run_measured,
+    sensor_measured,
 )
 from tinygc.verdict.requirements import conformity as conformities
 
@@ -44,7 +43,7 @@ def test_without_an_uncertainty_the_value_itself_decides():
 
 
 def conformity(value, rule, limits=BETWEEN, sigma=0.1, freedom=INF, observed=True):
-    return Conformity(Measured("gyro_bias_x_mdps", "bias x", "mdps", value, sigma, freedom, observed), limits, rule)
+    return Conformity(Fact("bias x", "mdps", value, sigma, freedom, observed, key="gyro_bias_x_mdps"), limits, rule)
 
 
 TINY = 1e-9
@@ -144,7 +143,7 @@ def test_a_closure_of_one_segment_or_of_nothing_has_no_uncertainty():
 
 def closed(value, limits, **rule):
     """A closure that is known to a tenth, with nine degrees of freedom."""
-    return Conformity(Measured("closure_deg", "closure", "°", value, 0.1 * value, 9.0, relative=True), limits, Rule(GUARDED, **rule))
+    return Conformity(Fact("closure", "°", value, 0.1 * value, 9.0, key="closure_deg", relative=True), limits, Rule(GUARDED, **rule))
 
 
 def test_a_closure_is_decided_by_its_logarithm():
@@ -235,19 +234,20 @@ def test_sensor_errors_have_the_u_of_all_sources_and_of_what_the_model_lacks_and
     vector, sources = vector_and_sources()
     vector = STILL if ideal else vector  # whose errors are 0, in any unit
     slope, size = field_jacobian(vector), {"ppm": 1e-6, "mrad": 1e-3, "mdps": DEG * 1e-3}
-    listed = field_quantities(vector, sources[0].covariance + sources[1].covariance)
-    found = field_measured(vector, sources, moved=(lambda slope: np.full(len(slope), missed)) if missed else None)
+    listed = field_facts(vector, total(sources))
+    moved = (lambda slope: np.full(len(slope), missed)) if missed else None
+    found = sensor_measured("gyro", field_facts(vector, total(sources), moved=moved, sources=sources))
     for at, (each, q) in enumerate(zip(found, listed, strict=True)):
         more = 1e3 if q.unit == "dps" else 1.0
         assert each.value == pytest.approx(q.value * more)
-        own = q.expanded / 2 * more
-        assert each.sigma == pytest.approx(np.hypot(own, missed / size[each.unit]))
+        own = q.sigma * more
+        assert each.u == pytest.approx(np.hypot(own, missed / size[each.unit]))
         one, two = (slope[at] @ source.covariance @ slope[at] for source in sources)
-        assert each.freedom == pytest.approx((one + two) ** 2 / (one**2 / 5) * (each.sigma / own) ** 4)
+        assert each.freedom == pytest.approx((one + two) ** 2 / (one**2 / 5) * (each.u / own) ** 4)
     assert [each.key for each in found] == [key for key in QUANTITIES if key.startswith("gyro_")]
-    none = field_quantities(STILL, sources[0].covariance + sources[1].covariance)
-    for each, own in zip(field_measured(STILL, sources), none, strict=True):
-        assert each.sigma == pytest.approx(own.expanded / 2 * (1e3 if own.unit == "dps" else 1.0))  # of errors that are none
+    none = [q.sigma * (1e3 if q.unit == "dps" else 1.0) for q in field_facts(STILL, total(sources))]
+    found = sensor_measured("gyro", field_facts(STILL, total(sources), sources=sources))
+    assert [each.sigma for each in found] == pytest.approx(none)  # of errors that are none
 
 
 def test_sources_count_only_where_they_are_those_of_this_covariance():
@@ -285,7 +285,8 @@ def test_the_attitude_is_an_uncertainty_itself_without_guard_band_and_risk():
 
 def test_an_accelerometer_that_was_given_has_no_uncertainty_and_what_is_not_observed_says_so():
     rows = [("bias", "mg", np.array([1.0, 2.0, 3.0]), None, ["bias x", "bias y", "bias z"])]
-    found = accelerometer_measured(SimpleNamespace(errors=lambda: rows, unobserved=("bias y",), freedoms=np.full(9, np.inf)))
+    fit = SimpleNamespace(errors=lambda: rows, unobserved=("bias y",), freedoms=np.full(9, np.inf))
+    found = sensor_measured("accel", AccelerometerFit.facts.fget(fit))
     assert [(each.key, each.value, each.observed) for each in found] == [
         (f"accel_bias_{axis}_mg", value, axis != "y") for axis, value in zip("xyz", (1.0, 2.0, 3.0), strict=True)
     ]
@@ -331,7 +332,7 @@ def test_a_requirement_of_a_sensor_error_counts_beside_the_noise(known, ppm, ans
 
 def test_a_value_and_its_limit_are_told_in_their_unit():
     for unit, said in (("°", "above 3.00°"), ("mdps", "above 3.00 mdps")):
-        each = Conformity(Measured("key", "word", unit, 4.0, 0.1, INF, True), (-INF, 3.0), Rule())
+        each = Conformity(Fact("word", unit, 4.0, 0.1), (-INF, 3.0), Rule())
         assert _against("what", each) == (False, f"what, {said}")
 
 

@@ -31,7 +31,8 @@ from session.log.config import Accelerometer
 from tinygc.closure.least_squares import OBSERVED_BELOW
 from tinygc.closure.problem import JointFit
 from tinygc.estimation.spread import ACCELEROMETER, USUAL, Spread
-from tinygc.inference.solve import Source, coverage_factor, effective_freedom
+from tinygc.inference.decide import Fact
+from tinygc.inference.solve import Source, effective_freedom
 from tinygc.models import linear
 
 #: names of the accelerometer's nine parameters and the gyroscope's twelve, in the order of a joint covariance
@@ -126,14 +127,12 @@ class AccelerometerFit:
         return _rows(1, triad_errors(self.values), None if self.covariance is None else sigmas_in(slope @ self.covariance @ slope.T))
 
     @property
-    def quantities(self) -> list[linear.Quantity]:
-        """The nine sensor errors with their expanded uncertainties (NaN: taken as given)."""
-        freedoms, found = dict(zip(NAMES, self.freedoms, strict=True)), []
+    def facts(self) -> list[Fact]:
+        """The nine sensor errors; those of a calibration that was taken as given have no uncertainty here."""
+        freedoms, found = dict(zip(NAMES, self.freedoms.tolist(), strict=True)), []
         for word, unit, values, sigmas, names in self.errors():
-            for i, name in enumerate(names):
-                sigma, factor = np.nan if sigmas is None else float(sigmas[i]), coverage_factor(freedoms[name])
-                errors = float(values[i]), factor * sigma, name not in self.unobserved
-                found.append(linear.Quantity(word, name.split()[-1], unit, *errors, factor=factor, freedom=float(freedoms[name])))
+            for value, sigma, name in zip(values.tolist(), [np.nan] * 3 if sigmas is None else sigmas.tolist(), names, strict=True):
+                found.append(Fact(word, unit, value, sigma, freedoms[name], name not in self.unobserved, name.split()[-1]))
         return found
 
     @cached_property

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -32,8 +32,9 @@ from tinygc.explanation.engine import Explanation, explain_session
 from tinygc.explanation.physics import lost_in, physics_methods
 from tinygc.fitting.fit import fit_session, prepared_for
 from tinygc.fitting.results import AT_END, FitResult
-from tinygc.inference.solve import Source, coverage_factor, freedom_of
-from tinygc.models.linear import COVERAGE_FACTOR, PARAMETERS, LinearModel, Quantity, field_quantities
+from tinygc.inference.decide import Fact
+from tinygc.inference.solve import freedom_of
+from tinygc.models.linear import PARAMETERS, LinearModel, field_facts
 from tinygc.models.model import accelerometer_table, sensor_table
 from tinygc.models.physics import PhysicsModel
 from tinygc.models.versions import versions
@@ -44,7 +45,6 @@ from tinygc.noise.thinned import conditions
 from tinygc.noise.twin import State, Twin
 from tinygc.noise.whitening import Whitener
 from tinygc.verdict.acceptance import Acceptance, JudgedFit, run_p_values
-from tinygc.verdict.requirements import field_measured, known_sources
 
 # Effects beyond the linear model, measured in every report: g-sensitivity and scale-factor asymmetry, each with its uncertainty.
 #
@@ -56,7 +56,7 @@ G_SENSITIVITY, ASYMMETRY = "gyro.g_sensitivity", "gyro.scale_asymmetry"
 OBSERVED_SHARE = 0.3
 
 
-def beyond_linear(twin: Twin, whiten: Whitener, start: State | None = None) -> list[Quantity]:
+def beyond_linear(twin: Twin, whiten: Whitener, start: State | None = None) -> list[Fact]:
     """Estimate nine g-sensitivities (dps/g: what each axis adds to the true rate per g along each axis) and three asymmetries (ppm: scale
     factor for positive less that for negative rates, over their mean); ``start`` holds the effects that are in the model."""
     start = twin.start() if start is None else start
@@ -76,7 +76,7 @@ def beyond_linear(twin: Twin, whiten: Whitener, start: State | None = None) -> l
     return sorted(quantities, key=lambda quantity: quantity.word != "g-sensitivity")
 
 
-def _g_sensitivity(theta: np.ndarray, covariance: np.ndarray, plausible: float, latitude_known: bool) -> list[Quantity]:
+def _g_sensitivity(theta: np.ndarray, covariance: np.ndarray, plausible: float, latitude_known: bool) -> list[Fact]:
     note = ""
     if not latitude_known:
         # Equal g-sensitivities on the diagonal are a rate about the vertical: the Earth's rotation, if its latitude is unknown.
@@ -85,18 +85,18 @@ def _g_sensitivity(theta: np.ndarray, covariance: np.ndarray, plausible: float, 
         note = "the diagonal's mean may be the Earth's vertical rate: no latitude is given"
     sigma = sigmas_in(covariance)
     components = [(f"{axis} per g on {along}", note if axis == along else "") for axis in "xyz" for along in "xyz"]
-    value, expanded, observed = theta / DEG, COVERAGE_FACTOR * sigma / DEG, sigma < OBSERVED_SHARE * plausible
+    value, spread, observed = theta / DEG, sigma / DEG, sigma < OBSERVED_SHARE * plausible
     return [
-        Quantity("g-sensitivity", name, "dps/g", float(value[i]), float(expanded[i]), bool(observed[i]), note=remark)
+        Fact("g-sensitivity", "dps/g", float(value[i]), float(spread[i]), np.inf, bool(observed[i]), name, note=remark)
         for i, (name, remark) in enumerate(components)
     ]
 
 
-def _asymmetry(half: np.ndarray, covariance: np.ndarray, plausible: float) -> list[Quantity]:
+def _asymmetry(half: np.ndarray, covariance: np.ndarray, plausible: float) -> list[Fact]:
     sigma = sigmas_in(covariance)
-    value, expanded, observed = 2 * half / PPM, COVERAGE_FACTOR * 2 * sigma / PPM, sigma < OBSERVED_SHARE * plausible
+    value, spread, observed = 2 * half / PPM, 2 * sigma / PPM, sigma < OBSERVED_SHARE * plausible
     return [
-        Quantity("scale factor asymmetry", axis, "ppm", float(value[i]), float(expanded[i]), bool(observed[i]))
+        Fact("scale factor asymmetry", "ppm", float(value[i]), float(spread[i]), np.inf, bool(observed[i]), axis)
         for i, axis in enumerate("xyz")
     ]
 
@@ -119,7 +119,7 @@ class Adopted(JudgedFit):
     model: LinearModel | PhysicsModel
     covariance: np.ndarray
     claims: tuple[AppliedEffect, ...]
-    quantities: list[Quantity]
+    quantities: list[Fact]
     accelerometer: Accelerometer
     allowed: Systematic | None = None
 
@@ -184,7 +184,7 @@ def adopt(fit: FitResult, explanation: Explanation | None) -> Adopted:
         covariance=covariance,
         claims=(),
         **_runs(fit, vector, covariance, errors),
-        quantities=with_factors(field_quantities(vector, covariance, unobserved, moved), vector, covariance, fit.sources, moved),
+        quantities=field_facts(vector, covariance, unobserved, moved, fit.sources),
         accelerometer=fit.session.config.accelerometer,
         sources=fit.sources,
         unobserved=unobserved,
@@ -212,28 +212,9 @@ def _with_physics(fit: FitResult, explanation: Explanation) -> Adopted:
         covariance=covariance,
         claims=claims,
         **_runs(fit, vector, covariance, errors),
-        quantities=with_factors(field_quantities(*linear_part), *linear_part),
+        quantities=field_facts(*linear_part),
         accelerometer=explanation.mended.problem.session.config.accelerometer,
     )
-
-
-def with_factors(
-    quantities: Sequence[Quantity],
-    vector: np.ndarray,
-    covariance: np.ndarray,
-    sources: Sequence[Source] = (),
-    moved: Callable[[np.ndarray], np.ndarray] | None = None,
-) -> list[Quantity]:
-    """The 18 quantities of a linear model (12,) with the expanded uncertainty by which requirements are decided (``field_measured``)."""
-    measured = field_measured(vector, known_sources(sources, covariance), moved=moved)
-    whole = [replace(q, expanded=q.factor * float(np.hypot(q.sigma, np.nan_to_num(q.moved)))) for q in quantities]
-    return [with_freedom(quantity, each.freedom) for quantity, each in zip(whole, measured, strict=True)]
-
-
-def with_freedom(quantity: Quantity, freedom: float) -> Quantity:
-    """With the coverage factor of 95 % of so many degrees of freedom."""
-    factor = coverage_factor(freedom)
-    return replace(quantity, expanded=factor * quantity.sigma, factor=factor, freedom=freedom)
 
 
 def _runs(fit: FitResult, vector: np.ndarray, covariance: np.ndarray, errors: Callable[[np.ndarray, ClosureRun], np.ndarray]) -> dict:
@@ -277,7 +258,7 @@ class ReportData:
     explanation: Explanation | None
     adopted: Adopted
     decision: Acceptance
-    quantities: list[Quantity]
+    quantities: list[Fact]
     allan: AllanCurve | None
     hashes: dict[str, str]
     versions: dict[str, str]
@@ -333,8 +314,7 @@ def gather(
     allan = stillness(fit.problem)
     # The twin needs stills, which a session with a further reference may lack.
     beyond = [] if fit.session.reference is not None else _beyond(fit, explanation, adopted)
-    known = [with_freedom(quantity, np.inf) for quantity in beyond]
-    quantities = [*adopted.quantities, *known, *_noise(allan)]
+    quantities = [*adopted.quantities, *beyond, *_noise(allan)]
     # UTC time, or that of SOURCE_DATE_EPOCH, which makes reports reproducible to the byte.
     asked = os.environ.get("SOURCE_DATE_EPOCH", "")
     moment = datetime.fromtimestamp(int(asked), UTC) if asked.isdigit() else datetime.now(UTC)
@@ -361,7 +341,7 @@ def decided(fit: FitResult, explanation: Explanation | None, adopted: Adopted, l
     return fit.decided(adopted, is_linear, limit_deg, left)
 
 
-def _beyond(fit: FitResult, explanation: Explanation | None, adopted: Adopted) -> list[Quantity]:
+def _beyond(fit: FitResult, explanation: Explanation | None, adopted: Adopted) -> list[Fact]:
     if explanation is not None and adopted.claims:
         return beyond_linear(explanation.twin, explanation.whiten, explanation.naming.fit.state)
     twin = explanation.twin if explanation is not None else Twin(fit.problem)
@@ -369,19 +349,17 @@ def _beyond(fit: FitResult, explanation: Explanation | None, adopted: Adopted) -
     return beyond_linear(twin, whiten)
 
 
-def _noise(curve: AllanCurve | None) -> list[Quantity]:
+def _noise(curve: AllanCurve | None) -> list[Fact]:
     """Angle random walk and bias instability of each axis."""
     if curve is None:
         return []
     return [
-        with_freedom(
-            Quantity(word, axis, unit, read.value / si, COVERAGE_FACTOR * (read.sigma / si), read.observed, read.at_most / si),
-            freedom_of(read.value, read.sigma) if read.observed else np.inf,
-        )
+        Fact(word, unit, read.value / si, read.sigma / si, freedom, read.observed, axis, at_most=read.at_most / si)
         for word, unit, si, reading in (
             ("angle random walk", "°/√h", DEG_PER_SQRT_HOUR, angle_random_walk),
             ("bias instability", "°/h", DEG_PER_HOUR, bias_instability),
         )
         for number, axis in enumerate("xyz")
         for read in [reading(curve, number)]
+        for freedom in [freedom_of(read.value, read.sigma) if read.observed else np.inf]
     ]

@@ -132,24 +132,39 @@ def simply_accepted(value: float, limits: tuple[float, float]) -> bool:
 
 
 @dataclass(frozen=True)
-class Measured:
-    """A measured value.
+class Fact:
+    """A number that a result states.
 
-    key: of ``session.log.requirements``; words; unit; value and sigma, its standard uncertainty, in that unit; freedom: degrees of freedom
-    of sigma; observed: whether the session determines it; relative: whether it is decided on the scale of logarithms, as a size is whose
-    scatter grows with it (sigma then is value times that of the logarithm); errors: three errors and the sigma of each, whose root mean
-    square the value is.
+    word: what it is; unit; value and sigma, its standard uncertainty (NaN: not known), in that unit; freedom: degrees of freedom of u;
+    observed: whether the session determines it; component of the word: ``x``, ``x to y``; key: of ``session.log.requirements``; moved: how
+    far one effect that the model lacks may have moved it, a standard uncertainty as well, or NaN; at_most: limit of what is not observed,
+    or NaN; note: a remark for the reader; relative: whether it is decided on the scale of logarithms, as a size is whose scatter grows
+    with it (sigma then is value times that of the logarithm); errors: three errors and the sigma of each, whose root mean square it is.
     """
 
-    key: str
-    words: str
+    word: str
     unit: str
     value: float
-    sigma: float
-    freedom: float = np.inf
+    sigma: float = float("nan")
+    freedom: float = float("inf")
     observed: bool = True
+    component: str = ""
+    key: str = ""
+    moved: float = float("nan")
+    at_most: float = float("nan")
+    note: str = ""
     relative: bool = False
     errors: tuple[tuple[float, ...], tuple[float, ...]] | None = None
+
+    @property
+    def name(self) -> str:
+        """Word and component."""
+        return f"{self.word} {self.component}".strip()
+
+    @property
+    def u(self) -> float:
+        """Combined standard uncertainty, in the unit."""
+        return float(np.hypot(self.sigma, np.nan_to_num(self.moved)))
 
     @property
     def factor(self) -> float:
@@ -158,15 +173,15 @@ class Measured:
 
     @property
     def expanded(self) -> float:
-        """Expanded uncertainty U = k sigma."""
-        return self.factor * self.sigma
+        """Expanded uncertainty U = k u."""
+        return self.factor * self.u
 
 
 @dataclass(frozen=True)
 class Conformity:
     """Whether a measured value meets its limits (lower, upper) by a rule; reference: where the limits are from."""
 
-    measured: Measured
+    measured: Fact
     limits: tuple[float, float]
     rule: Rule
     reference: str = ""
@@ -176,9 +191,9 @@ class Conformity:
         """Value, sigma and limits on the scale on which it is decided."""
         m = self.measured
         if not m.relative:
-            return m.value, m.sigma, self.limits
+            return m.value, m.u, self.limits
         lower, upper = (float(np.log(limit)) if limit > 0 else -np.inf for limit in self.limits)
-        return float(np.log(m.value)), m.sigma / m.value, (lower, upper)
+        return float(np.log(m.value)), m.u / m.value, (lower, upper)
 
     @property
     def _width(self) -> float:
@@ -194,7 +209,7 @@ class Conformity:
         if self.measured.errors is not None:
             near = float(np.clip(inwards, -_BAND, _BAND))
             lower, upper = self._at(self.limits[0], -near), self._at(self.limits[1], near)
-            further = (inwards - near) * self.measured.sigma
+            further = (inwards - near) * self.measured.u
             return lower + further, upper - further
         (lower, upper), by = self._scaled[2], inwards * self._scaled[1]
         found = (lower + by, upper - by)
@@ -255,7 +270,7 @@ class Conformity:
             if self.rule.least_ratio is not None and (self.ratio is None or self.ratio < self.rule.least_ratio):
                 return "not decided"
             return "pass" if simply_accepted(value, self.limits) else "fail"
-        if not np.isfinite(self.measured.sigma):
+        if not np.isfinite(self.measured.u):
             return "not decided"
         if self.rule.risk is not None:
             passes, fails = 1 - self.probability <= self.rule.risk, self.probability <= self.rule.risk
@@ -268,7 +283,7 @@ class Conformity:
     @property
     def risk(self) -> float | None:
         """Probability that a PASS, or a FAIL, is wrong; None where nothing is decided or the uncertainty is not known."""
-        if self.answer == "not decided" or not np.isfinite(self.measured.sigma):
+        if self.answer == "not decided" or not np.isfinite(self.measured.u):
             return None
         return 1 - self.probability if self.answer == "pass" else self.probability
 
@@ -290,7 +305,7 @@ class Conformity:
         unit = m.unit if m.unit == "°" else f" {m.unit}"
         if not m.observed or not np.isfinite(m.value):
             return "not observed"
-        if not (np.isfinite(m.sigma) and m.sigma > 0):
+        if not (np.isfinite(m.u) and m.u > 0):
             return f"{_significant(m.value)}{unit}"
         decimals = 1 - int(np.floor(np.log10(m.expanded) + 1e-12))
         value, expanded = (fixed(each, decimals).replace(THIN, "") for each in (m.value, m.expanded))
@@ -301,7 +316,7 @@ class Conformity:
         """What the answer risks; of an undecided value, what either answer would."""
         if self.measured.key == ATTITUDE:
             return "no risk is stated, since the value is an uncertainty itself"
-        if not np.isfinite(self.measured.sigma) or not self.measured.observed:
+        if not np.isfinite(self.measured.u) or not self.measured.observed:
             return "its uncertainty is not known, and so is the risk"
         wrong = {"pass": 1 - self.probability, "fail": self.probability}
         if self.risk is not None:
@@ -311,14 +326,14 @@ class Conformity:
     @property
     def words(self) -> str:
         """The whole statement in one line."""
-        return f"{self.measured.words}: {self.value_words}, required {self.limit_words}: {self.answer.upper()}; {self.risk_words}"
+        return f"{self.measured.name}: {self.value_words}, required {self.limit_words}: {self.answer.upper()}; {self.risk_words}"
 
     def to_json(self) -> dict:
         """Return an entry of ``conformity`` of ``tinygc-fit/2``; null for what is not known, or has no limit."""
         m = self.measured
         numbers = {
             "value": m.value if m.observed else None,
-            "standard_uncertainty": m.sigma,
+            "standard_uncertainty": m.u,
             "degrees_of_freedom": m.freedom,
             "coverage_factor": m.factor,
             "expanded_uncertainty": m.expanded,
@@ -326,11 +341,11 @@ class Conformity:
             "upper": self.limits[1],
             "guard_band": self.band,
             "test_uncertainty_ratio": self.ratio,
-            "conformity_probability": self.probability if np.isfinite(m.sigma) and m.observed else None,
+            "conformity_probability": self.probability if np.isfinite(m.u) and m.observed else None,
             "risk": self.risk,
         }
         known = {key: value if value is not None and np.isfinite(value) else None for key, value in numbers.items()}
-        return {"quantity": m.key, "name": m.words, "unit": m.unit, "rule": self.rule.kind, "answer": self.answer} | known
+        return {"quantity": m.key, "name": m.name, "unit": m.unit, "rule": self.rule.kind, "answer": self.answer} | known
 
 
 def _significant(value: float) -> str:

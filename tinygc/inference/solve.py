@@ -222,6 +222,12 @@ def total(sources: Iterable[Source]) -> np.ndarray:
     return found
 
 
+def known_sources(sources: Sequence[Source], covariance: np.ndarray) -> tuple[Source, ...]:
+    """The sources of a covariance (P, P); where they are not told apart, one of them all whose size is taken as known."""
+    matching = sources and sources[0].covariance.shape == covariance.shape and np.allclose(total(sources), covariance, rtol=1e-6, atol=0)
+    return tuple(sources) if matching else (Source("all together", "A", float("inf"), covariance),)
+
+
 def effective_freedom(variances: Sequence[float], freedoms: Sequence[float]) -> float:
     """Degrees of freedom of a sum of independent variances (Welch–Satterthwaite, GUM G.2b); infinite where all of them are known."""
     v, nu = np.asarray(variances, dtype=float), np.asarray(freedoms, dtype=float)

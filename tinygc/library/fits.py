@@ -82,7 +82,7 @@ class Fit(Shown):
         """What the sensor errs by, as ``fit`` prints it: ``scale_factor_error_x`` … in ppm, ``misalignment_x_to_y`` … in mrad, ``bias_x`` …
         in dps; NaN where the session does not observe it."""
         found = [quantity for quantity in sensor_errors(self.result) if quantity.word in SENSOR_ERRORS]
-        named = ((f"{quantity.word} {quantity.component}".replace(" ", "_"), quantity) for quantity in found)
+        named = ((quantity.name.replace(" ", "_"), quantity) for quantity in found)
         return Named(
             (name, Estimate(name, q.value, q.sigma, q.unit) if q.observed else Estimate(name, nan, nan, q.unit)) for name, q in named
         )

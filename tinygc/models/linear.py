@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
 from session.base import rotation
-from session.base.numeric import sigmas_in
 from session.base.rotation import Array
 from session.base.units import DEG
+from tinygc.inference.decide import Fact
+from tinygc.inference.solve import Source, effective_freedom, known_sources
 from tinygc.models.model import Model
 
 # The linear model every calibration begins with: omega = E m + B, 12 parameters (docs/model.md).
@@ -96,36 +97,6 @@ def columns(sensitivity: np.ndarray, rate: np.ndarray) -> np.ndarray:
 
 #: a quantity that changes by this much per unit of an unobserved parameter is not observed either
 DEPENDS = 0.1
-#: k of the expanded uncertainty, where its degrees of freedom are not counted
-COVERAGE_FACTOR = 2.0
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """A reported quantity: word, component (x, xy, …), unit; value and its expanded uncertainty in that unit.
-
-    observed: whether the session determines it; at_most: an upper limit if not, or NaN; note: a remark for the reader; moved: how far one
-    effect that is not in the model may have moved it, in its unit (k = 1), or NaN; factor: k of the expanded uncertainty; freedom: degrees
-    of freedom that k is of.
-    """
-
-    word: str
-    component: str
-    unit: str
-    value: float
-    expanded: float
-    observed: bool = True
-    at_most: float = float("nan")
-    note: str = ""
-    moved: float = float("nan")
-    factor: float = COVERAGE_FACTOR
-    freedom: float = float("inf")
-
-    @property
-    def sigma(self) -> float:
-        """Standard uncertainty, in the unit."""
-        return self.expanded / self.factor
-
 
 #: word, components, unit, unit in SI
 WORDS = (
@@ -162,26 +133,30 @@ def field_jacobian(vector: np.ndarray) -> np.ndarray:
     return np.stack([(field_vector(vector + step) - field_vector(vector - step)) / 2e-6 for step in steps], axis=1)
 
 
-def field_quantities(
+def field_facts(
     vector: np.ndarray,
     covariance: np.ndarray,
     unobserved: tuple[str, ...] = (),
     moved: Callable[[np.ndarray], np.ndarray] | None = None,
-) -> list[Quantity]:
-    """18 quantities of a linear model (12,) with its covariance (12, 12).
+    sources: Sequence[Source] = (),
+) -> list[Fact]:
+    """18 sensor errors of a linear model (12,) with its covariance (12, 12), each with the freedom of its own mixture of sources.
 
-    unobserved: names of the unobserved parameters; moved: how far one effect may have moved quantities with a derivative (Q, 12).
+    unobserved: names of the unobserved parameters; moved: how far one effect may have moved quantities with a derivative (Q, 12), which is
+    taken as known, as ``Systematic.of``.
     """
     values, jacobian = field_vector(vector), field_jacobian(vector)
     further = np.full(len(values), np.nan) if moved is None else moved(jacobian)
-    sigma = sigmas_in(jacobian @ covariance @ jacobian.T)
+    known = known_sources(sources, covariance)
+    parts = np.array([*(np.maximum(source.variance(jacobian), 0.0) for source in known), np.nan_to_num(further) ** 2])
+    freedoms = [*(source.freedom for source in known), np.inf]
     hidden = [i for i, name in enumerate(NAMES) if name in unobserved]
-    quantities, at = [], 0
+    facts: list[Fact] = []
     for word, components, unit, si in WORDS:
         for component in components:
+            at = len(facts)
             shown = not (np.abs(jacobian[at, hidden]) > DEPENDS).any()
-            value, expanded = values[at] / si, COVERAGE_FACTOR * sigma[at] / si
-            moves = float(further[at] / si)
-            quantities.append(Quantity(word, component, unit, float(value), float(expanded), bool(shown), moved=moves))
-            at += 1
-    return quantities
+            sigma, freedom = np.sqrt(parts[:-1, at].sum()) / si, effective_freedom(parts[:, at].tolist(), freedoms)
+            value, moves = float(values[at] / si), float(further[at] / si)
+            facts.append(Fact(word, unit, value, float(sigma), freedom, bool(shown), component, moved=moves))
+    return facts

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -19,7 +19,8 @@ from tinygc.estimation.options import METHODS
 from tinygc.estimation.spread import ZERO
 from tinygc.fitting.fit_file import known_turns_words
 from tinygc.fitting.results import FitResult
-from tinygc.models.linear import BIAS, NAMES, PARAMETERS, Quantity, field_quantities
+from tinygc.inference.decide import Fact
+from tinygc.models.linear import BIAS, NAMES, PARAMETERS, field_facts
 from tinygc.reporting.facts import Part, Table, screen
 from tinygc.reporting.tables import degrees_text
 from tinygc.reporting.terminal import Group, Text, one_line
@@ -85,7 +86,8 @@ def closure_table(result: FitResult, adopted: Adopted | None = None, brief: bool
     for each in methods:
         if brief and each.name in VERBOSE and each.name != used and len(methods) > 1:
             continue
-        own = {name.partition("_")[0]: value for name, value in closure_figures(each.held_out).items()}
+        figures: dict[str, Any] = {**closure_figures(each.held_out)}
+        own = {name.partition("_")[0]: value for name, value in figures.items()}
         fitted = None if each.fitted is None else tilt_rms(each.fitted) / DEG
         add(each.title, "bold" if each.name == used else "dim" if each.name in RAW else "", each.runs, fitted=fitted, **own)
         times, seconds = significant(tilt_rms(each.held_out) / white), "" if each.seconds is None else f"{each.seconds:.2f}"
@@ -97,15 +99,15 @@ def closure_table(result: FitResult, adopted: Adopted | None = None, brief: bool
         if not brief and abs(tilt / white - 1) > SAME_FLOOR:
             add(title, "dim", [], tilt=tilt / DEG)
     if brief:
-        title, columns = "Closure error of held-out segments, degrees rms", ("", "roll", "pitch", "yaw", "tilt")
+        title, columns = "Closure error of held-out segments, degrees rms", ["", "roll", "pitch", "yaw", "tilt"]
         if result.runs:
             what = f"{len(result.runs)} closure runs" if len(result.runs) > 1 else f"closure run of {result.runs[0].duration_s:.0f} s"
-            title, columns = f"Closure error, degrees: held-out segments; {what}", (*columns, *of_run)
+            title, columns = f"Closure error, degrees: held-out segments; {what}", [*columns, *of_run]
         return Table(title, columns, _picked(rows, columns), styles=styles)
     rows += [{"": f"{TITLES[name]}: {why}"} for name, why in result.not_run.items()]
     for row in rows:
         row.setdefault("held out", row.get("tilt", ""))
-    columns = ("", "par.", "fitted", "held out", "÷ floor", "roll", "pitch", "yaw", *["closure runs"] * bool(result.runs), "seconds")
+    columns = ["", "par.", "fitted", "held out", "÷ floor", "roll", "pitch", "yaw", *["closure runs"] * bool(result.runs), "seconds"]
     folds = min(result.options.folds, len(result.problem.used))
     said = f"fitted, held out: tilt; held out over {folds} folds; roll, pitch, yaw: held out, about the table's axes"
     said += "; yaw here: the turns of known angle, each about its own axis" * (result.problem.batch.turns is not None)
@@ -132,7 +134,7 @@ def run_table(run: ClosureRun, errors: Mapping[str, np.ndarray], used: str | Non
 # Sensor errors.
 
 
-def errors_table(title: str, quantities: Sequence[Quantity], said: Sequence[str] = (), meanings: Mapping[str, str] | None = None) -> Table:
+def errors_table(title: str, quantities: Sequence[Fact], said: Sequence[str] = (), meanings: Mapping[str, str] | None = None) -> Table:
     """Errors of a sensor by axis: value ± one sigma; meanings of the terms: for a page, which states the expanded uncertainty, and in
     brackets what one effect that the model lacks may add."""
     rows: dict[str, list[str]] = {}
@@ -150,10 +152,10 @@ def errors_table(title: str, quantities: Sequence[Quantity], said: Sequence[str]
     return Table(title, ("", "x", "y", "z"), [[label, *cells, "", ""][:4] for label, cells in rows.items()], "; ".join(said))
 
 
-def sensor_errors(result: FitResult) -> list[Quantity]:
+def sensor_errors(result: FitResult) -> list[Fact]:
     """Return the sensor errors of a fit by least squares, in the terms and signs of the report."""
     moved = None if result.allowed is None else result.allowed.of
-    return field_quantities(result.linear.linear.vector, result.covariance, result.linear.unobserved, moved)
+    return field_facts(result.linear.linear.vector, result.covariance, result.linear.unobserved, moved)
 
 
 def parameters_table(result: FitResult) -> Table:
@@ -177,7 +179,7 @@ def accelerometer_table(found: AccelerometerFit, title: str) -> Table:
     """Table of scale, nonorthogonality and bias, each with one sigma."""
     said = [test.says for test in gravity_test(found)]
     said += [f"in any other session: {found.any_session_words}"] if found.any_session_words else []
-    table = errors_table(title, found.quantities, said)
+    table = errors_table(title, found.facts, said)
     if found.drift is None:
         return table
     drift = drift_json(found.drift)

@@ -36,20 +36,18 @@ from tinygc.estimation.options import METHODS
 from tinygc.estimation.spread import USUAL, ZERO, Spread, drift_between
 from tinygc.estimation.systematic import Systematic
 from tinygc.inference.choose import MISMATCH_P, chi_square_above
-from tinygc.inference.decide import Conformity, Measured
+from tinygc.inference.decide import Conformity, Fact
 from tinygc.inference.noise import wander_covariance
-from tinygc.inference.solve import Source
-from tinygc.models.linear import BIAS, PARAMETERS
+from tinygc.inference.solve import Source, known_sources
+from tinygc.models.linear import BIAS, PARAMETERS, field_facts
 from tinygc.verdict.model_tests import RUN, TURNS, ModelTest, contradictions
 from tinygc.verdict.requirements import (
-    accelerometer_measured,
     attitude_measured,
     closure_measured,
     conformity,
-    field_measured,
-    known_sources,
     rule_words,
     run_measured,
+    sensor_measured,
 )
 
 #: above this ratio to its floor, held-out closure is not noise, whatever the residuals of the fit
@@ -277,7 +275,7 @@ def decide(
     reasons = [(met, f"{text}; {said}" if said else text) for (met, text), said in zip(reasons, ["", *candidate.run_losses], strict=True)]
     by_chance = [each for each, by in zip(reasons, [segments, *[runs] * len(files)], strict=True) if not by]
     unsound = [text for met, text in by_chance if not met]
-    reasons += [_against(f"{each.measured.words}: {each.value_words}", each) for each in others]
+    reasons += [_against(f"{each.measured.name}: {each.value_words}", each) for each in others]
     if raw is not None and raw.condemns(tilt / DEG):
         named = METHODS[raw.method].title
         reasons.append((False, f"{held_out}, worse than the {significant(raw.tilt_rms_deg, 2)}° of the raw rates ({named})"))
@@ -304,7 +302,7 @@ def decide(
     found = [*_doubts(candidate, times, accelerometer), *doubts]
     if not segments and promise is not None and promise.noisier:
         found.append(f"noisier than {promise.source}: {promise.noisier}")
-    undecided += [f"{each.measured.words}: {each.value_words}, {_undecided(each)}" for each in decided if each.answer == "not decided"]
+    undecided += [f"{each.measured.name}: {each.value_words}, {_undecided(each)}" for each in decided if each.answer == "not decided"]
     undecided += [text for met, text in by_chance if met is None]
     passed = all(met is not False for met, _ in reasons)
     return Acceptance(passed, rule, reasons, found, bool(segments), closure, decided, undecided, unsound, limit, source, tuple(tests))
@@ -324,15 +322,15 @@ def _closure(tilt_rad: float, times: float, candidate: JudgedFit, promise: Promi
     return f"closure {degrees(BELOW_95 * tilt_rad)} over {promise.turn_s:.2g} s (95 %), {in_noise}"
 
 
-def _others(candidate: JudgedFit, accelerometer: AccelerometerFit | None) -> list[Measured]:
+def _others(candidate: JudgedFit, accelerometer: AccelerometerFit | None) -> list[Fact]:
     """The values besides the closure that may have limits."""
-    found = accelerometer_measured(accelerometer)
+    found = [] if accelerometer is None else sensor_measured("accel", accelerometer.facts)
     if candidate.covariance is not None:
         vector, covariance = candidate.vector[:PARAMETERS], candidate.covariance[:PARAMETERS, :PARAMETERS]
-        sources = known_sources(candidate.sources, covariance)
         moved = None if candidate.allowed is None else candidate.allowed.of
-        found = [*field_measured(vector, sources, candidate.unobserved, moved), *found]
-        found.append(attitude_measured(vector, sources, candidate.unobserved))
+        errors = field_facts(vector, covariance, candidate.unobserved, moved, candidate.sources)
+        attitude = attitude_measured(vector, known_sources(candidate.sources, covariance), candidate.unobserved)
+        found = [*sensor_measured("gyro", errors), *found, attitude]
     return found
 
 

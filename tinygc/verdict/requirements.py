@@ -14,20 +14,19 @@ normal errors inside a sphere, and its guard band ends where p is F(r k); below 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from session.base.numeric import rms_of
 from session.base.units import DEG
-from session.detect.accelerometer import NAMES as ACCELEROMETER_NAMES
 from session.log.requirements import ATTITUDE, CLOSURE, CLOSURE_RUN, KINDS, SIMPLE, Requirements, Rule
 from tinygc.closure.motion import at_rest
-from tinygc.estimation.accelerometer import AccelerometerFit
 from tinygc.estimation.bias import tilt_rms
-from tinygc.inference.decide import Conformity, Measured, share_words
+from tinygc.inference.decide import Conformity, Fact, share_words
 from tinygc.inference.solve import Source, coverage_factor, effective_freedom, total
-from tinygc.models.linear import NAMES, PARAMETERS, LinearModel, field_jacobian, field_quantities, field_vector
+from tinygc.models.linear import NAMES, PARAMETERS, LinearModel
 
 #: var(mean) S / mean^2 of squared tilts: 1 for two normal angles alike; where the stills that neighbours share err alone, their angles
 #: correlate by -1/2 and their squares by 1/4, with two neighbours each
@@ -51,10 +50,10 @@ def rule_words(rule: Rule) -> str:
     )
 
 
-# Measured values of a calibration, with their standard uncertainties.
+# Fact values of a calibration, with their standard uncertainties.
 
 
-def closure_measured(angles: np.ndarray, numbers: Sequence[int]) -> Measured:
+def closure_measured(angles: np.ndarray, numbers: Sequence[int]) -> Fact:
     """Root mean square tilt of error angles (S, 2 or 3) rad of segments by their numbers, degrees.
 
     The squared tilts scatter about their mean, each correlated with its neighbour's, with which it shares a still:
@@ -64,80 +63,47 @@ def closure_measured(angles: np.ndarray, numbers: Sequence[int]) -> Measured:
     squares, count = np.sum(angles[:, :2] ** 2, axis=1), len(angles)
     rms = tilt_rms(angles)
     if count < 2 or not rms > 0:
-        return Measured(CLOSURE, "closure of held-out segments, rms of tilt", "°", rms / DEG, float("nan"))
+        return Fact("closure of held-out segments, rms of tilt", "°", rms / DEG, key=CLOSURE)
     c = squares / rms**2 - 1
     neighbours = np.diff(np.asarray(numbers)) == 1
     shared = float(np.sum((c[:-1] * c[1:])[neighbours]))
     variance = max((float(c @ c) + 2 * max(shared, 0.0)) / (count * (count - 1)), SHARED / count)
     sigma = np.sqrt(variance) / 2 * rms / DEG
-    return Measured(CLOSURE, "closure of held-out segments, rms of tilt", "°", rms / DEG, sigma, count - 1, relative=True)
+    return Fact("closure of held-out segments, rms of tilt", "°", rms / DEG, sigma, count - 1, key=CLOSURE, relative=True)
 
 
-def run_measured(file: str, error: np.ndarray, floor: np.ndarray | None) -> Measured:
+def run_measured(file: str, error: np.ndarray, floor: np.ndarray | None) -> Fact:
     """RMSE of a closure run of errors (3,) rad, degrees; floor (3,) rad: one sigma of each from noise alone, None where not known.
 
     sigma is the root mean square of what the true RMSE departs from it: near the floor it holds that noise adds to the size.
     """
     size, words = rms_of(error) / DEG, f"closure run {file}, RMSE"
     if floor is None or not np.isfinite(size):
-        return Measured(CLOSURE_RUN, words, "°", size, float("nan"))
+        return Fact(words, "°", size, key=CLOSURE_RUN)
     nodes, weights = np.polynomial.hermite_e.hermegauss(16)
     true = np.stack(np.meshgrid(*(e / DEG + f / DEG * nodes for e, f in zip(error, floor, strict=True)), indexing="ij"))
     share = np.einsum("i,j,k->ijk", weights, weights, weights) / np.sum(weights) ** 3
     sigma = float(np.sqrt(np.sum(share * (np.sqrt(np.mean(true**2, axis=0)) - size) ** 2)))
     errors = (tuple((error / DEG).tolist()), tuple((floor / DEG).tolist())) if sigma > 0 else None
-    return Measured(CLOSURE_RUN, words, "°", size, sigma, errors=errors)
+    return Fact(words, "°", size, sigma, key=CLOSURE_RUN, errors=errors)
 
 
-def known_sources(sources: Sequence[Source], covariance: np.ndarray) -> tuple[Source, ...]:
-    """The sources of a covariance (P, P); where they are not told apart, one of them all whose size is taken as known."""
-    matching = sources and sources[0].covariance.shape == covariance.shape and np.allclose(total(sources), covariance, rtol=1e-6, atol=0)
-    return tuple(sources) if matching else (Source("all together", "A", float("inf"), covariance),)
+#: beginning of a key -> word of the sensor
+SENSORS = {"gyro": "gyroscope", "accel": "accelerometer"}
 
 
-def field_measured(
-    vector: np.ndarray,
-    sources: Sequence[Source],
-    unobserved: tuple[str, ...] = (),
-    moved: Callable[[np.ndarray], np.ndarray] | None = None,
-) -> list[Measured]:
-    """The 18 sensor errors of a linear model (12,), each with the degrees of freedom of its own mixture of sources (12, 12).
-
-    moved: standard uncertainty (Q,) of quantities with a derivative (Q, 12) by one effect that the model lacks, as ``Systematic.of``; it is
-    taken as known.
-    """
-    values, jacobian = field_vector(vector), field_jacobian(vector)
-    parts = np.array([source.variance(jacobian) for source in sources])
-    further = np.zeros(len(values)) if moved is None else moved(jacobian) ** 2
-    freedoms = [*(source.freedom for source in sources), np.inf]
-    quantities = field_quantities(vector, total(sources), unobserved)
+def sensor_measured(sensor: str, facts: Iterable[Fact]) -> list[Fact]:
+    """Errors of a sensor, ``gyro`` or ``accel``, with the keys of their requirements, and in the units of these."""
     found = []
-    for at, q in enumerate(quantities):
-        scale = q.value / values[at] if values[at] else q.expanded / (2 * np.sqrt(parts[:, at].sum()))  # display unit per SI
-        kind = f"gyro_{q.word.replace(' ', '_')}"
-        unit, more = (KINDS[kind][1], 1e3 if q.unit == "dps" else 1.0)
-        key = f"{kind}_{q.component.replace(' ', '_')}_{unit}"
-        variances = [*parts[:, at].tolist(), float(further[at])]
-        sigma, freedom = np.sqrt(sum(variances)) * abs(scale) * more, effective_freedom(variances, freedoms)
-        found.append(Measured(key, f"gyroscope {q.word} {q.component}", unit, q.value * more, float(sigma), freedom, q.observed))
+    for q in facts:
+        kind = f"{sensor}_{q.word.replace(' ', '_')}"
+        unit, more = KINDS[kind][1], 1e3 if q.unit == "dps" else 1.0
+        key, word = f"{kind}_{q.component.replace(' ', '_')}_{unit}", f"{SENSORS[sensor]} {q.word}"
+        found.append(replace(q, word=word, key=key, unit=unit, value=q.value * more, sigma=q.sigma * more, moved=q.moved * more))
     return found
 
 
-def accelerometer_measured(found: AccelerometerFit | None) -> list[Measured]:
-    """The accelerometer's sensor errors; those of a calibration that was taken as given have no uncertainty here."""
-    if found is None:
-        return []
-    measured, freedoms = [], dict(zip(ACCELEROMETER_NAMES, found.freedoms, strict=True))
-    for word, unit, values, sigmas, names in found.errors():
-        kind = f"accel_{word.replace(' ', '_')}"
-        for number, (part, name) in enumerate(zip(KINDS[kind][0], names, strict=True)):
-            sigma = float("nan") if sigmas is None else float(sigmas[number])
-            key, words, observed = f"{kind}_{part}_{unit}", f"accelerometer {word} {part}", name not in found.unobserved
-            measured.append(Measured(key, words, unit, float(values[number]), sigma, freedoms[name], observed))
-    return measured
-
-
-def attitude_measured(vector: np.ndarray, sources: Sequence[Source], unobserved: tuple[str, ...] = ()) -> Measured:
+def attitude_measured(vector: np.ndarray, sources: Sequence[Source], unobserved: tuple[str, ...] = ()) -> Fact:
     """Expanded uncertainty (95 %) of the attitude about its worst axis after a minute at rest, from the calibration alone, degrees.
 
     k is that of the sources (12, 12) about that axis.  It is not observed where a parameter on which it depends is not.
@@ -149,10 +115,10 @@ def attitude_measured(vector: np.ndarray, sources: Sequence[Source], unobserved:
     freedom = effective_freedom([float(each.variance(worst[None])[0]) for each in sources], [each.freedom for each in sources])
     size = coverage_factor(freedom) * np.sqrt(max(float(variances[-1]), 0.0)) / DEG
     observed = not any(np.any(slope[:, NAMES.index(name)]) for name in unobserved if name in NAMES[:PARAMETERS])
-    return Measured(ATTITUDE, "attitude after 60 s at rest, expanded uncertainty", "°", size, float("nan"), freedom, observed)
+    return Fact("attitude after 60 s at rest, expanded uncertainty", "°", size, freedom=freedom, observed=observed, key=ATTITUDE)
 
 
-def conformity(requirements: Requirements, measured: Iterable[Measured]) -> list[Conformity]:
+def conformity(requirements: Requirements, measured: Iterable[Fact]) -> list[Conformity]:
     """Each measured value that has limits, against them, in the order of the values; a value that is an uncertainty itself has no guard
     band, so that simple acceptance decides it."""
     asked = [(each, Rule() if each.key == ATTITUDE else requirements.rule) for each in measured if each.key in requirements.limits]

@@ -28,7 +28,7 @@ from tinygc.explanation.reported import ReportData
 from tinygc.features.unit.certificate.content import REQUIRED, content_of
 from tinygc.features.unit.certificate.dcc_file import UNITS, dcc_text
 from tinygc.features.unit.certificate.library import certificate_of, page
-from tinygc.inference.decide import Measured
+from tinygc.inference.decide import Fact
 from tinygc.inference.solve import coverage_factor, effective_freedom
 from tinygc.models.linear import LinearModel, field_jacobian
 from tinygc.verdict.acceptance import decide
@@ -243,7 +243,7 @@ def test_the_results_are_those_of_the_report_with_their_k(data, filled):
         variances, freedoms = zip(*((float(each.variance(slope[None])[0]), each.freedom) for each in data.fit.sources), strict=True)
         moved = float(data.fit.allowed.of(slope[None])[0])
         assert q.factor == pytest.approx(coverage_factor(effective_freedom([*variances, moved**2], [*freedoms, np.inf])))
-        assert q.sigma == pytest.approx(q.moved / moved * np.sqrt(sum(variances) + moved**2))
+        assert q.u == pytest.approx(q.moved / moved * np.sqrt(sum(variances) + moved**2))
         row = rows[f"gyroscope {q.word} {q.component}"]
         assert (row.value, row.expanded) == pytest.approx((q.value * size.get(q.unit, 1), q.expanded * size.get(q.unit, 1)))
     closure, floor = filled.closure[0]
@@ -275,7 +275,7 @@ def test_as_found_are_the_errors_that_the_old_calibration_leaves(data):
 def test_fit_report_and_certificate_have_one_u_and_one_decision(data):
     """Limits within U with the effect that the model lacks, and beyond U without it: no page may decide."""
     q = next(q for q in data.adopted.quantities if (q.word, q.component) == ("scale factor error", "x"))
-    alone, key = 2 * np.sqrt(q.sigma**2 - q.moved**2), "gyro_scale_factor_error_x_ppm"
+    alone, key = 2 * q.sigma, "gyro_scale_factor_error_x_ppm"
     near = q.value + (alone + q.expanded) / 2
     near_it = with_fields(data, FIELDS + f"[requirements.{key}]\nlower = {q.value - 1e5}\nupper = {near}\n")
     (one,) = (each for each in limited(replace(near_it, adopted=near_it.fit.judged)).conformities if each.measured.key == key)
@@ -437,7 +437,7 @@ IN_SI |= {"dps/g": 1.77974053524e-3, "°/√h": 2.90888208665722e-4, "°/h": 4.8
 def test_each_unit_in_si(filled):
     assert set(IN_SI) == set(UNITS)
     for unit, si in IN_SI.items():
-        one = replace(filled, results=[("one", [("", Measured("", "one", unit, 1.0, 0.5))])])
+        one = replace(filled, results=[("one", [("", Fact("one", unit, 1.0, 0.5))])])
         q = parse(dcc_text(one)).quantity("one")
         assert (q.values[0], q.expanded[0]) == pytest.approx((si, si * 0.979982), rel=1e-6)
 

@@ -201,10 +201,9 @@ def _extent(rests: RestFit, fit: AxisFit) -> float:
 def _noise(rests: RestFit) -> list[Part]:
     rows = []
     for each in (_noise_table(rests, axis) for axis in range(3 if rests.allan is not None else 0)):
-        wander = (each["bias_instability_dph"], each["bias_instability_std_dph"])
-        if wander[0] is None:
-            most = each["bias_instability_at_most_dph"]
-            wander = f"at most {most:.2g}" if np.isfinite(most) else "not observed"
+        most, floor = each["bias_instability_at_most_dph"], each["bias_instability_dph"]
+        limit = f"at most {most:.2g}" if np.isfinite(most) else "not observed"
+        wander = limit if floor is None else (floor, each["bias_instability_std_dph"])
         over = None if each["rms_per_c"] is None else (100 * each["rms_per_c"], 100 * each["rms_std_per_c"])
         rows.append([each["axis"], (each["angle_random_walk_deg_rth"], each["angle_random_walk_std_deg_rth"]), wander, over])
     header = ("axis", "angle random walk, °/√h", "bias instability, °/h", "rms of a reading over temperature, %/°C")

@@ -8,12 +8,13 @@ from session.base.units import DEG
 from tinygc.closure.residual import closure_angles
 from tinygc.estimation.options import METHODS
 from tinygc.fitting.results import FitResult
-from tinygc.models.linear import Quantity, bias_only
+from tinygc.inference.decide import Fact
+from tinygc.models.linear import bias_only
 from tinygc.reporting.drawing import Axis, Panel, Picture
 from tinygc.reporting.pictures.in_turns import closure_panel
 
 
-def picture_of_fit(result: FitResult, words: Sequence[str], quantities: Sequence[Quantity]) -> Picture:
+def picture_of_fit(result: FitResult, words: Sequence[str], quantities: Sequence[Fact]) -> Picture:
     """Draw the picture; words: the three terms to show, of quantities."""
     errors = [_errors(word, [q for q in quantities if q.word == word and q.observed]) for word in words]
     return Picture([_closure(result), *errors], result.verdict().headline, [result.session.name])
@@ -29,7 +30,7 @@ def _closure(result: FitResult) -> Panel:
     return closure_panel(series, result.problem.floor.tilt_rms / DEG, "Closure of each segment")
 
 
-def _errors(word: str, group: Sequence[Quantity]) -> Panel:
+def _errors(word: str, group: Sequence[Fact]) -> Panel:
     """Draw one sort of sensor error, each with one sigma."""
     x = Axis(lo=-0.6, hi=len(group) - 0.4, ticks=[(float(n), q.component) for n, q in enumerate(group)])
     y = Axis(f"{word} ({group[0].unit})" if group else f"{word}: not observed")

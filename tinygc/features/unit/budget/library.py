@@ -79,7 +79,7 @@ class UncertaintyBudget(Shown):
         title = f"Attitude after {self.motion}, {self.when}, about the axes of its start, 95 % (total: at least), {WITHOUT}"
         errors = [each for each in self.shown if each not in self.attitude]
         gyroscope = overview(f"Sensor errors, 95 %, the bias for this switch-on only, {WITHOUT}", errors)
-        force = [overview("Accelerometer, 95 %, for this switch-on only", self.accelerometer), ""] if self.accelerometer else []
+        force: list[Part] = [overview("Accelerometer, 95 %, for this switch-on only", self.accelerometer), ""] if self.accelerometer else []
         return screen([gyroscope, "", *force, overview(title, self.attitude), *drawn])
 
     def to_json(self) -> dict:

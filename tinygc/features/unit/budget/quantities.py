@@ -64,7 +64,7 @@ def sensor_error_budgets(result: FitResult) -> list[Budget]:
     found = []
     for quantity, slope in zip(sensor_errors(result), field_jacobian(vector), strict=True):
         if quantity.observed:
-            name, si = f"{quantity.word} {quantity.component}", units[quantity.word]
+            name, si = quantity.name, units[quantity.word]
             of, beside = partial(_along, slope), _beside_parameter(result, slope)
             found.append(budget_of(name, quantity.unit, si, quantity.value * si, result.sources, of, sizes, beside))
     return found

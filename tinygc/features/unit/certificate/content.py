@@ -29,11 +29,11 @@ from session.log.requirements import Rule
 from tinygc.estimation.spread import ZERO
 from tinygc.explanation.reported import LINEAR, ReportData
 from tinygc.features.unit.certificate.given import TRACED, CertificateGiven, Equipment, given_in, out_of_order
-from tinygc.inference.decide import Conformity, Measured
-from tinygc.inference.solve import Source
-from tinygc.models.linear import BIAS, PARAMETERS, LinearModel, Quantity
+from tinygc.inference.decide import Conformity, Fact
+from tinygc.inference.solve import Source, known_sources, total
+from tinygc.models.linear import BIAS, PARAMETERS, LinearModel, field_facts
 from tinygc.reporting.html.sections.front import SOURCES, recorded
-from tinygc.verdict.requirements import accelerometer_measured, closure_measured, field_measured, known_sources, rule_words, run_measured
+from tinygc.verdict.requirements import closure_measured, rule_words, run_measured, sensor_measured
 
 NOT_STATED = "not stated"
 #: what U holds beside the fit's own sources
@@ -83,7 +83,7 @@ class ResultRow(NamedTuple):
     """Quantities of one kind: words, and for each component its name and its measured value."""
 
     words: str
-    values: list[tuple[str, Measured]]
+    values: list[tuple[str, Fact]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +111,7 @@ class Content:
     results: list[ResultRow]
     as_found: list[ResultRow]
     previous: str
-    closure: list[tuple[Measured, float]]
+    closure: list[tuple[Fact, float]]
     statements: list[tuple[str, str, list[Conformity]]]
     operator: str
     method: list[str]
@@ -369,7 +369,7 @@ def _statements(conformities: Sequence[Conformity]) -> list[tuple[str, str, list
 # Results.
 
 
-def _gyroscope(data: ReportData, vector: np.ndarray, sources: Sequence[Source], turned: np.ndarray | None = None) -> list[Measured]:
+def _gyroscope(data: ReportData, vector: np.ndarray, sources: Sequence[Source], turned: np.ndarray | None = None) -> list[Fact]:
     """The sensor errors of a model (12,), with U that holds the largest effect that the model lacks and the recording does not exclude.
 
     turned (12, 12): derivative of the model by the one that was fitted, where it is another.
@@ -380,7 +380,9 @@ def _gyroscope(data: ReportData, vector: np.ndarray, sources: Sequence[Source], 
         assert allowed is not None
         return allowed.of(slope if turned is None else slope @ turned)
 
-    return field_measured(vector, sources, data.adopted.unobserved, None if allowed is None else moved)
+    return sensor_measured(
+        "gyro", field_facts(vector, total(sources), data.adopted.unobserved, None if allowed is None else moved, sources)
+    )
 
 
 def _results(data: ReportData, vector: np.ndarray, sources: Sequence[Source]) -> list[ResultRow]:
@@ -392,37 +394,20 @@ def _results(data: ReportData, vector: np.ndarray, sources: Sequence[Source]) ->
         again = [row for row in _rows(_gyroscope(data, vector, other)) if row.words == "gyroscope bias"]
         found += [row._replace(words="gyroscope bias at any switch-on") for row in again]
     # one that was taken as given is no result of this calibration
-    found += _rows([each for each in accelerometer_measured(data.fit.accelerometer) if np.isfinite(each.sigma)])
+    found += _rows([each for each in sensor_measured("accel", data.fit.accelerometer.facts) if np.isfinite(each.sigma)])
     beyond = [q for q in data.quantities if q not in data.adopted.quantities and q.observed]
-    return found + _rows([_as_measured(q) for q in beyond])
+    return found + _rows([replace(q, word=f"gyroscope {q.word}") for q in beyond])
 
 
-def _as_measured(q: Quantity) -> Measured:
-    words = f"gyroscope {q.word} {q.component}"
-    if " per g on " in q.component:  # what axis adds to the rate per g along which
-        words = f"gyroscope {q.word}, {q.component}"
-    return Measured("", words, q.unit, q.value, q.sigma, q.freedom, q.observed)
-
-
-def _rows(values: Sequence[Measured]) -> list[ResultRow]:
+def _rows(values: Sequence[Fact]) -> list[ResultRow]:
     """Rows of quantities whose names differ in the component alone, three at most in each."""
     rows: list[ResultRow] = []
     for each in values:
-        words, part = _split(each.words)
-        if rows and rows[-1].words == words and len(rows[-1].values) < 3:
-            rows[-1].values.append((part, each))
+        if rows and rows[-1].words == each.word and len(rows[-1].values) < 3:
+            rows[-1].values.append((each.component, each))
         else:
-            rows.append(ResultRow(words, [(part, each)]))
+            rows.append(ResultRow(each.word, [(each.component, each)]))
     return rows
-
-
-def _split(words: str) -> tuple[str, str]:
-    """``gyroscope misalignment x to y`` -> ``gyroscope misalignment``, ``x to y``."""
-    split = words.split(" ")
-    first = len(split)
-    while first > 1 and (set(split[first - 1]) <= set("xyz") or split[first - 1] == "to"):
-        first -= 1
-    return " ".join(split[:first]), " ".join(split[first:])
 
 
 def _as_found(previous: LinearModel, data: ReportData, vector: np.ndarray, sources: Sequence[Source]) -> list[ResultRow]:
@@ -436,7 +421,7 @@ def _as_found(previous: LinearModel, data: ReportData, vector: np.ndarray, sourc
     return _rows(_gyroscope(data, turned @ vector, moved, turned))
 
 
-def _closure(data: ReportData) -> list[tuple[Measured, float]]:
+def _closure(data: ReportData) -> list[tuple[Fact, float]]:
     adopted = data.adopted
     runs = zip(data.fit.runs, adopted.run_errors, strict=True)
     found = [(closure_measured(adopted.angles, adopted.numbers), adopted.floor_rms)]

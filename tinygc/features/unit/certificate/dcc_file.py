@@ -20,7 +20,7 @@ from session.log.config import Config
 from session.log.requirements import GUARDED
 from tinygc.features.unit.certificate.content import Content, ResultRow, missing_fields
 from tinygc.features.unit.certificate.given import given_in
-from tinygc.inference.decide import Conformity, Measured
+from tinygc.inference.decide import Conformity, Fact
 from tinygc.inference.solve import COVERAGE
 from tinygc.models.linear import NAMES, PARAMETERS
 
@@ -231,7 +231,7 @@ def _result(parent: ElementTree.Element, words: str, prefix: str, rows: Sequence
                 _conforms(quantity, found)
 
 
-def _quantity(parent: ElementTree.Element, name: str, words: str, each: Measured) -> ElementTree.Element:
+def _quantity(parent: ElementTree.Element, name: str, words: str, each: Fact) -> ElementTree.Element:
     quantity = _in(parent, "quantity", id=name, refType="basic_measurementError")
     named(quantity, "name", words)
     if not each.observed or not np.isfinite(each.value):
@@ -242,7 +242,7 @@ def _quantity(parent: ElementTree.Element, name: str, words: str, each: Measured
     return quantity
 
 
-def _real(parent: ElementTree.Element, value: float, unit: str, measured: Measured | None = None, size: float = 1.0) -> None:
+def _real(parent: ElementTree.Element, value: float, unit: str, measured: Fact | None = None, size: float = 1.0) -> None:
     """``si:real`` in SI, with the expanded uncertainty where it is known."""
     real = _in(parent, "real", namespace=SI)
     _in(real, "value", repr(float(value)), SI)
@@ -278,12 +278,12 @@ def _closure(parent: ElementTree.Element, c: Content) -> None:
     answers = [each for each in c.conformity if each.measured.unit == "°"]  # the attitude after a minute has no row elsewhere
     for number, (each, floor) in enumerate(c.closure):
         name = "closure" if number == 0 else f"closure_run_{number}"
-        quantity = _quantity(data, name, f"{each.words}; noise alone: {floor:.4f}°", each)
-        if found := next((one for one in answers if one.measured.words == each.words), None):
+        quantity = _quantity(data, name, f"{each.name}; noise alone: {floor:.4f}°", each)
+        if found := next((one for one in answers if one.measured.name == each.name), None):
             answers.remove(found)
             _conforms(quantity, found)
     for one in answers:
-        _conforms(_quantity(data, one.measured.key, one.measured.words, one.measured), one)
+        _conforms(_quantity(data, one.measured.key, one.measured.name, one.measured), one)
 
 
 def _model(parent: ElementTree.Element, c: Content) -> None:

@@ -18,7 +18,7 @@ from session.log.requirements import ATTITUDE
 from tinygc.explanation.reported import ReportData
 from tinygc.features.unit.certificate.content import Content, ResultRow, content_of
 from tinygc.features.unit.certificate.dcc_file import dcc_text, require_fields
-from tinygc.inference.decide import Conformity, Measured, share_words
+from tinygc.inference.decide import Conformity, Fact, share_words
 from tinygc.library.arguments import public
 from tinygc.library.reports import Report
 from tinygc.models.files import load_with_table
@@ -167,7 +167,7 @@ def page(content: Content) -> str:
         rows=[_row(each) for each in content.results],
         found=[_row(each) for each in content.as_found],
         model=[(axis, [*(fixed(each, 6) for each in row), fixed(bias, 7)]) for axis, row, bias in rows],
-        closure=[(_first(each.words), _value(each), _factor(each), significant(floor, 2)) for each, floor in content.closure],
+        closure=[(_first(each.name), _value(each), _factor(each), significant(floor, 2)) for each, floor in content.closure],
         statements=[(reference, rule, [_conformity(one) for one in each]) for reference, rule, each in content.statements],
     ).lstrip()
 
@@ -190,18 +190,18 @@ def _row(row: ResultRow) -> dict[str, Any]:
     }
 
 
-def _cell(part: str, each: Measured, decimals: int) -> dict[str, str]:
+def _cell(part: str, each: Fact, decimals: int) -> dict[str, str]:
     if not each.observed:
         return {"part": part, "value": "not observed", "expanded": ""}
     known = np.isfinite(each.expanded) and each.expanded > 0
     return {"part": part, "value": fixed(each.value, decimals), "expanded": fixed(each.expanded, decimals) if known else ""}
 
 
-def _factor(each: Measured) -> str:
+def _factor(each: Fact) -> str:
     return fixed(each.factor, 2) if each.observed and np.isfinite(each.expanded) and each.expanded > 0 else ""
 
 
-def _value(each: Measured) -> str:
+def _value(each: Fact) -> str:
     if not (np.isfinite(each.expanded) and each.expanded > 0):
         return significant(each.value, 3)
     decimals = decimals_for(each.expanded)
@@ -221,7 +221,7 @@ def _conformity(each: Conformity) -> dict[str, str]:
     limits = " to ".join(sides) if len(sides) == 2 else f"at {'most' if np.isfinite(each.limits[1]) else 'least'} {sides[0]}"
     value = _value(each.measured) if each.measured.observed else "not observed"
     return {
-        "words": _first(each.measured.words),
+        "words": _first(each.measured.name),
         "unit": each.measured.unit,
         "limits": limits,
         "value": value,

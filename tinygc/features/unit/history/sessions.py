@@ -24,7 +24,7 @@ from tinygc.estimation.accelerometer import ROWS, UNITS, derivative, triad_error
 from tinygc.estimation.session_times import Moment, moment_of, parsed
 from tinygc.fitting.listing import folders_of
 from tinygc.fitting.unit_state import MODEL, UnitState, fitted_state, in_one_frame, refuse_same
-from tinygc.models.linear import NAMES, WORDS, field_jacobian, field_quantities, field_vector
+from tinygc.models.linear import NAMES, WORDS, field_facts, field_jacobian, field_vector
 
 #: a table of dates has a line for each session
 MOST_DATES = 256 * KB
@@ -183,7 +183,7 @@ def gyroscope_numbers(
     """Values (12,), own covariance and shared covariance (12, 12) of a calibration (12,); own, whole (12, 12): its covariances."""
     jacobian = field_jacobian(vector)[KEPT]
     values, covariance = field_vector(vector)[KEPT], jacobian @ own @ jacobian.T
-    quantities = field_quantities(vector, whole, unobserved)
+    quantities = field_facts(vector, whole, unobserved)
     hidden = ~np.array([quantities[i].observed for i in KEPT])
     values[hidden], covariance[hidden], covariance[:, hidden] = np.nan, np.nan, np.nan
     return values, covariance, jacobian @ (whole - own) @ jacobian.T

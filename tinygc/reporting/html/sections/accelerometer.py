@@ -38,7 +38,7 @@ def section(evidence: ReportData) -> Section | None:
     if after.size:
         numbers += [] if before is None else [(f"Gravity’s spread, {earlier}", spread_text(before))]
         numbers.append(("Gravity’s spread, calibrated", spread_text(after)))
-    nine = found.quantities
+    nine = found.facts
     html = render(
         "accelerometer.html",
         found=found,

@@ -10,7 +10,6 @@ from tinygc.closure.floor import AllanCurve, Reading, angle_random_walk
 from tinygc.closure.problem import MeasuredNoise, Problem
 from tinygc.closure.residual import RateMap
 from tinygc.explanation.reported import ReportData
-from tinygc.models.linear import COVERAGE_FACTOR
 from tinygc.noise.figures import NAMES, TERMS, NoiseFigures, Term, read_figures
 from tinygc.noise.measured import SHOWN
 from tinygc.noise.stillness import density
@@ -65,7 +64,7 @@ def _value(term: Term, si: float) -> str:
     """``0.281 ± 0.004`` (k = 2), ``< 4.0`` or a dash, in units of si."""
     if term.sigma is None or not term.is_determined:
         return "–" if term.at_most is None else f"< {significant(term.at_most / si, 2)}"
-    expanded = COVERAGE_FACTOR * term.sigma / si
+    expanded = 2 * term.sigma / si
     decimals = decimals_for(expanded)
     return f"{fixed(term.value / si, decimals)} ± {fixed(expanded, decimals)}"
 

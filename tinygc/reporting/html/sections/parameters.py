@@ -39,7 +39,7 @@ def section(evidence: ReportData) -> Section:
         triad=lambda width: triad(M, min(width, 320)),
         enlarged=enlargement(M),
         factors=[f"{q.factor:.2f}" for q in sorted(shown, key=lambda q: q.factor)],
-        hidden=[f"{q.word} {q.component}" for q in evidence.quantities if not q.observed and q.word != "bias instability"],
+        hidden=[q.name for q in evidence.quantities if not q.observed and q.word != "bias instability"],
         table=replace(errors_table("", ordered, meanings=MEANINGS), kind="parameters"),
         per_hour=DEG_PER_HOUR,
     )

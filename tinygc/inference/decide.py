@@ -20,7 +20,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from session.base.texts import fixed, probability, significant
+from session.base.texts import measured, probability, significant
 from session.log.requirements import ATTITUDE, SIMPLE, Rule
 from tinygc.inference.solve import coverage_factor
 
@@ -176,6 +176,13 @@ class Fact:
         """Expanded uncertainty U = k u."""
         return self.factor * self.u
 
+    @property
+    def stated(self) -> str:
+        """Value ± U to two digits of U, the value alone where U is not known, or that it is not observed."""
+        if not self.observed or not np.isfinite(self.value):
+            return "not observed" + ("" if np.isnan(self.at_most) else f"; at most {_significant(self.at_most, 2)}")
+        return measured(self.value, self.expanded) if self.expanded > 0 else _significant(self.value)
+
 
 @dataclass(frozen=True)
 class Conformity:
@@ -302,14 +309,10 @@ class Conformity:
     def value_words(self) -> str:
         """The value with U, to two digits of U."""
         m = self.measured
-        unit = m.unit if m.unit == "°" else f" {m.unit}"
         if not m.observed or not np.isfinite(m.value):
-            return "not observed"
-        if not (np.isfinite(m.u) and m.u > 0):
-            return f"{_significant(m.value)}{unit}"
-        decimals = 1 - int(np.floor(np.log10(m.expanded) + 1e-12))
-        value, expanded = (fixed(each, decimals).replace(THIN, "") for each in (m.value, m.expanded))
-        return f"{value}{unit} ± {expanded}{unit} (k = {m.factor:.2f})"
+            return m.stated
+        unit = m.unit if m.unit == "°" else f" {m.unit}"
+        return f"{m.stated}{unit}" + (f" (k = {m.factor:.2f})" if m.expanded > 0 else "")
 
     @property
     def risk_words(self) -> str:
@@ -348,8 +351,8 @@ class Conformity:
         return {"quantity": m.key, "name": m.name, "unit": m.unit, "rule": self.rule.kind, "answer": self.answer} | known
 
 
-def _significant(value: float) -> str:
-    return significant(value, 3).replace(THIN, "")
+def _significant(value: float, digits: int = 3) -> str:
+    return significant(value, digits).replace(THIN, "")
 
 
 def share_words(share: float) -> str:

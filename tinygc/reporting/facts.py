@@ -17,6 +17,7 @@ from rich.table import Table as RichTable
 
 from session import VERSION
 from session.base.texts import NONE, measured, significant
+from tinygc.inference.decide import Fact
 from tinygc.reporting.drawing import style_sheet
 from tinygc.reporting.html import markup
 from tinygc.reporting.terminal import Group, RenderableType, Text
@@ -60,6 +61,27 @@ class Table:
         said = ". ".join(filter(None, (self.title, self.caption)))
         marked = [number for number, style in self.styles.items() if "bold" in style]
         return markup.table([typeset(cell) for cell in self.header], rows, typeset(said), self.kind, marked, self.minor)
+
+
+def errors_table(title: str, facts: Sequence[Fact], said: Sequence[str] = (), meanings: Mapping[str, str] | None = None) -> Table:
+    """Errors of a sensor by axis: value ± one sigma; meanings of the terms: for a page, which states the expanded uncertainty, in brackets
+    what one effect that the model lacks may add, and k."""
+    rows: dict[str, tuple[list[str], set[str]]] = {}
+    for q in facts:
+        axis, of = (q.component[-1], f" of {q.component[0]}") if " " in q.component else (q.component, "")  # x to y: of x, in column y
+        meaning = "" if not meanings or q.word not in meanings else f"\n{'; '.join(filter(None, (meanings[q.word], q.note)))}"
+        cells, factors = rows.setdefault(f"{q.word}{of}, {q.unit}{meaning}", ([], set()))
+        cells += [""] * ("xyz".find(axis) - len(cells))
+        text = measured(q.value, q.sigma) if meanings is None and q.observed else q.stated
+        if meanings is not None and q.observed and isfinite(q.moved):
+            text += f" ({significant(2 * q.moved, 2)})"
+        if q.observed and isfinite(q.expanded):
+            factors.add(f"{q.factor:.2f}")
+        cells.append(text if len(axis) == 1 else f"{axis} {text}")
+    if meanings is None:
+        return Table(title, ("", "x", "y", "z"), [[label, *cells, "", ""][:4] for label, (cells, _) in rows.items()], "; ".join(said))
+    found = [[*[label, *cells, "", ""][:4], "–".join(sorted({min(k), max(k)})) if k else ""] for label, (cells, k) in rows.items()]
+    return Table(title, ("", "x", "y", "z", "k"), found, "; ".join(said), kind="parameters")
 
 
 @dataclass(frozen=True, eq=False)

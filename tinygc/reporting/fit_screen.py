@@ -11,6 +11,7 @@ from pathlib import Path
 from session.base.texts import command_line
 from session.detect.stamp_errors import STAMPS
 from tinygc.fitting.results import FitResult
+from tinygc.inference.decide import KINDS
 from tinygc.reporting.facts import screen
 from tinygc.reporting.fit_text import TITLES, closure_table, parameters_table
 from tinygc.reporting.terminal import Group, Text, one_line
@@ -19,7 +20,6 @@ from tinygc.verdict.model_tests import contradictions
 
 #: columns of the screen
 COLUMNS = 80
-STYLES = {"pass": "bold green", "doubtful pass": "bold yellow", "no limit": "bold cyan", "not decided": "bold yellow", "fail": "bold red"}
 
 
 def fit_screen(result: FitResult, decision: Acceptance) -> Group:
@@ -31,7 +31,7 @@ def fit_screen(result: FitResult, decision: Acceptance) -> Group:
 
 def verdict_text(decision: Acceptance) -> Text:
     """The verdict with its reason, and the rule in small print."""
-    text = one_line(decision.headline, STYLES[decision.answer])
+    text = one_line(decision.headline, KINDS[decision.answer].style)
     more = [f"in doubt: {doubt}" for doubt in decision.doubts if doubt not in decision.headline]
     for line in (decision.rule, *decision.risks, *more):
         text.append("\n").append(one_line(line, "dim"))

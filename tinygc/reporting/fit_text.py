@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from session.base.numeric import rms_of, sigmas_in
-from session.base.texts import command_line, listed, measured, printable, significant
+from session.base.texts import command_line, listed, printable, significant
 from session.base.units import DEG, MG
 from session.detect.accelerometer import LengthFit
 from tinygc.estimation.accelerometer import AccelerometerFit, drift_json
@@ -21,7 +21,7 @@ from tinygc.fitting.fit_file import known_turns_words
 from tinygc.fitting.results import FitResult
 from tinygc.inference.decide import Fact
 from tinygc.models.linear import BIAS, NAMES, PARAMETERS, field_facts
-from tinygc.reporting.facts import Part, Table, screen
+from tinygc.reporting.facts import Part, Table, errors_table, screen
 from tinygc.reporting.tables import degrees_text
 from tinygc.reporting.terminal import Group, Text, one_line
 from tinygc.verdict.model_tests import NOISE, contradictions, gravity_test
@@ -132,24 +132,6 @@ def run_table(run: ClosureRun, errors: Mapping[str, np.ndarray], used: str | Non
 
 
 # Sensor errors.
-
-
-def errors_table(title: str, quantities: Sequence[Fact], said: Sequence[str] = (), meanings: Mapping[str, str] | None = None) -> Table:
-    """Errors of a sensor by axis: value ± one sigma; meanings of the terms: for a page, which states the expanded uncertainty, and in
-    brackets what one effect that the model lacks may add."""
-    rows: dict[str, list[str]] = {}
-    for q in quantities:
-        axis, of = (q.component[-1], f" of {q.component[0]}") if " " in q.component else (q.component, "")  # x to y: of x, in column y
-        meaning = "" if meanings is None or q.word not in meanings else f"\n{'; '.join(filter(None, (meanings[q.word], q.note)))}"
-        cells = rows.setdefault(f"{q.word}{of}, {q.unit}{meaning}", [])
-        cells += [""] * ("xyz".find(axis) - len(cells))
-        text = measured(q.value, q.sigma if meanings is None else q.expanded)
-        if not q.observed:
-            text = "not observed" + f"; at most {significant(q.at_most, 2)}" * bool(np.isfinite(q.at_most))
-        elif meanings is not None and np.isfinite(q.moved):
-            text += f" ({significant(2 * q.moved, 2)})"
-        cells.append(text if len(axis) == 1 else f"{axis} {text}")
-    return Table(title, ("", "x", "y", "z"), [[label, *cells, "", ""][:4] for label, cells in rows.items()], "; ".join(said))
 
 
 def sensor_errors(result: FitResult) -> list[Fact]:

@@ -36,7 +36,7 @@ from tinygc.estimation.options import METHODS
 from tinygc.estimation.spread import USUAL, ZERO, Spread, drift_between
 from tinygc.estimation.systematic import Systematic
 from tinygc.inference.choose import MISMATCH_P, chi_square_above
-from tinygc.inference.decide import Conformity, Fact
+from tinygc.inference.decide import KINDS, Conformity, Fact
 from tinygc.inference.noise import wander_covariance
 from tinygc.inference.solve import Source, known_sources
 from tinygc.models.linear import BIAS, PARAMETERS, field_facts
@@ -56,14 +56,6 @@ NEAR_FLOOR = 2.0
 TOO_GOOD_P = 1e-4
 #: where the limit of the closure is from that ``limit_deg`` gives
 GIVEN = "limit of the closure, as it was given to the program"
-#: answers in words; a given limit decides, and doubts are stated with the result
-WORDS = {
-    "pass": "PASS",
-    "doubtful pass": "PASS, with doubts",
-    "no limit": "no limit",
-    "not decided": "NOT DECIDED",
-    "fail": "FAIL",
-}
 #: of tilts with this rms, about two axes alike, 95 % are below so many times it: sqrt(-ln 0.05)
 BELOW_95 = 1.73
 
@@ -188,7 +180,7 @@ class Acceptance:
     @property
     def word(self) -> str:
         """The answer in words for the user."""
-        return WORDS[self.answer]
+        return KINDS[self.answer].word
 
     def to_json(self) -> dict:
         """Return ``verdict`` of ``tinygc-fit/2``."""

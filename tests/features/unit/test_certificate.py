@@ -204,7 +204,7 @@ def words_of(content) -> str:
 
 
 def values_of(rows) -> dict:
-    return {f"{words} {part}".strip(): each for words, cells in rows for part, each in cells}
+    return {each.name: each for each in rows}
 
 
 def changed(data, **parts):
@@ -244,7 +244,7 @@ def test_the_results_are_those_of_the_report_with_their_k(data, filled):
         moved = float(data.fit.allowed.of(slope[None])[0])
         assert q.factor == pytest.approx(coverage_factor(effective_freedom([*variances, moved**2], [*freedoms, np.inf])))
         assert q.u == pytest.approx(q.moved / moved * np.sqrt(sum(variances) + moved**2))
-        row = rows[f"gyroscope {q.word} {q.component}"]
+        row = rows[f"gyroscope {q.name}"]
         assert (row.value, row.expanded) == pytest.approx((q.value * size.get(q.unit, 1), q.expanded * size.get(q.unit, 1)))
     closure, floor = filled.closure[0]
     assert closure.value == pytest.approx(np.sqrt(np.mean(np.sum(data.adopted.angles[:, :2] ** 2, axis=1))) / DEG)
@@ -437,7 +437,7 @@ IN_SI |= {"dps/g": 1.77974053524e-3, "°/√h": 2.90888208665722e-4, "°/h": 4.8
 def test_each_unit_in_si(filled):
     assert set(IN_SI) == set(UNITS)
     for unit, si in IN_SI.items():
-        one = replace(filled, results=[("one", [("", Fact("one", unit, 1.0, 0.5))])])
+        one = replace(filled, results=[Fact("one", unit, 1.0, 0.5)])
         q = parse(dcc_text(one)).quantity("one")
         assert (q.values[0], q.expanded[0]) == pytest.approx((si, si * 0.979982), rel=1e-6)
 

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -79,13 +78,6 @@ CALIBRATED = {
 Line = tuple[str, str, str]
 
 
-class ResultRow(NamedTuple):
-    """Quantities of one kind: words, and for each component its name and its measured value."""
-
-    words: str
-    values: list[tuple[str, Fact]]
-
-
 @dataclass(frozen=True, eq=False)
 class Content:
     """A certificate.
@@ -108,8 +100,8 @@ class Content:
     conditions: list[Line]
     traceability: list[Line]
     equipment: tuple[Equipment, ...]
-    results: list[ResultRow]
-    as_found: list[ResultRow]
+    results: list[Fact]
+    as_found: list[Fact]
     previous: str
     closure: list[tuple[Fact, float]]
     statements: list[tuple[str, str, list[Conformity]]]
@@ -385,32 +377,20 @@ def _gyroscope(data: ReportData, vector: np.ndarray, sources: Sequence[Source], 
     )
 
 
-def _results(data: ReportData, vector: np.ndarray, sources: Sequence[Source]) -> list[ResultRow]:
-    found = _rows(_gyroscope(data, vector, sources))
+def _results(data: ReportData, vector: np.ndarray, sources: Sequence[Source]) -> list[Fact]:
+    found = _gyroscope(data, vector, sources)
     if not (between := data.fit.spread.at(ZERO)).is_usual:
         spread = np.zeros((PARAMETERS, PARAMETERS))
         spread[BIAS, BIAS] = between.two_draws
-        other = [*sources, Source("switch-on", "B", float("inf"), spread)]
-        again = [row for row in _rows(_gyroscope(data, vector, other)) if row.words == "gyroscope bias"]
-        found += [row._replace(words="gyroscope bias at any switch-on") for row in again]
+        again = _gyroscope(data, vector, [*sources, Source("switch-on", "B", float("inf"), spread)])
+        found += [replace(q, word=f"{q.word} at any switch-on", key="") for q in again if q.word == "gyroscope bias"]
     # one that was taken as given is no result of this calibration
-    found += _rows([each for each in sensor_measured("accel", data.fit.accelerometer.facts) if np.isfinite(each.sigma)])
+    found += [each for each in sensor_measured("accel", data.fit.accelerometer.facts) if np.isfinite(each.sigma)]
     beyond = [q for q in data.quantities if q not in data.adopted.quantities and q.observed]
-    return found + _rows([replace(q, word=f"gyroscope {q.word}") for q in beyond])
+    return found + [replace(q, word=f"gyroscope {q.word}") for q in beyond]
 
 
-def _rows(values: Sequence[Fact]) -> list[ResultRow]:
-    """Rows of quantities whose names differ in the component alone, three at most in each."""
-    rows: list[ResultRow] = []
-    for each in values:
-        if rows and rows[-1].words == each.word and len(rows[-1].values) < 3:
-            rows[-1].values.append((each.component, each))
-        else:
-            rows.append(ResultRow(each.word, [(each.component, each)]))
-    return rows
-
-
-def _as_found(previous: LinearModel, data: ReportData, vector: np.ndarray, sources: Sequence[Source]) -> list[ResultRow]:
+def _as_found(previous: LinearModel, data: ReportData, vector: np.ndarray, sources: Sequence[Source]) -> list[Fact]:
     """Errors of the output as the previous calibration corrects it, w0 = E0 m + B0: the calibration of w0 is E E0^-1, B - E E0^-1 B0."""
     undone = np.linalg.inv(previous.E)
     turned = np.zeros((PARAMETERS, PARAMETERS))
@@ -418,7 +398,7 @@ def _as_found(previous: LinearModel, data: ReportData, vector: np.ndarray, sourc
     turned[BIAS, :9] = -np.kron(np.eye(3), undone @ previous.B)
     turned[BIAS, BIAS] = np.eye(3)
     moved = [replace(each, covariance=turned @ each.covariance @ turned.T) for each in sources]
-    return _rows(_gyroscope(data, turned @ vector, moved, turned))
+    return _gyroscope(data, turned @ vector, moved, turned)
 
 
 def _closure(data: ReportData) -> list[tuple[Fact, float]]:

@@ -18,7 +18,7 @@ from session.base.errors import CalibrationError
 from session.base.texts import printable
 from session.log.config import Config
 from session.log.requirements import GUARDED
-from tinygc.features.unit.certificate.content import Content, ResultRow, missing_fields
+from tinygc.features.unit.certificate.content import Content, missing_fields
 from tinygc.features.unit.certificate.given import given_in
 from tinygc.inference.decide import Conformity, Fact
 from tinygc.inference.solve import COVERAGE
@@ -218,17 +218,15 @@ def _conditions(parent: ElementTree.Element, c: Content) -> None:
         parent.append(conditions)
 
 
-def _result(parent: ElementTree.Element, words: str, prefix: str, rows: Sequence[ResultRow], conformity: Sequence[Conformity] = ()) -> None:
+def _result(parent: ElementTree.Element, words: str, prefix: str, facts: Sequence[Fact], conformity: Sequence[Conformity] = ()) -> None:
     result = _in(parent, "result")
     named(result, "name", words)
     data, answers = _in(result, "data"), {each.measured.key: each for each in conformity if each.measured.key}
-    for kind, cells in rows:
-        for part, each in cells:
-            name = f"{kind} {part}".strip()
-            identifier = "_".join("".join(c if c.isascii() and c.isalnum() else " " for c in name).split())
-            quantity = _quantity(data, prefix + identifier, name, each)
-            if (found := answers.pop(each.key, None)) is not None:  # of the first row that has it: that of this switch-on
-                _conforms(quantity, found)
+    for each in facts:
+        identifier = "_".join("".join(c if c.isascii() and c.isalnum() else " " for c in each.name).split())
+        quantity = _quantity(data, prefix + identifier, each.name, each)
+        if (found := answers.get(each.key)) is not None:
+            _conforms(quantity, found)
 
 
 def _quantity(parent: ElementTree.Element, name: str, words: str, each: Fact) -> ElementTree.Element:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -16,14 +17,15 @@ from session.base.texts import fixed, significant
 from session.log.config import read_config
 from session.log.requirements import ATTITUDE
 from tinygc.explanation.reported import ReportData
-from tinygc.features.unit.certificate.content import Content, ResultRow, content_of
+from tinygc.features.unit.certificate.content import Content, content_of
 from tinygc.features.unit.certificate.dcc_file import dcc_text, require_fields
 from tinygc.inference.decide import Conformity, Fact, share_words
 from tinygc.library.arguments import public
 from tinygc.library.reports import Report
 from tinygc.models.files import load_with_table
 from tinygc.models.linear import LinearModel
-from tinygc.reporting.html.markup import decimals_for, render
+from tinygc.reporting.facts import Table, errors_table
+from tinygc.reporting.html.markup import render
 from tinygc.reporting.html.paper import print_pdf, require_browser
 
 #: bytes of a file that say whether it is a certificate
@@ -157,18 +159,20 @@ def page(content: Content) -> str:
     """The certificate as HTML."""
     title = DRAFT if content.draft else TITLE
     number = f"{'draft, ' if content.draft else ''}certificate number {content.number}"
-    rows = zip("xyz", content.model.E, content.model.B, strict=True)
+    model = zip("xyz", content.model.E, content.model.B, strict=True)
+    rows = [[axis, *(fixed(each, 6) for each in row), fixed(bias, 7)] for axis, row, bias in model]
+    closure = [[_first(each.name), each.stated, _factor(each), significant(floor, 2)] for each, floor in content.closure]
     return render(
         "certificate.html",
         "tinygc.features.unit.certificate",
         c=content,
         title=title,
         running={"bottom-left": number},
-        rows=[_row(each) for each in content.results],
-        found=[_row(each) for each in content.as_found],
-        model=[(axis, [*(fixed(each, 6) for each in row), fixed(bias, 7)]) for axis, row, bias in rows],
-        closure=[(_first(each.name), _value(each), _factor(each), significant(floor, 2)) for each, floor in content.closure],
-        statements=[(reference, rule, [_conformity(one) for one in each]) for reference, rule, each in content.statements],
+        results=errors_table("", content.results, meanings={}),
+        found=errors_table("", content.as_found, meanings={}),
+        model=Table("", ("ω = E m + B", "E, of m x", "E, of m y", "E, of m z", "B, rad/s"), rows),
+        closure=Table("", ("Closure with it, degrees", "Value ± U", "k", "Noise alone"), closure),
+        statements=[(reference, rule, _conformities(each)) for reference, rule, each in content.statements],
     ).lstrip()
 
 
@@ -176,56 +180,20 @@ def _first(words: str) -> str:
     return f"{words[:1].upper()}{words[1:]}"
 
 
-def _row(row: ResultRow) -> dict[str, Any]:
-    """A line of the table of results: decimals that give the largest U of the line two digits, and the range of k."""
-    known = [each for _, each in row.values if each.observed and np.isfinite(each.expanded) and each.expanded > 0]
-    decimals = min((decimals_for(each.expanded) for each in known), default=3)
-    factors = sorted({fixed(each.factor, 2) for each in known})
-    cells = [_cell(part, each, decimals) for part, each in row.values]
-    return {
-        "words": _first(row.words),
-        "unit": row.values[0][1].unit,
-        "cells": [*cells, None, None, None][:3],
-        "k": "–".join(dict.fromkeys((factors[0], factors[-1]))) if factors else "",
-    }
-
-
-def _cell(part: str, each: Fact, decimals: int) -> dict[str, str]:
-    if not each.observed:
-        return {"part": part, "value": "not observed", "expanded": ""}
-    known = np.isfinite(each.expanded) and each.expanded > 0
-    return {"part": part, "value": fixed(each.value, decimals), "expanded": fixed(each.expanded, decimals) if known else ""}
-
-
 def _factor(each: Fact) -> str:
-    return fixed(each.factor, 2) if each.observed and np.isfinite(each.expanded) and each.expanded > 0 else ""
+    return fixed(each.factor, 2) if each.observed and each.expanded > 0 else ""
 
 
-def _value(each: Fact) -> str:
-    if not (np.isfinite(each.expanded) and each.expanded > 0):
-        return significant(each.value, 3)
-    decimals = decimals_for(each.expanded)
-    return f"{fixed(each.value, decimals)} ± {fixed(each.expanded, decimals)}"
-
-
-def _conformity(each: Conformity) -> dict[str, str]:
-    if each.measured.key == ATTITUDE:
-        risk = "none: an uncertainty"
-    elif each.risk is not None:
-        risk = share_words(each.risk)
-    elif each.measured.observed and np.isfinite(each.measured.sigma):
-        risk = f"PASS {share_words(1 - each.probability)}, FAIL {share_words(each.probability)}"
-    else:
+def _conformities(conformities: Sequence[Conformity]) -> Table:
+    rows = []
+    for each in conformities:
+        m = each.measured
         risk = "not known"
-    sides = [significant(side, 3) for side in each.limits if np.isfinite(side)]
-    limits = " to ".join(sides) if len(sides) == 2 else f"at {'most' if np.isfinite(each.limits[1]) else 'least'} {sides[0]}"
-    value = _value(each.measured) if each.measured.observed else "not observed"
-    return {
-        "words": _first(each.measured.name),
-        "unit": each.measured.unit,
-        "limits": limits,
-        "value": value,
-        "k": _factor(each.measured),
-        "answer": each.answer.upper(),
-        "risk": risk,
-    }
+        if m.key == ATTITUDE:
+            risk = "none: an uncertainty"
+        elif each.risk is not None:
+            risk = share_words(each.risk)
+        elif m.observed and np.isfinite(m.u):
+            risk = f"PASS {share_words(1 - each.probability)}, FAIL {share_words(each.probability)}"
+        rows.append([f"{_first(m.name)}, {m.unit}", each.limit_words, m.stated, _factor(m), each.answer.upper(), risk])
+    return Table("", ("Requirement", "Limits", "Value ± U", "k", "Answer", "Risk that it is wrong"), rows)

@@ -18,10 +18,11 @@ from session.base.results import write_text_whole
 from session.base.units import DEG
 from tinygc.estimation.session_times import Moment, parsed
 from tinygc.features.unit.history.estimate import NumberHistory, UnitHistory, history_of
-from tinygc.features.unit.history.forecast import FAILS, UNDECIDED, Outlook, outlooks_of, parse_accuracy, parse_limit
+from tinygc.features.unit.history.forecast import Outlook, outlooks_of, parse_accuracy, parse_limit
 from tinygc.features.unit.history.sessions import NUMBERS, read_dates, sessions_of
 from tinygc.features.unit.history.text import outlook_line, unit_facts
 from tinygc.features.unit.options import HistoryOptions
+from tinygc.inference.decide import KINDS
 from tinygc.library.arguments import is_path, public
 from tinygc.library.records import Shown
 from tinygc.models.linear import BIAS
@@ -61,8 +62,8 @@ class History(Shown):
     @property
     def exit_code(self) -> int:
         """0; 1 where a requirement does not hold today, 5 where one is undecided and none fails."""
-        answers = {each.answer for outlooks in self.outlooks for each in outlooks}
-        return 1 if FAILS in answers else 5 if UNDECIDED in answers else 0
+        codes = {KINDS[each.answer].exit_code for outlooks in self.outlooks for each in outlooks}
+        return 1 if 1 in codes else max(codes, default=0)
 
     @property
     def verdict_line(self) -> str:

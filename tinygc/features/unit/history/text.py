@@ -12,8 +12,9 @@ from session.base.units import DEG
 from tinygc.estimation.between_sessions import CHANCE, FEWEST_WITH_DRIFT, FEWEST_WITH_TEMPERATURE, LEAST_WARMTH_K, LOOKED_AT
 from tinygc.estimation.session_times import SOURCES
 from tinygc.features.unit.history.estimate import LONGEST_YEAR, NumberHistory, UnitHistory
-from tinygc.features.unit.history.forecast import FAILS, HOLDS, Outlook
+from tinygc.features.unit.history.forecast import HOLDS, Outlook
 from tinygc.features.unit.history.sessions import GYROSCOPE, Number
+from tinygc.inference.decide import KINDS
 from tinygc.models.linear import BIAS
 from tinygc.reporting.facts import Part, Table
 from tinygc.reporting.terminal import one_line
@@ -24,7 +25,6 @@ MOST_COLUMNS = 4
 HIDDEN = 30.0
 #: title of the table of all sessions together
 TOGETHER = "What the sessions say together: scatter between them, drift, a step in any interval (95 %)"
-STYLES = {HOLDS: "bold green", FAILS: "bold red"}
 
 
 def significant(value: float, digits: int = 2) -> str:
@@ -35,7 +35,7 @@ def significant(value: float, digits: int = 2) -> str:
 def unit_facts(history: UnitHistory, outlooks: Sequence[Outlook], everything: bool = True) -> list[Part]:
     """What stands of one unit: what matters first, then the gyroscope's numbers; everything: all numbers, and those of each session."""
     parts: list[Part] = [one_line(headline(history), "bold")]
-    parts += [one_line(outlook_line(each), STYLES.get(each.answer, "bold yellow")) for each in outlooks]
+    parts += [one_line(outlook_line(each), KINDS[each.answer].style) for each in outlooks]
     parts += lines(history)
     shown = history.numbers if everything else history.numbers[:GYROSCOPE]
     if len(history.sessions) > 1:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from session.base.texts import significant
@@ -12,7 +10,7 @@ from session.detect.accelerometer import attitudes_of
 from tinygc.closure.joint import REFUTED_P
 from tinygc.estimation.accelerometer import UNITS
 from tinygc.explanation.reported import ReportData
-from tinygc.reporting.fit_text import errors_table
+from tinygc.reporting.facts import errors_table
 from tinygc.reporting.html.chart import Axis, Chart, log_axis
 from tinygc.reporting.html.markup import Section, render
 
@@ -45,7 +43,7 @@ def section(evidence: ReportData) -> Section | None:
         refuted_p=REFUTED_P,
         numbers=numbers,
         rests_on=evidence.adopted.accelerometer.source,
-        table=replace(errors_table("", nine, meanings=MEANINGS), kind="parameters"),
+        table=errors_table("", nine, meanings=MEANINGS),
         factors=[f"{q.factor:.2f}" for q in sorted(nine, key=lambda q: q.factor)],
         before=earlier,
         has_before=before is not None,

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 
 from session.base.texts import printable
 from tinygc.estimation.session_times import date_of
 from tinygc.explanation.reported import ReportData
-from tinygc.reporting.fit_text import errors_table
+from tinygc.reporting.facts import errors_table
 from tinygc.reporting.html.markup import Section, render
 from tinygc.reporting.html.sections.recording import reference_words, temperature_words
 
@@ -41,7 +40,7 @@ def section(evidence: ReportData) -> Section:
         ("Computed by", f"TinyGC {evidence.versions['TinyGC']}"),
     ]
     table = errors_table("Errors of the sensor, ± U (95 %)", [q for q in evidence.quantities if q.word in TERMS], meanings={})
-    return Section("front", "", render("front.html", facts_of=facts, table=replace(table, kind="parameters")))
+    return Section("front", "", render("front.html", facts_of=facts, table=table))
 
 
 def recorded(evidence: ReportData) -> tuple[str | None, str]:

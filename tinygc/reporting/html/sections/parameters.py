@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from session.base.units import DEG_PER_HOUR
 from tinygc.explanation.reported import ReportData
-from tinygc.reporting.fit_text import errors_table
+from tinygc.reporting.facts import errors_table
 from tinygc.reporting.html.chart import enlargement, triad
 from tinygc.reporting.html.markup import Section, render
 from tinygc.reporting.html.sections.recording import temperature_words
@@ -40,7 +38,7 @@ def section(evidence: ReportData) -> Section:
         enlarged=enlargement(M),
         factors=[f"{q.factor:.2f}" for q in sorted(shown, key=lambda q: q.factor)],
         hidden=[q.name for q in evidence.quantities if not q.observed and q.word != "bias instability"],
-        table=replace(errors_table("", ordered, meanings=MEANINGS), kind="parameters"),
+        table=errors_table("", ordered, meanings=MEANINGS),
         per_hour=DEG_PER_HOUR,
     )
     return Section("parameters", "Parameters", html)

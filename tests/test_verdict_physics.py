@@ -28,7 +28,7 @@ from tinygc.estimation.choice import (
 )
 from tinygc.estimation.spread import ZERO, Spread
 from tinygc.estimation.stated_noise import require_plausible
-from tinygc.estimation.systematic import Systematic, _beside, _likeliest, systematic_of
+from tinygc.estimation.systematic import MOST_WEIGHED, Systematic, _beside, _promises, systematic_of
 from tinygc.inference.noise import wander_covariance
 from tinygc.models.linear import LinearModel
 from tinygc.verdict.acceptance import GIVEN, JudgedFit, Promise, decide, promise_of, run_p_values, too_good, too_wide
@@ -292,15 +292,15 @@ def test_it_is_the_second_moment_of_the_joint_normal_distribution():
     twin.spoil(variants[1], [0.4])
     covariance, response = np.diag(np.linspace(0.5, 2.0, twin.n)), np.random.default_rng(1).normal(size=(12, twin.n))
     noise = SimpleNamespace(
-        twin=twin, covariance=covariance, first=np.eye(twin.n), gain_of=lambda columns: 60.0 + columns.shape[1] + columns[0, 0]
+        twin=twin, covariance=covariance, first=np.eye(twin.n), gain_of=lambda columns: columns.shape[1] + columns[0, 0] - 60.0
     )
     with (
         patch.object(systematic, "candidates", lambda twin: [a, *variants]),
         patch.object(systematic, "stated_response", lambda problem, model, still_rates: response),
     ):
         found = systematic_of(None, None, noise, 1.7, False)
-        noise.gain_of = lambda columns: -np.inf
-        without_gain = systematic_of(None, None, noise, 1.7, False)
+        with patch.object(systematic, "MOST_WEIGHED", 0):
+            by_columns = systematic_of(None, None, noise, 1.7, False)
     J = twin.calibration * np.where(np.arange(15) // 2 == 6, 0.0, PRIORS)
 
     def moments(each):
@@ -316,18 +316,19 @@ def test_it_is_the_second_moment_of_the_joint_normal_distribution():
     expected = np.average(squares, axis=0, weights=np.exp(np.array(log_p) - max(log_p)))
     assert_allclose(found.by_effect["test.step"], expected, rtol=1e-6)
     assert_allclose(found.tilts, twin.linear_columns(None).closure[:, :2])
-    # The mean density over an effect's shapes, against that without it.
-    nothing = stats.multivariate_normal(np.zeros(twin.n), 1.7 * covariance + J @ J.T).logpdf(twin.recorded)
-    expected = {"test.a": moments(a)[1] - nothing, "test.step": np.logaddexp.reduce(log_p) - np.log(3) - nothing}
-    assert without_gain.log_odds == pytest.approx(expected)
-    # With the noise estimated again: half of the gain, less the logarithms of ten scales and of three shapes, and a half for each number.
+    # By linear columns what each promises; with the noise estimated again half of the gain, whatever was promised, less the logarithms of
+    # ten scales and of three shapes, and a half for each number.
+    factor = np.linalg.cholesky(1.7 * covariance)
+    white = np.linalg.solve(factor, np.column_stack([twin.columns_of(each) for each in (a, *variants)] + [twin.recorded]))
+    promised = _promises([a, *variants], np.array([0, 2, 3, 4, 5]), *_beside(np.linalg.solve(factor, J), white))
+    assert by_columns.log_odds == pytest.approx({name: promise / 2 for name, (promise, _) in promised.items()})
     of = {each.id: each.parameter.plausible * twin.columns_of(each)[0, 0] / 2 for each in (a, variants[1])}
-    expected = {"test.a": 30.0 - np.log(10.0) + of["test.a"], "test.step": 30.0 - np.log(30.0) + of["test.step"]}
+    expected = {"test.a": of["test.a"] - 30.0 - np.log(10.0), "test.step": of["test.step"] - 30.0 - np.log(30.0)}
     assert {name: found.log_odds[name] for name in expected} == pytest.approx(expected)
 
 
 def test_the_likeliest_effects_gain_most_less_what_their_scale_shapes_and_numbers_cost():
-    """A ridge regression of what the calibration leaves; of an effect's shapes the best; three at most."""
+    """A ridge regression of what the calibration leaves; of an effect's shapes the best."""
     rng, step = np.random.default_rng(9), stepped("step", np.array([1.0, 2.0]))
     effects = [effect("a", 2, plausible=0.2), effect("b", 1, plausible=0.3), effect("c", 1, plausible=2.0)]
     effects += [effect("d", 1, plausible=0.05), step.at(1.0), step.at(2.0)]
@@ -347,8 +348,10 @@ def test_the_likeliest_effects_gain_most_less_what_their_scale_shapes_and_number
         cost = 2 * np.log(10.0) + 2 * np.log(1 + (number > 3)) + size
         found = gain - size * np.log(max(gain / size, 1.0)) - cost
         promise[each.id] = max(promise.get(each.id, (-np.inf, 0)), (found, number))
-    expected = [number for _, number in sorted(promise.values(), reverse=True)][:3]
-    assert _likeliest(effects, edges, *_beside(J, white)) == expected
+    found = _promises(effects, edges, *_beside(J, white))
+    assert {name: number for name, (_, number) in found.items()} == {name: number for name, (_, number) in promise.items()}
+    assert [found[name][0] for name in promise] == pytest.approx([each for each, _ in promise.values()])
+    assert MOST_WEIGHED == 3
 
 
 MDPS = 1e-3 * DEG

@@ -11,6 +11,9 @@ closes the turns that it was fitted to.  For each effect of the catalogue, alone
 The noise is that of the fit, with its inflation: where something is missing, the recording allows larger effects.  An effect with a scanned
 shape, such as the time of a step, is the mean over its values, each by its evidence.  Each parameter states the largest movement by any one
 effect.  What no residual shows, such as a common clock rate, has its own term (``NominalRate``).
+
+An effect is suspected by the evidence that ``explain`` has of it alone: with the noise estimated again for those that promise most by their
+linear columns.
 """
 
 from __future__ import annotations
@@ -24,7 +27,7 @@ import numpy as np
 from tinygc.closure.problem import Problem
 from tinygc.effects import Effect
 from tinygc.estimation.stated_noise import StatedNoise, stated_response
-from tinygc.inference.choose import AS_PROBABLE, SUSPECTED, penalty
+from tinygc.inference.choose import AS_PROBABLE, SUSPECTED, penalty, promised
 from tinygc.inference.solve import solve_lower
 from tinygc.models.linear import NAMES, LinearModel
 from tinygc.noise.refit import calibration_columns, candidates, prior_sigmas
@@ -113,14 +116,14 @@ def systematic_of(problem: Problem, model: LinearModel, noise: StatedNoise, wide
         _, size = np.linalg.slogdet(information * effect.parameter.plausible**2)
         found.setdefault(effect.id, []).append(((float(mean @ information @ mean) - size) / 2, square))
     tilts = twin.linear_columns(sensitivity).closure[:, :2]
-    log_odds = {name: float(np.logaddexp.reduce([odds for odds, _ in values]) - np.log(len(values))) for name, values in found.items()}
     assert noise.first is not None  # of a recording
     first = np.linalg.cholesky(noise.first)
-    looks = (white, left), _beside(solve_lower(first, linear), solve_lower(first, rows))
-    for number in dict.fromkeys(number for look in looks for number in _likeliest(effects, edges, *look)):
+    looks = [_promises(effects, edges, *look) for look in ((white, left), _beside(solve_lower(first, linear), solve_lower(first, rows)))]
+    log_odds = {name: promise / 2 for name, (promise, _) in looks[0].items()}
+    for number in dict.fromkeys(number for look in looks for _, number in sorted(look.values(), reverse=True)[:MOST_WEIGHED]):
         effect = effects[number]
         gain = noise.gain_of(columns[number] * effect.parameter.plausible)
-        log_odds[effect.id] = max(log_odds[effect.id], (gain - penalty(columns[number].shape[1], len(found[effect.id]))) / 2)
+        log_odds[effect.id] = (gain - penalty(columns[number].shape[1], len(found[effect.id]))) / 2
     return Systematic({name: _mean_by_evidence(values) for name, values in found.items()}, tilts, log_odds)
 
 
@@ -129,8 +132,9 @@ def _beside(J: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return rows, rows - J @ np.linalg.solve(J.T @ J + np.eye(J.shape[1]), J.T @ rows)
 
 
-def _likeliest(effects: Sequence[Effect], edges: np.ndarray, white: np.ndarray, left: np.ndarray) -> list[int]:
-    """Numbers of the effects that explain the last of whitened rows best, each id once at its best shape; left: as in ``_beside``."""
+def _promises(effects: Sequence[Effect], edges: np.ndarray, white: np.ndarray, left: np.ndarray) -> dict[str, tuple[float, int]]:
+    """id -> twice the log odds by linear columns that the last of whitened rows gives an effect against none, at its best shape, and the
+    number of that; left: as in ``_beside``."""
     shapes = Counter(effect.id for effect in effects)
     best: dict[str, tuple[float, int]] = {}
     for number, effect in enumerate(effects):
@@ -138,10 +142,10 @@ def _likeliest(effects: Sequence[Effect], edges: np.ndarray, white: np.ndarray, 
         information = white[:, own].T @ left[:, own] + np.eye(size) / effect.parameter.plausible**2
         pull = left[:, own].T @ white[:, -1]
         gain = float(pull @ np.linalg.solve(information, pull))
-        promise = gain - size * np.log(max(gain / size, 1.0)) - penalty(size, shapes[effect.id])
+        promise = promised(gain, size) - penalty(size, shapes[effect.id])
         if effect.id not in best or promise > best[effect.id][0]:
             best[effect.id] = (promise, number)
-    return [number for _, number in sorted(best.values(), reverse=True)[:MOST_WEIGHED]]
+    return best
 
 
 def _mean_by_evidence(values: list[tuple[float, np.ndarray]]) -> np.ndarray:

@@ -24,7 +24,7 @@ from tinygc.explanation.search import detection_limits
 from tinygc.fitting.fit import fit_session
 from tinygc.fitting.results import FitResult
 from tinygc.inference.choose import LEVEL
-from tinygc.noise.channels import channel_p_values, in_gauge, own_p_values, within_stills
+from tinygc.noise.channels import in_gauge, own_p_values, within_stills
 from tinygc.noise.components import STILL_RATE, TURN, UNDERSAMPLED, SessionNoise
 from tinygc.noise.measured import measured_noise
 from tinygc.noise.refit import Refit, Replay, over_shapes, refit
@@ -42,10 +42,10 @@ DELAY = "timing.gyro_accel_offset"
 class Explanation:
     """The result of an explanation, against any reference; docs/explain.md defines the verdicts.
 
-    gravity: during the turns, where stills bound them. findings: shapes without a name. left: p-values of the channels under one
-    calibration, after the claims. own_p: p-values of each channel by itself, before and after. detection_limits: effect id -> detection
-    limit in its parameter's unit. decision: the verdict of ``fit`` on this session, which is explained here; None where no fit was
-    possible, and beside a further reference. shown: what such a reference shows besides (``REFERENCE`` of session/base/features.py).
+    gravity: during the turns, where stills bound them. findings: shapes without a name. own_p: p-values of each channel by itself, before
+    and after. detection_limits: effect id -> detection limit in its parameter's unit. decision: the verdict of ``fit`` on this session,
+    which is explained here; None where no fit was possible, and beside a further reference. shown: what such a reference shows besides
+    (``REFERENCE`` of session/base/features.py).
     """
 
     session: Session
@@ -59,7 +59,6 @@ class Explanation:
     p_value: float
     claimed: list[Claim] = field(default_factory=list)
     findings: list[Claim] = field(default_factory=list)
-    left: dict[str, float] = field(default_factory=dict)
     own_p: dict[str, tuple[float, float]] = field(default_factory=dict)
     warnings: list[Finding] = field(default_factory=list)
     detection_limits: dict[str, float] = field(default_factory=dict)
@@ -144,7 +143,7 @@ def explain_session(
     session, problem = prepared.session, prepared.problem
     mended, twin, naming, proof = named_in(problem, FitClosure.stated_by(fit, fitted), seed, progress)
     whiten, gravity = naming.whiten, turn_gravity(twin, naming.fit) if twin.stills else None
-    shown = None if reference is None else reference.shown(mended, twin, naming.first, naming.fit)
+    shown = None if reference is None else reference.shown(mended, twin, naming.first, naming.fit, naming.noise)
     beyond_noise = naming.first.chi_square - (len(naming.first.r) - naming.first.J.shape[1])
     named = named_claims(naming.fit, naming.named, beyond_noise)
     before_the_fit = [*mended.found.values(), *([] if gravity is None else offset_claim(gravity))]
@@ -158,7 +157,6 @@ def explain_session(
     explanation = Explanation(session, problem, mended, twin, naming, gravity, proof, "", p_value, claimed, beyond)
     explanation.decision, explanation.shown = decision, shown
     explanation.considered = considered_of(mended, naming.considered)
-    explanation.left = channel_p_values(twin, whiten, naming.fit.r, naming.fit.J)
     before, after = (own_p_values(twin, whiten, fit) for fit in (naming.first, naming.fit))
     explanation.own_p = {name: (before[name], after[name]) for name in before}
     explanation.within = within_stills(twin)

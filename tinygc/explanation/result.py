@@ -231,7 +231,7 @@ def what_next(e: Explanation) -> str | None:
         worst = worst_segments(e)
         where_to_look = f"; begin with the movement of segment {worst[0]}" if worst else ""
         return "repeat the session with one thing changed at a time (rate, temperature, attitude)" + where_to_look
-    if e.verdict == "partly_explained" and len(e.left) * min(e.left.values()) < BELONGS_P:
+    if e.verdict == "partly_explained" and len(e.own_p) * min(after for _, after in e.own_p.values()) < BELONGS_P:
         return "mend what is named, record again, and explain what is left"
     return None
 

@@ -15,7 +15,7 @@ from tinygc.noise.turn_gravity import TurnGravity, turn_gravity
 from tinygc.noise.twin import Twin, claim_slice
 from tinygc.noise.whitening import Whitener
 
-# Goodness of fit of each channel, jointly and on its own.
+# Goodness of fit of each channel on its own.
 #
 # The fit whitens all channels jointly with one calibration, so a misfit of the closure spreads over the stills.  To locate a mismatch, each
 # channel is whitened by its own covariance and gets its own best calibration.
@@ -24,26 +24,11 @@ from tinygc.noise.whitening import Whitener
 OWN_E_SIGMA = 0.01
 
 
-def channel_p_values(twin: Twin, whiten: Whitener, r: np.ndarray, nuisance: np.ndarray) -> dict[str, float]:
-    """P-value of each channel under the common calibration: a test for any mismatch.
-
-    r (n,), nuisance (n, p): jointly whitened, as in a ``Refit``.
-    """
-    length = np.linalg.norm(nuisance, axis=0)
-    q, _ = np.linalg.qr(nuisance[:, length > 0] / length[length > 0])  # without stills none shows gravity's length
-    taken = np.sum(q**2, axis=1)
-    return {name: _p(twin, r[part], taken[part].sum(), unknown_rows(twin, name)) for name, part in _seen(whiten)}
-
-
 def own_p_values(twin: Twin, whiten: Whitener, fit: Refit) -> dict[str, float]:
     """P-value of each channel with its own best calibration: a test for the place of a mismatch."""
     alone, taken = own_residuals(twin, whiten, fit)
-    return {name: _p(twin, alone[part], taken[name], unknown_rows(twin, name)) for name, part in _seen(whiten)}
-
-
-def _seen(whiten: Whitener) -> list[tuple[str, slice]]:
-    """The channels that the recording has: without stills the closure alone."""
-    return [(name, part) for name, part in whiten.parts.items() if part.stop > part.start]
+    parts = [(name, part) for name, part in whiten.parts.items() if part.stop > part.start]  # without stills the closure alone
+    return {name: _p(twin, alone[part], taken[name], unknown_rows(twin, name)) for name, part in parts}
 
 
 def own_residuals(twin: Twin, whiten: Whitener, fit: Refit) -> tuple[np.ndarray, dict[str, float]]:

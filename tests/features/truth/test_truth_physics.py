@@ -13,7 +13,7 @@ from conftest import DEG
 from formats_page import strangers
 from linear_twin import effect, linear_twin
 from numpy.testing import assert_allclose, assert_array_equal
-from scipy import optimize, stats
+from scipy import stats
 from scipy.spatial.transform import Rotation
 from small_sessions import DPH, EARTH_T, small_session
 from truth_sessions import Wrong, made, write
@@ -64,7 +64,6 @@ from tinygc.features.truth.shown import (
     force_against_truth,
     growth,
     neighbours_correlation,
-    noises,
     outage_claims,
     zero_at_rest,
 )
@@ -191,18 +190,7 @@ def test_neighbours_correlate_with_what_is_large_cut_to_three_medians():
     assert np.isfinite([neighbours_correlation(chain(count), angles[:count]) for count in (6, 5)]).tolist() == [True, False]
 
 
-def test_growth_tells_the_truths_noise_from_the_gyros(twin):
-    """Variance 2 truth^2 + walk^2 T + drift^2 T^2, each weighed by itself, none negative."""
-    T = np.array([1.0, 2.0, 5.0, 10.0])
-    for spoilt in (1.0, [1.2, 0.9, 1.3, 0.7]):
-        variance = (2 * 3e-4**2 + 1e-4**2 * T + 2e-5**2 * T**2) * spoilt
-        design = np.stack([2 * T**0, T, T**2], axis=1) / variance[:, None]
-        found = np.sqrt(optimize.lsq_linear(design * 1e-8, np.ones(4), (0, np.inf), tol=1e-14).x * 1e-8)
-        closures = np.sqrt(np.outer(variance, [0.5, 1.0, 1.5]))
-        assert noises(T, closures) == pytest.approx(found[:2], abs=1e-7)
-        assert (found[0] == pytest.approx(3e-4)) == (spoilt == 1.0)
-    assert np.isnan(noises(T[:2], np.ones((2, 3)))).all()
-    assert np.isfinite(noises(T[:3], np.ones((3, 3)))).all()
+def test_growth_is_of_whole_segments_within_those_that_are_used(twin):
     lengths, closures = growth(twin.problem, twin.problem.first)
     assert lengths.tolist() == [0.5, 1.0, 2.0, 4.0]
     angles = closure_angles(twin.problem.batch, twin.problem.first)
@@ -638,7 +626,7 @@ def test_sensor_clock_and_wrong_moments_are_told_apart(whole):
     assert (e.verdict, e.naming.refused, e.gravity, e.decision) == ("ambiguous", [], None, None)
     problem, fits = e.twin.original, (e.naming.first, e.naming.fit)
     assert truth.neighbours == pytest.approx([neighbours_correlation(problem, e.twin.residuals(fit.state).closure) for fit in fits])
-    assert (truth.truth_rad, truth.walk_rad) == noises(truth.lengths_s, truth.closure_rad)
+    assert truth.truth_rad == e.noise.size(TRUTH)
     assert truth.gyro_rad == pytest.approx(np.mean(problem.noise.angle_random_walk))
     why = Why(e)
     with patch.object(result, "hash_of_log", lambda log: "0" * 64):

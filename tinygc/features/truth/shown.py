@@ -21,11 +21,12 @@ from tinygc.explanation.claims import Claim, claim_of, common_delays
 from tinygc.explanation.data_repair import RepairedProblem
 from tinygc.features.truth.alignment import alignment_table
 from tinygc.features.truth.check import frame_text, mounting_text, offset_text
-from tinygc.features.truth.errors import FRAME, LIKE_AN_OUTAGE, MOUNTED, OFFSET, WRONG_MOMENTS, chance_of, neighbours, outages
+from tinygc.features.truth.errors import FRAME, LIKE_AN_OUTAGE, MOUNTED, OFFSET, TRUTH, WRONG_MOMENTS, chance_of, neighbours, outages
 from tinygc.features.truth.problem import batch_of
 from tinygc.features.truth.reading import FOUND, TruthAlignment
 from tinygc.features.truth.segments import TruthEnds, cut_at_truth, find_rests, moments_inside
 from tinygc.models.linear import LinearModel
+from tinygc.noise.components import SessionNoise
 from tinygc.noise.refit import Refit
 from tinygc.noise.thinned import conditions
 from tinygc.noise.twin import Twin
@@ -98,18 +99,6 @@ def growth(problem: Problem, model: LinearModel) -> tuple[np.ndarray, np.ndarray
         lengths.append(length)
         closures.append(sigma_of(angles - np.median(angles, axis=0)))
     return np.array(lengths), np.array(closures).reshape(-1, 3)
-
-
-def noises(lengths: np.ndarray, closures: np.ndarray) -> tuple[float, float]:
-    """Per angle: sigma rad of a moment of truth, and the random walk rad/sqrt(s), from variance = 2 truth^2 + walk^2 T + drift^2 T^2."""
-    if len(lengths) < 3:
-        return float("nan"), float("nan")
-    from scipy.optimize import nnls
-
-    variance = np.mean(closures**2, axis=1)
-    design = np.column_stack([2 * np.ones_like(lengths), lengths, lengths**2])
-    solution, _ = nnls(design / variance[:, None], np.ones_like(lengths))
-    return float(np.sqrt(solution[0])), float(np.sqrt(solution[1]))
 
 
 def neighbours_correlation(problem: Problem, angles: np.ndarray) -> float:
@@ -196,17 +185,17 @@ CANNOT = (
 class TruthShown:
     """What a truth file shows besides names.
 
-    twin: of the problem without wrong moments; fit: with what is named.  lengths_s (L,), closure_rad (L, 3): growth.  truth_rad per moment
-    and walk_rad per root second, from the growth.  gyro_rad per root second: the gyro's own walk at its quietest.  neighbours: correlation
-    of neighbouring segments' errors, before and after.  rests; force.
+    twin: of the problem without wrong moments; fit: with what is named; noise beside it.  lengths_s (L,), closure_rad (L, 3): growth.
+    truth_rad: noise of a moment.  gyro_rad per root second: the gyro's own walk at its quietest.  neighbours: correlation of neighbouring
+    segments' errors, before and after.  rests; force.
     """
 
-    def __init__(self, mended: RepairedProblem, twin: Twin, first: Refit, fit: Refit):
+    def __init__(self, mended: RepairedProblem, twin: Twin, first: Refit, fit: Refit, noise: SessionNoise):
         self.twin, self.fit, self._jumps = twin, fit, mended.found.get(WRONG_MOMENTS)
         problem, self.alignment = twin.original, twin.problem.session.reference.alignment
         model = fit_least_squares(problem.batch, problem.floor.sigma, problem.first).model
         self.lengths_s, self.closure_rad = growth(problem, model)
-        self.truth_rad, self.walk_rad = noises(self.lengths_s, self.closure_rad)
+        self.truth_rad = noise.size(TRUTH)
         self.gyro_rad = float(np.mean(problem.noise.angle_random_walk))
         before, after = (neighbours_correlation(problem, twin.residuals(each.state).closure) for each in (first, fit))
         self.neighbours = before, after
@@ -259,7 +248,6 @@ class TruthShown:
         before, after = self.neighbours
         rows = [
             ("truth", f"{len(self._moments)} wrong moments; {len(self._outages)} outages; closure per angle by length, degrees: {grown}"),
-            ("", f"by this growth {self.truth_rad / DEG:.3f}° a moment of truth, {self.walk_rad / DEG:.3f}°/√s"),
             ("", self._own_noise),
             ("", f"neighbouring segments correlate {before:+.2f}, after {after:+.2f} (-0.5: the truth's noise, 0: the gyro's, more: slow)"),
             ("clocks", f"truth {offset_text(self.alignment)}"),
@@ -316,7 +304,6 @@ class TruthShown:
                 "wrong_moments": self._moments,
                 "outages": self._outages,
                 "sigma_deg": self.truth_rad / DEG,
-                "gyro_walk_deg_rts": self.walk_rad / DEG,
                 "closure_deg_by_length_s": {f"{t:g}": row / DEG for t, row in zip(self.lengths_s, self.closure_rad, strict=True)},
                 "gyro_noise_walk_deg_rts": self.gyro_rad / DEG,
                 "neighbours_correlation": dict(zip(("before", "after"), self.neighbours, strict=True)),

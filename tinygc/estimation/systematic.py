@@ -112,8 +112,8 @@ def systematic_of(problem: Problem, model: LinearModel, noise: StatedNoise, wide
         covariance = np.linalg.inv(information)
         mean = -covariance @ (left[:, own].T @ white[:, -1])
         square = moves[:, own] @ (covariance + np.outer(mean, mean)) @ moves[:, own].T
-        # Evidence beside no effect: exp(mean' information mean / 2) / sqrt(det(prior covariance information)).
-        _, size = np.linalg.slogdet(information * effect.parameter.plausible**2)
+        # Evidence among the shapes of one effect: exp(mean' information mean / 2) / sqrt(det information).
+        _, size = np.linalg.slogdet(information)
         found.setdefault(effect.id, []).append(((float(mean @ information @ mean) - size) / 2, square))
     tilts = twin.linear_columns(sensitivity).closure[:, :2]
     assert noise.first is not None  # of a recording

@@ -182,6 +182,12 @@ class ClosureTrial:
         one = replace(batch.pick(slice(i, i + 1)), rate=rate[None], dt=dt[None], earth=earth[None])
         return residual.error_angles(residual.segment_residuals(one, one.rate))[0]
 
+    def likelihood(self, i: int, angles: np.ndarray, variance: float = 0.0) -> tuple[float, float]:
+        """Log-likelihood of error angles (d,) of segment i, and their chi-square; variance: of what its bridges may have missed, rad^2."""
+        C = self.covariance[i] + variance * np.eye(len(angles))
+        chi_square = float(angles @ np.linalg.solve(C, angles))
+        return float(-chi_square - np.linalg.slogdet(C)[1]) / 2, chi_square
+
     def likelihoods(
         self,
         i: int,
@@ -201,25 +207,18 @@ class ClosureTrial:
         as_recorded = self.angles(i, others, cross, length)
         bridged = sum(cross(event).missed_rad ** 2 for event in others)
 
-        def likelihood(angles: np.ndarray, variance: float) -> float:
-            C = self.covariance[i] + variance * np.eye(len(angles))
-            return float(-(angles @ np.linalg.solve(C, angles)) - np.linalg.slogdet(C)[1]) / 2
-
-        unrepaired = likelihood(as_recorded, bridged)
+        unrepaired, _ = self.likelihood(i, as_recorded, bridged)
 
         def value(choice: Choice) -> tuple[float, float]:
             chosen = [own[k] for k in choice]
             angles = self.angles(i, [*others, *chosen], cross, length)
             variance = bridged + sum(cross(event).missed_rad ** 2 for event in chosen)
-            repaired = likelihood(angles, variance)
-            gain, moved = repaired - unrepaired, repaired - likelihood(as_recorded, variance)
+            repaired, chi_square = self.likelihood(i, angles, variance)
+            gain, moved = repaired - unrepaired, repaired - self.likelihood(i, as_recorded, variance)[0]
             gain = gain if moved > MOVED else min(gain, moved)
-            C = self.covariance[i] + variance * np.eye(len(angles))
-            if float(angles @ np.linalg.solve(C, angles)) > most and not all(e.accel for e in chosen):
+            if chi_square > most and not all(e.accel for e in chosen):
                 open_still.add(choice)
-            return unrepaired + gain + IMPOSSIBLE * sum(e.accel for e in chosen), float(
-                angles @ np.linalg.solve(self.covariance[i], angles)
-            )
+            return unrepaired + gain + IMPOSSIBLE * sum(e.accel for e in chosen), self.likelihood(i, angles)[1]
 
         return {choice: each for choice, each in choices(len(own), value).items() if choice not in open_still}
 
@@ -231,8 +230,7 @@ class ClosureTrial:
         whole = [i for i in range(len(self.covariance)) if i not in touched]
         excess = 1.0
         if len(whole) >= FEWEST_WITHOUT:
-            angles = [self.angles(i, [], cross, 0) for i in whole]
-            chi_square = [float(a @ np.linalg.solve(self.covariance[i], a)) for i, a in zip(whole, angles, strict=True)]
+            chi_square = [self.likelihood(i, self.angles(i, [], cross, 0))[1] for i in whole]
             excess = max(1.0, float(np.median(chi_square)) / float(chdtri(freedom, 0.5)))
         return excess * float(chdtri(freedom, OPEN_P))
 
@@ -278,9 +276,7 @@ class ClosureTrial:
             for event, i in inside:
                 crossings = {event: crossing(self.twin.problem.logs[event.log].samples, event, count)}
                 for mended, variance in (([], 0.0), ([event], crossings[event].missed_rad ** 2)):
-                    angles, C = self.angles(i, mended, crossings.__getitem__, count), self.covariance[i]
-                    C = C + variance * np.eye(len(C))
-                    gain = -(angles @ np.linalg.solve(C, angles) + np.linalg.slogdet(C)[1]) / 2
+                    gain, _ = self.likelihood(i, self.angles(i, mended, crossings.__getitem__, count), variance)
                     total[i] = float(np.logaddexp(total[i], gain))
             return -sum(total.values())
 

@@ -216,11 +216,6 @@ def settled(twin: Twin, whiten: Whitener, fit: Refit) -> Refit:
     return over_shapes(twin, whiten, in_gauge(twin, whiten, fit))
 
 
-def proved(problem: Problem, twin: Twin, whiten: Whitener, fit: Refit, stated: FitClosure) -> Proof:
-    """Prove the effects of a fit of a problem, which the twin has after its repair; stated: by ``fit`` without them."""
-    return Prover(problem, twin, stated)(whiten, settled(twin, whiten, fit))
-
-
 def _heading_not_used(problem: Problem) -> list[Finding]:
     """Warn if the stills contradict the heading in session.toml, so that the heading from the stills was used."""
     given, earth = problem.session.config.site.heading_deg, problem.earth

@@ -19,8 +19,8 @@ from tinygc.estimation.physics import PhysicsFit
 from tinygc.explanation import faulty_readings
 from tinygc.explanation.claims import readable
 from tinygc.explanation.data_repair import repair
-from tinygc.explanation.decision import FitClosure, leaves_more
-from tinygc.explanation.engine import named_in, proved
+from tinygc.explanation.decision import FitClosure, Prover, leaves_more
+from tinygc.explanation.engine import named_in, settled
 from tinygc.explanation.evidence import Evidence
 from tinygc.models.nets import CalibrationNet
 from tinygc.models.physics import CarriedNet, PhysicsModel
@@ -70,7 +70,7 @@ def fit_physics(
         twin = twin_of(mended.problem)
         evidence = Evidence(twin)
         asked = evidence.of(tuple(effect_of(twin, name) for name in ids), evidence.nothing)
-        proof = proved(problem, twin, asked.whiten, asked.fit, stated)
+        proof = Prover(problem, twin, stated)(asked.whiten, settled(twin, asked.whiten, asked.fit))
     fit, left = proof.fit, proof.left
     if left.problem is None or left.fit is None:
         raise FitError(f"{problem.session.name}: without what is named, least squares does not converge; fit without --physics")

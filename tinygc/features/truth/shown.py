@@ -10,7 +10,7 @@ from scipy.special import chdtrc
 
 from session.base import rotation
 from session.base.numeric import sigma_of
-from session.base.units import DEG, MG, NS
+from session.base.units import DEG, MG
 from session.detect.findings import xyz_text
 from session.detect.segments import Segment
 from tinygc.closure.least_squares import fit_least_squares
@@ -25,6 +25,7 @@ from tinygc.features.truth.errors import FRAME, LIKE_AN_OUTAGE, MOUNTED, OFFSET,
 from tinygc.features.truth.problem import batch_of
 from tinygc.features.truth.reading import FOUND, TruthAlignment
 from tinygc.features.truth.segments import TruthEnds, cut_at_truth, find_rests, moments_inside
+from tinygc.inference.solve import solve
 from tinygc.models.linear import LinearModel
 from tinygc.noise.components import SessionNoise
 from tinygc.noise.refit import Refit
@@ -115,41 +116,30 @@ def neighbours_correlation(problem: Problem, angles: np.ndarray) -> float:
 def force_against_truth(problem: Problem, stands: np.ndarray, turned: np.ndarray) -> Force | None:
     """Compare the mean specific force with the truth's vertical in long windows, over which a vehicle's acceleration averages out. stands,
     turned (3, 3): from the sensor's axes to those of the problem's attitudes, with the truth as recorded and rotated as the gyro shows."""
-    rows: list[np.ndarray] = []
-    values: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
+    rows, values = [], []
     g = problem.session.config.site.expected_gravity_mps2
-    down = np.array([0, 0, g])
     for log, truth in zip(problem.logs, problem.session.reference.truths, strict=True):
         at, q = moments_inside(log.samples, truth)
-        force, size = log.samples.accel[at], int(FORCE_WINDOW_S / np.median(np.diff(log.samples.t_ns[at]) * NS))
+        t_s, force = log.samples.t_s[at], log.samples.accel[at]
+        size = int(FORCE_WINDOW_S / np.median(np.diff(t_s)))
         turn, has = rotation.matrix(q), np.abs(force).sum(axis=1) > 0
-        weight = np.hanning(size) / np.hanning(size).sum() if size > 10 else None
-        for start in range(0, len(at) - size, max(size // 2, 1)):
+        both = np.stack([force @ stands.T, force @ turned.T], axis=-1)
+        for start in range(0, len(at) - size if size > 10 else 0, size // 2):
             part = slice(start, start + size)
-            if (
-                weight is None
-                or not has[part].all()
-                or log.samples.t_s[at[part.stop - 1]] - log.samples.t_s[at[start]] > 1.1 * FORCE_WINDOW_S
-            ):
-                continue
-            mean = np.einsum("t,tij->ij", weight, turn[part])
-            rows.append(mean)
-            for out, f in zip(values, (force[part] @ stands.T, force[part] @ turned.T), strict=True):
-                out.append(np.einsum("t,tij,tj->i", weight, turn[part], f) + down)
+            if has[part].all() and t_s[part.stop - 1] - t_s[start] <= 1.1 * FORCE_WINDOW_S:
+                weighed = (np.hanning(size) / np.hanning(size).sum())[:, None, None] * turn[part]
+                rows.append(weighed.sum(axis=0))
+                values.append(np.einsum("tij,tjk->ik", weighed, both[part]) + np.array([[0.0], [0.0], [g]]))
     if len(rows) < 3:
         return None
-    # The unknowns are a bias in the body frame, and a tilt of the truth's world frame.
+    # The unknowns are a bias in the body frame, and a tilt of the truth's world frame, of half a degree.
     tilt = np.tile(np.array([[0, g], [-g, 0], [0, 0]]), (len(rows), 1, 1))
-    A = np.concatenate([np.array(rows), tilt], axis=2).reshape(-1, 5)
-    prior = np.diag([1e-6] * 3 + [1 / (0.5 * DEG) ** 2] * 2) * 0.05**2
-    inverse = np.linalg.inv(A.T @ A + prior)
-    found = []
-    for value in values:
-        y = np.array(value).ravel()
-        x = inverse @ (A.T @ y)
-        left = y - A @ x
-        found.append((x[:3], np.sqrt(np.diag(inverse)[:3] * float(left @ left) / max(len(y) - 5, 1))))
-    return Force(found[0][0], found[1][0], found[0][1])
+    A, y = np.concatenate([np.array(rows), tilt], axis=2).reshape(-1, 5), np.array(values).reshape(-1, 2)
+    prior = 0.05 * np.diag([1e-3] * 3 + [1 / (0.5 * DEG)] * 2)
+    found = solve(np.vstack([A, prior]), np.vstack([y, np.zeros((5, 2))]))
+    scatter = np.sum((y[:, 0] - A @ found.shortest[:, 0]) ** 2) / max(len(y) - 5, 1)
+    bias, as_asked = found.shortest[:3].T
+    return Force(bias, as_asked, np.sqrt(np.diag(found.spread)[:3] * scatter))
 
 
 def zero_at_rest(problem: Problem, model: LinearModel) -> Rests | None:

@@ -12,6 +12,7 @@ from tinygc.inference.choose import (
     SCALES,
     STEPS,
     Selection,
+    Standing,
     averaged,
     climb,
     factors_by_freedom,
@@ -22,12 +23,13 @@ from tinygc.inference.choose import (
     probabilities,
     promised,
     scales_of,
+    standing_of,
     tail,
 )
 from tinygc.inference.decide import KINDS, Answer
-from tinygc.inference.noise import Cost, lowest, where_risen
+from tinygc.inference.noise import Cost, estimate, lowest, where_risen
 from tinygc.inference.prove import folds_of, left_out
-from tinygc.inference.solve import left_of, orthonormal
+from tinygc.inference.solve import coverage_factor, left_of, orthonormal, solve
 
 
 def density(r: np.ndarray, covariance: np.ndarray) -> float:
@@ -94,6 +96,13 @@ def test_known_noise_that_is_larger_than_stated_is_seen_and_own_scale_is_blind_t
     assert Selection(np.zeros((30, 0)), groups, 0).p_value(r) > LEVEL
 
 
+def test_a_chance_too_small_for_a_number_has_its_logarithm():
+    column = {0: np.eye(4)[:, :2]}
+    r = np.array([40.0, 50.0, 1.0, 2.0])[:, None]
+    known = Selection(np.zeros((4, 0)), column, 0, is_known=True).lowest_log_p(r)
+    assert known[0] == pytest.approx(-(40**2 + 50**2) / 2)
+
+
 def test_squares_beside_the_residuals_count_with_their_freedom():
     column = {0: np.eye(3)[:, :1]}
     r = np.array([2.0, 1.0, -1.0])
@@ -119,6 +128,9 @@ def test_a_tail_with_uncertain_variances_is_that_of_fisher_and_of_chi_square():
     sized = factors_by_size(1.0, 0.3, 3, draws)
     assert np.mean(sized) == pytest.approx(1 + 0.09, rel=0.02)
     assert tail(9.0, part, []) == pytest.approx(stats.chi2.sf(9, 2))
+    assert tail(0.0, part, [(part, sized)]) == 1.0
+    assert tail(1e9, part, [(part, sized)]) == pytest.approx(1 / (draws + 1))
+    assert np.mean(factors_by_size(0.0, 0.01, 4, draws) == 0) == pytest.approx(0.5, abs=0.01)
 
 
 def test_the_level_of_each_of_several_tests():
@@ -155,11 +167,11 @@ def test_probabilities_and_the_average_over_sets():
 
 def test_scoring_ends_at_the_minimum_within_its_bounds():
     def cost(x: np.ndarray) -> Cost:
-        return Cost(float(np.sum((x - [3.0, -1.0]) ** 2)), 2 * (x - [3.0, -1.0]), 2 * np.eye(2))
+        return Cost(float(np.sum((x - [3.0, -1.0]) ** 2)) / 8, (x - [3.0, -1.0]) / 4, np.eye(2) / 4)
 
-    x, found = lowest(cost, np.array([1.0, 1.0]), 0.0, 2.0)
+    x, found = lowest(cost, np.array([1.0, 1.0]), most=2.0)
     assert_allclose(x, [2.0, 0.0])
-    assert found.value == pytest.approx(2.0)
+    assert found.value == pytest.approx(0.25)
     slow, _ = lowest(cost, np.array([0.0, 0.0]), -9.0, steps=2, farthest=0.5)
     assert_allclose(slow, [1.0, -1.0])
 
@@ -199,6 +211,29 @@ def test_folds_are_every_tenth_part_and_hold_each_once():
 def test_a_basis_leaves_out_what_is_not_there():
     X = np.array([[1.0, 2.0, 0.0], [1.0, 2.0, 0.0], [0.0, 0.0, 0.0]])
     assert orthonormal(X).shape == (3, 1)
+
+
+def test_a_size_is_undecided_until_it_matters():
+    assert standing_of(0.5, upper=0.5) is Standing.UNDECIDED
+    assert standing_of(0.5, upper=0.5, matters=0.6) is Standing.BOUNDED
+    assert standing_of(0.04) is Standing.FOR
+    assert standing_of(0.04, p_claimed=0.04) is Standing.AGAINST
+
+
+def test_one_degree_of_freedom_is_the_least():
+    assert coverage_factor(0.3) == coverage_factor(1.0) == pytest.approx(stats.t.ppf(0.975, 1))
+    assert coverage_factor(2.9) == pytest.approx(stats.t.ppf(0.975, 2))
+
+
+def test_a_small_variance_of_a_function_is_itself():
+    assert solve(np.eye(2) * 10).variance(np.array([1.0, 2.0])) == pytest.approx(0.05)
+
+
+def test_sizes_have_a_sigma_only_where_it_is_asked_for():
+    r = np.array([1.0, -2.0, 0.5, 1.5])
+    found = estimate(r, np.zeros((4, 0)), np.eye(4), [np.eye(4)], np.ones(1), [None], [np.arange(4)])
+    assert found.s[0] ** 2 == pytest.approx(np.mean(r**2) - 1, rel=1e-4)
+    assert np.isnan(found.sigma).all()
 
 
 def test_every_answer_has_a_word_and_an_exit_code():

@@ -26,7 +26,7 @@ from tinygc.library.arguments import chosen, public, session_or_folder
 from tinygc.library.records import Estimate, Named, Shown, accelerometer_estimates
 from tinygc.models.linear import NAMES
 from tinygc.reporting import ReportOptions
-from tinygc.reporting.fit_screen import verdict_text
+from tinygc.reporting.fit_screen import verdict_lines
 from tinygc.reporting.fit_text import fit_report, sensor_errors
 from tinygc.reporting.terminal import Group
 from tinygc.verdict.acceptance import Acceptance
@@ -141,7 +141,7 @@ class Fit(Shown):
     @property
     def page(self) -> Group:
         """What ``fit --verbose`` prints, as a rich renderable."""
-        return Group(verdict_text(self.verdict()), fit_report(self.result))
+        return Group(*verdict_lines(self.verdict()), fit_report(self.result))
 
     def to_frame(self) -> Any:
         """The parameters as a pandas DataFrame, a row for each.  Raises CalibrationError where pandas is not installed."""

@@ -25,7 +25,7 @@ from tinygc.library.records import Shown
 from tinygc.models.model import Model
 from tinygc.noise.figures import NoiseFigures
 from tinygc.reporting import ReportOptions
-from tinygc.reporting.terminal import Group, one_line
+from tinygc.reporting.terminal import Group
 from tinygc.verdict.acceptance import Acceptance
 
 if TYPE_CHECKING:
@@ -51,19 +51,11 @@ class Report(Shown):
         return self.data.decision
 
     @property
-    def lines(self) -> list[tuple[str, str]]:
-        """The verdict, its rule, and what is met, not met and in doubt: lines with their styles."""
-        decision = self.verdict
-        met_words = {True: "met", False: "not met", None: "not decided"}
-        reasons = [(f"  {met_words[met]}: {reason}", "") for met, reason in decision.reasons]
-        risks = [(f"  {text}", "dim") for text in decision.risks]
-        doubts = [(f"  in doubt: {doubt}", "") for doubt in decision.doubts]
-        return [(decision.headline, ""), (decision.rule, "dim"), *reasons, *risks, *doubts]
-
-    @property
     def page(self) -> Group:
         """The verdict with its reasons, as a rich renderable."""
-        return Group(*(one_line(line, style) for line, style in self.lines))
+        from tinygc.reporting.fit_screen import verdict_lines
+
+        return Group(*verdict_lines(self.verdict, reasons=True))
 
     @cached_property
     def html(self) -> str:

@@ -64,7 +64,7 @@ def explanation_page(e: Explanation, with_next: bool = True) -> Group:
         parts += [*_rivals(claim), Text("")]
     parts += [
         Text(HEADING, "italic"),
-        _channels(e),
+        channels_table(e),
         *([] if e.gravity is None else [_gravity(e.gravity), _stamps(e)]),
         *([] if e.shown is None else [Table("", ("", ""), e.shown.rows, left=(0, 1))]),
         Text(""),
@@ -74,7 +74,7 @@ def explanation_page(e: Explanation, with_next: bool = True) -> Group:
     parts += [Text("considered, and not borne out:"), *(Text(f"  {line}") for line in lines)] if lines else []
     if e.verdict == "unexplained" and (highest := lines_end_hz(e.twin)) is not None:
         parts.append(Text(f"not looked for: lines of the rate above {highest:.2g} Hz, of which so long a session has too many"))
-    parts += _noise(e)
+    parts += [noise_table(e)] if noise_rows(e) else []
     if not e.problem.instability.source.startswith("typical"):
         parts.append(one_line(f"bias instability, which `noise.bias_wander` begins from: {e.problem.instability.words}"))
     if e.problem.at_rest is not None and e.problem.at_rest.words:
@@ -98,11 +98,9 @@ def _rivals(claim: Claim) -> list[Text]:
     return [Text(f"  weighed in its place: {', '.join(rivals)}")] if rivals else []
 
 
-def _noise(e: Explanation) -> list[Text | Table]:
+def noise_table(e: Explanation) -> Table:
     """Noise components with their sizes."""
-    rows = noise_rows(e)
-    width = len(rows[0]) if rows else 0
-    return [Text("estimated non-white noise:"), Table("", [""] * width, rows, left=range(width))] if rows else []
+    return Table("estimated non-white noise", ("component", "± one sigma", "what it is"), noise_rows(e), left=range(3))
 
 
 def parameter_lines(parameters: Mapping[str, Any], stds: Mapping[str, Any]) -> list[str]:
@@ -127,7 +125,7 @@ def _numbers(value: Any, std: Any) -> str:
     return "   ".join(measured(v, s) for v, s in zip(value, std, strict=True))
 
 
-def _channels(e: Explanation) -> Table:
+def channels_table(e: Explanation) -> Table:
     """Table of channels: root mean square of recording less prediction, in sigmas of the channel's noise."""
     rows = [(channel, values, *(f"{rms:.2f}" for rms in shown)) for channel, values, shown in residual_table(e)]
     return Table("", ("channel", "values", *(("before", "after") if is_refitted(e) else ("rms",))), rows)

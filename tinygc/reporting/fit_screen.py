@@ -25,17 +25,17 @@ COLUMNS = 80
 def fit_screen(result: FitResult, decision: Acceptance) -> Group:
     """Verdict, closure, sensor errors and the correction of a fit."""
     return screen(
-        [verdict_text(decision), closure_table(result, brief=True), parameters_table(result), _correction(result), *_remarks(result)]
+        [*verdict_lines(decision), closure_table(result, brief=True), parameters_table(result), _correction(result), *_remarks(result)]
     )
 
 
-def verdict_text(decision: Acceptance) -> Text:
-    """The verdict with its reason, and the rule in small print."""
-    text = one_line(decision.headline, KINDS[decision.answer].style)
-    more = [f"in doubt: {doubt}" for doubt in decision.doubts if doubt not in decision.headline]
-    for line in (decision.rule, *decision.risks, *more):
-        text.append("\n").append(one_line(line, "dim"))
-    return text
+def verdict_lines(decision: Acceptance, reasons: bool = False) -> list[Text]:
+    """The verdict, and in small print the rule, what it risks and what is in doubt; reasons: with each figure, and whether it meets the
+    rule."""
+    met = {True: "met", False: "not met", None: "not decided"}
+    more = [f"  {met[each]}: {reason}" for each, reason in decision.reasons] if reasons else []
+    more += [*decision.risks, *(f"in doubt: {doubt}" for doubt in decision.doubts if reasons or doubt not in decision.headline)]
+    return [one_line(decision.headline, KINDS[decision.answer].style), *(one_line(line, "dim") for line in (decision.rule, *more))]
 
 
 def _correction(result: FitResult) -> Text:

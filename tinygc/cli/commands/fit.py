@@ -44,7 +44,7 @@ def _fit(args: Options) -> Done:
     if (done := features.first("fit of a folder", args)) is not None:
         return done
     from tinygc.library.fits import fit
-    from tinygc.reporting.fit_screen import COLUMNS, files_line, fit_screen, next_line, verdict_text
+    from tinygc.reporting.fit_screen import COLUMNS, files_line, fit_screen, next_line, verdict_lines
     from tinygc.reporting.fit_text import fit_report
     from tinygc.reporting.terminal import progress_bar
 
@@ -58,7 +58,7 @@ def _fit(args: Options) -> Done:
     folder = result.save(args.out, args.limit_deg)
     console = output(args)
     if args.verbose:
-        console.print(verdict_text(decision))
+        console.print(*verdict_lines(decision), sep="\n")
         console.print(fit_report(result.result))
     else:
         console.print(fit_screen(result.result, decision), width=COLUMNS)

@@ -55,8 +55,7 @@ def _report(args: Options) -> Done:
         made = report(args.folder, options=part(args, FitOptions), progress=progress, **values(args, ReportOptions))
     files = made.save(path, pdf=args.pdf)
     decision, evidence = made.verdict, made.data
-    for line, style in made.lines:
-        output(args).print(line, style=style)
+    output(args).print(made.page)
     output(args).print(f"written: {', '.join(map(str, files))}", soft_wrap=True)
     verdict(args, decision.headline)
     table, code = made.to_json() | defaults_json(args), 0

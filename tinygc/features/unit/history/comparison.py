@@ -393,5 +393,5 @@ def compare(sessions: Any, *, bias: bool = False) -> Compared:
             raise CalibrationError(f"sessions holds {each!r:.60}, expected a Fit or the path of a fitted session")
     if len(given) < 2:
         raise CalibrationError("--compare needs two sessions or more")
-    read = [state_of(each.result, each.settings) if is_fit(each) else fitted_state(Path(each)) for each in given]
+    read = [state_of(each.result, each.config) if is_fit(each) else fitted_state(Path(each)) for each in given]
     return compare_calibrated(read, bias)

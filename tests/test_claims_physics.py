@@ -164,7 +164,7 @@ def test_what_was_considered_is_listed_the_most_probable_first():
 
 
 def test_repairs_claim_what_they_found():
-    limit = _claim("gyro.saturation", 250.0 * DEG, {"dps": 250.0}, {"dps": 1.0}, 1e-4, p_is_bound=True)
+    limit = _claim("gyro.saturation", 250.0 * DEG, {"dps": 250.0}, {"dps": 1.0}, 1e-4, is_bound=True)
     assert (limit.p_value, limit.p_is_bound, limit.probability) == (1e-4, True, 0.999)
     assert limit.says == EFFECTS["gyro.saturation"].describe(np.array([250.0 * DEG]))
     glitches = _claim("data.glitches", 2, {"at": [1, 2]}, {}, 1e-5, 0.97)

@@ -463,7 +463,7 @@ def repair(problem: Problem, progress: Told = untold) -> RepairedProblem:
     clipping = find_clipping(problem)
     if clipping is not None and clipping.borne_out:
         level = {"dps": clipping.level / DEG}, {"dps": clipping.known_to / DEG}
-        found[CLIPPED_RATE] = _claim(CLIPPED_RATE, clipping.level, *level, clipping.chance, p_is_bound=True)
+        found[CLIPPED_RATE] = _claim(CLIPPED_RATE, clipping.level, *level, clipping.chance, is_bound=True)
         with suppress(CalibrationError):  # too few segments are left: the clipped ones stay, marked as clipped
             problem = rebuilt(problem, problem.session, clipped=tuple(clipping.numbers))
     verdicts, reference = tried_events(problem, clipping, progress)
@@ -473,9 +473,9 @@ def repair(problem: Problem, progress: Told = untold) -> RepairedProblem:
     return RepairedProblem(problem, found, reference, verdicts, clipping)
 
 
-def _claim(name: str, theta: float, parameters: dict, std: dict, p_value: float, probability: float = CERTAIN, **more: bool) -> Claim:
+def _claim(name: str, theta: float, parameters: dict, std: dict, p_value: float, chance: float = CERTAIN, is_bound: bool = False) -> Claim:
     effect = catalogue()[name]
-    return Claim(effect, parameters, std, p_value, effect.describe(np.array([theta])), probability=probability, **more)
+    return Claim(effect, parameters, std, p_value, effect.describe(np.array([theta])), p_is_bound=is_bound, probability=chance)
 
 
 def tried_events(problem: Problem, clipping: Clipping | None, progress: Told) -> tuple[list[Verdict], tuple[Effect, ...]]:
@@ -600,5 +600,5 @@ def without_creeping(problem: Problem, found: dict[str, Claim]) -> Problem:
         return problem
     turning = about_the_vertical(problem)
     moving = sorted(numbers + turning)
-    found[CREEPING] = _claim(CREEPING, len(moving), {"stills": moving}, {}, chance_of_creep(problem), p_is_bound=True)
+    found[CREEPING] = _claim(CREEPING, len(moving), {"stills": moving}, {}, chance_of_creep(problem), is_bound=True)
     return rebuilt(problem, problem.session, moving=tuple(turning)) if turning else problem

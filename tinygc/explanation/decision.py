@@ -538,7 +538,7 @@ def decide(
     if not twin.stills:  # what stills alone would show has no columns
         tried = [effect for effect in (*tried, *twin.slow) if np.isfinite(columns := evidence.columns(effect)).all() and columns.any()]
     progress("detecting")
-    first_p, refused = evidence.first_p(tried, seed), []
+    first_p, refused = evidence.first_p(tried, seed), list[Claim]()
     stated = () if prove is None else prove.stated.effects
     while True:
         begins = (begin, *((effect,) for effect in (*stated, *twin.slow)))

@@ -218,8 +218,10 @@ class TruthShown:
             applied, p_value = AppliedEffect(OFFSET, np.array([value])), float(chdtrc(1, (value / sigma) ** 2))
             clock = claim_of(applied, np.array([[sigma**2]]), p_value, equivalent=common_delays())
             if named is not None:
-                weighed = {"share": named.share, "probability": named.probability, "rivals": named.rivals}
-                clock = replace(clock, p_value=min(p_value, named.p_value), **weighed)
+                p_value = min(p_value, named.p_value)
+                clock = replace(
+                    named, parameters=clock.parameters, std=clock.std, says=clock.says, p_value=p_value, equivalent=clock.equivalent
+                )
             claims = [clock if claim is named else claim for claim in claims] + ([clock] if named is None else [])
         return outage_claims(self.twin.problem) + _frame_claim(self.alignment, self.force) + claims
 

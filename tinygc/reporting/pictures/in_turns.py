@@ -174,6 +174,7 @@ def over_rate(e: Explanation, claim: Claim) -> Panel:
 
 def misfit_over_offset(e: Explanation, claim: Claim) -> Panel:
     """Draw the velocity that turns from rest to rest seem to leave over the clock offset; the bias is refitted for each offset."""
+    assert e.gravity is not None  # it claims the offset
     equations, found = velocity_equations(e.twin, e.naming.fit), e.gravity.offset_s
     offsets = np.linspace(min(0, found) - abs(found), max(0, found) + abs(found), 121)
     misfit = np.array([np.sqrt(equations.square_at(offset).sum() / equations.count.sum()) for offset in offsets])
@@ -187,6 +188,7 @@ def misfit_over_offset(e: Explanation, claim: Claim) -> Panel:
 
 def misfit_by_turn(e: Explanation, claim: Claim) -> Panel:
     """Draw each segment's residual with one clock, and with the offset."""
+    assert e.gravity is not None  # it claims the offset
     equations, numbers = velocity_equations(e.twin, e.naming.fit), [segment.number for segment in e.twin.segments]
     axes = Axis("segment"), Axis("velocity after the turn (mm/s)", zero=True)
     panel = Panel(*axes, "Level velocity that a turn from rest to rest seems to leave")

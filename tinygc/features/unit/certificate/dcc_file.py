@@ -7,7 +7,7 @@ never made up: a draft has no DCC.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from xml.etree import ElementTree
 
 import numpy as np
@@ -19,7 +19,7 @@ from session.base.texts import printable
 from session.log.config import Config
 from session.log.requirements import GUARDED
 from tinygc.features.unit.certificate.content import Content, missing_fields
-from tinygc.features.unit.certificate.given import given_in
+from tinygc.features.unit.certificate.given import Equipment, given_in
 from tinygc.inference.decide import Conformity, Fact
 from tinygc.inference.solve import COVERAGE
 from tinygc.models.linear import NAMES, PARAMETERS
@@ -50,10 +50,9 @@ def dcc_text(content: Content) -> str:
     require_fields(content.config)
     for prefix, address in (("dcc", DCC), ("si", SI), ("xsi", XSI)):
         ElementTree.register_namespace(prefix, address)
-    root = ElementTree.Element(f"{{{DCC}}}digitalCalibrationCertificate", {"schemaVersion": VERSION_OF_SCHEMA})
+    root = e("digitalCalibrationCertificate", _administrative(content), e("measurementResults", _measured(content)))
+    root.set("schemaVersion", VERSION_OF_SCHEMA)
     root.set(f"{{{XSI}}}schemaLocation", f"{DCC} {DCC}/v{VERSION_OF_SCHEMA}/dcc.xsd")
-    _administrative(_in(root, "administrativeData"), content)
-    _measured(_in(_in(root, "measurementResults"), "measurementResult"), content)
     ElementTree.indent(root)
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
 
@@ -66,243 +65,218 @@ def require_fields(config: Config) -> None:
         raise CalibrationError(f"--dcc: session.toml lacks {', '.join(absent)}, which the schema requires; give it there")
 
 
-# Elements: one inside another, with text; a text of the user's stays one line.
+# Elements: each with its text, which stays one line where it is a user's, or with others inside.
 
 
-def _in(parent: ElementTree.Element, tag: str, text: str | None = None, namespace: str = DCC, **attributes: str) -> ElementTree.Element:
-    made = ElementTree.SubElement(parent, f"{{{namespace}}}{tag}", attributes)
-    if text is not None:
-        made.text = printable(" ".join(text.split()))
+def e(tag: str, *inside: str | ElementTree.Element, namespace: str = DCC, **attributes: str) -> ElementTree.Element:
+    """An element with text, or with elements."""
+    made = ElementTree.Element(f"{{{namespace}}}{tag}", attributes)
+    for each in inside:
+        if isinstance(each, str):
+            made.text = printable(" ".join(each.split()))
+        else:
+            made.append(each)
     return made
 
 
-def named(parent: ElementTree.Element, tag: str, *words: str, **attributes: str) -> ElementTree.Element:
+def si(tag: str, *inside: str | ElementTree.Element) -> ElementTree.Element:
+    """An element of D-SI."""
+    return e(tag, *inside, namespace=SI)
+
+
+def named(tag: str, *words: str, **attributes: str) -> ElementTree.Element:
     """An element of text in the certificate's language."""
-    made = _in(parent, tag, **attributes)
-    for each in words:
-        _in(made, "content", each, lang="en")
-    return made
+    return e(tag, *(e("content", each, lang="en") for each in words), **attributes)
+
+
+def some(tag: str, text: object) -> list[ElementTree.Element]:
+    """An element that is there where its text is."""
+    return [e(tag, str(text))] if text else []
 
 
 # Administrative data.
 
 
-def _administrative(parent: ElementTree.Element, c: Content) -> None:
-    given = c.given
-    software = _in(_in(parent, "dccSoftware"), "software")
-    named(software, "name", "TinyGC")
-    _in(software, "release", VERSION)
-    _in(software, "type", "application")
-    core = _in(parent, "coreData")
-    _in(core, "countryCodeISO3166_1", given.country)
-    _in(core, "usedLangCodeISO639_1", given.language)
-    _in(core, "mandatoryLangCodeISO639_1", given.language)
-    _in(core, "uniqueIdentifier", c.number)
-    if given.received is not None:
-        _in(core, "receiptDate", str(given.received))
-    for tag in ("beginPerformanceDate", "endPerformanceDate"):
-        _in(core, tag, str(c.calibrated))
-    _in(core, "performanceLocation", given.performed_at)
-    _in(core, "issueDate", str(given.issued))
-    if given.amends:
-        replaced = _in(core, "reportAmendedSubstituted")
-        _in(replaced, "typeOfChange", "substituted")
-        _in(replaced, "replacedUniqueIdentifier", given.amends)
-    item = _in(_in(parent, "items"), "item")
-    config = c.config
-    named(item, "name", next(text for label, text, _ in c.item if label == "Object"))
+def _administrative(c: Content) -> ElementTree.Element:
+    given, config = c.given, c.config
+    replaced = e("reportAmendedSubstituted", e("typeOfChange", "substituted"), e("replacedUniqueIdentifier", given.amends))
+    core = e(
+        "coreData",
+        e("countryCodeISO3166_1", given.country),
+        e("usedLangCodeISO639_1", given.language),
+        e("mandatoryLangCodeISO639_1", given.language),
+        e("uniqueIdentifier", c.number),
+        *some("receiptDate", given.received),
+        e("beginPerformanceDate", str(c.calibrated)),
+        e("endPerformanceDate", str(c.calibrated)),
+        e("performanceLocation", given.performed_at),
+        e("issueDate", str(given.issued)),
+        *([replaced] if given.amends else []),
+    )
     others = ("Object", "Manufacturer", "Model", "Serial number")
-    named(item, "description", *(f"{label}: {text}" for label, text, _ in c.item if label not in others))
-    if c.given.manufacturer:
-        named(_in(item, "manufacturer"), "name", c.given.manufacturer)
-    if config.model_given:
-        _in(item, "model", config.sensor.model)
-    known = _in(_in(item, "identifications"), "identification", refType="basic_serialNumber")
-    _in(known, "issuer", "manufacturer")
-    _in(known, "value", config.sensor.serial)
-    named(known, "name", "Serial number")
-    contact = _in(_in(parent, "calibrationLaboratory"), "contact")
-    _contact(contact, given.laboratory, given.address, given.country)
-    persons = _in(parent, "respPersons")
-    _person(persons, given.authorised_by, given.role or "authorises the certificate", signs=True)
-    if c.operator:
-        _person(persons, c.operator, "operator")
-    _contact(_in(parent, "customer"), given.customer, given.customer_address)
-    _statements(_in(parent, "statements"), c)
+    serial = e("issuer", "manufacturer"), e("value", config.sensor.serial), named("name", "Serial number")
+    item = e(
+        "item",
+        named("name", next(text for label, text, _ in c.item if label == "Object")),
+        named("description", *(f"{label}: {text}" for label, text, _ in c.item if label not in others)),
+        *([e("manufacturer", named("name", given.manufacturer))] if given.manufacturer else []),
+        *([e("model", config.sensor.model)] if config.model_given else []),
+        e("identifications", e("identification", *serial, refType="basic_serialNumber")),
+    )
+    persons = [_person(given.authorised_by, given.role or "authorises the certificate", e("mainSigner", "true"))]
+    return e(
+        "administrativeData",
+        e("dccSoftware", e("software", named("name", "TinyGC"), e("release", VERSION), e("type", "application"))),
+        core,
+        e("items", item),
+        e("calibrationLaboratory", e("contact", *_contact(given.laboratory, given.address, given.country))),
+        e("respPersons", *persons, *([_person(c.operator, "operator")] if c.operator else [])),
+        e("customer", *_contact(given.customer, given.customer_address)),
+        e("statements", *_statements(c)),
+    )
 
 
-def _contact(parent: ElementTree.Element, name: str, address: str, country: str = "") -> None:
-    named(parent, "name", name)
-    location = _in(parent, "location")
-    if country:
-        _in(location, "countryCode", country)
-    named(location, "further", address)
+def _contact(name: str, address: str, country: str = "") -> tuple[ElementTree.Element, ...]:
+    return named("name", name), e("location", *some("countryCode", country), named("further", address))
 
 
-def _person(parent: ElementTree.Element, name: str, role: str, signs: bool = False) -> None:
-    person = _in(parent, "respPerson")
-    named(_in(person, "person"), "name", name)
-    _in(person, "role", role)
-    if signs:
-        _in(person, "mainSigner", "true")
+def _person(name: str, role: str, *signs: ElementTree.Element) -> ElementTree.Element:
+    return e("respPerson", e("person", named("name", name)), e("role", role), *signs)
 
 
-def _statements(parent: ElementTree.Element, c: Content) -> None:
+def _statements(c: Content) -> Iterator[ElementTree.Element]:
     for remark in c.remarks:
-        named(_in(parent, "statement"), "declaration", remark)
+        yield e("statement", named("declaration", remark))
     for label, text, _ in c.traceability:
-        traced = _in(parent, "statement", refType="basic_traceability")
-        named(traced, "name", f"Traceability: {label}")
-        named(traced, "declaration", text)
+        yield e("statement", named("name", f"Traceability: {label}"), named("declaration", text), refType="basic_traceability")
     for day, words in ((c.given.valid_until, "Valid until"), (c.given.next_calibration, "Next calibration")):
         if day is not None:
-            again = _in(parent, "statement", refType="basic_recalibration")
-            named(again, "declaration", words)
-            _in(again, "date", str(day))
+            yield e("statement", named("declaration", words), e("date", str(day)), refType="basic_recalibration")
     for reference, rule, _ in c.statements:
-        conforms = _in(parent, "statement", refType="basic_conformity")
-        _in(conforms, "norm", "ISO/IEC 17025:2017")
-        _in(conforms, "reference", "7.8.6")
-        named(conforms, "declaration", *([f"Limits: {reference}"] if reference else []), f"Decision rule: {rule}")
+        said = named("declaration", *([f"Limits: {reference}"] if reference else []), f"Decision rule: {rule}")
+        yield e("statement", e("norm", "ISO/IEC 17025:2017"), e("reference", "7.8.6"), said, refType="basic_conformity")
 
 
 # Results.
 
 
-def _measured(parent: ElementTree.Element, c: Content) -> None:
-    named(parent, "name", "Errors of the sensor, calibration and closure")
-    methods = _in(parent, "usedMethods")
-    used = _in(methods, "usedMethod", refType="basic_calibrationMethod")
-    named(used, "name", "Calibration by turns from rest to rest")
-    named(used, "description", *c.method)
-    _in(used, "reference", c.given.method)
-    uncertain = _in(methods, "usedMethod", refType="basic_uncertainty")
-    named(uncertain, "name", "Expanded uncertainty")
-    named(uncertain, "description", *c.uncertainty)
-    _in(uncertain, "norm", "JCGM 100:2008")
-    if c.equipment:
-        equipment = _in(parent, "measuringEquipments")
-        for each in c.equipment:
-            one = _in(equipment, "measuringEquipment", refType="basic_normalUsed")
-            named(one, "name", each.name)
-            if said := [f"{label}: {text}" for label, text in (("certificate", each.certificate), ("calibration due", each.due)) if text]:
-                named(one, "description", *said)
-            if each.identification:
-                known = _in(_in(one, "identifications"), "identification")
-                _in(known, "issuer", "calibrationLaboratory")
-                _in(known, "value", each.identification)
-    _conditions(parent, c)
-    results = _in(parent, "results")
-    _result(results, "Errors of the sensor, without correction", "", c.results, c.conformity)
+def _measured(c: Content) -> ElementTree.Element:
+    turns = named("name", "Calibration by turns from rest to rest"), named("description", *c.method), e("reference", c.given.method)
+    uncertain = named("name", "Expanded uncertainty"), named("description", *c.uncertainty), e("norm", "JCGM 100:2008")
+    used = e("usedMethod", *turns, refType="basic_calibrationMethod"), e("usedMethod", *uncertain, refType="basic_uncertainty")
+    equipment, conditions = [_equipment(each) for each in c.equipment], list(_conditions(c))
+    results = [_result("Errors of the sensor, without correction", _facts(c.results, "", c.conformity))]
     if c.as_found:
-        _result(results, f"As found: errors of the output as {c.previous} corrects it", "found_", c.as_found)
-    _closure(results, c)
-    _model(results, c)
+        results.append(_result(f"As found: errors of the output as {c.previous} corrects it", _facts(c.as_found, "found_")))
+    return e(
+        "measurementResult",
+        named("name", "Errors of the sensor, calibration and closure"),
+        e("usedMethods", *used),
+        *([e("measuringEquipments", *equipment)] if equipment else []),
+        *([e("influenceConditions", *conditions)] if conditions else []),
+        e("results", *results, _result("Closure with the calibration", _closure(c)), _model(c)),
+    )
 
 
-def _conditions(parent: ElementTree.Element, c: Content) -> None:
-    conditions = ElementTree.Element(f"{{{DCC}}}influenceConditions")
+def _equipment(each: Equipment) -> ElementTree.Element:
+    said = [f"{label}: {text}" for label, text in (("certificate", each.certificate), ("calibration due", each.due)) if text]
+    known = e("identification", e("issuer", "calibrationLaboratory"), e("value", each.identification))
+    more = [named("description", *said)] if said else []
+    more += [e("identifications", known)] if each.identification else []
+    return e("measuringEquipment", named("name", each.name), *more, refType="basic_normalUsed")
+
+
+def _conditions(c: Content) -> Iterator[ElementTree.Element]:
     if c.temperature_c is not None:
-        warm = _in(conditions, "influenceCondition", refType="basic_temperature")
-        named(warm, "name", "Temperature of the sensor, by its own thermometer")
-        data = _in(warm, "data")
         ends = zip(("basic_temperatureMin", "basic_temperatureMean", "basic_temperatureMax"), c.temperature_c, strict=True)
-        for kind, value in ends:
-            _real(_in(data, "quantity", refType=kind), value, r"\degreecelsius")
+        data = e("data", *(e("quantity", _real(value, r"\degreecelsius"), refType=kind) for kind, value in ends))
+        said = named("name", "Temperature of the sensor, by its own thermometer")
+        yield e("influenceCondition", said, data, refType="basic_temperature")
     for label, text, key in c.conditions:
         if key in ("certificate.conditions", "certificate.place", "site.latitude_deg"):
-            condition = _in(conditions, "influenceCondition")
-            named(condition, "name", label)
-            named(_in(condition, "data"), "text", text)
-    if len(conditions):
-        parent.append(conditions)
+            yield e("influenceCondition", named("name", label), e("data", named("text", text)))
 
 
-def _result(parent: ElementTree.Element, words: str, prefix: str, facts: Sequence[Fact], conformity: Sequence[Conformity] = ()) -> None:
-    result = _in(parent, "result")
-    named(result, "name", words)
-    data, answers = _in(result, "data"), {each.measured.key: each for each in conformity if each.measured.key}
+def _result(words: str, quantities: Iterable[ElementTree.Element]) -> ElementTree.Element:
+    return e("result", named("name", words), e("data", *quantities))
+
+
+def _facts(facts: Sequence[Fact], prefix: str, conformity: Sequence[Conformity] = ()) -> Iterator[ElementTree.Element]:
+    answers = {each.measured.key: each for each in conformity if each.measured.key}
     for each in facts:
         identifier = "_".join("".join(c if c.isascii() and c.isalnum() else " " for c in each.name).split())
-        quantity = _quantity(data, prefix + identifier, each.name, each)
-        if (found := answers.get(each.key)) is not None:
-            _conforms(quantity, found)
+        yield _quantity(prefix + identifier, each.name, each, answers.get(each.key))
 
 
-def _quantity(parent: ElementTree.Element, name: str, words: str, each: Fact) -> ElementTree.Element:
-    quantity = _in(parent, "quantity", id=name, refType="basic_measurementError")
-    named(quantity, "name", words)
-    if not each.observed or not np.isfinite(each.value):
-        named(quantity, "noQuantity", "not observed")
-        return quantity
-    unit, size = UNITS[each.unit]
-    _real(quantity, each.value * size, unit, each, size)
-    return quantity
+def _quantity(name: str, words: str, each: Fact, conforms: Conformity | None = None) -> ElementTree.Element:
+    value = named("noQuantity", "not observed")
+    if each.observed and np.isfinite(each.value):
+        unit, size = UNITS[each.unit]
+        value = _real(each.value * size, unit, each, size)
+    more = [] if conforms is None else [e("measurementMetaData", _conforms(conforms))]
+    return e("quantity", named("name", words), value, *more, id=name, refType="basic_measurementError")
 
 
-def _real(parent: ElementTree.Element, value: float, unit: str, measured: Fact | None = None, size: float = 1.0) -> None:
+def _real(value: float, unit: str, measured: Fact | None = None, size: float = 1.0) -> ElementTree.Element:
     """``si:real`` in SI, with the expanded uncertainty where it is known."""
-    real = _in(parent, "real", namespace=SI)
-    _in(real, "value", repr(float(value)), SI)
-    _in(real, "unit", unit, SI)
-    if measured is None or not (np.isfinite(measured.expanded) and measured.expanded > 0):
-        return
-    expanded = _in(_in(real, "measurementUncertaintyUnivariate", namespace=SI), "expandedMU", namespace=SI)
-    _in(expanded, "valueExpandedMU", repr(float(measured.expanded * size)), SI)
-    _in(expanded, "coverageFactor", f"{measured.factor:.6f}", SI)
-    _in(expanded, "coverageProbability", f"{COVERAGE:g}", SI)
-    _in(expanded, "distribution", "normal" if not np.isfinite(measured.freedom) else "t", SI)
+    real = si("real", si("value", repr(float(value))), si("unit", unit))
+    if measured is not None and np.isfinite(measured.expanded) and measured.expanded > 0:
+        expanded = si(
+            "expandedMU",
+            si("valueExpandedMU", repr(float(measured.expanded * size))),
+            si("coverageFactor", f"{measured.factor:.6f}"),
+            si("coverageProbability", f"{COVERAGE:g}"),
+            si("distribution", "normal" if not np.isfinite(measured.freedom) else "t"),
+        )
+        real.append(si("measurementUncertaintyUnivariate", expanded))
+    return real
 
 
-def _conforms(quantity: ElementTree.Element, each: Conformity) -> None:
+def _conforms(each: Conformity) -> ElementTree.Element:
     """The statement of conformity of one quantity, with its limits; no answer where nothing was decided, but in a guard band."""
-    one = _in(_in(quantity, "measurementMetaData"), "metaData", refType="basic_conformity")
-    named(one, "declaration", each.risk_words)
     inside = each.limits[0] <= each.measured.value <= each.limits[1]
     banded = each.rule.kind == GUARDED and each.measured.observed and np.isfinite(each.measured.expanded)
-    if each.answer in ANSWERS or banded:
-        _in(one, "conformity", ANSWERS.get(each.answer, "conditionalPass" if inside else "conditionalFail"))
-    data, (unit, size) = _in(one, "data"), UNITS[each.measured.unit]
+    answer = ANSWERS.get(each.answer, ("conditionalPass" if inside else "conditionalFail") if banded else "")
+    (unit, size), limits = UNITS[each.measured.unit], []
     for side, limit, accepted in zip(("Lower", "Upper"), each.limits, each.acceptance, strict=True):
         if np.isfinite(limit):
-            _real(_in(data, "quantity", refType=f"basic_toleranceLimit{side}"), limit * size, unit)
-            _real(_in(data, "quantity", refType=f"basic_acceptanceLimit{side}"), accepted * size, unit)
+            limits.append(e("quantity", _real(limit * size, unit), refType=f"basic_toleranceLimit{side}"))
+            limits.append(e("quantity", _real(accepted * size, unit), refType=f"basic_acceptanceLimit{side}"))
+    said = named("declaration", each.risk_words)
+    return e("metaData", said, *some("conformity", answer), e("data", *limits), refType="basic_conformity")
 
 
-def _closure(parent: ElementTree.Element, c: Content) -> None:
-    result = _in(parent, "result")
-    named(result, "name", "Closure with the calibration")
-    data = _in(result, "data")
-    answers = [each for each in c.conformity if each.measured.unit == "°"]  # the attitude after a minute has no row elsewhere
+def _closure(c: Content) -> Iterator[ElementTree.Element]:
+    answers = {each.measured.name: each for each in c.conformity if each.measured.unit == "°"}
     for number, (each, floor) in enumerate(c.closure):
         name = "closure" if number == 0 else f"closure_run_{number}"
-        quantity = _quantity(data, name, f"{each.name}; noise alone: {floor:.4f}°", each)
-        if found := next((one for one in answers if one.measured.name == each.name), None):
-            answers.remove(found)
-            _conforms(quantity, found)
-    for one in answers:
-        _conforms(_quantity(data, one.measured.key, one.measured.name, one.measured), one)
+        yield _quantity(name, f"{each.name}; noise alone: {floor:.4f}°", each, answers.pop(each.name, None))
+    for one in answers.values():  # the attitude after a minute has no row elsewhere
+        yield _quantity(one.measured.key, one.measured.name, one.measured, one)
 
 
-def _model(parent: ElementTree.Element, c: Content) -> None:
+def _model(c: Content) -> ElementTree.Element:
     """E and B of ω = E m + B with their covariance: an ellipsoid of the twelve."""
-    result = _in(parent, "result")
-    named(result, "name", "Calibration: rate = E m + B, m the measured rate")
-    quantity = _in(_in(result, "data"), "quantity", id="calibration")
-    named(quantity, "name", "E row by row, then B")
-    listed = _in(quantity, "realListXMLList", namespace=SI)
-    units = [r"\one"] * 9 + [r"\radian\second\tothe{-1}"] * 3
-    _in(listed, "labelXMLList", " ".join(NAMES[:PARAMETERS]), SI)
-    _in(listed, "valueXMLList", " ".join(repr(float(value)) for value in c.model.vector), SI)
-    _in(listed, "unitXMLList", " ".join(units), SI)
-    region = _in(_in(listed, "measurementUncertaintyMultivariateXMLList", namespace=SI), "ellipsoidalRegionMUXMLList", namespace=SI)
-    matrix = _in(region, "covarianceMatrixXMLList", namespace=SI)
     rate = r"\radian\second\tothe{-1}"
     square = {(False, False): r"\one", (True, True): r"\radian\tothe{2}\second\tothe{-2}"}
+    columns = []
     for column in range(PARAMETERS):
-        one = _in(_in(matrix, "columnXMLList", namespace=SI), "covarianceXMLList", namespace=SI)
-        _in(one, "valueXMLList", " ".join(repr(float(value)) for value in c.covariance[:, column]), SI)
-        _in(one, "unitXMLList", " ".join(square.get((row > 8, column > 8), rate) for row in range(PARAMETERS)), SI)
-    _in(region, "coverageFactorXMLList", f"{np.sqrt(2 * gammaincinv(PARAMETERS / 2, COVERAGE)):.6f}", SI)
-    _in(region, "coverageProbabilityXMLList", f"{COVERAGE:g}", SI)
-    _in(region, "distributionXMLList", "normal", SI)
+        units = " ".join(square.get((row > 8, column > 8), rate) for row in range(PARAMETERS))
+        values = " ".join(repr(float(value)) for value in c.covariance[:, column])
+        columns.append(si("columnXMLList", si("covarianceXMLList", si("valueXMLList", values), si("unitXMLList", units))))
+    region = si(
+        "ellipsoidalRegionMUXMLList",
+        si("covarianceMatrixXMLList", *columns),
+        si("coverageFactorXMLList", f"{np.sqrt(2 * gammaincinv(PARAMETERS / 2, COVERAGE)):.6f}"),
+        si("coverageProbabilityXMLList", f"{COVERAGE:g}"),
+        si("distributionXMLList", "normal"),
+    )
+    listed = si(
+        "realListXMLList",
+        si("labelXMLList", " ".join(NAMES[:PARAMETERS])),
+        si("valueXMLList", " ".join(repr(float(value)) for value in c.model.vector)),
+        si("unitXMLList", " ".join([r"\one"] * 9 + [rate] * 3)),
+        si("measurementUncertaintyMultivariateXMLList", region),
+    )
+    quantity = e("quantity", named("name", "E row by row, then B"), listed, id="calibration")
+    return _result("Calibration: rate = E m + B, m the measured rate", [quantity])

@@ -67,10 +67,12 @@ def errors_table(title: str, facts: Sequence[Fact], said: Sequence[str] = (), me
     """Errors of a sensor by axis: value ± one sigma; meanings of the terms: for a page, which states the expanded uncertainty, in brackets
     what one effect that the model lacks may add, and k."""
     rows: dict[str, tuple[list[str], set[str]]] = {}
+    first: dict[str, str] = {}  # row of a word
     for q in facts:
         axis, of = (q.component[-1], f" of {q.component[0]}") if " " in q.component else (q.component, "")  # x to y: of x, in column y
         meaning = "" if not meanings or q.word not in meanings else f"\n{'; '.join(filter(None, (meanings[q.word], q.note)))}"
-        cells, factors = rows.setdefault(f"{q.word}{of}, {q.unit}{meaning}", ([], set()))
+        label = f"{q.word}{of}, {q.unit}"
+        cells, factors = rows.setdefault(label + meaning * (first.setdefault(q.word, label) == label), ([], set()))
         cells += [""] * ("xyz".find(axis) - len(cells))
         text = measured(q.value, q.sigma) if meanings is None and q.observed else q.stated
         if meanings is not None and q.observed and isfinite(q.moved):

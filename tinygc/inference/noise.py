@@ -206,8 +206,10 @@ def lowest(
     most: np.ndarray | float = np.inf,
     steps: int = SCORING_STEPS,
     farthest: float = np.inf,
+    settled: float = SETTLED,
 ) -> tuple[np.ndarray, Cost]:
-    """Numbers x (K,) of the lowest cost found from a start, each between ``least`` and ``most``, moved by ``farthest`` in a step at most.
+    """Numbers x (K,) of the lowest cost found from a start, each between ``least`` and ``most``, moved by ``farthest`` in a step at most; a
+    step that lowers the cost by less than ``settled`` is the last.
 
     Scoring by the average of expected and observed information (Gilmour, Thompson & Cullis 1995), damped where a step does not lower the
     cost.  The numbers are variances, their logarithms, or whatever else ``cost`` takes.
@@ -222,13 +224,13 @@ def lowest(
         tried = np.clip(tried, least, most)
         there = cost(tried)
         if not there.value < found.value:  # or where it is no number
-            if found.value - there.value > -SETTLED:
+            if found.value - there.value > -settled:
                 break
             damp = max(10 * damp, 0.1)
             continue
         drop, damp = found.value - there.value, damp / 10
         x, found = tried, there
-        if drop < SETTLED:
+        if drop < settled:
             break
     return x, found
 
@@ -307,4 +309,4 @@ def where_risen(rise: Callable[[float], float], low: float, step: float, by: flo
             high, over, under = middle, at, under / 2
         else:
             low, under, over = middle, at, over / 2
-    return middle
+    return float(middle)

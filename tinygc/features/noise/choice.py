@@ -10,7 +10,7 @@ its sigma contains how the sets differ (Hoeting et al. 1999).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -18,6 +18,8 @@ from scipy.special import ndtr
 
 from tinygc.features.noise.scales import Group
 from tinygc.features.noise.summary import contrasts
+from tinygc.inference.choose import ONE_SIDED, averaged, climb, probabilities, weights_of
+from tinygc.inference.noise import Cost, lowest, where_risen
 
 # The likelihood of the noise terms, over all scales together.
 #
@@ -29,8 +31,8 @@ from tinygc.features.noise.summary import contrasts
 # likelihood, Patterson & Thompson 1971).  Windows and levels are taken as independent, which they are for white noise.  For walks and
 # flicker they are nearly so, like wavelet coefficients; ``sandwich`` has what that does to sigmas.
 
-#: steps of Fisher scoring in ln s^2; change of -2 log L at which it ends
-STEPS, ENDS = 40, 1e-4
+#: steps of Fisher scoring in ln s^2; change of -2 log L at which it ends; the longest step
+STEPS, ENDS, FARTHEST = 40, 1e-4, 3.0
 #: of a size: its logarithm is flat over so many decades; and the variance of ln s^2 over them
 DECADES = 3.0
 PRIOR_VARIANCE = (2 * DECADES * np.log(10)) ** 2 / 12
@@ -155,28 +157,26 @@ def cost(x: np.ndarray, V: Sequence[Stacked], stacks: Sequence[Stack]) -> tuple[
     return value, slope, curvature
 
 
-def fit(names: Sequence[str], V: dict[str, Stacked], stacks: Sequence[Stack], start: np.ndarray) -> Fitted:
-    """Maximise the likelihood over the variances (K,) of terms by Fisher scoring in their logarithms."""
-    own = [V[name] for name in names]
+def fit(own: list[Stacked], stacks: Sequence[Stack], start: np.ndarray) -> Fitted:
+    """Maximise the likelihood over the variances (K,) of terms with covariances of size 1, by Fisher scoring in their logarithms."""
     return _scored(np.log(start), lambda z: own, stacks)
 
 
 def fit_with_time(
-    names: Sequence[str],
-    V: dict[str, Stacked],
+    own: list[Stacked],
     stacks: Sequence[Stack],
     start: np.ndarray,
     correlation_s: float,
     bounds_s: tuple[float, float],
     unit: Callable[[str, float], Stacked],
 ) -> Fitted:
-    """Maximise it also over the correlation time of a Gauss-Markov term, the last of ``names``; start (K,): variances; unit: returns its
-    covariances for a time."""
+    """Maximise it also over the correlation time of a Gauss-Markov term, the last of the K; own: covariances of the others; unit: returns
+    its covariances for a time."""
 
     def matrices(z: np.ndarray) -> list[Stacked]:
         here, later = (unit("G", float(np.exp(z[-1] + step))) for step in (0.0, LOG_STEP))
         change = [np.exp(z[-2]) * (b - a) / LOG_STEP for a, b in zip(here, later, strict=True)]
-        return [*(V[name] for name in names[:-1]), here, change]
+        return [*own, here, change]
 
     return _scored(np.append(np.log(start), np.log(correlation_s)), matrices, stacks, np.log(bounds_s))
 
@@ -187,36 +187,20 @@ def _scored(
     stacks: Sequence[Stack],
     time_bounds: np.ndarray | None = None,
 ) -> Fitted:
-    """Fisher scoring over z: ln s^2 (K,), then ln T where ``time_bounds`` are given."""
+    """Scoring over z: ln s^2 (K,), then ln T where ``time_bounds`` are given."""
     sizes = len(z) - (time_bounds is not None)
+    least, most = np.full(len(z), -300.0), np.full(len(z), 100.0)
+    if time_bounds is not None:
+        least[-1], most[-1] = time_bounds
 
-    def at(z: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    def at(z: np.ndarray) -> Cost:
         x = np.exp(z[:sizes])
         value, slope, curvature = cost(x, matrices(z), stacks)
-        scale = np.append(x, 1.0) if time_bounds is not None else x
-        return value, slope * scale, curvature * np.outer(scale, scale)
+        scale = np.append(x, np.ones(len(z) - sizes))
+        return Cost(value, slope * scale, curvature * np.outer(scale, scale))
 
-    value, slope, curvature = at(z)
-    damping = 0.0
-    for _ in range(STEPS):
-        held = np.diag(np.diag(curvature)) * damping + 1e-9 * np.eye(len(z)) * max(float(np.diag(curvature).max()), 1e-300)
-        step = np.clip(-np.linalg.solve(curvature + held, slope), -3, 3)
-        tried = z + step
-        if time_bounds is not None:
-            tried[-1] = np.clip(tried[-1], *time_bounds)
-        tried[:sizes] = np.clip(tried[:sizes], -300, 100)
-        new = at(tried)
-        if new[0] <= value + 1e-9:
-            gained = value - new[0]
-            z, (value, slope, curvature) = tried, new
-            damping /= 4
-            if gained < ENDS:
-                break
-        else:
-            damping = max(4 * damping, 0.5)
-            if damping > 1e6:
-                break
-    return Fitted(np.exp(z[:sizes]), value, curvature / 2, float(np.exp(z[-1])) if time_bounds is not None else np.nan)
+    z, found = lowest(at, z, least, most, STEPS, FARTHEST, ENDS)
+    return Fitted(np.exp(z[:sizes]), found.value, found.information / 2, np.nan if time_bounds is None else float(np.exp(z[-1])))
 
 
 #: terms that may be added to N; the trace of a filter is none of the sensor's noise, but N is wrong without it
@@ -244,7 +228,9 @@ PASSED = 0.01
 #: rise of -2 log L at an upper limit: 1.645 sigma would be 95 % of a term that is looked for alone; one that is not chosen has been drawn
 #: low, and with 2 sigma the limits hold in 95 of 100.  Of B and K the mean over even sets knows it:
 #: the larger of both limits counts (benchmarks/noise_terms.py --sizes)
-AT_LIMIT, AT_EVEN_LIMIT = 2.0**2, 1.645**2
+AT_LIMIT, AT_EVEN_LIMIT = 2.0**2, ONE_SIDED**2
+#: of the others beside a limit: steps, and change of -2 log L at which they end; how near the limit is to be known
+LIMIT_STEPS, LIMIT_ENDS, LIMIT_NEAR = 6, 1e-3, 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,6 +240,16 @@ class Chosen:
     names: tuple[str, ...]
     fitted: Fitted
     log_evidence: float
+
+    @property
+    def ids(self) -> frozenset[str]:
+        """The terms that another set may lack: neither N nor a line."""
+        return frozenset(name for name in self.names[1:] if not name.startswith("line"))
+
+    @property
+    def score(self) -> float:
+        """-2 log of the evidence."""
+        return -2 * self.log_evidence
 
     def variance(self, name: str) -> float:
         """s^2 of a term, 0 where it is not of the set."""
@@ -304,50 +300,50 @@ class Search:
 
     def best(self) -> Chosen:
         """Search the sets and return the most probable one."""
-        best = self.of(frozenset(), None)
-        assert best is not None
-        while True:
-            here = frozenset(best.names) & frozenset(self.candidates)
-            near = [here | {name} for name in self.candidates if name not in here]
-            near += [here - {name} for name in here]
-            near += [here - {name} | {other} for name in here for other in self.candidates if other not in here]
-            found = [chosen for each in near if (chosen := self.of(each, best)) is not None]
-            step = max(found, key=lambda chosen: chosen.log_evidence, default=best)
-            if step.log_evidence <= best.log_evidence + 1e-6:
-                return best
-            best = step
+
+        def near(best: Chosen) -> Iterator[Chosen]:
+            here = best.ids
+            sets = [here | {name} for name in self.candidates if name not in here]
+            sets += [here - {name} for name in here]
+            sets += [here - {name} | {other} for name in here for other in self.candidates if other not in here]
+            return (chosen for each in sets if (chosen := self.of(each, best)) is not None)
+
+        first = self.of(frozenset(), None)
+        assert first is not None
+        return climb(first, near)
+
+    @property
+    def seen(self) -> list[Chosen]:
+        """All sets that were tried, of terms that are seen."""
+        return [chosen for chosen in self.tried.values() if chosen is not None]
 
     def probability(self, name: str) -> float:
         """Probability of a term among all sets that were tried."""
-        return float(sum(weight for weight, chosen in self._sets() if name in chosen.names))
+        return probabilities(self.seen).get(name, 0.0)
 
     def average(self, name: str, wider: float = 1.0) -> tuple[float, float, float]:
         """Return the mean of s of a term over all sets, its sigma and its upper limit (95 %); wider: factor on each set's own sigma.
 
         A set has the term lognormal, or lacks it: s = 0.  B and K are present with odds ``EVEN``.
         """
-        sets = self._sets(EVEN)
-        present = np.array([weight for weight, chosen in sets if name in chosen.names])
-        own = [chosen for _, chosen in sets if name in chosen.names]
-        if not own:
+        sets = self.seen
+        even = [replace(each, log_evidence=each.log_evidence + len(each.ids & EVEN.keys()) * np.log(1 / ODDS)) for each in sets]
+        weights, own = weights_of(even), np.array([name in each.names for each in sets])
+        if not own.any():
             return 0.0, 0.0, 0.0
-        log_s = np.array([np.log(chosen.variance(name)) / 2 for chosen in own])
-        sigma = wider * np.array([chosen.log_sigma(name) for chosen in own])
-        mean, square = (float(present @ np.exp(power * log_s + (power * sigma) ** 2 / 2)) for power in (1, 2))
-        low, high = float((log_s - 4 * sigma).min()), float((log_s + 4 * sigma).max())
+        present = weights[own]
+        log_s, sigma = np.array([(np.log(each.variance(name)) / 2, wider * each.log_sigma(name)) for each in sets if name in each.names]).T
+        means, sigmas = np.zeros((2, len(sets)))
+        means[own] = np.exp(log_s + sigma**2 / 2)
+        sigmas[own] = means[own] * np.sqrt(np.expm1(sigma**2))
+        mean, spread = averaged(weights, means, sigmas)
         if 1 - present.sum() >= 0.95:
-            return mean, float(np.sqrt(square - mean**2)), 0.0
+            return mean, spread, 0.0
+        low, high = float((log_s - 4 * sigma).min()), float((log_s + 4 * sigma).max())
         while high - low > 1e-6:
             at = (low + high) / 2
             low, high = (low, at) if present @ ndtr((log_s - at) / sigma) < 0.05 else (at, high)
-        return mean, float(np.sqrt(square - mean**2)), float(np.exp(high))
-
-    def _sets(self, odds: Mapping[str, float] = {}) -> list[tuple[float, Chosen]]:
-        """Return all sets that were tried with their probabilities; odds: of terms, where they are not ``ODDS``."""
-        sets = [chosen for chosen in self.tried.values() if chosen is not None]
-        log = np.array([each.log_evidence + sum(np.log(odds[n] / ODDS) for n in each.names if n in odds) for each in sets])
-        weight = np.exp(log - log.max())
-        return list(zip((weight / weight.sum()).tolist(), sets, strict=True))
+        return mean, spread, float(np.exp(high))
 
     def of(self, terms: frozenset[str], near: Chosen | None = None) -> Chosen | None:
         """Return a set with its evidence; near: another set, where its search starts; None where a term is not seen."""
@@ -361,7 +357,7 @@ class Search:
             return None
         at = [(near.variance(name) if near is not None else 0.0) or self._start(name, near) for name in names]
         if "G" not in terms:
-            return self._judged(names, fit(names, self.V, self.stacks, np.array(at)))
+            return self._judged(names, fit([self.V[name] for name in names], self.stacks, np.array(at)))
         names = (*names, "G")
         if near is not None and "G" in near.names:
             x, time = near.variance("G"), near.fitted.correlation_s
@@ -379,7 +375,9 @@ class Search:
                 gains.append((size * max(-slope[-1], 0.0), min(size, self.most(V)), float(time)))
             _, size, time = max(gains)
             x = size or 1e-3 * self.most(self.unit("G", time))
-        return self._judged(names, fit_with_time(names, self.V, self.stacks, np.array([*at, x]), time, self.bounds_s, self.unit))
+        return self._judged(
+            names, fit_with_time([self.V[name] for name in names[:-1]], self.stacks, np.array([*at, x]), time, self.bounds_s, self.unit)
+        )
 
     def most(self, V: Stacked) -> float:
         """Largest variance that a term may have: at some scale it would be all that is there."""
@@ -418,40 +416,26 @@ class Search:
 
         A Gauss-Markov term has none: with its correlation time open, it could be anything that the others are.
         """
-        V, names, bar = self.V[name], chosen.names, AT_EVEN_LIMIT if name in EVEN else AT_LIMIT
-        own = [self.matrices(chosen, each) for each in names]
+        V, bar = self.V[name], AT_EVEN_LIMIT if name in EVEN else AT_LIMIT
+        own = [self.matrices(chosen, each) for each in chosen.names]
 
-        def rise(log_x: float) -> float:
-            """-2 log L at a fixed variance above that without the term, the others by scoring."""
-            z, best = np.log(chosen.fitted.x), np.inf
-            for _ in range(6):
-                value, slope, curvature = cost(np.append(np.exp(z), np.exp(log_x)), [*own, V], self.stacks)
-                if not value < best - 1e-3:
-                    break
-                best, x = value, np.exp(z)
-                z = z + np.clip(-np.linalg.lstsq(curvature[:-1, :-1] * np.outer(x, x), slope[:-1] * x, rcond=None)[0], -2, 2)
-            return float(best) - chosen.fitted.value
+        def value(size: float) -> float:
+            """-2 log L at a fixed size, the others by scoring."""
+
+            def at(z: np.ndarray) -> Cost:
+                x = np.exp(z)
+                found, slope, curvature = cost(np.append(x, size**2), [*own, V], self.stacks)
+                return Cost(found, slope[:-1] * x, curvature[:-1, :-1] * np.outer(x, x))
+
+            return lowest(at, np.log(chosen.fitted.x), -300.0, 100.0, LIMIT_STEPS, FARTHEST, LIMIT_ENDS)[1].value
 
         _, slope, curvature = cost(chosen.fitted.x, [*own, V], self.stacks)
         inner = curvature[:-1, :-1]
-        left = float(curvature[-1, -1] - curvature[-1, :-1] @ np.linalg.lstsq(inner, curvature[:-1, -1], rcond=None)[0])
-        peak = max(-float(slope[-1]) / max(left, 1e-300), 0.0)
-        at = np.log(peak + np.sqrt(2 * bar / max(left, 1e-300)))  # of the parabola in the variance
-        low, high, lowest = -np.inf, np.inf, 0.0
-        for _ in range(10):
-            up = rise(at)
-            lowest = min(lowest, up)
-            if up - lowest > bar:
-                high = at
-            else:
-                low = at
-            if np.isfinite(low) and np.isfinite(high):
-                if high - low < 0.1:
-                    break
-                at = (low + high) / 2
-            else:
-                at = at + 0.7 if np.isinf(high) else at - 0.7
-        return float(np.exp(at / 2))
+        left = max(float(curvature[-1, -1] - curvature[-1, :-1] @ np.linalg.lstsq(inner, curvature[:-1, -1], rcond=None)[0]), 1e-300)
+        peak = max(-float(slope[-1]) / left, 0.0)
+        low, high = np.sqrt(peak), np.sqrt(peak + np.sqrt(2 * bar / left))  # of the parabola in the variance
+        least = value(low) if low else chosen.fitted.value
+        return where_risen(lambda size: value(size) - least, float(low), float(high - low), bar, LIMIT_NEAR)
 
     def covariance(self, chosen: Chosen) -> Stacked:
         """Return the covariance of all contrasts."""

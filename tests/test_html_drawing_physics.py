@@ -5,9 +5,10 @@ import re
 import numpy as np
 import pytest
 
+from session.base.texts import measured
 from tinygc.noise.stillness import density
+from tinygc.reporting import facts
 from tinygc.reporting.drawing import COLOURS
-from tinygc.reporting.html import markup
 from tinygc.reporting.html.chart import Axis, Chart, linear_axis, log_axis
 
 
@@ -32,18 +33,17 @@ def test_colours_stand_out_from_the_page(shade):
 
 
 @pytest.mark.parametrize(
-    ("value", "expanded", "said"),
+    ("value", "sigma", "said"),
     [
-        (-10782.54, 45.06, ("−10\u202f783", "45")),
-        (0.630723, 0.0023046, ("0.6307", "0.0023")),
-        (1.5, 0, ("2", "0")),
-        (-0.0001, 0.02, ("0.000", "0.020")),
-        (float("nan"), 1.0, ("–", "1.0")),
+        (-10782.54, 45.06, "−10\u202f783 ± 45"),
+        (-10782.54, 451.0, "−10\u202f780 ± 450"),
+        (0.630723, 0.0023046, "0.6307 ± 0.0023"),
+        (1.5, 0.0, "1.5"),
+        (-0.0001, 0.02, "0.000 ± 0.020"),
     ],
 )
-def test_numbers_have_the_digits_that_are_known(value, expanded, said):
-    decimals = markup.decimals_for(expanded)
-    assert (markup.fixed(value, decimals), markup.fixed(expanded, decimals)) == said
+def test_numbers_have_the_digits_that_are_known(value, sigma, said):
+    assert facts.typeset(measured(value, sigma), True) == said
 
 
 def test_a_chart_places_what_it_is_given():

@@ -152,7 +152,7 @@ def measured(value: float, std: float | None = None) -> str:
         return f"{value:.5g} ± {std:.2g}"
     if decimals < 0:  # value and std both end in zeros
         return f"{round(value, decimals):.0f} ± {round(std, decimals):.0f}"
-    return f"{value:.{decimals}f} ± {std:.{decimals}f}"
+    return f"{round(value, decimals) + 0.0:.{decimals}f} ± {std:.{decimals}f}"  # no minus sign before nothing
 
 
 def probability(p: float) -> str:

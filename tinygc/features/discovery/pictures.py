@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from session.base.numeric import rms_of
+from session.base.texts import measured
 from session.base.units import DEG
 from tinygc.effects import Movement
 from tinygc.explanation.engine import Explanation
@@ -31,7 +32,7 @@ from tinygc.features.discovery.law_fits import (
 from tinygc.features.discovery.result import briefly, headline, other_equation
 from tinygc.features.discovery.search_state import Discovery, Law
 from tinygc.features.discovery.words import coefficient_unit, equation
-from tinygc.reporting.pictures.canvas import AXES, FLOOR, canvas, colour_scale, legend, plain, zero_line
+from tinygc.reporting.pictures.canvas import AXES, FLOOR, canvas, colour_scale, legend, zero_line
 from tinygc.reporting.pictures.values import one_way, projector, telling
 
 if TYPE_CHECKING:
@@ -252,7 +253,7 @@ def _number(law: Law, series: LawSeries) -> str:
         return ""
     entry, (unit, _) = series.entries[0], coefficient_unit(law.form)
     sigma = np.sqrt(law.covariance[entry, entry])
-    return f": {plain(law.theta[entry] / DEG, sigma / DEG)} {unit}"
+    return f": {measured(law.theta[entry] / DEG, sigma / DEG)} {unit}"
 
 
 def _errorbars(axes: Axes, x: np.ndarray, y: np.ndarray, sigma: np.ndarray, colour: str) -> None:

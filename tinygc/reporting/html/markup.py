@@ -1,4 +1,4 @@
-"""Building blocks of the page: escaped markup, and numbers formatted for reading."""
+"""Building blocks of the page: escaped markup."""
 
 from __future__ import annotations
 
@@ -6,25 +6,13 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from html import escape as _escape
-from math import floor, isfinite, log10
+from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 from session.base.texts import degrees, fixed, printable, probability, significant
 
 if TYPE_CHECKING:
     from jinja2 import Environment
-
-# Numbers for reading are in ``session/base/texts.py``; these choose their decimals.
-
-
-def decimals_for(expanded: float) -> int:
-    """Decimals that give an uncertainty two significant digits."""
-    return 0 if not isfinite(expanded) or expanded <= 0 else max(0, 1 - floor(log10(expanded) + 1e-12))
-
-
-def aligned_decimals(floor_deg: float) -> int:
-    """Decimals for a column of closures in degrees: one digit more than two significant digits of the floor."""
-    return decimals_for(floor_deg) + 1
 
 
 # Markup is in ``templates``, which escape their values.  These functions call the templates' macros for pages that features build.
@@ -84,11 +72,6 @@ def _macro(name: str, *values: object, **more: object) -> str:
     return str.__str__(macro(*values, **more))
 
 
-def small(text: str) -> str:
-    """Text in small type, for a cell of a template's table."""
-    return _html(_macro("small", text))
-
-
 def escape(text: object) -> str:
     """Text as HTML, with markup and control characters escaped."""
     return _escape(printable(str(text)), quote=True)
@@ -129,8 +112,3 @@ def table(
 ) -> str:
     """Table of HTML cells; the first cell of each row is its heading; marked: highlighted rows; minor: columns hidden on a telephone."""
     return _macro("table", _html(header), _html(rows), _html(caption), kind, set(marked), set(minor))
-
-
-def facts(pairs: Iterable[tuple[str, str]]) -> str:
-    """A list of names and values, both HTML."""
-    return _macro("facts", _html(pairs))

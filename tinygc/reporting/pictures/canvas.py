@@ -13,9 +13,8 @@ import numpy as np
 
 from session.base.errors import CalibrationError
 from session.base.results import whole
-from session.base.units import DEG
+from session.base.texts import measured
 from tinygc.effects import Effect
-from tinygc.estimation.bias import tilt_rms
 from tinygc.explanation.claims import Claim
 
 if TYPE_CHECKING:
@@ -41,13 +40,6 @@ def canvas(rows: int, headline: str, ids: Sequence[str], says: Sequence[str]) ->
     lines = [headline, ", ".join(ids), *(fill(sentence, 150) for sentence in says)]
     figure.suptitle("\n".join(line for line in lines if line), fontsize=11, parse_math=False)
     return figure, figure.subplots(rows, 2)
-
-
-def pair_of_panels() -> Any:
-    """Two panels of a figure of their own, for who has matplotlib."""
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=(13, 4), layout="constrained").subplots(1, 2)
 
 
 def colour_scale(low: float, high: float) -> tuple[Any, Any]:
@@ -129,15 +121,7 @@ def value_text(claim: Claim, entry: int) -> str:
         return ""
     unit = claim.effect.parameter.unit
     times, words = READS.get(unit, (1.0, unit))
-    return f"{plain(times * value, times * sigma)} {words}".strip()
-
-
-def plain(value: float, sigma: float) -> str:
-    """A number and its sigma with as many decimals as the sigma justifies."""
-    if not (np.isfinite(sigma) and sigma > 0):
-        return f"{value:.3g}".replace("-", "−")
-    decimals = int(np.clip(1 - np.floor(np.log10(sigma)), 0, 9))
-    return f"{value:.{decimals}f} ± {sigma:.{decimals}f}".replace("-", "−")
+    return f"{measured(times * value, times * sigma)} {words}".strip()
 
 
 def zero_line(axes: Axes) -> None:
@@ -153,15 +137,3 @@ def legend(axes: Axes, title: str | None = None) -> None:
     low, high = axes.get_ylim()
     axes.set_ylim(low, low + (high - low) / (1 - LINE * lines - 0.03))
     axes.legend(loc="upper center", ncols=columns, fontsize=8, title=title, title_fontsize=8, columnspacing=1.2, borderaxespad=0.3)
-
-
-def draw_closure(axes: Axes, series: Sequence[tuple[str, str, str, Sequence[int], np.ndarray]], floor_deg: float) -> None:
-    """Plot the tilt at the end of each segment, and the floor; series: name, colour, that of the points within, numbers of segments, error
-    angles (S, d) rad."""
-    for name, colour, face, numbers, angles in series:
-        tilt = np.linalg.norm(angles[:, :2], axis=1) / DEG
-        axes.semilogy(numbers, tilt, "o-", mfc=face, color=colour, lw=0.7, label=f"{name}, {tilt_rms(angles) / DEG:.4f}° rms")
-    axes.axhline(floor_deg, color=FLOOR, ls="--", label=f"floor, {floor_deg:.4f}°")
-    low, high = axes.get_ylim()
-    axes.set(xlabel="segment", ylim=(low, high * (high / low) ** 0.2))  # room for the legend above the points
-    axes.legend(loc="upper center", ncols=3, fontsize=8)

@@ -15,7 +15,7 @@ from session.base.files import result_folder
 from session.base.progress import Progress, untold
 from session.base.records import write_whole
 from session.base.results import write_text_whole
-from session.base.texts import NONE, printable, probability, significant
+from session.base.texts import NONE, measured, printable, probability, significant
 from tinygc.features.tables.feature import Columns
 from tinygc.features.tables.rates.choice import RIVAL, Choice, HeldOut, choose
 from tinygc.features.tables.rates.fitting import REFUTED, Number
@@ -29,7 +29,7 @@ from tinygc.library.records import Shown
 from tinygc.reporting import facts
 from tinygc.reporting.facts import Chapter, Part, Picture, Table, screen
 from tinygc.reporting.html.chart import Axis, Chart, linear_axis
-from tinygc.reporting.pictures.canvas import AFTER, BEFORE, FLOOR, PALE, canvas, has_matplotlib, legend, plain, save, saved, zero_line
+from tinygc.reporting.pictures.canvas import AFTER, BEFORE, FLOOR, PALE, canvas, has_matplotlib, legend, save, saved, zero_line
 from tinygc.reporting.terminal import Group, one_line
 
 if TYPE_CHECKING:
@@ -114,8 +114,8 @@ def number(value: float, sigma: float) -> str:
     """``−0.019864 ± 0.000013``, or with a power of ten where it is small; to the sigma's first digits."""
     if value and 0 < abs(value) < 1e-4 and sigma > 0:
         exponent = f"{value:e}".partition("e")[2]
-        return f"({plain(value / 10.0 ** int(exponent), sigma / 10.0 ** int(exponent))}) × 10^{int(exponent)}".replace("^-", "^−")
-    return plain(value, sigma)
+        return f"({measured(value / 10.0 ** int(exponent), sigma / 10.0 ** int(exponent))}) × 10^{int(exponent)}".replace("^-", "^−")
+    return measured(value, sigma)
 
 
 def held_out_rows(choice: Choice) -> list[tuple[str, list[str]]]:

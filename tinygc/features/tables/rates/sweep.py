@@ -16,12 +16,11 @@ import numpy as np
 
 from session.base.errors import DataError, FormatError
 from session.base.numeric import rms_of
-from session.base.texts import printable
+from session.base.texts import measured, printable
 from session.base.units import DEG
 from tinygc.features.tables.rates.points import number_in, read_table
 from tinygc.features.tables.rates.terms import size
 from tinygc.inference.solve import solve
-from tinygc.reporting.pictures.canvas import plain
 
 #: least number of frequencies of a sweep
 LEAST = 4
@@ -91,14 +90,14 @@ class Sweep:
         if self.bandwidth_hz is None:
             band = f"above {size(self.bandwidth_at_least_hz or 0.0)} Hz"
         else:
-            band = f"{plain(self.bandwidth_hz, self.bandwidth_sigma_hz or 0.0)} Hz"
+            band = f"{measured(self.bandwidth_hz, self.bandwidth_sigma_hz or 0.0)} Hz"
         known = self.response.latency_s is not None
         whose = (
             "the sensor's, the table's declared latency taken off"
             if known
             else "the sensor's less the table's latency, which is not declared"
         )
-        said = [f"gain {plain(*self.gain)}; −3 dB at {band}; delay {plain(delay, sigma)} ms: {whose}"]
+        said = [f"gain {measured(*self.gain)}; −3 dB at {band}; delay {measured(delay, sigma)} ms: {whose}"]
         if delay < -2 * sigma and known:
             said.append("a delay below zero: the declared latency is too small, or the phase has the other sign")
         gain_left, phase_left = self.left

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from session.base.texts import fixed, significant
+from session.base.texts import measured, significant
 from session.base.units import DEG, DEG_PER_HOUR
 from tinygc.closure.floor import AllanCurve, Reading, angle_random_walk
 from tinygc.closure.problem import MeasuredNoise, Problem
@@ -14,7 +14,7 @@ from tinygc.noise.figures import NAMES, TERMS, NoiseFigures, Term, read_figures
 from tinygc.noise.measured import SHOWN
 from tinygc.noise.stillness import density
 from tinygc.reporting.html.chart import Axis, Chart, log_axis
-from tinygc.reporting.html.markup import Section, decimals_for, render
+from tinygc.reporting.html.markup import Section, render
 
 
 def section(evidence: ReportData) -> Section | None:
@@ -64,9 +64,7 @@ def _value(term: Term, si: float) -> str:
     """``0.281 ± 0.004`` (k = 2), ``< 4.0`` or a dash, in units of si."""
     if term.sigma is None or not term.is_determined:
         return "–" if term.at_most is None else f"< {significant(term.at_most / si, 2)}"
-    expanded = 2 * term.sigma / si
-    decimals = decimals_for(expanded)
-    return f"{fixed(term.value / si, decimals)} ± {fixed(expanded, decimals)}"
+    return measured(term.value / si, 2 * term.sigma / si)
 
 
 def _model(figures: NoiseFigures, session_s: float, width: int) -> str:

@@ -16,12 +16,13 @@ from pathlib import Path
 
 import numpy as np
 
-from tinygc.features.tables.rates.choice import FALSE_ALARM, LINE, Choice, chance, choose
+from tinygc.features.tables.rates.choice import LINE, Choice, chance, choose
 from tinygc.features.tables.rates.curve import fit_curve
 from tinygc.features.tables.rates.fitting import fit
 from tinygc.features.tables.rates.laws import CURVE, Hypothesis
 from tinygc.features.tables.rates.points import Points, points_of, read_points
 from tinygc.features.tables.rates.terms import terms
+from tinygc.inference.choose import LEVEL
 from tinygc.reporting.pictures.canvas import plain
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "wild" / "rate_table.csv"
@@ -86,7 +87,7 @@ def lines(tables: int) -> None:
         drawn[name] = 4, lambda rng, of=of: points_of("s", "V", rate, of(rate, rng.normal(size=len(rate))), ["one"] * len(rate))
     for name, (seed, draw) in drawn.items():
         rng = np.random.default_rng(seed)
-        share = float(np.mean([chance(draw(rng)) <= FALSE_ALARM for _ in range(tables)]))
+        share = float(np.mean([chance(draw(rng)) <= LEVEL for _ in range(tables)]))
         print(f"| {name} | {tables} | {100 * share:.1f} ± {100 * np.sqrt(max(share * (1 - share), 1 / tables) / tables):.1f} % |")
 
 

@@ -27,16 +27,14 @@ from tinygc.features.tables.rates.curve import Curve, fit, fit_curve
 from tinygc.features.tables.rates.fitting import PLATEAUS, STATED_FREEDOM, Fit, floor, span, weight_sigma
 from tinygc.features.tables.rates.laws import COMPETING, CURVE, LAWS, LIMITS, Hypothesis
 from tinygc.features.tables.rates.points import Points
-from tinygc.inference.solve import solve
+from tinygc.inference.choose import LEVEL, Selection
 
-#: probability of giving up a straight line that is true (tests/features/tables/test_rates_physics.py; rate-table-measured.md)
-FALSE_ALARM = 0.05
-#: tables of pure noise, and their seed
-TABLES, SEED = 10_000, 1
+#: seed of the tables of pure noise
+SEED = 1
 #: a law this much less probable than the best is no rival
 RIVAL = 0.05
 #: -2 log evidence that a further extra must gain, besides its price
-_EXTRA_GAIN = 2 * np.log(len(COMPETING) / FALSE_ALARM)
+_EXTRA_GAIN = 2 * np.log(len(COMPETING) / LEVEL)
 #: passes between the offset of a curve and which of its points lie at a limit
 OFFSET_PASSES = 20
 LINE = Hypothesis("line")
@@ -132,7 +130,7 @@ def choose(points: Points) -> Choice:
     scored = sorted(((found, score(found, unit) + _EXTRA_GAIN * (found.hypothesis.apart >= 0)) for found in fits), key=lambda each: each[1])
     p_value = chance(points)
     others = [each for each in scored if each[0].hypothesis != LINE]
-    if p_value > FALSE_ALARM or not others:
+    if p_value > LEVEL or not others:
         scored.sort(key=lambda each: (each[0].hypothesis != LINE, each[1]))
     else:
         scored = [*_with_extras(points, others, unit), *(each for each in scored if each[0].hypothesis == LINE)]
@@ -233,41 +231,10 @@ def chance(points: Points) -> float:
     """Probability that pure noise on a straight line departs from it as clearly as these points do."""
     sigma = weight_sigma(points)
     nuisance = np.column_stack([np.eye(len(points.curves))[points.curve], points.rate_dps]) / sigma[:, None]
-    basis = np.linalg.svd(nuisance, full_matrices=True)[0]
-    left = basis[:, solve(nuisance).rank :]  # (N, N - r): what no offset and no scale changes
-    spaces = []
-    for columns in departures(points):
-        u, size, _ = np.linalg.svd(left.T @ (columns / sigma[:, None]), full_matrices=False)
-        kept = size > 1e-9 * max(float(np.linalg.norm(columns / sigma[:, None])), 1e-300)
-        if kept.any():
-            spaces.append(u[:, kept])
-    noise = np.random.default_rng(SEED).normal(size=(TABLES, left.shape[1]))
-    stated = np.random.default_rng(SEED + 1).chisquare(STATED_FREEDOM, TABLES) if points.is_known else np.zeros(TABLES)
-    own = left.T @ (points.output / sigma)
+    stated = STATED_FREEDOM if points.is_known else 0.0
     repeats = len(points) / len(np.unique(points.distinct))  # which rounding moves alike
-    beside = np.array([(STATED_FREEDOM if points.is_known else 0.0) + repeats * floor(points)])
-    observed = _clearest(spaces, own[None, :], beside, points.is_known)
-    return float((1 + np.sum(_clearest(spaces, noise, stated, points.is_known) >= observed[0])) / (TABLES + 1))
-
-
-def _clearest(spaces: Sequence[np.ndarray], residuals: np.ndarray, more: np.ndarray, is_stated: bool) -> np.ndarray:
-    """(T,) of tables (T, M): the clearest departure of each, as a normal deviate; more (T,): squares of noise beside the residuals."""
-    total = np.sum(residuals**2, axis=1) + more
-    sizes = np.array([space.shape[1] for space in spaces])
-    squares = (residuals @ np.concatenate(spaces, axis=1)) ** 2
-    taken = np.add.reduceat(squares, np.concatenate([[0], np.cumsum(sizes)[:-1]]), axis=1)  # (T, spaces)
-    freedom = residuals.shape[1] - sizes + (STATED_FREEDOM if is_stated else 0.0)
-    left = np.maximum(total[:, None] - taken, 1e-15 * total[:, None])
-    deviates = _as_normal(taken / sizes / (left / np.maximum(freedom, 1.0)), sizes, np.maximum(freedom, 1.0))
-    clearest: np.ndarray = np.where(freedom >= 1, deviates, -np.inf).max(axis=1)
-    return clearest
-
-
-def _as_normal(ratio: np.ndarray, above: np.ndarray, below: np.ndarray) -> np.ndarray:
-    """F ratios as normal deviates, so that departures of one and of two columns compare (Paulson 1942)."""
-    a, b, cube = 2 / (9 * above), 2 / (9 * below), np.cbrt(np.maximum(ratio, 0.0))
-    deviate: np.ndarray = ((1 - b) * cube - (1 - a)) / np.sqrt(b * cube**2 + a)
-    return deviate
+    columns = dict(enumerate(each / sigma[:, None] for each in departures(points)))
+    return Selection(nuisance, columns, SEED, beside=(stated + repeats * floor(points), stated)).p_value(points.output / sigma)
 
 
 # The other curves.

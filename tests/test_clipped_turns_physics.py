@@ -11,7 +11,7 @@ from small_turns import PERFECT, angles_by_scipy, small_turns, turned_ends
 
 from session.log.samples import Samples
 from tinygc.closure.build import build_problem
-from tinygc.explanation import data_repair
+from tinygc.closure.least_squares import fit_least_squares
 from tinygc.explanation.clipped_turns import (
     _find_plateaus,
     _plateaus_of,
@@ -133,11 +133,12 @@ def test_clipped_turns_close_worse_than_the_others_by_the_model_of_the_others():
     by = np.zeros((16, 3))
     by[[3, 7]] = [0.03, 0.0, 0.0]
     segments = [SimpleNamespace(number=i + 1) for i in range(16)]
-    problem = SimpleNamespace(batch=turned_ends(batch, by), floor=SimpleNamespace(sigma=sigma), first=PERFECT, used=segments)
+    floor = SimpleNamespace(sigma=sigma)
+    problem = SimpleNamespace(batch=turned_ends(batch, by), floor=floor, first=PERFECT, used=segments, still_rates=None)
     hit = np.isin(np.arange(16), [3, 7])
 
     def sizes(own):
-        model = data_repair.fit_least_squares(problem.batch.pick(own), sigma[own], PERFECT).model
+        model = fit_least_squares(problem.batch.pick(own), sigma[own], PERFECT).model
         return np.sqrt(np.mean((angles_by_scipy(problem.batch, model.vector) / sigma) ** 2, axis=1))
 
     size = sizes(~hit)

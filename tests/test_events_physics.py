@@ -340,7 +340,7 @@ def test_the_common_count_of_losses_in_every_turn_is_that_of_the_best_linear_fit
         batch = small_turns(count=16, samples=24)
         batch.dt[:, place] -= 2 * 0.1
         floor = SimpleNamespace(sigma=np.full((16, 2), 1e-4))
-        problem = SimpleNamespace(batch=batch, floor=floor, used=used, first=TRUE, session=session)
+        problem = SimpleNamespace(batch=batch, floor=floor, used=used, first=TRUE, session=session, still_rates=None)
         assert _common_count(problem, [RegisterFault(LOST, 0, 100 * i + place) for i in range(16)]) == 2
     assert _common_count(problem, [RegisterFault(LOST, 0, 23), RegisterFault(LOST, 1, 10)]) == 0
 

@@ -16,7 +16,7 @@ from session.detect.stills import CREEP_SIGMAS
 from session.log.samples import Samples, pieces
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.problem import Problem
-from tinygc.closure.residual import closure_angles
+from tinygc.closure.residual import Batch, closure_angles
 from tinygc.explanation.faulty_readings import register_step
 from tinygc.noise.components import known_whitener
 from tinygc.noise.refit import refit
@@ -185,10 +185,15 @@ def excess_of(problem: Problem, numbers: list[int]) -> float:
     if not hit.any():
         return np.nan  # none of them is used
     own = ~hit if (~hit).sum() >= FEWEST_WHOLE else np.ones_like(hit)
-    sigma = problem.floor.sigma
-    model = fit_least_squares(problem.batch.pick(own), sigma[own], problem.first).model
-    excess = np.sqrt(np.mean((closure_angles(problem.batch, model) / sigma) ** 2, axis=1))
+    excess = closure_over_floor(problem, own) / np.sqrt(problem.batch.angles)
     return float(np.median(excess[hit]) / (1 if own.all() else max(1.0, np.median(excess[~hit]))))
+
+
+def closure_over_floor(problem: Problem, kept: np.ndarray, trial: Batch | None = None) -> np.ndarray:
+    """(S,) closure of each segment over its floor, by the fit of the kept segments; trial: in place of the problem's batch."""
+    batch, sigma = problem.batch if trial is None else trial, problem.floor.sigma
+    model = fit_least_squares(batch.pick(kept), sigma[kept], problem.first, still_rates=problem.still_rates).model
+    return np.linalg.norm(closure_angles(batch, model) / sigma.reshape(len(batch), -1), axis=1)
 
 
 # Stills that move: gravity moves in them, or they turn about the vertical, which only the gyro observes.

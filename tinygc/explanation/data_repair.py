@@ -20,13 +20,11 @@ from session.detect.stills import SessionStills
 from session.log.folder import Session
 from tinygc.closure import residual
 from tinygc.closure.build import build_problem
-from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.problem import CLIPPED, LEFT_OUT, Problem
-from tinygc.closure.residual import closure_angles
 from tinygc.effects import Effect, catalogue
 from tinygc.explanation import faulty_readings
 from tinygc.explanation.claims import CERTAIN, Claim, Considered
-from tinygc.explanation.clipped_turns import FEWEST_WHOLE, Clipping, about_the_vertical, chance_of_creep, find_clipping
+from tinygc.explanation.clipped_turns import FEWEST_WHOLE, Clipping, about_the_vertical, chance_of_creep, closure_over_floor, find_clipping
 from tinygc.explanation.evidence import Evidence, Hypothesis
 from tinygc.explanation.faulty_readings import FALSE, LOST, Crossing, RegisterFault, crossing, proposed, without_false_readings
 from tinygc.explanation.search import search
@@ -343,7 +341,6 @@ def _common_count(problem: Problem, losses: list[RegisterFault]) -> int:
 
     For this search a loss is one long step.
     """
-    batch, sigma = problem.batch, problem.floor.sigma
     steps = [
         [e.row - segment.start for e in losses if e.log == segment.log and segment.start <= e.row < segment.stop - 1]
         for segment in problem.used
@@ -351,16 +348,12 @@ def _common_count(problem: Problem, losses: list[RegisterFault]) -> int:
     period_s = float(np.median([log.samples.period_s for log in problem.session.logs]))
 
     def cost(count: int) -> float:
-        dt = batch.dt.copy()
+        dt = problem.batch.dt.copy()
         for row, inside in zip(dt, steps, strict=True):
             row[inside] += count * period_s
-        trial = replace(batch, dt=dt)
-        try:  # an absurd count has no model
-            fitted = fit_least_squares(trial, sigma, problem.first).model
-        except CalibrationError:
-            return np.inf
-        angles = residual.error_angles(residual.segment_residuals(trial, fitted(trial.rate)))
-        return float(np.sum((angles / sigma) ** 2))
+        with suppress(CalibrationError):  # an absurd count has no model
+            return float(np.sum(closure_over_floor(problem, np.arange(len(dt)), replace(problem.batch, dt=dt)) ** 2))
+        return np.inf
 
     return lowest(cost, round(LONGEST_LOSS_S / period_s)) if any(steps) else 0
 
@@ -399,13 +392,6 @@ def _concentrated(problem: Problem, kept: np.ndarray, count: int) -> np.ndarray:
             break
         kept = best
     return size
-
-
-def closure_over_floor(problem: Problem, kept: np.ndarray) -> np.ndarray:
-    """(S,) closure of each segment over its floor, by the fit of the kept segments."""
-    batch, sigma = problem.batch, problem.floor.sigma
-    model = fit_least_squares(batch.pick(kept), sigma[kept], problem.first, still_rates=problem.still_rates).model
-    return np.linalg.norm(closure_angles(batch, model) / sigma.reshape(len(batch), -1), axis=1)
 
 
 # Detectors propose repairs of registers and stills; the closure of the segments concerned decides.

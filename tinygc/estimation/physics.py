@@ -48,9 +48,6 @@ class PhysicsFit:
     of_force: tuple[dict, ...] = ()
 
 
-#: doubt about physics beside which something is left
-PART_NAMED = "partly explained: something is left that has no name here"
-
 #: function that gives the roll, pitch and yaw errors (3,) rad of a closure run under a trial vector of parameters
 RunErrors = Callable[[np.ndarray, ClosureRun], np.ndarray]
 #: function that fits named physics; its arguments are the problem as given, that of the fit and its least squares, its options, its closure

@@ -12,7 +12,6 @@ from session.base.units import DEG
 from tinygc.closure.problem import SAID_SIGMAS
 from tinygc.effects import AppliedEffect, CommonDelay, Convention, Derived, Effect, Parts, catalogue
 from tinygc.effects.effect import DIFFERENT_P
-from tinygc.estimation.physics import PART_NAMED
 from tinygc.explanation.search import NamedEffect
 from tinygc.inference.choose import PRIOR_ODDS, SCALES, chi_square_above
 from tinygc.noise.refit import Refit
@@ -81,15 +80,8 @@ def theta_of(effect: Effect, parameters: dict, state: State) -> np.ndarray:
     return np.ravel(parameters[effect.parameter.name]) * effect.parameter.si if held is None else held
 
 
-# Display names of verdicts and channels.
+# Display names of channels, and verdicts with a word of their own (all others: ``inference.decide.KINDS``).
 
-VERDICTS = {
-    "no_mismatch": ("no mismatch was found; the detection limits say what would have shown", "green"),
-    "explained": ("explained", "green"),
-    "ambiguous": ("explained, but this recording cannot decide between lookalikes", "yellow"),
-    "partly_explained": (PART_NAMED, "yellow"),
-    "unexplained": ("there is a mismatch, and no effect in the catalogue fits it", "red"),
-}
 #: ``unexplained`` where nothing but the scatter of turns and stills contradicts the model
 DIFFERS = "turns or stills differ by more than noise: motion beyond the data rate would do, or anything that each has by itself"
 #: verdicts with a misfit that has no name: probabilities then compare the catalogue's effects with one another, and no other cause

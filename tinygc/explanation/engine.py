@@ -17,13 +17,14 @@ from session.log.folder import Session
 from tinygc.closure.prepared import Prepared, prepare
 from tinygc.closure.problem import Problem, weighed_down
 from tinygc.estimation.options import FitOptions
-from tinygc.explanation.claims import DIFFERS, VERDICTS, Claim, Considered, common_delays, named_claims, offset_claim
+from tinygc.explanation.claims import DIFFERS, Claim, Considered, common_delays, named_claims, offset_claim
 from tinygc.explanation.data_repair import CREEPING, RepairedProblem, considered_of, repair
 from tinygc.explanation.decision import FitClosure, Naming, Proof, Prover, cleared, decide, leaves_more, tilt_rms
 from tinygc.explanation.search import detection_limits
 from tinygc.fitting.fit import fit_session
 from tinygc.fitting.results import FitResult
 from tinygc.inference.choose import LEVEL
+from tinygc.inference.decide import KINDS
 from tinygc.noise.channels import in_gauge, own_p_values, within_stills
 from tinygc.noise.components import STILL_RATE, TURN, UNDERSAMPLED, SessionNoise
 from tinygc.noise.measured import measured_noise
@@ -107,8 +108,8 @@ class Explanation:
         """The verdict in words, and its style."""
         differs = {component.name for component, _, _ in self.noise.beyond} & {TURN, STILL_RATE, UNDERSAMPLED}
         if self.verdict == "unexplained" and [test.name for test in self.contradictions] == [NOISE] and differs:
-            return DIFFERS, VERDICTS[self.verdict][1]
-        return VERDICTS[self.verdict]
+            return DIFFERS, KINDS[self.verdict].style
+        return KINDS[self.verdict][:2]
 
     @cached_property
     def replay(self) -> Replay:

@@ -24,10 +24,11 @@ from tinygc.estimation.accelerometer import AccelerometerFit, accelerometer_fit
 from tinygc.estimation.bias import BiasChoice
 from tinygc.estimation.choice import AgainstRaw, ModelToUse, model_to_use
 from tinygc.estimation.options import FitOptions, MethodFit
-from tinygc.estimation.physics import PART_NAMED, errors_with_physics, rate_covariance, rows_of_rates
+from tinygc.estimation.physics import errors_with_physics, rate_covariance, rows_of_rates
 from tinygc.estimation.spread import ACCELEROMETER, USUAL, Spread
 from tinygc.estimation.stated_noise import StatedNoise
 from tinygc.estimation.systematic import Systematic
+from tinygc.inference.decide import KINDS
 from tinygc.inference.solve import Source
 from tinygc.models.linear import LinearModel
 from tinygc.verdict.acceptance import Acceptance, JudgedFit, decide, promise_of, run_p_values, too_good, too_wide
@@ -179,7 +180,7 @@ class FitResult:
         """PASS, NOT DECIDED or FAIL, with the rule and the reasons."""
         if limit_deg not in self._verdicts:
             is_linear = self.use.method not in PHYSICS
-            more = [PART_NAMED] if not is_linear and self.physics is not None and self.physics.refused else []
+            more = [KINDS["partly_explained"].word] if not is_linear and self.physics is not None and self.physics.refused else []
             self._verdicts[limit_deg] = self.decided(self.judged, is_linear, limit_deg, more)
         return self._verdicts[limit_deg]
 

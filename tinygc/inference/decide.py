@@ -31,21 +31,28 @@ class Kind(NamedTuple):
     """What an answer is called, its style on a terminal, and the exit code of a command whose verdict it is."""
 
     word: str
-    style: str
-    exit_code: int
+    style: str = ""
+    exit_code: int = 0
 
 
 #: every answer that a result of this program has
 KINDS = {
-    "pass": Kind("PASS", "bold green", 0),
-    "doubtful pass": Kind("PASS, with doubts", "bold yellow", 0),
-    "no limit": Kind("no limit", "bold cyan", 0),
-    "not decided": Kind("NOT DECIDED", "bold yellow", 0),
+    "pass": Kind("PASS", "bold green"),
+    "doubtful pass": Kind("PASS, with doubts", "bold yellow"),
+    "no limit": Kind("no limit", "bold cyan"),
+    "not decided": Kind("NOT DECIDED", "bold yellow"),
     "fail": Kind("FAIL", "bold red", 1),
-    "holds": Kind("holds", "bold green", 0),
+    "holds": Kind("holds", "bold green"),
     "holds for E, take B anew": Kind("holds for E, take B anew", "bold yellow", 1),
     "does not hold": Kind("does not hold", "bold red", 1),
     "undecided": Kind("undecided", "bold", 5),
+    "agrees": Kind("agrees"),
+    "differs": Kind("differs", exit_code=1),
+    "no_mismatch": Kind("no mismatch was found; the detection limits say what would have shown", "green"),
+    "explained": Kind("explained", "green"),
+    "ambiguous": Kind("explained, but this recording cannot decide between lookalikes", "yellow"),
+    "partly_explained": Kind("partly explained: something is left that has no name here", "yellow"),
+    "unexplained": Kind("there is a mismatch, and no effect in the catalogue fits it", "red"),
 }
 
 

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
-from typing import Any, TypeVar
+from pathlib import Path
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
 from session.base.errors import CalibrationError
+from session.base.files import result_folder
 from session.base.numeric import data_frame
+from session.base.records import write_whole
+from session.base.results import write_text_whole
 from session.detect.accelerometer import NAMES as ACCELEROMETER_NAMES
 from session.detect.accelerometer import PARAMETERS
 from tinygc.estimation.accelerometer import AccelerometerFit
@@ -126,3 +130,37 @@ class Shown:
 
     def _repr_html_(self) -> str:
         return as_html(self.page)
+
+
+class Kept(Shown):
+    """A result that writes its JSON, its page and its picture into a folder."""
+
+    #: names of the files, as far as it has them; methods that return the JSON, the page as one HTML document, and the picture
+    FILES: ClassVar[tuple[str, ...]]
+    to_json: Any
+    html: Any
+    figure: Any
+
+    def plot(self, path: Path | str | None = None) -> Any:
+        """Draw the picture; path: a PNG to write.  Raises CalibrationError where matplotlib is missing."""
+        from tinygc.reporting.pictures.canvas import saved
+
+        return self.figure() if path is None else saved(self.figure(), Path(path))
+
+    def save(self, folder: Path | str, pictures: bool = True) -> Any:
+        """Write its files into a folder, the picture where matplotlib is installed, and return the folder.
+
+        Raises StorageError for files that cannot be written.
+        """
+        from tinygc.reporting.pictures.canvas import has_matplotlib
+
+        folder = Path(folder)
+        with result_folder(folder):
+            for name in self.FILES:
+                if name.endswith(".json"):
+                    write_whole(folder / name, self.to_json())
+                elif name.endswith(".html"):
+                    write_text_whole(folder / name, self.html())
+                elif pictures and has_matplotlib():
+                    self.plot(folder / name)
+        return folder

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from session import VERSION
 from session.base.errors import CalibrationError
-from session.base.files import result_folder
 from session.base.progress import Progress, untold
-from session.base.records import Key, Size, table_of, write_whole
+from session.base.records import Key, Size, table_of
 from session.base.results import Keys, Maybe, Number
 from session.log.folder import Session
 from tinygc.features.noise.curve import estimate_of_curve
@@ -29,13 +28,12 @@ from tinygc.features.noise.output import (
     open_terms,
 )
 from tinygc.library.arguments import is_number, is_path, public
-from tinygc.library.records import Shown
+from tinygc.library.records import Kept
 from tinygc.noise.figures import FILE, Inflation, NoiseFigures
-from tinygc.reporting.pictures.canvas import has_matplotlib, save, saved
 from tinygc.reporting.terminal import Group
 
 if TYPE_CHECKING:
-    from tinygc.reporting.pictures.canvas import Figure
+    pass
 
 PICTURE = "noise.png"
 #: in a session's folder, where it was fitted
@@ -43,10 +41,11 @@ FITTED = "fit/fit.json"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Noise(NoiseFigures, Shown):
+class Noise(NoiseFigures, Kept):
     """Result of ``tinygc.estimate_noise``, and ``noise.json`` as it is written: the figures in SI, and ``allan``, the Allan deviation of
     ``gyro`` and ``accel`` with 68 % bounds; remarks: what was left out, repaired, assumed or is to be known, one sentence each."""
 
+    FILES: ClassVar = (FILE, PICTURE)
     version: Annotated[str, Key(absent="")] = VERSION
     left_out_s: Size
     remarks: tuple[str, ...]
@@ -77,22 +76,7 @@ class Noise(NoiseFigures, Shown):
         """``tinygc-noise/1`` (docs/formats/noise.md)."""
         return table_of(self)
 
-    def save(self, folder: Path | str, pictures: bool = True) -> Path:
-        """Write ``noise.json`` and, where matplotlib is installed, ``noise.png`` into a folder, and return it.
-
-        Raises StorageError for files that cannot be written.
-        """
-        folder = Path(folder)
-        with result_folder(folder):
-            write_whole(folder / FILE, self.to_json())
-            if pictures and has_matplotlib():
-                save(figure_of(self), folder / PICTURE)
-        return folder
-
-    def plot(self, path: Path | str | None = None) -> Figure:
-        """Draw Allan deviation, model, terms and residuals; path: a PNG to write.  Raises CalibrationError where matplotlib is missing."""
-        figure = figure_of(self)
-        return figure if path is None else saved(figure, Path(path))
+    figure = figure_of
 
 
 def noise_of(inputs: Sequence[Input], sensor: str, serial: str, progress: Progress) -> Noise:

@@ -5,16 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from session import VERSION
 from session.base.errors import CalibrationError, FormatError
-from session.base.files import result_folder
 from session.base.progress import Progress, untold
-from session.base.records import write_whole
-from session.base.results import write_text_whole
 from session.base.texts import NONE, measured, printable, probability, significant
 from tinygc.features.tables.feature import Columns
 from tinygc.features.tables.rates.choice import RIVAL, Choice, HeldOut, choose
@@ -25,11 +22,11 @@ from tinygc.features.tables.rates.recording import read_recording
 from tinygc.features.tables.rates.sweep import Response, Sweep, fit_response, is_response, read_response, transfer
 from tinygc.features.tables.rates.terms import TermRow, left_open, size, terms
 from tinygc.library.arguments import is_path, public
-from tinygc.library.records import Shown
+from tinygc.library.records import Kept
 from tinygc.reporting import facts
 from tinygc.reporting.facts import Chapter, Part, Picture, Table, screen
 from tinygc.reporting.html.chart import Axis, Chart, linear_axis
-from tinygc.reporting.pictures.canvas import AFTER, BEFORE, FLOOR, PALE, canvas, has_matplotlib, legend, save, saved, zero_line
+from tinygc.reporting.pictures.canvas import AFTER, BEFORE, FLOOR, PALE, canvas, legend, zero_line
 from tinygc.reporting.terminal import Group, one_line
 
 if TYPE_CHECKING:
@@ -306,9 +303,10 @@ FILE, PICTURE, PAGE = "rates.json", "rates.png", "rates.html"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Rates(Shown):
+class Rates(Kept):
     """Result of ``tinygc.estimate_rates``: ``choices`` (law, fit, rivals of each sensor), ``sweeps``, ``remarks``."""
 
+    FILES: ClassVar = (FILE, PAGE, PICTURE)
     name: str
     choices: tuple[Choice, ...]
     sweeps: tuple[Sweep, ...] = ()
@@ -333,27 +331,13 @@ class Rates(Shown):
             "remarks": list(self.remarks),
         }
 
-    def save(self, folder: Path | str, pictures: bool = True) -> Path:
-        """Write ``rates.json``, ``rates.html`` and, where matplotlib is installed, ``rates.png`` into a folder, and return it.
-
-        Raises StorageError for files that cannot be written.
-        """
-        folder = Path(folder)
-        with result_folder(folder):
-            write_whole(folder / FILE, self.to_json())
-            write_text_whole(folder / PAGE, self.html())
-            if pictures and has_matplotlib():
-                save(self.plot(), folder / PICTURE)
-        return folder
-
     def html(self) -> str:
         """The report of the rate table as one HTML document."""
         return page(self.choices, self.sweeps, self.remarks, self.name)
 
-    def plot(self, path: Path | str | None = None) -> Figure:
-        """Draw outputs, laws and residuals; path: a PNG to write.  Raises CalibrationError where matplotlib is missing."""
-        figure = figure_of(self.choices, self.sweeps)
-        return figure if path is None else saved(figure, Path(path))
+    def figure(self) -> Figure:
+        """Outputs, laws and residuals.  Raises CalibrationError where matplotlib is missing."""
+        return figure_of(self.choices, self.sweeps)
 
 
 def _of_sensor(choice: Choice) -> dict[str, Any]:

@@ -11,9 +11,6 @@ from tinygc.cli.results import output, try_destinations, write_json
 from tinygc.estimation.options import FitOptions
 from tinygc.features.unit.options import BudgetOptions
 
-#: exit code by what the draws say
-EXIT = {"agrees": 0, "differs": 1, "undecided": 5}
-
 
 @dataclass(frozen=True)
 class Options(BudgetOptions, FitOptions, Command):
@@ -27,6 +24,7 @@ class Options(BudgetOptions, FitOptions, Command):
 def run(args: Options) -> int:
     """Fit the session, and print the budget of what is asked for."""
     from tinygc.features.unit.budget.library import FILE, PAGE, budget
+    from tinygc.inference.decide import KINDS
     from tinygc.reporting.terminal import progress_bar
 
     try_destinations(args.out, args.json)
@@ -37,4 +35,4 @@ def run(args: Options) -> int:
         found.save(args.out)
         output(args).print(f"written: {args.out / FILE}, {args.out / PAGE}", soft_wrap=True, markup=False)
     write_json(args.json, found.to_json())
-    return 0 if found.drawn is None else EXIT[found.drawn.answer]
+    return 0 if found.drawn is None else KINDS[found.drawn.answer].exit_code

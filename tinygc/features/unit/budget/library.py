@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from session import VERSION
 from session.base.errors import CalibrationError
-from session.base.files import result_folder
 from session.base.options import records
 from session.base.progress import Progress, untold
-from session.base.records import plain, write_whole
-from session.base.results import write_text_whole
+from session.base.records import plain
 from session.base.texts import printable
 from session.log.folder import Session
 from tinygc.estimation.options import FitOptions
@@ -32,7 +30,7 @@ from tinygc.features.unit.options import BudgetOptions
 from tinygc.fitting.fit import fit_session
 from tinygc.fitting.results import FitResult
 from tinygc.library.arguments import is_fit, public, session_or_folder
-from tinygc.library.records import Shown
+from tinygc.library.records import Kept
 from tinygc.reporting.facts import Part, screen
 from tinygc.reporting.terminal import Group
 
@@ -43,10 +41,11 @@ WITHOUT = "without an effect that the model lacks"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class UncertaintyBudget(Shown):
+class UncertaintyBudget(Kept):
     """Result of ``tinygc.budget``: ``parameters``, ``sensor_errors``, ``accelerometer``, ``attitude``: a ``Budget`` of each quantity;
     ``asked``: those that were asked for; ``motion``: in words; ``when``: for which switch-on the attitude is."""
 
+    FILES: ClassVar = (FILE, PAGE)
     name: str
     parameters: tuple[Budget, ...]
     sensor_errors: tuple[Budget, ...]
@@ -99,14 +98,6 @@ class UncertaintyBudget(Shown):
         """The budgets as one HTML document."""
         errors = [each for each in self.shown if each not in self.attitude]
         return page(self.name, errors, self.attitude, f"{self.motion}, {self.when}", self.drawn)
-
-    def save(self, folder: Path | str) -> Path:
-        """Write ``budget.json`` and ``budget.html`` into a folder, and return it.  Raises StorageError for what cannot be written."""
-        folder = Path(folder)
-        with result_folder(folder):
-            write_whole(folder / FILE, self.to_json())
-            write_text_whole(folder / PAGE, self.html())
-        return folder
 
 
 def budget_of_fit(result: FitResult, use: BudgetOptions, progress: Progress = untold) -> UncertaintyBudget:

@@ -137,7 +137,7 @@ class Compared(Shown):
     def page(self) -> Group:
         """The command's output as a rich renderable."""
         notes = [one_line(f"Note: {note}.", "yellow") for note in self.notes]
-        return Group(_table(self), *_verdict(self), _triads(self), _triads_agree(self), *notes)
+        return Group(*_verdict(self), _table(self), _triads(self), _triads_agree(self), *notes)
 
     def to_json(self) -> dict:
         """``tinygc-compare/2`` (docs/formats.md)."""

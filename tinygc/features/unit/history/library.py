@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from session import VERSION
 from session.base.errors import CalibrationError
-from session.base.files import result_folder
 from session.base.progress import Progress, untold
-from session.base.records import in_unit, plain, table_of, write_whole
-from session.base.results import write_text_whole
+from session.base.records import in_unit, plain, table_of
 from session.base.units import DEG
 from tinygc.estimation.session_times import Moment, parsed
 from tinygc.features.unit.history.estimate import NumberHistory, UnitHistory, history_of
@@ -24,10 +22,10 @@ from tinygc.features.unit.history.text import outlook_line, unit_facts
 from tinygc.features.unit.options import HistoryOptions
 from tinygc.inference.decide import KINDS
 from tinygc.library.arguments import is_path, public
-from tinygc.library.records import Shown
+from tinygc.library.records import Kept
 from tinygc.models.linear import BIAS
 from tinygc.reporting.facts import screen
-from tinygc.reporting.pictures.canvas import has_matplotlib, save, saved
+from tinygc.reporting.pictures.canvas import has_matplotlib, saved
 from tinygc.reporting.terminal import Group
 
 if TYPE_CHECKING:
@@ -38,9 +36,10 @@ FILE, PAGE, PICTURE = "history.json", "history.html", "history.png"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class History(Shown):
+class History(Kept):
     """Result of ``tinygc.history``: ``units`` (one unit each: sessions, numbers, steps, any_session), ``outlooks`` of each."""
 
+    FILES: ClassVar = (FILE, PAGE)
     units: tuple[UnitHistory, ...]
     outlooks: tuple[tuple[Outlook, ...], ...] = ()
     remarks: tuple[str, ...] = ()
@@ -89,20 +88,17 @@ class History(Shown):
         figure = figure_of(self.units[unit])
         return figure if path is None else saved(figure, Path(path))
 
-    def save(self, folder: Path | str, pictures: bool = True) -> list[Path]:
+    def save(self, folder: Path | str, pictures: bool = True) -> Any:
         """Write ``history.json``, ``history.html`` and, where matplotlib is installed, ``history.png`` into a folder; of several units
         ``history1.png`` and so on.  Returns the paths.
 
         Raises StorageError for files that cannot be written.
         """
-        folder = Path(folder)
-        written = [folder / FILE, folder / PAGE]
-        with result_folder(folder):
-            write_whole(written[0], self.to_json())
-            write_text_whole(written[1], self.html())
-            for number in range(len(self.units)) if pictures and has_matplotlib() else ():
-                written.append(folder / (PICTURE if len(self.units) == 1 else f"history{number + 1}.png"))
-                save(self.plot(unit=number), written[-1])
+        folder = super().save(folder, False)
+        written = [folder / name for name in self.FILES]
+        for number in range(len(self.units)) if pictures and has_matplotlib() else ():
+            written.append(folder / (PICTURE if len(self.units) == 1 else f"history{number + 1}.png"))
+            self.plot(written[-1], number)
         return written
 
 

@@ -16,6 +16,7 @@ from public import mikov, mimu
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
+from session.base.numeric import rms_of
 from session.base.units import DEG
 from tinygc.features.arrays.fit import ArrayFit, UnitFit, fit_array
 from tinygc.features.arrays.recording import read_array
@@ -56,10 +57,10 @@ def real(fits: list[ArrayFit]) -> None:
     rows = []
     for fit in fits:
         split = fit.split
-        found = "" if not split.predicted else f"{split.fast[0] / split.predicted:.2f} ± {split.fast[1] / split.predicted:.2f}"
-        own = ", ".join(f"{unit.own_rad[0] / DEG:.2f}" for unit in fit.units)
-        figures = (f"{angle / DEG:.3f}" for angle in (split.minus_mean_rad, split.common, split.predicted))
-        rows.append((fit.array.name, fit.bias, len(fit.same.spans), *figures, found, f"{split.p_value:.1g}", own))
+        found = "" if not split.predicted_rad else " ± ".join(f"{part / split.predicted_rad:.2f}" for part in split.fast_rad)
+        own = ", ".join(f"{size / DEG:.2f}" for size, _ in split.own_rad)
+        figures = (f"{angle / DEG:.3f}" for angle in (rms_of(split.minus_mean_rad), split.common_rad, split.predicted_rad))
+        rows.append((fit.array.name, fit.bias, len(fit.same.spans), *figures, found, f"{split.common.p_value:.1g}", own))
     parts = ("unit minus mean", "common", "fast motion predicted", "found of it", "p of nothing common", "own excess")
     head = ("array", "bias", "turns", *parts)
     print(f"\nWhat turns miss by, degrees of tilt, rms a turn\n\n{markdown(head, rows)}")

@@ -22,7 +22,7 @@ from enum import StrEnum
 from functools import cached_property
 from itertools import product
 from statistics import NormalDist
-from typing import Annotated, Generic, Protocol, TypeVar
+from typing import Annotated, Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -211,11 +211,6 @@ def level_of_each(level: float, count: int) -> float:
     return float(-np.expm1(np.log1p(-level) / max(count, 1)))
 
 
-def chance_of_any(p_value: float, count: int) -> float:
-    """Probability that the best of ``count`` independent tests has as small a p-value (Sidak)."""
-    return float(-np.expm1(count * np.log1p(-min(p_value, 1 - 1e-16))))
-
-
 # Evidence of a hypothesis beside none.
 
 #: prior odds of any effect of the catalogue, and of any shape without a name: about one recording in three shows none of twenty effects
@@ -395,7 +390,8 @@ def homogeneity_p(values: np.ndarray, covariances: np.ndarray) -> tuple[float, n
 @dataclass(frozen=True)
 class Statement:
     """A statement with its evidence.  what: its subject; test: the name of the test; size, limit: with units; claimed: the size that was
-    claimed, if one was."""
+    claimed, if one was; more: what is said behind it; value, sigma, upper: the size, its sigma and its upper 95 % limit as numbers, where
+    they are known."""
 
     written = ("standing", "test", "p_value", "words")
     what: str
@@ -405,15 +401,26 @@ class Statement:
     size: str
     limit: str
     claimed: str = ""
+    more: str = ""
+    value: float = np.nan
+    sigma: float = np.nan
+    upper: float = np.inf
+
+    @classmethod
+    def of(
+        cls, what: str, test: str, p_value: float, size: str, limit: str, *, p_claimed: float = 1.0, matters: float = 0.0, **more: Any
+    ) -> Statement:
+        """Return it with the standing that its tests give it (``standing_of``), and the p-value of the one that decides."""
+        standing = standing_of(p_value, p_claimed=p_claimed, upper=more.get("upper", np.inf), matters=matters)
+        return cls(what, standing, test, p_claimed if standing is Standing.AGAINST else p_value, size, limit, **more)
 
     @property
     def words(self) -> Annotated[str, Key("description")]:
         """Return one sentence without its full stop."""
-        tested = f"{self.test}, p = {self.p_value:.2g}"
-        if self.standing is Standing.FOR:
-            return f"{self.what}: {self.size} ({tested})"
-        if self.standing is Standing.AGAINST:
-            return f"{self.what}: {self.size}, not {self.claimed} ({tested})"
-        if self.standing is Standing.BOUNDED:
-            return f"{self.what}: below {self.limit} with 95 % ({tested})"
-        return f"{self.what}: undecided; {self.size}; more than {self.limit} is excluded with 95 % ({tested})"
+        said = {
+            Standing.FOR: self.size,
+            Standing.AGAINST: f"{self.size}, not {self.claimed}",
+            Standing.BOUNDED: f"below {self.limit} with 95 %",
+            Standing.UNDECIDED: f"undecided; {self.size}; more than {self.limit} is excluded with 95 %",
+        }
+        return f"{self.what}: {said[self.standing]} ({self.test}, p = {self.p_value:.2g}){self.more}"

@@ -21,21 +21,17 @@ from session.log.config import LeftOut
 from tinygc import SimulationOptions, models
 from tinygc.closure.least_squares import OBSERVED_BELOW
 from tinygc.closure.residual import closure_angles
+from tinygc.features.arrays.events import ArrayEvent
 from tinygc.features.arrays.feature import ArrayOptions
 from tinygc.features.arrays.fit import (
-    _ArrayMotion,
-    _solve_position,
-    array_to_json,
     fit_array,
-    positions,
-    save_array,
 )
-from tinygc.features.arrays.joint import ArrayEvent
-from tinygc.features.arrays.library import FittedArray
 from tinygc.features.arrays.model import load_array_model
+from tinygc.features.arrays.positions import ArrayMotion, _solve_position, positions
 from tinygc.features.arrays.recording import read_array
 from tinygc.features.arrays.simulation import simulate_array, write_array
 from tinygc.features.arrays.units import same_stills
+from tinygc.inference.choose import Standing, Statement
 from tinygc.models.linear import NAMES, PRIOR_SIGMA
 from tinygc.noise.components import undersampling
 from tinygc.noise.twin import Twin
@@ -67,7 +63,7 @@ def motion(delay_s, turns):
     omega = rate(late)
     lever = np.cross(rate(late, by_time=True), TRUTH_M) + np.cross(omega, np.cross(omega, TRUTH_M))
     spans = [(0, t[(t > 4 * k + 0.5) & (t < 4 * k + 3.5)]) for k in range(turns)]
-    return _ArrayMotion([[CubicSpline(t, rate(t))]] * 2, [[CubicSpline(t, force)], [CubicSpline(t, force + lever)]], spans)
+    return ArrayMotion([[CubicSpline(t, rate(t))]] * 2, [[CubicSpline(t, force)], [CubicSpline(t, force + lever)]], spans)
 
 
 def axis_rows(values) -> list:
@@ -108,7 +104,7 @@ def test_fewer_than_five_turns_or_a_sigma_beyond_5_cm_tell_no_position(turns, si
     """Of six turns that are size / sqrt(3) off, variance 3 a^2 / 4 along the diagonal."""
     signs = np.resize([1.0, -1.0], turns)
     found = _solve_position(axis_rows([[[s * size / np.sqrt(3)] * 3] for s in signs]))
-    assert (found is not None and found.position is not None) == known
+    assert (found is not None and found[2] is not None) == known
 
 
 def test_rows_are_the_force_of_a_lever_and_its_delays():
@@ -116,7 +112,7 @@ def test_rows_are_the_force_of_a_lever_and_its_delays():
     t = np.arange(0, 4, 0.005)
     size, w, of_force, r, delay_s = np.array([[1.0, -2, 1.5], [3, 2, 4], [1, 2, 3], [0.1, -0.2, 0.3], [0.0075, 0, 0]])
     omega, force, delay_s = size * np.sin(w * t[:, None]), np.cos(t[:, None] * of_force), delay_s[0]
-    moving = _ArrayMotion(
+    moving = ArrayMotion(
         [[CubicSpline(t + delay_s, omega)], [CubicSpline(t + delay_s, 3 * omega)]],  # the mean is twice as fast
         [[CubicSpline(t, force)], [CubicSpline(t, 2 * force)]],
         [(0, t[200:600]), (0, t[:9]), (0, t[:10]), (0, t[-100:] - 0.0025)],
@@ -143,12 +139,12 @@ def test_rows_are_the_force_of_a_lever_and_its_delays():
 def test_positions_of_several_units_with_one_delay_of_all():
     """The third unit stands where the second does; four turns tell none."""
     moved = motion(0.008, turns=6)
-    found = positions(_ArrayMotion(moved.rate + moved.rate[:1], moved.force + moved.force[1:], moved.turns))
+    found = positions(ArrayMotion(moved.rate + moved.rate[:1], moved.force + moved.force[1:], moved.turns))
     assert not any(each.any() for each in found[0])
     for position, covariance in found[1:]:
         assert_allclose(position, TRUTH_M, atol=2e-4)
         assert np.sqrt(np.trace(covariance)) < 1e-3
-    assert positions(_ArrayMotion(moved.rate, moved.force, moved.turns[:4]))[1] is None
+    assert positions(ArrayMotion(moved.rate, moved.force, moved.turns[:4]))[1] is None
 
 
 # One fit from its files on.
@@ -184,7 +180,7 @@ def test_what_was_injected_comes_back_and_the_others_tell_more_of_each(fitted):
         assert unit.closure_rad == pytest.approx(np.sqrt(np.sum(tilt**2) / len(tilt)))
         assert unit.floor_rad == pytest.approx(np.sqrt(np.mean([np.trace(own[:2, :2]) for own in problem.floor.white])))
         predicted.append(undersampling(Twin(problem)).predicted_rad)
-        assert (unit.own_rad, unit.minus_mean_rad) == (tuple(fit.split.own[i]), fit.split.minus_mean_of[i])
+        assert fit.split.floors_rad[i] == unit.floor_rad
     assert_allclose(fit.joint.missed_rad, np.sqrt(np.mean(np.square(predicted), axis=0)))
 
 
@@ -203,16 +199,24 @@ def test_a_turn_left_out_in_one_unit_counts_in_none(fitted):
 def test_json_has_degrees_and_seconds_of_the_arrays_clock(fitted):
     _, fit, _ = fitted
     begins, log = 2.5, SimpleNamespace(samples=SimpleNamespace(t_ns=np.array([2_500_000_000])))
-    turn = ArrayEvent("turn", 1, 2, 3, 2.0 * DEG, 1e-4, np.zeros(0, dtype=int), 0)
-    still = ArrayEvent("common still", None, 4, 4, 0.03 * G, 1e-3, np.zeros(0, dtype=int))
-    lacking = (replace(fit.split.turns[0], own_rad=np.array([np.nan, 0.1])), *fit.split.turns[1:])
-    split = replace(
-        fit.split, turn=(3 * DEG, 0.5 * DEG), fast=(4 * DEG, np.inf), predicted=2 * DEG, level_mps2=(2e-3 * G, 1e-3 * G),
-        gains={"turn": 20.0, "undersampled": 30.0}, minus_mean_rad=math.nan, common_upper=6 * DEG, turns=lacking,
+    turn = ArrayEvent("turn", 1, fit.same.time_s[2, 1], 2.0 * DEG, 1e-4, 2, 3, rival=0)
+    still = ArrayEvent("common still", None, fit.same.time_s[4, 0], 0.03 * G, 1e-3, 4, 4)
+    step = ArrayEvent("knock", 1, 7.5, 3 * DEG, felt=0.9, units=(0, 1))
+    assert step.table(begins) == {
+        "what": "knock", "unit": 1, "at_s": 5.0, "units": (0, 1), "size_dps": pytest.approx(3.0), "felt_by_others": 0.9,
+        "description": "unit 1 leaps by 3°/s, and the others feel 90 % of it: a knock, no false reading",
+    }  # fmt: skip
+    split = replace(fit.split)
+    vars(split).update(
+        turn_rad=np.array([3 * DEG, 0.5 * DEG]), fast_rad=np.array([4 * DEG, np.inf]), predicted_rad=2 * DEG,
+        gains={"turn": 20.0, "undersampled": 30.0}, minus_mean_rad=np.full(2, math.nan),
+        common=Statement("what", Standing.FOR, "test", 0.01, "", "", value=5 * DEG, upper=6 * DEG),
     )  # fmt: skip
+    common, sigma, own = split.turns()
+    level = np.array(fit.joint.component(-1)) / G * 1e3
     array = SimpleNamespace(name="a", units=[SimpleNamespace(logs=[log])])
     told = replace(fit, array=array, joint=replace(fit.joint, events=(turn, still)), split=split)
-    table, time_s, unit, last = json.loads(json.dumps(array_to_json(told))), fit.same.time_s, fit.units[1], lacking[-1]
+    table, time_s, unit, last = json.loads(json.dumps(told.to_json())), fit.same.time_s, fit.units[1], fit.same.spans[-1]
 
     def at(path):
         return reduce(lambda part, key: part[int(key) if isinstance(part, list) else key], path.split("."), table)
@@ -221,8 +225,9 @@ def test_json_has_degrees_and_seconds_of_the_arrays_clock(fitted):
     for path, expected in {
         "events.0.what": "turn", "events.0.unit": 1, "events.0.rival": 0, "events.0.unit_of_size": "deg", "events.0.p_value": 1e-4,
         "events.1.what": "common still", "events.1.unit": None, "events.1.rival": None, "events.1.unit_of_size": "mg",
-        "split.minus_mean_rms_deg": None, "split.undersampled_deg.sigma": None, "split.is_fast_motion": True,
-        "split.description": split.words, "split.common_p_value": split.p_value, "turns.0.own_deg.0": None,
+        "split.minus_mean_rms_deg": None,
+        "units.1.closure.minus_mean_rms_deg": None, "split.undersampled_deg.sigma": None, "split.is_fast_motion": True,
+        "split.description": split.common.words, "split.common_p_value": 0.01,
     }.items():  # fmt: skip
         assert at(path) == expected, path
     for path, expected in {
@@ -232,21 +237,20 @@ def test_json_has_degrees_and_seconds_of_the_arrays_clock(fitted):
         "events.1.size": 30.0,
         "split.equal_in_all_turns_deg.size": 3.0,
         "split.equal_in_all_turns_deg.sigma": 0.5,
-        "split.level_acceleration_mg.size": 2.0,
-        "split.level_acceleration_mg.sigma": 1.0,
+        "split.level_acceleration_mg.size": level[0],
+        "split.level_acceleration_mg.sigma": level[1],
         "split.common_rms_deg": 5.0,
         "split.common_upper95_deg": 6.0,
         "split.undersampled_deg.size": 4.0,
         "split.undersampled_deg.predicted": 2.0,
-        "turns.-1.at_s": time_s[last.first, 1] - begins,
-        "turns.-1.common_deg": np.linalg.norm(last.common_rad) / DEG,
-        "turns.-1.common_sigma_deg": np.linalg.norm(last.sigma_rad) / DEG,
-        "turns.-1.own_deg": last.own_rad / DEG,
+        "turns.-1.at_s": time_s[last[0], 1] - begins,
+        "turns.-1.common_deg": np.linalg.norm(common[-1]) / DEG,
+        "turns.-1.common_sigma_deg": np.linalg.norm(sigma[-1]) / DEG,
+        "turns.-1.own_deg": own[-1] / DEG,
         "units.1.closure.alone_rms_deg": unit.closure_rad / DEG,
         "units.1.closure.floor_rms_deg": unit.floor_rad / DEG,
-        "units.1.closure.own_rms_deg": unit.own_rad[0] / DEG,
-        "units.1.closure.own_sigma_deg": unit.own_rad[1] / DEG,
-        "units.1.closure.minus_mean_rms_deg": unit.minus_mean_rad / DEG,
+        "units.1.closure.own_rms_deg": split.own_rad[1, 0] / DEG,
+        "units.1.closure.own_sigma_deg": split.own_rad[1, 1] / DEG,
         "units.1.noise.gyro_dps_rthz": unit.noise.gyro / DEG,
         "units.1.noise.accel_g_rthz": unit.noise.accel / G,
         "units.1.noise.bias_instability_dph": unit.instability.rps / DEG * 3600,
@@ -265,9 +269,9 @@ def test_json_has_degrees_and_seconds_of_the_arrays_clock(fitted):
 def test_saved_models_are_by_the_units_own_clocks(fitted, tmp_path):
     """In seconds of its own clock, which runs 1 % off; the array's and the units' files are the fit's JSON."""
     _, fit, _ = fitted
-    folder = save_array(fit, tmp_path / "out")
+    folder = fit.save(tmp_path / "out")
     table = json.loads((folder / "array.json").read_text())
-    assert table == json.loads(json.dumps(array_to_json(fit)))
+    assert table == json.loads(json.dumps(fit.to_json()))
     assert not strangers(table)
     fused = load_array_model(folder / "model_array.json")
     assert fused.numbers == (0, 1)
@@ -281,9 +285,9 @@ def test_saved_models_are_by_the_units_own_clocks(fitted, tmp_path):
     assert abs(pace - 1) > 1e-3
     sigma = np.append(OBSERVED_BELOW * PRIOR_SIGMA * np.resize([0.999, 1.001], 12), np.ones(12))
     assert replace(fit.units[0], covariance=np.diag(sigma**2)).unobserved == NAMES[1::2]
-    assert FittedArray(fit).save() == fit.array.folder / "fit"
+    assert fit.save() == fit.array.folder / "fit"
     with pytest.raises(CalibrationError, match="made of arrays, it has no folder of its own"):
-        FittedArray(replace(fit, array=replace(fit.array, folder=tmp_path / "nowhere"))).save()
+        replace(fit, array=replace(fit.array, folder=tmp_path / "nowhere")).save()
 
 
 def test_synchronous_units_have_the_same_stamps():

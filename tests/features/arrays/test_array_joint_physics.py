@@ -12,27 +12,12 @@ from scipy.stats import chi2, f
 from small_array import small_array
 
 from tinygc.estimation.bias import less_by_chance
+from tinygc.features.arrays.events import OWN_TURN, ArrayEvent, candidates, worst_of_each_turn
 from tinygc.features.arrays.fit import (
     _by_bias,
 )
-from tinygc.features.arrays.joint import (
-    GRAVITY_SIGMA_MPS2,
-    OWN_TURN,
-    ArrayEvent,
-    Blocks,
-    VarianceSplit,
-    _gains_of,
-    _worst_of_each_turn,
-    candidates,
-    estimate,
-    excess_p_values,
-    rise,
-    split_of,
-    unit_block,
-    units_covariance,
-    upper_component,
-)
-from tinygc.features.arrays.standings import parts_of
+from tinygc.features.arrays.joint import GRAVITY_SIGMA_MPS2, estimate, unit_block, units_covariance
+from tinygc.features.arrays.split import Split, rise, upper_size
 from tinygc.features.arrays.system import MOUNTING, System, array_system
 from tinygc.inference.choose import Standing
 from tinygc.inference.noise import wander_covariance
@@ -153,10 +138,10 @@ def test_a_bias_of_the_stills_has_their_error_and_follows_E(three):
 )
 def test_a_components_size_is_its_root_and_near_zero_that_of_its_sigma(joint, t, sigma, size):
     """Of a variance t with sigma s: sqrt(t) and s / 2 sqrt(t); where t is below s, the root of s."""
-    k = joint.where.names.index("turn.1")
+    k = 1
     changed = replace(joint, solution=replace(joint.solution, t=np.full(len(joint.solution.t), t)))
     changed.__dict__["sigmas"] = np.where(np.arange(len(joint.solution.t)) == k, sigma, 99.0)
-    assert changed.component("turn.1") == pytest.approx(size)
+    assert changed.component(k) == pytest.approx(size)
 
 
 # Events.
@@ -172,7 +157,7 @@ def plain(values, base=BASE):
 def rows_alone(errors):
     """Blocks of two rows that nothing else touches, errors (B, 2), and the component that is their mean square."""
     rows, number = np.arange(errors.size).reshape(-1, 2), np.arange(len(errors))
-    return plain(errors, 1e-9), [Blocks(OWN_TURN, 0, rows, np.column_stack([number, number + 1]))]
+    return plain(errors, 1e-9), [(OWN_TURN, 0, rows, np.column_stack([number, number + 1]), 10.0 * number)]
 
 
 def test_an_event_is_an_F_test_of_a_block_against_the_others():
@@ -182,7 +167,8 @@ def test_an_event_is_an_F_test_of_a_block_against_the_others():
         own, others = np.sum(errors[b] ** 2) / 2, np.sum(np.delete(errors, b, axis=0) ** 2) / 10
         assert event.p_value == pytest.approx(min(1.0, 6 * f.sf(own / others, 2, 10)), rel=1e-6, abs=0)
         assert event.size == pytest.approx(np.linalg.norm(errors[b]))
-        assert (event.what, event.unit, event.first, event.last, event.rows.tolist()) == (OWN_TURN, 0, b, b + 1, [2 * b, 2 * b + 1])
+        assert (event.what, event.unit, event.at_s, event.first, event.last) == (OWN_TURN, 0, 10 * b, b, b + 1)
+        assert event.rows.tolist() == [2 * b, 2 * b + 1]
     errors[2] = [4.0, -3.0]
     solution, blocks = rows_alone(errors)
     t = np.mean(np.delete(errors, 2, axis=0) ** 2)
@@ -194,12 +180,12 @@ def test_an_event_is_an_F_test_of_a_block_against_the_others():
 
 
 def event(what=OWN_TURN, unit=0, first=1, last=2, size=1.0, p=1e-4, rows=(0, 1)):
-    return ArrayEvent(what, unit, first, last, size, p, np.array(rows))
+    return ArrayEvent(what, unit, 0.0, size, p, first, last, np.array(rows))
 
 
 def worst(*events, out=0):
     """With an improbable event of a third unit, so that none is a rival; out: so many rows are rejected."""
-    return _worst_of_each_turn([*events, event(unit=2, first=8, last=9, p=1.0)], np.arange(9) < out)
+    return worst_of_each_turn([*events, event(unit=2, first=8, last=9, p=1.0)], np.arange(9) < out)
 
 
 def test_of_each_turn_and_each_still_only_the_least_probable_new_one_is_an_event():
@@ -223,7 +209,7 @@ def test_of_each_turn_and_each_still_only_the_least_probable_new_one_is_an_event
 def test_of_two_units_the_other_is_a_rival_where_it_contradicts_as_much():
     nothing, one = np.zeros(9, dtype=bool), event(p=1e-5)
     for other, rival in ((event(unit=1, p=0.01), 1), (event(unit=1, p=0.0101), None), (event(unit=1, last=3, p=1e-4), None)):
-        (found,) = _worst_of_each_turn([one, other, event(unit=1, first=7, last=8, p=1.0)], nothing)
+        (found,) = worst_of_each_turn([one, other, event(unit=1, first=7, last=8, p=1.0)], nothing)
         assert (found.unit, found.rival) == (0, rival)
     assert worst(one, event(unit=1, p=0.01))[0].rival is None
     assert one.together([one, event(unit=1), event(unit=1, last=3), event("common turn", None)])[1].unit == 1
@@ -284,20 +270,28 @@ def least(joint, *held) -> float:
 
 
 def test_gains_are_drops_of_the_likelihood_from_no_common_part(pair):
-    found, none = _gains_of(pair), least(pair, 2, 3)
+    found, none = split_of(pair).gains, least(pair, 2, 3)
     assert found == pytest.approx({"turn": none - least(pair, 3), "undersampled": none - least(pair, 2)}, abs=1e-3)
     assert found["undersampled"] > found["turn"] + 2 > 12
 
 
 def test_an_own_excess_is_tested_by_the_likelihood_without_it(pair):
     """Half of a chi square of one degree of freedom (Self and Liang 1987), over both units; one where there is no excess."""
-    whole, found = least(pair), excess_p_values(pair)
+    whole, found = least(pair), split_of(pair).own_p
     for i in range(2):
         assert found[i] == pytest.approx(2 * chi2.sf(least(pair, i) - whole, 1) / 2, rel=2e-2)
     assert found[1] < 0.05
     assert found[1] < found[0] < 1
     without = SimpleNamespace(**{**vars(pair), "solution": pair.solution.system.solved(np.array([0.0, 4.0, 1, 1, 0]))})
-    assert excess_p_values(without)[0] == 1.0
+    assert split_of(without).own_p[0] == 1.0
+
+
+def split_of(joint, floors_rad=0.1 * DEG, **known) -> Split:
+    """known: parts that are not computed."""
+    count = len(joint.rows)
+    split = Split(joint, (0, 2, 5)[:count], np.full(count, floors_rad))
+    vars(split).update(known)
+    return split
 
 
 def test_turns_are_split_by_intervals_and_a_unit_minus_the_mean_is_of_turns_that_all_have():
@@ -305,84 +299,87 @@ def test_turns_are_split_by_intervals_and_a_unit_minus_the_mean_is_of_turns_that
     part = small_array(2, 4, seed=2, turn_rad=1e-3, common_rad=1e-3, turns=[[(0, 1), (1, 2), (2, 3)], [(0, 2), (2, 3)]])
     joint = estimate(part.units, part.same, np.zeros(3))
     split = split_of(joint)
-    assert [(turn.first, turn.last, np.isnan(turn.own_rad).tolist()) for turn in split.turns] == [
-        (0, 1, [False, True]),
-        (0, 2, [True, False]),
-        (1, 2, [False, True]),
-        (2, 3, [False, False]),
-    ]
-    first, both, second, last = split.turns
-    assert_allclose(both.common_rad, first.common_rad + second.common_rad)
-    assert_allclose(both.sigma_rad**2, first.sigma_rad**2 + second.sigma_rad**2)
-    assert_allclose(last.common_rad, joint.solution.x[joint.layout.common][4:6])
-    assert_allclose(last.sigma_rad, np.sqrt(np.diag(joint.covariance)[joint.layout.common][4:6]))
+    common, sigma, own = split.turns()
+    assert part.same.spans.tolist() == [[0, 1], [0, 2], [1, 2], [2, 3]]
+    assert np.isnan(own).tolist() == [[False, True], [True, False], [False, True], [False, False]]
+    assert_allclose(common[1], common[0] + common[2])
+    assert_allclose(sigma[1] ** 2, sigma[0] ** 2 + sigma[2] ** 2)
+    assert_allclose(common[3], joint.solution.x[joint.layout.common][4:6])
+    assert_allclose(sigma[3], np.sqrt(np.diag(joint.covariance)[joint.layout.common][4:6]))
     residual = np.array([joint.solution.residual[joint.where.closure[i][row]] for i, row in ((0, 2), (1, 1))])
     apart = np.linalg.norm(residual[0, :2] - residual[1, :2]) / 2  # half the difference, for either
-    assert split.fast == (0.0, 0.0)  # nothing is predicted
-    assert_allclose([split.minus_mean_rad, *split.minus_mean_of], apart)
-    assert_allclose(last.own_rad, np.linalg.norm(residual, axis=1))
+    assert_array_equal(split.fast_rad, 0.0)  # nothing is predicted
+    assert split.fast is None
+    assert_allclose(split.minus_mean_rad, apart)
+    assert_allclose(own[3], np.linalg.norm(residual, axis=1))
 
 
 def test_sizes_are_those_of_both_angles_of_a_tilt_and_fast_motion_as_predicted(joint):
     """rms of a turn: sqrt 2 times that of an angle; what is predicted, sqrt 2 times its rms, times the factor of it that is found."""
     split, size, root = split_of(joint), joint.component, np.sqrt(2)
     predicted = root * np.sqrt(np.mean(MISSED_RAD**2))
-    assert_allclose(split.own, [root * np.array(size(f"turn.{i}")) for i in range(3)])
-    assert_allclose([split.turn, split.fast], [root * np.array(size("common.turn")), predicted * np.array(size("common.undersampled"))])
-    assert split.predicted == pytest.approx(predicted)
-    assert split.level_mps2 == size("common.level")
-    turn, fast = (joint.where.names.index(f"common.{name}") for name in ("turn", "undersampled"))
-    most = [upper_component(joint.solution, k, joint.sigmas[k], (other,)) for k, other in ((turn, fast), (fast, turn))]
-    assert split.common_upper == pytest.approx(max(root * np.sqrt(most[0]), predicted * np.sqrt(most[1])))
+    assert_allclose(split.own_rad, [root * np.array(size(i)) for i in range(3)])
+    assert_allclose([split.turn_rad, split.fast_rad], [root * np.array(size(-3)), predicted * np.array(size(-2))])
+    assert split.predicted_rad == pytest.approx(predicted)
+    turn, fast = -3, -2
+    most = [upper_size(joint.solution, k, joint.sigmas[k], (other,)) for k, other in ((turn, fast), (fast, turn))]
+    assert split.common.value == pytest.approx(np.hypot(split.turn_rad[0], split.fast_rad[0]))
+    assert split.common.upper == pytest.approx(max(root * most[0], predicted * most[1]))
 
 
-def a_split(**changed) -> VarianceSplit:
-    plain = VarianceSplit(
-        np.zeros((2, 2)), np.ones(2), (0.3 * DEG, 0.1 * DEG), (0.4 * DEG, 0.2 * DEG), 0.8 * DEG, (0.0, 0.0),
-        {"turn": 20.0, "undersampled": 30.0}, 0.0, np.zeros(2), (),
-    )  # fmt: skip
-    return replace(plain, **changed)
+def common_of(joint, turn, undersampled, predicted=0.8 * DEG, fast=(0.4 * DEG, 0.2 * DEG)) -> Split:
+    """With these drops of the likelihood, and parts of 0.3° and fast."""
+    gains = {"turn": turn, "undersampled": undersampled}
+    return split_of(joint, gains=gains, predicted_rad=predicted, turn_rad=np.array([0.3, 0.1]) * DEG, fast_rad=np.array(fast))
 
 
-def test_the_common_part_is_both_parts_its_test_the_better_likelihood_and_fast_motion_two_better():
-    """Half of a chi square with one degree of freedom where the likelihood rises."""
-    assert a_split().common == pytest.approx(0.5 * DEG)
+def test_the_common_part_is_both_parts_its_test_the_better_likelihood_and_fast_motion_two_better(joint):
+    """Half of a chi square with one degree of freedom where the likelihood rises, of two shapes."""
     bar, none = chi2.isf(0.05, 1), -np.inf
     for turn, undersampled, better, fast in (
         (4.0, 3.0, 4.0, False),
         (-1.0, 0.0, 0.0, False),
         (0.5, none, 0.5, False),
-        (bar, bar + 2.01, bar + 2.01, True),
-        (bar, bar + 2.0, bar + 2.0, False),
+        (bar + 0.01, bar + 2.02, bar + 2.02, True),
+        (bar + 0.01, bar + 2.0, bar + 2.0, False),
         (none, bar + 1e-6, bar, True),
         (none, bar - 1e-6, bar, False),
     ):
-        found = a_split(gains={"turn": turn, "undersampled": undersampled})
-        assert found.p_value == pytest.approx(chi2.sf(better, 1), rel=1e-5)
+        found = common_of(joint, turn, undersampled)
+        assert found.common.value == pytest.approx(0.5 * DEG)
+        assert found.common.p_value == pytest.approx(chi2.sf(better, 1), rel=1e-5)
         assert found.is_fast_motion == fast
 
 
-SAME, WEAK = {"turn": 30.0, "undersampled": 30.0}, {"turn": chi2.isf(0.0501, 1), "undersampled": 0.0}
-
-
 @pytest.mark.parametrize(
-    ("changed", "words"),
+    ("how", "words"),
     [
-        (
-            {},
-            "which no unit's sensor has made: motion beyond the data rate, predicted 0.8° (found 0.50 ± 0.25 of it)",
-        ),
-        ({"fast": (0.26 * DEG, 0.2 * DEG)}, "(found 0.33 ± 0.25 of it; a filter below half the data rate leaves so little)"),
-        ({"gains": SAME, "predicted": 0.0}, "the motion, the table or the reference"),
-        ({"gains": SAME}, "the motion, the table or the reference; motion beyond the data rate is predicted to make 0.8°"),
-        (
-            {"gains": WEAK, "common_upper": 0.7 * DEG},
-            "undecided whether turns have more than noise in common: 0.5° rms a turn, below 0.7° with 95 % (p = 0.05)",
-        ),
+        ((20.0, 30.0), "; motion beyond the data rate, predicted 0.8° (found 0.50 ± 0.25 of it)"),
+        ((20.0, 30.0, 0.8 * DEG, (0.26 * DEG, 0.2 * DEG)), "(found 0.33 ± 0.25 of it; a filter below half the data rate leaves so little)"),
+        ((30.0, 30.0, 0.0), "; the motion, the table or the reference, no unit's sensor"),
+        ((30.0, 30.0), "no unit's sensor; motion beyond the data rate is predicted to make 0.8°"),
     ],
 )
-def test_the_words_say_size_cause_and_what_of_the_prediction_was_found(changed, words):
-    assert a_split(**changed).words.endswith(words)
+def test_the_words_say_size_cause_and_what_of_the_prediction_was_found(joint, how, words):
+    said = common_of(joint, *how).common.words
+    assert said.startswith("what all units miss by alike: 0.")
+    assert said.endswith(words)
+
+
+def test_fast_motion_is_tested_against_zero_and_against_its_prediction(pair):
+    """Found 1.5 times as large as stated in the fixture; with predictions three times as large, a third of it: not as predicted."""
+    for scale, standing in ((1.0, Standing.FOR), (4.0, Standing.AGAINST)):
+        system = replace(pair.solution.system, V=pair.solution.system.V * np.array([1, 1, 1, scale**2, 1])[:, None])
+        joint = SimpleNamespace(
+            solution=replace(pair.solution, system=system, t=pair.solution.t / np.array([1, 1, 1, scale**2, 1])),
+            missed_rad=scale * pair.missed_rad, rows=pair.rows, sigmas=pair.solution.sigma() / np.array([1, 1, 1, scale**2, 1]),
+        )  # fmt: skip
+        found = split_of(joint, floors_rad=1e-3).fast
+        assert found.standing is standing
+        nearest = max(1 / 1.5, np.sqrt(joint.solution.t[3])) if standing is Standing.AGAINST else 0.0
+        risen = rise(joint.solution, {3: nearest**2})
+        assert found.p_value == pytest.approx(chi2.sf(risen, 1) / 2)
+        assert ("not the predicted" in found.words) == (standing is Standing.AGAINST)
 
 
 # Limits and standings.
@@ -403,19 +400,16 @@ def test_a_limit_is_where_the_likelihood_falls_by_a_one_sided_twentieth(size):
 
     exact = brentq(lambda t: risen(t) - chi2.isf(0.1, 1), best - BASE + 1e-9, 20)  # 2.706: each side of 5 %
     assert rise(solution, {0: 2.0}) == pytest.approx(risen(2.0), rel=1e-3)
-    assert exact <= upper_component(solution, 0, float(solution.sigma()[0])) <= 1.04 * exact
+    assert upper_size(solution, 0, float(solution.sigma()[0])) == pytest.approx(np.sqrt(exact), rel=2e-3)
 
 
 def test_what_one_unit_misses_by_is_told_and_the_others_and_all_have_limits():
     made = small_array(3, 8, seed=3, turn_rad=np.array([0.0, 0.4 * DEG, 0.0]))
-    joint = estimate(made.units, made.same, np.zeros(7))
-    split = replace(split_of(joint), turn=(0.3 * DEG, 0.1 * DEG), common_upper=0.6 * DEG)
-    floor, bar = np.full(3, 0.1 * DEG), chi2.isf(0.05, 1)
-    found = parts_of(joint, replace(split, gains={"turn": bar - 0.01, "undersampled": 0.0}), floor, (0, 2, 5))
-    assert [found.own[1].standing, found.all_own.standing] == [Standing.FOR] * 2
+    found = split_of(estimate(made.units, made.same, np.zeros(7)))
+    assert [found.own[1].standing, found.alone.standing] == [Standing.FOR] * 2
     assert [found.own[0].standing, found.own[2].standing] == [Standing.BOUNDED] * 2
-    assert "in unit 2, up to " in found.all_own.statement.words
-    assert (found.common.size_rad, found.common.upper_rad, found.fast) == (0.3 * DEG, 0.6 * DEG, None)
-    assert found.common.standing is Standing.UNDECIDED
-    there = parts_of(joint, replace(split, gains={"turn": bar + 0.01, "undersampled": 0.0}), floor, (0, 2, 5))
-    assert there.common.standing is Standing.FOR
+    assert "in unit 2, up to " in found.alone.words
+    assert found.alone.p_value == found.own[1].p_value
+    bar, joint = chi2.isf(0.05, 1), found.joint
+    for gain, standing in ((bar - 0.01, Standing.UNDECIDED), (bar + 0.01, Standing.FOR)):
+        assert split_of(joint, gains={"turn": gain, "undersampled": 0.0}, turn_rad=np.array([0.3, 0.1]) * DEG).common.standing is standing

@@ -12,35 +12,26 @@ from scipy.stats import chi2
 from session.base.units import EARTH_RATE_RPS
 from tinygc import SimulationOptions
 from tinygc.effects import catalogue
-from tinygc.features.arrays.explanation import ArrayExplanation, _events_and_left_out, array_page, moments_of
+from tinygc.features.arrays.events import ArrayEvent
+from tinygc.features.arrays.explanation import ArrayExplanation, steps_of
 from tinygc.features.arrays.feature import ArrayOptions
-from tinygc.features.arrays.fit import fit_array
-from tinygc.features.arrays.joint import ArrayEvent
+from tinygc.features.arrays.fit import events_and_left_out, fit_array
 from tinygc.features.arrays.recording import read_array
 from tinygc.features.arrays.simulation import simulate_array, write_array
-from tinygc.features.arrays.slow_zero import _UnitEvidence, pooled
-from tinygc.features.arrays.traits import (
-    ALIKE,
-    COMMON,
-    DIFFERS,
-    UNDECIDED,
-    Estimate,
-    _earth_trait,
-    _trait_of,
-)
+from tinygc.features.arrays.slow_zero import Weighed, pooled
+from tinygc.features.arrays.traits import ALIKE, COMMON, DIFFERS, UNDECIDED, _yaw_to_array, trait_of
 from tinygc.inference.choose import PRIOR_ODDS, Standing, Statement
 from tinygc.reporting.terminal import as_text
 
 OFFSET = catalogue()["timing.gyro_accel_offset"]
 
 
-def scalars(values, sigma=1.0, named=(0,)):
-    return {n: Estimate(np.array([float(x)]), np.array([[sigma**2]]), n in named) for n, x in enumerate(values)}
-
-
-def of(values, named=(0,), tests=1, share=0.0, **more):
-    """The trait of units whose estimates have a sigma of one."""
-    return _trait_of(OFFSET, scalars(values, named=named), (), tests, share, **{"unknown": (), "instead": ()} | more)
+def of(values, named=(0,), tests=1, share=0.0, unknown=(), instead=(), sigmas=1.0):
+    """The trait of units with these estimates and sigmas."""
+    sigmas = np.broadcast_to(sigmas, len(values))
+    estimates = {n: (np.array([float(x)]), np.array([[s**2]])) for n, (x, s) in enumerate(zip(values, sigmas, strict=True))}
+    claims = {n: SimpleNamespace(says="says", equivalent=instead) for n in named}
+    return trait_of(OFFSET, claims, estimates, tests, share, unknown)
 
 
 def test_an_effect_of_all_units_that_one_alone_shows_significantly_is_no_units_own():
@@ -51,17 +42,19 @@ def test_an_effect_of_all_units_that_one_alone_shows_significantly_is_no_units_o
     assert found.statement.p_value == pytest.approx(chi2.sf(4 * 1.65**2, 1))
     assert alone.statement.p_value == pytest.approx(chi2.sf(1.65**2, 1))
     equal = chi2.sf(4 * np.var(values), 3)
-    assert f"in all units, one size is not rejected (equal sizes p = {equal:.2g}): 1.65 ± 0.50 s" in found.words
+    assert f"in all units, one size is not rejected (equal sizes p = {equal:.2g}): 1.65 ± 0.50 s" in found.statement.words
 
 
 def test_units_that_cannot_show_an_effect_are_not_counted_for_it():
-    blind = {n: Estimate(np.zeros(1), np.array([[1e-6]]), False) for n in (1, 2, 3)}
-    found = _trait_of(OFFSET, {0: Estimate(np.array([1e-3]), np.array([[1e-8]]), True), **blind}, (), 1, 0.0, (), ())
+    found = of([1e-3, 0, 0, 0], sigmas=[1e-4, 1e-3, 1e-3, 1e-3])
     assert (found.scope, found.statement.standing) == (UNDECIDED, Standing.UNDECIDED)
     equal = chi2.sf(1e-6 / (1e-8 + 1e-6 / 3), 3)  # of one against the mean of three
-    assert f"named in unit 0; units 1, 2, 3 cannot show it (equal sizes p = {equal:.2g}): undecided; 0.00000 ± 0.00058 s" in found.words
+    assert (
+        f"named in unit 0; units 1, 2, 3 cannot show it (equal sizes p = {equal:.2g}): undecided; 0.00000 ± 0.00058 s"
+        in found.statement.words
+    )
     assert found.statement.limit == "0.00095 s"
-    assert "in all units" not in found.words
+    assert "in all units" not in found.statement.words
 
 
 #: bars: of the mean of three others; of the chi-square of homogeneity of 0, 0, 0 and x, 3/4 x^2, of five effects tried
@@ -98,7 +91,7 @@ def test_units_differ_only_where_equality_is_rejected_and_share_only_what_the_ot
 def test_words_have_the_sizes_of_the_units_that_differ_and_what_is_not_known(values, how, apart, words):
     found = of(values, **how)
     assert found.apart == apart
-    assert words in found.words
+    assert words in found.statement.words
 
 
 # The Earth.
@@ -122,8 +115,9 @@ def earth(factors, sigma=0.05):
     rate, yaws = EARTH_RATE_RPS * np.array([0.6, 0.0, -0.8]), [37.0 + 90 * n for n in range(len(factors))]
     covariance = (sigma * EARTH_RATE_RPS) ** 2 * np.eye(3)
     turned = [Rotation.from_euler("z", -yaw, degrees=True).apply(factor * rate) for yaw, factor in zip(yaws, factors, strict=True)]
-    estimates = {n: Estimate(theta, covariance, n == 0) for n, theta in enumerate(turned)}
-    return _earth_trait(estimates, body(yaws), (0,), ("says",), 1, 0.0)
+    turns = [_yaw_to_array(body(yaws), n) for n in range(len(yaws))]
+    estimates = {n: (R @ theta, R @ covariance @ R.T) for n, (theta, R) in enumerate(zip(turned, turns, strict=True))}
+    return trait_of(catalogue()["earth.rotation"], {0: SimpleNamespace(says="says", equivalent=())}, estimates, 1, 0.0, ())
 
 
 @pytest.mark.parametrize(
@@ -139,7 +133,7 @@ def test_the_earth_that_one_unit_names_is_one_term_of_all(factors, standing, wor
     """Of the last, 0.7 and 1.3 of the Earth's rate, the mean is the Earth's, and 0.6 between them is 8.5 sigmas."""
     found = earth(factors)
     assert (found.scope, found.statement.standing) == (COMMON, standing)
-    assert words in found.words
+    assert words in found.statement.words
     if len(factors) == 2:
         assert found.statement.p_value == pytest.approx(chi2.sf(0.6**2 / (2 * 0.05**2), 3))
         assert found.statement.limit == "21 °/h"
@@ -148,26 +142,25 @@ def test_the_earth_that_one_unit_names_is_one_term_of_all(factors, standing, wor
 # Slow motions of the zero-rate offset.
 
 
-def weighed(shapes=1, **scores):
+def weighed(shapes=1, gain=40.0, **scores):
     names = {"drift": "gyro.bias_drift", "step": "gyro.bias_step", "warm": "unknown.warm_up"}
-    score = {names[name]: value for name, value in scores.items()}
-    of_each = [dict.fromkeys(score, value) for value in ((40.0, 3), shapes, 0.1 * DEG, 0.15 * DEG)]
-    return _UnitEvidence(score, *of_each)
+    return {names[name]: Weighed(value, gain, 3, shapes, 0.1 * DEG, 0.15 * DEG) for name, value in scores.items()}
 
 
 def test_the_family_is_decided_by_the_evidence_of_all_units():
     """Each unit prefers another member by a little; over both, the drift is better by 2 than the warm-up."""
     units = {0: weighed(drift=-20.0, warm=-21.0, step=0.0), 1: weighed(drift=-23.0, warm=-20.0, step=0.0)}
-    found = pooled(units, {0: ("unknown.warm_up",), 1: ("gyro.bias_drift",)}, thermometer=False)
-    name, share = next(iter(found.shares.items()))
+    found, table = pooled(units, {0: ("unknown.warm_up",), 1: ("gyro.bias_drift",)}, thermometer=False)
+    name, share = next(iter(table["shares"].items()))
+    assert table["by_unit"][1] == {"number": 1, "size_dps": pytest.approx(0.1), "named": ("gyro.bias_drift",)}
     assert (name, share) == ("gyro.bias_drift", pytest.approx(1 / (1 + np.exp(-1)), abs=1e-4))
-    assert found.statement.standing is Standing.FOR
-    assert found.statement.p_value == pytest.approx(3 * chi2.sf(80.0, 6))
+    assert found.standing is Standing.FOR
+    assert found.p_value == pytest.approx(3 * chi2.sf(80.0, 6))
     for words in ("most likely a steady drift", "or a warm-up within the session (0.27)", "temperature was not recorded"):
-        assert words in found.statement.words
-    assert "not recorded" not in pooled(units, {}, thermometer=True).statement.words
+        assert words in found.words
+    assert "not recorded" not in pooled(units, {}, thermometer=True)[0].words
     shapes = {n: weighed(shapes=count, step=-40.0, drift=0.0) for n, count in enumerate((7, 5))}  # those tried in each unit count
-    assert pooled(shapes, {}, True).statement.p_value == pytest.approx(2 * 7 * 5 * chi2.sf(80.0, 6))
+    assert pooled(shapes, {}, True)[0].p_value == pytest.approx(2 * 7 * 5 * chi2.sf(80.0, 6))
 
 
 def test_prior_odds_are_paid_once_and_evidence_against_all_members_names_none():
@@ -177,9 +170,8 @@ def test_prior_odds_are_paid_once_and_evidence_against_all_members_names_none():
         (once - 0.9, 40.0, Standing.UNDECIDED),
         (once - 1.1, 3.0, Standing.UNDECIDED),
     ):
-        units = {0: weighed(drift=1.0), 1: weighed(drift=drift)}
-        units = {n: replace(unit, gain={"gyro.bias_drift": (gain, 3)}) for n, unit in units.items()}
-        assert pooled(units, {}, True).statement.standing is standing
+        units = {0: weighed(gain=gain, drift=1.0), 1: weighed(gain=gain, drift=drift)}
+        assert pooled(units, {}, True)[0].standing is standing
 
 
 # Steps in readings, events, and the verdict.
@@ -195,7 +187,7 @@ def hit(tmp_path_factory):
 
 def test_a_false_reading_is_in_one_unit_and_a_knock_in_all(hit):
     plan, fit = hit
-    false, *knocks = moments_of(fit)
+    false, *knocks = steps_of(fit)
     assert (false.what, false.unit) == ("false reading", 1)
     assert false.at_s == pytest.approx(np.mean(plan.turns[1]), abs=0.1)
     assert false.felt < 0.2
@@ -206,22 +198,21 @@ def test_a_false_reading_is_in_one_unit_and_a_knock_in_all(hit):
 def test_units_that_stand_out_together_are_not_blamed(hit):
     """A blow is felt by all and sampled by each otherwise: of more than one unit at once none is said to read falsely."""
     _, fit = hit
-    one, other = (ArrayEvent("turn", unit, 3, 4, size * DEG, 1e-9, np.zeros(0, dtype=int)) for unit, size in ((1, 0.5), (0, 2.0)))
+    one, other = (ArrayEvent("turn", unit, 30.0, size * DEG, 1e-9, 3, 4) for unit, size in ((1, 0.5), (0, 2.0)))
     alone, both = (replace(fit, joint=replace(fit.joint, events=events)) for events in ((one,), (one, other)))
-    words, together = (line.plain for each in (alone, both) for line in _events_and_left_out(each))
+    words, together = (line.plain for each in (alone, both) for line in events_and_left_out(each))
     assert "unit 1 misses this turn by 0.5° against the other (F test, p = 1e-09): its own readings" in words
     assert "2 of 2 units stand out in this turn, each in its own way (unit 0 by 2°, unit 1 by 0.5°)" in together
     assert "its own readings" not in together
-    assert "; 2 equal ones would have 1.41 times less." in " ".join(as_text(array_page(alone)).split())
+    assert "; 2 equal ones would have 1.41 times less." in " ".join(as_text(alone.page).split())
     assert [verdict(fit=each) for each in (alone, both)] == ["own", "common"]
 
 
 def verdict(common=Standing.BOUNDED, own=Standing.BOUNDED, slow=None, fit=None):
-    fit = fit or SimpleNamespace(joint=SimpleNamespace(events=()))
-    common, own, slow = (
-        standing and SimpleNamespace(statement=Statement("what", standing, "test", 0.01, "", "")) for standing in (common, own, slow)
-    )
-    return ArrayExplanation(fit, {}, {}, SimpleNamespace(common=common, all_own=own), (), slow, {}, ()).verdict
+    common, own, slow = (standing and Statement("what", standing, "test", 0.01, "", "") for standing in (common, own, slow))
+    joint = SimpleNamespace(events=()) if fit is None else fit.joint
+    stated = SimpleNamespace(joint=joint, split=SimpleNamespace(common=common, alone=own))
+    return ArrayExplanation(stated, {}, {}, (), slow and (slow, {}), {}, ()).verdict
 
 
 @pytest.mark.parametrize(

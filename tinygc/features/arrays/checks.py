@@ -17,7 +17,8 @@ from session.log.folder import Session
 from tinygc.features.arrays.clocks import ClockFit
 from tinygc.features.arrays.extrinsics import clock_fits
 from tinygc.features.arrays.recording import ArraySession
-from tinygc.features.arrays.rest_noise import SharedNoise, noise_at_rest
+from tinygc.features.arrays.rest_noise import BODY, SENSORS, noise_at_rest, source_of
+from tinygc.inference.choose import Statement
 
 # Check of an array: each unit as a session of its own, then whether all units are on one body.
 
@@ -44,10 +45,10 @@ def check_array(array: ArraySession, further: Callable[[Session, SessionStills],
         return [*findings, Finding("error", array.name, WHAT, str(error), "")]
     noise = _noise_of_fits(array, fits)
     bodies = [Finding("ok", f"unit {n}", WHAT, _said(fit, array.numbers[0])) for n, fit in zip(array.numbers[1:], fits[1:], strict=True)]
-    return [*(_with_source(finding, noise) for finding in findings), *bodies, *(_at_rest(array, *each) for each in noise.items())]
+    return [*(_with_source(finding, noise) for finding in findings), *bodies, *(_at_rest(array, each) for each in noise.values())]
 
 
-def _noise_of_fits(array: ArraySession, fits: list[ClockFit]) -> dict[str, SharedNoise]:
+def _noise_of_fits(array: ArraySession, fits: list[ClockFit]) -> dict[str, Statement]:
     """Return what the noise at rest of the units has in common, by sensor; empty where the motion does not tell their mountings."""
     if not all(fit.map_is_known for fit in fits):
         return {}
@@ -55,23 +56,23 @@ def _noise_of_fits(array: ArraySession, fits: list[ClockFit]) -> dict[str, Share
     return noise_at_rest(array.units, clocks, list(map(np.linalg.inv, matrices)), [nearest_rotation(each).T for each in matrices])
 
 
-def _with_source(finding: Finding, noise: dict[str, SharedNoise]) -> Finding:
+def _with_source(finding: Finding, noise: dict[str, Statement]) -> Finding:
     """Say of a unit's noise that is too large what the other units tell of it, in place of what one unit alone can tell."""
     sensor, _, what = finding.what.rpartition(" ")
     if finding.level != "warning" or what != "noise" or (shared := noise.get(sensor)) is None:
         return finding
     agrees = f"the units' noise at rest correlates by {shared.value:.2f} ± {shared.sigma:.2f}"
-    if shared.is_own:
+    if source_of(shared) == SENSORS:
         return replace(finding, do=f"{agrees}: it is this sensor's own, not the body's; or its units are wrong")
-    if shared.is_common:
+    if source_of(shared) == BODY:
         return replace(finding, do=f"{agrees}: a table, a floor, a fan or a hand moves the body")
     return finding
 
 
-def _at_rest(array: ArraySession, what: str, shared: SharedNoise) -> Finding:
-    level = "ok" if shared.is_own else "note"
-    do = "lay the body on something heavy, away from hands, fans and steps" if shared.is_common else ""
-    return Finding(level, array.name, AT_REST, f"{shared.statement(what).words}; {shared.source}", do)
+def _at_rest(array: ArraySession, shared: Statement) -> Finding:
+    level = "ok" if source_of(shared) == SENSORS else "note"
+    do = "lay the body on something heavy, away from hands, fans and steps" if source_of(shared) == BODY else ""
+    return Finding(level, array.name, AT_REST, f"{shared.words}; {source_of(shared)}", do)
 
 
 def _said(fit: ClockFit, first: int) -> str:

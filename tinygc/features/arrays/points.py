@@ -185,7 +185,6 @@ def explain(args: Any) -> int | None:
     if not is_array(args.folder):
         return None
     from tinygc.cli.results import inside, output, try_destinations, verdict, write_json
-    from tinygc.features.arrays.explanation import array_verdict_line
     from tinygc.reporting.terminal import progress_bar
 
     used = ("check_on", "out", "strict", "pictures", "seed", "earth")
@@ -197,6 +196,6 @@ def explain(args: Any) -> int | None:
     folder = found.save(args.out)
     output(args).print(found.page)
     output(args).print(f"written: {folder}", soft_wrap=True)
-    verdict(args, array_verdict_line(found.result))
+    verdict(args, found.line)
     write_json(args.json, found.to_json())
-    return 1 if args.strict and found.result.verdict not in ("no_mismatch", "undecided") else 0
+    return 1 if args.strict and found.verdict not in ("no_mismatch", "undecided") else 0

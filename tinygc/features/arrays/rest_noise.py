@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
@@ -14,7 +13,7 @@ from session.base.units import NS
 from session.detect.stills import BLOCK_S, SessionStills, references
 from session.log.folder import Session
 from tinygc.features.arrays.clocks import UnitClock
-from tinygc.inference.choose import ONE_SIDED, Statement, standing_of
+from tinygc.inference.choose import ONE_SIDED, Statement
 
 #: most groups of stills that are left out in turn
 GROUPS = 20
@@ -25,58 +24,33 @@ FEWEST = 50
 #: share above which noise is mostly the one's or the other's
 HALF = 0.5
 
+#: whose the noise is, in words no stronger than the limits
+SENSORS = "it is mostly the sensors' own"
+BODY = "it is mostly the body's motion: a table, a floor or a hand moves it"
+OPEN = "whether it is the sensors' or the body's is not told"
 
-@dataclass(frozen=True, eq=False)
-class SharedNoise:
-    """Correlation of noise at rest between units, in the band of means of 0.1 s.
 
-    value: mean of all pairs of units, over all axes, and its sigma.
+def source_of(shared: Statement) -> str:
+    """Return whose noise it is: less or more than half of it is common, with 95 %."""
+    return SENSORS if shared.upper < HALF else BODY if shared.value - ONE_SIDED * shared.sigma > HALF else OPEN
+
+
+def noise_at_rest(
+    sessions: Sequence[Session], clocks: Sequence[UnitClock], gyros: Sequence[np.ndarray], accelerometers: Sequence[np.ndarray]
+) -> dict[str, Statement]:
+    """Return what the noise at rest of the units has in common, by sensor; without those whose stills are too short.
+
+    gyros, accelerometers: of each unit (3, 3), from its readings to one set of axes.
     """
-
-    value: float
-    sigma: float
-
-    @property
-    def p_value(self) -> float:
-        """Of as much by chance, one-sided."""
-        return float(ndtr(-self.value / self.sigma))
-
-    @property
-    def upper(self) -> float:
-        """Upper 95 % limit."""
-        return min(max(self.value, 0.0) + ONE_SIDED * self.sigma, 1.0)
-
-    @property
-    def is_own(self) -> bool:
-        """Whether less than half of the noise is common, with 95 %."""
-        return self.upper < HALF
-
-    @property
-    def is_common(self) -> bool:
-        """Whether more than half of the noise is common, with 95 %."""
-        return self.value - ONE_SIDED * self.sigma > HALF
-
-    def statement(self, what: str) -> Statement:
-        """Return the standing of a motion of the body in the noise of ``what``; half of its power is what matters."""
-        standing = standing_of(self.p_value, upper=self.upper, matters=HALF)
-        size = f"{100 * self.value:.1f} ± {100 * self.sigma:.1f} % of its power"
-        test = "correlation between units"
-        return Statement(f"motion of the body in the {what} noise at rest", standing, test, self.p_value, size, f"{100 * self.upper:.1f} %")
-
-    @property
-    def source(self) -> str:
-        """Whose noise it is, in words no stronger than the limits."""
-        if self.is_own:
-            return "it is mostly the sensors' own"
-        if self.is_common:
-            return "it is mostly the body's motion: a table, a floor or a hand moves it"
-        return "whether it is the sensors' or the body's is not told"
+    maps = {"gyro": gyros, "accelerometer": accelerometers}
+    found = {name: correlated(_differences(sessions, clocks, each, name != "gyro"), name) for name, each in maps.items()}
+    return {name: each for name, each in found.items() if each is not None}
 
 
-def shared_noise(
+def _differences(
     sessions: Sequence[Session], clocks: Sequence[UnitClock], maps: Sequence[np.ndarray], accelerometer: bool
-) -> SharedNoise | None:
-    """Correlate the units' readings in the first one's stills; None where these are too short."""
+) -> list[list[np.ndarray]]:
+    """Return of each still of the first unit the differences (M, 3) of neighbouring means of each unit's readings."""
     groups: list[list[np.ndarray]] = []
     first = SessionStills(sessions[0])
     for number, log in enumerate(sessions[0].logs):
@@ -93,40 +67,36 @@ def shared_noise(
             if len(edges) > 2 and all(t_s[0] <= edges[0] and edges[-1] <= t_s[-1] for t_s, _ in totals):
                 at = [np.column_stack([np.interp(edges, t_s, axis) for axis in total.T]) for t_s, total in totals]
                 groups.append([np.diff(np.diff(each, axis=0) / BLOCK_S, axis=0) for each in at])
-    return None if not groups else correlated(groups)
+    return groups
 
 
-def noise_at_rest(
-    sessions: Sequence[Session], clocks: Sequence[UnitClock], gyros: Sequence[np.ndarray], accelerometers: Sequence[np.ndarray]
-) -> dict[str, SharedNoise]:
-    """Return what the noise at rest of the units has in common, by sensor; without those whose stills are too short.
+def correlated(groups: Sequence[Sequence[np.ndarray]], what: str) -> Statement | None:
+    """State the mean correlation, over all pairs of units, of differences (M, 3) of each unit in each of several groups (stills): of a
+    motion of the body in the noise of ``what``, half of whose power is what matters; None of too few.
 
-    gyros, accelerometers: of each unit (3, 3), from its readings to one set of axes.
+    Its sigma is the jackknife's over the groups, and at least that of white noise without correlation.
     """
-    found = {
-        "gyro": shared_noise(sessions, clocks, gyros, accelerometer=False),
-        "accelerometer": shared_noise(sessions, clocks, accelerometers, accelerometer=True),
-    }
-    return {name: each for name, each in found.items() if each is not None}
-
-
-def correlated(groups: Sequence[Sequence[np.ndarray]]) -> SharedNoise | None:
-    """Correlate differences (M, 3) of each unit, in each of several groups (stills); the sigma is the jackknife's over the groups, and at
-    least that of white noise without correlation."""
-    units = len(groups[0])
-    products = np.array([[[np.sum(a * b) for b in group] for a in group] for group in groups])
     count = sum(len(group[0]) for group in groups)
     if count < FEWEST:
         return None
-    above = np.triu_indices(units, 1)
-    value = float(_correlation(products.sum(axis=0))[above].mean())
-    parts = np.array([part.sum(axis=0) for part in np.array_split(products, min(GROUPS, len(products)))])
-    without = np.array([_correlation(products.sum(axis=0) - part)[above].mean() for part in parts]) if len(parts) > 1 else np.array([value])
+    products = np.array([[[np.sum(a * b) for b in group] for a in group] for group in groups])
+    above = np.triu_indices(len(groups[0]), 1)
+
+    def correlation(part: np.ndarray) -> float:
+        size = sigmas_in(part)
+        return float((part / np.maximum(np.outer(size, size), 1e-300))[above].mean())
+
+    whole = products.sum(axis=0)
+    without = np.array([correlation(whole - part.sum(axis=0)) for part in np.array_split(products, min(GROUPS, len(products)))])
     spread = np.sqrt((len(without) - 1) / len(without) * np.sum((without - without.mean()) ** 2))
     chance = np.sqrt(OF_DIFFERENCES / (3 * count * len(above[0])))
-    return SharedNoise(value, float(max(spread, chance)))
+    return shared_noise(correlation(whole), float(max(spread, chance)), what)
 
 
-def _correlation(products: np.ndarray) -> np.ndarray:
-    size = sigmas_in(products)
-    return products / np.maximum(np.outer(size, size), 1e-300)
+def shared_noise(value: float, sigma: float, what: str) -> Statement:
+    """State a correlation of the units' noise."""
+    upper = min(max(value, 0.0) + ONE_SIDED * sigma, 1.0)
+    size, limit = f"{100 * value:.1f} ± {100 * sigma:.1f} % of its power", f"{100 * upper:.1f} %"
+    said = (f"motion of the body in the {what} noise at rest", "correlation between units", float(ndtr(-value / sigma)), size, limit)
+    stated = Statement.of(*said, matters=HALF, value=value, sigma=sigma, upper=upper)
+    return stated

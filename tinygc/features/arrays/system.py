@@ -23,6 +23,7 @@ from tinygc.closure.joint import GIVEN_SIGMA_MG
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch
 from tinygc.features.arrays.units import ArrayUnit, SameStills
+from tinygc.inference.noise import Cost, lowest
 from tinygc.inference.solve import inverse
 from tinygc.models import linear
 from tinygc.models.linear import PRIOR_SIGMA, LinearModel
@@ -110,10 +111,9 @@ class ArrayState:
 # A row k, a_k x + v_k = error, has the variance base_k + sum_g t_g V_gk, t_g >= 0 the variance components. A random unknown in x (the part
 # common to all units) has a row of its own, value 0, whose variance is that component, so all components are variances of rows.
 
-#: limit of a component's step in the search, and the number of steps
-SETTLED, MOST_STEPS = 1e-3, 60
-#: least component, relative to the typical base variance of its rows; a smaller one is zero
-NOTHING = 1e-6
+
+#: drop of -2 log likelihood that ends the search: limits are differences of it
+SETTLED = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,32 +152,18 @@ class System:
         return Solution(self, t, self.prior * x, residual, variance, leverage, taken, factor, value)
 
     def estimated(self, t: np.ndarray, held: np.ndarray | None = None) -> Solution:
-        """Estimate the components by restricted maximum likelihood (Patterson & Thompson 1971), by scoring, from t (G,); held (G,) bool."""
-        free = np.ones(len(t), dtype=bool) if held is None else ~held
-        counted = ~self.out
-        least = np.array([NOTHING * np.median(self.base[(v > 0) & counted]) if ((v > 0) & counted).any() else 0.0 for v in self.V])
-        found = self.solved(t)
-        for _ in range(MOST_STEPS):
+        """Estimate the components by restricted maximum likelihood, by the engine's search from t (G,); held (G,) bool.
+
+        All components are variances of single rows, which makes value, slope and information cheap: they are given to the search.
+        """
+        bound = np.zeros(len(t), dtype=bool) if held is None else held
+
+        def cost(t: np.ndarray) -> Cost:
+            found = self.solved(t)
             slope, information = found.score()
-            moving = free & ~((t <= least) & (slope < 0)) & (np.diag(information) > 0)
-            if not moving.any():
-                break
-            step = np.zeros(len(t))
-            step[moving] = np.linalg.solve(information[np.ix_(moving, moving)], slope[moving])
-            size = 1.0
-            for _ in range(8):
-                trial = np.where(moving, np.maximum(t + size * step, 0.0), t)
-                again = self.solved(trial)
-                if again.value <= found.value + 1e-9:
-                    break
-                size /= 3
-            else:
-                break
-            done = np.all(np.abs(trial - t) <= SETTLED * np.maximum(trial, 30 * least)) or found.value - again.value < 1e-5
-            t, found = trial, again
-            if done:
-                break
-        return found
+            return Cost(found.value, -2 * slope, 2 * information)
+
+        return self.solved(lowest(cost, t, np.where(bound, t, 0.0), np.where(bound, t, np.inf), settled=SETTLED)[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,14 +278,14 @@ class UnitRows:
 class RowMap:
     """Positions of the rows: of each unit its closure (S, 3) and forces (K, 3); common (Q-1, 2) and level (Q, 2) rows.
 
-    names of the components, in the order of ``System.V``.
+    Components, the rows of ``System.V``: each unit's closure, each unit's forces, what is common to all in a turn, what is in proportion to
+    the motion beyond the data rate, and the level acceleration.
     """
 
     closure: tuple[np.ndarray, ...]
     force: tuple[np.ndarray, ...]
     common: np.ndarray
     level: np.ndarray
-    names: tuple[str, ...]
 
 
 def row_map(rows: list[UnitRows], stills: int) -> RowMap:
@@ -313,8 +299,7 @@ def row_map(rows: list[UnitRows], stills: int) -> RowMap:
         at += 3 * len(unit.stills)
     common = at + np.arange(2 * (stills - 1)).reshape(-1, 2)
     level = common.size + at + np.arange(2 * stills).reshape(-1, 2)
-    own = [f"{what}.{i}" for what in ("turn", "force") for i in range(len(rows))]
-    return RowMap(tuple(closures), tuple(forces), common, level, (*own, "common.turn", "common.undersampled", "common.level"))
+    return RowMap(tuple(closures), tuple(forces), common, level)
 
 
 def array_system(
@@ -328,7 +313,7 @@ def array_system(
     layout, where = ParameterLayout(len(rows), len(same)), row_map(rows, len(same))
     count = int(where.level[-1, -1]) + 1
     design, values, base = np.zeros((count, layout.count)), np.zeros(count), np.zeros(count)
-    V = np.zeros((len(where.names), count))
+    V = np.zeros((2 * len(rows) + 3, count))
     R = rotation.matrix(state.q_tb)
     attitude, level, common = (np.arange(layout.count)[part] for part in (layout.attitudes, layout.level, layout.common))
     attitude, level, common = attitude.reshape(-1, 3), level.reshape(-1, 2), common.reshape(-1, 2)

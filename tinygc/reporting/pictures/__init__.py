@@ -1,1 +1,1 @@
-"""What the pictures of an explanation and of a fit show: numbers, panels, and which panels of which effect."""
+"""An explanation as one page of pictures (matplotlib, imported on use)."""

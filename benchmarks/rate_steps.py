@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from session.base.texts import measured
 from tinygc.features.tables.rates.choice import LINE, Choice, chance, choose
 from tinygc.features.tables.rates.curve import fit_curve
 from tinygc.features.tables.rates.fitting import fit
@@ -23,7 +24,6 @@ from tinygc.features.tables.rates.laws import CURVE, Hypothesis
 from tinygc.features.tables.rates.points import Points, points_of, read_points
 from tinygc.features.tables.rates.terms import terms
 from tinygc.inference.choose import LEVEL
-from tinygc.reporting.pictures.canvas import plain
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "wild" / "rate_table.csv"
 #: V/(°/s), V of rest, V of noise
@@ -182,7 +182,7 @@ def ranges(tables: int) -> None:
                 if row.value is not None and row.sigma:
                     errors[key].append((row.value - truth) / row.sigma)
             if not k:
-                cells = [f"{plain(rows[key].value or 0.0, rows[key].sigma or 0.0)} | {truth:.0f}" for key, truth in truths.items()]
+                cells = [f"{measured(rows[key].value or 0.0, rows[key].sigma or 0.0)} | {truth:.0f}" for key, truth in truths.items()]
                 print(f"| {law} | {' | '.join(cells)} |", flush=True)
     for key, all_ in errors.items():
         far = np.abs(all_)

@@ -48,18 +48,18 @@ def main() -> None:
         folder = write_session(options, Path(parent) / "warm", distort=warm)
         explanation = explain_session(folder)
         output().print(explanation_page(explanation))
-        shutil.copy(Why(explanation).save() / "explain.png", Path(__file__).parent / "explain.png")
+        shutil.copy(Why(explanation).save() / "explain.svg", Path(__file__).parent / "explain.svg")
         options = SimulationOptions(seed=5, segments=40, closure_s=0.0)
         folder = write_session(options, Path(parent) / "hidden", distort=leaning)
         why = explain(folder, discover=True)
         output().print(why.page)
-        shutil.copy(why.save() / "discover.png", Path(__file__).parent / "features" / "discovery" / "discover.png")
+        shutil.copy(why.save() / "discover.svg", Path(__file__).parent / "features" / "discovery" / "discover.svg")
         if XSENS.is_dir():
             there = Why(explain_session(XSENS)).save(Path(parent) / "xsens")
-            shutil.copy(there / "explain.png", Path(__file__).parent / "explain-xsens.png")
+            shutil.copy(there / "explain.svg", Path(__file__).parent / "explain-xsens.svg")
         if EUROC.is_dir():
             there = Why(explain_session(write_sequences(EUROC, ["MH_02"], Path(parent) / "MH_02", 2.0))).save()
-            shutil.copy(there / "explain.png", Path(__file__).parent / "explain-euroc.png")
+            shutil.copy(there / "explain.svg", Path(__file__).parent / "explain-euroc.svg")
 
 
 if __name__ == "__main__":

@@ -1,15 +1,12 @@
 """What the report's page is drawn with: colours, numbers, axes, charts, the sphere."""
 
-import re
-
 import numpy as np
 import pytest
 
 from session.base.texts import measured
 from tinygc.noise.stillness import density
 from tinygc.reporting import facts
-from tinygc.reporting.drawing import COLOURS
-from tinygc.reporting.html.chart import Axis, Chart, linear_axis, log_axis
+from tinygc.reporting.drawing import COLOURS, Axis, Panel, Picture, to_one_scale
 
 
 @pytest.mark.parametrize("shade", [0, 1], ids=["light", "dark"])
@@ -46,33 +43,55 @@ def test_numbers_have_the_digits_that_are_known(value, sigma, said):
     assert facts.typeset(measured(value, sigma), True) == said
 
 
-def test_a_chart_places_what_it_is_given():
-    chart = Chart(400, 200, Axis(0, 10, "x"), log_axis([0.01, 1.0]), "about <it>")
-    x, y = chart.at([0, 10], [chart.y.lo, chart.y.hi])
-    assert x == pytest.approx([chart.left, chart.left + chart.inner_width])
-    assert y == pytest.approx([chart.top + chart.inner_height, chart.top])
-    svg = chart.line(np.linspace(0, 10, 100_000), np.full(100_000, 0.5), "x").dots([1, 2], [np.nan, 0.5], "y").svg()
+def test_a_panel_places_what_it_is_given():
+    panel = Panel(Axis("x", 0, 10), Axis("y", log=True), about="about <it>")
+    panel.points([0, 10, 5], [0.01, 1.0, np.nan], "y", says=["a", "b", "<c>"], name="dots")
+    shapes, _ = Picture([panel]).shapes(400)
+    (dots,) = [shape for shape in shapes if shape.radius and len(shape.parts[0]) > 1]
+    ((left, bottom), (right, _)) = next(shape.parts[0] for shape in shapes if shape.kind == "rule")
+    (x0, y0), (x1, y1) = dots.parts[0]
+    assert (x0, x1) == pytest.approx((left, right))
+    assert (bottom - y0) / (y0 - y1) == pytest.approx(np.log(0.01 / 0.005) / np.log(100))
+    assert list(dots.says) == ["a", "b"]
+    svg = panel.line(np.linspace(0, 10, 100_000), np.full(100_000, 0.5), "x").svg(400)
     assert len(svg) < 40_000
-    assert svg.count("<circle") == 1
+    assert svg.count("<circle") == 3  # with that of the legend
     assert "about &lt;it&gt;" in svg
+
+
+def test_a_line_beyond_the_frame_is_cut_off_and_an_infinite_end_is_at_the_frame():
+    panel = Panel(Axis(lo=0, hi=1), Axis(lo=0, hi=1)).line([0, 1], [-3, 3], "x").upright(0.5)
+    cut, upright = [shape for shape in Picture([panel]).shapes(300)[0] if shape.kind in ("x", "floor")]
+    left, top, right, bottom = cut.clip
+    np.testing.assert_allclose(upright.parts[0], [[(left + right) / 2, bottom], [(left + right) / 2, top]])
+    assert panel.svg(300).count("<svg") == 2
+
+
+def test_panels_of_one_scale_hold_the_data_of_both_and_an_equal_scale_is_equal():
+    panels = [Panel().points([0, 1], [0, 5], "x"), Panel().points([2, 3], [1, 2], "x")]
+    to_one_scale(*panels)
+    assert panels[0].ends() == panels[1].ends()
+    assert panels[0].ends()[1] == pytest.approx((-0.3, 5.3))
+    circle = Panel(is_equal=True).points([-1, 1, 0, 0], [0, 0, -1, 1], "x")
+    (dots,) = [shape.parts[0] for shape in Picture([circle]).shapes(500)[0] if shape.radius]
+    assert np.ptp(dots[:, 0]) == pytest.approx(np.ptp(dots[:, 1]))
 
 
 def test_a_thinned_line_keeps_its_highest_and_its_lowest_point_and_its_gap():
     y = np.full(50_000, 0.5)
     y[31_234], y[31_235], y[40_000:40_100] = 1.0, 0.0, np.nan
-    chart = Chart(300, 200, Axis(0, 50_000), Axis(0, 1), "spike")
-    path = re.search(r'class="line k-x" d="([^"]+)"', chart.line(np.arange(50_000), y, "x").svg()).group(1)
-    heights = [float(pair.split()[1]) for pair in re.split("[ML]", path)[1:]]
-    assert [max(heights), min(heights)] == pytest.approx([chart.top + chart.inner_height, chart.top], abs=0.1)
-    assert path.count("M") == 2
+    panel = Panel(Axis(lo=0, hi=50_000), Axis(lo=0, hi=1)).line(np.arange(50_000), y, "x")
+    (line,) = [shape for shape in Picture([panel]).shapes(300)[0] if shape.kind == "x"]
+    heights = np.concatenate(line.parts)[:, 1]
+    assert np.ptp(heights) == pytest.approx(panel.height)
+    assert len(line.parts) == 2
 
 
 @pytest.mark.parametrize(
     ("values", "zero", "ends"), [([1.0, 3.0], False, (0.88, 3.12)), ([1.0, 3.0], True, (0.0, 3.18)), ([2.0, np.nan], False, (1.8, 2.2))]
 )
 def test_a_linear_axis_has_room_on_both_sides_but_where_it_ends_at_zero(values, zero, ends):
-    axis = linear_axis(values, zero=zero)
-    assert (axis.lo, axis.hi) == pytest.approx(ends)
+    assert Axis(zero=zero).ends(np.array(values)) == pytest.approx(ends)
 
 
 @pytest.mark.parametrize(("lengths", "rate_hz"), [((208, 300, 517), 208.0), ((99, 100, 333), 99.0), ((20, 19, 4), 100.0)])

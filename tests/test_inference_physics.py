@@ -14,6 +14,7 @@ from tinygc.inference.choose import (
     Selection,
     Standing,
     averaged,
+    chance_of_any,
     climb,
     factors_by_freedom,
     factors_by_size,
@@ -136,6 +137,8 @@ def test_a_tail_with_uncertain_variances_is_that_of_fisher_and_of_chi_square():
 def test_the_level_of_each_of_several_tests():
     assert 1 - (1 - level_of_each(0.05, 4)) ** 4 == pytest.approx(0.05)
     assert level_of_each(0.05, 0) == pytest.approx(0.05)
+    assert chance_of_any(level_of_each(0.05, 4), 4) == pytest.approx(0.05)
+    assert chance_of_any(1.0, 4) == 1.0
 
 
 @dataclass(frozen=True)

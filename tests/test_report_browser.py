@@ -15,7 +15,7 @@ pytestmark = [
 ]
 
 #: what is seen of each picture: its size on the page, its own letters' size, and whether they stay inside it
-PICTURES = """[...document.querySelectorAll('figure svg')].filter(s => s.getClientRects().length).map(s => {
+PICTURES = """[...document.querySelectorAll('figure div > svg')].filter(s => s.getClientRects().length).map(s => {
   const box = s.getBoundingClientRect(), scale = box.width / s.viewBox.baseVal.width, texts = [...s.querySelectorAll('text')];
   return {about: s.getAttribute('aria-label'), width: box.width, height: box.height,
     shapes: s.querySelectorAll('path, circle, rect').length,

@@ -199,7 +199,7 @@ def keep(args: Any, found: Any, folder: Path | None, *names: str) -> None:
     """Save a result with its pictures into a folder, or say that nothing is written; then its JSON.  names: of what it saves."""
     if folder is not None:
         found.save(folder, pictures=args.pictures)
-        written = [str(folder / name) for name in names if (folder / name).exists() and (args.pictures or not name.endswith(".png"))]
+        written = [str(folder / name) for name in names if (folder / name).exists() and (args.pictures or not name.endswith(".svg"))]
         output(args).print(f"written: {', '.join(written)}", soft_wrap=True, markup=False)
     elif args.json is None:
         output(args).print(f"nothing is written; --out DIR keeps {', '.join(names[:-1])} and {names[-1]}", soft_wrap=True)

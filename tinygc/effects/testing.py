@@ -6,16 +6,35 @@
         check(EFFECT).require()
 
 The test simulates sessions, fits, draws, runs live and compiles C, which are layers above this one.  So this module contains only the
-name and imports the test when it is called; nothing in this layer depends on it.
+name, and imports the test when it is called, and the movement by which it and the search for laws try an effect.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from session.base import features
 from session.base.errors import CalibrationError
-from tinygc.effects.effect import Effect
+from tinygc.effects.effect import Effect, ReferenceConditions
+from tinygc.effects.movement import Movement
+
+LENGTH_S, WARMING_C_PER_S = 20.0, 0.8
+
+
+def hand_movement(odr_hz: float, at: ReferenceConditions, length_s: float = LENGTH_S) -> Movement:
+    """A hand movement: rest, movement up to two fifths of full scale and 2 Hz, rest; with all inputs, each of its own shape."""
+    from scipy.interpolate import BSpline  # late: few load this with effects
+
+    t_s = np.arange(0, length_s, 1 / odr_hz)
+    window = BSpline.basis_element(np.linspace(0.2, 0.8, 9) * length_s, extrapolate=False)  # six times differentiable
+    waves = np.stack([np.sin(2 * np.pi * f * t_s + p) for f, p in ((0.5, 0.3), (0.9, 1.1), (2.0, 2.0))], axis=-1)
+    rate = at.fs_rps * np.nan_to_num(window(t_s))[:, None] * waves
+    gravity = np.stack([np.sin(0.7 * t_s), np.cos(0.7 * t_s) * np.sin(0.4 * t_s), -np.cos(0.7 * t_s) * np.cos(0.4 * t_s)], axis=-1)
+    force_g = (1 + 0.2 * np.sin(1.9 * t_s))[:, None] * gravity  # up to a fifth of it is the hand's acceleration
+    shaken_g2, temp_c = 0.2 * np.exp(-(((t_s / length_s - 0.5) * 10) ** 2)), at.first_temp_c + WARMING_C_PER_S * t_s
+    return Movement(t_s, 1 / odr_hz, rate, force_g, temp_c, shaken_g2, length_s, at.fs_rps, at.first_temp_c)
 
 
 def check(effect: Effect, **how: Any) -> Any:

@@ -20,6 +20,7 @@ from functools import cached_property
 
 import numpy as np
 
+from tinygc.inference.choose import chance_of_any
 from tinygc.inference.solve import COVERAGE, solve
 
 #: the share of a normal variable within one sigma
@@ -289,7 +290,7 @@ def _steps(values: np.ndarray, own: np.ndarray, design_of: Callable[[list[np.nda
             p_value = Between(values, own, trial).p_value(np.eye(trial.shape[1])[1 + len(found)])
             if p_value < best.p_value:
                 best = Step(int(before), p_value)
-        corrected = float(-np.expm1(looks * np.log1p(-min(best.p_value, 1 - 1e-16))))
+        corrected = chance_of_any(best.p_value, looks)
         if corrected >= CHANCE:
             return tuple(found)
         found.append(Step(best.before, corrected))

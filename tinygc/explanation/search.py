@@ -16,10 +16,10 @@ from tinygc.effects import Effect, Movement, Parameter, Reach, Scan, catalogue, 
 from tinygc.effects.effect import WORLD
 from tinygc.effects.movement import HAND_S, NOWHERE
 from tinygc.explanation.evidence import Evidence, Guess, Hypothesis, sharpened, without_claim
-from tinygc.inference.choose import least_gain
+from tinygc.inference.choose import climb, least_gain
 from tinygc.inference.solve import left_of, orthonormal
 from tinygc.noise.refit import Refit, Replay, candidates
-from tinygc.noise.twin import Twin, claim_slice
+from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import TOGETHER, Whitener
 
 # Search for the hypothesis with the most evidence, and the detection limits of all other effects.
@@ -147,19 +147,14 @@ def guesses(evidence: Evidence, tried: list[Effect], have: Hypothesis) -> list[G
 
 def without_idle(evidence: Evidence, best: Hypothesis) -> Hypothesis:
     """Remove effects that others have made redundant."""
-    while len(best.effects) > 1:
-        several = sum(map(_delays, best.effects)) > 1  # delays can replace one another
-        without = [(effect, evidence.guess(best, without=effect)) for effect in best.effects]
-        fewer = [
-            evidence.of(guess.effects, best)
-            for effect, guess in without
-            if guess.score < best.score + NEAR / 2 or (several and _delays(effect))
-        ]
-        ahead = min([*fewer, best], key=lambda h: h.score)
-        if ahead is best:
-            break
-        best = ahead
-    return best
+
+    def fewer(have: Hypothesis) -> list[Hypothesis]:
+        several = sum(map(_delays, have.effects)) > 1  # delays can replace one another
+        without = [(effect, evidence.guess(have, without=effect)) for effect in have.effects if len(have.effects) > 1]
+        near = [guess for effect, guess in without if guess.score < have.score + NEAR / 2 or (several and _delays(effect))]
+        return [evidence.of(guess.effects, have) for guess in near]
+
+    return climb(best, fewer)
 
 
 def resharpened(evidence: Evidence, best: Hypothesis) -> Hypothesis:
@@ -195,9 +190,7 @@ def exchanged(evidence: Evidence, tried: list[Effect], best: Hypothesis) -> Hypo
 def in_place_of(evidence: Evidence, tried: list[Effect], best: Hypothesis, effect: Effect, own: float) -> list[Effect]:
     """Candidates whose linear columns remove nearly as much as an effect worth ``own`` in -2 log evidence."""
     whiten, number = best.whiten, next(i for i, e in enumerate(best.effects) if e is effect)
-    part = claim_slice(best.fit.state.claims, number)
-    r = best.fit.r - best.fit.J[:, part] @ best.fit.state.claims[number].theta
-    fit = replace(best.fit, r=r, J=np.delete(best.fit.J, part, axis=1))
+    fit = without_claim(best.fit, number)
     others = best.ids - {effect.id}
     rest = [other for other in tried if other.id not in others and other is not effect and (other.id != effect.id or other.scan is None)]
     looks, replay = [(whiten, fit)], Replay(evidence.twin, fit)

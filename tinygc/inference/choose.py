@@ -211,6 +211,11 @@ def level_of_each(level: float, count: int) -> float:
     return float(-np.expm1(np.log1p(-level) / max(count, 1)))
 
 
+def chance_of_any(p_value: float, count: int) -> float:
+    """Probability that the best of ``count`` independent tests has as small a p-value (Sidak)."""
+    return float(-np.expm1(count * np.log1p(-min(p_value, 1 - 1e-16))))
+
+
 # Evidence of a hypothesis beside none.
 
 #: prior odds of any effect of the catalogue, and of any shape without a name: about one recording in three shows none of twenty effects

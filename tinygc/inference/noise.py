@@ -172,7 +172,7 @@ def estimate(
 
     V: K matrices (n, n); usual (K,): usual sizes.  blocks: row numbers of each block.  start: s (K,) of an earlier search.
     """
-    parts = [(r[b], J[b], base[np.ix_(b, b)], [_block(v, b) * u**2 for v, u in zip(V, usual, strict=True)]) for b in blocks]
+    parts = [(r[b], J[b], base[np.ix_(b, b)], [block_of(v, b) * u**2 for v, u in zip(V, usual, strict=True)]) for b in blocks]
     begin = np.full(len(V), 0.5) if start is None else np.maximum((start / usual) ** 2, 0.05)
 
     searched = [parts[i] for i in np.linspace(0, len(parts) - 1, min(len(parts), SEARCHED)).round().astype(int)]
@@ -195,7 +195,8 @@ def estimate(
     return ComponentEstimate(s, _sigma(cost, x) * usual if with_sigma else np.full(len(s), np.nan), value)
 
 
-def _block(V: np.ndarray | Sparse, rows: np.ndarray) -> np.ndarray:
+def block_of(V: np.ndarray | Sparse, rows: np.ndarray) -> np.ndarray:
+    """Rows and columns ``rows`` (m,) of a matrix: (m, m)."""
     return V.block(rows) if isinstance(V, Sparse) else V[np.ix_(rows, rows)]
 
 

@@ -142,18 +142,16 @@ class Kept(Shown):
     figure: Any
 
     def plot(self, path: Path | str | None = None) -> Any:
-        """Draw the picture; path: a PNG to write.  Raises CalibrationError where matplotlib is missing."""
-        from tinygc.reporting.pictures.canvas import saved
+        """Draw the picture; path: an SVG to write, or a PNG, which needs matplotlib."""
+        from tinygc.reporting.drawing import saved
 
-        return self.figure() if path is None else saved(self.figure(), Path(path))
+        return saved(self.figure(), path)
 
     def save(self, folder: Path | str, pictures: bool = True) -> Any:
-        """Write its files into a folder, the picture where matplotlib is installed, and return the folder.
+        """Write its files into a folder, and return the folder.
 
         Raises StorageError for files that cannot be written.
         """
-        from tinygc.reporting.pictures.canvas import has_matplotlib
-
         folder = Path(folder)
         with result_folder(folder):
             for name in self.FILES:
@@ -161,6 +159,6 @@ class Kept(Shown):
                     write_whole(folder / name, self.to_json())
                 elif name.endswith(".html"):
                     write_text_whole(folder / name, self.html())
-                elif pictures and has_matplotlib():
+                elif pictures:
                     self.plot(folder / name)
         return folder

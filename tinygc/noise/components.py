@@ -363,6 +363,8 @@ class SessionNoise:
         An effect that explains part of a component reduces it.  start: s (K,) at which the search starts; with_sigma: whether to compute
         the sigmas.
         """
+        if not self.components:
+            return self
         found = estimate(
             r,
             J,

@@ -179,7 +179,8 @@ class Mark:
 class Panel:
     """Two axes and what is drawn in them, in its order.
 
-    title: above it; about: in place of a title, for who cannot see it; legend: title of the legend; height: of the frame, px; widest: px;
+    title: above it; about: in place of a title, for who cannot see it; caption: below it, on a page; legend: title of the legend;
+    height: of the frame, px; widest: px;
     is_equal: one scale for both axes; is_framed: with axes.  An infinite x or y stands at the frame's edge; a NaN is a gap.
     """
 
@@ -187,6 +188,7 @@ class Panel:
     y: Axis = field(default_factory=Axis)
     title: str = ""
     about: str = ""
+    caption: str = ""
     legend: str = ""
     height: float = 210.0
     widest: float = 1e9
@@ -405,7 +407,7 @@ def _frame(panel: Panel, here: _Place, y_marks: list[tuple[float, str]], is_insi
     for value, text in y_marks:
         y = float(here.at([here.ends[0][0]], [value])[0, 1])
         yield _path("hair", "grid", (left, y), (right, y))
-        yield _words("tick", "soft", *((left + 2, y - 12, text) if is_inside else (left - 8, y + 4, text, "end")))
+        yield _words("word", "soft", left + 2, y - 12, text) if is_inside else _words("tick", "soft", left - 8, y + 4, text, "end")
     yield _path("hair", "rule", (left, bottom), (right, bottom))
 
 
@@ -433,7 +435,7 @@ class _Place:
         left, top, right, bottom = self.frame
         at = self.at(mark.x, mark.y)
         if mark.style in TEXTS:
-            return [_words(mark.style, mark.kind, *at[0], mark.says[0], mark.anchor)]
+            return [_words(mark.style, mark.kind, float(at[0, 0]), float(at[0, 1]), mark.says[0], mark.anchor)]
         opacity = np.full(len(at), mark.opacity)
         if mark.radius:
             inside = np.all((at >= [left - 1, top - 1]) & (at <= [right + 1, bottom + 1]), axis=1)
@@ -442,7 +444,7 @@ class _Place:
                 opacity = opacity * np.clip(2 * np.min(mark.sigma) / np.maximum(mark.sigma, 1e-300), 0.2, 1)
                 ends = [self.at(mark.x, mark.y + side * mark.sigma) for side in (-1, 1)]
                 bars = [self._clipped("thin", mark.kind, list(np.stack(ends, axis=1)), opacity)]
-            says = [text for text, keep in zip(mark.says, inside, strict=True) if keep] if mark.says else ()
+            says = [text for text, keep in zip(mark.says, inside, strict=True) if keep] if len(mark.says) else ()
             return [*bars, Shape(mark.style, mark.kind, [at[inside]], says, mark.radius, opacity[inside])]
         if mark.hi is not None:
             parts = [np.concatenate([at, self.at(mark.x, mark.hi)[::-1]])]
@@ -583,8 +585,8 @@ def _svg(shape: Shape) -> str:
         anchor = "" if shape.anchor == "start" else f' text-anchor="{shape.anchor}"'
         words = "\u202f".join(map(escape, shape.says[0].split("\u202f")))  # thin spaces of numbers
         return f'<text {kind} x="{_px(x)}" y="{_px(y)}"{anchor}>{words}</text>'
-    own = STYLES[shape.style][2]
-    pale = [f' style="opacity:{own * value:.2g}"' if value < 0.995 else "" for value in ([] if shape.opacity is None else shape.opacity)]
+    opacities = () if shape.opacity is None else shape.opacity
+    pale = [f' style="opacity:{STYLES[shape.style][2] * value:.2g}"' if value < 0.995 else "" for value in opacities]
     if shape.radius:
         places = zip(shape.parts[0], titles or [""] * len(shape.parts[0]), pale or [""] * len(shape.parts[0]), strict=True)
         marks = (f'<circle cx="{_px(x)}" cy="{_px(y)}" r="{shape.radius:g}"{own}{_ended(title, "circle")}' for (x, y), title, own in places)
@@ -628,10 +630,8 @@ def _save_png(figure_type: Any, shapes: Sequence[Shape], height: float, path: Pa
         opacities = np.ones(len(shape.parts[0])) if shape.opacity is None else shape.opacity
         if shape.radius:
             fill = COLOURS["page"][0] if width else colour
-            size = (2 * shape.radius * point) ** 2
-            axes.scatter(
-                *shape.parts[0].T, s=size, c=fill, edgecolors=colour, linewidths=width * point, alpha=opacity * opacities, zorder=2
-            )
+            look = {"s": (2 * shape.radius * point) ** 2, "c": fill, "edgecolors": colour, "linewidths": width * point}
+            axes.scatter(*shape.parts[0].T, alpha=opacity * opacities, zorder=2, **look)
             continue
         for part, own in zip(shape.parts, opacities, strict=False):
             if width:

@@ -8,7 +8,7 @@ renders them for a terminal, ``html`` for a page, where minus signs and thousand
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import isfinite
 from typing import Any
@@ -18,7 +18,7 @@ from rich.table import Table as RichTable
 from session import VERSION
 from session.base.texts import NONE, measured, significant
 from tinygc.inference.decide import Fact
-from tinygc.reporting.drawing import style_sheet
+from tinygc.reporting.drawing import Panel, style_sheet
 from tinygc.reporting.html import markup
 from tinygc.reporting.terminal import Group, RenderableType, Text
 
@@ -86,29 +86,14 @@ def errors_table(title: str, facts: Sequence[Fact], said: Sequence[str] = (), me
     return Table(title, ("", "x", "y", "z", "k"), found, "; ".join(said), kind="parameters")
 
 
-@dataclass(frozen=True, eq=False)
-class Picture:
-    """A picture on a page: draw(width) returns its SVG; caption as text; entries of its key: colour, text, and shape where it is no dot."""
-
-    draw: Callable[[int], str]
-    caption: str = ""
-    keys: Sequence[tuple[str, ...]] = ()
-    kind: str = ""
-
-    def __html__(self) -> str:
-        """For a page."""
-        keys = [markup.key(kind, typeset(said), *shape) for kind, said, *shape in self.keys]
-        return markup.figure(self.draw, typeset(self.caption), keys, self.kind)
-
-
-Part = str | Text | Table | Picture
+Part = str | Text | Table | Panel
 #: of a page: its id, its title, and its facts or HTML
 Chapter = tuple[str, str, Iterable[Part] | str]
 
 
 def screen(parts: Iterable[Part]) -> Group:
     """Facts for a terminal."""
-    return Group(*(part for part in parts if not isinstance(part, Picture)))
+    return Group(*(part for part in parts if not isinstance(part, Panel)))
 
 
 def html(parts: Iterable[Part]) -> str:
@@ -117,8 +102,10 @@ def html(parts: Iterable[Part]) -> str:
 
 
 def _html_of(part: Part) -> str:
-    if isinstance(part, Table | Picture):
+    if isinstance(part, Table):
         return part.__html__()
+    if isinstance(part, Panel):
+        return markup.figure(part, typeset(part.caption))
     style = part.style if isinstance(part, Text) else ""
     said = typeset(str(part))
     return markup.paragraph(f"<strong>{said}</strong>" if "bold" in str(style) else said, KINDS.get(str(style), ""))

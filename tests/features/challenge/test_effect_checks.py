@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tinygc.effects import EffectError, Parameter, ReferenceConditions, catalogue, diagonal
+from tinygc.effects import Conditions, EffectError, Parameter, ReferenceConditions, StageC, catalogue, diagonal
 from tinygc.effects.testing import check
 
 PARTS = ("columns", "undo", "recover", "units", "picture", "live", "c")
@@ -52,6 +52,13 @@ def _partly(share):
     return lambda measured, m, theta: measured - share * (DRIFT.distort(m.with_rate(measured), theta) - measured)
 
 
+def _other_c(device) -> StageC:
+    """Its C with the opposite sign, and the NumPy that belongs to it."""
+    stage = device.stage(np.ones(3), Conditions(1.0, 1.0, 25.0))
+    body = stage.body.replace("w = r[i] -", "w = r[i] +")
+    return StageC(stage.formula, body, lambda theta, known: {device.name: theta}, stage.numpy, stage.cost)
+
+
 STEP, DEVICE = catalogue()["gyro.bias_step"], ASYMMETRY.device
 #: part -> effect that is broken in it, and what the part says
 BROKEN = [
@@ -65,7 +72,8 @@ BROKEN = [
     ("units", replace(STEP, scan=replace(STEP.scan, name="dps")), "its model file gives"),
     ("live", replace(ASYMMETRY, columns=lambda m: diagonal(_previous(m)), device=DRIFT.device), ""),
     ("live", replace(ASYMMETRY, columns=_ahead, device=DRIFT.device), "does reach say all that it looks at?"),
-    ("c", replace(ASYMMETRY, device=replace(DEVICE, term="SCALE_ASYMMETRY[i] * (w < 0.0f ? w : -w)")), ""),
+    ("c", replace(ASYMMETRY, device=replace(DEVICE, numpy=lambda c, w, inputs: -DEVICE.numpy(c, w, inputs))), "differs from correct"),
+    ("c", replace(ASYMMETRY, device=_other_c(DEVICE)), "its C differs from its NumPy"),
 ]
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from discovery_answers import LAWS, law_of
+from discovery_answers import LAWS, law_of, some_movement
 from numpy.testing import assert_allclose
 
 from session.base.units import DEG
@@ -14,7 +14,7 @@ from tinygc.effects import StageC, load_folder, signals, using, without_vibratio
 from tinygc.effects.catalogue import short_movement
 from tinygc.effects.testing import check
 from tinygc.features.discovery import engine
-from tinygc.features.discovery.effect_file import FULL_SCALE, Where, some_movement, written
+from tinygc.features.discovery.effect_file import FULL_SCALE, Where, written
 from tinygc.features.discovery.engine import MOST_LACKING, not_observed, observed, share_lacking
 from tinygc.features.discovery.enumeration import bits, enumerated
 from tinygc.features.discovery.form import PATTERNS, Factor, LawForm, unit_of

@@ -5,14 +5,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from discovery_answers import DECIDED, LAWS, law_of
+from discovery_answers import DECIDED, LAWS, law_of, some_movement
 from numpy.testing import assert_allclose, assert_array_equal
 from simulated_twins import make_twin_of
 
 from session.base.units import DEG
 from tinygc.features.discovery import engine, search_state
 from tinygc.features.discovery.detection_limits import learnable, learnable_from
-from tinygc.features.discovery.effect_file import some_movement
 from tinygc.features.discovery.enumeration import bits, enumerated
 from tinygc.features.discovery.form import PATTERNS, Factor, LawForm
 from tinygc.features.discovery.law_effect import as_effect, beside_calibration, correlation

@@ -23,7 +23,7 @@ from tinygc.features.discovery.form import Factor, LawForm
 from tinygc.features.discovery.law_fits import curve, main_of, pairs_of, series_of
 from tinygc.features.discovery.pictures import of_stills, of_turns
 from tinygc.features.discovery.report import DiscoveryReport
-from tinygc.features.discovery.report_section import PNG, searched, section
+from tinygc.features.discovery.report_section import SVG, searched, section
 from tinygc.features.discovery.result import discovery_page, to_json
 from tinygc.library import explanations
 from tinygc.reporting.facts import document
@@ -219,7 +219,7 @@ def html_of(folder) -> str:
 def test_the_report_has_a_laws_equation_its_evidence_its_picture_and_how_to_use_it_and_no_markup_of_a_file(tmp_path):
     clipped = runner_up(LawForm((Factor("rate", "within", 0.1),)))
     table = explained(tmp_path, found(law_of(*LAWS["matrix"], runners_up=(clipped,))))
-    (tmp_path / "explain" / "discover.png").write_bytes(PNG + b"and so on")
+    (tmp_path / "explain" / "discover.svg").write_bytes(SVG + b"and so on")
     text = html_of(tmp_path)
     for words in (
         "An equation was found",
@@ -230,14 +230,14 @@ def test_the_report_has_a_laws_equation_its_evidence_its_picture_and_how_to_use_
         "written as <code>explain/effects/x.py</code>",
         f"calibrate.py explain OTHER --effects {tmp_path / 'explain' / 'effects'}",
         "<strong>Next:</strong> turn it again",
-        'src="data:image/png;base64,',
+        'src="data:image/svg+xml;base64,',
         "x ← x 0.1000 ± 0.0020",
     ):
         assert words in text, words
     for key in ("id", "equation", "in_words", "unit", "file"):
         table["discovery"]["laws"][0][key] = "<script>alert(1)</script>"
     again(tmp_path, table)
-    (tmp_path / "explain" / "discover.png").write_bytes(b"no picture")
+    (tmp_path / "explain" / "discover.svg").write_bytes(b"no picture")
     assert not re.search("<script|<img", html_of(tmp_path))
 
 

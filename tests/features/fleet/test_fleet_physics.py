@@ -24,7 +24,7 @@ from tinygc import CalibrationError, check, fit
 from tinygc.explanation.engine import explain_session
 from tinygc.features.fleet.fleet_row import COLUMNS, FIGURES, LONG, FleetOptions, Job, _failing_at, compute, key_of
 from tinygc.features.fleet.fleet_run import Processes, listed_folders, run_fleet, session_folders
-from tinygc.features.fleet.fleet_summary import summarise, to_check, unit_results, write_csv
+from tinygc.features.fleet.fleet_summary import results_of, summarise, to_check, write_csv
 from tinygc.features.fleet.fleet_table import EACH, VERSION, open_table, read_table
 from tinygc.features.fleet.page import fleet_html
 
@@ -84,7 +84,8 @@ def test_a_row_says_what_check_fit_and_explain_say(fleet, tmp_path):
 
 def test_what_was_injected_is_recovered_within_the_sigmas(fleet, whole):
     """Chi-square of each unit's twelve numbers against the truth that the simulator drew."""
-    found, total = list(unit_results(whole)), 0.0
+    with read_table(whole) as opened:
+        found, total = list(results_of(opened)), 0.0
     assert [each.session for each in found] == [f"unit{n}" for n in range(3)]
     for each in found:
         truth = json.loads((fleet / each.session / "truth.json").read_text())
@@ -346,7 +347,9 @@ def test_sessions_have_an_order_and_a_named_effect_is_offered_to_the_units_other
         for folder, serial, effects in each:
             put(table, tmp_path / folder, f"k{folder}", serial=serial, effects=effects, held_out_deg=0.1)
         assert to_check(table) == [(str(tmp_path / "s10"), [str(tmp_path / name) for name in ("s2", "t1")])]
-    assert [each.session for each in unit_results(tmp_path)] == ["s1", "s2", "s002b", "s10", "t1", "u"]
+    with read_table(tmp_path) as opened:
+        names = [each.session for each in results_of(opened)]
+    assert names == ["s1", "s2", "s002b", "s10", "t1", "u"]
 
 
 # The page and the command.

@@ -83,7 +83,7 @@ def test_of_a_session_the_files_go_beside_its_fit_and_hold_the_noise_that_went_i
     table = json.loads((rests / "fit" / "noise.json").read_text())
     assert strangers(table) == []
     assert (table["sensor"], table["serial"], table["logs"]) == ("ASM330LHH", "42", ["rest0001.csv"])
-    assert (rests / "fit" / "noise.png").read_bytes().startswith(b"\x89PNG")
+    assert (rests / "fit" / "noise.svg").read_text(encoding="utf-8").startswith("<svg")
     white = {"gyro": 20e-3 * DEG / np.sqrt(2), "accel": 240e-6 * G / np.sqrt(2)}
     for kind, sensor in read_figures(rests / "fit" / "noise.json").sensors().items():  # as exports and explain do
         for axis in sensor.axes:
@@ -183,14 +183,13 @@ def test_the_screens_are_as_they_stand():
 
 
 def test_the_picture_has_data_model_terms_and_ratio():
-    pytest.importorskip("matplotlib")
-    gyro, accel, ratio, _ = estimate().plot().axes
-    assert (gyro.get_ylabel(), accel.get_ylabel()) == ("Allan deviation (°/h)", "Allan deviation (µg)")
+    gyro, accel, ratio, _ = estimate().plot().panels
+    assert (gyro.y.label, accel.y.label) == ("Allan deviation (°/h)", "Allan deviation (µg)")
     # white noise of x at the first averaging time, 0.01 s: 2.41 °/√h / sqrt(0.01 s)
-    x = next(line for line in gyro.lines if line.get_label() == "x")
-    assert x.get_ydata()[0] == pytest.approx(2.41 * 60 * 10, rel=0.01)
-    assert {text.get_text() for text in gyro.texts} == {"N", "B", "K"}
-    assert all(np.abs(np.log(line.get_ydata()[:20])).max() < 0.05 for line in ratio.lines[:3])
+    x = next(mark for mark in gyro.marks if mark.name == "x")
+    assert x.y[0] == pytest.approx(2.41 * 60 * 10, rel=0.01)
+    assert {mark.says[0] for mark in gyro.marks if mark.style == "word"} == {"N", "B", "K"}
+    assert all(np.abs(np.log(mark.y[:20])).max() < 0.05 for mark in ratio.marks if mark.radius)
 
 
 # An Allan curve in a file

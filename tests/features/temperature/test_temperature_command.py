@@ -39,7 +39,7 @@ def test_the_numbers_are_the_truths_and_applied_nothing_is_left(fitted, tmp_path
         assert axis["lag_s"] == pytest.approx(25, abs=4 * axis["lag_std_s"])
         assert axis["held_out_dps"] < 0.05 * axis["held_out_constant_dps"]
     assert table["remaining_dps"] == [axis["held_out_dps"] for axis in table["gyro"]]
-    assert (folder / "fit" / "temperature.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    assert (folder / "fit" / "temperature.svg").read_bytes()[:4] == b"<svg"
     out = tmp_path / "out.csv"
     code, _, err = run("apply", folder / "fit" / "model_thermal.json", folder / "rest0001.csv.gz", "-o", out, "--unit", "dps")
     assert code == 0, err

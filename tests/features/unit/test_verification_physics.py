@@ -33,9 +33,7 @@ from tinygc.features.unit.verification.questions import (
     PLAUSIBLE,
     B,
     E,
-    NoisePart,
     Question,
-    TodaysNoise,
     ask,
     todays_noise,
 )
@@ -47,7 +45,7 @@ from tinygc.inference.noise import wander_covariance
 from tinygc.models.linear import MATRIX, LinearModel
 from tinygc.models.model import accelerometer_table
 from tinygc.models.physics import PhysicsModel
-from tinygc.noise.components import TURN
+from tinygc.noise.components import TURN, Component, SessionNoise
 from tinygc.planning.proposals import TARGETS
 
 SIZES = {CLOSURE: 24, STILL: 18, LENGTH: 12}
@@ -72,7 +70,7 @@ def made_rows(seed=0, change=None, noise=1.0, with_turns=True, **more) -> Rows:
         known=np.zeros((n, 0)),
         spans_s=np.ones(n),
         white=np.diag(sigma**2),
-        components=(),
+        noise=SessionNoise((), [np.arange(n)], None, np.zeros(0), np.zeros(0)),
         kinds=kinds,
         blank=np.zeros(n, dtype=bool),
         duration_s=60.0,
@@ -209,7 +207,7 @@ def with_component(rows, name, kind, s, sigma):
     V = np.zeros((len(rows.r), len(rows.r)))
     own = rows.kinds[kind]
     V[own, own] = np.eye(own.stop - own.start)
-    return TodaysNoise(rows.white + s**2 * V, (NoisePart(name, V, s, sigma),), todays_noise(rows).found)
+    return replace(rows.noise, components=(Component(name, V, 1.0, "", 1.0, ""),), s=np.array([s]), sigma=np.array([sigma]))
 
 
 @pytest.mark.parametrize(("sigma", "heavier"), [(1e-6, False), (1.0, True)])
@@ -217,7 +215,7 @@ def test_the_zero_is_asked_of_the_rates_at_rest_with_its_spread_and_the_uncertai
     rows = made_rows(13, changed_by((ZERO, [0.015, -0.01, 0.0075])))
     spread, noise = part(rows, np.r_[ZERO], np.full(3, 1e-4)), with_component(rows, "noise.still_rate", STILL, 1.0, sigma)
     still, loose = unknown_e(rows)
-    S = noise.covariance + spread.columns @ spread.columns.T + loose
+    S = rows.covariance(noise) + spread.columns @ spread.columns.T + loose
     expected, k = gls(rows, np.r_[ZERO], np.zeros(0, dtype=int), still, S)
     rows.r[rows.kinds[CLOSURE]] += 100.0  # closures are of no matter
     found = asked(rows, [spread], noise=noise)[B]

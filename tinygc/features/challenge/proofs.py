@@ -15,7 +15,6 @@ from math import isfinite
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import BSpline
 
 from session.base.errors import CalibrationError
 from session.base.files import write_new
@@ -28,9 +27,10 @@ from tinygc.closure.build import build_problem
 from tinygc.deploy.calibration import Calibration
 from tinygc.deploy.embedded.program import Inputs, program
 from tinygc.deploy.embedded.source import FLAGS, SOURCE, source_files
-from tinygc.effects import AppliedEffect, CommonDelay, Conditions, Effect, EffectError, Movement, NoC, ReferenceConditions
+from tinygc.effects import AppliedEffect, CommonDelay, Conditions, Effect, EffectError, NoC, ReferenceConditions
 from tinygc.effects.catalogue import having, tried
 from tinygc.effects.effect import ANYWHERE
+from tinygc.effects.testing import LENGTH_S, hand_movement
 from tinygc.explanation.claims import named_claims, readable
 from tinygc.explanation.data_repair import repair
 from tinygc.explanation.decision import FitClosure, Naming, Prover
@@ -103,7 +103,6 @@ class Report:
 
 # The inputs: parameters, a hand's movement, a small simulated session with the effect in it, and its fit.
 
-LENGTH_S, WARMING_C_PER_S = 20.0, 0.8
 #: share of a parameter's plausible size that a poor sensor has
 SIZE = 0.05
 SEEDS, SEGMENTS, ODR_HZ = (1, 2, 3), 16, 208.0
@@ -125,26 +124,14 @@ def random_theta(effect: Effect, size: float, seed: int) -> np.ndarray:
 def shaped(effect: Effect, length_s: float, value: float | None) -> Effect:
     """The effect with its scanned shape, where it has one, at ``value``, SI, or amid what a search would try."""
     if effect.scan is not None and value is None:
-        grid, moved = effect.scan.grid, movement(104.0, effect.reference_conditions, length_s)
+        grid, moved = effect.scan.grid, hand_movement(104.0, effect.reference_conditions, length_s)
         value = 0.4 * length_s if grid is None else float(np.median(grid([moved])))
     return effect if value is None else effect.at(value)
 
 
-def movement(odr_hz: float, at: ReferenceConditions, length_s: float = LENGTH_S) -> Movement:
-    """A hand movement: rest, movement up to two fifths of full scale and 2 Hz, rest; with all inputs, each of its own shape."""
-    t_s = np.arange(0, length_s, 1 / odr_hz)
-    window = BSpline.basis_element(np.linspace(0.2, 0.8, 9) * length_s, extrapolate=False)  # six times differentiable
-    waves = np.stack([np.sin(2 * np.pi * f * t_s + p) for f, p in ((0.5, 0.3), (0.9, 1.1), (2.0, 2.0))], axis=-1)
-    rate = at.fs_rps * np.nan_to_num(window(t_s))[:, None] * waves
-    gravity = np.stack([np.sin(0.7 * t_s), np.cos(0.7 * t_s) * np.sin(0.4 * t_s), -np.cos(0.7 * t_s) * np.cos(0.4 * t_s)], axis=-1)
-    force_g = (1 + 0.2 * np.sin(1.9 * t_s))[:, None] * gravity  # up to a fifth of it is the hand's acceleration
-    shaken_g2, temp_c = 0.2 * np.exp(-(((t_s / length_s - 0.5) * 10) ** 2)), at.first_temp_c + WARMING_C_PER_S * t_s
-    return Movement(t_s, 1 / odr_hz, rate, force_g, temp_c, shaken_g2, length_s, at.fs_rps, at.first_temp_c)
-
-
 def log(odr_hz: float, at: ReferenceConditions, noise: float = 0.0) -> Samples:
     """The same movement as a log, with noise of so many rad/s, and m/s^2."""
-    moved, rng = movement(odr_hz, at), np.random.default_rng(0)
+    moved, rng = hand_movement(odr_hz, at), np.random.default_rng(0)
     stamps = np.rint(np.arange(len(moved.t_s)) * (NS_PER_S / odr_hz)).astype(np.int64)
     gyro, accel = (true + noise * rng.normal(size=true.shape) for true in (moved.rate, moved.force_g * G))
     return Samples(stamps, gyro, accel, moved.temp_c)
@@ -240,7 +227,7 @@ ROUNDING = 1e-12
 
 def columns(trial: EffectTrial) -> str:
     """Compare columns with finite differences of ``distort`` at zero."""
-    effect, moved = trial.effect, movement(FINE_HZ, trial.at, 10.0)
+    effect, moved = trial.effect, hand_movement(FINE_HZ, trial.at, 10.0)
     found, step = effect.columns(effect.shown(moved)), STEP * effect.parameter.plausible
     numeric = np.stack([(effect.distort(moved, step * e) - moved.rate) / step for e in np.eye(effect.parameter.size)], axis=-1)
     greatest = np.abs(numeric).max(axis=(0, 1))
@@ -254,7 +241,7 @@ def columns(trial: EffectTrial) -> str:
 
 def undo(trial: EffectTrial) -> str:
     """Check that ``correct`` restores the true rate, and changes nothing without parameters."""
-    effect, moved, theta = trial.effect, movement(USUAL_HZ, trial.at, 10.0), trial.theta
+    effect, moved, theta = trial.effect, hand_movement(USUAL_HZ, trial.at, 10.0), trial.theta
     bent = effect.distort(moved, theta)
     off = np.abs(effect.correct(bent, moved.with_rate(bent), theta) - moved.rate)[ENDS:-ENDS]
     left = float(off.max() / np.abs(bent - moved.rate).max())

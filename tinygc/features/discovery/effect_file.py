@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from math import isfinite
 from textwrap import indent, wrap
 
 import numpy as np
 
 from session.base.numeric import rms_of
-from session.base.rotation import unit_vectors
 from session.base.texts import printable
 from session.base.units import DEG
-from tinygc.effects import Movement
+from tinygc.effects import Movement, ReferenceConditions
 from tinygc.effects.device import MOST_PASSES, PASSES
 from tinygc.effects.inversion import substituted, undone_with_jumps
+from tinygc.effects.testing import hand_movement
 from tinygc.features.discovery.form import LawForm
 from tinygc.features.discovery.law_effect import columns_of, why_not
 from tinygc.features.discovery.result import evidence_words, law_table, open_words
@@ -71,62 +71,10 @@ def _where(where: Where) -> str:
     )
 
 
-# A simulated movement.
-#
-# Every quantity takes values over its whole range and of both signs, independent of the others, so that steps at neighbouring thresholds
-# differ in a few samples.
+# How many passes of substitution undo a law, by trial on the movement of a proof: declared by the written file, and run by its C.
 
-SAMPLES, RATE_HZ, FULL_SCALE = 2400, 10.0, 500 * DEG
-#: jitter of samples in sampling periods, so that no time is a multiple of it; samples of the shortest and the longest turn or rest
-STRAY, SHORTEST, LONGEST = 0.2, 10, 240
-#: share of a turn's size: 1 to 10 dps is slower than what ends a rest, and above noise
-CREEP = 0.015
-
-
-def some_movement(seed: int) -> Movement:
-    """Four minutes of turns, rests and creeps of many lengths, with warming, cooling and vibration."""
-    rng = np.random.default_rng(seed)
-    t_s = (np.arange(SAMPLES) + rng.uniform(0, STRAY, SAMPLES)) / RATE_HZ
-    force = _wandering(rng, 3)
-    return Movement(
-        t_s=rng.uniform(0.1, 0.5) + t_s,
-        dt_s=1 / RATE_HZ,
-        rate=0.8 * FULL_SCALE * _turning(rng)[:, None] * _wandering(rng, 3),
-        force_g=unit_vectors(force) * rng.uniform(0.8, 1.2, (SAMPLES, 1)),
-        temp_c=25 + 10 * _wandering(rng, 1)[:, 0],
-        vibration_g2=rng.uniform(0.0, 0.2, SAMPLES),
-        duration_s=SAMPLES / RATE_HZ + 1.0,
-        fs_rps=FULL_SCALE,
-        first_temp_c=25.0,
-    )
-
-
-def _turning(rng: np.random.Generator) -> np.ndarray:
-    """(SAMPLES,) a swell up to 1 in turns and to ``CREEP`` in every other rest, 0 in the others.
-
-    It begins with a short turn and the longest rest, so that settling with time is not yet complete there.
-    """
-    found, first, number = np.zeros(SAMPLES), 0, 0
-    while first < SAMPLES:
-        length = (SHORTEST, LONGEST)[number] if number < 2 else int(np.exp(rng.uniform(np.log(SHORTEST), np.log(LONGEST))))
-        phase = (np.arange(length) + 0.5) / length
-        swell = np.cos(np.pi / 2 * phase) if number == 0 else np.sin(np.pi * phase)
-        found[first : first + length] = ((1.0, 0.0, 1.0, CREEP)[number % 4] * swell)[: SAMPLES - first]
-        first, number = first + length, number + 1
-    return found
-
-
-def _wandering(rng: np.random.Generator, axes: int) -> np.ndarray:
-    """(SAMPLES, axes) smooth over about a second, uniform over −1 to 1."""
-    noise = rng.standard_normal((SAMPLES + 20, axes))
-    smooth = np.stack([np.convolve(column, np.hanning(22)[1:], mode="valid") for column in noise.T], axis=1)
-    return 2 * np.argsort(np.argsort(smooth, axis=0), axis=0) / (SAMPLES - 1) - 1
-
-
-# How many fixed-point passes invert a law, by trial on a simulated movement: declared by the written file and run by its C.
-
-#: Hz, the highest rate of a proof; s of movement
-TRIAL_HZ, TRIAL_S = 833.0, 8.0
+#: rad/s, where the session's is unknown; Hz, the highest rate of a proof; s of movement
+FULL_SCALE, TRIAL_HZ, TRIAL_S = 500 * DEG, 833.0, 8.0
 #: factors on the size found, of each sign, that another unit may have: the range of a proof
 STRONGER, DRAWN = 1.5, 2
 #: share of the added rate that may remain (a proof requires 5e-3), and share of rows that may exceed it, as at the rate that ends a
@@ -136,67 +84,27 @@ LEFT, ASTRAY = 1e-3, 0.01
 LEFT_IN_C = 2e-6
 
 
-def passes_of(form: LawForm, theta: np.ndarray, jumps: bool, full_scale: float = FULL_SCALE) -> int | None:
-    """Fixed-point passes over all rows that invert a law, theta (P,) SI; None where ``MOST_PASSES`` are not enough."""
-    moved = _movement(full_scale)
+def passes_of(form: LawForm, theta: np.ndarray, full_scale: float = FULL_SCALE, in_c: bool = False) -> int | None:
+    """Passes over all rows that undo a law, theta (P,) SI, or in single precision up to full scale, each row on its own; None where
+    ``MOST_PASSES`` are not enough."""
+    rng, rms = np.random.default_rng(0), rms_of(theta)
+    moved = hand_movement(TRIAL_HZ, ReferenceConditions(full_scale), TRIAL_S)
+    if in_c:
+        moved = moved.with_rate(np.random.default_rng(1).uniform(-full_scale, full_scale, moved.rate.shape))
+    undone = undone_with_jumps if jumps(form) else substituted
+    passes = PASSES
+    for size in (STRONGER * theta, *(STRONGER * rms * rng.choice((-1.0, 1.0), (DRAWN, len(theta))))):
 
-    def left(size: np.ndarray, passes: int) -> bool:
-        def added(movement: Movement) -> np.ndarray:
+        def added(movement: Movement, size: np.ndarray = size) -> np.ndarray:
             return columns_of(form, movement) @ size
 
-        distorted = moved.rate + (adds := added(moved))
-        undone = undone_with_jumps if jumps else substituted
-        rate = undone(distorted, moved, added, passes)
-        off = np.abs(rate - moved.rate).max(axis=1) > LEFT * np.abs(adds).max(initial=1e-12)
-        return bool(off.mean() > ASTRAY)
-
-    return _least(theta, left)
-
-
-def passes_in_c(form: LawForm, theta: np.ndarray, full_scale: float = FULL_SCALE) -> int | None:
-    """As ``passes_of`` in single precision up to full scale, each row on its own."""
-    rng, moved = np.random.default_rng(0), _movement(full_scale)
-    moved = replace(moved, rate=rng.uniform(-full_scale, full_scale, np.shape(moved.rate)))
-
-    def left(size: np.ndarray, passes: int) -> bool:
-        rate = substituted(moved.rate, moved, lambda movement: columns_of(form, movement) @ size, passes)
-        again = rate + columns_of(form, moved.with_rate(rate)) @ size
-        return bool((np.abs(again - moved.rate) > LEFT_IN_C * (1 + np.abs(moved.rate))).any())
-
-    return _least(theta, left)
-
-
-def _least(theta: np.ndarray, left: Callable[[np.ndarray, int], bool]) -> int | None:
-    rng, rms = np.random.default_rng(0), rms_of(theta)
-    sizes = [STRONGER * theta, *(STRONGER * rms * rng.choice((-1.0, 1.0), (DRAWN, len(theta))))]
-    passes = PASSES
-    for size in sizes:
-        while left(size, passes):
+        adds = added(moved)
+        allowed, astray = (LEFT_IN_C, 0.0) if in_c else (LEFT * np.abs(adds).max(initial=1e-12), ASTRAY)
+        while np.mean(np.abs(undone(moved.rate + adds, moved, added, passes) - moved.rate).max(axis=1) > allowed) > astray:
             if passes >= MOST_PASSES:
                 return None
             passes = min(passes + 1 + passes // 4, MOST_PASSES)
     return passes
-
-
-def _movement(full_scale: float) -> Movement:
-    """(N,) rows of a simulated movement, linear between its samples and more abrupt than a hand."""
-    drawn = some_movement(0)
-    t_s = drawn.t_s[0] + np.arange(0.0, TRIAL_S, 1 / TRIAL_HZ)
-
-    def at(values: np.ndarray) -> np.ndarray:
-        flat = values.reshape(len(values), -1)
-        return np.stack([np.interp(t_s, drawn.t_s, column) for column in flat.T], axis=-1).reshape(-1, *values.shape[1:])
-
-    return replace(
-        drawn,
-        t_s=t_s,
-        dt_s=1 / TRIAL_HZ,
-        rate=at(drawn.rate) * full_scale / FULL_SCALE,
-        force_g=at(drawn.force_g),
-        temp_c=at(drawn.temp_c),
-        vibration_g2=at(drawn.vibration_g2),
-        fs_rps=full_scale,
-    )
 
 
 # The file: a law's form and numbers, which ``law_effect`` makes an effect.  Nothing of a recording becomes code but numbers.
@@ -219,7 +127,7 @@ def written(law: Law, where: Where, name: str | None = None) -> str:
     full_scale = FULL_SCALE if dps is None else dps * DEG
     passes: int | None = PASSES
     if jumps(form) or form.reach:
-        passes = passes_of(form, law.theta, jumps(form), full_scale)
+        passes = passes_of(form, law.theta, full_scale)
     given: dict[str, object] = {
         "sigmas": tuple(float(f"{sigma:.3g}") for sigma in law.constants_sigma) or None,
         "full_scale_dps": None if dps is None else float(f"{dps:.9g}"),
@@ -227,7 +135,7 @@ def written(law: Law, where: Where, name: str | None = None) -> str:
         "passes": None if passes in (None, PASSES) else passes,
     }
     lines = [f"{key}={value!r}," for key, value in given.items() if value is not None]
-    if not why_not(form) and (in_c := passes_in_c(form, law.theta, full_scale)) != PASSES:
+    if not why_not(form) and (in_c := passes_of(form, law.theta, full_scale, in_c=True)) != PASSES:
         lines.append(f"passes_in_c={in_c},")
     if len(law.unobserved):
         lines += ["# combinations of the coefficients that the session did not observe; the law is without them"]

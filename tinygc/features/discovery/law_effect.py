@@ -233,7 +233,7 @@ def law_effect(
     the session did not observe, and that the law is without.
     """
     fs_rps = None if full_scale_dps is None else full_scale_dps * DEG
-    known = {key: value for key, value in {"fs_rps": fs_rps, "first_temp_c": first_temp_c}.items() if value is not None}
+    known: dict[str, Any] = {key: value for key, value in {"fs_rps": fs_rps, "first_temp_c": first_temp_c}.items() if value is not None}
     seen, jumping, (unit, parameter) = np.eye(form.size), jumps(form), coefficient_unit(form)
     if len(not_observed):
         seen = seen - np.linalg.pinv(np.array(not_observed)) @ np.array(not_observed)

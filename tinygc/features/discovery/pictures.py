@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -32,12 +32,8 @@ from tinygc.features.discovery.law_fits import (
 from tinygc.features.discovery.result import briefly, headline, other_equation
 from tinygc.features.discovery.search_state import Discovery, Law
 from tinygc.features.discovery.words import coefficient_unit, equation
-from tinygc.reporting.pictures.canvas import AXES, FLOOR, canvas, colour_scale, legend, zero_line
+from tinygc.reporting.drawing import Axis, Panel, Picture
 from tinygc.reporting.pictures.values import one_way, projector, telling
-
-if TYPE_CHECKING:
-    from tinygc.reporting.pictures.canvas import Axes, Figure
-
 
 # Residuals of stills and turns: without the law, with it, and with its runner-up.
 #
@@ -185,55 +181,65 @@ def _placed(pair: Pair, series: LawSeries, x: np.ndarray, said: np.ndarray, keep
 
 # Two panels of a law: residuals along its quantity with the law and its runner-up, and the residuals of each.
 
-#: panels of matplotlib, left and right
-Sides = tuple[Any, Any]
-
-COLOURS = tuple(AXES.values())
+#: colours of the series of a panel
+COLOURS = ("x", "y", "z")
 #: functions whose constant is a place along their quantity
 EDGED = ("dead_zone", "excess", "within", "beyond", "signed_beyond", "above", "hinge", "band")
-#: colour of the runner-up, the same for all axes
-OTHER = "#555555"
 #: points of a curve
 POINTS = 400
-#: quantiles of a second factor's levels at which the law is drawn
+#: quantiles of a second factor's levels at which the law is drawn, and among which its points are parted
 QUANTILES = (0.1, 0.5, 0.9)
 
 
-def draw_pair(e: Explanation, pair: Pair, points: list[Points], left: Axes, right: Axes) -> None:
+def draw_pair(e: Explanation, pair: Pair, points: list[Points]) -> tuple[Panel, Panel]:
     """Draw one row of the page."""
     law, own, where = pair.law, pair.own, "in each still" if points[0].still else "of each turn"
-    movement = e.twin.movements[0]
-    times, words, unit = shown_as(main_of(law.form), movement)
+    times, words, unit = shown_as(main_of(law.form), e.twin.movements[0])
     along = points[0].along_law
     one = 1e3 if not along or points[0].still else 1.0
-    y_unit = "mdps" if one == 1e3 else "°"
+    y_unit, what = ("mdps", "rate") if one == 1e3 else ("°", "closure")
     times = one if along else times
-    what = "rate" if one == 1e3 else "closure"
     components = {each.series.component for each in points}
     which = component_name(main_of(law.form), next(iter(components))) if len(components) == 1 else "the axis"
-    x_label = f"what the law says ({y_unit})" if along else f"{words.format(i=which)} ({unit})"
-    names = [_name(law, each.series) for each in points]
-    level = points[0].level
-    for axes in (left, right):
-        zero_line(axes)
-    if level is None:
-        for name, each, colour in zip(names, points, COLOURS, strict=False):
-            _errorbars(left, each.x * times, each.without * one, each.sigma * one, colour)
-            _errorbars(right, each.x * times, each.left * one, each.sigma * one, colour)
-            left.plot([], [], "o-", ms=4, color=colour, label=f"{name}{_number(law, each.series)}")
-            right.plot([], [], "o", ms=4, color=colour, label=f"{name}, with the law")
+    label = f"what the law says ({y_unit})" if along else f"{words.format(i=which)} ({unit})"
+    left = Panel(Axis(label), Axis(f"{what} {where} without the law ({y_unit})"), f"Without the law: {what} {where}").zero()
+    right = Panel(Axis(label), Axis(f"{what} that is left ({y_unit})"), _what_is_left(points)).zero()
+    series = (
+        _by_level(law, points[0])
+        if points[0].level is not None
+        else [(each, _name(law, each.series), _number(law, each.series)) for each in points]
+    )
+    for (each, name, number), kind in zip(series, COLOURS, strict=False):
+        left.points(each.x * times, each.without * one, kind, sigma=each.sigma * one, name=name + number)
+        right.points(each.x * times, each.left * one, kind, sigma=each.sigma * one, name=f"{name}, with the law")
+        if not along:
+            at = np.linspace(*_span(each.x), POINTS)
+            said = curve(main_of(law.form), at, own.theta[list(each.series.entries)]) / DEG
+            height = 1.0 if each.level is None else float(np.median(each.level))
+            left.line(at * times, said * height * one, kind, name=name + number, is_measure=False)
+    if along:
+        low, high = _span(np.concatenate([each.x for each in points]))
+        left.line([low * times, high * times], [low * one, high * one], "ink", name="what the law says, slope 1", is_measure=False)
     else:
-        _levels(law, own, points[0], times, one, left, right)
-    _laws(law, own, points, times, one, left)
-    if not along:
         _edges(law, points, times, unit, left)
-    _runner_up(e, pair, points, times, one, (left, right))
-    _fit_in(left, [each.without * one for each in points])
-    _fit_in(right, [each.left * one for each in points] + [each.other_left * one for each in points if each.other_left is not None])
-    left.set(xlabel=x_label, ylabel=f"{what} {where} without the law ({y_unit})", title=f"Without the law: {what} {where}")
-    right.set(xlabel=x_label, ylabel=f"{what} that is left ({y_unit})", title=_what_is_left(points))
-    for axes in (left, right):
-        legend(axes)
+    _runner_up(e, pair, points, times, one, left, right)
+    return left, right
+
+
+def _by_level(law: Law, points: Points) -> list[tuple[Points, str, str]]:
+    """One series of a law of two quantities, parted by the level of the second, with the law at each part's middle level."""
+    other = other_of(law.form)
+    assert other is not None
+    assert points.level is not None
+    # The second quantity through its function, with its unit
+    component = component_beside(law.form, points.series)
+    symbol = other.of.symbol.format(i=component_name(other, component // other.through.phases))
+    shown = other.through.shown.format(x=symbol, c="" if other.constant is None else f"{other.constant:.3g}")
+    unit = f" {other.of.unit}" if other.through.name == "itself" and other.of.unit != "1" else ""
+    centres = np.quantile(points.level, QUANTILES)
+    nearest = np.argmin(np.abs(points.level[:, None] - centres), axis=1)
+    parts = [points.some(nearest == n) for n in range(len(centres)) if np.any(nearest == n)]
+    return [(part, f"{_name(law, part.series)} at {shown} of {np.median(part.level):.3g}{unit}", "") for part in parts]
 
 
 def _name(law: Law, series: LawSeries) -> str:
@@ -256,84 +262,36 @@ def _number(law: Law, series: LawSeries) -> str:
     return f": {measured(law.theta[entry] / DEG, sigma / DEG)} {unit}"
 
 
-def _errorbars(axes: Axes, x: np.ndarray, y: np.ndarray, sigma: np.ndarray, colour: str) -> None:
-    """Draw error bars, pale where they are large."""
-    alpha = np.clip(2 * sigma.min(initial=np.inf) / sigma, 0.15, 1)
-    for at, value, spread, strength in zip(x, y, sigma, alpha, strict=True):
-        axes.errorbar(at, value, spread, fmt="o", ms=4, lw=0.8, color=colour, alpha=strength)
-
-
-def _laws(law: Law, own: Fitted, points: list[Points], times: float, one: float, axes: Axes) -> None:
-    """Draw the law through the points: a curve along the quantity, or the line of slope one."""
-    if points[0].level is not None:
-        return
-    if points[0].along_law:
-        low, high = _span(np.concatenate([each.x for each in points]))
-        axes.plot([low * times, high * times], [low * one, high * one], "-", color="black", lw=1.5, label="what the law says, slope 1")
-        return
-    for each, colour in zip(points, COLOURS, strict=False):
-        at = np.linspace(*_span(each.x), POINTS)
-        said = curve(main_of(law.form), at, own.theta[list(each.series.entries)]) / DEG
-        axes.plot(at * times, said * one, color=colour, lw=1.8)
-
-
-def _edges(law: Law, points: list[Points], times: float, unit: str, axes: Axes) -> None:
-    """Draw dotted lines where the law begins or ends, within the range of the points."""
+def _edges(law: Law, points: list[Points], times: float, unit: str, panel: Panel) -> None:
+    """Draw dashed lines where the law begins or ends, within the range of the points."""
     main = main_of(law.form)
     if main.function not in EDGED or main.constant is None:
         return
     low, high = _span(np.concatenate([each.x for each in points]))
     both = main.function not in ("above", "hinge") and low < 0
-    label = f"{main.through.constant} {'±' if both else ''}{main.constant * times:.3g} {unit}"
+    name = f"{main.through.constant} {'±' if both else ''}{main.constant * times:.3g} {unit}"
     for edge in (main.constant, -main.constant) if both else (main.constant,):
         if low <= edge <= high:
-            axes.axvline(edge * times, ls=":", lw=1.0, color=FLOOR, label=label, zorder=0)
-            label = "_"  # labelled once
+            panel.upright(edge * times, name=name)
 
 
-def _levels(law: Law, own: Fitted, points: Points, times: float, one: float, left: Axes, right: Axes) -> None:
-    """Draw one series of a law of two quantities, coloured by the level of the second."""
-    assert points.level is not None
-    other = other_of(law.form)
-    assert other is not None
-    scale, colours = colour_scale(*_span(points.level))
-    for axes, values in ((left, points.without), (right, points.left)):
-        axes.errorbar(points.x * times, values * one, points.sigma * one, fmt="none", lw=0.8, color=FLOOR, zorder=1)
-        drawn = axes.scatter(points.x * times, values * one, c=points.level, cmap=colours, norm=scale, s=26, zorder=2)
-    # The second quantity through its function, with its unit
-    component = component_beside(law.form, points.series)
-    symbol = other.of.symbol.format(i=component_name(other, component // other.through.phases))
-    constant = "" if other.constant is None else f"{other.constant:.3g}"
-    shown = other.through.shown.format(x=symbol, c=constant)
-    shown += f" ({other.of.unit})" if other.through.name == "itself" and other.of.unit != "1" else ""
-    right.figure.colorbar(drawn, ax=right, label=shown)
-    at = np.linspace(*_span(points.x), POINTS)
-    said = curve(main_of(law.form), at, own.theta[list(points.series.entries)]) / DEG
-    for level in np.quantile(points.level, QUANTILES):
-        left.plot(at * times, level * said * one, color=colours(scale(level)), lw=1.8, label=f"law at {level:.3g}")
-    right.plot([], [], "o", color=colours(0.5), label=f"{_name(law, points.series)}, with the law")
-
-
-def _runner_up(e: Explanation, pair: Pair, points: list[Points], times: float, one: float, axes: Sides) -> None:
-    """Draw the runner-up with its own calibration: a diamond at each turn or still, and for stills a dashed curve."""
+def _runner_up(e: Explanation, pair: Pair, points: list[Points], times: float, one: float, left: Panel, right: Panel) -> None:
+    """Draw the runner-up with its own calibration: a ring at each turn or still, and for stills a dashed curve."""
     own, other = pair.own, pair.other
     if other is None:
         return
-    left, right = axes
     # A turn's movement is not constant, and where an axis follows several components no curve along one is complete.
     single = len({each.axis for each in series_of(pair.law.form)}) == len(series_of(pair.law.form))
     dashed = points[0].still and single and points[0].level is None and not points[0].along_law
-    for each, colour in zip(points, COLOURS, strict=False):
+    for each, kind in zip(points, COLOURS, strict=False):
         if each.other_says is None or each.other_left is None:
             continue
-        drawn = {"mfc": "none", "color": colour if each.level is None else OTHER, "ms": 6, "alpha": 0.75}
-        left.plot(each.x * times, each.other_says * one, "D", **drawn)
-        right.plot(each.x * times, each.other_left * one, "D", **drawn)
+        kind = kind if each.level is None else "ink"
+        left.points(each.x * times, each.other_says * one, kind, ring=True, name="what the runner-up says")
+        right.points(each.x * times, each.other_left * one, kind, ring=True, name="with the runner-up")
         if dashed and (said := other_curve(e, own, other, each.series)) is not None:
             at = np.linspace(*_span(each.x), POINTS)
-            left.plot(at * times, said(at) / DEG * one, "--", color=drawn["color"], lw=1.2)
-    left.plot([], [], "D--" if dashed else "D", mfc="none", color=OTHER, label="what the runner-up says")
-    right.plot([], [], "D", mfc="none", color=OTHER, label="with the runner-up")
+            left.line(at * times, said(at) / DEG * one, kind, "dash", is_measure=False)
 
 
 def _what_is_left(points: list[Points]) -> str:
@@ -351,13 +309,7 @@ def _span(values: np.ndarray) -> tuple[float, float]:
     return (low - room if low < 0 else max(low - room, 0.0)), high + room  # a quantity without a sign stays positive
 
 
-def _fit_in(axes: Axes, values: list[np.ndarray]) -> None:
-    """Fit the axes to all values, zero and a margin, ignoring the curve beyond the points."""
-    low, high = _span(np.append(np.concatenate(values), 0.0))
-    axes.set_ylim(low - (high - low) * 0.05, high + (high - low) * 0.05)
-
-
-# ``explain/discover.png``: residuals against the law's quantity, with the law and its runner-up.
+# ``explain/discover.svg``: residuals against the law's quantity, with the law and its runner-up.
 
 #: share of a law's chi-square above which a channel has its own row
 SHARE = 0.15
@@ -365,14 +317,11 @@ SHARE = 0.15
 MOST_SERIES = 3
 
 
-def figure_of(e: Explanation, discovery: Discovery, pairs: list[Pair]) -> Figure:
-    """The page as a matplotlib figure, for an answer with laws.  Raises CalibrationError where matplotlib is missing."""
-    rows = [(pair, points) for pair in pairs for points in _rows(e, pair)]
+def picture_of(e: Explanation, discovery: Discovery, pairs: list[Pair]) -> Picture:
+    """The picture, for an answer with laws."""
     title, _ = headline(discovery.verdict, any(law.runners_up for law in discovery.laws))
-    figure, grid = canvas(len(rows), f"{e.session.name}: {title}", (), [_words(pair.law) for pair in pairs])
-    for (pair, points), sides in zip(rows, np.reshape(grid, (-1, 2)), strict=True):
-        draw_pair(e, pair, points, *sides)
-    return figure
+    panels = [panel for pair in pairs for points in _rows(e, pair) for panel in draw_pair(e, pair, points)]
+    return Picture(panels, f"{e.session.name}: {title}", [_words(pair.law) for pair in pairs])
 
 
 def _words(law: Law) -> str:

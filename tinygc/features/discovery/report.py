@@ -9,7 +9,6 @@ import re
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from session import VERSION
 from session.base.errors import FormatError
@@ -22,18 +21,14 @@ from tinygc.effects.catalogue import loaded_folders
 from tinygc.explanation.engine import Explanation
 from tinygc.features.discovery.effect_file import Where, written
 from tinygc.features.discovery.law_fits import Pair, is_open, next_of, pairs_of
-from tinygc.features.discovery.pictures import figure_of
+from tinygc.features.discovery.pictures import picture_of
 from tinygc.features.discovery.result import discovery_page, to_json
 from tinygc.features.discovery.search_state import Discovery, Law
 from tinygc.features.discovery.selection import FORM
 from tinygc.library.explanations import Why
+from tinygc.reporting.drawing import Picture
 from tinygc.reporting.explanation_text import explanation_page
-from tinygc.reporting.pictures.canvas import save as save_figure
 from tinygc.reporting.terminal import Group, Text
-
-if TYPE_CHECKING:
-    from tinygc.reporting.pictures.canvas import Figure
-
 
 # Save laws as effect files in a folder whose earlier files may have been edited; no edit is ever lost.
 #
@@ -147,9 +142,9 @@ class DiscoveryReport(Why):
         """The terminal's page: the explanation, then the search with its advice on what to do next."""
         return Group(explanation_page(self.explanation, with_next=False), Text(""), discovery_page(self.table))
 
-    def figure(self) -> Figure:
-        """``discover.png``, for an answer with laws.  CalibrationError without matplotlib."""
-        return figure_of(self.explanation, self.beyond, self.pairs)
+    def discovered(self) -> Picture:
+        """``discover.svg``, for an answer with laws."""
+        return picture_of(self.explanation, self.beyond, self.pairs)
 
     def save(self, folder: Path | str | None = None, pictures: bool = True) -> Path:
         """Save the explanation's files, an effect file for each law, and the picture of them; return the folder.
@@ -166,8 +161,8 @@ class DiscoveryReport(Why):
         self.__dict__.pop("table", None)  # it names the effect files
         super().save(folder, pictures)
         if pictures and self.beyond.laws:
-            save_figure(self.figure(), folder / "discover.png")
+            self.discovered().save(folder / "discover.svg")
         else:  # a picture of an earlier run shows another answer
-            with naming(folder / "discover.png"):
-                (folder / "discover.png").unlink(missing_ok=True)
+            with naming(folder / "discover.svg"):
+                (folder / "discover.svg").unlink(missing_ok=True)
         return folder

@@ -31,9 +31,9 @@ BEHIND = "explanation"
 # Read what an earlier ``explain --discover`` of this session found beyond the catalogue, without running its files.
 
 DO = "explain again, or remove it"
-#: bytes of discover.png, which has some 100 kB
+#: bytes of discover.svg, which has some 100 kB
 MOST_PICTURE = 8 * MB
-PNG = b"\x89PNG\r\n\x1a\n"
+SVG = b"<svg xmlns="
 _RIVAL = Keys({"id": Maybe(Text()), "equation": Text(), "worse_by": Number(), "correlation": Number(), "discriminating_motion": Text()})
 _LAW = Keys(
     {
@@ -64,7 +64,7 @@ SHAPE = Keys({"schema": Text(("tinygc-explain/2",))}, {"next": Maybe(Text()), "l
 
 @dataclass(frozen=True, eq=False)
 class SavedDiscovery:
-    """folder of the explanation; table: its ``discovery``; following: what to do next, or empty; picture: discover.png, or None."""
+    """folder of the explanation; table: its ``discovery``; following: what to do next, or empty; picture: discover.svg, or None."""
 
     folder: Path
     table: dict
@@ -87,7 +87,7 @@ def searched(folder: Path, logs: Mapping[str, str]) -> SavedDiscovery | None:
         return None
     for number, law in enumerate(table["laws"]):
         _require_numbers(law, f"{path.name}: discovery.laws[{number}]")
-    return SavedDiscovery(where, table, explained.get("next") or "", _picture(where / "discover.png") if table["laws"] else None)
+    return SavedDiscovery(where, table, explained.get("next") or "", _picture(where / "discover.svg") if table["laws"] else None)
 
 
 def _require_numbers(law: dict, where: str) -> None:
@@ -104,12 +104,12 @@ def _is_flat(table: object) -> bool:
 
 
 def _picture(path: Path) -> bytes | None:
-    """A PNG small enough for a page."""
+    """An SVG small enough for a page, which shows it as an image: nothing in it runs."""
     try:
         data = read_bytes(path, MOST_PICTURE) if path.is_file() else b""
     except FormatError:
         return None
-    return data if data.startswith(PNG) else None
+    return data if data.startswith(SVG) else None
 
 
 # Report section on laws beyond the catalogue: the equations of an ``explain --discover``, their evidence, and their use.
@@ -136,7 +136,7 @@ def section(evidence: ReportData) -> Section | None:
         data = b64encode(found.picture).decode()
         says = "Left: what is missed without the law, with the law through it. Right: what it leaves."
         html += (
-            f'<figure><img src="data:image/png;base64,{data}" alt="The remainder against the law, and what the law leaves">'
+            f'<figure><img src="data:image/svg+xml;base64,{data}" alt="The remainder against the law, and what the law leaves">'
             f"<figcaption>{says}</figcaption></figure>"
         )
     if found.following:

@@ -39,11 +39,11 @@ def fitted_sessions(path: Path) -> Iterator[tuple[str, str, str, str, np.ndarray
     out = path.parent if path.name == NAME else path
     if path.name != NAME and not (path / NAME).is_file():
         return None
-    from tinygc.features.fleet.fleet_summary import fitted_rows
+    from tinygc.features.fleet.fleet_summary import results_of
 
     def rows() -> Iterator[tuple[str, str, str, str, np.ndarray, np.ndarray]]:
         with read_table(out) as table:
-            for row in fitted_rows(table):
+            for row in results_of(table):
                 yield row.folder, row.model, row.serial, row.recorded, row.values, row.covariance
 
     return rows()

@@ -7,15 +7,14 @@ import csv
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import NamedTuple, TextIO
+from typing import TextIO
 
 import numpy as np
 
 from session.base.errors import CalibrationError
 from session.base.texts import listed, printable
 from tinygc.features.fleet.fleet_row import COLUMNS, DONE, VALUES, told_by, unpacked
-from tinygc.features.fleet.fleet_table import COUNTED, EACH, Table, not_as_written, read_table
+from tinygc.features.fleet.fleet_table import COUNTED, EACH, Table, not_as_written
 from tinygc.features.fleet.lot import UnitResult
 from tinygc.features.fleet.report import LotReport, lot_of
 from tinygc.inference.decide import simply_accepted
@@ -28,42 +27,14 @@ IN_ORDER = f"ORDER BY ifnull(recorded, '') = '', recorded, {COUNTED}(folder), fo
 NOT_IN_CSV = ("covariance",)
 
 
-def unit_results(out: Path) -> Iterator[UnitResult]:
-    """Yield each fitted session of OUT's table, in the order of production; a copy counts once.
-
-    Raises FormatError where there is no table.
-    """
-    with read_table(out) as table:
-        yield from results_of(table)
-
-
 def results_of(table: Table) -> Iterator[UnitResult]:
-    """Yield the fitted sessions of an open table, as ``unit_results``."""
-    for order, row in enumerate(fitted_rows(table)):
-        yield UnitResult(row.key, row.serial, Path(row.folder).name, row.values, row.covariance, float(order))
-
-
-class FittedRow(NamedTuple):
-    """A fitted session of a fleet's table: its folder; model and serial number of its sensor; recorded: its date; key of its inputs and
-    options; values (21,) in the order of ``VALUES``, and their covariance (21, 21)."""
-
-    folder: str
-    model: str
-    serial: str
-    recorded: str
-    key: str
-    values: np.ndarray
-    covariance: np.ndarray
-
-
-def fitted_rows(table: Table) -> Iterator[FittedRow]:
-    """Yield each fitted session, in order."""
+    """Yield each fitted session of an open table, in the order of production; a copy counts once."""
     names = ("folder", "model", "serial", "recorded", "key", "covariance")
     sql = f"SELECT {', '.join((*names, *VALUES))} FROM {EACH} WHERE held_out_deg IS NOT NULL {IN_ORDER}"
-    for folder, model, serial, recorded, key, blob, *row in table.each(sql):
+    for order, (folder, model, serial, recorded, key, blob, *row) in enumerate(table.each(sql)):
         with read_as_written(table, folder):
             values, covariance = np.array(row, dtype=float), unpacked(blob)
-        yield FittedRow(folder, model or "", serial or "", recorded or "", key, values, covariance)
+        yield UnitResult(key, serial or "", folder, values, covariance, float(order), model or "", recorded or "")
 
 
 @contextlib.contextmanager

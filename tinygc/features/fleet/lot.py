@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import PurePath
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -70,17 +71,24 @@ NAMES = (*linear.NAMES, *ACCELEROMETER_NAMES)
 class UnitResult:
     """Result of one session.
 
-    key, the hash of its inputs, options and version; serial of the unit; session, its folder's name; values (21,) in the order of
+    key, the hash of its inputs, options and version; serial of the unit; folder; values (21,) in the order of
     ``NAMES``, NaN where unknown (the accelerometer was given, an axis was not turned); covariance (21, 21), NaN in those rows; order, its
-    place in production (by time where that is known, else by name).
+    place in production (by time where that is known, else by name); model of its sensor; recorded, its date.
     """
 
     key: str
     serial: str
-    session: str
+    folder: str
     values: np.ndarray
     covariance: np.ndarray
     order: float = 0.0
+    model: str = ""
+    recorded: str = ""
+
+    @property
+    def session(self) -> str:
+        """Name of its folder."""
+        return PurePath(self.folder).name
 
 
 # The 21 numbers of a lot as sensor errors, rather than as the correction that removes them.

@@ -21,8 +21,8 @@ from tinygc.features.fleet.report import LotReport
 from tinygc.models.linear import BIAS
 from tinygc.noise.figures import FILE, NoiseFigures, read_figures
 from tinygc.noise.measured import SHOWN, rms_of_axes
-from tinygc.reporting.facts import Chapter, Part, Picture, Table, html, page
-from tinygc.reporting.html.chart import Axis, Chart
+from tinygc.reporting.drawing import Axis, Panel
+from tinygc.reporting.facts import Chapter, Part, Table, html, page
 from tinygc.reporting.html.markup import WIDE
 from tinygc.reporting.terminal import Text, one_line
 
@@ -98,25 +98,16 @@ def _shares(found: dict[str, tuple[Distribution, str, float]]) -> Table:
     return Table("Shares of the sessions lie below", header, rows, minor=(2, 6))
 
 
-def _histogram(title: str, each: Distribution, unit: str, size: float, limit: float | None = None, widest: int = WIDE) -> Picture:
+def _histogram(title: str, each: Distribution, unit: str, size: float, limit: float | None = None, widest: int = WIDE) -> Panel:
     edges, counts = each.edges / size, each.counts
-    most = max(int(counts.max()), 1)
-    x = np.repeat(edges, 2)[1:-1]
-    heights = np.repeat(counts, 2)
+    x, heights = np.repeat(edges, 2)[1:-1], np.repeat(counts, 2)
     outside = f"; {each.below + each.above} lie beyond" if each.below + each.above else ""
-
-    def draw(width: int) -> str:
-        label = f"{title}, {unit}" if unit else title
-        about = f"{title}: histogram of {each.count} sessions"
-        x_axis = Axis(float(edges[0]), float(edges[-1]), label)
-        chart = Chart(min(width, widest), HEIGHT, x_axis, Axis(0, most * 1.05), about)
-        chart.area(x, np.zeros(len(x)), heights, "least_squares").line(x, heights, "least_squares", "thin")
-        chart.upright(float(each.quantiles[len(SHARES) // 2]) / size, "quiet")
-        if limit is not None and edges[0] <= limit <= edges[-1]:
-            chart.upright(limit, "limit")
-        return chart.svg()
-
-    return Picture(draw, f"{each.count} sessions, the middle dashed{outside}")
+    panel = Panel(Axis(f"{title} ({unit})" if unit else title, float(edges[0]), float(edges[-1])), Axis("sessions", lo=0), height=HEIGHT)
+    panel.about, panel.caption = f"{title}: histogram of {each.count} sessions", f"{each.count} sessions, the middle dashed{outside}"
+    panel.widest = widest
+    panel.area(x, 0, heights, "least_squares").line(x, heights, "least_squares", "thin")
+    panel.upright(float(each.quantiles[len(SHARES) // 2]) / size, "quiet")
+    return panel.upright(limit, "limit", name="limit") if limit is not None and edges[0] <= limit <= edges[-1] else panel
 
 
 # The lot.

@@ -17,12 +17,12 @@ class Options(NoiseOptions, Pictures, Command):
     """Options of ``noise``."""
 
     logs: tuple[Path, ...] = argument("of one unit: session folders, folders of rest logs, or standard logs", (), metavar="DIR|LOG")
-    out: Path | None = option(None, "where noise.json and noise.png go (fit in the first session)", metavar="DIR", read=folder_written)
+    out: Path | None = option(None, "where noise.json and noise.svg go (fit in the first session)", metavar="DIR", read=folder_written)
     verbose: bool = option(False, "print every term, and all remarks")
 
 
 def run(args: Options) -> int:
-    """Estimate the noise of one unit, print it, and write noise.json and noise.png."""
+    """Estimate the noise of one unit, print it, and write noise.json and noise.svg."""
     from session.base.names import is_session
     from tinygc.features.noise.library import PICTURE, estimate_noise
     from tinygc.noise.figures import FILE

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 from session import VERSION
 from session.base.errors import CalibrationError
@@ -22,20 +22,17 @@ from tinygc.features.noise.output import (
     OpenTerm,
     SheetFigure,
     against_data_sheet,
-    figure_of,
     kalibr_figures,
     noise_page,
     open_terms,
+    picture_of,
 )
 from tinygc.library.arguments import is_number, is_path, public
 from tinygc.library.records import Kept
 from tinygc.noise.figures import FILE, Inflation, NoiseFigures
 from tinygc.reporting.terminal import Group
 
-if TYPE_CHECKING:
-    pass
-
-PICTURE = "noise.png"
+PICTURE = "noise.svg"
 #: in a session's folder, where it was fitted
 FITTED = "fit/fit.json"
 
@@ -76,7 +73,7 @@ class Noise(NoiseFigures, Kept):
         """``tinygc-noise/1`` (docs/formats/noise.md)."""
         return table_of(self)
 
-    figure = figure_of
+    figure = picture_of
 
 
 def noise_of(inputs: Sequence[Input], sensor: str, serial: str, progress: Progress) -> Noise:

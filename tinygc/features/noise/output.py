@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil, sqrt
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 
@@ -17,13 +17,9 @@ from session.log.registers import profile_of
 from tinygc.features.noise.estimate import known_after_s
 from tinygc.noise.figures import SENSORS, TERMS, AllanBand, NoiseFigures, SensorNoise, Term, described_from
 from tinygc.noise.measured import SHOWN
+from tinygc.reporting.drawing import Axis, Panel, Picture
 from tinygc.reporting.facts import Part, Table, screen
-from tinygc.reporting.pictures.canvas import AXES, FLOOR, PALE, canvas
 from tinygc.reporting.terminal import Group, one_line
-
-if TYPE_CHECKING:
-    from tinygc.reporting.pictures.canvas import Axes, Figure
-
 
 #: words and SI value of the unit of each term; that of N is two-sided
 UNITS = {
@@ -346,23 +342,14 @@ POINTS = 60
 MOST_RATIO = 2.0
 
 
-def figure_of(figures: NoiseFigures) -> Figure:
-    """Return the picture as a matplotlib figure.  Raises CalibrationError where matplotlib is missing."""
-    figure, grid = canvas(2, headline(figures), [], [])
-    grid[0, 0].get_gridspec().set_height_ratios((3, 1))
-    sensors = figures.sensors()
-    for column, kind in enumerate(SENSORS):
-        curve, ratio = grid[:, column]
-        if kind not in sensors or kind not in figures.allan:
-            curve.axis("off")
-            ratio.axis("off")
-            continue
-        band = _thinned(figures.allan[kind])
-        _deviations(kind, sensors[kind], band, curve)
-        _ratios(sensors[kind], band, ratio)
-        ratio.set_xlim(curve.get_xlim())
-        curve.tick_params(labelbottom=False)
-    return figure
+def picture_of(figures: NoiseFigures) -> Picture:
+    """The picture."""
+    sensors, panels = figures.sensors(), list[Panel]()
+    for draw in (_deviations, _ratios):
+        panels += [
+            draw(kind, sensors[kind], _thinned(figures.allan[kind])) for kind in SENSORS if kind in sensors and kind in figures.allan
+        ]
+    return Picture(panels or [Panel()], headline(figures), columns=max(len(panels) // 2, 1))
 
 
 def _thinned(band: AllanBand) -> AllanBand:
@@ -372,69 +359,59 @@ def _thinned(band: AllanBand) -> AllanBand:
     return AllanBand(band.tau_s[kept], band.deviation[kept], band.low[kept], band.high[kept])
 
 
-def _deviations(kind: str, sensor: SensorNoise, band: AllanBand, axes: Axes) -> None:
+def _averaging(sensor: SensorNoise, band: AllanBand, y: Axis, title: str, height: float) -> Panel:
+    """A panel over averaging time; those that the model does not describe, where the sensor's filter shapes the noise, are shaded."""
+    panel = Panel(Axis("averaging time (s)", band.tau_s[0] / 1.2, band.tau_s[-1] * 1.2, log=True), y, title, height=height)
+    from_s = max(own.from_s for own in sensor.axes)
+    return panel.area([band.tau_s[0], from_s], -np.inf, np.inf, "quiet") if from_s > band.tau_s[0] else panel
+
+
+def _deviations(kind: str, sensor: SensorNoise, band: AllanBand) -> Panel:
     unit, si = SHOWN[kind]["B"]
     tau_s = np.geomspace(band.tau_s[0], band.tau_s[-1], 300)
-    low = np.nanmin(band.deviation) / si / BELOW
-    lines: dict[str, dict[str, np.ndarray]] = {}  # by term and axis
+    low, high = np.nanmin(band.deviation) / si / BELOW, np.nanmax([band.deviation, band.high]) / si * 1.2
+    title = SENSORS[kind].capitalize() + ", with 68 % bounds" * bool(np.isfinite(band.low).any())
+    panel = _averaging(sensor, band, Axis(f"Allan deviation ({unit})", low, high, log=True), title, 330)
     for i, name in enumerate("xyz"):
-        own, colour = sensor.axes[i], AXES[name]
-        axes.fill_between(band.tau_s, band.low[:, i] / si, band.high[:, i] / si, color=colour, alpha=0.2, lw=0)
-        axes.loglog(band.tau_s, band.deviation[:, i] / si, "o", ms=3, mfc="none", mew=0.8, color=colour, label=name)
+        own = sensor.axes[i]
+        known = np.isfinite(band.low[:, i]) & np.isfinite(band.high[:, i])
+        panel.area(band.tau_s[known], band.low[known, i] / si, band.high[known, i] / si, name)
+        panel.points(band.tau_s, band.deviation[:, i] / si, name, ring=True, radius=2.4, name=name)
         described = tau_s[tau_s >= own.from_s]
-        axes.loglog(described, np.sqrt(own.allan_variance(described)) / si, "-", lw=1.6, color=colour)
-        for term in filter(own.value, TERMS):
-            line = np.sqrt(own.allan_variance(tau_s, term)) / si
-            axes.loglog(tau_s, line, "--", lw=0.7, alpha=0.7, color=colour)
-            lines.setdefault(term, {})[name] = line
-    for term, by_axis in lines.items():
-        _label(term, tau_s, by_axis, low, axes)
-    _shortest(sensor, axes, band)
-    axes.loglog([], [], "k-", lw=1.6, label="model")
-    axes.loglog([], [], "k--", lw=0.7, label="its terms")
-    axes.set_ylim(low, np.nanmax([band.deviation, band.high]) / si * 2)
-    axes.grid(True, which="major", color=PALE, lw=0.4, alpha=0.6)
-    axes.set(
-        ylabel=f"Allan deviation ({unit})", title=SENSORS[kind].capitalize() + ", with 68 % bounds" * bool(np.isfinite(band.low).any())
-    )
-    axes.legend(fontsize=8, ncols=5, loc="upper right")
+        panel.line(described, np.sqrt(own.allan_variance(described)) / si, name, name="model")
+    for term in TERMS:
+        lines = {
+            name: np.sqrt(own.allan_variance(tau_s, term)) / si for name, own in zip("xyz", sensor.axes, strict=True) if own.value(term)
+        }
+        for name, line in lines.items():
+            panel.line(tau_s, line, name, "dash", opacity=0.6, name="its terms")
+        _label(panel, term, tau_s, lines, low)
+    return panel
 
 
-def _label(term: str, tau_s: np.ndarray, lines: dict[str, np.ndarray], low: float, axes: Axes) -> None:
+def _label(panel: Panel, term: str, tau_s: np.ndarray, lines: dict[str, np.ndarray], low: float) -> None:
     """Name a term at the end of its lines that is away from the data; lines that lie together have one name."""
     named: list[tuple[str, float, float]] = []
     for axis, line in sorted(lines.items(), key=lambda item: -item[1][0]):
         inside = np.flatnonzero(line > 1.2 * low)
         if not len(inside):
             continue
-        share = 0.94 if line[-1] < 0.5 * line[0] else 0.06
-        at = inside[int(share * (len(inside) - 1))]
+        at = inside[int((0.94 if line[-1] < 0.5 * line[0] else 0.06) * (len(inside) - 1))]
         if all(abs(np.log10(tau_s[at] / there)) > 0.15 or abs(np.log10(line[at] / height)) > 0.06 for _, there, height in named):
             named.append((axis, float(tau_s[at]), float(line[at])))
     for axis, there, height in named:
-        colour = AXES[axis] if len(named) == len(lines) else "#444444"
-        axes.annotate(term, (there, height), (0, 2), textcoords="offset points", color=colour, fontsize=9, ha="center", weight="bold")
+        panel.words(there, height, term, axis if len(named) == len(lines) else "soft", anchor="middle")
 
 
-def _shortest(sensor: SensorNoise, axes: Axes, band: AllanBand) -> None:
-    """Shade averaging times that the model does not describe, where the sensor's filter shapes the noise."""
-    from_s = max(own.from_s for own in sensor.axes)
-    if from_s > band.tau_s[0]:
-        axes.axvspan(band.tau_s[0], from_s, color=PALE, alpha=0.25, lw=0)
-
-
-def _ratios(sensor: SensorNoise, band: AllanBand, axes: Axes) -> None:
+def _ratios(kind: str, sensor: SensorNoise, band: AllanBand) -> Panel:
     """Draw the deviations over the model's, with the bounds of the data."""
-    for i, name in enumerate("xyz"):
-        model = np.sqrt(sensor.axes[i].allan_variance(band.tau_s))
+    ticks = [(value, f"{value:g}") for value in (0.5, 0.7, 1, 1.4, 2)]
+    y = Axis("data / model", 1 / MOST_RATIO, MOST_RATIO, log=True, ticks=ticks)
+    panel = _averaging(sensor, band, y, "", 120).across(1.0, "quiet", "hair")
+    for i, (name, own) in enumerate(zip("xyz", sensor.axes, strict=True)):
         with np.errstate(divide="ignore", invalid="ignore"):
-            low, mid, high = (values[:, i] / model for values in (band.low, band.deviation, band.high))
-        axes.fill_between(band.tau_s, low, high, color=AXES[name], alpha=0.2, lw=0)
-        axes.semilogx(band.tau_s, mid, "o-", ms=2.5, lw=0.6, mfc="none", color=AXES[name])
-    _shortest(sensor, axes, band)
-    axes.axhline(1, color=FLOOR, lw=0.8)
-    axes.set_ylim(1 / MOST_RATIO, MOST_RATIO)
-    axes.set_yscale("log")
-    axes.set_yticks([0.5, 0.7, 1, 1.4, 2], labels=["0.5", "0.7", "1", "1.4", "2"])
-    axes.minorticks_off()
-    axes.set(xlabel="averaging time (s)", ylabel="data / model")
+            low, mid, high = (values[:, i] / np.sqrt(own.allan_variance(band.tau_s)) for values in (band.low, band.deviation, band.high))
+        known = np.isfinite(low) & np.isfinite(high)
+        panel.area(band.tau_s[known], low[known], high[known], name)
+        panel.line(band.tau_s, mid, name, "thin").points(band.tau_s, mid, name, ring=True, radius=2)
+    return panel

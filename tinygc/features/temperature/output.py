@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -20,100 +20,78 @@ from tinygc.features.temperature.rest_fit import RestFit, zero_of_blocks
 from tinygc.features.temperature.sessions_fit import APART_C, SessionsFit, ThermalFit, zero_terms
 from tinygc.models.linear import BIAS, MATRIX, scale_factor_errors
 from tinygc.models.model import accelerometer_table
+from tinygc.reporting.drawing import Axis, Panel, Picture, saved
 from tinygc.reporting.facts import Part, Table, screen
-from tinygc.reporting.pictures.canvas import AXES, PALE, canvas, has_matplotlib, save
 from tinygc.reporting.tables import findings_table
 from tinygc.reporting.terminal import Group, one_line
 
-if TYPE_CHECKING:
-    from tinygc.reporting.pictures.canvas import Axes, Figure
-
-
 # The picture of a fit over temperature: each axis' zero, up and down; the residuals; the Allan deviation; E where sessions determine it.
 
-#: color of each direction of the temperature
-UP, DOWN = "#c0392b", "#2c5fa8"
 
-
-def figure_of(fit: ThermalFit) -> Figure:
-    """Return the picture as a matplotlib figure.  Raises CalibrationError where matplotlib is missing."""
-    rests = fit.rests
-    rows = (3 if rests is not None else 0) + (1 if fit.sessions is not None or (rests is not None and rests.allan is not None) else 0)
-    figure, grid = canvas(max(rows, 1), f"{fit.name}: over temperature", [], [])
-    grid = np.atleast_2d(grid)
+def picture_of(fit: ThermalFit) -> Picture:
+    """The picture."""
+    panels, rests = [], fit.rests
     if rests is not None:
-        for axis in range(3):
-            _zero(rests, axis, grid[axis, 0])
-            _left(rests, axis, grid[axis, 1])
-    last = grid[-1] if rows % 3 == 1 or rests is None else None
-    if last is not None:
-        if rests is not None and rests.allan is not None:
-            axes = last[0]
+        panels = [draw(rests, axis) for axis in range(3) for draw in (_zero, _left)]
+        if rests.allan is not None:
+            x, y = Axis("averaging time (s)", log=True), Axis("Allan deviation (°/h)", log=True)
+            panels.append(Panel(x, y, "Allan deviation of what temperature leaves"))
             for i, name in enumerate("xyz"):
-                axes.loglog(rests.allan.tau_s, rests.allan.deviation[:, i] / DEG_PER_HOUR, "-", color=AXES[name], label=name)
-            axes.set(xlabel="averaging time (s)", ylabel="Allan deviation (°/h)", title="Allan deviation of what temperature leaves")
-            axes.legend(fontsize=8)
-        else:
-            last[0].axis("off")
-        if fit.sessions is not None:
-            _scale(fit, last[1])
-        else:
-            last[1].axis("off")
-    return figure
+                panels[-1].line(rests.allan.tau_s, rests.allan.deviation[:, i] / DEG_PER_HOUR, name, name=name)
+    if fit.sessions is not None:
+        panels.append(_scale(fit))
+    return Picture(panels, f"{fit.name}: over temperature")
 
 
 def _ways(rests: RestFit) -> list[tuple[str, str, np.ndarray]]:
+    """Name, colour and knots of each direction of the temperature."""
     direction = rests.knots.direction
-    return [(name, colour, direction == way) for name, colour, way in (("up", UP, 1), ("down", DOWN, -1), ("", PALE, 0))]
+    ways = [(name, kind, direction == way) for name, kind, way in (("up", "x", 1), ("down", "z", -1), ("", "quiet", 0))]
+    return [each for each in ways if each[2].any()]
 
 
-def _zero(rests: RestFit, axis: int, axes: Axes) -> None:
+def _zero(rests: RestFit, axis: int) -> Panel:
     """Draw the means of knots, with each log's own zero shifted to the common one, and the model."""
     knots, fit = rests.knots, rests.gyro[axis]
     values = knots.mean(np.concatenate([log.gyro[:, axis] for log in knots.logs])) / DEG
-    for name, colour, which in _ways(rests):
-        if which.any():
-            axes.plot(knots.temp_c[which], values[which], "o", ms=3, mfc="none", color=colour, label=name or None)
+    panel = Panel(Axis("temperature (°C)"), Axis("rate at rest (dps)"), f"{'xyz'[axis]}: zero over temperature")
+    for name, kind, which in _ways(rests):
+        panel.points(knots.temp_c[which], values[which], kind, ring=True, radius=2.5, name=name)
     at = np.linspace(*rests.range_c, 200)
     curve = np.polynomial.polynomial.polyval(at - knots.reference_c, fit.terms) / DEG
-    label = f"order {fit.order}" + (f", lag {fit.tau_s:.0f} s" if fit.tau_s else "")
-    axes.plot(at, curve, "k-", lw=1, label=label)
-    axes.set(xlabel="temperature (°C)", ylabel="rate at rest (dps)", title=f"{'xyz'[axis]}: zero over temperature")
-    axes.legend(fontsize=8)
+    return panel.line(at, curve, "ink", name=f"order {fit.order}" + (f", lag {fit.tau_s:.0f} s" if fit.tau_s else ""))
 
 
-def _left(rests: RestFit, axis: int, axes: Axes) -> None:
+def _left(rests: RestFit, axis: int) -> Panel:
     """Draw the residuals against the element's temperature, with the held-out error."""
     knots, fit = rests.knots, rests.gyro[axis]
     element = knots.mean(knots.element_c(fit.tau_s))
     left = knots.mean(np.concatenate([log.gyro[:, axis] for log in knots.logs]) - zero_of_blocks(knots, fit)) / DEG
     for number in range(len(knots.logs)):
         left[knots.of == number] -= left[knots.of == number].mean()
-    for _, colour, which in _ways(rests):
+    panel = Panel(Axis("temperature of the element (°C)"), Axis("left (dps)"), f"{'xyz'[axis]}: what the model leaves")
+    if np.isfinite(band := fit.held_out / DEG):
+        panel.area([-np.inf, np.inf], -band, band, "quiet", name=f"held out, {band:.2g} dps rms")
+    for name, kind, which in _ways(rests):
         for sweep in np.unique(knots.sweep[which]):
             here = knots.sweep == sweep
-            axes.plot(element[here], left[here], "o-", ms=3, lw=0.5, mfc="none", color=colour)
-    band = fit.held_out / DEG
-    axes.axhspan(-band, band, color=PALE, alpha=0.3, label=f"held out, {band:.2g} dps rms")
-    axes.set(xlabel="temperature of the element (°C)", ylabel="left (dps)", title=f"{'xyz'[axis]}: what the model leaves")
-    axes.legend(fontsize=8)
+            panel.line(element[here], left[here], kind, "thin").points(element[here], left[here], kind, ring=True, radius=2.5, name=name)
+    return panel
 
 
-def _scale(fit: ThermalFit, axes: Axes) -> None:
+def _scale(fit: ThermalFit) -> Panel:
     """Draw the scale factor errors of the sessions, and the model with one sigma."""
     assert fit.sessions is not None
     at = np.linspace(*fit.model.range_c, 60)
-    E = fit.model.E(at)
-    sigma = np.array([fit.sigma_at(float(temp_c))[0] for temp_c in at])
+    mid = scale_factor_errors(fit.model.E(at)) * 1e6
+    sigma = np.array([np.diag(fit.sigma_at(float(temp_c))[0]) for temp_c in at]) * 1e6
+    panel = Panel(Axis("temperature (°C)"), Axis("scale factor error (ppm)"), "Scale factor error over temperature")
     for i, axis in enumerate("xyz"):
-        mid = scale_factor_errors(E)[:, i] * 1e6
-        axes.plot(at, mid, "-", color=AXES[axis], label=axis)
-        axes.fill_between(at, mid - sigma[:, i, i] * 1e6, mid + sigma[:, i, i] * 1e6, color=AXES[axis], alpha=0.15)
+        panel.area(at, mid[:, i] - sigma[:, i], mid[:, i] + sigma[:, i], axis).line(at, mid[:, i], axis, name=axis)
         for point in fit.sessions.points:
-            value, error = scale_factor_errors(point.values[MATRIX].reshape(3, 3))[i] * 1e6, np.sqrt(point.covariance[4 * i, 4 * i]) * 1e6
-            axes.errorbar(point.temp_c, value, yerr=error, fmt="o", ms=4, color=AXES[axis])
-    axes.set(xlabel="temperature (°C)", ylabel="scale factor error (ppm)", title="Scale factor error over temperature")
-    axes.legend(fontsize=8)
+            value, error = scale_factor_errors(point.values[MATRIX].reshape(3, 3))[i], np.sqrt(point.covariance[4 * i, 4 * i])
+            panel.points(point.temp_c, value * 1e6, axis, sigma=error * 1e6, says=[point.name])
+    return panel
 
 
 # The terminal report of a fit over temperature, as rich renderables; nothing is printed here.
@@ -411,20 +389,19 @@ def _noise_table(rests: RestFit, axis: int) -> dict:
 # A fit over temperature as files: the model, the figures, the picture.
 
 #: in the folder with the models of the other methods
-MODEL, FIGURES, PICTURE = "model_thermal.json", "temperature.json", "temperature.png"
+MODEL, FIGURES, PICTURE = "model_thermal.json", "temperature.json", "temperature.svg"
 UNITS = "E: 1/degC^n, zero: rad/s/degC^n, lag: s; product of the two parameters' units"
 
 
 def save_thermal(fit: ThermalFit, folder: Path) -> Path:
-    """Write the model, the figures and, where matplotlib is installed, the picture into a folder; return the folder.
+    """Write the model, the figures and the picture into a folder; return the folder.
 
     Raises StorageError for files that cannot be written.
     """
     with result_folder(folder):
         write_whole(folder / MODEL, model_table(fit))
         write_whole(folder / FIGURES, to_json(fit))
-        if has_matplotlib():
-            save(figure_of(fit), folder / PICTURE)
+        saved(picture_of(fit), folder / PICTURE)
     return folder
 
 

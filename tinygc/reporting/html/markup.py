@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from html import escape as _escape
@@ -92,14 +92,9 @@ def code(text: str) -> str:
     return _macro("code", text)
 
 
-def key(kind: str, text: str, shape: str = "dot") -> str:
-    """One entry of a picture's key; text is HTML; shape: dot, ring, line, dash, block."""
-    return _macro("key", kind, _html(text), shape)
-
-
-def figure(draw: Callable[[int], str], caption: str = "", keys: Sequence[str] = (), kind: str = "") -> str:
-    """A figure; draw(width) returns its SVG; caption and keys are HTML."""
-    return _macro("figure", draw, _html(keys), kind, **({"caller": lambda: _html(caption)} if caption else {}))
+def figure(picture: Any, caption: str = "") -> str:
+    """A figure of a panel or a picture (``tinygc.reporting.drawing``), for a wide page and a telephone; caption is HTML."""
+    return _macro("figure", picture, **({"caller": lambda: _html(caption)} if caption else {}))
 
 
 def table(

@@ -1,1 +1,1 @@
-"""An explanation as one page of pictures (matplotlib, imported on use)."""
+"""What the pictures of an explanation and of a fit show: numbers, panels, and which panels of which effect."""

@@ -19,11 +19,11 @@ class Options(Columns, Pictures, Command):
         "a CSV of rates and mean outputs, of frequencies, gains and phases, or a folder with rates*.csv, table.toml and table.csv",
         metavar="FILE|DIR",
     )
-    out: Path | None = option(None, "where rates.json, rates.html and rates.png go", metavar="DIR", read=folder_written)
+    out: Path | None = option(None, "where rates.json, rates.html and rates.svg go", metavar="DIR", read=folder_written)
 
 
 def run(args: Options) -> int:
-    """Choose the law of each sensor, print it with the terms of IEEE 1431, and write rates.json, rates.html and rates.png."""
+    """Choose the law of each sensor, print it with the terms of IEEE 1431, and write rates.json, rates.html and rates.svg."""
     from tinygc.features.tables.rates.library import FILE, PAGE, PICTURE, estimate_rates
     from tinygc.reporting.terminal import progress_bar
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -24,14 +24,9 @@ from tinygc.features.tables.rates.terms import TermRow, left_open, size, terms
 from tinygc.library.arguments import is_path, public
 from tinygc.library.records import Kept
 from tinygc.reporting import facts
-from tinygc.reporting.facts import Chapter, Part, Picture, Table, screen
-from tinygc.reporting.html.chart import Axis, Chart, linear_axis
-from tinygc.reporting.pictures.canvas import AFTER, BEFORE, FLOOR, PALE, canvas, legend, zero_line
+from tinygc.reporting.drawing import Axis, Panel, Picture
+from tinygc.reporting.facts import Chapter, Part, Table, screen
 from tinygc.reporting.terminal import Group, one_line
-
-if TYPE_CHECKING:
-    from tinygc.reporting.pictures.canvas import Axes, Figure
-
 
 # What ``rates`` shows, on screen, page and picture: of each sensor the law, the terms of IEEE 1431, and what other curves say of it.
 
@@ -154,7 +149,6 @@ def rates_page(choices: Sequence[Choice], sweeps: Sequence[Sweep], remarks: Sequ
 
 #: rates at which a law is drawn
 DRAWN = 401
-HEIGHT, LOW = 260, 180
 
 
 def page(choices: Sequence[Choice], sweeps: Sequence[Sweep], remarks: Sequence[str], name: str) -> str:
@@ -166,16 +160,12 @@ def page(choices: Sequence[Choice], sweeps: Sequence[Sweep], remarks: Sequence[s
 
 def _sensor(choice: Choice) -> list[Part]:
     rows = [[row.name, *cells(row), row.unit, row.condition] for row in terms(choice)]
-    keys = [("after", "measured"), ("physics", "chosen law", "line"), ("floor", "straight line", "dash")]
     parts: list[Part] = [
         one_line(headline(choice), "bold"),
         *lines(choice),
         Table("", ("", "value", "± σ", "unit", "condition"), rows, left=(0, 3, 4)),
     ]
-    parts += [
-        Picture(lambda width: _output(choice, width), "", keys),
-        Picture(lambda width: _residuals(choice, width), "What the law leaves."),
-    ]
+    parts += [_output(choice), _residuals(choice)]
     if choice.held_out:
         # Rms that each law leaves on a curve that it was not fitted to, whose offset alone is free
         first = f"left on the curve that was not fitted, {choice.points.unit} rms (beyond its rates)"
@@ -189,23 +179,38 @@ def _sweep(sweep: Sweep) -> list[Part]:
     return [one_line(sweep.headline, "bold"), Table("", ("frequency, Hz", "gain", "phase, °"), rows), *sweep.lines]
 
 
-def _rates(choice: Choice) -> Axis:
-    return linear_axis(choice.points.rate_dps, "rate, °/s")
+# The pictures.
+
+#: colours of the curves of one sensor, in their order; further ones begin again
+CURVES = ("after", "y", "raw", "pso", "tinygc", "tinygc_denoised")
 
 
-def _output(choice: Choice, width: int) -> str:
+def _output(choice: Choice) -> Panel:
     points = choice.points
     grid = np.linspace(points.rate_dps.min(), points.rate_dps.max(), DRAWN)
-    law, line = choice.fit.at(grid), choice.line.at(grid)
-    chart = Chart(width, HEIGHT, _rates(choice), linear_axis([*points.output, *law], f"output, {points.unit}"), "Output over rate")
-    chart.line(grid, line, "floor", "dash").line(grid, law, "physics")
-    return chart.dots(points.rate_dps, points.output, "after", _titles(choice), radius=3).svg()
+    panel = Panel(Axis("rate (°/s)"), Axis(f"output ({points.unit})"), headline(choice).partition(":")[0])
+    panel.line(grid, choice.line.at(grid), "floor", "dash", name="straight line")
+    return _measured(panel.line(grid, choice.fit.at(grid), "physics", name=choice.fit.hypothesis.name), choice, points.output)
 
 
-def _residuals(choice: Choice, width: int) -> str:
-    left, points = choice.fit.residuals, choice.points
-    chart = Chart(width, LOW, _rates(choice), linear_axis([*left, 0.0], f"left, {points.unit}"), "What the law leaves over rate")
-    return chart.across(0.0, "floor").dots(points.rate_dps, left, "after", _titles(choice), radius=3).svg()
+def _residuals(choice: Choice) -> Panel:
+    points, order = choice.points, np.argsort(choice.points.rate_dps, kind="stable")
+    noise = (choice.fit.noise * (points.sigma if points.is_known else np.ones(len(points))))[order]
+    title = f"What the law leaves (a straight line: {choice.line.rms:.3g} rms)"
+    panel = Panel(Axis("rate (°/s)"), Axis(f"left ({points.unit})"), title).zero()
+    panel.area(points.rate_dps[order], -noise, noise, "floor", name="noise, 1 σ")
+    return _measured(panel, choice, choice.fit.residuals)
+
+
+def _measured(panel: Panel, choice: Choice, values: np.ndarray) -> Panel:
+    """Add the points of each curve."""
+    says = np.array(_titles(choice), dtype=object)
+    for n, curve in enumerate(choice.points.curves):
+        own = choice.points.curve == n
+        panel.points(
+            choice.points.rate_dps[own], values[own], CURVES[n % len(CURVES)], name=curve_words(curve) or "measured", says=says[own]
+        )
+    return panel
 
 
 def _titles(choice: Choice) -> list[str]:
@@ -217,89 +222,31 @@ def _titles(choice: Choice) -> list[str]:
     ]
 
 
-# The picture.
-
-#: rates at which a law is drawn
-DRAWN_FINE = 801
 #: sensors and sweeps of one picture, at most
 MOST_ROWS = 8
-MARKS = "os^Dv<>p"
 
 
-def figure_of(choices: Sequence[Choice], sweeps: Sequence[Sweep]) -> Figure:
-    """Return the picture as a matplotlib figure.  Raises CalibrationError where matplotlib is missing."""
-    shown, swept = choices[:MOST_ROWS], sweeps[: max(MOST_ROWS - len(choices), 1)]
-    figure, grid = canvas(len(shown) + len(swept), "Rate steps" if shown else "Sine sweep", [], [])
-    panels = np.reshape(grid, (-1, 2))
-    for (curve, left), choice in zip(panels, shown, strict=False):
-        _draw_output(choice, curve)
-        _draw_residuals(choice, left)
-    for (gain, phase), sweep in zip(panels[len(shown) :], swept, strict=True):
-        _draw_response(sweep, gain, phase)
-    return figure
+def picture_of(choices: Sequence[Choice], sweeps: Sequence[Sweep]) -> Picture:
+    """Outputs with their laws, and what these leave; gain and phase of sweeps."""
+    panels = [panel for choice in choices[:MOST_ROWS] for panel in (_output(choice), _residuals(choice))]
+    panels += [panel for sweep in sweeps[: max(MOST_ROWS - len(choices), 1)] for panel in _response(sweep)]
+    return Picture(panels, "Rate steps" if choices else "Sine sweep")
 
 
-def _draw_output(choice: Choice, axes: Axes) -> None:
-    points, grid = choice.points, np.linspace(choice.points.rate_dps.min(), choice.points.rate_dps.max(), DRAWN_FINE)
-    axes.plot(grid, choice.line.at(grid), "--", color=FLOOR, lw=0.8, label="straight line")
-    axes.plot(grid, choice.fit.at(grid), "-", color=AFTER, lw=1.2, label=choice.fit.hypothesis.name)
-    for n, curve in enumerate(points.curves):
-        own = points.curve == n
-        axes.plot(
-            points.rate_dps[own],
-            points.output[own],
-            MARKS[n % len(MARKS)],
-            ms=4,
-            mfc="none",
-            color=BEFORE,
-            label=curve_words(curve) or None,
-        )
-    axes.grid(True, color=PALE, lw=0.4, alpha=0.6)
-    axes.set(xlabel="rate (°/s)", ylabel=f"output ({points.unit})", title=headline(choice).partition(":")[0])
-    legend(axes)
-
-
-def _draw_residuals(choice: Choice, axes: Axes) -> None:
-    points = choice.points
-    for n in range(len(points.curves)):
-        own = points.curve == n
-        order = np.argsort(points.rate_dps[own], kind="stable")
-        axes.plot(
-            points.rate_dps[own][order],
-            choice.fit.residuals[own][order],
-            MARKS[n % len(MARKS)] + "-",
-            ms=4,
-            mfc="none",
-            lw=0.6,
-            color=AFTER,
-        )
-    noise = choice.fit.noise * (points.sigma if points.is_known else np.ones(len(points)))
-    order = np.argsort(points.rate_dps, kind="stable")
-    axes.fill_between(points.rate_dps[order], -noise[order], noise[order], color=FLOOR, alpha=0.2, lw=0, label="noise, 1 σ")
-    zero_line(axes)
-    axes.grid(True, color=PALE, lw=0.4, alpha=0.6)
-    axes.set(xlabel="rate (°/s)", ylabel=f"left ({points.unit})", title=f"what the law leaves (a straight line: {choice.line.rms:.3g} rms)")
-
-
-def _draw_response(sweep: Sweep, gain: Axes, phase: Axes) -> None:
-    response = sweep.response
+def _response(sweep: Sweep) -> tuple[Panel, Panel]:
+    response, hz = sweep.response, Axis("frequency (Hz)", log=True)
     f = np.geomspace(response.frequency_hz.min(), response.frequency_hz.max(), 200)
-    model = transfer(sweep.model, f, sweep.vector)
-    at = np.angle(transfer(sweep.model, response.frequency_hz, sweep.vector))
-    measured = at + np.angle(np.exp(1j * (response.phase - at)))
-    gain.errorbar(response.frequency_hz, response.gain, response.gain_sigma, fmt="o", ms=4, mfc="none", color=BEFORE)
-    gain.plot(f, np.abs(model), color=AFTER)
-    phase.errorbar(response.frequency_hz, np.degrees(measured), np.degrees(response.phase_sigma), fmt="o", ms=4, mfc="none", color=BEFORE)
-    phase.plot(f, np.degrees(np.angle(model)), color=AFTER)
-    for axes, label in ((gain, "gain"), (phase, "phase (°)")):
-        axes.set_xscale("log")
-        axes.grid(True, color=PALE, lw=0.4, alpha=0.6)
-        axes.set(xlabel="frequency (Hz)", ylabel=label)
-    gain.set_title(sweep.headline)
+    model, at = transfer(sweep.model, f, sweep.vector), np.angle(transfer(sweep.model, response.frequency_hz, sweep.vector))
+    phase = np.degrees(at + np.angle(np.exp(1j * (response.phase - at))))
+    left = Panel(hz, Axis("gain"), sweep.headline).line(f, np.abs(model), "after", name=sweep.model)
+    right = Panel(hz, Axis("phase (°)")).line(f, np.degrees(np.angle(model)), "after", name=sweep.model)
+    left.points(response.frequency_hz, response.gain, "before", ring=True, sigma=response.gain_sigma, name="measured")
+    right.points(response.frequency_hz, phase, "before", ring=True, sigma=np.degrees(response.phase_sigma), name="measured")
+    return left, right
 
 
 SCHEMA = "tinygc-rates/1"
-FILE, PICTURE, PAGE = "rates.json", "rates.png", "rates.html"
+FILE, PICTURE, PAGE = "rates.json", "rates.svg", "rates.html"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -335,9 +282,9 @@ class Rates(Kept):
         """The report of the rate table as one HTML document."""
         return page(self.choices, self.sweeps, self.remarks, self.name)
 
-    def figure(self) -> Figure:
-        """Outputs, laws and residuals.  Raises CalibrationError where matplotlib is missing."""
-        return figure_of(self.choices, self.sweeps)
+    def figure(self) -> Picture:
+        """Outputs, laws and residuals."""
+        return picture_of(self.choices, self.sweeps)
 
 
 def _of_sensor(choice: Choice) -> dict[str, Any]:

@@ -13,15 +13,14 @@ from tinygc.features.unit.budget.monte_carlo import MonteCarlo
 from tinygc.features.unit.budget.quantities import SHOWN, TOTAL, sensor_error_budgets
 from tinygc.features.unit.budget.rows import Budget, Row, apportioned, decimals_of
 from tinygc.reporting import facts
-from tinygc.reporting.facts import Part, Picture, Table
-from tinygc.reporting.html.chart import drawing
-from tinygc.reporting.html.markup import Section, code, escape
+from tinygc.reporting.drawing import Axis, Panel
+from tinygc.reporting.facts import Part, Table
+from tinygc.reporting.html.markup import Section, code
 
 #: the section of the report that this one stands behind
 BEHIND = "correlations"
 #: colours of the sources, in their order; further ones share the last
 COLOURS = ("least_squares", "y", "raw", "x", "pso", "tinygc", "tinygc_denoised", "raw_bias_removed", "tinygc_physics", "quiet")
-BAR, GAP, NAMES_PX = 16, 6, 150
 #: share of a source below which it has no entry in the key
 LEAST_IN_KEY = 0.005
 
@@ -50,28 +49,21 @@ def colours_of(budgets: Sequence[Budget]) -> dict[str, str]:
     return {name: COLOURS[min(i, len(COLOURS) - 1)] for i, name in enumerate(shown)}
 
 
-def bars(budgets: Sequence[Budget], about: str, colours: dict[str, str]) -> Picture:
-    """A picture of one stacked bar for each quantity, with the key of its sources; colours: of all sources on the page."""
-    keys = [(colours[name], name, "solid block") for name in colours_of(budgets)]
-    return Picture(lambda width: _bars(budgets, colours, width, about), "", keys)
-
-
-def _bars(budgets: Sequence[Budget], kinds: dict[str, str], width: int, about: str) -> str:
-    room, parts = width - NAMES_PX, []
-    for i, budget in enumerate(budgets):
-        y, x = i * (BAR + GAP), float(NAMES_PX)
-        parts.append(f'<text x="{NAMES_PX - 8}" y="{y + BAR - 4}" text-anchor="end">{escape(budget.name)}</text>')
+def bars(budgets: Sequence[Budget], about: str, colours: dict[str, str]) -> Panel:
+    """A picture of one stacked bar for each quantity; colours: of all sources on the page."""
+    ticks, keyed = [(float(n), each.name) for n, each in enumerate(budgets)], colours_of(budgets)
+    names = Axis(lo=-0.6, hi=len(budgets) - 0.4, ticks=ticks, down=True)
+    panel = Panel(Axis("share of the variance (%)", 0, 100), names, about=about, height=22 * len(budgets))
+    for n, budget in enumerate(budgets):
         # A mixture with a prior may take variance away: what is left shares the whole bar.
-        positive = sum(max(row.variance, 0.0) for row in budget.rows)
+        positive, at = sum(max(row.variance, 0.0) for row in budget.rows), 0.0
         for row in budget.rows:
-            size = room * max(row.variance, 0.0) / positive
-            title = f"{budget.name}: {row.source} {100 * budget.share(row):.1f} %"
-            parts.append(
-                f'<rect class="solid k-{kinds.get(row.source, COLOURS[-1])}" x="{x:.1f}" y="{y}" width="{size:.1f}" height="{BAR}">'
-                f"<title>{escape(title)}</title></rect>"
-            )
-            x += size
-    return drawing(width, len(budgets) * (BAR + GAP), about, "".join(parts))
+            share = 100 * max(row.variance, 0.0) / positive
+            says = [f"{budget.name}: {row.source} {100 * budget.share(row):.1f} %"]
+            kind, name = colours.get(row.source, COLOURS[-1]), row.source if row.source in keyed else ""
+            panel.area([at, at + share], n - 0.36, n + 0.36, kind, "solid", name=name, says=says)
+            at += share
+    return panel
 
 
 def section(evidence: ReportData) -> Section | None:

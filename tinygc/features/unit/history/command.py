@@ -23,11 +23,11 @@ class Options(HistoryOptions, Pictures, Command, UsesEffects):
     bias: bool = option(False, "with --compare: in B, too, of a sensor that was never switched off in between")
     dates: Path | None = option(None, "a CSV of session,date, for sessions that do not say their date")
     all: bool = option(False, "show the accelerometer's numbers, and the values of each session")
-    out: Path | None = option(None, "where history.json, history.html and history.png go", metavar="DIR", read=folder_written)
+    out: Path | None = option(None, "where history.json, history.html and history.svg go", metavar="DIR", read=folder_written)
 
 
 def run(args: Options) -> int:
-    """Estimate the history of each unit, print it, and write history.json, history.html and history.png."""
+    """Estimate the history of each unit, print it, and write history.json, history.html and history.svg."""
     if args.bias and not args.compare:
         raise CalibrationError("--bias goes with --compare; add it, or leave --bias out")
     if args.compare:
@@ -44,7 +44,7 @@ def run(args: Options) -> int:
         written = found.save(args.out, pictures=args.pictures)
         output(args).print(f"written: {', '.join(map(str, written))}", soft_wrap=True, markup=False)
     elif args.json is None:
-        output(args).print("nothing is written; --out DIR keeps history.json, history.html and history.png", soft_wrap=True)
+        output(args).print("nothing is written; --out DIR keeps history.json, history.html and history.svg", soft_wrap=True)
     write_json(args.json, found.to_json())
     return found.exit_code
 

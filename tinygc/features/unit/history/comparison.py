@@ -26,7 +26,7 @@ from tinygc.fitting.unit_state import (
     refuse_same,
     state_of,
 )
-from tinygc.inference.choose import chi_square_above, normal_above
+from tinygc.inference.choose import chance_of_any, chi_square_above, normal_above
 from tinygc.library.arguments import is_fit, is_path, public
 from tinygc.library.records import Listed, Shown
 from tinygc.models.linear import BIAS, MATRIX, field_jacobian, field_vector
@@ -204,7 +204,7 @@ def _moved(sessions: list[UnitState], by: np.ndarray, off: np.ndarray, count: in
     found = []
     for s in range(len(sessions)) if len(sessions) > 2 else [1]:
         for q, each in enumerate(QUANTITIES[:count]):
-            p_value = float(-np.expm1(looks * np.log1p(-min(2 * normal_above(abs(off[s, q])), 1 - 1e-16))))
+            p_value = chance_of_any(2 * normal_above(abs(off[s, q])), looks)
             found.append(Moved(sessions[s].name, each.name, each.component, each.unit, float(by[s, q]), float(off[s, q]), p_value))
     found = [moved for moved in found if moved.p_value < DIFFERS_P]
     return Listed(sorted(found, key=lambda moved: -abs(moved.sigmas)))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import timedelta
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,11 +12,7 @@ from tinygc.estimation.between_sessions import ONE_SIGMA
 from tinygc.estimation.session_times import YEAR_S
 from tinygc.features.unit.history.estimate import NumberHistory, UnitHistory
 from tinygc.features.unit.history.text import headline, significant
-from tinygc.reporting.pictures.canvas import AXES, FLOOR, PALE, canvas, legend
-
-if TYPE_CHECKING:
-    from tinygc.reporting.pictures.canvas import Axes, Figure
-
+from tinygc.reporting.drawing import Axis, Panel, Picture
 
 #: places between the first session and the last at which a course is drawn
 DRAWN = 25
@@ -47,7 +42,7 @@ class Curve:
 
 
 @dataclass(frozen=True, eq=False)
-class Panel:
+class Kind:
     """Numbers of one kind: title, unit, curves; shocks: where one was found, and which components it moved."""
 
     title: str
@@ -57,8 +52,8 @@ class Panel:
     shocks: tuple[tuple[float, str], ...]
 
 
-def panels_of(history: UnitHistory) -> Iterator[Panel]:
-    """The panels of a unit, in the order of its numbers."""
+def kinds_of(history: UnitHistory) -> Iterator[Kind]:
+    """The kinds of numbers of a unit, in their order."""
     for name in dict.fromkeys(each.number.name for each in history.numbers):
         kind = [each for each in history.numbers if each.number.name == name and len(each.values)]
         for first in range(0, len(kind), TOGETHER):
@@ -72,7 +67,7 @@ def panels_of(history: UnitHistory) -> Iterator[Panel]:
             title = name if len(kind) <= TOGETHER else f"{name} {', '.join(components)}"
             marks = tuple((at, f"shock: {', '.join(sorted(which))}") for at, which in sorted(shocks.items()))
             curves = tuple(_curve(history, each, k) for k, each in enumerate(part))
-            yield Panel(title, part[0].number.unit, tuple(components), curves, marks)
+            yield Kind(title, part[0].number.unit, tuple(components), curves, marks)
 
 
 def _curve(history: UnitHistory, each: NumberHistory, place: int) -> Curve:
@@ -105,67 +100,43 @@ def _course(each: NumberHistory, at: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return grid, slopes @ model.coefficients, low, high
 
 
-# The picture: each kind of number over the dates, with the course that was estimated and the shocks that were found.
+# The panels: each kind of number over the dates, with the course that was estimated and the shocks that were found.
 
-MARKS = {"x": "o", "y": "s", "z": "^"}
-#: of the span, between the marks of two components at one session
+#: of the span, between the points of two components at one session
 APART = 0.006
-#: most names of sessions below a panel, where there are no dates
-MOST_NAMES = 12
+#: dates below a panel
+DATES = 6
 
 
-def figure_of(history: UnitHistory) -> Figure:
-    """Return the picture as a matplotlib figure.  Raises CalibrationError where matplotlib is missing."""
-    panels = list(panels_of(history))
-    figure, grid = canvas(
-        -(-len(panels) // 2), f"{headline(history)}: difference from each number's mean, ± one sigma; dotted: no significant course", [], []
-    )
-    axes = np.ravel(grid)
-    for panel, own in zip(panels, axes, strict=False):
-        _draw(history, panel, own)
-    for own in axes[len(panels) :]:
-        own.axis("off")
-    return figure
+def picture_of(history: UnitHistory) -> Picture:
+    """All panels of a unit."""
+    title = f"{headline(history)}: difference from each number's mean, ± one sigma; dashed: no significant course"
+    return Picture([panel_of(history, kind) for kind in kinds_of(history)], title)
 
 
-def _draw(history: UnitHistory, panel: Panel, axes: Axes) -> None:
-    first = history.sessions[0].moment
-    span = float(history.at[-1] - history.at[0]) or 1.0
-
-    def place(at: np.ndarray) -> Any:
-        if not history.dated or first is None:
-            return at
-        return [first.when + timedelta(seconds=float(each) * YEAR_S) for each in at]
-
-    for k, curve in enumerate(panel.curves):
-        colour, moved = AXES[curve.axis], (k - 1) * APART * span
-        if len(curve.grid):
-            axes.fill_between(place(curve.grid), curve.low, curve.high, color=colour, alpha=0.12, lw=0)
-            axes.plot(place(curve.grid), curve.course, "-" if curve.shows else ":", lw=1.0 if curve.shows else 0.7, color=colour)
-        axes.errorbar(
-            place(curve.at + moved),
-            curve.values,
-            curve.sigmas,
-            fmt=MARKS[curve.axis],
-            ms=4,
-            mfc="white",
-            lw=1,
-            capsize=2,
-            color=colour,
-            label=curve.label,
-        )
-    axes.grid(True, color=PALE, lw=0.4, alpha=0.6)
-    axes.set(ylabel=f"difference ({panel.unit})", title=panel.title)
-    legend(axes)
-    for at, words in panel.shocks:
-        (where,) = place(np.array([at]))
-        axes.axvline(where, color=FLOOR, lw=0.9, ls=":")
-        axes.annotate(words, (where, 0.02), (3, 0), xycoords=("data", "axes fraction"), textcoords="offset points", fontsize=8, color=FLOOR)
-    if history.dated:
-        axes.tick_params(axis="x", rotation=20)
+def panel_of(history: UnitHistory, kind: Kind) -> Panel:
+    """One kind of number, about its means."""
+    # Years since the first session, with dates, or names of sessions where there are none
+    lo, hi = float(history.at[0]), float(history.at[-1])
+    room, first = 0.04 * (hi - lo) or 0.5, history.sessions[0].moment
+    if history.dated and first is not None:
+        dates = [(float(at), first.when + timedelta(seconds=float(at) * YEAR_S)) for at in np.linspace(lo, hi, DATES)]
+        ticks = [(at, date.date().isoformat()) for at, date in dates]
     else:
-        step = -(-len(history.sessions) // MOST_NAMES)
-        names = [session.name for session in history.sessions][::step]
-        axes.set_xticks(history.at[::step], labels=names)
-        for label in axes.get_xticklabels():
-            label.set_parse_math(False)  # a dollar sign in a folder's name
+        ticks = [(float(at), session.name[:16]) for at, session in zip(history.at, history.sessions, strict=True)]
+    x, y = Axis("", lo - room, hi + room, ticks=ticks), Axis(f"difference ({kind.unit})")
+    course = "the course with its 68 %, dashed where neither drift nor step is significant"
+    panel = Panel(x, y, kind.title, caption=f"{kind.title}: difference from each one’s mean, and {course}.")
+    for k, curve in enumerate(kind.curves):
+        if len(curve.grid):
+            panel.area(curve.grid, curve.low, curve.high, curve.axis)
+            panel.line(curve.grid, curve.course, curve.axis, "thin" if curve.shows else "dash")
+        says = [
+            f"{history.sessions[place].name}: {kind.components[k]} {value:+.3g} ± {sigma:.2g} {kind.unit}"
+            for place, value, sigma in zip(curve.sessions, curve.values, curve.sigmas, strict=True)
+        ]
+        at = curve.at + (k - 1) * APART * ((hi - lo) or 1.0)
+        panel.points(at, curve.values, curve.axis, sigma=curve.sigmas, name=curve.label, says=says)
+    for at, words in kind.shocks:
+        panel.upright(at, name="shock").words(at, -np.inf, f" {words}", "floor")
+    return panel

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -24,15 +24,12 @@ from tinygc.inference.decide import KINDS
 from tinygc.library.arguments import is_path, public
 from tinygc.library.records import Kept
 from tinygc.models.linear import BIAS
+from tinygc.reporting.drawing import Picture, saved
 from tinygc.reporting.facts import screen
-from tinygc.reporting.pictures.canvas import has_matplotlib, saved
 from tinygc.reporting.terminal import Group
 
-if TYPE_CHECKING:
-    from tinygc.reporting.pictures.canvas import Figure
-
 SCHEMA = "tinygc-history/1"
-FILE, PAGE, PICTURE = "history.json", "history.html", "history.png"
+FILE, PAGE, PICTURE = "history.json", "history.html", "history.svg"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -81,23 +78,22 @@ class History(Kept):
 
         return page(self.units, self.outlooks, self.remarks)
 
-    def plot(self, path: Path | str | None = None, unit: int = 0) -> Figure:
-        """Draw the numbers of a unit over the dates; path: a PNG to write.  Raises CalibrationError where matplotlib is missing."""
-        from tinygc.features.unit.history.curves import figure_of
+    def plot(self, path: Path | str | None = None, unit: int = 0) -> Picture:
+        """Draw the numbers of a unit over the dates; path: an SVG to write, or a PNG, which needs matplotlib."""
+        from tinygc.features.unit.history.curves import picture_of
 
-        figure = figure_of(self.units[unit])
-        return figure if path is None else saved(figure, Path(path))
+        return saved(picture_of(self.units[unit]), path)
 
     def save(self, folder: Path | str, pictures: bool = True) -> Any:
-        """Write ``history.json``, ``history.html`` and, where matplotlib is installed, ``history.png`` into a folder; of several units
-        ``history1.png`` and so on.  Returns the paths.
+        """Write ``history.json``, ``history.html`` and ``history.svg`` into a folder; of several units ``history1.svg`` and so on.
+        Returns the paths.
 
         Raises StorageError for files that cannot be written.
         """
         folder = super().save(folder, False)
         written = [folder / name for name in self.FILES]
-        for number in range(len(self.units)) if pictures and has_matplotlib() else ():
-            written.append(folder / (PICTURE if len(self.units) == 1 else f"history{number + 1}.png"))
+        for number in range(len(self.units)) if pictures else ():
+            written.append(folder / (PICTURE if len(self.units) == 1 else f"history{number + 1}.svg"))
             self.plot(written[-1], number)
         return written
 

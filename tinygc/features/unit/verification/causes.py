@@ -27,7 +27,6 @@ from session.detect.accelerometer import BIASES
 from session.detect.accelerometer import SCALES as SCALES_OF_ACCELEROMETER
 from tinygc.estimation.spread import ACCELEROMETER, COUNT, GYROSCOPE, ZERO
 from tinygc.features.unit.verification.expected import Part
-from tinygc.features.unit.verification.questions import dense, noise_beside
 from tinygc.features.unit.verification.rows import Rows
 from tinygc.fitting.unit_state import UnitState
 from tinygc.inference.choose import AS_PROBABLE, PRIOR_ODDS, climb, log_evidence, rivals_of, scales_of, weights_of
@@ -295,7 +294,6 @@ class Evidence:
         self.rows = rows
         self._columns = np.concatenate([np.zeros((len(rows.r), 0)), *(part.columns for part in parts)], axis=1)
         self._into = np.concatenate([np.zeros((COUNT, 0)), *(part.into for part in parts)], axis=1)
-        self._V = [dense(component.V) for component in rows.components]
         self._starts = [quiet]
 
     def of(self, causes: Sequence[Cause], sizes: np.ndarray | None = None) -> Explanation:
@@ -308,9 +306,10 @@ class Evidence:
         if sizes is None:
             # The likelihood may have two maxima: all as noise, or all as a change.  A search starts near each.
             J = np.concatenate([columns, X], axis=1)
-            sizes = min((noise_beside(rows, J, start=start) for start in self._starts), key=lambda found: found.value).s
+            found = (rows.noise.estimated(rows.white, rows.r, J, start) for start in self._starts)
+            sizes = min(found, key=lambda each: each.value).s
             self._starts = [*self._starts[:1], sizes] if len(self._starts) == 1 else self._starts
-        covariance = rows.white + sum((s**2 * V for s, V in zip(sizes, self._V, strict=True)), np.zeros_like(rows.white))
+        covariance = rows.covariance(replace(rows.noise, s=sizes))
         factor = np.linalg.cholesky(covariance + columns @ columns.T)
         white, w = solve_lower(factor, X), solve_lower(factor, rows.r)
         base = -float(np.sum(np.log(np.diag(factor)))) - float(w @ w) / 2 - self._penalty(sizes) / 2
@@ -337,7 +336,7 @@ class Evidence:
 
     def _penalty(self, sizes: np.ndarray) -> float:
         """-2 log of the priors of the noise's sizes, as ``inference.noise`` has it."""
-        pairs = zip(sizes, self.rows.components, strict=True)
+        pairs = zip(sizes, self.rows.noise.components, strict=True)
         return sum(c.prior.apart(float(max(s, 1e-12 * c.usual)))[0] ** 2 for s, c in pairs if c.prior is not None)
 
 

@@ -26,10 +26,11 @@ from session.detect.accelerometer import IDENTITY
 from tinygc.closure.joint import tilt_columns
 from tinygc.closure.motion import MINUTE_S, Motion, at_rest, motion_of
 from tinygc.estimation.spread import ACCELEROMETER, COUNT, GYROSCOPE, ZERO
-from tinygc.features.unit.verification.questions import GRAVITY, PLAUSIBLE, B, E, TodaysNoise
+from tinygc.features.unit.verification.questions import GRAVITY, PLAUSIBLE, B, E
 from tinygc.features.unit.verification.rows import CLOSURE, LENGTH, Rows
 from tinygc.inference.solve import solve_lower
 from tinygc.models.linear import BIAS, MATRIX, LinearModel
+from tinygc.noise.components import SessionNoise
 from tinygc.planning.proposals import Known, Proposal, best_turns
 from tinygc.planning.turns import SIDES
 
@@ -114,16 +115,16 @@ def turn_about(axis: int, share: float) -> Motion:
     return Motion(rate, np.diff(t), f"{360 * share:g}° about {'xyz'[axis]}")
 
 
-def left_open(rows: Rows, noise: TodaysNoise) -> np.ndarray:
+def left_open(rows: Rows, noise: SessionNoise) -> np.ndarray:
     """(21, 21) W: what today's data leave open of each parameter, with plausible changes as prior."""
-    factor = np.linalg.cholesky(noise.covariance + rows.known @ rows.known.T)
+    factor = np.linalg.cholesky(rows.covariance(noise) + rows.known @ rows.known.T)
     J = solve_lower(factor, rows.parameters * PLAUSIBLE)
     return np.linalg.inv(J.T @ J + np.eye(COUNT)) * np.outer(PLAUSIBLE, PLAUSIBLE)
 
 
-def estimated_change(rows: Rows, noise: TodaysNoise, W: np.ndarray) -> np.ndarray:
+def estimated_change(rows: Rows, noise: SessionNoise, W: np.ndarray) -> np.ndarray:
     """(21,) change of the parameters by today's data, with plausible changes as prior: W (21, 21) is its covariance (``left_open``)."""
-    C = noise.covariance + rows.known @ rows.known.T
+    C = rows.covariance(noise) + rows.known @ rows.known.T
     return np.asarray(-W @ (rows.parameters.T @ np.linalg.solve(C, rows.r)))
 
 
@@ -152,7 +153,7 @@ def bound_deg(slopes: np.ndarray, change: np.ndarray, covariance: np.ndarray) ->
     return float((np.linalg.norm(slopes @ change, axis=1) + _BOUND * sigma).max() / DEG)
 
 
-def turns_that_tell(rows: Rows, noise: TodaysNoise, W: np.ndarray, limit_deg: float) -> list[Proposal]:
+def turns_that_tell(rows: Rows, noise: SessionNoise, W: np.ndarray, limit_deg: float) -> list[Proposal]:
     """Turns that bring what is open below the limit, the best first; none where nothing is open."""
     limit = limit_deg * DEG / _BOUND
     wanted = np.full(COUNT, limit / (2 * np.pi * np.sqrt(3)))
@@ -161,7 +162,7 @@ def turns_that_tell(rows: Rows, noise: TodaysNoise, W: np.ndarray, limit_deg: fl
     return best_turns(_known(rows, noise, W, wanted), MOST_TURNS)
 
 
-def turns_that_separate(rows: Rows, noise: TodaysNoise, spans: list[np.ndarray]) -> list[Proposal]:
+def turns_that_separate(rows: Rows, noise: SessionNoise, spans: list[np.ndarray]) -> list[Proposal]:
     """Turns that tell causes apart, each of which moves the parameters along its columns (21, k)."""
     together = np.concatenate(spans, axis=1)
     floor = np.diag((1e-4 * PLAUSIBLE) ** 2)
@@ -169,8 +170,8 @@ def turns_that_separate(rows: Rows, noise: TodaysNoise, spans: list[np.ndarray])
     return best_turns(_known(rows, noise, covariance, sigmas_in(covariance) / 10 + 1e-5 * PLAUSIBLE), 3)
 
 
-def _known(rows: Rows, noise: TodaysNoise, covariance: np.ndarray, wanted: np.ndarray) -> Known:
-    sigma = sigmas_in(noise.covariance)
+def _known(rows: Rows, noise: SessionNoise, covariance: np.ndarray, wanted: np.ndarray) -> Known:
+    sigma = sigmas_in(rows.covariance(noise))
     closure, length = sigma[rows.kinds[CLOSURE]][~rows.blank[rows.kinds[CLOSURE]]], sigma[rows.kinds[LENGTH]]
     sigma_rad = float(np.median(closure)) if len(closure) else USUAL_TURN_DEG * DEG
     return Known(covariance, sigma_rad, float(np.median(length)) if len(length) else USUAL_LENGTH_MPS2, True, wanted)

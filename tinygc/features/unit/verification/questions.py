@@ -20,7 +20,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from scipy.special import chdtri, fdtrc
@@ -31,10 +30,10 @@ from tinygc.features.unit.verification.expected import Part
 from tinygc.features.unit.verification.rows import CLOSURE, LENGTH, STILL, Rows
 from tinygc.fitting.unit_state import UnitState
 from tinygc.inference.choose import factors_by_freedom, factors_by_size, level_of_each, tail
-from tinygc.inference.noise import SCORING_STEPS, ComponentEstimate, Sparse, estimate
+from tinygc.inference.noise import block_of
 from tinygc.inference.solve import left_of, orthonormal, solve_lower
 from tinygc.models.linear import MATRIX, PRIOR_SIGMA
-from tinygc.noise.components import TURN
+from tinygc.noise.components import TURN, SessionNoise
 from tinygc.noise.whitening import OPEN_MPS2
 
 #: probability of any false alarm
@@ -56,67 +55,15 @@ LEAST_SHARE = 1e-3
 E, B, GRAVITY, NOISE = "E", "B", "gravity's length", "noise"
 
 
-class NoisePart(NamedTuple):
-    """A component of the noise: its name; V (n, n) for size 1; its size s, and that one's sigma."""
-
-    name: str
-    V: np.ndarray
-    s: float
-    sigma: float
-
-
-@dataclass(frozen=True, eq=False)
-class TodaysNoise:
-    """Noise of today's recording: covariance (n, n); parts beyond white; found: their sizes."""
-
-    covariance: np.ndarray
-    parts: tuple[NoisePart, ...]
-    found: ComponentEstimate
-
-    @property
-    def named(self) -> np.ndarray:
-        """Covariance (n, n) without the independent error of each turn, which would take up any misfit."""
-        return self.covariance - sum((part.s**2 * part.V for part in self.parts if part.name == TURN), np.zeros_like(self.covariance))
-
-
-def todays_noise(rows: Rows) -> TodaysNoise:
+def todays_noise(rows: Rows) -> SessionNoise:
     """Estimate the noise beyond white, with all 21 parameters free, so that no fault counts as noise."""
     free = np.zeros(COUNT)
     free[GYROSCOPE] = PRIOR_SIGMA
     free[ACCELEROMETER] = np.r_[np.full(6, OPEN_MPS2 / G), np.full(3, OPEN_MPS2)]
     J = np.concatenate([rows.parameters * free, rows.known], axis=1)
-    found = noise_beside(rows, J, with_sigma=True)
-    covariance, parts = rows.white, []
-    for component, s, sigma in zip(rows.components, found.s, found.sigma, strict=True):
-        own = dense(component.V)
-        spread = float(sigma) if np.isfinite(sigma) else max(float(s), component.usual)
-        parts.append(NoisePart(component.name, own, float(s), spread))
-        covariance = covariance + s**2 * own
-    return TodaysNoise(covariance, tuple(parts), found)
-
-
-def noise_beside(rows: Rows, J: np.ndarray, with_sigma: bool = False, start: np.ndarray | None = None) -> ComponentEstimate:
-    """Sizes of the components beside columns J (n, p) of one sigma each."""
-    parts = rows.components
-    if not parts:
-        return ComponentEstimate(np.zeros(0), np.zeros(0), float("nan"))
-    return estimate(
-        rows.r,
-        J,
-        rows.white,
-        [c.V for c in parts],
-        np.array([c.usual for c in parts]),
-        [c.prior for c in parts],
-        [np.arange(len(rows.r))],
-        start,
-        with_sigma,
-        SCORING_STEPS,
-    )
-
-
-def dense(V: np.ndarray | Sparse) -> np.ndarray:
-    """(n, n) of a component."""
-    return V.dense() if isinstance(V, Sparse) else V
+    found = rows.noise.estimated(rows.white, rows.r, J, with_sigma=True)
+    usual = np.array([component.usual for component in found.components])
+    return replace(found, sigma=np.where(np.isfinite(found.sigma), found.sigma, np.maximum(found.s, usual)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,11 +99,11 @@ class Question:
         return self.p_value >= self.level
 
 
-def ask(rows: Rows, parts: Sequence[Part], noise: TodaysNoise, old: UnitState, false_alarm: float = FALSE_ALARM) -> list[Question]:
+def ask(rows: Rows, parts: Sequence[Part], noise: SessionNoise, old: UnitState, false_alarm: float = FALSE_ALARM) -> list[Question]:
     """Ask all that today's recording can answer."""
     everything = np.arange(len(rows.r))
     matrix, zero, accelerometer = np.r_[GYROSCOPE][MATRIX], np.r_[ZERO], np.r_[ACCELEROMETER]
-    expected = noise.covariance + sum((part.columns @ part.columns.T for part in parts), np.zeros_like(noise.covariance))
+    expected = rows.covariance(noise) + sum((part.columns @ part.columns.T for part in parts), np.zeros_like(rows.white))
     found = [_ask(rows, expected, parts, noise, E, matrix, np.r_[zero, accelerometer], everything)]
     if rows.stills:  # the zero is what is read at rest, where a change of E is a hundredth of little
         at_rest = everything[rows.kinds[STILL]]
@@ -175,7 +122,7 @@ def _ask(
     rows: Rows,
     expected: np.ndarray,
     parts: Sequence[Part],
-    noise: TodaysNoise,
+    noise: SessionNoise,
     name: str,
     which: np.ndarray,
     free: np.ndarray,
@@ -199,8 +146,8 @@ def _ask(
             own = project @ solve_lower(factor, part.columns[keep])
             known = known - own @ own.T
             estimated.append((own @ own.T, factors_by_freedom(part.freedom, number, DRAWS)))
-    for number, (_, V, s, sigma) in enumerate(noise.parts):
-        carried = project @ solve_lower(factor, solve_lower(factor, V[np.ix_(keep, keep)]).T) @ project.T
+    for number, (component, s, sigma) in enumerate(zip(noise.components, noise.s, noise.sigma, strict=True)):
+        carried = project @ solve_lower(factor, solve_lower(factor, block_of(component.V, keep)).T) @ project.T
         if np.trace(carried) * (s + sigma) ** 2 > LEAST_SHARE:
             known = known - s**2 * carried
             estimated.append((carried, factors_by_size(s, sigma, number, DRAWS)))
@@ -208,7 +155,7 @@ def _ask(
     return Question(name, statistic, k, tail(statistic, known, estimated))
 
 
-def _left_over(rows: Rows, noise: TodaysNoise, old: UnitState) -> Question:
+def _left_over(rows: Rows, noise: SessionNoise, old: UnitState) -> Question:
     """Whether noise explains the turns' closure, and the rates at rest, beyond any change of the 21 parameters.
 
     Rates at rest are asked by the noise that the old fit found in them: today's own would take up a zero that differs from rest to rest.
@@ -217,10 +164,12 @@ def _left_over(rows: Rows, noise: TodaysNoise, old: UnitState) -> Question:
     """
     part = slice(0, rows.kinds[LENGTH].start) if old.at_rest or not rows.turns else rows.kinds[CLOSURE]
     keep = np.arange(len(rows.r))[part][~rows.blank[part]]
-    total, of_old = noise.named + rows.known @ rows.known.T, []
-    for name, V, s, _ in noise.parts:
-        if name in old.at_rest:
-            variance, known = old.at_rest[name]
+    # Without the independent error of each turn, which would take up any misfit.
+    total, of_old = rows.covariance(noise.without(TURN)) + rows.known @ rows.known.T, []
+    for component, s in zip(noise.components, noise.s, strict=True):
+        if component.name in old.at_rest:
+            variance, known = old.at_rest[component.name]
+            V = block_of(component.V, np.arange(len(total)))
             total = total + (variance - s**2) * V
             of_old.append((variance * V, known))
     columns, matrix = rows.parameters * PLAUSIBLE, np.r_[GYROSCOPE][MATRIX]

@@ -40,7 +40,7 @@ from tinygc.estimation.spread import ACCELEROMETER, COUNT, GYROSCOPE
 from tinygc.fitting.unit_state import UnitState
 from tinygc.inference.noise import Prior, Sparse, wander_covariance
 from tinygc.models.linear import BIAS, MATRIX, PRIOR_SIGMA, LinearModel
-from tinygc.noise.components import WANDER, Component, first_noise
+from tinygc.noise.components import WANDER, Component, SessionNoise, Undersampling, first_noise
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import ACCEL_INSTABILITY_MPS2, PRECALIBRATION_MPS2, Whitener
 
@@ -63,7 +63,7 @@ class Rows:
     r (n,): rad, rad/s, m/s^2; parameters (n, 21): their derivative by the accelerometer's correction and by the linear model's vector;
     spans_s (n,): duration of each row's turn, 1 of other rows;
     known (n, k): what is uncertain in the references, one sigma each: the Earth's rate, gravity's length; white (n, n): white noise;
-    components: noise beyond white, whose sizes are estimated; kinds: rows of each kind; blank (n,) bool: rows without data; duration_s of
+    noise: beyond white, whose sizes are estimated; kinds: rows of each kind; blank (n,) bool: rows without data; duration_s of
     the session; temp_c: mean over its stills, NaN where not known; stills, turns: how many; noise_freedom: degrees of freedom of the white
     noise; rest_rps (3,): what the gyroscope reads at rest; session as it was compared; steps_s: seconds at which a step is looked for;
     in_time: columns (n, 3) of a change of B that follows a profile in time; twin: of a recording with turns; remark: what the first look
@@ -75,7 +75,7 @@ class Rows:
     known: np.ndarray
     spans_s: np.ndarray
     white: np.ndarray
-    components: tuple[Component, ...]
+    noise: SessionNoise
     kinds: dict[str, slice]
     blank: np.ndarray
     duration_s: float
@@ -89,6 +89,10 @@ class Rows:
     in_time: Callable[[Profile], np.ndarray] = field(repr=False)
     twin: Twin | None = None
     remark: str = ""
+
+    def covariance(self, noise: SessionNoise) -> np.ndarray:
+        """(n, n) of white noise and of noise beyond it."""
+        return self.white + noise.covariance
 
     def warmer_than(self, old: UnitState) -> float | None:
         """K by which the sensor is warmer than in the old session; None where one of them does not say it."""
@@ -253,7 +257,7 @@ def _of_turns(problem: Problem, old: UnitState, session: Session, factor: float,
         known=np.concatenate(known, axis=1),
         spans_s=spans_s,
         white=whiten.white - allowances @ allowances.T,
-        components=noise.components,
+        noise=replace(noise, blocks=[np.arange(n)]),
         kinds=dict(whiten.parts),
         blank=blank,
         duration_s=float(problem.began_s[-1]),
@@ -328,7 +332,7 @@ def _of_rests(session: Session, old: UnitState, found: SessionStills) -> Rows:
         known=np.concatenate([unseen, gravity], axis=1),
         spans_s=np.ones(n),
         white=np.diag(white),
-        components=_of_stills(middle_s, spans, instability, n, float(np.sqrt(np.median(white[still])))),
+        noise=_of_stills(middle_s, spans, instability, n, float(np.sqrt(np.median(white[still])))),
         kinds={CLOSURE: slice(0, 0), STILL: still, LENGTH: slice(3 * q, n)},
         blank=np.zeros(n, dtype=bool),
         duration_s=duration_s,
@@ -343,12 +347,14 @@ def _of_rests(session: Session, old: UnitState, found: SessionStills) -> Rows:
     )
 
 
-def _of_stills(middle_s: np.ndarray, spans_s: np.ndarray, instability: BiasInstability, n: int, white: float) -> tuple[Component, ...]:
+def _of_stills(middle_s: np.ndarray, spans_s: np.ndarray, instability: BiasInstability, n: int, white: float) -> SessionNoise:
     """The bias' drift between stills, with the prior of its source."""
     V = np.zeros((n, n))
     V[: 3 * len(middle_s), : 3 * len(middle_s)] = np.kron(wander_covariance(middle_s, spans_s, instability_rps=1.0), np.eye(3))
     rps = instability.rps if instability.source != UNKNOWN and instability.rps > 0 else white
-    return (Component(WANDER, Sparse.of(V), rps, "rad/s", 1.0, "bias drift", Prior(rps, 0.5)),)
+    drift = Component(WANDER, Sparse.of(V), rps, "rad/s", 1.0, "bias drift", Prior(rps, 0.5))
+    none = Undersampling(np.zeros(0), 1.0, np.zeros(0), float("nan"))
+    return SessionNoise((drift,), [np.arange(n)], none, np.zeros(1), np.zeros(1))
 
 
 def columns_of(covariance: np.ndarray) -> np.ndarray:

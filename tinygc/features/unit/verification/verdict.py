@@ -36,13 +36,14 @@ from tinygc.features.unit.verification.cost import (
     uses,
 )
 from tinygc.features.unit.verification.expected import Part, expected_parts
-from tinygc.features.unit.verification.questions import GRAVITY, NOISE, B, E, Question, TodaysNoise, ask, todays_noise
+from tinygc.features.unit.verification.questions import GRAVITY, NOISE, B, E, Question, ask, todays_noise
 from tinygc.features.unit.verification.rows import Rows, clocks_apart, facts, rows_of
 from tinygc.fitting.unit_state import UnitState, read_state, spread_of, spread_over
 from tinygc.inference.decide import Answer
 from tinygc.library.arguments import is_path, public
 from tinygc.library.records import Shown
 from tinygc.models.linear import BIAS as BIAS_OF_12
+from tinygc.noise.components import SessionNoise
 from tinygc.planning.proposals import Proposal
 from tinygc.reporting.facts import Table, screen
 from tinygc.reporting.terminal import Group, Text, one_line
@@ -310,7 +311,7 @@ def verify_session(
     used = uses(rows, old.linear, old.accelerometer is not None)
     bounds = tuple(Bound(name, bound_deg(slopes, np.zeros(len(W)), W), options.limit_deg, words) for name, slopes, words in used)
     causes = candidate_causes(rows, old)
-    evidence = Evidence(rows, parts, noise.found.s)
+    evidence = Evidence(rows, parts, noise.s)
     anew = evidence.of([cause for cause in causes if cause.name == "zero"])
     refuted = [question for question in questions if question.asked and not question.holds]
     diagnosis, change, covariance = None, anew.change, anew.covariance
@@ -320,7 +321,7 @@ def verify_session(
         change, covariance = diagnosis.best.change, diagnosis.best.covariance
         if len(turned := diagnosis.best.of("rotation")):  # its second order would pass for further causes
             more = beyond_linear(old.linear, turned)
-            diagnosis = diagnose(Evidence(replace(rows, r=rows.r + rows.parameters @ more), parts, noise.found.s), causes)
+            diagnosis = diagnose(Evidence(replace(rows, r=rows.r + rows.parameters @ more), parts, noise.s), causes)
             change, covariance = diagnosis.best.change + more, diagnosis.best.covariance
     cost = cost_of(rows, old.linear, change, covariance, anew.change[ZERO], anew.covariance[ZERO, ZERO])
     if diagnosis is not None and not diagnosis.best.causes:  # whatever it was, it is as large as today's data alone leave it
@@ -433,7 +434,7 @@ def bias_words(bias: np.ndarray, covariance: np.ndarray) -> str:
     return ", ".join(f"{value / DEG:+.4f} ± {s:.4f}" for value, s in zip(bias, sigma, strict=True)) + " dps"
 
 
-def _separate(rows: Rows, noise: TodaysNoise, diagnosis: Diagnosis | None, causes: Sequence[Cause]) -> tuple[Proposal, ...]:
+def _separate(rows: Rows, noise: SessionNoise, diagnosis: Diagnosis | None, causes: Sequence[Cause]) -> tuple[Proposal, ...]:
     if diagnosis is None:
         return ()
     by_name = {cause.name: cause for cause in causes}

@@ -16,8 +16,6 @@ EPILOG = (
     "exit code: 0 no alarm, 1 an alarm, 5 no rest to judge, or a zero that is to be taken anew; Ctrl-C ends a watch as the end of "
     "the stream does"
 )
-#: exit code of a watch that could judge nothing
-UNDECIDED = 5
 
 
 @dataclass(frozen=True)
@@ -36,6 +34,8 @@ def run(args: Options) -> int:
     from session.base.records import json_line
     from tinygc.features.unit.watch.alarms import AlarmCommand, JsonLines, words_of
     from tinygc.features.unit.watch.library import events_of
+    from tinygc.features.unit.watch.watch import HELD
+    from tinygc.inference.decide import KINDS
 
     source = str(args.source)
     to_standard = is_standard_output(args.json)
@@ -66,4 +66,4 @@ def run(args: Options) -> int:
         at_alarm.wait()
     if lines is not None:
         lines.end()
-    return UNDECIDED if held is None else 0 if held else 1
+    return next(KINDS[kind].exit_code for kind, each in HELD.items() if each is held)

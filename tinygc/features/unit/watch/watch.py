@@ -40,6 +40,7 @@ from tinygc.features.unit.watch.expectation import (
 from tinygc.features.unit.watch.source import RESTART, Item, Remark
 from tinygc.features.unit.watch.turns import LEAST_RAD, LONGEST_S, Turn, TurnTest
 from tinygc.fitting.unit_state import UnitState
+from tinygc.inference.decide import Answer
 from tinygc.models.linear import LinearModel
 
 DAY_S = 86400.0
@@ -54,6 +55,8 @@ REMEMBERED = 4096
 #: s without a rest after which that is said, and then each time twice as long
 RESTLESS_S = 600.0
 SCHEMA = "tinygc-watch/1"
+#: whether a calibration held, by the kind of the answer; None where that is not decided
+HELD = {"holds": True, "does not hold": False, "undecided": None}
 #: of a block: calibrated and measured rate (N, 3) rad/s, and s of each sample (N,)
 Arrays = tuple[np.ndarray, np.ndarray, np.ndarray]
 
@@ -392,6 +395,7 @@ class Watch:
                 yield from self._calibrated(rest, _joined(list(taken(self._waiting, len(rest)))))
         self._end_quiet()
         yield from self._end_rest()
+        answer = self._answer()
         table = {
             "windows": self.windows,
             "rests": self.rests,
@@ -400,12 +404,12 @@ class Watch:
             "alarms": self.alarms,
             "rested_s": round(self.rested_s, 1),
             "counts": dict(self.counts),
-            "held": False if self.alarms else None if self._zero is None or self._zero_matters() else True,
+            "held": HELD[answer.kind],
         }
         if self._zero is not None:
             zero, sigma = ((each / DEG).tolist() for each in self._zero)
             table |= {"zero_dps": zero, "zero_sigma_dps": sigma, "zero_cost_deg": _cost_deg(self._zero[0])}
-        yield Event("end", self.t_s, self._ended_words(), table)
+        yield Event("end", self.t_s, answer.headline, table)
 
     def _zero_matters(self) -> bool:
         """Whether a minute at rest misses more than the limit by the last zero, as ``verify`` asks it: beyond two sigmas."""
@@ -413,10 +417,11 @@ class Watch:
         zero, sigma = (float(np.linalg.norm(each)) for each in self._zero)
         return _cost_deg(self._zero[0]) > LIMIT_DEG and zero > 2 * sigma
 
-    def _ended_words(self) -> str:
+    def _answer(self) -> Answer:
         if self._zero is None or self.expected is None:
             short = f" ({self.short} were too short)" if self.short else ""
-            return f"UNDECIDED: {self.t_s:.0f} s, and no rest that could be judged{short}{self._wrong_force() if self.settings else ''}"
+            force = self._wrong_force() if self.settings else ""
+            return Answer("undecided", f"{self.t_s:.0f} s, and no rest that could be judged{short}{force}")
         short = f" ({self.short} shorter ones passed over)" if self.short else ""
         what = f"{self.windows} windows of {self.window_s:.1f} s in {self.rests} rests{short}, {self.turns} turns, {self.t_s / 3600:.2f} h"
         zero, allowed = self._zero[0] / DEG, rms_of(self.expected.offset)
@@ -429,10 +434,10 @@ class Watch:
             f"({significant(allowed * MINUTE_S / DEG, 2)}°, one sigma{usual})"
         )
         if self.alarms:
-            return f"ALARMS: {self.alarms} in {what}; {costs}"
+            return Answer("does not hold", f"{self.alarms} alarm{'s' * (self.alarms > 1)} in {what}; {costs}")
         if self._zero_matters():
-            return f"UNDECIDED: no alarm, but {costs}: take B anew (`calibrate verify` says how); {what}"
-        return f"HELD: {what}, no alarm; {costs}"
+            return Answer("undecided", f"no alarm, but {costs}: take B anew (`calibrate verify` says how); {what}")
+        return Answer("holds", f"{what}, no alarm; {costs}")
 
 
 def _cost_deg(zero_rps: np.ndarray) -> float:

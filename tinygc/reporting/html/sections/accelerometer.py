@@ -8,10 +8,9 @@ from session.base.texts import significant
 from session.base.units import MG
 from session.detect.accelerometer import attitudes_of
 from tinygc.closure.joint import REFUTED_P
-from tinygc.estimation.accelerometer import UNITS
 from tinygc.explanation.reported import ReportData
+from tinygc.reporting.drawing import Axis, Panel
 from tinygc.reporting.facts import errors_table
-from tinygc.reporting.html.chart import Axis, Chart, log_axis
 from tinygc.reporting.html.markup import Section, render
 
 #: term -> its meaning in one line
@@ -45,23 +44,21 @@ def section(evidence: ReportData) -> Section | None:
         rests_on=evidence.adopted.accelerometer.source,
         table=errors_table("", nine, meanings=MEANINGS),
         factors=[f"{q.factor:.2f}" for q in sorted(nine, key=lambda q: q.factor)],
-        before=earlier,
         has_before=before is not None,
-        chart=(lambda width: _chart(before, after, width)) if after.size else None,
+        chart=_chart(before, earlier, after) if after.size else None,
     )
     return Section("accelerometer", "Accelerometer", html)
 
 
-def _chart(before: np.ndarray | None, after: np.ndarray, width: int) -> str:
-    sizes = [np.maximum(np.abs(each) / UNITS["mg"], LEAST_MG) for each in (before, after) if each is not None]
-    y = log_axis(np.concatenate(sizes), "miss of gravity’s length, mg", margin=1.3)
-    chart = Chart(width, 230, Axis(-0.5, len(after) - 0.5, "still"), y, "By how much each still's length misses gravity's")
-    number = np.arange(len(after))
-    for each, kind in ((before, "before"), (after, "after")):
-        if each is not None:
-            titles = [f"still {n}: {miss / MG:+.3f} mg" for n, miss in zip(number, each, strict=True)]
-            chart.dots(number, np.maximum(np.abs(each) / MG, LEAST_MG), kind, titles, ring=kind == "before")
-    return chart.svg()
+def _chart(before: np.ndarray | None, earlier: str, after: np.ndarray) -> Panel:
+    about = "By how much each still's length misses gravity's"
+    panel = Panel(Axis("still"), Axis("miss of gravity’s length (mg)", log=True), about=about)
+    for name, misses in ((earlier, before), ("calibrated", after)):
+        if misses is not None:
+            says = [f"still {n}: {miss / MG:+.3f} mg" for n, miss in enumerate(misses)]
+            sizes, is_before = np.maximum(np.abs(misses) / MG, LEAST_MG), misses is before
+            panel.points(np.arange(len(misses)), sizes, "before" if is_before else "after", ring=is_before, name=name, says=says)
+    return panel
 
 
 def spread_text(misses: np.ndarray) -> str:

@@ -11,8 +11,8 @@ from tinygc.closure import residual
 from tinygc.closure.runs import ClosureRun
 from tinygc.explanation.reported import ReportData
 from tinygc.models.linear import bias_only
+from tinygc.reporting.drawing import Axis, Panel
 from tinygc.reporting.fit_text import TITLES, run_table
-from tinygc.reporting.html.chart import Axis, Chart, log_axis
 from tinygc.reporting.html.markup import Section, render
 
 DENOISED = "tinygc_denoised"
@@ -31,15 +31,12 @@ def _run(evidence: ReportData, number: int, run: ClosureRun) -> dict:
     rates = _rates(evidence, run)
     tracks = {name: residual.attitudes(run.batch, rate[None])[0] for name, rate in rates.items()}
     t = running_sum(run.batch.dt[0])
-    # The denoised attitude is left out: its output delay alone would make it deviate.
-    moved = [name for name in tracks if name not in (adopted.name, DENOISED)]
     return {
         "file": run.file,
         "seconds": run.duration_s,
-        "attitude": lambda width: _attitude(t, tracks[adopted.name], tracks.get("raw"), width),
+        "attitude": _attitude(t, tracks[adopted.name], tracks.get("raw")),
         "raw": rms_of(_error(evidence, run, "raw", number)),
-        "straying": lambda width: _straying(t, tracks, adopted.name, run, width),
-        "lines": [*((name, TITLES.get(name, name), "line") for name in moved), ("floor", "noise of the integrated rate, 1σ", "dash")],
+        "straying": _straying(t, tracks, adopted.name, run),
         "table": run_table(run, {name: _error(evidence, run, name, number) for name in rates}, adopted.name),
         "p": adopted.run_p[number],
     }
@@ -67,11 +64,9 @@ def _error(evidence: ReportData, run: ClosureRun, name: str, number: int) -> np.
     return known[name] if name in known else run.errors(bias_only())
 
 
-def _attitude(t: np.ndarray, q: np.ndarray, raw: np.ndarray | None, width: int) -> str:
+def _attitude(t: np.ndarray, q: np.ndarray, raw: np.ndarray | None) -> Panel:
     ticks = [(v, f"{v:g}".replace("-", "−")) for v in (-180, -90, 0, 90, 180)]
-    chart = Chart(
-        width, 270, Axis(0, t[-1], "time, s"), Axis(-190, 190, "degrees", ticks=ticks), "Roll, pitch and yaw over the closure run"
-    )
+    panel = Panel(Axis("time (s)"), Axis("angle (°)", -190, 190, ticks=ticks), about="Roll, pitch and yaw over the closure run")
     for track, style in ((raw, "thin"), (q, "line")):
         if track is not None:
             # Roll, pitch, yaw (T, 3) in degrees of R = Rz Ry Rx.
@@ -79,26 +74,26 @@ def _attitude(t: np.ndarray, q: np.ndarray, raw: np.ndarray | None, width: int) 
             roll = np.arctan2(R[:, 2, 1], R[:, 2, 2])
             pitch = np.arcsin(np.clip(-R[:, 2, 0], -1, 1))
             yaw = np.arctan2(R[:, 1, 0], R[:, 0, 0])
-            for kind, angle in zip("xyz", (np.stack([roll, pitch, yaw], axis=1) / DEG).T, strict=True):
+            for kind, name, angle in zip("xyz", ("roll", "pitch", "yaw"), np.stack([roll, pitch, yaw]) / DEG, strict=True):
                 # Insert gaps where an angle wraps.
                 broken = angle.copy()
                 broken[1:][np.abs(np.diff(angle)) > 180] = np.nan
-                chart.line(t, broken, kind, style)
-    return chart.svg()
+                panel.line(t, broken, kind, style, name=name if style == "line" else "")
+    return panel
 
 
-def _straying(t: np.ndarray, tracks: dict[str, np.ndarray], adopted: str, run: ClosureRun, width: int) -> str:
-    apart = {}
+def _straying(t: np.ndarray, tracks: dict[str, np.ndarray], adopted: str, run: ClosureRun) -> Panel:
+    """How far each method's attitude has strayed; without the denoised one, whose delay alone makes it deviate."""
+    noise, apart = np.linalg.norm(run.floor_rad) / DEG * np.sqrt(t / t[-1]), {}
     for name, q in tracks.items():
         if name not in (adopted, DENOISED):
             away = rotation.multiply(rotation.conjugate(tracks[adopted]), q)
             apart[name] = 2 * np.arctan2(np.linalg.norm(away[:, 1:], axis=1), np.abs(away[:, 0])) / DEG
-    noise = np.linalg.norm(run.floor_rad) / DEG * np.sqrt(t / t[-1])
-    highest = max([noise[-1], *(angle.max() for angle in apart.values())])
-    lowest = min([noise[-1] * 0.02, *(float(angle[-1]) for angle in apart.values())])
-    y = log_axis([max(lowest, highest * 1e-6), highest], "degrees", margin=1.5)
-    chart = Chart(width, 230, Axis(0, t[-1], "time, s"), y, "Departure of each method's attitude from the reported one")
-    chart.line(t[1:], noise[1:], "floor", "dash")
+    highest = max(noise[-1], *(angle.max() for angle in apart.values()))
+    lowest = max(min(noise[-1] * 0.02, *(float(angle[-1]) for angle in apart.values())), highest * 1e-6)
+    about = "Departure of each method's attitude from the reported one"
+    panel = Panel(Axis("time (s)"), Axis("departure (°)", lo=lowest / 1.5, log=True), about=about)
+    panel.line(t[1:], noise[1:], "floor", "dash", name="noise of the integrated rate, 1σ")
     for name, angle in apart.items():
-        chart.line(t[1:], np.where(angle[1:] > y.lo, angle[1:], np.nan), name)
-    return chart.svg()
+        panel.line(t[1:], angle[1:], name, name=TITLES.get(name, name))
+    return panel

@@ -8,7 +8,7 @@ from session.base.numeric import sigmas_in
 from session.base.texts import fixed
 from tinygc.explanation.reported import ReportData
 from tinygc.models.linear import PARAMETERS, field_jacobian
-from tinygc.reporting.html.chart import drawing
+from tinygc.reporting.drawing import Axis, Panel
 from tinygc.reporting.html.markup import Section, render
 
 #: the independent ones of the field's 18 quantities: scale factors, misalignments, biases
@@ -28,27 +28,21 @@ def section(evidence: ReportData) -> Section:
     strong = [f"{NAMES[j]} and {NAMES[i]} {fixed(correlation[i, j], 2)}" for size, i, j in pairs if size > STRONG][:6]
     html = render(
         "correlations.html",
-        matrix=lambda width: _matrix(correlation, min(width, 400)),
+        matrix=_matrix(correlation),
         strong=strong,
         limit=f"{STRONG:g}",
     )
     return Section("correlations", "Correlations", html)
 
 
-def _matrix(correlation: np.ndarray, side: int) -> str:
-    left, top = 62.0, 8.0
-    size = (side - left - 4) / PARAMETERS
-    parts = []
+def _matrix(correlation: np.ndarray) -> Panel:
+    names = Axis(lo=-0.6, hi=PARAMETERS - 0.4, ticks=[(float(n), name) for n, name in enumerate(NAMES)], down=True)
+    across = Axis(lo=-0.6, hi=PARAMETERS - 0.4, ticks=[])
+    panel = Panel(across, names, about="Correlations of the twelve parameters", height=300, widest=400)
     for i in range(PARAMETERS):
-        y = top + i * size
-        parts.append(f'<text x="{left - 8}" y="{y + size / 2 + 4:.1f}" text-anchor="end">{NAMES[i]}</text>')
         for j in range(i + 1):
-            value = 1.0 if i == j else float(correlation[i, j])
-            kind = "quiet" if i == j else "z" if value > 0 else "x"
-            title = f"{NAMES[j]} and {NAMES[i]}: {fixed(value, 2)}"
-            parts.append(
-                f'<rect class="solid k-{kind}" opacity="{0.35 if i == j else min(1.0, 0.04 + abs(value)):.2f}" '
-                f'x="{left + j * size:.1f}" y="{y:.1f}" '
-                f'width="{size - 1.5:.1f}" height="{size - 1.5:.1f}"><title>{title}</title></rect>'
-            )
-    return drawing(side, top + PARAMETERS * size + 4, "Correlations of the twelve parameters", "".join(parts))
+            value, half = float(correlation[i, j]), 0.47
+            kind, name = ("quiet", "") if i == j else ("z", "positive") if value > 0 else ("x", "negative")
+            opacity, says = 0.35 if i == j else min(1.0, 0.04 + abs(value)), [f"{NAMES[j]} and {NAMES[i]}: {fixed(value, 2)}"]
+            panel.area([j - half, j + half], i - half, i + half, kind, "solid", opacity=opacity, name=name, says=says)
+    return panel

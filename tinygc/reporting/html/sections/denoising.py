@@ -6,13 +6,13 @@ import numpy as np
 
 from session.base.numeric import rms_of
 from session.base.texts import degrees, significant
-from session.base.units import DEG
+from session.base.units import DEG, MDPS
 from tinygc.closure.problem import Problem
 from tinygc.estimation.bias import tilt_rms
 from tinygc.explanation.reported import ReportData
 from tinygc.models.denoiser import REACH, DenoisedNet
 from tinygc.noise.stillness import density
-from tinygc.reporting.html.chart import Axis, Chart, linear_axis, log_axis
+from tinygc.reporting.drawing import Axis, Panel
 from tinygc.reporting.html.markup import Section, render
 from tinygc.reporting.html.sections.noise_at_rest import still_pieces
 
@@ -45,9 +45,9 @@ def section(evidence: ReportData) -> Section | None:
             ("Delay", f"{significant(1e3 * model.delay_s)} ms"),
             ("Closure, held out", (f"{degrees(tilt_rms(calibrated.held_out))} → " if calibrated else "") + degrees(tilt_rms(fit.held_out))),
         ],
-        at_rest=lambda width: _at_rest(before[still], after[still], period_s, width),
-        turning=lambda width: _turning(problem, model, width),
-        spectra=(lambda width: _spectra(spectra, width)) if len(spectra) == 2 else None,
+        at_rest=_at_rest(before[still], after[still], period_s),
+        turning=_turning(problem, model),
+        spectra=_spectra(spectra) if len(spectra) == 2 else None,
     )
     return Section("denoiser", "Before and after the denoiser", html)
 
@@ -57,14 +57,19 @@ def _scatter(pieces: list[np.ndarray]) -> float:
     return rms_of(np.concatenate([piece - piece.mean(axis=0) for piece in pieces if len(piece) > 1]))
 
 
-def _at_rest(before: np.ndarray, after: np.ndarray, period_s: float, width: int) -> str:
-    t = np.arange(len(before)) * period_s
-    lines = [(rate[:, 2] - rate[:, 2].mean()) / DEG * 1e3 for rate in (before, after)]
-    chart = Chart(width, 210, Axis(0, t[-1], "time, s"), linear_axis(lines[0], "mdps"), "Rate at rest before and after the denoiser")
-    return chart.line(t, lines[0], "before", "thin").line(t, lines[1], NAME).svg()
+#: colour and name of each line
+LINES = (("before", "calibrated"), (NAME, "denoised"))
 
 
-def _turning(problem: Problem, model: DenoisedNet, width: int) -> str:
+def _at_rest(before: np.ndarray, after: np.ndarray, period_s: float) -> Panel:
+    panel = Panel(Axis("time (s)"), Axis("rate at rest (mdps)"), about="Rate at rest before and after the denoiser")
+    for rate, (kind, name) in zip((before, after), LINES, strict=True):
+        values, style = (rate[:, 2] - rate[:, 2].mean()) / MDPS, "thin" if kind == "before" else "line"
+        panel.line(np.arange(len(rate)) * period_s, values, kind, style, name=name)
+    return panel
+
+
+def _turning(problem: Problem, model: DenoisedNet) -> Panel:
     segment = max(problem.used, key=lambda one: one.turn_deg)
     samples = problem.logs[segment.log].samples
     rate = model.calibration(samples.gyro)
@@ -73,17 +78,15 @@ def _turning(problem: Problem, model: DenoisedNet, width: int) -> str:
     around = max(4, round(AROUND_S / 2 / samples.period_s))
     rows = slice(max(segment.start + int(row) - around, 0), segment.start + int(row) + around)
     t = samples.t_s[rows] - samples.t_s[rows][0]
-    lines = [values[rows, axis] / DEG for values in (rate, model(samples.gyro))]
-    chart = Chart(
-        width, 210, Axis(0, t[-1], "time, s"), linear_axis(np.concatenate(lines), "dps"), "Rate in a turn before and after the denoiser"
-    )
-    return chart.line(t, lines[0], "before").line(t, lines[1], NAME).svg()
+    panel = Panel(Axis("time (s)"), Axis("rate (dps)"), about="Rate in a turn before and after the denoiser")
+    for values, (kind, name) in zip((rate, model(samples.gyro)), LINES, strict=True):
+        panel.line(t, values[rows, axis] / DEG, kind, name=name)
+    return panel
 
 
-def _spectra(spectra: list[tuple[np.ndarray, np.ndarray]], width: int) -> str:
-    lines = [(frequency, np.sqrt(np.mean(amplitude**2, axis=1)) / DEG * 1e3) for frequency, amplitude in spectra]
-    y = log_axis(np.concatenate([values for _, values in lines]), "mdps/√Hz", margin=1.2)
-    chart = Chart(width, 230, Axis(0, lines[0][0][-1], "frequency, Hz"), y, "Spectrum at rest before and after the denoiser")
-    for (frequency, values), kind in zip(lines, ("before", NAME), strict=True):
-        chart.line(frequency, values, kind)
-    return chart.svg()
+def _spectra(spectra: list[tuple[np.ndarray, np.ndarray]]) -> Panel:
+    axes = Axis("frequency (Hz)", lo=0.0), Axis("amplitude density (mdps/√Hz)", log=True)
+    panel = Panel(*axes, about="Spectrum at rest before and after the denoiser")
+    for (frequency, amplitude), (kind, name) in zip(spectra, LINES, strict=True):
+        panel.line(frequency, np.sqrt(np.mean(amplitude**2, axis=1)) / MDPS, kind, name=name)
+    return panel

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from session.base.texts import measured, significant
-from session.base.units import DEG, DEG_PER_HOUR
+from session.base.units import DEG, DEG_PER_HOUR, MDPS
 from tinygc.closure.floor import AllanCurve, Reading, angle_random_walk
 from tinygc.closure.problem import MeasuredNoise, Problem
 from tinygc.closure.residual import RateMap
@@ -13,7 +13,7 @@ from tinygc.explanation.reported import ReportData
 from tinygc.noise.figures import NAMES, TERMS, NoiseFigures, Term, read_figures
 from tinygc.noise.measured import SHOWN
 from tinygc.noise.stillness import density
-from tinygc.reporting.html.chart import Axis, Chart, log_axis
+from tinygc.reporting.drawing import Axis, Panel
 from tinygc.reporting.html.markup import Section, render
 
 
@@ -30,8 +30,8 @@ def section(evidence: ReportData) -> Section | None:
         white=white,
         total_s=sum(still.duration_s for still in problem.stills if still.problem is None and still.bumps == 0),
         longest_s=curve.longest_s,
-        allan=lambda width: _allan(curve, walks, width),
-        spectrum=found and (lambda width: _spectrum(*found, width)),
+        allan=_allan(curve, walks),
+        spectrum=found and _spectrum(*found),
     )
     return Section("noise", "Noise at rest", html + ("" if problem.at_rest is None else _at_rest(problem.at_rest, problem)))
 
@@ -50,7 +50,7 @@ def _at_rest(measured: MeasuredNoise, problem: Problem) -> str:
             for name, (unit, si) in SHOWN[kind].items()
         ],
         said=[finding.says for finding in measured.findings(problem.session.name)],
-        allan=lambda width: _model(figures, float(problem.began_s[-1]), width),
+        allan=_model(figures, float(problem.began_s[-1])),
         has_data="gyro" in figures.allan,
     )
 
@@ -67,30 +67,26 @@ def _value(term: Term, si: float) -> str:
     return measured(term.value / si, 2 * term.sigma / si)
 
 
-def _model(figures: NoiseFigures, session_s: float, width: int) -> str:
+DEVIATION = "Allan deviation (°/h)"
+
+
+def _model(figures: NoiseFigures, session_s: float) -> Panel:
     """Allan deviation of the gyroscope's model on each axis, over its data where they are kept, and of its terms (rms of the axes)."""
     sensor, period_s, data = figures.gyro, 1 / figures.rate_hz, figures.allan.get("gyro")
     shortest_s = max([period_s, *(axis.from_s for axis in sensor.axes)])
     tau_s = np.geomspace(shortest_s, max(figures.duration_s / 2, 2 * shortest_s), 120)
-    lines = [np.sqrt(axis.allan_variance(tau_s)) / DEG_PER_HOUR for axis in sensor.axes]
-    terms = {
-        name: np.sqrt(np.mean([axis.allan_variance(tau_s, name) for axis in sensor.axes], axis=0)) / DEG_PER_HOUR
-        for name in TERMS
-        if sensor.measured(name)
-    }
-    y = log_axis(np.concatenate(lines), "Allan deviation, °/h", margin=1.3)
-    chart = Chart(width, 280, log_axis(tau_s, "averaging time, s", margin=1.05), y, "Allan deviation of the model at rest")
-    if data is not None:
-        for i, axis in enumerate("xyz"):
+    panel = Panel(Axis("averaging time (s)", log=True), Axis(DEVIATION, log=True), about="Allan deviation of the model at rest")
+    for name in filter(sensor.measured, TERMS):
+        term = np.sqrt(np.mean([axis.allan_variance(tau_s, name) for axis in sensor.axes], axis=0)) / DEG_PER_HOUR
+        panel.line(tau_s, term, "floor", "dash", name="each term", is_measure=False)
+    for i, (name, axis) in enumerate(zip("xyz", sensor.axes, strict=True)):
+        if data is not None:
             known = np.isfinite(data.low[:, i]) & np.isfinite(data.high[:, i])
-            chart.area(data.tau_s[known], data.low[known, i] / DEG_PER_HOUR, data.high[known, i] / DEG_PER_HOUR, axis)
-    for term in terms.values():
-        chart.line(tau_s, np.where(term > y.lo, term, np.nan), "floor", "dash")
-    for line, axis in zip(lines, "xyz", strict=True):
-        chart.line(tau_s, line, axis)
+            panel.area(data.tau_s[known], data.low[known, i] / DEG_PER_HOUR, data.high[known, i] / DEG_PER_HOUR, name, is_measure=False)
+        panel.line(tau_s, np.sqrt(axis.allan_variance(tau_s)) / DEG_PER_HOUR, name, name=name)
     if tau_s[0] < session_s < tau_s[-1]:
-        chart.upright(session_s, "after")
-    return chart.svg()
+        panel.upright(session_s, "after", name="length of this session")
+    return panel
 
 
 def still_pieces(problem: Problem, model: RateMap) -> list[np.ndarray]:
@@ -106,23 +102,21 @@ def still_pieces(problem: Problem, model: RateMap) -> list[np.ndarray]:
     ]
 
 
-def _allan(curve: AllanCurve, walks: list[Reading], width: int) -> str:
-    tau, deviation = curve.tau_s, curve.deviation / DEG_PER_HOUR
-    spread = curve.relative_sigma[:, None]
-    y = log_axis([*deviation.ravel(), *(deviation * (1 - np.minimum(spread, 0.6)))[-1]], "Allan deviation, °/h", margin=1.15)
-    chart = Chart(width, 280, log_axis(tau, "averaging time, s", margin=1.05), y, "Allan deviation of the three axes")
+def _allan(curve: AllanCurve, walks: list[Reading]) -> Panel:
+    tau, deviation, spread = curve.tau_s, curve.deviation / DEG_PER_HOUR, curve.relative_sigma
+    panel = Panel(Axis("averaging time (s)", log=True), Axis(DEVIATION, log=True), about="Allan deviation of the three axes")
     mean = float(np.mean([walk.value for walk in walks])) / DEG_PER_HOUR
-    chart.line(tau, mean / np.sqrt(tau), "floor", "dash")
+    panel.line(tau, mean / np.sqrt(tau), "floor", "dash", name="white noise", is_measure=False)
     for i, axis in enumerate("xyz"):
-        chart.area(tau, deviation[:, i] * (1 - np.minimum(spread[:, 0], 0.9)), deviation[:, i] * (1 + spread[:, 0]), axis)
-        chart.line(tau, deviation[:, i], axis)
-    return chart.svg()
+        low, high = deviation[:, i] * (1 - np.minimum(spread, 0.9)), deviation[:, i] * (1 + spread)
+        panel.area(tau, low, high, axis, is_measure=False).line(tau, deviation[:, i], axis, name=axis)
+    return panel
 
 
-def _spectrum(frequency: np.ndarray, amplitude: np.ndarray, width: int) -> str:
-    shown = amplitude / DEG * 1e3
-    y = log_axis(shown, "mdps/√Hz", margin=1.2)
-    chart = Chart(width, 230, Axis(0, frequency[-1], "frequency, Hz"), y, "Spectrum of the three axes at rest")
+def _spectrum(frequency: np.ndarray, amplitude: np.ndarray) -> Panel:
+    panel = Panel(
+        Axis("frequency (Hz)", lo=0.0), Axis("amplitude density (mdps/√Hz)", log=True), about="Spectrum of the three axes at rest"
+    )
     for i, axis in enumerate("xyz"):
-        chart.line(frequency, shown[:, i], axis)
-    return chart.svg()
+        panel.line(frequency, amplitude[:, i] / MDPS, axis, name=axis)
+    return panel

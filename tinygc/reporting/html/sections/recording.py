@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from session.base.rotation import unit_vectors
 from session.base.texts import fixed, significant
 from session.base.units import DEG
 from session.detect.segments import Segment
@@ -11,10 +12,12 @@ from session.log.folder import Session
 from session.log.samples import Samples
 from tinygc.closure.problem import Problem
 from tinygc.explanation.reported import ReportData
+from tinygc.reporting.drawing import Axis, Panel, Picture
 from tinygc.reporting.fit_text import earth_words
-from tinygc.reporting.html.chart import Axis, Chart, coverage, drawing, hemispheres, linear_axis
 from tinygc.reporting.html.markup import Section, render
 
+#: intervals of time of the envelope of the rate
+COLUMNS = 800
 #: instants of a turn whose axes are drawn
 AXES_PER_TURN = 25
 
@@ -30,9 +33,8 @@ def section(evidence: ReportData) -> Section:
         problem=problem,
         numbers=_numbers(problem),
         earth=earth_words(evidence.fit).replace(" -", " −"),
-        over_time=lambda width: _over_time(problem, width),
-        some_left_out=any(not segment.accepted for segment in problem.segments) or any(still.problem for still in problem.stills),
-        temperature=any(_temperature_of(log.samples) is not None for log in problem.logs) and (lambda width: _temperature(problem, width)),
+        over_time=_over_time(problem),
+        temperature=_temperature(problem),
         segments=segments,
         rests=[(f"{rest.start_s:.1f} s", f"{rest.duration_s:.1f} s", rest.why) for _, rest in problem.unused_rests],
         covered=_coverage(problem),
@@ -68,95 +70,117 @@ def _temperature_of(samples: Samples) -> np.ndarray | None:
     return samples.temp_c if samples.temp_c is not None and np.isfinite(samples.temp_c).any() else None
 
 
-def _envelope(t: np.ndarray, values: np.ndarray, columns: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Middle time, minimum and maximum in each of ``columns`` intervals of time."""
-    edges = np.unique(np.searchsorted(t, np.linspace(t[0], t[-1], columns + 1)[:-1]))
+def _envelope(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Middle time, minimum and maximum in each of ``COLUMNS`` intervals of time."""
+    edges = np.unique(np.searchsorted(t, np.linspace(t[0], t[-1], COLUMNS + 1)[:-1]))
     return t[edges], np.minimum.reduceat(values, edges), np.maximum.reduceat(values, edges)
 
 
-def _over_time(problem: Problem, width: int) -> str:
-    began = problem.began_s
-    minutes = began[-1] > 600
-    unit = 60.0 if minutes else 1.0
+def _over_time(problem: Problem) -> Panel:
+    began, (unit, word) = problem.began_s, _time_unit(problem)
     sizes = [np.linalg.norm(log.samples.gyro, axis=1) / DEG for log in problem.logs]
     # Scale by the used samples: picking up the sensor at the end must not shrink the session.
     top = max(float(sizes[s.log][s.start : s.stop].max()) for s in problem.used) * 1.1
-    # The lowest fifth of the frame, below zero, shows stills and turns.
-    floor = -0.22 * top
-    ticks = [tick for tick in Axis(0, top).marks(260) if tick[0] >= 0]
-    x = Axis(0, began[-1] / unit, "time, min" if minutes else "time, s")
-    chart = Chart(width, 250, x, Axis(floor, top, "rate, dps", ticks=ticks), "Rate over the session, with stills and turns")
+    # Below zero stand stills and turns.
+    about = "Rate over the session, with stills and turns"
+    ticks = [tick for tick in Axis().marks(0, top, 260)]
+    panel = Panel(Axis(f"time ({word})", 0, began[-1] / unit), Axis("rate (dps)", -0.24 * top, top, ticks=ticks), about=about)
     for number, (log, size) in enumerate(zip(problem.logs, sizes, strict=True)):
-        t = (log.samples.t_s + began[number]) / unit
-        middle, lo, hi = _envelope(t, size, width if len(problem.logs) == 1 else max(50, width // len(problem.logs)))
-        chart.area(middle, lo, hi, "quiet").line(middle, hi, "quiet", "thin")
+        middle, lo, hi = _envelope((log.samples.t_s + began[number]) / unit, size)
+        panel.area(middle, lo, hi, "quiet").line(middle, hi, "quiet", "thin")
         for i, still in enumerate(log.stills):
             start = (began[number] + still.start_s) / unit
-            words = f"still {i}, {still.duration_s:.1f} s" + (f": {still.problem}" if still.problem else "")
-            chart.span(start, start + still.duration_s / unit, "bad" if still.problem else "still", words, 0.02, 0.075)
+            says = f"still {i}, {still.duration_s:.1f} s" + (f": {still.problem}" if still.problem else "")
+            look = ("bad", "left out") if still.problem else ("still", "still")
+            _block(panel, start, still.duration_s / unit, -0.21 * top, *look, says)
         if number:
-            chart.upright(began[number] / unit, "quiet")
+            panel.upright(began[number] / unit, "quiet")
     for segment in problem.segments:
         first = segment.first
         start = began[segment.log] + (segment.start_s if first is None else first.start_s + first.duration_s)
-        words = f"segment {segment.number}: {segment.turn_deg:.0f}° in {segment.turn_s:.1f} s"
-        words += f", left out: {segment.problem}" if segment.problem else f", {segment.note}" if segment.note else ""
-        chart.span(start / unit, (start + segment.turn_s) / unit, "bad" if segment.problem else "turn", words, 0.095, 0.15)
-    return chart.svg()
+        says = f"segment {segment.number}: {segment.turn_deg:.0f}° in {segment.turn_s:.1f} s"
+        says += f", left out: {segment.problem}" if segment.problem else f", {segment.note}" if segment.note else ""
+        look = ("bad", "left out") if segment.problem else ("turn", "turn")
+        _block(panel, start / unit, segment.turn_s / unit, -0.11 * top, *look, says)
+    return panel
 
 
-def _temperature(problem: Problem, width: int) -> str:
-    began = problem.began_s
-    minutes = began[-1] > 600
-    unit = 60.0 if minutes else 1.0
-    parts = []
+def _block(panel: Panel, start: float, length: float, below: float, kind: str, name: str, says: str) -> None:
+    height = 0.07 * (panel.y.hi or 1.0)
+    panel.area([start, start + length], below, below + height, kind, "block", name=name, says=[says])
+
+
+def _time_unit(problem: Problem) -> tuple[float, str]:
+    return (60.0, "min") if problem.began_s[-1] > 600 else (1.0, "s")
+
+
+def _temperature(problem: Problem) -> Panel | None:
+    """Means of 1 s over the session; None where no log has a temperature."""
+    began, (unit, word) = problem.began_s, _time_unit(problem)
+    panel = Panel(Axis(f"time ({word})", 0, began[-1] / unit), Axis("temperature (°C)"), about="Temperature over the session", height=80)
     for number, log in enumerate(problem.logs):
         if (temp_c := _temperature_of(log.samples)) is not None:
             size = max(1, round(1 / log.samples.period_s))
-            whole = len(log.samples) // size * size
-            if whole:
+            if whole := len(log.samples) // size * size:
                 mean = temp_c[:whole].reshape(-1, size).mean(axis=1)
-                parts.append(((log.samples.t_s[:whole:size] + began[number]) / unit, mean))
-    if not parts:
-        return ""
-    values = np.concatenate([mean for _, mean in parts])
-    y = linear_axis(values, "temperature, °C (means of 1 s)")
-    if y.hi - y.lo < 0.5:
-        y = Axis((y.lo + y.hi) / 2 - 0.25, (y.lo + y.hi) / 2 + 0.25, y.label)
-    chart = Chart(width, 128, Axis(0, began[-1] / unit, ""), y, "Temperature over the session")
-    for t, mean in parts:
-        chart.line(t, mean, "before")
-    return chart.svg()
+                panel.line((log.samples.t_s[:whole:size] + began[number]) / unit, mean, "before")
+    lo, hi = panel.ends()[1]
+    if hi - lo < 0.5:
+        panel.y.lo, panel.y.hi = (lo + hi) / 2 - 0.25, (lo + hi) / 2 + 0.25
+    return panel if panel.marks else None
+
+
+# Directions on a sphere, as two discs in Lambert's equal-area projection: the half with z towards the viewer, and the other.
+
+#: angular radius around a direction that counts as covered
+REACH_RAD = np.pi / 6
+_EVEN = 4000
 
 
 def _coverage(problem: Problem) -> dict:
     good = [(number, still) for number, still in enumerate(problem.stills) if still.problem is None]
     down = np.array([-still.accel_mean for _, still in good]).reshape(-1, 3)
     axes, instants, share = _turn_axes(problem)
-    down_titles = [f"still {number}: down is {_direction(d)}" for (number, _), d in zip(good, down, strict=True)]
-    axis_titles = [f"segment {s.number}: about {_direction(a)}, {s.turn_deg:.0f}°" for s, a in zip(problem.used, axes, strict=True)]
+    of_stills = [f"still {number}: down is {_direction(d)}" for (number, _), d in zip(good, down, strict=True)]
+    of_turns = [f"segment {s.number}: about {_direction(a)}, {s.turn_deg:.0f}°" for s, a in zip(problem.used, axes, strict=True)]
+    panels = [_disc(sign, down, "still", of_stills, name) for sign, name in ((1, "z side down"), (-1, "z side up"))]
+    panels += [_disc(sign, axes, "turn", of_turns, name, instants) for sign, name in ((1, "turning with +z"), (-1, "turning with −z"))]
+    panels[0].title, panels[2].title = f"Where down was{'' if good else ': no stills'}", "Axes of the turns"
+    draw = Picture(panels, columns=4, least=140)
+    return {"draw": draw, "attitudes": _covered(down) if good else None, "axes": _covered(instants), "share": share}
 
-    def draw(width: int) -> str:
-        narrow = width < 500
-        radius = (width - 74) / 4 if narrow else (width - 150) / 8
-        gap = 0 if narrow else width / 2 + 14
-        below = 2 * radius + 76 if narrow else 0
-        attitudes = hemispheres(8, 42, radius, down, "still", down_titles, ("z side down", "z side up"))
-        turns = hemispheres(8 + gap, 42 + below, radius, axes, "turn", axis_titles, ("turning with +z", "turning with −z"), instants)
-        names = (
-            f'<text class="strong" x="8" y="14">Where down was, in the stills{"" if good else ": none"}</text>'
-            f'<text class="strong" x="{8 + gap:.0f}" '
-            f'y="{14 + below:.0f}">About which axes it turned</text>'
-        )
-        height = 42 + 2 * radius + 24 + below
-        return drawing(
-            width,
-            height,
-            "Directions of gravity in the stills, and axes of the turns, in the sensor's own frame",
-            names + attitudes + turns,
-        )
 
-    return {"draw": draw, "attitudes": coverage(down) if good else None, "axes": coverage(instants), "share": share}
+def _covered(directions: np.ndarray) -> float:
+    """Share of the sphere that lies within 30 degrees of one of the directions (N, 3)."""
+    if not len(directions):
+        return 0.0
+    k = np.arange(_EVEN) + 0.5
+    z, turn = 1 - 2 * k / _EVEN, np.pi * (1 + np.sqrt(5)) * k
+    even = np.stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z], axis=1)
+    unit = unit_vectors(directions)
+    return float(np.mean((even @ unit.T).max(axis=1) >= np.cos(REACH_RAD)))
+
+
+def _disc(sign: int, directions: np.ndarray, kind: str, says: list[str], name: str, faint: np.ndarray | None = None) -> Panel:
+    """One half of the sphere, with rings at 30 and 60 degrees; faint (M, 3): smaller points behind."""
+    about = "Directions of gravity in the stills, and axes of the turns, in the sensor's own frame"
+    panel = Panel(Axis(name), about=about, height=180, is_equal=True, is_framed=False)
+    turn = np.linspace(0, 2 * np.pi, 73)
+    for angle in np.radians((30, 60, 90)):
+        size = np.sqrt(2) * np.sin(angle / 2)
+        panel.line(size * np.cos(turn), size * np.sin(turn), "rule" if angle > 1.5 else "grid", "hair")
+    panel.line([-1, 1], 0, "grid", "hair").line([0, 0], [-1, 1], "grid", "hair")
+    panel.words(1.1, -0.04, "x").words(0, 1.1, "y", anchor="middle")
+    for points, style, radius in ((faint, "faint", 1.3), (directions, "dot", 3.4)):
+        if points is None or not len(points):
+            continue
+        unit = unit_vectors(points)
+        here = sign * unit[:, 2] >= 0
+        x, y = (unit[here, :2] / np.sqrt(1 + np.abs(unit[here, 2:]))).T
+        panel.add(
+            style, kind, x, y, radius=radius, says=[text for text, seen in zip(says, here, strict=True) if seen] if style == "dot" else ()
+        )
+    return panel
 
 
 def _turn_axes(problem: Problem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -35,7 +36,7 @@ from tinygc.library.records import Shown
 from tinygc.reporting.checked_text import checked_page
 from tinygc.reporting.facts import Table, screen
 from tinygc.reporting.tables import degrees_text
-from tinygc.reporting.terminal import Group, RenderableType, Text, one_line
+from tinygc.reporting.terminal import Group, Text, one_line
 
 # Steps in one unit's register: did the other units feel them? A false reading is in one unit, a knock in all.
 
@@ -182,9 +183,9 @@ class ArrayExplanation(Shown):
         lines = [one_line(f"{words}.") for words in said]
         return screen([self.line, "", *lines, *events_and_left_out(fit, self.steps), "", table, *self._checked_lines()])
 
-    def _checked_lines(self) -> list[RenderableType]:
+    def _checked_lines(self) -> list[Any]:
         """Return what the checks on other recordings say of each unit that names an effect or could not be checked."""
-        parts: list[RenderableType] = []
+        parts: list[Any] = []
         for number in sorted({number for _, units in self.checked for number in units}):
             mine = [units[number] for _, units in self.checked if number in units]
             if any(each.effects or each.error for each in mine):

@@ -233,7 +233,8 @@ def fit_array(
     for i, unit in enumerate(units):
         progress(f"unit {unit.number} alone")
         block, problem = unit_block(covariance, i), unit.problem
-        place = replace(unit.place, **dict(zip(("position_m", "position_covariance"), where[i] or (None, None), strict=True)))
+        position_m, spread = where[i] or (None, None)
+        place = replace(unit.place, position_m=position_m, position_covariance=spread)
         if i:
             place = replace(place, mounting=joint.state.mountings[i], mounting_covariance=block[MOUNTING, MOUNTING])
         found.append(
@@ -359,7 +360,7 @@ def _model_table(unit: UnitFit, array: str) -> dict:
 
 def _page(fit: ArrayFit) -> Group:
     split, units = fit.split, fit.units
-    header = ("unit", "serial", "clock, ms", "rate, ppm", "mounting about x, y, z, deg", "± deg", "position, mm", "± mm")
+    header: tuple[str, ...] = ("unit", "serial", "clock, ms", "rate, ppm", "mounting about x, y, z, deg", "± deg", "position, mm", "± mm")
     rows = [[units[0].number, units[0].session.config.sensor.serial, "0", "0", "0, 0, 0", None, "0, 0, 0", None], *map(_place, units[1:])]
     places = Table("Units against the first: clock, mounting, position", header, rows, left=(0, 1))
     title = "What turns miss by, degrees of tilt, rms a turn, and how much better the array knows each unit than it knows itself"

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.special import chdtrc
@@ -144,7 +145,7 @@ class Split:
         p_claimed = 1.0 if nearest == factor else float(chdtrc(1, rise(solution, {FAST: nearest**2}))) / 2
         upper = predicted * upper_size(solution, FAST, self.joint.sigmas[FAST])
         claimed = f"the predicted {_deg(predicted / PREDICTED_WITHIN)} to {_deg(predicted * PREDICTED_WITHIN)}"
-        how = {"p_claimed": p_claimed, "claimed": claimed, "more": f"; predicted {_deg(predicted)}"}
+        how: dict[str, Any] = {"p_claimed": p_claimed, "claimed": claimed, "more": f"; predicted {_deg(predicted)}"}
         return _tilt("motion beyond the data rate", p_zero, predicted * factor, upper, rms_of(self.floors_rad), **how)
 
     @cached_property
@@ -222,9 +223,9 @@ class Split:
         return common, np.sqrt(squares), own
 
 
-def _tilt(what: str, p_value: float, size_rad: float, upper_rad: float, matters_rad: float, **how: object) -> Statement:
+def _tilt(what: str, p_value: float, size_rad: float, upper_rad: float, matters_rad: float, **how: Any) -> Statement:
     upper = max(float(upper_rad), float(size_rad))
-    figures = {"value": float(size_rad), "upper": upper, "matters": matters_rad}
+    figures: dict[str, Any] = {"value": float(size_rad), "upper": upper, "matters": matters_rad}
     return Statement.of(what, "likelihood ratio", p_value, f"{_deg(size_rad)} rms a turn", _deg(upper), **figures, **how)
 
 

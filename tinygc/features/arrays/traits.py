@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from scipy.special import chdtrc
@@ -102,7 +103,7 @@ def _instead(by_unit: Mapping[int, Claim]) -> tuple[str, ...]:
 def estimate_in(e: Explanation, effect: Effect, instead: Sequence[str]) -> Estimate | None:
     """Estimate an effect in one unit, beside what its explanation names, without the effects that stand for the same."""
     if effect.id == OFFSET:
-        return e.measured[OFFSET] if np.isfinite(e.gravity.whole_sigma_s) else None
+        return e.measured.get(OFFSET) if e.gravity is not None and np.isfinite(e.gravity.whole_sigma_s) else None
     fit = e.naming.fit
     claims = [claim.effect for claim in fit.state.claims]
     mine = [k for k, claimed in enumerate(claims) if claimed.id in (effect.id, *instead)]
@@ -123,7 +124,8 @@ def trait_of(
 ) -> Trait:
     """State one effect that these units claim, by the units' estimates; tests: effects among which it was found, by which p-values are
     multiplied."""
-    units, instead, apart = tuple(by_unit), _instead(by_unit), ()
+    units, instead = tuple(by_unit), _instead(by_unit)
+    apart: tuple[int, ...] = ()
     if not estimates:
         scope, statement = _in_readings(effect, by_unit)
         instead = ()
@@ -183,7 +185,7 @@ def _of_sensors(
     largest = max((float(np.abs(estimates[n][0]).max()) for n in units), default=np.inf)
     named, everywhere = f"named in {_of_units(units)}", "all units" if not unknown else _of_units(numbers)
     equal = f"equal sizes p = {p_equal:.2g}" + f", one of {tests} tests" * (tests > 1)
-    figures = {"upper": _upper(pooled, covariance), "matters": largest}
+    figures: dict[str, Any] = {"upper": _upper(pooled, covariance), "matters": largest}
     what = f"{effect.id} in {everywhere}, one size is not rejected ({equal})"
     statement = Statement.of(what, POOLED, min(1.0, tests * p_pooled), *_sizes(effect, pooled, covariance), **figures)
     if statement.standing is not Standing.FOR:
@@ -239,7 +241,10 @@ def _earth(estimates: Mapping[int, Estimate], tests: int, share: float) -> State
         test = f"{HOMOGENEITY} in the array's axes"
         return Statement(f"{what}, which disagree", Standing.UNDECIDED, test, p_equal, size, limit)
     size = f"{measured(length / DEG_PER_HOUR, sigma / DEG_PER_HOUR)} °/h"
-    how = {"claimed": f"the Earth's {EARTH_RATE_RPS / DEG_PER_HOUR:.1f} °/h", "p_claimed": p_claimed if p_zero < LEVEL else 1.0}
+    how: dict[str, Any] = {
+        "claimed": f"the Earth's {EARTH_RATE_RPS / DEG_PER_HOUR:.1f} °/h",
+        "p_claimed": p_claimed if p_zero < LEVEL else 1.0,
+    }
     test = f"{POOLED} in the array's axes; equal p = {p_equal:.2g}"
     return Statement.of(what, test, p_zero, size, f"{upper / DEG_PER_HOUR:.2g} °/h", upper=upper, matters=EARTH_RATE_RPS, **how)
 

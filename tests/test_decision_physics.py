@@ -386,7 +386,7 @@ def undersampled(factor=2.0, rms=0.8, gain=8.0, own=3.0, sigma=0.25):
         white, r, J, s = passed[0]
         assert_allclose(r, found.whiten.back(found.fit.r))
         assert_allclose(J, found.whiten.back(found.fit.J) * evidence.prior(found.fit))
-        assert white is found.whiten.white
+        assert white is found.whiten.base
         assert s == "s"
     return claims
 

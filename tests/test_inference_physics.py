@@ -28,7 +28,7 @@ from tinygc.inference.choose import (
     tail,
 )
 from tinygc.inference.decide import KINDS, Answer
-from tinygc.inference.noise import Cost, estimate, lowest, where_risen
+from tinygc.inference.noise import Banded, Cost, Sparse, Striped, estimate, lowest, where_risen
 from tinygc.inference.prove import folds_of, left_out
 from tinygc.inference.solve import coverage_factor, left_of, orthonormal, solve
 
@@ -240,6 +240,28 @@ def test_sizes_have_a_sigma_only_where_it_is_asked_for():
 
 
 def test_every_answer_has_a_word_and_an_exit_code():
-    assert {kind for kind, of in KINDS.items() if of.exit_code == 0} == {"pass", "doubtful pass", "no limit", "not decided", "holds"}
+    assert {kind for kind, of in KINDS.items() if of.exit_code == 1} == {"fail", "holds for E, take B anew", "does not hold", "differs"}
+    assert all(of.word for of in KINDS.values())
     assert KINDS["undecided"].exit_code == 5
     assert Answer("fail", "above the limit").headline == "FAIL: above the limit"
+
+
+def test_kept_halves_and_bands_are_the_dense_matrices():
+    rng = np.random.default_rng(11)
+    root = rng.normal(size=(300, 300))
+    V = root @ root.T
+    striped = Striped.of(V, 310)
+    whole = np.zeros((310, 310))
+    whole[:300, :300] = V
+    assert sum(stripe.size for stripe in striped.stripes) < 0.75 * V.size
+    assert_allclose(striped.dense(), whole)
+    of = rng.permutation(310)[:40]
+    assert_allclose(striped.block(of), whole[np.ix_(of, of)])
+    total = np.ones((310, 310))
+    striped.add_to(total, 3.0)
+    assert_allclose(total, 1 + 3 * whole)
+    along = rng.normal(size=(310, 2))
+    banded = Banded(Sparse.of_diagonal(np.arange(310.0)), along)
+    dense = np.diag(np.arange(310.0)) + along @ along.T
+    assert_allclose(banded.dense(), dense)
+    assert_allclose(banded.block(of), dense[np.ix_(of, of)])

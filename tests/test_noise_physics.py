@@ -190,7 +190,7 @@ def test_many_rows_have_the_factor_of_few():
 
 
 def dense(component: Component) -> np.ndarray:
-    return component.V.dense() if isinstance(component.V, Sparse) else component.V
+    return component.V if isinstance(component.V, np.ndarray) else component.V.dense()
 
 
 def alike(found, expected, share=3e-3):

@@ -22,7 +22,6 @@ from tinygc.closure.least_squares import PriorUse
 from tinygc.closure.problem import GYROSCOPE, JointFit, Problem
 from tinygc.closure.uncertainty import BIAS_DRIFT, EARTH, GoodnessOfFit, closure_goodness, covariance_parts, goodness
 from tinygc.estimation.options import FitOptions
-from tinygc.inference.noise import Sparse
 from tinygc.inference.solve import Kind, Source, freedom_of, solve_lower, total
 from tinygc.models import linear
 from tinygc.models.linear import BIAS, MATRIX, PARAMETERS, PRIOR_SIGMA, LinearModel
@@ -109,8 +108,9 @@ class StatedNoise:
         yield Source(GYRO_NOISE, *kind_of(GYRO_NOISE, self.twin.problem), left)
         for s, sigma, component in zip(self.noise.s, self.noise.sigma, self.noise.components, strict=True):
             if s > 0:
-                V = component.V.dense() if isinstance(component.V, Sparse) else component.V
-                yield Source(COMPONENTS[component.name], "A" if component.prior is None else "B", freedom_of(s, sigma), s**2 * V)
+                channels = np.zeros_like(self.white)
+                component.add_to(channels, s)
+                yield Source(COMPONENTS[component.name], "A" if component.prior is None else "B", freedom_of(s, sigma), channels)
 
     @property
     def named(self) -> np.ndarray:

@@ -227,7 +227,7 @@ class _Prediction:
             r, J = r + self.own @ theta, np.concatenate([J, self.own @ (axes * np.sqrt(np.maximum(size, 0)))], axis=1)
         white = self.hypothesis.whiten(J)
         moved = np.linalg.solve(white.T @ white + np.eye(J.shape[1]), white.T @ self.hypothesis.whiten(r))
-        return noise.estimated(self.hypothesis.whiten.white, r - J @ moved, J, noise.s).value + self.price
+        return noise.estimated(self.hypothesis.whiten.base, r - J @ moved, J, noise.s).value + self.price
 
 
 def _prediction(evidence: Evidence, others: tuple[Effect, ...], named: SizedEffect, begin: Hypothesis) -> _Prediction:

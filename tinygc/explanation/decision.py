@@ -331,7 +331,7 @@ def _undersampled_claim(evidence: Evidence, whiten: Whitener, fit: Refit, noise:
         return []
     J = whiten.back(fit.J) * evidence.prior(fit)
     fewer = noise.without(UNDERSAMPLED)
-    gain = fewer.estimated(whiten.white, whiten.back(fit.r), J, fewer.s).value - noise.value
+    gain = fewer.estimated(whiten.base, whiten.back(fit.r), J, fewer.s).value - noise.value
     probability = float(1 / (1 + np.exp(-np.clip(gain, -700, 700) / 2)))
     p_value = float(chdtrc(1, max(gain, 0.0)))
     if standing_of(p_value) is not Standing.FOR:
@@ -633,10 +633,10 @@ def decided(evidence: Evidence, best: Hypothesis, first_p: float, tests: int, pr
     considered = {name: min(p, SAID) for name, p in chance.items() if name and name not in ids and not name.startswith(NAMELESS)}
     first = refit(twin, best.whiten, [], twin.start())
     r, J = best.whiten.back(fit.r), best.whiten.back(fit.J) * evidence.prior(fit)
-    noise = best.noise.estimated(best.whiten.white, r, J, best.noise.s, with_sigma=True)
+    noise = best.noise.estimated(best.whiten.base, r, J, best.noise.s, with_sigma=True)
     undersampled = _undersampled_claim(evidence, best.whiten, fit, noise)
     p_value = min([first_p, *(n.p_value for n in kept), *(claim.p_value for claim in undersampled)])
-    unusual = noise.unusual_p(best.whiten.white, r, J) < MISMATCH_P
+    unusual = noise.unusual_p(best.whiten.base, r, J) < MISMATCH_P
     named = sorted(names, key=lambda n: -n.gain)
     beyond = [n for n in kept if n not in names]
     return Naming(first, first_p, fit, named, best.whiten, noise, beyond, considered, p_value, undersampled, unusual, evidence.replay)

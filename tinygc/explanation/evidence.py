@@ -161,8 +161,9 @@ class Evidence:
         fit, noise = refit(twin, whiten, list(effects), state, max_steps=FIRST_STEPS), self.first_noise
         for start in (None, True):
             r, J = whiten.back(fit.r), whiten.back(fit.J) * self.prior(fit)
-            noise = self.first_noise.estimated(whiten.white, r, J, noise.s if start else None)
-            whiten = self.whiteners.of(noise) if start else self.whiteners.white.with_more(noise.covariance)
+            del whiten  # the memory of its factor is that of the next one
+            noise = self.first_noise.estimated(self.whiteners.white.base, r, J, noise.s if start else None)
+            whiten = self.whiteners.of(noise, keep=bool(start))
             fit = settled(twin, whiten, refit(twin, whiten, list(effects), fit.state, max_steps=MORE_STEPS))
         # The part of theta' D^-1 theta that ``price`` leaves out: the squared penalty of a claim larger than plausible.
         prior, found = self.prior(fit), 0.0
@@ -190,7 +191,7 @@ class Evidence:
             r = r - J[:, part] @ have.fit.state.claims[number].theta
             J, prior = (np.delete(values, part, axis=-1) for values in (J, prior))
         columns = np.zeros((len(r), 0)) if add is None else self.columns(add) * add.parameter.plausible
-        return noise_beside(self.first_noise, have.whiten, have.whiten.white, r, J * prior, columns, have.noise.s).value
+        return noise_beside(self.first_noise, have.whiten, have.whiten.base, r, J * prior, columns, have.noise.s).value
 
     def columns(self, effect: Effect) -> np.ndarray:
         """(n, P) stacked change of the channels per unit of each parameter, from the linear model, which is accurate enough for ranking."""

@@ -423,7 +423,10 @@ def _attitude(order: int) -> Effect:
         to_the = [np.ones_like(down)]
         for _ in range(order):
             to_the.append(to_the[-1] * down)
-        return np.stack([to_the[i][:, 0] * to_the[j][:, 1] * to_the[k][:, 2] for i, j, k in powers], axis=-1)
+        found = np.empty((len(down), len(powers)))
+        for column, (i, j, k) in zip(found.T, powers, strict=True):
+            column[:] = to_the[i][:, 0] * to_the[j][:, 1] * to_the[k][:, 2]
+        return found
 
     return _finding(
         "attitude",

@@ -71,6 +71,8 @@ def normal_above(value: float) -> float:
 
 #: Monte Carlo draws: the 5 % level is then known to 0.7 % (binomial)
 DRAWS = 1000
+#: draws that are tested at once, as those of thousands of rows are the largest arrays of a session
+TOGETHER = 200
 #: the least part of a column that may be left beside allowances, which are finite differences themselves (``twin.SMALL_SHARE``)
 UNSEEN_BESIDE = 1e-3
 
@@ -132,8 +134,9 @@ class Selection(Generic[Name]):
         """(DRAWS,) sorted logarithms of the smallest p-value where nothing is missing."""
         rng = np.random.default_rng(self._seed)
         r = rng.standard_normal((self.n, DRAWS))
-        more = rng.chisquare(self._beside[1], DRAWS) if self._beside[1] else 0.0
-        return np.sort(self.lowest_log_p(r, more))
+        more = rng.chisquare(self._beside[1], DRAWS) if self._beside[1] else np.zeros(DRAWS)
+        some = [slice(first, first + TOGETHER) for first in range(0, DRAWS, TOGETHER)]
+        return np.sort(np.concatenate([self.lowest_log_p(r[:, own], more[own]) for own in some]))
 
     @cached_property
     def _tested(self) -> tuple[np.ndarray, list[tuple[np.ndarray, bool]]]:
@@ -148,7 +151,7 @@ class Selection(Generic[Name]):
                 groups.append((basis, name in self._along))
         return q, groups
 
-    def lowest_log_p(self, r: np.ndarray, more: np.ndarray | float | None = None) -> np.ndarray:
+    def lowest_log_p(self, r: np.ndarray, more: np.ndarray | None = None) -> np.ndarray:
         """(draws,) logarithm of the smallest p-value of residuals r (n, draws); more (draws,): squares beside them, those given if None."""
         from scipy.special import chdtrc, fdtrc  # late: a fit asks for no chance
 

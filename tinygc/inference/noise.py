@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -102,9 +103,82 @@ class Sparse:
         dense[row[inside], column[inside]] = self.values[inside]
         return dense
 
+    def add_to(self, total: np.ndarray, times: float = 1.0) -> None:
+        """Add so many times itself to a dense matrix (n, n), in place."""
+        total[self.rows, self.columns] += times * self.values
+
     def dense(self) -> np.ndarray:
         """Convert to a dense matrix (n, n)."""
         return self.block(np.arange(self.size))
+
+
+@dataclass(frozen=True, eq=False)
+class Striped:
+    """Symmetric matrix (n, n) of which no more is kept than the lower half of its first m rows, the others being zero: stripes of rows
+    (k, …), each up to its last column."""
+
+    size: int
+    stripes: tuple[np.ndarray, ...]
+
+    @classmethod
+    def of(cls, dense: np.ndarray, size: int) -> Striped:
+        """Keep the lower half of a symmetric matrix (m, m), as the first rows of a larger one."""
+        edges = [*range(0, len(dense), ROWS_TOGETHER), len(dense)]
+        return cls(size, tuple(dense[start:stop, :stop].copy() for start, stop in pairwise(edges)))
+
+    def block(self, of: np.ndarray) -> np.ndarray:
+        """Dense block (k, k) of the rows and columns with these numbers (k,)."""
+        found = np.zeros((len(of), len(of)))
+        for stripe in self.stripes:
+            stop = stripe.shape[1]
+            start = stop - len(stripe)
+            own, left = np.flatnonzero((of >= start) & (of < stop)), np.flatnonzero(of < stop)
+            part = stripe[np.ix_(of[own] - start, of[left])]
+            found[np.ix_(own, left)] = part
+            found[np.ix_(left, own)] = part.T
+        return found
+
+    def add_to(self, total: np.ndarray, times: float = 1.0) -> None:
+        """Add so many times itself to a dense matrix (n, n), in place."""
+        for stripe in self.stripes:
+            stop = stripe.shape[1]
+            start = stop - len(stripe)
+            total[start:stop, :stop] += times * stripe
+            total[:start, start:stop] += times * stripe[:, :start].T
+
+    def dense(self) -> np.ndarray:
+        """Convert to a dense matrix (n, n)."""
+        total = np.zeros((self.size, self.size))
+        self.add_to(total)
+        return total
+
+
+#: a covariance of size one
+Unit = np.ndarray | Sparse | Striped
+
+
+@dataclass(frozen=True, eq=False)
+class Banded:
+    """Covariance (n, n) that is sparse but for m directions (n, m) in which it is wide: of many rows, a fraction of the dense one."""
+
+    sparse: Sparse
+    along: np.ndarray
+
+    def block(self, of: np.ndarray) -> np.ndarray:
+        """Dense block (k, k) of the rows and columns with these numbers (k,)."""
+        return self.sparse.block(of) + self.along[of] @ self.along[of].T
+
+    def add_to(self, total: np.ndarray) -> None:
+        """Add it to a dense matrix (n, n), in place."""
+        self.sparse.add_to(total)
+        for first in range(0, len(total), ROWS_TOGETHER):
+            total[first : first + ROWS_TOGETHER] += self.along[first : first + ROWS_TOGETHER] @ self.along.T
+
+    def dense(self) -> np.ndarray:
+        """Convert to a dense matrix (n, n)."""
+        total = np.zeros((self.sparse.size, self.sparse.size))
+        self.add_to(total)
+        return total
 
 
 # The sizes of components, by restricted maximum likelihood.
@@ -159,8 +233,8 @@ class ComponentEstimate:
 def estimate(
     r: np.ndarray,
     J: np.ndarray,
-    base: np.ndarray,
-    V: list[np.ndarray | Sparse],
+    base: np.ndarray | Banded,
+    V: list[Unit],
     usual: np.ndarray,
     priors: list[Prior | None],
     blocks: list[np.ndarray],
@@ -172,7 +246,7 @@ def estimate(
 
     V: K matrices (n, n); usual (K,): usual sizes.  blocks: row numbers of each block.  start: s (K,) of an earlier search.
     """
-    parts = [(r[b], J[b], base[np.ix_(b, b)], [block_of(v, b) * u**2 for v, u in zip(V, usual, strict=True)]) for b in blocks]
+    parts = [(r[b], J[b], block_of(base, b), [block_of(v, b) * u**2 for v, u in zip(V, usual, strict=True)]) for b in blocks]
     begin = np.full(len(V), 0.5) if start is None else np.maximum((start / usual) ** 2, 0.05)
 
     searched = [parts[i] for i in np.linspace(0, len(parts) - 1, min(len(parts), SEARCHED)).round().astype(int)]
@@ -195,9 +269,9 @@ def estimate(
     return ComponentEstimate(s, _sigma(cost, x) * usual if with_sigma else np.full(len(s), np.nan), value)
 
 
-def block_of(V: np.ndarray | Sparse, rows: np.ndarray) -> np.ndarray:
+def block_of(V: Unit | Banded, rows: np.ndarray) -> np.ndarray:
     """Rows and columns ``rows`` (m,) of a matrix: (m, m)."""
-    return V.block(rows) if isinstance(V, Sparse) else V[np.ix_(rows, rows)]
+    return V[np.ix_(rows, rows)] if isinstance(V, np.ndarray) else V.block(rows)
 
 
 def lowest(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import reduce
 from itertools import pairwise
 from weakref import WeakKeyDictionary
 
@@ -17,7 +16,7 @@ from session.base.units import DEG, DEG_PER_HOUR, MG, G
 from session.detect.check_time import LEAST_EXPONENT, STEPS, capped, thinning_exponent, thinning_weights
 from tinygc.closure import residual
 from tinygc.inference.choose import chi_square_above
-from tinygc.inference.noise import SCORING_STEPS, Prior, Sparse, estimate, wander_covariance
+from tinygc.inference.noise import SCORING_STEPS, Banded, Prior, Sparse, Striped, Unit, estimate, wander_covariance
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import Whitener
 
@@ -141,17 +140,24 @@ _UNKNOWN_WANDER_RPS, _UNKNOWN_SPREAD = 10 * DEG_PER_HOUR, 1.5
 class Component:
     """A variance component.
 
-    name; V (n, n) rad^2, (rad/s)^2 and (m/s^2)^2 of the stacked channels for s = 1, sparse unless it spans the whole session; usual: s as
+    name; V (n, n) rad^2, (rad/s)^2 and (m/s^2)^2 of the stacked channels for s = 1, without its zeros and its upper half; usual: s as
     large as white noise, SI, where a search starts; prior: of s, if any; unit and si: display unit of s, its SI value; says: description.
     """
 
     name: str
-    V: np.ndarray | Sparse
+    V: Unit
     usual: float
     unit: str
     si: float
     says: str
     prior: Prior | None = None
+
+    def add_to(self, total: np.ndarray, s: float) -> None:
+        """Add the component of size s to a covariance (n, n), in place."""
+        if isinstance(self.V, np.ndarray):
+            total += s**2 * self.V
+        else:
+            self.V.add_to(total, s**2)
 
 
 def components_of(twin: Twin, sizes: tuple[int, int, int], missed: Undersampling) -> list[Component]:
@@ -168,7 +174,7 @@ def components_of(twin: Twin, sizes: tuple[int, int, int], missed: Undersampling
         prior = Prior(1.0, FILTERED_SPREAD, FACTOR_SPREAD)
         says = "motion faster than half the data rate"
         found.append(Component(UNDERSAMPLED, Sparse.of_diagonal(diagonal), 1.0, "times what is predicted", 1.0, says, prior))
-    return [c for c in found if np.any(c.V.values if isinstance(c.V, Sparse) else c.V)]
+    return [c for c in found if not isinstance(c.V, Sparse) or c.V.values.any()]
 
 
 def _wander(twin: Twin, sizes: tuple[int, int, int]) -> Component:
@@ -182,7 +188,8 @@ def _wander(twin: Twin, sizes: tuple[int, int, int]) -> Component:
     spans = np.repeat(np.divide(length_s, counts), counts)
     middle_s = np.repeat(began_s, counts) + (np.arange(edges[-1]) - np.repeat(edges[:-1], counts) + 0.5) * spans
     wander = wander_covariance(middle_s, spans, instability_rps=1.0)
-    V, rows = np.zeros((sum(sizes), sum(sizes))), sizes[0] + sizes[1]
+    rows = sizes[0] + sizes[1]
+    V = np.zeros((rows, rows))
     for axis in range(3):
         parts = [(slice(i * d, i * d + d), slice(*edges[i : i + 2]), turn[:, :, axis].T) for i, turn in enumerate(turns)]
         parts += [
@@ -192,7 +199,7 @@ def _wander(twin: Twin, sizes: tuple[int, int, int]) -> Component:
         for own, pieces, response in parts:
             left[own] = response @ wander[pieces]
         for own, pieces, response in parts:
-            V[:rows, own] += left[:, pieces] @ response.T
+            V[:, own] += left[:, pieces] @ response.T
     known = twin.problem.instability
     white = float(np.median(twin.problem.still_rates.sigma)) if q else 2 * _UNKNOWN_WANDER_RPS
     # Stills hardly tell a drift from errors of their own: without a source beside them, what such gyroscopes have decides.
@@ -202,7 +209,7 @@ def _wander(twin: Twin, sizes: tuple[int, int, int]) -> Component:
         if known.sigma_rps is not None and not known.of_unit:  # measured at rest, on another day
             spread = float(np.hypot(GIVEN_SPREAD, known.sigma_rps / known.rps))
         prior = Prior(known.rps, spread)
-    return Component(WANDER, V, known.rps or white / 2, "°/h", DEG_PER_HOUR, "bias drift", prior)
+    return Component(WANDER, Striped.of(V, sum(sizes)), known.rps or white / 2, "°/h", DEG_PER_HOUR, "bias drift", prior)
 
 
 def wander_pieces(sensitivity: np.ndarray, dt: np.ndarray) -> list[np.ndarray]:
@@ -271,12 +278,10 @@ class SessionNoise:
     def covariance(self) -> np.ndarray:
         """(n, n) covariance in addition to white noise."""
         count = sum(len(block) for block in self.blocks)  # every row is in one block
-        sized = [(s**2, c.V) for s, c in zip(self.s, self.components, strict=True) if s > 0]
-        dense = [square * V for square, V in sized if not isinstance(V, Sparse)]
-        total = reduce(np.add, dense) if dense else np.zeros((count, count))
-        for square, V in sized:
-            if isinstance(V, Sparse):
-                total[V.rows, V.columns] += square * V.values
+        total = np.zeros((count, count))
+        for s, component in zip(self.s, self.components, strict=True):
+            if s > 0:
+                component.add_to(total, s)
         return total
 
     def size(self, name: str) -> float:
@@ -304,7 +309,7 @@ class SessionNoise:
         """Whether some component is larger than such a sensor has."""
         return bool(self.beyond)
 
-    def unusual_p(self, white: np.ndarray, r: np.ndarray, J: np.ndarray) -> float:
+    def unusual_p(self, white: np.ndarray | Banded, r: np.ndarray, J: np.ndarray) -> float:
         """P-value of unusual noise; 1 if it is not unusual.  white (n, n), r (n,), J (n, p): those that gave these sizes.
 
         It is the likelihood ratio against the noise that such a sensor may have: each large component as large as usual at most.  All of
@@ -313,8 +318,9 @@ class SessionNoise:
         """
         own, held, cost = self, 0, 0.0
         while own.beyond:
+            white = white.dense() if isinstance(white, Banded) else white.copy()
             for component, _, most in own.beyond:
-                white = white + most**2 * (component.V.dense() if isinstance(component.V, Sparse) else component.V)
+                component.add_to(white, most)
                 cost += 0.0 if component.prior is None else component.prior.apart(most)[0] ** 2
                 own, held = own.without(component.name), held + 1
             own = own.estimated(white, r, J, own.s)
@@ -350,7 +356,7 @@ class SessionNoise:
 
     def estimated(
         self,
-        white: np.ndarray,
+        white: np.ndarray | Banded,
         r: np.ndarray,
         J: np.ndarray,
         start: np.ndarray | None = None,
@@ -387,7 +393,7 @@ _GUESS_STEPS = 7
 def noise_beside(
     noise: SessionNoise,
     whiten: Callable[[np.ndarray], np.ndarray],
-    white: np.ndarray,
+    white: np.ndarray | Banded,
     r: np.ndarray,
     J: np.ndarray,
     columns: np.ndarray,
@@ -458,8 +464,8 @@ def known_whitener(twin: Twin) -> Whitener:
 
 # A cache of a twin's whiteners for the noise of each hypothesis.
 
-#: whiteners kept: for a search's current hypothesis, for the candidate, and one more
-HELD = 3
+#: whiteners kept: for a search's current hypothesis, and the candidate or the noise before any fit
+HELD = 2
 
 
 class Whiteners:
@@ -474,12 +480,13 @@ class Whiteners:
     def __len__(self) -> int:
         return len(self._held)
 
-    def of(self, noise: SessionNoise) -> Whitener:
-        """Whitener for white noise and this noise."""
+    def of(self, noise: SessionNoise, keep: bool = True) -> Whitener:
+        """Whitener for white noise and this noise; keep: whether it will be asked for again."""
         found = self._held.pop(noise, None)
         if found is None:
             while len(self._held) >= HELD:  # drop the least recently used before computing another
                 del self._held[next(iter(self._held))]
             found = self.white.with_more(noise.covariance)
-        self._held[noise] = found
+        if keep:
+            self._held[noise] = found
         return found

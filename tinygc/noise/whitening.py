@@ -11,6 +11,7 @@ import numpy as np
 
 from session.base import rotation
 from session.base.units import MG
+from tinygc.inference.noise import Banded, Sparse
 from tinygc.inference.solve import inverse_lower, solve_lower
 from tinygc.noise.twin import Twin
 
@@ -38,7 +39,7 @@ MANY_ROWS = 1500
 class Whitener:
     """Cholesky factor of the covariance of ``Channels.stacked()``; sizes of the three channels.
 
-    white (n, n): white noise and the pre-calibration's allowance.
+    base: white noise and the pre-calibration's allowance.
     """
 
     def __init__(self, twin: Twin):
@@ -46,12 +47,17 @@ class Whitener:
         self.sizes = s * d, 3 * q, q
         self.parts = {"closure": slice(0, s * d), "still": slice(s * d, s * d + 3 * q), "length": slice(s * d + 3 * q, s * d + 4 * q)}
         self._allowances = _precalibration(twin)
-        self.white = _covariance(twin) + self._allowances @ self._allowances.T
+        self.base = Banded(Sparse.of(_covariance(twin)), self._allowances)
         self._rows: slice | np.ndarray = slice(None)
+
+    @property
+    def white(self) -> np.ndarray:
+        """(n, n) of ``base``, made anew."""
+        return self.base.dense()
 
     @cached_property
     def _factor(self) -> np.ndarray:
-        return _factored(self.white.copy())
+        return _factored(self.white)
 
     @cached_property
     def allowances(self) -> np.ndarray:
@@ -80,7 +86,7 @@ class Whitener:
         other = copy(self)
         for name in ("allowances", "_own_factors", "precision"):
             other.__dict__.pop(name, None)
-        more += self.white
+        self.base.add_to(more)
         other._factor = _factored(more)
         return other
 

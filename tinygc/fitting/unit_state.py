@@ -39,7 +39,6 @@ from tinygc.models.model import Model, accelerometer_of, certain
 from tinygc.models.physics import PhysicsModel
 from tinygc.noise.components import REFERENCE, STILL_RATE, TURN, WANDER
 from tinygc.noise.figures import FILE, NoiseFigures, read_figures
-from tinygc.planning.proposals import TARGETS
 
 #: p-value below which a disagreement is significant
 DIFFERS_P = 0.01
@@ -185,6 +184,8 @@ class UnitState:
             return _matrix(self.table["joint_covariance"]["matrix"])
         found = np.zeros((COUNT, COUNT))
         found[ACCELEROMETER, ACCELEROMETER] = _JOINT
+        from tinygc.planning.proposals import TARGETS  # late: no fit asks for it
+
         found[GYROSCOPE, GYROSCOPE] = np.diag(TARGETS**2)
         if self.has_covariance:
             own = self.covariance[:PARAMETERS, :PARAMETERS]

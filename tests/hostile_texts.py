@@ -34,7 +34,7 @@ from tinygc.deploy.exports import exporter
 from tinygc.deploy.exports._context import Context
 from tinygc.models.linear import LinearModel
 from tinygc.noise.figures import TERMS, AxisNoise, Inflation, NoiseFigures, SensorNoise, Term
-from tinygc.reporting.html.markup import code, escape, facts, table
+from tinygc.reporting.html.markup import code, escape, table
 
 dcc_file = feature("tinygc.features.unit.certificate.dcc_file")
 HARMLESS = "unit 7"
@@ -244,9 +244,7 @@ def printed(text: str) -> str:
 def fragment(text: str) -> str:
     """The pieces that the report is made of."""
     cell = escape(text)
-    return (
-        f'<title>{cell}</title><p title="{cell}">{cell}</p>' + facts([(cell, cell)]) + table((cell,), [(cell, cell)]) + code(f"a\n{text}")
-    )
+    return f'<title>{cell}</title><p title="{cell}">{cell}</p>' + table((cell,), [(cell, cell)]) + code(f"a\n{text}")
 
 
 def toml_values(text: str, written: str) -> bool:

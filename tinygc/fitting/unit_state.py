@@ -344,7 +344,7 @@ def read_state(where: Path, noise: Path | None = None) -> UnitState:
     candidates = [beside / FILE] if noise is None else [noise, noise / FILE, noise / "fit" / FILE]
     found = next((each for each in candidates if each.is_file()), None)
     if noise is not None and found is None:
-        raise CalibrationError(f"{noise}: no {FILE} there; run `calibrate noise` first, or give the file itself")
+        raise CalibrationError(f"{noise}: no {FILE} there; give the file itself, or the folder that holds it")
     return UnitState(path, model, table, fit, folder, config, None if found is None else read_figures(found))
 
 

@@ -17,7 +17,7 @@ from session.base.units import DEG, MG
 from tinygc.estimation.between_sessions import ONE_SIGMA, TRIED, Between, candidates, course, jump
 from tinygc.estimation.session_times import YEAR_S, Moment
 from tinygc.features.unit.history import forecast
-from tinygc.features.unit.history.curves import panels_of
+from tinygc.features.unit.history.curves import kinds_of
 from tinygc.features.unit.history.estimate import NumberHistory, history_of
 from tinygc.features.unit.history.forecast import (
     FAILS,
@@ -96,7 +96,7 @@ def test_what_made_the_sessions_is_recovered():
     by_name = {row[0]: row[1:] for row in rows(history, history.numbers)}
     assert by_name["bias x, dps"][0] == f"{x.values[-1] / DEG:.4f} ± 0.0010"
     assert [by_name[name][k].startswith("less than") for name, k in (("bias y, dps", 2), ("misalignment x to y, mrad", 1))] == [True, True]
-    firm = {curve.label[0] + panel.title for panel in panels_of(history) for curve in panel.curves if curve.shows}
+    firm = {curve.label[0] + kind.title for kind in kinds_of(history) for curve in kind.curves if curve.shows}
     assert firm == {"xbias", "yscale factor error"}
 
 

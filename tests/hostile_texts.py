@@ -244,7 +244,7 @@ def printed(text: str) -> str:
 def fragment(text: str) -> str:
     """The pieces that the report is made of."""
     cell = escape(text)
-    return f'<title>{cell}</title><p title="{cell}">{cell}</p>' + table((cell,), [(cell, cell)]) + code(f"a\n{text}")
+    return f'<title>{cell}</title><p title="{cell}">{cell}</p>' + table((cell, cell), [(cell, cell)]) + code(f"a\n{text}")
 
 
 def toml_values(text: str, written: str) -> bool:

@@ -238,8 +238,8 @@ def _by_level(law: Law, points: Points) -> list[tuple[Points, str, str]]:
     unit = f" {other.of.unit}" if other.through.name == "itself" and other.of.unit != "1" else ""
     centres = np.quantile(points.level, QUANTILES)
     nearest = np.argmin(np.abs(points.level[:, None] - centres), axis=1)
-    parts = [points.some(nearest == n) for n in range(len(centres)) if np.any(nearest == n)]
-    return [(part, f"{_name(law, part.series)} at {shown} of {np.median(part.level):.3g}{unit}", "") for part in parts]
+    parts = [(points.some(nearest == n), float(np.median(points.level[nearest == n]))) for n in np.unique(nearest)]
+    return [(part, f"{_name(law, part.series)} at {shown} of {level:.3g}{unit}", "") for part, level in parts]
 
 
 def _name(law: Law, series: LawSeries) -> str:

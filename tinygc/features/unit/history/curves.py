@@ -137,6 +137,6 @@ def panel_of(history: UnitHistory, kind: Kind) -> Panel:
         ]
         at = curve.at + (k - 1) * APART * ((hi - lo) or 1.0)
         panel.points(at, curve.values, curve.axis, sigma=curve.sigmas, name=curve.label, says=says)
-    for at, words in kind.shocks:
-        panel.upright(at, name="shock").words(at, -np.inf, f" {words}", "floor")
+    for middle, words in kind.shocks:
+        panel.upright(middle, name="shock").words(middle, -np.inf, f" {words}", "floor")
     return panel

@@ -90,10 +90,10 @@ class History(Kept):
 
         Raises StorageError for files that cannot be written.
         """
-        folder = super().save(folder, False)
-        written = [folder / name for name in self.FILES]
+        into = Path(super().save(folder, False))
+        written = [into / name for name in self.FILES]
         for number in range(len(self.units)) if pictures else ():
-            written.append(folder / (PICTURE if len(self.units) == 1 else f"history{number + 1}.svg"))
+            written.append(into / (PICTURE if len(self.units) == 1 else f"history{number + 1}.svg"))
             self.plot(written[-1], number)
         return written
 

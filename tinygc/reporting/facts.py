@@ -11,16 +11,18 @@ import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import isfinite
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from rich.table import Table as RichTable
 
 from session import VERSION
 from session.base.texts import NONE, measured, significant
 from tinygc.inference.decide import Fact
-from tinygc.reporting.drawing import Panel, style_sheet
-from tinygc.reporting.html import markup
 from tinygc.reporting.terminal import Group, RenderableType, Text
+
+if TYPE_CHECKING:
+    from tinygc.reporting.drawing import Panel
+    from tinygc.reporting.html import markup
 
 #: what a page shows of a terminal's style; others are plain there
 KINDS = {"dim": "soft", "yellow": "warning"}
@@ -57,6 +59,8 @@ class Table:
 
     def __html__(self) -> str:
         """For a page."""
+        from tinygc.reporting.html import markup  # late: a terminal needs none
+
         rows = [[typeset(words(cell), place not in self.left) for place, cell in enumerate(row)] for row in self.rows]
         said = ". ".join(filter(None, (self.title, self.caption)))
         marked = [number for number, style in self.styles.items() if "bold" in style]
@@ -86,14 +90,14 @@ def errors_table(title: str, facts: Sequence[Fact], said: Sequence[str] = (), me
     return Table(title, ("", "x", "y", "z", "k"), found, "; ".join(said), kind="parameters")
 
 
-Part = str | Text | Table | Panel
+Part: TypeAlias = "str | Text | Table | Panel"
 #: of a page: its id, its title, and its facts or HTML
 Chapter = tuple[str, str, Iterable[Part] | str]
 
 
 def screen(parts: Iterable[Part]) -> Group:
     """Facts for a terminal."""
-    return Group(*(part for part in parts if not isinstance(part, Panel)))
+    return Group(*(part for part in parts if not hasattr(part, "svg")))
 
 
 def html(parts: Iterable[Part]) -> str:
@@ -102,9 +106,11 @@ def html(parts: Iterable[Part]) -> str:
 
 
 def _html_of(part: Part) -> str:
+    from tinygc.reporting.html import markup  # late: a terminal needs none
+
     if isinstance(part, Table):
         return part.__html__()
-    if isinstance(part, Panel):
+    if not isinstance(part, str | Text):
         return markup.figure(part, typeset(part.caption))
     style = part.style if isinstance(part, Text) else ""
     said = typeset(str(part))
@@ -113,6 +119,8 @@ def _html_of(part: Part) -> str:
 
 def typeset(text: str, number: bool = False) -> str:
     """Text as HTML, its further lines small; with true minus signs, and thin spaces between the thousands of a number."""
+    from tinygc.reporting.html import markup  # late: a terminal needs none
+
     said = MINUS.sub("−", text)
     if number:
         said = THOUSANDS.sub(lambda found: f"{int(found[0]):,}".replace(",", "\u202f"), said)
@@ -131,6 +139,8 @@ def words(cell: Any) -> str:
 
 def page(kicker: str, heading: str, chapters: Iterable[Chapter], foot: str) -> str:
     """A document of chapters; foot: sentences below them."""
+    from tinygc.reporting.html import markup  # late: a terminal needs none
+
     made = [markup.Section(name, title, said if isinstance(said, str) else html(said)) for name, title, said in chapters]
     head = f'<header><p class="kicker">{markup.escape(kicker)}</p><h1>{markup.escape(heading)}</h1></header>'
     return document(f"{kicker}: {heading}", head, made, f"<footer>{markup.escape(foot)} TinyGC {markup.escape(VERSION)}.</footer>")
@@ -139,5 +149,8 @@ def page(kicker: str, heading: str, chapters: Iterable[Chapter], foot: str) -> s
 def document(title: str, head: str, sections: Sequence[markup.Section], foot: str, running: tuple[str, str] = ("", "")) -> str:
     """HTML document of sections with a list of contents; head and foot are HTML, title is text; running: text at the top of each sheet of
     paper, left and right."""
+    from tinygc.reporting.drawing import style_sheet
+    from tinygc.reporting.html import markup  # late: a terminal needs none
+
     places = {"top-left": running[0], "top-right": running[1], "bottom-left": title}
     return markup.render("page.html", title=title, head=head, sections=sections, foot=foot, running=places, sheet=style_sheet()) + "\n"

@@ -75,5 +75,6 @@ def _triad(M: np.ndarray) -> Panel:
         panel.line([0, back[0]], [0, back[1]], axis, name=f"{axis}, sensor")
         head = np.stack([back - 0.03 * aside, tip, back + 0.03 * aside])
         panel.area(head[:, 0], head[:, 1], head[:, 1], axis, "solid")
-        panel.words(*(tip + 0.1 * along), axis, axis, anchor="middle")
+        x, y = tip + 0.1 * along
+        panel.words(float(x), float(y), axis, axis, anchor="middle")
     return panel

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -93,7 +93,7 @@ def _turn_pair(
     e: Explanation,
     claim: Claim,
     names: dict[int, tuple[str, str]],
-    lines: dict[int, tuple[float, float | None]],
+    lines: Mapping[int, tuple[float, float | None]],
     label: str,
     title: str,
 ) -> tuple[Panel, Panel]:

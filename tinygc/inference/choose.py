@@ -275,6 +275,12 @@ def log_evidence(information: np.ndarray, pull: np.ndarray, scales: np.ndarray) 
     return np.asarray(np.einsum("ki,ki->k", scaled, solved) - size) / 2
 
 
+def over_scales(information: np.ndarray, pull: np.ndarray, counts: Sequence[int]) -> float:
+    """``log_evidence`` of hypotheses with these counts of parameters, their mean over all scales."""
+    found = log_evidence(information, pull, scales_of(counts))
+    return float(np.logaddexp.reduce(found) - np.log(len(found)))
+
+
 #: sigma, in units of an effect's plausible size, of the prior that keeps unobservable components finite.  At ten it biases a value that is
 #: known to a tenth of the plausible size by one in ten thousand
 WIDE = 10.0

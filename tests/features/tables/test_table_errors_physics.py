@@ -31,14 +31,14 @@ from tinygc.features.tables.rows import (
 from tinygc.features.tables.rows_noise import AT_REST, IN_TURN, REPEATABILITY, USUAL_WORD, WANDER, NoiseModel, RowsNoise, _of_answers
 from tinygc.features.tables.selection import (
     Named,
-    _family_wise,
+    _chance,
     _fitted,
     _Judged,
     _late,
     _odd_inside,
-    _smallest_under_noise,
     select,
 )
+from tinygc.inference.choose import PRIOR_ODDS, STEPS
 from tinygc.inference.noise import Prior, wander_covariance
 from tinygc.reporting.terminal import as_text
 
@@ -337,9 +337,10 @@ def test_evidence_is_the_ratio_of_two_likelihoods(base):
         column = base.columns[:, each.place.start]
         own = column @ column - np.sum((base.basis[: base.count].T @ column) ** 2)
         pull = column @ base.left[: base.count]
-        # Two Gaussians, with and without a column of unit prior: determinant lemma and Sherman-Morrison.
-        ratio = (pull**2 / (1 + own) - np.log(1 + own)) / 2
-        assert each.log_evidence == pytest.approx(ratio - np.log(each.candidate.tried), abs=1e-6)
+        # Two Gaussians, with and without a column whose prior has each scale in turn: determinant lemma and Sherman-Morrison.
+        ratios = (pull**2 * STEPS**2 / (1 + own * STEPS**2) - np.log(1 + own * STEPS**2)) / 2
+        expected = np.log(np.mean(np.exp(ratios))) + np.log(PRIOR_ODDS / each.candidate.tried)
+        assert each.log_evidence == pytest.approx(expected, abs=1e-6)
     assert single
 
 
@@ -365,11 +366,6 @@ def test_a_p_value_has_as_many_degrees_of_freedom_as_directions_are_seen(base):
     assert len({len(each.s) for each in whole}) > 1
 
 
-def test_a_family_wise_p_is_the_share_of_draws_and_one_that_was_not_drawn():
-    assert _family_wise(0.02, np.array([0.01, 0.02, 0.03, 0.5])) == pytest.approx(3 / 5)
-    assert _family_wise(1e-9, np.linspace(0.1, 1, 99)) == pytest.approx(0.01)
-
-
 def test_the_smallest_p_of_independent_directions_is_that_of_sidak():
     """Five candidates, of 1, 1, 1, 2 and 2 directions that no other sees, one without any: P(smallest < p) = 1 - (1 - p)^5."""
     size, start, judged = [1, 1, 1, 2, 2], 0, []
@@ -377,12 +373,12 @@ def test_the_smallest_p_of_independent_directions_is_that_of_sidak():
         judged.append(_Judged(None, slice(start, start + count), np.full(count, 7.0), np.eye(count), 1.0, 0.0))
         start += count
     judged.append(_Judged(None, slice(start, start + 1), np.array([1.9]), np.eye(1), 1.0, 0.0))
-    found = _smallest_under_noise(SimpleNamespace(gram=49.0 * np.eye(8)), judged, np.random.default_rng(1))
+    chance = _chance(SimpleNamespace(gram=np.diag([49.0] * 7 + [1.9**2])), judged, 1)
     for p in (0.01, 0.05, 0.2):
         expected = 1 - (1 - p) ** 5
-        assert np.mean(found < p) == pytest.approx(expected, abs=4 * np.sqrt(expected * (1 - expected) / 2000))
-    assert len(found) == 2000
-    assert (_smallest_under_noise(SimpleNamespace(gram=np.eye(1)), judged[-1:], np.random.default_rng(1)) == 1.0).all()
+        assert chance.family_wise(np.log(p)) == pytest.approx(expected, abs=4 * np.sqrt(expected * (1 - expected) / 1000))
+    judged[-1] = replace(judged[-1], place=slice(0, 1))
+    assert _chance(SimpleNamespace(gram=np.eye(1)), judged[-1:], 1).family_wise(0.0) == 1.0
 
 
 @pytest.mark.parametrize(("far", "size", "odd"), [(1, 5.9, False), (3, 6.1, True), (4, 6.1, False)])

@@ -27,7 +27,8 @@ from tinygc.features.tables.machines.description import NAME as TABLE
 from tinygc.features.tables.machines.description import Description, read_description
 from tinygc.features.tables.observed import observe
 from tinygc.features.tables.rows_noise import AT_REST, IN_TURN, REPEATABILITY, WANDER
-from tinygc.features.tables.selection import FAMILY_WISE, Named, Selected, select
+from tinygc.features.tables.selection import Named, Selected, select
+from tinygc.inference.choose import LEVEL
 from tinygc.reporting.terminal import Group, Text, one_line
 
 #: verdicts -> what they say
@@ -89,7 +90,7 @@ class TableExplanation:
         if self.doubts or (not named and self.selected.first_p <= CLAIMED_P):
             return "unexplained"
         if not named:
-            return "suspected" if self.selected.first_p <= FAMILY_WISE else "clean"
+            return "suspected" if self.selected.first_p <= LEVEL else "clean"
         sure = [each for each in named if not _crosses(each)]
         if not sure or any(each.candidate.id != of.LATENCY for each in named if each not in sure):
             return "ambiguous"

@@ -6,7 +6,7 @@ Each candidate is judged by what is left of its columns beside the state's and t
 
 The critical p-value is the 5 % quantile of the smallest p over all candidates, under noise alone, by Monte Carlo with their true
 correlation.  Of those below it, the one with the most evidence (Gaussian priors of the plausible sizes; each of n forms of one error has
-1/n of its prior) is named, if the evidence is for it.  Errors of another name whose evidence is within ``EQUIVALENT`` of it cannot be told
+1/n of its prior) is named, if the evidence is for it.  Errors of another name whose evidence is within ``AS_PROBABLE`` of it cannot be told
 from it with these attitudes.
 
 The latency of the machine's word is part of the state: it is estimated in any case, and is named where it is beyond the delay that a
@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from session.base.errors import DataError
 from session.base.units import DEG
@@ -41,15 +41,10 @@ from tinygc.features.tables.rows import (
     start_of,
 )
 from tinygc.features.tables.rows_noise import NoiseModel, RowsNoise
+from tinygc.inference.choose import AS_PROBABLE, LEVEL, PRIOR_ODDS, Selection, chi_square_above, over_scales, price, promised
 
-#: probability that anything is named in a clean recording
-FAMILY_WISE = 0.05
-#: draws behind the critical value: its own sigma is then 0.5 % of 5 %
-DRAWS = 2000
 #: a direction counts where its sigma is at most this share of its plausible size
 SEEN = 0.5
-#: difference of log evidence, 6 in chi-square, within which two errors are not told apart
-EQUIVALENT = 3.0
 #: steps of the state, which is nonlinear, at most; a step that moves no number by that share of its own sigma is the last
 STEPS, SETTLED = 20, 0.03
 #: a fit that the noise estimated there moves by more of its own sigmas is fitted again
@@ -196,10 +191,9 @@ class _Base:
             seen = s > 1 / SEEN
             if each.one_sided and float(right[0, 0] * z[0]) < 0:
                 z = np.zeros_like(z)
-            weighed = np.where(seen, z**2 * s**2 / (1 + s**2) - np.log1p(s**2), 0.0)
-            gain = float(np.sum(z[seen] ** 2))
-            p_value = float(chi2.sf(gain, int(seen.sum()))) if seen.any() else 1.0
-            found.append(_Judged(each, place, s, right, p_value, float(weighed.sum()) / 2 - np.log(each.tried)))
+            p_value = chi_square_above(float(np.sum(z[seen] ** 2)), int(seen.sum())) if seen.any() else 1.0
+            evidence = over_scales(np.diag(s[seen] ** 2), (s * z)[seen], [int(seen.sum())])
+            found.append(_Judged(each, place, s, right, p_value, evidence + float(np.log(PRIOR_ODDS / each.tried))))
             start = place.stop
         return self._weighed_anew(found)
 
@@ -239,9 +233,11 @@ class _Base:
         for number in largest(once) + largest(others):
             each = judged[number]
             column = each.candidate.columns * each.candidate.plausible
-            evidence = (self.noise.value - self.model.value_of(self.r, np.concatenate([self.fitted, column], axis=1))) / 2
-            gain = max(0.0, 2 * evidence + float(np.log1p(each.s**2).sum()))
-            weighed = replace(each, p_value=float(chi2.sf(gain, len(each.s))), log_evidence=evidence - np.log(each.candidate.tried))
+            # At the plausible size the likelihood pays for every direction; at their best scale each costs less (``promised``).
+            gain = self.noise.value - self.model.value_of(self.r, np.concatenate([self.fitted, column], axis=1)) + np.log1p(each.s**2).sum()
+            gain, size = max(0.0, float(gain)), len(each.s)
+            evidence = (promised(gain, size) - price(size, each.candidate.tried)) / 2
+            weighed = replace(each, p_value=chi_square_above(gain, size), log_evidence=evidence)
             if number in once or weighed.log_evidence > each.log_evidence:
                 judged[number] = weighed
         return judged
@@ -253,7 +249,6 @@ def select(observed: Observed, seed: int = 0, make: Make = candidates_of) -> Sel
     Raises DataError where sensor and table are too far apart for any error of a table that is as described.
     """
     _agree(observed)
-    rng = np.random.default_rng(seed)
     named: list[Candidate] = []
     p_values: list[float] = []
     base, first_p = _fitted(observed, None, named, make), 1.0
@@ -262,16 +257,16 @@ def select(observed: Observed, seed: int = 0, make: Make = candidates_of) -> Sel
         base = _fitted(observed, None, named, make)
     while True:
         judged = [each for each in base.judged if not _is_any(each.candidate, named)]
-        smallest = _smallest_under_noise(base, judged, rng)
-        least = _family_wise(min((each.p_value for each in judged), default=1.0), smallest)
+        chance = _chance(base, judged, seed)
+        by_chance = [chance.family_wise(float(np.log(max(each.p_value, 1e-300)))) for each in judged]
+        least = min(by_chance, default=1.0)
         first_p = first_p if named else least
-        bar = np.quantile(smallest, FAMILY_WISE)
-        significant = [each for each in judged if each.p_value <= bar and each.log_evidence > 0]
+        significant = [(each, p) for each, p in zip(judged, by_chance, strict=True) if p <= LEVEL and each.log_evidence > 0]
         if not significant or len(named) == MOST_NAMED:
             break
-        best = max(significant, key=lambda each: each.log_evidence)
+        best, p_value = max(significant, key=lambda pair: pair[0].log_evidence)
         named = [*named, best.candidate]
-        p_values.append(_family_wise(best.p_value, smallest))
+        p_values.append(p_value)
         base = _fitted(observed, base, named, make)
     while True:  # an error that the later ones have made superfluous is taken back
         found = [_named(observed, base, named, number, p, make) for number, p in enumerate(p_values)]
@@ -283,16 +278,16 @@ def select(observed: Observed, seed: int = 0, make: Make = candidates_of) -> Sel
     at = len(base.state) - 3
     latency, sigma = float(base.state[at] + base.theta[at]), float(np.sqrt(base.covariance[at, at]))
     evidence = latency**2 / (sigma**2 + DELAY_SIGMA_S**2 + (LATE_STAMPS_S**2 if latency > 0 else 0.0)) / 2
-    p_latency = min(1.0, float(chi2.sf(2 * evidence, 1)) * max(len(base.candidates), 1))
-    if p_latency < FAMILY_WISE:
+    p_latency = min(1.0, chi_square_above(2 * evidence, 1) * max(len(base.candidates), 1))
+    if p_latency < LEVEL:
         found.append(_late(base, latency, sigma, p_latency, evidence))
         first_p = min(first_p, p_latency)
-    doubtful = [each for each in judged if (each.p_value <= bar) != (each.log_evidence > 0)]
+    doubtful = [each for each, p in zip(judged, by_chance, strict=True) if (p <= LEVEL) != (each.log_evidence > 0)]
     suspected = tuple(dict.fromkeys(each.candidate.id for each in sorted(doubtful, key=lambda each: each.p_value)))[:MOST_SUSPECTED]
     limits, unseen = [], []
     for each in judged:
         freedom = max(int(each.seen.sum()), 1)
-        least_seen = np.sqrt(chi2.isf(FAMILY_WISE / max(len(judged), 1), freedom)) + POWER
+        least_seen = np.sqrt(chdtri(freedom, LEVEL / max(len(judged), 1))) + POWER
         faintest = float(each.candidate.plausible.max() / each.s[each.seen].min()) if each.seen.any() else float("nan")
         limits.append((each.candidate, float(least_seen * faintest)))
         for direction in each.right[:, ~each.seen].T:
@@ -334,11 +329,6 @@ def _agree(observed: Observed) -> None:
             f"within {FARTHEST_RAD / DEG:.0f} deg, too large for this method; are axes, zeros and mounting of table.toml right, and did no "
             f"motor lose its steps?"
         )
-
-
-def _family_wise(p_value: float, smallest: np.ndarray) -> float:
-    """Share of draws with so small a p-value; a bound where none has."""
-    return float((np.sum(smallest <= p_value) + 1) / (len(smallest) + 1))
 
 
 def _is_any(candidate: Candidate, named: list[Candidate]) -> bool:
@@ -410,22 +400,13 @@ def _odd_inside(base: _Base) -> np.ndarray:
     return odd
 
 
-def _smallest_under_noise(base: _Base, judged: list[_Judged], rng: np.random.Generator) -> np.ndarray:
-    """(DRAWS,) smallest p-value of some candidates under noise alone."""
-    judged = [each for each in judged if each.seen.any()]
-    if not judged:
-        return np.ones(DRAWS)
-    # Rotation of each candidate's columns to its seen singular directions, of unit length.
-    size = [int(each.seen.sum()) for each in judged]
-    edges = np.cumsum([0, *size])
-    turn = np.zeros((len(base.gram), edges[-1]))
-    for each, start, stop in zip(judged, edges, edges[1:], strict=False):
-        turn[each.place, start:stop] = each.right[:, each.seen] / each.s[each.seen]
-    values, axes = np.linalg.eigh(turn.T @ base.gram @ turn)
+def _chance(base: _Base, judged: list[_Judged], seed: int) -> Selection[int]:
+    """The chance of the best of some candidates, whose columns have these products beside all that is fitted."""
+    values, axes = np.linalg.eigh(base.gram)
     kept = values > 1e-9 * values[-1]
-    z = rng.standard_normal((DRAWS, int(kept.sum()))) @ (axes[:, kept] * np.sqrt(values[kept])).T
-    gains = np.add.reduceat(z**2, edges[:-1], axis=1)
-    return chi2.sf(gains, size).min(axis=1)
+    columns = (axes[:, kept] * np.sqrt(values[kept])).T
+    groups = {number: columns[:, each.place] for number, each in enumerate(judged)}
+    return Selection(np.zeros((len(columns), 0)), groups, seed, is_known=True, seen=1 / SEEN)
 
 
 def _named(observed: Observed, base: _Base, named: list[Candidate], number: int, p_value: float, make: Make) -> Named:
@@ -434,7 +415,7 @@ def _named(observed: Observed, base: _Base, named: list[Candidate], number: int,
     without = _fitted(observed, base, others, make)
     judged = [each for each in without.judged if not _is_any(each.candidate, others)]
     own = next(each for each in judged if _is_any(each.candidate, [named[number]]))
-    near = {each.candidate.id for each in judged if each.log_evidence > own.log_evidence - EQUIVALENT}
+    near = {each.candidate.id for each in judged if each.log_evidence > own.log_evidence - AS_PROBABLE}
     here, size = base.place_of(named[number]), own.candidate.plausible
     # Of a direction with a sigma below ``SEEN`` of its plausible size, in the noise without this error, the posterior has this variance.
     shares, right = np.linalg.eigh(base.covariance[here, here] / np.outer(size, size))

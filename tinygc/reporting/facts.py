@@ -11,7 +11,7 @@ import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import isfinite
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, Protocol
 
 from rich.table import Table as RichTable
 
@@ -21,7 +21,6 @@ from tinygc.inference.decide import Fact
 from tinygc.reporting.terminal import Group, RenderableType, Text
 
 if TYPE_CHECKING:
-    from tinygc.reporting.drawing import Panel
     from tinygc.reporting.html import markup
 
 #: what a page shows of a terminal's style; others are plain there
@@ -90,7 +89,16 @@ def errors_table(title: str, facts: Sequence[Fact], said: Sequence[str] = (), me
     return Table(title, ("", "x", "y", "z", "k"), found, "; ".join(said), kind="parameters")
 
 
-Part: TypeAlias = "str | Text | Table | Panel"
+class Drawn(Protocol):
+    """What a page draws: a panel of ``tinygc.reporting.drawing``, with its caption as text."""
+
+    caption: str
+
+    def svg(self, width: float) -> str:
+        """Draw it so wide."""
+
+
+Part = str | Text | Table | Drawn
 #: of a page: its id, its title, and its facts or HTML
 Chapter = tuple[str, str, Iterable[Part] | str]
 

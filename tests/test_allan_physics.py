@@ -1,7 +1,5 @@
 """The Allan deviation by a double loop, its degrees of freedom by the covariance of its differences, its coefficients on curves by hand."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -14,7 +12,6 @@ from tinygc.closure.floor import (
     averaging_factors,
     bias_instability,
     curve_of,
-    joined_curves,
 )
 
 PERIOD_S, WALK = 0.01, 6e-5
@@ -72,15 +69,6 @@ def test_averaging_factors_are_equal_in_octaves_up_to_half():
     assert averaging_factors(16, 1) == (1, 2, 4, 8)
     assert averaging_factors(16, 4) == (1, 2, 3, 4, 5, 6, 7, 8)
     assert allan_curve([white(64)], PERIOD_S).tau_s == pytest.approx(PERIOD_S * np.array([1, 2, 3, 4, 5, 6, 7, 8, 10, 11, 13]))
-
-
-def test_a_joined_curve_is_the_short_one_and_what_is_later_of_the_long_one():
-    short, long = curve([4.0, 3.0, 2.0], [0.5, 1.0, 2.0], [9, 9, 8]), curve([5.0, 6.0, 7.0], [1.5, 2.0, 2.5], [3, 2, 1])
-    joined = joined_curves(replace(short, longest_s=60.0), replace(long, longest_s=50.0))
-    assert joined.tau_s.tolist() == [0.5, 1.0, 2.0, 2.5]
-    assert joined.deviation[:, 1].tolist() == [4.0, 3.0, 2.0, 7.0]
-    assert joined.freedom.tolist() == [9, 9, 8, 1]
-    assert joined.longest_s == 60.0
 
 
 @pytest.mark.parametrize(

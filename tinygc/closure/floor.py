@@ -256,7 +256,7 @@ def stamp_variance(batch: Batch, attitudes: np.ndarray, stamps: Sequence[StampEr
 #
 # Stills lie in different attitudes.  The Allan variance is built from second differences of the angle, which do not depend on the mean rate
 # of a still.  So the stills are pooled, and no difference spans a turn.  Where there are too many to hold, their sums are kept
-# (``AllanSums``).  Curves at short and at long averaging times can be joined.
+# (``AllanSums``).
 
 #: the floor of the Allan deviation is this share of the bias instability: sqrt(2 ln 2 / pi) (IEEE 952, C.1)
 FLICKER_FLOOR = 0.6643
@@ -346,15 +346,6 @@ def curve_of(pieces: list[AllanSums], period_s: float, longest_s: float) -> Alla
     known = freedom >= LEAST_FREEDOM
     known[0] |= not known.any()
     return AllanCurve(np.multiply(pieces[0].factors, period_s)[known], np.sqrt(variance[known]), freedom[known], longest_s)
-
-
-def joined_curves(short: AllanCurve, long: AllanCurve) -> AllanCurve:
-    """Join two curves: all of ``short``, then the longer averaging times of ``long``."""
-    later = long.tau_s > short.tau_s[-1]
-    tau_s, deviation, freedom = (
-        np.concatenate([getattr(short, name), getattr(long, name)[later]]) for name in ("tau_s", "deviation", "freedom")
-    )
-    return AllanCurve(tau_s, deviation, freedom, max(short.longest_s, long.longest_s))
 
 
 def allan_freedom(points: Any, m: int) -> Any:

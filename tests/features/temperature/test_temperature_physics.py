@@ -15,8 +15,7 @@ from small_turns import numeric_jacobian
 from session.base.errors import DataError, FitError
 from session.log.config import Accelerometer
 from session.log.rests import RestLog
-from session.log.samples import Samples
-from tinygc.closure.floor import AllanSums, averaging_factors, curve_of
+from tinygc.closure.floor import allan_curve
 from tinygc.features.temperature import axis_fit
 from tinygc.features.temperature.axis_fit import (
     _AS_NOISE,
@@ -41,15 +40,16 @@ from tinygc.features.temperature.axis_fit import (
     predicted,
     simplest,
     solve_axis,
+    white_of,
 )
 from tinygc.features.temperature.model import ThermalModel, element_temperature
 from tinygc.features.temperature.rest_fit import (
     RestFit,
-    _long_times,
+    _allan,
     _noise_over_temperature,
     _residual_blocks,
-    _ShortTimes,
     fit_rests,
+    noise_at_rest,
     zero_of_blocks,
 )
 from tinygc.features.temperature.sessions_fit import (
@@ -64,7 +64,7 @@ from tinygc.features.temperature.sessions_fit import (
     zero_covariance,
 )
 from tinygc.features.temperature.sweeps import Sweep, _turning_points, between_steps, sweeps_of
-from tinygc.inference.noise import TIMES_S
+from tinygc.inference.noise import TIMES_S, wander_covariance
 from tinygc.models.linear import BIAS, MATRIX, LinearModel
 
 
@@ -309,7 +309,7 @@ def test_the_zero_of_a_log_that_is_left_out_is_not_predicted():
     for sweep, known, size in ((0, [1, 2], np.var), (1, [0, 1, 2], lambda error: np.mean(error**2))):
         test, A = knots.sweep == sweep, columns(knots, 0.0, 1)[:, known]
         error = y[test] - A[test] @ np.linalg.lstsq(A[~test], y[~test], rcond=None)[0]
-        assert predicted(knots, y, ~test, test, 1, 0.0) == pytest.approx(size(error))
+        assert predicted(knots, y, test, 1, 0.0) == pytest.approx(size(error))
 
 
 def test_the_simplest_within_one_standard_error_of_the_best():
@@ -542,58 +542,52 @@ def test_the_line_of_a_constant_by_full_matrices(noise, shows):
 # Rest logs beside the zero
 
 
-RATE_HZ = 8.0
+@pytest.mark.parametrize("instability", [0.0, 1.5e-3])
+def test_noise_at_rest_is_given_back_beside_temperature(instability):
+    """White noise and flicker about a lagged line: sizes within their sigmas, and a limit alone where there is no flicker."""
+    rng, temp, z = np.random.default_rng(7), triangle(600, 150), []
+    t_s = 10.0 * np.arange(600) + 5
+    root = np.linalg.cholesky(wander_covariance(t_s, np.full(600, 10.0), instability_rps=1.0))
+    for _ in range(4):
+        noise = 2e-3 * rng.normal(size=600) + instability * root @ rng.normal(size=600)
+        knots, fit = fitted([small_rest(temp, 8e-3 * element_temperature(temp, 20.0, 10.0) + noise)])
+        found = noise_at_rest(knots, knots.logs[0].gyro[:, 0], fit)
+        z.append((found.walk - 2e-3 * np.sqrt(10)) / found.walk_sigma)
+        assert (found.walk_sigma < 6e-4, np.isnan(found.at_most)) == (True, instability > 0)
+        assert abs(found.instability - instability) < 3 * found.instability_sigma < 2e-3
+    assert abs(np.mean(z)) < 1  # 4 of it, were the flicker in the steps added and not taken off
 
 
-#: averaging times up to two seconds, two an octave
-FACTORS = averaging_factors(32, 2)
+def test_the_limit_of_a_flicker_that_is_not_seen_is_where_the_likelihood_has_dropped():
+    log = small_rest(triangle(80, 20), 2e-3 * np.random.default_rng(3).normal(size=80))
+    knots, fit = fitted([log])
+    y = log.gyro[:, 0]
+    found = noise_at_rest(knots, y, fit)
+    V, A, white = knots.covariances(), columns(knots, fit.tau_s, fit.order), white_of(knots, y)
+
+    def value(size):
+        """-2 log of the restricted likelihood at a flicker, with the best of the others."""
+
+        def at(ln):
+            C = (np.exp(2 * ln[0]) + (0.5 * white) ** 2) * V[0] + size**2 * V[1] + np.exp(2 * ln[1]) * V[2]
+            W = np.linalg.solve(C, A)
+            left = y - A @ np.linalg.solve(A.T @ W, W.T @ y)
+            return np.linalg.slogdet(C)[1] + np.linalg.slogdet(A.T @ W)[1] + left @ np.linalg.solve(C, left)
+
+        starts = [np.log([white * share, walk]) for share in (0.3, 1.0) for walk in (1e-9, 1e-5)]
+        return min(optimize.minimize(at, start, method="Nelder-Mead", options={"maxiter": 2000}).fun for start in starts)
+
+    assert value(found.at_most) - value(found.instability) == pytest.approx(2.0**2, rel=0.1)
 
 
-def samples(seed=0, count=4300, gap=None, rate_hz=RATE_HZ):
-    rng = np.random.default_rng(seed)
-    t_s = np.arange(count) / rate_hz
-    t_s = np.where(t_s > gap, t_s + 1.0, t_s) if gap else t_s
-    ramp = (t_s / 500)[:, None] * [10.0, -20, 30] + 5 * (t_s / 500)[:, None] ** 2
-    return Samples(np.rint(t_s * 1e9).astype(np.int64), ramp + 0.1 * rng.normal(size=(count, 3)), np.zeros((count, 3)), None)
-
-
-def less_parabola(rates):
-    x = np.arange(len(rates))
-    return rates - np.column_stack([np.polyval(np.polyfit(x, axis, 2), x) for axis in rates.T])
-
-
-def test_short_times_are_pooled_over_chunks_less_their_parabolas():
-    """Chunks of 2048 samples, cut at a gap; those that hold a block that was left out count for nothing."""
-    whole, short = samples(gap=300.13), _ShortTimes()
-    cut = int(np.flatnonzero(np.diff(whole.t_s) > 0.5)[0]) + 1
-    short(whole)
-    chunks = [less_parabola(whole.gyro[a:b]) for a, b in ((0, 2048), (2048, cut), (cut, 4300))]
-    log = small_rest(np.zeros(538), block_s=1.0)
-    # The first chunk ends at 255.9 s: block 255 is half in it and half in the next.
-    for block, struck in ((-1, []), (254, [0]), (255, [0, 1]), (256, [1]), (300, [1]), (301, [2]), (537, [2])):
-        kept = [AllanSums.of(chunk, FACTORS) for k, chunk in enumerate(chunks) if k not in struck]
-        found, expected = short.curve(log, np.arange(538) == block), curve_of(kept, 1 / RATE_HZ, 538.0)
-        for name in ("tau_s", "deviation", "freedom", "longest_s"):
-            assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-6)
-    assert short.curve(log, np.ones(538, dtype=bool)) is None
-    fine = _ShortTimes()
-    whole = samples(count=7000, rate_hz=800.0)
-    fine(whole)  # a chunk holds four of the longest averaging time
-    factors = averaging_factors(3200, 2)
-    expected = curve_of([AllanSums.of(less_parabola(part), factors) for part in np.split(whole.gyro, [4 * factors[-1]])], 1 / 800, 9.0)
-    found = fine.curve(small_rest(np.zeros(9), block_s=1.0), np.zeros(9, dtype=bool))
-    assert_allclose(found.deviation, expected.deviation, rtol=1e-6)
-
-
-def test_long_times_are_pooled_over_pieces_without_gaps():
+def test_the_allan_deviation_is_pooled_over_pieces_without_gaps():
     number = np.concatenate([np.arange(20), np.arange(21, 24), np.arange(30, 46)])
     one, two = small_rest(np.zeros(39), number=number), small_rest(np.zeros(9))
     residual = np.random.default_rng(0).normal(size=(48, 3))
-    pieces = [AllanSums.of(part, averaging_factors(20, 2)) for part in (residual[:20], residual[23:39], residual[39:])]
-    found, expected = _long_times([one, two], residual), curve_of(pieces, 10.0, 200.0)
+    expected = allan_curve([residual[:20], residual[23:39], residual[39:]], 10.0, 2)
+    found = _allan([one, two], residual)
     assert (found.tau_s, found.deviation) == (pytest.approx(expected.tau_s), pytest.approx(expected.deviation))
-    assert found.longest_s == 200
-    assert [_long_times([small_rest(np.zeros(k))], residual[:k]) is None for k in (3, 4)] == [True, False]
+    assert [_allan([small_rest(np.zeros(k))], residual[:k]) is None for k in (3, 4)] == [True, False]
 
 
 def test_noise_over_temperature_is_a_regression_of_the_scatter():
@@ -633,7 +627,7 @@ def test_rest_logs_are_fitted_axis_by_axis_without_their_knocks():
     sd = 1e-3 * (1 + 0.1 * rng.random((48, 3)))
     zero[30], sd[30] = zero[30] + 0.2, 1.0
     log = small_rest(temp, zero, sd=sd)
-    found = fit_rests([(log, None)], orders=(0, 1))
+    found = fit_rests([log], orders=(0, 1))
     (kept,) = found.knots.logs
     assert 30 not in kept.number
     assert [each.direction for each in found.sweeps] == [1, -1, 1, -1]
@@ -641,16 +635,16 @@ def test_rest_logs_are_fitted_axis_by_axis_without_their_knocks():
     for fits, values in ((found.gyro, kept.gyro), (found.accel, kept.accel)):
         assert fits[2].terms.tolist() == fit_axis(found.knots, values[:, 2], (0, 1)).terms.tolist()
     residual = np.column_stack([_residual_blocks(found.knots, "gyro", axis, fit) for axis, fit in enumerate(found.gyro)])
-    assert_array_equal(found.allan.deviation, _long_times([kept], residual).deviation)
+    assert_array_equal(found.allan.deviation, _allan([kept], residual).deviation)
     assert found.range_c == (kept.temp_c.min(), kept.temp_c.max())
     alone = of_rests_alone("x", found, {})
     assert_array_equal(alone.covariance[MATRIX.stop :, MATRIX.stop :], zero_covariance(found.gyro, 1))
     assert_array_equal(alone.model.E_terms, np.eye(3)[None])
     assert (alone.sigma[MATRIX].max(), len(alone.names)) == (0, len(alone.sigma))
-    bare = fit_rests([(replace(log, temp_c=np.full(48, np.nan)), None)])
+    bare = fit_rests([replace(log, temp_c=np.full(48, np.nan))])
     assert ([fit.order for fit in bare.gyro], bare.noise) == ([0, 0, 0], None)
     with pytest.raises(DataError, match=r"b.csv has no temperature, and other rest logs have"):
-        fit_rests([(log, None), (small_rest([np.nan] * 48, name="b.csv"), None)])
+        fit_rests([log, small_rest([np.nan] * 48, name="b.csv")])
 
 
 # Sessions at several temperatures
@@ -770,17 +764,17 @@ def test_temperatures_two_degrees_apart_are_two_and_E_has_no_more_than_a_square(
 
 
 def turn_on_of(points, values, design, known):
-    """The scatter with which chi-square of three axes has its degrees of freedom."""
-    freedom = 3 * (len(points) - design.shape[1])
+    """The scatter at which the restricted likelihood of three axes is flat: tr P = y' P P y."""
 
-    def chi_square(variance):
+    def slope(variance):
         total = 0.0
         for i in range(3):
-            V = np.diag([point.covariance[9 + i, 9 + i] + variance for point in points]) + known[i]
-            total += least_squares(values[:, i], design, V)[2]
-        return total - freedom
+            inverse = np.linalg.inv(np.diag([point.covariance[9 + i, 9 + i] + variance for point in points]) + known[i])
+            P = inverse - inverse @ design @ np.linalg.solve(design.T @ inverse @ design, design.T @ inverse)
+            total += np.trace(P) - values[:, i] @ P @ P @ values[:, i]
+        return total
 
-    return np.sqrt(optimize.brentq(chi_square, 0, 1.0, xtol=1e-18)) if chi_square(0) > 0 else 0.0
+    return np.sqrt(optimize.brentq(slope, 0, 1.0, xtol=1e-18)) if slope(0) < 0 else 0.0
 
 
 @pytest.mark.parametrize("turn_on", [0.0, 0.01])
@@ -794,7 +788,7 @@ def test_the_zero_of_sessions_alone_is_least_squares_with_the_switch_ons_scatter
     spread = turn_on_of(points, np.array([point.values[BIAS] for point in points]), designs[order], [0.0] * 3)
     assert (fit.turn_on_rps, spread > 0) == (pytest.approx(spread, rel=1e-6), turn_on > 0)
     for i in range(3):
-        terms, covariance, _ = dense(points, np.array([9 + i]), designs[order], spread**2 * np.eye(4))
+        terms, covariance, _ = dense(points, np.array([9 + i]), designs[order], fit.turn_on_rps**2 * np.eye(4))
         assert fit.model.zero_terms[:, i] == pytest.approx(terms[:, 0], rel=1e-6)
         rows = fit.model.E_terms.size + 3 * np.arange(order + 1) + i
         assert_allclose(fit.covariance[np.ix_(rows, rows)], covariance, rtol=1e-6)
@@ -822,7 +816,7 @@ def shape():
     size = DEG * np.array([[1e-3], [3e-5], [1e-6], [2.0]])
     roots = [size * (np.eye(4) + 0.5 * rng.normal(size=(4, 4))) for _ in range(3)]
     line = an_axis(ZERO[:2, 1], 0.0, roots[1][[0, 1, 3]])
-    return RestFit((), knots, (), (an_axis(ZERO[:, 0], 30.0, roots[0]), line, an_axis(ZERO[:, 2], -20.0, roots[2])), (), None, None, ())
+    return RestFit((), knots, (), (an_axis(ZERO[:, 0], 30.0, roots[0]), line, an_axis(ZERO[:, 2], -20.0, roots[2])), (), (), None, None, ())
 
 
 @pytest.mark.parametrize("celsius", [(0.0,), (-20.0, 20.0, 50.0)])

@@ -16,6 +16,7 @@ from session.log.rests import RestLog
 from tinygc.features.temperature.model import element_temperature
 from tinygc.features.temperature.sweeps import Sweep, between_steps
 from tinygc.inference.noise import estimate, wander_covariance
+from tinygc.inference.prove import left_out
 from tinygc.inference.solve import solve as determined
 
 # Blocks of a rest log merged into knots, few enough for a full covariance of their noise.
@@ -154,10 +155,13 @@ WIDE = 1e4
 
 @dataclass(frozen=True, eq=False)
 class _Coloured:
-    """sizes (3,) of white (unit/sqrt(Hz), two-sided), flicker (unit) and random walk (unit/sqrt(s)); C (K, K): their total covariance."""
+    """sizes (3,) of white (unit/sqrt(Hz), two-sided), flicker (unit) and random walk (unit/sqrt(s)); C (K, K): their total covariance;
+    sigmas (3,) of the sizes, NaN where nobody asked; value: -2 log of the restricted likelihood."""
 
     sizes: np.ndarray
     C: np.ndarray
+    sigmas: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
+    value: float = np.nan
 
     def factor(self, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
         """Lower Cholesky factor of the covariance of some knots."""
@@ -165,7 +169,9 @@ class _Coloured:
         return cholesky(part, lower=True, check_finite=False)
 
 
-def estimate_noise(y: np.ndarray, A: np.ndarray, V: list[np.ndarray], white: float, steps: np.ndarray | float = 0.0) -> _Coloured:
+def estimate_noise(
+    y: np.ndarray, A: np.ndarray, V: list[np.ndarray], white: float, steps: np.ndarray | float = 0.0, with_sigma: bool = False
+) -> _Coloured:
     """Estimate the noise of knots y (K,) about the columns A (K, p); V: covariances of unit size (``Knots.covariances``); white: size of
     white noise from the differences of blocks; steps (K, K): what the thermometer's add (``Knots.of_steps``)."""
     scatter = float(np.std(y - A @ np.linalg.lstsq(A, y, rcond=None)[0])) or white or 1.0
@@ -173,10 +179,15 @@ def estimate_noise(y: np.ndarray, A: np.ndarray, V: list[np.ndarray], white: flo
     usual = np.array([white or scatter * np.sqrt(1 / V[0].max()), scatter, scatter / longest])
     J = A / np.abs(A).max(axis=0) * (WIDE * scatter)
     base = V[0] * (0.5 * usual[0]) ** 2
-    found = estimate(y, J, base + steps, [*V], usual, [None] * 3, [np.arange(len(y))], steps=25)
+    found = estimate(y, J, base + steps, [*V], usual, [None] * 3, [np.arange(len(y))], with_sigma=with_sigma, steps=25)
     sizes = found.s.copy()
     sizes[0] = np.hypot(sizes[0], 0.5 * usual[0])
-    return _Coloured(sizes, sum((v * s**2 for v, s in zip(V, sizes, strict=True)), np.zeros_like(base) + steps))
+    return _Coloured(sizes, sum((v * s**2 for v, s in zip(V, sizes, strict=True)), np.zeros_like(base) + steps), found.sigma, found.value)
+
+
+def white_of(knots: Knots, blocks: np.ndarray) -> float:
+    """Size of white noise, unit/sqrt(Hz), from the steps between blocks (B,)."""
+    return float(sigma_of_steps(blocks) * np.sqrt(knots.logs[0].block_s))
 
 
 def about(knots: Knots, y: np.ndarray, V: list[np.ndarray], white: float, order: int, tau_s: float = 0.0) -> _Coloured:
@@ -322,20 +333,17 @@ def examine(
         train, test = folds != fold, folds == fold
         L = noise.factor(train)
         tau = _best_lag(knots, y, L, train, lags, most) if len(lags) else 0.0
-        table.append([predicted(knots, y, train, test, order, tau if lagged else 0.0) for order, lagged in candidates])
+        table.append([predicted(knots, y, test, order, tau if lagged else 0.0) for order, lagged in candidates])
     return candidates, np.array(table), by
 
 
-def predicted(knots: Knots, y: np.ndarray, train: np.ndarray, test: np.ndarray, order: int, tau: float) -> float:
-    """Mean square error of a fold's prediction, in the unit of y."""
+def predicted(knots: Knots, y: np.ndarray, test: np.ndarray, order: int, tau: float) -> float:
+    """Mean square error of a fold's prediction from all other knots, in the unit of y."""
     A = columns(knots, tau, order)
-    seen = A[train].any(axis=0)
-    coefficients = np.zeros(A.shape[1])
-    coefficients[seen] = np.linalg.lstsq(A[train][:, seen], y[train], rcond=None)[0]
-    error = y[test] - A[test] @ coefficients
-    logs = len(knots.logs)
+    left, J = y - A @ np.linalg.lstsq(A, y, rcond=None)[0], A * WIDE
+    error = left_out(left, J, np.eye(len(y)), left, J, [np.flatnonzero(test)])[test]
     # The zero of a log that is left out completely cannot be predicted; its scatter is reported separately.
-    if not seen[:logs][np.unique(knots.of[test])].all():
+    if not set(knots.of[test]) <= set(knots.of[~test]):
         error = error - error.mean()
     return float(np.mean(error**2))
 
@@ -420,7 +428,7 @@ def fit_axis(knots: Knots, blocks: np.ndarray, orders: tuple[int, ...] = ORDERS)
     y = y / unit
     orders = tuple(p for p in orders if p <= most_order(knots) and determined(columns(knots, 0.0, p)).rank == len(knots.logs) + p)
     lags = _lag_grid(knots) if max(orders) else np.zeros(0)
-    white = float(sigma_of_steps(blocks / unit)) * np.sqrt(knots.logs[0].block_s)
+    white = white_of(knots, blocks / unit)
     every, most, tau = slice(None), max(orders), 0.0
     noise = about(knots, y, V, white, most)
     if len(lags):

@@ -12,8 +12,9 @@ from session.base.progress import Progress, untold
 from session.base.texts import printable
 from session.log.config import read_config
 from session.log.folder import file_key, input_hashes, read_session, refuse_same, sha256_of
+from session.log.rests import read_rest
 from tinygc.features.temperature.feature import ThermalOptions
-from tinygc.features.temperature.rest_fit import RestFit, fit_rests, read_rests
+from tinygc.features.temperature.rest_fit import RestFit, fit_rests
 from tinygc.features.temperature.sessions_fit import ThermalFit, join, of_rests_alone, point_of
 from tinygc.library.arguments import public
 
@@ -67,7 +68,11 @@ def fit_temperature(folders: Path | str | Sequence[Path | str], *, progress: Pro
     rests: RestFit | None = None
     alone: ThermalFit | None = None
     if rest_paths:
-        rests = fit_rests(read_rests(rest_paths, sensor, progress), tuple(range(most_order + 1)), progress=progress)
+        logs = []
+        for number, path in enumerate(rest_paths):
+            progress(path.name, number, len(rest_paths))
+            logs.append(read_rest(path, sensor))
+        rests = fit_rests(logs, tuple(range(most_order + 1)), progress)
         alone = of_rests_alone(name, rests, {"session.toml": sha256_of(paths[0] / "session.toml")} | hashes)
         if not turning:
             return alone

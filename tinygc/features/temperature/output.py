@@ -14,7 +14,6 @@ from session.base.records import write_whole
 from session.base.texts import measured
 from session.base.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MDPS, MG
 from tinygc import models
-from tinygc.closure.floor import angle_random_walk, bias_instability
 from tinygc.features.temperature.axis_fit import AxisFit, Hysteresis
 from tinygc.features.temperature.rest_fit import RestFit, zero_of_blocks
 from tinygc.features.temperature.sessions_fit import APART_C, SessionsFit, ThermalFit, zero_terms
@@ -123,7 +122,7 @@ def temperature_report(fit: ThermalFit) -> Group:
     if fit.rests is not None:
         problems = [finding for finding in fit.rests.findings if finding.level != "ok"]
         parts += [findings_table(problems)] if problems else []
-        parts += [_axes(fit.rests, "gyro"), *_noise(fit.rests), _axes(fit.rests, "accel")]
+        parts += [_axes(fit.rests, "gyro"), _noise(fit.rests), _axes(fit.rests, "accel")]
     if fit.sessions is not None:
         rows = []
         for point in fit.sessions.points:
@@ -176,16 +175,16 @@ def _extent(rests: RestFit, fit: AxisFit) -> float:
     return float(np.ptp(np.polynomial.polynomial.polyval(at, fit.terms)))
 
 
-def _noise(rests: RestFit) -> list[Part]:
+def _noise(rests: RestFit) -> Table:
     rows = []
-    for each in (_noise_table(rests, axis) for axis in range(3 if rests.allan is not None else 0)):
+    for each in (_noise_table(rests, axis) for axis in range(3)):
         most, floor = each["bias_instability_at_most_dph"], each["bias_instability_dph"]
         limit = f"at most {most:.2g}" if np.isfinite(most) else "not observed"
         wander = limit if floor is None else (floor, each["bias_instability_std_dph"])
         over = None if each["rms_per_c"] is None else (100 * each["rms_per_c"], 100 * each["rms_std_per_c"])
         rows.append([each["axis"], (each["angle_random_walk_deg_rth"], each["angle_random_walk_std_deg_rth"]), wander, over])
     header = ("axis", "angle random walk, °/√h", "bias instability, °/h", "rms of a reading over temperature, %/°C")
-    return [Table("Noise at rest", header, rows)] if rows else []
+    return Table("Noise at rest", header, rows)
 
 
 def remarks(fit: ThermalFit) -> list[str]:
@@ -333,7 +332,7 @@ def of_rests(rests: RestFit) -> dict:
         "sweeps": {name: sum(s.direction == way for s in rests.sweeps) for name, way in (("up", 1), ("down", -1))},
         "gyro": [_axis(axis, fit, DEG, "dps") for axis, fit in zip("xyz", rests.gyro, strict=True)],
         "accel": [_axis(axis, fit, MG, "mg") for axis, fit in zip("xyz", rests.accel, strict=True)],
-        "noise": [_noise_table(rests, axis) for axis in range(3)] if rests.allan is not None else [],
+        "noise": [_noise_table(rests, axis) for axis in range(3)],
     }
 
 
@@ -369,16 +368,15 @@ def _hysteresis_table(found: Hysteresis, unit: float, word: str) -> dict:
 
 
 def _noise_table(rests: RestFit, axis: int) -> dict:
-    assert rests.allan is not None
-    walk, floor = angle_random_walk(rests.allan, axis), bias_instability(rests.allan, axis)
-    over = rests.noise
+    found, over = rests.at_rest[axis], rests.noise
+    hidden = not np.isnan(found.at_most)
     return {
         "axis": "xyz"[axis],
-        "angle_random_walk_deg_rth": walk.value / DEG_PER_SQRT_HOUR,
-        "angle_random_walk_std_deg_rth": walk.sigma / DEG_PER_SQRT_HOUR,
-        "bias_instability_dph": floor.value / DEG_PER_HOUR if floor.observed else None,
-        "bias_instability_std_dph": floor.sigma / DEG_PER_HOUR if floor.observed else None,
-        "bias_instability_at_most_dph": floor.at_most / DEG_PER_HOUR,
+        "angle_random_walk_deg_rth": found.walk / DEG_PER_SQRT_HOUR,
+        "angle_random_walk_std_deg_rth": found.walk_sigma / DEG_PER_SQRT_HOUR,
+        "bias_instability_dph": None if hidden else found.instability / DEG_PER_HOUR,
+        "bias_instability_std_dph": None if hidden else found.instability_sigma / DEG_PER_HOUR,
+        "bias_instability_at_most_dph": found.at_most / DEG_PER_HOUR,
         "rms_per_c": None if over is None else float(over.per_c[axis]),
         "rms_std_per_c": None if over is None else float(over.sigma[axis]),
         "rms_at_c": [] if over is None else over.at_c,

@@ -3,94 +3,81 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from session.base.errors import DataError
 from session.base.progress import Progress, untold
-from session.base.units import NS
 from session.detect.check_stills import check_rest
 from session.detect.events import knocked
 from session.detect.findings import Finding, stop_at_errors
-from session.log.config import Sensor
-from session.log.rests import RestLog, read_rest
-from session.log.samples import Samples
-from tinygc.closure.floor import AllanCurve, AllanSums, averaging_factors, curve_of, joined_curves
-from tinygc.features.temperature.axis_fit import ORDERS, AxisFit, Knots, fit_axis, make_knots
+from session.log.rests import RestLog
+from tinygc.closure.floor import SEEN_SIGMAS, AllanCurve, allan_curve
+from tinygc.features.temperature.axis_fit import ORDERS, AxisFit, Knots, columns, estimate_noise, fit_axis, make_knots, white_of
 from tinygc.features.temperature.sweeps import Sweep, sweeps_of
+from tinygc.inference.noise import where_risen
+from tinygc.noise.figures import unit_allan_variance
 
-# A gyroscope's noise from rest logs: Allan deviation over all averaging times, and its dependence on temperature.
+# A gyroscope's noise from rest logs: its components beside temperature, the Allan deviation of what is left, its change with temperature.
 
-#: samples of a chunk of short averaging times: a knock invalidates one chunk
-CHUNK = 2048
-#: averaging times per octave
-PER_OCTAVE = 2
+#: averaging times per octave; fewest blocks of a piece
+PER_OCTAVE, SHORTEST_PIECE = 2, 4
 #: of the temperature's range
 BINS = 8
+#: rise of -2 log L at the limit of a flicker that is not seen: it has been drawn low, and the limits of 1.645 sigma hold in 43 of 50 rests
+#: that walk, those of 2 in 48 (benchmarks/temperature.py, nulls)
+AT_LIMIT = 2.0**2
+#: relative sigma of white noise by the median of the steps between blocks, times the root of their number
+BY_STEPS = 1.28
 
 
-class _ShortTimes:
-    """Sums for the Allan deviation up to a block's length, chunk by chunk, while a log is read (``read_rest``'s watch)."""
+class AtRest(NamedTuple):
+    """Angle random walk, rad/s/sqrt(Hz), and bias instability, rad/s, of one axis, with their sigmas; at_most: upper limit (95 %) of a bias
+    instability that is not seen, else NaN."""
 
-    def __init__(self) -> None:
-        self._factors: tuple[int, ...] | None = None
-        self._period_s = np.nan
-        self._first_ns = 0
-        self._chunks: list[tuple[float, float, AllanSums]] = []
-
-    def __call__(self, samples: Samples) -> None:
-        """Add the next piece of the log."""
-        if len(samples) < 8:
-            return
-        if self._factors is None:
-            self._period_s, self._first_ns = samples.period_s, int(samples.t_ns[0])
-            self._factors = averaging_factors(max(round(4.0 / self._period_s), 16), PER_OCTAVE)
-        t_s = (samples.t_ns - self._first_ns) * NS
-        longest = 2 * self._factors[-1]
-        size = max(CHUNK, 2 * longest)
-        # A gap ends a chunk, so that no second difference spans it.
-        gaps = np.flatnonzero(np.diff(t_s) > 1.5 * self._period_s) + 1
-        for start, stop in zip(np.append(0, gaps), np.append(gaps, len(t_s)), strict=True):
-            for begin in range(int(start), int(stop), size):
-                end = min(begin + size, int(stop))
-                if end - begin >= 8:
-                    # Less a parabola, the effect of temperature within a chunk, which is far longer than the averaging times
-                    rates = samples.gyro[begin:end]
-                    x = np.linspace(-1, 1, len(rates))
-                    Q = np.linalg.qr(np.column_stack([np.ones_like(x), x, x**2]))[0]
-                    self._chunks.append((t_s[begin], t_s[end - 1], AllanSums.of(rates - Q @ (Q.T @ rates), self._factors)))
-
-    def curve(self, log: RestLog, left_out: np.ndarray) -> AllanCurve | None:
-        """Return the curve without the chunks that contain a block of ``left_out`` (B,); None where none remains."""
-        bad_s = log.t_s[left_out]
-        first, last = (np.array([chunk[k] for chunk in self._chunks]) for k in (0, 1))
-        hit = np.searchsorted(bad_s, first - log.block_s / 2) != np.searchsorted(bad_s, last + log.block_s / 2)
-        kept = [chunk[2] for chunk, out in zip(self._chunks, hit, strict=True) if not out]
-        return curve_of(kept, self._period_s, log.duration_s) if kept else None
+    walk: float
+    walk_sigma: float
+    instability: float
+    instability_sigma: float
+    at_most: float
 
 
-def _long_times(logs: list[RestLog], residual: np.ndarray) -> AllanCurve | None:
+def noise_at_rest(knots: Knots, blocks: np.ndarray, fit: AxisFit) -> AtRest:
+    """Noise of the blocks (B,) about an axis' fit: flicker beside white noise and a random walk, as the fit's own sigmas have it.
+
+    White noise shows in the steps between blocks, less the Allan variance of the others there.
+    """
+    plain = zero_of_blocks(knots, replace(fit, tau_s=0.0))  # from block to block a lag is nothing, and a lead noise of the thermometer
+    step_s, unit = knots.logs[0].block_s, float(np.std(blocks)) or 1.0
+    y, V, A = knots.mean(blocks) / unit, knots.covariances(), columns(knots, fit.tau_s, fit.order)
+    steps, square = knots.of_steps(y, fit.tau_s, fit.order), white_of(knots, (blocks - plain) / unit) ** 2
+    found = estimate_noise(y, A, V, np.sqrt(square), steps, with_sigma=True)
+    slow = np.array([unit_allan_variance(name, np.array([step_s]))[0] * step_s for name in "BK"])
+    white = max(square - float(slow @ found.sizes[1:] ** 2), 0.0) ** 0.5
+    sigma = np.hypot(BY_STEPS * square / np.sqrt(len(blocks)), slow[0] * found.sizes[1] * found.sigmas[1]) / max(white, 1e-300)
+
+    def rise(size: float) -> float:
+        """Of -2 log L at a given flicker, the others estimated anew."""
+        beside = [V[0], np.zeros_like(V[1]), V[2]]
+        return estimate_noise(y, A, beside, np.sqrt(square), steps + size**2 * V[1]).value - found.value
+
+    size, most = found.sizes[1], np.nan
+    if not size > SEEN_SIGMAS * found.sigmas[1]:
+        most = where_risen(rise, size, float(np.std(y)) / 10, AT_LIMIT, 0.03)
+    return AtRest(*(value * unit for value in (white, sigma, size, found.sigmas[1], most)))
+
+
+def _allan(logs: list[RestLog], residual: np.ndarray) -> AllanCurve | None:
     """Allan deviation of block means after the temperature fit, residual (B, 3) rad/s of all logs' kept blocks; None where all pieces are
     short."""
     pieces, at = [], 0
     for log in logs:
         edges = np.flatnonzero(np.diff(log.number) > 1) + 1
-        pieces += [part for part in np.split(residual[at : at + len(log)], edges) if len(part) >= 4]
+        pieces += [part for part in np.split(residual[at : at + len(log)], edges) if len(part) >= SHORTEST_PIECE]
         at += len(log)
-    if not pieces:
-        return None
-    longest = max(map(len, pieces))
-    factors = averaging_factors(longest, PER_OCTAVE)
-    return curve_of([AllanSums.of(piece, factors) for piece in pieces], logs[0].block_s, longest * logs[0].block_s)
-
-
-def whole_curve(short: list[AllanCurve], long: AllanCurve | None) -> AllanCurve | None:
-    """Combine the short times of the first log that has them (all logs are of one sensor, at one rate) with the long ones."""
-    if not short or long is None:
-        return short[0] if short else long
-    return joined_curves(short[0], long)
+    return allan_curve(pieces, logs[0].block_s, PER_OCTAVE) if pieces else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,14 +121,15 @@ def _noise_over_temperature(logs: list[RestLog]) -> NoiseOverTemperature | None:
 
 @dataclass(frozen=True, eq=False)
 class RestFit:
-    """logs: as read; knots: of the kept blocks; sweeps; gyro, accel: a fit for each axis; allan: curve of the residuals, or None;
-    noise: over temperature, or None; findings: of the first examination."""
+    """logs: as read; knots: of the kept blocks; sweeps; gyro, accel: a fit for each axis; at_rest: the gyroscope's noise by
+    axis; allan: curve of the residuals, or None; noise: over temperature, or None; findings: of the first examination."""
 
     logs: tuple[RestLog, ...]
     knots: Knots
     sweeps: tuple[Sweep, ...]
     gyro: tuple[AxisFit, ...]
     accel: tuple[AxisFit, ...]
+    at_rest: tuple[AtRest, ...]
     allan: AllanCurve | None
     noise: NoiseOverTemperature | None
     findings: tuple[Finding, ...]
@@ -153,23 +141,12 @@ class RestFit:
         return float(temp.min()), float(temp.max())
 
 
-def read_rests(paths: list[Path], sensor: Sensor, progress: Progress) -> list[tuple[RestLog, _ShortTimes]]:
-    """Return each log, and the sums for its short averaging times."""
-    found = []
-    for number, path in enumerate(paths):
-        progress(path.name, number, len(paths))
-        short = _ShortTimes()
-        found.append((read_rest(path, sensor, short), short))
-    return found
-
-
 def fit_rests(
-    read: Sequence[tuple[RestLog, _ShortTimes | None]],
+    logs: Sequence[RestLog],
     orders: tuple[int, ...] = ORDERS,
     progress: Progress = untold,
 ) -> RestFit:
     """Fit one sensor's rest logs together.  Raises DataError for a log that is not a rest log, or where only some have temperatures."""
-    logs = [log for log, _ in read]
     findings = [finding for log in logs for finding in check_rest(log)]
     stop_at_errors(findings)
     told = {log.has_temperature for log in logs}
@@ -189,10 +166,10 @@ def fit_rests(
             progress(f"{kind} {'xyz'[axis]}", axis, 3)
             axes[kind].append(fit_axis(knots, blocks[:, axis], orders))
     residual = np.column_stack([_residual_blocks(knots, "gyro", axis, fit) for axis, fit in enumerate(axes["gyro"])])
-    short = [curve for (log, sums), mask in zip(read, out, strict=True) if sums is not None and (curve := sums.curve(log, mask))]
-    allan = whole_curve(short, _long_times(kept, residual))
-    noise = _noise_over_temperature(kept)
-    return RestFit(tuple(logs), knots, tuple(sweeps), tuple(axes["gyro"]), tuple(axes["accel"]), allan, noise, tuple(findings))
+    gyro = np.concatenate([log.gyro for log in kept])
+    at_rest = tuple(noise_at_rest(knots, gyro[:, axis], fit) for axis, fit in enumerate(axes["gyro"]))
+    allan, noise = _allan(kept, residual), _noise_over_temperature(kept)
+    return RestFit(tuple(logs), knots, tuple(sweeps), tuple(axes["gyro"]), tuple(axes["accel"]), at_rest, allan, noise, tuple(findings))
 
 
 def zero_of_blocks(knots: Knots, fit: AxisFit) -> np.ndarray:

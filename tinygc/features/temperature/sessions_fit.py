@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.special import chdtrc
 
 from session.base.errors import FitError
@@ -16,11 +17,12 @@ from session.log.folder import Session
 from session.log.logfile import Log
 from tinygc.estimation.accelerometer import into_frame_of
 from tinygc.estimation.options import FitOptions
-from tinygc.features.temperature.axis_fit import AxisFit
+from tinygc.features.temperature.axis_fit import WIDE, AxisFit
 from tinygc.features.temperature.model import ThermalModel
 from tinygc.features.temperature.rest_fit import RestFit
 from tinygc.fitting.fit import fit_session
-from tinygc.inference.solve import inverse
+from tinygc.inference.noise import estimate
+from tinygc.inference.solve import inverse, solve
 from tinygc.models.linear import BIAS, MATRIX, LinearModel
 
 # Parameters of a model over temperature in one vector: E's terms, the zero's, the lags.
@@ -127,7 +129,8 @@ def _zero_form(model: LinearModel, covariance: np.ndarray) -> tuple[np.ndarray, 
 # Each session gives E and its zero with a covariance; E is in the body frame of that session's accelerometer, and is rotated into the
 # first one's.  Rest logs determine the change of the zero over temperature, not its level.  The level comes from the sessions, since a
 # zero changes from one switch-on to the next, and a rest log's includes the Earth's rotation.  Scatter of the sessions' zeros beyond
-# their sigmas is attributed to switch-on, with a variance of its own (Paule & Mandel 1982); scatter of E widens its sigmas (Birge 1932).
+# their sigmas is attributed to switch-on, with a variance of its own; scatter of E widens its sigmas
+# (Birge 1932).
 
 #: highest order of E that is tried: sensitivity over temperature is nearly linear (data sheets state a slope)
 MOST_E = 2
@@ -192,31 +195,22 @@ def join(points: Sequence[_SessionPoint], rests: RestFit | None, most_order: int
 
 def _solve_E(points: Sequence[_SessionPoint], away: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray, float]:
     """Terms (order + 1, 9), their covariance, chi-square."""
-    size = 9 * (order + 1)
-    information, pull, fixed = np.zeros((size, size)), np.zeros(size), 0.0
-    for point, x in zip(points, away, strict=True):
-        weight = np.linalg.inv(point.covariance[MATRIX, MATRIX])
-        powers = x ** np.arange(order + 1)
-        information += np.kron(np.outer(powers, powers), weight)
-        pull += np.kron(powers, weight @ point.values[MATRIX])
-        fixed += float(point.values[MATRIX] @ weight @ point.values[MATRIX])
-    covariance = inverse(information)
-    terms = covariance @ pull
-    left = 0.0
-    for point, x in zip(points, away, strict=True):
-        off = point.values[MATRIX] - (x ** np.arange(order + 1)) @ terms.reshape(-1, 9)
-        left += float(off @ np.linalg.solve(point.covariance[MATRIX, MATRIX], off))
-    return terms.reshape(-1, 9), covariance, left
+    roots = [np.linalg.inv(np.linalg.cholesky(point.covariance[MATRIX, MATRIX])) for point in points]
+    design = np.concatenate([np.kron(x ** np.arange(order + 1), root) for root, x in zip(roots, away, strict=True)])
+    values = np.concatenate([root @ point.values[MATRIX] for root, point in zip(roots, points, strict=True)])
+    found = solve(design, values)
+    return found.value.reshape(-1, 9), found.covariance, float(np.sum((values - design @ found.shortest) ** 2))
 
 
 def _order_of_E(points: Sequence[_SessionPoint], away: np.ndarray, most: int) -> tuple[int, float]:
     """Return the lowest sufficient order, and the p-value of a constant E."""
-    if most < 1:
-        return 0, 1.0
-    chi = [_solve_E(points, away, order)[2] for order in range(most + 1)]
-    p_values = [float(chdtrc(9 * (most - order), max(chi[order] - chi[most], 0.0))) for order in range(most)]
-    order = next((order for order in range(most) if p_values[order] >= BY_CHANCE), most)
-    return order, p_values[0]
+    return _lowest_order([_solve_E(points, away, order)[2] for order in range(most + 1)], 9)
+
+
+def _lowest_order(chi: Sequence[float], numbers: int) -> tuple[int, float]:
+    """The lowest sufficient order by the chi-squares of all, with so many numbers each; and the p-value of the constant."""
+    p_values = [float(chdtrc(numbers * (len(chi) - 1 - order), max(each - chi[-1], 0.0))) for order, each in enumerate(chi[:-1])] + [1.0]
+    return next(order for order, p in enumerate(p_values) if p >= BY_CHANCE), p_values[0]
 
 
 def _zero(
@@ -275,31 +269,16 @@ def _order_of_zero(values: np.ndarray, own: np.ndarray, away: np.ndarray, most: 
             total += float(np.sum((z - A @ np.linalg.lstsq(A, z, rcond=None)[0]) ** 2))
         return total
 
-    chi = [left(order) for order in range(most + 1)]
-    shows = (order for order in range(most) if chdtrc(3 * (most - order), max(chi[order] - chi[most], 0.0)) >= BY_CHANCE)
-    return next(shows, most)
+    return _lowest_order([left(order) for order in range(most + 1)], 3)[0]
 
 
 def _turn_on(values: np.ndarray, own: np.ndarray, known: list[np.ndarray], design: np.ndarray) -> float:
-    """Return the scatter at which chi-square equals its degrees of freedom, all axes together; 0 where none is needed."""
-    freedom = 3 * (len(values) - design.shape[1])
-
-    def chi_square(variance: float) -> float:
-        total = 0.0
-        for i in range(3):
-            V = np.diag(own[:, i, i] + variance) + known[i]
-            W = np.linalg.solve(V, design)
-            off = values[:, i] - design @ np.linalg.solve(design.T @ W, W.T @ values[:, i])
-            total += float(off @ np.linalg.solve(V, off))
-        return total
-
-    if chi_square(0.0) <= freedom:
-        return 0.0
-    low, high = 0.0, float(np.var(values, axis=0).max()) * 10 + 1e-18
-    for _ in range(80):
-        middle = (low + high) / 2
-        low, high = (middle, high) if chi_square(middle) > freedom else (low, middle)
-    return float(np.sqrt(high))
+    """Scatter of zeros (n, 3) beyond their covariances, all axes together, by restricted maximum likelihood; 0 where none is needed."""
+    base = block_diag(*(np.diag(own[:, i, i]) + known[i] for i in range(3)))
+    unit, rows = float(np.sqrt(base.diagonal().mean())), values.size
+    wide = WIDE * max(float(np.std(values)), unit) / unit * np.kron(np.eye(3), design / np.abs(design).max(axis=0))
+    found = estimate(values.T.ravel() / unit, wide, base / unit**2, [np.eye(rows)], np.ones(1), [None], [np.arange(rows)])
+    return float(found.s[0]) * unit
 
 
 def _possible(covariance: np.ndarray) -> np.ndarray:

@@ -15,10 +15,12 @@ from tinygc.inference.choose import (
     Standing,
     averaged,
     chance_of_any,
+    chi_square_above,
     climb,
     factors_by_freedom,
     factors_by_size,
     level_of_each,
+    linear_estimate,
     log_evidence,
     penalty,
     probabilities,
@@ -27,10 +29,10 @@ from tinygc.inference.choose import (
     standing_of,
     tail,
 )
-from tinygc.inference.decide import KINDS, Answer
+from tinygc.inference.decide import KINDS, Answer, rms_below
 from tinygc.inference.noise import Banded, Cost, Sparse, Striped, estimate, lowest, where_risen
-from tinygc.inference.prove import folds_of, left_out
-from tinygc.inference.solve import coverage_factor, left_of, orthonormal, solve
+from tinygc.inference.prove import folds_of, left_out, signed_ranks_above
+from tinygc.inference.solve import coverage_factor, freedom_of, left_of, orthonormal, solve
 
 
 def density(r: np.ndarray, covariance: np.ndarray) -> float:
@@ -265,3 +267,28 @@ def test_kept_halves_and_bands_are_the_dense_matrices():
     dense = np.diag(np.arange(310.0)) + along @ along.T
     assert_allclose(banded.dense(), dense)
     assert_allclose(banded.block(of), dense[np.ix_(of, of)])
+
+
+def test_what_is_no_number_accuses_nobody():
+    groups = {0: np.random.default_rng(1).normal(size=(20, 2))}
+    assert np.isnan(Selection(np.ones((20, 1)), groups, 0).p_value(np.full(20, np.nan)))
+    assert np.isnan(chi_square_above(np.nan, 3))
+    assert chi_square_above(np.inf, 2) == chi_square_above(np.inf, 3) == 0.0
+    assert chi_square_above(0.0, 2) == 1.0
+    assert signed_ranks_above(np.array([1.0, 2.0, np.nan, 3.0])) == signed_ranks_above(np.array([1.0, 2.0, 3.0]))
+    assert coverage_factor(np.nan) == coverage_factor(1.0)  # the widest
+    assert np.isnan(freedom_of(1.0, np.nan))
+
+
+def test_a_column_without_a_direction_of_its_own_takes_none():
+    r, own = np.arange(1.0, 6.0), np.eye(5)[:, :1]
+    alone = linear_estimate(r, np.zeros((5, 0)), own, 1.0)
+    assert_allclose(linear_estimate(r, np.zeros((5, 1)), own, 1.0)[0], alone[0])
+    once, twice = (linear_estimate(r, np.ones((5, count)), own, 1.0) for count in (1, 2))
+    assert_allclose(once[0], twice[0])
+    assert_allclose(once[1], twice[1])
+
+
+def test_errors_without_a_sigma_are_below_a_limit_or_not():
+    assert rms_below(1.0, (0.1, 0.1, 0.1), (0.0, 0.0, 0.0)) == 1.0
+    assert rms_below(0.05, (0.1, 0.1, 0.1), (0.0, 0.0, 0.0)) == 0.0

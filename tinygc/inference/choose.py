@@ -49,8 +49,8 @@ def chi_square_above(value: float, freedom: int) -> float:
     For integer degrees the incomplete gamma function is a finite sum of positive terms (Abramowitz & Stegun 1964, 26.4.4 and 26.4.5).
     """
     half = value / 2
-    if half <= 0:
-        return 1.0
+    if not 0 < half < math.inf:
+        return value if math.isnan(value) else float(half <= 0)
     odd = freedom % 2
     powers = np.arange(freedom // 2) + odd / 2
     logs = powers * math.log(half) - half - np.array([math.lgamma(power + 1) for power in powers])
@@ -122,6 +122,8 @@ class Selection(Generic[Name]):
 
     def family_wise(self, log_p: float) -> float:
         """Probability that the smallest p-value of all groups is as small as this if nothing is missing."""
+        if np.isnan(log_p):
+            return float("nan")
         drawn = float((1 + np.searchsorted(self._lowest, log_p, side="right")) / (DRAWS + 1))
         if log_p >= self._lowest[DRAWS // 100]:
             return drawn
@@ -289,7 +291,7 @@ WIDE = 10.0
 def linear_estimate(r: np.ndarray, J: np.ndarray, columns: np.ndarray, plausible: float) -> tuple[np.ndarray, np.ndarray]:
     """Estimate theta (P,) and its covariance (P, P) from whitened residuals r (n,), the columns J (n, p) of what is fitted with it, and its
     own columns (n, P).  The remaining residual is r + columns theta."""
-    q, _ = np.linalg.qr(J / np.maximum(np.linalg.norm(J, axis=0), 1e-300))
+    q = orthonormal(J)
     own = columns - q @ (q.T @ columns)
     covariance = np.linalg.inv(own.T @ own + np.eye(own.shape[1]) / (WIDE * plausible) ** 2)
     return -covariance @ (own.T @ r), covariance

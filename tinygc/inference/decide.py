@@ -20,6 +20,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from session.base.numeric import rms_of
 from session.base.texts import measured, probability, significant
 from session.log.requirements import ATTITUDE, SIMPLE, Rule
 from tinygc.inference.solve import coverage_factor
@@ -112,6 +113,8 @@ def rms_below(limit: float, errors: tuple[float, ...], sigmas: tuple[float, ...]
     """
     if not np.isfinite(limit) or limit <= 0:
         return float(limit > 0)
+    if not any(sigmas):
+        return float(rms_of(np.array(errors)) <= limit)
     from scipy.special import ndtr
 
     radius, (x, y, z) = np.sqrt(3) * limit, errors

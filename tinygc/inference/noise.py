@@ -193,7 +193,7 @@ ALIKE = 1e-9
 SEARCHED = 3
 #: variance relative to a component's usual one, below which the component is absent
 NOTHING = 1e-4
-#: first size, of a component's usual one, that is tried for the sigma of one that is absent; times it is tripled at most
+#: first size, of a component's usual one, that is tried for the sigma of one that is absent; times the step beyond is doubled at most
 FIRST_SIZE, WIDENED = 0.5, 8
 #: step of the curvature's differences, relative to a variance: small against its relative sigma, large against rounding
 CURVED = 1e-3
@@ -372,7 +372,7 @@ def where_risen(rise: Callable[[float], float], low: float, step: float, by: flo
             break
         low, under, high = high, over, high + 2 * (high - low)
         over = rise(high) - by
-    else:
+    if over < 0:
         return float("inf")
     for _ in range(SCORING_STEPS):  # regula falsi in squares, in which a rise is nearly linear, an end that stays counting half
         square = ((low - begin) ** 2 * over - (high - begin) ** 2 * under) / (over - under)

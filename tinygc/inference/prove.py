@@ -1,9 +1,11 @@
 """Prove: rows that an estimate never saw, predicted with and without a hypothesis.
 
-folds        every k-th of the parts in order of time, held out together with what they share
-left out     d = P_kk^-1 (C^-1 r)_k,  P = C^-1 - C^-1 J (J' C^-1 J + 1)^-1 J' C^-1:  rows k as all others predict them, one Gauss-Newton
-step from the estimate of all (``left_out``)
-improvement  Wilcoxon's signed ranks of the squares with and without, part by part: holds whatever one part's errors are
+Folds are every k-th of the parts in order of time, held out together with what they share.  Rows k of a fold, by the parameters of all
+others, one Gauss-Newton step from the estimate of all (``left_out``):
+
+    r_k + J_k H (C^-1 J)_k' P_kk^-1 (C^-1 r)_k,      H = (J' C^-1 J + 1)^-1,      P = C^-1 - C^-1 J H J' C^-1
+
+An improvement is tested by Wilcoxon's signed ranks of the squares with and without, part by part, whatever one part's errors are.
 """
 
 from __future__ import annotations
@@ -55,9 +57,10 @@ EXACT_UP_TO = 50
 def signed_ranks_above(differences: np.ndarray) -> float:
     """Wilcoxon signed-rank test: one-sided p-value of the sum of positive ranks for symmetric differences (n,).
 
-    Zeros are left out; ties share their mean rank.  Exact up to ``EXACT_UP_TO``; above, a normal approximation with the ties' variance.
+    Zeros, and what is no number, are left out; ties share their mean rank.  Exact up to ``EXACT_UP_TO``; above, a normal approximation
+    with the ties' variance.
     """
-    left = differences[differences != 0]
+    left = differences[(differences != 0) & ~np.isnan(differences)]
     if not len(left):
         return 1.0
     _, place, counts = np.unique(np.abs(left), return_inverse=True, return_counts=True)

@@ -210,7 +210,7 @@ class Source:
 
 def freedom_of(size: float, sigma: float) -> float:
     """Degrees of freedom, 1 or more, of a variance whose root is known as ``size`` with a sigma: (size / sigma)^2 / 2 (GUM G.4.2)."""
-    return float("inf") if sigma == 0 else max(1.0, float(size / sigma) ** 2 / 2)
+    return float("inf") if sigma == 0 else float(np.maximum(1.0, (size / sigma) ** 2 / 2))
 
 
 def total(sources: Iterable[Source]) -> np.ndarray:
@@ -239,7 +239,7 @@ def coverage_factor(freedom: float, probability: float = COVERAGE) -> float:
     """k of an expanded uncertainty with this probability, two-sided; the effective degrees of freedom are cut to a whole number (GUM
     G.4.1)."""
     upper = (1 + probability) / 2
-    if not np.isfinite(freedom):
+    if freedom == np.inf:
         return NormalDist().inv_cdf(upper)
     from scipy.special import stdtrit  # late: only a certificate and a budget ask for it
 

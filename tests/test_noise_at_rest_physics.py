@@ -21,6 +21,7 @@ from session.log.samples import Samples
 from tinygc.closure.floor import GRID_RPS, BiasInstability, allan_freedom
 from tinygc.closure.problem import MeasuredNoise, NoiseComparison
 from tinygc.closure.stills import StillSet
+from tinygc.inference.choose import ONE_SIDED
 from tinygc.noise.figures import SensorNoise
 from tinygc.noise.measured import (
     SHOWN,
@@ -50,7 +51,7 @@ def test_a_bias_instability_at_rest_is_the_session_s_at_any_length():
         found = _session_instability(sensor(axis_of(B=(3 * DPH, 0.6 * DPH))), seconds)
         assert found.rps == pytest.approx(3 * DPH, rel=1e-12)
         assert found.sigma_rps == pytest.approx(3 * DPH * 0.2 / np.sqrt(3), rel=1e-9)
-        assert found.most_rps == pytest.approx(3 * DPH * np.exp(1.645 * 0.2 / np.sqrt(3)), rel=1e-9)
+        assert found.most_rps == pytest.approx(3 * DPH * np.exp(ONE_SIDED * 0.2 / np.sqrt(3)), rel=1e-9)
         assert (found.source, found.of_unit) == ("measured at rest (noise.json)", False)
 
 
@@ -72,7 +73,7 @@ def test_a_limit_is_twice_its_median_and_no_figure_is_no_prior():
     found = _session_instability(sensor(limited), 600.0)
     assert found.most_rps == pytest.approx(6 * DPH, rel=1e-9)
     assert found.rps == pytest.approx(3 * DPH, rel=1e-9)
-    assert found.sigma_rps == pytest.approx(3 * DPH * np.log(2) / 1.645, rel=1e-9)  # the limit is the 95 % quantile
+    assert found.sigma_rps == pytest.approx(3 * DPH * np.log(2) / ONE_SIDED, rel=1e-9)  # the limit is the 95 % quantile
     assert found.source == "half its limit at rest (noise.json)"
     most = _session_instability(sensor(limited, limited, axis_of(limits={"B": 12 * DPH, "K": 1e-12})), 600.0).most_rps
     assert most == pytest.approx(DPH * np.sqrt((36 + 36 + 144) / 3), rel=1e-9)

@@ -24,6 +24,7 @@ import numpy as np
 
 from session.base.records import Count, Key, Share, Size, read_record, record_of, table_of
 from session.base.results import Array, Column, Keys, ListOf, Maybe, Number, Text
+from tinygc.inference.choose import ONE_SIDED
 
 #: file of a unit's noise figures, beside ``fit.json``
 FILE = "noise.json"
@@ -51,8 +52,6 @@ Above0 = Annotated[float, Number(0, above=True)]
 Sizes = Annotated[np.ndarray, Array((3,), Number(0))]
 Curve = Annotated[np.ndarray, Column(ListOf(Maybe(Number(0))))]
 
-#: of a normal distribution
-ONE_SIDED_95 = 1.645
 #: p-value of a misfit by chance; chi-square over its degrees of freedom up to which a misfit widens the sigmas, by a fifth, and no more
 MISFIT, TOLERATED = 0.01, 1.5
 
@@ -185,7 +184,7 @@ class SensorNoise:
 
 def _limit(term: Term) -> float:
     if term.sigma is not None and term.at_most is None:
-        return term.value + ONE_SIDED_95 * term.sigma
+        return term.value + ONE_SIDED * term.sigma
     return float("inf") if term.at_most is None else term.at_most
 
 

@@ -29,7 +29,7 @@ from tinygc.closure.floor import (
     likelihood_of_instability,
 )
 from tinygc.closure.problem import AtRest, MeasuredNoise, NoiseComparison, Problem
-from tinygc.inference.choose import chi_square_above
+from tinygc.inference.choose import ONE_SIDED, chi_square_above
 from tinygc.noise.figures import FILE, AxisNoise, NoiseFigures, SensorNoise, Term, read_figures, unit_allan_variance
 
 #: terms that make a bias drift at random; a ramp is none: a steady drift is taken out of the stills before their drift is estimated
@@ -78,8 +78,8 @@ def _rms(squares: np.ndarray, relative: np.ndarray, count: int) -> tuple[float, 
 SHORTEST_S = 1.0
 #: averaging times at which the mean is taken, in equal steps of the logarithm: to 1e-3 of a random walk's share
 TIMES = 400
-#: an upper limit (95 %) of the drift, and no value: half of it is the median, and the limit is 1.645 of these spreads above it
-LIMIT_SPREAD = float(np.log(2) / 1.645)
+#: an upper limit (95 %) of the drift, and no value: half of it is the median, and the limit is ``ONE_SIDED`` of these spreads above it
+LIMIT_SPREAD = float(np.log(2) / ONE_SIDED)
 
 
 def _session_instability(sensor: SensorNoise, session_s: float, file: str = FILE) -> BiasInstability | None:
@@ -105,7 +105,7 @@ def _session_instability(sensor: SensorNoise, session_s: float, file: str = FILE
     if shown := [own for own in parts if own]:
         squares, relative = (np.array(column) for column in zip(*(part for own in shown for part in own), strict=True))
         rps, spread = _rms(squares, relative, len(shown))
-        return BiasInstability(rps, f"measured at rest ({file})", rps * spread, rps * float(np.exp(1.645 * spread)))
+        return BiasInstability(rps, f"measured at rest ({file})", rps * spread, rps * float(np.exp(ONE_SIDED * spread)))
     known = [axis for axis in range(3) if sensor.axes[axis].is_described]
     limits = [max(sensor.at_most(name)[axis] ** 2 * mean_of(name, None) for name in ("B", "K")) for axis in known]
     most_rps = float(np.sqrt(np.mean(limits))) if limits else np.inf

@@ -31,6 +31,7 @@ from tinygc.features.noise.inflation import (
 )
 from tinygc.fitting.fit import fit_session
 from tinygc.fitting.fit_file import save_models
+from tinygc.inference.choose import ONE_SIDED
 from tinygc.models.linear import LinearModel
 from tinygc.noise.figures import FILE, AxisNoise, Inflation, SensorNoise, Term
 from tinygc.simulation.options import SimulationOptions
@@ -185,7 +186,7 @@ def test_the_unnamed_is_what_each_turn_errs_by_over_its_duration(result, rest):
     # A square of a normal variable: its variance is 4 m^2 s^2 + 2 s^4.
     of_square = np.sqrt(4 * size**2 * sigma**2 + 2 * sigma**4) / window_s / white**2
     assert turns.white_sigma == pytest.approx(of_square / (2 * turns.white))
-    assert turns.at_most**2 - turns.white**2 == pytest.approx(1.645 * of_square)
+    assert turns.at_most**2 - turns.white**2 == pytest.approx(ONE_SIDED * of_square)
 
 
 def test_the_drift_of_the_session_replaces_the_flicker_at_rest(result, rest):

@@ -32,6 +32,7 @@ from tinygc.features.noise.curve import fit_curve
 from tinygc.features.noise.estimate import _allan_points, _axis, _relative, described, estimate_noise, known_after_s
 from tinygc.features.noise.scales import Group, groups_of, knots_of, rest_of, temperature_part
 from tinygc.features.noise.summary import RestSums, contrasts, ratios_of
+from tinygc.inference.choose import ONE_SIDED
 from tinygc.noise.figures import TERMS, AxisNoise, Line, Term, unit_allan_variance
 
 DT, T = 0.01, 0.7
@@ -289,7 +290,7 @@ def test_names_are_held_to_their_odds_and_what_nearly_no_set_has_is_limited_to_n
     assert search.average("Q") == (0, 0, 0)
 
 
-@pytest.mark.parametrize(("name", "drop"), [("B", 1.645**2), ("Q", 2.0**2)])
+@pytest.mark.parametrize(("name", "drop"), [("B", ONE_SIDED**2), ("Q", 2.0**2)])
 def test_a_limit_is_where_the_likelihood_has_dropped_by_its_sigmas(name, drop):
     search = search_of(4, candidates=("Q", "B", "K", "R"), N=1.0)
     chosen = search.of(frozenset())
@@ -598,7 +599,7 @@ def test_b_is_not_taken_from_a_log_whose_temperature_moves_the_zero_by_more():
     moved, *still = (axis.terms["B"] for axis in figures.gyro.axes)
     assert all(term.is_determined for term in still)
     assert (moved.chosen, moved.is_determined) == (True, False)
-    assert moved.at_most == pytest.approx(moved.value + 1.645 * moved.sigma)
+    assert moved.at_most == pytest.approx(moved.value + ONE_SIDED * moved.sigma)
     assert known_after_s(figures, "gyro", 0, "B") == np.inf
 
 

@@ -17,8 +17,9 @@ from session.detect.rest_noise import FEWEST, lines_of, spectra
 from tinygc.features.noise.choice import FILTER, UNSEEN, Chosen, Search, cost, sandwich, stacked, stacks_of, unit_covariance
 from tinygc.features.noise.scales import TOP, Group, groups_of, knots_of, left_out, of_log_and_log, rest_of, temperature_part, unsteady
 from tinygc.features.noise.summary import SECTION, RestSums, contrasts, ratios_of
+from tinygc.inference.choose import ONE_SIDED
 from tinygc.inference.solve import inverse
-from tinygc.noise.figures import MISFIT, ONE_SIDED_95, TERMS, AllanBand, AxisNoise, Line, NoiseFigures, SensorNoise, Term, fits_data
+from tinygc.noise.figures import MISFIT, TERMS, AllanBand, AxisNoise, Line, NoiseFigures, SensorNoise, Term, fits_data
 
 #: rates of logs of one unit agree to this share
 SAME_RATE = 0.02
@@ -87,7 +88,7 @@ def estimate_noise(sums: Sequence[RestSums], progress: Progress = untold) -> Noi
         if moved > found.value("B") > 0:
             term = found.terms["B"]
             assert term.sigma is not None
-            limited = replace(term, at_most=term.at_most or term.value + ONE_SIDED_95 * term.sigma)
+            limited = replace(term, at_most=term.at_most or term.value + ONE_SIDED * term.sigma)
             found = replace(found, terms={**found.terms, "B": limited})
         axes.append(found)
         bands.append(_allan_points(groups, period_s, found))
@@ -237,7 +238,7 @@ def described(search: Search, chosen: Chosen, p_value: float, excess: float, fro
         if name == "R" and sum(group.count for group in search.groups if group.top) == 1:
             value, sigma = _slope(search, chosen)
             sigma *= wider
-            most = value + ONE_SIDED_95 * sigma
+            most = value + ONE_SIDED * sigma
         if name == "N":
             sigma = float(np.hypot(sigma, value * change))
         terms[name] = Term(value, sigma, probability, most if DETERMINED * sigma > value else None)

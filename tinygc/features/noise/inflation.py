@@ -51,9 +51,10 @@ from tinygc.estimation.options import FitOptions
 from tinygc.fitting.fit import fit_session
 from tinygc.fitting.fit_file import read_fit
 from tinygc.fitting.results import FitResult
+from tinygc.inference.choose import ONE_SIDED
 from tinygc.models import linear
 from tinygc.noise.components import TURN, UNDERSAMPLED, WANDER, SessionNoise
-from tinygc.noise.figures import FILE, ONE_SIDED_95, AxisNoise, Inflation, NoiseFigures, SensorNoise, unit_allan_variance
+from tinygc.noise.figures import FILE, AxisNoise, Inflation, NoiseFigures, SensorNoise, unit_allan_variance
 
 # The walk at rest.
 
@@ -211,7 +212,7 @@ def _inflation(
         {name: np.sqrt(1 + part / N**2) for name, part in parts.items()},
         source,
         white_sigma=sigma / N**2 / (2 * white),
-        at_most=np.sqrt(white**2 + (ONE_SIDED_95 * sigma + allowed) / N**2),
+        at_most=np.sqrt(white**2 + (ONE_SIDED * sigma + allowed) / N**2),
         white_density=white * N,
         walk_density=walk,
     )

@@ -9,12 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
-from scipy.special import chdtrc
 
 from session.base.numeric import rms_of, sigma_of_steps, sigmas_in
 from session.log.rests import RestLog
 from tinygc.features.temperature.model import element_temperature
 from tinygc.features.temperature.sweeps import Sweep, between_steps
+from tinygc.inference.choose import chi_square_above
 from tinygc.inference.noise import estimate, wander_covariance
 from tinygc.inference.prove import left_out
 from tinygc.inference.solve import solve as determined
@@ -496,7 +496,7 @@ def _lag_shows(knots: Knots, y: np.ndarray, L: np.ndarray, tau: float, order: in
     """Whether a lag reduces the misfit significantly; two degrees of freedom, because its sign and size were searched."""
     white = whiten(L, y)
     without, lagged = (misfit(white, whiten(L, columns(knots, value, order))) for value in (0.0, tau))
-    return bool(chdtrc(2, max(without - lagged, 0.0)) < BY_CHANCE)
+    return chi_square_above(without - lagged, 2) < BY_CHANCE
 
 
 def solve_axis(knots: Knots, y: np.ndarray, noise: _Coloured, tau: float, order: int) -> tuple[np.ndarray, np.ndarray]:
@@ -534,8 +534,8 @@ def _none_by_chance(knots: Knots, y: np.ndarray, V: list[np.ndarray], white: flo
     for A, L in zip(models, factors, strict=True):
         values.append(2 * float(np.sum(np.log(np.diag(L)))) + misfit(whiten(L, y), whiten(L, A)))
     constant, polynomial = (misfit(whiten(factors[0], y), whiten(factors[0], A)) for A in models)
-    by_ratio, by_noise = (chdtrc(order + 2 * (tau != 0), max(gain, 0.0)) for gain in (values[0] - values[1], constant - polynomial))
-    return float(max(by_ratio, _AS_NOISE * by_noise))
+    by_ratio, by_noise = (chi_square_above(gain, order + 2 * (tau != 0)) for gain in (values[0] - values[1], constant - polynomial))
+    return max(by_ratio, _AS_NOISE * by_noise)
 
 
 def by_chance(coefficients: np.ndarray, covariance: np.ndarray, logs: int, above: int, order: int) -> float:
@@ -544,7 +544,7 @@ def by_chance(coefficients: np.ndarray, covariance: np.ndarray, logs: int, above
         return 1.0
     part = slice(logs + above, logs + order)
     pull = np.linalg.solve(covariance[part, part], coefficients[part])
-    return float(chdtrc(order - above, coefficients[part] @ pull))
+    return chi_square_above(float(coefficients[part] @ pull), order - above)
 
 
 def _in_degrees(knots: Knots, coefficients: np.ndarray, covariance: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:

@@ -81,8 +81,10 @@ class Systematic:
 
     @property
     def log_odds_of_any(self) -> float:
-        """Natural logarithm of the odds of any of the likeliest effects, against none."""
-        return float(np.logaddexp.reduce([self.log_odds[name] for name in self.likeliest])) if self.likeliest else -np.inf
+        """Natural logarithm of the odds of any of the likeliest effects, against none; of the most probable one where the recording speaks
+        against all."""
+        odds = [self.log_odds[name] for name in self.likeliest] or [max(self.log_odds.values(), default=-np.inf)]
+        return float(np.logaddexp.reduce(odds))
 
     @property
     def suspected(self) -> list[str]:
@@ -120,10 +122,13 @@ def systematic_of(problem: Problem, model: LinearModel, noise: StatedNoise, wide
     first = np.linalg.cholesky(noise.first)
     looks = [_promises(effects, edges, *look) for look in ((white, left), _beside(solve_lower(first, linear), solve_lower(first, rows)))]
     log_odds = {name: promise / 2 for name, (promise, _) in looks[0].items()}
+    again: dict[str, float] = {}
     for number in dict.fromkeys(number for look in looks for _, number in sorted(look.values(), reverse=True)[:MOST_WEIGHED]):
         effect = effects[number]
         gain = noise.gain_of(columns[number] * effect.parameter.plausible)
-        log_odds[effect.id] = (gain - penalty(columns[number].shape[1], len(found[effect.id]))) / 2
+        odds = (gain - penalty(columns[number].shape[1], len(found[effect.id]))) / 2
+        again[effect.id] = max(odds, again.get(effect.id, -np.inf))  # the better of two shapes
+    log_odds |= again
     return Systematic({name: _mean_by_evidence(values) for name, values in found.items()}, tilts, log_odds)
 
 

@@ -13,7 +13,7 @@ from tinygc.closure.problem import SAID_SIGMAS
 from tinygc.effects import AppliedEffect, CommonDelay, Convention, Derived, Effect, Parts, catalogue
 from tinygc.effects.effect import DIFFERENT_P
 from tinygc.explanation.search import NamedEffect
-from tinygc.inference.choose import PRIOR_ODDS, SCALES, chi_square_above
+from tinygc.inference.choose import chi_square_above, price
 from tinygc.noise.refit import Refit
 from tinygc.noise.turn_gravity import NUMBERS, TurnGravity
 from tinygc.noise.twin import State
@@ -214,7 +214,7 @@ def offset_claim(gravity: TurnGravity) -> list[Claim]:
     freedom, t = max(gravity.turns - NUMBERS, 1), gravity.offset_s / gravity.sigma_s
     p_value = float(2 * stdtr(freedom, -abs(t)))
     gain = freedom * np.log1p(t**2 / freedom)
-    probability = float(1 / (1 + np.exp(-(gain - 2 * np.log(SCALES / PRIOR_ODDS) - 1) / 2)))
+    probability = float(1 / (1 + np.exp(-(gain - price(1, 1)) / 2)))
     applied = AppliedEffect(effect, np.array([gravity.offset_s]))
     return [claim_of(applied, np.array([[sigma**2]]), p_value, equivalent=common_delays(), probability=probability)]
 

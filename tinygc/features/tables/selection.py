@@ -4,10 +4,9 @@ Each candidate is judged by what is left of its columns beside the state's and t
 
     gain = |U^T y|^2, U the directions in which its sigma is below ``SEEN`` of its plausible size;  p of chi-square with that many freedoms.
 
-The critical p-value is the 5 % quantile of the smallest p over all candidates, under noise alone, by Monte Carlo with their true
-correlation.  Of those below it, the one with the most evidence (Gaussian priors of the plausible sizes; each of n forms of one error has
-1/n of its prior) is named, if the evidence is for it.  Errors of another name whose evidence is within ``AS_PROBABLE`` of it cannot be told
-from it with these attitudes.
+Of those whose p is below 5 % over all candidates, drawn under noise alone with their true correlation (``Selection``), the one with the
+most evidence (``over_scales``; each of n forms of one error has 1/n of its odds) is named, if the evidence is for it.  Errors of another
+name whose evidence is within ``AS_PROBABLE`` of it cannot be told from it with these attitudes.
 
 The latency of the machine's word is part of the state: it is estimated in any case, and is named where it is beyond the delay that a
 sensor's filter and the stamps of a board have anyway; an early word is a late sensor.  What is named enters exactly, however large.

@@ -68,7 +68,9 @@ def model_tests(
     if allowed is not None:
         p, named = none_missing(allowed.log_odds_of_any), " or ".join(allowed.suspected)
         missing = f"an effect is probably missing: {named}" if named else "no effect of the catalogue is probable"
-        found.append(ModelTest(EFFECT, p, none_missing(SURE), f"{missing} (probability that none is {p:.2g})"))
+        found.append(
+            ModelTest(EFFECT, p, none_missing(SURE), f"{missing} (probability that none is {'above 0.99' if p > 0.99 else f'{p:.2g}'})")
+        )
     return (*found, *([] if accelerometer is None else gravity_test(accelerometer)))
 
 

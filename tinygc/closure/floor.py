@@ -1,4 +1,7 @@
-"""Noise floors: the closure that sensor noise alone leaves, Allan deviation (IEEE 952, annex C), bias instability."""
+"""Noise floors: the closure that sensor noise alone leaves, Allan deviation (IEEE 952, annex C), bias instability.
+
+The bias instability of stills is the mean over a grid, and no component of ``inference.noise``: a still that was disturbed is an outlier.
+"""
 
 from __future__ import annotations
 

@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
-from session.base.numeric import rms_of, sigma_of_steps, sigmas_in
+from session.base.numeric import rms_of, sigma_of, sigmas_in
 from session.log.rests import RestLog
 from tinygc.features.temperature.model import element_temperature
 from tinygc.features.temperature.sweeps import Sweep, between_steps
-from tinygc.inference.choose import chi_square_above
+from tinygc.inference.choose import AS_PROBABLE, PRIOR_ODDS, price, probabilities
 from tinygc.inference.noise import estimate, wander_covariance
 from tinygc.inference.prove import left_out
 from tinygc.inference.solve import solve as determined
@@ -149,7 +148,9 @@ def make_knots(logs: list[RestLog], sweeps: list[Sweep]) -> Knots:
 #
 # Sigmas from white noise alone are too small by an order: an hour of rest holds few independent values of a drifting bias.
 
-#: of the residuals' own scatter: width of the fitted parameters' prior, wide enough to be uninformative
+#: steps of a search
+STEPS = 40
+#: of the largest reading: width of a zero's prior, wide enough to be uninformative
 WIDE = 1e4
 
 
@@ -163,36 +164,42 @@ class _Coloured:
     sigmas: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
     value: float = np.nan
 
-    def factor(self, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
-        """Lower Cholesky factor of the covariance of some knots."""
-        part = self.C[rows][:, rows]
-        return cholesky(part, lower=True, check_finite=False)
+    @property
+    def factor(self) -> np.ndarray:
+        """Lower Cholesky factor of the covariance."""
+        return cholesky(self.C, lower=True, check_finite=False)
 
 
 def estimate_noise(
-    y: np.ndarray, A: np.ndarray, V: list[np.ndarray], white: float, steps: np.ndarray | float = 0.0, with_sigma: bool = False
+    y: np.ndarray, J: np.ndarray, V: list[np.ndarray], white: float, steps: np.ndarray | float = 0.0, with_sigma: bool = False
 ) -> _Coloured:
-    """Estimate the noise of knots y (K,) about the columns A (K, p); V: covariances of unit size (``Knots.covariances``); white: size of
-    white noise from the differences of blocks; steps (K, K): what the thermometer's add (``Knots.of_steps``)."""
-    scatter = float(np.std(y - A @ np.linalg.lstsq(A, y, rcond=None)[0])) or white or 1.0
+    """Estimate the noise of knots y (K,) about the columns J (K, p), in units of their priors' sigmas; V: covariances of unit size
+    (``Knots.covariances``); white: size of white noise from the differences of blocks; steps (K, K): what the thermometer's add
+    (``Knots.of_steps``)."""
+    scatter = float(np.std(y - J @ np.linalg.lstsq(J, y, rcond=None)[0])) or white or 1.0
     longest = float(np.sqrt(V[2].max()))
     usual = np.array([white or scatter * np.sqrt(1 / V[0].max()), scatter, scatter / longest])
-    J = A / np.abs(A).max(axis=0) * (WIDE * scatter)
     base = V[0] * (0.5 * usual[0]) ** 2
-    found = estimate(y, J, base + steps, [*V], usual, [None] * 3, [np.arange(len(y))], with_sigma=with_sigma, steps=25)
+    found = estimate(y, J, base + steps, [*V], usual, [None] * 3, [np.arange(len(y))], with_sigma=with_sigma, steps=STEPS)
     sizes = found.s.copy()
     sizes[0] = np.hypot(sizes[0], 0.5 * usual[0])
     return _Coloured(sizes, sum((v * s**2 for v, s in zip(V, sizes, strict=True)), np.zeros_like(base) + steps), found.sigma, found.value)
 
 
 def white_of(knots: Knots, blocks: np.ndarray) -> float:
-    """Size of white noise, unit/sqrt(Hz), from the steps between blocks (B,)."""
-    return float(sigma_of_steps(blocks) * np.sqrt(knots.logs[0].block_s))
+    """Size of white noise, unit/sqrt(Hz), from how the steps between blocks (B,) differ: what changes evenly does not count."""
+    return float(sigma_of(np.diff(blocks, n=2)) * np.sqrt(knots.logs[0].block_s / 6))
+
+
+def priced(knots: Knots, y: np.ndarray, tau_s: float, order: int) -> np.ndarray:
+    """(K, L + order): ``columns`` in units of their priors' sigmas for knots y (K,) whose scatter is 1, which is a power's."""
+    zeros = np.full(len(knots.logs), WIDE * np.abs(y).max(initial=1.0))
+    return columns(knots, tau_s, order) * np.append(zeros, np.ones(order))
 
 
 def about(knots: Knots, y: np.ndarray, V: list[np.ndarray], white: float, order: int, tau_s: float = 0.0) -> _Coloured:
-    """The noise of knots y (K,) about a polynomial of this order."""
-    return estimate_noise(y, columns(knots, tau_s, order), V, white, knots.of_steps(y, tau_s, order))
+    """The noise of knots y (K,), whose scatter is 1, about a polynomial of this order."""
+    return estimate_noise(y, priced(knots, y, tau_s, order), V, white, knots.of_steps(y, tau_s, order))
 
 
 def whiten(L: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -247,10 +254,11 @@ def _hysteresis_of(knots: Knots, residual: np.ndarray, C: np.ndarray) -> Hystere
     return Hysteresis(np.array(at), D @ residual, sigmas_in(D @ C @ D.T))
 
 
-# Model selection: the polynomial's order, and whether there is a lag, by cross-validation over sweeps.
+# Model selection: the polynomial's order, and whether there is a lag, by the evidence of each.
 #
-# Each sweep is left out in turn.  A candidate is fitted to the others, its lag too, and predicts it.  Of the candidates within one standard
-# error of the best, the simplest is taken (Breiman et al. 1984, 1-SE rule), and only if its coefficients are significant.
+# The noise is estimated about each candidate anew: what one takes for an effect of temperature is a walk to another, and a power pays for
+# itself by its prior, as wide as the zeros scatter.  Of 162 lines all are named a line, and of zeros that walk none is named an effect
+# (benchmarks/temperature.py).
 #
 # All knots have equal weight in a polynomial's coefficients.  Weights from the noise would rely on the differences between knots where the
 # zero drifts, and lose its level: on a public sweep they predict a third sweep's zero to 0.26 dps, where equal weights reach 0.12.  A lag
@@ -262,16 +270,20 @@ LAGS, LONGEST_SHARE = 20, 0.25
 STRETCHES, STRETCH_FOLDS = 20, 5
 
 
-class Candidate(NamedTuple):
-    """Model of one axis, by the order of its polynomial; lagged: whether the element's temperature lags the reading."""
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """Model of one axis: order of its polynomial; lag tau_s of the element's temperature behind the reading, 0 for none; noise about it;
+    score: -2 log of evidence times prior."""
 
     order: int
-    lagged: bool
+    tau_s: float
+    noise: _Coloured
+    score: float
 
     @property
-    def complexity(self) -> int:
-        """Number of fitted parameters besides the zero itself."""
-        return self.order + self.lagged
+    def ids(self) -> frozenset[str]:
+        """What it says of temperature: nothing, its effect, or also a lag."""
+        return frozenset(("effect",) * (self.order > 0) + ("lag",) * (self.tau_s != 0))
 
 
 def folds_of(knots: Knots) -> tuple[np.ndarray, str]:
@@ -299,17 +311,13 @@ def columns(knots: Knots, tau_s: float, order: int) -> np.ndarray:
     return np.column_stack([knots.offsets(), knots.powers(tau_s, order)])
 
 
-def misfit(y: np.ndarray, A: np.ndarray) -> float:
-    """Residual sum of squares of whitened knots on whitened columns."""
-    return float(np.sum((y - A @ np.linalg.lstsq(A, y, rcond=None)[0]) ** 2))
-
-
-def _best_lag(knots: Knots, y: np.ndarray, L: np.ndarray, rows: np.ndarray | slice, lags: np.ndarray, order: int) -> float:
-    """Return the lag of least misfit, from a grid, then refined between neighbours; y (K,), L: the noise's factor of ``rows``."""
-    white = whiten(L, y[rows])
+def _best_lag(knots: Knots, y: np.ndarray, L: np.ndarray, lags: np.ndarray, order: int) -> float:
+    """Return the lag of least misfit, from a grid, then refined between neighbours; y (K,), L: the noise's factor."""
+    white = whiten(L, y)
 
     def left(tau: float) -> float:
-        return misfit(white, whiten(L, columns(knots, float(tau), order)[rows]))
+        A = whiten(L, columns(knots, float(tau), order))
+        return float(np.sum((white - A @ np.linalg.lstsq(A, white, rcond=None)[0]) ** 2))
 
     k = int(np.argmin([left(tau) for tau in lags.tolist()]))
     from scipy.optimize import minimize_scalar
@@ -318,51 +326,38 @@ def _best_lag(knots: Knots, y: np.ndarray, L: np.ndarray, rows: np.ndarray | sli
     return float(minimize_scalar(left, bounds=between, method="bounded", options={"xatol": 1e-3 * abs(float(lags[k]))}).x)
 
 
-def examine(
-    knots: Knots, y: np.ndarray, noise: _Coloured, orders: tuple[int, ...], lags: np.ndarray
-) -> tuple[tuple[Candidate, ...], np.ndarray, str]:
-    """Predict each fold of knots y (K,) by each candidate fitted to the others.
-
-    Returns the candidates; (F, candidates) mean square of each fold's prediction; and the kind of fold.
-    """
-    folds, by = folds_of(knots)
-    candidates = tuple(Candidate(p, lagged) for lagged in (False, *([True] if len(lags) else [])) for p in orders if p or not lagged)
-    most = max(orders)
-    table = []
-    for fold in np.unique(folds):
-        train, test = folds != fold, folds == fold
-        L = noise.factor(train)
-        tau = _best_lag(knots, y, L, train, lags, most) if len(lags) else 0.0
-        table.append([predicted(knots, y, test, order, tau if lagged else 0.0) for order, lagged in candidates])
-    return candidates, np.array(table), by
+def weigh(knots: Knots, y: np.ndarray, V: list[np.ndarray], white: float, orders: tuple[int, ...], lags: np.ndarray) -> list[Candidate]:
+    """Weigh the candidates for knots y (K,), whose scatter is 1: of a lag, the best one beside the highest order."""
+    most, taus = max(orders), [0.0]
+    if len(lags):
+        taus.append(_best_lag(knots, y, about(knots, y, V, white, most).factor, lags, most))
+    weighed = []
+    for tau in taus:
+        for order in orders:
+            if order or not tau:
+                noise = about(knots, y, V, white, order, tau)
+                prior = -2 * float(np.log(PRIOR_ODDS / max(len(orders) - 1, 1))) * (order > 0) + price(1, 2) * (tau != 0)
+                weighed.append(Candidate(order, tau, noise, noise.value + prior))
+    return weighed
 
 
-def predicted(knots: Knots, y: np.ndarray, test: np.ndarray, order: int, tau: float) -> float:
-    """Mean square error of a fold's prediction from all other knots, in the unit of y."""
-    A = columns(knots, tau, order)
-    left, J = y - A @ np.linalg.lstsq(A, y, rcond=None)[0], A * WIDE
-    error = left_out(left, J, np.eye(len(y)), left, J, [np.flatnonzero(test)])[test]
-    # The zero of a log that is left out completely cannot be predicted; its scatter is reported separately.
-    if not set(knots.of[test]) <= set(knots.of[~test]):
-        error = error - error.mean()
-    return float(np.mean(error**2))
-
-
-def simplest(candidates: tuple[Candidate, ...], held_out: np.ndarray) -> int:
-    """Return the index of the simplest candidate within one standard error of the best."""
-    best = int(np.argmin(held_out.mean(axis=0)))
-    worse = held_out - held_out[:, [best]]
-    error = worse.std(axis=0, ddof=1) / np.sqrt(len(worse)) if len(worse) > 1 else np.zeros(len(candidates))
-    within = [i for i in range(len(candidates)) if worse[:, i].mean() <= error[i]]
-    return min(within, key=lambda i: (candidates[i].complexity, candidates[i].lagged))
+def held_out(knots: Knots, y: np.ndarray, order: int, tau: float) -> float:
+    """Rms over the folds of what a polynomial with its lag, estimated from the others, leaves of each, in the unit of y (K,)."""
+    J, folds = columns(knots, tau, order), folds_of(knots)[0]
+    if tau:
+        J = np.column_stack([J, lag_slope(knots, tau, order, np.linalg.lstsq(J, y, rcond=None)[0])])
+    left, parts = y - J @ np.linalg.lstsq(J, y, rcond=None)[0], [np.flatnonzero(folds == fold) for fold in np.unique(folds)]
+    J = WIDE * J
+    error = left_out(left, J, np.eye(len(y)), left, J, parts)
+    for rows in parts:
+        # The zero of a log that is left out completely cannot be predicted; its scatter is reported separately.
+        if not set(knots.of[rows]) <= set(np.delete(knots.of, rows)):
+            error[rows] -= error[rows].mean()
+    return rms_of(np.array([rms_of(error[rows]) for rows in parts]))
 
 
 # One axis' zero over temperature: polynomial, lag, hysteresis, residuals, and their uncertainties.
 
-#: p-value below which a dependence on temperature, or a lag, is claimed
-BY_CHANCE = 0.001
-#: of the p-value of a dependence in the noise of the constant (benchmarks/temperature.py, walks)
-_AS_NOISE = 0.2
 #: orders that are tried
 ORDERS = (0, 1, 2, 3, 4, 5)
 
@@ -370,8 +365,7 @@ ORDERS = (0, 1, 2, 3, 4, 5)
 @dataclass(frozen=True)
 class Line:
     """slope and sigma, SI per degC, of the straight line that a constant may hide, in the noise that the constant leaves; order of the
-    polynomial, a line or more, that shows beside the noise that it leaves itself, so that it or the constant's walk is there, and which
-    is not told; 0 where none does."""
+    best polynomial where its evidence is near the constant's, so that it or a walk is there, and which is not told; 0 where none is."""
 
     slope: float
     sigma: float
@@ -382,20 +376,19 @@ class Line:
 class AxisFit:
     """zero(T) = sum_n terms[n] (T_e - reference)^n, SI, T_e the element's temperature by ``tau_s``.
 
-    terms (P + 1,) per degC^n; covariance (P + 2, P + 2) of terms and tau_s, whose row is zero without a lag; candidates, and squares
-    (F, candidates): mean square of each fold's prediction by each, the folds being ``sweeps`` or ``stretches``; held_out: rms error of
-    predicting held-out sweeps, the model's remaining uncertainty; left: rms of the fit's residuals; p_value: of no dependence on
-    temperature; noise: besides it; hysteresis: of the polynomial alone, and with the lag (None: the temperature changed in one direction
-    only); turn_on: scatter of the logs' zeros, NaN of one log; line: of a constant over a range.
+    terms (P + 1,) per degC^n; covariance (P + 2, P + 2) of terms and tau_s, whose row is zero without a lag; folds: ``sweeps`` or
+    ``stretches``; held_out: rms error of predicting folds that are left out, the model's remaining uncertainty; held_out_constant: of a
+    constant; left: rms of the fit's residuals; p_value: probability that temperature does nothing; noise: besides it; hysteresis: of the
+    polynomial alone, and with the lag (None: the temperature changed in one direction only); turn_on: scatter of the logs' zeros, NaN of
+    one log; line: of a constant over a range.
     """
 
     terms: np.ndarray
     tau_s: float
     covariance: np.ndarray
-    candidates: tuple[Candidate, ...]
-    squares: np.ndarray
     folds: str
     held_out: float
+    held_out_constant: float
     left: float
     p_value: float
     noise: _Coloured
@@ -414,12 +407,6 @@ class AxisFit:
         """(P + 2,) of terms, then tau_s."""
         return sigmas_in(self.covariance)
 
-    def held_out_of(self, order: int, lagged: bool) -> float:
-        """Return the held-out rms of another candidate; NaN where it was not tried."""
-        if (order, lagged) not in self.candidates:
-            return float("nan")
-        return float(np.sqrt(self.squares[:, self.candidates.index(Candidate(order, lagged))].mean()))
-
 
 def fit_axis(knots: Knots, blocks: np.ndarray, orders: tuple[int, ...] = ORDERS) -> AxisFit:
     """Fit one axis' block means (B,) rad/s, or m/s^2, at rest."""
@@ -428,48 +415,32 @@ def fit_axis(knots: Knots, blocks: np.ndarray, orders: tuple[int, ...] = ORDERS)
     y = y / unit
     orders = tuple(p for p in orders if p <= most_order(knots) and determined(columns(knots, 0.0, p)).rank == len(knots.logs) + p)
     lags = _lag_grid(knots) if max(orders) else np.zeros(0)
-    white = white_of(knots, blocks / unit)
-    every, most, tau = slice(None), max(orders), 0.0
-    noise = about(knots, y, V, white, most)
-    if len(lags):
-        tau = _best_lag(knots, y, noise.factor(), every, lags, most)
-        noise = about(knots, y, V, white, most, tau)
-    candidates, squares, folds = examine(knots, y, noise, orders, lags)
-    order, lagged = candidates[simplest(candidates, squares)]
-    L = noise.factor()
-    if lagged:
-        tau = _best_lag(knots, y, L, every, lags, order)
-        lagged = _lag_shows(knots, y, L, tau, order)
-    tau = tau if lagged else 0.0
+    weighed = weigh(knots, y, V, white_of(knots, blocks / unit), orders, lags)
+    best = min(weighed, key=lambda each: each.score)
+    order, noise = best.order, best.noise
+    tau = _best_lag(knots, y, noise.factor, lags, order) if best.tau_s else 0.0
     coefficients, covariance = solve_axis(knots, y, noise, tau, order)
-    p_value, tried, chosen = _none_by_chance(knots, y, V, white, order, tau), max(order, 1), order
-    if p_value >= BY_CHANCE:
-        order = 0
-    # A higher order may have the best held-out error by chance: its coefficients must be significant, too.
-    while order and by_chance(coefficients, covariance, len(knots.logs), order - 1, chosen) >= BY_CHANCE:
-        order -= 1
     line = None
-    if not order:
-        tau = 0.0
-        noise = about(knots, y, V, white, 0)
-        line = _line_in(knots, y, V, white, noise, tried, unit) if tried in orders else None
-    coefficients, covariance = solve_axis(knots, y, noise, tau, order)
+    if not order and 1 in orders:
+        slope, spread = solve_axis(knots, y, noise, 0.0, 1)
+        rival = min((each for each in weighed if each.order), key=lambda each: each.score)
+        near = rival.order if rival.score < best.score + 2 * AS_PROBABLE else 0
+        per_c = unit / knots.half_c
+        line = Line(float(slope[-1]) * per_c, float(np.sqrt(spread[-1, -1])) * per_c, near)
     residual = y - columns(knots, tau, order) @ coefficients[: len(knots.logs) + order]
     plain = y - columns(knots, 0.0, order) @ solve_axis(knots, y, noise, 0.0, order)[0]
     terms, of_terms = _in_degrees(knots, coefficients, covariance, order)
     zeros = coefficients[: len(knots.logs)]
     scale = np.append(np.full(len(terms), unit), 1.0)
-    index = candidates.index(Candidate(order, tau != 0))
     return AxisFit(
         terms=terms * unit,
         tau_s=tau,
         covariance=of_terms * np.outer(scale, scale),
-        candidates=candidates,
-        squares=squares * unit**2,
-        folds=folds,
-        held_out=float(np.sqrt(squares[:, index].mean())) * unit,
+        folds=folds_of(knots)[1],
+        held_out=held_out(knots, y, order, tau) * unit,
+        held_out_constant=held_out(knots, y, 0, 0.0) * unit,
         left=rms_of(residual) * unit,
-        p_value=p_value,
+        p_value=probabilities(weighed).get("", 0.0),
         noise=_Coloured(noise.sizes * unit, noise.C * unit**2),
         hysteresis_before=_hysteresis_of(knots, plain * unit, noise.C * unit**2),
         hysteresis_after=_hysteresis_of(knots, residual * unit, noise.C * unit**2),
@@ -478,25 +449,16 @@ def fit_axis(knots: Knots, blocks: np.ndarray, orders: tuple[int, ...] = ORDERS)
     )
 
 
-def _line_in(knots: Knots, y: np.ndarray, V: list[np.ndarray], white: float, noise: _Coloured, order: int, unit: float) -> Line:
-    """The line of an axis whose zero is taken as constant; noise: of the constant; order: that was tried; unit: SI per unit of y."""
-    per_c = unit / knots.half_c
-    coefficients, covariance = solve_axis(knots, y, noise, 0.0, 1)
-    own = solve_axis(knots, y, about(knots, y, V, white, order), 0.0, order)
-    shows = by_chance(*own, len(knots.logs), 0, order) < BY_CHANCE
-    return Line(float(coefficients[-1]) * per_c, float(np.sqrt(covariance[-1, -1])) * per_c, order if shows else 0)
-
-
 def most_order(knots: Knots) -> int:
     """Return the highest order: 0 without a range of temperatures, and always less than the number of knots."""
     return 0 if np.ptp(knots.temp_c) < 1.0 else max(len(knots) // 4, 0)
 
 
-def _lag_shows(knots: Knots, y: np.ndarray, L: np.ndarray, tau: float, order: int) -> bool:
-    """Whether a lag reduces the misfit significantly; two degrees of freedom, because its sign and size were searched."""
-    white = whiten(L, y)
-    without, lagged = (misfit(white, whiten(L, columns(knots, value, order))) for value in (0.0, tau))
-    return chi_square_above(without - lagged, 2) < BY_CHANCE
+def lag_slope(knots: Knots, tau: float, order: int, coefficients: np.ndarray) -> np.ndarray:
+    """(K,): what the fit changes by a second of its lag."""
+    step = 0.02 * abs(tau)
+    found: np.ndarray = (columns(knots, tau + step, order) - columns(knots, tau - step, order)) @ coefficients / (2 * step)
+    return found
 
 
 def solve_axis(knots: Knots, y: np.ndarray, noise: _Coloured, tau: float, order: int) -> tuple[np.ndarray, np.ndarray]:
@@ -509,42 +471,11 @@ def solve_axis(knots: Knots, y: np.ndarray, noise: _Coloured, tau: float, order:
     G = np.linalg.pinv(A)
     coefficients = G @ y
     if tau:
-        step = 0.02 * abs(tau)
-        slope = (columns(knots, tau + step, order) - columns(knots, tau - step, order)) @ coefficients / (2 * step)
-        L = noise.factor()
+        slope, L = lag_slope(knots, tau, order, coefficients), noise.factor
         W = whiten(L, np.column_stack([A, slope]))
         of_lag = (np.linalg.pinv(W)[-1:] @ whiten(L, np.eye(len(y)))).ravel()
         G = np.vstack([G - np.outer(G @ slope, of_lag), of_lag])
     return coefficients, G @ noise.C @ G.T
-
-
-def _none_by_chance(knots: Knots, y: np.ndarray, V: list[np.ndarray], white: float, order: int, tau: float) -> float:
-    """p-value of the fit if temperature has no effect: a likelihood-ratio test, with the noise estimated under each hypothesis.
-
-    With the noise of the polynomial fit alone a slow drift would pass for an effect of temperature: the fit takes it for the trend, where
-    the null hypothesis takes it for noise (benchmarks/temperature.py, nulls).  Of a single sweep few independent values of a small walk
-    are there, so that the ratio exceeds its limit forty times as often as it should.  The polynomial must therefore show in the noise of
-    the constant, too, which has taken some of it for a walk: ``_AS_NOISE`` makes up for that (benchmarks/temperature.py, walks).
-    """
-    if not order:
-        return 1.0
-    both, values = ((0, 0.0), (order, tau)), []
-    models = [columns(knots, lag, power) for power, lag in both]
-    factors = [about(knots, y, V, white, power, lag).factor() for power, lag in both]
-    for A, L in zip(models, factors, strict=True):
-        values.append(2 * float(np.sum(np.log(np.diag(L)))) + misfit(whiten(L, y), whiten(L, A)))
-    constant, polynomial = (misfit(whiten(factors[0], y), whiten(factors[0], A)) for A in models)
-    by_ratio, by_noise = (chi_square_above(gain, order + 2 * (tau != 0)) for gain in (values[0] - values[1], constant - polynomial))
-    return max(by_ratio, _AS_NOISE * by_noise)
-
-
-def by_chance(coefficients: np.ndarray, covariance: np.ndarray, logs: int, above: int, order: int) -> float:
-    """p-value of the coefficients of the powers beyond ``above`` if they are zero (Wald)."""
-    if order <= above:
-        return 1.0
-    part = slice(logs + above, logs + order)
-    pull = np.linalg.solve(covariance[part, part], coefficients[part])
-    return chi_square_above(float(coefficients[part] @ pull), order - above)
 
 
 def _in_degrees(knots: Knots, coefficients: np.ndarray, covariance: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:

@@ -160,7 +160,7 @@ def _axes(rests: RestFit, kind: str) -> Table:
         if fit.line is not None:
             slope = (fit.line.slope / unit, fit.line.sigma / unit)
             model = f"{order_word(fit.line.order)} or walk" if fit.line.order else model
-        held = [f"{value / unit:.2g}" if np.isfinite(value) else None for value in (fit.held_out_of(0, False), fit.held_out)]
+        held = [f"{value / unit:.2g}" if np.isfinite(value) else None for value in (fit.held_out_constant, fit.held_out)]
         lag = (fit.tau_s, fit.sigma[-1]) if fit.tau_s else None
         rows.append([axis, model, (fit.terms[0] / unit, fit.sigma[0] / unit), slope, lag, _extent(rests, fit) / unit, *held])
     by = "sweeps" if fits[0].folds == "sweeps" else "stretches of time"
@@ -349,7 +349,7 @@ def _axis(axis: str, fit: AxisFit, unit: float, word: str) -> dict:
         "p_value": fit.p_value,
         "held_out_by": fit.folds,
         f"held_out_{word}": fit.held_out / unit,
-        f"held_out_constant_{word}": fit.held_out_of(0, False) / unit,
+        f"held_out_constant_{word}": fit.held_out_constant / unit,
         f"left_{word}": fit.left / unit,
         f"turn_on_{word}": fit.turn_on / unit,
         f"line_{word}": None if fit.line is None else fit.line.slope / unit,

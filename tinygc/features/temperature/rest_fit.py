@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -15,10 +15,9 @@ from session.detect.events import knocked
 from session.detect.findings import Finding, stop_at_errors
 from session.log.rests import RestLog
 from tinygc.closure.floor import SEEN_SIGMAS, AllanCurve, allan_curve
-from tinygc.features.temperature.axis_fit import ORDERS, AxisFit, Knots, columns, estimate_noise, fit_axis, make_knots, white_of
+from tinygc.features.temperature.axis_fit import ORDERS, AxisFit, Knots, estimate_noise, fit_axis, make_knots, priced, white_of
 from tinygc.features.temperature.sweeps import Sweep, sweeps_of
 from tinygc.inference.noise import where_risen
-from tinygc.noise.figures import unit_allan_variance
 
 # A gyroscope's noise from rest logs: its components beside temperature, the Allan deviation of what is left, its change with temperature.
 
@@ -29,8 +28,10 @@ BINS = 8
 #: rise of -2 log L at the limit of a flicker that is not seen: it has been drawn low, and the limits of 1.645 sigma hold in 43 of 50 rests
 #: that walk, those of 2 in 48 (benchmarks/temperature.py, nulls)
 AT_LIMIT = 2.0**2
-#: relative sigma of white noise by the median of the steps between blocks, times the root of their number
-BY_STEPS = 1.28
+#: relative sigma of white noise by the median of second differences of blocks, times the root of their number
+BY_STEPS = 1.40
+#: Hadamard variance of flicker noise of instability 1: half the logarithm of 256 / 27, over pi
+HADAMARD_FLICKER = np.log(256 / 27) / 2 / np.pi
 
 
 class AtRest(NamedTuple):
@@ -47,21 +48,21 @@ class AtRest(NamedTuple):
 def noise_at_rest(knots: Knots, blocks: np.ndarray, fit: AxisFit) -> AtRest:
     """Noise of the blocks (B,) about an axis' fit: flicker beside white noise and a random walk, as the fit's own sigmas have it.
 
-    White noise shows in the steps between blocks, less the Allan variance of the others there.
+    White noise shows in how the steps between blocks differ, less what the others add to their Hadamard variance.
     """
-    plain = zero_of_blocks(knots, replace(fit, tau_s=0.0))  # from block to block a lag is nothing, and a lead noise of the thermometer
     step_s, unit = knots.logs[0].block_s, float(np.std(blocks)) or 1.0
-    y, V, A = knots.mean(blocks) / unit, knots.covariances(), columns(knots, fit.tau_s, fit.order)
-    steps, square = knots.of_steps(y, fit.tau_s, fit.order), white_of(knots, (blocks - plain) / unit) ** 2
-    found = estimate_noise(y, A, V, np.sqrt(square), steps, with_sigma=True)
-    slow = np.array([unit_allan_variance(name, np.array([step_s]))[0] * step_s for name in "BK"])
+    y, V = knots.mean(blocks) / unit, knots.covariances()
+    J = priced(knots, y, fit.tau_s, fit.order)
+    steps, square = knots.of_steps(y, fit.tau_s, fit.order), white_of(knots, blocks / unit) ** 2
+    found = estimate_noise(y, J, V, np.sqrt(square), steps, with_sigma=True)
+    slow = step_s * np.array([HADAMARD_FLICKER, step_s / 6])
     white = max(square - float(slow @ found.sizes[1:] ** 2), 0.0) ** 0.5
     sigma = np.hypot(BY_STEPS * square / np.sqrt(len(blocks)), slow[0] * found.sizes[1] * found.sigmas[1]) / max(white, 1e-300)
 
     def rise(size: float) -> float:
         """Of -2 log L at a given flicker, the others estimated anew."""
         beside = [V[0], np.zeros_like(V[1]), V[2]]
-        return estimate_noise(y, A, beside, np.sqrt(square), steps + size**2 * V[1]).value - found.value
+        return estimate_noise(y, J, beside, np.sqrt(square), steps + size**2 * V[1]).value - found.value
 
     size, most = found.sizes[1], np.nan
     if not size > SEEN_SIGMAS * found.sigmas[1]:

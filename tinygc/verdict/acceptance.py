@@ -5,7 +5,7 @@ with noise (p at least 0.01), and the limit of the closure is what the sensor's 
 noise would pass a noisy unit.  Where nothing promises anything there is no PASS, but the closure in words.  Either way a calibration fails
 if held-out segments close worse with it than with the raw rates, and does not pass where the recording contradicts the model
 (``model_tests.py``).  Requirements of session.toml, or of a file, count besides; whether a value meets its limits is decided in
-``requirements.py``.
+``inference.decide``.
 
 A pass needs evidence.  With few segments a fit follows almost anything, so held-out closure must be near its floor on enough segments.  A
 closure far below its floor means that noise or references are not what they are taken for.  An error that is common to all references, or a

@@ -1,16 +1,4 @@
-"""The decision rules: whether a measured value with its uncertainty meets its limits, and with which risk; the one place that decides.
-
-    p = F((upper - y) / u) - F((lower - y) / u)     probability of conformity, F: Student's t of u's degrees of freedom, or normal
-    1 - p                                           risk of a wrong PASS           p    risk of a wrong FAIL
-
-(JCGM 106:2012, 7.2, with no prior knowledge of the item.)  Simple acceptance passes a value within its limits: at one limit, half
-of such answers are wrong; between two that are close together against U, more.  A guard band w = r U draws the limits in for a PASS, and
-out for a FAIL (ISO/IEC 17025:2017, 7.8.6; ILAC-G8:09, 4.2); in between nothing is decided.  With a largest risk in place of r, PASS and
-FAIL are wrong in at most that share of the cases.
-
-The RMSE of a closure run is the length of three errors.  Near its floor it is neither normal nor symmetric, so that its p is that of three
-normal errors inside a sphere, and its guard band ends where p is F(r k); below its limit it does not fail.
-"""
+"""The values of a calibration that may have limits, each as a fact with its uncertainty; ``inference.decide`` decides them."""
 
 from __future__ import annotations
 
@@ -33,9 +21,6 @@ from tinygc.models.linear import NAMES, PARAMETERS, LinearModel
 SHARED = 1.5
 
 
-# A measured value, its limits, the rule: what is decided, and the risk.
-
-
 def rule_words(rule: Rule) -> str:
     """The rule in one sentence."""
     if rule.kind == SIMPLE:
@@ -48,9 +33,6 @@ def rule_words(rule: Rule) -> str:
         f"Guard bands of w = {rule.guard:g} U at each limit: PASS within the limits by at least w, FAIL beyond them by more than w; in "
         "between nothing is decided."
     )
-
-
-# Fact values of a calibration, with their standard uncertainties.
 
 
 def closure_measured(angles: np.ndarray, numbers: Sequence[int]) -> Fact:

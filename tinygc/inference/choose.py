@@ -30,8 +30,8 @@ from session.base.records import Key
 from session.base.results import Maybe, Number, Text
 from tinygc.inference.solve import UNSEEN, left_of, orthonormal, unit_columns
 
-#: level of every test, family-wise where several are made, and of the limits, which hold with 95 %; of 1000 recordings with nothing wrong
-#: ``explain`` names something in 6.5 % +- 1.7 % (benchmarks/doors.py)
+#: level of every test, family-wise where several are made, and of the limits, which hold with 95 %; of 200 sessions with nothing wrong the
+#: test of ``explain`` is below it in 6.5 % +- 1.7 %, and far fewer have a name (benchmarks/doors.py)
 LEVEL = 0.05
 #: p-value below which a recording contradicts a model
 MISMATCH_P = 0.01

@@ -44,7 +44,7 @@ from tinygc.explanation.data_repair import _claim, considered_of
 from tinygc.explanation.families import SLOW_ZERO, alternatives, slow_zero
 from tinygc.explanation.result import MOST_SAID, considered_lines
 from tinygc.explanation.search import NamedEffect
-from tinygc.inference.choose import ONE_SIDED, Standing, Statement, homogeneity_p, standing_of, upper_limit
+from tinygc.inference.choose import ONE_SIDED, Standing, Statement, agreement, standing_of, upper_limit
 from tinygc.noise.turn_gravity import NUMBERS, TurnGravity
 from tinygc.reporting.checked_text import checked_page
 from tinygc.reporting.terminal import Group, as_text
@@ -264,11 +264,11 @@ def test_equal_sizes_are_pooled_and_tested_by_cochrans_chi_square():
     rows = np.concatenate([np.linalg.inv(root) for root in roots])
     whitened = np.concatenate([np.linalg.solve(root, value) for root, value in zip(roots, values, strict=True)])
     expected, left, *_ = np.linalg.lstsq(rows, whitened, rcond=None)
-    p, pooled, covariance = homogeneity_p(values, roots @ roots.transpose(0, 2, 1))
-    np.testing.assert_allclose(pooled, expected)
-    np.testing.assert_allclose(covariance, np.linalg.inv(rows.T @ rows))
-    assert p == pytest.approx(chi2.sf(left[0], 4))
-    assert homogeneity_p(np.array([[7.0]]), np.array([[[1.0]]]))[0] == 1.0
+    found = agreement(values, roots @ roots.transpose(0, 2, 1))
+    np.testing.assert_allclose(found.pooled, expected)
+    np.testing.assert_allclose(found.covariance, np.linalg.inv(rows.T @ rows))
+    assert (found.chi_square, found.freedom, found.p_value) == pytest.approx((left[0], 4, chi2.sf(left[0], 4)))
+    assert agreement(np.array([[7.0]]), np.array([[[1.0]]])).p_value == 1.0
 
 
 # Slow motions of the zero-rate offset.

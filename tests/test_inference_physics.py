@@ -17,6 +17,7 @@ from tinygc.inference.choose import (
     chance_of_any,
     chi_square_above,
     climb,
+    each_alone,
     factors_by_freedom,
     factors_by_size,
     level_of_each,
@@ -147,6 +148,20 @@ def test_the_level_of_each_of_several_tests():
 class Several:
     ids: frozenset[str]
     score: float
+
+
+def test_each_column_alone_is_least_squares_of_it_beside_what_is_fitted_with_it():
+    rng = np.random.default_rng(7)
+    r, J, columns = rng.normal(size=9), rng.normal(size=(9, 2)), rng.normal(size=(9, 3))
+    columns[:, 2] = J @ [1.0, -2.0]
+    pull, information = each_alone(r, J, columns)
+    for k in range(2):
+        design = np.column_stack([J, columns[:, k]])
+        solution, (left,), *_ = np.linalg.lstsq(design, r)
+        assert pull[k] / information[k] == pytest.approx(solution[-1])
+        assert 1 / information[k] == pytest.approx(np.linalg.inv(design.T @ design)[-1, -1])
+        assert pull[k] ** 2 / information[k] == pytest.approx(np.linalg.lstsq(J, r)[1][0] - left)
+    assert np.isnan(information[2])
 
 
 def test_climbing_takes_single_steps_to_the_set_of_most_evidence():

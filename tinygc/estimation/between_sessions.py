@@ -14,13 +14,13 @@ normal given s.  Without own errors that is Student's t with m degrees of freedo
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
-from tinygc.inference.choose import chance_of_any
+from tinygc.inference.choose import chance_of_any, each_alone
 from tinygc.inference.solve import COVERAGE, solve
 
 #: the share of a normal variable within one sigma
@@ -187,24 +187,17 @@ class Between:
         return float(min(1.0, 2 * min(_WEIGHTS @ ndtr(-middle / sigma), _WEIGHTS @ ndtr(middle / sigma))))
 
 
-@dataclass(frozen=True)
-class Step:
-    """A change that stays, between session ``before`` and the next, counted from 0: its p_value is corrected for all that was looked at."""
-
-    before: int
-    p_value: float
-
-
 @dataclass(frozen=True, eq=False)
 class Course:
     """What n sessions say of one number together.
 
     model: its columns are the level (at the last session), steps in their order, then the drift from ``FEWEST_WITH_DRIFT`` sessions on, and
-    the effect of temperature where that is significant.  warming: level, drift and temperature, None where temperature cannot be told.
+    the effect of temperature where that is significant.  steps: changes that stay, each by the session before it, counted from 0, with its
+    p-value, which is corrected for all that was looked at.  warming: level, drift and temperature, None where temperature cannot be told.
     """
 
     model: Between
-    steps: tuple[Step, ...] = ()
+    steps: dict[int, float] = field(default_factory=dict)
     has_drift: bool = False
     warming: Between | None = None
     warms: bool = False
@@ -246,7 +239,7 @@ def course(values: np.ndarray, own: np.ndarray, at: np.ndarray, warmth: np.ndarr
             warming = Between(values, own, design)
             columns += [warmer] if warming.p_value(np.eye(3)[2]) < CHANCE / LOOKED_AT else []
     steps = _steps(values, own, lambda jumps: np.column_stack([level, *jumps, *columns]))
-    design = np.column_stack([level, *(jump(len(values), step.before) for step in steps), *columns])
+    design = np.column_stack([level, *(jump(len(values), before) for before in steps), *columns])
     return Course(Between(values, own, design), steps, True, warming, len(columns) > 1)
 
 
@@ -255,42 +248,31 @@ def jump(count: int, before: int) -> np.ndarray:
     return np.where(np.arange(count) <= before, -1.0, 0.0)
 
 
-def candidates(values: np.ndarray, own: np.ndarray, design: np.ndarray, taken: Collection[int]) -> tuple[np.ndarray, np.ndarray]:
+def candidates(values: np.ndarray, own: np.ndarray, design: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Size and sigma (n - 1,) of a further step after each session, at the scatter of the design (n, p); nan where it cannot be told."""
-    count = len(values)
-    square = Between(values, own, design).scatter ** 2
-    weight = 1 / np.maximum(own + square, _TINY)
-    weight = weight / weight.max()
-    root = np.sqrt(weight)[:, None]
-    Q = np.linalg.qr(root * design)[0]
-    jumps = root * np.column_stack([jump(count, before) for before in range(count - 1)])
-    left = jumps - Q @ (Q.T @ jumps)
-    length = np.sum(left**2, axis=0)
-    told = (length > 1e-9 * np.sum(jumps**2, axis=0)) & ~np.isin(np.arange(count - 1), list(taken))
-    length = np.where(told, length, np.nan)
-    return left.T @ (root[:, 0] * values) / length, np.sqrt(np.maximum((own + square)[weight.argmax()], _TINY) / length)
+    total = np.maximum(own + Between(values, own, design).scatter ** 2, _TINY)
+    least = total.min()
+    root = np.sqrt(least / total)[:, None]  # weights of order one, whatever the unit
+    jumps = np.column_stack([jump(len(values), before) for before in range(len(values) - 1)])
+    pull, information = each_alone(root[:, 0] * values, root * design, root * jumps)
+    return pull / information, np.sqrt(least / information)
 
 
-def _steps(values: np.ndarray, own: np.ndarray, design_of: Callable[[list[np.ndarray]], np.ndarray]) -> tuple[Step, ...]:
+def _steps(values: np.ndarray, own: np.ndarray, design_of: Callable[[list[np.ndarray]], np.ndarray]) -> dict[int, float]:
     """Add the most significant step, one after the other, while it is significant over all intervals and numbers (Sidak)."""
     count, looks = len(values), (len(values) - 1) * LOOKED_AT
-    found: list[Step] = []
-    while True:
-        taken = [step.before for step in found]
-        design = design_of([jump(count, each) for each in taken])
-        if design.shape[0] - design.shape[1] < 2:
-            return tuple(found)
-        size, sigma = candidates(values, own, design, taken)
-        score = np.where(np.isfinite(size), np.abs(size) / sigma, -1.0)
-        best = Step(-1, 1.0)
-        for before in np.argsort(-score)[:TRIED]:
-            if score[before] < 0:
-                continue
-            trial = design_of([jump(count, each) for each in (*taken, int(before))])
-            p_value = Between(values, own, trial).p_value(np.eye(trial.shape[1])[1 + len(found)])
-            if p_value < best.p_value:
-                best = Step(int(before), p_value)
-        corrected = chance_of_any(best.p_value, looks)
-        if corrected >= CHANCE:
-            return tuple(found)
-        found.append(Step(best.before, corrected))
+    found: dict[int, float] = {}
+
+    def p_value(before: int) -> float:
+        trial = design_of([jump(count, each) for each in (*found, before)])
+        return Between(values, own, trial).p_value(np.eye(trial.shape[1])[1 + len(found)])
+
+    while count - (design := design_of([jump(count, each) for each in found])).shape[1] >= 2:
+        size, sigma = candidates(values, own, design)
+        score = np.nan_to_num(np.abs(size) / sigma, nan=-1.0)
+        tried = {int(before): p_value(int(before)) for before in np.argsort(-score)[:TRIED] if score[before] >= 0}
+        best = min(tried, key=tried.__getitem__, default=None)
+        if best is None or (corrected := chance_of_any(tried[best], looks)) >= CHANCE:
+            break
+        found[best] = corrected
+    return found

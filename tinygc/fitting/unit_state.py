@@ -441,8 +441,8 @@ def spread_of_values(which: slice, values: np.ndarray, own: np.ndarray, sessions
     names = [sessions[place].name for place in order]
     moved: dict[int, list[str]] = {}
     for name, each in zip(JOINT_NAMES[which], courses, strict=True):
-        for step in each.steps:
-            moved.setdefault(step.before, []).append(name)
+        for before in each.steps:
+            moved.setdefault(before, []).append(name)
     count = sum(len(each.steps) for each in courses)
     taken = [*(["drift"] if courses[0].has_drift else []), *([f"{count} step{'s' * (count > 1)}"] if count else [])]
     source = f"{len(sessions)} {words}{', less ' * bool(taken)}{' and '.join(taken)}"

@@ -283,6 +283,22 @@ def over_scales(information: np.ndarray, pull: np.ndarray, counts: Sequence[int]
     return float(np.logaddexp.reduce(found) - np.log(len(found)))
 
 
+#: share of its square below which nothing is left of a column beside others
+NOTHING_LEFT = 1e-9
+
+
+def each_alone(r: np.ndarray, J: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pull and information (K,) of each column (n, K) by itself beside J (n, p), in whitened rows r (n,) = column size + J p + noise; NaN
+    where J leaves nothing of it.
+
+    Its size is pull / information, of sigma information^-1/2, and removes a chi-square of pull^2 / information.
+    """
+    q = np.linalg.qr(J)[0]
+    left = columns - q @ (q.T @ columns)
+    information = np.sum(left**2, axis=0)
+    return left.T @ r, np.where(information > NOTHING_LEFT * np.sum(columns**2, axis=0), information, np.nan)
+
+
 #: sigma, in units of an effect's plausible size, of the prior that keeps unobservable components finite.  At ten it biases a value that is
 #: known to a tenth of the plausible size by one in ten thousand
 WIDE = 10.0
@@ -391,16 +407,30 @@ def upper_limit(value: float, sigma: float) -> float:
     return abs(value) + ONE_SIDED * sigma
 
 
-def homogeneity_p(values: np.ndarray, covariances: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-    """Test whether independent estimates (U, P) with covariances (U, P, P) are estimates of one value (chi-square of homogeneity, Cochran
-    1954).  Return the p-value, the pooled value (P,) and its covariance (P, P)."""
-    weights = np.linalg.inv(covariances)
+@dataclass(frozen=True, eq=False)
+class Agreement:
+    """Whether independent estimates are of one value: chi-square of homogeneity (Cochran 1954), its degrees of freedom and its p-value;
+    pooled (P,): their weighted mean, with its covariance (P, P)."""
+
+    written = ("chi_square", "freedom", "p_value")
+    chi_square: float
+    freedom: int
+    p_value: float
+    pooled: np.ndarray
+    covariance: np.ndarray
+
+
+def agreement(values: np.ndarray, covariances: np.ndarray) -> Agreement:
+    """Of estimates (U, P) with covariances (U, P, P); each number is scaled to its own size, against rounding."""
+    scale = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2)).min(axis=0)
+    both = np.outer(scale, scale)
+    weights = np.linalg.inv(covariances / both)
     covariance = np.linalg.inv(weights.sum(axis=0))
-    pooled = covariance @ np.einsum("uij,uj->i", weights, values)
-    apart = values - pooled
-    chi_square = float(np.einsum("ui,uij,uj->", apart, weights, apart))
-    freedom = values.size - len(pooled)
-    return (chi_square_above(chi_square, freedom) if freedom else 1.0), pooled, covariance
+    pooled = covariance @ np.einsum("uij,uj->i", weights, values / scale)
+    apart = values / scale - pooled
+    chi_square, freedom = float(np.einsum("ui,uij,uj->", apart, weights, apart)), values.size - len(pooled)
+    p_value = chi_square_above(chi_square, freedom) if freedom else 1.0
+    return Agreement(chi_square, freedom, p_value, pooled * scale, covariance * both)
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,9 @@ from session.detect.accelerometer import PARAMETERS, units
 from session.log.config import Accelerometer
 from tinygc.estimation.accelerometer import AccelerometerFit
 from tinygc.estimation.spread import USUAL
-from tinygc.features.unit.history.comparison import agreement, compare_calibrated, compare_triads
+from tinygc.features.unit.history.comparison import compare_calibrated, compare_triads
 from tinygc.fitting.unit_state import UnitState, fitted_state
+from tinygc.inference.choose import agreement
 from tinygc.models.linear import LinearModel
 from tinygc.models.model import accelerometer_table
 

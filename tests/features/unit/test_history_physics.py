@@ -17,7 +17,6 @@ from session.base.units import DEG, MG
 from tinygc.estimation.between_sessions import ONE_SIGMA, TRIED, Between, candidates, course, jump
 from tinygc.estimation.session_times import YEAR_S, Moment
 from tinygc.features.unit.history import forecast
-from tinygc.features.unit.history.curves import kinds_of
 from tinygc.features.unit.history.estimate import NumberHistory, history_of
 from tinygc.features.unit.history.forecast import (
     FAILS,
@@ -30,7 +29,7 @@ from tinygc.features.unit.history.forecast import (
     parse_limit,
 )
 from tinygc.features.unit.history.sessions import GYROSCOPE, NUMBERS, ZERO, UnitSession
-from tinygc.features.unit.history.text import lines, rows, significant
+from tinygc.features.unit.history.shown import lines, panels_of, rows, significant
 from tinygc.models.linear import BIAS
 
 FIRST = datetime(2024, 1, 1, tzinfo=UTC)
@@ -96,7 +95,9 @@ def test_what_made_the_sessions_is_recovered():
     by_name = {row[0]: row[1:] for row in rows(history, history.numbers)}
     assert by_name["bias x, dps"][0] == f"{x.values[-1] / DEG:.4f} ± 0.0010"
     assert [by_name[name][k].startswith("less than") for name, k in (("bias y, dps", 2), ("misalignment x to y, mrad", 1))] == [True, True]
-    firm = {curve.label[0] + kind.title for kind in kinds_of(history) for curve in kind.curves if curve.shows}
+    firm = {
+        kind + panel.title for panel in panels_of(history) for kind in "xyz" if ("thin", kind) in {(m.style, m.kind) for m in panel.marks}
+    }
     assert firm == {"xbias", "yscale factor error"}
 
 
@@ -192,10 +193,10 @@ def test_the_limit_of_a_step_is_that_of_the_interval_that_shows_it_least():
     at, own = np.append(np.arange(11) * 0.3, 4.0), np.append(9.0, np.full(11, 0.01))
     values = np.random.default_rng(0).normal(size=12) * np.append(0.1, np.ones(11))
     found = number_history(values, own, at)
-    assert found.course.steps == ()
+    assert found.course.steps == {}
     design = np.column_stack([found.course.model.design, jump(12, 0)])
     expected = np.max(np.abs(Between(values, own, design).interval(np.eye(3)[-1])))
-    size, _ = candidates(values, own, found.course.model.design, ())
+    size, _ = candidates(values, own, found.course.model.design)
     assert 0 not in np.argsort(-np.abs(size))[:TRIED]
     assert found.step_limit == pytest.approx(expected, rel=1e-9)
 

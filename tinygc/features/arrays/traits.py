@@ -24,7 +24,7 @@ from tinygc.explanation.claims import Claim
 from tinygc.explanation.engine import Explanation
 from tinygc.explanation.evidence import without_claim
 from tinygc.features.arrays.fit import ArrayFit
-from tinygc.inference.choose import LEVEL, Standing, Statement, homogeneity_p, linear_estimate, upper_limit
+from tinygc.inference.choose import LEVEL, Standing, Statement, agreement, linear_estimate, upper_limit
 from tinygc.noise.refit import Replay, candidates, prior_sigmas
 
 #: whose an effect is: common by nature, in all units with equality not rejected, different between units, not told, or in single readings
@@ -143,13 +143,8 @@ def departing(values: np.ndarray, covariances: np.ndarray) -> list[int]:
     """Indices of the estimates (U, P) that differ from the others: the one whose leaving lowers the chi-square most, until the rest is of
     one value at ``LEVEL``.  All of them where half or more would have to go, or where there are two: then nobody is the odd one."""
     rest = list(range(len(values)))
-
-    def chi_square(part: list[int]) -> float:
-        apart = values[part] - homogeneity_p(values[part], covariances[part])[1]
-        return float(np.einsum("ui,ui->", apart, np.linalg.solve(covariances[part], apart[..., None])[..., 0]))
-
-    while len(rest) > 1 and homogeneity_p(values[rest], covariances[rest])[0] < LEVEL:
-        rest = min(([k for k in rest if k != one] for one in rest), key=chi_square)
+    while len(rest) > 1 and agreement(values[rest], covariances[rest]).p_value < LEVEL:
+        rest = min(([k for k in rest if k != one] for one in rest), key=lambda part: agreement(values[part], covariances[part]).chi_square)
     gone = [k for k in range(len(values)) if k not in rest]
     return gone if len(gone) < len(values) / 2 else list(range(len(values)))
 
@@ -160,9 +155,9 @@ def _pooled(estimates: Sequence[Estimate], share: float) -> tuple[float, np.ndar
     The covariance of a mean of U units whose errors have this share in common is (1 + (U - 1) share) times that of independent ones.
     """
     values, covariances = (np.array(each) for each in zip(*estimates, strict=True))
-    p_equal, mean, covariance = homogeneity_p(values, covariances)
-    covariance = covariance * (1 + (len(values) - 1) * share)
-    return p_equal, mean, covariance, float(chdtrc(len(mean), float(mean @ np.linalg.solve(covariance, mean))))
+    found = agreement(values, covariances)
+    mean, covariance = found.pooled, found.covariance * (1 + (len(values) - 1) * share)
+    return found.p_value, mean, covariance, float(chdtrc(len(mean), float(mean @ np.linalg.solve(covariance, mean))))
 
 
 def _of_sensors(

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from session.base.errors import CalibrationError
-from session.base.records import table_of
+from session.base.records import plain, table_of
 from session.base.texts import measured, probability
 from session.detect.accelerometer import NAMES as ACCELEROMETER_NAMES
 from session.detect.accelerometer import PARAMETERS
@@ -26,7 +26,7 @@ from tinygc.fitting.unit_state import (
     refuse_same,
     state_of,
 )
-from tinygc.inference.choose import chance_of_any, chi_square_above, normal_above
+from tinygc.inference.choose import Agreement, agreement, chance_of_any, normal_above
 from tinygc.library.arguments import is_fit, is_path, public
 from tinygc.library.records import Listed, Shown
 from tinygc.models.linear import BIAS, MATRIX, field_jacobian, field_vector
@@ -44,8 +44,8 @@ from tinygc.reporting.terminal import Group, Text, one_line
 # calibration, where all sessions were given the same.  A calibration estimated in each session is not shared.  E maps into the body
 # frame that the accelerometer's matrix defines; where the frames differ, all are transformed into the first one's.
 #
-# The statistic is the weighted scatter about the weighted mean, chi^2 = sum (x_i - x)^T P_i^-1 (x_i - x), of p (n - 1) degrees of
-# freedom; with two sessions it is the difference's d^T (P_1 + P_2)^-1 d.
+# The statistic is the weighted scatter about the weighted mean (``inference.choose.agreement``); with two sessions it is the difference's
+# d^T (P_1 + P_2)^-1 d.
 
 SCHEMA = "tinygc-compare/2"
 #: what E's nine parameters give, then B's three
@@ -56,27 +56,6 @@ LEAST_SHARE = 0.01
 #: a change of at least so many sigmas is marked
 MARKED = 3.0
 MOST_MOVED = 5
-
-
-@dataclass(frozen=True)
-class Agreement:
-    """A chi-square test: chi_square, its degrees of freedom, and the p-value."""
-
-    chi_square: float
-    freedom: int
-    p_value: float
-
-
-def agreement(vectors: np.ndarray, covariances: np.ndarray) -> Agreement:
-    """Test vectors (n, p) with covariances (n, p, p), each quantity scaled to its own size to avoid rounding errors."""
-    scale = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2)).min(axis=0)
-    vectors, covariances = (vectors - vectors.mean(axis=0)) / scale, covariances / np.outer(scale, scale)
-    weights = np.linalg.inv(covariances)
-    mean = np.linalg.solve(weights.sum(axis=0), np.einsum("sij,sj->i", weights, vectors))
-    left = vectors - mean
-    chi_square = float(np.einsum("si,sij,sj->", left, weights, left))
-    freedom = (len(vectors) - 1) * vectors.shape[1]
-    return Agreement(chi_square, freedom, chi_square_above(chi_square, freedom))
 
 
 @dataclass(frozen=True)
@@ -141,29 +120,30 @@ class Compared(Shown):
 
     def to_json(self) -> dict:
         """``tinygc-compare/2`` (docs/formats.md)."""
-        return {
-            "schema": SCHEMA,
-            "sessions": [session.name for session in self.sessions],
-            "agree": self.agree,
-            "verdict_on": "E and B" if self.with_bias else "E",
-            **{name: vars(getattr(self, name)) for name in ("lasting", "bias", "all")},
-            "moved": [vars(moved) for moved in self.moved],
-            "quantities": [
-                table_of(each) | {"values": values, "sigmas": sigmas, "sigmas_from_the_rest": off}
-                for each, values, sigmas, off in zip(
-                    QUANTITIES, self.values.T.tolist(), self.sigmas.T.tolist(), self.sigmas_off.T.tolist(), strict=True
-                )
-            ],
-            "accelerometer": {
-                "modes": [s.triad.mode for s in self.sessions],
-                **(dict.fromkeys(("chi_square", "freedom", "p_value")) if self.triads is None else vars(self.triads)),
-                "quantities": [
-                    dict(zip(("name", "component", "unit", "values", "sigmas"), row, strict=True))
-                    for row in _side_by_side(self.sessions, [s.triad.rows() for s in self.sessions])
-                ],
-            },
-            "notes": list(self.notes),
-        }
+        rows = zip(QUANTITIES, self.values.T, self.sigmas.T, self.sigmas_off.T, strict=True)
+        triads = dict.fromkeys(Agreement.written) if self.triads is None else table_of(self.triads)
+        return plain(
+            {
+                "schema": SCHEMA,
+                "sessions": [session.name for session in self.sessions],
+                "agree": self.agree,
+                "verdict_on": "E and B" if self.with_bias else "E",
+                "lasting": self.lasting,
+                "bias": self.bias,
+                "all": self.all,
+                "moved": self.moved,
+                "quantities": [table_of(q) | {"values": v, "sigmas": s, "sigmas_from_the_rest": off} for q, v, s, off in rows],
+                "accelerometer": {
+                    "modes": [s.triad.mode for s in self.sessions],
+                    **triads,
+                    "quantities": [
+                        dict(zip(("name", "component", "unit", "values", "sigmas"), row, strict=True))
+                        for row in _side_by_side(self.sessions, [s.triad.rows() for s in self.sessions])
+                    ],
+                },
+                "notes": self.notes,
+            }
+        )
 
 
 def compare_calibrated(sessions: list[UnitState], bias: bool = False) -> Compared:

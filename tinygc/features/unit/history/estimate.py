@@ -15,6 +15,7 @@ from tinygc.estimation.spread import ACCELEROMETER, Spread
 from tinygc.estimation.spread import ZERO as B_OF_21
 from tinygc.features.unit.history.sessions import GYROSCOPE, NUMBERS, ZERO, Number, UnitSession
 from tinygc.fitting.unit_state import spread_of_values
+from tinygc.inference.choose import each_alone
 from tinygc.models.linear import BIAS
 
 assert len(NUMBERS) == LOOKED_AT
@@ -86,29 +87,24 @@ class NumberHistory:
         """
         if self.course is None or not self.course.drifts:
             return None
-        model = self.course.model
-        total, straight = model.own + model.scatter**2, np.delete(model.design, np.argmax(self.course.drift_column), axis=1)
-
-        def left(design: np.ndarray) -> float:
-            root = 1 / np.sqrt(total)
-            rest = root * model.values
-            Q = np.linalg.qr(root[:, None] * design)[0]
-            return float(np.sum((rest - Q @ (Q.T @ rest)) ** 2))
-
-        count, taken = len(self.values), {step.before for step in self.course.steps}
-        found = {k: left(np.column_stack([straight, jump(count, k)])) for k in range(count - 1) if k not in taken}
-        best = min(found, key=found.__getitem__, default=None)
-        return best if best is not None and found[best] <= left(model.design) + AS_GOOD else None
+        model, drift = self.course.model, int(np.argmax(self.course.drift_column))
+        root = (model.own + model.scatter**2)[:, None] ** -0.5
+        jumps = [jump(len(self.values), k) for k in range(len(self.values) - 1)]
+        straight = root * np.delete(model.design, drift, axis=1)
+        pull, information = each_alone(root[:, 0] * model.values, straight, root * np.column_stack([*jumps, model.design[:, drift]]))
+        gain = pull**2 / information
+        best = int(np.nanargmax(gain[:-1]))
+        return best if gain[best] >= gain[-1] - AS_GOOD else None
 
     @cached_property
     def step_limit(self) -> float | None:
         """A step in any one interval, beside those found, is smaller than this with 95 %; None where too few sessions tell."""
         if self.course is None or not self.course.has_drift:
             return None
-        model, taken = self.course.model, {step.before for step in self.course.steps}
+        model = self.course.model
         if model.freedom < 2:
             return None
-        size, sigma = candidates(model.values, model.own, model.design, taken)
+        size, sigma = candidates(model.values, model.own, model.design)
         reach = np.where(np.isfinite(size), np.abs(size) + 2 * sigma, -1.0)
         limits = []
         for before in np.argsort(-reach)[:TRIED]:
@@ -195,14 +191,11 @@ class UnitHistory:
         """All that were found, the most significant first."""
         found = []
         for each in self.numbers:
-            if each.course is None:
-                continue
-            for place, step in enumerate(each.course.steps):
+            for place, (before, p_value) in enumerate({} if each.course is None else each.course.steps.items()):
                 model, column = each.course.model, each.course.step_column(place)
-                names = [printable(self.sessions[each.sessions[i]].name) for i in (step.before, step.before + 1)]
-                interval = int(each.sessions[step.before])
+                names = [printable(self.sessions[each.sessions[i]].name) for i in (before, before + 1)]
                 size = float(model.coefficients @ column)
-                found.append(FoundStep(each.number, names[0], names[1], interval, size, model.sigma(column), step.p_value))
+                found.append(FoundStep(each.number, *names, int(each.sessions[before]), size, model.sigma(column), p_value))
         return tuple(sorted(found, key=lambda step: step.p_value))
 
 

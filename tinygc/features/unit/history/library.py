@@ -18,7 +18,7 @@ from tinygc.estimation.session_times import Moment, parsed
 from tinygc.features.unit.history.estimate import NumberHistory, UnitHistory, history_of
 from tinygc.features.unit.history.forecast import Outlook, outlooks_of, parse_accuracy, parse_limit
 from tinygc.features.unit.history.sessions import NUMBERS, read_dates, sessions_of
-from tinygc.features.unit.history.text import outlook_line, unit_facts
+from tinygc.features.unit.history.shown import outlook_line, page, picture_of, unit_facts
 from tinygc.features.unit.options import HistoryOptions
 from tinygc.inference.decide import KINDS
 from tinygc.library.arguments import is_path, public
@@ -74,14 +74,10 @@ class History(Kept):
 
     def html(self) -> str:
         """The histories as one HTML document."""
-        from tinygc.features.unit.history.page import page
-
         return page(self.units, self.outlooks, self.remarks)
 
     def plot(self, path: Path | str | None = None, unit: int = 0) -> Picture:
         """Draw the numbers of a unit over the dates; path: an SVG to write, or a PNG, which needs matplotlib."""
-        from tinygc.features.unit.history.curves import picture_of
-
         return saved(picture_of(self.units[unit]), path)
 
     def save(self, folder: Path | str, pictures: bool = True) -> Any:

@@ -1,22 +1,34 @@
-"""The screen of ``history``: values over dates, what they say together, shocks, and until when a requirement is met."""
+"""What people see of a history: the screen, the page with its pictures, and the section of a report whose ``--history`` names other fitted
+sessions of the unit.
+
+A picture has the numbers of one kind about their means, over the dates, with the course that was estimated and the shocks that were found.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from datetime import timedelta
 
 import numpy as np
 
 from session.base.texts import NONE, measured, probability
 from session.base.texts import significant as with_thin_spaces
 from session.base.units import DEG
-from tinygc.estimation.between_sessions import CHANCE, FEWEST_WITH_DRIFT, FEWEST_WITH_TEMPERATURE, LEAST_WARMTH_K, LOOKED_AT
-from tinygc.estimation.session_times import SOURCES
-from tinygc.features.unit.history.estimate import LONGEST_YEAR, NumberHistory, UnitHistory
+from tinygc.estimation.between_sessions import CHANCE, FEWEST_WITH_DRIFT, FEWEST_WITH_TEMPERATURE, LEAST_WARMTH_K, LOOKED_AT, ONE_SIGMA
+from tinygc.estimation.session_times import SOURCES, YEAR_S
+from tinygc.estimation.spread import ZERO
+from tinygc.explanation.reported import ReportData
+from tinygc.features.unit.history.estimate import LONGEST_YEAR, NumberHistory, UnitHistory, history_of
 from tinygc.features.unit.history.forecast import HOLDS, Outlook
-from tinygc.features.unit.history.sessions import GYROSCOPE, Number
+from tinygc.features.unit.history.sessions import GYROSCOPE, Number, unit_sessions
+from tinygc.fitting.unit_state import fitted_state, state_of
 from tinygc.inference.decide import KINDS
 from tinygc.models.linear import BIAS
+from tinygc.reporting import facts
+from tinygc.reporting.drawing import Axis, Panel, Picture
 from tinygc.reporting.facts import Part, Table
+from tinygc.reporting.html.markup import Section
 from tinygc.reporting.terminal import one_line
 
 #: sessions of the table of values; of more, the last ones stand there, and all are in history.json
@@ -206,3 +218,116 @@ def outlook_line(each: Outlook) -> str:
     if each.answer == HOLDS and each.until is not None:
         said += f" until {each.until.date()}{' at least' * each.beyond} (95 %){'' if each.beyond else ': calibrate before that day'}"
     return f"{said}; {each.reason}" if each.reason else said
+
+
+# The pictures.
+
+#: places between the first session and the last at which a course is drawn
+DRAWN = 25
+#: components that are drawn in one panel; of six misalignments three at a time
+SIDE_BY_SIDE = 3
+#: of the span, between the points of two components at one session
+APART = 0.006
+#: dates below a panel
+DATES = 6
+
+
+def picture_of(history: UnitHistory) -> Picture:
+    """All panels of a unit."""
+    title = f"{headline(history)}: difference from each number's mean, ± one sigma; dashed: no significant course"
+    return Picture([*panels_of(history)], title)
+
+
+def panels_of(history: UnitHistory) -> Iterator[Panel]:
+    """A panel for each kind of number, in their order."""
+    for name in dict.fromkeys(each.number.name for each in history.numbers):
+        kind = [each for each in history.numbers if each.number.name == name and len(each.values)]
+        for first in range(0, len(kind), SIDE_BY_SIDE):
+            part = kind[first : first + SIDE_BY_SIDE]
+            title = name if len(kind) <= SIDE_BY_SIDE else f"{name} {', '.join(each.number.component for each in part)}"
+            yield _panel(history, part, title)
+
+
+def _panel(history: UnitHistory, part: Sequence[NumberHistory], title: str) -> Panel:
+    # Years since the first session, with dates, or names of sessions where there are none
+    lo, hi = float(history.at[0]), float(history.at[-1])
+    room, first, unit = 0.04 * (hi - lo) or 0.5, history.sessions[0].moment, part[0].number.unit
+    if history.dated and first is not None:
+        dates = [(float(at), first.when + timedelta(seconds=float(at) * YEAR_S)) for at in np.linspace(lo, hi, DATES)]
+        ticks = [(at, date.date().isoformat()) for at, date in dates]
+    else:
+        ticks = [(float(at), session.name[:16]) for at, session in zip(history.at, history.sessions, strict=True)]
+    course = "the course with its 68 %, dashed where neither drift nor step is significant"
+    caption = f"{title}: difference from each one’s mean, and {course}."
+    panel = Panel(Axis("", lo - room, hi + room, ticks=ticks), Axis(f"difference ({unit})"), title, caption=caption)
+    shocks: dict[float, list[str]] = {}
+    for k, (axis, each) in enumerate(zip("xyz", part, strict=False)):
+        si, at, component = each.number.si, history.at[each.sessions], each.number.component
+        mean = float(np.mean(each.values))
+        values, sigmas = (each.values - mean) / si, each.sigmas / si
+        if each.course is not None:
+            grid, *curves = _course(each, at)
+            middle, low, high = ((curve - mean) / si for curve in curves)
+            panel.area(grid, low, high, axis)
+            panel.line(grid, middle, axis, "thin" if each.course.drifts or each.course.steps else "dash")
+        says = [
+            f"{history.sessions[place].name}: {component} {value:+.3g} ± {sigma:.2g} {unit}"
+            for place, value, sigma in zip(each.sessions, values, sigmas, strict=True)
+        ]
+        beside = at + (k - 1) * APART * ((hi - lo) or 1.0)
+        panel.points(beside, values, axis, sigma=sigmas, name=f"{component} {significant(mean / si, 4)}", says=says)
+        for step in history.steps:
+            if step.number == each.number:
+                shocks.setdefault(float(history.at[step.interval : step.interval + 2].mean()), []).append(component)
+    for at_s, which in sorted(shocks.items()):
+        panel.upright(at_s, name="shock").words(at_s, -np.inf, f" shock: {', '.join(sorted(which))}", "floor")
+    return panel
+
+
+def _course(each: NumberHistory, at: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Level, steps and drift on a grid, with their 68 %; a step stands in the middle of its interval."""
+    assert each.course is not None
+    model = each.course.model
+    edges = [float((at[before] + at[before + 1]) / 2) for before in each.course.steps]
+    short = 1e-6 * (at[-1] - at[0])
+    grid = np.sort(np.concatenate([np.linspace(at[0], at[-1], DRAWN), *([edge - short, edge + short] for edge in edges)]))
+    slopes = np.zeros((len(grid), model.design.shape[1]))
+    slopes[:, 0] = 1.0
+    for k, edge in enumerate(edges):
+        slopes[:, 1 + k] = np.where(grid < edge, -1.0, 0.0)
+    if each.course.has_drift:
+        slopes += (grid - at[-1])[:, None] * each.course.drift_column
+    low, high = np.array([model.interval(slope, ONE_SIGMA) for slope in slopes]).T
+    return grid, slopes @ model.coefficients, low, high
+
+
+# The page, and the section.
+
+#: the section of the report that this one stands behind
+BEHIND = "explanation"
+
+
+def page(units: Sequence[UnitHistory], outlooks: Sequence[Sequence[Outlook]], remarks: Sequence[str]) -> str:
+    """The page as one HTML document."""
+    sections = [(f"unit-{k}", unit.name, unit_page(unit, own)) for k, (unit, own) in enumerate(zip(units, outlooks, strict=True))]
+    sections += [("remarks", "Remarks", [*remarks])] if remarks else []
+    title = units[0].name if len(units) == 1 else f"{len(units)} units"
+    return facts.page("History", title, sections, "± is one standard deviation; intervals and limits have 95 %.")
+
+
+def unit_page(history: UnitHistory, outlooks: Sequence[Outlook]) -> list[Part]:
+    """What stands of one unit, with its charts."""
+    return [*unit_facts(history, outlooks), *panels_of(history)]
+
+
+def section(evidence: ReportData) -> Section | None:
+    """Section on the unit's sessions, this one among them; None where the fit has no ``history``."""
+    fit = evidence.fit
+    if not fit.options.history or "least_squares" not in fit.methods:
+        return None
+    others = [fitted_state(folder) for folder in fit.options.history]
+    history = history_of(unit_sessions([*others, state_of(fit, fit.session.config)]))
+    # The fit states the bias of any other session, of the others alone: one document has one number.
+    spread = fit.spread.at(ZERO)
+    history = replace(history, any_session=None if spread.is_usual else spread)
+    return Section("history", "History", facts.html(unit_page(history, ())))

@@ -24,10 +24,10 @@ from tinygc.features.discovery.law_fits import curve, main_of, pairs_of, series_
 from tinygc.features.discovery.pictures import of_stills, of_turns
 from tinygc.features.discovery.report import DiscoveryReport
 from tinygc.features.discovery.report_section import SVG, searched, section
-from tinygc.features.discovery.result import discovery_page, to_json
+from tinygc.features.discovery.result import discovery_facts, to_json
 from tinygc.library import explanations
 from tinygc.reporting.facts import document
-from tinygc.reporting.terminal import as_text
+from tinygc.reporting.terminal import Group, as_text
 from tinygc.simulation.write import write_session
 
 ZONE, CUBE = LAWS["dead zone"], LawForm((Factor("rate", "cube"),))
@@ -125,7 +125,7 @@ TOLD = law_of(*ZONE, runners_up=(runner_up(CUBE),), same=(LawForm((Factor("rate"
 def test_the_page_says_what_a_bench_needs_or_how_much_nothing_is_worth(e, answer, words):
     table = DiscoveryReport(e, answer).to_json()
     assert not strangers(table)
-    text = " ".join(as_text(discovery_page(table)).split())
+    text = " ".join(as_text(Group(*discovery_facts(table["discovery"], table["next"]))).split())
     assert text.count("next: ") == len(answer.laws)  # one next step
     for line in words.splitlines():
         assert line.strip() in text, line
@@ -222,14 +222,14 @@ def test_the_report_has_a_laws_equation_its_evidence_its_picture_and_how_to_use_
     (tmp_path / "explain" / "discover.svg").write_bytes(SVG + b"and so on")
     text = html_of(tmp_path)
     for words in (
-        "An equation was found",
+        "an equation was found",
         "(41234 forms tried, 10987 of them distinct here)",
         "closure 0.2100° before, 0.0131° after, floor 0.0117°; 99.5 % of the excess removed",
-        "In these equations: clip(x, ±c) = x held within ±c",
+        "in these equations: clip(x, ±c) = x held within ±c",
         "alternative: ω_i += c_i clip(u_i, ±0.1)",
-        "written as <code>explain/effects/x.py</code>",
+        "written as effects/x.py",
         f"calibrate.py explain OTHER --effects {tmp_path / 'explain' / 'effects'}",
-        "<strong>Next:</strong> turn it again",
+        "next: turn it again",
         'src="data:image/svg+xml;base64,',
         "x ← x 0.1000 ± 0.0020",
     ):
@@ -244,8 +244,8 @@ def test_the_report_has_a_laws_equation_its_evidence_its_picture_and_how_to_use_
 def test_no_equation_is_said_too_and_nothing_where_nothing_was_searched_or_the_logs_are_others(tmp_path):
     table = explained(tmp_path, NOTHING, (), "")
     text = html_of(tmp_path)
-    assert "No equation of this grammar" in text
-    assert not re.search("<img|explain OTHER|Next:", text)
+    assert "no equation of this grammar" in text
+    assert not re.search("<img|explain OTHER|next:", text)
     for others in ({"logs": {}}, {"logs": table["logs"] | {"log0002.csv": "0" * 64}}):  # taken away since, or never there
         again(tmp_path, table | others)
         assert section(Evidence(tmp_path)) is None

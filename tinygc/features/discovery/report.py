@@ -22,7 +22,7 @@ from tinygc.explanation.engine import Explanation
 from tinygc.features.discovery.effect_file import Where, written
 from tinygc.features.discovery.law_fits import Pair, is_open, next_of, pairs_of
 from tinygc.features.discovery.pictures import picture_of
-from tinygc.features.discovery.result import discovery_page, to_json
+from tinygc.features.discovery.result import discovery_facts, to_json
 from tinygc.features.discovery.search_state import Discovery, Law
 from tinygc.features.discovery.selection import FORM
 from tinygc.library.explanations import Why
@@ -140,7 +140,9 @@ class DiscoveryReport(Why):
 
     def _page(self) -> Group:
         """The terminal's page: the explanation, then the search with its advice on what to do next."""
-        return Group(explanation_page(self.explanation, with_next=False), Text(""), discovery_page(self.table))
+        return Group(
+            explanation_page(self.explanation, with_next=False), Text(""), *discovery_facts(self.table["discovery"], self._following)
+        )
 
     def discovered(self) -> Picture:
         """``discover.svg``, for an answer with laws."""

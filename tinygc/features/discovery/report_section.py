@@ -15,15 +15,10 @@ from session.base.records import record_of
 from session.base.results import Array, Keys, ListOf, MapOf, Maybe, Number, Text, read_required, require
 from session.base.texts import shell_word
 from tinygc.explanation.reported import ReportData
-from tinygc.features.discovery.result import (
-    abbreviated,
-    evidence_words,
-    headline,
-    number_lines,
-    open_words,
-)
+from tinygc.features.discovery.result import discovery_facts
 from tinygc.features.discovery.search_state import HeldOut
-from tinygc.reporting.html.markup import Section, code, escape, paragraph
+from tinygc.reporting.facts import html
+from tinygc.reporting.html.markup import Section, code, paragraph
 
 #: the section of the report that this one stands behind
 BEHIND = "explanation"
@@ -120,37 +115,15 @@ def section(evidence: ReportData) -> Section | None:
     found = evidence.searched
     if found is None:
         return None
-    table = found.table
-    words, _ = headline(table["verdict"], any(law["runners_up"] for law in table["laws"]))
-    tried = f" ({table['forms']} forms tried, {table['distinct']} of them distinct here)" if table["forms"] else ""
-    html = paragraph(f"<strong>{escape(words[:1].upper() + words[1:])}</strong>{tried}, by <code>explain --discover</code>.")
-    for law in table["laws"]:
-        html += _law(law)
-    if short := abbreviated(table):
-        html += paragraph(f"In these equations: {escape(short)}.", "soft")
-    if table["catalogue_effects"] and table["laws"]:
-        html += paragraph(f"Beside them stand, of the catalogue: {escape(', '.join(each['id'] for each in table['catalogue_effects']))}.")
-    if table["why"]:
-        html += paragraph(f"{escape(table['why'])}.")
+    parts = html(discovery_facts(found.table, found.following))
     if found.picture is not None:
         data = b64encode(found.picture).decode()
         says = "Left: what is missed without the law, with the law through it. Right: what it leaves."
-        html += (
+        parts += (
             f'<figure><img src="data:image/svg+xml;base64,{data}" alt="The remainder against the law, and what the law leaves">'
             f"<figcaption>{says}</figcaption></figure>"
         )
-    if found.following:
-        html += paragraph(f"<strong>Next:</strong> {escape(found.following)}.")
-    if table["laws"]:
-        html += paragraph("The law as an effect, in another session:") + code(
-            f"calibrate.py explain OTHER --effects {shell_word(found.folder / 'effects')}"
-        )
-    return Section("discovery", "Beyond the catalogue", html)
-
-
-def _law(law: dict) -> str:
-    html = f'<div class="found"><h3>{escape(law["id"])}</h3>{paragraph(escape(law["in_words"]))}{code(law["equation"])}'
-    html += code("\n".join(number_lines(law)))
-    evidence = [escape(words) for words in (*evidence_words(law), *open_words(law))]
-    evidence += [f"written as <code>explain/{escape(law['file'])}</code>"] if law["file"] else []
-    return html + "<ul>" + "".join(f"<li>{each}</li>" for each in evidence) + "</ul></div>"
+    if found.table["laws"]:
+        use = f"calibrate.py explain OTHER --effects {shell_word(found.folder / 'effects')}"
+        parts += paragraph("The law as an effect, in another session:") + code(use)
+    return Section("discovery", "Beyond the catalogue", parts)

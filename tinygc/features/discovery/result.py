@@ -1,4 +1,4 @@
-"""A discovery as JSON and in the terminal."""
+"""A discovery as JSON, and as facts for terminal and page."""
 
 from __future__ import annotations
 
@@ -27,9 +27,10 @@ from tinygc.features.discovery.words import (
     terms_of,
 )
 from tinygc.reporting.explanation_text import parameter_lines
-from tinygc.reporting.terminal import Group, Text, one_line
+from tinygc.reporting.facts import Part
+from tinygc.reporting.terminal import Text
 
-# A discovery as the key ``discovery`` of ``tinygc-explain/2`` (docs/formats.md); the page and the report are made from the same table.
+# A discovery as the key ``discovery`` of ``tinygc-explain/2`` (docs/formats.md); the facts are made from the same table.
 
 
 def to_json(discovery: Discovery, files: Sequence[str | None]) -> dict:
@@ -98,7 +99,7 @@ def briefly(text: str) -> str:
     return text
 
 
-# A discovery in the terminal: equation, evidence, alternatives, and use.
+# A discovery as facts: equation, evidence, alternatives, and use.
 
 HEADLINES = {
     "found": ("an equation was found", "green"),
@@ -120,48 +121,29 @@ def headline(verdict: str, has_rivals: bool) -> tuple[str, str]:
     return HEADLINES[verdict]
 
 
-def discovery_page(explained: dict) -> Group:
-    """Page of the terminal, from the table of ``DiscoveryReport``."""
-    table, following = explained["discovery"], explained["next"]
+def discovery_facts(table: dict, following: str | None) -> list[Part]:
+    """Facts of a discovery for terminal and page, from its table; following: what to do next."""
     words, style = headline(table["verdict"], any(law["runners_up"] for law in table["laws"]))
     tried = f"   ({table['forms']} forms tried, {table['distinct']} of them distinct here)" if table["forms"] else ""
-    lines: list = [Text.assemble(("Beyond the catalogue: ", "bold"), (words, style), tried)]
+    facts: list[Part] = [Text.assemble(("Beyond the catalogue: ", "bold"), (words, style), tried)]
     for law in table["laws"]:
-        lines += [Text(""), *_law_lines(law)]
+        facts += ["", Text.assemble((f"{law['id']}  ", "bold cyan"), law["equation"])]
+        facts += [f"  {line}" for line in (law["in_words"], *number_lines(law), *evidence_words(law))]
+        facts += [Text(f"  {line}", "yellow") for line in open_words(law)]
+        facts += [f"  written as {law['file']}"] if law["file"] else []
     if table["laws"]:
-        lines.append(Text(""))
-        lines += [one_line(f"in these equations: {short}")] if (short := abbreviated(table)) else []
+        facts += ["", *([f"in these equations: {short}"] if (short := abbreviated(table)) else [])]
         which = "it" if len(table["laws"]) == 1 else "them"
         named = [(each["id"], *parameter_lines(each["parameters"], each["std"])) for each in table["catalogue_effects"]]
-        lines += [one_line(f"beside {which}: {'  '.join(each)}") for each in named]
+        facts += [f"beside {which}: {'  '.join(each)}" for each in named]
     elif table["forms"]:
         # Effects of an answer without a law come from part of the recording, untested: the explanation above lists its own.
-        lines.append(
-            one_line(
-                f"the best form promises {table['best']:.3g} in −2 log evidence by its linear columns, its description paid; "
-                f"in noise alone the best of so many promises more than {table['chance']:.3g} in 1 of 20 searches"
-            )
+        facts.append(
+            f"the best form promises {table['best']:.3g} in −2 log evidence by its linear columns, its description paid; "
+            f"in noise alone the best of so many promises more than {table['chance']:.3g} in 1 of 20 searches"
         )
-    if table["why"]:
-        lines.append(one_line(table["why"]))
-    if learnable := _learnable(table["learnable"]):
-        lines.append(one_line(learnable))
-    if following:
-        lines.append(Text.assemble(("next: ", "bold"), following))
-    return Group(*lines)
-
-
-def _law_lines(law: dict) -> list[Text]:
-    lines = [
-        Text.assemble((f"{law['id']}  ", "bold cyan"), law["equation"]),
-        one_line(f"  {law['in_words']}"),
-    ]
-    lines += [Text(f"  {line}") for line in number_lines(law)]
-    lines += [one_line(f"  {words}") for words in evidence_words(law)]
-    lines += [Text(f"  {words}", "yellow") for words in open_words(law)]
-    if law["file"]:
-        lines.append(one_line(f"  written as {law['file']}"))
-    return lines
+    facts += [line for line in (table["why"], _learnable(table["learnable"])) if line]
+    return [*facts, *([Text.assemble(("next: ", "bold"), following)] if following else [])]
 
 
 def evidence_words(law: dict) -> list[str]:

@@ -21,7 +21,6 @@ from benchmarks.public.euroc import write_sequences
 from session.base.units import DEG, G
 from tinygc.explanation.engine import explain_session
 from tinygc.library.explanations import Why, explain
-from tinygc.reporting.explanation_text import explanation_page
 from tinygc.reporting.terminal import output
 from tinygc.simulation.options import SimulationOptions
 from tinygc.simulation.write import write_session
@@ -47,7 +46,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as parent:
         folder = write_session(options, Path(parent) / "warm", distort=warm)
         explanation = explain_session(folder)
-        output().print(explanation_page(explanation))
+        output().print(Why(explanation).page)
         shutil.copy(Why(explanation).save() / "explain.svg", Path(__file__).parent / "explain.svg")
         options = SimulationOptions(seed=5, segments=40, closure_s=0.0)
         folder = write_session(options, Path(parent) / "hidden", distort=leaning)

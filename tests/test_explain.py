@@ -22,7 +22,7 @@ from tinygc.explanation.physics import physics_methods
 from tinygc.explanation.result import to_json
 from tinygc.fitting.fit import fit_session
 from tinygc.reporting.checked_text import checked_page
-from tinygc.reporting.explanation_text import explanation_page
+from tinygc.reporting.explanation_text import explanation_facts
 from tinygc.reporting.html.sections.explanation import section
 from tinygc.reporting.terminal import Group, as_text
 from tinygc.simulation.write import write_session
@@ -83,7 +83,7 @@ def test_a_strong_effect_is_named_with_its_size_and_undone(explained):
 def test_terminal_report_and_json_show_one_table_of_residuals(explained):
     """And a healthy accelerometer looks healthy before and after: whitened together with the closure, a name would seem to mend it."""
     e, heading = explained["first"], "Recorded less predicted"
-    lines = as_text(explanation_page(e)).splitlines()
+    lines = as_text(Group(*explanation_facts(e))).splitlines()
     at = next(number for number, line in enumerate(lines) if line.startswith(heading))
     shown = [re.split(r"\s{2,}", line.strip()) for line in lines[at + 2 : at + 7]]
     html = section(SimpleNamespace(by_reference=None, explanation=e)).html

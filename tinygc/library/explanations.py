@@ -26,7 +26,8 @@ from tinygc.library.arguments import public, session_or_folder
 from tinygc.library.records import Listed, Shown
 from tinygc.reporting.checked_text import checked_page
 from tinygc.reporting.drawing import Picture, saved
-from tinygc.reporting.explanation_text import explanation_page, verdict_line
+from tinygc.reporting.explanation_text import explanation_facts, verdict_line
+from tinygc.reporting.facts import Part, screen
 from tinygc.reporting.pictures.page import picture_of
 from tinygc.reporting.terminal import Group, Text
 
@@ -134,10 +135,10 @@ class Why(Shown):
     def page(self) -> Group:
         """The command's output as a rich renderable: verdict, effects, residuals, evidence and what to do next."""
         by = [] if self.turned_by is None else [self.turned_by.page()]
-        return Group(self._page(), *by, *checked_page(self.checked))
+        return screen([*self._facts(), *by, *checked_page(self.checked)])
 
-    def _page(self) -> Group:
-        return explanation_page(self.explanation)
+    def _facts(self) -> list[Part]:
+        return explanation_facts(self.explanation)
 
     @property
     def verdict_line(self) -> Text:

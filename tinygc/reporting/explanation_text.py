@@ -1,14 +1,14 @@
-"""An explanation in the terminal, on its picture's page and as files, whatever its reference."""
+"""An explanation as facts for terminal and page, whatever its reference."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from session.base.texts import measured
 from session.base.units import DEG, MG
 from tinygc.effects.effect import IN_STILLS
-from tinygc.explanation.claims import LEFT, Claim, p_words
+from tinygc.explanation.claims import LEFT, p_words
 from tinygc.explanation.decision import tilt_rms
 from tinygc.explanation.engine import Explanation
 from tinygc.explanation.result import (
@@ -27,80 +27,51 @@ from tinygc.explanation.result import (
 from tinygc.explanation.search import in_words, lines_end_hz
 from tinygc.noise.turn_gravity import TurnGravity
 from tinygc.noise.twin import Variable
-from tinygc.reporting.facts import Table
-from tinygc.reporting.terminal import Group, Text, one_line
-
-# An explanation as text, for the terminal and the page of pictures, and its files.
-
-# Page of an explanation, in the terminal and on the picture.
+from tinygc.reporting.facts import Part, Table
+from tinygc.reporting.terminal import Text, one_line
 
 MOST_SAID = 6  #: number of segments listed, worst first
 
 
-def explanation_page(e: Explanation, with_next: bool = True) -> Group:
-    """Page of verdict, effects with their parameters, residuals, evidence and, if ``with_next``, what to do next."""
-    parts: list = [verdict_line(e), *([] if e.decision is None else [one_line(f"fit: {e.decision.headline}", "dim")]), Text("")]
+def explanation_facts(e: Explanation, panels: Sequence[Part] = (), with_next: bool = True) -> list[Part]:
+    """Facts of an explanation: verdict, effects with their parameters, residuals, evidence and, if ``with_next``, what to do next; panels:
+    for a page."""
+    parts: list[Part] = [verdict_line(e), *([] if e.decision is None else [one_line(f"fit: {e.decision.headline}", "dim")]), ""]
     among = " among the catalogue's effects" if e.verdict in LEFT else ""
     # Warnings of the first look come before findings without a name: they are the likelier cause.
-    parts += [Text(f"First look: {w.where}: {w.what}: {w.says}; {w.do}\n", "yellow") for w in e.warnings]
-    parts += [one_line(f"{family.words}\n") for family in families_of(e)]
-    for claim in e.claimed:
-        parts.append(
-            Text.assemble(
-                (f"{claim.effect.id}  ", "bold cyan"),
-                claim.effect.equation,
-                f"   probability {chance_words(claim.probability)}{among}, p {p_words(claim.p_value, claim.p_is_bound)}",
-            )
-        )
-        parts.append(one_line(f"  {claim.says}"))
-        parts += [Text(f"  {line}") for line in parameter_lines(claim.parameters, claim.std)]
+    for line in (*(Text(f"First look: {w.where}: {w.what}: {w.says}; {w.do}", "yellow") for w in e.warnings), *families_of(e)):
+        parts += [line if isinstance(line, Text) else line.words, ""]
+    for claim, style in (*((claim, "bold cyan") for claim in e.claimed), *((claim, "bold magenta") for claim in e.findings)):
+        named = style == "bold cyan"
+        chance = f"   probability {chance_words(claim.probability)}{among * named}, p {p_words(claim.p_value, claim.p_is_bound)}"
+        share = "" if named else f"; it carries {100 * (claim.share or 0):.0f} % of the misfit"
+        parts += [Text.assemble((f"{claim.effect.id}  ", style), claim.effect.equation, chance), f"  {claim.says}{share}"]
+        parts += [f"  {line}" for line in parameter_lines(claim.parameters, claim.std) if named]
         if claim.equivalent:
             parts.append(Text(f"  could as well be: {', '.join(equivalent_words(claim))}", "yellow"))
-        parts += [*_rivals(claim), Text("")]
-    for claim in e.findings:
-        chance = f"   probability {chance_words(claim.probability)}, p {p_words(claim.p_value)}"
-        parts.append(Text.assemble((f"{claim.effect.id}  ", "bold magenta"), claim.effect.equation, chance))
-        parts.append(one_line(f"  {claim.says}; it carries {100 * (claim.share or 0):.0f} % of the misfit"))
-        parts += [*_rivals(claim), Text("")]
-    parts += [
-        Text(HEADING, "italic"),
-        channels_table(e),
-        *([] if e.gravity is None else [_gravity(e.gravity), _stamps(e)]),
-        *([] if e.shown is None else [Table("", ("", ""), e.shown.rows, left=(0, 1))]),
-        Text(""),
-    ]
+        parts += [*([f"  weighed in its place: {', '.join(rivals)}"] if (rivals := rival_words(claim)) else []), ""]
+    parts += [Text(HEADING, "italic"), channels_table(e), *panels]
+    parts += [] if e.gravity is None else [_gravity(e.gravity), _stamps(e)]
+    parts += ["" if e.shown is None else Table("", ("", ""), e.shown.rows, left=(0, 1)), ""]
     # Candidates that were detected or weighed, and rejected.
     lines = considered_lines(e)
-    parts += [Text("considered, and not borne out:"), *(Text(f"  {line}") for line in lines)] if lines else []
+    parts += ["considered, and not borne out:", *(f"  {line}" for line in lines)] if lines else []
     if e.verdict == "unexplained" and (highest := lines_end_hz(e.twin)) is not None:
-        parts.append(Text(f"not looked for: lines of the rate above {highest:.2g} Hz, of which so long a session has too many"))
-    parts += [noise_table(e)] if noise_rows(e) else []
+        parts.append(f"not looked for: lines of the rate above {highest:.2g} Hz, of which so long a session has too many")
+    if rows := noise_rows(e):
+        parts.append(Table("estimated non-white noise", ("component", "± one sigma", "what it is"), rows, left=range(3)))
     if not e.problem.instability.source.startswith("typical"):
-        parts.append(one_line(f"bias instability, which `noise.bias_wander` begins from: {e.problem.instability.words}"))
-    if e.problem.at_rest is not None and e.problem.at_rest.words:
-        parts.append(one_line(e.problem.at_rest.words))
-    parts += [*([Text("; ".join(place))] if (place := where_words(e)) else []), _proof(e)]
-    if e.verdict == "no_mismatch":
-        parts += [Text(line) for line in in_words(e.detection_limits)]
-    if with_next and (following := what_next(e)):
-        parts.append(Text.assemble(("next: ", "bold"), following))
-    return Group(*parts)
+        parts.append(f"bias instability, which `noise.bias_wander` begins from: {e.problem.instability.words}")
+    parts += [e.problem.at_rest.words] if e.problem.at_rest is not None and e.problem.at_rest.words else []
+    parts += [*(["; ".join(place)] if (place := where_words(e)) else []), _proof(e)]
+    parts += in_words(e.detection_limits) if e.verdict == "no_mismatch" else []
+    return parts + ([Text.assemble(("next: ", "bold"), following)] if with_next and (following := what_next(e)) else [])
 
 
 def verdict_line(e: Any) -> Text:
     """Session, verdict and p-value."""
     words, style = e.words
     return Text.assemble((f"{e.session.name}: ", "bold"), (words, style), f"   (p {p_words(e.p_value)})")
-
-
-def _rivals(claim: Claim) -> list[Text]:
-    rivals = rival_words(claim)
-    return [Text(f"  weighed in its place: {', '.join(rivals)}")] if rivals else []
-
-
-def noise_table(e: Explanation) -> Table:
-    """Noise components with their sizes."""
-    return Table("estimated non-white noise", ("component", "± one sigma", "what it is"), noise_rows(e), left=range(3))
 
 
 def parameter_lines(parameters: Mapping[str, Any], stds: Mapping[str, Any]) -> list[str]:

@@ -632,7 +632,7 @@ def test_sensor_clock_and_wrong_moments_are_told_apart(whole):
     with patch.object(result, "hash_of_log", lambda log: "0" * 64):
         table = why.to_json()
     html = section(SimpleNamespace(explanation=e)).html
-    assert all(f"<h3>{name}</h3>" in html for name in named)
+    assert all(name in html for name in named)
     assert "frames" in html
     assert "could as well be" in why.summary()
     assert strangers(json.loads(json.dumps(table, allow_nan=False))) == []

@@ -27,8 +27,8 @@ from tinygc.features.discovery.search_state import Discovery, Law
 from tinygc.features.discovery.selection import FORM
 from tinygc.library.explanations import Why
 from tinygc.reporting.drawing import Picture
-from tinygc.reporting.explanation_text import explanation_page
-from tinygc.reporting.terminal import Group, Text
+from tinygc.reporting.explanation_text import explanation_facts
+from tinygc.reporting.facts import Part
 
 # Save laws as effect files in a folder whose earlier files may have been edited; no edit is ever lost.
 #
@@ -138,11 +138,9 @@ class DiscoveryReport(Why):
         use = command_line("explain", "OTHER", "--effects", folder / "effects")
         return [("use it in another session:", use)] if self.beyond.laws else []
 
-    def _page(self) -> Group:
-        """The terminal's page: the explanation, then the search with its advice on what to do next."""
-        return Group(
-            explanation_page(self.explanation, with_next=False), Text(""), *discovery_facts(self.table["discovery"], self._following)
-        )
+    def _facts(self) -> list[Part]:
+        found = discovery_facts(self.table["discovery"], self._following)
+        return [*explanation_facts(self.explanation, with_next=False), "", *found]
 
     def discovered(self) -> Picture:
         """``discover.svg``, for an answer with laws."""

@@ -2,26 +2,17 @@
 
 from __future__ import annotations
 
-from tinygc.estimation.bias import tilt_rms
-from tinygc.explanation.claims import LEFT
 from tinygc.explanation.reported import ReportData
-from tinygc.explanation.result import (
-    HEADING,
-    chance_words,
-    considered_lines,
-    equivalent_words,
-    noise_rows,
-    rival_words,
-    what_next,
-)
-from tinygc.reporting.explanation_text import channels_table, noise_table, parameter_lines, where_words
-from tinygc.reporting.html.markup import Section, render
+from tinygc.reporting.explanation_text import explanation_facts
+from tinygc.reporting.facts import html
+from tinygc.reporting.html.markup import Section
 from tinygc.reporting.pictures.in_stills import in_time
 from tinygc.reporting.pictures.in_turns import proof_panel
 from tinygc.reporting.pictures.page import drawable, pair_of
+from tinygc.reporting.terminal import Text
 
-#: functions with which the template describes a claim
-WORDS = {each.__name__: each for each in (chance_words, equivalent_words, parameter_lines, rival_words)}
+#: repairs that are looked for in every recording of gravity
+IN_REGISTERS = "clipping, false readings, lost samples, stills that move"
 
 
 def section(evidence: ReportData) -> Section | None:
@@ -33,22 +24,8 @@ def section(evidence: ReportData) -> Section | None:
         return None
     # The strongest cause whose picture the page can draw; one that draws its own may fail.
     told = next((claim for claim in drawable(e) if isinstance(claim.effect.pair, str)), None)
-    panels = pair_of(e, told) if told is not None else (in_time(e),) if e.twin.stills else ()
-    html = render(
-        "explanation.html",
-        e=e,
-        verdict=e.words[0],
-        words=WORDS,
-        among=" among the catalogue's effects" if e.verdict in LEFT else "",
-        place=where_words(e),
-        heading=HEADING,
-        residuals=channels_table(e),
-        panels=panels,
-        proof=proof_panel(e),
-        tilt_rms=tilt_rms,
-        considered=considered_lines(e),
-        noise=noise_rows(e) and noise_table(e),
-        tried=sorted({effect.id for effect in candidates(e.twin)} - {claim.effect.id for claim in e.claimed}),
-        next=what_next(e),
-    )
-    return Section("explain", "Why recording and simulation differ", html)
+    panels = [*(pair_of(e, told) if told is not None else (in_time(e),) if e.twin.stills else ())]
+    panels += [*(() if e.shown is None else e.shown.panels), *([proof_panel(e)] if e.proof.changed else [])]
+    tried = sorted({effect.id for effect in candidates(e.twin)} - {claim.effect.id for claim in e.claimed})
+    said = f"tried, and not found: {', '.join(tried)}" + ("" if e.shown else f"; looked for in the registers as well: {IN_REGISTERS}")
+    return Section("explain", "Why recording and simulation differ", html([*explanation_facts(e, panels), Text(said, "dim")]))

@@ -302,14 +302,15 @@ def why_too_few(stills: Sequence[Still], segments: Sequence[Segment], turns: Seq
             + (f" ({bad})" if bad else "")
             + "; record still - turn - still"
         )
-    used = sum(segment.accepted for segment in segments)
+    used = [segment for segment in segments if segment.accepted]
     if not used:
         return f"all {len(segments)} segments are rejected, the first because {segments[0].problem}"
-    if used >= FEWEST_SEGMENTS or _span_space(turns):
+    if len(used) >= FEWEST_SEGMENTS or _span_space(turns):
         return None
     return (
-        f"{used} usable segments, expected at least {FEWEST_SEGMENTS} (40 is good, fewer with a prior): "
-        "12 parameters, 2 angles a segment"
+        f"{len(used)} usable segments, expected at least {FEWEST_SEGMENTS} (40 is good, fewer with a prior): "
+        f"12 parameters, 2 angles a segment; the last ends at {used[-1].start_s + used[-1].duration_s:.0f} s: "
+        "copy the log again if it was cut there, or record more turns"
         + next((f"; turns.csv, {turn.known.name}: {turn.problem}" for turn in turns if turn.problem), "")
     )
 

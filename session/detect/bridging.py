@@ -21,10 +21,9 @@ from session.log.stamps import not_caught_up
 
 SIDE = 4  #: samples on either side that carry the polynomial: two more than the highest order has coefficients
 ORDERS = (1, 3, 5)
-#: share of the speed at the gaps, or of the bend next to one, from which on a place is like them, up to its inverse
-#: (not critical: benchmarks/thresholds.py)
+#: share of the bend next to a gap from which on a place is like it, up to its inverse (not critical: benchmarks/thresholds.py)
 AS_FAST = 0.5
-FEWEST_TRIALS = 40  #: places: their rms is then known to 11 %; where fewer are alike, all that are as fast
+FEWEST_TRIALS = 40  #: places: their rms is then known to 11 %
 BEND_STEPS = 4  #: to an octave, in which bends are alike
 #: places whose bend is looked up: those of a session of an hour; of a day every so many
 MOST_PLACES = 1 << 20
@@ -35,31 +34,6 @@ def across(values: np.ndarray, before: int, after: int, count: int, order: int) 
     """``count`` readings (count, C) between rows ``before`` and ``after`` of values (N, C)."""
     rows = np.concatenate([np.arange(before - SIDE + 1, before + 1), np.arange(after, after + SIDE)])
     return _weights(count, order) @ values[np.clip(rows, 0, len(values) - 1)]
-
-
-def best_order(samples: Samples, rows: np.ndarray, count: int) -> tuple[int, float]:
-    """The order that crosses gaps of ``count`` best where the gyro turns as it does at ``rows``, and the rotation, rad rms per axis,
-    that it misses."""
-    speed = np.concatenate([np.linalg.norm(part, axis=1) for _, part in pieces(samples.gyro)])
-    reach = count + SIDE
-    here = np.median(speed[rows])
-    usable = speed >= AS_FAST * here
-    for row in rows:
-        usable[max(row - reach - count, 0) : row + reach + count] = False
-    usable[:reach] = usable[len(usable) - 2 * reach :] = False
-    alike = np.flatnonzero(usable & (speed <= here / AS_FAST))
-    places = alike if len(alike) >= FEWEST_TRIALS else np.flatnonzero(usable)
-    if not len(places):
-        return 3, 0.0
-    places = places[:: -(-len(places) // MOST_TRIALS)]
-    around = np.concatenate([np.arange(-SIDE, 0), np.arange(count, count + SIDE)])
-    true = samples.gyro[places[:, None] + np.arange(count)].sum(axis=1)
-    missed = {}
-    for order in ORDERS:
-        crossed = np.einsum("s,psj->pj", _weights(count, order).sum(axis=0), samples.gyro[places[:, None] + around])
-        missed[order] = rms_of(crossed - true) * samples.period_s
-    order = min(missed, key=missed.__getitem__)
-    return order, missed[order]
 
 
 class Crossings:
@@ -103,6 +77,19 @@ class Crossings:
 
     def __len__(self) -> int:
         return len(self._places)
+
+
+def best_order(samples: Samples, rows: np.ndarray, count: int) -> tuple[int, float]:
+    """The order that crosses gaps of ``count`` best where the rate bends as it does at ``rows``, and the rotation, rad rms per axis, that
+    it misses; these rows are no examples."""
+    spoilt = np.zeros(len(samples), dtype=bool)
+    spoilt[np.minimum(rows[:, None] + np.arange(count), len(samples) - 1)] = True
+    crossings = Crossings(samples.gyro, count, spoilt)
+    if not len(crossings):
+        return 3, 0.0
+    behind = np.minimum(rows + count, len(samples) - 1)
+    order, errors = crossings.like(float(np.median(bend(samples.gyro, np.maximum(rows - 1, 0), behind))))
+    return order, rms_of(errors.sum(axis=1)) * samples.period_s
 
 
 def bend(gyro: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:

@@ -559,7 +559,7 @@ def test_what_is_wrong_with_a_rest_is_said():
     assert figures.accel is None
     said = " ".join(said)
     for words in (
-        "not steady",
+        "gyro x: over 0.04 s, the noise of its second half is 1.4 times that of the other",
         "moves over 3 steps",
         "accel y: its readings do not change",
         "gyro z: log 2 is 1.3 times as noisy as log 1",

@@ -15,7 +15,7 @@ from session.base.errors import DataError
 from session.base.progress import Progress, untold
 from session.detect.rest_noise import FEWEST, lines_of, spectra
 from tinygc.features.noise.choice import FILTER, UNSEEN, Chosen, Search, cost, sandwich, stacked, stacks_of, unit_covariance
-from tinygc.features.noise.scales import TOP, Group, groups_of, knots_of, left_out, of_log_and_log, rest_of, temperature_part, unsteady
+from tinygc.features.noise.scales import TOP, Group, groups_of, knots_of, left_out, rest_of, temperature_part, unsteady
 from tinygc.features.noise.summary import SECTION, RestSums, contrasts, ratios_of
 from tinygc.inference.choose import ONE_SIDED
 from tinygc.inference.solve import inverse
@@ -80,7 +80,7 @@ def estimate_noise(sums: Sequence[RestSums], progress: Progress = untold) -> Noi
             axes.append(None)
             bands.append([])
             continue
-        remarks = [*of_log_and_log(rests, channel), *_coarse_steps(sections[:, :, channel])]
+        remarks = _coarse_steps(sections[:, :, channel])
         found = _axis(groups, period_s, _lines_hz(sections[:, :, channel], period_s))
         slow = [found.terms[name] for name in "BK"]
         if any(term.chosen for term in slow) and not any(term.is_determined for term in slow):
@@ -92,7 +92,7 @@ def estimate_noise(sums: Sequence[RestSums], progress: Progress = untold) -> Noi
             found = replace(found, terms={**found.terms, "B": limited})
         axes.append(found)
         bands.append(_allan_points(groups, period_s, found))
-        remarks += unsteady(rests, residuals, period_s)
+        remarks += unsteady(rests, channel, residuals, period_s)
         if moved:
             less = ", and of B there is a limit alone: the error of temperature's law is in it" if found.value("B") else ""
             remarks.append(f"temperature moves it by {_shown(moved, kind)} rms, which is taken off{less}.")

@@ -118,7 +118,7 @@ def rest_of(sums: RestSums) -> Rest:
             bad, out = bad | spell, out | noisy
     seconds = {kind: float(np.count_nonzero(mask)) * block_s for kind, mask in kinds.items() if mask.any()}
     first_s = {kind: float(blocks.number[np.argmax(kinds[kind])]) * block_s for kind in seconds}
-    unsteady = (bool(noisy.any()) and "noisier" not in kinds) or _halves_differ(by_level[0][:, ~out], counts[~out, 0])
+    unsteady = bool(noisy.any()) and "noisier" not in kinds
     return Rest(blocks, bad, ~out[blocks.chunk], [level[:, ~out] for level in by_level], counts[~out], block_s, seconds, first_s, unsteady)
 
 
@@ -170,45 +170,6 @@ def _leaps(blocks: Blocks, but: np.ndarray) -> np.ndarray:
         if np.isfinite(sigma) and sigma > 0:
             found |= joined & (size > limit * sigma)
     return found
-
-
-def _halves_differ(sums: np.ndarray, windows: np.ndarray) -> bool:
-    """Whether the variance at the finest scale differs between the halves of a rest by more than chance, and so that it matters."""
-    half = len(windows) // 2
-    if half < FEWEST_WINDOWS:
-        return False
-    first, second = (
-        np.trace(part, axis1=2, axis2=3).sum(axis=1) / max(count, 1)
-        for part, count in (
-            (sums[:, :half], windows[:half].sum()),
-            (sums[:, half:], windows[half:].sum()),
-        )
-    )
-    freedom = [float(part.sum()) * sums.shape[2] for part in (windows[:half], windows[half:])]
-    return any(differ(float(a), float(b), *freedom) for a, b in zip(first, second, strict=True) if a > 0 and b > 0)
-
-
-def differ(first: float, second: float, *freedom: float) -> bool:
-    """Whether two variances differ by more than chance, and their roots by ``WORTH_SAYING``."""
-    share = max(first, second) / min(first, second)
-    freedom = freedom if first > second else freedom[::-1]
-    return share > WORTH_SAYING**2 and 2 * float(fdtrc(*freedom, share)) < STEADY
-
-
-def of_log_and_log(rests: Sequence[Rest], channel: int) -> list[str]:
-    """Say where the white noise of two long rests differs: they are one estimate all the same."""
-    long = [rest for rest in rests if rest.counts[:, 0].sum() >= MANY_WINDOWS]
-    said = []
-    if len(long) > 1:
-        each = [rest.sums[0][channel].sum(axis=0) for rest in long]
-        size = [float(np.trace(S) / len(S) / rest.counts[:, 0].sum()) for S, rest in zip(each, long, strict=True)]
-        if np.isfinite(size).all() and min(size) > 0:
-            low, high = int(np.argmin(size)), int(np.argmax(size))
-            freedom = [float(long[k].counts[:, 0].sum()) * long[k].sums[0].shape[2] for k in (high, low)]
-            if differ(size[high], size[low], *freedom):
-                times = np.sqrt(size[high] / size[low])
-                said.append(f"log {high + 1} is {times:.2g} times as noisy as log {low + 1}; the figures are their mean.")
-    return said
 
 
 def _noisy_chunks(sums: np.ndarray, windows: np.ndarray, out: np.ndarray) -> np.ndarray:
@@ -315,31 +276,50 @@ def _coarse(rest: Rest, means: np.ndarray, columns: np.ndarray) -> tuple[list[tu
     return found, Group(size, number - number[0], basis, np.outer(z, z), 1.0, top=True, middle=middle - number[0])
 
 
-def unsteady(rests: Sequence[Rest], residuals: Sequence[np.ndarray], period_s: float) -> list[str]:
-    """Say of each rest where its slow noise differs between its halves by more than chance: a warming sensor, a spell of draught."""
-    said = []
+#: what the figures are where the noise differs
+MEAN = "; the figures are their mean."
+
+
+def unsteady(rests: Sequence[Rest], channel: int, residuals: Sequence[np.ndarray], period_s: float) -> list[str]:
+    """Say where a channel's noise differs by more than chance: between the halves of a rest, at the scale that shows it best, as in a
+    warming sensor or a spell of draught; and between long rests, which are one estimate all the same."""
+    said, whole = [], []
     for rest, means in zip(rests, residuals, strict=True):
-        levels, _ = _coarse(rest, means, np.zeros((len(means), 0)))
-        worst = (STEADY, "")
-        for (size, ratio), z in levels:
-            half, freedom = len(z) // 2, len(z) // 2 * z.shape[1]
-            if half < FEWEST_WINDOWS:
-                continue
-            squares = np.sum(z[:half] ** 2), np.sum(z[-half:] ** 2)
-            if not min(squares) > 0:  # of an axis that does not change here, and does in another log
-                continue
-            share = float(squares[0] / squares[1])
-            if max(share, 1 / share) < WORTH_SAYING**2:
-                continue
-            p_value = 2 * float(fdtrc(freedom, freedom, max(share, 1 / share)))
-            if p_value * len(levels) < worst[0]:
-                which, times = ("first", share) if share > 1 else ("second", 1 / share)
-                over_s = size * ratio / 2 * period_s
-                said_of = f"over {over_s:.3g} s, the noise of its {which} half is {np.sqrt(times):.2g} times that of the other"
-                worst = (p_value * len(levels), f"{said_of}; the figures are their mean.")
-        if worst[1]:
-            said.append(worst[1])
+        sums = rest.sums[0][channel]
+        ratio = sums.shape[1] + 1
+        fine = np.trace(sums, axis1=1, axis2=2), rest.counts[:, 0] * (ratio - 1)
+        whole.append(np.sum(fine, axis=1))
+        coarse, _ = _coarse(rest, means, np.zeros((len(means), 0)))
+        levels = [(ratio, *fine)] + [(size * each, np.sum(z**2, axis=1), np.full(len(z), z.shape[1])) for (size, each), z in coarse]
+        looks = [
+            (*_apart(np.add.reduceat(squares, [0, half]), np.add.reduceat(freedom, [0, half])), samples)
+            for samples, squares, freedom in levels
+            if (half := len(squares) // 2) >= FEWEST_WINDOWS
+        ]
+        p_value, noisier, times, samples = min(looks, default=(1.0, 0, 1.0, 0))
+        if p_value * len(looks) < STEADY:
+            over_s, which = samples / 2 * period_s, ("first", "second")[noisier]
+            said.append(
+                f"over {over_s:.3g} s, the noise of its {which} half is {times:.2g} times that of the other; the figures are their mean."
+            )
+    long = [k for k, rest in enumerate(rests) if rest.counts[:, 0].sum() >= MANY_WINDOWS]
+    if len(long) > 1:
+        squares, freedom = np.array(whole)[long].T
+        ends = np.argsort(squares / freedom)[[0, -1]]
+        p_value, _, times = _apart(squares[ends], freedom[ends])
+        if p_value < STEADY:
+            low, high = (long[end] + 1 for end in ends)
+            said.append(f"log {high} is {times:.2g} times as noisy as log {low}{MEAN}")
     return said
+
+
+def _apart(squares: np.ndarray, freedom: np.ndarray) -> tuple[float, int, float]:
+    """Chance of two variances as different, of sums of squares (2,) with degrees of freedom (2,), 1 where that is not worth a sentence;
+    which one is larger, and by how many times its root."""
+    variance = squares / np.maximum(freedom, 1)
+    high = int(np.argmax(variance))
+    share = float(variance[high] / variance[1 - high]) if variance.min() > 0 else 1.0  # of an axis that does not change here: nothing
+    return (2 * float(fdtrc(freedom[high], freedom[1 - high], share)) if share > WORTH_SAYING**2 else 1.0), high, share**0.5
 
 
 def _without(columns: np.ndarray) -> np.ndarray:

@@ -658,12 +658,40 @@ def some_points(celsius, seed=0, spread=1.0):
     return made
 
 
-def dense(points, columns, design, prior=0.0):
-    """Generalised least squares of some columns (k,) of all sessions on a design (n, p) for each: terms (p, k), covariance, chi-square."""
+def dense(points, columns, design):
+    """Chi-square of some columns (k,) of all sessions about a design (n, p) for each, by generalised least squares."""
     y = np.concatenate([point.values[columns] for point in points])
-    C = block_diag(*[point.covariance[columns][:, columns] for point in points]) + prior
-    terms, covariance, square = least_squares(y, np.kron(design, np.eye(len(columns))), C)
-    return terms.reshape(design.shape[1], -1), covariance, square
+    C = block_diag(*[point.covariance[columns][:, columns] for point in points])
+    return least_squares(y, np.kron(design, np.eye(len(columns))), C)[2]
+
+
+def assert_whole(points, fit, shape=()):
+    """All numbers of a fit and their covariance are those of one least squares with full matrices: the sessions' values, with its widening
+    of E and its scatter from switch-on, beside the terms above the level, and the lags, of rest logs."""
+    n, q = len(fit.model.E_terms), len(fit.model.zero_terms)
+    start, prior = np.zeros(9 * n + 3 * q + 3), np.zeros((9 * n + 3 * q + 3,) * 2)
+    for i, axis in enumerate(shape):
+        rows = 9 * n + np.append(3 * np.arange(1, axis.order + 1) + i, 3 * q + i)
+        start[rows], prior[np.ix_(rows, rows)] = np.append(axis.terms[1:], axis.tau_s), axis.covariance[1:, 1:]
+    sizes = [np.append(np.full(9, np.sqrt(fit.widened)), np.ones(3))] * len(points)
+    switch = np.nan_to_num(fit.turn_on_rps) ** 2 * np.diag(np.repeat([0.0, 1.0], [9, 3]))
+    C = block_diag(*[np.outer(size, size) * point.covariance + switch for size, point in zip(sizes, points, strict=True)])
+    away = [point.temp_c - fit.model.reference_c for point in points]
+    A = np.concatenate([block_diag(*(np.kron(x ** np.arange(k), np.eye(w)) for k, w in ((n, 9), (q, 3)))) for x in away])
+    A = np.pad(A, ((0, 0), (0, 3)))
+    free = np.arange(len(start)) < 9 * n + (3 if shape else 3 * q)
+    known = prior.diagonal() > 0
+    information = A.T @ np.linalg.solve(C, A)
+    information[np.ix_(known, known)] += np.linalg.inv(prior[np.ix_(known, known)])
+    some = np.ix_(free | known, free | known)
+    covariance = np.zeros_like(prior)
+    covariance[some] = np.linalg.inv(information[some])
+    y = np.concatenate([point.values for point in points])
+    vector = start + covariance @ A.T @ np.linalg.solve(C, y - A @ start)
+    sigma = np.sqrt(covariance.diagonal()) + 1e-30
+    found = np.concatenate([fit.model.E_terms.ravel(), fit.model.zero_terms.ravel(), fit.model.lag_s])
+    assert_allclose((found - vector) / sigma, 0, atol=1e-6)
+    assert_allclose((fit.covariance - covariance) / np.outer(sigma, sigma), 0, atol=1e-6)
 
 
 @pytest.mark.parametrize(("celsius", "spread"), [((0.0, 60.0), 1.0), ((-10.0, 21.0, 40.0, 71.0), 1.0), ((20.0, 20.5, 21.0), 3.0)])
@@ -675,29 +703,26 @@ def test_E_is_generalised_least_squares_of_all_sessions(celsius, spread):
     reference = np.round((celsius[0] + celsius[-1]) / 2)
     assert fit.model.reference_c == reference
     fits = [dense(points, np.arange(9), np.vander(np.array(celsius) - reference, p + 1, increasing=True)) for p in range(most + 1)]
-    p_values = [stats.chi2.sf(each[2] - fits[-1][2], 9 * (most - p)) for p, each in enumerate(fits[:-1])]
+    p_values = [stats.chi2.sf(each - fits[-1], 9 * (most - p)) for p, each in enumerate(fits[:-1])]
     assert fit.p_constant == pytest.approx([*p_values, 1][0])
     assert order == next((p for p, each in enumerate(p_values) if each >= 0.01), most)
-    terms, covariance, left = fits[order]
-    assert fit.model.E_terms.reshape(-1, 9) == pytest.approx(terms, rel=1e-6)
+    left = fits[order]
     assert (fit.freedom, fit.chi_square) == (9 * (len(celsius) - order - 1), pytest.approx(left, abs=1e-6))
     widened = max(left / fit.freedom, 1) if fit.freedom else 1.0
     assert (fit.widened, widened > 3) == (pytest.approx(widened), spread > 1)
     assert fit.p_value == pytest.approx(stats.chi2.sf(left, fit.freedom) if fit.freedom else np.nan, nan_ok=True)
-    size = 9 * (order + 1)
-    assert_allclose(fit.covariance[:size, :size], widened * covariance, rtol=1e-6, atol=1e-16)
+    assert_whole(points, fit)
     assert fit.model.range_c == (celsius[0] - 1, celsius[-1] + 2)
 
 
 @pytest.mark.parametrize(("p", "order"), [(0.0099, 1), (0.0101, 0)])
 def test_E_and_zero_depend_on_temperature_below_one_percent(p, order):
-    """Two sessions: the second is moved until the chi-square of a constant has this p-value, of E along one number, of the zeros by each
-    one's own sigma."""
+    """Two sessions: the second is moved along one number until the chi-square of a constant has this p-value."""
     first, second = some_points((0.0, 60.0), spread=0.0)
     both, values = first.covariance + second.covariance, second.values.copy()
-    step = np.sqrt(stats.chi2.isf(p, 9) / np.linalg.inv(both[MATRIX, MATRIX])[4, 4])
-    values[MATRIX] = first.values[MATRIX] + step * (np.arange(9) == 4)
-    values[BIAS] = first.values[BIAS] + np.sqrt(stats.chi2.isf(p, 3) / 3 * np.diag(both)[BIAS])
+    for which, number, of in ((MATRIX, 4, 9), (BIAS, 1, 3)):
+        step = np.sqrt(stats.chi2.isf(p, of) / np.linalg.inv(both[which, which])[number, number])
+        values[which] = first.values[which] + step * (np.arange(of) == number)
     fit = join([first, replace(second, values=values)], None)
     assert fit.p_constant == pytest.approx(p, rel=1e-6)
     assert len(fit.model.E_terms) == len(fit.model.zero_terms) == order + 1
@@ -713,16 +738,13 @@ def test_temperatures_two_degrees_apart_are_two_and_E_has_no_more_than_a_square(
         assert len(join(points, None, most_order=1).model.zero_terms) <= 2
 
 
-def turn_on_of(points, values, design, known):
-    """The scatter at which the restricted likelihood of three axes is flat: tr P = y' P P y."""
+def turn_on_of(left, base, free):
+    """The scatter at which the restricted likelihood of zeros (n,) beside columns (n, p) is flat: tr P = y' P P y."""
 
     def slope(variance):
-        total = 0.0
-        for i in range(3):
-            inverse = np.linalg.inv(np.diag([point.covariance[9 + i, 9 + i] + variance for point in points]) + known[i])
-            P = inverse - inverse @ design @ np.linalg.solve(design.T @ inverse @ design, design.T @ inverse)
-            total += np.trace(P) - values[:, i] @ P @ P @ values[:, i]
-        return total
+        inverse = np.linalg.inv(base + variance * np.eye(len(base)))
+        P = inverse - inverse @ free @ np.linalg.solve(free.T @ inverse @ free, free.T @ inverse)
+        return np.trace(P) - left @ P @ P @ left
 
     return np.sqrt(optimize.brentq(slope, 0, 1.0, xtol=1e-18)) if slope(0) < 0 else 0.0
 
@@ -735,15 +757,12 @@ def test_the_zero_of_sessions_alone_is_least_squares_with_the_switch_ons_scatter
     fit = join(points, None, most_order=2)
     order = len(fit.model.zero_terms) - 1
     designs = [np.vander([-30.0, -10, 11, 30], p + 1, increasing=True) for p in range(3)]
-    spread = turn_on_of(points, np.array([point.values[BIAS] for point in points]), designs[order], [0.0] * 3)
+    own = block_diag(*[point.covariance[BIAS, BIAS] for point in points])
+    spread = turn_on_of(np.concatenate([point.values[BIAS] for point in points]), own, np.kron(designs[order], np.eye(3)))
     assert (fit.turn_on_rps, spread > 0) == (pytest.approx(spread, rel=1e-6), turn_on > 0)
-    for i in range(3):
-        terms, covariance, _ = dense(points, np.array([9 + i]), designs[order], fit.turn_on_rps**2 * np.eye(4))
-        assert fit.model.zero_terms[:, i] == pytest.approx(terms[:, 0], rel=1e-6)
-        rows = fit.model.E_terms.size + 3 * np.arange(order + 1) + i
-        assert_allclose(fit.covariance[np.ix_(rows, rows)], covariance, rtol=1e-6)
-    if not turn_on:  # the order is the lowest that the sigmas of single axes do not refuse
-        chi = [sum(dense(points, np.array([9 + i]), A)[2] for i in range(3)) for A in designs]
+    assert_whole(points, fit)
+    if not turn_on:  # the order is the lowest that the sigmas of the sessions do not refuse
+        chi = [dense(points, np.arange(9, 12), A) for A in designs]
         p_values = [stats.chi2.sf(chi[p] - chi[2], 3 * (2 - p)) for p in range(2)]
         assert order == next((p for p, each in enumerate(p_values) if each >= 0.01), 2)
 
@@ -769,48 +788,19 @@ def shape():
 
 @pytest.mark.parametrize("celsius", [(0.0,), (-20.0, 20.0, 50.0)])
 def test_the_level_is_the_sessions_and_the_shape_the_rest_logs(shape, celsius):
-    """With full matrices: the sessions' zeros less the shape, whose error is shared by all of them; then the covariance of level, shape
-    and lag by how each depends on the sessions' zeros and on the rest log."""
+    """The scatter from switch-on is that of the sessions' zeros less the shape, whose error all of them share."""
     points, count = some_points(celsius, seed=2, spread=3.0), len(celsius)
     fit = joined(join(points, shape), shape)
-    zeros, ones, parts = np.array([point.values[BIAS] for point in points]), np.ones((count, 1)), []
-    for axis in shape.gyro:
+    left, base = np.concatenate([point.values[BIAS] for point in points]), block_diag(*[point.covariance[BIAS, BIAS] for point in points])
+    for i, axis in enumerate(shape.gyro):
         powers = np.array([(np.array(celsius) - 32) ** n for n in range(1, axis.order + 1)])
-        parts.append((axis.terms[1:] @ powers, powers, powers.T @ axis.covariance[1:-1, 1:-1] @ powers))
-    curves, _, known = zip(*parts, strict=True)
-    spread = turn_on_of(points, zeros - np.array(curves).T, ones, known) if count > 1 else 0
-    assert fit.sessions.turn_on_rps == pytest.approx(spread if count > 1 else np.nan, nan_ok=True, rel=1e-6)
-    n_E, order = fit.model.E_terms.size, len(fit.model.zero_terms) - 1
-    for i, (axis, (curve, powers, known)) in enumerate(zip(shape.gyro, parts, strict=True)):
-        own = np.diag([point.covariance[9 + i, 9 + i] for point in points]) + spread**2 * np.eye(count)
-        weights = np.linalg.solve(own + known, ones) / (ones.T @ np.linalg.solve(own + known, ones))
-        size = axis.order + 1
-        assert fit.model.zero_terms[0, i] == pytest.approx((zeros[:, i] - curve) @ weights[:, 0], rel=1e-9)
-        assert (fit.model.zero_terms[1:size, i].tolist(), fit.model.lag_s[i]) == (axis.terms[1:].tolist(), axis.tau_s)
-        # Level, higher terms and lag, as a matrix on the sessions' zeros and the rest log's higher terms and lag.
-        depends = np.zeros((size + 1, count + size))
-        depends[0] = np.concatenate([weights[:, 0], -weights[:, 0] @ powers.T, [0]])
-        depends[1:, count:] = np.eye(size)
-        expected = depends @ block_diag(own, axis.covariance[1:, 1:]) @ depends.T
-        rows = n_E + np.append(3 * np.arange(size) + i, 3 * (order + 1) + i)
-        assert_allclose(fit.covariance[np.ix_(rows, rows)], expected, rtol=1e-6, atol=1e-22)
+        left[i::3] -= axis.terms[1:] @ powers
+        base[i::3, i::3] += powers.T @ axis.covariance[1:-1, 1:-1] @ powers
+    spread = turn_on_of(left, base, np.kron(np.ones((count, 1)), np.eye(3))) if count > 1 else np.nan
+    assert fit.sessions.turn_on_rps == pytest.approx(spread, nan_ok=True, rel=1e-6)
+    assert_whole(points, fit.sessions, shape.gyro)
     assert fit.model.range_c == (min(celsius[0] - 1, -5), max(celsius[-1] + 2, 70))
     assert fit.remaining_rps.tolist() == [2e-3] * 3
-
-
-def test_a_covariance_that_cannot_be_becomes_the_nearest_that_can():
-    """The second session, of far greater sigmas, counts for the correlation alone.  In sigmas, what is added is no less than
-    nothing, and lies only where nothing is left: the nearest matrix (Moreau)."""
-    (point,), times = some_points((20.0,)), 8.0
-    fit = join([point, replace(point, covariance=times * point.covariance)], None)
-    raw = block_diag(point.covariance[MATRIX, MATRIX], np.diag(np.diag(point.covariance)[BIAS]), np.zeros((3, 3))) / (1 + 1 / times)
-    raw[MATRIX, BIAS] = point.covariance[MATRIX, BIAS] * (1 + times) / 4
-    raw[BIAS, MATRIX] = raw[MATRIX, BIAS].T
-    scale = np.append(np.sqrt(np.diag(raw))[:12], np.ones(3))
-    before, now = (each / np.outer(scale, scale) for each in (raw, fit.covariance))
-    assert np.linalg.eigvalsh(before)[0] < -0.25
-    assert min(np.linalg.eigvalsh(now)[0], np.linalg.eigvalsh(now - before)[0]) > -1e-6
-    assert np.abs(now @ (now - before)).max() < 1e-6
 
 
 def test_sigmas_at_a_temperature_are_those_of_the_polynomial_there(shape):

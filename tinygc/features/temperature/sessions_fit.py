@@ -22,7 +22,7 @@ from tinygc.features.temperature.model import ThermalModel
 from tinygc.features.temperature.rest_fit import RestFit
 from tinygc.fitting.fit import fit_session
 from tinygc.inference.noise import estimate
-from tinygc.inference.solve import inverse, solve
+from tinygc.inference.solve import solve
 from tinygc.models.linear import BIAS, MATRIX, LinearModel
 
 # Parameters of a model over temperature in one vector: E's terms, the zero's, the lags.
@@ -127,13 +127,15 @@ def _zero_form(model: LinearModel, covariance: np.ndarray) -> tuple[np.ndarray, 
 # Sessions at several temperatures, and rest logs, in one model: E(T) and b(T) by generalised least squares.
 #
 # Each session gives E and its zero with a covariance; E is in the body frame of that session's accelerometer, and is rotated into the
-# first one's.  Rest logs determine the change of the zero over temperature, not its level.  The level comes from the sessions, since a
-# zero changes from one switch-on to the next, and a rest log's includes the Earth's rotation.  Scatter of the sessions' zeros beyond
-# their sigmas is attributed to switch-on, with a variance of its own; scatter of E widens its sigmas
-# (Birge 1932).
+# first one's.  Rest logs give the change of the zero over temperature and its lags with their covariance, but not its level, since a zero
+# changes from one switch-on to the next, and a rest log's includes the Earth's rotation.  Scatter of the sessions' zeros beyond
+# their sigmas is attributed to switch-on, with a variance of its own; scatter of E widens its sigmas (Birge 1932).  With both, all numbers
+# are one solution.
 
 #: highest order of E that is tried: sensitivity over temperature is nearly linear (data sheets state a slope)
 MOST_E = 2
+#: highest order of the zero that is tried without rest logs
+MOST_ZERO = 3
 #: p-value below which E, or without rest logs the zero, is reported to depend on temperature
 BY_CHANCE = 0.01
 #: degC: sessions closer than this count as one temperature
@@ -165,131 +167,72 @@ def join(points: Sequence[_SessionPoint], rests: RestFit | None, most_order: int
     if not points:
         raise FitError("no session with turns: E needs one, and E over temperature two or more")
     points = _in_frame_of_first(points)
-    temps = np.array([point.temp_c for point in points])
+    temps, count = np.array([point.temp_c for point in points]), len(points)
     reference = rests.knots.reference_c if rests is not None else float(np.round((temps.min() + temps.max()) / 2))
-    levels = 1 + int(np.count_nonzero(np.diff(np.sort(temps)) > APART_C))
+    most = int(np.count_nonzero(np.diff(np.sort(temps)) > APART_C))
     away = temps - reference
-    E_values = np.array([point.values[MATRIX] for point in points])
-    order, p_constant = _order_of_E(points, away, min(levels - 1, MOST_E))
-    E, C_E, chi_square = _solve_E(points, away, order)
-    freedom = 9 * (len(points) - order - 1)
+    values, covariance = np.array([point.values for point in points]), np.array([point.covariance for point in points])
+
+    def lowest_order(which: slice, most: int) -> tuple[int, float, float]:
+        """The lowest sufficient order of some numbers, its chi-square, and the p-value of the constant."""
+        roots = np.linalg.inv(np.linalg.cholesky(covariance[:, which, which]))
+        rows, size = np.einsum("sij,sj->si", roots, values[:, which]).ravel(), roots.shape[1]
+        each = [x ** np.arange(most + 1) for x in away]
+        whole = np.concatenate([np.kron(powers, root) for powers, root in zip(each, roots, strict=True)])
+        designs = [whole[:, : size * (order + 1)] for order in range(most + 1)]
+        chi = [float(np.sum((rows - design @ solve(design, rows).shortest) ** 2)) for design in designs]
+        p_values = [float(chdtrc(size * (most - order), max(each - chi[-1], 0.0))) for order, each in enumerate(chi[:-1])] + [1.0]
+        order = next(order for order, p in enumerate(p_values) if p >= BY_CHANCE)
+        return order, chi[order], p_values[0]
+
+    of_E, chi_square, p_constant = lowest_order(MATRIX, min(most, MOST_E))
+    freedom = 9 * (count - of_E - 1)
     widened = max(chi_square / freedom, 1.0) if freedom else 1.0
-    zero, C_zero, turn_on, lag = _zero(points, away, rests, min(levels - 1, most_order))
-    n_E, n_zero = 9 * (order + 1), len(zero) * 3
-    covariance = np.zeros((n_E + n_zero + 3,) * 2)
-    covariance[:n_E, :n_E] = widened * C_E
-    covariance[n_E:, n_E:] = C_zero
-    # E and the zero of a session are correlated: the constants carry the correlation, that of the sessions' mean.
-    cross = sum((point.covariance[MATRIX, BIAS] for point in points), np.zeros((9, 3))) / len(E_values) ** 2
-    covariance[MATRIX, n_E : n_E + 3] += cross
-    covariance[n_E : n_E + 3, MATRIX] += cross.T
-    covariance = _possible(covariance)
+    if rests is None:
+        order = lowest_order(BIAS, min(most, most_order, MOST_ZERO))[0]
+        free = 3 * (order + 1)
+        start, prior = np.zeros(free + 3), np.zeros((free + 3,) * 2)
+    else:
+        terms = zero_terms(rests.gyro)
+        order, free = len(terms) - 1, 3  # the level is the sessions' own
+        start, prior = np.append(terms, [fit.tau_s for fit in rests.gyro]), zero_covariance(rests.gyro, order)
+    n_E, size = 9 * (of_E + 1), 9 * (of_E + 1) + len(start)
+    there = np.zeros((count, 12, size))
+    there[:, MATRIX, :n_E] = [np.kron(x ** np.arange(of_E + 1), np.eye(9)) for x in away]
+    there[:, BIAS, n_E:-3] = [np.kron(x ** np.arange(order + 1), np.eye(3)) for x in away]
+    start, known = np.append(np.zeros(n_E), start), slice(n_E + free, size)
+    left, prior = values - there @ start, prior[free:, free:]
+    zeros = there[:, BIAS].reshape(3 * count, size)
+    base = block_diag(*covariance[:, BIAS, BIAS]) + zeros[:, known] @ prior @ zeros[:, known].T
+    turn_on = _turn_on(left[:, BIAS].ravel(), base, zeros[:, n_E : known.start]) if len(zeros) > free else float("nan")
+    # What the rest logs know: a root of its covariance, times numbers of variance one, which are rows of their own.
+    sigma, root = sigmas_in(prior), np.eye(size)
+    scale = np.where(sigma > 0, sigma, 1.0)
+    strength, axes = np.linalg.eigh(prior / np.outer(scale, scale))
+    root[known, known] = sigma[:, None] * axes * np.sqrt(np.maximum(strength, 0))
+    wider = np.repeat([np.sqrt(widened), 1.0], [9, 3])
+    switched = np.diag(np.repeat([0.0, np.nan_to_num(turn_on) ** 2], [9, 3]))
+    white = np.linalg.inv(np.linalg.cholesky(covariance * np.outer(wider, wider) + switched))
+    rows = np.concatenate([(white @ there @ root).reshape(12 * count, size), np.eye(size)[known]])
+    found = solve(rows, np.append(np.einsum("sij,sj->si", white, left), np.zeros(len(prior))))
+    vector = start + root @ found.shortest
     low, high = float(min(p.low_c for p in points)), float(max(p.high_c for p in points))
     if rests is not None:
         cold, warm = usable_range(rests)
         low, high = min(low, cold), max(high, warm)
-    model = ThermalModel(E.reshape(-1, 3, 3), zero, lag, reference, (low, high))
+    E, zero = vector[:n_E].reshape(-1, 3, 3), vector[n_E:-3].reshape(-1, 3)
+    model = ThermalModel(E, zero, vector[-3:], reference, (low, high))
     p_value = float(chdtrc(freedom, chi_square)) if freedom else float("nan")
-    return SessionsFit(points, model, covariance, chi_square, freedom, p_value, widened, p_constant, turn_on)
+    return SessionsFit(points, model, root @ found.spread @ root.T, chi_square, freedom, p_value, widened, p_constant, turn_on)
 
 
-def _solve_E(points: Sequence[_SessionPoint], away: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray, float]:
-    """Terms (order + 1, 9), their covariance, chi-square."""
-    roots = [np.linalg.inv(np.linalg.cholesky(point.covariance[MATRIX, MATRIX])) for point in points]
-    design = np.concatenate([np.kron(x ** np.arange(order + 1), root) for root, x in zip(roots, away, strict=True)])
-    values = np.concatenate([root @ point.values[MATRIX] for root, point in zip(roots, points, strict=True)])
-    found = solve(design, values)
-    return found.value.reshape(-1, 9), found.covariance, float(np.sum((values - design @ found.shortest) ** 2))
-
-
-def _order_of_E(points: Sequence[_SessionPoint], away: np.ndarray, most: int) -> tuple[int, float]:
-    """Return the lowest sufficient order, and the p-value of a constant E."""
-    return _lowest_order([_solve_E(points, away, order)[2] for order in range(most + 1)], 9)
-
-
-def _lowest_order(chi: Sequence[float], numbers: int) -> tuple[int, float]:
-    """The lowest sufficient order by the chi-squares of all, with so many numbers each; and the p-value of the constant."""
-    p_values = [float(chdtrc(numbers * (len(chi) - 1 - order), max(each - chi[-1], 0.0))) for order, each in enumerate(chi[:-1])] + [1.0]
-    return next(order for order, p in enumerate(p_values) if p >= BY_CHANCE), p_values[0]
-
-
-def _zero(
-    points: Sequence[_SessionPoint], away: np.ndarray, rests: RestFit | None, most: int
-) -> tuple[np.ndarray, np.ndarray, float, np.ndarray]:
-    """terms (Q + 1, 3), covariance of them and of the lags, turn-on scatter, lags (3,)."""
-    values = np.array([point.values[BIAS] for point in points])
-    own = np.array([point.covariance[BIAS, BIAS] for point in points])
-    if rests is not None:
-        terms, lag = zero_terms(rests.gyro), np.array([fit.tau_s for fit in rests.gyro])
-        order = len(terms) - 1
-        C = zero_covariance(rests.gyro, order)
-        shape = sum((terms[n] * (away**n)[:, None] for n in range(1, order + 1)), np.zeros_like(values))
-        design, free = np.ones((len(points), 1)), 1
-        # Uncertainty of the shape at the sessions' temperatures: axis by axis, all sessions together.
-        powers = np.array([away**n for n in range(1, order + 1)]).reshape(order, len(points))
-        known = [np.einsum("nk,nm,ml->kl", powers, C[3 + i : 3 * (order + 1) : 3, 3 + i : 3 * (order + 1) : 3], powers) for i in range(3)]
-    else:
-        order, lag, shape = _order_of_zero(values, own, away, most), np.zeros(3), np.zeros_like(values)
-        design, free = away[:, None] ** np.arange(order + 1), order + 1
-        C, known = np.zeros((3 * (order + 1) + 3,) * 2), [np.zeros((len(points),) * 2)] * 3
-        terms = np.zeros((order + 1, 3))
-    turn_on = _turn_on(values - shape, own, known, design) if len(points) > free else float("nan")
-    spread = turn_on if np.isfinite(turn_on) else 0.0
-    for i in range(3):
-        V = np.diag(own[:, i, i] + spread**2) + known[i]
-        W = np.linalg.solve(V, design)
-        covariance = inverse(design.T @ W)
-        found = covariance @ W.T @ (values[:, i] - shape[:, i])
-        rows = np.arange(free) * 3 + i
-        terms[:free, i] = found
-        if rests is None:
-            C[np.ix_(rows, rows)] = covariance
-            continue
-        # The constant is correlated with the slopes used to estimate it, and with the lag, as they are.
-        G = covariance @ W.T
-        higher = np.arange(3 + i, 3 * (order + 1), 3)
-        others = np.append(higher, 3 * (order + 1) + i)
-        cross = -(G @ powers.T @ C[np.ix_(higher, others)]).ravel()
-        C[i, :], C[:, i] = 0.0, 0.0
-        C[i, i] = float(covariance[0, 0])
-        C[i, others], C[others, i] = cross, cross
-    return terms, C, turn_on, lag
-
-
-def _order_of_zero(values: np.ndarray, own: np.ndarray, away: np.ndarray, most: int) -> int:
-    """Return the lowest sufficient order without rest logs, from the sessions' own sigmas alone."""
-    most = min(most, 3)
-
-    def left(order: int) -> float:
-        total = 0.0
-        for i in range(3):
-            sigma = np.sqrt(own[:, i, i])
-            A = away[:, None] ** np.arange(order + 1) / sigma[:, None]
-            z = values[:, i] / sigma
-            total += float(np.sum((z - A @ np.linalg.lstsq(A, z, rcond=None)[0]) ** 2))
-        return total
-
-    return _lowest_order([left(order) for order in range(most + 1)], 3)[0]
-
-
-def _turn_on(values: np.ndarray, own: np.ndarray, known: list[np.ndarray], design: np.ndarray) -> float:
-    """Scatter of zeros (n, 3) beyond their covariances, all axes together, by restricted maximum likelihood; 0 where none is needed."""
-    base = block_diag(*(np.diag(own[:, i, i]) + known[i] for i in range(3)))
-    unit, rows = float(np.sqrt(base.diagonal().mean())), values.size
-    wide = WIDE * max(float(np.std(values)), unit) / unit * np.kron(np.eye(3), design / np.abs(design).max(axis=0))
-    found = estimate(values.T.ravel() / unit, wide, base / unit**2, [np.eye(rows)], np.ones(1), [None], [np.arange(rows)])
+def _turn_on(left: np.ndarray, base: np.ndarray, free: np.ndarray) -> float:
+    """Scatter of zeros (n,) beyond their covariance, all axes together, by restricted maximum likelihood, beside columns (n, p); 0 where
+    none is needed."""
+    unit, rows = float(np.sqrt(base.diagonal().mean())), len(left)
+    wide = WIDE * max(float(np.std(left)), unit) / unit * free / np.abs(free).max(axis=0)
+    found = estimate(left / unit, wide, base / unit**2, [np.eye(rows)], np.ones(1), [None], [np.arange(rows)])
     return float(found.s[0]) * unit
-
-
-def _possible(covariance: np.ndarray) -> np.ndarray:
-    """Limit correlations to valid ones: cross terms come from a mean, and may be slightly too large."""
-    sigma = sigmas_in(covariance)
-    scale = np.where(sigma > 0, sigma, 1.0)
-    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
-    if values.min() >= 0:
-        return covariance
-    mended = (vectors * np.maximum(values, 0)) @ vectors.T
-    return mended * np.outer(scale, scale)
 
 
 # Result of a fit over temperature: the model, the uncertainty of each parameter, and the input data.

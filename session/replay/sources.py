@@ -8,7 +8,7 @@ import re
 import tempfile
 import zipfile
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -258,7 +258,7 @@ class StreamSource:
             order = np.argsort(t_ns, kind="stable")
         for start in range(0, len(self.stream), AT_ONCE):
             which: slice | np.ndarray = slice(start, start + AT_ONCE) if order is None else order[start : start + AT_ONCE]
-            parts = {kind: getattr(self.stream, kind)[which] for kind in self.stream.holds}
+            parts = {kind: part.values[which] for kind, part in self.stream.parts.items()}
             sound = np.all([np.isfinite(part).reshape(len(part), -1).all(axis=1) for part in parts.values()], axis=0)
             lost += int(np.count_nonzero(~sound))
             if sound.any():
@@ -269,7 +269,7 @@ class StreamSource:
             raise FormatError(f"{self.path.name}: {lost} rows are no finite numbers, and nothing stamps the others")
         if lost:
             self.notes.append(f"{lost} rows are no finite numbers: left out")
-        self.stream = replace(self.stream, t_ns=None, gyro=None, accel=None, temp=None)
+        self.stream = replace(self.stream, t_ns=None, parts={})
 
     def _turned(self, values: np.ndarray | None, triad: Triad | None, kind: str, first: int) -> np.ndarray | None:
         if values is None or triad is None:
@@ -287,34 +287,7 @@ def _streams(path: Path, reader: Messages | Tables, answers: Answers) -> Iterato
     with current().again():
         topics = reader.topics(path, answers.columns)
     for stream in reader.read(path, _chosen(path, reader.name, topics, answers.topic), answers.columns):
-        yield _stream_source(path, reader.name, stream, answers, _names(reader, stream))
-
-
-#: what the end of a column's name says of its axis
-AXIS = re.compile(r"(.*?)[\[_.]?([xyzXYZ012])\]?")
-#: of a column's name: which sensor it is of
-KINDS = {"gyro": re.compile(r"gyr|angular_velocity", re.I), "accel": re.compile(r"acc", re.I)}
-
-
-def _names(reader: Messages | Tables, stream: Stream) -> tuple[str, ...]:
-    """Of stamps, gyroscope, accelerometer and temperature: how the file calls them, and where that is not clear, what they are of."""
-    columns, of_arrays = stream.columns, isinstance(reader, Tables)  # which name the stamps first, where there are any
-    triads: dict[str, list[str]] = {}
-    for name in columns:
-        if (match := AXIS.fullmatch(name)) is not None:
-            triads.setdefault(match[1], []).append(name)
-    triads = {stem: names for stem, names in triads.items() if len(names) == 3}
-    alone = not {"gyro", "accel"} <= set(stream.holds)
-    named: list[str] = []
-    for kind, pattern in KINDS.items():
-        found = [names for stem, names in triads.items() if pattern.search(stem) or (alone and not stem)]
-        # An array of three columns has one name.
-        whole = [name for name in columns if pattern.search(name) and of_arrays]
-        if not found and len(whole) == 1:
-            found = [[f"{whole[0]}[{axis}]" for axis in range(3)]]
-        named += found[0] if len(found) == 1 else [f"{stream.name} {kind} {axis}" for axis in "xyz"]
-    stamps = columns[0] if of_arrays and columns and stream.t_ns is not None else f"the stamps of {stream.name}"
-    return (stamps, *named, "temperature")
+        yield _stream_source(path, reader.name, stream, answers)
 
 
 #: of a column's name: of a message whose definition fixes its unit, sensor_msgs/Imu
@@ -345,18 +318,21 @@ def _chosen(path: Path, called: str, topics: Sequence[Topic], told: str | None) 
     raise QuestionsError(path.name, called, [Question("which of its topics is meant", f"--topic {example}", listed)])
 
 
-def _stream_source(path: Path, called: str, stream: Stream, answers: Answers, names: tuple[str, ...]) -> StreamSource:
+def _stream_source(path: Path, called: str, stream: Stream, answers: Answers) -> StreamSource:
     questions: list[Question] = []
-
-    def triad(kind: str, told: str | None, word: str, axes: str, first: int) -> Triad:
-        order, signs = parse_axes(axes, f"--{kind}-axes")
-        return Triad(
-            three(first + each for each in order), three(signs), unit_of(kind, told or word, f"--{kind}-unit", path.name, questions)
-        )
-
-    gyro = None if stream.gyro is None else triad("gyro", answers.gyro_unit, stream.gyro_unit, answers.gyro_axes, 1)
-    accel = None if stream.accel is None else triad("accel", answers.accel_unit, stream.accel_unit, answers.accel_axes, 4)
-    temp_unit = None if stream.temp is None else unit_of("temp", stream.temp_unit or "c", "--columns temp_c=", path.name, questions)
+    triads: dict[str, Triad | None] = {"gyro": None, "accel": None}
+    names, sources = [stream.stamps or f"the stamps of {stream.name}"], {"time": BY_FILE}
+    for kind, told, axes in (("gyro", answers.gyro_unit, answers.gyro_axes), ("accel", answers.accel_unit, answers.accel_axes)):
+        part, first = stream.parts.get(kind), len(names)
+        names += part.names if part and part.names else [f"{stream.name} {kind} {axis}" for axis in "xyz"]
+        defined = called == "ULog" or any(name.startswith(BY_DEFINITION) for name in stream.columns)
+        sources[kind] = "as you say" if told else "as that message is defined" if defined else BY_FILE
+        if part is not None:
+            order, signs = parse_axes(axes, f"--{kind}-axes")
+            unit = unit_of(kind, told or part.unit, f"--{kind}-unit", path.name, questions)
+            triads[kind] = Triad(three(first + each for each in order), three(signs), unit)
+    temp = stream.parts.get("temp")
+    temp_unit = None if temp is None else unit_of("temp", temp.unit or "c", "--columns temp_c=", path.name, questions)
     if stream.t_ns is None and answers.odr_hz is None and stream.odr_hz is None:
         questions.append(Question(NO_TIME, "--odr HZ", "the true data rate"))
     if questions:
@@ -369,24 +345,19 @@ def _stream_source(path: Path, called: str, stream: Stream, answers: Answers, na
         time=None if counted else 0,
         time_ns=1,
         clock=False,
-        gyro=gyro,
-        accel=accel,
-        temp=None if stream.temp is None else 7,
+        gyro=triads["gyro"],
+        accel=triads["accel"],
+        temp=None if temp is None else len(names),
         temp_unit=temp_unit,
-        names=names,
+        names=(*names, "temperature"),
         frame=stream.frame,
-        sources=_sources(called, names, answers),
+        sources=sources,
     )
-    facts = {"gyro_fs_dps": stream.gyro_fs_dps, "accel_fs_g": stream.accel_fs_g, "odr_hz": stream.odr_hz, "sensor": stream.sensor}
-    comments = {key: str(value) for key, value in facts.items() if value is not None}
+    scales = {
+        key: stream.parts[kind].full_scale for key, kind in (("gyro_fs_dps", "gyro"), ("accel_fs_g", "accel")) if kind in stream.parts
+    }
+    comments = {key: str(value) for key, value in (scales | {"odr_hz": stream.odr_hz}).items() if value is not None}
     return StreamSource(path, layout, replace(stream, t_ns=None) if counted else stream, list(stream.notes), comments)
-
-
-def _sources(called: str, names: Sequence[str], answers: Answers) -> Mapping[str, str]:
-    defined = called == "ULog" or any(name.startswith(BY_DEFINITION) for name in names)
-    said = "as that message is defined" if defined else BY_FILE
-    told = {"gyro": answers.gyro_unit, "accel": answers.accel_unit}
-    return {"time": BY_FILE} | {kind: "as you say" if word else said for kind, word in told.items()}
 
 
 # JSON documents: each list of records in them, or set of lists of one length, as a table in a file of its own.

@@ -16,7 +16,7 @@ import numpy as np
 from session.base.budget import current
 from session.base.errors import FormatError
 from session.base.units import parse_unit
-from session.replay.binary.source import Messages, Source, Stream, microseconds, one_line
+from session.replay.binary.source import Messages, Part, Source, Stream, microseconds, one_line
 
 MARK = b"\xa3\x95"
 FMT = 0x80
@@ -40,8 +40,8 @@ LETTERS: dict[str, tuple[str, float]] = {
 IMU = ("IMU", "IMU2", "IMU3", "GYR", "GYR1", "GYR2", "GYR3", "ACC", "ACC1", "ACC2", "ACC3")
 #: of UNIT, in the words of ``session.base.units``
 UNITS = {"rad/s": "rad/s", "deg/s": "dps", "m/s/s": "m/s2", "m/s^2": "m/s2", "degC": "degc", "deg C": "degc"}
-#: what ArduPilot writes where a log has no UNIT messages (before 2018)
-DOCUMENTED = {"Gyr": "rad/s", "Acc": "m/s2", "T": "degc"}
+#: columns of each quantity, and its unit where a log has no UNIT messages (before 2018)
+QUANTITIES = {"gyro": (("GyrX", "GyrY", "GyrZ"), "rad/s"), "accel": (("AccX", "AccY", "AccZ"), "m/s2"), "temp": (("T",), "degc")}
 BLOCK = 1 << 22
 
 
@@ -200,51 +200,29 @@ def _streams(kind: _Type, log: _Log, names: Sequence[str]) -> Iterator[Stream]:
         notes = list(log.notes)
         t_ns, kept = microseconds(own["SampleUS" if "SampleUS" in kind.columns else "TimeUS"], notes)
         own = own[kept]
-        gyro, gyro_unit = _three(kind, log, own, "Gyr", notes)
-        accel, accel_unit = _three(kind, log, own, "Acc", notes)
-        if (gyro is None and accel is None) or not len(own):
-            continue
-        has_temp = "T" in kind.columns
-        yield Stream(
-            name,
-            t_ns,
-            gyro,
-            accel,
-            own["T"].astype(float) * _factor(kind, "T") if has_temp else None,
-            gyro_unit,
-            accel_unit,
-            _unit(kind, log, "T", "T", []) if has_temp else "",
-            frame="forward, right, down",
-            notes=tuple(notes),
-            columns=kind.columns,
-        )
+        parts = {what: part for what in QUANTITIES if (part := _part(what, kind, log, own, notes)) is not None}
+        if {"gyro", "accel"} & set(parts) and len(own):
+            yield Stream(name, t_ns, parts, frame="forward, right, down", notes=tuple(notes), columns=kind.columns)
 
 
-def _three(kind: _Type, log: _Log, rows: np.ndarray, what: str, notes: list[str]) -> tuple[np.ndarray | None, str]:
-    """(N, 3) of GyrX to GyrZ as written, and the unit; None where they are not there."""
-    names = [f"{what}{axis}" for axis in "XYZ"]
+def _part(what: str, kind: _Type, log: _Log, rows: np.ndarray, notes: list[str]) -> Part | None:
+    """As written, in the unit that FMTU and UNIT say, else as ArduPilot documents it; None where its columns are not there."""
+    names, unit = QUANTITIES[what]
     if not set(names) <= set(kind.columns):
-        return None, ""
-    values = np.column_stack([rows[name].astype(float) * _factor(kind, name) for name in names])
-    return values, _unit(kind, log, names[0], what, notes)
-
-
-def _factor(kind: _Type, column: str) -> float:
-    return LETTERS[kind.letters[kind.columns.index(column)]][1]
-
-
-def _unit(kind: _Type, log: _Log, column: str, what: str, notes: list[str]) -> str:
-    """As FMTU and UNIT say it, else as ArduPilot documents it."""
-    place = kind.columns.index(column)
+        return None
+    places = [kind.columns.index(name) for name in names]
+    values = np.column_stack(
+        [rows[name].astype(float) * LETTERS[kind.letters[place]][1] for name, place in zip(names, places, strict=True)]
+    )
+    place = places[0]
     label = log.units.get(kind.units[place], "") if place < len(kind.units) else ""
     multiplier = log.multipliers.get(kind.multipliers[place], 1.0) if place < len(kind.multipliers) else 1.0
-    word = UNITS.get(label, "")
-    if not word:
-        notes.append(f"the unit of {column} is taken as ArduPilot documents it")
-        return DOCUMENTED[what]
-    scaled = f"{multiplier:g}{word}"
-    quantity = {"Gyr": "gyro", "Acc": "accel", "T": "temp"}[what]
-    return word if multiplier in (0.0, 1.0) or parse_unit(quantity, scaled) is None else scaled
+    if word := UNITS.get(label, ""):
+        scaled = f"{multiplier:g}{word}"
+        unit = word if multiplier in (0.0, 1.0) or parse_unit(what, scaled) is None else scaled
+    elif what != "temp":
+        notes.append(f"the unit of {names[0]} is taken as ArduPilot documents it")
+    return Part(values[:, 0], unit) if what == "temp" else Part(values, unit, names)
 
 
 FORMAT = Messages(

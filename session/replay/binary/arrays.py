@@ -18,7 +18,7 @@ import numpy as np
 from session.base.budget import current
 from session.base.errors import FormatError
 from session.base.units import NS_PER_S, TIME
-from session.replay.binary.source import Format, Stream, Topic, one_line
+from session.replay.binary.source import Format, Part, Stream, Topic, one_line
 from session.replay.columns import parse_columns
 from session.replay.named import Meaning, meaning
 
@@ -279,14 +279,14 @@ def _stated(path: Path, arrays: Sequence[Array], text: str) -> Plan:
 
 def _stream(path: Path, plan: Plan, values: Callable[[str], np.ndarray], rate_hz: float | None, said: Sequence[str]) -> Stream:
     notes = [*said, *plan.notes]
-    read: dict[str, np.ndarray] = {}
+    read: dict[str, Part] = {}
     for kind, arrays in plan.parts.items():
-        made = read[kind] = np.empty(plan.rows if kind == "temp" else (plan.rows, 3))
+        names, made = tuple(array.name for array in arrays), np.empty(plan.rows if kind == "temp" else (plan.rows, 3))
         if len(arrays) == 3 or kind == "temp":
             for place, array in enumerate(arrays):
                 made.reshape(plan.rows, -1)[:, place] = _column(path, array, values(array.name))
         else:
-            whole = np.asarray(values(arrays[0].name))
+            names, whole = tuple(f"{names[0]}[{axis}]" for axis in range(3)), np.asarray(values(names[0]))
             if whole.shape != arrays[0].shape:
                 raise FormatError(
                     f"{path}: {arrays[0].name} has the shape {whole.shape}, and its head says {arrays[0].shape}; copy it again"
@@ -297,20 +297,10 @@ def _stream(path: Path, plan: Plan, values: Callable[[str], np.ndarray], rate_hz
             made[:] = whole
             del whole
         made *= np.array(plan.signs[kind][: 1 if kind == "temp" else 3], float)
+        read[kind] = Part(made, plan.units.get(kind, ""), names)
     t_ns = None if plan.t is None else _nanoseconds(path, plan.t, np.asarray(values(plan.t.name)).ravel(), plan.t_unit)
-    return Stream(
-        plan.name,
-        t_ns,
-        read.get("gyro"),
-        read.get("accel"),
-        read.get("temp"),
-        plan.units.get("gyro", ""),
-        plan.units.get("accel", ""),
-        plan.units.get("temp", ""),
-        odr_hz=rate_hz,
-        notes=tuple(notes),
-        columns=plan.columns,
-    )
+    stamps = "" if plan.t is None else plan.t.name
+    return Stream(plan.name, t_ns, read, rate_hz, notes=tuple(notes), columns=plan.columns, stamps=stamps)
 
 
 def _column(path: Path, array: Array, values: np.ndarray) -> np.ndarray:

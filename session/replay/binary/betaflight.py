@@ -12,7 +12,6 @@ import math
 import re
 import struct
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,7 +21,7 @@ from session.base.budget import RECORD, current
 from session.base.errors import FormatError
 from session.base.files import read_bytes, require_file
 from session.base.numeric import running_sum
-from session.replay.binary.source import Messages, Rows, Stream, library, one_line, reason
+from session.replay.binary.source import Messages, Part, Rows, Stream, library, one_line, reason
 
 PACKAGE = "orangebox"
 MAGIC = b"H Product:Blackbox"
@@ -77,13 +76,11 @@ def _read(path: Path, names: Sequence[str]) -> list[Stream]:
         _require_headers(path, read_bytes(path, size), reader.log_pointers)
         for number in range(1, reader.log_count + 1):
             try:
-                streams, columns = _log(path, number, orangebox)
+                held += _log(path, number, orangebox)
             except FormatError:
                 raise
             except Exception as error:
                 problems.append(f"log{number} cannot be read ({reason(error)})")
-                continue
-            held += [replace(stream, columns=columns) for stream in streams]
     if not held:
         why = f" ({'; '.join(problems)[:200]})" if problems else ""
         raise FormatError(
@@ -113,8 +110,8 @@ def _require_headers(path: Path, data: bytes, begins: Sequence[int]) -> None:
         current().unpack(path, len(data) // 4 + (end - begin) * RECORD // 2)
 
 
-def _log(path: Path, number: int, orangebox: Any) -> tuple[list[Stream], tuple[str, ...]]:
-    """The streams of one log and all of its columns.  Raises whatever orangebox raises for a header that it cannot read."""
+def _log(path: Path, number: int, orangebox: Any) -> list[Stream]:
+    """The streams of one log.  Raises whatever orangebox raises for a header that it cannot read."""
     reader = orangebox.reader.Reader(str(path), number, allow_invalid_header=True)
     # ValueError for intervals of frames with which orangebox would count for ever
     whole = reader.headers.get("I interval", 1)
@@ -129,7 +126,7 @@ def _log(path: Path, number: int, orangebox: Any) -> tuple[list[Stream], tuple[s
     columns = tuple(parser.field_names)
     places = {what: [columns.index(name.format(i)) for i in range(3)] for what, name in FIELDS.items() if name.format(2) in columns}
     if "time" not in columns or not places:
-        return [], columns
+        return []
     wanted = [place for triad in places.values() for place in triad]
     time = columns.index("time")
     name = f"log{number}"
@@ -151,30 +148,20 @@ def _log(path: Path, number: int, orangebox: Any) -> tuple[list[Stream], tuple[s
     if ended and (bad := parser._ctx.invalid_frame_count):
         notes.append(f"{bad} damaged frames of {name} are left out")
     if not len(rows):
-        return [], columns
+        return []
     steps = np.diff(rows.t_ns)
     t_ns = (rows.t_ns + WRAP_US * running_sum(steps < -WRAP_US // 2)) * 1000
-    parts = {what: rows.values[:, 3 * place : 3 * place + 3] for place, what in enumerate(places)}
-    accel = parts.get("accel")
+    parts = {}
+    for place, what in enumerate(places):
+        unit, full_scale = (accel_unit, accel_fs_g) if what == "accel" else (gyro_unit, ASSUMED_FS_DPS)
+        names = tuple(FIELDS[what].format(i) for i in range(3))
+        parts[what] = Part(rows.values[:, 3 * place : 3 * place + 3], unit, names, full_scale)
     streams = []
     for what, called in (("gyro", name), ("unfiltered", f"{name}.unfiltered")):
-        if what in parts or (what == "gyro" and accel is not None):
-            streams.append(
-                Stream(
-                    called,
-                    t_ns,
-                    parts.get(what),
-                    accel,
-                    None,
-                    gyro_unit if what in parts else "",
-                    accel_unit if accel is not None else "",
-                    gyro_fs_dps=ASSUMED_FS_DPS if what in parts else None,
-                    accel_fs_g=accel_fs_g if accel is not None else None,
-                    frame="forward, left, up",
-                    notes=tuple(notes),
-                )
-            )
-    return streams, columns
+        if what in parts or (what == "gyro" and "accel" in parts):
+            mine = {kind: parts[own] for kind, own in (("gyro", what), ("accel", "accel")) if own in parts}
+            streams.append(Stream(called, t_ns, mine, frame="forward, left, up", notes=tuple(notes), columns=columns))
+    return streams
 
 
 def _steps(path: Path, reader: Any, loops: int) -> Iterator[int | None]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import re
 import struct
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from operator import getitem
@@ -21,7 +21,7 @@ import numpy as np
 from session.base.budget import current
 from session.base.errors import CalibrationError, FormatError
 from session.base.units import NS_PER_S
-from session.replay.binary.source import Rows, Stream, library, reason
+from session.replay.binary.source import Part, Rows, Stream, library, reason
 from session.replay.named import meaning, triads
 
 #: scalars of a definition -> struct's letter; ROS 1's char is a number
@@ -174,23 +174,23 @@ def definitions_of(path: Path, name: str, text: str, idl: bool = False, ros1: bo
 
 @dataclass(frozen=True)
 class Fields:
-    """Paths of x, y, z of the gyroscope and of the accelerometer, of the temperature, of the stamp and its ns per unit; of a covariance's
-    first number, -1 where a message says that it does not hold the quantity; units."""
+    """parts: paths of a quantity's numbers, x, y, z of the gyroscope and of the accelerometer, and its unit; of the stamp, and its ns per
+    unit; of a covariance's first number, -1 where a message says that it does not hold the quantity."""
 
-    gyro: tuple[str, ...]
-    accel: tuple[str, ...]
-    temp: str | None
+    parts: Mapping[str, tuple[tuple[str, ...], str]]
     stamp: tuple[tuple[str, int], ...]
     absent: tuple[tuple[str, str], ...] = ()
-    gyro_unit: str = ""
-    accel_unit: str = ""
-    temp_unit: str = ""
+
+    @property
+    def width(self) -> int:
+        """Numbers of all quantities."""
+        return sum(len(names) for names, _ in self.parts.values())
 
     @property
     def paths(self) -> list[str]:
         """In the order of a row: rates, forces, temperature, absences, stamp."""
-        numbers = [*self.gyro, *self.accel, *([self.temp] if self.temp else []), *(path for _, path in self.absent)]
-        return numbers + [path for path, _ in self.stamp]
+        numbers = [path for names, _ in self.parts.values() for path in names]
+        return [*numbers, *(path for _, path in self.absent), *(path for path, _ in self.stamp)]
 
 
 #: of sensor_msgs/Imu by its definition
@@ -218,13 +218,13 @@ def fields_of(paths: Sequence[str], kind: str) -> Fields | None:
     """
     if NO_SENSOR.search(kind):
         return None
-    found = triads(paths)
-    gyro = next((names for (what, _), names in found.items() if what == "gyro"), ())
-    accel = next((names for (what, _), names in found.items() if what == "accel"), ())
-    if not gyro and not accel:
+    found, meanings = triads(paths), {path: said for path in paths if (said := meaning(path)) is not None}
+    first = {what: names for (what, _), names in reversed(found.items())}
+    named: dict[str, tuple[str, ...]] = {what: first[what] for what in ("gyro", "accel") if what in first}
+    if not named:
         return None
-    meanings = {path: said for path in paths if (said := meaning(path)) is not None}
-    temp = next((path for path, said in meanings.items() if said.kind == "temp"), None)
+    if (temp := next((path for path, said in meanings.items() if said.kind == "temp"), None)) is not None:
+        named["temp"] = (temp,)
     stamp: tuple[tuple[str, int], ...] = next((((sec, NS_PER_S), (nsec, 1)) for sec, nsec in PAIRS if sec in paths and nsec in paths), ())
     if not stamp:
         single = next((path for path in ("timestamp_sample", "timestamp") if path in paths), None)
@@ -234,12 +234,9 @@ def fields_of(paths: Sequence[str], kind: str) -> Fields | None:
             scale = {"ns": 1, "us": 1000, "ms": 10**6, "s": NS_PER_S}
             times = [(path, of.unit) for path, of in meanings.items() if of.kind == "time" and of.unit in scale]
             stamp = ((times[0][0], scale[times[0][1]]),) if times else ()
-    units = [meanings[names[0]].unit if names else "" for names in (gyro, accel, (temp,) if temp else ())]
-    absent: tuple[tuple[str, str], ...] = ()
-    if kind == IMU:
-        units[:2] = ["rad/s", "m/s2"]
-        absent = tuple((what, path) for what, path in ABSENT if path in paths)
-    return Fields(gyro, accel, temp, stamp, absent, *units)
+    fixed, absent = ({"gyro": "rad/s", "accel": "m/s2"}, ABSENT) if kind == IMU else ({}, ())
+    parts = {what: (names, fixed.get(what, meanings[names[0]].unit)) for what, names in named.items()}
+    return Fields(parts, stamp, tuple(each for each in absent if each[1] in paths))
 
 
 # Topics that grow while a file is read.
@@ -254,7 +251,7 @@ class Topic:
     def __init__(self, path: Path, name: str, kind: str, decode: Callable[[bytes], Sequence[float]], fields: Fields) -> None:
         self.name, self.kind, self.fields = name, kind, fields
         self._decode = decode
-        self._width = len(fields.gyro) + len(fields.accel) + (fields.temp is not None)
+        self._width = fields.width
         self._logged, self._rows = Rows(path, 0), Rows(path, self._width)
         self._absent = np.zeros(len(fields.absent), dtype=np.int64)
         self.damaged = 0
@@ -295,30 +292,20 @@ class Topic:
             said.append(f"{self.damaged} damaged messages are left out, {len(self)} were read")
         values, fields = self._rows.values, self.fields
         absent = {what for (what, _), count in zip(fields.absent, self._absent, strict=True) if count == len(self)}
-        parts = {}
-        first = 0
-        for what, width in (("gyro", len(fields.gyro)), ("accel", len(fields.accel)), ("temp", int(fields.temp is not None))):
-            part = values[:, first : first + width]
-            first += width
-            if width and what not in absent and (part.any() or what == "temp"):
-                parts[what] = part[:, 0] if what == "temp" else part
-        if "gyro" not in parts and "accel" not in parts:
+        parts, first = {}, 0
+        for what, (names, unit) in fields.parts.items():
+            part = values[:, first : first + len(names)]
+            first += len(names)
+            if what == "temp":
+                parts[what] = Part(part[:, 0], unit)
+            elif what not in absent and part.any():
+                parts[what] = Part(part, unit, names)
+        if not {"gyro", "accel"} & set(parts):
             return None
         t_ns, note = _stamps(self._rows.t_ns, self._logged.t_ns, bool(fields.stamp))
         said += [note] if note else []
-        return Stream(
-            self.name,
-            t_ns,
-            parts.get("gyro"),
-            parts.get("accel"),
-            parts.get("temp"),
-            fields.gyro_unit if "gyro" in parts else "",
-            fields.accel_unit if "accel" in parts else "",
-            fields.temp_unit if "temp" in parts else "",
-            frame="the frame of its header's frame_id" if self.kind == IMU else "",
-            notes=tuple(said),
-            columns=tuple(fields.paths),
-        )
+        frame = "the frame of its header's frame_id" if self.kind == IMU else ""
+        return Stream(self.name, t_ns, parts, frame=frame, notes=tuple(said), columns=tuple(fields.paths))
 
 
 def _stamps(own: np.ndarray, logged: np.ndarray, stamped: bool) -> tuple[np.ndarray, str]:

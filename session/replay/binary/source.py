@@ -6,7 +6,7 @@ import contextlib
 import os
 import warnings
 from array import array
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from io import BufferedIOBase
@@ -21,45 +21,47 @@ from session.base.files import open_file
 
 
 @dataclass(frozen=True, eq=False)
+class Part:
+    """Readings of one quantity.
+
+    values (N, 3), of a temperature (N,), float64 as written; unit: a word of ``session.base.units`` (``rad/s``, ``dps``, ``lsb``,
+    ``0.061dps``), ``""`` where the file does not say; names of x, y and z in the file, none where it calls them otherwise; full_scale, dps
+    or g, where the file states it.
+    """
+
+    values: np.ndarray
+    unit: str = ""
+    names: tuple[str, ...] = ()
+    full_scale: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class Stream:
     """One sensor's readings out of a file.
 
     name: topic, message and instance, or dataset: ``sensor_combined[0]``, ``/imu/data_raw``, ``IMU[0]``, ``gyro``.  t_ns (N,) int64, or
-    None where nothing stamps them.  gyro, accel (N, 3) and temp (N,) float64 as written, None where the stream holds none.  Units: words
-    of ``session.base.units`` (``rad/s``, ``dps``, ``lsb``, ``0.061dps``), ``""`` where the file does not say.  Full scales and odr_hz where
-    the file states them.  frame: what is documented of its axes.  notes: what was repaired, where a damaged file stops, what an assumption
-    rests on.  columns as the file calls them.
+    None where nothing stamps them.  parts: what is there, of ``gyro``, ``accel``, ``temp``.  odr_hz where the file states it.  frame: what
+    is documented of its axes.  notes: what was repaired, where a damaged file stops, what an assumption rests on.  columns as the file
+    calls them; stamps: that of the stamps, where it has a name.
     """
 
     name: str
     t_ns: np.ndarray | None
-    gyro: np.ndarray | None
-    accel: np.ndarray | None
-    temp: np.ndarray | None
-    gyro_unit: str = ""
-    accel_unit: str = ""
-    temp_unit: str = ""
-    gyro_fs_dps: float | None = None
-    accel_fs_g: float | None = None
+    parts: Mapping[str, Part]
     odr_hz: float | None = None
-    sensor: str | None = None
     frame: str = ""
     notes: tuple[str, ...] = ()
     columns: tuple[str, ...] = ()
+    stamps: str = ""
 
     @property
     def topic(self) -> Topic:
         """What is there to choose."""
-        return Topic(self.name, len(self), self.holds, self.columns)
-
-    @property
-    def holds(self) -> tuple[str, ...]:
-        """The quantities that are there, of ``gyro``, ``accel``, ``temp``."""
-        return tuple(kind for kind in ("gyro", "accel", "temp") if getattr(self, kind) is not None)
+        return Topic(self.name, len(self), tuple(self.parts), self.columns)
 
     def __len__(self) -> int:
         """Rows."""
-        return next((len(part) for part in (self.gyro, self.accel, self.temp, self.t_ns) if part is not None), 0)
+        return next((len(part.values) for part in self.parts.values()), 0)
 
 
 @dataclass(frozen=True)

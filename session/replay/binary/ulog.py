@@ -18,7 +18,7 @@ import numpy as np
 from session.base.budget import PACKED, current, stored
 from session.base.errors import FormatError
 from session.base.units import DEG, G
-from session.replay.binary.source import Messages, Source, Stream, library, microseconds, one_line
+from session.replay.binary.source import Messages, Part, Source, Stream, library, microseconds, one_line
 
 PACKAGE = "pyulog"
 MAGIC = b"ULog\x01\x12\x35"
@@ -127,27 +127,33 @@ def _stream(path: Path, message: str, name: str, fields: dict[str, np.ndarray], 
     current().numbers(path, len(stamps) * (7 if message in ("sensor_combined", "vehicle_imu") else 5))
     t_ns, kept = microseconds(stamps if stamps.any() else fields["timestamp"], notes)
     fields = {key: values[kept] for key, values in fields.items()}
-    temp = fields["temperature"].astype(float) if "temperature" in fields and np.isfinite(fields["temperature"]).any() else None
     if message == "sensor_combined":
         late = fields.get("accelerometer_timestamp_relative")
         if late is not None and len(late) and abs(np.median(late)) > 0:
             notes.append(f"the accelerometer's samples are {np.median(late):+g} us from the gyroscope's (median), and have its stamps here")
-        gyro, accel = _three(fields, "gyro_rad[{}]"), _three(fields, "accelerometer_m_s2[{}]")
-        return Stream(name, t_ns, gyro, accel, None, "rad/s", "m/s2", frame=FRAME, notes=(*notes, CALIBRATED))
+        parts = {"gyro": _three(fields, "gyro_rad[{}]", "rad/s"), "accel": _three(fields, "accelerometer_m_s2[{}]", "m/s2")}
+        return Stream(name, t_ns, parts, frame=FRAME, notes=(*notes, CALIBRATED))
     if message == "vehicle_imu":
         notes += ["rates and forces are PX4's increments over their intervals, and end at the stamp", CALIBRATED]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            gyro, accel = (
-                _three(fields, f"{what}[{{}}]") / (fields[f"{what}_dt"].astype(float)[:, None] * 1e-6)
-                for what in ("delta_angle", "delta_velocity")
-            )
-        return Stream(name, t_ns, gyro, accel, None, "rad/s", "m/s2", frame=FRAME, notes=tuple(notes))
-    values, temp_unit = _three(fields, "{}", "xyz"), "" if temp is None else "degc"
-    if message == "sensor_gyro":
-        span = float(fields["range_rad_s"][0]) / DEG if "range_rad_s" in fields and len(t_ns) else None  # before PX4 1.11
-        return Stream(name, t_ns, values, None, temp, "rad/s", "", temp_unit, gyro_fs_dps=span, frame=FRAME, notes=tuple(notes))
-    span = float(fields["range_m_s2"][0]) / G if "range_m_s2" in fields and len(t_ns) else None
-    return Stream(name, t_ns, None, values, temp, "", "m/s2", temp_unit, accel_fs_g=span, frame=FRAME, notes=tuple(notes))
+        parts = {}
+        for kind, what, unit in (("gyro", "delta_angle", "rad/s"), ("accel", "delta_velocity", "m/s2")):
+            part = _three(fields, f"{what}[{{}}]", unit)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                parts[kind] = replace(part, values=part.values / (fields[f"{what}_dt"].astype(float)[:, None] * 1e-6))
+        return Stream(name, t_ns, parts, frame=FRAME, notes=tuple(notes))
+    kind = message.split("_")[1]
+    unit, si = SENSORS[kind]
+    span = f"range_{unit.replace('/', '_')}"  # before PX4 1.11
+    parts = {
+        kind: replace(_three(fields, "{}", unit, "xyz"), full_scale=float(fields[span][0]) / si if span in fields and len(t_ns) else None)
+    }
+    if "temperature" in fields and np.isfinite(fields["temperature"]).any():
+        parts["temp"] = Part(fields["temperature"].astype(float), "degc")
+    return Stream(name, t_ns, parts, frame=FRAME, notes=tuple(notes))
+
+
+#: of messages of one sensor: its quantity, unit, and SI per unit of its full scale
+SENSORS = {"gyro": ("rad/s", DEG), "accel": ("m/s2", G)}
 
 
 def _batches(path: Path, message: str, name: str, fields: dict[str, np.ndarray], notes: list[str]) -> Stream:
@@ -165,28 +171,21 @@ def _batches(path: Path, message: str, name: str, fields: dict[str, np.ndarray],
     before = np.where(np.isfinite(before) & (abs(before) < 1e12), before, 0).astype(np.int64)
     scales = fields["scale"].astype(float)
     scale = float(scales[0]) if len(scales) else 1.0
-    unit = "rad/s" if message == "sensor_gyro_fifo" else "m/s2"
+    kind = message.split("_")[1]
+    unit, si = SENSORS[kind]
     stamps = (t_ns[:, None] - before)[filled]
     notes.append("stamps within a FIFO's batch are counted back from its last sample")
     odr_hz = float(1e9 / np.median(dt_ns)) if len(dt_ns) and np.median(dt_ns) > 0 else None
     if (scales == scale).all() and scale > 0:
-        said, span = f"{scale!r}{unit}", 32768 * scale
+        part = Part(values, f"{scale!r}{unit}", full_scale=32768 * scale / si)
     else:
-        values, said, span = values * np.repeat(scales, counts)[:, None], unit, None
-    if message == "sensor_gyro_fifo":
-        span = None if span is None else span / DEG
-        return Stream(
-            name, stamps, values, None, None, said, gyro_fs_dps=span, odr_hz=odr_hz, frame="the sensor's own axes", notes=tuple(notes)
-        )
-    span = None if span is None else span / G
-    return Stream(
-        name, stamps, None, values, None, "", said, accel_fs_g=span, odr_hz=odr_hz, frame="the sensor's own axes", notes=tuple(notes)
-    )
+        part = Part(values * np.repeat(scales, counts)[:, None], unit)
+    return Stream(name, stamps, {kind: part}, odr_hz, "the sensor's own axes", tuple(notes))
 
 
-def _three(fields: dict[str, np.ndarray], pattern: str, axes: str = "012") -> np.ndarray:
-    """(N, 3) float64."""
-    return np.column_stack([fields[pattern.format(axis)] for axis in axes]).astype(float)
+def _three(fields: dict[str, np.ndarray], pattern: str, unit: str, axes: str = "012") -> Part:
+    names = tuple(map(pattern.format, axes))
+    return Part(np.column_stack([fields[name] for name in names]).astype(float), unit, names)
 
 
 FORMAT = Messages(

@@ -5,10 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy import integrate, stats
+from scipy import integrate, linalg, stats
 
 from tinygc.inference.choose import (
     LEVEL,
+    ONE_VALUE,
     SCALES,
     STEPS,
     Selection,
@@ -17,6 +18,7 @@ from tinygc.inference.choose import (
     chance_of_any,
     chi_square_above,
     climb,
+    divided,
     each_alone,
     factors_by_freedom,
     factors_by_size,
@@ -307,3 +309,26 @@ def test_a_column_without_a_direction_of_its_own_takes_none():
 def test_errors_without_a_sigma_are_below_a_limit_or_not():
     assert rms_below(1.0, (0.1, 0.1, 0.1), (0.0, 0.0, 0.0)) == 1.0
     assert rms_below(0.05, (0.1, 0.1, 0.1), (0.0, 0.0, 0.0)) == 0.0
+
+
+def test_units_are_divided_by_the_evidence_of_their_values():
+    """Of two parameters in three units with a fifth of their errors in common, one of which is apart: by normal densities."""
+    rng = np.random.default_rng(3)
+    roots, values = 0.03 * rng.normal(size=(3, 2, 2)) + 0.1 * np.eye(2), np.array([[0.9, 0.4], [0.9, 0.4], [-0.7, 0.1]])
+    covariances = roots @ roots.transpose(0, 2, 1)
+    found = divided(values, covariances, share=0.2)
+    halves = [np.linalg.cholesky(each) for each in covariances]
+    errors = np.block([[(1.0 if i == j else 0.2) * a @ b.T for j, b in enumerate(halves)] for i, a in enumerate(halves)])
+    nothing = density(values.ravel(), errors)
+    assert found[0].ids == {ONE_VALUE, "2"}
+    for each in found:
+        rest = [k for k in range(3) if str(k) not in each.ids]
+        apart = linalg.block_diag(*(float(str(k) in each.ids) * np.eye(2) for k in range(3)))
+        one = np.kron(np.outer(*2 * [np.isin(range(3), rest)]), np.eye(2)) * (ONE_VALUE in each.ids)
+        odds = [
+            np.exp(density(values.ravel(), errors + s**2 * apart + t**2 * one) - nothing)
+            for s in (STEPS if apart.any() else [0.0])
+            for t in (STEPS if one.any() else [0.0])
+        ]
+        assert each.score == pytest.approx(-2 * (np.log(np.mean(odds)) - len(each.ids) * np.log(30)), rel=1e-6)
+    assert not {frozenset({ONE_VALUE, "0", "1"}), frozenset({ONE_VALUE, "0", "1", "2"})} & {each.ids for each in found}

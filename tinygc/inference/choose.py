@@ -17,17 +17,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
 from itertools import product
 from statistics import NormalDist
-from typing import Annotated, Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-from session.base.records import Key
-from session.base.results import Maybe, Number, Text
 from tinygc.inference.solve import UNSEEN, left_of, orthonormal, unit_columns
 
 #: level of every test, family-wise where several are made, and of the limits, which hold with 95 %; of 200 sessions with nothing wrong the
@@ -370,6 +368,45 @@ def rivals_of(weighed: Sequence[Weighed], best: Weighed, own: str) -> dict[str, 
     return found
 
 
+class Division(NamedTuple):
+    """Whose an effect is: numbers of the units, as text, with a value each, and ``ONE_VALUE`` where all others have one; its score."""
+
+    ids: frozenset[str]
+    score: float
+
+
+ONE_VALUE = "one value"
+
+
+def divided(values: np.ndarray, covariances: np.ndarray, share: float = 0.0) -> list[Division]:
+    """Weigh whether units have one value, each its own, or none; the best first.
+
+    values (U, P) of the units, in plausible sizes, with covariances (U, P, P); share: of their errors that units have in common, below 1,
+    which more units do not reduce.  Each value pays the prior odds once; those of units by themselves have one scale.
+    """
+    count, size = values.shape
+    roots = np.linalg.cholesky(covariances).reshape(-1, size)
+    precision = np.linalg.inv(roots @ roots.T * np.where(np.kron(np.eye(count), np.ones((size, size))), 1.0, share))
+    columns = np.eye(count * size).reshape(count, size, -1)
+    names = [*map(str, range(count)), ONE_VALUE]
+    weighed = {frozenset[str](): Division(frozenset(), 0.0)}
+
+    def weigh(ids: frozenset[str]) -> Division:
+        apart, rest = ([k for k in range(count) if (str(k) in ids) == own] for own in (True, False))
+        if ONE_VALUE in ids and len(rest) < 2:  # what is left is by itself
+            return weigh(frozenset(names[:-1]))
+        if ids not in weighed:
+            sets = [columns[apart].reshape(-1, count * size)] * bool(apart) + [columns[rest].sum(axis=0)] * (ONE_VALUE in ids)
+            X = np.concatenate(sets)
+            evidence = over_scales(X @ precision @ X.T, X @ precision @ values.ravel(), [len(each) for each in sets])
+            weighed[ids] = Division(ids, -2 * (evidence + len(ids) * float(np.log(PRIOR_ODDS))))
+        return weighed[ids]
+
+    for start in (frozenset[str](), frozenset({ONE_VALUE})):
+        climb(weigh(start), lambda best: [weigh(best.ids ^ {name}) for name in names])
+    return sorted(weighed.values(), key=lambda each: each.score)
+
+
 def averaged(weights: np.ndarray, values: np.ndarray, sigmas: np.ndarray) -> tuple[float, float]:
     """Mean of a number over sets with these weights (N,), and its sigma, which contains how the sets differ (Hoeting et al. 1999)."""
     mean = float(weights @ values)
@@ -437,13 +474,12 @@ def agreement(values: np.ndarray, covariances: np.ndarray) -> Agreement:
 class Statement:
     """A statement with its evidence.  what: its subject; test: the name of the test; size, limit: with units; claimed: the size that was
     claimed, if one was; more: what is said behind it; value, sigma, upper: the size, its sigma and its upper 95 % limit as numbers, where
-    they are known."""
+    they are known; figures: what else its table has."""
 
-    written = ("standing", "test", "p_value", "words")
     what: str
-    standing: Annotated[Standing, Text(tuple(each.value for each in Standing))]
+    standing: Standing
     test: str
-    p_value: Annotated[float, Maybe(Number(0, 1))]
+    p_value: float
     size: str
     limit: str
     claimed: str = ""
@@ -451,6 +487,7 @@ class Statement:
     value: float = np.nan
     sigma: float = np.nan
     upper: float = np.inf
+    figures: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -461,7 +498,7 @@ class Statement:
         return cls(what, standing, test, p_claimed if standing is Standing.AGAINST else p_value, size, limit, **more)
 
     @property
-    def words(self) -> Annotated[str, Key("description")]:
+    def words(self) -> str:
         """Return one sentence without its full stop."""
         said = {
             Standing.FOR: self.size,
@@ -470,3 +507,8 @@ class Statement:
             Standing.UNDECIDED: f"undecided; {self.size}; more than {self.limit} is excluded with 95 %",
         }
         return f"{self.what}: {said[self.standing]} ({self.test}, p = {self.p_value:.2g}){self.more}"
+
+    def table(self) -> dict[str, Any]:
+        """Return it for JSON."""
+        of = {name: getattr(self, name) for name in ("what", "standing", "test", "p_value")}
+        return of | {"description": self.words, **self.figures}

@@ -23,7 +23,7 @@ from tinygc.features.arrays.clocks import rates_of
 from tinygc.features.arrays.extrinsics import clock_fits, places_of
 from tinygc.features.arrays.latency import ages_of, corrected
 from tinygc.features.arrays.recording import ArraySession, read_array
-from tinygc.features.arrays.rest_noise import BODY, OPEN, SENSORS, correlated, shared_noise, source_of
+from tinygc.features.arrays.rest_noise import BODY, OPEN, SENSORS, correlated, shared_noise
 from tinygc.inference.choose import Standing
 
 FINE_S = 1e-3
@@ -288,8 +288,8 @@ def test_a_common_motion_is_found_at_its_share_of_the_power(common):
     shared = correlated(groups(common), "gyro")
     assert shared.value == pytest.approx(common**2 / (1 + common**2), abs=4 * shared.sigma)
     assert shared.standing is Standing.FOR
-    assert (source_of(shared) == BODY) is (common == 3.0) or common == 1.0
-    assert (source_of(shared) == SENSORS) is (common == 0.5)
+    assert (shared.figures["source"] == BODY) is (common == 3.0) or common == 1.0
+    assert (shared.figures["source"] == SENSORS) is (common == 0.5)
 
 
 def test_absence_is_stated_with_its_limit_only():
@@ -298,7 +298,7 @@ def test_absence_is_stated_with_its_limit_only():
     assert shared.words.startswith("motion of the body in the gyro noise at rest: below 4.3 % with 95 %")
     unknown = shared_noise(0.2, 0.3, "gyro")
     assert unknown.standing is Standing.UNDECIDED
-    assert source_of(unknown) == OPEN
+    assert unknown.figures["source"] == OPEN
 
 
 def test_the_mikov_body_moves_at_rest(shared, tmp_path):
@@ -306,6 +306,6 @@ def test_the_mikov_body_moves_at_rest(shared, tmp_path):
     array = read_array(folder)
     fits = clock_fits(array)
     noise = _noise_of_fits(array, fits)
-    assert source_of(noise["gyro"]) == BODY
-    assert source_of(noise["accelerometer"]) == SENSORS
+    assert noise["gyro"].figures["source"] == BODY
+    assert noise["accelerometer"].figures["source"] == SENSORS
     assert fits[1].clock.rate == pytest.approx(0.00220, abs=5e-5)  # slow, by a separate analysis

@@ -1,5 +1,6 @@
 """Whose an effect is: equality of the units' estimates, their pooled value, the units that differ, what is common; steps in readings."""
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -7,91 +8,96 @@ import numpy as np
 import pytest
 from conftest import DEG
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
+from scipy.special import logsumexp
+from scipy.stats import multivariate_normal
 
+from session.base.texts import measured
 from session.base.units import EARTH_RATE_RPS
 from tinygc import SimulationOptions
 from tinygc.effects import catalogue
 from tinygc.features.arrays.events import ArrayEvent
-from tinygc.features.arrays.explanation import ArrayExplanation, steps_of
+from tinygc.features.arrays.explanation import ArrayShown, steps_of
 from tinygc.features.arrays.feature import ArrayOptions
 from tinygc.features.arrays.fit import events_and_left_out, fit_array
 from tinygc.features.arrays.recording import read_array
 from tinygc.features.arrays.simulation import simulate_array, write_array
-from tinygc.features.arrays.slow_zero import Weighed, pooled
-from tinygc.features.arrays.traits import ALIKE, COMMON, DIFFERS, UNDECIDED, _yaw_to_array, trait_of
-from tinygc.inference.choose import PRIOR_ODDS, Standing, Statement
+from tinygc.features.arrays.traits import ALIKE, COMMON, DIFFERS, UNDECIDED, _yaw_to_array, slow_zero, trait_of
+from tinygc.inference.choose import PRIOR_ODDS, STEPS, Standing, Statement
 from tinygc.reporting.terminal import as_text
 
 OFFSET = catalogue()["timing.gyro_accel_offset"]
+PLAUSIBLE = OFFSET.parameter.plausible
 
 
-def of(values, named=(0,), tests=1, share=0.0, unknown=(), instead=(), sigmas=1.0):
-    """The trait of units with these estimates and sigmas."""
+def of(values, named=(0,), share=0.0, unknown=(), instead=(), sigmas=1.0):
+    """The trait of units with these estimates and sigmas, in thousandths of the plausible size."""
     sigmas = np.broadcast_to(sigmas, len(values))
-    estimates = {n: (np.array([float(x)]), np.array([[s**2]])) for n, (x, s) in enumerate(zip(values, sigmas, strict=True))}
+    scale = OFFSET.parameter.plausible / 1000
+    each = enumerate(zip(values, sigmas, strict=True))
+    estimates = {n: (np.array([scale * x]), np.array([[(scale * s) ** 2]])) for n, (x, s) in each}
     claims = {n: SimpleNamespace(says="says", equivalent=instead) for n in named}
-    return trait_of(OFFSET, claims, estimates, tests, share, unknown)
+    return trait_of(OFFSET, claims, estimates, share, unknown)
 
 
-def test_an_effect_of_all_units_that_one_alone_shows_significantly_is_no_units_own():
-    """2.2 and 1.5, 1.3, 1.6 of their sigmas: only the first is significant, and together they are 3.3 sigmas."""
-    values = [2.2, 1.5, 1.3, 1.6]
-    found, alone = of(values), of(values, share=1.0)  # four units with one error know no more than one of them
-    assert (found.scope, found.statement.standing, alone.scope) == (ALIKE, Standing.FOR, UNDECIDED)
-    assert found.statement.p_value == pytest.approx(chi2.sf(4 * 1.65**2, 1))
-    assert alone.statement.p_value == pytest.approx(chi2.sf(1.65**2, 1))
-    equal = chi2.sf(4 * np.var(values), 3)
-    assert f"in all units, one size is not rejected (equal sizes p = {equal:.2g}): 1.65 ± 0.50 s" in found.statement.words
+def scope(found):
+    return found.figures["scope"]
 
 
-def test_units_that_cannot_show_an_effect_are_not_counted_for_it():
-    found = of([1e-3, 0, 0, 0], sigmas=[1e-4, 1e-3, 1e-3, 1e-3])
-    assert (found.scope, found.statement.standing) == (UNDECIDED, Standing.UNDECIDED)
-    equal = chi2.sf(1e-6 / (1e-8 + 1e-6 / 3), 3)  # of one against the mean of three
-    assert (
-        f"named in unit 0; units 1, 2, 3 cannot show it (equal sizes p = {equal:.2g}): undecided; 0.00000 ± 0.00058 s"
-        in found.statement.words
-    )
-    assert found.statement.limit == "0.00095 s"
-    assert "in all units" not in found.statement.words
+def log_evidence(values, share=0.0):
+    """Of one value of units with sigma 1, against zero, the mean over its scales, by normal densities, with its prior odds."""
+    covariance = np.full((len(values),) * 2, share) + (1 - share) * np.eye(len(values))
+    zero = multivariate_normal(np.zeros(len(values)), covariance).logpdf(values)
+    with_one = [multivariate_normal(np.zeros(len(values)), covariance + (1000 * s) ** 2).logpdf(values) for s in STEPS]
+    return logsumexp(with_one) - np.log(len(STEPS)) - zero + np.log(PRIOR_ODDS)
 
 
-#: bars: of the mean of three others; of the chi-square of homogeneity of 0, 0, 0 and x, 3/4 x^2, of five effects tried
-OTHERS, OF_FIVE = np.sqrt(chi2.isf(0.05, 1) / 3), np.sqrt(chi2.isf(0.01, 3) * 4 / 3)
+def test_the_evidence_for_one_value_is_that_of_all_units_together():
+    """3.6, 3.1, 2.9, 3.3: over all of them 6.4 sigmas of the mean, of which a unit alone shows half; one error of all leaves 3.2."""
+    values = [3.6, 3.1, 2.9, 3.3]
+    found, alone = of(values), of(values, share=0.99)  # four units with one error know no more than one of them
+    assert (scope(found), found.standing, scope(alone)) == (ALIKE, Standing.FOR, UNDECIDED)
+    assert f"in all units, of one size: {measured(3.225e-3 * PLAUSIBLE, 0.5e-3 * PLAUSIBLE)} s" in found.words
+    together, own = np.exp(log_evidence(values)), [np.exp(log_evidence([x])) for x in values]
+    # The sets that a climb from none reaches: together, single ones, and with one of them apart.
+    apart = [np.exp(log_evidence([y for k, y in enumerate(values) if k != n])) * one for n, one in enumerate(own)]
+    assert found.p_value == pytest.approx(1 - together / (1 + together + sum(own) + sum(apart)), rel=1e-6)
 
 
 @pytest.mark.parametrize(
-    ("values", "how", "scope"),
+    ("values", "how", "expected"),
     [
-        ([4.0, *[OTHERS + 0.01] * 3], {}, ALIKE),  # the others count where their own pooled value is not zero
-        ([3.5, *[OTHERS - 0.01] * 3], {}, UNDECIDED),
-        ([4.0, *[OTHERS + 0.01] * 3], {"share": 0.1}, UNDECIDED),
-        ([4.0, 8.0], {"named": (0, 1), "tests": 60}, ALIKE),  # equal with p = 0.0047
-        ([4.0, 8.0], {"named": (0, 1), "tests": 10}, DIFFERS),
-        ([0, 0, 0, OF_FIVE + 0.01], {"named": (3,), "tests": 5}, DIFFERS),
-        ([0, 0, 0, OF_FIVE - 0.01], {"named": (3,), "tests": 5}, UNDECIDED),
+        ([12.0, 12.0], {"named": (0, 1)}, ALIKE),
+        ([12.0, 30.0], {"named": (0, 1)}, DIFFERS),
+        ([0.1, -0.2, 9.0, 0.1], {"named": (2,)}, DIFFERS),
+        ([1.0, -0.5, 0.3, 2.4], {"named": (3,)}, UNDECIDED),
+        ([9.0], {}, UNDECIDED),  # one unit says nothing of others
+        ([10.0, 0.0, 0.0, 0.0], {"sigmas": [1, 10, 10, 10]}, UNDECIDED),  # blind units show neither
     ],
 )
-def test_units_differ_only_where_equality_is_rejected_and_share_only_what_the_others_show(values, how, scope):
-    assert of(values, **how).scope == scope
+def test_units_differ_or_share_only_what_the_evidence_shows(values, how, expected):
+    assert scope(of(values, **how)) == expected
 
 
 @pytest.mark.parametrize(
     ("values", "how", "apart", "words"),
     [
-        ([4.0, 8.0], {"named": (0, 1), "tests": 60}, (), f"equal sizes p = {chi2.sf(8.0, 1):.2g}, one of 60 tests"),
-        ([0.1, -0.2, 9.0, 0.1], {"named": (2,)}, (2,), "differs between units: 9.0 ± 1.0 s in unit 2, 0.00 ± 0.58 s in the others"),
-        ([1.9, -1.0, -0.5, 0.2, -0.6], {}, (), "below 0.74 s with 95 %"),  # 1.645 / sqrt(5)
+        ([0.1, -0.2, 9.0, 0.1], {"named": (2,)}, (2,), "differs between units: {9.0 ± 1.0} s in unit 2, {0.0 ± 0.57735} s in the others"),
+        ([1.9, -1.0, -0.5, 0.2, -0.6], {}, (), "below {0.7356} s with 95 %"),  # 1.645 / sqrt(5)
         ([5.0, 5.0], {"unknown": (3,), "instead": ("gyro.bandwidth",)}, (), "or gyro.bandwidth: not told apart here"),
+        ([9.0, 9.0], {"unknown": (3,)}, (), "in units 0, 1, of one size"),
         ([5.0, 5.0], {"unknown": (3,)}, (), "unit 3 could not be explained, and may have it too"),
-        ([5.0], {"unknown": (3,)}, (), "in one unit"),
     ],
 )
 def test_words_have_the_sizes_of_the_units_that_differ_and_what_is_not_known(values, how, apart, words):
     found = of(values, **how)
-    assert found.apart == apart
-    assert words in found.statement.words
+    assert found.figures["apart"] == apart
+
+    def in_seconds(match):
+        value, _, sigma = match[1].partition(" ± ")
+        scaled = float(value) * PLAUSIBLE / 1000
+        return measured(scaled, float(sigma) * PLAUSIBLE / 1000) if sigma else f"{scaled:.2g}"
+
+    assert re.sub(r"\{(.*?)\}", in_seconds, words) in found.words
 
 
 # The Earth.
@@ -117,61 +123,60 @@ def earth(factors, sigma=0.05):
     turned = [Rotation.from_euler("z", -yaw, degrees=True).apply(factor * rate) for yaw, factor in zip(yaws, factors, strict=True)]
     turns = [_yaw_to_array(body(yaws), n) for n in range(len(yaws))]
     estimates = {n: (R @ theta, R @ covariance @ R.T) for n, (theta, R) in enumerate(zip(turned, turns, strict=True))}
-    return trait_of(catalogue()["earth.rotation"], {0: SimpleNamespace(says="says", equivalent=())}, estimates, 1, 0.0, ())
+    return trait_of(catalogue()["earth.rotation"], {0: SimpleNamespace(says="says", equivalent=())}, estimates, 0.0, ())
 
 
 @pytest.mark.parametrize(
     ("factors", "standing", "words"),
     [
-        ([1.0] * 3, Standing.FOR, "one term of all units: 15.04 ± 0.43 °/h"),
+        ([1.0] * 3, Standing.FOR, "in all units, of one size: 15.04 ± 0.43 °/h"),
         ([3.0] * 3, Standing.AGAINST, "45.12 ± 0.43 °/h, not the Earth's 15.0 °/h"),
         ([0.0] * 3, Standing.BOUNDED, ""),
-        ([0.7, 1.3], Standing.UNDECIDED, "which disagree: undecided; 11 to 20 °/h in single units"),
+        ([0.7, 1.3], Standing.UNDECIDED, "differs between units: undecided; 10.53 ± 0.75 °/h in unit 0, 19.55 ± 0.75 °/h in unit 1"),
     ],
 )
 def test_the_earth_that_one_unit_names_is_one_term_of_all(factors, standing, words):
     """Of the last, 0.7 and 1.3 of the Earth's rate, the mean is the Earth's, and 0.6 between them is 8.5 sigmas."""
     found = earth(factors)
-    assert (found.scope, found.statement.standing) == (COMMON, standing)
-    assert words in found.statement.words
-    if len(factors) == 2:
-        assert found.statement.p_value == pytest.approx(chi2.sf(0.6**2 / (2 * 0.05**2), 3))
-        assert found.statement.limit == "21 °/h"
+    assert (scope(found), found.standing) == (COMMON, standing)
+    assert words in found.words
 
 
 # Slow motions of the zero-rate offset.
 
 
-def weighed(shapes=1, gain=40.0, **scores):
+def weighed(**scores):
     names = {"drift": "gyro.bias_drift", "step": "gyro.bias_step", "warm": "unknown.warm_up"}
-    return {names[name]: Weighed(value, gain, 3, shapes, 0.1 * DEG, 0.15 * DEG) for name, value in scores.items()}
+    return {names[name]: (value, 0.1 * DEG, 0.15 * DEG) for name, value in scores.items()}
 
 
 def test_the_family_is_decided_by_the_evidence_of_all_units():
     """Each unit prefers another member by a little; over both, the drift is better by 2 than the warm-up."""
     units = {0: weighed(drift=-20.0, warm=-21.0, step=0.0), 1: weighed(drift=-23.0, warm=-20.0, step=0.0)}
-    found, table = pooled(units, {0: ("unknown.warm_up",), 1: ("gyro.bias_drift",)}, thermometer=False)
-    name, share = next(iter(table["shares"].items()))
-    assert table["by_unit"][1] == {"number": 1, "size_dps": pytest.approx(0.1), "named": ("gyro.bias_drift",)}
-    assert (name, share) == ("gyro.bias_drift", pytest.approx(1 / (1 + np.exp(-1)), abs=1e-4))
+    found = slow_zero(units, {0: ("unknown.warm_up",), 1: ("gyro.bias_drift",)}, thermometer=False)
+    once = 2 * np.log(1 / PRIOR_ODDS)
+    each = np.exp(-(np.array([-43.0, -41.0, 0.0]) - once) / 2)
+    name, share = next(iter(found.figures["shares"].items()))
+    assert found.figures["by_unit"][1] == {"number": 1, "size_dps": pytest.approx(0.1), "named": True}
+    assert (name, share) == ("gyro.bias_drift", pytest.approx(each[0] / each.sum()))
     assert found.standing is Standing.FOR
-    assert found.p_value == pytest.approx(3 * chi2.sf(80.0, 6))
-    for words in ("most likely a steady drift", "or a warm-up within the session (0.27)", "temperature was not recorded"):
+    assert found.p_value == pytest.approx(1 / (1 + each.sum()))
+    for words in (
+        "most likely a steady drift",
+        "or a warm-up within the session (0.27)",
+        "temperature was not recorded",
+        "2 of 2 show it alone",
+    ):
         assert words in found.words
-    assert "not recorded" not in pooled(units, {}, thermometer=True)[0].words
-    shapes = {n: weighed(shapes=count, step=-40.0, drift=0.0) for n, count in enumerate((7, 5))}  # those tried in each unit count
-    assert pooled(shapes, {}, True)[0].p_value == pytest.approx(2 * 7 * 5 * chi2.sf(80.0, 6))
+    assert "not recorded" not in slow_zero(units, {}, thermometer=True).words
 
 
 def test_prior_odds_are_paid_once_and_evidence_against_all_members_names_none():
+    """19 to 1 is 5.89 of -2 log."""
     once = 2 * np.log(1 / PRIOR_ODDS)
-    for drift, gain, standing in (
-        (once - 1.1, 40.0, Standing.FOR),
-        (once - 0.9, 40.0, Standing.UNDECIDED),
-        (once - 1.1, 3.0, Standing.UNDECIDED),
-    ):
-        units = {0: weighed(gain=gain, drift=1.0), 1: weighed(gain=gain, drift=drift)}
-        assert pooled(units, {}, True)[0].standing is standing
+    for drift, standing in ((once - 5.99, Standing.FOR), (once - 5.79, Standing.UNDECIDED)):
+        units = {0: weighed(drift=1.0), 1: weighed(drift=drift - 1.0)}
+        assert slow_zero(units, {}, True).standing is standing
 
 
 # Steps in readings, events, and the verdict.
@@ -209,10 +214,11 @@ def test_units_that_stand_out_together_are_not_blamed(hit):
 
 
 def verdict(common=Standing.BOUNDED, own=Standing.BOUNDED, slow=None, fit=None):
-    common, own, slow = (standing and Statement("what", standing, "test", 0.01, "", "") for standing in (common, own, slow))
+    scopes = zip((common, own, slow), ("common", "own", "common"), strict=True)
+    stated = [each and Statement("what", each, "test", 0.01, "", "", figures={"scope": scope}) for each, scope in scopes]
     joint = SimpleNamespace(events=()) if fit is None else fit.joint
-    stated = SimpleNamespace(joint=joint, split=SimpleNamespace(common=common, alone=own))
-    return ArrayExplanation(stated, {}, {}, (), slow and (slow, {}), {}, ()).verdict
+    told = SimpleNamespace(joint=joint, split=SimpleNamespace(common=stated[0], alone=stated[1]))
+    return ArrayShown(told, {}, {}, [each for each in stated if each], ()).verdict
 
 
 @pytest.mark.parametrize(

@@ -268,7 +268,7 @@ def test_what_is_in_one_unit_is_said_of_it(tmp_path, capsys):
     written = json.loads(table.read_text(encoding="utf-8"))
     assert written == json.loads((out / "array.json").read_text(encoding="utf-8"))
     assert not strangers(written)
-    (gravity,) = (trait for trait in written["traits"] if trait["id"] == "gyro.g_sensitivity")
+    (gravity,) = (each for each in written["statements"] if each.get("id") == "gyro.g_sensitivity")
     assert (gravity["scope"], gravity["units"]) == ("differs", [0])
     np.testing.assert_allclose(gravity["by_unit"][0]["value"], 9.80665 * matrix.ravel(), atol=np.radians(5e-3))
     assert np.abs(gravity["by_unit"][1]["value"]).max() < np.radians(5e-3)

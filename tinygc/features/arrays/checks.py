@@ -17,7 +17,7 @@ from session.log.folder import Session
 from tinygc.features.arrays.clocks import ClockFit
 from tinygc.features.arrays.extrinsics import clock_fits
 from tinygc.features.arrays.recording import ArraySession
-from tinygc.features.arrays.rest_noise import BODY, SENSORS, noise_at_rest, source_of
+from tinygc.features.arrays.rest_noise import BODY, SENSORS, noise_at_rest
 from tinygc.inference.choose import Statement
 
 # Check of an array: each unit as a session of its own, then whether all units are on one body.
@@ -62,17 +62,17 @@ def _with_source(finding: Finding, noise: dict[str, Statement]) -> Finding:
     if finding.level != "warning" or what != "noise" or (shared := noise.get(sensor)) is None:
         return finding
     agrees = f"the units' noise at rest correlates by {shared.value:.2f} ± {shared.sigma:.2f}"
-    if source_of(shared) == SENSORS:
+    if shared.figures["source"] == SENSORS:
         return replace(finding, do=f"{agrees}: it is this sensor's own, not the body's; or its units are wrong")
-    if source_of(shared) == BODY:
+    if shared.figures["source"] == BODY:
         return replace(finding, do=f"{agrees}: a table, a floor, a fan or a hand moves the body")
     return finding
 
 
 def _at_rest(array: ArraySession, shared: Statement) -> Finding:
-    level = "ok" if source_of(shared) == SENSORS else "note"
-    do = "lay the body on something heavy, away from hands, fans and steps" if source_of(shared) == BODY else ""
-    return Finding(level, array.name, AT_REST, f"{shared.words}; {source_of(shared)}", do)
+    level = "ok" if shared.figures["source"] == SENSORS else "note"
+    do = "lay the body on something heavy, away from hands, fans and steps" if shared.figures["source"] == BODY else ""
+    return Finding(level, array.name, AT_REST, shared.words, do)
 
 
 def _said(fit: ClockFit, first: int) -> str:

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -14,24 +13,21 @@ from session import VERSION
 from session.base.errors import CalibrationError, DataError
 from session.base.files import result_folder
 from session.base.progress import Progress, untold
-from session.base.records import in_unit, plain, table_of, write_whole
+from session.base.records import plain, write_whole
 from session.base.texts import printable
 from session.base.units import DEG, NS
-from session.detect.check_references import with_own_accelerometer
 from session.detect.events import find_impacts
 from tinygc.effects import Effect
-from tinygc.explanation.checked import Checked, check_on, checked_to_json
-from tinygc.explanation.engine import Explanation, explain_session
 from tinygc.explanation.families import SLOW_ZERO
 from tinygc.explanation.faulty_readings import FALSE, proposed, without_false_readings
-from tinygc.explanation.result import to_json
 from tinygc.features.arrays.events import FALSE_READING, KNOCK, ArrayEvent
 from tinygc.features.arrays.fit import NAME, ArrayFit, events_and_left_out, fit_array
 from tinygc.features.arrays.recording import ArraySession
-from tinygc.features.arrays.rest_noise import noise_at_rest, source_of
-from tinygc.features.arrays.slow_zero import slow_zero_of
-from tinygc.features.arrays.traits import ALIKE, COMMON, DIFFERS, READINGS, Trait, traits_of
+from tinygc.features.arrays.rest_noise import noise_at_rest
+from tinygc.features.arrays.traits import ALIKE, COMMON, DIFFERS, READINGS, slow_zero_of, traits_of
 from tinygc.inference.choose import Standing, Statement
+from tinygc.inference.decide import Answer
+from tinygc.library.explanations import Why, explain
 from tinygc.library.records import Shown
 from tinygc.reporting.checked_text import checked_page
 from tinygc.reporting.facts import Table, screen
@@ -112,136 +108,99 @@ def _felt(fit: ArrayFit, i: int, log: int, t_s: np.ndarray, leap: np.ndarray, us
     return max(shares) if shares else None
 
 
-# Explanation of an array: its parts, what its units share, and whose each named effect is.
+# What an array shows beside the explanations of its units: what they share, and whose each named effect is.
 
-SCHEMA = "tinygc-array-explain/2"
+SCHEMA = "tinygc-array-explain/3"
+#: scopes of statements that speak for a common cause, and for one unit's own
+OF_ALL, OF_ONE = {COMMON, ALIKE}, {"own", DIFFERS, READINGS}
+#: largest share of the units' errors that is taken to be one error of all
+NEARLY_ALL = 0.99
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ArrayExplanation(Shown):
+class ArrayShown(Shown):
     """Explanations of an array's units, and statements of the array, in SI; ``summary()``, ``to_json()``, ``save(folder)``.
 
-    fit, whose split states the parts of the closure; explanations of the units by number; not_explained: the reason why a unit has none, by
-    number; traits; slow_zero: the family of slow motions of the zero-rate offsets, with its figures, None where no unit names a member, or
-    all units can have none; rest_noise: what the units' noise at rest has in common, by sensor; steps of readings; checked: other
-    recordings of the array that it was checked on, each its name and the outcome of each unit by number.
+    fit, whose split states the parts of the closure; units: the explanation of each by its number, which holds the checks on other
+    recordings; not_explained: the reason why a unit has none, by number; statements: of the parts of the closure, of the noise at rest, of
+    slow motions of the zero-rate offsets, and of each effect that a unit names; steps of readings.
     """
 
     fit: ArrayFit
-    explanations: dict[int, Explanation]
+    units: dict[int, Why]
     not_explained: dict[int, str]
-    traits: tuple[Trait, ...]
-    slow_zero: tuple[Statement, dict] | None
-    rest_noise: dict[str, Statement]
+    statements: list[Statement]
     steps: tuple[ArrayEvent, ...]
-    checked: tuple[tuple[str, dict[int, Checked]], ...] = ()
 
     def __repr__(self) -> str:
-        return f"<ArrayExplanation {self.fit.array.name}: {self.verdict}>"
+        return f"<ArrayShown {self.fit.array.name}: {self.verdict}>"
 
     @cached_property
     def verdict(self) -> str:
         """Return where the evidence is: ``common``, ``own`` or ``common_and_own``; ``no_mismatch`` where both parts are bounded, else
         ``undecided``."""
-        split, events = self.fit.split, self.fit.joint.events
+        events = self.fit.joint.events
         at_once = {len(event.together(events)) for event in events}  # 1: a unit alone; 0 (all of them) and several: not one unit's own
-        scopes = {trait.scope for trait in self.traits if trait.statement.standing is Standing.FOR}
-        if self.slow_zero is not None and self.slow_zero[0].standing is Standing.FOR:
-            scopes.add(COMMON)
-        standings = [part.standing for part in (split.common, split.alone)]
-        common = standings[0] is Standing.FOR or bool(scopes & {COMMON, ALIKE}) or bool(at_once - {1})
-        own = standings[1] is Standing.FOR or bool(scopes & {DIFFERS, READINGS}) or 1 in at_once
+        scopes = {each.figures.get("scope") for each in self.statements if each.standing is Standing.FOR}
+        common, own = bool(scopes & OF_ALL or at_once - {1}), bool(scopes & OF_ONE or 1 in at_once)
         if common or own:
             return "_and_".join(["common"] * common + ["own"] * own)
-        return "no_mismatch" if all(standing is Standing.BOUNDED for standing in standings) else "undecided"
+        split = self.fit.split
+        return "no_mismatch" if {split.common.standing, split.alone.standing} == {Standing.BOUNDED} else "undecided"
 
     @property
     def line(self) -> Text:
         """Return the verdict, and the statements that it follows from: those with evidence for them; where there is none, the two parts,
         with what is excluded of them."""
-        parts = [self.fit.split.common, self.fit.split.alone]
-        all_of_them = [*parts, *([self.slow_zero[0]] if self.slow_zero else []), *(trait.statement for trait in self.traits)]
-        said = [each for each in all_of_them if each.standing is Standing.FOR] or parts
-        return one_line(f"{self.fit.array.name}: {self.verdict.replace('_', ' ')}: {'; '.join(each.words for each in said)}", "bold")
+        stated = [each for each in self.statements if each.standing is Standing.FOR and each.figures.get("scope") in OF_ALL | OF_ONE]
+        answer = Answer(self.verdict, "; ".join(each.words for each in stated or (self.fit.split.common, self.fit.split.alone)))
+        return one_line(f"{self.fit.array.name}: {answer.headline}", "bold")
 
     @property
     def page(self) -> Group:
         """Return the command's output: verdict, statements, events, each unit's own excess, and the checks on other recordings."""
-        fit, split = self.fit, self.fit.split
-        said = [each.words for each in (split.common, split.fast, split.alone) if each is not None]
-        said += [f"{each.words}; {source_of(each)}" for each in self.rest_noise.values()]
-        said += [each.words for each in ([self.slow_zero[0]] if self.slow_zero else [])] + [each.statement.words for each in self.traits]
         header = ("unit", "own excess, deg", "95 % below", "p", "standing", "named in its own session")
-        rows = []
-        for number, part in zip(fit.numbers, split.own, strict=True):
+        rows, checked = [], []
+        for number, part in zip(self.fit.numbers, self.fit.split.own, strict=True):
             named = self.not_explained.get(number)
-            if (explanation := self.explanations.get(number)) is not None:
-                named = ", ".join(claim.effect.id for claim in (*explanation.claimed, *explanation.findings))
+            if (why := self.units.get(number)) is not None:
+                named = ", ".join(each.id for each in (*why.effects, *why.findings))
+                checked += [one_line(f"Unit {number}", "bold"), *checked_page(why.checked)] if why.checked else []
             sizes = degrees_text(part.value / DEG), degrees_text(part.upper / DEG), f"{part.p_value:.2g}"
             rows.append([number, *sizes, part.standing.value, named or None])
         table = Table("Beyond the common part, by unit", header, rows, left=(0, 4, 5))
-        lines = [one_line(f"{words}.") for words in said]
-        return screen([self.line, "", *lines, *events_and_left_out(fit, self.steps), "", table, *self._checked_lines()])
-
-    def _checked_lines(self) -> list[Any]:
-        """Return what the checks on other recordings say of each unit that names an effect or could not be checked."""
-        parts: list[Any] = []
-        for number in sorted({number for _, units in self.checked for number in units}):
-            mine = [units[number] for _, units in self.checked if number in units]
-            if any(each.effects or each.error for each in mine):
-                parts += [one_line(f"Unit {number}", "bold"), *checked_page(mine)]
-        return parts or [one_line("Checked on other recordings: nothing is named here that could be checked.")] * bool(self.checked)
+        lines = [one_line(f"{each.words}.") for each in self.statements]
+        return screen([self.line, "", *lines, *events_and_left_out(self.fit, self.steps), "", table, *checked])
 
     def to_json(self) -> dict:
-        """Return ``tinygc-array-explain/2`` (docs/formats.md); times in seconds of the array's clock from its first sample."""
-        fit, split = self.fit, self.fit.split
-        parts = [each for each in (split.common, split.fast, split.alone) if each is not None]
+        """Return ``tinygc-array-explain/3`` (docs/formats.md); times in seconds of the array's clock from its first sample."""
+        fit = self.fit
         return plain(
             {
                 "schema": SCHEMA,
                 "array": fit.array.name,
                 "verdict": self.verdict,
-                "statements": [
-                    {"what": each.what, **table_of(each), **in_unit(DEG, size_deg=each.value, upper95_deg=each.upper)} for each in parts
-                ],
-                "split": split.table(),
-                "units": [self._unit(*row) for row in zip(fit.numbers, split.own_rad, split.own, strict=True)],
-                "traits": [trait.table() for trait in self.traits],
-                "slow_zero": None if self.slow_zero is None else table_of(self.slow_zero[0]) | self.slow_zero[1],
-                "rest_noise": {
-                    name: {**table_of(each), "correlation": each.value, "correlation_sigma": each.sigma, "source": source_of(each)}
-                    for name, each in self.rest_noise.items()
-                },
+                "statements": [each.table() for each in self.statements],
+                "split": fit.split.table(),
+                "units": [self._unit(number, part) for number, part in zip(fit.numbers, fit.split.own, strict=True)],
                 "events": [event.table(fit.begins_s) for event in fit.joint.events],
                 "moments": [step.table(fit.begins_s) for step in self.steps],
                 "left_out": fit.said_left_out,
                 "version": VERSION,
-                "checked": [
-                    {"array": name, "units": [{"number": number, **checked_to_json([one])[0]} for number, one in units.items()]}
-                    for name, units in self.checked
-                ],
             }
         )
 
-    def _unit(self, number: int, own_rad: np.ndarray, part: Statement) -> dict:
-        explanation = self.explanations.get(number)
-        return {
-            "number": number,
-            "verdict": None if explanation is None else explanation.verdict,
-            "error": self.not_explained.get(number),
-            **in_unit(DEG, own_rms_deg=own_rad[0], own_sigma_deg=own_rad[1], own_upper95_deg=part.upper),
-            "own_p_value": part.p_value,
-            "own_standing": part.standing,
-            "explained": None if explanation is None else f"unit{number}/explain.json",
-        }
+    def _unit(self, number: int, part: Statement) -> dict:
+        why = self.units.get(number)
+        verdict, file = (None, None) if why is None else (why.verdict, f"unit{number}/explain.json")
+        return {"number": number, "verdict": verdict, "error": self.not_explained.get(number), "own": part.table(), "explained": file}
 
     def save(self, folder: Path | str | None = None) -> Path:
         """Write ``array.json``, and each unit's ``unit3/explain.json``, into a folder (``explain`` in the array's); return it."""
         folder = self.fit.array.own_folder("explain") if folder is None else Path(folder)
         with result_folder(folder):
-            for number, explanation in self.explanations.items():
-                with result_folder(folder / f"unit{number}"):
-                    write_whole(folder / f"unit{number}" / "explain.json", to_json(explanation))
+            for number, why in self.units.items():
+                why.save(folder / f"unit{number}", pictures=False)
             write_whole(folder / NAME, self.to_json())
         return folder
 
@@ -253,22 +212,29 @@ def explain_array(
     use_earth: bool = True,
     on: Sequence[ArraySession] = (),
     progress: Progress = untold,
-) -> ArrayExplanation:
-    """Fit the array, explain each unit as a session of its own, and state of each effect whether units share it, by tests.
+) -> ArrayShown:
+    """Fit the array, explain each unit as a session of its own, and state of each effect whether units share it, by their evidence.
 
-    on: other recordings of the array, on which each unit's effects are checked.  Raises the errors of ``fit_array``; a unit that cannot be
-    explained alone is reported, and does not stop the others.
+    on: other recordings of the array, on which each unit's effects are checked, by its number.  Raises the errors of ``fit_array``, and
+    DataError for another recording that has none of the units; a unit that cannot be explained alone is reported, and does not stop the
+    others.
     """
+    for other in on:
+        if not {*array.numbers} & {*other.numbers}:
+            have, want = (", ".join(map(str, each.numbers)) for each in (other, array))
+            raise DataError(f"{other.folder}: it has units {have}, expected some of {want}; give another recording of the same array")
     fit = fit_array(array, use_earth=use_earth, progress=lambda what: progress(what, 0, 1))
-    explanations: dict[int, Explanation] = {}
+    units: dict[int, Why] = {}
     failed: dict[int, str] = {}
     for done, unit in enumerate(fit.units):
         progress(f"explaining unit {unit.number}", done, len(fit.units))
+        there = [other.units[other.numbers.index(unit.number)] for other in on if unit.number in other.numbers]
         try:
-            explanations[unit.number] = explain_session(unit.session, seed=seed, use_earth=use_earth)
+            units[unit.number] = explain(unit.session, check_on=there, seed=seed, earth=use_earth)
         except CalibrationError as error:
             failed[unit.number] = printable(str(error))
     progress("what is common", 0, 1)
+    explanations = {number: why.explanation for number, why in units.items()}
     mountings = [unit.place.mounting for unit in fit.units]
     of_gyros = [mounting @ unit.model.E for mounting, unit in zip(mountings, fit.units, strict=True)]
     rest_noise = noise_at_rest([unit.session for unit in fit.units], [unit.place.clock for unit in fit.units], of_gyros, mountings)
@@ -279,26 +245,8 @@ def explain_array(
         split, at_rest = fit.split, rest_noise.get("gyro")
         common, single = split.common_rad**2, np.mean(split.floors_rad**2 + split.own_rad[:, 0] ** 2)
         shares = {"turn": float(common / (common + single)), "still": 0.0 if at_rest is None else max(at_rest.value, 0.0)}
-        return max((share for phase, share in shares.items() if phase in effect.observable_in), default=0.0)
+        return min(max((share for phase, share in shares.items() if phase in effect.observable_in), default=0.0), NEARLY_ALL)
 
+    parts = [fit.split.common, fit.split.fast, fit.split.alone, *rest_noise.values(), slow]
     traits = traits_of(explanations, fit, shared, tuple(failed), set() if slow is None else set(SLOW_ZERO))
-    found = ArrayExplanation(fit, explanations, failed, traits, slow, rest_noise, steps_of(fit))
-    return replace(found, checked=tuple((each.name, _check_on(found, each, seed, use_earth, progress)) for each in on))
-
-
-def _check_on(found: ArrayExplanation, other: ArraySession, seed: int, use_earth: bool, progress: Progress) -> dict[int, Checked]:
-    """Check each unit's effects on the unit of the same number in another recording, by that number.  DataError where none is in both."""
-    numbers = [number for number in found.explanations if number in other.numbers]
-    if not numbers:
-        have, want = (", ".join(map(str, these)) for these in (other.numbers, found.explanations))
-        raise DataError(f"{other.folder}: it has units {have}, expected some of {want}; give another recording of the same array")
-    units = {}
-    for done, number in enumerate(numbers):
-        progress(f"checking unit {number} on {printable(other.name)}", done, len(numbers))
-        unit = other.units[other.numbers.index(number)]
-        try:
-            explained = explain_session(with_own_accelerometer(unit)[0], seed=seed, use_earth=use_earth)
-            units[number] = check_on(found.explanations[number], explained, seed)
-        except CalibrationError as error:
-            units[number] = Checked(unit, None, error=str(error))
-    return units
+    return ArrayShown(fit, units, failed, [each for each in parts if each is not None] + traits, steps_of(fit))

@@ -48,8 +48,9 @@ class Array:
     def explain(self, *, seed: int = 0, earth: bool = True, check_on: Sequence[Any] = (), progress: Progress | None = None) -> Any:
         """Explain each unit by itself and by comparison with the others.
 
-        check_on: other recordings of the array, or their folders.  Returns an ArrayExplanation: ``explanations`` of the units, statements
-        of the array, ``summary()``, ``save(folder)``, ``to_json()``.  Raises CalibrationError for data that cannot be explained.
+        check_on: other recordings of the array, or their folders.  Returns an ArrayShown: ``units``, the explanation of each,
+        ``statements`` of the array, ``summary()``, ``save(folder)``, ``to_json()``.  Raises CalibrationError for data
+        that cannot be explained.
         """
         others = [(each if isinstance(each, Array) else array(each)).session for each in check_on]
         return explain_array(self.session, seed=seed, use_earth=earth, on=others, progress=progress or untold)

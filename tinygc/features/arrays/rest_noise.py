@@ -30,11 +30,6 @@ BODY = "it is mostly the body's motion: a table, a floor or a hand moves it"
 OPEN = "whether it is the sensors' or the body's is not told"
 
 
-def source_of(shared: Statement) -> str:
-    """Return whose noise it is: less or more than half of it is common, with 95 %."""
-    return SENSORS if shared.upper < HALF else BODY if shared.value - ONE_SIDED * shared.sigma > HALF else OPEN
-
-
 def noise_at_rest(
     sessions: Sequence[Session], clocks: Sequence[UnitClock], gyros: Sequence[np.ndarray], accelerometers: Sequence[np.ndarray]
 ) -> dict[str, Statement]:
@@ -94,9 +89,11 @@ def correlated(groups: Sequence[Sequence[np.ndarray]], what: str) -> Statement |
 
 
 def shared_noise(value: float, sigma: float, what: str) -> Statement:
-    """State a correlation of the units' noise."""
+    """State a correlation of the units' noise, and whose it is."""
     upper = min(max(value, 0.0) + ONE_SIDED * sigma, 1.0)
+    # Less or more than half of it is common, with 95 %.
+    source = SENSORS if upper < HALF else BODY if value - ONE_SIDED * sigma > HALF else OPEN
     size, limit = f"{100 * value:.1f} ± {100 * sigma:.1f} % of its power", f"{100 * upper:.1f} %"
     said = (f"motion of the body in the {what} noise at rest", "correlation between units", float(ndtr(-value / sigma)), size, limit)
-    stated = Statement.of(*said, matters=HALF, value=value, sigma=sigma, upper=upper)
-    return stated
+    figures = {"correlation": value, "correlation_sigma": sigma, "source": source}
+    return Statement.of(*said, matters=HALF, value=value, sigma=sigma, upper=upper, more=f"; {source}", figures=figures)

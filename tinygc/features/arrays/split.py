@@ -120,7 +120,9 @@ class Split:
         limits = [found, BOTH * upper_size(solution, TURN, self.joint.sigmas[TURN], (FAST,))]
         if predicted > 0:
             limits.append(predicted * upper_size(solution, FAST, self.joint.sigmas[FAST], (TURN,)))
-        said = _tilt("what all units miss by alike", float(chdtrc(1, max(gain, 0.0))), found, max(limits), rms_of(self.floors_rad))
+        said = _tilt(
+            "what all units miss by alike", "common", float(chdtrc(1, max(gain, 0.0))), found, max(limits), rms_of(self.floors_rad)
+        )
         if said.standing is not Standing.FOR:
             return said
         why = "; the motion, the table or the reference, no unit's sensor"
@@ -146,7 +148,7 @@ class Split:
         upper = predicted * upper_size(solution, FAST, self.joint.sigmas[FAST])
         claimed = f"the predicted {_deg(predicted / PREDICTED_WITHIN)} to {_deg(predicted * PREDICTED_WITHIN)}"
         how: dict[str, Any] = {"p_claimed": p_claimed, "claimed": claimed, "more": f"; predicted {_deg(predicted)}"}
-        return _tilt("motion beyond the data rate", p_zero, predicted * factor, upper, rms_of(self.floors_rad), **how)
+        return _tilt("motion beyond the data rate", "motion", p_zero, predicted * factor, upper, rms_of(self.floors_rad), **how)
 
     @cached_property
     def own_p(self) -> np.ndarray:
@@ -164,7 +166,7 @@ class Split:
         solution, found = self.joint.solution, []
         for i, (number, p, floor) in enumerate(zip(self.numbers, self.own_p, self.floors_rad, strict=True)):
             size, upper = BOTH * np.sqrt(solution.t[i]), BOTH * upper_size(solution, i, self.joint.sigmas[i])
-            found.append(_tilt(f"unit {number} by itself", float(p), size, upper, float(floor)))
+            found.append(_tilt(f"unit {number} by itself", "own", float(p), size, upper, float(floor)))
         return tuple(found)
 
     @cached_property
@@ -176,7 +178,7 @@ class Split:
         said = ", ".join(f"{_deg(part.value)} in unit {number}" for number, part in there) or f"{_deg(size)} at most"
         said += f", up to {_deg(max(rest))} in any other" if there and rest else ""
         p_value = min(part.p_value for part in self.own)
-        return replace(_tilt("what units miss by one by one", p_value, size, upper, rms_of(self.floors_rad)), size=said)
+        return replace(_tilt("what units miss by one by one", "own", p_value, size, upper, rms_of(self.floors_rad)), size=said)
 
     @cached_property
     def minus_mean_rad(self) -> np.ndarray:
@@ -223,10 +225,11 @@ class Split:
         return common, np.sqrt(squares), own
 
 
-def _tilt(what: str, p_value: float, size_rad: float, upper_rad: float, matters_rad: float, **how: Any) -> Statement:
+def _tilt(what: str, scope: str, p_value: float, size_rad: float, upper_rad: float, matters_rad: float, **how: Any) -> Statement:
     upper = max(float(upper_rad), float(size_rad))
-    figures: dict[str, Any] = {"value": float(size_rad), "upper": upper, "matters": matters_rad}
-    return Statement.of(what, "likelihood ratio", p_value, f"{_deg(size_rad)} rms a turn", _deg(upper), **figures, **how)
+    figures = {"scope": scope, **in_unit(DEG, size_deg=size_rad, upper95_deg=upper)}
+    known: dict[str, Any] = {"value": float(size_rad), "upper": upper, "matters": matters_rad, "figures": figures}
+    return Statement.of(what, "likelihood ratio", p_value, f"{_deg(size_rad)} rms a turn", _deg(upper), **known, **how)
 
 
 def _deg(rad: float) -> str:

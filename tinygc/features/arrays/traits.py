@@ -1,14 +1,14 @@
-"""Effects of an array: each estimated in every unit, then tested for equality, pooled, and stated of the units that it differs in.
+"""Effects of an array: each estimated in every unit, and whose it is by the evidence of all units together.
 
 An effect that one unit's explanation names, and another's does not, need not differ between them.  So it is estimated in all of them, named
-or not, each with its covariance.  Only where the chi-square of homogeneity rejects equality do units differ.  What must be common (the
-Earth, motion, the table) is one term of all units, pooled in the array's axes.
+or not, each with its covariance, and the evidence decides whether they have one value, each its own, or none (``choose.divided``).  What
+must be common (the Earth, motion, the table) is one term of all units, in the array's axes.  Slow motions of the zero-rate offsets are one
+family, whose members are weighed by the evidence of all units together.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -16,60 +16,49 @@ from scipy.special import chdtrc
 
 from session.base import rotation
 from session.base.numeric import sigmas_in
-from session.base.records import table_of
+from session.base.records import in_unit
 from session.base.texts import measured
-from session.base.units import DEG_PER_HOUR, EARTH_RATE_RPS
+from session.base.units import DEG, DEG_PER_HOUR, EARTH_RATE_RPS
 from tinygc.effects import Effect
 from tinygc.explanation.claims import Claim
 from tinygc.explanation.engine import Explanation
-from tinygc.explanation.evidence import without_claim
+from tinygc.explanation.evidence import Evidence, without_claim
+from tinygc.explanation.families import SLOW_ZERO, alternatives, motion, shares_of
+from tinygc.explanation.search import guesses, slow_candidates
 from tinygc.features.arrays.fit import ArrayFit
-from tinygc.inference.choose import LEVEL, Standing, Statement, agreement, linear_estimate, upper_limit
+from tinygc.inference.choose import (
+    LEVEL,
+    ONE_VALUE,
+    PRIOR_ODDS,
+    Division,
+    Standing,
+    Statement,
+    divided,
+    linear_estimate,
+    probabilities,
+    upper_limit,
+    weights_of,
+)
 from tinygc.noise.refit import Replay, candidates, prior_sigmas
+from tinygc.noise.twin import Twin
 
-#: whose an effect is: common by nature, in all units with equality not rejected, different between units, not told, or in single readings
+#: whose an effect is: common by nature, of one value in all units, different between units, not told, or in single readings
 COMMON, ALIKE, DIFFERS, UNDECIDED, READINGS = "common", "alike", "differs", "undecided", "readings"
 #: effects that belong to the body, whichever unit's explanation names them
 EARTH, MOTION, NOT_STILL = "earth.rotation", "motion.undersampled", "reference.not_still"
 OFFSET = "timing.gyro_accel_offset"
 #: sigmas by which a number's prior lets it move the residuals; below it, the prior holds it
 HELD = 0.01
-HOMOGENEITY, POOLED = "chi-square of homogeneity", "chi-square, pooled over units"
+#: its p is the probability that what is stated is not so
+EVIDENCE = "evidence of all units"
 
 #: an effect in one unit: theta (P,) SI, and its covariance (P, P)
 Estimate = tuple[np.ndarray, np.ndarray]
 
 
-@dataclass(frozen=True, eq=False)
-class Trait:
-    """A named effect and whose it is.
-
-    units: those that name it; says: a description for each of them, in order; apart: units that differ from the others, where these are
-    alike; estimates of every unit, by number; instead: effects that the recording does not tell from it.
-    """
-
-    id: str
-    scope: str
-    statement: Statement
-    units: tuple[int, ...]
-    says: tuple[str, ...] = ()
-    apart: tuple[int, ...] = ()
-    estimates: Mapping[int, Estimate] = field(default_factory=dict)
-    instead: tuple[str, ...] = ()
-
-    def table(self) -> dict:
-        """Return one of ``traits`` of the JSON."""
-        by_unit = [
-            {"number": number, "named": number in self.units, "value": theta, "std": sigmas_in(covariance)}
-            for number, (theta, covariance) in self.estimates.items()
-        ]
-        whose = {"units": self.units, "scope": self.scope, "apart": self.apart, "equivalent": self.instead}
-        return {"id": self.id, **whose, **table_of(self.statement), "of_units": self.says, "by_unit": by_unit}
-
-
 def traits_of(
     explanations: Mapping[int, Explanation], fit: ArrayFit, share: Callable[[Effect], float], unknown: Sequence[int], apart_from: set[str]
-) -> tuple[Trait, ...]:
+) -> list[Statement]:
     """State every effect that any unit's explanation names, but for those in ``apart_from``.
 
     share: of the errors of an effect's estimates that the units have in common, 0 to 1, which more units do not reduce; unknown: units
@@ -79,7 +68,6 @@ def traits_of(
     for number, e in explanations.items():
         for claim in e.claimed:
             claims.setdefault(claim.effect.id, {})[number] = claim
-    tests = max((len({effect.id for effect in candidates(e.twin)}) for e in explanations.values()), default=1)
     found = []
     for name, by_unit in claims.items():
         if name in apart_from or name == MOTION:
@@ -92,8 +80,8 @@ def traits_of(
         if name == EARTH:
             turns = {number: _yaw_to_array(fit, number) for number in estimates}
             estimates = {n: (R @ theta, R @ C @ R.T) for (n, (theta, C)), R in zip(estimates.items(), turns.values(), strict=True)}
-        found.append(trait_of(effect, by_unit, estimates, tests, share(effect), unknown))
-    return tuple(found)
+        found.append(trait_of(effect, by_unit, estimates, share(effect), unknown))
+    return found
 
 
 def _instead(by_unit: Mapping[int, Claim]) -> tuple[str, ...]:
@@ -120,128 +108,165 @@ def estimate_in(e: Explanation, effect: Effect, instead: Sequence[str]) -> Estim
 
 
 def trait_of(
-    effect: Effect, by_unit: Mapping[int, Claim], estimates: Mapping[int, Estimate], tests: int, share: float, unknown: Sequence[int]
-) -> Trait:
-    """State one effect that these units claim, by the units' estimates; tests: effects among which it was found, by which p-values are
-    multiplied."""
-    units, instead = tuple(by_unit), _instead(by_unit)
-    apart: tuple[int, ...] = ()
-    if not estimates:
-        scope, statement = _in_readings(effect, by_unit)
-        instead = ()
-    elif effect.id == EARTH:
-        scope, statement = COMMON, _earth(estimates, tests, share)
-    else:
-        scope, statement, apart = _of_sensors(effect, tuple(n for n in units if n in estimates), estimates, tests, share, unknown)
-    more = f"; or {' or '.join(instead)}: not told apart here" if instead else ""
-    more += f"; {_of_units(unknown)} could not be explained, and may have it too" if unknown else ""
-    says = tuple(claim.says for claim in by_unit.values())
-    return Trait(effect.id, scope, replace(statement, more=more), units, says, apart, estimates, instead)
+    effect: Effect, by_unit: Mapping[int, Claim], estimates: Mapping[int, Estimate], share: float, unknown: Sequence[int]
+) -> Statement:
+    """State one effect that these units claim, by the units' estimates.
 
-
-def departing(values: np.ndarray, covariances: np.ndarray) -> list[int]:
-    """Indices of the estimates (U, P) that differ from the others: the one whose leaving lowers the chi-square most, until the rest is of
-    one value at ``LEVEL``.  All of them where half or more would have to go, or where there are two: then nobody is the odd one."""
-    rest = list(range(len(values)))
-    while len(rest) > 1 and agreement(values[rest], covariances[rest]).p_value < LEVEL:
-        rest = min(([k for k in rest if k != one] for one in rest), key=lambda part: agreement(values[part], covariances[part]).chi_square)
-    gone = [k for k in range(len(values)) if k not in rest]
-    return gone if len(gone) < len(values) / 2 else list(range(len(values)))
-
-
-def _pooled(estimates: Sequence[Estimate], share: float) -> tuple[float, np.ndarray, np.ndarray, float]:
-    """Return the p-value of one value of all, the value and its covariance, and its p-value of zero.
-
-    The covariance of a mean of U units whose errors have this share in common is (1 + (U - 1) share) times that of independent ones.
+    Its table has the scope; the units that name it; a description for each of them, in order; those that are apart from the others; the
+    estimates of every unit; effects that the recording does not tell from it.
     """
-    values, covariances = (np.array(each) for each in zip(*estimates, strict=True))
-    found = agreement(values, covariances)
-    mean, covariance = found.pooled, found.covariance * (1 + (len(values) - 1) * share)
-    return found.p_value, mean, covariance, float(chdtrc(len(mean), float(mean @ np.linalg.solve(covariance, mean))))
+    units, instead = tuple(by_unit), _instead(by_unit)
+    more = f"; or {' or '.join(instead)}: not told apart here" if instead and estimates else ""
+    more += f"; {_of_units(unknown)} could not be explained, and may have it too" if unknown else ""
+    figures: dict[str, Any] = {
+        "id": effect.id,
+        "units": units,
+        "scope": UNDECIDED,
+        "apart": (),
+        "equivalent": instead if estimates else (),
+        "of_units": tuple(claim.says for claim in by_unit.values()),
+        "by_unit": [
+            {"number": number, "named": number in units, "value": theta, "std": sigmas_in(covariance)}
+            for number, (theta, covariance) in estimates.items()
+        ],
+    }
+    named = f"{effect.id}, named in {_of_units(units)}"
+    if not estimates:
+        # What a detector found in the registers or stills of units has no size in the others, so nothing is said of them.
+        what, figures["scope"] = ("stills", COMMON) if effect.id == NOT_STILL else ("readings", READINGS)
+        p_value, says = min(claim.p_value for claim in by_unit.values()), figures["of_units"][0]
+        return Statement(named, Standing.FOR, f"detector in the {what}", p_value, says, "", more=more, figures=figures)
+    numbers, (values, covariances) = list(estimates), (np.array(each) for each in zip(*estimates.values(), strict=True))
+    information = np.linalg.inv(covariances)
+    pull = np.einsum("uij,uj->ui", information, values)
 
+    def pooled(part: Sequence[int]) -> tuple[str, str, dict[str, float]]:
+        few = 1 + (len(part) - 1) * share
+        covariance = few * np.linalg.inv(information[part].sum(axis=0))
+        return _sized(effect, covariance @ pull[part].sum(axis=0) / few, covariance)
 
-def _of_sensors(
-    effect: Effect, units: tuple[int, ...], estimates: Mapping[int, Estimate], tests: int, share: float, unknown: Sequence[int]
-) -> tuple[str, Statement, tuple[int, ...]]:
-    """State an effect that units name, each sensor's own or alike in all."""
-    numbers, each = list(estimates), list(estimates.values())
-    if len(numbers) < 2:
-        statement = Statement(f"{effect.id}, in one unit", Standing.UNDECIDED, HOMOGENEITY, 1.0, *_sizes(effect, *each[0]))
-        return UNDECIDED, statement, ()
-    p_equal, pooled, covariance, p_pooled = _pooled(each, share)
-    p_differ = min(1.0, tests * p_equal)  # the factor makes rejection harder; in favour of equality it would say too much
-    if p_differ < LEVEL:
-        odd = departing(*(np.array(part) for part in zip(*each, strict=True)))
-        of_each = ", ".join(f"{_sizes(effect, *each[k])[0]} in unit {numbers[k]}" for k in odd)
-        if rest := [each[k] for k in range(len(each)) if k not in odd]:
-            of_each += f", {_sizes(effect, *_pooled(rest, share)[1:3])[0]} in the others"
-        statement = Statement(f"{effect.id} differs between units", Standing.FOR, HOMOGENEITY, p_differ, of_each, "")
-        return DIFFERS, statement, tuple(numbers[k] for k in odd)
-    largest = max((float(np.abs(estimates[n][0]).max()) for n in units), default=np.inf)
-    named, everywhere = f"named in {_of_units(units)}", "all units" if not unknown else _of_units(numbers)
-    equal = f"equal sizes p = {p_equal:.2g}" + f", one of {tests} tests" * (tests > 1)
-    figures: dict[str, Any] = {"upper": _upper(pooled, covariance), "matters": largest}
-    what = f"{effect.id} in {everywhere}, one size is not rejected ({equal})"
-    statement = Statement.of(what, POOLED, min(1.0, tests * p_pooled), *_sizes(effect, pooled, covariance), **figures)
-    if statement.standing is not Standing.FOR:
-        what, test = f"{effect.id} ({named}), pooled over {len(numbers)} units", f"{POOLED}; {equal}"
-        return UNDECIDED, replace(statement, what=what, test=test), ()
-    # One exact unit outweighs others that are blind, and equality with them is then never rejected: the others must show it themselves.
-    blind = [n for n in numbers if n not in units]
-    if blind:
-        _, others, spread, p_others = _pooled([estimates[n] for n in blind], share)
-        if p_others >= LEVEL:
-            what = f"{effect.id}, {named}; {_of_units(blind)} cannot show it ({equal})"
-            return UNDECIDED, Statement(what, Standing.UNDECIDED, POOLED, p_others, *_sizes(effect, others, spread)), ()
-    return ALIKE, statement, ()
+    plausible = effect.parameter.plausible
+    divisions = divided(values / plausible, covariances / plausible**2, share)
+    weights = weights_of(divisions)
+    differ = float(sum(weight for weight, each in zip(weights, divisions, strict=True) if each.ids - {ONE_VALUE}))
+    odd = [k for k in range(len(numbers)) if str(k) in divisions[0].ids]
+    if odd and len(numbers) > 1 and (differ > 1 - LEVEL or effect.id == EARTH):
+        rest = [k for k in range(len(numbers)) if k not in odd]
+        size = ", ".join(f"{pooled([k])[0]} in unit {numbers[k]}" for k in odd)
+        size += f", {pooled(rest)[0]} in the others" if rest else ""
+        figures |= {"apart": tuple(numbers[k] for k in odd), "scope": COMMON if effect.id == EARTH else DIFFERS}
+        standing = Standing.UNDECIDED if effect.id == EARTH else Standing.FOR
+        limit = max((pooled([k]) for k in odd), key=lambda each: each[2]["upper"])[1]
+        return Statement(f"{effect.id} differs between units", standing, EVIDENCE, 1 - differ, size, limit, more=more, figures=figures)
+    together = float(sum(weight for weight, each in zip(weights, divisions, strict=True) if each.ids == {ONE_VALUE}))
+    size, limit, found = pooled(range(len(numbers)))
+    how: dict[str, Any] = {"matters": max((float(np.abs(estimates[n][0]).max()) for n in units if n in estimates), default=np.inf)}
+    if effect.id == EARTH:
+        p_earth = float(chdtrc(1, ((found["value"] - EARTH_RATE_RPS) / found["sigma"]) ** 2))
+        how = {"matters": EARTH_RATE_RPS, "claimed": f"the Earth's {EARTH_RATE_RPS / DEG_PER_HOUR:.1f} °/h"}
+        how["p_claimed"] = p_earth if 1 - together < LEVEL else 1.0
+    everywhere = f"{effect.id} in all units" if not unknown else f"{effect.id} in {_of_units(numbers)}"
+    what = f"{everywhere}, of one size" if 1 - together < LEVEL else f"{named}, of one size in {len(numbers)} units"
+    if odd:  # a limit of one size is none of theirs
+        found["upper"] = np.inf
+    statement = Statement.of(what, EVIDENCE, 1 - together, size, limit, **found, **how, more=more, figures=figures)
+    if effect.id == EARTH or statement.standing is Standing.FOR:
+        figures["scope"] = COMMON if effect.id == EARTH else ALIKE
+    return statement
 
 
 def _of_units(numbers: Sequence[int]) -> str:
     return f"unit{'s' * (len(numbers) != 1)} {', '.join(map(str, numbers))}"
 
 
-def _upper(theta: np.ndarray, covariance: np.ndarray) -> float:
-    """Upper 95 % limit of the component that may be largest."""
-    return max(map(upper_limit, theta.tolist(), sigmas_in(covariance).tolist()))
+def _sized(effect: Effect, theta: np.ndarray, covariance: np.ndarray) -> tuple[str, str, dict[str, float]]:
+    """Words of a size and of its upper 95 % limit, and both as numbers: of the component with the largest magnitude, the limit of all; of
+    the Earth's rotation its length."""
+    if effect.id == EARTH:
+        value, widest = float(np.linalg.norm(theta)), float(np.sqrt(np.linalg.eigvalsh(covariance)[-1]))
+        sigma = float(np.sqrt(theta @ covariance @ theta)) / value if value else widest
+        si, unit, upper = DEG_PER_HOUR, "°/h", upper_limit(value, widest)
+    else:
+        sigmas, k = sigmas_in(covariance), int(np.argmax(np.abs(theta)))
+        si, unit, upper = effect.parameter.si, effect.parameter.unit, max(map(upper_limit, theta.tolist(), sigmas.tolist()))
+        value, sigma = float(theta[k]), float(sigmas[k])
+    return f"{measured(value / si, sigma / si)} {unit}", f"{upper / si:.2g} {unit}", {"value": value, "sigma": sigma, "upper": upper}
 
 
-def _sizes(effect: Effect, theta: np.ndarray, covariance: np.ndarray) -> tuple[str, str]:
-    """Words of the component with the largest magnitude, and of the upper limit of all, in the effect's unit."""
-    si, unit = effect.parameter.si, effect.parameter.unit
-    k = int(np.argmax(np.abs(theta)))
-    return f"{measured(theta[k] / si, sigmas_in(covariance)[k] / si)} {unit}", f"{_upper(theta, covariance) / si:.2g} {unit}"
+# Slow motions of the zero-rate offsets.
+
+#: a member in one unit, with its best shape: the -2 log evidence that it adds, and the motion of the zero-rate offset, and its upper 95 %
+#: limit, rad/s
+Member = tuple[float, float, float]
 
 
-def _in_readings(effect: Effect, by_unit: Mapping[int, Claim]) -> tuple[str, Statement]:
-    """State what a detector found in the registers or stills of units; it has no size in the others, so nothing is said of them."""
-    named, body = _of_units(list(by_unit)), effect.id == NOT_STILL
-    what = f"{effect.id}, of the body, seen by {named}" if body else f"{effect.id} in the readings of {named}"
-    p_value, first = min(claim.p_value for claim in by_unit.values()), next(iter(by_unit.values())).says
-    test = "detector in the stills" if body else "detector in the readings"
-    return COMMON if body else READINGS, Statement(what, Standing.FOR, test, p_value, first, "")
-
-
-def _earth(estimates: Mapping[int, Estimate], tests: int, share: float) -> Statement:
-    """State the Earth's rotation as one term of all units, by their estimates in the array's table axes: pooled, and the length tested
-    against the Earth's.  Undecided where the units' estimates are not equal: then no pooled sigma holds."""
-    p_equal, pooled, covariance, p_zero = _pooled(list(estimates.values()), share)
-    length, widest = float(np.linalg.norm(pooled)), float(np.sqrt(np.linalg.eigvalsh(covariance)[-1]))
-    sigma = float(np.sqrt(pooled @ covariance @ pooled)) / length if length else widest
-    p_zero, p_claimed = min(1.0, tests * p_zero), float(chdtrc(1, ((length - EARTH_RATE_RPS) / sigma) ** 2))
-    what, upper = f"{EARTH}, one term of all units", upper_limit(length, widest)
-    if p_equal < LEVEL:
-        each = [(float(np.linalg.norm(theta)), float(np.sqrt(np.linalg.eigvalsh(C)[-1]))) for theta, C in estimates.values()]
-        size = f"{min(each)[0] / DEG_PER_HOUR:.2g} to {max(each)[0] / DEG_PER_HOUR:.2g} °/h in single units"
-        limit = f"{max(upper_limit(*one) for one in each) / DEG_PER_HOUR:.2g} °/h"
-        test = f"{HOMOGENEITY} in the array's axes"
-        return Statement(f"{what}, which disagree", Standing.UNDECIDED, test, p_equal, size, limit)
-    size = f"{measured(length / DEG_PER_HOUR, sigma / DEG_PER_HOUR)} °/h"
-    how: dict[str, Any] = {
-        "claimed": f"the Earth's {EARTH_RATE_RPS / DEG_PER_HOUR:.1f} °/h",
-        "p_claimed": p_claimed if p_zero < LEVEL else 1.0,
+def slow_zero_of(explanations: Mapping[int, Explanation], progress: Callable[[int], None] = lambda unit: None) -> Statement | None:
+    """Weigh the family over all units.  None where no unit's explanation names a member, or there is none that all units can have."""
+    named = {
+        number: tuple(claim.effect.id for claim in (*e.claimed, *e.findings) if claim.effect.id in SLOW_ZERO)
+        for number, e in explanations.items()
     }
-    test = f"{POOLED} in the array's axes; equal p = {p_equal:.2g}"
-    return Statement.of(what, test, p_zero, size, f"{upper / DEG_PER_HOUR:.2g} °/h", upper=upper, matters=EARTH_RATE_RPS, **how)
+    if not any(named.values()):
+        return None
+    found = {}
+    for number, e in explanations.items():
+        progress(number)
+        found[number] = members_in(e)
+    return slow_zero(found, named, all(e.twin.has_thermometer for e in explanations.values()))
+
+
+def members_in(e: Explanation) -> dict[str, Member]:
+    """Weigh each member, by its id, in one unit, beside the effects that it names outside of the family."""
+    evidence = Evidence(e.twin)
+    tried = [effect for effect in (*candidates(e.twin), *slow_candidates(e.twin)) if effect.id in SLOW_ZERO]
+    evidence.will_try(tried)
+    others = tuple(claim.effect for claim in e.naming.fit.state.claims if claim.effect.id not in SLOW_ZERO)
+    base = evidence.of(others, evidence.nothing)
+    found = {}
+    for name in dict.fromkeys(effect.id for effect in tried):
+        if not (ranked := guesses(evidence, [effect for effect in tried if effect.id == name], base)):
+            continue
+        effect = ranked[0].effects[-1]
+        (columns,) = base.whiten.each([evidence.columns(effect)])
+        theta, covariance = linear_estimate(base.fit.r, base.fit.J, columns, effect.parameter.plausible)
+        found[name] = ranked[0].score - base.score, motion(e.twin, [(effect, theta)])[0], upper_motion(e.twin, effect, theta, covariance)
+    return found
+
+
+def upper_motion(twin: Twin, effect: Effect, theta: np.ndarray, covariance: np.ndarray) -> float:
+    """Upper 95 % limit, rad/s, of ``motion`` by one effect, on the axis where it is largest, between the estimate's extremes."""
+    columns = np.concatenate([effect.columns(movement) for movement in twin.movements])
+    added = columns @ theta
+    axes = np.arange(added.shape[1])
+    reach = columns[added.argmax(axis=0), axes] - columns[added.argmin(axis=0), axes]
+    return max(upper_limit(float(d @ theta), float(np.sqrt(d @ covariance @ d))) for d in reach)
+
+
+def slow_zero(units: Mapping[int, Mapping[str, Member]], named: Mapping[int, tuple[str, ...]], thermometer: bool) -> Statement | None:
+    """Add the units' evidence for each member that all of them can have; None if there is none.
+
+    One cause moves all units or none: the prior odds are paid once, the scale of each unit's motion by each.
+    """
+    members = [name for name in SLOW_ZERO if all(name in unit for unit in units.values())]
+    if not members:
+        return None
+
+    def chances(of: Sequence[Mapping[str, Member]]) -> dict[str, float]:
+        once = 2 * (len(of) - 1) * float(np.log(1 / PRIOR_ODDS))
+        sums = [Division(frozenset({name}), sum(unit[name][0] for unit in of) - once) for name in members]
+        return probabilities([Division(frozenset(), 0.0), *sums])
+
+    weights = chances(list(units.values()))
+    nothing = weights.pop("")
+    shares = shares_of(weights)
+    best = [unit[next(iter(shares))] for unit in units.values()]
+    low, high = (edge(size for _, size, _ in best) / DEG for edge in (min, max))
+    alone = sum(chances([unit])[""] < LEVEL for unit in units.values())
+    size = f"by {low:.2g} to {high:.2g} dps over the session, {alternatives(shares, thermometer)}; {alone} of {len(units)} show it alone"
+    limit = f"{max(upper for *_, upper in best) / DEG:.2g} dps"
+    by_unit = [{"number": n, **in_unit(DEG, size_dps=one[1]), "named": bool(named.get(n))} for n, one in zip(units, best, strict=True)]
+    figures = {"id": "slow_zero", "scope": COMMON, "shares": shares, "by_unit": by_unit}
+    return Statement.of("the units' zero-rate offsets move slowly", EVIDENCE, nothing, size, limit, figures=figures)
 
 
 def _yaw_to_array(fit: ArrayFit, number: int) -> np.ndarray:

@@ -87,7 +87,7 @@ def test_text_from_files_stays_text_and_the_first_sheet_of_paper_stands_alone(si
     ("out", "more", "says"),
     [
         ("", (), "give --out a file"),
-        ("file/r.html", (), "--out another file"),
+        ("file/r.html", (), "file/r.html: File exists; give --out another file"),
         ("r.html", ("--pdf",), "--pdf needs Chromium, and none is found"),
         ("none", (), "not found"),
     ],

@@ -105,8 +105,10 @@ def log_written(text: str) -> Path:
 
 
 def folder_written(text: str) -> Path:
-    """Argument type: a folder that the command writes files into."""
-    return _path(text)
+    """Argument type: a folder that the command writes files into; the name of a picture, a page or a table is refused."""
+    if (folder := _path(text)).suffix.lower() in (".html", ".json", ".png", ".svg"):
+        raise argparse.ArgumentTypeError(f"{text} is the name of a file; give a folder, which several files go into")
+    return folder
 
 
 for _type in (path_read, file_written, log_written, folder_written):

@@ -152,7 +152,7 @@ def try_destinations(folder: Path | None, json: Path | None) -> None:
     if folder is None:
         try_json(json)
     else:
-        _try_folder(folder, json, "another folder")
+        _try_folder(folder, folder, json, "another folder")
 
 
 def try_file(path: Path, json: Path | None) -> None:
@@ -161,17 +161,17 @@ def try_file(path: Path, json: Path | None) -> None:
         raise CalibrationError(f"{path}: that is a folder; give --out a file")
     refuse_link(path)
     refuse_recorded(Path(os.path.realpath(path)))
-    _try_folder(path.parent, json, "another file")
+    _try_folder(path, path.parent, json, "another file")
 
 
-def _try_folder(folder: Path, json: Path | None, instead: str) -> None:
+def _try_folder(named: Path, folder: Path, json: Path | None, instead: str) -> None:
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=folder).close()
         try_json(json)
     except OSError as error:
-        raise CalibrationError(f"{error.filename or folder}: {error.strerror or error}; give --out {instead}") from None
+        raise CalibrationError(f"{named}: {error.strerror or error}; give --out {instead}") from None
     finally:
         for path in missing:
             with contextlib.suppress(OSError):

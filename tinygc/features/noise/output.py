@@ -363,7 +363,11 @@ def _averaging(sensor: SensorNoise, band: AllanBand, y: Axis, title: str, height
     """A panel over averaging time; those that the model does not describe, where the sensor's filter shapes the noise, are shaded."""
     panel = Panel(Axis("averaging time (s)", band.tau_s[0] / 1.2, band.tau_s[-1] * 1.2, log=True), y, title, height=height)
     from_s = max(own.from_s for own in sensor.axes)
-    return panel.area([band.tau_s[0], from_s], -np.inf, np.inf, "quiet") if from_s > band.tau_s[0] else panel
+    return (
+        panel.area([band.tau_s[0], from_s], -np.inf, np.inf, "quiet", name="filter or vibration" * bool(title))
+        if from_s > band.tau_s[0]
+        else panel
+    )
 
 
 def _deviations(kind: str, sensor: SensorNoise, band: AllanBand) -> Panel:
@@ -378,13 +382,13 @@ def _deviations(kind: str, sensor: SensorNoise, band: AllanBand) -> Panel:
         panel.area(band.tau_s[known], band.low[known, i] / si, band.high[known, i] / si, name)
         panel.points(band.tau_s, band.deviation[:, i] / si, name, ring=True, radius=2.4, name=name)
         described = tau_s[tau_s >= own.from_s]
-        panel.line(described, np.sqrt(own.allan_variance(described)) / si, name, name="model")
+        panel.line(described, np.sqrt(own.allan_variance(described)) / si, name, name=name)
     for term in TERMS:
         lines = {
             name: np.sqrt(own.allan_variance(tau_s, term)) / si for name, own in zip("xyz", sensor.axes, strict=True) if own.value(term)
         }
         for name, line in lines.items():
-            panel.line(tau_s, line, name, "dash", opacity=0.6, name="its terms")
+            panel.line(tau_s, line, name, "dash", opacity=0.6, name="terms of the model")
         _label(panel, term, tau_s, lines, low)
     return panel
 

@@ -234,12 +234,12 @@ SUSPECTED, SURE = float(np.log(1 / PRIOR_ODDS)), float(np.log(19 / PRIOR_ODDS))
 AS_PROBABLE = 3.0
 
 
-def penalty(size: int, shapes: int) -> float:
+def penalty(size: int, shapes: float) -> float:
     """What the evidence pays for ``size`` parameters, -2 log: their scale, the number of trial shapes, their position in the prior."""
     return 2 * float(np.log(SCALES) + np.log(shapes)) + size
 
 
-def price(size: int, shapes: int) -> float:
+def price(size: int, shapes: float) -> float:
     """``penalty`` with the prior odds, -2 log."""
     return penalty(size, shapes) - 2 * float(np.log(PRIOR_ODDS))
 
@@ -253,10 +253,10 @@ def least_gain(size: int, shapes: int) -> float:
     return -size * float(lambertw(-np.exp(-price(size, shapes) / size), -1).real)
 
 
-def promised(gain: float, size: int) -> float:
+def promised(gain: Any, size: Any) -> Any:
     """Twice the log evidence, without its price, of ``size`` columns that remove this chi-square, at their best scale: each parameter costs
-    the logarithm of its signal-to-noise ratio."""
-    return gain - size * float(np.log(max(gain / size, 1.0)))
+    the logarithm of its signal-to-noise ratio.  Of numbers, or of arrays that go together."""
+    return gain - size * np.log(np.maximum(gain / size, 1.0))
 
 
 def scales_of(counts: Sequence[int]) -> np.ndarray:

@@ -40,7 +40,7 @@ def law_of(form: LawForm, dps, **changed):
     theta = np.array(dps) * DEG
     covariance = np.diag((0.02 * theta) ** 2)
     law = search_state.Law(
-        form, effect, theta, covariance, tuple(0.03 * value for value in form.constants), 17.4, 5123.0, 4870.0, 0.0005, (DECIDED,)
+        form, effect, theta, covariance, tuple(0.03 * value for value in form.constants), 5123.0, 4870.0, 0.0005, (DECIDED,)
     )
     return replace(law, **{"learnable_from": 0.21, **changed})
 
@@ -49,7 +49,7 @@ def runner_up(form: LawForm, worse: float = 4.2, correlation: float = 0.962):
     """A form that was weighed in a law's place."""
     effect = as_effect(form, "discovered.other", 1.0, equation(form))
     effect = replace(effect, discriminating_motion="turn slowly and quickly about the same axis")
-    return search_state.RunnerUp(form, effect, worse, correlation)
+    return search_state.Rival(form, effect, worse, correlation)
 
 
 def found(*laws, verdict: str = "found", beside=()):

@@ -6,7 +6,7 @@ import numpy as np
 
 from tinygc.features.discovery.form import LawForm
 from tinygc.features.discovery.law_effect import PLAUSIBLE_RPS
-from tinygc.features.discovery.projections import Projection, promise, seen_basis, seen_directions
+from tinygc.features.discovery.projections import Projection, price_of, promise, seen_basis, seen_directions
 from tinygc.features.discovery.quantities import QUANTITIES
 from tinygc.features.discovery.responses import planned
 from tinygc.features.discovery.screening import Screening, passed
@@ -15,7 +15,7 @@ from tinygc.noise.whitening import Whitener
 
 #: squared correlation with the law's rate from which a form counts as having found it: correlation 0.99
 SAID = 0.98
-#: forms considered in a law's place: the best by promise, and the cheapest of the same quantities
+#: forms considered in a law's place: the best by promise, and the simplest of the same quantities
 NEAR_LAW = 300
 #: chi-square of a law at which its rivals are selected
 RIVALS_AT = 60.0
@@ -28,8 +28,7 @@ LEAST_RPS = 5e-7
 def learnable_from(screening: Screening, form: LawForm, theta: np.ndarray, chance: float, whiten: Whitener | None = None) -> float | None:
     """Factor on a law's size, theta (P,) in rad/s, from which this search would find it in 95 % of all cases; None: not at any.
 
-    Linear, in the last projection; whiten: the noise estimated with the law in the fit, as otherwise it absorbs the law.  The form has the
-    price of those screened forms that differ from it by constants alone.
+    Linear, in the last projection; whiten: the noise estimated with the law in the fit, as otherwise it absorbs the law.
     """
     responses, projection = screening.all_responses, screening.all_projections[-1]
     projection = projection if whiten is None else projection.with_noise(whiten)
@@ -38,8 +37,8 @@ def learnable_from(screening: Screening, form: LawForm, theta: np.ndarray, chanc
         return None
     quantities = {factor.quantity for factor in form.factors}
     kin = [number for number, other in enumerate(screening.forms) if {factor.quantity for factor in other.factors} <= quantities]
-    near = np.union1d(screening.order[:NEAR_LAW], np.array(sorted(kin, key=lambda number: screening.price[number])[:NEAR_LAW], dtype=int))
-    free, found = projection.seen(response), [(float(np.sum(projection.seen(response) ** 2)), rank, screening.price_of(form))]
+    near = np.union1d(screening.order[:NEAR_LAW], np.array(kin[:NEAR_LAW], dtype=int))
+    free, found = projection.seen(response), [(float(np.sum(projection.seen(response) ** 2)), rank, price_of(form))]
     for some in passed(planned([screening.forms[number] for number in near]), responses, [projection], [free[:, None]]):
         weights, ranks, _ = seen_directions(some.free, some.length)
         gains = np.sum((weights @ some.along) ** 2, axis=(1, 2))
@@ -80,21 +79,21 @@ def _least(
     normal variable of sigma 2 l.
     """
     size = np.exp(np.arange(np.log(factors[0]), np.log(factors[1]), np.log(STEP)))
-    taken, rank, price = (np.asarray(each, dtype=float)[np.asarray(forms[1]) > 0] for each in forms)
+    taken, rank, cost = (np.asarray(each, dtype=float)[np.asarray(forms[1]) > 0] for each in forms)
     whole = float(np.sum(projection.free_of(whitened) ** 2))
-    near = np.argsort(-promise(RIVALS_AT * taken / whole + rank, rank, price), kind="stable")[:NEAR_LAW]
-    taken, rank, price = taken[near], rank[near], price[near]
+    near = np.argsort(-promise(RIVALS_AT * taken / whole + rank, rank, cost), kind="stable")[:NEAR_LAW]
+    taken, rank, cost = taken[near], rank[near], cost[near]
     says = taken > SAID * whole
     if not says.any():
         return None
     gain = np.maximum(np.sqrt(taken[says])[:, None] * size - ONE_SIDED, 0.0) ** 2
-    own = promise(gain + rank[says][:, None] - 1, rank[says], price[says])
+    own = promise(gain + rank[says][:, None] - 1, rank[says], cost[says])
     best, columns = np.argmax(own, axis=0), np.arange(len(size))
     lead = np.sqrt(np.maximum(taken[says][best] - taken[~says][:, None], 0.0)) * size
     others = np.maximum(gain[best, columns] - lead**2 + 2 * ONE_SIDED * lead, 0.0) + rank[~says][:, None] - 1
-    ahead = own[best, columns] > promise(others, rank[~says], price[~says]).max(axis=0, initial=-np.inf)
+    ahead = own[best, columns] > promise(others, rank[~says], cost[~says]).max(axis=0, initial=-np.inf)
     scatter = projection.freedom + size**2 * projection.scatters(projection.beside(whitened))
-    tested = promise(projection.studentised(gain, rank[says], scatter), rank[says], price[says])[best, columns]
+    tested = promise(projection.studentised(gain, rank[says], scatter), rank[says], cost[says])[best, columns]
     found = ahead & (tested > max(screening.chance.level(chance), 0.0)) & (gain[best, columns] >= least)
     lost = np.flatnonzero(~found)
     first = lost[-1] + 1 if len(lost) else 0

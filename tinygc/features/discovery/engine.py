@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -17,7 +17,7 @@ from tinygc.explanation.evidence import Hypothesis
 from tinygc.explanation.search import exchanged, search, slow_candidates, without_idle
 from tinygc.features.discovery.constants import ByAxis
 from tinygc.features.discovery.detection_limits import learnable, learnable_from
-from tinygc.features.discovery.enumeration import bits, enumerated
+from tinygc.features.discovery.enumeration import enumerated
 from tinygc.features.discovery.form import LawForm
 from tinygc.features.discovery.law_effect import added, as_effect, beside_calibration, correlation
 from tinygc.features.discovery.quantities import largest_of
@@ -28,10 +28,8 @@ from tinygc.features.discovery.search_state import (
     FEWEST,
     MOST_OF_IT,
     Discovery,
-    HeldOut,
     Law,
     Rival,
-    RunnerUp,
     SearchState,
     Unseen,
     alike,
@@ -48,7 +46,7 @@ from tinygc.features.discovery.search_state import (
 )
 from tinygc.features.discovery.selection import FORM, Constants, FormEvidence, SearchRound, believable, exact, rms_of, with_a_form
 from tinygc.features.discovery.words import constant_of, equation, what
-from tinygc.inference.choose import STAND_IN
+from tinygc.inference.choose import ONE_SIDED, STAND_IN
 from tinygc.noise.refit import candidates
 from tinygc.noise.twin import Twin, claim_slice
 
@@ -57,8 +55,6 @@ from tinygc.noise.twin import Twin, claim_slice
 #: chi-square that a law must gain to be distinguished from any other whose added rate correlates less than EQUAL with its own: the share
 #: that the other would leave, whether or not the grammar contains it
 DECISIVE = STAND_IN / (1 - EQUAL**2)
-#: sigmas, one-sided: a chi-square's root is that far below its mean in one case of twenty, to match ``detection_limits.SURE``
-SURE_SIGMAS = 1.645
 #: correlation of the added rates from which on a form that bends the law by more numbers, and is no more probable, is no alternative:
 #: either explains 95 % of the other's rate
 NEARLY = 0.975
@@ -66,24 +62,6 @@ NEARLY = 0.975
 MOST_RUNNERS_UP = 4
 #: s: a lag is over after three of them; the low-pass of a gyroscope, and the hand that stops, take up to 0.3 s
 SETTLED_S = 0.1
-
-
-@dataclass(frozen=True, eq=False)
-class _AssessedLaw:
-    """One law of the best hypothesis; others: rivals that add a different rate, same: those that add the same rate; axes: its constants by
-    axis, where these differ; against_gravity: whether gravity during the turns is nearer without it; threshold: the range of
-    one that the recording leaves open, where it matters."""
-
-    form: LawForm
-    round: SearchRound
-    better: float
-    chance_p: float
-    held_out: tuple[HeldOut, ...]
-    others: list[Rival]
-    same: list[Rival]
-    axes: ByAxis | None
-    against_gravity: bool
-    threshold: tuple[float, float] | None
 
 
 def answer(explanation: Explanation, searched: SearchState, progress: Told) -> Discovery:
@@ -108,49 +86,25 @@ def answer(explanation: Explanation, searched: SearchState, progress: Told) -> D
         screened = len(first.responses.segments) / len(explanation.twin.segments)
         limits = learnable(first, CHANCE, DECISIVE * screened)
         return Discovery("none", why, (), names, learnable=limits, **common)
-    progress("rivals")
-    assessed = [_assessed(searched, law) for law in searched.laws]
-    evidence = FormEvidence(explanation.twin)
+    progress("rivals, and from what size it could have been found")
+    evidence = FormEvidence(explanation.twin, len(searched.forms))
     effects = [evidence.effect_of(searched.evidence.forms[law.id]) for law in searched.laws]
     named = [effect for effect in searched.best.effects if effect not in searched.laws]
     have = evidence.of((*named, *effects), evidence.nothing)
     for number, law in enumerate(effects):
         have, effects[number] = exact(evidence, have, law)
     # The selected hypothesis refitted on the whole recording: constants common to all axes
-    both = zip(assessed, effects, strict=True)
-    assessed = [replace(each, others=_near_on_all(searched, each, evidence, have, law)) for each, law in both]
-    names = _beside(have, frozenset(evidence.forms))
-    progress("from what size it could have been found")
-    ids = list[str]()
-    for each in assessed:
-        ids.append(_free_id(each.form, ids))
-    laws = tuple(_law(searched, each, evidence, have, effects[number], ids, number) for number, each in enumerate(assessed))
-    why = _undecided(assessed, laws, share) or ("the search has come to the end of its work" if searched.evidence.exhausted else "")
-    return Discovery("ambiguous" if why else "found", why, laws, names, **common)
+    names, laws = _beside(have, frozenset(evidence.forms)), list[Law]()
+    for law, effect in zip(searched.laws, effects, strict=True):
+        laws.append(_law(searched, law, evidence, have, effect, [each.effect.id for each in laws]))
+    why = _undecided(laws, share) or ("the search has come to the end of its work" if searched.evidence.exhausted else "")
+    return Discovery("ambiguous" if why else "found", why, tuple(laws), names, **common)
 
 
-def _undecided(assessed: list[_AssessedLaw], laws: tuple[Law, ...], share: float) -> str:
+def _undecided(laws: Sequence[Law], share: float) -> str:
     """Why the laws are not found and only candidates are reported; empty where they are found."""
-    several = next((each for each in assessed if each.others), None)
-    if several is not None:
-        return f"{len(several.others) + 1} forms of equal worth add different rates"
-    for each in assessed:
-        if each.axes is not None:
-            return _by_axis(each.form, each.axes)
-        if each.threshold is not None:
-            word, own = constant_of(each.form, 0)
-            low, high = (f"{value * own:.3g}" for value in each.threshold)
-            return f"its {word} may be from {low} to {high}: no turn peaks between them, and another movement may"
-        if each.against_gravity:
-            return "the turns close with it, and within them gravity is nearer without it: another rate does the same to their ends"
-        if any(factor.lag_s is not None and factor.lag_s < SETTLED_S for factor in each.form.factors):
-            return f"a lag below {SETTLED_S:g} s is over before a still is: a filter that settles looks alike"
-    for law in laws:
-        if law.lacking > MOST_LACKING:
-            return (
-                f"its numbers are not known well enough: in {100 * law.lacking:.0f} of 100 of what they may be, its rate differs by more "
-                f"than {100 * LACKING:.0f} % of its variance from the stated one"
-            )
+    if doubt := next((law.doubt for law in laws if law.doubt), ""):
+        return doubt
     faint = min(laws, key=lambda law: law.gain)
     if faint.gain < DECISIVE:
         return (
@@ -163,28 +117,32 @@ def _undecided(assessed: list[_AssessedLaw], laws: tuple[Law, ...], share: float
     return ""
 
 
-def _by_axis(form: LawForm, axes: ByAxis) -> str:
-    word, own = constant_of(form, axes.constant)
-    values = ", ".join(f"{value:.3g}" for value in axes.values * own)
-    return f"its {word} seems to differ by axis ({values}; chi-square {axes.more:.0f}), and one for all makes another rate of it"
-
-
-def _assessed(searched: SearchState, law: Effect) -> _AssessedLaw:
-    evidence, best, round_ = searched.evidence, searched.best, searched.round_of(law)
-    without = searched.without(law)
-    near = _near(searched, law)
-    return _AssessedLaw(
-        evidence.forms[law.id],
-        round_,
-        without.score - best.score,
-        searched.chance_p(law),
-        searched.held_out_of(law),
-        [rival for rival in near if rival.correlation <= EQUAL],
-        [rival for rival in near if rival.correlation > EQUAL],
-        differing(searched, law),
-        evidence.gravity_prefers(without, best),
-        open_threshold(searched, law, NEARLY),
-    )
+def _doubt(
+    form: LawForm, others: int, axes: ByAxis | None, threshold: tuple[float, float] | None, against_gravity: bool, lacking: float
+) -> str:
+    """Why a law is only a candidate by itself; empty where nothing speaks against it.  others: how many rivals add a different rate; axes:
+    its constants by axis, where these differ; threshold: the range of one that the recording leaves open, where it matters;
+    against_gravity: whether gravity during the turns is nearer without it; lacking: as ``share_lacking``."""
+    if others:
+        return f"{others + 1} forms of equal worth add different rates"
+    if axes is not None:
+        word, own = constant_of(form, axes.constant)
+        values = ", ".join(f"{value:.3g}" for value in axes.values * own)
+        return f"its {word} seems to differ by axis ({values}; chi-square {axes.more:.0f}), and one for all makes another rate of it"
+    if threshold is not None:
+        word, own = constant_of(form, 0)
+        low, high = (f"{value * own:.3g}" for value in threshold)
+        return f"its {word} may be from {low} to {high}: no turn peaks between them, and another movement may"
+    if against_gravity:
+        return "the turns close with it, and within them gravity is nearer without it: another rate does the same to their ends"
+    if any(factor.lag_s is not None and factor.lag_s < SETTLED_S for factor in form.factors):
+        return f"a lag below {SETTLED_S:g} s is over before a still is: a filter that settles looks alike"
+    if lacking > MOST_LACKING:
+        return (
+            f"its numbers are not known well enough: in {100 * lacking:.0f} of 100 of what they may be, its rate differs by more "
+            f"than {100 * LACKING:.0f} % of its variance from the stated one"
+        )
+    return ""
 
 
 def _near(searched: SearchState, law: Effect) -> list[Rival]:
@@ -222,28 +180,22 @@ def _plainest(searched: SearchState, law: Effect) -> SearchState:
     return searched
 
 
-def _near_on_all(searched: SearchState, assessed: _AssessedLaw, evidence: FormEvidence, have: Hypothesis, law: Effect) -> list[Rival]:
-    """The law's rivals of another rate that stay near on the whole recording: a law is tested on what the search never saw, and then all of
-    it tells the law from its rivals."""
+def _near_on_all(form: LawForm, near: Sequence[Rival], evidence: FormEvidence, have: Hypothesis, law: Effect) -> list[Rival]:
+    """The law's rivals that stay near, with another rate, on the whole recording: a law is tested on what the search never saw, and then
+    all of it tells the law from its rivals."""
     own, found = whole_added(evidence.twin, have), []
-    for rival in assessed.others:
+    for rival in near:
         if evidence.exhausted:
             found.append(rival)
             continue
-        form = searched.evidence.forms.get(rival.effect.id)
-        other = rival.effect if form is None else evidence.effect_of(form)
+        other = rival.effect if rival.form is None else evidence.effect_of(rival.form)
         trial = evidence.of(tuple(other if effect is law else effect for effect in have.effects), have)
         if not believable(trial, have):
             continue
-        trial, other = (trial, other) if form is None else exact(evidence, trial, other)
-        again = replace(
-            rival,
-            worse=trial.score - have.score,
-            fits_worse=evidence.unpriced(trial) - evidence.unpriced(have),
-            chi_worse=chi_square_beyond(trial, have),
-            correlation=correlation(own, whole_added(evidence.twin, trial)),
-        )
-        bent = form is not None and numbers_of(form)[1] > numbers_of(assessed.form)[1] and again.worse > 0
+        trial, other = (trial, other) if rival.form is None else exact(evidence, trial, other)
+        correlated = correlation(own, whole_added(evidence.twin, trial))
+        again = replace(rival, worse=trial.score - have.score, chi_worse=chi_square_beyond(trial, have), correlation=correlated)
+        bent = rival.form is not None and numbers_of(rival.form)[1] > numbers_of(form)[1] and again.worse > 0
         alike_enough = NEARLY if bent else EQUAL
         if again.nearest < STAND_IN and again.correlation <= alike_enough and not evidence.gravity_prefers(have, trial):
             found.append(again)
@@ -265,58 +217,49 @@ def _free_id(form: LawForm, taken: Sequence[str]) -> str:
     return found
 
 
-def _law(
-    searched: SearchState, assessed: _AssessedLaw, evidence: FormEvidence, have: Hypothesis, own: Effect, ids: list[str], number: int
-) -> Law:
-    """The number-th law, as an effect of a hypothesis on the whole recording."""
-    form, fit, seen = evidence.forms[own.id], have.fit, searched.evidence
-    at = next(i for i, effect in enumerate(have.effects) if effect is own)
+def _law(searched: SearchState, law: Effect, evidence: FormEvidence, have: Hypothesis, own: Effect, ids: list[str]) -> Law:
+    """A law of the search as an effect of a hypothesis on the whole recording, where it is ``own``; ids: of the laws before it."""
+    seen, best, screening, near = searched.evidence, searched.best, searched.round_of(law).screening, _near(searched, law)
+    form, fit, at = evidence.forms[own.id], have.fit, next(i for i, effect in enumerate(have.effects) if effect is own)
     theta, part = fit.state.claims[at].theta, claim_slice(fit.state.claims, at)
     held, constants = fit.covariance, Constants.of(evidence.twin, have, own, form) if form.constants else None
     covariance = (held if constants is None else constants.widened(held))[part, part]
-    sigmas = () if constants is None else constants.sigmas(form)
     gain = float(theta @ np.linalg.solve(held[part, part], theta))
     unobserved = not_observed(theta, covariance)
     known = None if constants is None else (constants.covariance, constants.along[part])
     beside = observed(unobserved) if len(unobserved) else np.eye(len(theta))
-    lacking = share_lacking(form, theta, held[part, part], known, beside, evidence.twin.movements, number)
+    lacking = share_lacking(form, theta, held[part, part], known, beside, evidence.twin.movements, len(ids))
     theta, covariance = beside @ theta, beside @ covariance @ beside.T
-    shown = learnable_from(assessed.round.screening, form, theta, CHANCE, searched.best.whiten)
-    effect = as_effect(form, ids[number], rms_of(form, seen.twin.movements), equation(form))
+    shown, without = learnable_from(screening, form, theta, CHANCE, best.whiten), searched.without(law)
+    others = _near_on_all(form, [rival for rival in near if rival.correlation <= EQUAL], evidence, have, own)
+    against = differing(searched, law), open_threshold(searched, law, NEARLY), seen.gravity_prefers(without, best)
+    # Forms that this recording cannot distinguish from the law, by their columns or by the rate that they add
+    weighed = [rival.form for rival in near if rival.correlation > EQUAL and rival.form is not None]
+    same: dict[LawForm, LawForm] = {}  # the first of the forms that differ by constants alone
+    for other in [*screening.same_as(seen.forms[law.id]), *weighed]:
+        if other.shape != form.shape:
+            same.setdefault(other.shape, other)
     return Law(
         form,
-        effect,
+        as_effect(form, _free_id(form, ids), rms_of(form, seen.twin.movements), equation(form)),
         theta,
         covariance,
-        sigmas,
-        bits(form),
+        () if constants is None else constants.sigmas(form),
         gain,
-        assessed.better,
-        assessed.chance_p,
-        assessed.held_out,
-        _same(assessed, seen),
-        tuple(_runner_up(seen, rival, ids) for rival in assessed.others[:MOST_RUNNERS_UP]),
-        None if shown is None or gain <= 0 else max(shown, float((np.sqrt(DECISIVE) + SURE_SIGMAS) / np.sqrt(gain))),
+        without.score - best.score,
+        searched.chance_p(law),
+        searched.held_out_of(law),
+        tuple(same.values()),
+        tuple(replace(rival, hypothesis=None, effect=_said(rival)) for rival in others[:MOST_RUNNERS_UP]),
+        None if shown is None or gain <= 0 else max(shown, float((np.sqrt(DECISIVE) + ONE_SIDED) / np.sqrt(gain))),
         unobserved,
-        lacking,
+        _doubt(form, len(others), *against, lacking),
     )
 
 
-def _same(assessed: _AssessedLaw, evidence: FormEvidence) -> tuple[LawForm, ...]:
-    """Forms that this recording cannot distinguish from the law, by their columns or by the rate that they add."""
-    weighed = [evidence.forms[rival.effect.id] for rival in assessed.same if rival.effect.id in evidence.forms]
-    found: dict[LawForm, LawForm] = {}  # the first of the forms that differ by constants alone
-    for form in [*assessed.round.screening.same_as(assessed.form), *weighed]:
-        if form.shape != assessed.form.shape:
-            found.setdefault(form.shape, form)
-    return tuple(found.values())
-
-
-def _runner_up(evidence: FormEvidence, rival: Rival, ids: list[str]) -> RunnerUp:
-    form, effect = evidence.forms.get(rival.effect.id), rival.effect
-    if form is not None:
-        effect = replace(effect, id=_free_id(form, ids), equation=equation(form))
-    return RunnerUp(form, effect, rival.nearest, rival.correlation)
+def _said(rival: Rival) -> Effect:
+    """A rival's effect, with its equation."""
+    return rival.effect if rival.form is None else replace(rival.effect, equation=equation(rival.form))
 
 
 # A law's gauge, from its own null space.
@@ -440,14 +383,14 @@ def discover(
     split = parted(whole.problem, seed)
     twin = Twin(split.seen)
     progress("discover: the catalogue on what is seen", 0, STEPS)
-    evidence, tried = FormEvidence(twin), candidates(twin)
+    forms = enumerated(largest_of(twin.movements))
+    evidence, tried = FormEvidence(twin, len(forms)), candidates(twin)
     # The catalogue effects, except those whose shape (such as the moment of a step) was fitted with held-out turns.
     named = [one.effect for one in explanation.naming.named if one.effect.scan is None]
     begin = evidence.of(tuple(named), evidence.nothing)
     start = min(begin, evidence.nothing, key=lambda h: h.score)
     catalogue = exchanged(evidence, tried, search(evidence, tried, start))
     shapes = search(evidence, slow_candidates(twin), catalogue, most=MOST_SHAPES)
-    forms = enumerated(largest_of(twin.movements))
     bases = [evidence.nothing, catalogue] if catalogue.effects else [catalogue]
     rounds: list[SearchRound] = []
     searched = SearchState(evidence, Unseen(whole, twin), split, tried, catalogue, shapes, catalogue, rounds, {}, forms)

@@ -15,7 +15,7 @@ from tinygc.explanation.evidence import Evidence
 from tinygc.explanation.result import what_next
 from tinygc.features.discovery.engine import DECISIVE
 from tinygc.features.discovery.form import Factor, LawForm
-from tinygc.features.discovery.result import briefly, other_equation
+from tinygc.features.discovery.result import briefly
 from tinygc.features.discovery.search_state import Discovery, Law
 from tinygc.features.discovery.words import equation, splits
 from tinygc.inference.choose import STAND_IN
@@ -197,14 +197,14 @@ MOST_TURNS = 25
 
 def is_open(law: Law) -> bool:
     """Whether the law still has a plausible alternative."""
-    return bool(law.runners_up) and law.runners_up[0].worse < STAND_IN
+    return bool(law.runners_up) and law.runners_up[0].nearest < STAND_IN
 
 
 def next_of(e: Explanation, discovery: Discovery, pairs: list[Pair]) -> str | None:
     """What to record next; None where nothing is undecided.  pairs: of the laws, where one is open."""
     for law in discovery.laws:
         if is_open(law):
-            between = f"to tell {briefly(equation(law.form))} from {briefly(other_equation(law.runners_up[0]))}: "
+            between = f"to tell {briefly(equation(law.form))} from {briefly(law.runners_up[0].effect.equation)}: "
             return between + _splitting(next(pair for pair in pairs if pair.law is law))
     if discovery.verdict == "found":
         holds = "a law holds whose numbers agree there with the file's"

@@ -15,7 +15,6 @@ from tinygc.effects import Movement
 from tinygc.explanation.engine import Explanation
 from tinygc.features.discovery.form import Factor
 from tinygc.features.discovery.law_fits import (
-    Fitted,
     LawSeries,
     Pair,
     component_beside,
@@ -29,11 +28,11 @@ from tinygc.features.discovery.law_fits import (
     shown_as,
     values_of,
 )
-from tinygc.features.discovery.result import briefly, headline, other_equation
+from tinygc.features.discovery.result import briefly, headline
 from tinygc.features.discovery.search_state import Discovery, Law
 from tinygc.features.discovery.words import coefficient_unit, equation
 from tinygc.reporting.drawing import Axis, Panel, Picture
-from tinygc.reporting.pictures.values import one_way, projector, telling
+from tinygc.reporting.pictures.values import ahead_of, by_samples, moved, one_way, projector, standing, telling
 
 # Residuals of stills and turns: without the law, with it, and with its runner-up.
 #
@@ -46,8 +45,6 @@ SLOW = ("temperature", "temperature_rate", "time", "vibration", "rest", "sense")
 LEVEL = 0.15
 #: extension of the points' range, to either side, in which a point is placed on the curve
 ROOM = 0.3
-#: points of the curve in which a place is looked up
-GRID = 801
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +81,7 @@ class Points:
 def of_stills(e: Explanation, pair: Pair, series: LawSeries) -> Points:
     """Points of the stills' mean rates, dps."""
     law, other, form = pair.own, pair.other, pair.law.form
-    entries, movements = list(series.entries), _movements(e, law)
+    entries, movements = list(series.entries), moved(e.twin, law.replay)
 
     def mean(of: Callable[[Movement], np.ndarray]) -> np.ndarray:
         by_log = [of(movement) for movement in movements]
@@ -110,13 +107,11 @@ def of_turns(e: Explanation, pair: Pair, series: LawSeries) -> Points:
     angles = [said + law.left.closure, law.left.closure, *([] if other is None else [other.left.closure])]
     if not has_curve(form) or (beside is not None and beside.quantity not in SLOW):
         return _along_law(series, said, angles, e.twin.problem.floor.sigma)
-    of_samples = law.replay.sensitivity[:, :, :, series.axis]
-    share, sigma = projector(of_samples.sum(axis=1), e.twin.problem.floor.sigma)
-    weight = np.einsum("sd,std->st", share, of_samples)
-    movements = _movements(e, law)
+    share, weight, sigma = projector(law.replay.sensitivity[:, :, :, series.axis], e.twin.problem.floor.sigma)
+    movements = moved(e.twin, law.replay)
 
     def sampled(of: Callable[[Movement], np.ndarray]) -> np.ndarray:
-        return e.twin.padded([np.repeat(of(movement)[:, None], 3, axis=1) for movement in movements])[:, :, 0]
+        return by_samples(e.twin, [of(movement) for movement in movements])
 
     along = sampled(lambda movement: values_of(main_of(form), movement, series.component))
     x = np.sum(weight * along, axis=1)
@@ -134,16 +129,9 @@ def of_turns(e: Explanation, pair: Pair, series: LawSeries) -> Points:
 
 def _along_law(series: LawSeries, said: np.ndarray, angles: list[np.ndarray], sigma: np.ndarray) -> Points:
     """Each turn along the direction in which the law moves its closure: a line of slope one, if the law is the cause."""
-    size = np.linalg.norm(said, axis=1)
-    largest = said[np.arange(len(said)), np.argmax(np.abs(said), axis=1)]
-    ahead = np.divide(said, (size * np.sign(largest))[:, None], out=np.zeros_like(said), where=size[:, None] > 0)
-    law, without, left, *more = (np.einsum("sd,sd->s", ahead, each) / DEG for each in (said, *angles))
-    noise = np.sqrt(np.sum((ahead * sigma) ** 2, axis=1)) / DEG
-    return Points(series, law, without, left, more[0] if more else None, noise, None, along_law=True, still=False).some(size > 0)
-
-
-def _movements(e: Explanation, law: Fitted) -> list[Movement]:
-    return [movement.with_rate(rate) for movement, rate in zip(e.twin.movements, law.replay.rates, strict=True)]
+    law, (without, left, *more), noise = (np.divide(each, DEG) for each in ahead_of(said, angles, sigma))
+    other = more[0] if more else None
+    return Points(series, law, without, left, other, noise, None, along_law=True, still=False).some(law != 0)
 
 
 def _level(pair: Pair, series: LawSeries, mean: Callable[[Callable[[Movement], np.ndarray]], np.ndarray]) -> np.ndarray | None:
@@ -158,25 +146,9 @@ def _level(pair: Pair, series: LawSeries, mean: Callable[[Callable[[Movement], n
 
 def _placed(pair: Pair, series: LawSeries, x: np.ndarray, said: np.ndarray, keep: np.ndarray) -> np.ndarray:
     """(n,) where the curve has the law's value, on the same side of zero as x; x itself where the curve does not determine it."""
-    form = pair.law.form
-    found = x.copy()
     low, high = (x[keep].min(), x[keep].max()) if keep.any() else (0.0, 0.0)
-    room, main, theta = ROOM * (high - low), main_of(form), pair.own.theta[list(series.entries)]
-    # A quantity without a sign gets none.
-    for side, begin, end in ((-1, low - room, min(high, 0.0)), (1, max(low - room, 0.0), high + room)):
-        if not end > begin or (side < 0 and low >= 0):
-            continue
-        at = np.linspace(begin, end, GRID)
-        values = curve(main, at, theta)
-        if values[0] > values[-1]:
-            at, values = at[::-1], values[::-1]
-        rises = np.concatenate([[True], np.diff(values) > 0])
-        if np.any(np.diff(values) < 0) or rises.sum() < 2:
-            continue
-        # A flat part, as within a dead zone, determines no place.
-        here = (np.sign(x) == side) & (said > values[0]) & (said < values[-1])
-        found[here] = np.interp(said[here], values[rises], at[rises])
-    return found
+    room, theta = ROOM * (high - low), pair.own.theta[list(series.entries)]
+    return standing(x, said, lambda at: curve(main_of(pair.law.form), at, theta), np.array([low - room, high + room]))
 
 
 # Two panels of a law: residuals along its quantity with the law and its runner-up, and the residuals of each.
@@ -325,7 +297,7 @@ def picture_of(e: Explanation, discovery: Discovery, pairs: list[Pair]) -> Pictu
 
 
 def _words(law: Law) -> str:
-    beside = f"      runner-up:  {briefly(other_equation(law.runners_up[0]))}" if law.runners_up else ""
+    beside = f"      runner-up:  {briefly(law.runners_up[0].effect.equation)}" if law.runners_up else ""
     return f"{law.effect.id}:  {equation(law.form)}{beside}"
 
 

@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from tinygc.features.discovery.enumeration import bits
 from tinygc.features.discovery.form import LawForm
 from tinygc.features.discovery.responses import Responses
-from tinygc.inference.choose import PRIOR_ODDS, SCALES
+from tinygc.inference.choose import price, promised
 from tinygc.inference.solve import UNSEEN, orthonormal, unit_columns
 from tinygc.noise.refit import Refit
 from tinygc.noise.twin import Twin
@@ -125,15 +126,18 @@ def _reflections(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 FAINT = 5e-3
 
 
-def price(bits: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Twice the logarithm of forms' prior odds, as ``evidence.price``: bits (F,), sizes (F,) coefficients."""
-    return 2 * (np.log(2) * bits + np.log(SCALES / PRIOR_ODDS)) + sizes
+def price_of(form: LawForm) -> float:
+    """What the evidence pays for a form, which its description finds among two to the power of its bits; constants cost their grid alone.
+
+    It guides the search: a law that is put in is found from half the size on, against one price for all forms.
+    """
+    return float(price(form.size, 2 ** bits(form)))
 
 
 def promise(gain: np.ndarray, rank: np.ndarray, price: np.ndarray) -> np.ndarray:
-    """Twice the logarithm of the evidence that forms would add, as ``search.promises``: gain (F, …), rank (F,), price (F,)."""
+    """Twice the logarithm of the evidence that forms would add: gain (F, …), rank (F,), price (F,)."""
     rank, price = (each.reshape(-1, *(1,) * (gain.ndim - 1)) for each in (np.maximum(rank, 1), price))
-    return gain - rank * np.log(np.maximum(gain / rank, 1.0)) - price
+    return np.asarray(promised(gain, rank) - price)
 
 
 def seen_directions(free: np.ndarray, length: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -167,12 +171,11 @@ SLACK = 3.0
 AT_ONCE, MOST_CLOSE = 1024, 400
 
 
-def leaders(marks: np.ndarray, rank: np.ndarray, bits: np.ndarray) -> np.ndarray:
-    """Number (F,) of the simplest form near each form; -1 where its rank is 0.  marks (F, D): gains in draws; rank, bits (F,)."""
+def leaders(marks: np.ndarray, rank: np.ndarray) -> np.ndarray:
+    """Number (F,) of the first form near each form; -1 where its rank is 0.  marks (F, D): gains in draws; rank (F,)."""
     found = np.full(len(marks), -1)
     for own_rank in np.unique(rank[rank > 0]):
         members = np.flatnonzero(rank == own_rank)
-        members = members[np.argsort(bits[members], kind="stable")]
         led = np.zeros(0, dtype=int)
         for first in range(0, len(members), AT_ONCE):
             some = members[first : first + AT_ONCE]

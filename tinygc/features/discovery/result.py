@@ -10,8 +10,9 @@ from session.base.records import table_of
 from session.base.texts import measured
 from session.base.units import DEG
 from tinygc.explanation.claims import p_entry, p_words
+from tinygc.features.discovery.enumeration import bits
 from tinygc.features.discovery.quantities import QUANTITIES
-from tinygc.features.discovery.search_state import NOISE_P, Discovery, Law, RunnerUp
+from tinygc.features.discovery.search_state import NOISE_P, Discovery, Law
 from tinygc.features.discovery.words import (
     ABBREVIATIONS,
     ARROW,
@@ -65,7 +66,7 @@ def law_table(law: Law, file: str | None) -> dict:
             each.json: {"value": each.number, "sigma": each.sigma, "unit": each.unit or "fraction"}
             for each in constants_of(law.form, law.constants_sigma)
         },
-        "bits": law.bits,
+        "bits": bits(law.form),
         "chi_square": law.gain,
         "better_by": law.better,
         "chance_p": law.chance_p,
@@ -75,8 +76,8 @@ def law_table(law: Law, file: str | None) -> dict:
         "runners_up": [
             {
                 "id": each.effect.id if each.form is None else None,
-                "equation": other_equation(each),
-                "worse_by": each.worse,
+                "equation": each.effect.equation,
+                "worse_by": each.nearest,
                 "correlation": each.correlation,
                 "discriminating_motion": each.effect.discriminating_motion,
             }
@@ -85,11 +86,6 @@ def law_table(law: Law, file: str | None) -> dict:
         "learnable_from": law.learnable_from,
         "not_observed": [{"in_words": combination(law.form, each), "direction": each.reshape(shape).tolist()} for each in law.unobserved],
     }
-
-
-def other_equation(each: RunnerUp) -> str:
-    """Equation of a form or of a catalogue effect."""
-    return each.effect.equation if each.form is None else equation(each.form)
 
 
 def briefly(text: str) -> str:

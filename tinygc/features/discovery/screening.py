@@ -12,7 +12,7 @@ from session.base.numeric import rms_of, running_sum
 from session.base.progress import Progress, untold
 from tinygc.features.discovery.form import LawForm
 from tinygc.features.discovery.law_effect import added, as_effect, beside_calibration
-from tinygc.features.discovery.projections import FAINT, Projection, basis_of, equivalent_forms, leaders, price, promise, seen_directions
+from tinygc.features.discovery.projections import FAINT, Projection, basis_of, equivalent_forms, leaders, price_of, promise, seen_directions
 from tinygc.features.discovery.responses import ColumnPlan, ResponseBlock, Responses, planned
 from tinygc.noise.refit import Refit, Replay
 from tinygc.noise.twin import Twin
@@ -252,7 +252,7 @@ NEIGHBOURS = 8
 class Screening:
     """Results of one pass over the forms, in each of the projections.
 
-    bits, sizes, price (F,): of each form, sizes in coefficients; of every projection (L, F): gain in chi-square, promise, rank: number of
+    forms, the simplest first; price (F,) of each; of every projection (L, F): gain in chi-square, promise, rank: number of
     visible directions, left: share of the columns' squared length outside the nuisance.  marks (F, MARKS): gains in draws of noise (n, D),
     in the last projection; probes: plain laws of each quantity, shares (F, probes): of each one's response that a form can represent;
     responses, projections: of the turns by which all forms are screened, all_responses, all_projections: of all turns.
@@ -261,14 +261,13 @@ class Screening:
     def __init__(
         self,
         forms: Sequence[LawForm],
-        bits: np.ndarray,
         responses: Responses,
         projections: tuple[Projection, ...],
         noise: np.ndarray,
         probes: tuple[Probe, ...] = (),
     ):
         self._plan = planned(forms)
-        self.forms, self.bits, self.sizes, self.price = forms, bits, self._plan.sizes, price(bits, self._plan.sizes)
+        self.forms, self.price = forms, np.array([price_of(form) for form in forms])
         self.responses, self.projections, self.noise, self.probes = responses, projections, noise, probes
         self.all_responses, self.all_projections = responses, projections
         shape, draws = (len(projections), len(forms)), noise.shape[1]
@@ -309,7 +308,7 @@ class Screening:
         self.all_responses, self.all_projections = responses, projections
         best = self.order[:FINALISTS]
         forms, no_noise = [self.forms[number] for number in best], np.zeros((responses.channels, 0))
-        final = Screening(forms, self.bits[best], responses, projections, no_noise)
+        final = Screening(forms, responses, projections, no_noise)
         final.screen(progress)
         for name in ("gain", "promise", "rank", "left", "_tested"):
             getattr(self, name)[:, best] = getattr(final, name)
@@ -340,14 +339,6 @@ class Screening:
         """Distribution of the best studentised promise of all forms in noise alone."""
         return Chance(self.drawn)
 
-    def price_of(self, form: LawForm) -> float:
-        """The price of any form: that of the forms which differ from it by constants alone, or the highest where there are none."""
-        return self._prices.get(form.shape, float(self.price.max()))
-
-    @cached_property
-    def _prices(self) -> dict[LawForm, float]:
-        return {form.shape: float(cost) for form, cost in zip(self.forms, self.price, strict=True)}
-
     def neighbours(self, form: LawForm, most: int = NEIGHBOURS) -> list[LawForm]:
         """Forms that differ from one by their constants alone, the nearest first; itself where there are none."""
         own = np.log(form.constants)
@@ -363,7 +354,7 @@ class Screening:
     @cached_property
     def leaders(self) -> np.ndarray:
         """(F,) the simplest form that is nearly equal to each form in this recording; -1: the form is not visible."""
-        return leaders(self.marks, self.rank[-1], self.bits)
+        return leaders(self.marks, self.rank[-1])
 
     @property
     def distinct(self) -> int:
@@ -373,20 +364,18 @@ class Screening:
     def same_as(self, form: LawForm, most: int = 8) -> list[LawForm]:
         """Forms with the same span (cosines of the principal angles above ``projections.SAME``), the simplest first."""
         numbers = equivalent_forms(form, self.responses, self.projections[-1], self.noise, self.marks, self.rank[-1], self.forms)
-        numbers = sorted(numbers, key=lambda number: (self.bits[number], self.sizes[number], number))
-        return [self.forms[number] for number in numbers if self.forms[number] != form][:most]
+        return [self.forms[number] for number in sorted(numbers) if self.forms[number] != form][:most]
 
 
 def screened(
     replay: Replay,
     forms: Sequence[LawForm],
-    bits: np.ndarray,
     projections: Sequence[tuple[Whitener, Refit]],
     seed: int,
     draws: int = DRAWS,
     progress: Progress = untold,
 ) -> Screening:
-    """Screen all forms in each projection (whiten, fit), which share the signals of one replay.  bits (F,) of each form among all.
+    """Screen all forms in each projection (whiten, fit), which share the signals of one replay.
 
     A session of many turns is screened by some of them, spread over it (``MOST_TURNS``), and the most promising forms are evaluated with
     all. The chance level is drawn for the selected turns: it depends on how many forms differ and hardly on the number of rows.
@@ -401,7 +390,7 @@ def screened(
         seen = tuple(Projection(replay.twin, whiten, fit, rows) for whiten, fit in projections)
     noise = np.random.default_rng(seed).standard_normal((responses.channels, draws))
     probes = probes_of(forms, responses, seen[-1])
-    screening = Screening(forms, np.asarray(bits, dtype=float), responses, seen, noise, probes)
+    screening = Screening(forms, responses, seen, noise, probes)
     screening.screen(progress)
     if part is not None:
         screening.weigh_with_all(every, all_projections, progress)
@@ -417,4 +406,4 @@ def promised_beside(screening: Screening, form: LawForm, projection: Projection)
     if not basis.shape[1]:
         return -np.inf
     gain, rank = np.array([np.sum((basis.T @ projection.residual) ** 2)]), np.array([basis.shape[1]])
-    return float(promise(projection.studentised(gain, rank, projection.scatter), rank, np.array([screening.price_of(form)]))[0])
+    return float(promise(projection.studentised(gain, rank, projection.scatter), rank, np.array([price_of(form)]))[0])

@@ -16,6 +16,7 @@ from tinygc.explanation.decision import LEAST_EXCESS, tilt_rms
 from tinygc.explanation.evidence import Hypothesis
 from tinygc.explanation.search import rewhitened
 from tinygc.features.discovery.constants import ByAxis, by_axis, gain_of, linear_coefficients
+from tinygc.features.discovery.enumeration import bits
 from tinygc.features.discovery.form import LawForm
 from tinygc.features.discovery.law_effect import added, as_effect, beside_calibration, correlation
 from tinygc.features.discovery.projections import Projection
@@ -92,44 +93,48 @@ class HeldOut:
 
 
 @dataclass(frozen=True, eq=False)
-class RunnerUp:
-    """A form that was tried in the law's place, or an effect of the catalogue, with its equation and what would distinguish them.
-
-    worse: the least of -2 log evidence by which it is worse, with the price of descriptions and without, and of chi-square; correlation of
-    its added rate with the law's, beyond a calibration.
-    """
+class Rival:
+    """effect in the law's place, and its form, None of the catalogue's; hypothesis with it, None where only its linear columns were
+    evaluated; worse: -2 log evidence; chi_worse: chi-square alone, in the noise of the law's hypothesis, without a price of coefficients,
+    inf where it is unknown; correlation of the hypotheses' whole added rates beyond a calibration, 0 where it is unknown."""
 
     form: LawForm | None
     effect: Effect
     worse: float
     correlation: float
+    chi_worse: float = np.inf
+    hypothesis: Hypothesis | None = None
+
+    @property
+    def nearest(self) -> float:
+        """The lesser of the disadvantages: prices may guide the search and no more."""
+        return min(self.worse, self.chi_worse)
 
 
 @dataclass(frozen=True, eq=False)
 class Law:
     """One law: form, and as an effect with its id and equation; theta (P,) and covariance (P, P) SI, of all rows; constants_sigma: of the
-    form's constants, in their order; bits: of the form among all; gain: chi-square that it removes; better: -2 log evidence by which it
+    form's constants, in their order; gain: chi-square that it removes; better: -2 log evidence by which it
     is better than without it; chance_p: of the best form of all doing as much in noise; held_out: parts of each recording, and the whole
     recording that was held out, where there are several; same: forms that are the same in this recording; runners_up: others, best first;
     learnable_from: factor on its size from which this search finds it here in 19 of 20 draws of noise, None: not at any; unobserved (q, P):
-    orthonormal combinations of the coefficients that the recording does not observe, which theta and covariance are without; lacking: share
-    of draws of its numbers whose rate differs from the stated one by more than a twentieth of its variance."""
+    orthonormal combinations of the coefficients that the recording does not observe, which theta and covariance are without; doubt: why it
+    is only a candidate by itself, or empty."""
 
     form: LawForm
     effect: Effect
     theta: np.ndarray
     covariance: np.ndarray
     constants_sigma: tuple[float, ...]
-    bits: float
     gain: float
     better: float
     chance_p: float
     held_out: tuple[HeldOut, ...]
     same: tuple[LawForm, ...] = ()
-    runners_up: tuple[RunnerUp, ...] = ()
+    runners_up: tuple[Rival, ...] = ()
     learnable_from: float | None = None
     unobserved: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
-    lacking: float = 0.0
+    doubt: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -344,49 +349,24 @@ MARGIN = 6.0
 MOST_EXACT = 12
 
 
-@dataclass(frozen=True, eq=False)
-class Rival:
-    """effect in the law's place; hypothesis with it, None where only its linear columns were evaluated; worse: -2 log evidence; fits_worse:
-    the same without the price of descriptions; chi_worse: chi-square alone, in the noise of the law's hypothesis, without a price of
-    coefficients either, inf where it is unknown; correlation of the hypotheses' whole added rates, 0 where it is unknown."""
-
-    effect: Effect
-    hypothesis: Hypothesis | None
-    worse: float
-    fits_worse: float
-    correlation: float
-    chi_worse: float = np.inf
-
-    @property
-    def nearest(self) -> float:
-        """The least of the disadvantages: prices of descriptions and coefficients may guide the search and no more."""
-        return min(self.worse, self.fits_worse, self.chi_worse)
-
-
 def rivals(evidence: FormEvidence, best: Hypothesis, law: Effect, others: list[Effect], alike: Sequence[Effect] = ()) -> list[Rival]:
     """The nearest of the other effects when they take the place of ``law``, the best first; alike: further ones, all refitted exactly."""
     rest = [other for other in dict.fromkeys([*alike, *others]) if other.id != law.id and other.id not in best.ids]
-    fits, asked = evidence.unpriced(best), set(alike)
+    asked, own, found = set(alike), whole_added(evidence.twin, best), list[Rival]()
     guessed = [evidence.guess(best, without=law, add=other) for other in rest]
-    nearest = [
-        -np.inf if o in asked else min(g.score - best.score, evidence.unpriced(g) - fits) for o, g in zip(rest, guessed, strict=True)
-    ]
-    own, found = whole_added(evidence.twin, best), list[Rival]()
+    nearest = [-np.inf if other in asked else guess.score - best.score for other, guess in zip(rest, guessed, strict=True)]
     for place, number in enumerate(np.argsort(nearest, kind="stable")):
-        other, weighed, hypothesis, correlated, chi = rest[number], guessed[number], None, 0.0, np.inf
+        other, weighed, correlated, chi, hypothesis = rest[number], guessed[number], 0.0, np.inf, None
         near = other in asked or (place - len(asked) < MOST_EXACT and nearest[number] < STAND_IN + MARGIN)
         if near and not evidence.exhausted:
-            effects = (*(effect for effect in best.effects if effect is not law), other)
-            weighed = evidence.of(effects, best)
-            if not believable(weighed, best):
+            hypothesis = evidence.of((*(effect for effect in best.effects if effect is not law), other), best)
+            if not believable(hypothesis, best):
                 continue
             if other.id in evidence.forms:  # the law's constants are optimal, so a rival's must be
-                lacking = min(weighed.score - best.score, evidence.unpriced(weighed) - fits) - STAND_IN
-                weighed, other = one_step(evidence, weighed, other, lacking)
-            hypothesis = weighed
-            correlated = correlation(own, whole_added(evidence.twin, hypothesis))
+                hypothesis, other = one_step(evidence, hypothesis, other, hypothesis.score - best.score - STAND_IN)
+            weighed, correlated = hypothesis, correlation(own, whole_added(evidence.twin, hypothesis))
             chi = chi_square_beyond(hypothesis, best)
-        found.append(Rival(other, hypothesis, weighed.score - best.score, evidence.unpriced(weighed) - fits, correlated, chi))
+        found.append(Rival(evidence.forms.get(other.id), other, weighed.score - best.score, correlated, chi, hypothesis))
     return sorted(found, key=lambda rival: rival.worse)
 
 
@@ -430,9 +410,9 @@ def alike(searched: SearchState, law: Effect) -> list[Effect]:
     return [evidence.effect_of(other) for other in found.values()]
 
 
-def numbers_of(form: LawForm) -> tuple[int, int, float]:
-    """How many constants a form has within its functions, how many numbers in all, and how many factors: fewer is plainer."""
-    return len(form.constants), len(form.constants) + form.size, len(form.factors)
+def numbers_of(form: LawForm) -> tuple[int, int, int, float]:
+    """How many constants a form has within its functions, how many numbers in all, how many factors, and its bits: fewer is plainer."""
+    return len(form.constants), len(form.constants) + form.size, len(form.factors), bits(form)
 
 
 def whole_added(twin: Twin, hypothesis: Hypothesis) -> np.ndarray:
@@ -472,7 +452,7 @@ def refused(searched: SearchState, law: Effect) -> str | None:
     name = next(iter(rivals(evidence, best, law, searched.names)), None)
     if name is not None and name.worse < STAND_IN:
         return f"on the turns that were searched {name.effect.id} is of equal worth beside the rest: {said}"
-    if evidence.unpriced(searched.shapes) < evidence.unpriced(best) - STAND_IN:
+    if searched.shapes.score < best.score - STAND_IN:
         return f"a shape without a law does better: {', '.join(sorted(searched.shapes.ids))}"
     for test in searched.held_out_of(law):
         if test.removed is not None and test.removed <= 0:

@@ -11,29 +11,22 @@ import numpy as np
 from session.base.numeric import sigmas_in
 from session.base.progress import Told
 from tinygc.effects import Effect, Movement
-from tinygc.explanation.evidence import Evidence, Guess, Hypothesis
+from tinygc.explanation.evidence import Evidence, Hypothesis
 from tinygc.explanation.search import rewhitened
 from tinygc.features.discovery.constants import refined
-from tinygc.features.discovery.enumeration import bits
 from tinygc.features.discovery.form import LawForm
 from tinygc.features.discovery.law_effect import as_effect, distorted
-from tinygc.features.discovery.projections import Projection, price
+from tinygc.features.discovery.projections import Projection
 from tinygc.features.discovery.responses import Responses
 from tinygc.features.discovery.screening import Screening, screened
+from tinygc.inference.choose import price
 from tinygc.inference.prove import signed_ranks_above
 from tinygc.models.linear import MATRIX
 from tinygc.noise.refit import FARTHEST, LOOSE, Refit, Replay
 from tinygc.noise.turn_gravity import lever_equations
 from tinygc.noise.twin import LINEAR, Twin
 
-# The evidence of forms: as that of the catalogue's effects, with a price for each form's description.
-#
-#     -2 log p = ... + 2 (ln 2 · bits + log(scales / odds)) + coefficients
-#
-# The bits are those of the form among all of the grammar; that the recording shows anything outside the catalogue is as improbable
-# a priori as any one effect of it.  This is Rissanen's two-part code, in natural units: bits of the form, coefficients to their sigma,
-# residuals under the noise.  A constant within a function, such as a width, costs the bits of its grid alone, however precisely it is
-# estimated; so rivals are compared by their fit as well (``rivals``).
+# The evidence of forms: as that of the catalogue's effects, each the form of one effect, that of what the catalogue lacks.
 
 #: evaluations of laws over all samples of a recording, after which a search ends with what it has: a law as strong as what it follows takes
 #: many passes to undo, so that refits of it take most of the time (benchmarks/discovery_laws.py: a minute on one core for 40 turns at
@@ -46,10 +39,11 @@ FORM = "discovered."
 
 
 class FormEvidence(Evidence):
-    """Evidence that includes forms, each with an id of its own during the search; spent: evaluations of laws over the recording, of
-    ``MOST_WORK``, which bound the search."""
+    """Evidence that includes forms, of so many, each with an id of its own during the search; spent: evaluations of laws over the
+    recording, of ``MOST_WORK``, which bound the search."""
 
-    def __init__(self, twin: Twin):
+    def __init__(self, twin: Twin, count: int):
+        self.count = count
         self.forms: dict[str, LawForm] = {}
         self._ids: dict[LawForm, Effect] = {}
         self.spent = 0.0
@@ -76,13 +70,8 @@ class FormEvidence(Evidence):
         return self.spent > MOST_WORK
 
     def price(self, effect: Effect) -> float:
-        """As ``Evidence.price``, with a form's bits."""
-        form = self.forms.get(effect.id)
-        return super().price(effect) if form is None else float(price(np.array(bits(form)), np.array(effect.parameter.size)))
-
-    def unpriced(self, have: Hypothesis | Guess) -> float:
-        """The score of a hypothesis without the price of descriptions but with that of coefficients: its goodness of fit."""
-        return have.score - sum(self.price(effect) - effect.parameter.size for effect in have.effects)
+        """As ``Evidence.price``; a form is one of as many shapes as were screened."""
+        return price(effect.parameter.size, self.count) if effect.id in self.forms else super().price(effect)
 
     # Closure sees the ends of a turn alone.  Within it, the accelerometer shows gravity, behind what the hand and a lever arm add: the
     # lever arm and the delay of the accelerometer are fitted for each hypothesis, and its turns are compared with those of another in
@@ -267,10 +256,7 @@ def with_a_form(evidence: FormEvidence, forms: Sequence[LawForm], bases: Sequenc
     """The best hypothesis with one form more than one of the bases, of which the last is the most probable."""
     whitens = [(base, whiten) for base in bases for whiten in (evidence.first_whiten, base.whiten)]
     projections = [(whiten, rewhitened(base, whiten)) for base, whiten in whitens]
-    priced = np.array([bits(form) for form in forms])
-    screening = screened(
-        Replay(evidence.twin, bases[-1].fit), forms, priced, projections, seed, progress=lambda what, done, of: progress(what)
-    )
+    screening = screened(Replay(evidence.twin, bases[-1].fit), forms, projections, seed, progress=lambda what, done, of: progress(what))
     progress("sharpening the best forms")
     trials: list[Trial] = []
     promised: dict[str, float] = {}

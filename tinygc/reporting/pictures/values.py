@@ -15,7 +15,8 @@ from tinygc.effects import Effect, Movement, PictureData
 from tinygc.effects.effect import ENERGY_LAW, SCALE_LAW
 from tinygc.explanation.claims import Claim, theta_of
 from tinygc.explanation.engine import Explanation
-from tinygc.noise.twin import READ, Variable, variable_of
+from tinygc.noise.refit import Replay
+from tinygc.noise.twin import READ, Twin, Variable, variable_of
 
 # Labels: a parameter's name, and its value with its sigma in a readable unit.
 
@@ -163,7 +164,7 @@ FAINT = 4.0
 #: largest distance of a turn from the curve, as a share of its height: the law of a one-way turn does not hold for a two-way turn
 OFF_CURVE = 0.1
 #: points of a law's curve on which a turn is located
-GRID = 201
+GRID = 801
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,15 +214,10 @@ def _per_turn(e: Explanation, claim: Claim, carrier: str, axis: int, variable: V
     law weights the turn: a cubic weights fast moments more than slow ones.  Turns in both senses, and those that hardly turn about the
     axis, are left out; this selection does not depend on their estimates.
     """
-    twin, replay = e.twin, e.replay
-    columns, sigma = turn_columns(e, claim), turn_sigma(e)
-    movements = [movement.with_rate(rate) for movement, rate in zip(twin.movements, replay.rates, strict=True)]
+    twin, columns, movements = e.twin, turn_columns(e, claim), moved(e.twin, e.replay)
     carried = twin.padded([CARRIERS[carrier](movement) for movement in movements])[:, :, axis]
-    of_samples = replay.sensitivity[:, :, :, axis] * carried[:, :, None]
-    share, own_sigma = projector(of_samples.sum(axis=1), sigma)
-    weight = np.einsum("sd,std->st", share, of_samples)
-    of_logs = [_along(variable, movement, axis) for movement in movements]
-    along = twin.padded([np.repeat(values[:, None], 3, axis=1) for values in of_logs])[:, :, 0]
+    share, weight, own_sigma = projector(e.replay.sensitivity[:, :, :, axis] * carried[:, :, None], turn_sigma(e))
+    along = by_samples(twin, [_along(variable, movement, axis) for movement in movements])
     mean = np.sum(weight * along, axis=1)
     unit = np.einsum("sd,sd->s", share, columns[:, :, axis])
     before, after = (np.einsum("sd,sd->s", share, angles) for angles in (without(e, claim, [axis]), left_by_turn(e)))
@@ -245,16 +241,30 @@ def per_parameter(e: Explanation, claim: Claim, entry: int) -> TurnEstimates:
 
     This is an added-variable plot: a straight line through zero whose slope is the parameter.
     """
-    columns, sigma = turn_columns(e, claim), turn_sigma(e)
-    own = columns[:, :, entry]
-    size = np.linalg.norm(own, axis=1)
-    largest = np.argmax(np.abs(own), axis=1)
-    signed = size * np.sign(own[np.arange(len(own)), largest])
-    ahead = np.divide(own, signed[:, None], out=np.zeros_like(own), where=size[:, None] > 0)
-    before, after = (np.einsum("sd,sd->s", ahead, angles) for angles in (without(e, claim, [entry]), left_by_turn(e)))
-    noise = np.sqrt(np.sum((ahead * sigma) ** 2, axis=1))
-    keep = size > 0
+    angles = without(e, claim, [entry]), left_by_turn(e)
+    signed, (before, after), noise = ahead_of(turn_columns(e, claim)[:, :, entry], angles, turn_sigma(e))
+    keep = signed != 0
     return TurnEstimates(signed[keep], before[keep], after[keep], noise[keep], (signed * theta(e, claim)[entry])[keep])
+
+
+def ahead_of(own: np.ndarray, angles: Sequence[np.ndarray], sigma: np.ndarray) -> tuple[np.ndarray, list[np.ndarray], np.ndarray]:
+    """Along the direction of each turn's column own (S, d), its largest angle's sign kept: its length (S,), the angles (S,) of (S, d), and
+    their sigma."""
+    size = np.linalg.norm(own, axis=1)
+    signed = size * np.sign(own[np.arange(len(own)), np.argmax(np.abs(own), axis=1)])
+    ahead = np.divide(own, signed[:, None], out=np.zeros_like(own), where=size[:, None] > 0)
+    noise = np.sqrt(np.sum((ahead * sigma) ** 2, axis=1))
+    return signed, [np.einsum("sd,sd->s", ahead, each) for each in angles], noise
+
+
+def moved(twin: Twin, replay: Replay) -> list[Movement]:
+    """The movement of each log by a fit's rates."""
+    return [movement.with_rate(rate) for movement, rate in zip(twin.movements, replay.rates, strict=True)]
+
+
+def by_samples(twin: Twin, of_logs: Sequence[np.ndarray]) -> np.ndarray:
+    """Values (S, T) at each turn's samples, of those (N,) of each log."""
+    return twin.padded([np.repeat(values[:, None], 3, axis=1) for values in of_logs])[:, :, 0]
 
 
 def strongest(e: Explanation, claim: Claim, most: int = 3) -> list[int]:
@@ -264,12 +274,15 @@ def strongest(e: Explanation, claim: Claim, most: int = 3) -> list[int]:
     return sorted(int(entry) for entry in np.argsort(power)[::-1][:most])
 
 
-def projector(column: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Weights (S, d) of the least-squares share of a column (S, d) in angles of these sigmas; its sigma (S,), inf for a zero column."""
+def projector(of_samples: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Weights (S, d) of the least-squares share of what its samples (S, T, d) do to each turn, in angles of these sigmas; the weights
+    (S, T) of the samples in it; its sigma (S,), inf where they do nothing."""
+    column = of_samples.sum(axis=1)
     weighted = column / sigma**2
     power = np.sum(weighted * column, axis=1)
     share = np.divide(weighted, power[:, None], out=np.zeros_like(column), where=power[:, None] > 0)
-    return share, np.divide(1.0, np.sqrt(power), out=np.full(len(power), np.inf), where=power > 0)
+    own_sigma = np.divide(1.0, np.sqrt(power), out=np.full(len(power), np.inf), where=power > 0)
+    return share, np.einsum("sd,std->st", share, of_samples), own_sigma
 
 
 def telling(sigma: np.ndarray) -> np.ndarray:
@@ -293,20 +306,22 @@ def _along(variable: Variable, movement: Movement, axis: int) -> np.ndarray:
 
 
 def standing(mean: np.ndarray, unit: np.ndarray, curve: Callable[[np.ndarray], np.ndarray], span: np.ndarray) -> np.ndarray:
-    """Place (S,) of each turn's unit on the curve of one unit, on its mean's side of zero; the mean if the curve does not determine it."""
+    """Place (S,) of each turn's value on a curve that never turns back, on its mean's side of zero; the mean if the curve does not
+    determine it, as where it is flat."""
     found = mean.copy()
     for side in (-1, 1):
         low, high = np.clip(span, *((0, np.inf) if side > 0 else (-np.inf, 0)))
         if not high > low:
             continue
-        at = np.linspace(low, high, GRID)
+        at = np.linspace(low, high, GRID)[1:-1]
         values = curve(at)
-        rise = np.diff(values[1:-1])
-        if not ((rise > 0).all() or (rise < 0).all()):
+        if values[0] > values[-1]:
+            at, values = at[::-1], values[::-1]
+        rises = np.concatenate([[True], np.diff(values) > 0])
+        if not np.all(np.diff(values) >= 0) or rises.sum() < 2:
             continue
-        at, values = (at, values) if rise[0] > 0 else (at[::-1], values[::-1])
-        here = (np.sign(mean) == side) & (unit >= values[1]) & (unit <= values[-2])
-        found[here] = np.interp(unit[here], values[1:-1], at[1:-1])
+        here = (np.sign(mean) == side) & (unit > values[0]) & (unit < values[-1])
+        found[here] = np.interp(unit[here], values[rises], at[rises])
     return found
 
 
@@ -334,16 +349,6 @@ class AxisLaws:
     x_label: str
     turns: list[TurnEstimates]
     curves: list[tuple[np.ndarray, np.ndarray]]
-
-    @property
-    def reached(self) -> np.ndarray:
-        """Values of the variable at all turns and on all curves, (n,)."""
-        return np.concatenate([*(of.x for of in self.turns), *(at for at, _ in self.curves)])
-
-    @property
-    def asked(self) -> np.ndarray:
-        """Values of all turns, as recorded, and of all curves, (n,)."""
-        return np.concatenate([*(of.before for of in self.turns), *(values for _, values in self.curves)])
 
 
 def axis_laws(e: Explanation, claim: Claim) -> AxisLaws | None:

@@ -3,6 +3,7 @@
 import json
 import re
 import sys
+from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
@@ -20,8 +21,8 @@ from tinygc import SimulationOptions
 from tinygc.explanation.engine import explain_session
 from tinygc.features.discovery import engine
 from tinygc.features.discovery.form import Factor, LawForm
-from tinygc.features.discovery.law_fits import curve, main_of, pairs_of, series_of
-from tinygc.features.discovery.pictures import of_stills, of_turns
+from tinygc.features.discovery.law_fits import pairs_of
+from tinygc.features.discovery.pictures import CHANNELS, points_of
 from tinygc.features.discovery.report import DiscoveryReport
 from tinygc.features.discovery.report_section import SVG, searched, section
 from tinygc.features.discovery.result import discovery_facts, to_json
@@ -64,11 +65,12 @@ def test_a_law_that_is_hidden_is_found_and_shown(tmp_path, monkeypatch):
     assert law.chance_p < 1e-6
     assert 0 < law.learnable_from < 1
     (pair,) = pairs_of(e, found(law, verdict="found"))
-    for series in series_of(law.form):  # what is left of a still or a turn is noise, and what there is without the law is the law
-        for points in (of_stills(e, pair, series), of_turns(e, pair, series)):
-            assert np.sqrt(np.mean((points.left / points.sigma) ** 2)) < 1.8
-            at_them = curve(main_of(pair.law.form), points.x, pair.own.theta[list(series.entries)]) / DEG
-            assert len(points.x) == len(at_them) >= 5
+    for axis, channel in product(range(3), CHANNELS):  # what is left is noise, and what there is without the law is the law
+        points = points_of(e, pair, axis, channel)
+        assert np.sqrt(np.mean((points.left / points.sigma) ** 2)) < 1.8
+        slope = points.says @ points.without / (points.says @ points.says)
+        assert len(points.says) >= 5
+        assert slope == pytest.approx(1, abs=0.1)
 
 
 # Said.

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from math import ceil
 
 import numpy as np
 
-from session.base.units import DEG
 from tinygc.effects import Effect, Movement, catalogue
 from tinygc.explanation.engine import Explanation
 from tinygc.explanation.evidence import Evidence
 from tinygc.explanation.result import what_next
 from tinygc.features.discovery.engine import DECISIVE
-from tinygc.features.discovery.form import Factor, LawForm
 from tinygc.features.discovery.result import briefly
 from tinygc.features.discovery.search_state import Discovery, Law
 from tinygc.features.discovery.words import equation, splits
@@ -24,100 +21,14 @@ from tinygc.noise.twin import Channels
 from tinygc.noise.whitening import Whitener
 from tinygc.planning.turns import CandidateTurn, trials
 
-# The coefficients of a law that are drawn together: terms that add to one axis from one component of the plotted quantity.
-
-#: displayed units of quantities: how many of them one is, times full scale for a share of it; name; unit
-SHOWN: dict[str, tuple[float, bool, str, str]] = {
-    "rate": (1 / DEG, True, "rate about {i}", "dps"),
-    "rate_size": (1 / DEG, True, "size of the rate", "dps"),
-    "acceleration": (1 / DEG, True, "angular acceleration about {i}", "dps/s"),
-    "acceleration_size": (1 / DEG, True, "size of the angular acceleration", "dps/s"),
-    "speed_slope": (1 / DEG, True, "rate of change of the size of the rate", "dps/s"),
-    "jerk": (1 / DEG, True, "angular jerk about {i}", "dps/s²"),
-    "force": (1.0, False, "specific force along {i}", "g"),
-    "temperature": (1.0, False, "temperature since the first sample", "°C"),
-    "temperature_rate": (60.0, False, "rate of the temperature", "°C/min"),
-    "turned": (1 / DEG, False, "angle turned about {i}", "°"),
-    "sense": (1.0, False, "sense of the last turn about {i}", "±1"),
-}
-
-
-@dataclass(frozen=True, eq=False)
-class LawSeries:
-    """axis that the terms add to; component of the main factor's quantity; entries: the terms' places in theta."""
-
-    axis: int
-    component: int
-    entries: tuple[int, ...]
-
-
-def main_of(form: LawForm) -> Factor:
-    """The factor of the horizontal axis: the nonlinear one; of two alike the first."""
-    return next((factor for factor in form.factors if factor.through.name != "itself"), form.factors[0])
-
-
-def other_of(form: LawForm) -> Factor | None:
-    """The second factor, which may be the same function of the same quantity."""
-    return form.factors[_beside(form)] if len(form.factors) == 2 else None
-
-
-def component_beside(form: LawForm, series: LawSeries) -> int:
-    """Component of the second factor in a series' first term."""
-    return form.terms()[series.entries[0]][1][_beside(form)][1]
-
-
-def _beside(form: LawForm) -> int:
-    return 1 - form.factors.index(main_of(form))
-
-
-def series_of(form: LawForm) -> list[LawSeries]:
-    """One series for every axis and component of the main factor that it follows, in the order of the form's terms."""
-    main, found = main_of(form), dict[tuple[int, int], list[int]]()
-    for entry, (axis, parts) in enumerate(form.terms()):
-        component = next(part // main.through.phases for factor, part in parts if factor is main)
-        found.setdefault((axis, component), []).append(entry)
-    return [LawSeries(axis, component, tuple(entries)) for (axis, component), entries in found.items()]
-
-
-def has_curve(form: LawForm) -> bool:
-    """Whether the main factor can be plotted along its own quantity: it has no memory and no direction fixed in the world."""
-    main = main_of(form)
-    remembers = any(factor.lag_s is not None or factor.through.memory for factor in form.factors)
-    return not remembers and main.of.directions == 1
-
-
-def values_of(factor: Factor, movement: Movement, component: int) -> np.ndarray:
-    """Values (N,) of a factor's quantity in SI, or in its own unit, without the function."""
-    values = factor.of.of(movement)
-    return values[:, min(component, values.shape[1] - 1)]
-
-
-def curve(factor: Factor, at: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    """(K,) SI of a series' law along its main quantity, theta (phases,) of its terms; times the second factor where there is one."""
-    found = factor.through.of(at, factor.constant or 1.0).reshape(len(at), -1)
-    return found @ theta[: found.shape[1]]
-
-
-def shown_as(factor: Factor, movement: Movement) -> tuple[float, str, str]:
-    """How many of the displayed unit one of the quantity is, its name with ``{i}`` for the axis, and the unit."""
-    times, of_scale, words, unit = SHOWN.get(factor.quantity, (1.0, False, factor.of.words, factor.of.unit))
-    return times * (movement.fs_rps if of_scale else 1.0), words, unit
-
-
-def component_name(factor: Factor, component: int) -> str:
-    """``x``; empty for a scalar."""
-    return "xyz"[component // factor.of.directions] if factor.vector else ""
-
-
 # The recording refitted with a law or with its rival, for the pictures and the next movement.
 
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """effect, and its form, None for a catalogue effect; fit of the whole hypothesis with it, whiten with the noise re-estimated; theta
+    """effect; fit of the whole hypothesis with it, whiten with the noise re-estimated; theta
     (P,) of the effect; left: residuals of each channel; adds: what one SI unit of each parameter adds to each channel."""
 
-    form: LawForm | None
     effect: Effect
     fit: Refit
     whiten: Whitener
@@ -129,7 +40,7 @@ class Fitted:
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """A law with its form, and its first runner-up in its place, None where none adds to the rates."""
+    """A law, and its first runner-up in its place, None where none adds to the rates."""
 
     law: Law
     own: Fitted
@@ -145,12 +56,12 @@ def pairs_of(e: Explanation, discovery: Discovery) -> list[Pair]:
     for law in discovery.laws:
         beside = [*names, *(each.effect for each in discovery.laws if each is not law)]
         rival = next((each for each in law.runners_up[:1] if each.effect.kind == "rate"), None)
-        other = None if rival is None else _fitted(evidence, beside, rival.form, rival.effect)
-        found.append(Pair(law, _fitted(evidence, beside, law.form, law.effect), other))
+        other = None if rival is None else _fitted(evidence, beside, rival.effect)
+        found.append(Pair(law, _fitted(evidence, beside, law.effect), other))
     return found
 
 
-def _fitted(evidence: Evidence, beside: list[Effect], form: LawForm | None, effect: Effect) -> Fitted:
+def _fitted(evidence: Evidence, beside: list[Effect], effect: Effect) -> Fitted:
     hypothesis = evidence.of((*(each for each in beside if each.id != effect.id), effect), evidence.nothing)
     fit, twin = hypothesis.fit, evidence.twin
     replay = Replay(twin, fit)
@@ -159,29 +70,7 @@ def _fitted(evidence: Evidence, beside: list[Effect], form: LawForm | None, effe
     left = twin.residuals(fit.state, replay.rates)
     # The same effects in another order are the same hypothesis.
     theta = next(claim.theta for claim in fit.state.claims if claim.effect.id == effect.id)
-    return Fitted(form, effect, fit, hypothesis.whiten, replay, theta, left, adds)
-
-
-# The runner-up as a curve along the law's own quantity.
-
-
-def other_curve(e: Explanation, own: Fitted, other: Fitted, series: LawSeries) -> Callable[[np.ndarray], np.ndarray] | None:
-    """(K,) of the quantity -> (K,) rad/s of the runner-up, with its change of the calibration; None where it follows another quantity."""
-    if own.form is None or other.form is None or len(other.form.factors) != 1 or not has_curve(other.form):
-        return None
-    main, theirs = main_of(own.form), main_of(other.form)
-    matching = next((each for each in series_of(other.form) if (each.axis, each.component) == (series.axis, series.component)), None)
-    if theirs.quantity != main.quantity or matching is None:
-        return None
-    before, after = own.fit.state.model, other.fit.state.model
-    zero = before.B[series.axis] - after.B[series.axis]
-    per_rate = (before.E - after.E)[series.axis, series.component] if main.quantity == "rate" else 0.0
-    theta, full_scale = other.theta[list(matching.entries)], e.twin.movements[0].fs_rps
-
-    def said(at: np.ndarray) -> np.ndarray:
-        return curve(theirs, at, theta) + zero + per_rate * full_scale * at
-
-    return said
+    return Fitted(effect, fit, hypothesis.whiten, replay, theta, left, adds)
 
 
 # The movement that distinguishes a law from its alternative: where the two change the channels by the most different amounts.

@@ -15,8 +15,7 @@ from tinygc.effects import Effect, Movement, PictureData
 from tinygc.effects.effect import ENERGY_LAW, SCALE_LAW
 from tinygc.explanation.claims import Claim, theta_of
 from tinygc.explanation.engine import Explanation
-from tinygc.noise.refit import Replay
-from tinygc.noise.twin import READ, Twin, Variable, variable_of
+from tinygc.noise.twin import READ, Variable, variable_of
 
 # Labels: a parameter's name, and its value with its sigma in a readable unit.
 
@@ -214,10 +213,12 @@ def _per_turn(e: Explanation, claim: Claim, carrier: str, axis: int, variable: V
     law weights the turn: a cubic weights fast moments more than slow ones.  Turns in both senses, and those that hardly turn about the
     axis, are left out; this selection does not depend on their estimates.
     """
-    twin, columns, movements = e.twin, turn_columns(e, claim), moved(e.twin, e.replay)
+    twin, columns = e.twin, turn_columns(e, claim)
+    movements = [movement.with_rate(rate) for movement, rate in zip(twin.movements, e.replay.rates, strict=True)]
     carried = twin.padded([CARRIERS[carrier](movement) for movement in movements])[:, :, axis]
     share, weight, own_sigma = projector(e.replay.sensitivity[:, :, :, axis] * carried[:, :, None], turn_sigma(e))
-    along = by_samples(twin, [_along(variable, movement, axis) for movement in movements])
+    by_log = [np.repeat(_along(variable, movement, axis)[:, None], 3, axis=1) for movement in movements]
+    along = twin.padded(by_log)[:, :, 0]
     mean = np.sum(weight * along, axis=1)
     unit = np.einsum("sd,sd->s", share, columns[:, :, axis])
     before, after = (np.einsum("sd,sd->s", share, angles) for angles in (without(e, claim, [axis]), left_by_turn(e)))
@@ -255,16 +256,6 @@ def ahead_of(own: np.ndarray, angles: Sequence[np.ndarray], sigma: np.ndarray) -
     ahead = np.divide(own, signed[:, None], out=np.zeros_like(own), where=size[:, None] > 0)
     noise = np.sqrt(np.sum((ahead * sigma) ** 2, axis=1))
     return signed, [np.einsum("sd,sd->s", ahead, each) for each in angles], noise
-
-
-def moved(twin: Twin, replay: Replay) -> list[Movement]:
-    """The movement of each log by a fit's rates."""
-    return [movement.with_rate(rate) for movement, rate in zip(twin.movements, replay.rates, strict=True)]
-
-
-def by_samples(twin: Twin, of_logs: Sequence[np.ndarray]) -> np.ndarray:
-    """Values (S, T) at each turn's samples, of those (N,) of each log."""
-    return twin.padded([np.repeat(values[:, None], 3, axis=1) for values in of_logs])[:, :, 0]
 
 
 def strongest(e: Explanation, claim: Claim, most: int = 3) -> list[int]:

@@ -16,7 +16,7 @@ import numpy as np
 from session.base.budget import current
 from session.base.errors import FormatError
 from session.base.units import parse_unit
-from session.replay.binary.source import Messages, Part, Source, Stream, microseconds, one_line
+from session.replay.binary.source import Messages, Part, Source, Stream, begins, microseconds, one_line
 
 MARK = b"\xa3\x95"
 FMT = 0x80
@@ -43,11 +43,6 @@ UNITS = {"rad/s": "rad/s", "deg/s": "dps", "m/s/s": "m/s2", "m/s^2": "m/s2", "de
 #: columns of each quantity, and its unit where a log has no UNIT messages (before 2018)
 QUANTITIES = {"gyro": (("GyrX", "GyrY", "GyrZ"), "rad/s"), "accel": (("AccX", "AccY", "AccZ"), "m/s2"), "temp": (("T",), "degc")}
 BLOCK = 1 << 22
-
-
-def is_mine(path: Path, head: bytes) -> bool:
-    """By the first message, which describes itself."""
-    return head.startswith(MARK + bytes([FMT]))
 
 
 @dataclass
@@ -232,6 +227,6 @@ FORMAT = Messages(
     "",
     "",
     "ArduPilot's APM/LOGS/00000042.BIN, with IMU, or with GYR and ACC (INS_RAW_LOG_OPT)",
-    is_mine,
+    begins(MARK + bytes([FMT])),
     _read,
 )

@@ -18,7 +18,7 @@ import numpy as np
 from session.base.budget import current
 from session.base.errors import FormatError
 from session.base.units import NS_PER_S, TIME
-from session.replay.binary.source import Format, Part, Stream, Topic, one_line
+from session.replay.binary.source import Format, Part, Stream, Topic, one_line, require_names
 from session.replay.columns import parse_columns
 from session.replay.named import Meaning, meaning
 
@@ -115,9 +115,8 @@ class Tables(Format):
         with one_line(path, self.what), self.opened(path) as file:
             made = plans(path, file.words or self.what, file.arrays, columns)
             there = {plan.name: plan for plan in made}
-            if missing := [name for name in names if name not in there]:
-                raise FormatError(f"{path}: no stream {missing[0]!r}; it holds {', '.join(there)}")
-            chosen = [there[name] for name in names] if names else made
+            require_names(path, names, there)
+            chosen = [there[name] for name in names] or made
             current().numbers(path, sum(math.prod(array.shape) for plan in chosen for array in plan.arrays))
             values = file.values({name for plan in chosen for name in plan.columns})
             with np.errstate(all="ignore"):  # whatever a damaged file holds as numbers

@@ -15,17 +15,12 @@ from session.base.errors import FormatError
 from session.base.files import require_file
 from session.log.samples import Growing
 from session.replay.binary.arrays import Array, Opened, Tables
-from session.replay.binary.source import library
+from session.replay.binary.source import begins, library
 
 PACKAGE = "pyarrow"
 PARQUET, FEATHER, FEATHER_1 = b"PAR1", b"ARROW1\0\0", b"FEA1"
 #: rows that are read at once
 AT_ONCE = 1 << 16
-
-
-def is_mine(path: Path, head: bytes) -> bool:
-    """By the bytes that Parquet and Arrow files begin with."""
-    return head.startswith((PARQUET, FEATHER, FEATHER_1))
 
 
 @contextmanager
@@ -173,6 +168,6 @@ FORMAT = Tables(
     "logs",
     "Apache-2.0",
     "df.to_parquet('log.parquet') or df.to_feather('log.feather') with t_s, gyro_x, …, acc_z",
-    is_mine,
+    begins(PARQUET, FEATHER, FEATHER_1),
     _opened,
 )

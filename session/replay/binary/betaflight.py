@@ -21,7 +21,7 @@ from session.base.budget import RECORD, current
 from session.base.errors import FormatError
 from session.base.files import read_bytes, require_file
 from session.base.numeric import running_sum
-from session.replay.binary.source import Messages, Part, Rows, Stream, library, one_line, reason
+from session.replay.binary.source import Messages, Part, Rows, Stream, begins, library, one_line, reason
 
 PACKAGE = "orangebox"
 MAGIC = b"H Product:Blackbox"
@@ -43,11 +43,6 @@ KINDS = re.compile(rb"[EGHIPS]")
 #: predictor of a counter: orangebox counts through the loops without a frame, four of which are as much work as a field
 COUNTER = 6
 FIELDS = {"gyro": "gyroADC[{}]", "unfiltered": "gyroUnfilt[{}]", "accel": "accSmooth[{}]"}
-
-
-def is_mine(path: Path, head: bytes) -> bool:
-    """By the line that each log begins with."""
-    return head.startswith(MAGIC)
 
 
 @contextlib.contextmanager
@@ -220,6 +215,6 @@ FORMAT = Messages(
     "betaflight",
     "GPL-3.0-or-later",
     "Betaflight's LOG00001.BFL or btfl_001.bbl, with gyroADC and accSmooth; streams are log1, log2, …",
-    is_mine,
+    begins(MAGIC),
     _read,
 )

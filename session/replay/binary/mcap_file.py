@@ -15,8 +15,8 @@ from typing import Any
 
 from session.base.budget import RECORD, amount, current
 from session.base.errors import FormatError
-from session.replay.binary.ros import Topic, definitions_of, fields_of, json_decoder, streams_of, topic_of
-from session.replay.binary.source import Cut, DamagedChunks, Messages, Source, Stream, library, one_line, reason
+from session.replay.binary.ros import Bag, JsonLayout, Topic, layout_of
+from session.replay.binary.source import Cut, DamagedChunks, Messages, Source, Stream, begins, library, one_line, reason
 
 PACKAGE = "mcap"
 MAGIC = b"\x89MCAP0\r\n"
@@ -33,26 +33,20 @@ CHUNK_HEAD = 1 + 8 + 8 + 8 + 8 + 4 + 4
 ENCODINGS = ("cdr", "ros1", "json")
 
 
-def is_mine(path: Path, head: bytes) -> bool:
-    """By the eight bytes that an MCAP file begins with."""
-    return head.startswith(MAGIC)
-
-
 def _read(path: Path, names: Sequence[str]) -> list[Stream]:
     """The streams of these topics; of all that hold an IMU for no name."""
-    found: dict[str, Topic] = {}
-    seen: dict[str, None] = {}
-    notes: list[str] = []
-    walk(path, names, found, seen, notes)
-    return streams_of(path, "an MCAP file", names, found.values(), seen, notes)
+    bag = Bag(path, names)
+    walk(bag)
+    return bag.streams(path, "an MCAP file")
 
 
-def walk(path: Path, names: Sequence[str], found: dict[str, Topic], seen: dict[str, None], notes: list[str]) -> None:
-    """Read the messages of a file into their topics (found), with the topics that are there (seen) and notes on damage."""
+def walk(bag: Bag) -> None:
+    """Read the messages of a file into their topics."""
+    path, notes = bag.path, bag.notes
     reader = library(path, "an MCAP file", "mcap.stream_reader", PACKAGE)
     damaged = DamagedChunks()
     with one_line(path, "an MCAP file"), Source(path) as source:
-        channels = _Channels(path, reader, names, found, seen, notes)
+        channels = _Channels(bag, reader)
         at, ended = len(MAGIC), False
         try:
             source.seek(at)
@@ -180,10 +174,8 @@ def unpacked(path: Path, compression: str, data: bytes, most: int | None = None)
 class _Channels:
     """Schemas and channels as they come, and the topic of each channel: None where it holds no IMU or is not wanted."""
 
-    def __init__(
-        self, path: Path, reader: Any, names: Sequence[str], found: dict[str, Topic], seen: dict[str, None], notes: list[str]
-    ) -> None:
-        self.path, self._reader, self._names, self._found, self._seen, self._notes = path, reader, names, found, seen, notes
+    def __init__(self, bag: Bag, reader: Any) -> None:
+        self.path, self._bag, self._reader = bag.path, bag, reader
         self._schemas: dict[int, Any] = {}
         self._channels: dict[int, Any] = {}
         self._topics: dict[int, Topic | None] = {}
@@ -216,13 +208,13 @@ class _Channels:
     def _describe(self, record: Any) -> None:
         kind = type(record).__name__
         if kind == "Statistics" and record.message_count > self._messages:
-            self._notes.append(f"{self._messages} of {record.message_count} messages, which the file counts itself, were read")
+            self._bag.notes.append(f"{self._messages} of {record.message_count} messages, which the file counts itself, were read")
         elif kind == "Schema":
             self._schemas.setdefault(record.id, record)
         elif kind == "Channel" and record.id not in self._channels:
             schema = self._schemas.get(record.schema_id)
             self._channels[record.id] = record
-            self._seen[f"{record.topic} ({schema.name if schema else record.message_encoding}, {record.message_encoding})"] = None
+            self._bag.seen.add(f"{record.topic} ({schema.name if schema else record.message_encoding}, {record.message_encoding})")
 
     def take_summary(self) -> None:
         """Schemas and channels as the file's summary repeats them, where it can be read: a damaged chunk may have held them."""
@@ -236,34 +228,15 @@ class _Channels:
 
     def _topic(self, number: int, first: bytes) -> Topic | None:
         channel = self._channels.get(number)
-        if channel is None or (self._names and channel.topic not in self._names) or channel.message_encoding not in ENCODINGS:
+        if channel is None or channel.message_encoding not in ENCODINGS:
             return None
-        if channel.topic in self._found:
-            return self._found[channel.topic]
         schema = self._schemas.get(channel.schema_id)
-        name, text, encoding = ("", b"", "") if schema is None else (schema.name, schema.data, schema.encoding)
+        kind, text, idl = ("", b"", False) if schema is None else (schema.name, schema.data, schema.encoding == "ros2idl")
         if channel.message_encoding == "json":
-            topic = self._of_json(channel.topic, name, first)
-        else:
-            ros1 = channel.message_encoding == "ros1"
-            kind = name if "/msg/" in name else name.replace("/", "/msg/", 1)
-
-            def definitions() -> dict[str, Any]:
-                return definitions_of(self.path, kind, text.decode(), encoding == "ros2idl", ros1)
-
-            topic = topic_of(self.path, channel.topic, kind, definitions, not ros1, self._notes)
-        return None if topic is None else self._found.setdefault(channel.topic, topic)
-
-    def _of_json(self, called: str, kind: str, first: bytes) -> Topic | None:
-        try:
-            paths, want = json_decoder(self.path, first)
-            fields = fields_of(paths, kind)
-        except FormatError:
-            raise
-        except Exception as error:
-            self._notes.append(f"the messages of {called} cannot be read ({reason(error)})")
-            return None
-        return None if fields is None else Topic(self.path, called, kind, want(fields.paths), fields)
+            return self._bag.topic(channel.topic, kind, lambda: JsonLayout(self.path, first))
+        kind = kind if "/msg/" in kind else kind.replace("/", "/msg/", 1)
+        ros1 = channel.message_encoding == "ros1"
+        return self._bag.topic(channel.topic, kind, lambda: layout_of(self.path, kind, text.decode(), idl, ros1))
 
 
 FORMAT = Messages(
@@ -273,6 +246,6 @@ FORMAT = Messages(
     "logs",
     "MIT",
     "ros2 bag record --storage mcap /imu/data_raw: rosbag2_2026_11_26-10_15_02_0.mcap; also with JSON messages",
-    is_mine,
+    begins(MAGIC),
     _read,
 )

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import re
 import struct
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from operator import getitem
@@ -54,7 +54,8 @@ class Layout:
         self._parts: list[list[tuple[str, str]] | str] = [[]]
         self._count = 0
         self._readable = True
-        self._walk(definitions, name, "", ())
+        if name in definitions:  # else a type of somebody's own, in a recording that holds no definitions
+            self._walk(definitions, name, "", ())
         self.paths = [path for part in self._parts if isinstance(part, list) for _, path in part]
         self._wanted: tuple[str, ...] = ()
         #: of a run, its place behind a multiple of eight bytes, and the order of bytes
@@ -150,23 +151,22 @@ class Layout:
             raise ValueError(f"{name} has more than {MOST_FIELDS} numbers")
 
 
-def definitions_of(path: Path, name: str, text: str, idl: bool = False, ros1: bool = False) -> dict[str, Any]:
-    """The definitions of a message type and of what it holds: of the file's text, with those of ROS for what the text leaves out."""
+def layout_of(path: Path, name: str, text: str, idl: bool = False, ros1: bool = False) -> Layout:
+    """Of a message type by the definitions in the file's text, with those of ROS for what the text leaves out."""
     types = library(path, "a ROS recording", "rosbags.typesys", "rosbags")
     current().unpack(path, PARSED * (100 + len(text)))
     stores = types.Stores
     known = dict(types.get_typestore(stores.ROS1_NOETIC if ros1 else stores.LATEST).fielddefs)
-    if not text.strip():
-        return known
     if len(text) > MOST_DEFINITION:
         raise ValueError(f"its definition has more than {MOST_DEFINITION} letters")
-    if not idl:
-        return known | types.get_types_from_msg(text, name)
-    rule = "=" * 80 + "\n"
-    parts = [part.partition("\n")[2] for part in text.split(rule)[1:]] if text.startswith(f"{rule}IDL: ") else [text]
-    for part in parts:
-        known |= types.get_types_from_idl(part)
-    return known
+    if idl and text.strip():
+        rule = "=" * 80 + "\n"
+        parts = [part.partition("\n")[2] for part in text.split(rule)[1:]] if text.startswith(f"{rule}IDL: ") else [text]
+        for part in parts:
+            known |= types.get_types_from_idl(part)
+    elif text.strip():
+        known |= types.get_types_from_msg(text, name)
+    return Layout(path, known, name, cdr=not ros1)
 
 
 # What a type of message holds.
@@ -321,19 +321,22 @@ def _stamps(own: np.ndarray, logged: np.ndarray, stamped: bool) -> tuple[np.ndar
     return own, ""
 
 
-def json_decoder(path: Path, first: bytes) -> tuple[list[str], Callable[[Sequence[str]], Callable[[bytes], list[float]]]]:
-    """Paths of the numbers of a JSON message, and what makes a decoder of wanted ones.  ValueError for no JSON object."""
-    paths = dict(_numbers(_json(path, first), "", ()))
-    current().unpack(path, MEANT * len(paths))
+class JsonLayout:
+    """Reads the wanted numbers of messages that are JSON objects like the first one.  ValueError for none."""
 
-    def want(wanted: Sequence[str]) -> Callable[[bytes], list[float]]:
-        def decode(data: bytes) -> list[float]:
-            message = _json(path, data)
-            return [_number(reduce(getitem, paths[name], message)) for name in wanted]
+    def __init__(self, path: Path, first: bytes) -> None:
+        self._path, self._keys = path, dict(_numbers(_json(path, first), "", ()))
+        current().unpack(path, MEANT * len(self._keys))
+        self.paths = list(self._keys)
 
-        return decode
+    def want(self, paths: Sequence[str]) -> None:
+        """State which numbers ``__call__`` returns."""
+        self._keys = {path: self._keys[path] for path in paths}
 
-    return list(paths), want
+    def __call__(self, data: bytes) -> list[float]:
+        """The wanted numbers, in their order.  An error of another message's."""
+        message = _json(self._path, data)
+        return [_number(reduce(getitem, keys, message)) for keys in self._keys.values()]
 
 
 def _json(path: Path, data: bytes) -> Any:
@@ -364,34 +367,41 @@ def _numbers(value: Any, path: str, keys: tuple[str | int, ...]) -> Iterator[tup
         yield path, keys
 
 
-def topic_of(
-    path: Path, name: str, kind: str, definitions: Callable[[], dict[str, Any]], cdr: bool, notes: list[str], unpack: Unpack = bytes
-) -> Topic | None:
-    """A topic of messages of this type, which ``unpack`` may have to unpack first; None where it holds no IMU, and with a note where its
-    definition cannot be read."""
-    try:
-        known = definitions()
-        if kind not in known:
-            return None  # a type of somebody's own, in a bag that holds no definitions
-        layout = Layout(path, known, kind, cdr)
-    except CalibrationError:
-        raise
-    except Exception as error:
-        notes.append(f"the definition of {name} cannot be read ({reason(error)})")
-        return None
-    fields = fields_of(layout.paths, kind)
-    if fields is None:
-        return None
-    layout.want(fields.paths)
-    return Topic(path, name, kind, lambda data: layout(unpack(data)), fields)
+class Bag:
+    """What is read of a recording, file by file: path of the file; names of the wanted topics, none for all that hold an IMU; topics that
+    are read; seen: all topics in words; notes on damage."""
 
+    def __init__(self, path: Path, names: Sequence[str]) -> None:
+        self.path, self.names = path, names
+        self.topics: dict[str, Topic] = {}
+        self.seen: set[str] = set()
+        self.notes: list[str] = []
 
-def streams_of(path: Path, what: str, names: Sequence[str], topics: Iterable[Topic], seen: Iterable[str], notes: list[str]) -> list[Stream]:
-    """The streams of topics.  FormatError for a recording where none holds an IMU, or none of these names; seen: all of its topics."""
-    held = [stream for topic in topics if (stream := topic.stream(notes)) is not None]
-    if not held:
-        there = f"; its topics are {', '.join(sorted(seen)[:20])[:200]}" if seen else ""
-        why = f" ({'; '.join(notes[:20])[:300]})" if notes else ""
-        lacks = f"the topic {names[0]}" if names else f"a topic of {IMU.replace('/msg', '')} or the like"
-        raise FormatError(f"{path}: {what} without {lacks} that can be read{why}{there}")
-    return held
+    def topic(self, name: str, kind: str, layout: Callable[[], Layout | JsonLayout], unpack: Unpack = bytes) -> Topic | None:
+        """A topic of messages of this type, which ``unpack`` may have to unpack first; None where it is not wanted or holds no IMU, and
+        with a note where its layout cannot be told."""
+        if self.names and name not in self.names:
+            return None
+        if name not in self.topics:
+            try:
+                read = layout()
+                if (fields := fields_of(read.paths, kind)) is None:
+                    return None
+                read.want(fields.paths)
+            except CalibrationError:
+                raise
+            except Exception as error:
+                self.notes.append(f"the messages of {name} cannot be read ({reason(error)})")
+                return None
+            self.topics[name] = Topic(self.path, name, kind, lambda data: read(unpack(data)), fields)
+        return self.topics[name]
+
+    def streams(self, path: Path, what: str) -> list[Stream]:
+        """The streams of the topics.  FormatError for a recording where none can be read; path: all of it; what it is, in words."""
+        held = [stream for topic in self.topics.values() if (stream := topic.stream(self.notes)) is not None]
+        if not held:
+            there = f"; its topics are {', '.join(sorted(self.seen)[:20])[:200]}" if self.seen else ""
+            why = f" ({'; '.join(self.notes[:20])[:300]})" if self.notes else ""
+            lacks = f"the topic {self.names[0]}" if self.names else f"a topic of {IMU.replace('/msg', '')} or the like"
+            raise FormatError(f"{path}: {what} without {lacks} that can be read{why}{there}")
+        return held

@@ -10,15 +10,14 @@ import bz2
 import contextlib
 import io
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 from session.base.budget import RECORD, amount, current
 from session.base.errors import CalibrationError
 from session.base.units import NS_PER_S
-from session.replay.binary.ros import Topic, definitions_of, streams_of, topic_of
-from session.replay.binary.source import Cut, DamagedChunks, Messages, Source, Stream, library, one_line, reason
+from session.replay.binary.ros import Bag, Topic, layout_of
+from session.replay.binary.source import Cut, DamagedChunks, Messages, Source, Stream, begins, library, one_line, reason
 
 PACKAGE = "rosbags"
 MAGIC = b"#ROSBAG V2.0\n"
@@ -27,11 +26,6 @@ MESSAGE, CHUNK, CONNECTION = 2, 5, 7
 KNOWN = (MESSAGE, 3, 4, CHUNK, 6, CONNECTION)
 #: after so many notes on damage the rest goes without saying
 MOST_NOTES = 20
-
-
-def is_mine(path: Path, head: bytes) -> bool:
-    """By the line that a bag begins with."""
-    return head.startswith(MAGIC)
 
 
 def _read(path: Path, names: Sequence[str]) -> list[Stream]:
@@ -46,34 +40,27 @@ def _read(path: Path, names: Sequence[str]) -> list[Stream]:
             bag.notes.append(f"the bag is cut in the record at byte {bag.at} ({error})")
         except Exception as error:
             bag.notes.append(f"the bag is damaged at byte {bag.at} and is read up to there ({reason(error)})")
-    topics = {id(topic): topic for topic in bag.topics.values() if topic is not None}
-    return streams_of(path, "a ROS 1 bag", names, topics.values(), bag.seen, bag.said())
+    bag.notes = [*bag.damaged.notes, *bag.notes]
+    return bag.streams(path, "a ROS 1 bag")
 
 
-class _Bag:
-    """What was read of a bag so far.  topics: of each connection, None where it holds no IMU or is not wanted; at: byte of a record."""
+class _Bag(Bag):
+    """With the topic of each connection, None where it holds no IMU or is not wanted; at: byte of a record."""
 
     def __init__(self, path: Path, names: Sequence[str]) -> None:
-        self._path, self._names = path, names
+        super().__init__(path, names)
         self._reader = library(path, "a ROS 1 bag", "rosbags.rosbag1.reader", PACKAGE)
-        self.topics: dict[int, Topic | None] = {}
-        self._by_name: dict[str, Topic] = {}
-        self.seen: set[str] = set()
-        self.notes: list[str] = []
-        self._damaged = DamagedChunks()
+        self._connections: dict[int, Topic | None] = {}
+        self.damaged = DamagedChunks()
         self._indexed = False
         self.at = 0
-
-    def said(self) -> list[str]:
-        """What is damaged, and what could not be read."""
-        return [*self._damaged.notes, *self.notes]
 
     def walk(self, source: Source) -> None:
         """Read every record.  Cut where the file ends within one."""
         source.seek(len(MAGIC))
         while source.tell() < source.size:
             self.at = source.tell()
-            current().unpack(self._path, RECORD)
+            current().unpack(self.path, RECORD)
             header = self._reader.Header.read(source)
             size = self._reader.read_uint32(source)
             kind = header.get_uint8("op")
@@ -92,11 +79,11 @@ class _Bag:
     def _chunk(self, header: Any, data: bytes) -> None:
         """The records of a chunk; of one that is damaged or cut those before the damage."""
         try:
-            records, ends = _unpacked(self._path, header.get_string("compression"), data)
+            records, ends = _unpacked(self.path, header.get_string("compression"), data)
             inner = io.BytesIO(records)
             length = len(inner.getbuffer())
             while inner.tell() < length:
-                current().unpack(self._path, RECORD)
+                current().unpack(self.path, RECORD)
                 record = self._reader.Header.read(inner)
                 body = self._reader.read_bytes(inner, self._reader.read_uint32(inner))
                 self._record(record.get_uint8("op"), record, body)
@@ -105,12 +92,12 @@ class _Bag:
         except CalibrationError:
             raise
         except Exception as error:
-            self._damaged.add(self.at, error)
+            self.damaged.add(self.at, error)
             if self._indexed:
                 return
             self._indexed = True
             # The connections as the index repeats them, where it can be read: a damaged chunk may have held them
-            with contextlib.suppress(Exception), Source(self._path) as source:
+            with contextlib.suppress(Exception), Source(self.path) as source:
                 source.seek(len(MAGIC))
                 head = self._reader.Header.read(source)
                 source.seek(head.get_uint64("index_pos"))
@@ -122,26 +109,22 @@ class _Bag:
         if kind == CONNECTION:
             self._connect(header.get_uint32("conn"), header.get_string("topic"), body)
         elif kind == MESSAGE:
-            topic = self.topics.get(header.get_uint32("conn"))
+            topic = self._connections.get(header.get_uint32("conn"))
             if topic is not None:
                 stamp = header["time"]
                 topic.add(int.from_bytes(stamp[:4], "little") * NS_PER_S + int.from_bytes(stamp[4:8], "little"), body)
 
     def _connect(self, number: int, name: str, body: bytes) -> None:
         """A connection: which topic, of which type; two publishers of one topic go into one stream."""
-        if number in self.topics:
+        if number in self._connections:
             return
-        current().take(self._path, 3 * len(body))
+        current().take(self.path, 3 * len(body))
         header = self._reader.Header.read(io.BytesIO(len(body).to_bytes(4, "little") + body))
         kind = self._reader.normalize_msgtype(header.get_string("type"))
         self.seen.add(f"{name} ({header.get_string('type')})")
-        self.topics[number] = None
-        if self._names and name not in self._names:
-            return
-        known = partial(definitions_of, self._path, kind, header.get_string("message_definition"), ros1=True)
-        topic = topic_of(self._path, name, kind, known, False, self.notes)
-        if topic is not None:
-            self.topics[number] = self._by_name.setdefault(name, topic)
+        self._connections[number] = self.topic(
+            name, kind, lambda: layout_of(self.path, kind, header.get_string("message_definition"), ros1=True)
+        )
 
 
 def _unpacked(path: Path, compression: str, data: bytes) -> tuple[bytes, bool]:
@@ -174,6 +157,6 @@ FORMAT = Messages(
     "logs",
     "Apache-2.0",
     "rosbag record /imu/data_raw: 2026-11-26-10-15-02.bag, with topics of sensor_msgs/Imu",
-    is_mine,
+    begins(MAGIC),
     _read,
 )

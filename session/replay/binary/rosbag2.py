@@ -17,7 +17,7 @@ from session.base.budget import PACKED, RECORD, current, stored
 from session.base.errors import FormatError
 from session.base.files import MOST_TOML, open_file, read_text, require_file
 from session.replay.binary import mcap_file
-from session.replay.binary.ros import Topic, definitions_of, streams_of, topic_of
+from session.replay.binary.ros import Bag, Topic, layout_of
 from session.replay.binary.source import Messages, Stream, library, one_line, reason
 
 PACKAGE = "rosbags"
@@ -41,14 +41,12 @@ def is_mine(path: Path, head: bytes) -> bool:
 
 def _read(path: Path, names: Sequence[str]) -> list[Stream]:
     """The streams of these topics, over all files of the bag; of all that hold an IMU for no name.  FormatError where none does."""
-    found: dict[str, Topic] = {}
-    seen: dict[str, None] = {}
-    notes: list[str] = []
-    for file in _files(path):
-        said: list[str] = []
-        (mcap_file.walk if file.suffix == ".mcap" else _walk)(file, names, found, seen, said)
-        notes += [f"{file.name}: {note}" for note in said] if path.is_dir() else said
-    return streams_of(path, "a ROS 2 bag", names, found.values(), seen, notes)
+    bag = Bag(path, names)
+    for bag.path in _files(path):
+        told, bag.notes = bag.notes, []
+        (mcap_file.walk if bag.path.suffix == ".mcap" else _walk)(bag)
+        bag.notes = told + [f"{bag.path.name}: {note}" if path.is_dir() else note for note in bag.notes]
+    return bag.streams(path, "a ROS 2 bag")
 
 
 def _files(path: Path) -> list[Path]:
@@ -71,8 +69,9 @@ def _files(path: Path) -> list[Path]:
     return files
 
 
-def _walk(path: Path, names: Sequence[str], found: dict[str, Topic], seen: dict[str, None], notes: list[str]) -> None:
+def _walk(bag: Bag) -> None:
     """Read the messages of one SQLite file into their topics."""
+    path = bag.path
     library(path, "a ROS 2 bag", "rosbags.typesys", PACKAGE)
     require_file(path)
     with one_line(path, "a ROS 2 bag"):
@@ -84,7 +83,7 @@ def _walk(path: Path, names: Sequence[str], found: dict[str, Topic], seen: dict[
         page, pages = int.from_bytes(head[16:18], "big"), int.from_bytes(head[28:32], "big")
         whole, size = pages * (65_536 if page == 1 else page), path.stat().st_size
         if size < whole:
-            notes.append(f"the file is cut: it has {size} of {whole} bytes")
+            bag.notes.append(f"the file is cut: it has {size} of {whole} bytes")
         try:
             database.execute("PRAGMA trusted_schema = OFF")
             database.execute("PRAGMA writable_schema = ON")  # nothing is written: without it SQLite does not open a file that is cut
@@ -100,17 +99,11 @@ def _walk(path: Path, names: Sequence[str], found: dict[str, Topic], seen: dict[
             wanted: dict[int, Topic] = {}
             for number, name, kind, form in list(_rows(path, database, "topics", "id, name, type, serialization_format")):
                 current().take(path, RECORD + len(f"{name}{kind}"))
-                seen[f"{name} ({kind})"] = None
-                if form != "cdr" or (names and name not in names):
-                    continue
-                if name not in found:
-                    encoding, text = texts.get(kind, ("", ""))
-                    known = partial(definitions_of, path, kind, text, encoding == "ros2idl")
-                    topic = topic_of(path, name, kind, known, True, notes, partial(_unpacked, path))
-                    if topic is None:
-                        continue
-                    found[name] = topic
-                wanted[number] = found[name]
+                bag.seen.add(f"{name} ({kind})")
+                encoding, text = texts.get(kind, ("", ""))
+                layout = partial(layout_of, path, kind, text, encoding == "ros2idl")
+                if form == "cdr" and (topic := bag.topic(name, kind, layout, partial(_unpacked, path))) is not None:
+                    wanted[number] = topic
             for number, stamp, data in _rows(path, database, "messages", "topic_id, timestamp, data"):
                 if not isinstance(stamp, int) or not isinstance(data, bytes):
                     raise ValueError("a row that is none")  # of a page that is cut, or of zeros
@@ -119,7 +112,7 @@ def _walk(path: Path, names: Sequence[str], found: dict[str, Topic], seen: dict[
                     wanted[number].add(stamp, data)
         except (sqlite3.Error, TypeError, ValueError, OverflowError) as error:
             current().unpack(path, 0)  # where that has ended it
-            notes.append(f"the bag is damaged and is read up to its message {rows} ({reason(error)})")
+            bag.notes.append(f"the bag is damaged and is read up to its message {rows} ({reason(error)})")
         finally:
             database.close()
 

@@ -6,7 +6,7 @@ import contextlib
 import os
 import warnings
 from array import array
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from io import BufferedIOBase
@@ -122,6 +122,17 @@ class Format:
     is_mine: Callable[[Path, bytes], bool]
 
 
+def begins(*magic: bytes) -> Callable[[Path, bytes], bool]:
+    """``is_mine`` of a format whose files begin with one of these."""
+    return lambda path, head: head.startswith(magic)
+
+
+def require_names(path: Path, names: Sequence[str], there: Collection[str]) -> None:
+    """FormatError for the name of a stream that is not there."""
+    if missing := [name for name in names if name not in there]:
+        raise FormatError(f"{path}: no stream {missing[0]!r}; it holds {', '.join(there) or 'no gyroscope and no accelerometer'}")
+
+
 @dataclass(frozen=True)
 class Messages(Format):
     """A format whose messages name their own columns; streams: those of these names, or more; all of them for no name."""
@@ -138,9 +149,8 @@ class Messages(Format):
             raise FormatError(f"{path}: {self.what} names its own columns; leave --columns out")
         streams = self.streams(path, names)
         there = {stream.name: stream for stream in streams}
-        if missing := [name for name in names if name not in there]:
-            raise FormatError(f"{path}: no stream {missing[0]!r}; it holds {', '.join(there) or 'no gyroscope and no accelerometer'}")
-        return [there[name] for name in names] if names else streams
+        require_names(path, names, there)
+        return [there[name] for name in names] or streams
 
 
 #: bytes that one read counts at least where a parser's reads are counted: it makes two of a message

@@ -18,7 +18,7 @@ import numpy as np
 from session.base.budget import PACKED, current, stored
 from session.base.errors import FormatError
 from session.base.units import DEG, G
-from session.replay.binary.source import Messages, Part, Source, Stream, library, microseconds, one_line
+from session.replay.binary.source import Messages, Part, Source, Stream, begins, library, microseconds, one_line
 
 PACKAGE = "pyulog"
 MAGIC = b"ULog\x01\x12\x35"
@@ -37,11 +37,6 @@ CALIBRATED = "PX4 has applied its own calibration and thermal correction; sensor
 MOST_FIELDS = 65_535
 #: bytes that may be read of a file of no length: pyulog steps back in damaged bytes, a message at a time
 LEAST_BUDGET = 1 << 20
-
-
-def is_mine(path: Path, head: bytes) -> bool:
-    """By the seven bytes that a ULog begins with."""
-    return head.startswith(MAGIC)
 
 
 def _read(path: Path, names: Sequence[str]) -> list[Stream]:
@@ -195,6 +190,6 @@ FORMAT = Messages(
     "logs",
     "BSD-3-Clause",
     "PX4's log/2026-11-26/10_15_02.ulg, with sensor_combined, vehicle_imu, sensor_gyro or sensor_gyro_fifo",
-    is_mine,
+    begins(MAGIC),
     _read,
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from session.base.texts import SENSOR_NAME, STANDIN_NAME
-from session.base.units import BEYOND, DEG, WORDS, G
+from session.base.units import BEYOND, DEG, STAMP_NS, WORDS, G
 
 if TYPE_CHECKING:
     from session.log.registers import RegisterUnits
@@ -19,10 +19,8 @@ if TYPE_CHECKING:
 
 COLUMNS = ("t_us", "gx", "gy", "gz", "ax", "ay", "az", "temp")
 HEADER = ",".join(COLUMNS)
-#: us per unit of a time column
-TIME_US = {"t_us": 1.0, "t_s": 1e6, "t_ns": 1e-3}
-#: limit of a plausible step in one sample period near damage (``StepFilter``): 0.8 % of ±2000 dps, 1.6 % of ±16 g, degC
-BARS = {"dps": 16.0, "rps": 16.0 * DEG, "g": 0.25, "mps2": 0.25 * G, "c": 0.25}
+#: limit of a plausible step in one sample period near damage (``StepFilter``), SI: 0.8 % of ±2000 dps, 1.6 % of ±16 g, degC
+BARS = {"gyro": 16.0 * DEG, "accel": 0.25 * G, "temp": 0.25}
 #: the same of registers, LSB: gyro 0.8 % of full scale, accelerometer 1.6 %, temperature 0.25 degC of an ASM330LHH
 REGISTER_BARS = np.array([256, 256, 256, 512, 512, 512, 64], np.int64)
 
@@ -51,24 +49,24 @@ class StreamFormat:
     @property
     def time_us(self) -> float:
         """us per unit of the time column."""
-        return TIME_US[self.names[0]]
+        return STAMP_NS[self.names[0]] / 1000
 
     @property
     def bars(self) -> np.ndarray:
         """(6 or 7,) limits of a plausible step in each column but the time."""
         if not self.physical:
             return REGISTER_BARS
-        return np.array([BARS[unit] for _, unit in self._quantities])
+        return np.array(self._in_units(BARS))
 
     @cached_property
     def limits(self) -> tuple[float, ...]:
         """Limits of each physical column but the time: no sensor measures a value beyond them."""
-        return tuple(BEYOND[kind] / WORDS[kind][unit] for kind, unit in self._quantities)
+        return tuple(self._in_units(BEYOND))
 
-    @property
-    def _quantities(self) -> list[tuple[str, str]]:
+    def _in_units(self, si: Mapping[str, float]) -> list[float]:
         gyro, accel = self.units
-        return [("gyro", gyro)] * 3 + [("accel", accel)] * 3 + [("temp", "c")] * self.has_temperature
+        columns = [("gyro", gyro)] * 3 + [("accel", accel)] * 3 + [("temp", "c")] * self.has_temperature
+        return [si[kind] / WORDS[kind][unit] for kind, unit in columns]
 
 
 REGISTERS = StreamFormat()
@@ -79,7 +77,7 @@ def parse_header(line: bytes) -> tuple[int, tuple[int, ...], StreamFormat] | Non
     names = [name.strip() for name in line.decode("latin-1").split(",")]
     form = REGISTERS
     if not set(COLUMNS) <= set(names):
-        times = [name for name in names if name in TIME_US]
+        times = [name for name in names if name in STAMP_NS]
         gyro, accel = _triad(names, "g", ("dps", "rps")), _triad(names, "a", ("g", "mps2"))
         if len(times) != 1 or gyro is None or accel is None:
             return None

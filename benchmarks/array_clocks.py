@@ -59,11 +59,13 @@ def real(arrays: list[ArraySession]) -> None:
 
 
 def _age_row(ages: SampleAges) -> tuple[str, ...]:
-    if not ages.found:
+    if ages.track is None:
         return str(ages.number), "none", "", "", "", f"{ages.p_value:.0e}", ""
     period = f"{ages.period_s * 1e3:.3f} ± {ages.period_sigma_s * 1e3:.3f}"
     left = f"{ages.scatter_s * 1e3:.3f}"
-    return str(ages.number), f"{ages.beat_hz:+.4f}", f"{ages.beat_sigma_hz:.4f}", period, left, f"{ages.p_value:.0e}", f"{ages.gain:.0f}"
+    hz, sigma_hz = ages.track.beat
+    gain = f"{ages.track.log_probability:.0f}"
+    return str(ages.number), f"{hz:+.4f}", f"{sigma_hz:.4f}", period, left, f"{ages.p_value:.0e}", gain
 
 
 if __name__ == "__main__":

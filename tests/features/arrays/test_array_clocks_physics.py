@@ -251,11 +251,11 @@ def test_a_sawtooth_of_ages_is_recovered_and_a_unit_without_one_has_none():
     units = [any_unit(number, noise_dps=0.06, **aged.get(number, {})) for number in range(4)]
     array = array_of(body, units, 62.5)
     ages = ages_of(array, clock_fits(array))
-    assert [each.found for each in ages] == [True, True, False, True]
+    assert [each.track is not None for each in ages] == [True, True, False, True]
     for each, unit, session in zip(ages, units, array.units, strict=True):
-        if not each.found:
+        if each.track is None:
             continue
-        assert each.beat_hz == pytest.approx(unit.beat_hz, abs=max(4 * each.beat_sigma_hz, 0.004))
+        assert each.track.beat[0] == pytest.approx(unit.beat_hz, abs=max(4 * each.track.beat[1], 0.004))
         assert each.period_s == pytest.approx(1e-3, abs=max(4 * each.period_sigma_s, 5e-5))
         assert each.p_value < 1e-6
         t_s = session.logs[0].samples.t_ns * NS
@@ -267,7 +267,7 @@ def test_a_sawtooth_of_ages_is_recovered_and_a_unit_without_one_has_none():
     assert -1_000_000 <= moved.min() < -900_000
     assert moved.max() <= 0
     two = array_of(body, [any_unit(0, noise_dps=0.06, **aged[1]), any_unit(1, noise_dps=0.06)], 62.5)
-    assert not any(each.found for each in ages_of(two, clock_fits(two)))  # of two units nothing tells whose age it is
+    assert not any(each.track for each in ages_of(two, clock_fits(two)))  # of two units nothing tells whose age it is
 
 
 # Noise at rest that units share.

@@ -168,12 +168,31 @@ def _search(first: Rates, unit: Rates, step_s: float, rates: np.ndarray) -> tupl
     grid = first.t_s[0] + step_s * np.arange(int((first.t_s[-1] - first.t_s[0]) / step_s) + 1)
     about_s = float(unit.t_s[0] + unit.t_s[-1]) / 2
     count = int((unit.t_s[-1] - unit.t_s[0]) * (1 + MOST_RATE) / step_s) + 2
-    correlator = _Correlator(_speed(first, first.t_s, grid), next_fast_len(len(grid) + count, real=True))
+    ours = _speed(first, first.t_s, grid)
+    size = next_fast_len(len(ours) + count, real=True)
+
+    def sums(speed: np.ndarray) -> np.ndarray:
+        """Fourier transforms of one, the speed less its mean, and the square of that."""
+        speed = speed - speed.mean()
+        return rfft([np.ones(len(speed)), speed, speed**2], size)
+
+    def correlation(theirs: np.ndarray) -> tuple[float, int]:
+        """The largest coefficient over all lags with enough overlap, and its lag: theirs[0] is aligned with ours[lag]."""
+        other = np.conj(sums(theirs))
+        n, x, xx, y, yy, xy = irfft(whole[[0, 1, 2, 0, 0, 1]] * other[[0, 0, 0, 1, 2, 1]], size)
+        n = np.round(n)
+        enough = n >= max(2, LEAST_OVERLAP * min(len(ours), len(theirs)))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            spread = (xx - x * x / n) * (yy - y * y / n)
+            likeness = np.where(enough & (spread > 0), (xy - x * y / n) / np.sqrt(spread), -1.0)
+        lag = int(np.argmax(likeness))
+        return float(likeness[lag]), lag - size if lag >= len(ours) else lag
+
+    whole = sums(ours)
     best, highest = UnitClock(0.0, 0.0, about_s), -2.0
     for rate in rates:
         moved = about_s + (1 + rate) * (unit.t_s - about_s)
-        theirs = _speed(unit, moved, moved[0] + step_s * np.arange(int((moved[-1] - moved[0]) / step_s) + 1))
-        likeness, lag = correlator.best(theirs)
+        likeness, lag = correlation(_speed(unit, moved, moved[0] + step_s * np.arange(int((moved[-1] - moved[0]) / step_s) + 1)))
         if likeness > highest:
             best, highest = UnitClock(float(grid[0] + lag * step_s - moved[0]), float(rate), about_s), likeness
     return best, highest
@@ -185,33 +204,6 @@ def _speed(rates: Rates, t_s: np.ndarray, grid: np.ndarray) -> np.ndarray:
     turned = running_sum((speed[1:] + speed[:-1]) / 2 * np.diff(t_s))
     edges = np.append(grid, grid[-1] + (grid[-1] - grid[-2] if len(grid) > 1 else 1.0))
     return np.diff(np.interp(edges, t_s, turned))
-
-
-class _Correlator:
-    """Correlates speeds (N,) of the first unit, on a grid, with other speeds at every lag; size: of the Fourier transforms."""
-
-    def __init__(self, ours: np.ndarray, size: int):
-        self._length, self._size = len(ours), size
-        ours = ours - ours.mean()
-        self._one, self._value, self._square = (rfft(each, size) for each in (np.ones(self._length), ours, ours**2))
-
-    def best(self, theirs: np.ndarray) -> tuple[float, int]:
-        """Return the largest coefficient over all lags with enough overlap, and its lag: theirs[0] is aligned with ours[lag]."""
-        theirs = theirs - theirs.mean()
-        one, value, square = (np.conj(rfft(each, self._size)) for each in (np.ones(len(theirs)), theirs, theirs**2))
-        count = np.round(self._summed(self._one, one))
-        x, y = self._summed(self._value, one), self._summed(self._one, value)
-        xx, yy = self._summed(self._square, one), self._summed(self._one, square)
-        xy = self._summed(self._value, value)
-        enough = count >= max(2, LEAST_OVERLAP * min(self._length, len(theirs)))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            spread = (xx - x * x / count) * (yy - y * y / count)
-            likeness = np.where(enough & (spread > 0), (xy - x * y / count) / np.sqrt(spread), -1.0)
-        lag = int(np.argmax(likeness))
-        return float(likeness[lag]), lag - self._size if lag >= self._length else lag
-
-    def _summed(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        return np.asarray(irfft(a * b, self._size))
 
 
 # Fine clock of a unit: offset and rate, by the likelihood of its rates given the first unit's.

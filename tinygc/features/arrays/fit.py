@@ -118,8 +118,8 @@ class ArrayFit(Shown):
     """Result of an array's fit, in SI; ``summary()``, ``to_json()``, ``save(folder)``.
 
     array; units that were used; left_out: the reason why one was not, by number; covariance (24 N, 24 N) of all units' numbers; bias: its
-    source, and bias_p, the p-value of the stills' advantage, None if the source was requested; joint; split; ages of the units whose
-    readings wait for their reader.
+    source, and bias_p, the p-value of the stills' advantage, None if the source was requested; joint; split; ages of the units'
+    readings, where one reader stamped them.
     """
 
     array: ArraySession
@@ -177,13 +177,18 @@ class ArrayFit(Shown):
                 "left_out": self.said_left_out,
                 "turns_used": [len(rows) for rows in self.same.turns],
                 "bias_from": {"used": self.bias, "p_value": self.bias_p},
-                "read_latency": [{"number": each.number, "beat_hz": each.beat_hz, "period_s": each.period_s} for each in self.ages],
+                "read_latency": [{"number": n, "beat_hz": hz, "period_s": period_s} for n, hz, period_s in self.beats],
                 "split": self.split.table(),
                 "turns": [dict(zip(names, row, strict=True)) for row in zip(*lengths, strict=True)],
                 "events": [event.table(self.begins_s) for event in self.joint.events],
                 "version": VERSION,
             }
         )
+
+    @property
+    def beats(self) -> list[tuple[int, float, float]]:
+        """Return the number, the beat, Hz, and the period, s, of each unit whose readings wait for their reader."""
+        return [(each.number, each.track.beat[0], each.period_s) for each in self.ages if each.track is not None]
 
     @property
     def said_left_out(self) -> list[dict]:
@@ -219,7 +224,7 @@ def fit_array(
     """
     progress("clocks and mountings")
     ages = ages_of(array, clock_fits(array)) if of_one_reader(array) else ()
-    sampled = corrected(array, ages) if any(each.found for each in ages) else array
+    sampled = corrected(array, ages) if any(each.track for each in ages) else array
     units, left = prepare_units(sampled, places_of(sampled), use_earth=use_earth, accelerometer=accelerometer, progress=progress)
     same = same_stills(units)
     progress("motion beyond the data rate")
@@ -254,8 +259,7 @@ def fit_array(
             )
         )
     split = Split(joint, tuple(unit.number for unit in units), np.array([unit.floor_rad for unit in found]))
-    beating = tuple(each for each in ages if each.found)
-    return ArrayFit(array, tuple(found), left, covariance, chosen, p_value, joint, split, tuple(units), beating)
+    return ArrayFit(array, tuple(found), left, covariance, chosen, p_value, joint, split, tuple(units), ages)
 
 
 def of_one_reader(array: ArraySession) -> bool:
@@ -388,8 +392,8 @@ def _page(fit: ArrayFit) -> Group:
         runs = ", ".join(f"{run.file} {run_figures(error)['rmse_deg']:.4f}°" for run, error in unit.runs)
         said += [f"Closure runs of unit {unit.number}, rms error at the return: {runs}."] if runs else []
         said += [f"Unit {unit.number}: not observed: {', '.join(unit.unobserved)}."] if unit.unobserved else []
-    if fit.ages:
-        ages = ", ".join(f"unit {each.number} ({each.beat_hz:.3g} Hz)" for each in fit.ages)
+    if fit.beats:
+        ages = ", ".join(f"unit {number} ({hz:.3g} Hz)" for number, hz, _ in fit.beats)
         said.append(f"Readings wait for the reader, and their ages beat: {ages}; the stamps were corrected.")
     return screen([places, "", closures, "", *map(one_line, said), *events_and_left_out(fit)])
 

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
-from scipy.special import gammaincc, gammainccinv, ndtr
+from scipy.special import gammainccinv, ndtr
 
 from session.base.numeric import nearest_row, rms_of, sigma_of
 from session.base.units import NS
-from session.log.folder import Session
 from session.log.logfile import Log
 from tinygc.features.arrays.clocks import ClockFit, Rates, UnitClock, noise_of, session_rates
 from tinygc.features.arrays.recording import ArraySession
+from tinygc.inference.choose import chance_of_any, chi_square_above
 
 # Detection of a beat in the age of a unit's readings: the sum of periodograms of short stretches, over all frequencies a reader can
 # resolve.
@@ -72,20 +72,12 @@ def age_readings(t_s: np.ndarray, excess: np.ndarray, slope: np.ndarray, noise: 
     return AgeReadings(t_s, age, white + spread_s**2, reader_s, spread_s)
 
 
-class Beat(NamedTuple):
-    """Highest peak of a unit's ages: its frequency_hz, without its sign; amplitude_s of the sinusoid there; p_value over all frequencies
-    searched, 1 where there are too few readings."""
-
-    frequency_hz: float
-    amplitude_s: float
-    p_value: float
-
-
-def find_beat(readings: AgeReadings) -> Beat:
-    """Find the beat between a unit's samples and the reads of its registers."""
+def find_beat(readings: AgeReadings) -> tuple[float, float, float]:
+    """Return the highest peak of a unit's ages: its frequency, Hz, without its sign; the amplitude, s, of the sinusoid there; the p-value
+    over all frequencies searched, 1 where there are too few readings."""
     stretches = _spans(readings.t_s - readings.t_s[:1], STRETCH_S, 8)
     if not stretches:
-        return Beat(0.0, 0.0, 1.0)
+        return 0.0, 0.0, 1.0
     # fast Fourier transform of readings on a grid much finer than the reader's period
     step_s = readings.reader_s / GRID
     points = round(FINENESS * STRETCH_S / step_s)
@@ -108,8 +100,8 @@ def find_beat(readings: AgeReadings) -> Beat:
     level = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1), axis=1) / float(gammainccinv(count, 0.5))
     ratio = power / np.maximum(level, 1.0)
     best = int(np.argmax(ratio))
-    p_value = min(1.0, len(frequency) * float(gammaincc(count, ratio[best])))
-    return Beat(float(frequency[best]), float(amplitude[best] / weight.sum()), p_value)
+    p_value = chance_of_any(chi_square_above(2 * float(ratio[best]), 2 * count), len(frequency))
+    return float(frequency[best]), float(amplitude[best] / weight.sum()), p_value
 
 
 def _spans(t_s: np.ndarray, length_s: float, fewest: int) -> list[np.ndarray]:
@@ -150,6 +142,12 @@ class PhaseTrack:
     sigma_cycles: np.ndarray
     sigma_hz: np.ndarray
     log_probability: float
+
+    @property
+    def beat(self) -> tuple[float, float]:
+        """Return the frequency and its sigma, Hz, where it is known best."""
+        best = int(np.argmin(self.sigma_hz))
+        return float(self.frequency_hz[best]), float(self.sigma_hz[best])
 
     def at(self, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the phase in cycles, not wrapped, and its sigma at times (N,) s."""
@@ -250,16 +248,9 @@ def _moved(state: np.ndarray, frequency: np.ndarray, seconds: float) -> np.ndarr
 _Logs = list[list[Rates]]
 
 
-class _Difference(NamedTuple):
-    """One unit's difference from the others, over all its logs, at readings that all units cover.
-
-    t_s (N,) s array clock, as stamped; excess (N, 3) rad/s, the unit's rate in the first unit's axes minus the others' mean at that time;
-    slope (N, 3) rad/s^2 of that mean.
-    """
-
-    t_s: np.ndarray
-    excess: np.ndarray
-    slope: np.ndarray
+#: one unit's difference from the others, over all its logs, at readings that all units cover: t_s (N,) s array clock, as stamped; excess
+#: (N, 3) rad/s, the unit's rate in the first unit's axes minus the others' mean at that time; slope (N, 3) rad/s^2 of that mean
+_Difference = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def _differences(
@@ -287,7 +278,7 @@ def _differences(
         design = np.hstack([read, (log[:, None] == np.arange(len(own))).astype(float)])
         target = rate - age[:, None] * slope  # the others' rate at the time of the reading
         coefficients = np.linalg.lstsq(design, target, rcond=None)[0]
-        found.append(_Difference(t_s, design @ coefficients - rate, slope))
+        found.append((t_s, design @ coefficients - rate, slope))
         new_maps.append(coefficients[:3].T)
         new_offsets.append(-np.linalg.solve(coefficients[:3].T, coefficients[3:].T).T)
     return found, new_maps, new_offsets
@@ -321,25 +312,20 @@ WILD = 2.0
 
 @dataclass(frozen=True, eq=False)
 class SampleAges:
-    """Latency of one unit: whether its readings' ages beat (found), and the estimated beat.
+    """Latency of one unit.
 
-    beat_hz: rate of its samples less the nearest multiple of the reader's rate, where the recording determines it best, and its sigma;
-    period_s of its samples, and its sigma; p_value: chance of so strong a beat without one, over all frequencies searched; gain: log
-    likelihood ratio of these ages to none; scatter_s: of single readings' ages about them; track: the phase, over time on the array's
-    clock; clock of the unit.
+    clock of the unit; p_value: chance of so strong a beat without one, over all frequencies searched; track: the phase of its readings'
+    ages over time on the array's clock, None where they do not beat, whose frequency is the rate of its samples less the nearest multiple
+    of the reader's; period_s of its samples, and its sigma; scatter_s: of single readings' ages about these.
     """
 
     number: int
-    found: bool
-    p_value: float
-    beat_hz: float = 0.0
-    beat_sigma_hz: float = 0.0
+    clock: UnitClock
+    p_value: float = 1.0
+    track: PhaseTrack | None = None
     period_s: float = 0.0
     period_sigma_s: float = 0.0
-    gain: float = 0.0
     scatter_s: float = 0.0
-    track: PhaseTrack | None = None
-    clock: UnitClock = field(default_factory=UnitClock)
 
     def age_s(self, t_s: np.ndarray) -> np.ndarray:
         """Return the expected ages (N,) s of readings with these stamps, s of the unit's own clock; 0 where no beat was found."""
@@ -351,7 +337,7 @@ class SampleAges:
 def ages_of(array: ArraySession, fits: Sequence[ClockFit]) -> tuple[SampleAges, ...]:
     """Estimate the ages of every unit's readings; fits: of every unit (``clock_fits``).  With fewer than three units none is found."""
     clocks = [fit.clock for fit in fits]
-    ages = [SampleAges(number, False, 1.0, clock=clock) for number, clock in zip(array.numbers, clocks, strict=True)]
+    ages = [SampleAges(number, clock) for number, clock in zip(array.numbers, clocks, strict=True)]
     if len(array) < LEAST_UNITS:
         return tuple(ages)
     rates = [session_rates(unit) for unit in array.units]
@@ -361,7 +347,7 @@ def ages_of(array: ArraySession, fits: Sequence[ClockFit]) -> tuple[SampleAges, 
     for _ in range(ROUNDS):
         found, maps, offsets = _differences(stamped, moved, maps, offsets)
         ages = [_aged(before, difference, mine[0].period_s) for before, difference, mine in zip(ages, found, rates, strict=True)]
-        ages = [SampleAges(a.number, False, a.p_value, clock=a.clock) if _is_echo(a, ages) else a for a in ages]
+        ages = [replace(each, track=None) if _is_echo(each, ages) else each for each in ages]
         moved = [
             [replace(one, t_s=one.t_s - each.age_s(log.t_s)) for one, log in zip(unit, mine, strict=True)]
             for each, unit, mine in zip(ages, stamped, rates, strict=True)
@@ -375,11 +361,11 @@ def _is_echo(one: SampleAges, ages: Sequence[SampleAges]) -> bool:
     In that mean each of the others has its share of the weight, and no more.
     """
     for other in ages:
-        if not one.found or not other.found or one.period_s > other.period_s / (len(ages) - 1):
+        if one.track is None or other.track is None or one.period_s > other.period_s / (len(ages) - 1):
             continue
-        harmonics = abs(other.beat_hz) * np.arange(1, HARMONICS + 1)
-        near = max(ECHO_HZ, 4 * np.hypot(one.beat_sigma_hz, other.beat_sigma_hz))
-        if (np.abs(harmonics - abs(one.beat_hz)) < near).any():
+        (hz, sigma_hz), (own_hz, own_sigma_hz) = other.track.beat, one.track.beat
+        near = max(ECHO_HZ, 4 * np.hypot(own_sigma_hz, sigma_hz))
+        if (np.abs(abs(hz) * np.arange(1, HARMONICS + 1) - abs(own_hz)) < near).any():
             return True
     return False
 
@@ -389,35 +375,21 @@ def _aged(before: SampleAges, difference: _Difference, reader_s: float) -> Sampl
     t_s, excess, slope = difference
     readings = age_readings(t_s, excess, slope, rms_of(noise_of(excess)), reader_s)
     beat_hz, amplitude_s, p_value = find_beat(readings)
-    none = SampleAges(before.number, False, p_value, clock=before.clock)
+    none = SampleAges(before.number, before.clock, p_value)
     if p_value > FALSE_ALARM:
         return none
-    period, middle = np.pi * amplitude_s, float(np.average(readings.age_s, weights=1 / readings.variance))
-    ways = [track(readings, sign * beat_hz, period, middle - period / 2) for sign in (1, -1)]
-    phases = max(ways, key=lambda way: way.log_probability)
-    period, sigma, offset, scatter = _sized(readings, phases)
-    best = int(np.argmin(phases.sigma_hz))
-    few = abs(phases.cycles[-1] - phases.cycles[0]) < LEAST_CYCLES
-    if few or not 0 < period < reader_s or phases.log_probability < -np.log(FALSE_ALARM):
-        return none
-    # with known ages, the remaining scatter is smaller than first assumed
-    sharper = replace(readings, variance=np.maximum(readings.variance - readings.spread_s**2, 0.0) + scatter**2)
-    phases = track(sharper, float(phases.frequency_hz[best]), period, offset)
-    period, sigma, offset, scatter = _sized(sharper, phases)
-    best = int(np.argmin(phases.sigma_hz))
-    return SampleAges(
-        before.number,
-        True,
-        p_value,
-        float(phases.frequency_hz[best]),
-        float(phases.sigma_hz[best]),
-        period,
-        sigma,
-        phases.log_probability,
-        scatter,
-        phases,
-        before.clock,
-    )
+    period, beats = np.pi * amplitude_s, (beat_hz, -beat_hz)
+    offset = float(np.average(readings.age_s, weights=1 / readings.variance)) - period / 2
+    for _ in range(2):
+        phases = max((track(readings, hz, period, offset) for hz in beats), key=lambda way: way.log_probability)
+        period, sigma, offset, scatter = _sized(readings, phases)
+        few = abs(phases.cycles[-1] - phases.cycles[0]) < LEAST_CYCLES
+        if few or not 0 < period < reader_s or phases.log_probability < -np.log(FALSE_ALARM):
+            return none
+        # with known ages, the remaining scatter is smaller than first assumed
+        least = np.maximum(readings.variance - readings.spread_s**2, 0.0)
+        readings, beats = replace(readings, variance=least + scatter**2, spread_s=scatter), phases.beat[:1]
+    return SampleAges(before.number, before.clock, p_value, phases, period, sigma, scatter)
 
 
 def _sized(readings: AgeReadings, phases: PhaseTrack) -> tuple[float, float, float, float]:
@@ -443,13 +415,10 @@ def _sized(readings: AgeReadings, phases: PhaseTrack) -> tuple[float, float, flo
 
 def corrected(array: ArraySession, ages: Sequence[SampleAges]) -> ArraySession:
     """Return the same readings stamped when they were measured: each unit's own clock less the age."""
-    units = [_corrected(unit, each) if each.found else unit for unit, each in zip(array.units, ages, strict=True)]
-    return replace(array, units=tuple(units))
 
-
-def _corrected(unit: Session, ages: SampleAges) -> Session:
-    def earlier(log: Log) -> Log:
-        t_ns = log.samples.t_ns - np.rint(ages.age_s(log.samples.t_ns * NS) / NS).astype(np.int64)
+    def earlier(each: SampleAges, log: Log) -> Log:
+        t_ns = log.samples.t_ns - np.rint(each.age_s(log.samples.t_ns * NS) / NS).astype(np.int64)
         return replace(log, samples=replace(log.samples, t_ns=t_ns))
 
-    return unit.with_logs(earlier)
+    units = [unit.with_logs(partial(earlier, each)) for unit, each in zip(array.units, ages, strict=True)]
+    return replace(array, units=tuple(units))

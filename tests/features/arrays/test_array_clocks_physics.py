@@ -18,12 +18,11 @@ from session.log.folder import Session
 from session.log.logfile import Log
 from session.log.samples import Samples
 from tinygc import CalibrationError
-from tinygc.features.arrays.checks import _noise_of_fits
+from tinygc.features.arrays.checks import BODY, OPEN, SENSORS, _noise_of_fits, correlated, shared_noise
 from tinygc.features.arrays.clocks import rates_of
 from tinygc.features.arrays.extrinsics import clock_fits, places_of
 from tinygc.features.arrays.latency import ages_of, corrected
 from tinygc.features.arrays.recording import ArraySession, read_array
-from tinygc.features.arrays.rest_noise import BODY, OPEN, SENSORS, correlated, shared_noise
 from tinygc.inference.choose import Standing
 
 FINE_S = 1e-3

@@ -21,8 +21,7 @@ from session.log.folder import sha256_of
 from session.log.logfile import read_log
 from tinygc.features.arrays.apply import _fused_force
 from tinygc.features.arrays.clocks import UnitClock
-from tinygc.features.arrays.fusion import Resampler, fuse, with_best_weights
-from tinygc.features.arrays.model import ArrayModel, FusedUnit, best_weights, combined, load_array_model
+from tinygc.features.arrays.model import ArrayModel, FusedUnit, Resampler, best_weights, combined, fuse, load_array_model, with_best_weights
 from tinygc.models.linear import LinearModel
 
 RATE_HZ = 100.0
@@ -162,7 +161,7 @@ def test_the_sigma_holds_correlated_noise_and_that_of_the_parameters_where_it_is
     alike = replace(plain([0.1, 0.2]), noise_correlation=np.kron(np.array([[1, 0.3], [0.3, 1]]), np.eye(3)))
     known = model_of(units(3))
     for model, count, own in ((alike, 2, 0.0), (known, 3, known.bias_sigma)):
-        assert_allclose(fuse(model, np.zeros((count, 3))).sigma[0], np.hypot(model.noise_density * np.sqrt(RATE_HZ / 2), own))
+        assert_allclose(fuse(model, np.zeros((count, 3)))[1][0], np.hypot(model.noise_density * np.sqrt(RATE_HZ / 2), own))
 
 
 def test_a_reading_at_the_end_of_a_range_is_used_only_where_all_are():

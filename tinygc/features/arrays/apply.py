@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,12 +16,11 @@ from session.base.numeric import decimal_rows, nearest_row
 from session.base.progress import Progress, untold
 from session.base.units import DEG, NS
 from session.log.folder import sha256_of
-from tinygc.deploy.apply import DECIMALS, Applicable, LogSource, columns_of, opened
+from tinygc.deploy.apply import DECIMALS, Applicable, Applied, LogSource, columns_of, opened
 from tinygc.deploy.calibration import Surroundings
 from tinygc.features.arrays.clocks import UnitClock
 from tinygc.features.arrays.extrinsics import ONE_READER, clocks_found
-from tinygc.features.arrays.fusion import Resampler, fuse
-from tinygc.features.arrays.model import ArrayModel, FusedUnit, load_array_model
+from tinygc.features.arrays.model import ArrayModel, FusedUnit, Resampler, fuse, load_array_model
 from tinygc.features.arrays.recording import array_log_paths, read_array
 from tinygc.models.model import KnownSensor
 
@@ -126,24 +127,19 @@ FIRST_STAMPS = 1000
 
 
 @dataclass(frozen=True, eq=False)
-class ArrayApplied:
+class ArrayApplied(Applied):
     """Result of applying an array's model.
 
-    out; which log; rows; left_out: sample times at which no unit gave a rate; at_end: rows in which every unit is saturated; used: share of
-    the rows that include each unit; clocks: ``model``, ``same`` or ``found``; noise_density (3,) rad/s/sqrt(Hz) with all units; force:
-    whether there is any; notes.
+    log: which; left_out: sample times at which no unit gave a rate; at_end: rows in which every unit is saturated; used: share of the rows
+    that include each unit; clocks: ``model``, ``same`` or ``found``; noise_density (3,) rad/s/sqrt(Hz) with all units.
     """
 
-    out: Path
-    which: str
-    rows: int
+    log: str
     left_out: int
     at_end: int
     used: dict[int, float]
     clocks: str
     noise_density: np.ndarray
-    force: bool
-    notes: tuple[str, ...]
 
     @property
     def line(self) -> str:
@@ -153,20 +149,9 @@ class ArrayApplied:
 
     def to_json(self) -> dict:
         """Return ``tinygc-apply/1`` (docs/formats.md) of an array."""
-        return {
-            "schema": "tinygc-apply/1",
-            "out": str(self.out),
-            "rows": self.rows,
-            "kind": "array",
-            "delay_s": 0.0,
-            "accelerometer": "model" if self.force else "none",
-            "notes": list(self.notes),
-            "log": self.which,
-            "clocks": self.clocks,
-            "left_out": self.left_out,
-            "at_end": self.at_end,
-            "units": [{"number": number, "used_share": share} for number, share in self.used.items()],
-        }
+        own = {name: getattr(self, name) for name in ("log", "clocks", "left_out", "at_end")}
+        units = [{"number": number, "used_share": share} for number, share in self.used.items()]
+        return super().to_json() | own | {"units": units}
 
 
 def apply_array(
@@ -229,18 +214,9 @@ def apply_array(
     if counts["at_end"]:
         notes.append(f"{counts['at_end']} samples are at the end of every unit's range: the rate was at least as great as written")
     share = {number: float(value) for number, value in zip(model.numbers, used / counts["rows"], strict=True)}
-    return ArrayApplied(
-        out,
-        which,
-        counts["rows"],
-        counts["left_out"],
-        counts["at_end"],
-        share,
-        source,
-        model.noise_density,
-        force,
-        (*notes, *(f"{unit.reader.path.name}: {note}" for unit in reading for note in unit.reader.notes)),
-    )
+    said = (*notes, *(f"{unit.reader.path.name}: {note}" for unit in reading for note in unit.reader.notes))
+    applied = (out, counts["rows"], "array", 0.0, "model" if force else "none", said, model_path.name)
+    return ArrayApplied(*applied, which, counts["left_out"], counts["at_end"], share, source, model.noise_density)
 
 
 def _chosen(folder: Path, logs: dict[str, dict[int, Path]], which: str | None) -> str:
@@ -298,29 +274,22 @@ def _force_notes(model: ArrayModel, force: bool) -> list[str]:
 
 def _with_change(
     parts: Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]],
-) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-    """Yield each part with the rate's derivative (T, 3) rad/s^2, by central differences; a part's last row waits for the next part."""
-    waiting: tuple[np.ndarray, ...] | None = None
-    before: tuple[np.ndarray, np.ndarray] | None = None
-    for part in parts:
-        whole = part if waiting is None else tuple(np.concatenate([old, new]) for old, new in zip(waiting, part, strict=True))
-        if len(whole[0]) < 2:
-            waiting = whole
-            continue
-        yield (*(each[:-1] for each in whole), _change(whole[0], whole[1], before)[:-1])  # type: ignore[misc]
-        before = (whole[0][-2:-1], whole[1][-2:-1])
-        waiting = tuple(each[-1:] for each in whole)
-    if waiting is not None:
-        yield (*waiting, _change(waiting[0], waiting[1], before))  # type: ignore[misc]
-
-
-def _change(t_ns: np.ndarray, rate: np.ndarray, before: tuple[np.ndarray, np.ndarray] | None) -> np.ndarray:
-    """Return (T, 3) central differences, one-sided at the ends of the data."""
-    if before is not None:
-        t_ns, rate = np.concatenate([before[0], t_ns]), np.concatenate([before[1], rate])
-    if len(t_ns) < 2:
-        return np.zeros_like(rate)
-    at = np.arange(len(t_ns))
-    low, high = np.maximum(at - 1, 0), np.minimum(at + 1, len(at) - 1)
-    change = (rate[high] - rate[low]) / ((t_ns[high] - t_ns[low]) * NS)[:, None]
-    return change if before is None else change[1:]
+) -> Iterator[Any]:
+    """Yield each part with the rate's derivative (T, 3) rad/s^2, by central differences, one-sided at the ends of the data; a part's last
+    row waits for the next part."""
+    waiting: tuple[np.ndarray, ...] | None = next(parts, None)
+    if waiting is None:
+        return
+    given = 0
+    for part in chain(parts, [None]):
+        count = len(waiting[0])
+        if (stop := count - (part is not None)) > given:
+            at = np.arange(given, stop)
+            low, high = np.maximum(at - 1, 0), np.minimum(at + 1, count - 1)
+            t_ns, rate = waiting[:2]
+            # of a single row 0
+            yield (*(each[at] for each in waiting), (rate[high] - rate[low]) / (np.maximum(t_ns[high] - t_ns[low], 1) * NS)[:, None])
+            waiting = tuple(each[max(stop - 1, 0) :] for each in waiting)
+            given = min(stop, 1)
+        if part is not None:
+            waiting = tuple(np.concatenate([old, new]) for old, new in zip(waiting, part, strict=True))

@@ -20,10 +20,10 @@ from session.detect.events import find_impacts
 from tinygc.effects import Effect
 from tinygc.explanation.families import SLOW_ZERO
 from tinygc.explanation.faulty_readings import FALSE, proposed, without_false_readings
+from tinygc.features.arrays.checks import noise_at_rest
 from tinygc.features.arrays.events import FALSE_READING, KNOCK, ArrayEvent
 from tinygc.features.arrays.fit import NAME, ArrayFit, events_and_left_out, fit_array
 from tinygc.features.arrays.recording import ArraySession
-from tinygc.features.arrays.rest_noise import noise_at_rest
 from tinygc.features.arrays.traits import ALIKE, COMMON, DIFFERS, READINGS, slow_zero_of, traits_of
 from tinygc.inference.choose import Standing, Statement
 from tinygc.inference.decide import Answer

@@ -29,10 +29,9 @@ from tinygc.estimation.choice import run_figures
 from tinygc.features.arrays.clocks import UnitPlace
 from tinygc.features.arrays.events import ArrayEvent
 from tinygc.features.arrays.extrinsics import clock_fits, places_of
-from tinygc.features.arrays.fusion import with_best_weights
 from tinygc.features.arrays.joint import Joint, estimate, unit_block, units_covariance
 from tinygc.features.arrays.latency import SampleAges, ages_of, corrected
-from tinygc.features.arrays.model import ArrayModel, FusedUnit
+from tinygc.features.arrays.model import ArrayModel, FusedUnit, with_best_weights
 from tinygc.features.arrays.positions import ArrayMotion, positions
 from tinygc.features.arrays.recording import ArraySession
 from tinygc.features.arrays.split import Split

@@ -20,7 +20,7 @@ from session.base.units import DEG, DEG_PER_HOUR, NS_PER_S, G
 from tinygc.deploy.apply import Applicable
 from tinygc.features.unit.watch.bars import squares_bar_of
 from tinygc.features.unit.watch.detector import Window, ZeroFilter
-from tinygc.features.unit.watch.expectation import BLOCKS, WATCHED_S, Expectation, Settings, settings
+from tinygc.features.unit.watch.expectation import BLOCKS, WATCHED_S, AtRest, Expectation, Settings, settings
 from tinygc.features.unit.watch.turns import MOST_SQUARE, RATIO
 from tinygc.features.unit.watch.watch import Watch
 from tinygc.fitting.unit_state import UnitState, read_state
@@ -50,19 +50,11 @@ def expectation(walk: float = 0.0) -> Expectation:
     gyro = flicker_drift(INSTABILITY)
     return Expectation(
         RATE_HZ,
-        np.full(3, WHITE),
-        lambda t, span: gyro(t, span) + walk**2 * t,
-        np.full(3, 0.14 * DEG),
-        np.full(3, 0.002 * DEG),
-        np.full(3, 0.01 * DEG),
+        AtRest(np.full(3, WHITE), lambda t, span: gyro(t, span) + walk**2 * t, np.full(3, 0.14 * DEG), 0.002 * DEG, 0.01 * DEG),
+        AtRest(np.full(3, ACCEL_WHITE), flicker_drift(ACCEL_INSTABILITY), np.full(3, 0.02), 1e-3, 1e-3),
         None,
         0.0,
         G,
-        np.full(3, ACCEL_WHITE),
-        flicker_drift(ACCEL_INSTABILITY),
-        np.full(3, 0.02),
-        1e-3,
-        1e-3,
         np.diag(np.r_[np.full(9, 1e-8), np.full(3, 1e-10)]),
     )
 
@@ -88,14 +80,14 @@ def windows(
 ) -> Iterator[tuple[np.ndarray, ...]]:
     """rate (3, S) and gravity (S,), normalised, direction (3, S), whether a new rest begins; rest: windows of one, None for one alone."""
     unit, g_unit = chosen.rate_sigma_rps[:, None], chosen.gravity_sigma
-    offset = rng.normal(size=(3, copies)) * np.sqrt(chosen.offset)
-    zero = rng.normal(size=(3, copies)) * np.sqrt(chosen.accel_offset)
+    offset = rng.normal(size=(3, copies)) * np.sqrt(chosen.rate.offset)
+    zero = rng.normal(size=(3, copies)) * np.sqrt(chosen.gravity.offset)
     gyro, accel = Flicker(INSTABILITY, (3, copies), WINDOW_S, rng), Flicker(ACCEL_INSTABILITY, (copies,), WINDOW_S, rng)
     number = 0
     while True:
         if number == 0 or (rest is not None and number % rest == 0):
-            attitude = rng.normal(size=(3, copies)) * np.sqrt(chosen.attitude)
-            own = rng.normal(size=copies) * np.sqrt(chosen.accel_attitude)
+            attitude = rng.normal(size=(3, copies)) * np.sqrt(chosen.rate.attitude)
+            own = rng.normal(size=copies) * np.sqrt(chosen.gravity.attitude)
             direction = rng.normal(size=(3, copies))
             direction /= np.linalg.norm(direction, axis=0)
         offset += rng.normal(size=(3, copies)) * walk * np.sqrt(WINDOW_S) / unit
@@ -204,7 +196,7 @@ def recorded() -> None:
                 stamps = np.rint(t_s[part] * NS_PER_S).astype(np.int64)
                 events += [each for each in watch.take(Applicable(stamps, rate[part], force[part], None)) if each.kind == "alarm"]
             list(watch.end())
-            z = np.array([record.z for record in watch._records])
+            z = np.array([judged.z[:, 0] for _, judged in watch._records])
             channels = ", ".join(f"{each.table['channel']} at {each.t_s + t_s[seen.start]:.0f} s" for each in events) or "none"
             which = "first" if seen.start == 0 else "second"
             rms = " ".join(f"{each:.2f}" for each in np.sqrt(np.mean(z**2, axis=0)))

@@ -27,13 +27,13 @@ from tinygc.deploy.calibration import Surroundings
 from tinygc.features.unit.watch import source
 from tinygc.features.unit.watch.alarms import AlarmCommand, JsonLines
 from tinygc.features.unit.watch.bars import _run_length, _squares_run_length, bar_of, squares_bar_of
-from tinygc.features.unit.watch.change import Reading, _response, change_of
-from tinygc.features.unit.watch.detector import PROCESSES, Detector, Judged, Window, ZeroFilter
+from tinygc.features.unit.watch.detector import PROCESSES, Detector, Judged, Reading, Window, ZeroFilter, _response, change_of
 from tinygc.features.unit.watch.expectation import (
     BLOCKS,
     CLIP,
     SHIFTS,
     TIMES_S,
+    AtRest,
     Expectation,
     Settings,
     _drift,
@@ -67,7 +67,9 @@ def flat(**other) -> Expectation:
         "accel_per_k": 1e-3,
         "parameters": COVARIANCE,
     }
-    return Expectation(**(given | other))
+    given |= other
+    gyro, accel = (AtRest(*(given.pop(of + key) for key in ("white", "wander", "offset", "attitude", "per_k"))) for of in ("", "accel_"))
+    return Expectation(gyro=gyro, accel=accel, **given)
 
 
 def chosen(every_windows: float = 1e6, **other) -> Settings:
@@ -115,12 +117,7 @@ WINDOW_S = 1.92
 
 def windows(detector: Detector, *parts) -> list:
     """Judged windows of readings."""
-    return [
-        (window, judged)
-        for part in parts
-        for *_, window, judged in detector.feed(part.gyro, part.accel, part.temp)
-        if window is not None and judged is not None
-    ]
+    return [judged for part in parts for _, judged in detector.feed(part.gyro, part.accel, part.temp) if judged is not None]
 
 
 NO_SENSOR = Surroundings(KnownSensor(), None, "none", "")
@@ -132,18 +129,18 @@ def test_a_rest_gives_its_zero_and_gravity():
     detector = Detector(chosen(earth_rps=earth))
     part = samples(60, 1, zero - [0, 0, earth / DEG])
     exact = dataclasses.replace(part, gyro=np.tile(zero * DEG - [0, 0, earth], (6000, 1)), accel=np.tile([0.0, 0, -G], (6000, 1)))
-    for window, _ in windows(Detector(detector.chosen), exact):
+    for window in (judged.window for judged in windows(Detector(detector.chosen), exact)):
         assert_allclose(window.rate[:, 0] * detector.chosen.rate_sigma_rps, zero * DEG, rtol=1e-9)
         assert_allclose(window.direction[:, 0], [0, 0, -1], atol=1e-12)
-    found = [window for window, _ in windows(detector, part)]
+    found = [judged.window for judged in windows(detector, part)]
     assert len(found) == (60 / 0.12 - 2) // BLOCKS  # but the first block, and the one that shows the end
     of_one = np.std([[*window.rate[:, 0], window.gravity[0]] for window in found], axis=0)
     assert_allclose(of_one, 1, atol=4 / np.sqrt(2 * len(found)))
     other = np.where(np.arange(BLOCKS) % 2, 1.0, -1.0)[:, None] * np.sqrt((BLOCKS - 1) / BLOCKS)  # of variance 1
     c, down = detector.chosen, [0, 0, 0, 0, 0, -G, 0]
     shares = np.array([0.2, 0.3, 0.4, 0.1, 0.5, 0.6, 0.7])
-    blocks = down + other * np.sqrt(shares * np.repeat([c.gyro_scatter, c.accel_scatter, 1.0], [3, 3, 1]))
-    assert Detector(c)._complete(blocks)[0].scatter.ravel() == pytest.approx([0.9, 1.2])
+    blocks = down + other * np.sqrt(shares * np.repeat([*c.scatter, 1.0], [3, 3, 1]))
+    assert Detector(c)._complete(blocks).window.scatter.ravel() == pytest.approx([0.9, 1.2])
 
 
 @pytest.mark.parametrize("spoil", ["a NaN", "an infinity", "it turns slowly"])
@@ -168,8 +165,8 @@ def test_the_bars_of_a_quiet_block(share, quiet):
         (np.add(none, [0, -share * 10 * DEG, 0]), still),
         (none, still * (1 + 0.25 * share)),
         (none, still * (1 - 0.25 * share)),
-        (other * np.sqrt(share * c.gyro_limit / 2) * [1, 1, 0], still),
-        (none, still + other * np.sqrt(share * c.accel_limit / 2) * [0, 1, 1]),
+        (other * np.sqrt(share * c.limit[0] / 2) * [1, 1, 0], still),
+        (none, still + other * np.sqrt(share * c.limit[1] / 2) * [0, 1, 1]),
     ):
         ((found, *_),) = Detector(c).feed(rate, force)
         assert found == quiet
@@ -178,9 +175,9 @@ def test_the_bars_of_a_quiet_block(share, quiet):
 def test_a_gap_ends_a_rest_and_lets_time_pass():
     detector, rest = Detector(settings(flat(wander=lambda t, span: np.full(3, 1e-10 * t)), 1e6)), samples(30, 5)
     list(detector.feed(rest.gyro, rest.accel))
-    before = detector.filter.P[0, 0, 0]
+    before = detector.filter.rate.P[0, 0, 0]
     detector.gap(round(3600 * RATE_HZ))
-    grown = (detector.filter.P[0, 0, 0] - before) * detector.chosen.rate_sigma_rps[0] ** 2
+    grown = (detector.filter.rate.P[0, 0, 0] - before) * detector.chosen.rate_sigma_rps[0] ** 2
     assert grown == pytest.approx(1e-10 * 3600, rel=0.01)
     assert windows(detector, samples(2, 6)) == []
 
@@ -207,7 +204,9 @@ def test_the_filters_are_the_textbooks():
     """Of an axis and of gravity, with wander, temperature, and another attitude every hundred windows."""
     wander = lambda t, span: np.full(3, _drift(t, span, None, BiasInstability(2 * DEG / 3600, ""))[0] + 1e-12 * t)  # noqa: E731
     of_gravity = lambda t, span: np.full(3, 1e-8 * t + 1e-6 * (1 - np.exp(-t / 100)))  # noqa: E731
-    c = dataclasses.replace(chosen(1e9, wander=wander, accel_wander=of_gravity), per_k=100.0, accel_per_k=50.0)
+    c = chosen(1e9, wander=wander, accel_wander=of_gravity)
+    of, g = dataclasses.replace(c.rate, per_k=100.0), dataclasses.replace(c.gravity, per_k=50.0)
+    c = dataclasses.replace(c, rate=of, gravity=g)
     rng, filters, z = np.random.default_rng(1), ZeroFilter(c), []
     rates, gravity, warmer = 20 + rng.normal(size=300), rng.normal(size=300), np.linspace(0, 3, 300)
     along = np.repeat(rng.normal(size=(3, 3)), 100, axis=0)
@@ -218,15 +217,15 @@ def test_the_filters_are_the_textbooks():
             filters.new_rest()
         z.append(filters.judge(reading(np.full((3, 1), rates[k]), gravity[k], warmer[k], along[k])).z[[0, 3], 0])
     n, one = PROCESSES, np.ones((300, PROCESSES + 1))
-    P = np.diag([c.offset, *np.zeros(n), c.attitude, c.per_k])
-    H, decay, drive = np.column_stack([one[:, 0], one, warmer]), np.r_[1.0, c.decay, 1.0, 1.0], [c.walk, *c.drive, 0, 0]
-    of_rate, P = textbook(decay, drive, P, H, rates, {n + 1: c.attitude})
-    Pg = np.diag([*[c.accel_offset] * 3, *np.zeros(n), c.accel_attitude, c.accel_per_k])
-    H, drive = np.column_stack([along, one, warmer]), [*[c.accel_walk] * 3, *c.accel_drive, 0, 0]
-    of_force, Pg = textbook(np.r_[1.0, 1.0, decay], drive, Pg, H, gravity, {n + 3: c.accel_attitude, n + 4: c.accel_per_k})
+    P = np.diag([of.offset, *np.zeros(n), of.attitude, of.per_k])
+    H, decay, drive = np.column_stack([one[:, 0], one, warmer]), np.r_[1.0, c.decay, 1.0, 1.0], [of.walk, *of.drive, 0, 0]
+    of_rate, P = textbook(decay, drive, P, H, rates, {n + 1: of.attitude})
+    Pg = np.diag([*[g.offset] * 3, *np.zeros(n), g.attitude, g.per_k])
+    H, drive = np.column_stack([along, one, warmer]), [*[g.walk] * 3, *g.drive, 0, 0]
+    of_force, Pg = textbook(np.r_[1.0, 1.0, decay], drive, Pg, H, gravity, {n + 3: g.attitude, n + 4: g.per_k})
     assert_allclose(z, np.column_stack([of_rate, of_force]), atol=1e-9)
-    assert_allclose(filters.P[..., 0], P, atol=1e-9 * P.max())
-    assert_allclose(filters.gravity_P[..., 0], Pg, atol=1e-9 * Pg.max())
+    assert_allclose(filters.rate.P[..., 0], P, atol=1e-9 * P.max())
+    assert_allclose(filters.gravity.P[..., 0], Pg, atol=1e-9 * Pg.max())
 
 
 def test_it_runs_as_long_as_stated_to_a_false_alarm():
@@ -245,12 +244,12 @@ def test_one_window_alone_never_alarms(size, z):
     filters = ZeroFilter(chosen())
     for number in range(60):
         filters.predict()
-        before, gravity = filters.x.copy(), filters.gravity_x.copy()
+        before, gravity = filters.rate.x.copy(), filters.gravity.x.copy()
         off = size if number == 30 else 0.0
         found = filters.judge(reading(np.full((3, 1), off), off))
         assert not found.alarm.any()
         if z is not None and number == 30:
-            assert ((found.z == z).all(), (filters.x == before).all(), (filters.gravity_x == gravity).all()) == (True, True, True)
+            assert ((found.z == z).all(), (filters.rate.x == before).all(), (filters.gravity.x == gravity).all()) == (True, True, True)
 
 
 @pytest.mark.parametrize(("rate", "gravity", "alarm"), [(500.0, 0.0, [1, 1, 1, 0]), (0.0, -500.0, [0, 0, 0, -1])])
@@ -264,10 +263,10 @@ def test_after_an_alarm_the_reading_is_the_new_state(rate, gravity, alarm):
             number_of_test = found.shift[np.nonzero(alarm), 0].ravel()
     assert alarms == [alarm]
     # The test that as few windows as any of CLIP sigmas take to its bar
-    count = np.ceil(filters.chosen.bar / (filters.chosen.shift * CLIP - filters.chosen.shift**2 / 2))
+    count = np.ceil(filters.chosen.bar / (SHIFTS * CLIP - SHIFTS**2 / 2))
     assert number_of_test.tolist() == [np.argmin(count.ravel())] * np.count_nonzero(alarm)
     assert np.abs(found.whole).max() < 0.1
-    assert filters.zero[0][:, 0] == pytest.approx([rate] * 3, abs=1)
+    assert filters.rate.total(-1)[0][:, 0] == pytest.approx([rate] * 3, abs=1)
 
 
 @pytest.mark.parametrize(
@@ -279,7 +278,7 @@ def test_a_window_has_the_noise_of_the_last_64_and_its_own_from_twice_that_on(be
     filters = ZeroFilter(c)
     filters.noise[:] = before
     found = filters.judge(dataclasses.replace(reading(np.zeros((3, 1))), scatter=np.full((2, 1), ratio)))
-    own = c.offset + c.attitude, c.accel_offset + c.accel_attitude
+    own = c.rate.offset + c.rate.attitude, c.gravity.offset + c.gravity.attitude
     assert found.sigma[:, 0] ** 2 - own == pytest.approx([wide, wide], rel=1e-6)
 
 
@@ -291,9 +290,9 @@ def test_the_wander_is_nowhere_below_the_figures(B_dph, K):
     drift = lambda t, span: _drift(t, span, None, BiasInstability(B_dph * DEG / 3600, "")) + K**2 * t  # noqa: E731
     c = chosen(wander=drift)
     for t in np.geomspace(WINDOW_S, 86400, 30):
-        processes = sum(2 * c.drive[k] / (1 - c.decay[k] ** 2) * (1 - np.exp(-t / TIMES_S[k])) for k in range(PROCESSES))
+        processes = sum(2 * c.rate.drive[k] / (1 - c.decay[k] ** 2) * (1 - np.exp(-t / TIMES_S[k])) for k in range(PROCESSES))
         figures = float(drift(t, WINDOW_S)[0] / (WHITE**2 / WINDOW_S))
-        assert 0.98 * figures < c.walk * t / WINDOW_S + processes < 1.35 * figures
+        assert 0.98 * figures < c.rate.walk * t / WINDOW_S + processes < 1.35 * figures
 
 
 @pytest.mark.parametrize(
@@ -312,7 +311,7 @@ def test_the_earth_across_the_vertical_is_that_of_the_latitude(tmp_path):
     toml = f'schema = "tinygc-session/1"\n{sensor}[site]\nlatitude_deg = 60.0\ngravity_mps2 = 9.81\n'
     (tmp_path / "session.toml").write_text(toml)
     found = expect(read_state(model), RATE_HZ)
-    assert_allclose(found.attitude, np.hypot(7.292115e-5 * 0.5 / np.sqrt(2), 0.002 * DEG), rtol=1e-6)
+    assert_allclose(found.gyro.attitude, np.hypot(7.292115e-5 * 0.5 / np.sqrt(2), 0.002 * DEG), rtol=1e-6)
     assert found.earth_rps == pytest.approx(7.292115e-5 * np.sqrt(0.75), rel=1e-6)
 
 
@@ -338,8 +337,8 @@ COUNT, BEGAN = 40, 25
 def records(mean: np.ndarray, sigma: float = 1.0) -> list[Reading]:
     """Windows 2 s apart with these innovations of gravity, in sigmas."""
     none = np.zeros((5, 1))
-    judged = [Judged(none, np.array([[0.0], [0.0], [0.0], [z]]), np.array([[1.0], [sigma]]), none, none, none, none) for z in mean]
-    return [Reading(2.0 * i, reading(np.zeros((3, 1))), each) for i, each in enumerate(judged)]
+    window, one = reading(np.zeros((3, 1))), np.array([[1.0], [sigma]])
+    return [(2.0 * i, Judged(window, np.array([[0.0], [0.0], [0.0], [z]]), one, none, none, none, none)) for i, z in enumerate(mean)]
 
 
 def forms_of(count: int, ramp: bool, places: int = 200) -> np.ndarray:
@@ -406,20 +405,21 @@ def test_a_step_within_a_window_has_the_size_of_the_windows_after_it():
 def test_the_response_is_what_the_filter_makes_of_a_change(ramp):
     """Of one unit, or one a second, from the 20th window on, with wander and temperature; the 25th window is not followed.  A second
     stream beside it has another rate, noise and temperature."""
-    c = dataclasses.replace(chosen(1e9), walk=0.01, drive=np.array([0.2, 0.05]), per_k=1.0)
+    c = chosen(1e9)
+    c = dataclasses.replace(c, rate=dataclasses.replace(c.rate, walk=0.01, drive=np.array([0.2, 0.05]), per_k=1.0))
     filters, rows = ZeroFilter(c, 2), []
     for number in range(COUNT):
         value = max(number - 20, -1) * 2e-3 if ramp else 1e-3  # so small that nothing clips
         filters.predict()
-        before = filters.x, filters.P
+        before = filters.rate.x, filters.rate.P
         window = reading(np.outer([value * (number >= 20), 0.0, 0.0], [1, 2]), warmer=np.sin(number) * np.array([1, 2]))
         judged = filters.judge(dataclasses.replace(window, scatter=np.array([[1.0, 3.0], [1.0, 3.0]])))
         if number == 25:
-            filters.x, filters.P = before
+            filters.rate.x, filters.rate.P = before
             judged = dataclasses.replace(judged, taken=np.array([False, True]))
-        rows.append(Reading(2.0 * number, window, judged))
+        rows.append((2.0 * number, judged))
     found = _response(rows, np.array([20]), ramp, 0, c)[:, 0]
-    assert found == pytest.approx(1e3 * np.array([each.whole[0, 0] for _, _, each in rows]), rel=1e-9, abs=1e-9)
+    assert found == pytest.approx(1e3 * np.array([each.whole[0, 0] for _, each in rows]), rel=1e-9, abs=1e-9)
 
 
 def test_a_change_is_looked_for_30_windows_before_the_tests_own_beginning():

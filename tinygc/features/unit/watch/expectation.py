@@ -49,31 +49,35 @@ Wander = Callable[[float, float], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
-class Expectation:
-    """SI, of the calibrated axes.
+class AtRest:
+    """What three axes of a sensor may read at rest, SI.
 
-    rate_hz of the samples; white (3,) rad/s/sqrt(Hz), two-sided; wander: (t, span) -> (3,) (rad/s)^2, mean square of the drift between two
-    means over span s, t s apart;
-    offset (3,), attitude (3,), per_k (3,): one sigma of the zero in a stream, of a rest, and of its coefficient; reference_c: the
-    coefficient's zero, None where temperature is taken off or not known; earth_rps: the Earth's vertical rate; gravity_mps2;
-    accel_white (3,) m/s^2/sqrt(Hz), two-sided; accel_wander, accel_offset (3,), accel_attitude, accel_per_k: as of the zero, m/s^2;
-    parameters (12, 12): covariance of E and B; turn_rad: error of a turn by itself; assumed: what is not this unit's own.
+    white (3,), two-sided density; wander: (t, span) -> (3,), mean square of the drift between two means over span, s t apart; offset (3,),
+    attitude, per_k: one sigma in a stream, of a rest, and of the coefficient of temperature.
     """
 
-    rate_hz: float
     white: np.ndarray
     wander: Wander
     offset: np.ndarray
-    attitude: np.ndarray
-    per_k: np.ndarray
+    attitude: np.ndarray | float
+    per_k: np.ndarray | float
+
+
+@dataclass(frozen=True, eq=False)
+class Expectation:
+    """SI, of the calibrated axes.
+
+    rate_hz of the samples; gyro, accel: of both sensors; reference_c: the coefficient's zero, None where temperature is taken off or not
+    known; earth_rps: the Earth's vertical rate; gravity_mps2; parameters (12, 12): covariance of E and B; turn_rad: error of a turn by
+    itself; assumed: what is not this unit's own.
+    """
+
+    rate_hz: float
+    gyro: AtRest
+    accel: AtRest
     reference_c: float | None
     earth_rps: float
     gravity_mps2: float
-    accel_white: np.ndarray
-    accel_wander: Wander
-    accel_offset: np.ndarray
-    accel_attitude: float
-    accel_per_k: float
     parameters: np.ndarray
     turn_rad: float = 0.0
     assumed: tuple[str, ...] = ()
@@ -82,16 +86,18 @@ class Expectation:
 def expect(known: UnitState, rate_hz: float) -> Expectation:
     """What the model's sensor may read at rest, at this data rate."""
     assumed: list[str] = []
-
-    def given(value: np.ndarray | float | None, usual: np.ndarray | float, words: str) -> np.ndarray:
-        if value is None:
-            assumed.append(words)
-        return np.broadcast_to(np.asarray(usual if value is None else value, dtype=float), (3,)).copy()
-
     fit_noise, figures, config = known.fit.get("noise") or {}, known.figures, known.config
-    stills = {name: fit_noise.get(name) for name in ("gyro_dps_rthz", "accel_g_rthz")}
-    white = _white(figures, "gyro", stills["gyro_dps_rthz"], DEG)
-    accel_white = _white(figures, "accel", stills["accel_g_rthz"], G)
+
+    def white(kind: str, key: str, si: float, usual: float, words: str) -> np.ndarray:
+        """(3,) two-sided density: N of the figures, else the one-sided density of the fit's stills over sqrt(2)."""
+        sensor = None if figures is None else figures.sensors().get(kind)
+        if sensor is not None and np.all(sensor.values("N") > 0):
+            return sensor.values("N")
+        if (stills := fit_noise.get(key)) is not None:
+            return np.asarray(stills, dtype=float) * si / np.sqrt(2)
+        assumed.append(f"white noise of the {words}")
+        return np.full(3, usual)
+
     own = known.covariance[:PARAMETERS, :PARAMETERS]
     if not len(own):
         assumed.append("covariance of the calibration")
@@ -107,11 +113,9 @@ def expect(known: UnitState, rate_hz: float) -> Expectation:
     accel = None if figures is None or figures.accel is None else replace(figures, gyro=figures.accel)
     if accel is None:
         assumed.append("bias instability of the accelerometer")
-    attitude = known.largest(STILL_RATE)
-    latitude = None if config is None else config.site.latitude_deg
+    attitude, reference = known.largest(STILL_RATE), known.largest(REFERENCE)
+    latitude, gravity = (None, None) if config is None else (config.site.latitude_deg, config.site.gravity_mps2)
     across = EARTH_RATE_RPS * (np.cos(latitude * DEG) if latitude is not None else 1.0) / np.sqrt(2 if latitude is not None else 3)
-    gravity = None if config is None else config.site.gravity_mps2
-    reference = known.largest(REFERENCE)
     thermal = known.model.kind == "thermal"
     if gravity is None:
         assumed.append("gravity of the place")
@@ -121,31 +125,27 @@ def expect(known: UnitState, rate_hz: float) -> Expectation:
             assumed.append("temperature of the calibration")
     return Expectation(
         rate_hz,
-        given(white, USUAL_WHITE, "white noise of the gyroscope"),
-        lambda elapsed_s, span_s: _drift(elapsed_s, span_s, figures, instability),
-        spread.at(ZERO).any_session(np.diag(own)[BIAS]),
-        np.full(3, float(np.hypot(across, USUAL_ATTITUDE_RPS if attitude is None else attitude))),
-        np.full(3, USUAL_PER_K),
+        AtRest(
+            white("gyro", "gyro_dps_rthz", DEG, USUAL_WHITE, "gyroscope"),
+            lambda elapsed_s, span_s: _drift(elapsed_s, span_s, figures, instability),
+            spread.at(ZERO).any_session(np.diag(own)[BIAS]),
+            float(np.hypot(across, USUAL_ATTITUDE_RPS if attitude is None else attitude)),
+            USUAL_PER_K,
+        ),
+        AtRest(
+            white("accel", "accel_g_rthz", G, USUAL_ACCEL_WHITE, "accelerometer"),
+            lambda elapsed_s, span_s: _drift(elapsed_s, span_s, accel, usual),
+            np.sqrt(2) * spread.sigma[BIASES],
+            float(np.hypot(PRECALIBRATION_MPS2 if reference is None else reference, 0.0 if gravity is not None else UNKNOWN_GRAVITY_MPS2)),
+            USUAL_ACCEL_PER_K,
+        ),
         None if thermal else known.temperature_c,
         0.0 if latitude is None else float(EARTH_RATE_RPS * np.sin(latitude * DEG)),
         STANDARD_GRAVITY_MPS2 if gravity is None else gravity,
-        given(accel_white, USUAL_ACCEL_WHITE, "white noise of the accelerometer"),
-        lambda elapsed_s, span_s: _drift(elapsed_s, span_s, accel, usual),
-        np.sqrt(2) * spread.sigma[BIASES],
-        float(np.hypot(PRECALIBRATION_MPS2 if reference is None else reference, 0.0 if gravity is not None else UNKNOWN_GRAVITY_MPS2)),
-        USUAL_ACCEL_PER_K,
         own,
         known.largest(TURN) or 0.0,
         tuple(assumed),
     )
-
-
-def _white(figures: NoiseFigures | None, kind: str, stills: list[float] | None, si: float) -> np.ndarray | None:
-    """(3,) two-sided density: N of the figures, else the one-sided density of the fit's stills over sqrt(2)."""
-    sensor = None if figures is None else figures.sensors().get(kind)
-    if sensor is not None and np.all(sensor.values("N") > 0):
-        return sensor.values("N")
-    return None if stills is None else np.asarray(stills, dtype=float) * si / np.sqrt(2)
 
 
 def _drift(elapsed_s: float, span_s: float, figures: NoiseFigures | None, instability: BiasInstability | None) -> np.ndarray:
@@ -187,7 +187,7 @@ REST_RATE_RPS, FORCE_WITHIN = 10 * DEG, 0.25
 #: s, correlation times of the Gauss-Markov processes: with a walk they follow flicker noise from a window to a day within 7 %
 TIMES_S = (5.0, 200.0)
 #: shifts, in sigmas of a window, that the tests look for; both signs, on three axes and on gravity
-SHIFTS = (0.25, 1.0, 2.0, 4.0)
+SHIFTS = np.array([0.25, 1.0, 2.0, 4.0])
 CHANNELS = ("zero x", "zero y", "zero z", "gravity")
 #: tests that share the rate of false alarms: those of the detector, and one of turns
 TESTS = 2 * len(CHANNELS) * len(SHIFTS) + 1
@@ -200,44 +200,43 @@ MOST_GAP = round(END_S / WATCHED_S)
 
 
 @dataclass(frozen=True, eq=False)
-class Settings:
-    """What the detector needs.
+class Sizes:
+    """Variances of a filter's states, in those of a window's white noise: walk, drive (2,): of the wander a window; offset, attitude,
+    per_k: before any window."""
 
-    samples: of a block; gyro_limit, accel_limit: bars of the variance of a block's samples, (rad/s)^2 and (m/s^2)^2; gyro_scatter,
-    accel_scatter: stated variance of a block's mean; gravity_mps2, earth_rps: the Earth's vertical rate; rate_sigma_rps (3,),
-    gravity_sigma: one sigma of a window's white noise, of an axis and as a share of gravity, by which readings are normalised; reference_c:
-    the coefficient's zero; walk, decay (2,), drive (2,): of the wander a window; offset, attitude, per_k: prior variances; accel_*: the
-    same of gravity; shift, bar (4,): of the tests.
-    """
-
-    samples: int
-    gyro_limit: float
-    accel_limit: float
-    gyro_scatter: float
-    accel_scatter: float
-    gravity_mps2: float
-    earth_rps: float
-    rate_sigma_rps: np.ndarray
-    gravity_sigma: float
-    reference_c: float
     walk: float
-    decay: np.ndarray
     drive: np.ndarray
     offset: float
     attitude: float
     per_k: float
-    accel_walk: float
-    accel_drive: np.ndarray
-    accel_offset: float
-    accel_attitude: float
-    accel_per_k: float
-    shift: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Settings:
+    """What the detector needs.
+
+    expected; samples: of a block; limit, scatter (2,) of rate and force, (rad/s)^2 and (m/s^2)^2: bar of the variance of a block's samples,
+    stated variance of a block's mean; rate_sigma_rps (3,), gravity_sigma: one sigma of a window's white noise, of an axis and as a share of
+    gravity, by which readings are normalised; reference_c: the coefficient's zero; decay (2,) of the wander's processes in a window; rate,
+    gravity: sizes of their states; bar (4,): of the tests.
+    """
+
+    expected: Expectation
+    samples: int
+    limit: np.ndarray
+    scatter: np.ndarray
+    rate_sigma_rps: np.ndarray
+    gravity_sigma: float
+    reference_c: float
+    decay: np.ndarray
+    rate: Sizes
+    gravity: Sizes
     bar: np.ndarray
 
     @property
-    def window_samples(self) -> int:
-        """Samples of one window."""
-        return self.samples * BLOCKS
+    def window_s(self) -> float:
+        """Duration of one window, s."""
+        return self.samples * BLOCKS / self.expected.rate_hz
 
 
 def settings(expected: Expectation, false_alarm_every_s: float, reference_c: float | None = None) -> Settings:
@@ -255,51 +254,37 @@ def settings(expected: Expectation, false_alarm_every_s: float, reference_c: flo
     window_s = block_s * BLOCKS
     if false_alarm_every_s < 100 * window_s:
         raise CalibrationError(f"watch: a false alarm every {false_alarm_every_s:g} s is asked for; expected at least {100 * window_s:g} s")
-    white = expected.white**2 / window_s
-    gravity = expected.gravity_mps2
-    accel_sigma = float(np.sqrt(np.max(expected.accel_white**2) / window_s)) / gravity
-    walk, drive = _wander(expected.wander, window_s, white)
-    accel_white = np.full(3, (gravity * accel_sigma) ** 2)
-    accel_walk, accel_drive = _wander(expected.accel_wander, window_s, accel_white)
-    length = TESTS * false_alarm_every_s / window_s
+    white = expected.gyro.white**2 / window_s
+    gravity_sigma = float(np.sqrt(np.max(expected.accel.white**2) / window_s)) / expected.gravity_mps2
     reference = expected.reference_c if expected.reference_c is not None else reference_c
-    gyro, accel = float(np.sum(expected.white**2)), float(np.sum(expected.accel_white**2))
+    both = np.array([np.sum(each.white**2) for each in (expected.gyro, expected.accel)])
+    warms = reference is not None
     return Settings(
+        expected,
         samples,
-        QUIET_VARIANCE_RATIO * gyro * expected.rate_hz,
-        QUIET_ACCEL_RATIO * accel * expected.rate_hz,
-        gyro / block_s,
-        accel / block_s,
-        gravity,
-        expected.earth_rps,
+        np.array([QUIET_VARIANCE_RATIO, QUIET_ACCEL_RATIO]) * both * expected.rate_hz,
+        both / block_s,
         np.sqrt(white),
-        accel_sigma,
-        0.0 if reference is None else reference,
-        walk,
+        gravity_sigma,
+        reference or 0.0,
         np.exp(-window_s / np.array(TIMES_S)),
-        drive,
-        float(np.max(expected.offset**2 / white)),
-        float(np.max(expected.attitude**2 / white)),
-        0.0 if reference is None else float(np.max(expected.per_k**2 / white)),
-        accel_walk,
-        accel_drive,
-        float(np.max(expected.accel_offset**2) / accel_white[0]),
-        float(expected.accel_attitude**2 / accel_white[0]),
-        0.0 if reference is None else float(expected.accel_per_k**2 / accel_white[0]),
-        np.array(SHIFTS),
-        np.array([bar_of(each, length) for each in SHIFTS]),
+        _sizes(expected.gyro, white, window_s, warms),
+        _sizes(expected.accel, np.full(3, (expected.gravity_mps2 * gravity_sigma) ** 2), window_s, warms),
+        np.array([bar_of(each, TESTS * false_alarm_every_s / window_s) for each in SHIFTS]),
     )
 
 
-def _wander(wander: Wander, window_s: float, white: np.ndarray) -> tuple[float, np.ndarray]:
-    """Variance of the walk in a window, and (2,) of what drives the Gauss-Markov processes, normalised: the smallest that are nowhere below
-    the mean square of the drift from a window to a day."""
+def _sizes(sensor: AtRest, white: np.ndarray, window_s: float, warms: bool) -> Sizes:
+    """white (3,): variance of a window's white noise.  The walk, and what drives the Gauss-Markov processes, are the smallest that are
+    nowhere below the mean square of the drift from a window to a day."""
     lags = np.geomspace(window_s, END_S, 40)
-    drift = np.array([np.max(wander(lag, window_s) / white) for lag in lags])
-    if not drift.any():
-        return 0.0, np.zeros(len(TIMES_S))
-    columns = np.column_stack([lags / window_s, *(2 * -np.expm1(-lags / time) for time in TIMES_S)])
-    weight = 1 / np.maximum(drift, 1e-12 * drift.max())
-    size, _ = nnls(columns * weight[:, None], drift * weight)
-    size *= np.max(drift / np.maximum(columns @ size, 1e-300))
-    return float(size[0]), size[1:] * -np.expm1(-2 * window_s / np.array(TIMES_S))
+    drift = np.array([np.max(sensor.wander(lag, window_s) / white) for lag in lags])
+    size = np.zeros(1 + len(TIMES_S))
+    if drift.any():
+        columns = np.column_stack([lags / window_s, *(2 * -np.expm1(-lags / time) for time in TIMES_S)])
+        weight = 1 / np.maximum(drift, 1e-12 * drift.max())
+        size, _ = nnls(columns * weight[:, None], drift * weight)
+        size *= np.max(drift / np.maximum(columns @ size, 1e-300))
+    offset, attitude, per_k = (float(np.max(np.square(each) / white)) for each in (sensor.offset, sensor.attitude, sensor.per_k))
+    drive = size[1:] * -np.expm1(-2 * window_s / np.array(TIMES_S))
+    return Sizes(float(size[0]), drive, offset, attitude, per_k if warms else 0.0)

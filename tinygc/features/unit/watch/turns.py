@@ -81,7 +81,7 @@ class TurnTest:
         own = expected.parameters[MATRIX, MATRIX] + USUAL_MATRIX**2 * np.eye(9)
         self._prior = np.zeros((12, 12))
         self._prior[:9, :9] = own
-        self._prior[9:, 9:] = np.diag(expected.accel_offset**2)
+        self._prior[9:, 9:] = np.diag(expected.accel.offset**2)
         self._expected, self.P, self.x = expected, self._prior.copy(), np.zeros(12)
         self.bar, self.sum = squares_bar_of(RATIO, 2, TESTS * windows_to_alarm), 0.0
         self._share = 0.0
@@ -95,8 +95,8 @@ class TurnTest:
         across = np.linalg.svd(up[None])[2][1:]  # (2, 3) two directions across gravity
         y = across @ tilt
         H = np.column_stack([across @ turn.slope, across @ rotation.cross_matrix(up) @ (R - np.eye(3)) / e.gravity_mps2])
-        readings = 2 * (e.accel_attitude**2 + np.max(e.accel_white**2) / window_s) / e.gravity_mps2**2
-        own = np.max(e.white**2) * turn.seconds + np.max(e.attitude**2) * turn.seconds**2 + e.turn_rad**2 + readings
+        readings = 2 * (np.max(np.square(e.accel.attitude)) + np.max(e.accel.white**2) / window_s) / e.gravity_mps2**2
+        own = np.max(e.gyro.white**2) * turn.seconds + np.max(np.square(e.gyro.attitude)) * turn.seconds**2 + e.turn_rad**2 + readings
         lever = across @ turn.lever
         noise = own * np.eye(2) + zero_variance * lever @ lever.T
         S = self._expected_scatter(turn, H, noise)

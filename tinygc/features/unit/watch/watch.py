@@ -23,8 +23,7 @@ from session.log.stamps import pace_of
 from tinygc.closure.motion import LIMIT_DEG, MINUTE_S, at_rest
 from tinygc.deploy.apply import Applicable, taken
 from tinygc.deploy.calibration import Calibration, Stream
-from tinygc.features.unit.watch.change import Change, Reading, change_of
-from tinygc.features.unit.watch.detector import Detector, Judged, Window
+from tinygc.features.unit.watch.detector import ATTITUDE, COEFFICIENT, Change, Detector, Judged, Reading, change_of
 from tinygc.features.unit.watch.expectation import (
     BLOCKS,
     CHANNELS,
@@ -32,7 +31,6 @@ from tinygc.features.unit.watch.expectation import (
     FORCE_WITHIN,
     SHIFTS,
     SPREAD,
-    Expectation,
     Settings,
     expect,
     settings,
@@ -82,7 +80,6 @@ class Watch:
     def __init__(self, known: UnitState, false_alarm_every_s: float = FALSE_ALARM_EVERY_S):
         self._known, self._every_s = known, false_alarm_every_s
         self._early: list[Applicable] = []
-        self.expected: Expectation | None = None
         self.settings: Settings | None = None
         self.counts: Counter[str] = Counter()
         self.alarms, self.windows, self.rests, self.turns, self.short = 0, 0, 0, 0, 0
@@ -90,7 +87,6 @@ class Watch:
         self._base_ns = 0  # what makes stamps go on over restarts
         self._last_ns: int | None = None
         self._first_ns: int | None = None
-        self._here: list[np.ndarray] = []  # first and last window of the present rest: zero, its variance, gravity, warmer
         self._zero: tuple[np.ndarray, np.ndarray] | None = None  # rad/s, of the last rest, and its sigma
         self._windows_here = self._quiet_blocks = 0
         self._force_sum, self._force_count = 0.0, 0  # m/s^2, of all samples
@@ -152,9 +148,9 @@ class Watch:
         begun = item.t_ns[item.t_ns <= item.t_ns[0] + round(RATE_S * NS_PER_S)]  # so that pieces do not matter
         rate_hz = pace_of(begun if (np.diff(begun) > 0).any() else item.t_ns).rate_hz
         temp_c = None if item.temp is None or not np.isfinite(item.temp).any() else float(np.nanmean(item.temp))
-        self.expected = expected = expect(self._known, rate_hz)
+        expected = expect(self._known, rate_hz)
         self.settings = chosen = settings(expected, self._every_s, None if self._known.model.kind == "thermal" else temp_c)
-        self.window_s = chosen.window_samples / rate_hz
+        self.window_s = chosen.window_s
         self._gap_ns = round(max(GAP_S, GAP_STEPS / rate_hz) * NS_PER_S)
         self._period_s = 1 / rate_hz
         self._calibration = Calibration(self._known.model, rate_hz, self._known.table)
@@ -163,7 +159,7 @@ class Watch:
             "rate_hz": rate_hz,
             "window_s": self.window_s,
             "false_alarm_every_s": self._every_s,
-            "zero_sigma_dps": (expected.offset / DEG).tolist(),
+            "zero_sigma_dps": (expected.gyro.offset / DEG).tolist(),
             "window_sigma_dps": (chosen.rate_sigma_rps / DEG).tolist(),
             "gravity_sigma_mg": chosen.gravity_sigma * expected.gravity_mps2 / MG,
             "assumed": list(expected.assumed),
@@ -174,10 +170,9 @@ class Watch:
     def _begin(self, switched_on: bool) -> None:
         """A stream begins, or goes on after an interruption; switched_on: with another zero, perhaps."""
         assert self.settings is not None
-        assert self.expected is not None
         if switched_on:
             self._detector = Detector(self.settings)
-            self._turn_test = TurnTest(self.expected, self._every_s / self.window_s)
+            self._turn_test = TurnTest(self.settings.expected, self._every_s / self.window_s)
             self._since = np.zeros((len(CHANNELS), 2, len(SHIFTS)), dtype=int)
             self._records: deque[Reading] = deque(maxlen=REMEMBERED)
         else:
@@ -187,7 +182,7 @@ class Watch:
         self._left: Arrays = (np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
         self._forget_turn()
         self._restless_s, self._restless_said_s = 0.0, RESTLESS_S
-        self._here, self._windows_here = [], 0
+        self._windows_here = 0
 
     def _piece(self, piece: tuple[int, Applicable]) -> Iterator[Event]:
         """Consecutive samples behind a gap of so many ns, 0 for none."""
@@ -219,11 +214,11 @@ class Watch:
         self._force_count += len(item.accel)
         rate, measured, times = (np.concatenate(pair) for pair in zip(self._left, (omega, item.gyro, t_s), strict=True))
         k, steps = 0, np.full(n, self._period_s)
-        for quiet, window, judged in self._detector.feed(omega, item.accel, item.temp):
+        for quiet, judged in self._detector.feed(omega, item.accel, item.temp):
             block = (rate[k : k + n], measured[k : k + n], steps)
             k += n
             self.t_s = float(times[k - 1])
-            yield from self._block(block, quiet, window, judged)
+            yield from self._block(block, quiet, judged)
         self._left = (rate[k:], measured[k:], times[k:])
 
     # Blocks: rests, and the turns between them.
@@ -233,37 +228,33 @@ class Watch:
         self._direction: np.ndarray | None = None  # force of the last judged rest, in g
         self._pending: deque[Arrays] = deque()  # blocks since then that may be those of the next judged window
 
-    def _block(self, block: Arrays, quiet: bool, window: Window | None, judged: Judged | None) -> Iterator[Event]:
+    def _block(self, block: Arrays, quiet: bool, judged: Judged | None) -> Iterator[Event]:
         seconds = float(block[2].sum())
         if quiet:
             self.rested_s += seconds
             self._quiet_blocks += 1
         else:
             self._end_quiet()
-        self._restless_s = 0.0 if window is not None else self._restless_s + seconds
+        self._restless_s = 0.0 if judged is not None else self._restless_s + seconds
         if self._restless_s > self._restless_said_s:
             self._restless_said_s *= 2
             why = f"no rest of {self.window_s * (1 + 2 / BLOCKS):.1f} s for {self._restless_s / 60:.0f} min: nothing could be judged"
-            words = why + self._wrong_force()
-            yield Event("remark", self.t_s, words, {"what": "no rest", "count": 1})
-        if not quiet and self._here:
+            yield Event("remark", self.t_s, why + self._wrong_force(), {"what": "no rest", "count": 1})
+        if not quiet:
             yield from self._end_rest()
         if self._direction is not None:
-            yield from self._follow(block, window, judged)
-        if window is None or judged is None:
+            yield from self._follow(block, judged)
+        if judged is None:
             return
         self._restless_said_s = RESTLESS_S
         self.windows += 1
         if self._direction is None:
             self._pending.append(block)
-        self._direction = window.direction[:, 0]
+        self._direction = judged.window.direction[:, 0]
         self._resting_rps = block[1].mean(axis=0)
-        zero, variance = self._detector.filter.zero
-        self._here.append(np.concatenate([zero[:, 0], variance, [window.gravity[0]], window.warmer]))
-        if len(self._here) > 2:  # of a rest, the first and the last window are kept
-            del self._here[1]
+        self._last = *self._detector.filter.rate.total(COEFFICIENT), judged.window.gravity[0]
         self._windows_here += 1
-        yield from self._judged(window, judged)
+        yield from self._judged(judged)
 
     def _end_quiet(self) -> None:
         """A quiet stretch has ended; one of a second or more in which no window was complete is a rest that was passed over."""
@@ -272,39 +263,39 @@ class Watch:
 
     def _wrong_force(self) -> str:
         """What to say where the mean length of the force is not that of a rest."""
-        assert self.expected is not None
-        mean, gravity = self._force_sum / max(self._force_count, 1), self.expected.gravity_mps2
+        assert self.settings is not None
+        mean, gravity = self._force_sum / max(self._force_count, 1), self.settings.expected.gravity_mps2
         if not self._force_count or abs(mean / gravity - 1) < FORCE_WITHIN:
             return ""
         return f"; the accelerometer reads {mean:.3g} m/s^2 on average, expected about {gravity:.3g}: check its unit and full scale"
 
-    def _follow(self, block: Arrays, window: Window | None, judged: Judged | None) -> Iterator[Event]:
+    def _follow(self, block: Arrays, judged: Judged | None) -> Iterator[Event]:
         """A turn goes from the end of one judged window to the beginning of the next: a hand begins and ends softly."""
-        kept = BLOCKS if window is not None else BLOCKS + 1
+        kept = BLOCKS if judged is not None else BLOCKS + 1
         while len(self._pending) > kept:
             if self._turn is None:
                 self._turn = Turn(self._turn_test.x[:9])
                 self._measured_rps = self._resting_rps
-                self._zero_rps = self._detector.filter.lasting[0][:, 0] * self._detector.chosen.rate_sigma_rps
+                self._zero_rps = self._detector.filter.rate.total(ATTITUDE)[0][:, 0] * self._detector.chosen.rate_sigma_rps
             omega, measured, dt = self._pending.popleft()
             self._turn.add(omega - self._zero_rps, measured - self._measured_rps, dt)
         turn = self._turn
-        if window is not None and judged is not None:
+        if judged is not None:
             self._turn = None
             self._pending.clear()
             if turn is not None and turn.angle > LEAST_RAD:
-                yield from self._closed(turn, window.direction[:, 0], judged)
+                yield from self._closed(turn, judged)
         self._pending.append(block)
         if turn is not None and turn.seconds > LONGEST_S:
             self._forget_turn()
 
-    def _closed(self, turn: Turn, end: np.ndarray, judged: Judged) -> Iterator[Event]:
+    def _closed(self, turn: Turn, judged: Judged) -> Iterator[Event]:
         """judged: the window behind the turn.  A zero that has jumped did so at an unknown moment of the turn."""
         innovation = judged.whole[:3, 0] * judged.sigma[0, 0]
         jumped = np.max(np.where(np.abs(judged.whole[:3, 0]) >= CLIP, innovation**2, 0.0))
-        variance = float(np.max(self._detector.chosen.rate_sigma_rps) ** 2 * (self._detector.filter.lasting[1][0] + jumped))
+        variance = float(np.max(self._detector.chosen.rate_sigma_rps) ** 2 * (self._detector.filter.rate.total(ATTITUDE)[1][0] + jumped))
         assert self._direction is not None
-        closure = self._turn_test.judge(turn, self._direction, end, variance, self.window_s)
+        closure = self._turn_test.judge(turn, self._direction, judged.window.direction[:, 0], variance, self.window_s)
         self.turns += 1
         tilt, sigma, angle = (float(np.linalg.norm(closure.tilt_rad)) / DEG, closure.sigma_rad / DEG, turn.angle / DEG)
         table = {"tilt_deg": tilt, "sigma_deg": sigma, "chi_square": closure.square, "seconds": turn.seconds, "angle_deg": angle}
@@ -318,9 +309,9 @@ class Watch:
 
     # Windows: what the tests say.
 
-    def _judged(self, window: Window, judged: Judged) -> Iterator[Event]:
+    def _judged(self, judged: Judged) -> Iterator[Event]:
         f = self._detector.filter
-        self._records.append(Reading(self.t_s, window, judged))
+        self._records.append((self.t_s, judged))
         alarmed = {int(k): int(judged.alarm[k, 0]) for k in np.flatnonzero(judged.alarm[:, 0])}
         if alarmed:
             begun = {k: self.windows - int(self._since[k, 0 if sign > 0 else 1, int(judged.shift[k, 0])]) for k, sign in alarmed.items()}
@@ -330,10 +321,9 @@ class Watch:
 
     def _alarm(self, alarmed: dict[int, int], changes: dict[int, Change]) -> Event:
         """One event of all channels that alarm in a window: their signs, and what has changed.  Its table is of the largest change."""
-        assert self.expected is not None
-        c, f = self._detector.chosen, self._detector.filter
+        c = self._detector.chosen
         self.alarms += 1
-        units = np.r_[c.rate_sigma_rps / DEG, c.gravity_sigma * self.expected.gravity_mps2 / MG]
+        units = np.r_[c.rate_sigma_rps / DEG, c.gravity_sigma * c.expected.gravity_mps2 / MG]
         sizes = {k: (change.size * float(units[k]), change.sigma * float(units[k])) for k, change in changes.items()}
         zeros = [k for k in alarmed if k < 3]
         first = max(zeros or alarmed, key=lambda k: abs(sizes[k][0]))
@@ -344,7 +334,7 @@ class Watch:
         if zeros:
             changed = np.zeros(3)
             changed[zeros] = [sizes[k][0] * DEG for k in zeros]
-            zero = f.zero[0][:, 0] * c.rate_sigma_rps
+            zero = self._last[0][:, 0] * c.rate_sigma_rps
             cost = _cost_deg(changed)
             table |= {"size_dps": size, "sigma_dps": sigma, "zero_dps": (zero / DEG).tolist()}
             table |= {"cost_deg": cost, "zero_cost_deg": _cost_deg(zero)}
@@ -365,15 +355,15 @@ class Watch:
 
     def _end_rest(self) -> Iterator[Event]:
         """The rest has ended: what it was."""
-        here = self._here
-        if not here or self.settings is None or self.expected is None:
+        count, c = self._windows_here, self.settings
+        if not count or c is None:
             return
-        last, count = here[-1], self._windows_here
-        self._zero = last[:3] * self.settings.rate_sigma_rps, np.sqrt(last[3]) * self.settings.rate_sigma_rps
+        last, variance, reading = self._last
+        self._zero = last[:, 0] * c.rate_sigma_rps, np.sqrt(variance[0]) * c.rate_sigma_rps
         zero, sigma = (each / DEG for each in self._zero)
-        gravity = float(last[4] * self.settings.gravity_sigma * self.expected.gravity_mps2 / MG)
+        gravity = float(reading * c.gravity_sigma * c.expected.gravity_mps2 / MG)
         self.rests += 1
-        self._here, self._windows_here = [], 0
+        self._windows_here = 0
         words = f"rest of {count * self.window_s:.0f} s: zero {', '.join(f'{each:+.4f}' for each in zero)} dps, gravity {gravity:+.2f} mg"
         table = {"windows": count, "zero_dps": zero.tolist(), "zero_sigma_dps": sigma.tolist(), "gravity_mg": gravity}
         yield Event("rest", self.t_s, words, table)
@@ -418,14 +408,15 @@ class Watch:
         return _cost_deg(self._zero[0]) > LIMIT_DEG and zero > 2 * sigma
 
     def _answer(self) -> Answer:
-        if self._zero is None or self.expected is None:
+        if self._zero is None or self.settings is None:
             short = f" ({self.short} were too short)" if self.short else ""
             force = self._wrong_force() if self.settings else ""
             return Answer("undecided", f"{self.t_s:.0f} s, and no rest that could be judged{short}{force}")
         short = f" ({self.short} shorter ones passed over)" if self.short else ""
         what = f"{self.windows} windows of {self.window_s:.1f} s in {self.rests} rests{short}, {self.turns} turns, {self.t_s / 3600:.2f} h"
-        zero, allowed = self._zero[0] / DEG, rms_of(self.expected.offset)
-        usual = ", as usual" if SPREAD in self.expected.assumed else ""
+        expected = self.settings.expected
+        zero, allowed = self._zero[0] / DEG, rms_of(expected.gyro.offset)
+        usual = ", as usual" if SPREAD in expected.assumed else ""
         costs = (
             f"a zero of {', '.join(f'{each:+.4f}' for each in zero)} dps turns the attitude by {significant(_cost_deg(self._zero[0]), 2)}°"
         )

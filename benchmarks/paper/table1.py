@@ -19,7 +19,7 @@ from paper.euroc import EUROC, TEST, Euroc
 from session.base.units import DEG
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.estimation.options import Checkpoint
-from tinygc.fitting.bias_of_day import _from_start, from_gravity
+from tinygc.fitting.bias_of_day import from_gravity, from_start
 from tinygc.methods import denoiser
 from tinygc.methods.denoiser import of_problem, train_denoiser
 from tinygc.methods.network import train_adamw, train_second_order
@@ -67,7 +67,7 @@ def table1(euroc: Euroc, progress: Callable[[str], None]) -> str:
 
     days = train_second_order(euroc.days.batch, euroc.days.sigma).net
     row("one bias a sequence in training: its median kept", 27, "gyro", days)
-    starts = {name: days.with_bias_moved(_from_start(problem, days)[0]) for name, problem in euroc.tests.items()}
+    starts = {name: days.with_bias_moved(from_start(problem, days)[0]) for name, problem in euroc.tests.items()}
     row("… bias of the day: first rest", 27, "gyro, accelerometer", starts)
     gravity = {
         name: days.with_bias_moved(from_gravity(problem, days, euroc.days.sigma_rps).change) for name, problem in euroc.tests.items()

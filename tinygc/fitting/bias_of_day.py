@@ -4,33 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 
-from session import VERSION
 from session.base import rotation
 from session.base.errors import FitError, SegmentError
-from session.base.files import result_folder
 from session.base.numeric import runs_of, sigmas_in
-from session.base.progress import Progress, untold
-from session.base.records import plain, write_whole
 from session.base.rotation import steps
-from session.base.units import DEG, NS, STANDARD_GRAVITY_MPS2, G
+from session.base.units import DEG, NS, STANDARD_GRAVITY_MPS2
 from session.detect.stills import BLOCK_S
-from session.log.folder import Session, hash_of_log, input_hashes
+from session.log.folder import Session, hash_of_log
 from session.log.samples import Samples
-from tinygc import models
-from tinygc.closure.prepared import prepare
 from tinygc.closure.problem import Problem
-from tinygc.closure.residual import closure_angles
-from tinygc.closure.runs import ClosureRun, read_closure_runs
 from tinygc.closure.stills import StillSet
-from tinygc.estimation.choice import closure_figures, run_figures
 from tinygc.estimation.spread import USUAL, ZERO
-from tinygc.fitting.fit_file import SCHEMA, segments_table
-from tinygc.fitting.unit_state import UnitState, hashes_in, read_state, spread_of
-from tinygc.models.denoiser import DenoisedNet
+from tinygc.fitting.unit_state import hashes_in
 from tinygc.models.model import Model
 
 # The bias of the day: from the first still, from gravity, over several days.
@@ -217,7 +205,7 @@ def _whitened(velocity: np.ndarray, span: np.ndarray) -> np.ndarray:
 # The origin of a stored model: if it was fitted to the session at hand, its closure there is not independent evidence.
 
 
-def _origin_of(table: dict, session: Session) -> tuple[bool | None, str]:
+def origin_of(table: dict, session: Session) -> tuple[bool | None, str]:
     """Whether a stored model, with what its file holds, was fitted to a log of this session, by the hashes of the logs; None where only the
     names agree, or nothing is known.  And the same as text."""
     logs = {hash_of_log(log) for log in session.logs}
@@ -247,108 +235,21 @@ MAD_TO_SIGMA = 1.4826
 FEWEST_STILLS = 5
 
 
-@dataclass(frozen=True, eq=False)
-class Rebiased:
-    """A stored calibration, ``state``, in a new session: problem and runs of that session; changes (3,) rad/s to its calibrated rate by
-    source, with sigma (3,) or None; the requested source; error angles (S, d) rad and run errors by "stored" and source."""
-
-    problem: Problem
-    runs: list[ClosureRun]
-    state: UnitState
-    changes: dict[str, tuple[np.ndarray, np.ndarray | None]]
-    source: str
-    angles: dict[str, np.ndarray]
-    run_errors: list[dict[str, np.ndarray]]
-
-    @property
-    def stored(self) -> Model:
-        """The stored model."""
-        return self.state.model
-
-    @property
-    def origin(self) -> tuple[bool | None, str]:
-        """Whether it was fitted to this very session, None where that is not known; and the same in words."""
-        return _origin_of(self.state.table, self.problem.session)
-
-    @property
-    def model(self) -> Model:
-        """The stored calibration with the bias of the requested source."""
-        return self.stored.with_bias_moved(self.changes[self.source][0])
-
-    @property
-    def disagreement(self) -> float:
-        """The largest difference over the axes, in sigmas, of the first still's bias and gravity's; 0 without both."""
-        if not {"start", "gravity"} <= set(self.changes):
-            return 0.0
-        (start, one), (gravity, other) = self.changes["start"], self.changes["gravity"]
-        assert one is not None
-        assert other is not None
-        return float(np.max(np.abs(start - gravity) / np.hypot(one, other)))
-
-
-def rebias_session(
-    where: Session | Path,
-    path: Path,
-    source: str,
-    given_dps: np.ndarray | None = None,
-    *,
-    table: dict | None = None,
-    use_earth: bool = True,
-    exclude: tuple[int, ...] = (),
-    progress: Progress = untold,
-) -> Rebiased:
-    """Estimate the bias of a session, or a session folder, from ``source``, and from the other sources for comparison.
-
-    path: of the stored model; table: what its file holds, of a model that is in memory, path being but its name;
-    given_dps (3,): the sensor's reading at rest; exclude: numbers of segments to leave out of the closure.
-    Raises SegmentError where ``source`` needs a still or a rest and there is none.
-    """
-    state = read_state(path) if table is None else UnitState(path, models.from_dict(table, str(path)), table)
-    stored = state.model
-    stored.with_bias_moved(np.zeros(3))  # fail early for a model whose bias cannot be changed
-    problem = prepare(where, use_earth=use_earth, exclude=exclude, progress=lambda what: progress(what, 0, 3)).problem
-    session = problem.session
-    changes: dict[str, tuple[np.ndarray, np.ndarray | None]] = {}
-    if (start := _from_start(problem, stored)) is not None:
-        changes["start"] = start
-    progress("bias from gravity", 2, 3)
-    found = from_gravity(problem, stored, np.maximum(spread_of(None, state.table).at(ZERO).sigma, LEAST_SIGMA_RPS))
-    changes["gravity"] = (found.change, found.sigma)
-    if given_dps is not None:
-        changes["given"] = (-_at_rest(stored, np.asarray(given_dps) * DEG), None)
-    if source not in changes:
-        raise SegmentError(f"{session.folder}: no still and no rest to take the bias from; use source gravity, or given with bias_dps")
-    all_models = {"stored": stored} | {name: stored.with_bias_moved(change) for name, (change, _) in changes.items()}
-    runs = read_closure_runs(problem)
-    angles = {name: _closure(problem, model) for name, model in all_models.items()}
-    errors = [{name: run.errors(model) for name, model in all_models.items()} for run in runs]
-    return Rebiased(problem, runs, state, changes, source, angles, errors)
-
-
-def _closure(problem: Problem, model: Model) -> np.ndarray:
-    """Return error angles (S, d) rad as in ``fit``: a denoiser's delay is corrected."""
-    if isinstance(model, DenoisedNet):
-        from tinygc.methods.denoiser import denoised_angles, of_problem
-
-        return denoised_angles(of_problem(problem), model)
-    return closure_angles(problem.batch, model)
-
-
-def _from_start(problem: Problem, model: Model) -> tuple[np.ndarray, np.ndarray] | None:
+def from_start(problem: Problem, model: Model) -> tuple[np.ndarray, np.ndarray] | None:
     """Return the change that makes the first still's mean rate the Earth's, with its sigma; without a still, from the first rest.  A first
-    still that the others contradict is passed over (``_false_stills``)."""
+    still that the others contradict is passed over (``false_stills``)."""
     rates = problem.still_rates
     if len(rates.rate):
-        number = len(_false_stills(problem, model))
-        return rates.earth[number] - _at_rest(model, rates.rate[number]), rates.sigma[number]
+        number = len(false_stills(problem, model))
+        return rates.earth[number] - at_rest(model, rates.rate[number]), rates.sigma[number]
     for log in problem.logs:
         for part, rate in problem.session.reference.rests(log.samples)[:1]:
             duration_s = (part.stop - part.start) * log.samples.period_s
-            return -_at_rest(model, rate), log.noise.angle_random_walk / np.sqrt(duration_s)
+            return -at_rest(model, rate), log.noise.angle_random_walk / np.sqrt(duration_s)
     return None
 
 
-def _false_stills(problem: Problem, model: Model) -> list[float]:
+def false_stills(problem: Problem, model: Model) -> list[float]:
     """Return how far, rad/s, each of the first stills departs from the others, until one agrees with them.
 
     A sensor that is turned slowly about the vertical rests as far as gravity and noise show; its rate is that of no other still.  A bias
@@ -358,7 +259,7 @@ def _false_stills(problem: Problem, model: Model) -> list[float]:
     rates = problem.still_rates
     if len(rates.rate) < FEWEST_STILLS:
         return []
-    change = rates.earth - np.array([_at_rest(model, rate) for rate in rates.rate])
+    change = rates.earth - np.array([at_rest(model, rate) for rate in rates.rate])
     usual_step = _scatter(np.diff(change, axis=0))
     found: list[float] = []
     while len(change) - len(found) >= FEWEST_STILLS:
@@ -414,87 +315,10 @@ def _rest_change(session: Session, log: StillSet, model: Model, change: np.ndarr
     rates = [still.gyro_mean for still in log.stills if still.problem is None] or [rate for _, rate in session.reference.rests(log.samples)]
     if not rates:
         return None
-    return -np.median([_at_rest(model, rate) for rate in rates], axis=0) - change
+    return -np.median([at_rest(model, rate) for rate in rates], axis=0) - change
 
 
-def _at_rest(model: Model, rate: np.ndarray) -> np.ndarray:
+def at_rest(model: Model, rate: np.ndarray) -> np.ndarray:
     """Calibrate a constant rate (3,), applied long enough for a model with a memory."""
     model = model.without_denoiser()
     return np.asarray(model(np.asarray(rate, dtype=float)[None]))[0]
-
-
-def rebias_to_json(result: Rebiased) -> dict:
-    """Return ``tinygc-fit/2`` with the stored calibration, and that with the bias of each source, as methods.  No E was fitted here: all is
-    held out, unless ``bias.fitted_here`` states that the stored model was fitted to this session."""
-    session: Session = result.problem.session
-
-    def figures(name: str) -> dict:
-        own = {"parameters": result.stored.parameters, "seconds": 0.0}
-        held_out = closure_figures(result.angles[name])
-        return own | {"train": dict.fromkeys(held_out), "holdout": held_out}
-
-    return plain(
-        {
-            "schema": SCHEMA,
-            "session": session.name,
-            "stills": len(result.problem.stills),
-            "segments": segments_table(result.problem),
-            "noise": {
-                "gyro_dps_rthz": result.problem.noise.gyro / DEG,
-                "accel_g_rthz": result.problem.noise.accel / G,
-                **result.problem.instability.to_json(),
-                "closure_floor_rms_deg": result.problem.floor.tilt_rms / DEG,
-            },
-            "methods": {name if name == "stored" else f"stored_{name}": figures(name) for name in result.angles},
-            "bias": {
-                "model": str(result.state.path),
-                "source": result.source,
-                "fitted_here": result.origin[0],
-                "remarks": remarks(result),
-                "change_dps": {name: change / DEG for name, (change, _) in result.changes.items()},
-                "sigma_dps": {name: None if sigma is None else sigma / DEG for name, (_, sigma) in result.changes.items()},
-            },
-            "closure_runs": [
-                {"file": run.file, "duration_s": run.duration_s}
-                | {name if name == "stored" else f"stored_{name}": run_figures(error) for name, error in errors.items()}
-                for run, errors in zip(result.runs, result.run_errors, strict=True)
-            ],
-            "version": VERSION,
-        }
-    )
-
-
-def save_rebiased(result: Rebiased, folder: Path | None = None) -> Path:
-    """Write ``model_rebiased.json`` and ``rebiased.json`` into a folder, the session's ``fit`` by default; returns that folder.
-
-    ``fit.json`` belongs to the models that were fitted there, and stays.
-    """
-    folder = folder or result.problem.session.own_folder("fit")
-    with result_folder(folder):
-        write_whole(folder / MODEL, rebiased_table(result))
-        write_whole(folder / FIGURES, rebias_to_json(result))
-    return folder
-
-
-def rebiased_table(result: Rebiased) -> dict:
-    """Return the stored model with its new bias as ``tinygc-model/1``."""
-    session = result.problem.session
-    words, change = f"stored, bias {result.source}", result.changes[result.source][0]
-    return result.state.table_with_bias(change, words, session.name, sha256=input_hashes(session))
-
-
-def remarks(result: Rebiased) -> list[str]:
-    """Return remarks on the figures."""
-    said = [f"{result.origin[1]}; start and gravity take the bias from this session itself, from its first still and its accelerometer"]
-    if false := _false_stills(result.problem, result.stored):
-        stills = "the first still is" if len(false) == 1 else f"the first {len(false)} stills are"
-        said.append(
-            f"{stills} passed over: {'it reads' if len(false) == 1 else 'they read'} {max(false) / DEG:.3g} dps otherwise than the other "
-            f"{len(result.problem.still_rates.rate) - len(false)}; was the table turning about the vertical?"
-        )
-    if result.disagreement > DISAGREE_SIGMAS:
-        said.append(
-            f"start and gravity differ by {result.disagreement:.0f} sigmas: E is not this sensor's (an uncalibrated model?), or its zero "
-            "moves between rest and motion; one of the two sigmas does not hold"
-        )
-    return said

@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from tinygc.closure.runs import ClosureRun
     from tinygc.estimation.physics import PhysicsFit
     from tinygc.explanation.reported import Adopted
-    from tinygc.fitting.bias_of_day import Rebiased
 
 TITLES = {name: method.title for name, method in METHODS.items()}
 MOST_RESTS = 8  #: number of stills listed that are not references
@@ -353,25 +352,3 @@ def _heading_words(result: FitResult) -> str:
         return "Earth's rotation left out"
     missing = "no latitude_deg in site=" if result.session.in_memory else "no site.latitude_deg in session.toml"
     return f"the Earth's rotation is left out ({missing})"
-
-
-# The bias of the day.
-
-
-def rebias_report(result: Rebiased) -> Group:
-    """Table of a bias of the day: change of B and closure, by the source of the bias."""
-    from tinygc.fitting.bias_of_day import remarks
-
-    titles = {"stored": "stored bias", "start": "bias start", "gravity": "bias gravity", "given": "bias given"}
-    header = ("", "change of B, dps: x", "y", "z", "closure, degrees rms: tilt", "yaw", *(f"{run.file} RMSE" for run in result.runs))
-    rows = []
-    for name, angles in result.angles.items():
-        change, sigma = result.changes.get(name, (np.zeros(3), None))
-        own = closure_figures(angles)
-        moved = zip(change / DEG, np.zeros(3) if sigma is None else sigma / DEG, strict=True)
-        rmse = [degrees_text(run_figures(errors[name])["rmse_deg"]) for errors in result.run_errors]
-        rows.append([titles[name], *moved, degrees_text(own["tilt_rms_deg"]), degrees_text(own["yaw_rms_deg"]), *rmse])
-    bold = {[*result.angles].index(result.source): "bold"}
-    table = Table(f"{result.state.path.name} in {result.problem.session.name}", header, rows, "bold is what is saved", styles=bold)
-    first, *warnings = (f"{each[0].upper()}{each[1:]}." for each in remarks(result))
-    return screen([table, first, *(one_line(each, "yellow") for each in warnings)])

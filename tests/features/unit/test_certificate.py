@@ -25,9 +25,9 @@ from session.base.units import DEG, MG
 from session.log.config import config_of
 from tinygc.estimation.spread import ZERO, Spread
 from tinygc.explanation.reported import ReportData
-from tinygc.features.unit.certificate.content import REQUIRED, content_of
+from tinygc.features.unit.certificate.content import Certificate, page
 from tinygc.features.unit.certificate.dcc_file import UNITS, dcc_text
-from tinygc.features.unit.certificate.library import certificate_of, page
+from tinygc.features.unit.certificate.given import REQUIRED
 from tinygc.inference.decide import Fact
 from tinygc.inference.solve import coverage_factor, effective_freedom
 from tinygc.models.linear import LinearModel, field_jacobian
@@ -195,7 +195,7 @@ def made(data):
 @pytest.fixture(scope="module")
 def filled(made):
     new = LinearModel.from_vector(made.adopted.vector)
-    return content_of(made, ("old.json", LinearModel(1.001 * new.E, new.B)))
+    return Certificate(made, LinearModel(1.001 * new.E, new.B), "old.json")
 
 
 def words_of(content) -> str:
@@ -232,7 +232,7 @@ def test_every_field_of_the_session_is_on_the_page_and_nothing_else(filled, data
     assert filled.draft == filled.missing == ()
     assert "End of certificate Numberword-7" in words
     assert not re.search("DRAFT|not stated", words)
-    first, other = (words_of(content_of(with_fields(data, text))) for text in (FIELDS, FIELDS.replace("word", "other")))
+    first, other = (words_of(Certificate(with_fields(data, text))) for text in (FIELDS, FIELDS.replace("word", "other")))
     assert first.replace("word", "other").lower() == other.replace("word", "other").lower()
 
 
@@ -253,11 +253,11 @@ def test_the_results_are_those_of_the_report_with_their_k(data, filled):
 
 def test_the_bias_at_any_switch_on_has_its_spread_and_a_widened_sigma_its_factor(data):
     spread = Spread.of(ZERO, 0.1 * DEG, "three sessions")
-    rows = values_of(content_of(replace(data, fit=replace(data.fit, spread=spread))).results)
+    rows = values_of(Certificate(replace(data, fit=replace(data.fit, spread=spread))).results)
     usual, any_time = rows["gyroscope bias x"], rows["gyroscope bias at any switch-on x"]
     assert any_time.value == usual.value
     assert any_time.sigma == pytest.approx(np.hypot(usual.sigma, np.sqrt(2) * 100), rel=0.02)  # b = -E^-1 B, E near the identity
-    widened = content_of(replace(data, fit=replace(data.fit, widened=2.25)))
+    widened = Certificate(replace(data, fit=replace(data.fit, widened=2.25)))
     assert "standard uncertainties are multiplied by 1.50" in " ".join(widened.uncertainty)
 
 
@@ -265,11 +265,11 @@ def test_as_found_are_the_errors_that_the_old_calibration_leaves(data):
     new = LinearModel.from_vector(data.adopted.vector)
     gain, zero = np.diag([1.001, 1.0, 1.0]), np.array([0.0, 0.002, 0.0])
     old = LinearModel(gain @ new.E, gain @ new.B + zero)  # which makes of each rate w: gain w + zero
-    rows = values_of(content_of(data, ("old.json", old)).as_found)
+    rows = values_of(Certificate(data, old, "old.json").as_found)
     assert rows["gyroscope scale factor error x"].value == pytest.approx(1000, abs=1e-6)
     assert rows["gyroscope scale factor error y"].value == pytest.approx(0, abs=1e-6)
     assert rows["gyroscope bias y"].value == pytest.approx(2 / DEG, rel=1e-9)
-    assert max(abs(each.value) for each in values_of(content_of(data, ("same.json", new)).as_found).values()) < 1e-6
+    assert max(abs(each.value) for each in values_of(Certificate(data, new, "same.json").as_found).values()) < 1e-6
 
 
 def test_fit_report_and_certificate_have_one_u_and_one_decision(data):
@@ -279,7 +279,7 @@ def test_fit_report_and_certificate_have_one_u_and_one_decision(data):
     near = q.value + (alone + q.expanded) / 2
     near_it = with_fields(data, FIELDS + f"[requirements.{key}]\nlower = {q.value - 1e5}\nupper = {near}\n")
     (one,) = (each for each in limited(replace(near_it, adopted=near_it.fit.judged)).conformities if each.measured.key == key)
-    (other,) = (each for each in content_of(near_it).conformity if each.measured.key == key)
+    (other,) = (each for *_, of in Certificate(near_it).statements for each in of if each.measured.key == key)
     assert one.to_json() == other.to_json()
     assert (one.measured.expanded, one.answer) == (pytest.approx(q.expanded), "not decided")
 
@@ -292,7 +292,7 @@ def test_a_clock_that_is_in_no_uncertainty_is_said_at_the_clock(data):
         ("arrivals", {"clock_sigma_ppm": 12.0}, "^time by the computer's second.* known to 12 ppm .k = 1., which is in U"),
     ):
         other = changed(data, sensor=stated)
-        found = content_of(replace(other, fit=replace(other.fit, options=replace(data.fit.options, clock=clock))))
+        found = Certificate(replace(other, fit=replace(other.fit, options=replace(data.fit.options, clock=clock))))
         assert re.search(there, next(text for label, text, _ in found.traceability if label == "Clock"))
 
 
@@ -300,11 +300,11 @@ def test_a_clock_that_is_in_no_uncertainty_is_said_at_the_clock(data):
 
 
 def test_each_field_that_is_missing_leaves_a_draft_and_is_named(data):
-    content = content_of(with_fields(data, FIELDS.replace('customer = "Customerword"\n', "")))
+    content = Certificate(with_fields(data, FIELDS.replace('customer = "Customerword"\n', "")))
     assert content.missing == ("certificate.customer",)
     for says in ("DRAFT: this is no calibration certificate", "certificate.customer"):
         assert says in words_of(content)
-    bare = certificate_of(data)
+    bare = Certificate(data)
     keys = {f"certificate.{key}" for key in REQUIRED} | {f"certificate.traceability.{key}" for key in ("gravity", "clock", "angle")}
     assert keys | {"certificate.calibrated"} <= set(bare.missing)  # the log's file alone tells the day
     assert bare.line.startswith("certificate: a draft; not stated: certificate.laboratory")
@@ -327,23 +327,23 @@ ISSUED = "calibrated = 2026-11-20\nissued = 2026-11-23"
 def test_fields_that_do_not_go_together_leave_a_draft(data, change, says):
     text = FIELDS.replace(*change)
     assert text != FIELDS
-    (why,) = content_of(with_fields(data, text)).draft
+    (why,) = Certificate(with_fields(data, text)).draft
     assert re.match(says, why)
 
 
 def test_what_the_recording_lacks_leaves_a_draft(made, data, tmp_path):
-    assert content_of(with_fields(data, serial="")).missing == ("sensor.serial",)
-    assert content_of(changed(made, model_given=False)).missing == ("sensor.model",)
-    assert any("clock's error is not known" in why for why in content_of(changed(made, sensor={"clock_sigma_ppm": None})).draft)
+    assert Certificate(with_fields(data, serial="")).missing == ("sensor.serial",)
+    assert Certificate(changed(made, model_given=False)).missing == ("sensor.model",)
+    assert any("clock's error is not known" in why for why in Certificate(changed(made, sensor={"clock_sigma_ppm": None})).draft)
     why = "closure of the fitted segments: p = 0.001, more than noise allows"
-    failed = content_of(replace(made, decision=replace(data.decision, unsound=[why])))
+    failed = Certificate(replace(made, decision=replace(data.decision, unsound=[why])))
     assert failed.draft == (f"the calibration does not pass its own check: {why}",)
     for name, packed in (("log.csv", bytes), ("log.csv.gz", gzip.compress)):
         (tmp_path / name).write_bytes(packed(b"# SIMULATED by another program\nt_us,gx_dps\n"))
         session = made.fit.session
         logs = (replace(session.logs[0], path=tmp_path / name), *session.logs[1:])
         other = made.fit.problem.changed(session=replace(session, logs=logs))
-        found = content_of(replace(made, fit=replace(made.fit, problem=other)))
+        found = Certificate(replace(made, fit=replace(made.fit, problem=other)))
         assert found.draft == (f"the recording is simulated: the first line of {name} says so",)
 
 
@@ -387,7 +387,7 @@ def faults(shared):
     ],
 )
 def test_it_is_valid_by_the_schema_whatever_is_left_out(faults, data, cut):
-    assert faults(dcc_text(content_of(with_fields(data, re.sub(cut, "", FIELDS, flags=re.MULTILINE))))) == []
+    assert faults(dcc_text(Certificate(with_fields(data, re.sub(cut, "", FIELDS, flags=re.MULTILINE))))) == []
 
 
 def test_it_is_read_back_to_the_same_numbers(filled, made):
@@ -417,12 +417,12 @@ def test_it_is_read_back_to_the_same_numbers(filled, made):
 
 def test_answers_between_pass_and_fail_are_conditional_of_a_guard_band_alone(data, made, faults):
     """The words of ILAC-G8; what is not observed, or not decided, has limits and no answer."""
-    value = next(each.measured for each in content_of(made).conformity if each.measured.key == "closure_deg")
+    value = next(each.measured for *_, of in Certificate(made).statements for each in of if each.measured.key == "closure_deg")
     for limit, answer in ((value.value + value.expanded / 2, "conditionalPass"), (value.value - value.expanded / 2, "conditionalFail")):
-        content = content_of(with_fields(data, FIELDS.replace("upper = 5\n", f"upper = {limit}\n")))
+        content = Certificate(with_fields(data, FIELDS.replace("upper = 5\n", f"upper = {limit}\n")))
         assert parse(dcc_text(content)).quantity("closure").conformity == (answer,)
     unseen = replace(made, adopted=replace(made.adopted, unobserved=("B_y",)))
-    text = dcc_text(content_of(replace(unseen, decision=limited(unseen))))
+    text = dcc_text(Certificate(replace(unseen, decision=limited(unseen))))
     assert faults(text) == []
     assert parse(text).quantity("gyroscope_bias_x").conformity == ("pass",)
     assert "not observed" in (part := re.search(r'id="gyroscope_bias_y".*?id="gyroscope_bias_z"', text, flags=re.DOTALL)[0])
@@ -437,13 +437,14 @@ IN_SI |= {"dps/g": 1.77974053524e-3, "°/√h": 2.90888208665722e-4, "°/h": 4.8
 def test_each_unit_in_si(filled):
     assert set(IN_SI) == set(UNITS)
     for unit, si in IN_SI.items():
-        one = replace(filled, results=[Fact("one", unit, 1.0, 0.5)])
+        one = replace(filled)
+        vars(one)["results"] = [Fact("one", unit, 1.0, 0.5)]
         q = parse(dcc_text(one)).quantity("one")
         assert (q.values[0], q.expanded[0]) == pytest.approx((si, si * 0.979982), rel=1e-6)
 
 
 def test_what_people_wrote_stays_text_and_a_draft_has_no_dcc(data, faults):
-    text = dcc_text(content_of(with_fields(data, FIELDS.replace("Customerword", "A & B <b>]]> ü &lt;"), serial="S\x07\x1b[31m<x/>")))
+    text = dcc_text(Certificate(with_fields(data, FIELDS.replace("Customerword", "A & B <b>]]> ü &lt;"), serial="S\x07\x1b[31m<x/>")))
     assert faults(text) == []
     assert parse(text).identifications == ("S\\x07\\x1b[31m<x/>",)
     for lines, says in (
@@ -457,7 +458,7 @@ def test_what_people_wrote_stays_text_and_a_draft_has_no_dcc(data, faults):
         for line in lines:
             fields = fields.replace(line, "")
         with pytest.raises(CalibrationError, match=says):
-            dcc_text(content_of(with_fields(data, fields)))
+            dcc_text(Certificate(with_fields(data, fields)))
 
 
 # Files and commands
@@ -493,5 +494,5 @@ def test_the_command_writes_report_certificate_and_dcc(simulated, tmp_path, run)
 def test_it_prints_on_two_sheets(made, tmp_path):
     if browser_path() is None:
         pytest.skip("needs Chromium")
-    _, pdf = certificate_of(made).save(tmp_path / "certificate.html", pdf=True)
+    _, pdf = Certificate(made).save(tmp_path / "certificate.html", pdf=True)
     assert len(re.findall(rb"/Type\s*/Page\b(?!s)", pdf.read_bytes())) == 2

@@ -19,7 +19,7 @@ FEATURE = Feature(
         "budget": ("budget.command", "the uncertainty by source: of each parameter, and of the attitude after a motion"),
     },
     public={
-        "certificate": "certificate.library",
+        "certificate": "certificate.content",
         "verify": "verification.verdict",
         "watch": "watch.library",
         "history": "history.library",

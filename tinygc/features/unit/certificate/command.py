@@ -33,7 +33,7 @@ def beside_report(args: Any) -> Callable[[Report], dict] | None:
         return None
     if args.more:
         return None
-    from tinygc.features.unit.certificate.library import certificate, check_before
+    from tinygc.features.unit.certificate.content import certificate, check_before
 
     check_before(args.folder, form, own.dcc)
     for path in (form, own.dcc):

@@ -8,6 +8,7 @@ never made up: a draft has no DCC.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 import numpy as np
@@ -18,11 +19,13 @@ from session.base.errors import CalibrationError
 from session.base.texts import printable
 from session.log.config import Config
 from session.log.requirements import GUARDED
-from tinygc.features.unit.certificate.content import Content, missing_fields
-from tinygc.features.unit.certificate.given import Equipment, given_in
+from tinygc.features.unit.certificate.given import Equipment, given_in, missing_fields
 from tinygc.inference.decide import Conformity, Fact
 from tinygc.inference.solve import COVERAGE
 from tinygc.models.linear import NAMES, PARAMETERS
+
+if TYPE_CHECKING:
+    from tinygc.features.unit.certificate.content import Certificate
 
 DCC, SI, XSI = "https://ptb.de/dcc", "https://ptb.de/si", "http://www.w3.org/2001/XMLSchema-instance"
 VERSION_OF_SCHEMA = "3.3.0"
@@ -43,7 +46,7 @@ ANSWERS = {"pass": "pass", "fail": "fail"}
 REQUIRED = {"country": "two letters", "performed_at": "one of laboratory, customer, …"}
 
 
-def dcc_text(content: Content) -> str:
+def dcc_text(content: Certificate) -> str:
     """The certificate as XML.  Raises CalibrationError, in one line, for a draft, and for what the schema requires and is not there."""
     if content.draft:
         raise CalibrationError(f"--dcc: a draft has no Digital Calibration Certificate; {'; '.join(content.draft)}")
@@ -97,7 +100,7 @@ def some(tag: str, text: object) -> list[ElementTree.Element]:
 # Administrative data.
 
 
-def _administrative(c: Content) -> ElementTree.Element:
+def _administrative(c: Certificate) -> ElementTree.Element:
     given, config = c.given, c.config
     replaced = e("reportAmendedSubstituted", e("typeOfChange", "substituted"), e("replacedUniqueIdentifier", given.amends))
     core = e(
@@ -144,7 +147,7 @@ def _person(name: str, role: str, *signs: ElementTree.Element) -> ElementTree.El
     return e("respPerson", e("person", named("name", name)), e("role", role), *signs)
 
 
-def _statements(c: Content) -> Iterator[ElementTree.Element]:
+def _statements(c: Certificate) -> Iterator[ElementTree.Element]:
     for remark in c.remarks:
         yield e("statement", named("declaration", remark))
     for label, text, _ in c.traceability:
@@ -160,12 +163,13 @@ def _statements(c: Content) -> Iterator[ElementTree.Element]:
 # Results.
 
 
-def _measured(c: Content) -> ElementTree.Element:
+def _measured(c: Certificate) -> ElementTree.Element:
     turns = named("name", "Calibration by turns from rest to rest"), named("description", *c.method), e("reference", c.given.method)
     uncertain = named("name", "Expanded uncertainty"), named("description", *c.uncertainty), e("norm", "JCGM 100:2008")
     used = e("usedMethod", *turns, refType="basic_calibrationMethod"), e("usedMethod", *uncertain, refType="basic_uncertainty")
+    conforms = [each for *_, of in c.statements for each in of]
     equipment, conditions = [_equipment(each) for each in c.equipment], list(_conditions(c))
-    results = [_result("Errors of the sensor, without correction", _facts(c.results, "", c.conformity))]
+    results = [_result("Errors of the sensor, without correction", _facts(c.results, "", conforms))]
     if c.as_found:
         results.append(_result(f"As found: errors of the output as {c.previous} corrects it", _facts(c.as_found, "found_")))
     return e(
@@ -174,7 +178,7 @@ def _measured(c: Content) -> ElementTree.Element:
         e("usedMethods", *used),
         *([e("measuringEquipments", *equipment)] if equipment else []),
         *([e("influenceConditions", *conditions)] if conditions else []),
-        e("results", *results, _result("Closure with the calibration", _closure(c)), _model(c)),
+        e("results", *results, _result("Closure with the calibration", _closure(c, conforms)), _model(c)),
     )
 
 
@@ -186,7 +190,7 @@ def _equipment(each: Equipment) -> ElementTree.Element:
     return e("measuringEquipment", named("name", each.name), *more, refType="basic_normalUsed")
 
 
-def _conditions(c: Content) -> Iterator[ElementTree.Element]:
+def _conditions(c: Certificate) -> Iterator[ElementTree.Element]:
     if c.temperature_c is not None:
         ends = zip(("basic_temperatureMin", "basic_temperatureMean", "basic_temperatureMax"), c.temperature_c, strict=True)
         data = e("data", *(e("quantity", _real(value, r"\degreecelsius"), refType=kind) for kind, value in ends))
@@ -246,8 +250,8 @@ def _conforms(each: Conformity) -> ElementTree.Element:
     return e("metaData", said, *some("conformity", answer), e("data", *limits), refType="basic_conformity")
 
 
-def _closure(c: Content) -> Iterator[ElementTree.Element]:
-    answers = {each.measured.name: each for each in c.conformity if each.measured.unit == "°"}
+def _closure(c: Certificate, conforms: Sequence[Conformity]) -> Iterator[ElementTree.Element]:
+    answers = {each.measured.name: each for each in conforms if each.measured.unit == "°"}
     for number, (each, floor) in enumerate(c.closure):
         name = "closure" if number == 0 else f"closure_run_{number}"
         yield _quantity(name, f"{each.name}; noise alone: {floor:.4f}°", each, answers.pop(each.name, None))
@@ -255,7 +259,7 @@ def _closure(c: Content) -> Iterator[ElementTree.Element]:
         yield _quantity(one.measured.key, one.measured.name, one.measured, one)
 
 
-def _model(c: Content) -> ElementTree.Element:
+def _model(c: Certificate) -> ElementTree.Element:
     """E and B of ω = E m + B with their covariance: an ellipsoid of the twelve."""
     rate = r"\radian\second\tothe{-1}"
     square = {(False, False): r"\one", (True, True): r"\radian\tothe{2}\second\tothe{-2}"}

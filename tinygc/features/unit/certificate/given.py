@@ -18,6 +18,18 @@ PERFORMED_AT = ("laboratory", "customer", "laboratoryBranch", "customerBranch", 
 LANGUAGES = ("en",)
 #: what traceability is stated of
 TRACED = ("gravity", "clock", "angle")
+#: fields that a certificate must have -> what they are, in words
+REQUIRED = {
+    "laboratory": "name of the laboratory",
+    "address": "address of the laboratory",
+    "number": "number of the certificate",
+    "customer": "name of the customer",
+    "customer_address": "address of the customer",
+    "place": "place of the calibration",
+    "method": "reference of the procedure",
+    "issued": "date of issue",
+    "authorised_by": "who authorises it",
+}
 #: characters of a text
 LONGEST = 300
 
@@ -158,3 +170,12 @@ def given_in(config: Config) -> CertificateGiven:
     """What a session's configuration states for a certificate."""
     found: CertificateGiven = config.sections.get(CertificateGiven.section, CertificateGiven())
     return found
+
+
+def missing_fields(config: Config) -> list[str]:
+    """Keys of session.toml that a certificate must have, whatever was recorded, and that are not there."""
+    given = given_in(config)
+    missing = [f"certificate.{key}" for key in REQUIRED if not getattr(given, key)]
+    missing += [] if config.sensor.serial else ["sensor.serial"]
+    missing += [] if config.model_given else ["sensor.model"]
+    return missing + [f"certificate.traceability.{key}" for key in TRACED if key not in given.traceability]

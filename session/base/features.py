@@ -35,7 +35,7 @@ POINTS = {
     "import of logs": "function(paths, out, answers, columns, serial, add, further) -> Imported | None: makes another folder of logs",
     "simulation": "function(args, options, chosen) -> exit code | None: simulates something else than a session",
     "options of a fit": "record of options: further fields of FitOptions, and options of the commands that fit",
-    "fitted sessions of a table": "function(path) -> rows of folder, model, serial, date, numbers, covariance; None of no such table",
+    "fitted sessions of a table": "function(path) -> records of folder, model, serial, recorded, values, covariance; None of no such table",
     "zero over temperature": "module: knots_of(rest logs), part_of(knots, means) -> part and its columns, None without any",
     "spread of a production lot": "function(file, sensor) -> sigmas of a unit between sessions, in words of what, degrees of freedom",
     "prior of a fit": "function(options, sensor) -> prior | None, a GivenPrior of tinygc/fitting/fit.py",

@@ -24,9 +24,8 @@ from tinygc import CalibrationError, check, fit
 from tinygc.explanation.engine import explain_session
 from tinygc.features.fleet.fleet_row import COLUMNS, FIGURES, LONG, FleetOptions, Job, _failing_at, compute, key_of
 from tinygc.features.fleet.fleet_run import Processes, listed_folders, run_fleet, session_folders
-from tinygc.features.fleet.fleet_summary import results_of, summarise, to_check, write_csv
+from tinygc.features.fleet.fleet_summary import fleet_html, results_of, summarise, to_check, write_csv
 from tinygc.features.fleet.fleet_table import EACH, VERSION, open_table, read_table
-from tinygc.features.fleet.page import fleet_html
 
 HOSTILE = '<script>alert(1)</script>"\x1b[2J\n&'
 

@@ -21,10 +21,10 @@ from tinygc.closure.uncertainty import covariance_parts, goodness
 from tinygc.estimation.options import FitOptions
 from tinygc.estimation.stated_noise import stated_covariance, stated_goodness, stated_noise
 from tinygc.features.fleet import fit as lots_fit
-from tinygc.features.fleet.estimate import FAMILY_P, estimate, family, outliers, repeated
 from tinygc.features.fleet.feature import prior
-from tinygc.features.fleet.fit import LEAST, Belonging, LotFile, _belonging, _require_usable, farthest, prior_of
+from tinygc.features.fleet.fit import LEAST, LotFile, _belonging, _require_usable, farthest, prior_of
 from tinygc.features.fleet.lot import (
+    FAMILY_P,
     NAMES,
     OWN,
     SENSOR_ERRORS,
@@ -33,9 +33,13 @@ from tinygc.features.fleet.lot import (
     LotSessions,
     UnitResult,
     error_sigmas,
+    estimate,
+    family,
     jacobian,
     key_of,
     lot_sessions,
+    outliers,
+    repeated,
     sensor_errors,
 )
 from tinygc.models.linear import PARAMETERS, PRIOR_SIGMA, bias_only, field_vector
@@ -463,7 +467,7 @@ class Judged:
 
         def judge(*given):
             self.given.append(given)
-            return really(*given)._replace(probability=probability)
+            return (probability, *really(*given)[1:])
 
         monkeypatch.setattr(lots_fit, "_belonging", judge)
         monkeypatch.setattr(lots_fit, "FEWEST_SEGMENTS", len(problem.batch) + few)
@@ -544,7 +548,8 @@ def test_the_lot_is_used_in_part_between_its_thresholds(problem, parts, monkeypa
 def test_a_use_is_told_in_words_and_in_json(problem, monkeypatch):
     given = Judged(problem, monkeypatch, 1.0).use
     share = np.append([0.051, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.049], np.zeros(4))
-    use = replace(given, file="lot.json", units=50, belonging=Belonging(0.5, 3.25, 12, 0.02), used="yes", share=share, off=("E_xx", -6.04))
+    of = {"file": "lot.json", "units": 50, "probability": 0.5, "distance": 3.25, "freedom": 12, "p_value": 0.02}
+    use = replace(given, **of, used="yes", share=share, off=("E_xx", -6.04))
     far = "(3.2 sigmas from its mean in 12 directions, p = 0.02)"
     for changed, words in (
         ({}, f"{far}; of the parameters the lot gave: E_zx 70%, E_yz 60%, E_yy 50%, E_yx 40%, E_xz 30%, E_xy 20%."),
@@ -570,7 +575,7 @@ def test_four_turns_fit_with_a_lot_and_a_unit_that_does_not_belong_is_left_alone
     fit = tinygc.fit(folder, methods=("least_squares",), lot=tmp_path / "lot.json")
     result, table = fit.result, json.loads(json.dumps(fit.to_json()))
     assert result.prior.used == ("no" if off else "yes")
-    assert (result.prior.belonging.probability < 0.05) == (off > 0)
+    assert (result.prior.probability < 0.05) == (off > 0)
     assert np.abs((result.linear.model.vector - unit) / np.sqrt(np.diag(result.covariance))).max() < 4
     if off:
         assert result.prior.off == ("E_yy", pytest.approx(off, rel=0.2))

@@ -16,8 +16,7 @@ import calibrate
 import tinygc
 from session.base.errors import FormatError
 from session.base.records import table_of, write_whole
-from tinygc.features.fleet.page import lot_facts, lot_html
-from tinygc.features.fleet.report import lot_of, read_lot
+from tinygc.features.fleet.report import lot_facts, lot_of, read_lot
 from tinygc.reporting.facts import screen
 from tinygc.reporting.terminal import as_text
 
@@ -39,7 +38,7 @@ def test_the_terminal_the_page_and_the_file_have_all_of_it(report, tmp_path):
     text = printed(report)
     for word in ("ASM330LHH: 60 units, 180 sessions", "it drifts", "gyro bias y, mdps", "serial <b>", "repeats within"):
         assert word in text, word
-    html = lot_html(report)
+    html = report.html()
     for words in (">The lot</h2>", "serial &lt;b&gt;"):
         assert words in html
     assert "nan" not in html.lower().replace("nano", "").replace("finan", "")

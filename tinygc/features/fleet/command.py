@@ -126,16 +126,15 @@ def run(args: Options) -> int:
 def _lot(args: Options) -> int:
     """Print and write the statistics of the lot."""
     from tinygc.features.fleet.library import LOT, LOT_PAGE, lot
-    from tinygc.features.fleet.page import headline
+    from tinygc.features.fleet.report import headline
 
     found = lot(args.out, model=args.model)
-    report = found.result
     output(args).print(found.page)
-    verdict(args, headline(report))
+    verdict(args, headline(found))
     files = [found.save(args.out / LOT), found.save_page(args.out / LOT_PAGE)]
     output(args).print(f"written: {', '.join(map(str, files))}", soft_wrap=True)
     write_json(args.json, found.to_json())
-    return 1 if args.strict and (report.drifts or report.outliers) else 0
+    return 1 if args.strict and (found.drifts or found.outliers) else 0
 
 
 def _computed(args: Options):  # type: ignore[no-untyped-def]  # a FleetRun: its module is heavy

@@ -12,11 +12,10 @@ from session.base.features import Feature
 from session.base.options import Record, option
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from tinygc.estimation.options import FitOptions
     from tinygc.estimation.spread import Spread
     from tinygc.features.fleet.fit import LotFile
+    from tinygc.features.fleet.lot import UnitResult
 
 # Options of a fit that a lot adds.
 
@@ -31,9 +30,8 @@ class LotOptions(Record):
 # What the core asks of a fleet's table and of a lot.
 
 
-def fitted_sessions(path: Path) -> Iterator[tuple[str, str, str, str, np.ndarray, np.ndarray]] | None:
-    """Yield folder, model, serial number, date, numbers (21,) and their covariance of each fitted session of a fleet's table, or of the
-    folder that holds one."""
+def fitted_sessions(path: Path) -> Iterator[UnitResult] | None:
+    """Yield the fitted sessions of a fleet's table, or of the folder that holds one."""
     from tinygc.features.fleet.fleet_table import NAME, read_table
 
     out = path.parent if path.name == NAME else path
@@ -41,10 +39,9 @@ def fitted_sessions(path: Path) -> Iterator[tuple[str, str, str, str, np.ndarray
         return None
     from tinygc.features.fleet.fleet_summary import results_of
 
-    def rows() -> Iterator[tuple[str, str, str, str, np.ndarray, np.ndarray]]:
+    def rows() -> Iterator[UnitResult]:
         with read_table(out) as table:
-            for row in results_of(table):
-                yield row.folder, row.model, row.serial, row.recorded, row.values, row.covariance
+            yield from results_of(table)
 
     return rows()
 

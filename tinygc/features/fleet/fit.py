@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from scipy.special import chdtrc
@@ -70,18 +70,8 @@ def _require_usable(lot: Lot, sensor: str, where: str) -> None:
         )
 
 
-class Belonging(NamedTuple):
-    """Membership test of a unit: probability that it belongs to the lot; distance from the lot's mean, in sigmas of lot and session
-    together; freedom: number of directions that the session observes; p_value of so large a distance in a unit that belongs."""
-
-    probability: float
-    distance: float
-    freedom: int
-    p_value: float
-
-
-def _belonging(prior: GaussianPrior, moved: np.ndarray, noise: np.ndarray, kept: np.ndarray) -> Belonging:
-    """Test whether a unit belongs, from the shift of its fit with the lot's prior away from the lot's mean.
+def _belonging(prior: GaussianPrior, moved: np.ndarray, noise: np.ndarray, kept: np.ndarray) -> tuple[float, float, int, float]:
+    """Test whether a unit belongs, from the shift of its fit with the lot's prior away from the lot's mean: what ``LotUse`` has of it.
 
     moved (12,): the fit's vector less the centre; noise (12, 12): covariance of the fit by the session's own noise; kept (12, 12): response
     of the fit to the unit's true distance from the centre, I less the prior's share.  Unobserved directions do not move.
@@ -97,7 +87,7 @@ def _belonging(prior: GaussianPrior, moved: np.ndarray, noise: np.ndarray, kept:
     d = project.T @ y
     square, freedom = float(d @ d), int(seen.sum())
     if freedom == 0:
-        return Belonging(1.0 - OFF_LOT, 0.0, 0, 1.0)
+        return 1.0 - OFF_LOT, 0.0, 0, 1.0
     # a unit that does not belong: one number, or all, each from a normal this many times as wide
     shift = project.T @ to
     outside = []
@@ -112,7 +102,7 @@ def _belonging(prior: GaussianPrior, moved: np.ndarray, noise: np.ndarray, kept:
     log_out = float(np.logaddexp.reduce(logs))
     odds = np.log1p(-OFF_LOT) - square / 2 - np.log(OFF_LOT) - log_out
     probability = float(1 / (1 + np.exp(-np.clip(odds, -700, 700))))
-    return Belonging(probability, float(np.sqrt(square)), freedom, float(chdtrc(freedom, square)))
+    return probability, float(np.sqrt(square)), freedom, float(chdtrc(freedom, square))
 
 
 def _log_normal(d: np.ndarray, covariance: np.ndarray) -> float:
@@ -149,15 +139,19 @@ MOST_SAID = 6
 class LotUse:
     """Use of a lot in a fit.
 
-    file and hash of it; units it was made of; belonging of this one; used: ``yes``, ``no``, or ``partly`` where belonging is undecided;
-    share (12,) of the lot's mean in each parameter; off: the parameter that is farthest from the lot, and by how many of its sigmas; more
-    (12, 12): covariance added by the prior, or by the undecided belonging.
+    file and hash of it; units it was made of; probability that this one belongs to it; distance from its mean, in sigmas of lot and session
+    together; freedom: number of directions that the session observes; p_value of so large a distance in a unit that belongs; used: ``yes``,
+    ``no``, or ``partly`` where belonging is undecided; share (12,) of the lot's mean in each parameter; off: the parameter that is farthest
+    from the lot, and by how many of its sigmas; more (12, 12): covariance added by the prior, or by the undecided belonging.
     """
 
     file: str
     hash: str
     units: int
-    belonging: Belonging
+    probability: float
+    distance: float
+    freedom: int
+    p_value: float
     used: str
     share: np.ndarray
     more: np.ndarray
@@ -176,10 +170,10 @@ class LotUse:
             "hash": self.hash,
             "units": self.units,
             "used": self.used,
-            "belongs_probability": self.belonging.probability,
-            "distance": self.belonging.distance,
-            "freedom": self.belonging.freedom,
-            "p_value": self.belonging.p_value,
+            "belongs_probability": self.probability,
+            "distance": self.distance,
+            "freedom": self.freedom,
+            "p_value": self.p_value,
             "off": None if self.off is None else {"parameter": self.off[0], "sigmas": self.off[1]},
             "share": self.share.tolist(),
         }
@@ -188,14 +182,13 @@ class LotUse:
     @property
     def words(self) -> str:
         """Return one line of text."""
-        found = self.belonging
-        far = f"{found.distance:.1f} sigmas from its mean in {found.freedom} directions, p = {found.p_value:.2g}"
+        far = f"{self.distance:.1f} sigmas from its mean in {self.freedom} directions, p = {self.p_value:.2g}"
         off = "" if self.off is None else f"{self.off[0]} is {self.off[1]:+.1f} sigmas of the lot from its mean"
         if self.used == "no":
             return f"The unit does not belong to the lot of {self.file} ({far}): {off}; the lot's prior was not used."
         if self.used == "partly":
             return (
-                f"It is open whether the unit belongs to the lot of {self.file} (probability {found.probability:.2f}; {far}): "
+                f"It is open whether the unit belongs to the lot of {self.file} (probability {self.probability:.2f}; {far}): "
                 f"{off}; the sigmas are wide enough for both."
             )
         shares = [(share, name) for share, name in zip(self.share, NAMES, strict=True) if share >= SAID_SHARE]
@@ -240,10 +233,10 @@ class LotFile:
         inside = _noise_covariance(level, linear, noise, options)
         found = _belonging(prior, linear.linear.vector - prior.centre, inside, np.eye(PARAMETERS) - share)
         few = len(problem.batch) < FEWEST_SEGMENTS
-        p = found.probability
+        p, use = found[0], partial(LotUse, self.file, self.hash, lot.units, *found)
         if p >= (BELONGS if few else SURE):
             more = share @ prior.covariance @ share.T
-            return bias_from, level, linear, LotUse(self.file, self.hash, lot.units, found, "yes", np.clip(np.diag(share), 0, 1), more)
+            return bias_from, level, linear, use("yes", np.clip(np.diag(share), 0, 1), more)
         # with few turns the unit's own numbers are hardly determined, and the report states so
         own_prior = vague(start).weighed(prior.weight) if few else None
         free = level.changed(prior=own_prior)
@@ -258,7 +251,7 @@ class LotFile:
         off = farthest(lot, alone.linear.vector, covariance, np.array([name not in unseen for name in NAMES]))
         if p <= FOREIGN:
             bias_from, level, linear = choose(problem.changed(prior=own_prior), options)
-            return bias_from, level, linear, LotUse(self.file, self.hash, lot.units, found, "no", np.zeros(PARAMETERS), more, off)
+            return bias_from, level, linear, use("no", np.zeros(PARAMETERS), more, off)
         # undecided: the mean of both, weighted by their probabilities, with the covariance of the mixture
         own = linear.linear.vector
         apart = own - alone.linear.vector
@@ -267,8 +260,7 @@ class LotFile:
         whole = p * (inside + share @ prior.covariance @ share.T) + (1 - p) * covariance + p * (1 - p) * np.outer(apart, apart)
         linear = replace(linear, model=mixed, angles=closure_angles(level.batch, mixed, options.integrator))
         used, off = ("yes", None) if p >= BELONGS else ("partly", off)
-        use = LotUse(self.file, self.hash, lot.units, found, used, np.clip(p * np.diag(share), 0, 1), whole - inside, off)
-        return bias_from, level, linear, use
+        return bias_from, level, linear, use(used, np.clip(p * np.diag(share), 0, 1), whole - inside, off)
 
 
 def lot_for(path: Path, sensor: str) -> LotFile:

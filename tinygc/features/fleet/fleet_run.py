@@ -23,7 +23,7 @@ from typing import Any
 from session.base.errors import CalibrationError
 from session.base.texts import printable
 from tinygc.features.fleet.fleet_row import DIED, DONE, FleetOptions, Job, Outcome, compute, empty, key_of
-from tinygc.features.fleet.fleet_table import WATCH_S, Table
+from tinygc.features.fleet.fleet_table import WATCH_S, FleetTable
 
 # Session folders, found one by one on demand: a hundred thousand of them are never in memory at once.
 
@@ -352,7 +352,7 @@ class FleetRun:
     """A run, with its counts of folders: done and failed now; reused: known before, by this or another folder."""
 
     def __init__(
-        self, table: Table, executor: Processes | Cluster, options: FleetOptions, retry: bool, progress: Callable[[FleetRun], None]
+        self, table: FleetTable, executor: Processes | Cluster, options: FleetOptions, retry: bool, progress: Callable[[FleetRun], None]
     ):
         self._table, self._executor, self._options, self._retry = table, executor, options, retry
         self._progress, self._pending, self._ends = progress, dict[str, list[Path]](), dict[str, int]()
@@ -426,7 +426,7 @@ class FleetRun:
 
 def run_fleet(
     folders: Iterable[Path],
-    table: Table,
+    table: FleetTable,
     executor: Processes | Cluster,
     options: FleetOptions,
     *,

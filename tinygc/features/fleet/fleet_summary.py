@@ -1,23 +1,29 @@
-"""Summary of a fleet's table, and the lot made from it."""
+"""Summary of a fleet's table, and what people see of it; the size of the page does not grow with the number of sessions."""
 
 from __future__ import annotations
 
 import contextlib
 import csv
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import TextIO
+from typing import TYPE_CHECKING, TextIO
 
 import numpy as np
 
-from session.base.errors import CalibrationError
-from session.base.texts import listed, printable
+from session.base.texts import printable, significant
+from session.base.units import DEG, MG
 from tinygc.features.fleet.fleet_row import COLUMNS, DONE, VALUES, told_by, unpacked
-from tinygc.features.fleet.fleet_table import COUNTED, EACH, Table, not_as_written
+from tinygc.features.fleet.fleet_table import COUNTED, EACH, FleetTable, not_as_written
 from tinygc.features.fleet.lot import UnitResult
-from tinygc.features.fleet.report import LotReport, lot_of
 from tinygc.inference.decide import simply_accepted
+from tinygc.models.linear import BIAS
+from tinygc.reporting.drawing import Axis, Panel
+from tinygc.reporting.facts import Chapter, Part, Table, html, page
+from tinygc.reporting.html.markup import WIDE
+
+if TYPE_CHECKING:
+    from tinygc.features.fleet.fleet_run import FleetRun
 
 # Rows of a fleet's table as a lot's records, and as CSV.
 
@@ -27,7 +33,7 @@ IN_ORDER = f"ORDER BY ifnull(recorded, '') = '', recorded, {COUNTED}(folder), fo
 NOT_IN_CSV = ("covariance",)
 
 
-def results_of(table: Table) -> Iterator[UnitResult]:
+def results_of(table: FleetTable) -> Iterator[UnitResult]:
     """Yield each fitted session of an open table, in the order of production; a copy counts once."""
     names = ("folder", "model", "serial", "recorded", "key", "covariance")
     sql = f"SELECT {', '.join((*names, *VALUES))} FROM {EACH} WHERE held_out_deg IS NOT NULL {IN_ORDER}"
@@ -38,7 +44,7 @@ def results_of(table: Table) -> Iterator[UnitResult]:
 
 
 @contextlib.contextmanager
-def read_as_written(table: Table, folder: str) -> Iterator[None]:
+def read_as_written(table: FleetTable, folder: str) -> Iterator[None]:
     """Raise FormatError for values that another program has written into a row."""
     try:
         yield
@@ -46,7 +52,7 @@ def read_as_written(table: Table, folder: str) -> Iterator[None]:
         raise not_as_written(table.path, folder) from None
 
 
-def write_csv(table: Table, file: TextIO) -> int:
+def write_csv(table: FleetTable, file: TextIO) -> int:
     """Write a header and a line for each folder, by name; return their number.  Effects are ids separated by spaces; SI as in the table."""
     columns = [name for name in COLUMNS if name not in NOT_IN_CSV]
     writer = csv.writer(file, lineterminator="\n")
@@ -158,7 +164,7 @@ class Summary:
         }
 
 
-def summarise(table: Table, limit_deg: float | None = None) -> Summary:
+def summarise(table: FleetTable, limit_deg: float | None = None) -> Summary:
     """Summarise an open table; only its numbers are in memory, 20 MB for a hundred thousand rows."""
     status = dict(table.rows(f"SELECT status, count(*) FROM {EACH} GROUP BY status"))
     answers = Counter(_answers(table, limit_deg))
@@ -191,7 +197,7 @@ def summarise(table: Table, limit_deg: float | None = None) -> Summary:
     )
 
 
-def _answers(table: Table, limit_deg: float | None) -> Iterator[str]:
+def _answers(table: FleetTable, limit_deg: float | None) -> Iterator[str]:
     """Yield the answer of each fit's verdict, with a limit where it is given."""
     closures = "judged, judged_within, held_out_deg, ifnull(run_rmse_deg, 0)"
     for judged, within, *values in table.each(f"SELECT {closures} FROM {EACH} WHERE held_out_deg IS NOT NULL"):
@@ -214,11 +220,11 @@ def distribution(values: np.ndarray) -> Distribution | None:
     return Distribution(len(values), quantiles, edges, counts, int(np.sum(values < low)), int(np.sum(values > high)))
 
 
-def _counted(table: Table, name: str) -> dict[str, int]:
+def _counted(table: FleetTable, name: str) -> dict[str, int]:
     return dict(table.rows(f"SELECT {name}, count(*) AS n FROM {EACH} WHERE {name} IS NOT NULL GROUP BY {name} ORDER BY n DESC, {name}"))
 
 
-def _effects(table: Table) -> dict[str, int]:
+def _effects(table: FleetTable) -> dict[str, int]:
     found: Counter[str] = Counter()
     for folder, text in table.each(f"SELECT folder, effects FROM {EACH} WHERE effects <> '[]' AND effects IS NOT NULL"):
         with read_as_written(table, folder):
@@ -226,7 +232,7 @@ def _effects(table: Table) -> dict[str, int]:
     return dict(sorted(found.items(), key=lambda each: (-each[1], each[0])))
 
 
-def to_check(table: Table) -> list[tuple[str, list[str]]]:
+def to_check(table: FleetTable) -> list[tuple[str, list[str]]]:
     """Sessions that name an effect, one of each unit that has other sessions, and these: ``explain --check-on`` tells whether it holds
     there.  At most ``MOST_OFFERED`` of each."""
     units: dict[str, list[tuple[str, bool]]] = {}
@@ -248,7 +254,7 @@ def reason_of(line: str) -> str:
     return " ".join(word for number, word in enumerate(words) if word != "…" or words[number - 1 : number] != ["…"])
 
 
-def _reasons(table: Table) -> list[tuple[str, str, int]]:
+def _reasons(table: FleetTable) -> list[tuple[str, str, int]]:
     found: Counter[tuple[str, str]] = Counter()
     for step, error in table.each(f"SELECT ifnull(step, status), error FROM {EACH} WHERE status <> '{DONE}'"):
         found[step, reason_of(error)] += 1
@@ -257,35 +263,83 @@ def _reasons(table: Table) -> list[tuple[str, str, int]]:
     return [(*which, count) for which, count in sorted(found.items(), key=lambda each: (-each[1], each[0]))][:MOST_REASONS]
 
 
-# A fleet's table as a lot: sessions of sensors of one model.
+# The screen and the page.
 
-MOST_NAMED = 5
-#: fewest serial numbers for lot statistics on the page
-FEWEST_UNITS = 8
-
-
-def lot_of_table(table: Table, model: str | None = None) -> LotReport:
-    """Compute the lot of an open table.
-
-    Raises CalibrationError where its sensors are of several models and none is named, and where fewer than two units were fitted.
-    """
-    fitted = f"FROM {EACH} WHERE held_out_deg IS NOT NULL"
-    models = [name or "" for (name,) in table.rows(f"SELECT DISTINCT model {fitted} ORDER BY 1")]
-    named = listed([printable(name or "(no name)") for name in models], MOST_NAMED)
-    if model is not None and model not in models:
-        raise CalibrationError(f"{table.path}: no fitted session of a {printable(model)}; there are {named or 'none at all'}")
-    if model is None and len(models) > 1:
-        raise CalibrationError(f"{table.path}: sensors of {len(models)} models ({named}), and a lot is of one; name it with --model")
-    results = results_of(table)
-    if model is not None and len(models) > 1:
-        keys = {key for (key,) in table.rows(f"SELECT key {fitted} AND ifnull(model, '') = ?", (model,))}
-        results = (each for each in results if each.key in keys)
-    return lot_of(results, model or (models[0] if models else ""))
+#: columns of closures, with their titles
+CLOSURES = {
+    "held_out_deg": "Held-out tilt of the turns",
+    "floor_deg": "Noise floor of the turns",
+    "run_rmse_deg": "Worst closure run, RMSE",
+}
+#: px: height of a chart; width of charts side by side
+HEIGHT, SMALL = 170, 410
 
 
-def lot_if_any(table: Table) -> LotReport | None:
-    """Compute the lot of an open table if its fitted sensors are of one model and enough for a page; else return None."""
-    models, units = table.rows(
-        f"SELECT count(DISTINCT ifnull(model, '')), count(DISTINCT serial) FROM {EACH} WHERE held_out_deg IS NOT NULL"
-    )[0]
-    return lot_of_table(table) if models == 1 and units >= FEWEST_UNITS else None
+def fleet_facts(summary: Summary, tally: FleetRun | None = None) -> list[Part]:
+    """Counts, what the steps found, and reasons of failures; tally: of this run."""
+    parts: list[Part] = [] if tally is None else [f"this run: {tally.done} done, {tally.failed} failed, {tally.reused} known before"]
+    parts.append(
+        f"the table: {summary.folders} folders, {summary.sessions} different sessions of {summary.units} serial numbers; "
+        f"{summary.done} done, {summary.all_failed} failed, {significant(summary.cpu_s / 3600)} CPU h"
+    )
+    if summary.fitted:
+        undecided = f", {summary.undecided} not decided" if summary.undecided else ""
+        parts.append(f"of {summary.fitted} that were fitted, {summary.passed} pass{undecided}, {summary.missed} fail: {summary.rule}")
+    for title, counts in (
+        ("First look: the worst that it found", summary.first_look),
+        ("Verdicts of explain", summary.verdicts),
+        ("Effects that explain names", summary.effects),
+    ):
+        if counts:
+            rows = [(name, count, f"{significant(100 * count / summary.sessions)} %") for name, count in counts.items()]
+            parts.append(Table(title, ("", "sessions", "share"), rows))
+    if summary.reasons:
+        failed = [(printable(reason), step, count) for step, reason, count in summary.reasons]
+        parts.append(Table("Failures by reason: … stands for what differs", ("because", "in", "sessions"), failed, left=(0, 1)))
+    return parts
+
+
+def fleet_html(summary: Summary, more: Sequence[Chapter] = ()) -> str:
+    """Build the page; more: chapters on the sessions as a whole (lot statistics), between parameters and failures."""
+    made: list[Chapter] = [("counts", "How many", fleet_facts(summary))]
+    if found := {CLOSURES[name]: (summary.distributions[name], "°", 1.0) for name in CLOSURES if name in summary.distributions}:
+        drawn = [_histogram(title, *each, summary.limit_deg) for title, each in found.items()]
+        made.append(("closure", "Closure", [*drawn, _shares(found)]))
+    if shown := {name: (summary.distributions[name], *_unit(name)) for name in VALUES if name in summary.distributions}:
+        charts = html(_histogram(name, *each, widest=SMALL) for name, each in shown.items())
+        made.append(("parameters", "Parameters", html([_shares(shown)]) + f'<div class="pair">{charts}</div>'))
+    made += more
+    if summary.failures:
+        cut = f"the first {len(summary.failures)} of {summary.all_failed}; fleet.sqlite and --csv have all"
+        each = Table("", ("folder", "in", "because"), summary.failures, cut, (0, 1, 2), kind="words")
+        made.append(("failures", "Failures", [each]))
+    title = f"{summary.sessions} sessions, {summary.units} serial numbers"
+    return page("Fleet of sessions", title, made, "Least squares alone; every number is in fleet.sqlite.")
+
+
+def _unit(name: str) -> tuple[str, float]:
+    """Return a parameter's displayed unit, and its size in SI."""
+    if name in VALUES[BIAS]:
+        return "dps", DEG
+    return ("mg", MG) if name.startswith("accel_bias") else ("", 1.0)
+
+
+def _shares(found: dict[str, tuple[Distribution, str, float]]) -> Table:
+    header = ("", "sessions", *(f"{100 * share:g} %" for share in SHARES))
+    rows = [
+        (f"{name}, {unit}" if unit else name, each.count, *(significant(value / size, 4) for value in each.quantiles))
+        for name, (each, unit, size) in found.items()
+    ]
+    return Table("Shares of the sessions lie below", header, rows, minor=(2, 6))
+
+
+def _histogram(title: str, each: Distribution, unit: str, size: float, limit: float | None = None, widest: int = WIDE) -> Panel:
+    edges, counts = each.edges / size, each.counts
+    x, heights = np.repeat(edges, 2)[1:-1], np.repeat(counts, 2)
+    outside = f"; {each.below + each.above} lie beyond" if each.below + each.above else ""
+    panel = Panel(Axis(f"{title} ({unit})" if unit else title, float(edges[0]), float(edges[-1])), Axis("sessions", lo=0), height=HEIGHT)
+    panel.about, panel.caption = f"{title}: histogram of {each.count} sessions", f"{each.count} sessions, the middle dashed{outside}"
+    panel.widest = widest
+    panel.area(x, 0, heights, "least_squares").line(x, heights, "least_squares", "thin")
+    panel.upright(float(each.quantiles[len(SHARES) // 2]) / size, "quiet")
+    return panel.upright(limit, "limit", name="limit") if limit is not None and edges[0] <= limit <= edges[-1] else panel

@@ -43,7 +43,7 @@ FULL, LOCKED, READ_ONLY = "SQLITE_FULL", "SQLITE_BUSY", "SQLITE_READONLY"
 WATCH_S = 1.0
 
 
-class Table:
+class FleetTable:
     """A fleet's table, from ``open_table`` or ``read_table``."""
 
     def __init__(self, path: Path, connection: sqlite3.Connection):
@@ -105,7 +105,7 @@ class Table:
 
 
 @contextlib.contextmanager
-def open_table(out: Path) -> Iterator[Table]:
+def open_table(out: Path) -> Iterator[FleetTable]:
     """Open a folder's table for writing, and create it if missing.
 
     Raises CalibrationError where another run writes it, FormatError for a file that is no such table or of another version, StorageError
@@ -124,7 +124,7 @@ def open_table(out: Path) -> Iterator[Table]:
                 _require_ours(path, connection)
                 connection.execute("PRAGMA journal_mode = WAL")
                 connection.execute("PRAGMA synchronous = NORMAL")
-            yield Table(path, connection)
+            yield FleetTable(path, connection)
         finally:
             with contextlib.suppress(sqlite3.Error):
                 connection.execute("PRAGMA journal_mode = DELETE")  # one file again, which any program can read; fails if another reads
@@ -132,7 +132,7 @@ def open_table(out: Path) -> Iterator[Table]:
 
 
 @contextlib.contextmanager
-def read_table(out: Path) -> Iterator[Table]:
+def read_table(out: Path) -> Iterator[FleetTable]:
     """Open a folder's table read-only, also while another run writes it.  Raises FormatError where there is none."""
     path = out / NAME
     if not path.is_file():
@@ -144,7 +144,7 @@ def read_table(out: Path) -> Iterator[Table]:
             _require_ours(path, connection)
             _require_rows(path, connection)
             connection.execute("BEGIN")  # all queries see the same rows, also while another run writes
-        yield Table(path, connection)
+        yield FleetTable(path, connection)
     finally:
         connection.close()
 

@@ -4,25 +4,22 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from session.base.errors import CalibrationError
 from session.base.files import result_folder
 from session.base.options import values
-from session.base.records import table_of, write_whole
 from session.base.results import write_text_whole
 from tinygc.features.fleet.fleet_row import FleetOptions
 from tinygc.features.fleet.fleet_run import Cluster, FleetRun, Processes, run_fleet, session_folders
-from tinygc.features.fleet.fleet_summary import Summary, lot_if_any, lot_of_table, summarise, to_check
+from tinygc.features.fleet.fleet_summary import Summary, fleet_facts, fleet_html, summarise, to_check
 from tinygc.features.fleet.fleet_table import open_table, read_table
-from tinygc.features.fleet.page import fleet_facts, fleet_html, lot_chapter, lot_facts, lot_html, noise_chapters, unit_noises
-from tinygc.features.fleet.report import LotReport
+from tinygc.features.fleet.report import LotReport, lot_chapter, lot_if_any, lot_of_table, noise_chapters, unit_noises
 from tinygc.features.fleet.work import LotOf, Run
 from tinygc.library.arguments import public
 from tinygc.library.records import Shown
-from tinygc.noise.figures import NoiseFigures
 from tinygc.reporting.facts import screen
 from tinygc.reporting.terminal import Group
 
@@ -92,45 +89,13 @@ def summed_up(out: Path, tally: FleetRun | None, limit_deg: float | None) -> Fle
     with result_folder(out):
         write_text_whole(out / PAGE, fleet_html(summary, [*([lot_chapter(lot)] if lot else []), *noise]))
     if lot:
-        write_whole(out / LOT, table_of(lot))
+        lot.save(out / LOT)
     return Fleet(out, tally, summary, lot, offered)
 
 
 def no_session(places: Iterable[Path]) -> CalibrationError:
     """Return the error of places without a session folder."""
     return CalibrationError(f"{', '.join(map(str, places))}: no session folder there; one holds session.toml and log*.csv")
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class LotStatistics(Shown):
-    """Result of ``tinygc.lot``; ``result`` holds all numbers; noise: at rest of the units whose figures are known."""
-
-    result: LotReport
-    noise: Sequence[NoiseFigures] = ()
-
-    def __repr__(self) -> str:
-        return f"<LotStatistics: {len(self.result.outliers)} outliers>"
-
-    @property
-    def page(self) -> Group:
-        """The command's output, as a rich renderable."""
-        return screen(lot_facts(self.result))
-
-    def to_json(self) -> dict:
-        """``tinygc-lot/3`` (docs/formats.md)."""
-        return table_of(self.result)
-
-    def save(self, path: Path | str) -> Path:
-        """Write the lot's file, for ``tinygc.fit(…, lot=path)``; returns the path."""
-        write_whole(Path(path), self.to_json())
-        return Path(path)
-
-    def save_page(self, path: Path | str) -> Path:
-        """Write a page; returns the path."""
-        path = Path(path)
-        with result_folder(path.parent):
-            write_text_whole(path, lot_html(self.result, noise_chapters(self.noise)))
-        return path
 
 
 @public(Run)
@@ -184,7 +149,7 @@ def fleet(
 
 
 @public(LotOf)
-def lot(table: Path | str, **choices: Any) -> LotStatistics:
+def lot(table: Path | str, **choices: Any) -> LotReport:
     """Compute the statistics of a lot of sensors: mean, spread, drift, units that do not belong.
 
     Parameters
@@ -194,8 +159,9 @@ def lot(table: Path | str, **choices: Any) -> LotStatistics:
 
     Returns
     -------
-    LotStatistics
-        ``result``, ``summary()``, ``to_json()``; ``save(path)`` writes the lot's file for ``fit(…, lot=path)``, ``save_page(path)`` a page.
+    LotReport
+        ``quantities``, ``outliers``, ``drifts``, ``summary()``, ``to_json()``; ``save(path)`` writes the lot's file for
+        ``fit(…, lot=path)``, ``save_page(path)`` a page.
 
     Raises
     ------
@@ -210,4 +176,4 @@ def lot(table: Path | str, **choices: Any) -> LotStatistics:
     """
     folder = Path(table).parent if Path(table).name == TABLE else Path(table)
     with read_table(folder) as opened:
-        return LotStatistics(lot_of_table(opened, LotOf(**choices).model), unit_noises(opened))
+        return replace(lot_of_table(opened, LotOf(**choices).model), noise=unit_noises(opened))

@@ -1,4 +1,5 @@
-"""A lot: the numbers of its units, in SI and as people see them, and its sessions as arrays."""
+"""A lot: the numbers of its units, its sessions as arrays, and mean, drift, spread and repeatability without measurement noise
+(docs/features/fleet/lots.md)."""
 
 from __future__ import annotations
 
@@ -8,15 +9,18 @@ from pathlib import PurePath
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
+from scipy.special import stdtr
 
 from session import VERSION
 from session.base.errors import CalibrationError
-from session.base.records import Key
+from session.base.numeric import MEDIAN_SIGMAS
+from session.base.records import Key, Share
 from session.base.results import Column, Maybe, Number, shown
 from session.base.units import MDPS
 from session.detect.accelerometer import NAMES as TRIAD
 from tinygc.estimation.accelerometer import ROWS, derivative, triad_errors
 from tinygc.estimation.accelerometer import UNITS as SIZES
+from tinygc.inference.solve import inverse
 from tinygc.models import linear
 from tinygc.models.linear import WORDS, field_vector
 
@@ -210,3 +214,217 @@ def lot_sessions(results: Iterable[UnitResult]) -> LotSessions:
         ["" if str(name).startswith("\0") else str(name) for name in names[by_place]],
         [sessions[i] for i in sort],
     )
+
+
+# The estimate, each number by itself.  That of unit u is
+#
+#     y_u = mean + drift (place_u - 1/2) + b_u + e_u     b_u ~ N(0, spread^2)     e_u ~ N(0, noise_u)
+#
+# place goes from 0 to 1 through production.  noise_u is what the unit's sessions state, each with the repeatability.  The spread has the
+# largest restricted likelihood; mean and drift are weighted least squares.  Units that stand out are left out.
+
+#: family-wise p-value, over all units and numbers, of a unit that stands out: one false one in a hundred lots
+FAMILY_P = 0.01
+#: p-value of a drift of any number (over all of them) below which it is included in the mean of the next unit
+DRIFT_P = 0.01
+#: degrees of freedom, for each value, of a scatter from the median
+MEDIAN_FREEDOM = 0.37
+#: most rounds of leaving out units, and most steps of a spread with the share of a step that ends them
+ROUNDS, STEPS, SETTLED = 10, 100, 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class LotEstimate:
+    """Estimates of a lot, SI, in the order of ``NAMES``, NaN where unknown.
+
+    mean (21,) at the middle of production and its sigma; drift (21,) from the first unit to the last and its sigma; freedom (21,) of both;
+    drift_p, that none of them drifts; next_mean (21,) of the next unit and its sigma, with the drift if it is significant (drifts); spread
+    (21,) and repeatability (21,), one sigma; off (U, 21), of each unit from the mean at its place, and off_sigma; p_values (U, 21), over
+    all units and numbers, of one so far off.
+    """
+
+    mean: np.ndarray
+    mean_sigma: np.ndarray
+    drift: np.ndarray
+    drift_sigma: np.ndarray
+    freedom: np.ndarray
+    drift_p: float
+    drifts: bool
+    next_mean: np.ndarray
+    next_sigma: np.ndarray
+    spread: np.ndarray
+    repeatability: np.ndarray
+    off: np.ndarray
+    off_sigma: np.ndarray
+    p_values: np.ndarray
+
+    @property
+    def excluded(self) -> np.ndarray:
+        """Return (U,): the units that stand out."""
+        return self.p_values.min(axis=1) < FAMILY_P
+
+
+def estimate(lot: LotSessions) -> LotEstimate:
+    """Estimate the lot's numbers without the units that stand out, at first those that are far from the medians."""
+    y, noise = joined(lot, np.zeros(COUNT))
+    off = y - _median(y)
+    spread = _median(np.abs(off)) / MEDIAN_SIGMAS
+    far = off / np.sqrt(np.maximum(noise, spread**2))
+    excluded = family(far, MEDIAN_FREEDOM * (np.isfinite(y).sum(axis=0) - 1)).min(axis=1) < FAMILY_P
+    for _ in range(ROUNDS):
+        found = without(lot, excluded)
+        if (found.excluded == excluded).all():
+            break
+        excluded = found.excluded
+    return found
+
+
+def _median(y: np.ndarray) -> np.ndarray:
+    """Return (21,) of (U, 21), NaN of an unknown number."""
+    return np.array([np.median(each[np.isfinite(each)]) if np.isfinite(each).any() else np.nan for each in y.T])
+
+
+def joined(lot: LotSessions, repeatability: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return (U, 21), the mean of each unit's sessions by their variances and the repeatability's (21,), and its variance."""
+    weight = np.where(lot.known, 1 / (lot.variances + repeatability), 0.0)
+    total = np.add.reduceat(weight, lot.first)
+    total[total == 0] = np.nan
+    return np.add.reduceat(weight * np.where(lot.known, lot.values, 0.0), lot.first) / total, 1 / total
+
+
+def family(far: np.ndarray, freedom: np.ndarray) -> np.ndarray:
+    """Return (U, 21) two-sided p-values of Student's t, times the number of units and of the numbers that a unit tells; 1 if unknown."""
+    tests = len(far) * np.isfinite(far).sum(axis=1, keepdims=True)
+    return np.minimum(1.0, np.nan_to_num(2 * tests * stdtr(np.maximum(freedom, 1e-3), -np.abs(far)), nan=1.0))
+
+
+def repeated(lot: LotSessions, belongs: np.ndarray) -> np.ndarray:
+    """Return the repeatability's variances (21,): mean square of sessions about their unit's mean, less the stated one; NaN where no unit
+    has two."""
+    count = np.add.reduceat(lot.known.astype(int), lot.first)
+    mean = np.add.reduceat(np.where(lot.known, lot.values, 0.0), lot.first) / np.maximum(count, 1)
+    share = np.where(lot.known & (count > 1)[lot.unit] & belongs[lot.unit, None], 1.0, 0.0)
+    square = np.where(lot.known, (lot.values - mean[lot.unit]) ** 2 - (1 - 1 / np.maximum(count, 1)[lot.unit]) * lot.variances, 0.0)
+    freedom = np.where(belongs[:, None], np.maximum(count - 1, 0), 0).sum(axis=0)
+    return np.where(freedom > 0, np.maximum((share * square).sum(axis=0), 0.0) / np.maximum(freedom, 1), np.nan)
+
+
+def straight_line(y: np.ndarray, x: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return mean and drift (21, 2) of values (U, 21) at x (U, 21) with weights w, their covariance (21, 2, 2), residuals (U, 21).
+
+    Where x is zero there is no drift: 0, as all that is not determined.
+    """
+    covariance = np.nan_to_num(inverse(moments(w, x)), posinf=0.0)
+    beta = (covariance @ np.stack([(w * y).sum(axis=0), (w * x * y).sum(axis=0)], axis=-1)[..., None])[..., 0]
+    return beta, covariance, y - beta[:, 0] - x * beta[:, 1]
+
+
+def moments(w: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Return (21, 2, 2), sums of w, w x and w x^2 over the units."""
+    mixed = (w * x).sum(axis=0)
+    return np.moveaxis(np.array([[w.sum(axis=0), mixed], [mixed, (w * x * x).sum(axis=0)]]), -1, 0)
+
+
+def spread_of(y: np.ndarray, x: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """Return the spread's variances (21,) of the largest restricted likelihood, by Fisher's scoring; noise (U, 21), infinite if unknown."""
+    known = np.isfinite(noise)
+    scale = variance = (np.where(known, straight_line(y, x, 1.0 * known)[2], 0.0) ** 2).sum(axis=0)
+    for _ in range(STEPS):
+        w = 1 / (noise + variance)
+        _, covariance, residual = straight_line(y, x, w)
+        hat = covariance @ moments(w**2, x)
+        trace = w.sum(axis=0) - np.einsum("nii->n", hat)
+        information = (w**2).sum(axis=0) - np.einsum("nij,nji->n", covariance, 2 * moments(w**3, x)) + np.einsum("nij,nji->n", hat, hat)
+        step = (((w * residual) ** 2).sum(axis=0) - trace) / np.where(information > 0, information, np.inf)
+        before, variance = variance, np.maximum(variance + step, 0.0)
+        if (np.abs(variance - before) <= SETTLED * scale).all():
+            break
+    return variance
+
+
+def without(lot: LotSessions, excluded: np.ndarray) -> LotEstimate:
+    """Estimate the lot's numbers without these units (U,)."""
+    again = repeated(lot, ~excluded)
+    y, noise = joined(lot, np.nan_to_num(again))
+    counted = np.isfinite(y) & ~excluded[:, None]
+    units = counted.sum(axis=0)
+    known, several = np.where(units >= 2, 1.0, np.nan), np.where(units > 2, 1.0, np.nan)  # two units have no drift
+    along, end = (np.nan_to_num(several * each) for each in (lot.place[:, None] - 0.5, 0.5 + 1 / max(lot.units - 1, 1)))
+    weighed, filled = np.where(counted, noise, np.inf), np.nan_to_num(y)
+    variance = spread_of(filled, along, weighed)
+    w = 1 / (weighed + variance)
+    beta, covariance, _ = straight_line(filled, along, w)
+    freedom = np.maximum(units - np.where(units > 2, 2, 1), 1)
+    mean, drift = beta.T
+    (mean_variance, mixed), (_, drift_variance) = np.moveaxis(covariance, 0, -1)
+    drift_sigma = several * np.sqrt(drift_variance)
+    p = 2 * np.sum(units >= 2) * stdtr(freedom, -np.abs(drift) / drift_sigma)
+    drift_p = float(np.min(p, initial=1.0, where=np.isfinite(p)))
+    if drift_p < DRIFT_P:
+        next_mean, next_variance = mean + end * drift, mean_variance + 2 * end * mixed + end**2 * drift_variance
+    else:
+        next_variance = 1 / (known * w.sum(axis=0))
+        next_mean = next_variance * (w * filled).sum(axis=0)
+    off = known * (y - mean - along * drift)
+    off_sigma = np.sqrt(noise + variance + mean_variance + 2 * along * mixed + along**2 * drift_variance)
+    return LotEstimate(
+        known * mean,
+        known * np.sqrt(mean_variance),
+        several * drift,
+        drift_sigma,
+        freedom,
+        drift_p,
+        drift_p < DRIFT_P,
+        known * next_mean,
+        known * np.sqrt(next_variance),
+        known * np.sqrt(variance),
+        known * np.sqrt(again),
+        off,
+        off_sigma,
+        family(off / off_sigma, freedom),
+    )
+
+
+# Units that do not belong to a lot, with reasons: outlying numbers in sigmas of the lot.
+
+MOST_REASONS = 5
+
+
+@dataclass(frozen=True)
+class Reason:
+    """Reason for an outlier: what, a number's key; value, of the number less the lot's mean in its unit; sigmas of the lot."""
+
+    what: str
+    value: float
+    sigmas: float
+
+
+@dataclass(frozen=True)
+class Outlier:
+    """A unit that does not belong: serial; session, of a unit with one session alone, else empty; p_value over the whole lot; reasons, the
+    largest first; says: a sentence."""
+
+    serial: str
+    session: str
+    p_value: Share
+    reasons: tuple[Reason, ...]
+    says: Annotated[str, Key("description")]
+
+
+def outliers(lot: LotSessions, found: LotEstimate) -> list[Outlier]:
+    """Return the outliers, the least probable first."""
+    made, J, p_values = [], jacobian(found.mean), found.p_values[:, OWN]
+    values, sigmas = np.nan_to_num(found.off) @ J.T, error_sigmas(found.off_sigma, J)
+    for u in np.flatnonzero(found.excluded):
+        order = [n for n in np.argsort(-np.abs(found.off / found.off_sigma)[u, OWN]) if p_values[u, n] < FAMILY_P]
+        reasons, words = [], []
+        session = lot.names[lot.first[u]] if lot.count[u] == 1 else ""
+        serial = lot.serials[u]
+        for n in order[:MOST_REASONS]:
+            (name, unit, _), value, off = SENSOR_ERRORS[n], float(values[u, n]), float(values[u, n] / sigmas[u, n])
+            reasons.append(Reason(key_of(name, unit), value, off))
+            words.append(f"{name} {f'{value:+.0f}' if abs(value) >= 100 else f'{value:+.3g}'} {unit} ({off:+.1f} sigmas)")
+        single = f", of the single session {session}," if session else ""
+        says = f"unit {serial or '(no serial)'}{single} does not belong to the lot: {', '.join(words)}"
+        made.append(Outlier(serial, session, float(p_values[u].min()), tuple(reasons), says))
+    return sorted(made, key=lambda each: each.p_value)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -98,7 +98,7 @@ def sessions_of(
     used: set[str] = set()
     for path in paths:
         if (fitted := features.first("fitted sessions of a table", path)) is not None:
-            for session in (each for row in fitted if (each := _of_row(*row)) is not None):
+            for session in (each for row in fitted if (each := _of_row(row)) is not None):
                 units.setdefault((session.model, session.serial), []).append(_dated(session, dates, used))
             continue
         folders, passed = _fitted_folders(path)
@@ -201,26 +201,20 @@ def _blocks(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     return found
 
 
-def _of_row(folder: str, model: str, serial: str, recorded: str, row: np.ndarray, covariance: np.ndarray) -> UnitSession | None:
+def _of_row(found: Any) -> UnitSession | None:
     """A fitted session of a table; its numbers are in the frame of its own accelerometer.  None where an axis was not turned."""
+    row, covariance = found.values, found.covariance
     if np.isnan(row[:GYROSCOPE]).any() or np.isnan(covariance[:GYROSCOPE, :GYROSCOPE]).any():
         return None
-    when = parsed(recorded)
+    when, folder = parsed(found.recorded), Path(found.folder)
     vector, own = row[: len(NAMES)], covariance[: len(NAMES), : len(NAMES)]
     values, gyro, _ = gyroscope_numbers(vector, own, own)
     triad = np.full(PARAMETERS, np.nan), np.full((PARAMETERS, PARAMETERS), np.nan)
     if np.isfinite(row[len(NAMES) :]).all():
         triad = triad_numbers(row[len(NAMES) :], covariance[len(NAMES) :, len(NAMES) :])
-    return UnitSession(
-        printable(Path(folder).name),
-        printable(model),
-        printable(serial),
-        moment_of(Path(folder), None) if when is None else Moment(when, "notes"),
-        np.concatenate([values, triad[0]]),
-        _blocks(gyro, triad[1]),
-        vector,
-        own,
-    )
+    moment = moment_of(folder, None) if when is None else Moment(when, "notes")
+    names = (printable(each) for each in (folder.name, found.model, found.serial))
+    return UnitSession(*names, moment, np.concatenate([values, triad[0]]), _blocks(gyro, triad[1]), vector, own)
 
 
 # Dates that a person gives.

@@ -8,7 +8,7 @@ never made up: a draft has no DCC.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -24,9 +24,8 @@ from tinygc.inference.decide import Conformity, Fact
 from tinygc.inference.solve import COVERAGE
 from tinygc.models.linear import NAMES, PARAMETERS
 
-if TYPE_CHECKING:
-    from tinygc.features.unit.certificate.content import Certificate
-
+#: of ``content.py``, which imports this file
+Certificate = Any
 DCC, SI, XSI = "https://ptb.de/dcc", "https://ptb.de/si", "http://www.w3.org/2001/XMLSchema-instance"
 VERSION_OF_SCHEMA = "3.3.0"
 #: unit in which a value is measured here -> unit of D-SI, and what one is in it

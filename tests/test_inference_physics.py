@@ -25,12 +25,14 @@ from tinygc.inference.choose import (
     level_of_each,
     linear_estimate,
     log_evidence,
+    of_any_scale,
     penalty,
     probabilities,
     promised,
     scales_of,
     standing_of,
     tail,
+    weights_of,
 )
 from tinygc.inference.decide import KINDS, Answer, rms_below
 from tinygc.inference.noise import Banded, Cost, Sparse, Striped, estimate, lowest, where_risen
@@ -74,6 +76,15 @@ def test_the_mean_over_scales_is_the_gain_less_the_penalty(size):
     )
     gain = float(z @ z)
     assert 2 * np.log(exact / SCALES) + gain == pytest.approx(promised(gain, size) - penalty(size, 1), abs=1.5)
+
+
+def test_the_evidence_of_any_scale_is_the_integral_over_the_noise():
+    """Of nu readings with squares S: of s^-nu exp(-S / 2 s^2) over ln s, twice; each number in it costs the width of its prior."""
+    for squares, freedom in ((3.0, 7.0), (40.0, 12.5)):
+        exact, _ = integrate.quad(lambda s: s ** (-freedom - 1) * np.exp(-squares / 2 / s**2), 0, np.inf, limit=400)  # noqa: B023
+        assert of_any_scale(squares, freedom, 0, 9.0) == pytest.approx(-2 * np.log(2 * exact), rel=1e-7)
+        assert of_any_scale(squares, freedom, 3, 9.0) - of_any_scale(squares, freedom, 0, 9.0) == pytest.approx(3 * np.log(9))
+    assert weights_of([3.0, 1.0, 1.0]) == pytest.approx(np.array([np.exp(-1), 1, 1]) / (2 + np.exp(-1)))
 
 
 def test_a_promise_costs_each_parameter_the_logarithm_of_its_signal_to_noise_ratio():

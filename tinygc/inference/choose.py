@@ -4,6 +4,7 @@
     chance       of the best of many hypotheses where nothing is missing: drawn for these very columns (``Selection``)
     evidence     p(r | H) / p(r | none) = mean over s of |1 + s^2 M|^-1/2 exp(y' (1 / s^2 + M)^-1 y / 2),    M = X' P X,  y = X' P r
                  theta ~ N(0, s^2) in plausible sizes, s equally probable at every scale over ``SCALES``; P projects J out
+                 where the size of the noise is not known either, it is integrated out (``of_any_scale``)
     prior        odds of one hypothesis, and a share of them for each of its forms (``price``)
     statement    for, against, bounded or undecided (``standing_of``)
 
@@ -297,6 +298,19 @@ def each_alone(r: np.ndarray, J: np.ndarray, columns: np.ndarray) -> tuple[np.nd
     return left.T @ r, np.where(information > NOTHING_LEFT * np.sum(columns**2, axis=0), information, np.nan)
 
 
+def of_any_scale(squares: float | np.ndarray, freedom: float, parameters: int, width: float) -> float | np.ndarray:
+    """-2 log evidence of rows whose noise has an unknown size, which is integrated out, its logarithm flat.
+
+        nu ln(squares / 2) - 2 ln Gamma(nu / 2) + k ln(width)
+
+    squares: of the residuals, any shape; nu: their degrees of freedom; k: parameters, each of a prior as wide as what moves the rows by
+    ``width`` in squares.
+    """
+    from scipy.special import gammaln
+
+    return freedom * np.log(squares / 2) - 2 * float(gammaln(freedom / 2)) + parameters * float(np.log(width))
+
+
 #: sigma, in units of an effect's plausible size, of the prior that keeps unobservable components finite.  At ten it biases a value that is
 #: known to a tenth of the plausible size by one in ten thousand
 WIDE = 10.0
@@ -340,17 +354,16 @@ def climb(best: Some, near: Callable[[Some], Iterable[Some]], least: float = 1e-
     return best
 
 
-def weights_of(weighed: Sequence[Weighed]) -> np.ndarray:
-    """Posterior probability (N,) of each set."""
-    scores = np.array([each.score for each in weighed])
-    weight = np.exp(-(scores - scores.min()) / 2)
+def weights_of(scores: Sequence[float] | np.ndarray) -> np.ndarray:
+    """Posterior probability (N,) of each set by its score."""
+    weight = np.exp((np.min(scores) - np.asarray(scores)) / 2)
     return np.asarray(weight / weight.sum())
 
 
 def probabilities(weighed: Sequence[Weighed]) -> dict[str, float]:
     """Posterior probability of each id, over all sets; "" for none."""
     found: dict[str, float] = {}
-    for each, weight in zip(weighed, weights_of(weighed), strict=True):
+    for each, weight in zip(weighed, weights_of([each.score for each in weighed]), strict=True):
         for name in each.ids or ("",):
             found[name] = found.get(name, 0.0) + float(weight)
     return {name: min(p, 1.0) for name, p in found.items()}

@@ -11,8 +11,8 @@ from scipy.stats import multivariate_normal
 
 from tinygc.features.tables.rates import curve as curves
 from tinygc.features.tables.rates.choice import _EXTRA_GAIN, LINE, Choice, chance, choose, score
-from tinygc.features.tables.rates.curve import Shape, fit_curve
-from tinygc.features.tables.rates.fitting import fit, floor, over_rate
+from tinygc.features.tables.rates.curve import Curve, Shape, fit_curve
+from tinygc.features.tables.rates.fitting import fit, linear, over_rate
 from tinygc.features.tables.rates.laws import CURVE, EXTRAS, LAWS, LIMITS, Hypothesis
 from tinygc.features.tables.rates.library import lines
 from tinygc.features.tables.rates.points import points_of
@@ -224,8 +224,8 @@ def test_the_least_that_residuals_count():
     """Rounding to the last digit, of rms step / sqrt(12), or a ten-millionth of the span; over the sigmas that are stated."""
     rate = np.arange(5.0)
     for output, least in ((0.01 * rate, 0.01 / np.sqrt(12)), (rate / 3, 4 / 3 * 1e-7)):
-        assert floor(points_of("s", "V", rate, output, ["one"] * 5)) == pytest.approx(5 * least**2)
-        assert floor(points_of("s", "V", rate, output, ["one"] * 5, np.full(5, 0.1))) == pytest.approx(5 * (least / 0.1) ** 2)
+        assert points_of("s", "V", rate, output, ["one"] * 5).floor == pytest.approx(5 * least**2)
+        assert points_of("s", "V", rate, output, ["one"] * 5, np.full(5, 0.1)).floor == pytest.approx(5 * (least / 0.1) ** 2)
 
 
 @pytest.mark.parametrize(
@@ -312,13 +312,13 @@ def test_evidence_is_what_its_formula_says():
             (Hypothesis("line", apart=3), 2 * np.log(41)),
         ]
         for of, price in cases:
-            found, unit = fit(points, of), 3.0
+            found, width = fit(points, of), 9.0
             nu, k = 41 - found.parameters + stated, found.parameters
-            expected = nu * np.log((found.chi_square + stated) / 2) - 2 * gammaln(nu / 2) + k * np.log(41 * unit**2) + price
-            assert score(found, unit) == pytest.approx(expected, rel=1e-9)
+            expected = nu * np.log((found.chi_square + stated) / 2) - 2 * gammaln(nu / 2) + k * np.log(width) + price
+            assert score(found, width) == pytest.approx(expected, rel=1e-9)
     clip = fit(measured(clipped), Hypothesis("line", True, True))
     expected = 37 * np.log(clip.chi_square / 2) - 2 * gammaln(37 / 2) + 4 * np.log(41) + 2 * np.log(len(LIMITS))
-    assert score(clip, 1.0) == pytest.approx(expected, rel=1e-9)
+    assert score(clip, 41.0) == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -411,8 +411,8 @@ def test_one_reading_makes_no_kink_and_no_nonlinearity():
     """The evidence is for one reading that is off, also at the price of an extra."""
     points = kink()
     choice = given(points, Hypothesis("line", True, True, apart=int(np.flatnonzero(points.rate_dps == 120)[0])))
-    unit = np.sqrt(fit(points, LINE).chi_square / len(points))
-    assert score(choice.fit, unit) + _EXTRA_GAIN < score(fit(points, Hypothesis("pieces", True, True)), unit)
+    width = fit(points, LINE).chi_square
+    assert score(choice.fit, width) + _EXTRA_GAIN < score(fit(points, Hypothesis("pieces", True, True)), width)
     assert "the reading at 120 °/s is off, or there is a kink from 100 °/s on, which no reading determines" in " ".join(lines(choice))
     found = rows_of(choice)
     assert found["nonlinearity"].value is None
@@ -550,12 +550,12 @@ def test_the_covariance_of_the_curve_is_that_of_white_noise_integrated():
         assert curves._covariance(np.array([u]), np.array([v]))[0, 0] == pytest.approx(exact)
 
 
-def test_the_evidence_of_a_shape_is_the_restricted_likelihood(monkeypatch):
+def test_the_evidence_of_a_shape_is_the_restricted_likelihood():
     """Of y with covariance s^2 (I + ratio F F'), the fixed columns taken out, and s integrated out."""
     points = fine(lambda w: SCALE * w * (1 - np.abs(w) / 9000))
     shape = Shape(1.0, True, 240.0)
     none = np.zeros(50, dtype=bool)
-    found = list(curves._of_shape(points, Hypothesis(CURVE), shape, none, none, curves.RATIOS))
+    found = list(linear(Curve(points, Hypothesis(CURVE), of=shape), none, none, curves.RATIOS, 7.0))
     columns = shape.columns(points.rate_dps)
     fixed = np.column_stack([np.ones(50), points.rate_dps, columns[:, 0]])
     free = np.linalg.svd(fixed, full_matrices=True)[0][:, 3:]
@@ -569,7 +569,8 @@ def test_the_evidence_of_a_shape_is_the_restricted_likelihood(monkeypatch):
         # at the best s, n - 3 degrees of freedom: -2 log L = (n - 3) (ln(2 pi s^2) + 1) + log determinant
         s2 = curve.chi_square / 47
         assert exact(ratio, np.sqrt(s2)) == pytest.approx(47 * (np.log(2 * np.pi * s2) + 1) + curve.penalty, rel=1e-9)
-        assert found[k][0] == pytest.approx(47 * np.log(curve.chi_square / 2) + curve.penalty)
+        expected = 47 * np.log(curve.chi_square / 2) - 2 * gammaln(47 / 2) + 3 * np.log(7) + curve.penalty
+        assert found[k][0] == pytest.approx(expected) == pytest.approx(score(curve, 7.0) - 2 * np.log(len(LAWS)))
 
 
 def test_a_curve_may_be_clipped_on_either_side():

@@ -328,7 +328,7 @@ class Search:
         """
         sets = self.seen
         even = [replace(each, log_evidence=each.log_evidence + len(each.ids & EVEN.keys()) * np.log(1 / ODDS)) for each in sets]
-        weights, own = weights_of(even), np.array([name in each.names for each in sets])
+        weights, own = weights_of([each.score for each in even]), np.array([name in each.names for each in sets])
         if not own.any():
             return 0.0, 0.0, 0.0
         present = weights[own]

@@ -3,13 +3,9 @@
 Chance: the straight line is given up only where the best of many departures from it removes more of the residuals than it does of pure
 noise on the same rates in 95 of 100 tables.  This holds whatever the size of the noise is, which the residuals alone may have to say.
 
-Evidence of a hypothesis with k numbers over n points, the size of the noise integrated out, nu = n - k + nu0:
-
-    -2 log p = nu ln((chi2 + nu0) / 2) - 2 ln Gamma(nu / 2) + k ln(n T^2) + 2 ln M1 M2
-
-chi2: sum of squared residuals, in stated sigmas where there are any, which then count for nu0 = ``STATED_FREEDOM`` readings; T: rms that a
-straight line leaves, the prior size of what a further term explains; M1: how many laws there are, of one that is no line; M2: how many
-kinds of limits, of one that has any, and how many readings, of one that leaves one of them apart.
+Evidence: that of ``tinygc.inference.choose.of_any_scale``; stated sigmas count for ``STATED_FREEDOM`` readings, and the prior of a number
+is as wide as what a straight line leaves.  Besides, -2 log: 2 ln M, M the number of laws, of one that is no line; of kinds of limits, of
+one that has any; and of readings, of one that leaves one of them apart.
 """
 
 from __future__ import annotations
@@ -24,10 +20,10 @@ from session.base.errors import DataError
 from session.base.numeric import rms_of
 from session.base.texts import printable
 from tinygc.features.tables.rates.curve import Curve, fit, fit_curve
-from tinygc.features.tables.rates.fitting import PLATEAUS, STATED_FREEDOM, Fit, floor, span, weight_sigma
+from tinygc.features.tables.rates.fitting import PLATEAUS, Fit
 from tinygc.features.tables.rates.laws import COMPETING, CURVE, LAWS, LIMITS, Hypothesis
 from tinygc.features.tables.rates.points import Points
-from tinygc.inference.choose import LEVEL, Selection
+from tinygc.inference.choose import LEVEL, Selection, of_any_scale, weights_of
 
 #: seed of the tables of pure noise
 SEED = 1
@@ -111,7 +107,6 @@ def choose(points: Points) -> Choice:
             f"{printable(points.sensor)}: {len(points)} points on {len(points.curves)} curves do not determine a line and its noise; "
             "measure more rates on each curve"
         )
-    unit = np.sqrt(max(line.chi_square, floor(points)) / len(points))
     ends = [_may_be_limited(points, side) for side in (-1.0, 1.0)]
     hypotheses = [
         Hypothesis(law, *limits)
@@ -125,18 +120,19 @@ def choose(points: Points) -> Choice:
     more = [
         replace(each.hypothesis, apart=_farthest(each)) for each in fits if each.hypothesis.law == LINE.law and not each.hypothesis.extras
     ]
-    more.append(replace(min(fits, key=lambda each: score(each, unit)).hypothesis, law=CURVE))
+    more.append(replace(min(fits, key=lambda each: score(each, line.squares)).hypothesis, law=CURVE))
     fits += [found for each in more if (found := fit(points, each)) is not None and _shows_limits(found)]
-    scored = sorted(((found, score(found, unit) + _EXTRA_GAIN * (found.hypothesis.apart >= 0)) for found in fits), key=lambda each: each[1])
+    scored = sorted(
+        ((found, score(found, line.squares) + _EXTRA_GAIN * (found.hypothesis.apart >= 0)) for found in fits), key=lambda each: each[1]
+    )
     p_value = chance(points)
     others = [each for each in scored if each[0].hypothesis != LINE]
     if p_value > LEVEL or not others:
         scored.sort(key=lambda each: (each[0].hypothesis != LINE, each[1]))
     else:
-        scored = [*_with_extras(points, others, unit), *(each for each in scored if each[0].hypothesis == LINE)]
+        scored = [*_with_extras(points, others, line.squares), *(each for each in scored if each[0].hypothesis == LINE)]
     best = scored[0]
-    weights = np.exp(-np.array([max(each[1] - best[1], 0.0) for each in scored]) / 2)
-    shares = weights / weights.sum()
+    shares = weights_of([max(score, best[1]) for _, score in scored])
     rivals = [(found, float(share)) for (found, _), share in zip(scored[1:], shares[1:], strict=True) if share > RIVAL * shares[0]]
     rivals.sort(key=lambda each: -each[1])
     return Choice(points, best[0], line, p_value, tuple(rivals), float(shares[0]), tuple(scored))
@@ -145,12 +141,12 @@ def choose(points: Points) -> Choice:
 def _may_be_limited(points: Points, side: float) -> bool:
     """Whether the output may have a limit at one end that a law which bends does not need: a plateau, or an extreme at no extreme rate."""
     output = side * points.output
-    highest = output >= output.max() - PLATEAUS[-1] * span(points)
+    highest = output >= output.max() - PLATEAUS[-1] * points.span
     rates = np.unique(points.distinct[highest])
     return len(rates) > 1 or rates[0] not in (points.distinct.min(), points.distinct.max())
 
 
-def _with_extras(points: Points, scored: list[tuple[Fit, float]], unit: float) -> list[tuple[Fit, float]]:
+def _with_extras(points: Points, scored: list[tuple[Fit, float]], width: float) -> list[tuple[Fit, float]]:
     """The hypotheses, and the best of them with what else it needs."""
     found = list(scored)
     for _ in COMPETING:
@@ -160,7 +156,7 @@ def _with_extras(points: Points, scored: list[tuple[Fit, float]], unit: float) -
         if of.apart < 0:
             more.append(replace(of, apart=_farthest(best)))
         fits = [each for hypothesis in more if (each := fit(points, hypothesis)) is not None and _shows_limits(each)]
-        tried = sorted(((each, score(each, unit) + _EXTRA_GAIN) for each in fits), key=lambda each: each[1])
+        tried = sorted(((each, score(each, width) + _EXTRA_GAIN) for each in fits), key=lambda each: each[1])
         if not tried or tried[0][1] >= have:
             break
         found = [*tried, *found]
@@ -177,7 +173,7 @@ def _may_have(points: Points, hypothesis: Hypothesis, extra: str) -> bool:
 def _farthest(found: Fit) -> int:
     """Row of the reading without which a fit leaves least."""
     leverage = np.einsum("ij,jk,ik->i", found.jacobian, found.solution.spread, found.jacobian)
-    return int(np.argmax((found.residuals / weight_sigma(found.points)) ** 2 / np.maximum(1 - leverage, 1e-9)))
+    return int(np.argmax((found.residuals / found.points.weight) ** 2 / np.maximum(1 - leverage, 1e-9)))
 
 
 def _shows_limits(found: Fit) -> bool:
@@ -188,18 +184,12 @@ def _shows_limits(found: Fit) -> bool:
     return bool(np.isfinite(std).all() and std[limited].max() < RAIL * std[~limited].min())
 
 
-def score(found: Fit, unit: float) -> float:
-    """-2 log evidence; unit: rms of the whitened residuals of the straight line."""
-    from scipy.special import gammaln
-
-    points = found.points
-    stated = STATED_FREEDOM if points.is_known else 0.0
-    chi_square = max(found.chi_square, floor(points))
-    of = found.hypothesis
+def score(found: Fit, width: float) -> float:
+    """-2 log evidence; width: squares that the straight line leaves."""
+    points, of = found.points, found.hypothesis
     price = 2 * np.log(len(LAWS)) * (of.law != LINE.law or bool(of.extras)) + 2 * np.log(len(LIMITS)) * (of.lower or of.upper)
     price += 2 * np.log(len(points)) * (of.apart >= 0)
-    parameters = found.parameters * np.log(len(points) * unit**2)
-    return float(found.freedom * np.log((chi_square + stated) / 2) - 2 * gammaln(found.freedom / 2) + parameters + price + found.occam)
+    return float(of_any_scale(found.squares + points.stated, found.freedom, found.parameters, width) + price + found.penalty)
 
 
 # Chance: departures from a straight line as columns, of which the best is held against the best of pure noise.
@@ -229,12 +219,12 @@ def _thinned(places: np.ndarray) -> np.ndarray:
 
 def chance(points: Points) -> float:
     """Probability that pure noise on a straight line departs from it as clearly as these points do."""
-    sigma = weight_sigma(points)
+    sigma = points.weight
     nuisance = np.column_stack([np.eye(len(points.curves))[points.curve], points.rate_dps]) / sigma[:, None]
-    stated = STATED_FREEDOM if points.is_known else 0.0
+    stated = points.stated
     repeats = len(points) / len(np.unique(points.distinct))  # which rounding moves alike
     columns = dict(enumerate(each / sigma[:, None] for each in departures(points)))
-    return Selection(nuisance, columns, SEED, beside=(stated + repeats * floor(points), stated)).p_value(points.output / sigma)
+    return Selection(nuisance, columns, SEED, beside=(stated + repeats * points.floor, stated)).p_value(points.output / sigma)
 
 
 # The other curves.

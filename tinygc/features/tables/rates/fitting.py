@@ -3,33 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
+from typing import ClassVar, Self, TypeVar
 
 import numpy as np
 
 from session.base.numeric import rms_of
 from tinygc.features.tables.rates.laws import EXTRAS, Hypothesis
 from tinygc.features.tables.rates.points import Points
+from tinygc.inference.choose import of_any_scale
 from tinygc.inference.solve import Solution, solve
 
-#: readings behind stated sigmas count as so many degrees of freedom at most: the setting of the table adds noise that no std shows
-STATED_FREEDOM = 20.0
 #: shares of the output's span within which readings at an end count as one plateau, where a fit begins
 PLATEAUS = (0.002, 0.02)
 #: passes between which points lie at a limit, and the coefficients
 PASSES = 6
-#: least share of the output's span that a residual may count: no output is written with more digits
-ROUNDING = 1e-7
 #: least degrees of freedom of repeats that test a law, and the probability below which they refute it
 LEAST_REPEATS, REFUTED = 3, 0.05
 #: rise of chi-square, in the noise's variance, up to which a value is not excluded (95 %), and values that are tried of a number
 PROFILE_95, PROFILED = 3.84, 181
-#: step of a central difference, of the parameter's size
-STEP = 1e-5
+#: step of a central difference, of the shape parameter's size, which counts as this at least
+STEP, LEAST_SHAPE = 1e-5, 1e-3
 #: fits of one hypothesis, from different starts, that are refined; steps of each; residuals, in those of its start, where it is no fit
 REFINED, MOST_STEPS, WORSE = 2, 60, 10.0
+ONE = np.ones(1)
+F = TypeVar("F", bound="Fit")
 
 
 @dataclass(frozen=True)
@@ -60,22 +60,33 @@ class Number:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A hypothesis fitted to points.
+    """A hypothesis fitted to points, or, without its numbers, where a fit begins (``linear``).
 
-    offsets (C,): of the curves; coefficients (K,): of the law's columns and of the extras; shape (P,); limits: (lower, upper) of the
-    output, infinite where there is none; chi_square: sum of squared residuals over ``weight_sigma``; free: points less parameters.
+    shape (P,); offsets (C,): of the curves; coefficients (K,): of the law's columns and of the extras; limits: (lower, upper) of the
+    output, infinite where there is none; weights (q,): of ``own`` columns, all but the first ``free`` with a prior variance of ``ratio``
+    times that of the noise; penalty: -2 log evidence that these cost.
     """
 
     points: Points
     hypothesis: Hypothesis
-    offsets: np.ndarray
-    coefficients: np.ndarray
-    shape: tuple[float, ...]
-    limits: tuple[float, float]
+    shape: tuple[float, ...] = ()
+    offsets: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    coefficients: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    limits: tuple[float, float] = (-np.inf, np.inf)
+    weights: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    ratio: float = 1.0
+    penalty: float = 0.0
+    free: ClassVar[int] = 0
+
+    def own(self, rate: np.ndarray) -> np.ndarray:
+        """(M, q) columns at rates (M,) °/s that only a curve has (``curve.py``)."""
+        return np.zeros((len(rate), 0))
 
     def unlimited(self, rate: np.ndarray, points: Points | None = None) -> np.ndarray:
         """(M,) output less offset at rates (M,) °/s, without the limits; points: which these are, None for any rates."""
-        return self.hypothesis.columns(np.asarray(rate, dtype=float), self.shape, points) @ self.coefficients
+        rate = np.asarray(rate, dtype=float)
+        found: np.ndarray = self.hypothesis.columns(rate, self.shape, points) @ self.coefficients + self.own(rate) @ self.weights
+        return found
 
     def at(self, rate: np.ndarray, offset: float | None = None) -> np.ndarray:
         """(M,) output at rates (M,) °/s; offset: the mean of the curves' by default."""
@@ -121,73 +132,69 @@ class Fit:
     @cached_property
     def chi_square(self) -> float:
         """Sum of squared residuals, each over its sigma where these are known, and of what priors miss."""
-        return float(np.sum((self.residuals / weight_sigma(self.points)) ** 2) + np.sum((self.prior_scale * self.vector) ** 2))
+        return float(np.sum((self.residuals / self.points.weight) ** 2) + np.sum((self.prior_scale * self.vector) ** 2))
+
+    @property
+    def squares(self) -> float:
+        """``chi_square``, at least that of rounding."""
+        return max(self.chi_square, self.points.floor)
 
     @property
     def freedom(self) -> float:
         """Degrees of freedom of the noise: points less parameters, and those of stated sigmas."""
-        return len(self.points) - self.parameters + (STATED_FREEDOM if self.points.is_known else 0.0)
+        return len(self.points) - self.parameters + self.points.stated
 
     @property
     def noise(self) -> float:
         """Size of the noise: sigma of a point at no limit, or the factor on stated ones; NaN where nothing is free."""
-        stated, ends = STATED_FREEDOM if self.points.is_known else 0.0, self.hypothesis.lower + self.hypothesis.upper
-        freedom = self.freedom - int(self.is_limited.sum()) + ends
-        return float(np.sqrt((self.chi_square - self._clipped + stated) / freedom)) if freedom > 0 else float("nan")
+        freedom = self.freedom - int(self.is_limited.sum()) + self.hypothesis.lower + self.hypothesis.upper
+        squares = self.chi_square - self._clipped + self.points.stated
+        return float(np.sqrt(squares / freedom)) if freedom > 0 else float("nan")
 
     @property
     def _clipped(self) -> float:
         """Sum of squared whitened residuals of the points at the limits."""
-        return float(np.sum((self.residuals / weight_sigma(self.points))[self.is_limited] ** 2))
+        return float(np.sum((self.residuals / self.points.weight)[self.is_limited] ** 2))
 
-    # All parameters as one vector: offsets, coefficients, shape, the limits that there are.
+    # All parameters as one vector: offsets, coefficients, shape, the limits that there are, weights.
 
     @cached_property
     def vector(self) -> np.ndarray:
         """(p,) all estimated numbers."""
-        limits = [limit for limit, there in zip(self.limits, (self.hypothesis.lower, self.hypothesis.upper), strict=True) if there]
-        return np.array([*self.offsets, *self.coefficients, *self.shape, *limits])
-
-    @property
-    def occam(self) -> float:
-        """-2 log evidence that numbers with a prior cost."""
-        return 0.0
+        limits = np.array(self.limits)
+        return np.concatenate([self.offsets, self.coefficients, self.shape, limits[np.isfinite(limits)], self.weights])
 
     @property
     def prior_scale(self) -> np.ndarray:
         """(p,) 1 / prior sigma of each number, in sigmas of the noise; 0 for what has none."""
-        return np.zeros(len(self.vector))
+        known = len(self.weights) - self.free
+        one = 1 / np.sqrt(self.ratio) / np.median(self.points.weight)
+        return np.concatenate([np.zeros(len(self.vector) - known), np.full(known, one)])
 
-    def moved(self, vector: np.ndarray) -> Fit:
+    def moved(self, vector: np.ndarray) -> Self:
         """The same hypothesis with other numbers."""
-        curves, columns, shapes = len(self.offsets), len(self.coefficients), len(self.shape)
-        limits = iter(vector[curves + columns + shapes :])
-        lower = float(next(limits)) if self.hypothesis.lower else -np.inf
-        upper = float(next(limits)) if self.hypothesis.upper else np.inf
-        shape = tuple(float(value) for value in vector[curves + columns : curves + columns + shapes])
-        return Fit(self.points, self.hypothesis, vector[:curves], vector[curves : curves + columns], shape, (lower, upper))
+        limits = np.array(self.limits)
+        sizes = len(self.offsets), len(self.coefficients), len(self.shape), int(np.isfinite(limits).sum())
+        offsets, coefficients, shape, limits[np.isfinite(limits)], weights = np.split(vector, np.cumsum(sizes))
+        low, high = limits.tolist()
+        return replace(self, offsets=offsets, coefficients=coefficients, shape=tuple(shape.tolist()), limits=(low, high), weights=weights)
 
     @cached_property
     def jacobian(self) -> np.ndarray:
         """(N, p) derivatives of the whitened predictions."""
-        found = []
-        for number, value in enumerate(self.vector):
-            step = STEP * max(abs(value), self._scale(number))
-            sides = []
-            for sign in (1, -1):
-                other = self.vector.copy()
-                other[number] += sign * step
-                sides.append(self.moved(other).predicted)
-            found.append((sides[0] - sides[1]) / (2 * step))
-        return np.stack(found, axis=1) / weight_sigma(self.points)[:, None]
+        points, of, free = self.points, self.hypothesis, ~self.is_limited[:, None]
 
-    def _scale(self, number: int) -> float:
-        """Size of a parameter for a difference quotient where it is zero: what moves the output by a thousandth of its span."""
-        columns = number - len(self.offsets)
-        if not 0 <= columns < len(self.coefficients):
-            return 1e-3 * span(self.points)
-        column = self.hypothesis.columns(self.points.rate_dps, self.shape, self.points)[:, columns]
-        return 1e-3 * span(self.points) / max(float(np.abs(column).max()), 1e-300)
+        def columns(shape: np.ndarray) -> np.ndarray:
+            return of.columns(points.rate_dps, tuple(shape.tolist()), points)
+
+        shape = np.array(self.shape)
+        slopes = [
+            (columns(shape + step) - columns(shape - step)) @ self.coefficients / (2 * step.sum())
+            for step in np.diag(STEP * np.maximum(np.abs(shape), LEAST_SHAPE))
+        ]
+        linear = np.column_stack([np.eye(len(points.curves))[points.curve], columns(shape), *slopes]) * free
+        limits = [side.astype(float) for side, there in zip(self.at_limits, np.isfinite(self.limits), strict=True) if there]
+        return np.column_stack([linear, *limits, self.own(points.rate_dps) * free]) / points.weight[:, None]
 
     @cached_property
     def _rows(self) -> tuple[np.ndarray, np.ndarray]:
@@ -200,7 +207,7 @@ class Fit:
         spare = int(limited.sum()) - self.hypothesis.lower - self.hypothesis.upper
         more = max(float(np.sqrt(self._clipped / spare)) / max(self.noise, 1e-300), 1.0) if spare > 0 else 1.0
         less = np.where(limited, 1 / more, 1.0)
-        residuals = np.append(less * self.residuals / weight_sigma(self.points), -prior @ self.vector)
+        residuals = np.append(less * self.residuals / self.points.weight, -prior @ self.vector)
         return np.concatenate([self.jacobian * less[:, None], prior]), residuals
 
     @cached_property
@@ -223,7 +230,7 @@ class Fit:
     def lack_of_fit(self) -> LackOfFit | None:
         """Whether the law leaves more than repeats of a rate do; None where too few rates were repeated."""
         rates = np.unique(self.points.distinct)
-        repeated = (self.points.distinct[:, None] == rates[None, :]) / weight_sigma(self.points)[:, None]
+        repeated = (self.points.distinct[:, None] == rates[None, :]) / self.points.weight[:, None]
         jacobian, residuals = self._rows
         free, left = [], []
         for columns in (
@@ -232,7 +239,7 @@ class Fit:
         ):
             found = solve(columns, residuals)
             free.append(len(residuals) - found.rank)
-            left.append(max(float(np.sum((residuals - columns @ found.shortest) ** 2)), floor(self.points)))
+            left.append(max(float(np.sum((residuals - columns @ found.shortest) ** 2)), self.points.floor))
         between = free[0] - free[1]
         if free[1] < LEAST_REPEATS or not between:
             return None
@@ -248,12 +255,12 @@ class Fit:
         """Fits that leave as little with other values of a shape parameter that is not determined (95 %); this one alone where all are."""
         found, at = [self], len(self.offsets) + len(self.coefficients)
         least, most = self.hypothesis.of.bounds(float(np.abs(self.points.rate_dps).max()))
-        more = max(PROFILE_95 * self.noise**2, floor(self.points))
+        more = max(PROFILE_95 * self.noise**2, self.points.floor)
         for number in np.flatnonzero(self.solution.is_open[at : at + len(self.shape)]):
             for value in np.linspace(least[number], most[number], PROFILED):
                 shape = tuple(np.where(np.arange(len(self.shape)) == number, value, self.shape).tolist())
-                other = _from(self.points, self.hypothesis, shape, *self.at_limits)
-                found += [other] if other is not None and other.chi_square < self.chi_square + more else []
+                others = (other for _, other in linear(replace(self, shape=shape), *self.at_limits))
+                found += [other for other in others if other.chi_square < self.chi_square + more]
         return found
 
     @property
@@ -300,48 +307,16 @@ def _power(power: int) -> str:
     return f"(°/s){['', '²', '³', '⁴', '⁵'][power - 1]}"
 
 
-def span(points: Points) -> float:
-    """Largest less smallest output."""
-    return float(np.ptp(points.output)) or 1.0
-
-
-def weight_sigma(points: Points) -> np.ndarray:
-    """(N,) what residuals are divided by: the stated sigmas, or 1."""
-    return points.sigma if points.is_known else np.ones(len(points))
-
-
-def floor(points: Points) -> float:
-    """Least sum of squared whitened residuals that counts: that of the outputs' last digit, and of the noise that rounding is."""
-    least = max(ROUNDING * span(points), points.quantum / np.sqrt(12))
-    return float(np.sum((least / weight_sigma(points)) ** 2))
-
-
 def fit(points: Points, hypothesis: Hypothesis) -> Fit | None:
     """The best fit of a hypothesis; None where the points do not determine it."""
-    width = len(points.curves) + len(hypothesis.of.coefficients) + hypothesis.added + len(hypothesis.of.shapes)
-    if len(points) < width + hypothesis.lower + hypothesis.upper + 2 or len(np.unique(points.distinct)) < _least_rates(hypothesis):
-        return None
-    found: list[Fit] = []
-    for low, high in product(plateaus(points, hypothesis.lower, False), plateaus(points, hypothesis.upper, True)):
-        for start in hypothesis.of.starts(float(np.abs(points.rate_dps).max())):
-            first = _from(points, hypothesis, start, low, high)
-            if first is not None:
-                found.append(first)
+    found = [
+        first
+        for low, high in product(plateaus(points, hypothesis.lower, False), plateaus(points, hypothesis.upper, True))
+        for shape in hypothesis.of.starts(float(np.abs(points.rate_dps).max()))
+        for _, first in linear(Fit(points, hypothesis, shape), low, high)
+    ]
     found = sorted(found, key=lambda each: each.chi_square)[: REFINED if hypothesis.of.shapes else 1]
-    refined = [each for each in map(_refined, found) if each is not None]
-    return min(refined, key=lambda each: each.chi_square, default=None)
-
-
-def _least_rates(hypothesis: Hypothesis) -> int:
-    """Rates at no limit that a hypothesis needs: those of its numbers beside the offsets, and two more."""
-    return len(hypothesis.of.coefficients) + len(hypothesis.of.shapes) + hypothesis.added + 2
-
-
-def enough(points: Points, hypothesis: Hypothesis, low: np.ndarray, high: np.ndarray) -> bool:
-    """Whether there are points at each limit, low and high (N,), and rates enough at none."""
-    if (hypothesis.lower and not low.any()) or (hypothesis.upper and not high.any()):
-        return False
-    return len(np.unique(points.distinct[~(low | high)])) >= _least_rates(hypothesis)
+    return min(map(_refined, found), key=lambda each: each.chi_square, default=None)
 
 
 def plateaus(points: Points, there: bool, upper: bool) -> Iterator[np.ndarray]:
@@ -352,59 +327,77 @@ def plateaus(points: Points, there: bool, upper: bool) -> Iterator[np.ndarray]:
         return
     seen = set()
     for share in (0.0, *PLATEAUS):
-        which = output >= output.max() - share * span(points)
+        which = output >= output.max() - share * points.span
         if int(which.sum()) not in seen:
             seen.add(int(which.sum()))
             yield which
 
 
-def _from(points: Points, hypothesis: Hypothesis, shape: tuple[float, ...], low: np.ndarray, high: np.ndarray) -> Fit | None:
-    """Offsets, coefficients and limits for given shape parameters, by least squares over the points that lie at no limit.
+def linear(start: F, low: np.ndarray, high: np.ndarray, ratios: np.ndarray = ONE, width: float = 1.0) -> Iterator[tuple[float, F]]:
+    """The numbers that enter linearly, and the limits, of a fit that begins at ``start``, by least squares over the points that lie at no
+    limit: -2 log evidence (``tinygc.inference.choose.of_any_scale``) and the fit, for each ratio (R,) of its weights' variance to that of
+    the noise.
 
-    low, high (N,) bool: points at the limits, where a guess begins.  None where the points do not determine it.
+    low, high (N,) bool: points at the limits, where a guess begins; width: squares that a straight line leaves.  Nothing where the points
+    do not determine them: two more than there are numbers, as many rates, and a point at each limit.
     """
-    sigma, count = weight_sigma(points), len(points.curves)
-    columns = np.column_stack([np.eye(count)[points.curve], hypothesis.columns(points.rate_dps, shape, points)])
-    if not np.isfinite(columns).all():
-        return None
-    size = np.maximum(np.abs(columns).max(axis=0), 1e-300)
-    columns, output = columns / size, points.output
-    solved, limits = np.zeros(len(size)), (-np.inf, np.inf)
+    points, of, sigma, count = start.points, start.hypothesis, start.points.weight, len(start.points.curves)
+    own, ends, stated = start.own(points.rate_dps), int(of.lower) + of.upper, points.stated
+    fixed = np.column_stack([np.eye(count)[points.curve], of.columns(points.rate_dps, start.shape, points), own[:, : start.free]])
+    f, numbers = own[:, start.free :], fixed.shape[1] + len(start.shape) + ends
+    if len(points) < numbers + 2 or not np.isfinite(fixed).all():
+        return
+    y, variance, limits = np.column_stack([points.output, f]) / sigma[:, None], ratios[:, None] * np.median(sigma) ** 2, start.limits
     for _ in range(PASSES):
         free = ~(low | high)
-        if (hypothesis.lower and not low.any()) or (hypothesis.upper and not high.any()) or free.sum() < len(size):
-            return None
-        limits = (float(output[low].mean()) if hypothesis.lower else -np.inf, float(output[high].mean()) if hypothesis.upper else np.inf)
-        solved = solve(columns[free] / sigma[free, None], output[free] / sigma[free]).shortest
-        unlimited = columns @ solved
-        now = (unlimited <= limits[0]) & hypothesis.lower, (unlimited >= limits[1]) & hypothesis.upper
+        if (of.lower and not low.any()) or (of.upper and not high.any()) or free.sum() < fixed.shape[1]:
+            return
+        limits = float(points.output[low].mean()) if of.lower else -np.inf, float(points.output[high].mean()) if of.upper else np.inf
+        straight = solve(fixed[free] / sigma[free, None], y[free])
+        if start.free and straight.open.size:
+            return
+        left = y[free] - fixed[free] / sigma[free, None] @ straight.shortest
+        u, s, v = np.linalg.svd(left[:, 1:], full_matrices=False)
+        z = u.T @ left[:, 0]
+        shrunk = 1 + variance * s**2  # (R, q)
+        weights = (variance * s * z / shrunk) @ v
+        clipped = np.where(low, limits[0], limits[1])[~free] - points.output[~free]
+        squares = left[:, 0] @ left[:, 0] - z @ z + np.sum(z**2 / shrunk, axis=1) + np.sum((clipped / sigma[~free]) ** 2)
+        penalty = np.sum(np.log(shrunk), axis=1)
+        freedom = len(points) - numbers + stated
+        scores = of_any_scale(np.maximum(squares, points.floor) + stated, freedom, fixed.shape[1] + ends, width) + penalty
+        coefficients = straight.shortest[:, :1] - straight.shortest[:, 1:] @ weights.T  # (k, R)
+        best = (fixed @ coefficients + f @ weights.T)[:, np.argmin(scores)]
+        now = (best <= limits[0]) & of.lower, (best >= limits[1]) & of.upper
         if (now[0] == low).all() and (now[1] == high).all():
             break
         low, high = now
-    if (hypothesis.lower or hypothesis.upper) and len(np.unique(points.distinct[~(low | high)])) < _least_rates(hypothesis):
-        return None
-    return Fit(points, hypothesis, solved[:count] / size[:count], solved[count:] / size[count:], shape, limits)
+    least_rates = len(of.of.coefficients) + len(of.of.shapes) + of.added + 2
+    if (of.lower and not low.any()) or (of.upper and not high.any()) or len(np.unique(points.distinct[~(low | high)])) < least_rates:
+        return
+    for number, ratio in enumerate(ratios.tolist()):
+        offsets, rest, powers = np.split(coefficients[:, number], [count, fixed.shape[1] - start.free])
+        more = {"weights": np.concatenate([powers, weights[number]]), "ratio": ratio, "penalty": float(penalty[number])}
+        yield float(scores[number]), replace(start, offsets=offsets, coefficients=rest, limits=limits, **more)
 
 
-def _refined(start: Fit) -> Fit | None:
-    """The shape parameters at their optimum, all other numbers following them; None where a limit holds no point."""
+def _refined(start: Fit) -> Fit:
+    """The shape parameters at their optimum, all other numbers following them."""
     from scipy.optimize import least_squares
 
-    hypothesis, points = start.hypothesis, start.points
-    found, low, high = start, start.predicted <= start.limits[0], start.predicted >= start.limits[1]
+    points, (low, high) = start.points, start.at_limits
+    if not start.shape:
+        return start
+
+    def trial(shape: np.ndarray) -> Fit | None:
+        return next((found for _, found in linear(replace(start, shape=tuple(shape.tolist())), low, high)), None)
 
     def residuals(shape: np.ndarray) -> np.ndarray:
-        trial = _from(points, hypothesis, tuple(shape.tolist()), low, high)
-        return (start.residuals * WORSE if trial is None else trial.residuals) / scale
+        found = trial(shape)
+        return (start.residuals * WORSE if found is None else found.residuals) / scale
 
-    if hypothesis.of.shapes:
-        scale = weight_sigma(points) * (1.0 if points.is_known else span(points))
-        least, most = hypothesis.of.bounds(float(np.abs(points.rate_dps).max()))
-        begin = np.clip(start.shape, least + 1e-9 * (most - least), most - 1e-9 * (most - least))
-        solved = least_squares(residuals, begin, bounds=(least, most), x_scale=np.maximum(np.abs(begin), 0.1 * most), max_nfev=MOST_STEPS)
-        trial = _from(points, hypothesis, tuple(solved.x.tolist()), low, high)
-        found = min((start, trial or start), key=lambda each: each.chi_square)
-    predicted = found.predicted
-    if (hypothesis.lower and not (predicted <= found.limits[0]).any()) or (hypothesis.upper and not (predicted >= found.limits[1]).any()):
-        return None
-    return found
+    scale = points.weight * (1.0 if points.is_known else points.span)
+    least, most = start.hypothesis.of.bounds(float(np.abs(points.rate_dps).max()))
+    begin = np.clip(start.shape, least + 1e-9 * (most - least), most - 1e-9 * (most - least))
+    solved = least_squares(residuals, begin, bounds=(least, most), x_scale=np.maximum(np.abs(begin), 0.1 * most), max_nfev=MOST_STEPS)
+    return min((start, trial(solved.x) or start), key=lambda each: each.chi_square)

@@ -12,6 +12,7 @@ import csv
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +33,10 @@ LEAST_RATES = 4
 APART, LEAST_SCATTERED, FOLLOWED = 5.0, 6, 1e-3
 #: of the largest output: a stated sigma below is none
 LEAST_SIGMA = 1e-9
+#: readings behind stated sigmas count as so many degrees of freedom at most: the setting of the table adds noise that no std shows
+STATED_FREEDOM = 20.0
+#: least share of the output's span that a residual may count
+ROUNDING = 1e-7
 #: digits behind the point with which an output is still taken as rounded
 MOST_DECIMALS = 8
 #: names of columns, before their units
@@ -93,12 +98,12 @@ class Points:
     def __len__(self) -> int:
         return len(self.rate_dps)
 
-    @property
+    @cached_property
     def is_known(self) -> bool:
         """Whether the sigma of every mean is known, and not as small as its rounding."""
         return bool(np.isfinite(self.sigma).all() and (self.sigma > LEAST_SIGMA * max(np.abs(self.output).max(), 1e-300)).all())
 
-    @property
+    @cached_property
     def distinct(self) -> np.ndarray:
         """(N,) rates of which those that a table takes for one are equal: to a thousandth of the largest."""
         step = 1e-3 * max(float(np.abs(self.rate_dps).max()), 1e-300)
@@ -109,6 +114,31 @@ class Points:
     def both_ways(self) -> np.ndarray:
         """(M,) rates that were reached from below and from above."""
         return np.intersect1d(self.distinct[self.direction > 0], self.distinct[self.direction < 0])
+
+    @cached_property
+    def weight(self) -> np.ndarray:
+        """(N,) what residuals are divided by: the stated sigmas, or 1."""
+        return self.sigma if self.is_known else np.ones(len(self))
+
+    @property
+    def stated(self) -> float:
+        """Degrees of freedom of stated sigmas."""
+        return STATED_FREEDOM if self.is_known else 0.0
+
+    @cached_property
+    def span(self) -> float:
+        """Largest less smallest output."""
+        return float(np.ptp(self.output)) or 1.0
+
+    @property
+    def least(self) -> float:
+        """Least residual that counts, as no output is written with more digits."""
+        return ROUNDING * self.span
+
+    @cached_property
+    def floor(self) -> float:
+        """Least sum of squared whitened residuals that counts: that of the outputs' last digit, and of the noise that rounding is."""
+        return float(np.sum((max(self.least, self.quantum / np.sqrt(12)) / self.weight) ** 2))
 
     @property
     def quantum(self) -> float:

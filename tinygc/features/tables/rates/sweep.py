@@ -20,6 +20,7 @@ from session.base.texts import measured, printable
 from session.base.units import DEG
 from tinygc.features.tables.rates.points import number_in, read_table
 from tinygc.features.tables.rates.terms import size
+from tinygc.inference.choose import weights_of
 from tinygc.inference.solve import solve
 
 #: least number of frequencies of a sweep
@@ -135,11 +136,10 @@ def fit_response(response: Response) -> Sweep:
     scores = np.array(
         [rows * np.log(max(chi_square, 1e-12 * rows) / rows) + len(vector) * np.log(rows) for _, vector, _, chi_square in fits]
     )
-    weights = np.exp(-(scores - scores.min()) / 2)
     best = int(np.argmin(scores))
     model, vector, covariance, _ = fits[best]
     band, sigma, least = _bandwidth(response, model, vector, covariance)
-    return Sweep(response, model, vector, covariance, band, sigma, least, float(weights[best] / weights.sum()))
+    return Sweep(response, model, vector, covariance, band, sigma, least, float(weights_of(scores)[best]))
 
 
 def _fit(response: Response, model: str) -> tuple[str, np.ndarray, np.ndarray, float] | None:

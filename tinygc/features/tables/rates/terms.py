@@ -15,7 +15,7 @@ import numpy as np
 from session.base.texts import significant
 from tinygc.features.tables.rates.choice import NOT_SMOOTH, Choice
 from tinygc.features.tables.rates.curve import Curve, fit
-from tinygc.features.tables.rates.fitting import Fit, over_rate, span
+from tinygc.features.tables.rates.fitting import Fit, over_rate
 from tinygc.features.tables.rates.laws import EXTRAS, Hypothesis
 from tinygc.features.tables.rates.points import Points
 
@@ -393,7 +393,7 @@ def _saturation(found: Fit) -> list[TermRow]:
             places = [at for end in (rates.min(), rates.max()) if end and (at := _input_limit(found, float(end))) is not None]
             beyond = left_open(found)
             places = [at for at in places if beyond is None or at * beyond[0] < 0 or abs(at) <= abs(beyond[1])]
-            of_limit = [at for at in places if abs(float(found.at(np.array([at]))[0]) - value) < 1e-3 * span(found.points)]
+            of_limit = [at for at in places if abs(float(found.at(np.array([at]))[0]) - value) < 1e-3 * found.points.span]
             alone = ", by one reading whose std is far below all others" if found.is_limited.sum() == 1 else ""
             remark = f"the output's limit{alone}" + "".join(f", reached at {size(at)} °/s" for at in of_limit)
             rows.append(TermRow(key, f"{name} (saturation)", found.points.unit, remark, value, sigma))

@@ -360,7 +360,7 @@ def diagnose(evidence: Evidence, causes: Sequence[Cause]) -> Diagnosis:
         worse = rivals_of(compared, best, cause.name)
         rivals[cause.name] = tuple(name for name in sorted(worse, key=worse.__getitem__) if worse[name] < 2 * AS_PROBABLE)
     unique = {each.ids: each for each in sorted(compared, key=lambda each: -each.score)}
-    probability = weights_of([*unique.values()])[[*unique].index(best.ids)]
+    probability = weights_of([each.score for each in unique.values()])[[*unique].index(best.ids)]
     return Diagnosis(best, float(probability), rivals, alone)
 
 

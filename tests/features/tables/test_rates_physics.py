@@ -111,7 +111,7 @@ def test_a_coefficients_unit_has_the_power_of_its_column(law):
     shape, twice = (
         tuple(each * (factor if p.is_rate else 1) for each, p in zip((40.0, 0.6, 4.0), of.shapes, strict=False)) for factor in (1, 2)
     )
-    powers = np.array([power for _, power in of.coefficients])
+    powers = np.array([each.power for each in of.coefficients])
     assert of.columns(2 * rate, twice) == pytest.approx(2.0**powers * of.columns(rate, shape), rel=1e-9, abs=1e-12)
 
 
@@ -122,7 +122,7 @@ def test_columns_of_extras_and_their_units():
     expected = [rate, np.abs(rate), points.direction / 2, points.order, rate != 0, rate**3, np.sign(rate), np.arange(5) == 3]
     assert pytest.approx(np.array(expected, dtype=float)) == of.columns(rate, (), points).T
     assert not of.columns(rate, ())[:, [2, 3, 7]].any()  # of rates that are no points neither sense nor order is known
-    assert (of.added, Hypothesis("line", apart=0).added) == (7, 1)
+    assert (len(of.coefficients), len(Hypothesis("line", apart=0).coefficients)) == (8, 2)
     assert fit(points.part(np.arange(5) < 5), Hypothesis("line", apart=0)).units == ("mV", "mV/(°/s)", "mV")
     assert of.name == "line, clipped above, asymmetry, hysteresis, drift, turning, bend, sense, one reading off"
     every = Hypothesis("line", extras=tuple(EXTRAS))

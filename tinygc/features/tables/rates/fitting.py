@@ -11,7 +11,7 @@ from typing import ClassVar, Self, TypeVar
 import numpy as np
 
 from session.base.numeric import rms_of
-from tinygc.features.tables.rates.laws import EXTRAS, Hypothesis
+from tinygc.features.tables.rates.laws import Hypothesis
 from tinygc.features.tables.rates.points import Points
 from tinygc.inference.choose import of_any_scale
 from tinygc.inference.solve import Solution, solve
@@ -279,21 +279,17 @@ class Fit:
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of the numbers in ``vector``."""
-        law = self.hypothesis.of
+        of = self.hypothesis
         offsets = [f"V0[{number}]" for number in range(len(self.offsets))] if len(self.offsets) > 1 else ["V0"]
-        coefficients = [name for name, _ in law.coefficients] + [EXTRAS[name].symbol.split()[0] for name in self.hypothesis.extras]
-        coefficients += ["r"] * (self.hypothesis.apart >= 0)
-        limits = ["V−"] * self.hypothesis.lower + ["V+"] * self.hypothesis.upper
-        return (*offsets, *coefficients, *(shape.name for shape in law.shapes), *limits)
+        limits = ["V−"] * of.lower + ["V+"] * of.upper
+        return (*offsets, *(each.name for each in of.coefficients), *(shape.name for shape in of.of.shapes), *limits)
 
     @cached_property
     def units(self) -> tuple[str, ...]:
         """Units of the numbers in ``vector``."""
-        law, unit = self.hypothesis.of, self.points.unit
-        powers = [power for _, power in law.coefficients] + [EXTRAS[name].power for name in self.hypothesis.extras]
-        powers += [0] * (self.hypothesis.apart >= 0)
-        limits = self.hypothesis.lower + self.hypothesis.upper
-        return (*[unit] * len(self.offsets), *(over_rate(unit, power) for power in powers), *(s.unit for s in law.shapes), *[unit] * limits)
+        of, unit = self.hypothesis, self.points.unit
+        own = *(over_rate(unit, each.power) for each in of.coefficients), *(shape.unit for shape in of.of.shapes)
+        return (*[unit] * len(self.offsets), *own, *[unit] * (of.lower + of.upper))
 
 
 def over_rate(unit: str, power: int) -> str:
@@ -372,7 +368,7 @@ def linear(start: F, low: np.ndarray, high: np.ndarray, ratios: np.ndarray = ONE
         if (now[0] == low).all() and (now[1] == high).all():
             break
         low, high = now
-    least_rates = len(of.of.coefficients) + len(of.of.shapes) + of.added + 2
+    least_rates = len(of.coefficients) + len(of.of.shapes) + 2
     if (of.lower and not low.any()) or (of.upper and not high.any()) or len(np.unique(points.distinct[~(low | high)])) < least_rates:
         return
     for number, ratio in enumerate(ratios.tolist()):

@@ -4,6 +4,10 @@
 
 The coefficients enter linearly; a law has up to three further shape parameters, each in its own unit.  Sources: IEEE 1431 (scale,
 asymmetry, dead band, hysteresis); Lefevre, The Fiber-Optic Gyroscope, chapters 2 and 5 (Sagnac phase, modulation depth, demodulation).
+
+A law is no ``tinygc.effects.effect.Effect``: it is the whole output in the output's own unit, its zero and scale not known, where an
+effect corrects a rate in rad/s; its shape parameters bound a search; and nothing is corrected by it, so that no C follows.  The writer of C
+knows sums, products and magnitudes, and no sine.
 """
 
 from __future__ import annotations
@@ -15,9 +19,6 @@ from itertools import product
 import numpy as np
 
 from tinygc.features.tables.rates.points import Points
-
-#: columns (N, K) at rates (N,) °/s, for the shape parameters of a law
-ColumnsOf = Callable[[np.ndarray, tuple[float, ...]], np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -36,15 +37,33 @@ class Shape:
 
 
 @dataclass(frozen=True, eq=False)
-class Law:
-    """name; words; equation, with the names of its parameters; coefficients: names and powers of °/s in their units; shapes; columns."""
+class Column:
+    """What a coefficient multiplies: symbol, as the equation has it, the coefficient's name first; power of °/s in its unit; at(rate (N,)
+    °/s, *shape) -> (N,); words, where it may be added to a law."""
 
-    name: str
+    symbol: str
+    power: int
+    at: Callable[..., np.ndarray]
+    words: str = ""
+
+    @property
+    def name(self) -> str:
+        """Of its coefficient."""
+        return self.symbol.split()[0]
+
+
+@dataclass(frozen=True, eq=False)
+class Law:
+    """words; equation, with the names of its parameters; coefficients: their columns; shapes."""
+
     words: str
     equation: str
-    coefficients: tuple[tuple[str, int], ...]
-    columns: ColumnsOf
+    coefficients: tuple[Column, ...]
     shapes: tuple[Shape, ...] = ()
+
+    def columns(self, rate: np.ndarray, shape: tuple[float, ...]) -> np.ndarray:
+        """(N, K) at rates (N,) °/s, for the shape parameters."""
+        return np.stack([each.at(rate, *shape) for each in self.coefficients], axis=1)
 
     def starts(self, largest_dps: float) -> list[tuple[float, ...]]:
         """Where fits of the shape parameters begin."""
@@ -64,134 +83,102 @@ class Law:
 _COSINE = np.cos((np.arange(48) + 0.5) * np.pi / 48)
 
 
-def _demodulated(rate: np.ndarray, shape: tuple[float, ...]) -> np.ndarray:
+def _demodulated(rate: np.ndarray, rate_per_rad: float, depth: float, limit: float) -> np.ndarray:
     """First harmonic, out of a signal of constant size whose upper side saturates at ``limit`` of its rms."""
-    rate_per_rad, depth, limit = shape
     sizes, which = np.unique(np.abs(rate), return_inverse=True)
     signal = np.cos((sizes / rate_per_rad)[:, None] + depth * _COSINE)
     signal = signal - signal.mean(axis=1, keepdims=True)
     signal /= np.sqrt(np.mean(signal**2, axis=1, keepdims=True))
     harmonic = -2 * np.minimum(signal, limit) @ _COSINE / len(_COSINE)
-    return (harmonic[which] * np.sign(rate))[:, None]
+    return harmonic[which] * np.sign(rate)
 
 
-def _overloaded(rate: np.ndarray, shape: tuple[float, ...]) -> np.ndarray:
+def _overloaded(rate: np.ndarray, rate_per_rad: float, limit: float, order: float) -> np.ndarray:
     """A sine whose amplifier loses its gain where the signal is beyond ``limit`` of its amplitude."""
-    rate_per_rad, limit, order = shape
     sine = np.sin(rate / rate_per_rad)
-    return (sine / (1 + (np.abs(sine) / limit) ** order))[:, None]
-
-
-def _columns(*of: Callable[..., np.ndarray]) -> ColumnsOf:
-    return lambda rate, shape: np.stack([each(rate, *shape) for each in of], axis=1)
-
-
-def _rate(rate: np.ndarray, *shape: float) -> np.ndarray:
-    return rate
+    found: np.ndarray = sine / (1 + (np.abs(sine) / limit) ** order)
+    return found
 
 
 _BEND = Shape("w0", "°/s", (0.4, 0.8, 2.0), (0.1, 20.0))
 _PHASE = Shape("w0", "°/s", (0.4, 0.6, 1.0, 2.0), (0.2, 20.0))
+_K = Column("K w", 1, lambda w: w)
+_q = Column("q w²", 2, lambda w: w**2)
+_c = Column("c w³", 3, lambda w: w**3, "a cubic term")
+_a = Column("a |w|", 1, np.abs, "asymmetry")
+
+
+def _A(at: Callable[..., np.ndarray]) -> tuple[Column]:
+    return (Column("A", 0, at),)
+
 
 LAWS: dict[str, Law] = {
-    law.name: law
-    for law in (
-        Law("line", "a straight line", "K w", (("K", 1),), _columns(_rate)),
-        Law("asymmetry", "two slopes, one for each sense", "K w + a |w|", (("K", 1), ("a", 1)), _columns(_rate, lambda w: np.abs(w))),
-        Law("quadratic", "a parabola", "K w + q w²", (("K", 1), ("q", 2)), _columns(_rate, lambda w: w**2)),
-        Law("cubic", "a cubic", "K w + c w³", (("K", 1), ("c", 3)), _columns(_rate, lambda w: w**3)),
-        Law(
-            "polynomial",
-            "a polynomial of the third order",
-            "K w + q w² + c w³",
-            (("K", 1), ("q", 2), ("c", 3)),
-            _columns(_rate, lambda w: w**2, lambda w: w**3),
-        ),
-        Law("tanh", "soft saturation (tanh)", "A tanh(w / w0)", (("A", 0),), _columns(lambda w, c: np.tanh(w / c)), (_BEND,)),
-        Law("arctan", "soft saturation (arctan)", "A arctan(w / w0)", (("A", 0),), _columns(lambda w, c: np.arctan(w / c)), (_BEND,)),
-        Law(
-            "root",
-            "soft saturation (root)",
-            "K w / √(1 + (w / w0)²)",
-            (("K", 1),),
-            _columns(lambda w, c: w / np.sqrt(1 + (w / c) ** 2)),
-            (_BEND,),
-        ),
-        Law("sine", "a sine: an open-loop interferometer", "A sin(w / w0)", (("A", 0),), _columns(lambda w, c: np.sin(w / c)), (_PHASE,)),
-        Law(
-            "sine_of_any_phase",
-            "a sine whose phase at rest is not zero",
-            "A sin(w / w0) + B (cos(w / w0) − 1)",
-            (("A", 0), ("B", 0)),
-            _columns(lambda w, c: np.sin(w / c), lambda w, c: np.cos(w / c) - 1),
-            (_PHASE,),
-        ),
-        Law(
-            "normalised_sine",
-            "an interferometer whose mean light is held constant",
-            "A sin x / (1 + j cos x); x = w / w0",
-            (("A", 0),),
-            _columns(lambda w, c, j: np.sin(w / c) / (1 + j * np.cos(w / c))),
-            (_PHASE, Shape("j", "1", (-0.2, 0.25), (-0.41, 0.9))),
-        ),
-        Law(
-            "overloaded_sine",
-            "an interferometer whose amplifier loses gain in overload",
-            "A s / (1 + (|s| / b)^n); s = sin(w / w0)",
-            (("A", 0),),
-            _overloaded,
-            (_PHASE, Shape("b", "1", (0.8, 1.05), (0.2, 3.0)), Shape("n", "1", (4.0, 10.0), (1.0, 40.0))),
-        ),
-        Law(
-            "demodulator",
-            "an interferometer whose detector signal is held at one size and saturates",
-            "A H1[min(s / rms(s), b)]; s = cos(x + m cos t) less its mean, x = w / w0, H1 the harmonic of cos t",
-            (("A", 0),),
-            _demodulated,
-            (_PHASE, Shape("m", "rad", (1.8, 2.7, 3.1), (0.5, 4.5)), Shape("b", "1", (-0.4, 0.7), (-1.0, 3.0))),
-        ),
-        Law(
-            "dead_band",
-            "a dead band about rest",
-            "K (w − clip(w, ±d))",
-            (("K", 1),),
-            _columns(lambda w, d: w - np.clip(w, -d, d)),
-            (Shape("d", "°/s", (0.02, 0.1, 0.3), (0.0, 0.8)),),
-        ),
-        Law(
-            "pieces",
-            "two straight pieces",
-            "K w + h max(w − w1, 0)",
-            (("K", 1), ("h", 1)),
-            _columns(_rate, lambda w, c: np.maximum(w - c, 0.0)),
-            (Shape("w1", "°/s", (-0.5, -0.2, 0.2, 0.5), (-0.9, 0.9)),),
-        ),
-    )
+    "line": Law("a straight line", "K w", (_K,)),
+    "asymmetry": Law("two slopes, one for each sense", "K w + a |w|", (_K, _a)),
+    "quadratic": Law("a parabola", "K w + q w²", (_K, _q)),
+    "cubic": Law("a cubic", "K w + c w³", (_K, _c)),
+    "polynomial": Law("a polynomial of the third order", "K w + q w² + c w³", (_K, _q, _c)),
+    "tanh": Law("soft saturation (tanh)", "A tanh(w / w0)", _A(lambda w, c: np.tanh(w / c)), (_BEND,)),
+    "arctan": Law("soft saturation (arctan)", "A arctan(w / w0)", _A(lambda w, c: np.arctan(w / c)), (_BEND,)),
+    "root": Law(
+        "soft saturation (root)",
+        "K w / √(1 + (w / w0)²)",
+        (Column("K", 1, lambda w, c: w / np.sqrt(1 + (w / c) ** 2)),),
+        (_BEND,),
+    ),
+    "sine": Law("a sine: an open-loop interferometer", "A sin(w / w0)", _A(lambda w, c: np.sin(w / c)), (_PHASE,)),
+    "sine_of_any_phase": Law(
+        "a sine whose phase at rest is not zero",
+        "A sin(w / w0) + B (cos(w / w0) − 1)",
+        (*_A(lambda w, c: np.sin(w / c)), Column("B", 0, lambda w, c: np.cos(w / c) - 1)),
+        (_PHASE,),
+    ),
+    "normalised_sine": Law(
+        "an interferometer whose mean light is held constant",
+        "A sin x / (1 + j cos x); x = w / w0",
+        _A(lambda w, c, j: np.sin(w / c) / (1 + j * np.cos(w / c))),
+        (_PHASE, Shape("j", "1", (-0.2, 0.25), (-0.41, 0.9))),
+    ),
+    "overloaded_sine": Law(
+        "an interferometer whose amplifier loses gain in overload",
+        "A s / (1 + (|s| / b)^n); s = sin(w / w0)",
+        _A(_overloaded),
+        (_PHASE, Shape("b", "1", (0.8, 1.05), (0.2, 3.0)), Shape("n", "1", (4.0, 10.0), (1.0, 40.0))),
+    ),
+    "demodulator": Law(
+        "an interferometer whose detector signal is held at one size and saturates",
+        "A H1[min(s / rms(s), b)]; s = cos(x + m cos t) less its mean, x = w / w0, H1 the harmonic of cos t",
+        _A(_demodulated),
+        (_PHASE, Shape("m", "rad", (1.8, 2.7, 3.1), (0.5, 4.5)), Shape("b", "1", (-0.4, 0.7), (-1.0, 3.0))),
+    ),
+    "dead_band": Law(
+        "a dead band about rest",
+        "K (w − clip(w, ±d))",
+        (Column("K", 1, lambda w, d: w - np.clip(w, -d, d)),),
+        (Shape("d", "°/s", (0.02, 0.1, 0.3), (0.0, 0.8)),),
+    ),
+    "pieces": Law(
+        "two straight pieces",
+        "K w + h max(w − w1, 0)",
+        (Column("K", 1, lambda w, c: w), Column("h", 1, lambda w, c: np.maximum(w - c, 0.0))),
+        (Shape("w1", "°/s", (-0.5, -0.2, 0.2, 0.5), (-0.9, 0.9)),),
+    ),
 }
 
 
 #: the smooth curve that no law names (``curve.py``)
 CURVE = "curve"
-_CURVE = Law(CURVE, "a smooth curve of no law in the list", "K w + f(w); f smooth", (("K", 1),), _columns(_rate))
+_CURVE = Law("a smooth curve of no law in the list", "K w + f(w); f smooth", (_K,))
 
-
-@dataclass(frozen=True, eq=False)
-class Extra:
-    """One more column beside a law: words; power of °/s in its coefficient's unit; column of rate, direction and order, each (N,)."""
-
-    words: str
-    symbol: str
-    power: int
-    column: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
-
-
-EXTRAS: dict[str, Extra] = {
-    "asymmetry": Extra("asymmetry", "a |w|", 1, lambda rate, direction, order: np.abs(rate)),
-    "hysteresis": Extra("hysteresis", "h direction / 2", 0, lambda rate, direction, order: direction / 2),
-    "drift": Extra("a drift in the order of the rows", "u order", 0, lambda rate, direction, order: order),
-    "turning": Extra("an offset while the table turns", "t [w ≠ 0]", 0, lambda rate, direction, order: (rate != 0).astype(float)),
-    "bend": Extra("a cubic term", "c w³", 3, lambda rate, direction, order: rate**3),
-    "sense": Extra("a step with the sense", "z sign(w)", 0, lambda rate, direction, order: np.sign(rate)),
+#: columns beside a law; those of the points' direction and order, and of one of them, are zero at other rates
+EXTRAS: dict[str, Column] = {
+    "asymmetry": _a,
+    "hysteresis": Column("h direction / 2", 0, np.zeros_like, "hysteresis"),
+    "drift": Column("u order", 0, np.zeros_like, "a drift in the order of the rows"),
+    "turning": Column("t [w ≠ 0]", 0, lambda rate: (rate != 0).astype(float), "an offset while the table turns"),
+    "bend": _c,
+    "sense": Column("z sign(w)", 0, np.sign, "a step with the sense"),
+    "apart": Column("r [one reading]", 0, np.zeros_like, "one reading off"),
 }
 
 #: extras that compete; the others are only probed for, where nothing shows
@@ -230,24 +217,27 @@ class Hypothesis:
     def equation(self) -> str:
         """The output, with the names of its parameters."""
         law, _, rest = self.of.equation.partition("; ")
-        added = [EXTRAS[name].symbol for name in self.extras] + ["r [one reading]"] * (self.apart >= 0)
-        inside = " + ".join(["V0", law, *added])
+        inside = " + ".join(["V0", law, *(EXTRAS[name].symbol for name in self.beside)])
         low, high = "V−" if self.lower else "−∞", "V+" if self.upper else "∞"
         return (f"V = clip({inside}, {low}, {high})" if self.lower or self.upper else f"V = {inside}") + (f"; {rest}" if rest else "")
-
-    @property
-    def added(self) -> int:
-        """How many columns there are beside the law's own."""
-        return len(self.extras) + (self.apart >= 0)
 
     def columns(self, rate: np.ndarray, shape: tuple[float, ...], points: Points | None = None) -> np.ndarray:
         """(N, K + E) columns of the law's coefficients and of the extras, at rates (N,); points: which these are, None where they are none.
 
         Where they are none, nothing is known of their direction and order, and none is the reading apart.
         """
-        none = np.zeros(len(rate))
-        direction, order = (none, none) if points is None else (points.direction, points.order)
-        extras = [EXTRAS[name].column(rate, direction, order) for name in self.extras]
-        if self.apart >= 0:
-            extras.append(none if points is None else (np.arange(len(rate)) == self.apart).astype(float))
+        own = {}
+        if points is not None:
+            own = {"hysteresis": points.direction / 2, "drift": points.order, "apart": (np.arange(len(rate)) == self.apart).astype(float)}
+        extras = [own[name] if name in own else EXTRAS[name].at(rate) for name in self.beside]
         return np.column_stack([self.of.columns(rate, shape), *extras])
+
+    @property
+    def beside(self) -> tuple[str, ...]:
+        """Its extras, and the reading that is apart."""
+        return (*self.extras, *["apart"] * (self.apart >= 0))
+
+    @property
+    def coefficients(self) -> tuple[Column, ...]:
+        """What is fitted beside the offsets."""
+        return (*self.of.coefficients, *map(EXTRAS.__getitem__, self.beside))

@@ -43,8 +43,7 @@ def headline(choice: Choice) -> str:
 def law_words(choice: Choice) -> str:
     """``a straight line, clipped below and above``."""
     of = choice.fit.hypothesis
-    beside = [*(EXTRAS[name].words for name in of.extras), *["one reading off"] * (of.apart >= 0)]
-    return ", ".join([of.of.words, *filter(None, [of.clipped]), *(f"with {each}" for each in beside)])
+    return ", ".join([of.of.words, *filter(None, [of.clipped]), *(f"with {EXTRAS[name].words}" for name in of.beside)])
 
 
 def lines(choice: Choice) -> list[str]:

@@ -287,7 +287,7 @@ def _probe(choice: Choice, inside: Points, extra: str, within: Range | None = No
     found = fit(inside, Hypothesis(law, extras=(*extras, extra)))
     if found is None:
         return None
-    number = found.names.index(EXTRAS[extra].symbol.split()[0], len(found.offsets) + len(found.hypothesis.of.coefficients))
+    number = found.names.index(EXTRAS[extra].name, len(found.offsets) + len(found.hypothesis.of.coefficients))
     value, sigma = derived(found, lambda law: float(law.vector[number]) if within is None else _uneven(law, within))
     return (value, sigma) if np.isfinite(sigma) and sigma > 0 else None
 

@@ -226,12 +226,15 @@ def test_an_event_belongs_to_a_turn_with_four_readings_on_either_side(row, segme
 
 
 def shortened(made: ClosureTrial, lengths: dict[int, int]) -> list[RegisterFault]:
-    """Take time out of turns, at a reading in the middle of each, as if so many samples were lost there."""
+    """Take readings out of turns, from the middle of each, as if so many samples were lost there."""
     events = []
     for i, count in lengths.items():
-        dt = made._batch.dt
-        dt[i, 11] -= count * made._period_s
-        events.append(RegisterFault(LOST, 0, made.twin.problem.used[i].start + 11))
+        segment = made.twin.problem.used[i]
+        row = segment.start + 11
+        rates, batch = made.rates[0], made._batch
+        rates[row + 1 : segment.stop - count] = rates[row + 1 + count : segment.stop].copy()
+        batch.dt[i, len(batch.dt[i]) - count :] = 0.0
+        events.append(RegisterFault(LOST, 0, row))
     return events
 
 
@@ -241,15 +244,17 @@ def test_the_number_lost_each_time_closes_most_turns_of_which_one_may_have_none(
     made = trial(count=4)
     events = shortened(made, dict.fromkeys(range(3), count))
     nowhere, other, in_rest = (RegisterFault(LOST, 0, row) for row in (228, 106, 5))
-    for losses, expected in ([*events, nowhere], count), ([*events, nowhere, other], count), ([nowhere], 0), ([in_rest], 0):
-        assert made.lost_each_time(losses) == expected
+    with patch.object(data_repair.bridging, "best_order", lambda samples, rows, count: (3, 0.0)):
+        for losses, expected in ([*events, nowhere], count), ([*events, nowhere, other], count), ([nowhere], 0), ([in_rest], 0):
+            assert made.lost_each_time(losses) == expected
 
 
 def test_most_turns_decide_the_number_lost_and_not_the_one_that_closes_best():
     """Three of one sample, which miss by two and a half sigmas; the fourth, of two, closes to nothing."""
     made = trial(count=4)
     made._batch = turned_ends(made._batch, np.outer([1, 1, 1, 0], [0.025, 0.0, 0.0]))
-    assert made.lost_each_time(shortened(made, {0: 1, 1: 1, 2: 1, 3: 2})) == 1
+    with patch.object(data_repair.bridging, "best_order", lambda samples, rows, count: (3, 0.0)):
+        assert made.lost_each_time(shortened(made, {0: 1, 1: 1, 2: 1, 3: 2})) == 1
 
 
 def test_a_turn_that_stays_open_is_repaired_by_rows_alone_that_no_sensor_outputs():
@@ -283,7 +288,7 @@ def likely(made, tables, name, events, others=(), length=0):
     """The verdict with given likelihoods of each turn's choices."""
     made.likelihoods = lambda i, own, others, cross, length, most: {frozenset(c): v for c, v in tables[i].items()}
     made.closed_below = lambda events, cross: np.inf
-    made.lost_each_time, made.bridged_best = lambda events: length, lambda events, length: length
+    made.lost_each_time = lambda events: length
     made.twin.problem.logs = [SimpleNamespace(samples=Table().rest(4).samples())]
     return made.test(name, events, list(others))
 

@@ -64,12 +64,12 @@ def angular_jerk(movement: Movement) -> np.ndarray:
     return derivative(angular_acceleration(movement), movement)
 
 
-def derivative(values: np.ndarray, movement: Movement) -> np.ndarray:
-    """Return the derivative (N, …) per s of values (N, …) that are linear between samples."""
+def derivative(values: np.ndarray, movement: Movement, over_s: float = DERIVATIVE_S) -> np.ndarray:
+    """Return the derivative (N, …) per s of values (N, …) that are linear between samples, over so many s to either side."""
     t_s, flat = movement.t_s, values.reshape(len(values), -1)
-    if movement.dt_s >= DERIVATIVE_S:
+    if movement.dt_s >= over_s:
         return np.gradient(values, t_s, axis=0)
-    ahead, behind = np.minimum(t_s + DERIVATIVE_S, t_s[-1]), np.maximum(t_s - DERIVATIVE_S, t_s[0])
+    ahead, behind = np.minimum(t_s + over_s, t_s[-1]), np.maximum(t_s - over_s, t_s[0])
     found = [(np.interp(ahead, t_s, column) - np.interp(behind, t_s, column)) / (ahead - behind) for column in flat.T]
     return np.stack(found, axis=-1).reshape(values.shape)
 

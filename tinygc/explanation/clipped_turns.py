@@ -18,8 +18,6 @@ from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch, closure_angles
 from tinygc.explanation.faulty_readings import register_step
-from tinygc.noise.components import known_whitener
-from tinygc.noise.refit import refit
 from tinygc.noise.twin import Twin
 
 # Rates that stay at a level below the register's range: the sensor clips early.
@@ -213,22 +211,11 @@ def chance_of_creep(problem: Problem) -> float:
 def about_the_vertical(problem: Problem) -> list[int]:
     """Numbers of the stills whose rate is an outlier, along gravity."""
     twin = Twin(problem)
-    whiten = known_whitener(twin)
-    reference = [i for i, still in enumerate(problem.stills) if still.problem is None]
-    still_rows = np.r_[whiten.parts["still"]].reshape(-1, 3)
-    good = np.ones(len(reference), dtype=bool)
-    fit = None
-    for _ in range(8):
-        rows = np.ones(whiten.parts["length"].stop, dtype=bool)
-        rows[still_rows[~good].ravel()] = False
-        fit = refit(twin, whiten, [], fit.state if fit else twin.start(), rows=rows, max_steps=4)
-        rate = twin.residuals(fit.state).still
-        spread = np.median(np.linalg.norm(rate, axis=1)) / 1.54
-        size = np.linalg.norm(rate, axis=1) / max(spread, 1e-12)
-        now = size < OUTLIER_SIGMAS
-        if (now == good).all() or now.sum() < len(now) / 2:
-            break
-        good = now
+    rate = twin.residuals(twin.start()).still
+    rate = rate - np.median(rate, axis=0)
+    size = np.linalg.norm(rate, axis=1)
     in_table = np.einsum("qij,qj->qi", rotation.matrix(twin.q_tb), rate)
     vertical = np.abs(in_table[:, 2]) > VERTICAL * np.linalg.norm(in_table[:, :2], axis=1)
-    return [number for number, fine, along in zip(reference, good, vertical, strict=True) if not fine and along]
+    outlier = size >= OUTLIER_SIGMAS * max(float(np.median(size)) / 1.54, 1e-12)
+    reference = [i for i, still in enumerate(problem.stills) if still.problem is None]
+    return [number for number, far, along in zip(reference, outlier, vertical, strict=True) if far and along]

@@ -91,9 +91,6 @@ def _chance_of_each(count: int, likelihood: dict[Choice, float], share: float) -
 # closure cannot decide is more likely to be true: the share of true events is estimated with them (EM of a mixture).
 
 LONGEST_LOSS_S = 0.5  #: (not critical: benchmarks/thresholds.py)
-#: numbers of lost samples on either side of the one that long steps gave which are tried with their bridges: the step's error of a sample
-#: or two, and one more
-NEAR = 3
 #: log-likelihood ratio of a row that no sensor can output, which needs no closure
 IMPOSSIBLE = 20.0
 #: samples around a false reading over which an effect with memory spreads it: a cubic spline decays by a factor of 3.7 per sample
@@ -233,52 +230,26 @@ class ClosureTrial:
         return excess * float(chdtri(freedom, OPEN_P))
 
     def lost_each_time(self, losses: list[RegisterFault]) -> int:
-        """Number of samples missing after each event, common to all: the one that closes most segments best; 0 for none.
+        """Number of samples missing after each event, common to all: the one whose bridges close most segments best; 0 for none.
 
-        For this search a loss is one long step, and each segment has at most one, at any of its events. A segment may have none, so that
-        one without a loss does not decide for the others.
+        Each segment has at most one loss, at any of its events, or none, so that one without does not decide for the others.
         """
-        inside: dict[int, list[int]] = {}
-        for event in losses:
-            if (i := self.segment_of(event)) is not None:
-                inside.setdefault(i, []).append(event.row - self.twin.problem.used[i].start)
-        if not inside:
-            return 0
-        numbers = np.array(sorted(inside))
-        part = replace(self._batch.pick(numbers), rate=self.twin.padded(self.rates)[numbers])
-        inverse = np.linalg.inv(self.covariance[numbers])
-        rows = [inside[int(i)] for i in numbers]
-
-        def chi_square(count: int, turn: int) -> np.ndarray:
-            dt = part.dt.copy()
-            for row, events in zip(dt, rows, strict=True):
-                row[events[turn % len(events)]] += count * self._period_s
-            angles = residual.error_angles(residual.segment_residuals(replace(part, dt=dt), part.rate))
-            return np.einsum("si,sij,sj->s", angles, inverse, angles)
-
-        as_it_is = chi_square(0, 0)
-
-        def cost(count: int) -> float:
-            tried = [as_it_is, *(chi_square(count, turn) for turn in range(max(map(len, rows))))]
-            return float(-2 * np.sum(np.logaddexp.reduce([-chi / 2 for chi in tried], axis=0)))
-
-        return lowest(cost, round(LONGEST_LOSS_S / self._period_s))
-
-    def bridged_best(self, losses: list[RegisterFault], length: int) -> int:
-        """The number of samples near ``length``, which long steps gave, whose bridges close most segments best: over a tenth of a second a
-        rate bends, and a long step errs by a sample or two."""
         inside = [(event, i) for event in losses if (i := self.segment_of(event)) is not None]
+        rows = {event.log: np.array([other.row for other, _ in inside if other.log == event.log]) for event, _ in inside}
 
         def cost(count: int) -> float:
-            total = dict.fromkeys((i for _, i in inside), -np.inf)
+            total = dict(whole)
+            by_log = {
+                log: Crossing(*bridging.best_order(self.twin.problem.logs[log].samples, of, max(count, 1))) for log, of in rows.items()
+            }
             for event, i in inside:
-                crossings = {event: crossing(self.twin.problem.logs[event.log].samples, event, count)}
-                for mended, variance in (([], 0.0), ([event], crossings[event].missed_rad ** 2)):
-                    gain, _ = self.likelihood(i, self.angles(i, mended, crossings.__getitem__, count), variance)
-                    total[i] = float(np.logaddexp(total[i], gain))
+                angles = self.angles(i, [event], lambda event: by_log[event.log], count)
+                total[i] = float(np.logaddexp(total[i], self.likelihood(i, angles, by_log[event.log].missed_rad ** 2)[0]))
             return -sum(total.values())
 
-        return min(range(max(1, length - NEAR), length + NEAR + 1), key=cost) if length else 0
+        whole = {i: self.likelihood(i, self.angles(i, [], lambda event: Crossing(1, 0.0), 0))[0] for _, i in inside}
+
+        return lowest(cost, round(LONGEST_LOSS_S / self._period_s)) if inside else 0
 
     def tilt_rms(self, mended: dict[int, list[RegisterFault]], cross: Callable[[RegisterFault], Crossing], length: int) -> float:
         """rms tilt, rad, of segments with these of their events repaired."""
@@ -287,7 +258,7 @@ class ClosureTrial:
 
     def test(self, name: str, events: list[RegisterFault], others: list[RegisterFault]) -> Verdict:
         """Test the events of one id, with ``others``, of another id, already repaired."""
-        length = self.bridged_best(events, self.lost_each_time(events)) if name == LOST else 0
+        length = self.lost_each_time(events) if name == LOST else 0
         where = [self.segment_of(event) for event in events]
         crossings = {event: crossing(self.twin.problem.logs[event.log].samples, event, length) for event in [*events, *others]}
         cross = crossings.__getitem__

@@ -177,7 +177,7 @@ def test_clock_and_mounting_have_the_covariance_of_leaving_out_blocks(moved, wil
         left = of(theta)
         slope = np.stack([(of(theta + step) - left) / 1e-5 for step in 1e-5 * np.eye(13)], axis=-1)
         length = np.linalg.norm(left, axis=1)
-        weight = np.minimum(1, 2 * np.median(length) / length)
+        weight = 1 / (1 + (length / (3 * np.median(length))) ** 2)
         theta = theta - steps(slope, left, weight)
     begin = spans.begin_s + found.offset_s
     length = (begin[-1] - begin[0]) / 20

@@ -31,6 +31,7 @@ from tinygc.features.truth.reading import (
     down_of,
     given_in,
 )
+from tinygc.inference.solve import Solution, solve
 
 # Short spans between moments of truth, and what the gyro makes of them at any offset of the truth's clock.
 
@@ -315,8 +316,8 @@ FEWEST = 20
 STEPS = 4
 #: a twentieth of the session, but no shorter than two spans and no longer than a vehicle's slow errors
 BLOCKS, DRAWN_BLOCK_S = 20, (1.0, 10.0)
-#: Huber's weights, in median lengths
-ROBUST, ROBUST_PASSES = 2.0, 4
+#: residual, in medians, at which a span's weight is a half; passes of the reweighted fit
+HALF_WEIGHT, ROBUST_PASSES = 3.0, 8
 
 
 class Refined(NamedTuple):
@@ -410,29 +411,32 @@ def _solved(
     The covariance is that of leaving out each block (the jackknife, Bell & McCaffrey 2002), which holds where one block has most of the
     movement.  Errors go on from block to block: ``_within`` has what blocks of this length do not see of that.  every_s: from span to span.
     """
+    found, weight = robust(error, columns)
     size = columns.shape[2]
-    scale = np.linalg.norm(columns.reshape(-1, size), axis=0)
-    if not (scale > 0).all():
+    if found.rank < size:
         return None
-    design, weight = columns / scale, np.ones(len(error))
-    for _ in range(ROBUST_PASSES):
-        rows = (design * weight[:, None, None]).reshape(-1, size)
-        normal = rows.T @ rows
-        if np.linalg.cond(normal) > 1e12:
-            return None
-        theta = np.linalg.solve(normal, rows.T @ (error * weight[:, None]).ravel())
-        left = error - design @ theta
-        length = np.linalg.norm(left, axis=1)
-        weight = np.sqrt(np.minimum(1, ROBUST * np.median(length) / np.maximum(length, 1e-15)))
+    design, left = columns / found.size, error - columns @ found.shortest
     count = int(block.max()) + 1
     sums, normals = np.zeros((count, size)), np.zeros((count, size, size))
     np.add.at(sums, block, np.einsum("kip,ki,k->kp", design, left, weight**2))
     np.add.at(normals, block, np.einsum("kip,kiq,k->kpq", design, design, weight**2))
-    if (np.linalg.cond(normal - normals) > 1e12).any():
+    others = normals.sum(axis=0) - normals
+    if (np.linalg.cond(others) > 1e12).any():
         return None
-    moved = np.linalg.solve(normal - normals, sums[:, :, None])[:, :, 0]
+    moved = np.linalg.solve(others, sums[:, :, None])[:, :, 0]
     covariance = moved.T @ moved * ((count - 1) / count) / _within(left * weight[:, None], every_s / length_s)
-    return theta / scale, covariance / np.outer(scale, scale)
+    return found.shortest, covariance / np.outer(found.size, found.size)
+
+
+def robust(values: np.ndarray, columns: np.ndarray) -> tuple[Solution, np.ndarray]:
+    """Least squares of values (K, 3) by columns (K, 3, P), and roots of the weights (K,), which fall as the square of a residual that is
+    large (Cauchy's)."""
+    weight = np.ones(len(values))
+    for _ in range(ROBUST_PASSES):
+        found = solve((columns * weight[:, None, None]).reshape(-1, columns.shape[2]), (values * weight[:, None]).ravel())
+        length = np.linalg.norm(values - columns @ found.shortest, axis=1)
+        weight = 1 / np.sqrt(1 + (length / max(HALF_WEIGHT * float(np.median(length)), 1e-15)) ** 2)
+    return found, weight
 
 
 def _within(left: np.ndarray, step: float) -> float:

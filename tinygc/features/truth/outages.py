@@ -14,9 +14,8 @@ from session.base.units import NS
 from session.log.folder import Session
 from session.log.logfile import Log
 from session.log.samples import Samples
-from tinygc.features.truth.alignment import AlignedLog, Carried, Spans, align, carried, span_rows
+from tinygc.features.truth.alignment import AlignedLog, Carried, Spans, align, carried, robust, span_rows
 from tinygc.features.truth.reading import Truth, TruthOutage, TruthReading, changed
-from tinygc.inference.solve import solve
 
 # How far truth and gyro part: between moments about a tenth of a second apart, in units of what is usual at such a movement.
 #
@@ -30,8 +29,8 @@ from tinygc.inference.solve import solve
 SPAN_S = 0.1
 #: of spans: their scatter is then known to a fifth
 FEWEST = 20
-#: passes of the reweighted fits; and the residual, in medians, at which a span's weight is a half
-PASSES, HALF_WEIGHT = 12, 3.0
+#: passes of the reweighted fit
+PASSES = 12
 #: sigmas of the logarithm of a span's parting above its median: by chance one in 10^6 where the logarithm is normal; and where an outage
 #: begins and ends, beside such spans
 FAR_SIGMAS, NEAR_SIGMAS = 5.0, 3.0
@@ -161,7 +160,7 @@ def _parting(samples: Samples, truth: Truth) -> Parting | None:
     force = np.zeros_like(samples.gyro)
     error, columns, _ = span_rows(AlignedLog(gyro, spans, truth.q_nb, force), gyro, TruthReading())
     duration = (spans.end_s - spans.begin_s)[:, None]
-    theta = _robust(error / duration, columns / duration[:, :, None])
+    theta = robust(error / duration, columns / duration[:, :, None])[0].shortest
     rate = (error - columns @ theta) / duration
     dE = -theta[1:10].reshape(3, 3)
     gyro = carried(samples, samples.gyro @ (np.eye(3) + dE).T - theta[10:])
@@ -183,18 +182,6 @@ def _chain(samples: Samples, truth: Truth) -> Spans:
         kept = truth.window[first] == truth.window[last]
         first, last = first[kept], last[kept]
     return Spans(t_s[first], t_s[last], first, last)
-
-
-def _robust(values: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """theta (P,) of values (K, 3) by columns (K, 3, P): weights fall as the square of a residual that is large (Cauchy's)."""
-    scale = np.maximum(np.linalg.norm(columns.reshape(-1, columns.shape[2]), axis=0), 1e-30)
-    design, weight, theta = columns / scale, np.ones(len(values)), np.zeros(columns.shape[2])
-    for _ in range(PASSES):
-        rows = (design * weight[:, None, None]).reshape(-1, len(theta))
-        theta = solve(rows, (values * weight[:, None]).ravel()).shortest
-        length = np.linalg.norm(values - design @ theta, axis=1)
-        weight = 1 / np.sqrt(1 + (length / max(HALF_WEIGHT * float(np.median(length)), 1e-15)) ** 2)
-    return theta / scale
 
 
 def _usual(size: np.ndarray, columns: np.ndarray) -> np.ndarray:

@@ -8,11 +8,11 @@ from functools import cached_property
 import numpy as np
 
 from session.base import rotation
-from session.base.numeric import running_sum
 from tinygc.closure.floor import Floor, gyro_variance
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch, RateMap, attitudes
 from tinygc.effects import AppliedEffect, Effect
+from tinygc.effects.signals import derivative
 from tinygc.features.truth.errors import OFFSET, SMOOTHED_S, SMOOTHING, wander
 from tinygc.features.truth.reading import GIVEN
 from tinygc.noise.twin import Channels, State, Twin
@@ -62,7 +62,7 @@ class TruthTwin(Twin):
             if claim.effect.id == OFFSET.id:
                 batch = self.later(batch, state, float(claim.theta[0]))
             elif claim.effect.id == SMOOTHING.id:
-                start, end = (-float(claim.theta[0]) / 2 * change @ state.model.E.T for change in self._changes)
+                start, end = (-float(claim.theta[0]) / 2 * change for change in self._changes)
                 batch = replace(
                     batch,
                     start=rotation.multiply(batch.start, rotation.exp(start)),
@@ -72,18 +72,10 @@ class TruthTwin(Twin):
 
     @cached_property
     def _changes(self) -> tuple[np.ndarray, np.ndarray]:
-        """(S, 3) rad/s^2, as read, at both ends of the segments: second differences of the angle over ``SMOOTHED_S`` to either side."""
-        found = np.zeros((2, len(self.segments), 3))
-        for log, log_stills in enumerate(self.problem.logs):
-            samples = log_stills.samples
-            angle = running_sum((samples.gyro[1:] + samples.gyro[:-1]) / 2 * samples.dt_s[:, None])
-            own = [i for i, segment in enumerate(self.problem.used) if segment.log == log]
-            at = np.array([(self.problem.used[i].start, self.problem.used[i].stop - 1) for i in own]).reshape(-1, 2).T
-            t_s = samples.t_s[at].clip(samples.t_s[0] + SMOOTHED_S, samples.t_s[-1] - SMOOTHED_S)
-            for axis in range(3):
-                before, here, after = (np.interp(t_s + step, samples.t_s, angle[:, axis]) for step in (-SMOOTHED_S, 0.0, SMOOTHED_S))
-                found[:, own, axis] = (after - 2 * here + before) / SMOOTHED_S**2
-        return found[0], found[1]
+        """(S, 3) rad/s^2 at both ends of the segments."""
+        by_log = [derivative(movement.rate, movement, SMOOTHED_S) for movement in self.movements]
+        start, end = np.swapaxes([by_log[s.log][[s.start, s.stop - 1]] for s in self.segments], 0, 1)
+        return start, end
 
     def later(self, batch: Batch, state: State, seconds: float) -> Batch:
         """Treat the truth's attitudes as those of ``seconds`` later: integrate each back along the calibrated rate, in steps of about two
@@ -120,7 +112,7 @@ class TruthTwin(Twin):
             columns = offset_columns(batch, state.model)
         else:
             ends = zip((batch.start, batch.end), self._changes, strict=True)
-            start, end = (np.einsum("sij,sj->si", rotation.matrix(q), change @ state.model.E.T) / 2 for q, change in ends)
+            start, end = (np.einsum("sij,sj->si", rotation.matrix(q), change) / 2 for q, change in ends)
             columns = end - start
         return Channels(columns[..., None], np.zeros((0, 3, 1)), np.zeros((0, 1)))
 

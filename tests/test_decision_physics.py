@@ -17,7 +17,6 @@ from tinygc.explanation.decision import (
     Naming,
     Proof,
     _expected_rms,
-    _left_out_and_searched,
     _no_worse,
     _part_of_a_curve,
     _per_segment,
@@ -71,24 +70,20 @@ def test_every_tenth_segment_is_held_out_with_the_stills_at_its_ends():
     assert_allclose(_per_segment(moving, there, rows[6:30]), ((rows[6:30] / sigma) ** 2).reshape(12, 2).sum(axis=1))
 
 
-def refit_without(twin, have, J, r, held, shape=None) -> tuple[float, np.ndarray, np.ndarray]:
-    """Cost, rows that are held out, and what normal equations of the others predict there: with penalties of the distance from the fit of
-    all rows, and of a shape's columns from nothing."""
+def refit_without(twin, have, J, r, held) -> tuple[np.ndarray, np.ndarray]:
+    """Rows that are held out, and what normal equations of the others predict there, with penalties of the distance from the fit of all."""
     whiten, seen, balance = have.whiten, fold_rows(twin, have.whiten, held), J.T @ r  # of the priors at the fit of all rows
-    if shape is not None:
-        J, balance = np.hstack([J, shape]), np.r_[balance, np.zeros(shape.shape[1])]
     columns, rows = whiten.back(J), whiten.back(r)
     solved = np.linalg.solve(whiten.covariance[np.ix_(seen, seen)], columns[seen])
-    right = balance - solved.T @ rows[seen]
-    step = np.linalg.solve(columns[seen].T @ solved + np.eye(len(right)), right)
-    return -right @ step, ~seen, (rows + columns @ step)[~seen]
+    step = np.linalg.solve(columns[seen].T @ solved + np.eye(J.shape[1]), balance - solved.T @ rows[seen])
+    return ~seen, (rows + columns @ step)[~seen]
 
 
 def refitted_without(twin, have, J, r) -> np.ndarray:
     """(n,) each fold's rows predicted by the others."""
     found = np.full(twin.n, np.nan)
     for held in folds_of(len(twin.segments)):
-        _, gone, rows = refit_without(twin, have, J, r, held)
+        gone, rows = refit_without(twin, have, J, r, held)
         found[gone] = rows
     return found
 
@@ -121,22 +116,25 @@ def test_the_improvement_is_wilcoxons_of_exact_refits_with_and_without_the_claim
         assert (expected < 0.05) == (number == 0)
 
 
-def test_a_scanned_shape_is_chosen_anew_by_the_rows_that_are_seen():
-    """The best of three shapes in each fold; none leaves all as it is."""
-    twin = twin_with((C, [2.0]))
-    have = twin.evidence().nothing
-    J, r = have.fit.J * prior_sigmas(twin, []), have.fit.r
-    shapes = [have.whiten(twin.columns_of(effect(name, 2))) for name in "def"]
-    chosen, (expected, alone) = set(), np.full((2, twin.n), np.nan)
-    for held in folds_of(12):
-        trials = [refit_without(twin, have, J, r, held, shape) for shape in shapes]
-        best = int(np.argmin([cost for cost, *_ in trials]))
-        chosen.add(best)
-        for rows, (_, gone, predicted) in ((expected, trials[best]), (alone, trials[0])):
-            rows[gone] = predicted
-    assert len(chosen) > 1
-    for some, rows, within in ((shapes, expected, 1e-6), (shapes[:1], alone, 1e-6), ([], left_out(twin, have.whiten, r, J), 1e-9)):
-        assert_allclose(_left_out_and_searched(twin, have.whiten, r, J, some), rows, rtol=within, atol=1e-3 * within)
+def test_a_scanned_shape_moves_with_the_rows_that_are_seen():
+    """By what half the way between the neighbours of its value changes; at an end of the grid, to the one that there is."""
+    step = stepped("step", np.array([1.0, 2.0, 4.0]), size=2)
+    for at, near in ((2.0, (1.0, 4.0)), (1.0, (1.0, 2.0)), (4.0, (2.0, 4.0))):
+        twin = twin_with((step.at(at), [3.0, -4.0]))
+        evidence = twin.evidence()
+        have = evidence.of((step.at(at),), evidence.nothing)
+        before, after = (have.whiten(evidence.columns(step.at(each))) for each in near)
+        moved, prior = (after - before) @ have.fit.state.claims[0].theta / 2, evidence.prior(have.fit)
+        expected = improvement_p(twin, have, prior, 0, moved)
+        with patch.object(decision, "improvement_p", return_value=expected) as asked:
+            assert borne_out(evidence, have, 0) == (expected < 0.05)
+        assert_allclose(asked.call_args.args[-1], moved)
+        J = have.fit.J * prior
+        fewer, wider = np.delete(J, slice(15, 17), axis=1), np.column_stack([J, moved])
+        r = have.fit.r - have.fit.J[:, 15:17] @ have.fit.state.claims[0].theta
+        settled = [x - y @ np.linalg.solve(y.T @ y + np.eye(y.shape[1]), y.T @ x) for y, x in ((fewer, r), (wider, have.fit.r))]
+        gains = [_per_segment(twin, have, refitted_without(twin, have, *each)) for each in zip((fewer, wider), settled, strict=True)]
+        assert expected == pytest.approx(stats.wilcoxon(gains[0] - gains[1], alternative="greater").pvalue)
 
 
 # What is proved, and handed on.
@@ -248,7 +246,7 @@ def test_a_name_is_said_if_it_and_its_equivalents_are_more_probable_than_not(min
 
 
 def test_names_that_others_do_not_confirm_leave_the_rest_refitted_and_a_shape_is_no_name():
-    """A scanned shape counts as one more number, and is sought again in held-out rows."""
+    """A scanned shape counts as one more number."""
     line, step = effect("line"), stepped("step", np.array([1.0, 2.0]), size=2)
     object.__setattr__(line, "id", f"{NAMELESS}line")
     for beside, named, beyond in ((None, [A], []), (C, [C, A], []), (line, [A], [line])):
@@ -262,8 +260,6 @@ def test_names_that_others_do_not_confirm_leave_the_rest_refitted_and_a_shape_is
         assert [n.gain for n in naming.named] == sorted((n.gain for n in naming.named), reverse=True)
     evidence = moving((step.at(1.0), [3.0, -4.0]))
     best = evidence.of((step.at(1.0),), evidence.nothing)
-    shapes = [best.whiten(evidence.columns(step.at(at))) for at in (1.0, 2.0)]
-    assert borne_out(evidence, best, 0) == (improvement_p(evidence.twin, best, evidence.prior(best.fit), 0, shapes) < 0.05)
     (named,) = decided(evidence, best, 0.5, 1).named
     assert named.p_value == pytest.approx(stats.chi2.sf(named.gain, 3), rel=1e-9, abs=0)
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import islice
 
 import numpy as np
 from scipy.special import chdtrc
@@ -34,9 +33,9 @@ from tinygc.inference.prove import folds_of, signed_ranks_above
 from tinygc.inference.solve import left_of, orthonormal
 from tinygc.models.linear import LinearModel
 from tinygc.noise.components import MOST_FACTOR, STILL_RATE, TURN, UNDERSAMPLED, WANDER, SessionNoise
-from tinygc.noise.refit import Refit, Replay, at_known_shapes, candidates, prior_sigmas, refit, scanned
+from tinygc.noise.refit import Refit, Replay, at_known_shapes, candidates, prior_sigmas, refit, scanned, value_of
 from tinygc.noise.twin import FIRST_CLAIM, LINEAR, State, Twin, claim_slice
-from tinygc.noise.whitening import OPEN_MPS2, TOGETHER, Whitener
+from tinygc.noise.whitening import OPEN_MPS2, Whitener
 from tinygc.verdict.acceptance import NEAR_FLOOR
 
 # Prove: closure on held-out segments, before, after, and the floor.
@@ -361,8 +360,8 @@ def _undersampled_claim(evidence: Evidence, whiten: Whitener, fit: Refit, noise:
 # A claim is kept only if it improves held-out data by more than chance, paired by segments.
 #
 # Each segment is left out together with the stills at its ends; all its rows are predicted with and without the claim, with everything else
-# refitted both times.  A scanned shape (the time of a step, the frequency of a line) is searched for again, since a shape found with the
-# left-out rows improves them by chance.
+# refitted both times.  A scanned shape (the time of a step, the frequency of a line) moves with the rest, since a shape found with the
+# left-out rows improves them by chance; how many were tried is in the claim's evidence.
 
 #: significance level of the held-out improvement
 BORNE_OUT_P = 0.05
@@ -370,17 +369,20 @@ BORNE_OUT_P = 0.05
 
 def borne_out(evidence: Evidence, have: Hypothesis, number: int) -> bool:
     """Whether a claim of a hypothesis improves the left-out rows."""
-    effect, prior = have.effects[number], evidence.prior(have.fit)
-    shapes = None
+    effect, moved = have.effects[number], None
     if effect.scan is not None:
-        shapes = have.whiten.each(map(evidence.columns, effect.variants(scanned(evidence.twin, effect))))
-    return improvement_p(evidence.twin, have, prior, number, shapes) < BORNE_OUT_P
+        values, at = scanned(evidence.twin, effect), value_of(effect)
+        near = np.array([values[values < at].max(initial=values[0]), values[values > at].min(initial=values[-1])])
+        before, after = have.whiten.each(map(evidence.columns, effect.variants(near)))
+        moved = (after - before) @ have.fit.state.claims[number].theta / 2
+    return improvement_p(evidence.twin, have, evidence.prior(have.fit), number, moved) < BORNE_OUT_P
 
 
-def improvement_p(twin: Twin, have: Hypothesis, prior: np.ndarray, number: int, shapes: Iterable[np.ndarray] | None = None) -> float:
+def improvement_p(twin: Twin, have: Hypothesis, prior: np.ndarray, number: int, moved: np.ndarray | None = None) -> float:
     """Probability that chance improves the left-out segments as much as a claim does (Wilcoxon's signed ranks, one-sided).
 
-    prior (p,): sigmas of all parameters of the hypothesis.  shapes: whitened columns (n, P) of every shape that the claim could have had.
+    prior (p,): sigmas of all parameters of the hypothesis.  moved (n,): whitened change from the claim's shape to its neighbours, where it
+    has one.
     """
     whiten, fit = have.whiten, have.fit
     part = claim_slice(fit.state.claims, number)
@@ -392,66 +394,16 @@ def improvement_p(twin: Twin, have: Hypothesis, prior: np.ndarray, number: int, 
         with_r = _settled(with_r, J)
     fewer = np.delete(J, part, axis=1)
     r = _settled(r, fewer)
-    if shapes is not None:
-        with_it = _left_out_and_searched(twin, whiten, r, fewer, (shape * prior[part] for shape in shapes))
-    else:
-        with_it = left_out(twin, whiten, with_r, J)
-    gains = _per_segment(twin, have, left_out(twin, whiten, r, fewer)) - _per_segment(twin, have, with_it)
+    if moved is not None:
+        J = np.column_stack([J, moved])
+        with_r = _settled(with_r, J)
+    gains = _per_segment(twin, have, left_out(twin, whiten, r, fewer)) - _per_segment(twin, have, left_out(twin, whiten, with_r, J))
     return signed_ranks_above(gains)
 
 
 def _settled(r: np.ndarray, J: np.ndarray) -> np.ndarray:
     """Residuals r (n,) after all parameters of the columns J (n, p), in units of their priors' sigmas, have moved to their optimum."""
     return r - J @ np.linalg.solve(J.T @ J + np.eye(J.shape[1]), J.T @ r)
-
-
-def _left_out_and_searched(twin: Twin, whiten: Whitener, r: np.ndarray, J: np.ndarray, shapes: Iterable[np.ndarray]) -> np.ndarray:
-    """(n,) stacked, as ``left_out``, with columns J (n, p) and the one of the shapes, each (n, P), that fits the seen rows best."""
-    folds = [_Fold(twin, whiten, r, J, held) for held in folds_of(len(twin.segments))]
-    stacked_J, stacked_r = whiten.back(J), whiten.back(r)
-    shapes = iter(shapes)
-    while some := list(islice(shapes, TOGETHER)):  # there may be thousands
-        columns = np.concatenate(some, axis=1)
-        pulled, stacked = whiten.pulled(columns), whiten.back(columns)
-        for fold in folds:
-            fold.try_shapes(columns, pulled, stacked, some[0].shape[1])
-    found = np.full(len(r), np.nan)
-    for fold in folds:
-        found[fold.rows] = stacked_r[fold.rows] - stacked_J[fold.rows] @ fold.theta_J - fold.of_shape
-    return found
-
-
-class _Fold:
-    """Estimates from the rows that one fold sees: theta_J (p,) of the columns J, and of_shape (k,), the best shape so far in the k rows
-    that it does not see, stacked."""
-
-    def __init__(self, twin: Twin, whiten: Whitener, r: np.ndarray, J: np.ndarray, held: np.ndarray):
-        self.rows = rows = np.flatnonzero(~fold_rows(twin, whiten, held))
-        # Inner products of the seen rows alone: each held-out row has a free number of its own.
-        self._precision = whiten.precision[np.ix_(rows, rows)]
-        self._r, self._J, self._pulled_J = r, J, whiten.pulled(J)[rows]
-        free = np.linalg.solve(self._precision, np.column_stack([self._pulled_J, whiten.pulled(r)[rows]]))
-        self._free_r = free[:, -1]
-        self._inverse = np.linalg.inv(J.T @ J - self._pulled_J.T @ free[:, :-1] + np.eye(J.shape[1]))
-        # J' r is balanced by the priors, as in ``left_out``; columns of a shape, at no optimum, have theirs.
-        self._right_J = -self._pulled_J.T @ self._free_r
-        self.theta_J, self.of_shape, self._least = self._inverse @ self._right_J, np.zeros(len(rows)), 0.0
-
-    def try_shapes(self, columns: np.ndarray, pulled: np.ndarray, stacked: np.ndarray, size: int) -> None:
-        """Test V shapes with whitened columns (n, V size), pulled and stacked, and keep one that fits better than those before."""
-        pulled, free = pulled[self.rows], np.linalg.solve(self._precision, pulled[self.rows])
-        common = self._J.T @ columns - self._pulled_J.T @ free
-        right = columns.T @ self._r - pulled.T @ self._free_r
-        for first in range(0, columns.shape[1], size):
-            own = slice(first, first + size)
-            across = self._inverse @ common[:, own]
-            normal = columns[:, own].T @ columns[:, own] - pulled[:, own].T @ free[:, own] - common[:, own].T @ across + np.eye(size)
-            pull = right[own] - across.T @ self._right_J
-            theta = np.linalg.solve(normal, pull)
-            if pull @ theta > self._least:
-                self._least = float(pull @ theta)
-                self.theta_J = self._inverse @ self._right_J - across @ theta
-                self.of_shape = stacked[self.rows, own] @ theta
 
 
 def _per_segment(twin: Twin, have: Hypothesis, rows: np.ndarray) -> np.ndarray:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -21,11 +20,10 @@ from tinygc import models
 from tinygc.closure.build import build_problem
 from tinygc.closure.floor import AllanCurve, angle_random_walk, bias_instability
 from tinygc.closure.problem import Problem
-from tinygc.closure.runs import ClosureRun
 from tinygc.effects import AppliedEffect, catalogue
 from tinygc.estimation.bias import tilt_rms
 from tinygc.estimation.options import FitOptions
-from tinygc.estimation.physics import covariance_at_end, errors_with_physics, loss_words, model_at, rate_covariance, rows_of_rates
+from tinygc.estimation.physics import covariance_at_end, loss_words, model_at
 from tinygc.estimation.systematic import Systematic
 from tinygc.explanation.claims import LEFT
 from tinygc.explanation.engine import Explanation, explain_session
@@ -44,7 +42,7 @@ from tinygc.noise.stillness import stillness
 from tinygc.noise.thinned import conditions
 from tinygc.noise.twin import State, Twin
 from tinygc.noise.whitening import Whitener
-from tinygc.verdict.acceptance import Acceptance, JudgedFit, run_p_values
+from tinygc.verdict.acceptance import Acceptance, JudgedFit
 
 # Effects beyond the linear model, measured in every report: g-sensitivity and scale-factor asymmetry, each with its uncertainty.
 #
@@ -161,70 +159,33 @@ class Adopted(JudgedFit):
 
 def adopt(fit: FitResult, explanation: Explanation | None) -> Adopted:
     """Choose the calibration to report."""
+    losses = [loss_words(lost_in(run)) for run in fit.runs]
     if explanation is not None and any(claim.effect.kind == "rate" for claim in explanation.proof.fit.state.claims):
-        before, after = (tilt_rms(x) for x in (explanation.proof.before, explanation.proof.after))
-        if after < before:
-            return _with_physics(fit, explanation)
-    linear, unobserved = fit.linear.linear, fit.linear.unobserved
-    vector, covariance = linear.vector, fit.covariance
-
-    def errors(trial: np.ndarray, run: ClosureRun) -> np.ndarray:
-        return run.errors(LinearModel.from_vector(trial), fit.options.integrator)
-
-    moved = None if fit.allowed is None else fit.allowed.of
+        proof, problem = explanation.proof, explanation.mended.problem
+        if tilt_rms(proof.after) < tilt_rms(proof.before):
+            claims = tuple(claim for claim in proof.fit.state.claims if claim.effect.kind == "rate")
+            known = conditions(problem)
+            judged = fit.judged_by(explanation.twin.original, proof.after, proof.after_numbers, (proof.fit, claims, known))
+            assert judged.covariance is not None  # ``judged_by`` gives one
+            return Adopted(
+                **vars(judged) | {"run_losses": losses},
+                name=PHYSICS,
+                model=model_at(judged.vector, claims, known),
+                claims=claims,
+                quantities=field_facts(judged.vector[:PARAMETERS], judged.covariance[:PARAMETERS, :PARAMETERS]),
+                accelerometer=problem.session.config.accelerometer,
+            )
+    linear = fit.linear.linear
     return Adopted(
+        **vars(fit.judged_by(fit.problem, fit.linear.held_out)) | {"run_losses": losses},
         name=LINEAR,
         model=linear,
-        angles=fit.linear.held_out,
-        numbers=[segment.number for segment in fit.problem.used],
-        floor_rms=fit.problem.floor.tilt_rms,
-        closure_p=fit.goodness.p_value,
-        closure_freedom=fit.goodness.freedom,
-        vector=vector,
-        covariance=covariance,
         claims=(),
-        **_runs(fit, vector, covariance, errors),
-        quantities=field_facts(vector, covariance, unobserved, moved, fit.sources),
+        quantities=field_facts(
+            linear.vector, fit.covariance, fit.linear.unobserved, None if fit.allowed is None else fit.allowed.of, fit.sources
+        ),
         accelerometer=fit.session.config.accelerometer,
-        sources=fit.sources,
-        unobserved=unobserved,
-        allowed=fit.allowed,
     )
-
-
-def _with_physics(fit: FitResult, explanation: Explanation) -> Adopted:
-    found = explanation.proof.fit
-    claims = tuple(claim for claim in found.state.claims if claim.effect.kind == "rate")
-    known = conditions(explanation.mended.problem)
-    vector, covariance = found.state.vector[rows_of_rates(found.state)], rate_covariance(found, fit.session.clock)
-
-    linear_part = vector[:PARAMETERS], covariance[:PARAMETERS, :PARAMETERS]
-    errors = errors_with_physics(claims, known, found.state.earth_t)
-    return Adopted(
-        name=PHYSICS,
-        model=model_at(vector, claims, known),
-        angles=explanation.proof.after,
-        numbers=explanation.proof.after_numbers,
-        floor_rms=explanation.proof.floor_rms,
-        closure_p=found.p_value,
-        closure_freedom=None,
-        vector=vector,
-        covariance=covariance,
-        claims=claims,
-        **_runs(fit, vector, covariance, errors),
-        quantities=field_facts(*linear_part),
-        accelerometer=explanation.mended.problem.session.config.accelerometer,
-    )
-
-
-def _runs(fit: FitResult, vector: np.ndarray, covariance: np.ndarray, errors: Callable[[np.ndarray, ClosureRun], np.ndarray]) -> dict:
-    """Error of each closure run, its p-value, and a sentence where samples seem lost in it."""
-    return {
-        "run_errors": [errors(vector, run) for run in fit.runs],
-        "run_p": run_p_values(fit.problem, fit.runs, vector, covariance, errors, fit.spread),
-        "run_losses": [loss_words(lost_in(run)) for run in fit.runs],
-        "run_floors": [run.floor_rad for run in fit.runs],
-    }
 
 
 def model_table(adopted: Adopted, fit: FitResult) -> dict:

@@ -35,7 +35,9 @@ from tinygc.verdict.acceptance import Acceptance, JudgedFit, decide, promise_of,
 from tinygc.verdict.model_tests import GRAVITY, ModelTest, model_tests
 
 if TYPE_CHECKING:
+    from tinygc.effects import AppliedEffect, Conditions
     from tinygc.estimation.physics import PhysicsFit
+    from tinygc.noise.refit import Refit
 
 
 #: findings of the first look beside which a pass is weak evidence: not all of the log was used, or not all turns are alike
@@ -131,38 +133,51 @@ class FitResult:
     def judged(self) -> JudgedFit:
         """The figures that the verdict looks at: those of named physics where that is the model to use, else of least squares."""
         physics, name = self.physics, self.use.method
+        # Another than least squares closes by its own errors, and within the same uncertainties.
+        left = [found[name] for found in self.run_errors] if name in self.methods else None
         if physics is not None and name in PHYSICS:
-            state = physics.fit.state
-            vector, covariance = state.vector[rows_of_rates(state)], rate_covariance(physics.fit, self.session.clock)
-            errors = errors_with_physics(physics.model.claims, physics.model.known, state.earth_t)
-            problem, held_out, freedom = physics.problem, self.methods[name].held_out, None
-            closure_p = physics.fit.p_value
-        else:
-            used = self.methods.get(name or "", self.linear)
-            problem, held_out, vector, covariance = self.problem, used.held_out, self.linear.linear.vector, self.covariance
-            closure_p, freedom = self.goodness.p_value, self.goodness.freedom
+            terms = physics.fit, physics.model.claims, physics.model.known
+            return self.judged_by(physics.problem, self.methods[name].held_out, terms=terms, left=left)
+        return self.judged_by(self.problem, self.methods.get(name or "", self.linear).held_out, left=left)
+
+    def judged_by(
+        self,
+        problem: Problem,
+        angles: np.ndarray,
+        numbers: list[int] | None = None,
+        terms: tuple[Refit, tuple[AppliedEffect, ...], Conditions] | None = None,
+        left: list[np.ndarray] | None = None,
+    ) -> JudgedFit:
+        """The figures of the linear model, or of a fit with effects under their conditions.  angles (S, d) rad, held out, of the segments
+        with these numbers, those of the problem if None; left: errors of the closure runs, by the model itself if None."""
+        if terms is None:
+            vector, covariance, chance = self.linear.linear.vector, self.covariance, (self.goodness.p_value, self.goodness.freedom)
 
             def errors(trial: np.ndarray, run: ClosureRun) -> np.ndarray:
                 return run.errors(LinearModel.from_vector(trial), self.options.integrator)
 
-        left = [errors(vector, run) for run in self.runs]
-        if name in self.methods:  # another than least squares closes by its own errors, and within the same uncertainties
-            left = [found[name] for found in self.run_errors]
+        else:
+            fit, claims, known = terms
+            vector, covariance, chance = (
+                fit.state.vector[rows_of_rates(fit.state)],
+                rate_covariance(fit, self.session.clock),
+                (fit.p_value, None),
+            )
+            errors = errors_with_physics(claims, known, fit.state.earth_t)
         return JudgedFit(
-            angles=held_out,
-            numbers=[segment.number for segment in problem.used],
-            vector=vector,
-            floor_rms=problem.floor.tilt_rms,
-            closure_p=closure_p,
-            closure_freedom=freedom,
-            run_errors=left,
+            angles,
+            [segment.number for segment in problem.used] if numbers is None else numbers,
+            vector,
+            problem.floor.tilt_rms,
+            *chance,
+            run_errors=[errors(vector, run) for run in self.runs] if left is None else left,
             run_p=run_p_values(self.problem, self.runs, vector, covariance, errors, self.spread, left),
             run_losses=[""] * len(self.runs),
             run_floors=[run.floor_rad for run in self.runs],
             covariance=covariance,
-            sources=self.sources,
+            sources=self.sources if terms is None else (),
             unobserved=self.linear.unobserved,
-            allowed=None if physics is not None and name in PHYSICS else self.allowed,
+            allowed=self.allowed if terms is None else None,
         )
 
     @cached_property

@@ -13,7 +13,7 @@ from session.base.texts import measured
 from session.base.units import DEG, EARTH_RATE_RPS
 from tinygc.effects import AppliedEffect, Movement, catalogue
 from tinygc.effects.effect import StatedNumbers
-from tinygc.explanation import checked
+from tinygc.explanation import engine
 from tinygc.explanation.checked import (
     OUTCOMES,
     STRONG,
@@ -286,28 +286,25 @@ def drift(probability, name="gyro.bias_drift", dps=(0.05, -0.2, 0.1), **rivals):
     ids = {"warm": "unknown.warm_up", "step": "gyro.bias_step", "asymmetry": "gyro.scale_asymmetry"}
     effect = EFFECTS[name]
     weighed = {ids[key]: p for key, p in rivals.items()}
-    return Claim(effect, {effect.parameter.name: list(dps)}, {}, 1e-6, "says", probability=probability, rivals=weighed)
-
-
-STATE = SimpleNamespace(claims=())
+    return Claim(effect, {}, {}, 1e-6, "says", probability=probability, rivals=weighed, theta=np.array(dps) * DEG)
 
 
 def test_a_familys_size_is_from_lowest_to_highest_and_its_members_share_its_probability():
     """The last sample is a hundredth before the end; a step goes from -0.098 just before the jump to 0.2 just after it."""
-    found = slow_zero(twin_of(), [drift(0.6, warm=0.2, asymmetry=0.2)], STATE)
+    found = slow_zero(twin_of(), [drift(0.6, warm=0.2, asymmetry=0.2)])
     assert (found.size_rps, found.axis) == (pytest.approx(0.2 * DEG * 0.99), 1)
     assert list(found.shares.items()) == [("gyro.bias_drift", pytest.approx(0.75)), ("unknown.warm_up", pytest.approx(0.25))]
     assert "moves by 0.2 dps on y over the session, most likely a steady drift or slow warm-up (0.75 among those weighed)" in found.words
     assert found.words.endswith("a warm-up within the session (0.25); temperature was not recorded")
-    both = slow_zero(twin_of(), [drift(0.9), drift(0.9, "gyro.bias_step", (0.0, 0.3, 0.0))], STATE)
+    both = slow_zero(twin_of(), [drift(0.9), drift(0.9, "gyro.bias_step", (0.0, 0.3, 0.0))])
     assert both.size_rps == pytest.approx(0.298 * DEG)
-    assert slow_zero(twin_of(), [drift(1.0, "gyro.scale_asymmetry", step=0.1)], STATE) is None
+    assert slow_zero(twin_of(), [drift(1.0, "gyro.scale_asymmetry", step=0.1)]) is None
     assert found.to_json() == {"id": "slow_zero", "size_dps": pytest.approx(0.198), "shares": found.shares, "description": found.words}
 
 
 def test_a_thermometer_closes_the_question_where_one_member_has_nearly_all():
     for thermometer, probability, is_open in ((True, 0.95, False), (True, 0.94, True), (False, 0.95, True)):
-        found = slow_zero(twin_of(thermometer), [drift(probability, warm=1 - probability)], STATE)
+        found = slow_zero(twin_of(thermometer), [drift(probability, warm=1 - probability)])
         assert found.is_open == is_open
         assert found.words.endswith("temperature was not recorded") != thermometer
     warm, step, rest = "unknown.warm_up", "gyro.bias_step", "gyro.bias_drift"
@@ -322,11 +319,17 @@ def test_a_thermometer_closes_the_question_where_one_member_has_nearly_all():
 
 THETA = np.array([3e-3, -1e-3, 2e-3])
 COVARIANCE = 1e-8 * np.array([[4.0, 1.0, 0.0], [1.0, 2.0, 0.5], [0.0, 0.5, 1.0]])
-NAMED = checked.SizedEffect(ASYMMETRY, THETA, COVARIANCE, 0.99)
+
+
+def sized(effect, theta, covariance):
+    return Claim(effect, {}, {}, 0.01, "says", probability=0.99, theta=theta, covariance=covariance)
+
+
+NAMED = sized(ASYMMETRY, THETA, COVARIANCE)
 
 
 def there(share, wider=1.0):
-    return checked.SizedEffect(ASYMMETRY, share * THETA, wider * COVARIANCE, 0.99)
+    return sized(ASYMMETRY, share * THETA, wider * COVARIANCE)
 
 
 def test_an_effect_is_predicted_with_the_uncertainty_of_its_numbers_whose_covariance_may_lack_a_direction():
@@ -385,7 +388,7 @@ def test_odds_of_twenty_to_one_decide(named, seen, odds, outcome, standing):
 
 def test_the_earths_rate_is_turned_about_the_vertical_with_its_uncertainty():
     rate = EARTH_RATE_RPS * np.array([0.6, 0.0, -0.8])
-    turned = headings(checked.SizedEffect(EARTH, rate, EARTH_RATE_RPS**2 * np.diag([0.04, 0.01, 0.09]), 0.99))
+    turned = headings(sized(EARTH, rate, EARTH_RATE_RPS**2 * np.diag([0.04, 0.01, 0.09])))
     assert len(turned) == 72
     assert turned[18].theta == pytest.approx(EARTH_RATE_RPS * np.array([0.0, 0.6, -0.8]), abs=1e-12)
     assert np.diag(turned[18].covariance) == pytest.approx(EARTH_RATE_RPS**2 * np.array([0.01, 0.04, 0.09]))
@@ -401,3 +404,21 @@ def test_what_belongs_to_one_recording_or_unit_is_not_taken_to_another_and_a_con
     assert of(Outcome.NO_POWER, Outcome.CONFIRMED, Outcome.NOT_CONFIRMED) is Outcome.CONFIRMED
     assert set(OUTCOMES) == set(Outcome)
     assert "nothing is named" in as_text(Group(*checked_page([Checked(None, True)])))
+
+
+# The verdict
+
+
+@pytest.mark.parametrize(
+    ("passed", "unsound", "against", "expected"),
+    [
+        (True, [], [], "no_mismatch"),
+        (False, [], [], "no_mismatch"),  # above a limit
+        (False, ["worse than the raw rates"], [], "unexplained"),
+        (True, ["left open"], [], "no_mismatch"),
+        (True, ["differs"], ["turns"], "unexplained"),
+    ],
+)
+def test_what_fit_fails_for_but_a_limit_is_a_mismatch(passed, unsound, against, expected):
+    decision = SimpleNamespace(passed=passed, unsound=unsound)
+    assert engine._verdict(SimpleNamespace(decision=decision, contradictions=against, claimed=[], findings=[])) == expected

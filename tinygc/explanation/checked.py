@@ -17,7 +17,7 @@ from scipy.special import chdtrc, logsumexp
 from session.base.errors import DataError
 from session.log.folder import Session, hash_of_log
 from tinygc.effects import AppliedEffect, Effect
-from tinygc.explanation.claims import readable
+from tinygc.explanation.claims import Claim, readable
 from tinygc.explanation.evidence import Evidence, Hypothesis
 from tinygc.explanation.search import NAMELESS
 from tinygc.inference.choose import LEVEL, ONE_SIDED, Standing
@@ -48,17 +48,6 @@ STANDINGS = {Outcome.CONFIRMED: Standing.FOR, Outcome.OTHER_SIZE: Standing.FOR, 
 
 
 @dataclass(frozen=True, eq=False)
-class SizedEffect:
-    """An effect that a recording shows: theta (P,) SI and covariance (P, P); lookalikes: ids that fit there as well or nearly."""
-
-    effect: Effect
-    theta: np.ndarray
-    covariance: np.ndarray
-    probability: float
-    lookalikes: frozenset[str] = frozenset()
-
-
-@dataclass(frozen=True, eq=False)
 class CheckedEffect:
     """A named effect in another recording.
 
@@ -67,12 +56,12 @@ class CheckedEffect:
     size, its share of the named size, with sigma; closure_rad: held-out rms there without the effect and with the named numbers.
     """
 
-    named: SizedEffect
+    named: Claim
     outcome: Outcome
     odds: float = 0.0
     same_p: float = 1.0
     power: float = 0.0
-    there: SizedEffect | None = None
+    there: Claim | None = None
     size: tuple[float, float] = (np.nan, np.nan)
     closure_rad: tuple[float, float] | None = None
 
@@ -101,27 +90,15 @@ class Checked:
 # What a recording names, with numbers.
 
 
-def named_in(e: Any) -> list[SizedEffect]:
+def named_in(e: Any) -> list[Claim]:
     """Return the claimed effects, strongest first, without shapes that have no name."""
-    fit = e.fit
-    numbers = {claim.effect.id: number for number, claim in enumerate(fit.state.claims)}
-    found = []
-    for claim in e.claimed:
-        name, likes = claim.effect.id, frozenset(claim.equivalent) | claim.rivals.keys()
-        if name.startswith(NAMELESS):
-            continue
-        if (measured := e.measured.get(name)) is not None:
-            theta, covariance = measured
-            found.append(SizedEffect(claim.effect, theta, covariance, claim.probability, likes))
-        elif name in numbers:
-            applied = fit.state.claims[numbers[name]]
-            covariance = fit.theta_covariance(numbers[name])
-            covariance = covariance + np.diag((applied.effect.known_to * applied.theta) ** 2)
-            found.append(SizedEffect(applied.effect, applied.theta, covariance, claim.probability, likes))
-        else:
-            size = claim.effect.parameter.size
-            found.append(SizedEffect(claim.effect, np.full(size, np.nan), np.full((size, size), np.nan), claim.probability, likes))
-    return found
+    named = [claim for claim in e.claimed if not claim.effect.id.startswith(NAMELESS)]
+    known = {
+        claim.effect.id: dict(zip(("theta", "covariance"), found, strict=True))
+        for claim in named
+        if (found := e.measured.get(claim.effect.id))
+    }
+    return [replace(claim, **known.get(claim.effect.id, {})) for claim in named]
 
 
 def _of_recording(effect: Effect) -> bool:
@@ -150,7 +127,7 @@ def check_on(first: Any, other: Any, seed: int = 0) -> Checked:
     for named in named_in(first):
         if _of_recording(named.effect):
             checked.effects.append(CheckedEffect(named, Outcome.OF_RECORDING, there=_same_name(other, named.effect)))
-        elif not np.isfinite(named.theta).all():
+        elif not named.covariance.size:
             checked.effects.append(CheckedEffect(named, Outcome.NO_NUMBERS))
         elif checked.same_unit is False and of_unit(named.effect):
             checked.effects.append(CheckedEffect(named, Outcome.OF_UNIT, there=_same_name(other, named.effect)))
@@ -164,12 +141,12 @@ def check_on(first: Any, other: Any, seed: int = 0) -> Checked:
     return checked
 
 
-def _same_name(other: Any, effect: Effect) -> SizedEffect | None:
+def _same_name(other: Any, effect: Effect) -> Claim | None:
     """The effect with the same id that the other recording names by itself."""
-    return next((n for n in named_in(other) if n.effect.id == effect.id and np.isfinite(n.theta).all()), None)
+    return next((n for n in named_in(other) if n.effect.id == effect.id and n.covariance.size), None)
 
 
-def _weighed_by(named: SizedEffect, there: SizedEffect, seed: int, odds: float | None = None) -> CheckedEffect:
+def _weighed_by(named: Claim, there: Claim, seed: int, odds: float | None = None) -> CheckedEffect:
     """Decide by the two estimates; odds: 2 ln, where they are known better than from them."""
     if odds is None:
         odds = float(_odds_of(there.theta, named, there.covariance)[0])
@@ -190,7 +167,7 @@ def _weighed_by(named: SizedEffect, there: SizedEffect, seed: int, odds: float |
     return CheckedEffect(named, outcome, odds, same_p, power, there, size)
 
 
-def _odds_of(estimates: np.ndarray, named: SizedEffect, covariance: np.ndarray) -> np.ndarray:
+def _odds_of(estimates: np.ndarray, named: Claim, covariance: np.ndarray) -> np.ndarray:
     """2 ln of the odds, (K,), that estimates (K, P) with a covariance (P, P) give the named size, as uncertain as it is, against zero."""
     estimates = np.atleast_2d(estimates)
     found = np.zeros(len(estimates))
@@ -200,7 +177,7 @@ def _odds_of(estimates: np.ndarray, named: SizedEffect, covariance: np.ndarray) 
     return found
 
 
-def size_of(named: SizedEffect, there: SizedEffect) -> tuple[float, float]:
+def size_of(named: Claim, there: Claim) -> tuple[float, float]:
     """Share of the named size that the other estimate has along it, and its sigma."""
     weight = np.linalg.solve(named.covariance + there.covariance, named.theta)
     length = float(weight @ named.theta)
@@ -216,7 +193,7 @@ class _Prediction:
     r: np.ndarray
     J: np.ndarray
     own: np.ndarray
-    estimate: SizedEffect
+    estimate: Claim
     price: float
 
     def value(self, theta: np.ndarray | None = None, covariance: np.ndarray | None = None) -> float:
@@ -230,7 +207,7 @@ class _Prediction:
         return noise.estimated(self.hypothesis.whiten.base, r - J @ moved, J, noise.s).value + self.price
 
 
-def _prediction(evidence: Evidence, others: tuple[Effect, ...], named: SizedEffect, begin: Hypothesis) -> _Prediction:
+def _prediction(evidence: Evidence, others: tuple[Effect, ...], named: Claim, begin: Hypothesis) -> _Prediction:
     # The effect keeps the shape that was named: without a scan it is not fitted again.
     effect = named.effect if named.effect.scan is None else replace(named.effect, scan=None)
     found = evidence.of((*others, effect), begin)
@@ -243,7 +220,7 @@ def _prediction(evidence: Evidence, others: tuple[Effect, ...], named: SizedEffe
     return _Prediction(found, r, rest, J[:, part], estimate, sum(evidence.price(other) for other in others))
 
 
-def predicted(named: SizedEffect, other: Any, evidence: Evidence, seed: int) -> CheckedEffect:
+def predicted(named: Claim, other: Any, evidence: Evidence, seed: int) -> CheckedEffect:
     """Predict the other recording with the named numbers, beside what it shows by itself.
 
     What it names in place of the effect, and shapes without a name, may stand for the effect there: the odds are those of the better of
@@ -269,7 +246,7 @@ def predicted(named: SizedEffect, other: Any, evidence: Evidence, seed: int) -> 
     return replace(there, named=named, closure_rad=None if before is None or after is None else (before, after))
 
 
-def headings(named: SizedEffect) -> list[SizedEffect]:
+def headings(named: Claim) -> list[Claim]:
     """The Earth's rate with the table turned to each heading."""
     found = []
     for angle in np.arange(HEADINGS) * 2 * np.pi / HEADINGS:
@@ -300,7 +277,7 @@ def outcome_of(there: Sequence[CheckedEffect]) -> Outcome:
     return min((each.outcome for each in there), key=OUTCOMES.index)
 
 
-def numbers_of(named: SizedEffect) -> tuple[dict, dict]:
+def numbers_of(named: Claim) -> tuple[dict, dict]:
     """Parameters of an effect by their JSON names, and their std."""
     _, parameters, std = readable(AppliedEffect(named.effect, named.theta), named.covariance)
     return parameters, std

@@ -10,13 +10,12 @@ from scipy.special import stdtr
 
 from session.base.units import DEG
 from tinygc.closure.problem import SAID_SIGMAS
-from tinygc.effects import AppliedEffect, CommonDelay, Convention, Derived, Effect, Parts, catalogue
+from tinygc.effects import AppliedEffect, CommonDelay, Convention, Derived, Effect, catalogue
 from tinygc.effects.effect import DIFFERENT_P
 from tinygc.explanation.search import NamedEffect
 from tinygc.inference.choose import chi_square_above, price
 from tinygc.noise.refit import Refit
 from tinygc.noise.turn_gravity import NUMBERS, TurnGravity
-from tinygc.noise.twin import State
 
 # A p-value that may underflow.
 
@@ -70,14 +69,6 @@ def described(effect: Effect, theta: np.ndarray, covariance: np.ndarray) -> str:
     sure = sigmas > SAID_SIGMAS
     sure[np.argmax(sigmas)] = True
     return effect.describe(np.where(sure, theta, 0.0))
-
-
-def theta_of(effect: Effect, parameters: dict, state: State) -> np.ndarray:
-    """theta (P,) SI of an effect with these JSON parameters; the state's own value, which is exact, if the state holds the effect."""
-    held = next((claim.theta for claim in state.claims if claim.effect.id == effect.id), None)
-    if held is None and isinstance(effect.derived, Parts):
-        return effect.derived.theta(parameters)
-    return np.ravel(parameters[effect.parameter.name]) * effect.parameter.si if held is None else held
 
 
 # Display names of channels, and verdicts with a word of their own (all others: ``inference.decide.KINDS``).
@@ -138,9 +129,10 @@ def _against_stated(claim: AppliedEffect, covariance: np.ndarray) -> AgainstStat
 class Claim:
     """One claimed effect: parameters and their std in the units of their JSON names, p-value, and a sentence.
 
-    equivalent: ids of effects that fit as well. probability of the effect over all hypotheses evaluated. rivals: probability of each
-    competing effect, by id. share of the chi-square beyond noise that it removes, None for what was found outside the fit. p_is_bound: the
-    p-value is the threshold of a detector, an upper bound.  against_stated: the numbers against those that the effect's file states.
+    theta (P,) SI and covariance (P, P), empty where it is moments. equivalent: ids of effects that fit as well. probability of the effect
+    over all hypotheses evaluated. rivals: probability of each competing effect, by id. share of the chi-square beyond noise that it
+    removes, None for what was found outside the fit. p_is_bound: the p-value is the threshold of a detector, an upper bound.
+    against_stated: the numbers against those that the effect's file states.
     """
 
     effect: Effect
@@ -154,6 +146,13 @@ class Claim:
     probability: float = 1.0
     rivals: dict[str, float] = field(default_factory=dict)
     against_stated: AgainstStated | None = None
+    theta: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    covariance: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+
+    @property
+    def lookalikes(self) -> frozenset[str]:
+        """Ids that fit as well or nearly."""
+        return frozenset(self.equivalent) | self.rivals.keys()
 
     def to_json(self) -> dict:
         """Return one entry of ``effects`` of ``tinygc-explain/2``."""
@@ -196,7 +195,8 @@ def claim_of(applied: AppliedEffect, covariance: np.ndarray | None, p_value: flo
             effect, {parameter.name: values, **effect.shape}, {parameter.name: None}, p_value, effect.describe(applied.theta), **more
         )
     theta, parameters, std = readable(applied, covariance)
-    return Claim(effect, parameters, std, p_value, described(effect, theta, covariance), **more)
+    known = {"theta": theta, "covariance": covariance + np.diag((effect.known_to * theta) ** 2)}
+    return Claim(effect, parameters, std, p_value, described(effect, theta, covariance), **known, **more)
 
 
 def common_delays() -> tuple[str, ...]:

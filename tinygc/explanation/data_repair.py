@@ -239,12 +239,12 @@ class ClosureTrial:
 
         def cost(count: int) -> float:
             total = dict(whole)
-            by_log = {
-                log: Crossing(*bridging.best_order(self.twin.problem.logs[log].samples, of, max(count, 1))) for log, of in rows.items()
-            }
+            logs = self.twin.problem.logs
+            by_log = {log: Crossing(*bridging.best_order(logs[log].samples, of, max(count, 1))) for log, of in rows.items()}
             for event, i in inside:
+                # What a bridge may have missed is no reason for a longer one.
                 angles = self.angles(i, [event], lambda event: by_log[event.log], count)
-                total[i] = float(np.logaddexp(total[i], self.likelihood(i, angles, by_log[event.log].missed_rad ** 2)[0]))
+                total[i] = float(np.logaddexp(total[i], self.likelihood(i, angles)[0]))
             return -sum(total.values())
 
         whole = {i: self.likelihood(i, self.angles(i, [], lambda event: Crossing(1, 0.0), 0))[0] for _, i in inside}

@@ -354,7 +354,7 @@ def _undersampled_claim(evidence: Evidence, whiten: Whitener, fit: Refit, noise:
     }
     says = f"{effect.describe(np.array([size]))}; {missed.rate_needed_hz(size, floor):.0f} Hz would have been enough"
     std = {"predicted_deg": sigma * missed.rms_rad / DEG if np.isfinite(sigma) else missed.rms_rad / DEG}
-    return [Claim(effect, parameters, std, p_value, says, probability=probability)]
+    return [Claim(effect, parameters, std, p_value, says, probability=probability, theta=np.array([size]))]
 
 
 # A claim is kept only if it improves held-out data by more than chance, paired by segments.

@@ -230,7 +230,10 @@ def _heading_not_used(problem: Problem) -> list[Finding]:
 
 def _verdict(explanation: Explanation) -> str:
     e = explanation
-    contradicted = bool(e.contradictions) if e.decision is not None else e.naming.unusual or e.naming.first_p <= LEVEL
+    if e.decision is None:
+        contradicted = e.naming.unusual or e.naming.first_p <= LEVEL
+    else:  # as ``fit`` answers, but for a limit: what meets none may well have no mismatch
+        contradicted = bool(e.contradictions) or (not e.decision.passed and bool(e.decision.unsound))
     if not e.claimed:
         return "unexplained" if contradicted or e.findings else "no_mismatch"
     clocks_alone = [claim.effect.id for claim in e.claimed] == [DELAY]

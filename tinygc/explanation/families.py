@@ -9,8 +9,8 @@ import numpy as np
 
 from session.base.units import DEG
 from tinygc.effects import Effect
-from tinygc.explanation.claims import Claim, theta_of
-from tinygc.noise.twin import State, Twin
+from tinygc.explanation.claims import Claim
+from tinygc.noise.twin import Twin
 
 #: slow motions of the zero-rate offset: id -> what it would be
 SLOW_ZERO = {
@@ -68,7 +68,7 @@ def shares_of(weights: Mapping[str, float]) -> dict[str, float]:
     return {name: weight / total for name, weight in sorted(weights.items(), key=lambda item: -item[1])}
 
 
-def slow_zero(twin: Twin, claims: Iterable[Claim], state: State) -> SlowZero | None:
+def slow_zero(twin: Twin, claims: Iterable[Claim]) -> SlowZero | None:
     """The family's statement of one session; None where no member is claimed.
 
     Where several are claimed at once, their motions add, and the weights of each with what was weighed in its place.
@@ -81,7 +81,7 @@ def slow_zero(twin: Twin, claims: Iterable[Claim], state: State) -> SlowZero | N
         for name, p in {claim.effect.id: claim.probability, **claim.rivals}.items():
             if name in SLOW_ZERO:
                 weights[name] = weights.get(name, 0.0) + p
-    size, axis = motion(twin, [(claim.effect, theta_of(claim.effect, claim.parameters, state)) for claim in mine])
+    size, axis = motion(twin, [(claim.effect, claim.theta) for claim in mine])
     return SlowZero(size, axis, shares_of(weights), twin.has_thermometer)
 
 

@@ -15,7 +15,7 @@ from session.log.folder import file_key, hash_of_log
 from session.log.samples import pieces, start_times
 from tinygc.effects import catalogue
 from tinygc.effects.effect import IN_STILLS, LEVEL, ROWS, SECONDS
-from tinygc.explanation.claims import CHANNELS, LEFT, Claim, Considered, p_entry, theta_of
+from tinygc.explanation.claims import CHANNELS, LEFT, Claim, Considered, p_entry
 from tinygc.explanation.decision import tilt_rms
 from tinygc.explanation.engine import Explanation
 from tinygc.explanation.families import SlowZero, slow_zero
@@ -138,7 +138,7 @@ def _seconds(e: Explanation, claim: Claim | None, spans: list[list[float]]) -> l
 
 def _range(e: Explanation, claim: Claim) -> dict | None:
     """Range of the strongest effect's variable: where the effect is at least half its maximum, or at its moments."""
-    regime = variable_of(claim.effect, _theta(e, claim))
+    regime = variable_of(claim.effect, claim.theta)
     values = _values(e, claim, regime)
     if not len(values) or not np.isfinite(values).all():
         return None
@@ -165,14 +165,8 @@ def _where_strong(e: Explanation, claim: Claim) -> np.ndarray | None:
     """Samples (N,) bool at which the effect adds at least half of its maximum; None if it adds to no rate."""
     if claim.effect.kind != "rate":
         return None
-    theta = _theta(e, claim)
-    strength = np.concatenate([np.linalg.norm(claim.effect.columns(m) @ theta, axis=1) for m in e.twin.movements])
+    strength = np.concatenate([np.linalg.norm(claim.effect.columns(m) @ claim.theta, axis=1) for m in e.twin.movements])
     return strength > 0.5 * np.quantile(strength, 0.999)
-
-
-def _theta(e: Explanation, claim: Claim) -> np.ndarray | None:
-    """(P,) SI; None for an effect repaired in the registers."""
-    return None if claim.effect.kind == "register" else theta_of(claim.effect, claim.parameters, e.naming.fit.state)
 
 
 # Recorded minus predicted, channel by channel: one table for the terminal, the report and the JSON.
@@ -292,7 +286,7 @@ def noise_rows(e: Explanation) -> list[tuple[str, str, str]]:
 
 def families_of(e: Explanation) -> list[SlowZero]:
     """Statements of families whose members this recording hardly tells apart."""
-    slow = slow_zero(e.twin, [*e.claimed, *e.findings], e.naming.fit.state)
+    slow = slow_zero(e.twin, [*e.claimed, *e.findings])
     return [slow] if slow is not None and slow.is_open else []
 
 

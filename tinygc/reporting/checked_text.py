@@ -71,7 +71,7 @@ def _cells(found: CheckedEffect) -> tuple[str, str, str, str]:
 
 def _numbers(found: CheckedEffect) -> str:
     """Return the effect's largest number here, and the same one there, where the other recording names the effect itself."""
-    if found.there is None or not np.isfinite(found.named.theta).all():
+    if found.there is None or not found.named.covariance.size:
         return "–"
     both = [numbers_of(named) for named in (found.named, found.there)]
     name = next(iter(both[0][1]))

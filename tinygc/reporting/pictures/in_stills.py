@@ -20,7 +20,6 @@ from tinygc.reporting.pictures.values import (
     lengths_per_still,
     rates_per_still,
     recorded_in_stills,
-    theta,
     value_text,
     variable_for,
 )
@@ -60,7 +59,7 @@ def along(e: Explanation, claim: Claim) -> Panel:
 
     "Before" excludes the rest of the fit, including the other columns of a matrix.
     """
-    values, variable, effect = theta(e, claim), variable_for(e, claim), claim.effect
+    values, variable, effect = claim.theta, variable_for(e, claim), claim.effect
     is_attitude = variable.variable == "attitude"
     own = is_attitude and values.size == 3
     if is_attitude and values.size == 9:
@@ -108,7 +107,7 @@ def on_slope_one(claim: Claim, series: dict[str, tuple[np.ndarray, np.ndarray]],
 
 def in_the_table(e: Explanation, claim: Claim, as_the_earths: bool = False) -> Panel:
     """Draw the horizontal component along the estimated rate's, and the vertical; with a circle of the Earth's rate."""
-    turn, fixed = rotation.matrix(e.twin.q_tb), theta(e, claim)
+    turn, fixed = rotation.matrix(e.twin.q_tb), claim.theta
     size = np.hypot(*fixed[:2])
     ahead = np.array([*fixed[:2], 0]) / size if size > 0 else np.array([1.0, 0, 0])
     panel = Panel(
@@ -142,7 +141,7 @@ def over_attitude(e: Explanation, claim: Claim) -> Panel:
     after, down = lengths_per_still(e)[1], unit_vectors(e.twin.force)
     title = "Where it lives: gravity's length changes with attitude"
     panel = Panel(Axis("gravity along the same axis (g)"), Axis(LENGTH), title, legend=claim.effect.equation).zero()
-    for number, (axis, bias) in enumerate(zip("xyz", theta(e, claim), strict=False)):
+    for number, (axis, bias) in enumerate(zip("xyz", claim.theta, strict=False)):
         x, name = Variable("attitude", number).of_stills(e.twin), f"{axis}: {value_text(claim, number)}"
         ends = np.array([x.min(), x.max()])
         panel.points(x, (after + down[:, number] * bias) / MG, axis, name=name).points(x, after / MG, axis, ring=True)
@@ -153,12 +152,12 @@ def over_attitude(e: Explanation, claim: Claim) -> Panel:
 def _length_explained(e: Explanation, claim: Claim) -> np.ndarray:
     """(Q,) m/s^2 that an effect of the accelerometer adds to gravity's length in each still."""
     down = unit_vectors(e.twin.force)
-    return np.sum(down * (e.twin.bent(claim.effect, e.twin.rests) @ theta(e, claim)), axis=1)
+    return np.sum(down * (e.twin.bent(claim.effect, e.twin.rests) @ claim.theta), axis=1)
 
 
 def length_over_conditions(e: Explanation, claim: Claim) -> Panel:
     """Draw gravity's length in each still along the effect's variable, before (filled) and after (rings)."""
-    variable = variable_of(claim.effect, theta(e, claim))
+    variable = variable_of(claim.effect, claim.theta)
     x, after = variable.of_stills(e.twin), lengths_per_still(e)[1] / MG
     axes = Axis(f"{variable.words} ({variable.units})"), Axis(LENGTH)
     panel = Panel(*axes, "Where it lives: gravity's length in each still", legend=claim.effect.equation).zero()

@@ -19,7 +19,6 @@ from tinygc.reporting.pictures.values import (
     entry_name,
     per_parameter,
     strongest,
-    theta,
     value_text,
     variable_for,
 )
@@ -64,7 +63,7 @@ AFTER = "After: the effect taken off, to the same scale"
 
 def against_prediction(e: Explanation, claim: Claim) -> tuple[Panel, Panel]:
     """Draw residuals over predictions: on the line of slope one if the effect is the only cause, level once it is taken off."""
-    values, names = theta(e, claim), {}
+    values, names = claim.theta, {}
     lines: dict[int, tuple[float, float | None]] = {}
     for entry in strongest(e, claim, MOST):
         value = value_text(claim, entry)
@@ -80,7 +79,7 @@ def against_one_ms(e: Explanation, claim: Claim) -> tuple[Panel, Panel]:
     """Draw the closure residual of each turn over the closure of a lag of 1 ms; the slope is the lag in ms."""
     if claim.effect.parameter.unit != "s":  # not a lag
         return against_prediction(e, claim)
-    values, names = theta(e, claim), {}
+    values, names = claim.theta, {}
     lines: dict[int, tuple[float, float | None]] = {}
     for entry in strongest(e, claim, MOST):
         names[entry] = entry_name(claim.effect, entry).replace("from ", "from dω/dt about "), f": slope {value_text(claim, entry)}"

@@ -13,7 +13,7 @@ from session.base.units import DEG
 from tinygc.closure.residual import closure_angles
 from tinygc.effects import Effect, Movement, PictureData
 from tinygc.effects.effect import ENERGY_LAW, SCALE_LAW
-from tinygc.explanation.claims import Claim, theta_of
+from tinygc.explanation.claims import Claim
 from tinygc.explanation.engine import Explanation
 from tinygc.noise.twin import READ, Variable, variable_of
 
@@ -61,14 +61,9 @@ def value_text(claim: Claim, entry: int) -> str:
 # contribution added back they are "before".
 
 
-def theta(e: Explanation, claim: Claim) -> np.ndarray:
-    """Parameters of a claim as fitted, (P,) SI."""
-    return theta_of(claim.effect, claim.parameters, e.naming.fit.state)
-
-
 def variable_for(e: Explanation, claim: Claim) -> Variable:
     """The variable against which a claim is drawn."""
-    return variable_of(claim.effect, theta(e, claim))
+    return variable_of(claim.effect, claim.theta)
 
 
 def rates_per_still(e: Explanation) -> tuple[np.ndarray, np.ndarray]:
@@ -86,7 +81,7 @@ def lengths_per_still(e: Explanation) -> tuple[np.ndarray, np.ndarray]:
 def added_in_stills(e: Explanation, claim: Claim, values: np.ndarray | None = None) -> np.ndarray:
     """Contribution of an effect to each still's mean rate, (Q, 3) dps; values (P,) SI replace its parameters, to isolate a part."""
     twin = e.twin
-    values = theta(e, claim) if values is None else values
+    values = claim.theta if values is None else values
     if claim.effect.kind == "earth":
         return np.einsum("qji,j->qi", rotation.matrix(twin.q_tb), values) / DEG
     by_log = [claim.effect.columns(m.with_rate(rate)) @ values for m, rate in zip(twin.movements, e.replay.rates, strict=True)]
@@ -200,7 +195,7 @@ def left_by_turn(e: Explanation) -> np.ndarray:
 
 def without(e: Explanation, claim: Claim, entries: Sequence[int]) -> np.ndarray:
     """Closure, (S, d) rad, computed exactly with these parameters at zero and the rest of the fit unchanged."""
-    state, some = e.naming.fit.state, theta(e, claim).copy()
+    state, some = e.naming.fit.state, claim.theta.copy()
     some[list(entries)] = 0.0
     claims = tuple(replace(each, theta=some) if each.effect.id == claim.effect.id else each for each in state.claims)
     return e.twin.residuals(replace(state, claims=claims)).closure
@@ -229,7 +224,7 @@ def _per_turn(e: Explanation, claim: Claim, carrier: str, axis: int, variable: V
     def curve(at: np.ndarray) -> np.ndarray:
         return at_constant(claim.effect, one, movements[0], variable, axis, at, per_rate=carrier == "scale")
 
-    x, law = standing(mean, unit, curve, span), unit * theta(e, claim)[axis]
+    x, law = standing(mean, unit, curve, span), unit * claim.theta[axis]
     keep &= one_way(weight, along, mean)
     # The law of one unit acts on a turn as at a constant movement, except on a turn that crosses a jump of the law.
     at_turns = curve(x[keep])
@@ -245,7 +240,7 @@ def per_parameter(e: Explanation, claim: Claim, entry: int) -> TurnEstimates:
     angles = without(e, claim, [entry]), left_by_turn(e)
     signed, (before, after), noise = ahead_of(turn_columns(e, claim)[:, :, entry], angles, turn_sigma(e))
     keep = signed != 0
-    return TurnEstimates(signed[keep], before[keep], after[keep], noise[keep], (signed * theta(e, claim)[entry])[keep])
+    return TurnEstimates(signed[keep], before[keep], after[keep], noise[keep], (signed * claim.theta[entry])[keep])
 
 
 def ahead_of(own: np.ndarray, angles: Sequence[np.ndarray], sigma: np.ndarray) -> tuple[np.ndarray, list[np.ndarray], np.ndarray]:
@@ -260,7 +255,7 @@ def ahead_of(own: np.ndarray, angles: Sequence[np.ndarray], sigma: np.ndarray) -
 
 def strongest(e: Explanation, claim: Claim, most: int = 3) -> list[int]:
     """Indices, ascending, of the parameters that move the closure most, in sigmas of noise."""
-    moved = turn_columns(e, claim) * theta(e, claim) / turn_sigma(e)[:, :, None]
+    moved = turn_columns(e, claim) * claim.theta / turn_sigma(e)[:, :, None]
     power = np.sum(moved**2, axis=(0, 1))
     return sorted(int(entry) for entry in np.argsort(power)[::-1][:most])
 
@@ -376,7 +371,7 @@ def _curve(e: Explanation, claim: Claim, carrier: str, variable: Variable, axis:
     if not high > low:
         return np.zeros(0), np.zeros(0)
     at = np.linspace(low, high, POINTS)
-    return at, at_constant(claim.effect, theta(e, claim), e.twin.movements[0], variable, axis, at, per_rate=carrier == "scale")
+    return at, at_constant(claim.effect, claim.theta, e.twin.movements[0], variable, axis, at, per_rate=carrier == "scale")
 
 
 # An effect that draws its own picture gets plain arrays and two panels.
@@ -386,10 +381,10 @@ def picture_data(e: Explanation, claim: Claim) -> PictureData:
     """Plot data of a claim that adds to the rates."""
     variable, (before, after) = variable_for(e, claim), rates_per_still(e)
     # Contribution of an effect to the closure of each segment, (S, d) rad, to first order, and the recorded part it should explain.
-    added = -e.replay.columns(claim.effect).closure @ theta(e, claim)
+    added = -e.replay.columns(claim.effect).closure @ claim.theta
     closure_predicted, closure_recorded = added, e.twin.residuals(e.naming.fit.state, e.replay.rates).closure + added
     return PictureData(
-        theta=theta(e, claim),
+        theta=claim.theta,
         parameters=claim.parameters,
         std=claim.std,
         variable=variable.words,

@@ -147,7 +147,7 @@ def trait_of(
 
     plausible = effect.parameter.plausible
     divisions = divided(values / plausible, covariances / plausible**2, share)
-    weights = weights_of(divisions)
+    weights = weights_of([each.score for each in divisions])
     differ = float(sum(weight for weight, each in zip(weights, divisions, strict=True) if each.ids - {ONE_VALUE}))
     odd = [k for k in range(len(numbers)) if str(k) in divisions[0].ids]
     if odd and len(numbers) > 1 and (differ > 1 - LEVEL or effect.id == EARTH):

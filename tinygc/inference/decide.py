@@ -57,6 +57,11 @@ KINDS = {
     "ambiguous": Kind("explained, but this recording cannot decide between lookalikes", "yellow"),
     "partly_explained": Kind("partly explained: something is left that has no name here", "yellow"),
     "unexplained": Kind("there is a mismatch, and no effect in the catalogue fits it", "red"),
+    "suspected": Kind("a mismatch is suspected; noise alone shows as much in a share p of clean sessions", "yellow"),
+    "clean": Kind("no error of table or sensor is seen", "green"),
+    "table": Kind("an error of the table", "green"),
+    "sensor": Kind("an error of the sensor, and none of the table", "green"),
+    "both": Kind("errors of table and sensor", "green"),
 }
 
 

@@ -199,6 +199,10 @@ FIRST_SIZE, WIDENED = 0.5, 8
 CURVED = 1e-3
 
 
+#: of a block: residuals (n,), columns (n, p), base covariance (n, n), and that of each component
+Part = tuple[np.ndarray, np.ndarray, np.ndarray, list[np.ndarray]]
+
+
 class Prior(NamedTuple):
     """Lognormal prior of a size s: its median and its spread (ln); a separate spread upwards, if it differs."""
 
@@ -247,12 +251,24 @@ def estimate(
     V: K matrices (n, n); usual (K,): usual sizes.  blocks: row numbers of each block.  start: s (K,) of an earlier search.
     """
     parts = [(r[b], J[b], block_of(base, b), [block_of(v, b) * u**2 for v, u in zip(V, usual, strict=True)]) for b in blocks]
-    begin = np.full(len(V), 0.5) if start is None else np.maximum((start / usual) ** 2, 0.05)
+    return estimate_parts(parts, usual, priors, start, with_sigma, steps)
 
-    searched = [parts[i] for i in np.linspace(0, len(parts) - 1, min(len(parts), SEARCHED)).round().astype(int)]
+
+def estimate_parts(
+    parts: list[Part],
+    usual: np.ndarray,
+    priors: list[Prior | None],
+    start: np.ndarray | None = None,
+    with_sigma: bool = False,
+    steps: int = SCORING_STEPS,
+    most_searched: int = SEARCHED,
+) -> ComponentEstimate:
+    """``estimate`` from the parts of each block, V in units of the usual variances; the search is over ``most_searched`` of the blocks."""
+    begin = np.full(len(usual), 0.5) if start is None else np.maximum((start / usual) ** 2, 0.05)
+    searched = [parts[i] for i in np.linspace(0, len(parts) - 1, min(len(parts), most_searched)).round().astype(int)]
 
     def cost(x: np.ndarray, of: list = searched, slope: bool = True) -> Cost:
-        value, gradient, information = _cost(x, of, J.shape[1], slope)
+        value, gradient, information = _cost(x, of, parts[0][1].shape[1], slope)
         for k, prior in enumerate(priors):
             if prior is None:
                 continue

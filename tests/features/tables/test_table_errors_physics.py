@@ -23,19 +23,30 @@ from tinygc.features.tables.rows import (
     _most_cycles,
     _right_jacobian,
     candidates_of,
+    cubic_weights,
     moved,
-    part_names,
+    parts_of,
     prior_of,
-    start_of,
 )
-from tinygc.features.tables.rows_noise import AT_REST, IN_TURN, REPEATABILITY, USUAL_WORD, WANDER, NoiseModel, RowsNoise, _of_answers
+from tinygc.features.tables.rows_noise import (
+    AT_REST,
+    BLUR,
+    IN_TURN,
+    JITTER,
+    REPEATABILITY,
+    RESOLUTION,
+    STAMPS_S,
+    WANDER,
+    NoiseModel,
+    RowsNoise,
+)
 from tinygc.features.tables.selection import (
     Named,
-    _chance,
-    _fitted,
     _Judged,
     _late,
+    _Look,
     _odd_inside,
+    _Search,
     select,
 )
 from tinygc.inference.choose import PRIOR_ODDS, STEPS
@@ -86,31 +97,32 @@ def moved_rows(comparison, wrong):
 
 def test_columns_are_the_slopes_of_the_mechanics(exact):
     of, count, unit = exact.observed.table, 3 * len(exact.observed.said) + 3 * len(exact.observed.first), SMALL * np.eye(4)
-    pairs = [(column, errors(of, tilt=step[:3] / DEG)) for column, step in zip(exact.of_tilt().T, unit, strict=False)]
-    for axis in range(3):
-        index = [*exact.of_harmonic(axis, 1).T, *exact.of_harmonic(axis, 2).T]
+    columns = {(each.id, each.where): each.columns for each in candidates_of(exact)}
+    pairs = [(column, errors(of, tilt=step[:3] / DEG)) for column, step in zip(columns["table.tilt", "base"].T, unit, strict=False)]
+    for axis, name in enumerate("abc"):
         for number, step in enumerate(unit):
-            pairs.append((index[number], errors(of, axis, index=step)))
-            pairs.append((exact.of_wobble(axis)[:, number], errors(of, axis, wobble=step)))
+            pairs.append((columns["table.index", f"axis {name}"][:, number], errors(of, axis, index=step)))
+            pairs.append((columns["table.wobble", f"axis {name}"][:, number], errors(of, axis, wobble=step)))
     for axis in (1, 2):
         carrier, own = of.axes[axis - 1].direction, of.axes[axis].direction
         away = np.cross(np.cross(carrier, own), own)  # larger by 1 rad between the two
-        pairs.append((exact.of_skew(axis)[:, 0], errors(of, axis, skew=SMALL * away)))
-        pairs.append((exact.of_backlash(axis)[:, 0], errors(of, axis, backlash=SMALL)))
+        between = "abc"[axis - 1], "abc"[axis]
+        pairs.append((columns["table.nonorthogonal", "axes {}, {}".format(*between)][:, 0], errors(of, axis, skew=SMALL * away)))
+        pairs.append((columns["table.backlash", f"axis {between[1]}"][:, 0], errors(of, axis, backlash=SMALL)))
     for number, (column, wrong) in enumerate(pairs):
         assert np.abs(column[:count] - moved_rows(exact, wrong) / SMALL).max() < 1e-5, number
 
 
 def test_the_states_columns_are_the_slopes_of_its_residuals():
     seen = session(table(Z, Y), moves=8)
-    state, (_, sigma) = start_of(seen), prior_of(seen)
+    state, sigma = prior_of(seen)
     for _ in range(4):  # to where the residuals are small, since they bend
         comparison = Comparison(seen, state)
         design = np.concatenate([comparison.of_state() * sigma, 1e-3 * np.eye(len(sigma))])
         r = np.append(comparison.residuals().stacked(), np.zeros(len(sigma)))
         state = moved(state, sigma * np.linalg.lstsq(design, r, rcond=None)[0])
     columns = Comparison(seen, state).of_state()
-    names = part_names(2)
+    names = [name for name, size in parts_of(seen).items() for _ in size]
     for number in range(len(state)):
         step = 1e-6 * np.eye(len(state))[number]
         difference = [Comparison(seen, moved(state, sign * step)).residuals().stacked() for sign in (1, -1)]
@@ -121,9 +133,10 @@ def test_the_states_columns_are_the_slopes_of_its_residuals():
 
 
 def test_a_loss_is_in_the_sense_of_its_turn(exact):
+    columns = {(each.id, each.where): each.columns for each in candidates_of(exact)}
     for turn in range(len(exact.observed.first)):
         axis = int(exact.observed.alone[turn])
-        lost, dropped = exact.of_lost(axis, turn), exact.of_dropped(turn)
+        lost, dropped = columns["table.lost_steps", f"turn {turn}"], columns[DROPPED, f"turn {turn}"]
         rows = slice(3 * len(exact.observed.said) + 3 * turn, 3 * len(exact.observed.said) + 3 * turn + 3)
         # A motor that falls behind turns less than it says, as a sensor reads less that drops samples.
         assert np.sign(exact.observed.turned[turn, axis]) * (exact.axis[turn] @ lost[rows, 0]) == pytest.approx(-1, abs=1e-6)
@@ -142,8 +155,7 @@ def test_a_right_jacobian_is_the_slope_of_the_exponential():
 def test_priors_of_the_state():
     """Axes: zeros of 1°, play of 0.2°; the Earth's rate as the latitude has it, to 1 % of the vertical one."""
     seen = session(table(Z, Y), moves=4)
-    names = part_names(2)
-    assert [names.count(name) for name in dict.fromkeys(names)] == [9, 3, 6, 3, 3, 3, 2, 2, 1, 1, 1]
+    assert list(map(len, parts_of(seen).values())) == [9, 3, 6, 3, 3, 3, 2, 2, 1, 1, 1]
     for latitude in (None, 50 * DEG):
         mean, sigma = prior_of(replace(seen, latitude_rad=latitude, accel_sigma_g=0.02))
         horizontal, vertical = (EARTH_RATE_RPS, EARTH_RATE_RPS) if latitude is None else EARTH_RATE_RPS * np.array([np.cos(latitude), 0.01])
@@ -175,9 +187,10 @@ def test_white_noise_of_rests_and_turns_is_that_of_means_and_integrals():
     seen = session(table(Z), moves=8)
     model = NoiseModel(Comparison(seen))
     rests, turns = 3 * len(seen.said), 3 * len(seen.first)
-    assert np.diag(model.white)[:rests] == pytest.approx(seen.accel_walk[0] ** 2 / 2.0, rel=1e-9, abs=0)
-    assert np.diag(model.white)[rests + turns :] == pytest.approx(seen.gyro_walk[0] ** 2 / 2.0, rel=1e-9, abs=0)
-    last = np.diag(model.white)[rests : rests + turns].reshape(-1, 3)
+    white, _ = model.blocks[0]
+    assert np.diag(white)[:rests] == pytest.approx(seen.accel_walk[0] ** 2 / 2.0, rel=1e-9, abs=0)
+    assert np.diag(white)[rests + turns :] == pytest.approx(seen.gyro_walk[0] ** 2 / 2.0, rel=1e-9, abs=0)
+    last = np.diag(white)[rests : rests + turns].reshape(-1, 3)
     along = last @ np.array([0, 0, 1.0])  # about the turning axis nothing rotates
     assert along == pytest.approx(seen.gyro_walk[0] ** 2 * seen.blocks * seen.block_s, rel=0.01)
 
@@ -185,16 +198,16 @@ def test_white_noise_of_rests_and_turns_is_that_of_means_and_integrals():
 def test_the_walk_within_a_turn_is_that_of_a_bridge():
     seen = session(table(Z), moves=8, mounting_rad=0.0)
     comparison = Comparison(seen)
-    for number, (walk, *_) in enumerate(NoiseModel(comparison)._within):
+    for number, (walk, of) in enumerate(NoiseModel(comparison).blocks[1:]):
         t_s = seen.block_s[number] * np.arange(1, seen.blocks[number])
         share, length_s = comparison.share[number, 1 : seen.blocks[number]], seen.blocks[number] * seen.block_s[number]
         bridge = seen.gyro_walk[0] ** 2 * (t_s - 2 * share * t_s + share**2 * length_s)
-        assert np.diag(walk) == pytest.approx(bridge, rel=1e-6, abs=1e-18)
+        assert np.diag(walk - 3e-4**2 * of[JITTER]) - 1e-6**2 == pytest.approx(bridge, rel=1e-5, abs=1e-18)
 
 
 def test_repeatability_is_one_angle_of_each_rest_in_units_of_the_declared():
     seen = session(table(X, sigma_deg=0.02), moves=8, mounting_rad=0.0)
-    V = NoiseModel(Comparison(seen)).components[REPEATABILITY][0]
+    V = NoiseModel(Comparison(seen)).blocks[0][1][REPEATABILITY]
     rests = 3 * len(seen.said)
     tilt = V[:rests, :rests].reshape(len(seen.said), 3, len(seen.said), 3)
     for i in range(len(seen.said)):
@@ -213,7 +226,7 @@ def test_rows_are_whitened_by_the_factor_of_their_covariance():
         here = slice(start, start + len(factor))
         whole[here, here] = factor
     rows = rng.normal(size=(9, 2))
-    noise = RowsNoise({}, 0.0, np.ones(5), factors[0], factors[1:])
+    noise = RowsNoise({}, 0.0, factors)
     assert noise.whiten(rows) == pytest.approx(np.linalg.solve(whole, rows))
     assert noise.whiten(rows[:, 0]) == pytest.approx(np.linalg.solve(whole, rows[:, 0]))
 
@@ -221,8 +234,8 @@ def test_rows_are_whitened_by_the_factor_of_their_covariance():
 @pytest.mark.parametrize(("instability_rps", "usual"), [(2e-5, 2e-5), (0.0, 1e-9)])
 def test_the_wander_is_looked_for_about_what_is_known_of_it(instability_rps, usual):
     model = NoiseModel(Comparison(replace(session(table(Z), moves=4), instability_rps=instability_rps)))
-    V, first, prior = model.components[WANDER]
-    assert (first, prior) == (usual, Prior(usual, 0.7))
+    assert model.usual[WANDER] == (usual, Prior(usual, 0.7))
+    V = model.blocks[0][1][WANDER]
     seen = model._comparison.observed
     rates = 3 * (len(seen.said) + len(seen.first)) + 3 * np.arange(len(seen.rest_s))
     expected = wander_covariance(seen.rest_s, seen.rest_span_s, instability_rps=1.0)  # of an instability of 1 rad/s, each axis by itself
@@ -233,7 +246,7 @@ def test_the_wander_is_looked_for_about_what_is_known_of_it(instability_rps, usu
 def test_an_edge_has_of_its_answers_what_cubic_convolution_gives():
     """Of Keys (1981): exact for parabolas, and an answer's own where the edge is there."""
     at = np.array([1.0, 2.5, 3.0, 4.25])
-    found = _of_answers(at)
+    found = cubic_weights(at, 7)
     for power in range(3):
         assert found @ np.arange(float(found.shape[1])) ** power == pytest.approx(at**power)
     assert found[0].tolist() == [0, 1, 0, 0, 0, 0, 0]
@@ -243,34 +256,46 @@ def test_an_edge_has_of_its_answers_what_cubic_convolution_gives():
 def test_jitter_and_wander_of_the_stamps_are_angles_by_the_rate_and_blur_by_its_change():
     """Covariances of the rows within a turn, of each size alone, and of a resolution; where the axis rests stamps make no error."""
     seen = session(table(Z, Y), moves=8)
-    model = NoiseModel(Comparison(seen))
-    tiny = np.log([1e-9, 1e-9, 1e-15, 1e-9, 0.3])
-    walks = [factor @ factor.T for factor in model._factors(tiny)]
-    for place, size in ((0, 2e-3), (1, 1e-4), (2, 1e-3), (3, 5e-3)):
-        factors = model._factors(np.where(np.arange(5) == place, np.log(size), tiny))
-        for number, (factor, walk) in enumerate(zip(factors, walks, strict=True)):
-            way, block_s = seen.said_edges[number, :, seen.alone[number]], seen.block_s[number]
-            edges = slice(1, seen.blocks[number])
-            rate = np.gradient(way) / block_s
-            change = maximum_filter1d(np.abs(np.gradient(rate)) / block_s, 3)[edges]
-            rate, t_s = rate[edges], block_s * np.arange(seen.blocks[number] - 1)
-            lasts = np.exp(-np.abs(t_s[:, None] - t_s) / 0.3)
-            expected = (np.diag(rate**2), np.eye(len(rate)), np.diag(change**2), np.outer(rate, rate) * lasts)[place]
-            bar = 2e-3 * size**2 * expected.max() + 1e-15
-            assert factor @ factor.T - walk == pytest.approx(size**2 * expected, abs=bar)
+    for number, (_, of) in enumerate(NoiseModel(Comparison(seen)).blocks[1:]):
+        way, block_s = seen.said_edges[number, :, seen.alone[number]], seen.block_s[number]
+        edges = slice(1, seen.blocks[number])
+        rate = np.gradient(way) / block_s
+        change = maximum_filter1d(np.abs(np.gradient(rate)) / block_s, 3)[edges]
+        rate, t_s = rate[edges], block_s * np.arange(seen.blocks[number] - 1)
+        wanders = {s: np.outer(rate, rate) * np.exp(-np.abs(t_s[:, None] - t_s) / s) for s in (0.3, 5.0)}
+        expected = {JITTER: np.diag(rate**2), RESOLUTION: np.eye(len(rate)), BLUR: np.diag(change**2), **wanders}
+        assert of.keys() == expected.keys()
+        for name, covariance in expected.items():
+            assert of[name] == pytest.approx(covariance, abs=2e-3 * covariance.max() + 1e-15), name
 
 
-def test_the_word_is_that_of_the_greatest_likelihood_of_what_it_leaves():
+def test_sizes_are_those_of_the_greatest_likelihood_of_all_rows():
+    """Each as it is, a tenth larger and smaller; and none, where it is zero."""
     model, rng = NoiseModel(Comparison(session(table(Z, Y), moves=16))), np.random.default_rng(6)
-    word = np.log(USUAL_WORD)
-    word[0] = np.log(8e-3)
-    factors = [np.linalg.cholesky(model.white), *model._factors(word)]
-    r = np.concatenate([factor @ rng.normal(size=len(factor)) for factor in factors])
-    whole, found = block_diag(*factors[1:]), model.estimated(r, 1e-6 * rng.normal(size=(len(r), 2)))
-    costs = []
-    for factor in (block_diag(*model._factors(np.log(found.word))), whole):
-        costs.append(2 * np.log(np.diag(factor)).sum() + np.sum(np.linalg.solve(factor, r[model.outer :]) ** 2))
-    assert costs[0] < costs[1]
+    drawn = {name: usual for name, (usual, _) in model.usual.items()} | {JITTER: 3e-3, STAMPS_S[0]: 5e-3}
+    r = np.concatenate([factor @ rng.normal(size=len(factor)) for factor in model.of_sizes(drawn)._factors])
+    found = model.estimated(r, 1e-9 * rng.normal(size=(len(r), 2)))
+
+    def cost(sizes):
+        noise = model.of_sizes(sizes)
+        logs = sum(np.log(np.diag(factor)).sum() for factor in noise._factors)
+        return 2 * logs + np.sum(noise.whiten(r) ** 2) + (np.log(sizes[WANDER] / model.usual[WANDER][0]) / 0.7) ** 2
+
+    least = cost(found.sizes)
+    assert found.value == pytest.approx(least, abs=0.01)
+    assert least < cost(drawn)
+    for name, size in found.sizes.items():
+        for other in (1.1 * size, 0.9 * size) if size else (0.1 * model.usual[name][0],):
+            assert cost(found.sizes | {name: other}) > least, name
+
+
+def test_stamps_have_the_least_jitter_and_the_wander_of_both_times():
+    model = NoiseModel(Comparison(session(table(Z, Y), moves=4)))
+    sizes = dict.fromkeys(model.usual, 1.0) | {JITTER: 4e-4, STAMPS_S[0]: 3e-3, STAMPS_S[1]: 4e-3}
+    noise = model.of_sizes(sizes)
+    assert noise.stamps == pytest.approx((5e-4, 5e-3, (9 * 0.3 + 16 * 5) / 25))
+    assert replace(noise, sizes=sizes | dict.fromkeys(STAMPS_S, 0.0)).stamps[1:] == (0.0, 0.0)
+    assert {name for name, size in model.known_alone(noise).sizes.items() if size == 0} == {REPEATABILITY, AT_REST, IN_TURN}
 
 
 @pytest.fixture
@@ -324,10 +349,10 @@ def test_an_error_of_the_table_is_named_with_its_size():
 def base(clean):
     """All that is judged beside the state alone, and those of it of which every direction is seen, either sense alike."""
     _, selected = clean
-    base = _fitted(selected.observed, None, [], candidates_of)
+    look = _Search(selected.observed, candidates_of).of([]).look
     one_sided = {"table.lost_steps", DROPPED}
-    whole = [e for e in base.judged if e.seen.all() and not e.candidate.one_sided and e.candidate.id not in one_sided]
-    return base, whole
+    whole = [e for e in look.judged if e.seen.all() and not e.candidate.one_sided and e.candidate.id not in one_sided]
+    return look, whole
 
 
 def test_evidence_is_the_ratio_of_two_likelihoods(base):
@@ -335,8 +360,8 @@ def test_evidence_is_the_ratio_of_two_likelihoods(base):
     single = [each for each in whole if len(each.s) == 1]
     for each in single:
         column = base.columns[:, each.place.start]
-        own = column @ column - np.sum((base.basis[: base.count].T @ column) ** 2)
-        pull = column @ base.left[: base.count]
+        own = column @ column - np.sum((base.basis[: len(base.columns)].T @ column) ** 2)
+        pull = column @ base.left[: len(base.columns)]
         # Two Gaussians, with and without a column whose prior has each scale in turn: determinant lemma and Sherman-Morrison.
         ratios = (pull**2 * STEPS**2 / (1 + own * STEPS**2) - np.log(1 + own * STEPS**2)) / 2
         expected = np.log(np.mean(np.exp(ratios))) + np.log(PRIOR_ODDS / each.candidate.tried)
@@ -350,7 +375,7 @@ def test_a_limit_is_what_nine_of_ten_would_show(clean, base):
     skew = next(each for each in base.judged if each.candidate.id == "table.nonorthogonal")
     (limit,) = [limit for candidate, limit in selected.limits if candidate.id == "table.nonorthogonal"]
     column = base.columns[:, skew.place.start]
-    sigma = skew.candidate.plausible[0] / np.sqrt(column @ column - np.sum((base.basis[: base.count].T @ column) ** 2))
+    sigma = skew.candidate.plausible[0] / np.sqrt(column @ column - np.sum((base.basis[: len(base.columns)].T @ column) ** 2))
     assert limit == pytest.approx(bar * sigma, rel=1e-3)
 
 
@@ -358,7 +383,7 @@ def test_a_p_value_has_as_many_degrees_of_freedom_as_directions_are_seen(base):
     """What a candidate takes of the residuals beside all that is fitted already, by least squares; chi-square of its numbers."""
     base, whole = base
     for each in whole:
-        columns = np.concatenate([base.columns[:, each.place], np.zeros((len(base.left) - base.count, len(each.s)))])
+        columns = np.concatenate([base.columns[:, each.place], np.zeros((len(base.left) - len(base.columns), len(each.s)))])
         columns = columns - base.basis @ (base.basis.T @ columns)
         left = base.left - columns @ np.linalg.lstsq(columns, base.left, rcond=None)[0]
         gain = base.left @ base.left - left @ left
@@ -373,12 +398,43 @@ def test_the_smallest_p_of_independent_directions_is_that_of_sidak():
         judged.append(_Judged(None, slice(start, start + count), np.full(count, 7.0), np.eye(count), 1.0, 0.0))
         start += count
     judged.append(_Judged(None, slice(start, start + 1), np.array([1.9]), np.eye(1), 1.0, 0.0))
-    chance = _chance(SimpleNamespace(gram=np.diag([49.0] * 7 + [1.9**2])), judged, 1)
+    chance = _Look.chance(SimpleNamespace(gram=np.diag([49.0] * 7 + [1.9**2]), judged=judged), 1)
     for p in (0.01, 0.05, 0.2):
         expected = 1 - (1 - p) ** 5
         assert chance.family_wise(np.log(p)) == pytest.approx(expected, abs=4 * np.sqrt(expected * (1 - expected) / 1000))
-    judged[-1] = replace(judged[-1], place=slice(0, 1))
-    assert _chance(SimpleNamespace(gram=np.eye(1)), judged[-1:], 1).family_wise(0.0) == 1.0
+    alone = [replace(judged[-1], place=slice(0, 1))]
+    assert _Look.chance(SimpleNamespace(gram=np.eye(1), judged=alone), 1).family_wise(0.0) == 1.0
+
+
+def test_a_set_has_the_evidence_of_its_rows_with_the_price_of_its_errors():
+    """-2 log N(r; 0, N D N' + C) but for a constant, D of an error by the rms of its parameters, about the state's prior mean."""
+    of = table(Z)
+    search = _Search(session(of, 2, moves=6, wrong=errors(of, backlash=0.3 * DEG)), candidates_of)
+    tilt, play = (next(e for e in candidates_of(Comparison(search._observed)) if e.id == id) for id in ("table.tilt", "table.backlash"))
+    scores = []
+    for named in ([], [play], [play, tilt]):
+        fit = search.of(named)
+        factor = block_diag(*fit.noise._factors)
+        size = np.ones(fit.fitted.shape[1])
+        prices = 0.0
+        for each in fit.named:
+            theta = fit.theta[fit.keys[each.key]] / each.plausible
+            scale = min(np.sqrt(np.mean(theta**2)), 1.0)
+            size[fit.keys[each.key]] = scale
+            prices += 2 * np.log(30 * 10 * each.tried) + len(theta) + max(np.sum((theta / scale) ** 2) - len(theta), 0.0)
+        count = len(fit.comparison.state)
+        N = fit.fitted * size
+        r = fit.r - fit.fitted[:, :count] @ fit.prior_left[:count]
+        C = factor @ factor.T + N @ N.T
+        wander = fit.model.usual[WANDER]
+        prior = (np.log(fit.noise.sizes[WANDER] / wander[0]) / 0.7) ** 2
+        score = np.linalg.slogdet(C)[1] + r @ np.linalg.solve(C, r) + prior + prices
+        assert fit.score == pytest.approx(score, abs=0.05)
+        scores.append(fit.score)
+    assert scores[1] < scores[0] - 20
+    assert scores[2] > scores[1]
+    assert set(search._known[frozenset([play.key])].keys) == {play.key}
+    assert {frozenset(fit.keys) for fit in search.near(search.of([play, tilt]))} >= {frozenset([play.key]), frozenset([tilt.key])}
 
 
 @pytest.mark.parametrize(("far", "size", "odd"), [(1, 5.9, False), (3, 6.1, True), (4, 6.1, False)])
@@ -391,7 +447,10 @@ def test_a_turn_is_odd_inside_from_six_times_the_usual_square_where_few_are(far,
     left = np.concatenate([np.zeros(5), np.sqrt(np.repeat([*squares, 100.0, 0.0], inner.sum(axis=1))), np.full(3, 9.0)])
     seen = SimpleNamespace(said=np.zeros((15, 2)), alone=np.array([0] * 12 + [1, -1]))
     base = SimpleNamespace(
-        comparison=SimpleNamespace(observed=seen, inner=inner), left=left, model=SimpleNamespace(outer=5), count=5 + int(inner.sum())
+        comparison=SimpleNamespace(observed=seen, inner=inner),
+        look=SimpleNamespace(left=left),
+        model=SimpleNamespace(outer=5),
+        r=np.zeros(5 + int(inner.sum())),
     )
     assert _odd_inside(base).tolist() == [odd and number < far for number in range(14)]
 
@@ -400,8 +459,7 @@ def test_a_turn_is_odd_inside_from_six_times_the_usual_square_where_few_are(far,
     ("latency_s", "id", "values"), [(0.03, "table.latency", {"latency_ms": 30.0}), (-0.03, "gyro.bandwidth", {"tau_s": [0.03] * 3})]
 )
 def test_a_late_word_is_the_machines_and_an_early_one_a_late_sensors(latency_s, id, values):
-    base = SimpleNamespace(comparison=SimpleNamespace(of_latency=lambda: np.zeros((9, 1))))
-    found = _late(base, latency_s, 2e-3, 0.01, 5.0)
+    found = _late(SimpleNamespace(of_latency=lambda: np.zeros((9, 1))), latency_s, 2e-3, 0.01, 5.0)
     assert (found.candidate.id, found.p_value, found.log_evidence, found.equivalent) == (id, 0.01, 5.0, ("timing.axis_skew",))
     assert found.candidate.values(found.theta) == {name: pytest.approx(value) for name, value in values.items()}
     assert (found.sigma == 2e-3).all()
@@ -425,7 +483,7 @@ def test_a_mismatch_without_a_name_is_claimed_as_far_as_its_p_value_goes(clean, 
     of, selected = clean
     found = TableExplanation(of, replace(selected, first_p=p))
     assert found.verdict == found.to_json()["verdict"] == verdict
-    assert ("disagree" in as_text(found.page())) == (verdict == "unexplained")
+    assert ("no effect in the catalogue fits it" in as_text(found.page())) == (verdict == "unexplained")
 
 
 def test_sizes_beyond_what_is_declared_are_known(clean):
@@ -433,22 +491,22 @@ def test_sizes_beyond_what_is_declared_are_known(clean):
     model, declared = NoiseModel(Comparison(selected.observed)), 0.01 * DEG
     quiet = selected.noise.sizes | {REPEATABILITY: 2.9, AT_REST: 0.9e-3, IN_TURN: 2.9 * np.sqrt(2) * declared}
     assert model.excess(replace(selected.noise, sizes=quiet)) == {}
-    in_turn = 6 * np.hypot(model.components[IN_TURN][1], np.sqrt(2) * declared)
+    in_turn = 6 * np.hypot(model.usual[IN_TURN][0], np.sqrt(2) * declared)
     for name, size in ((REPEATABILITY, 6.0), (AT_REST, 2e-3), (IN_TURN, in_turn)):
         assert model.excess(replace(selected.noise, sizes=quiet | {name: size})) == {name: pytest.approx(2.0)}
 
 
-def of_name(selected, id, whose, where="", equivalent=(), called=None):
+def of_name(selected, id, where="", equivalent=(), called=None):
     candidate = next(each for each in candidates_of(Comparison(selected.observed)) if each.id == id)
-    return Named(replace(candidate, id=called or id, whose=whose, where=where), np.ones(1), np.ones(1), 1e-3, 9.0, equivalent)
+    return Named(replace(candidate, id=called or id, where=where), np.ones(1), np.ones(1), 1e-3, 9.0, equivalent)
 
 
 def test_verdicts_follow_from_whose_errors_are_named(clean):
     of, selected = clean
-    mine, theirs = of_name(selected, "table.backlash", "table"), of_name(selected, "gyro.scale_asymmetry", "sensor")
+    mine, theirs = of_name(selected, "table.backlash"), of_name(selected, "gyro.scale_asymmetry")
     either = replace(mine, equivalent=("gyro.scale_asymmetry",))
-    late = of_name(selected, "table.backlash", "table", equivalent=("timing.axis_skew",), called="table.latency")
-    loss = [of_name(selected, "table.lost_steps", "table", f"turn {turn}") for turn in range(3)]
+    late = of_name(selected, "table.backlash", equivalent=("timing.axis_skew",), called="table.latency")
+    loss = [of_name(selected, "table.lost_steps", f"turn {turn}") for turn in range(3)]
     for verdict, *cases in (
         ("table", [mine], [mine, late], loss[:2]),
         ("sensor", [theirs]),

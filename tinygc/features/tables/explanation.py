@@ -1,15 +1,12 @@
 """The table's own errors in ``explain``: what of a mismatch is the machine's, what the sensor's, and what is not to be told apart.
 
-An engine of its own beside the core's.  The core compares closures with gravity in each still, so its reference is the accelerometer; here
-the reference is the machine's word, which errs in every still and within every turn, and its errors are columns of other rows
-(``rows.py``).
-All of them are small, so everything is linear about a fit of sensor and mounting (``selection.py``); the sensor's effects are the core's
-catalogue, by their own columns.
+Beside the twin of ``explain``, whose reference is the accelerometer: here the reference is the machine's word, which has errors in every
+still and within every turn, and they are columns of other rows (``rows.py``).  The sensor's effects are those of the catalogue, by their
+own columns; all compete in one search (``selection.py``).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,51 +23,58 @@ from tinygc.features.tables.machines.angles import read_angles
 from tinygc.features.tables.machines.description import NAME as TABLE
 from tinygc.features.tables.machines.description import Description, read_description
 from tinygc.features.tables.observed import observe
-from tinygc.features.tables.rows_noise import AT_REST, IN_TURN, REPEATABILITY, WANDER
+from tinygc.features.tables.rows_noise import AT_REST, IN_TURN, REPEATABILITY, RESOLUTION, WANDER
 from tinygc.features.tables.selection import Named, Selected, select
 from tinygc.inference.choose import LEVEL
+from tinygc.inference.decide import KINDS
+from tinygc.reporting.explanation_text import parameter_lines
 from tinygc.reporting.terminal import Group, Text, one_line
 
-#: verdicts -> what they say
-VERDICTS = {
-    "clean": "no error of table or sensor is seen",
-    "table": "the table errs",
-    "sensor": "the sensor errs, and not the table",
-    "both": "table and sensor err",
-    "ambiguous": "sensor or table: these attitudes do not tell",
-    "suspected": "a mismatch is suspected; noise alone shows as much in a share p of clean sessions",
-    "unexplained": "they disagree, and no known error is shown to account for it",
-    "undecided": "not decided",
-}
-#: what each error says to a person
+#: what each error says to a person, and the movement that tells it from what reads the same
 SAYS = {
-    of.INDEX: "the angle is read wrong once and twice a turn, as an encoder off its centre does",
-    of.WOBBLE: "the axis wobbles as it turns",
-    of.RIPPLE: "the angle runs ahead and behind many times a turn, as a motor's steps or a worm do",
-    of.SKEW: "the angle between two axes is another than declared",
-    of.TILT: "the base is not level as the description has it",
-    of.BACKLASH: "the stage lags behind its motor by a play, on the side from which it comes",
-    of.LOST: "the motor has lost steps: all later angles are off by them",
-    of.LATENCY: "the machine says its angles late",
-    of.DROPPED: "the gyroscope alone misses a part of a turn: samples were lost in it",
+    of.INDEX: (
+        "the angle is read wrong once and twice a turn, as an encoder off its centre does",
+        "rest every 30 degrees over a whole turn of that axis",
+    ),
+    of.WOBBLE: (
+        "the axis wobbles as it turns",
+        "rest every 45 degrees over a whole turn of that axis, once more with the sensor mounted a quarter turn further",
+    ),
+    of.RIPPLE: (
+        "the angle runs ahead and behind many times a turn, as a motor's steps or a worm do",
+        "turn that axis slowly and fast over the same angles",
+    ),
+    of.SKEW: (
+        "the angle between two axes is another than declared",
+        "rest at many angles of the outer axis with the inner one at right angles",
+    ),
+    of.TILT: ("the base is not level as the description has it", "turn the sensor upside down and rest at four headings"),
+    of.BACKLASH: (
+        "the stage lags behind its motor by a play, on the side from which it comes",
+        "come to the same angles from both sides, slowly and fast",
+    ),
+    of.LOST: (
+        "the motor has lost steps: all later angles are off by them",
+        "put the axis level, where gravity sees its angle, and go back to an earlier angle",
+    ),
+    of.LATENCY: (
+        "the machine says its angles late",
+        "no movement tells a late word from a late sensor: compare with another sensor, or with the machine's own trigger",
+    ),
+    of.DROPPED: (
+        "the gyroscope alone misses a part of a turn: samples were lost in it",
+        "put the axis level, where gravity sees its angle, and look at the samples' counter",
+    ),
 }
-#: movements that tell an error from what reads the same
-SPLITS = {
-    of.INDEX: "rest every 30 degrees over a whole turn of that axis",
-    of.WOBBLE: "rest every 45 degrees over a whole turn of that axis, once more with the sensor mounted a quarter turn further",
-    of.RIPPLE: "turn that axis slowly and fast over the same angles",
-    of.SKEW: "rest at many angles of the outer axis with the inner one at right angles",
-    of.TILT: "turn the sensor upside down and rest at four headings",
-    of.BACKLASH: "come to the same angles from both sides, slowly and fast",
-    of.LOST: "put the axis level, where gravity sees its angle, and go back to an earlier angle",
-    of.LATENCY: "no movement tells a late word from a late sensor: compare with another sensor, or with the machine's own trigger",
-    of.DROPPED: "put the axis level, where gravity sees its angle, and look at the samples' counter",
-}
+#: the same of an effect of the catalogue
+OTHERWISE = (
+    "an effect of the sensor (docs/formats/effects.md)",
+    "repeat the turns both ways, slowly and fast, about each axis of the sensor",
+)
 #: single turns with a loss, beyond which another error is as likely as so many losses
 MOST_LOSSES = 2
 #: p-value above which a mismatch without a name is suspected, and not claimed: chance shows as much in one session of a thousand
 CLAIMED_P = 1e-3
-OTHERWISE = "repeat the turns both ways, slowly and fast, about each axis of the sensor"
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +87,7 @@ class TableExplanation:
 
     @property
     def verdict(self) -> str:
-        """A key of ``VERDICTS``."""
+        """Of ``KINDS``."""
         if self.selected is None:
             return "undecided"
         named = self.selected.named
@@ -91,10 +95,11 @@ class TableExplanation:
             return "unexplained"
         if not named:
             return "suspected" if self.selected.first_p <= LEVEL else "clean"
-        sure = [each for each in named if not _crosses(each)]
-        if not sure or any(each.candidate.id != of.LATENCY for each in named if each not in sure):
+        # Table and sensor both could have it.
+        either = [each for each in named if len({of.whose(id) for id in (each.candidate.id, *each.equivalent)}) > 1]
+        if len(either) == len(named) or any(each.candidate.id != of.LATENCY for each in either):
             return "ambiguous"
-        whose = {each.candidate.whose for each in sure}
+        whose = {of.whose(each.candidate.id) for each in named if each not in either}
         return "both" if len(whose) > 1 else whose.pop()
 
     @property
@@ -126,7 +131,7 @@ class TableExplanation:
         selected = self.selected
         if selected is None:
             return found
-        sizes = selected.noise.sizes
+        sizes, (jitter_s, wander_s, time_s) = selected.noise.sizes, selected.noise.stamps
         return found | {
             "rests": len(selected.observed.said),
             "turns": len(selected.observed.first),
@@ -139,10 +144,10 @@ class TableExplanation:
                 "bias_wander_dph": sizes[WANDER] / DEG_PER_HOUR,
                 "accelerometer_mg": 1e3 * sizes[AT_REST],
                 "gyroscope_turn_deg": sizes[IN_TURN] / DEG,
-                "word_jitter_ms": 1e3 * float(selected.noise.word[0]),
-                "word_resolution_deg": float(selected.noise.word[1]) / DEG,
-                "word_wander_ms": 1e3 * float(selected.noise.word[3]),
-                "word_wander_s": float(selected.noise.word[4]),
+                "word_jitter_ms": 1e3 * jitter_s,
+                "word_resolution_deg": sizes[RESOLUTION] / DEG,
+                "word_wander_ms": 1e3 * wander_s,
+                "word_wander_s": time_s,
             },
             "effects": [self._effect(each) for each in selected.named],
             "undecided": [
@@ -151,16 +156,17 @@ class TableExplanation:
             "doubts": self.doubts,
             "suspected": list(selected.suspected),
             "inseparable": [
-                {"id": id, "where": where, "hidden_in": list(hidden), "movement": SPLITS.get(id, OTHERWISE)}
+                {"id": id, "where": where, "hidden_in": list(hidden), "movement": SAYS.get(id, OTHERWISE)[1]}
                 for id, where, hidden in inseparable_of(selected)
             ],
         }
 
     def _effect(self, named: Named) -> dict[str, Any]:
         candidate = named.candidate
+        says, movement = SAYS.get(candidate.id, OTHERWISE)
         return {
             "id": candidate.id,
-            "whose": candidate.whose,
+            "whose": of.whose(candidate.id),
             "where": candidate.where,
             "shape": candidate.shape,
             "parameters": candidate.values(named.theta),
@@ -168,63 +174,41 @@ class TableExplanation:
             "p_value": named.p_value,
             "log_evidence": named.log_evidence,
             "equivalent": list(named.equivalent),
-            "description": SAYS.get(candidate.id, "an effect of the sensor (docs/formats/effects.md)"),
-            "movement": SPLITS.get(candidate.id, OTHERWISE) if named.equivalent else None,
+            "description": says,
+            "movement": movement if named.equivalent else None,
         }
 
     def page(self) -> Group:
-        """The section of the terminal's page."""
-        line = Text.assemble(("table ", ""), (self.table.name, "bold"), ": ", VERDICTS[self.verdict])
-        selected = self.selected
-        if selected is None:
+        """The section of the terminal's page, which says what ``to_json`` does."""
+        shown = self.to_json()
+        line = Text.assemble(("table ", ""), (self.table.name, "bold"), ": ", KINDS[self.verdict].word)
+        if self.selected is None:
             return Group(Text(""), line.append(f": {self.why_not}"))
-        line.append(f"   (p {p_words(selected.first_p)}; {len(selected.observed.said)} rests, {len(selected.observed.first)} turns)")
-        parts: list[Any] = [Text(""), line]
-        for each in selected.named:
-            parts += self._lines(each)
-        parts += [one_line(f"  {each}") for each in self.doubts]
-        if not selected.named and selected.suspected:
-            parts.append(one_line(f"  suspected, and not shown: {', '.join(selected.suspected)}"))
-        seen = [f"{id.removeprefix('table.')} {where} {limit:.2g} {unit}" for id, where, limit, unit in limits_of(selected)]
+        parts: list[Any] = [Text(""), line.append(f"   (p {p_words(shown['p_value'])}; {shown['rests']} rests, {shown['turns']} turns)")]
+        for each in shown["effects"]:
+            shape = ", ".join(f"{key} {value}" for key, value in each["shape"].items() if key not in ("axis", "turn"))
+            place = ", ".join(filter(None, (each["where"], shape)))
+            parts.append(Text.assemble((f"  {each['id']}", "bold cyan"), f"   {place}   p {p_words(each['p_value'])}"))
+            parts.append(one_line(f"    {each['description']}"))
+            parts += [Text(f"    {words}") for words in parameter_lines(each["parameters"], each["std"])]
+            if each["equivalent"]:
+                parts.append(Text(f"    could as well be: {', '.join(each['equivalent'])}", "yellow"))
+                parts.append(one_line(f"    to tell: {each['movement']}"))
+        parts += [one_line(f"  {each}") for each in shown["doubts"]]
+        if not shown["effects"] and shown["suspected"]:
+            parts.append(one_line(f"  suspected, and not shown: {', '.join(shown['suspected'])}"))
+        seen = [f"{id.removeprefix('table.')} {where} {limit:.2g} {unit}" for id, where, limit, unit in limits_of(self.selected)]
         if seen:
             parts.append(one_line(f"  not seen, and would be from: {'; '.join(seen)}"))
-        late = measured(1e3 * selected.latency_s, 1e3 * selected.latency_sigma_s)
+        late = measured(shown["latency_ms"], shown["latency_std_ms"])
         parts.append(Text(f"  the machine's word is {late} ms late against the sensor, its filter and stamps included"))
-        sizes = selected.noise.sizes
-        jitter_ms, wander_ms = (1e3 * float(selected.noise.word[number]) for number in (0, 3))
-        stamps = f"stamps of the word scatter by {jitter_ms:.2g} ms and wander by {wander_ms:.2g} ms"
-        parts.append(Text(f"  repeatability {sizes[REPEATABILITY]:.2g} of what the axes declare; {stamps}"))
-        for id, where, hidden in inseparable_of(selected):
-            split = SPLITS.get(id, OTHERWISE)
-            parts.append(one_line(f"  inseparable here: a part of {id} ({where}) from {', '.join(hidden)}; {split}"))
+        noise = shown["noise"]
+        stamps = f"stamps of the word scatter by {noise['word_jitter_ms']:.2g} ms and wander by {noise['word_wander_ms']:.2g} ms"
+        parts.append(Text(f"  repeatability {noise['repeatability_of_declared']:.2g} of what the axes declare; {stamps}"))
+        for each in shown["inseparable"]:
+            hidden = f"a part of {each['id']} ({each['where']}) from {', '.join(each['hidden_in'])}"
+            parts.append(one_line(f"  inseparable here: {hidden}; {each['movement']}"))
         return Group(*parts)
-
-    def _lines(self, named: Named) -> list[Any]:
-        candidate = named.candidate
-        values, sigmas = candidate.values(named.theta), candidate.values(named.sigma)
-        shape = ", ".join(f"{key} {value}" for key, value in candidate.shape.items() if key not in ("axis", "turn"))
-        head = f"   {candidate.where}{', ' if shape and candidate.where else ''}{shape}   p {p_words(named.p_value)}"
-        lines: list[Any] = [Text.assemble((f"  {candidate.id}", "bold cyan"), head)]
-        lines.append(one_line(f"    {SAYS.get(candidate.id, 'an effect of the sensor')}"))
-        for name, value in values.items():
-            lines.append(Text(f"    {name}: {_with_sigmas(value, sigmas[name])}"))
-        if named.equivalent:
-            lines.append(Text(f"    could as well be: {', '.join(named.equivalent)}", "yellow"))
-            lines.append(one_line(f"    to tell: {SPLITS.get(candidate.id, OTHERWISE)}"))
-        return lines
-
-
-def _crosses(named: Named) -> bool:
-    """Whether table and sensor both could have it."""
-    other = of.SENSOR if named.candidate.whose == of.TABLE else of.TABLE
-    return any((of.TABLE if id.startswith("table.") else of.SENSOR) == other for id in named.equivalent)
-
-
-def _with_sigmas(value: float | Sequence[float], sigma: float | Sequence[float]) -> str:
-    if isinstance(value, float) and isinstance(sigma, float):
-        return measured(value, sigma)
-    assert isinstance(value, Sequence) and isinstance(sigma, Sequence)  # noqa: PT018
-    return "   ".join(measured(v, s) for v, s in zip(value, sigma, strict=True))
 
 
 def limits_of(selected: Selected) -> list[tuple[str, str, float, str]]:
@@ -235,24 +219,25 @@ def limits_of(selected: Selected) -> list[tuple[str, str, float, str]]:
     found: dict[tuple[str, str], tuple[float, str]] = {}
     named = {(each.candidate.id, each.candidate.where) for each in selected.named}
     for candidate, limit in selected.limits:
-        key = (candidate.id, "any turn" if candidate.id == of.LOST else candidate.where)
-        if candidate.whose != of.TABLE or (candidate.id, candidate.where) in named or not limit > 0:
-            continue
-        name, si, _ = candidate.parts[0]
-        if key not in found or limit / si > found[key][0]:
-            found[key] = (limit / si, name.rsplit("_", 1)[1])
-    return [(id, where, limit, unit) for (id, where), (limit, unit) in found.items()]
+        if of.whose(candidate.id) == of.TABLE and (candidate.id, candidate.where) not in named and limit > 0:
+            name, si, _ = candidate.parts[0]
+            this = limit / si, name.rsplit("_", 1)[1]
+            found[_place(candidate)] = max(this, found.get(_place(candidate), this))
+    return [(*place, *limit) for place, limit in found.items()]
 
 
 def inseparable_of(selected: Selected) -> list[tuple[str, str, tuple[str, ...]]]:
     """Errors of a table of which a part is hidden in what is always free: id, where, and the parts of the calibration that take it up."""
-    found: dict[tuple[str, str], tuple[str, ...]] = {}
+    found: dict[tuple[str, str], dict[str, None]] = {}
     for candidate, parts in selected.unseen:
-        if candidate.whose == of.TABLE and parts and candidate.id != of.RIPPLE:
-            where = "any turn" if candidate.id == of.LOST else candidate.where
-            before = found.get((candidate.id, where), ())
-            found[candidate.id, where] = tuple(dict.fromkeys([*before, *parts]))
-    return [(id, where, hidden) for (id, where), hidden in found.items()]
+        if of.whose(candidate.id) == of.TABLE and parts and candidate.id != of.RIPPLE:
+            found.setdefault(_place(candidate), {}).update(dict.fromkeys(parts))
+    return [(*place, tuple(hidden)) for place, hidden in found.items()]
+
+
+def _place(candidate: of.Candidate) -> tuple[str, str]:
+    """Id and where, without the number of a turn."""
+    return candidate.id, "any turn" if candidate.id == of.LOST else candidate.where
 
 
 def explain_table(problem: Problem, seed: int = 0) -> TableExplanation:

@@ -22,11 +22,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
-from scipy.interpolate import Akima1DInterpolator
 from scipy.spatial.transform import Rotation
 
 from session.base.numeric import UPPER, running_sum
-from session.base.rotation import cross_matrix, identities
+from session.base.rotation import accumulate, cross_matrix, exp, identities, matrix
 from session.base.units import DEG, EARTH_RATE_RPS, G
 from tinygc.effects import Effect, Movement
 from tinygc.effects.catalogue import catalogue
@@ -34,17 +33,19 @@ from tinygc.features.tables.machines.description import (
     LATENCY_SIGMA_S,
     TableErrors,
     body_axes,
-    normals,
     rotations,
     stage_attitudes,
     true_attitudes,
 )
 from tinygc.features.tables.observed import Observed
 
+#: other errors of a table, with those of theta (P,) besides
+Added = Callable[[TableErrors, np.ndarray], TableErrors]
+
 # The state: what is always free, with the sigma of its prior.
 
-#: sigma of each element of an uncalibrated gyroscope's matrix; of its zero, rad/s; of shear and scale of an accelerometer, per its zero
-MATRIX_SIGMA, ZERO_RATE_SIGMA, PER_ZERO = 0.05, 5 * DEG, 1.0
+#: sigma of each element of an uncalibrated gyroscope's matrix; of its zero, rad/s; those of an accelerometer, in g, are alike
+MATRIX_SIGMA, ZERO_RATE_SIGMA = 0.05, 5 * DEG
 #: rad: the mounting; the zero of an axis; the play in which an axis hangs before its first motion
 MOUNTING_SIGMA, ZERO_SIGMA, BEFORE_SIGMA = 3 * DEG, 1 * DEG, 0.2 * DEG
 #: share of the vertical rate of the Earth where the latitude is given
@@ -56,16 +57,38 @@ LAG_SIGMA_S = 0.02
 BEGUN_RAD = 0.05 * DEG
 #: rad of an axis between two edges, below which it stands
 STANDS_RAD = 1e-3 * DEG
-#: names of the state's parts, and their sizes for K axes
-PARTS = ("gyroscope's matrix", "gyroscope's zero", "accelerometer's matrix", "accelerometer's zero", "mounting", "Earth's rate")
-SIZES = (9, 3, 6, 3, 3, 3)
+#: step of a difference of errors, rad
+SMALL = 1e-6
+#: numbers of the state's parts before those of the axes, and where the mounting is
+SIZES, MOUNTED = (9, 3, 6, 3, 3, 3), slice(21, 24)
 
 
-def part_names(axes: int) -> list[str]:
-    """Name of the part to which each number of the state belongs (P,)."""
-    own = [name for name, size in zip(PARTS, SIZES, strict=True) for _ in range(size)]
-    own += ["zero of an axis"] * axes + ["play before the first motion"] * axes
-    return [*own, "latency of the word", "lag of sensor and word", "second order of the lag"]
+def parts_of(observed: Observed) -> dict[str, np.ndarray]:
+    """Name of each part of the state, and the sigma of each of its numbers."""
+    axes, accel, latitude = observed.said.shape[1], observed.accel_sigma_g, observed.latitude_rad
+    earth = (1.0, 1.0) if latitude is None else (np.cos(latitude), VERTICAL_SHARE)
+    return {
+        "gyroscope's matrix": np.full(9, MATRIX_SIGMA),
+        "gyroscope's zero": np.full(3, ZERO_RATE_SIGMA),
+        "accelerometer's matrix": np.full(6, accel),
+        "accelerometer's zero": np.full(3, accel),
+        "mounting": np.full(3, MOUNTING_SIGMA),
+        "Earth's rate": EARTH_RATE_RPS * np.array([earth[0], *earth]),
+        "zero of an axis": np.full(axes, ZERO_SIGMA),
+        "play before the first motion": np.full(axes, BEFORE_SIGMA),
+        "latency of the word": np.full(1, LATENCY_SIGMA_S),
+        "lag of sensor and word": np.full(1, LAG_SIGMA_S),
+        "second order of the lag": np.full(1, LAG_SIGMA_S**2),
+    }
+
+
+def prior_of(observed: Observed) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and sigma (P,) of the state's priors."""
+    sigma = np.concatenate(list(parts_of(observed).values()))
+    mean = np.zeros_like(sigma)
+    if observed.latitude_rad is not None:
+        mean[sum(SIZES) - 1] = -EARTH_RATE_RPS * np.sin(observed.latitude_rad)
+    return mean, sigma
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +115,7 @@ class Comparison:
 
     def __init__(self, observed: Observed, state: np.ndarray | None = None, errors: TableErrors | None = None):
         self.observed = observed
-        self.state = start_of(observed) if state is None else state
+        self.state = prior_of(observed)[0] if state is None else state
         self._errors = TableErrors.none(observed.table) if errors is None else errors
         parts = np.split(self.state, np.cumsum([*SIZES, *[observed.said.shape[1]] * 2]))
         self.matrix, self._zero = np.eye(3) + parts[0].reshape(3, 3), parts[1]
@@ -161,28 +184,21 @@ class Comparison:
         return np.where(moves[..., None], self.rates, 0.0)
 
     @cached_property
-    def _steps(self) -> np.ndarray:
-        """(S, B, 3, 3)."""
-        vectors = self.rates * self.observed.block_s[:, None, None]
-        return Rotation.from_rotvec(vectors.reshape(-1, 3)).as_matrix().reshape(*vectors.shape[:2], 3, 3)
+    def _so_far(self) -> np.ndarray:
+        """(S, B, 3, 3): begin of a turn to the end of each block, by the gyroscope."""
+        return matrix(accumulate(exp(self.rates * self.observed.block_s[:, None, None])))
+
+    @property
+    def by_gyro(self) -> np.ndarray:
+        """(S, 3, 3): begin to end, R_i^T R_j by the gyroscope."""
+        return self._so_far[:, -1]
 
     @cached_property
     def to_end(self) -> np.ndarray:
         """(S, B, 3, 3) s: rotation of the end, in its own axes, per rate in a block."""
         within = _right_jacobian(self.rates * self.observed.block_s[:, None, None])
-        found, after = np.empty_like(self._steps), identities(len(self._steps))
-        for block in reversed(range(self._steps.shape[1])):
-            found[:, block] = after.transpose(0, 2, 1) @ within[:, block]
-            after = self._steps[:, block] @ after
-        return found * (self.observed.inside * self.observed.block_s[:, None])[..., None, None]
-
-    @cached_property
-    def by_gyro(self) -> np.ndarray:
-        """(S, 3, 3): begin to end, R_i^T R_j by the gyroscope."""
-        whole = identities(len(self._steps))
-        for block in range(self._steps.shape[1]):
-            whole = whole @ self._steps[:, block]
-        return whole
+        after = self.by_gyro.transpose(0, 2, 1)[:, None] @ self._so_far
+        return after @ within * (self.observed.inside * self.observed.block_s[:, None])[..., None, None]
 
     @cached_property
     def axis(self) -> np.ndarray:
@@ -203,9 +219,10 @@ class Comparison:
         """(S, B + 1) rad: what the machine says that the axis has turned since the begin, at each edge, ``latency_s`` later."""
         seen = self.observed
         way = (seen.said_edges - seen.said_edges[:, :1])[np.arange(len(seen.first)), :, seen.alone]
-        edges = np.arange(way.shape[1])
-        shifts = (self.latency_s / seen.block_s)[:, None] + edges
-        return np.stack([Akima1DInterpolator(edges, each)(at.clip(0, edges[-1])) for each, at in zip(way, shifts, strict=True)])
+        last = way.shape[1] - 1
+        at = np.clip((self.latency_s / seen.block_s)[:, None] + np.arange(last + 1), 0, last) + 1
+        padded = np.pad(way, ((0, 0), (1, 2)), mode="edge")
+        return np.stack([cubic_weights(some, last + 4) @ each for each, some in zip(padded, at, strict=True)])
 
     def pinned(self, way: np.ndarray) -> np.ndarray:
         """Rows ``within`` (W, …) of an angle (S, B + 1, …) at the edges: without its begin, and with its end shared as the said angle has
@@ -261,11 +278,6 @@ class Comparison:
         """(Q, K, 3) unit: each axis in the body, at rest."""
         return body_axes(self.observed.table, self.angles) @ (self.observed.table.mounting.T @ self.mounting)
 
-    def outside(self, axis: int) -> np.ndarray:
-        """(Q, 3, 3): the frame that carries an axis, to the table."""
-        directions = [each.direction for each in self.observed.table.axes[:axis]]
-        return stage_attitudes(directions, self.angles[:, :axis])
-
     # Columns of the state and of the table's errors.
 
     def of_state(self) -> np.ndarray:
@@ -318,45 +330,26 @@ class Comparison:
         rest = len(seen.said), seen.said.shape[1], 1
         return self.of_angles(np.zeros(rest), rate[..., None]).stacked()
 
-    def of_tilt(self) -> np.ndarray:
-        """(n, 2) of the base's tilt about the table's x and y, rad."""
-        return self.of_attitudes(self.at_rest.transpose(0, 2, 1)[:, :, :2]).stacked()
+    def of_errors(self, added: Added, size: int) -> np.ndarray:
+        """(n, P) of errors that move the body at rest, each of ``size`` numbers: slopes at what is known already."""
+        moved = np.array([Comparison(self.observed, self.state, added(self._errors, SMALL * each)).at_rest for each in np.eye(size)])
+        turn = Rotation.from_matrix((self.at_rest.transpose(0, 2, 1) @ moved).reshape(-1, 3, 3)).as_rotvec() / SMALL
+        return self.of_attitudes(np.moveaxis(turn.reshape(size, -1, 3), 0, -1)).stacked()
 
-    def of_angle_function(self, axis: int, function: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    def of_angle_function(self, axis: int, function: np.ndarray, edges: Callable[[], np.ndarray]) -> np.ndarray:
         """(n, P) of an axis' angle beside the said one: (Q, P) rad at rest, (S, B + 1, P) at the edges of its own turns."""
         at_rest = np.zeros((*self.observed.said.shape, function.shape[1]))
         at_rest[:, axis] = function
         own = (self.observed.alone == axis)[:, None, None]
-        return self.of_angles(at_rest, np.where(own, edges, 0.0)).stacked()
+        return self.of_angles(at_rest, np.where(own, edges(), 0.0)).stacked()
 
-    def of_harmonic(self, axis: int, *cycles: int) -> np.ndarray:
-        """(n, 2 C) of sine and cosine, each of ``cycles`` a turn, of an axis' angle."""
-        at_rest, edges = self.observed.said[:, axis], self.observed.said_edges[:, :, axis]
-        return self.of_angle_function(axis, harmonic(at_rest, *cycles), harmonic(edges, *cycles))
-
-    def play_at_rest(self, axis: int) -> np.ndarray:
-        """(Q, 1) rad of an axis' angle, of a play of 1 rad."""
-        return -self.observed.senses[:, axis, None] / 2
-
-    def of_backlash(self, axis: int) -> np.ndarray:
-        """(n, 1) of the play of an axis, rad: its stage hangs half of it behind, on the side of its last motion."""
-        seen = self.observed
-        senses = seen.senses
-        before, after = senses[seen.first, axis], senses[seen.last, axis]
+    def play_at_edges(self, axis: int) -> np.ndarray:
+        """(S, B + 1, 1) rad of an axis' angle, of a play of 1 rad: its stage hangs half of it behind, on the side of its last motion."""
+        senses = self.observed.senses[:, axis]
+        before, after = senses[self.observed.first], senses[self.observed.last]
         # A turn that reverses the sense takes up the play first: as soon as the motor turns, the stage hangs as it will at the end.
         begun = np.abs(self.said_way) > BEGUN_RAD
-        edges = -np.where(begun, after[:, None], np.where(before != 0, before, after)[:, None]) / 2
-        return self.of_angle_function(axis, self.play_at_rest(axis), edges[..., None])
-
-    def lost_at_rest(self, axis: int, turn: int) -> np.ndarray:
-        """(Q, 1) rad of an axis' angle, of a motor that falls behind by 1 rad in a turn, for good."""
-        seen = self.observed
-        later = np.arange(len(seen.said)) >= seen.last[turn]
-        return np.where(later, -np.sign(seen.turned[turn, axis]), 0.0)[:, None]
-
-    def of_lost(self, axis: int, turn: int) -> np.ndarray:
-        """(n, 1) of an angle by which a motor falls behind in a turn, for good, rad; where in the turn is not asked."""
-        return self.of_angle_function(axis, self.lost_at_rest(axis, turn), np.zeros((*self.observed.said_edges.shape[:2], 1)))
+        return -np.where(begun, after[:, None], np.where(before != 0, before, after)[:, None])[..., None] / 2
 
     def of_dropped(self, turn: int) -> np.ndarray:
         """(n, 1) of an angle about the axis of a turn that the gyroscope alone has lost, rad."""
@@ -364,24 +357,12 @@ class Comparison:
         rows.rotation[turn, :, 0] = -self.axis[turn] * np.sign(self.said_way[turn, -1])
         return rows.stacked()
 
-    def of_skew(self, axis: int) -> np.ndarray:
-        """(n, 1): the angle between an axis and the one that carries it is larger by 1 rad than declared."""
-        carrier, own = self.observed.table.axes[axis - 1].direction, self.observed.table.axes[axis].direction
-        away = np.cross(carrier, own)
-        away = away / np.linalg.norm(away)
-        turn = rotations(own, self.angles[:, axis])
-        outside = self.outside(axis)
-        # Exp(d) Rot(a) Exp(-d), with d about the normal of both axes.
-        moved = outside @ (np.eye(3) - turn) @ away
-        return self.of_attitudes(np.einsum("qji,qj->qi", self.at_rest, moved)[..., None]).stacked()
 
-    def of_wobble(self, axis: int) -> np.ndarray:
-        """(n, 4) of an axis' wobble, as ``AxisErrors.wobble``."""
-        alpha, (e1, e2) = self.angles[:, axis], normals(self.observed.table.axes[axis].direction)
-        cos, sin = np.cos(alpha), np.sin(alpha)
-        vectors = np.stack([np.outer(cos, e1), np.outer(sin, e2), np.outer(cos, e2), np.outer(sin, e1)], axis=-1)
-        phi = np.einsum("qji,qjk,qkp->qip", self.at_rest, self.outside(axis), vectors)
-        return self.of_attitudes(phi).stacked()
+def cubic_weights(at: np.ndarray, count: int) -> np.ndarray:
+    """(W, N): what each of N values has in those at places (W,) between them: cubic convolution (Keys 1981), whose slope at a value is the
+    central difference of its neighbours, as that of ``of_latency`` and ``of_lag``."""
+    d = np.abs(at[:, None] - np.arange(count))
+    return np.where(d < 1, (1.5 * d - 2.5) * d**2 + 1, np.where(d < 2, ((2.5 - 0.5 * d) * d - 4) * d + 2, 0.0))
 
 
 def harmonic(angle: np.ndarray, *cycles: int) -> np.ndarray:
@@ -401,8 +382,7 @@ def moved(state: np.ndarray, step: np.ndarray) -> np.ndarray:
     turn = (change - change.T) / 2
     turned = Rotation.from_rotvec([turn[2, 1], turn[0, 2], turn[1, 0]]).as_matrix() @ (np.eye(3) + (change + change.T) / 2)
     found[:9] = (turned @ matrix - np.eye(3)).ravel()
-    at = slice(sum(SIZES[:4]), sum(SIZES[:5]))
-    found[at] = (Rotation.from_rotvec(state[at]) * Rotation.from_rotvec(step[at])).as_rotvec()
+    found[MOUNTED] = (Rotation.from_rotvec(state[MOUNTED]) * Rotation.from_rotvec(step[MOUNTED])).as_rotvec()
     return found
 
 
@@ -415,35 +395,6 @@ def _right_jacobian(vectors: np.ndarray) -> np.ndarray:
     first = np.where(small, 0.5, (1 - np.cos(safe)) / safe**2)
     second = np.where(small, 1 / 6, (safe - np.sin(safe)) / safe**3)
     return np.eye(3) - first * cross + second * (cross @ cross)
-
-
-def start_of(observed: Observed) -> np.ndarray:
-    """The state before any fit: what is declared."""
-    state = np.zeros(len(part_names(observed.said.shape[1])))
-    state[:] = prior_of(observed)[0]
-    return state
-
-
-def prior_of(observed: Observed) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and sigma (P,) of the state's priors."""
-    axes, accel = observed.said.shape[1], observed.accel_sigma_g
-    latitude = observed.latitude_rad
-    horizontal = EARTH_RATE_RPS if latitude is None else EARTH_RATE_RPS * np.cos(latitude)
-    vertical = EARTH_RATE_RPS if latitude is None else VERTICAL_SHARE * EARTH_RATE_RPS
-    sizes = (MATRIX_SIGMA, ZERO_RATE_SIGMA, PER_ZERO * accel, accel, MOUNTING_SIGMA)
-    sigma = np.concatenate(
-        [
-            *(np.full(size, value) for size, value in zip(SIZES, sizes, strict=False)),
-            [horizontal, horizontal, vertical],
-            np.full(axes, ZERO_SIGMA),
-            np.full(axes, BEFORE_SIGMA),
-            [LATENCY_SIGMA_S, LAG_SIGMA_S, LAG_SIGMA_S**2],
-        ]
-    )
-    mean = np.zeros_like(sigma)
-    if latitude is not None:
-        mean[sum(SIZES) - 1] = -EARTH_RATE_RPS * np.sin(latitude)
-    return mean, sigma
 
 
 # Candidates: each error that a table may have, and each that its sensor may have beyond the linear calibration, as columns of the rows.
@@ -474,26 +425,36 @@ FIRST_RIPPLE, LAST_RIPPLE, RESOLVED = 3, 100, 0.8
 #: degC: temperatures that range over less say nothing
 LEAST_WARMED_C = 1.0
 
-Added = Callable[[TableErrors, np.ndarray], TableErrors]
+
+def whose(id: str) -> str:
+    """Whether an error of this id is the table's or the sensor's."""
+    return TABLE if id.startswith("table.") else SENSOR
+
+
+Part = tuple[str, float, tuple[int, ...]]
 
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """One form of an error: id; whose it is; where (an axis, a turn); make: its columns; plausible (P,) SI; parts: JSON name,
+    """One form of an error: id; where (an axis, a turn); make: its columns; plausible (P,) SI; parts: JSON name,
     unit's size in SI and indices of each quantity; shape: numbers that are no parameters; tried: how many forms of this id are weighed;
     added: other errors of the table with this one of theta (P,), however large, None where only the columns are known; one_sided: none is
     negative."""
 
     id: str
-    whose: str
     where: str
     make: Callable[[], np.ndarray]
     plausible: np.ndarray
-    parts: tuple[tuple[str, float, tuple[int, ...]], ...]
+    parts: tuple[Part, ...]
     shape: dict[str, float | int | str]
     tried: int = 1
     added: Added | None = None
     one_sided: bool = False
+
+    @property
+    def key(self) -> tuple:
+        """What tells it from all others."""
+        return self.id, self.where, *self.shape.values()
 
     @cached_property
     def columns(self) -> np.ndarray:
@@ -517,32 +478,44 @@ def candidates_of(comparison: Comparison) -> list[Candidate]:
 
 
 def _of_table(comparison: Comparison) -> Iterator[Candidate]:
-    axes, said = comparison.observed.table.axes, comparison.observed.said
+    axes, seen = comparison.observed.table.axes, comparison.observed
 
-    def candidate(
-        id: str, where: str, make: Callable[[], np.ndarray], added: Added, *parts: tuple[str, float, tuple[int, ...]], **shape: float | str
-    ) -> Candidate:
-        size = sum(len(at) for _, _, at in parts)
-        return Candidate(id, TABLE, where, make, np.full(size, PLAUSIBLE[id]), parts, dict(shape), added=added, one_sided=id in ONE_SIDED)
+    def at_rest(id: str, where: str, added: Added, size: int, name: str, **shape: float | str) -> Candidate:
+        make = partial(comparison.of_errors, added, size)
+        return Candidate(id, where, make, np.full(size, PLAUSIBLE[id]), ((name, DEG, tuple(range(size))),), dict(shape), added=added)
 
-    yield candidate(TILT, "base", comparison.of_tilt, _tilted, ("tilt_deg", DEG, (0, 1)))
+    yield at_rest(TILT, "base", _tilted, 2, "tilt_deg")
     for number, axis in enumerate(axes):
-        at, angle = f"axis {axis.name}", said[:, number]
-        quantities = ("once_deg", DEG, (0, 1)), ("twice_deg", DEG, (2, 3))
-        index = partial(comparison.of_harmonic, number, 1, 2), partial(_beside, number, harmonic(angle, 1, 2))
-        yield candidate(INDEX, at, *index, *quantities, axis=axis.name)
-        wobble = partial(comparison.of_wobble, number), partial(_wobbling, number)
-        yield candidate(WOBBLE, at, *wobble, ("wobble_deg", DEG, (0, 1, 2, 3)), axis=axis.name)
-        play = partial(comparison.of_backlash, number), partial(_beside, number, comparison.play_at_rest(number))
-        yield candidate(BACKLASH, at, *play, ("backlash_deg", DEG, (0,)), axis=axis.name)
+        at, of_angle = f"axis {axis.name}", partial(_of_angle, comparison, number)
+        angles = seen.said[:, number], seen.said_edges[:, :, number]
+        parts = ("once_deg", DEG, (0, 1)), ("twice_deg", DEG, (2, 3))
+        yield of_angle(INDEX, at, harmonic(angles[0], 1, 2), partial(harmonic, angles[1], 1, 2), parts)
+        yield at_rest(WOBBLE, at, partial(_wobbling, number), 4, "wobble_deg", axis=axis.name)
+        play = -seen.senses[:, number, None] / 2
+        yield of_angle(BACKLASH, at, play, partial(comparison.play_at_edges, number), (("backlash_deg", DEG, (0,)),))
         if number and np.linalg.norm(np.cross(axes[number - 1].direction, axis.direction)) > 0.1:
             between = f"axes {axes[number - 1].name}, {axis.name}"
             away = np.cross(np.cross(axes[number - 1].direction, axis.direction), axis.direction)
-            skew = partial(comparison.of_skew, number), partial(_skewed, number, away / np.linalg.norm(away))
-            yield candidate(SKEW, between, *skew, ("skew_deg", DEG, (0,)), axis=axis.name)
-        for cycles in range(FIRST_RIPPLE, _most_cycles(comparison.observed, number) + 1):
-            ripple = partial(comparison.of_harmonic, number, cycles), partial(_beside, number, harmonic(angle, cycles))
-            yield candidate(RIPPLE, at, *ripple, ("ripple_deg", DEG, (0, 1)), axis=axis.name, cycles=cycles)
+            yield at_rest(SKEW, between, partial(_skewed, number, away / np.linalg.norm(away)), 1, "skew_deg", axis=axis.name)
+        for cycles in range(FIRST_RIPPLE, _most_cycles(seen, number) + 1):
+            ripple = harmonic(angles[0], cycles), partial(harmonic, angles[1], cycles)
+            yield of_angle(RIPPLE, at, *ripple, (("ripple_deg", DEG, (0, 1)),), cycles=cycles)
+
+
+def _of_angle(
+    comparison: Comparison,
+    axis: int,
+    id: str,
+    where: str,
+    function: np.ndarray,
+    edges: Callable[[], np.ndarray],
+    parts: tuple[Part, ...],
+    **shape: float,
+) -> Candidate:
+    """An error of an axis' angle, by ``of_angle_function``: rad per rad at rest, and at the edges."""
+    make, plausible = partial(comparison.of_angle_function, axis, function, edges), np.full(function.shape[1], PLAUSIBLE[id])
+    shape = {"axis": comparison.observed.table.axes[axis].name, **shape}  # type: ignore[dict-item]
+    return Candidate(id, where, make, plausible, parts, dict(shape), added=partial(_beside, axis, function), one_sided=id in ONE_SIDED)
 
 
 def _tilted(errors: TableErrors, theta: np.ndarray) -> TableErrors:
@@ -576,17 +549,19 @@ def _most_cycles(observed: Observed, axis: int) -> int:
 
 
 def _lost_in_turns(comparison: Comparison) -> Iterator[Candidate]:
+    """A motor that falls behind in a turn, for good, where in the turn is not asked; a gyroscope that misses a part of one."""
     seen = comparison.observed
-    plausible = np.array([PLAUSIBLE[LOST]])
+    parts, no_edges = (("lost_deg", DEG, (0,)),), partial(np.zeros, (*seen.said_edges.shape[:2], 1))
     for turn, alone in enumerate(seen.alone.tolist()):
         moved = np.flatnonzero(np.abs(seen.turned[turn]) > 0.5 * DEG) if alone < 0 else [alone]
         for axis in map(int, moved):
-            shape: dict[str, float | int | str] = {"axis": seen.table.axes[axis].name, "turn": turn}
-            parts = (("lost_deg", DEG, (0,)),)
-            added = partial(_beside, axis, comparison.lost_at_rest(axis, turn))
-            yield Candidate(LOST, TABLE, f"turn {turn}", partial(comparison.of_lost, axis, turn), plausible, parts, shape, added=added)
+            later = np.arange(len(seen.said)) >= seen.last[turn]
+            lost = np.where(later, -np.sign(seen.turned[turn, axis]), 0.0)[:, None]
+            found = _of_angle(comparison, axis, LOST, f"turn {turn}", lost, no_edges, parts, turn=turn)
+            yield found
             if alone >= 0:
-                yield Candidate(DROPPED, SENSOR, f"turn {turn}", partial(comparison.of_dropped, turn), plausible, parts, shape)
+                make = partial(comparison.of_dropped, turn)
+                yield replace(found, id=DROPPED, make=make, plausible=np.array([PLAUSIBLE[DROPPED]]), added=None)
 
 
 def _of_sensor(comparison: Comparison) -> Iterator[Candidate]:
@@ -600,7 +575,7 @@ def _of_sensor(comparison: Comparison) -> Iterator[Candidate]:
         make = partial(_columns, comparison, effect, rests, turns)
         of = effect.parameter
         parts = ((of.name, of.si, tuple(range(of.size))),)
-        yield Candidate(effect.id, SENSOR, "", make, np.full(of.size, of.plausible), parts, {})
+        yield Candidate(effect.id, "", make, np.full(of.size, of.plausible), parts, {})
 
 
 def _columns(comparison: Comparison, effect: Effect, rests: Movement, turns: list[Movement]) -> np.ndarray:

@@ -1,6 +1,7 @@
 """Noise of the rows that compare a sensor with its table: what is known beforehand, and what the recording itself says.
 
-Rest and turn rows have one covariance, whose sizes are estimated by restricted likelihood (``tinygc.inference.noise``):
+All of it is variance components, whose sizes are estimated together by restricted likelihood (``tinygc.inference.noise``).  Rest and turn
+rows have one covariance:
 
     white noise of gyroscope and accelerometer, as measured in the stills                                        known
     wander of the gyroscope's zero (bias instability)                                                            estimated about a prior
@@ -10,21 +11,27 @@ Rest and turn rows have one covariance, whose sizes are estimated by restricted 
 Rows within a turn have their own: the walk of the angle between its two ends, which are pinned; and the machine's word, by its resolution,
 by what is lost between two answers (which grows with the acceleration), and by its stamps, whose error is an angle that grows with the
 rate.  Stamps have a jitter, new with each answer and shared by the edges between two answers as their interpolation shares it; and they
-wander within a turn, with a correlation that falls by e in some time: a computer's load, and the clock of its board, change slowly.
+wander within a turn, fast and slowly: a computer's load, and the clock of its board, change.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.optimize import minimize
 
-from tinygc.features.tables.rows import Comparison
-from tinygc.inference.noise import ComponentEstimate, Prior, estimate, wander_covariance
+from tinygc.features.tables.rows import Comparison, cubic_weights
+from tinygc.inference.noise import Prior, estimate_parts, wander_covariance
 
 WANDER, REPEATABILITY, AT_REST, IN_TURN = "bias wander", "repeatability", "accelerometer at rest", "gyroscope in a turn"
+#: of the machine's word, with where the search begins: s, rad, s^2; the wander of its stamps has two times, s
+JITTER, RESOLUTION, BLUR = "jitter of stamps", "resolution of the word", "blur of the word"
+USUAL_WORD = {JITTER: 2e-3, RESOLUTION: 1e-5, BLUR: 1e-5}
+STAMPS_S, USUAL_STAMPS_S = (0.3, 5.0), 3e-4
+#: the least of the word's noise: a motor's play and a filter shape the begin of a turn by some tenths of a millisecond, which no column
+#: has; the least resolution is that of a few digits of table.csv
+LEAST_WORD = {JITTER: 3e-4, RESOLUTION: 1e-6}
 #: spread (ln) of the bias instability about what is known of it
 WANDER_SPREAD = 0.7
 #: g: usual error of an accelerometer from rest to rest
@@ -32,39 +39,39 @@ USUAL_AT_REST_G = 1e-4
 #: a table or a gyroscope that scatters by more than so many times what is declared of it has an error; so has an accelerometer that
 #: scatters by more than that from rest to rest, g
 MOST_OF_DECLARED, MOST_AT_REST_G = 3.0, 1e-3
-#: where the search begins: the word's jitter, s, resolution, rad, blur, s^2, wander of its stamps, s, and time of that wander, s
-USUAL_WORD = (2e-3, 1e-5, 1e-5, 3e-4, 0.5)
-#: bounds of all five: a motor's play and a filter shape the begin of a turn by some tenths of a millisecond, which no column has;
-#: the least resolution is that of a few digits of table.csv
-WORD_BOUNDS = np.array([[3e-4, 0.1], [1e-6, 0.02], [1e-7, 0.01], [1e-5, 0.1], [0.05, 30.0]])
+#: greatest number of steps of the search
+MOST_STEPS = 30
 
 
 @dataclass(frozen=True, eq=False)
 class RowsNoise:
-    """Sizes by name (SI; repeatability in units of the declared accuracy), and factors that whiten stacked rows.
+    """Sizes by name (SI; repeatability in units of the declared accuracy; of the wander of stamps by its time), and the factors, one behind
+    the other, that whiten stacked rows.  value: -2 log of the restricted likelihood."""
 
-    word (5,): of the machine's word, as ``USUAL_WORD``; value: -2 log of the restricted likelihood of the rows at
-    rest and of turns.
-    """
-
-    sizes: dict[str, float]
+    sizes: dict[str | float, float]
     value: float
-    word: np.ndarray
-    _outer: np.ndarray = field(repr=False)
-    _within: list[np.ndarray] = field(repr=False)
+    _factors: list[np.ndarray] = field(repr=False)
 
     def whiten(self, rows: np.ndarray) -> np.ndarray:
         """Rows (n, …) in units of their noise, independent of one another."""
-        count = len(self._outer)
-        parts, start = [solve_triangular(self._outer, rows[:count], lower=True)], count
-        for factor in self._within:
-            parts.append(solve_triangular(factor, rows[start : start + len(factor)], lower=True))
-            start += len(factor)
-        return np.concatenate(parts)
+        ends = np.cumsum([len(factor) for factor in self._factors])
+        parts = zip(self._factors, np.split(rows, ends[:-1]), strict=True)
+        return np.concatenate([solve_triangular(factor, part, lower=True) for factor, part in parts])
+
+    @property
+    def stamps(self) -> tuple[float, float, float]:
+        """Jitter and wander of the word's stamps, s, and the mean time of that wander, s."""
+        variance = np.array([self.sizes[time_s] ** 2 for time_s in STAMPS_S])
+        whole = float(variance.sum())
+        return float(np.hypot(self.sizes[JITTER], LEAST_WORD[JITTER])), float(np.sqrt(whole)), float(variance @ STAMPS_S) / (whole or 1.0)
 
 
 class NoiseModel:
-    """Covariances of one comparison, without their sizes."""
+    """Covariances of one comparison, without their sizes.
+
+    usual: name -> usual size and prior; blocks: of all rows at rest and of turns, then of the rows within each turn that has any: the
+    known covariance, and by name those of size one.
+    """
 
     def __init__(self, comparison: Comparison):
         seen = comparison.observed
@@ -79,23 +86,26 @@ class NoiseModel:
         for number, each in enumerate(walked):
             here = slice(rest + 3 * number, rest + 3 * number + 3)
             white[here, here] = each
-        self.white = white
         declared = np.array([axis.sigma_rad for axis in seen.table.axes])
-        scattered = np.zeros((len(seen.said), len(declared), len(seen.said) * len(declared)))
-        for number in range(len(seen.said)):
-            for axis, sigma in enumerate(declared):
-                scattered[number, axis, number * len(declared) + axis] = sigma
-        scattered = comparison.of_angles(scattered).stacked()[: self.outer]
-        rests, turns = np.zeros(self.outer), np.zeros(self.outer)
-        rests[:rest], turns[rest : rest + turn] = 1.0, 1.0
-        usual_turn = float(np.sqrt(np.median(np.diag(white)[rest : rest + turn])))
-        self.components = {
-            WANDER: (self._wander(rest, turn), max(seen.instability_rps, 1e-9), Prior(max(seen.instability_rps, 1e-9), WANDER_SPREAD)),
-            REPEATABILITY: (scattered @ scattered.T, 1.0, None),
-            AT_REST: (np.diag(rests), USUAL_AT_REST_G, None),
-            IN_TURN: (np.diag(turns), usual_turn, None),
+        scattered = np.einsum("qr,kl,k->qkrl", np.eye(len(seen.said)), np.eye(len(declared)), declared)
+        scattered = comparison.of_angles(scattered.reshape(*seen.said.shape, -1)).stacked()[: self.outer]
+        kind = np.repeat([0, 1, 2], [rest, turn, rest])
+        wander = max(seen.instability_rps, 1e-9)
+        self.usual: dict[str | float, tuple[float, Prior | None]] = {
+            WANDER: (wander, Prior(wander, WANDER_SPREAD)),
+            REPEATABILITY: (1.0, None),
+            AT_REST: (USUAL_AT_REST_G, None),
+            IN_TURN: (float(np.sqrt(np.median(np.diag(white)[kind == 1]))), None),
+            **{name: (size, None) for name, size in USUAL_WORD.items()},
+            **dict.fromkeys(STAMPS_S, (USUAL_STAMPS_S, None)),
         }
-        self._within = self._parts_within()
+        outer: dict[str | float, np.ndarray] = {
+            WANDER: self._wander(rest, turn),
+            REPEATABILITY: scattered @ scattered.T,
+            AT_REST: np.diag((kind == 0).astype(float)),
+            IN_TURN: np.diag((kind == 1).astype(float)),
+        }
+        self.blocks = [(white, outer), *self._within()]
 
     def _wander(self, rest: int, turn: int) -> np.ndarray:
         comparison, seen = self._comparison, self._comparison.observed
@@ -111,9 +121,9 @@ class NoiseModel:
             response[here, :, len(seen.turn_s) + number] = np.eye(3)
         return np.einsum("nit,tu,miu->nm", response, wander, response, optimize=True)
 
-    def _parts_within(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-        """Of each turn that has rows within: covariance of the pinned walk (W, W) rad^2; rates (W,) rad/s; accelerations (W,) rad/s^2;
-        covariance (W, W) rad^2/s^2 of the word for stamps of 1 s; and the time between the edges (W, W) s."""
+    def _within(self) -> list[tuple[np.ndarray, dict[str | float, np.ndarray]]]:
+        """Of each turn that has rows within: covariance (W, W) rad^2 of the pinned walk and the least noise of the word, and by name those
+        (W, W) of the word."""
         comparison, seen = self._comparison, self._comparison.observed
         found = []
         rate = np.gradient(comparison.said_way, axis=1) / seen.block_s[:, None]
@@ -121,39 +131,48 @@ class NoiseModel:
         values = np.abs(np.gradient(rate, axis=1)) / seen.block_s[:, None]
         padded = np.pad(values, ((0, 0), (1, 1)), mode="edge")
         change = np.maximum(values, np.maximum(padded[:, :-2], padded[:, 2:]))
-        for number, inner in enumerate(comparison.inner):
-            if not inner.any():
-                continue
-            edges = np.flatnonzero(inner) + 1
+        for number in np.flatnonzero(comparison.inner.any(axis=1)):
+            edges = np.flatnonzero(comparison.inner[number]) + 1
             share = comparison.share[number]
             time = np.minimum(np.arange(len(share)), seen.blocks[number]) * seen.block_s[number]
             walk = np.minimum(time[:, None], time)
             pin = np.eye(len(share))[edges] - share[edges, None] * np.eye(len(share))[-1]
             variance = float((comparison.axis[number] ** 2) @ seen.gyro_walk**2)
             at = seen.answer_at[number]
-            taken = _of_answers(at[edges])
+            taken = cubic_weights(at[edges], int(at.max()) + 3)  # as Akima's interpolation has them where the rate changes little
             taken = taken * np.interp(np.arange(taken.shape[1]), at, rate[number])
-            apart_s = np.abs(time[edges, None] - time[edges])
-            found.append((variance * pin @ walk @ pin.T, rate[number, edges], change[number, edges], taken @ taken.T, apart_s))
+            apart_s, squared = np.abs(time[edges, None] - time[edges]), np.outer(rate[number, edges], rate[number, edges])
+            of: dict[str | float, np.ndarray] = {
+                JITTER: taken @ taken.T,
+                RESOLUTION: np.eye(len(edges)),
+                BLUR: np.diag(change[number, edges] ** 2),
+                **{time_s: squared * np.exp(-apart_s / time_s) for time_s in STAMPS_S},
+            }
+            least = (size**2 * of[name] for name, size in LEAST_WORD.items())
+            found.append((variance * pin @ walk @ pin.T + sum(least, np.zeros_like(apart_s)), of))
         return found
 
-    def estimated(self, r: np.ndarray, J: np.ndarray) -> RowsNoise:
-        """Sizes from residuals r (n,) and columns J (n, p) of everything fitted, in units of their priors' sigmas."""
-        found = self._sizes(r, J)
-        C = self.white + sum((s**2 * v for s, (v, _, _) in zip(found.s, self.components.values(), strict=True)), np.zeros_like(self.white))
-        sizes, outer = dict(zip(self.components, found.s.tolist(), strict=True)), np.linalg.cholesky(C)
-        x = np.log(USUAL_WORD)
-        for _ in range(2 if self._within else 0):  # what the columns take up depends little on the noise of the word
-            noise = RowsNoise(sizes, found.value, np.exp(x), outer, self._factors(x))
-            white = np.concatenate([noise.whiten(np.column_stack([J, r])), np.eye(J.shape[1] + 1)[:-1]])
-            left = r - J @ np.linalg.lstsq(white[:, :-1], white[:, -1], rcond=None)[0]
-            x = self._word(left[self.outer :], x)
-        return RowsNoise(sizes, found.value, np.exp(x), outer, self._factors(x))
+    def estimated(self, r: np.ndarray, J: np.ndarray, before: RowsNoise | None = None) -> RowsNoise:
+        """Sizes from residuals r (n,) and columns J (n, p) of everything fitted, in units of their priors' sigmas; before: an earlier
+        estimate, where the search begins."""
+        ends = np.cumsum([len(base) for base, _ in self.blocks])[:-1]
+        parts = []
+        for own, columns, (base, of) in zip(np.split(r, ends), np.split(J, ends), self.blocks, strict=True):
+            nothing = np.zeros_like(base)
+            parts.append((own, columns, base, [of[name] * size**2 if name in of else nothing for name, (size, _) in self.usual.items()]))
+        usual, priors = zip(*self.usual.values(), strict=True)
+        start = None if before is None else np.array(list(before.sizes.values()))
+        found = estimate_parts(parts, np.array(usual), list(priors), start, steps=MOST_STEPS, most_searched=len(parts))
+        return self.of_sizes(dict(zip(self.usual, found.s.tolist(), strict=True)), found.value)
 
-    def _sizes(self, r: np.ndarray, J: np.ndarray) -> ComponentEstimate:
-        V, usual, priors = zip(*self.components.values(), strict=True)
-        rows = np.arange(self.outer)
-        return estimate(r[: self.outer], J[: self.outer], self.white, list(V), np.array(usual), list(priors), [rows], steps=30)
+    def of_sizes(self, sizes: dict[str | float, float], value: float = np.nan) -> RowsNoise:
+        """The noise of these sizes."""
+        covariances = (base + sum((sizes[name] ** 2 * V for name, V in of.items()), np.zeros_like(base)) for base, of in self.blocks)
+        return RowsNoise(sizes, value, list(map(np.linalg.cholesky, covariances)))
+
+    def known_alone(self, noise: RowsNoise) -> RowsNoise:
+        """The same without what was estimated of the table, the accelerometer and single turns."""
+        return self.of_sizes(noise.sizes | dict.fromkeys((REPEATABILITY, AT_REST, IN_TURN), 0.0))
 
     def excess(self, noise: RowsNoise) -> dict[str, float]:
         """Sizes that are beyond what sensor and table declare, by name, in units of the largest that is not."""
@@ -161,49 +180,7 @@ class NoiseModel:
         most = {
             REPEATABILITY: MOST_OF_DECLARED,
             AT_REST: MOST_AT_REST_G,
-            IN_TURN: MOST_OF_DECLARED * float(np.hypot(self.components[IN_TURN][1], np.sqrt(2) * declared)),
+            IN_TURN: MOST_OF_DECLARED * float(np.hypot(self.usual[IN_TURN][0], np.sqrt(2) * declared)),
         }
         found = {name: noise.sizes[name] / limit for name, limit in most.items()}
         return {name: ratio for name, ratio in found.items() if ratio > 1}
-
-    def value_of(self, r: np.ndarray, J: np.ndarray) -> float:
-        """-2 log of the restricted likelihood, as ``RowsNoise.value``, with other columns."""
-        return self._sizes(r, J).value
-
-    def known_alone(self, noise: RowsNoise) -> RowsNoise:
-        """The same without what was estimated of the table, the accelerometer and single turns."""
-        V, _, _ = self.components[WANDER]
-        return replace(noise, _outer=np.linalg.cholesky(self.white + noise.sizes[WANDER] ** 2 * V))
-
-    def _factors(self, x: np.ndarray) -> list[np.ndarray]:
-        jitter_s, resolution_rad, blur_s2, wander_s, time_s = np.exp(x)
-        return [
-            np.linalg.cholesky(
-                walk
-                + jitter_s**2 * jittered
-                + wander_s**2 * np.outer(rate, rate) * np.exp(-apart_s / time_s)
-                + np.diag((blur_s2 * change) ** 2 + resolution_rad**2)
-            )
-            for walk, rate, change, jittered, apart_s in self._within
-        ]
-
-    def _word(self, left: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Logarithms of the sizes of the machine's word: greatest likelihood of what is left."""
-        edges = np.cumsum([0, *(len(rate) for _, rate, *_ in self._within)])
-
-        def cost(x: np.ndarray) -> float:
-            total = 0.0
-            for factor, start, stop in zip(self._factors(x), edges, edges[1:], strict=False):
-                white = solve_triangular(factor, left[start:stop], lower=True)
-                total += 2 * float(np.log(np.diag(factor)).sum()) + float(white @ white)
-            return total
-
-        found: np.ndarray = minimize(cost, x, method="L-BFGS-B", bounds=np.log(WORD_BOUNDS), options={"maxiter": 15, "ftol": 1e-7}).x
-        return found
-
-
-def _of_answers(answer_at: np.ndarray) -> np.ndarray:
-    """(W, N): what each answer has in the word at the edges (W,), by their places among the answers: cubic convolution (Keys 1981), which
-    Akima's interpolation is where the rate changes little."""
-    d = np.abs(answer_at[:, None] - np.arange(int(answer_at.max()) + 3))
-    return np.where(d < 1, (1.5 * d - 2.5) * d**2 + 1, np.where(d < 2, ((2.5 - 0.5 * d) * d - 4) * d + 2, 0.0))

@@ -1,53 +1,44 @@
-"""Which errors a comparison has: forward selection at a family-wise 5 %, with everything that is always free projected out.
+"""Which errors a comparison has: the set of errors with the most evidence, with everything that is always free beside them.
 
-Each candidate is judged by what is left of its columns beside the state's and those of the errors already named, in units of the noise:
+A set is fitted exactly, however large its errors, with the noise estimated in it: a large error that is not named yet makes the noise of
+all rows large.  Its score is -2 log of the restricted likelihood, with the price of each error (``price``; each of n forms of one error
+has 1/n of its odds).  ``climb`` looks for the best set: from the errors so far one less, or one more of those that promise the most by
+what is left of their columns beside all that is fitted,
 
-    gain = |U^T y|^2, U the directions in which its sigma is below ``SEEN`` of its plausible size;  p of chi-square with that many freedoms.
+    gain = |U^T y|^2, U the directions in which its sigma is below ``SEEN`` of its plausible size;  p of chi-square with that many freedoms
 
-Of those whose p is below 5 % over all candidates, drawn under noise alone with their true correlation (``Selection``), the one with the
-most evidence (``over_scales``; each of n forms of one error has 1/n of its odds) is named, if the evidence is for it.  Errors of another
-name whose evidence is within ``AS_PROBABLE`` of it cannot be told from it with these attitudes.
+in units of the noise as estimated, and of the noise that is known beforehand.  p is family-wise, drawn under noise alone for these columns
+(``Selection``).  Errors of another name whose evidence in its place is within ``AS_PROBABLE`` of it cannot be told from it with these
+attitudes.
 
 The latency of the machine's word is part of the state: it is estimated in any case, and is named where it is beyond the delay that a
-sensor's filter and the stamps of a board have anyway; an early word is a late sensor.  What is named enters exactly, however large.
+sensor's filter and the stamps of a board have anyway; an early word is a late sensor.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import count
 
 import numpy as np
 from scipy.special import chdtri
 
 from session.base.errors import DataError
+from session.base.numeric import rms_of
 from session.base.units import DEG
 from tinygc.features.tables.machines.description import TableErrors
 from tinygc.features.tables.observed import Observed
-from tinygc.features.tables.rows import (
-    DROPPED,
-    LATENCY,
-    LOST,
-    SENSOR,
-    TABLE,
-    Candidate,
-    Comparison,
-    candidates_of,
-    moved,
-    part_names,
-    prior_of,
-    start_of,
-)
+from tinygc.features.tables.rows import LATENCY, Candidate, Comparison, candidates_of, moved, parts_of, prior_of
 from tinygc.features.tables.rows_noise import NoiseModel, RowsNoise
-from tinygc.inference.choose import AS_PROBABLE, LEVEL, PRIOR_ODDS, Selection, chi_square_above, over_scales, price, promised
+from tinygc.inference.choose import AS_PROBABLE, LEVEL, PRIOR_ODDS, Selection, chi_square_above, climb, over_scales, price
+from tinygc.inference.solve import solve
 
 #: a direction counts where its sigma is at most this share of its plausible size
 SEEN = 0.5
 #: steps of the state, which is nonlinear, at most; a step that moves no number by that share of its own sigma is the last
 STEPS, SETTLED = 20, 0.03
-#: a fit that the noise estimated there moves by more of its own sigmas is fitted again
-ANEW = 1.0
 #: sigmas of its prior that a number moves in one step, at most: beside an error that is not named yet a step may overshoot
 FARTHEST = 2.0
 MOST_NAMED, MOST_SUSPECTED = 8, 3
@@ -59,8 +50,8 @@ POWER = 1.2816
 HIDDEN_SHARE = 0.2
 #: a turn's inside is not looked at where its rows are that many times as large as the axis' usual turn, and few turns are
 ODD, FEW = 6.0, 0.25
-#: losses in single turns that are weighed with the noise estimated anew: those that would be beyond so many sigmas of known noise
-LOSSES, LOSS_SIGMAS = 4, 4.0
+#: errors that are weighed exactly beside a set, of those that promise the most by either noise
+TRIED = 2
 #: s: filter of a sensor and stamps of the board, one sigma: a latency within them is nobody's fault
 DELAY_SIGMA_S = 0.005
 #: s: stamps of the word are late besides: an answer takes up to 20 ms (the timer of a USB converter, a busy computer), and is stamped in
@@ -88,11 +79,9 @@ class Named:
 @dataclass(frozen=True, eq=False)
 class Selected:
     """named, strongest first; limits: by candidate, SI: the size seen with 90 % probability in its weakest visible direction, NaN where
-    none
-    is visible; unseen: candidate of each direction that these attitudes do not show, and the parts of the state that take it up;
-    first_p, smallest_p: family-wise, before anything is named and of what is left; noise, latency_s
-    and its sigma, of the last fit; excess: sizes of the noise beyond what is declared (``NoiseModel.excess``); suspected: ids of what is
-    left that is significant, or has evidence, and not both."""
+    none is visible; unseen: candidate of each direction that these attitudes do not show, and the parts of the state that take it up;
+    first_p, smallest_p: family-wise, of anything at all and of what is left; noise, latency_s and its sigma, of the last fit; excess: sizes
+    of the noise beyond what is declared (``NoiseModel.excess``); suspected: ids of what is left that is significant."""
 
     observed: Observed
     named: list[Named]
@@ -109,7 +98,7 @@ class Selected:
 
 @dataclass(frozen=True, eq=False)
 class _Judged:
-    """A candidate beside a base: place: of its columns among all; s (P,): 1 / sigma of each singular direction in plausible sizes; right
+    """A candidate beside a set: place: of its columns among all; s (P,): 1 / sigma of each singular direction in plausible sizes; right
     (P, P): these directions, in columns; p_value of its own; log_evidence."""
 
     candidate: Candidate
@@ -125,65 +114,25 @@ class _Judged:
         return self.s > 1 / SEEN
 
 
-@dataclass(eq=False)
-class _Base:
-    """A fit of the state and of what is named: basis (n + p, .) orthonormal; left (n + p,); theta and covariance of all, SI."""
+class _Look:
+    """All candidates beside a fit, in units of a noise: design (n + p, p) of what is fitted and of the priors, its basis, and left (n + p,)
+    beside it; columns (n, T) of all candidates, in plausible sizes, and gram (T, T), their products beside what is fitted."""
 
-    comparison: Comparison
-    noise: RowsNoise
-    design: np.ndarray
-    basis: np.ndarray
-    left: np.ndarray
-    theta: np.ndarray
-    covariance: np.ndarray
-    state: np.ndarray
-    candidates: list[Candidate]
-    model: NoiseModel
-    fitted: np.ndarray
-    r: np.ndarray
-    prior_left: np.ndarray
-    named: list[Candidate]
-
-    @property
-    def count(self) -> int:
-        """Of the rows, without those of the priors."""
-        return len(self.r)
-
-    def place_of(self, candidate: Candidate) -> slice | None:
-        """Of a named error among ``theta``; None where it is not named here."""
-        start = len(self.state)
-        for each in self.named:
-            if _is_any(each, [candidate]):
-                return slice(start, start + len(each.plausible))
-            start += len(each.plausible)
-        return None
-
-    def theta_of(self, candidate: Candidate) -> np.ndarray:
-        """(P,) SI; zero where it is not named here."""
-        place = self.place_of(candidate)
-        return np.zeros(len(candidate.plausible)) if place is None else self.theta[place]
-
-    @cached_property
-    def columns(self) -> np.ndarray:
-        """(n, T) of all candidates, in plausible sizes, whitened."""
-        return self.noise.whiten(np.concatenate([each.columns * each.plausible for each in self.candidates], axis=1))
-
-    @cached_property
-    def _taken(self) -> np.ndarray:
-        return self.basis[: self.count].T @ self.columns
-
-    @cached_property
-    def gram(self) -> np.ndarray:
-        """(T, T): products of the candidates' columns with everything fitted projected out."""
-        return self.columns.T @ self.columns - self._taken.T @ self._taken
-
-    @cached_property
-    def judged(self) -> list[_Judged]:
-        """All candidates."""
-        pull = self.columns.T @ self.left[: self.count]
-        found, start = [], 0
-        for each in self.candidates:
+    def __init__(self, fit: _Fit, noise: RowsNoise):
+        self.design = np.concatenate([noise.whiten(fit.fitted), np.eye(fit.fitted.shape[1])])
+        self.basis, _ = np.linalg.qr(self.design)
+        y = np.concatenate([noise.whiten(fit.r), fit.prior_left])
+        self.left = y - self.basis @ (self.basis.T @ y)
+        self.columns = noise.whiten(np.concatenate([each.columns * each.plausible for each in fit.candidates], axis=1))
+        taken = self.basis[: len(self.columns)].T @ self.columns
+        self.gram = self.columns.T @ self.columns - taken.T @ taken
+        pull = self.columns.T @ self.left[: len(self.columns)]
+        self.judged, start = [], 0
+        for each in fit.candidates:
             place = slice(start, start + len(each.plausible))
+            start = place.stop
+            if each.key in fit.keys:
+                continue
             values, right = np.linalg.eigh(self.gram[place, place])
             s = np.sqrt(np.maximum(values, 0.0))
             z = right.T @ pull[place] / np.maximum(s, 1e-9)
@@ -192,54 +141,108 @@ class _Base:
                 z = np.zeros_like(z)
             p_value = chi_square_above(float(np.sum(z[seen] ** 2)), int(seen.sum())) if seen.any() else 1.0
             evidence = over_scales(np.diag(s[seen] ** 2), (s * z)[seen], [int(seen.sum())])
-            found.append(_Judged(each, place, s, right, p_value, evidence + float(np.log(PRIOR_ODDS / each.tried))))
-            start = place.stop
-        return self._weighed_anew(found)
+            self.judged.append(_Judged(each, place, s, right, p_value, evidence + float(np.log(PRIOR_ODDS / each.tried))))
 
-    def _weighed_anew(self, judged: list[_Judged]) -> list[_Judged]:
-        """The same, with the largest losses in single turns weighed by the likelihood of a noise that need not hold them; and, where the
-        noise is beyond what is declared, the largest of all that gravity and whole turns show.
+    def chance(self, seed: int) -> Selection[int]:
+        """The chance of the best of the candidates, whose columns have these products beside all that is fitted."""
+        values, axes = np.linalg.eigh(self.gram)
+        kept = values > 1e-9 * values[-1]
+        columns = (axes[:, kept] * np.sqrt(values[kept])).T
+        groups = {number: columns[:, each.place] for number, each in enumerate(self.judged)}
+        return Selection(np.zeros((len(columns), 0)), groups, seed, is_known=True, seen=1 / SEEN)
 
-        One turn far off makes the noise of all turns, as estimated, so large that it hardly stands out; a large error of all rests makes it
-        so large that it does not stand out at all.
-        """
-        known = self.model.known_alone(self.noise)
-        basis, _ = np.linalg.qr(np.concatenate([known.whiten(self.fitted), np.eye(self.fitted.shape[1])]))
-        y = np.concatenate([known.whiten(self.r), self.prior_left])
-        y = y - basis @ (basis.T @ y)
+    def hidden_in(self, judged: _Judged, direction: np.ndarray, state: np.ndarray) -> tuple[str, ...]:
+        """Parts of the state, by the name of each of its numbers (P,), that take up a direction of an error; empty where it has no rows."""
+        column = self.columns[:, judged.place] @ direction
+        size = float(np.linalg.norm(column))
+        if size < 1:
+            return ()
+        design = self.design[:, : len(state)]
+        taken = np.linalg.lstsq(design, np.append(column, np.zeros(len(design) - len(column))), rcond=None)[0]
+        rows = design[: len(column)]
+        shares = {
+            name: float(np.linalg.norm(rows[:, state == name] @ taken[state == name])) / size for name in dict.fromkeys(state.tolist())
+        }
+        return tuple(name for name, share in sorted(shares.items(), key=lambda pair: -pair[1]) if share > HIDDEN_SHARE)
 
-        def largest(numbers: list[int]) -> list[int]:
-            """The numbers of those that stand out most against known noise."""
-            some = [judged[number].candidate for number in numbers]
-            if not some:
-                return []
-            columns = known.whiten(np.concatenate([each.columns * each.plausible for each in some], axis=1))
-            taken, pull = basis[: self.count].T @ columns, columns.T @ y[: self.count]
-            gram, gains, start = columns.T @ columns - taken.T @ taken, np.zeros(len(numbers)), 0
-            for place, each in enumerate(some):
-                own = slice(start, start + len(each.plausible))
-                gains[place] = pull[own] @ np.linalg.solve(gram[own, own] + np.eye(len(each.plausible)), pull[own])
-                start = own.stop
-            order = np.argsort(-gains)[:LOSSES]
-            return [numbers[place] for place in order if gains[place] > LOSS_SIGMAS**2]
 
-        once = [number for number, each in enumerate(judged) if each.candidate.id in (LOST, DROPPED)]
-        others = [
-            number
-            for number, each in enumerate(judged if self.model.excess(self.noise) else [])
-            if number not in once and not each.candidate.columns[self.model.outer :].any()
-        ]
-        for number in largest(once) + largest(others):
-            each = judged[number]
-            column = each.candidate.columns * each.candidate.plausible
-            # At the plausible size the likelihood pays for every direction; at their best scale each costs less (``promised``).
-            gain = self.noise.value - self.model.value_of(self.r, np.concatenate([self.fitted, column], axis=1)) + np.log1p(each.s**2).sum()
-            gain, size = max(0.0, float(gain)), len(each.s)
-            evidence = (promised(gain, size) - price(size, each.candidate.tried)) / 2
-            weighed = replace(each, p_value=chi_square_above(gain, size), log_evidence=evidence)
-            if number in once or weighed.log_evidence > each.log_evidence:
-                judged[number] = weighed
-        return judged
+@dataclass(eq=False)
+class _Fit:
+    """A fit of the state and of a set of errors: fitted (n, p) columns of both in units of their priors, r (n,) what is left, and
+    prior_left (p,); theta (p,) and covariance of all, SI; score: -2 log of evidence times prior."""
+
+    comparison: Comparison
+    named: list[Candidate]
+    candidates: list[Candidate]
+    model: NoiseModel
+    noise: RowsNoise
+    fitted: np.ndarray
+    r: np.ndarray
+    prior_left: np.ndarray
+    theta: np.ndarray
+    covariance: np.ndarray
+    score: float
+
+    @property
+    def ids(self) -> frozenset[str]:
+        """Ids of what is named."""
+        return frozenset(each.id for each in self.named)
+
+    @cached_property
+    def keys(self) -> dict[tuple, slice]:
+        """Key of each error that is named, and its place in ``theta``."""
+        ends = len(self.comparison.state) + np.cumsum([0, *(len(each.plausible) for each in self.named)])
+        return {each.key: slice(start, stop) for each, start, stop in zip(self.named, ends, ends[1:], strict=False)}
+
+    @cached_property
+    def look(self) -> _Look:
+        """All other candidates, by the noise of this fit."""
+        return _Look(self, self.noise)
+
+
+class _Search:
+    """Sets of errors of one comparison, each fitted once."""
+
+    def __init__(self, observed: Observed, make: Make):
+        self._observed, self._make = observed, make
+        self._known: dict[frozenset, _Fit] = {}
+
+    def of(self, named: list[Candidate], before: _Fit | None = None) -> _Fit:
+        """The fit of a set, from another fit or from what is declared."""
+        keys = frozenset(each.key for each in named)
+        if keys not in self._known:
+            self._known[keys] = _fitted(self._observed, named, before, self._make)
+        return self._known[keys]
+
+    def near(self, fit: _Fit) -> Iterator[_Fit]:
+        """The sets with one error less, and with one more that promises much."""
+        for each in fit.named:
+            yield self.of([other for other in fit.named if other is not each], fit)
+        promising: dict[tuple, Candidate] = {}
+        for look in (fit.look, _Look(fit, fit.model.known_alone(fit.noise))) if len(fit.named) < MOST_NAMED else ():
+            best = sorted(look.judged, key=lambda each: -each.log_evidence)[:TRIED]
+            promising |= {each.candidate.key: each.candidate for each in best if each.log_evidence > 0}
+        for candidate in promising.values():
+            yield self.of([*fit.named, candidate], fit)
+
+    def named(self, best: _Fit, candidate: Candidate, chance: Selection[int]) -> Named:
+        """The parameters of one error of the best set, and what could stand in its place beside the others."""
+        others = [each for each in best.named if each is not candidate]
+        without = self.of(others, best)
+        own = next(each.log_evidence for each in without.look.judged if each.candidate.key == candidate.key)
+        near = [each for each in without.look.judged if each.candidate.id != candidate.id and each.log_evidence > own - AS_PROBABLE]
+        rivals = {each.candidate.id: each.candidate for each in sorted(near, key=lambda each: each.log_evidence)}
+        equal = {id for id, rival in rivals.items() if self.of([*others, rival], without).score < best.score + 2 * AS_PROBABLE}
+        here, size = best.keys[candidate.key], candidate.plausible
+        # Of a direction with a sigma below ``SEEN`` of its plausible size the posterior, whose prior is that size, has this share of it.
+        shares, right = np.linalg.eigh(best.covariance[here, here] / np.outer(size, size))
+        seen = shares < 1 / (1 + 1 / SEEN**2)
+        shares, right = shares[seen], right[:, seen]
+        theta = right.T @ (best.theta[here] / size)
+        p_value = chi_square_above(float(np.sum(theta**2 / (shares * (1 - shares)))), len(shares)) if len(shares) else 1.0
+        sigma = size * np.sqrt(np.sum(right**2 * shares, axis=1))
+        p_value = chance.family_wise(float(np.log(max(p_value, 1e-300))))
+        return Named(candidate, size * (right @ theta), sigma, p_value, (without.score - best.score) / 2, tuple(sorted(equal)))
 
 
 def select(observed: Observed, seed: int = 0, make: Make = candidates_of) -> Selected:
@@ -248,61 +251,49 @@ def select(observed: Observed, seed: int = 0, make: Make = candidates_of) -> Sel
     Raises DataError where sensor and table are too far apart for any error of a table that is as described.
     """
     _agree(observed)
-    named: list[Candidate] = []
-    p_values: list[float] = []
-    base, first_p = _fitted(observed, None, named, make), 1.0
-    if (blind := _odd_inside(base)).any():
+    search = _Search(observed, make)
+    nothing = search.of([])
+    if (blind := _odd_inside(nothing)).any():
         observed = replace(observed, blind=blind)
-        base = _fitted(observed, None, named, make)
-    while True:
-        judged = [each for each in base.judged if not _is_any(each.candidate, named)]
-        chance = _chance(base, judged, seed)
-        by_chance = [chance.family_wise(float(np.log(max(each.p_value, 1e-300)))) for each in judged]
-        least = min(by_chance, default=1.0)
-        first_p = first_p if named else least
-        significant = [(each, p) for each, p in zip(judged, by_chance, strict=True) if p <= LEVEL and each.log_evidence > 0]
-        if not significant or len(named) == MOST_NAMED:
-            break
-        best, p_value = max(significant, key=lambda pair: pair[0].log_evidence)
-        named = [*named, best.candidate]
-        p_values.append(p_value)
-        base = _fitted(observed, base, named, make)
-    while True:  # an error that the later ones have made superfluous is taken back
-        found = [_named(observed, base, named, number, p, make) for number, p in enumerate(p_values)]
-        if all(each.log_evidence > 0 for each in found):
-            break
-        weakest = int(np.argmin([each.log_evidence for each in found]))
-        named, p_values = named[:weakest] + named[weakest + 1 :], p_values[:weakest] + p_values[weakest + 1 :]
-        base = _fitted(observed, base, named, make)
-    at = len(base.state) - 3
-    latency, sigma = float(base.state[at] + base.theta[at]), float(np.sqrt(base.covariance[at, at]))
+        search = _Search(observed, make)
+        nothing = search.of([])
+    best = climb(nothing, search.near)
+    judged, chance = best.look.judged, nothing.look.chance(seed)
+    found = [search.named(best, each, chance) for each in best.named]
+    chances = [chance.family_wise(float(np.log(max(each.p_value, 1e-300)))) for each in nothing.look.judged]
+    first_p = min([*chances, *(each.p_value for each in found)], default=1.0)
+    if found:
+        chance = best.look.chance(seed)
+        chances = [chance.family_wise(float(np.log(max(each.p_value, 1e-300)))) for each in judged]
+    at = len(best.comparison.state) - 3
+    latency, sigma = float(best.theta[at]), float(np.sqrt(best.covariance[at, at]))
     evidence = latency**2 / (sigma**2 + DELAY_SIGMA_S**2 + (LATE_STAMPS_S**2 if latency > 0 else 0.0)) / 2
-    p_latency = min(1.0, chi_square_above(2 * evidence, 1) * max(len(base.candidates), 1))
+    p_latency = min(1.0, chi_square_above(2 * evidence, 1) * max(len(best.candidates), 1))
     if p_latency < LEVEL:
-        found.append(_late(base, latency, sigma, p_latency, evidence))
+        found.append(_late(best.comparison, latency, sigma, p_latency, evidence))
         first_p = min(first_p, p_latency)
-    doubtful = [each for each, p in zip(judged, by_chance, strict=True) if (p <= LEVEL) != (each.log_evidence > 0)]
-    suspected = tuple(dict.fromkeys(each.candidate.id for each in sorted(doubtful, key=lambda each: each.p_value)))[:MOST_SUSPECTED]
+    left = sorted((p, each.candidate.id) for each, p in zip(judged, chances, strict=True) if p <= LEVEL)
+    suspected = tuple(dict.fromkeys(id for _, id in left))[:MOST_SUSPECTED]
     limits, unseen = [], []
+    state = np.array([name for name, sigma in parts_of(observed).items() for _ in sigma])
     for each in judged:
         freedom = max(int(each.seen.sum()), 1)
         least_seen = np.sqrt(chdtri(freedom, LEVEL / max(len(judged), 1))) + POWER
         faintest = float(each.candidate.plausible.max() / each.s[each.seen].min()) if each.seen.any() else float("nan")
         limits.append((each.candidate, float(least_seen * faintest)))
         for direction in each.right[:, ~each.seen].T:
-            unseen.append((each.candidate, _hidden_in(base, each, direction)))
+            unseen.append((each.candidate, best.look.hidden_in(each, direction, state)))
     found = sorted(found, key=lambda each: -each.log_evidence)
-    return Selected(observed, found, limits, unseen, first_p, least, base.noise, latency, sigma, base.model.excess(base.noise), suspected)
+    least = min(chances, default=1.0)
+    return Selected(observed, found, limits, unseen, first_p, least, best.noise, latency, sigma, best.model.excess(best.noise), suspected)
 
 
-def _late(base: _Base, latency_s: float, sigma_s: float, p_value: float, evidence: float) -> Named:
+def _late(comparison: Comparison, latency_s: float, sigma_s: float, p_value: float, evidence: float) -> Named:
     """A word that is late, which a machine or stamps of a board that are early may cause; a word that is early comes from a late sensor."""
-    late, early = base.comparison.of_latency, AS_LATENCY[0]
-    if latency_s > 0:
-        candidate = Candidate(LATENCY, TABLE, "word", late, np.ones(1), (("latency_ms", 1e-3, (0,)),), {})
-        return Named(candidate, np.array([latency_s]), np.array([sigma_s]), p_value, evidence, AS_LATENCY[1:])
-    candidate = Candidate(early, SENSOR, "all axes", late, np.ones(3), (("tau_s", 1.0, (0, 1, 2)),), {})
-    return Named(candidate, np.full(3, -latency_s), np.full(3, sigma_s), p_value, evidence, AS_LATENCY[1:])
+    early, size = AS_LATENCY[0], 1 if latency_s > 0 else 3
+    what = (LATENCY, "word", ("latency_ms", 1e-3, (0,))) if latency_s > 0 else (early, "all axes", ("tau_s", 1.0, (0, 1, 2)))
+    candidate = Candidate(what[0], what[1], comparison.of_latency, np.ones(size), (what[2],), {})
+    return Named(candidate, np.full(size, abs(latency_s)), np.full(size, sigma_s), p_value, evidence, AS_LATENCY[1:])
 
 
 def _agree(observed: Observed) -> None:
@@ -330,65 +321,61 @@ def _agree(observed: Observed) -> None:
         )
 
 
-def _is_any(candidate: Candidate, named: list[Candidate]) -> bool:
-    return any((candidate.id, candidate.where, candidate.shape) == (other.id, other.where, other.shape) for other in named)
+def _fitted(observed: Observed, named: list[Candidate], before: _Fit | None, make: Make) -> _Fit:
+    """Fit the state and what is named, from an earlier fit or from what is declared, each step with the noise that is estimated there.
 
-
-def _fitted(observed: Observed, before: _Base | None, named: list[Candidate], make: Make) -> _Base:
-    """Fit the state and what is named, from an earlier fit or from what is declared; the noise is estimated anew."""
+    The best of all steps: one that is nearly a lag of the word may be followed too far, which bends it."""
     mean, sigma = prior_of(observed)
-    state = start_of(observed) if before is None else before.state
-    thetas = [np.zeros(len(each.plausible)) if before is None else before.theta_of(each) for each in named]
-    noise: RowsNoise | None = None if before is None else before.noise
+    state = mean if before is None else before.comparison.state
+    known = {} if before is None else {key: before.theta[at] for key, at in before.keys.items()}
+    thetas = [known.get(each.key, np.zeros(len(each.plausible))) for each in named]
+    noise = None if before is None else before.noise
+    states = len(state)
+    best: _Fit | None = None
     exact = 3 * (len(observed.said) + len(observed.first))  # rows of force and rotation
-    step, settled = 0, False
-    while True:
+    for step in count():
         errors = TableErrors.none(observed.table)
         for each, theta in zip(named, thetas, strict=True):
             errors = errors if each.added is None else each.added(errors, theta)
-        comparison, anew = Comparison(observed, state, errors), noise is None or settled or step == STEPS
-        candidates = make(comparison) if named or settled or step == STEPS else []
-        own = [next(each for each in candidates if _is_any(each, [other])) for other in named]
-        N = np.concatenate([comparison.of_state() * sigma, *(each.columns * each.plausible for each in own)], axis=1)
+        comparison = Comparison(observed, state, errors)
+        candidates = make(comparison)
+        named = [next(each for each in candidates if each.key == other.key) for other in named]
+        size = np.concatenate([sigma, *(each.plausible for each in named)])
+        N = np.concatenate([comparison.of_state(), *(each.columns for each in named)], axis=1) * size
         r = comparison.residuals().stacked()
-        for each, theta in zip(own, thetas, strict=True):
+        for each, theta in zip(named, thetas, strict=True):
             rows = each.columns @ theta
             rows[: exact if each.added is not None else 0] = 0.0  # the comparison has them already
             r = r - rows
-        if anew:
-            model = NoiseModel(comparison)
-            noise = model.estimated(r, N)
-        assert noise is not None
-        design = np.concatenate([noise.whiten(N), np.eye(N.shape[1])])
-        y = np.concatenate([noise.whiten(r), -(state - mean) / sigma, *(-t / each.plausible for t, each in zip(thetas, own, strict=True))])
-        basis, triangle = np.linalg.qr(design)
-        x = np.linalg.solve(triangle, basis.T @ y)
-        inverse = np.linalg.inv(triangle)
-        own_sigma = np.linalg.norm(inverse, axis=1)
-        # With another noise the fit may lie elsewhere: where it does, there the slopes are others.
-        if step == STEPS or (settled and bool(np.all(np.abs(x) < ANEW * own_sigma))):
-            break
-        farthest = max(float(np.abs(x[: len(state)]).max()) / FARTHEST, 1.0)
-        state = moved(state, x[: len(state)] * sigma / farthest)
-        at = len(state)
-        for number, each in enumerate(own):
-            thetas[number] = thetas[number] + x[at : at + len(each.plausible)] * each.plausible / farthest
-            at += len(each.plausible)
-        settled = bool(np.all(np.abs(x) < SETTLED * own_sigma))
-        step += 1
-    scale = np.concatenate([sigma, *(each.plausible for each in own)])
-    covariance = inverse @ inverse.T * np.outer(scale, scale)
-    left = y - basis @ (basis.T @ y)
-    theta = x * scale + np.concatenate([np.zeros(len(state)), *thetas])
-    return _Base(comparison, noise, design, basis, left, theta, covariance, state, candidates, model, N, r, y[len(r) :], list(named))
+        at = np.concatenate([(state - mean) / sigma, *(theta / each.plausible for each, theta in zip(named, thetas, strict=True))])
+        # An error is as probable at every scale up to the plausible one: its best scale is the rms of its parameters.
+        scales = [min(rms_of(theta / each.plausible) or 1.0, 1.0) for each, theta in zip(named, thetas, strict=True)]
+        scale = np.concatenate([np.ones(states), *(np.full(len(theta), of) for theta, of in zip(thetas, scales, strict=True))])
+        model = NoiseModel(comparison)
+        noise = model.estimated(r + N[:, :states] @ at[:states], N * scale, noise)
+        found = solve(np.concatenate([noise.whiten(N), np.eye(len(at))]), np.concatenate([noise.whiten(r), -at]))
+        x = found.shortest
+        score = noise.value
+        for each, theta, of in zip(named, thetas, scales, strict=True):
+            beyond = float(np.sum((theta / each.plausible / of) ** 2)) - len(theta)  # of an error larger than plausible
+            score += price(len(theta), each.tried) + max(beyond, 0.0)
+        if best is None or score < best.score:
+            theta, covariance = x * size + np.concatenate([state, *thetas]), found.spread * np.outer(size, size)
+            best = _Fit(comparison, named, candidates, model, noise, N, r, -at, theta, covariance, score)
+        if step == STEPS or bool(np.all(np.abs(x) < SETTLED * np.sqrt(np.diag(found.spread)))):
+            return best
+        farthest = max(float(np.abs(x[:states]).max()) / FARTHEST, 1.0)
+        state = moved(state, x[:states] * sigma / farthest)
+        moves = np.split(x[states:], np.cumsum([len(theta) for theta in thetas])[:-1]) if named else []
+        thetas = [theta + move * each.plausible / farthest for each, theta, move in zip(named, thetas, moves, strict=True)]
 
 
-def _odd_inside(base: _Base) -> np.ndarray:
+def _odd_inside(fit: _Fit) -> np.ndarray:
     """(S,) bool: turns whose rows within are unlike those of the axis' other turns."""
-    seen, inner = base.comparison.observed, base.comparison.inner
+    seen, inner = fit.comparison.observed, fit.comparison.inner
     counts = inner.sum(axis=1)
     ends = np.cumsum(counts)
-    rows = base.left[base.model.outer : base.count] ** 2
+    rows = fit.look.left[fit.model.outer : len(fit.r)] ** 2
     usual = np.array([rows[end - count : end].mean() if count else np.nan for end, count in zip(ends, counts, strict=True)])
     odd = np.zeros(len(counts), dtype=bool)
     for axis in range(seen.said.shape[1]):
@@ -397,42 +384,3 @@ def _odd_inside(base: _Base) -> np.ndarray:
             far = own & (np.nan_to_num(usual) > ODD * np.median(usual[own]))
             odd |= far if far.sum() <= FEW * own.sum() else False
     return odd
-
-
-def _chance(base: _Base, judged: list[_Judged], seed: int) -> Selection[int]:
-    """The chance of the best of some candidates, whose columns have these products beside all that is fitted."""
-    values, axes = np.linalg.eigh(base.gram)
-    kept = values > 1e-9 * values[-1]
-    columns = (axes[:, kept] * np.sqrt(values[kept])).T
-    groups = {number: columns[:, each.place] for number, each in enumerate(judged)}
-    return Selection(np.zeros((len(columns), 0)), groups, seed, is_known=True, seen=1 / SEEN)
-
-
-def _named(observed: Observed, base: _Base, named: list[Candidate], number: int, p_value: float, make: Make) -> Named:
-    """The parameters of one named error in the last fit, and what could stand in its place beside the others."""
-    others = named[:number] + named[number + 1 :]
-    without = _fitted(observed, base, others, make)
-    judged = [each for each in without.judged if not _is_any(each.candidate, others)]
-    own = next(each for each in judged if _is_any(each.candidate, [named[number]]))
-    near = {each.candidate.id for each in judged if each.log_evidence > own.log_evidence - AS_PROBABLE}
-    here, size = base.place_of(named[number]), own.candidate.plausible
-    # Of a direction with a sigma below ``SEEN`` of its plausible size, in the noise without this error, the posterior has this variance.
-    shares, right = np.linalg.eigh(base.covariance[here, here] / np.outer(size, size))
-    right = right[:, shares < 1 / (1 + 1 / SEEN**2)]
-    shown = (right @ right.T) * size[:, None] / size
-    covariance = shown @ base.covariance[here, here] @ shown.T
-    sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    return Named(own.candidate, shown @ base.theta[here], sigma, p_value, own.log_evidence, tuple(sorted(near - {own.candidate.id})))
-
-
-def _hidden_in(base: _Base, judged: _Judged, direction: np.ndarray) -> tuple[str, ...]:
-    """Parts of the state that take up a direction of an error; empty where it has no rows at all."""
-    column = base.columns[:, judged.place] @ direction
-    size = float(np.linalg.norm(column))
-    if size < 1:
-        return ()
-    state = base.design[: base.count, : len(base.state)]
-    taken = np.linalg.lstsq(base.design[:, : len(base.state)], np.append(column, np.zeros(len(base.design) - base.count)), rcond=None)[0]
-    names = np.array(part_names(base.comparison.observed.said.shape[1]))
-    shares = {name: float(np.linalg.norm(state[:, names == name] @ taken[names == name])) / size for name in dict.fromkeys(names.tolist())}
-    return tuple(name for name, share in sorted(shares.items(), key=lambda pair: -pair[1]) if share > HIDDEN_SHARE)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -255,3 +255,13 @@ def data_frame(columns: Mapping[str, Any], index: Sequence[str] | None = None) -
     except ImportError:
         raise CalibrationError("to_frame needs pandas: python -m pip install pandas") from None
     return pandas.DataFrame(dict(columns), index=None if index is None else list(index))
+
+
+#: step of a central difference, of numbers of about one: its square is as small as rounding
+SMALL = 1e-6
+
+
+def derivative(function: Callable[[np.ndarray], np.ndarray], x: np.ndarray) -> np.ndarray:
+    """(m, n): of a function that gives m numbers of n, at x (n,), by central differences."""
+    sides = [[function(x + sign * step) for step in SMALL * np.eye(len(x))] for sign in (1, -1)]
+    return (np.array(sides[0]) - np.array(sides[1])).T / (2 * SMALL)

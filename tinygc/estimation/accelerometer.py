@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
-from session.base.numeric import sigmas_in
+from session.base.numeric import derivative, sigmas_in
 from session.base.records import in_unit
 from session.base.texts import significant
 from session.base.units import MG
@@ -47,8 +47,6 @@ ROWS = (
 )
 #: a row in its display unit: its key or word, the unit, values (3,), sigmas (3,) if any, and names
 Row = tuple[str, str, np.ndarray, np.ndarray | None, list[str]]
-#: a parameter of a correction, 1 or m/s^2, whose square is as small as rounding
-SMALL = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,12 +205,6 @@ def triad_errors(values: np.ndarray) -> np.ndarray:
     found[SCALES] = length - 1
     found[SHEARS] = [np.arcsin(u[i] @ u[j]) for i, j in ((0, 1), (0, 2), (1, 2))]
     return found
-
-
-def derivative(function: Callable[[np.ndarray], np.ndarray], x: np.ndarray) -> np.ndarray:
-    """Return the derivative (n, n) of a function of n numbers, (n,), at x (n,), by central differences."""
-    sides = [[function(x + sign * step) for step in SMALL * np.eye(len(x))] for sign in (1, -1)]
-    return (np.array(sides[0]) - np.array(sides[1])).T / (2 * SMALL)
 
 
 def jacobian(calibration: Accelerometer, x: np.ndarray) -> np.ndarray:

@@ -325,40 +325,39 @@ def stated_goodness(problem: Problem, model: LinearModel, noise: StatedNoise) ->
 
 def _response(problem: Problem, model: LinearModel, still_rates: bool) -> np.ndarray:
     """Return L (12, n) 1, rad/s: the response of the parameters to errors of the stacked channels."""
-    batch, rest = problem.batch, problem.rest_rps
-    count, q = len(batch) * batch.angles, len(problem.still_rates.rate)
-    sensitivity, design = _design(batch, model)
-    weight = 1 / problem.floor.sigma.ravel() ** 2
-    carry = _carry(problem, sensitivity)
+    count, q = len(problem.batch) * problem.batch.angles, len(problem.still_rates.rate)
+    stills = slice(count, count + 3 * q)
+    sensitivity, weighed, hessian, _ = _normal(problem, model, still_rates)
+    pull = weighed @ _carry(problem, sensitivity)
+    if still_rates:
+        pull[:, stills] += (problem.still_rates.columns() / problem.still_rates.sigma.ravel()[:, None]).T
+    found = -np.linalg.solve(hessian, pull)
+    if problem.rest_rps is None:
+        return found
+    # B = mean over the stills of (earth - E m): it has the error of the stills, and that of E on the mean rate.
+    found = np.concatenate([found, _bias_of(found, problem.rest_rps)])
+    found[BIAS, stills] -= np.tile(np.eye(3), q) / q
+    return found
+
+
+def _normal(problem: Problem, model: LinearModel, still_rates: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return the closure's sensitivity (S, T, d, 3), and the normal equations of least squares: weighed columns (p, S d), information
+    (p, p), and the prior's part of it; p 12, or 9 of E alone where the bias is from the stills."""
+    batch, rest, own = problem.batch, problem.rest_rps, slice(0, PARAMETERS)
+    sensitivity = residual.sensitivity(batch, model(batch.rate))
+    design = linear.columns(sensitivity, batch.rate)[:, : batch.angles].reshape(-1, PARAMETERS)
     if rest is not None:
-        design = _about(design, rest)[:, MATRIX]
-        hessian = design.T @ (design * weight[:, None]) + _prior_information(problem)
-        matrix = -np.linalg.solve(hessian, (design * weight[:, None]).T @ carry)
-        # B = mean over the stills of (earth - E m): it has the error of the stills, and that of E on the mean rate.
-        bias = -np.kron(np.eye(3), rest) @ matrix
-        bias[:, count : count + 3 * q] -= np.tile(np.eye(3), q) / q
-        return np.concatenate([matrix, bias])
-    pull = (design * weight[:, None]).T @ carry
-    hessian = design.T @ (design * weight[:, None]) + _prior_information(problem)
+        own = MATRIX
+        design = _about(design, rest)[:, own]
+    weighed = design * (1 / problem.floor.sigma.ravel() ** 2)[:, None]
+    prior = np.diag(1 / PRIOR_SIGMA[own] ** 2)
+    if problem.prior is not None:
+        prior = np.linalg.inv((problem.prior.covariance / problem.prior.weight)[own, own])
+    hessian = design.T @ weighed + prior
     if still_rates:
         rows = problem.still_rates.columns()
         hessian += rows.T @ rows
-        pull[:, count : count + 3 * q] += (rows / problem.still_rates.sigma.ravel()[:, None]).T
-    return -np.linalg.solve(hessian, pull)
-
-
-def _design(batch: residual.Batch, model: LinearModel) -> tuple[np.ndarray, np.ndarray]:
-    """Return the sensitivity (S, T, d, 3) of the closure, and its columns (S d, 12) by the parameters."""
-    sensitivity = residual.sensitivity(batch, model(batch.rate))
-    return sensitivity, linear.columns(sensitivity, batch.rate)[:, : batch.angles].reshape(-1, PARAMETERS)
-
-
-def _prior_information(problem: Problem) -> np.ndarray:
-    """Return the prior's information as in the fit: (9, 9) of E alone where the bias is known from the stills, else (12, 12)."""
-    own = slice(0, PARAMETERS) if problem.rest_rps is None else MATRIX
-    if problem.prior is None:
-        return np.diag(1 / PRIOR_SIGMA[own] ** 2)
-    return np.linalg.inv((problem.prior.covariance / problem.prior.weight)[own, own])
+    return sensitivity, weighed.T, hessian, prior
 
 
 def prior_share(problem: Problem, model: LinearModel, still_rates: bool) -> np.ndarray:
@@ -366,20 +365,16 @@ def prior_share(problem: Problem, model: LinearModel, still_rates: bool) -> np.n
 
     theta - truth = L y + K (centre - truth): a prior with covariance P adds K P K' to the covariance from noise.
     """
-    batch, rest = problem.batch, problem.rest_rps
-    _, design = _design(batch, model)
-    weight = 1 / problem.floor.sigma.ravel() ** 2
-    own, share = _prior_information(problem), np.zeros((PARAMETERS, PARAMETERS))
-    if rest is not None:
-        design = _about(design, rest)[:, MATRIX]
-        share[MATRIX, MATRIX] = np.linalg.solve(design.T @ (design * weight[:, None]) + own, own)
-        share[BIAS, MATRIX] = -np.kron(np.eye(3), rest) @ share[MATRIX, MATRIX]
+    _, _, hessian, prior = _normal(problem, model, still_rates)
+    share = np.linalg.solve(hessian, prior)
+    if problem.rest_rps is None:
         return share
-    hessian = design.T @ (design * weight[:, None]) + own
-    if still_rates:
-        rows = problem.still_rates.columns()
-        hessian += rows.T @ rows
-    return np.linalg.solve(hessian, own)
+    return np.pad(np.concatenate([share, _bias_of(share, problem.rest_rps)]), ((0, 0), (0, 3)))
+
+
+def _bias_of(matrix: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    """Return the change (3, k) of B = -E rest with changes (9, k) of E."""
+    return -np.kron(np.eye(3), rest) @ matrix
 
 
 def _about(design: np.ndarray, rest: np.ndarray) -> np.ndarray:

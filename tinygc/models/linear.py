@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from session.base import rotation
+from session.base.numeric import derivative
 from session.base.rotation import Array
 from session.base.units import DEG
 from tinygc.inference.decide import Fact
@@ -129,8 +130,7 @@ def field_vector(vector: np.ndarray) -> np.ndarray:
 
 def field_jacobian(vector: np.ndarray) -> np.ndarray:
     """(18, 12) Jacobian of ``field_vector``, by central differences."""
-    steps = np.eye(PARAMETERS) * 1e-6
-    return np.stack([(field_vector(vector + step) - field_vector(vector - step)) / 2e-6 for step in steps], axis=1)
+    return derivative(field_vector, vector)
 
 
 def field_facts(

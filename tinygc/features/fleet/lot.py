@@ -13,12 +13,12 @@ from scipy.special import stdtr
 
 from session import VERSION
 from session.base.errors import CalibrationError
-from session.base.numeric import MEDIAN_SIGMAS
+from session.base.numeric import MEDIAN_SIGMAS, derivative
 from session.base.records import Key, Share
 from session.base.results import Column, Maybe, Number, shown
 from session.base.units import MDPS
 from session.detect.accelerometer import NAMES as TRIAD
-from tinygc.estimation.accelerometer import ROWS, derivative, triad_errors
+from tinygc.estimation.accelerometer import ROWS, triad_errors
 from tinygc.estimation.accelerometer import UNITS as SIZES
 from tinygc.inference.solve import inverse
 from tinygc.models import linear

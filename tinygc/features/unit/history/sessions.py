@@ -13,14 +13,14 @@ from session.base import features
 from session.base.errors import FormatError
 from session.base.files import KB, read_text
 from session.base.names import is_session, is_special
-from session.base.numeric import sigmas_in
+from session.base.numeric import derivative, sigmas_in
 from session.base.progress import Progress
 from session.base.records import DERIVED
 from session.base.texts import command_line, printable
 from session.base.units import DEG
 from session.detect.accelerometer import NAMES as TRIAD
 from session.detect.accelerometer import PARAMETERS
-from tinygc.estimation.accelerometer import ROWS, UNITS, derivative, triad_errors
+from tinygc.estimation.accelerometer import ROWS, UNITS, triad_errors
 from tinygc.estimation.session_times import Moment, moment_of, parsed
 from tinygc.fitting.listing import folders_of
 from tinygc.fitting.unit_state import MODEL, UnitState, fitted_state, in_one_frame, refuse_same

@@ -118,10 +118,10 @@ def _parts(inputs: Sequence[Input]) -> Iterator[_Part]:
         if isinstance(each, Session):
             sensor = each.config.sensor
             yield from ((path.name, path, partial(_stream, path, sensor)) for path in each.rests)
-            yield from ((log.path.name, None, partial(_add_log, log.samples, log.path.name, sensor)) for log in each.logs)
+            yield from ((log.path.name, None, partial(_add, log.samples, log.path.name, sensor)) for log in each.logs)
         elif not isinstance(each, Path):
-            samples = Session.from_arrays(*each).logs[0].samples
-            yield ("arrays", None, partial(_add_whole, samples, "arrays", ""))
+            session = Session.from_arrays(*each)
+            yield ("arrays", None, partial(_add, session.logs[0].samples, "arrays", session.config.sensor))
         elif each.is_dir():
             yield from _of_folder(each)
         elif (config := _session_of(each)) is not None:
@@ -169,18 +169,7 @@ def _of_session(path: Path, config: Config) -> _Part:
 
 
 def _read_session_log(path: Path, sensor: Sensor, gyro_alone: bool, rests: Rests) -> None:
-    _add_log(read_log(path, sensor, gyro_alone).samples, path.name, sensor, rests)
-
-
-def _add_log(samples: Samples, name: str, sensor: Sensor, rests: Rests) -> None:
-    rests.require_same(name, sensor.model, sensor.serial, 1 / samples.period_s)
-    moves = _movement(rest_from_samples(samples, name))
-    if moves is None:
-        rests.sums.append(_sums_of(samples, rests.rate_hz))
-    elif np.isnan(samples.accel[0]).any():
-        raise DataError(f"{name}: no accelerometer, and gravity shows no still, and {moves}; give its log at rest")
-    else:
-        _add_stills(samples, name, rests)
+    _add(read_log(path, sensor, gyro_alone).samples, path.name, sensor, rests)
 
 
 def _read_bare(path: Path, rests: Rests) -> None:
@@ -209,8 +198,7 @@ def _read_bare(path: Path, rests: Rests) -> None:
         return
     log = read_log(path, sensor, gyro_alone=True)
     rests.remarks += [f"{path.name}: {note}" for note in log.notes]
-    rests.require_same(path.name, sensor.model, sensor.serial, _rate_of(log.samples, path.name))
-    _add_whole(log.samples, path.name, sensor.model, rests)
+    _add(log.samples, path.name, sensor, rests)
 
 
 def _rate_of(samples: Samples, name: str) -> float:
@@ -248,30 +236,28 @@ def _stream(path: Path, sensor: Sensor, rests: Rests, bare: bool = False) -> Non
     _add_stills(read_log(path, sensor).samples, path.name, rests, moves)
 
 
-def _add_whole(samples: Samples, name: str, sensor: str, rests: Rests) -> None:
+def _add(samples: Samples, name: str, sensor: Sensor, rests: Rests) -> None:
     """Add a log that is in memory: all of it where it lies still throughout, else its stills."""
     log = rest_from_samples(samples, name)
     if len(log) < 2:
         raise DataError(f"{name}: {len(samples)} samples in {samples.duration_s:.3g} s; expected a rest of minutes")
     _refuse_units(log)
-    if (moves := _movement(log)) is not None:
+    rests.require_same(name, sensor.model, sensor.serial, _rate_of(samples, name))
+    if (moves := _movement(log)) is None:
+        rests.sums.append(_sums_of(samples, rests.rate_hz))
+    elif np.isnan(samples.accel[0]).any():
+        raise DataError(f"{name}: no accelerometer, and gravity shows no still, and {moves}; give its log at rest")
+    else:
         _add_stills(samples, name, rests, moves)
-        return
-    rests.require_same(name, sensor, "", 1 / samples.period_s)
-    rests.sums.append(_sums_of(samples, rests.rate_hz))
 
 
-def _add_stills(samples: Samples, name: str, rests: Rests, moves: str = "") -> None:
+def _add_stills(samples: Samples, name: str, rests: Rests, moves: str) -> None:
     """Add the stills of a log that moves, each for itself."""
     found = references(find_stills(samples)[0])
     stills = [still for still in found if still.duration_s >= SHORTEST_S and np.linalg.norm(still.gyro_mean) <= TURNING_DPS * DEG]
-    said = f"{name}: {moves}; " if moves else f"{name}: "
-    if not stills:
-        rests.remarks.append(f"{said}it never lies still: left out")
-        return
-    rests.remarks.append(
-        f"{said}{len(stills)} stills, {sum(still.duration_s for still in stills):.0f} s in all, are taken, each for itself"
-    )
+    seconds = sum(still.duration_s for still in stills)
+    taken = f"{len(stills)} stills, {seconds:.0f} s in all, are taken, each for itself" if stills else "it never lies still: left out"
+    rests.remarks.append(f"{name}: {moves}; {taken}")
     rests.sums += [_sums_of(samples.between(still.start, still.stop), rests.rate_hz) for still in stills]
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -18,6 +17,7 @@ from tinygc.closure.problem import Problem
 from tinygc.closure.residual import Batch
 from tinygc.estimation.held_out import run_method, tell
 from tinygc.estimation.options import Checkpoint, FitOptions, MethodFit, device
+from tinygc.inference.noise import Cost, lowest
 from tinygc.models.denoiser import DILATIONS, KERNEL, PARAMETERS, REACH, DenoisedNet, Denoiser
 from tinygc.models.model import Model
 
@@ -244,13 +244,13 @@ PRIOR_SIGMA = {"endpoint": 0.1, "neighbours": 3.0}
 DELAY, REDUCTION = 12, 3.2
 
 
-MAX_STEPS = 80
+MAX_STEPS = 200
 #: steps from weights that smooth already: only the closure remains, which needs few
 NEAR_STEPS = 12
 
 
-#: relative gain in loss below which the search ends
-CONVERGED = 1e-5
+#: in units of chi-square: a step with a smaller gain is not significant, and the last
+ENOUGH_GAIN = 0.1
 
 
 #: in sigmas for a moment of 1: how hard ``neighbours`` holds the moments of the taps at zero
@@ -327,42 +327,25 @@ def _closing(material: Material, calibration: Model, taps: np.ndarray, delay: in
     return rows, (design * weight[..., None, None]).reshape(len(rows), 3, REACH + 1), taps
 
 
-def _settle(vector: np.ndarray, terms: list[Term], prior: float, steps: int, apart: bool) -> tuple[np.ndarray, list[float]]:
-    """Minimise the sum of squares of all terms (rows, design, taps at which the rows hold) and a weak prior by Levenberg-Marquardt."""
-    began, damping, losses = vector, 1e-3, []
-    whole = np.concatenate([design for _, design, _ in terms])
-    # Rows that smooth are of one axis each, a third of them after the other: without a closure the axes are solved apart.
-    own = whole.reshape(3, -1, 3, REACH + 1)[np.arange(3), :, np.arange(3)] if apart else None
-    blocks = 1 if own is None else 3
+def _settle(vector: np.ndarray, terms: list[Term], prior: float, steps: int) -> tuple[np.ndarray, list[float]]:
+    """Minimise the sum of squares of all terms (rows, design, taps at which the rows hold) and a weak prior."""
+    whole, began, losses = np.concatenate([design for _, design, _ in terms]), vector.ravel(), []
 
-    def residuals(v: np.ndarray) -> tuple[np.ndarray, Callable[[], np.ndarray]]:
-        h, jacobian = taps_of(v)
-        return np.concatenate([rows + design.reshape(len(rows), -1) @ (h - at).ravel() for rows, design, at in terms]), jacobian
-
-    r, jacobian = residuals(vector)
-    cost, one = r @ r, np.eye(PARAMETERS // blocks)
-    for _ in range(steps):
-        J = np.concatenate([whole[:, axis] @ by for axis, by in enumerate(jacobian())], axis=1)[None] if own is None else own @ jacobian()
-        normal = J.transpose(0, 2, 1) @ J + one / prior**2
-        gradient = J.transpose(0, 2, 1) @ r.reshape(blocks, -1, 1) + (vector - began).reshape(blocks, -1, 1) / prior**2
-        while True:
-            trial = vector - np.linalg.solve(normal * (1 + damping * one), gradient).reshape(3, -1)
-            trial_cost = np.inf
-            with suppress(FitError):
-                trial_r, trial_jacobian = residuals(trial)
-                trial_cost = trial_r @ trial_r
-            if trial_cost <= cost or damping > 1e6:
-                break
-            damping *= 8
-        gain = cost - trial_cost
-        if gain > 0:
-            vector, r, jacobian, cost, damping = trial, trial_r, trial_jacobian, trial_cost, max(damping / 8, 1e-9)
-        if not np.isfinite(cost):
+    def cost(x: np.ndarray) -> Cost:
+        try:
+            h, jacobian = taps_of(x.reshape(3, -1))
+        except FitError:
+            return Cost(np.inf, x, np.eye(len(x)))
+        r = np.concatenate([rows + design.reshape(len(rows), -1) @ (h - at).ravel() for rows, design, at in terms])
+        J = np.concatenate([whole[:, axis] @ by for axis, by in enumerate(jacobian())], axis=1)
+        off = (x - began) / prior
+        if not np.isfinite(value := float(r @ r)):
             raise FitError("training the denoiser left the finite numbers; are the rates in the log in the unit that its header says?")
-        losses.append(float(cost / len(r)))
-        if gain < CONVERGED * cost:
-            break
-    return vector, losses
+        losses.append(value / len(r))
+        return Cost(value + float(off @ off), 2 * (J.T @ r + off / prior), 2 * (J.T @ J + np.eye(len(x)) / prior**2))
+
+    x, _ = lowest(cost, began, -np.inf, steps=steps, settled=ENOUGH_GAIN)
+    return x.reshape(vector.shape), losses
 
 
 # The denoiser as in the paper: AdamW in PyTorch on the endpoint loss; the best epoch is kept.
@@ -436,7 +419,7 @@ def train_denoiser(
     for number in range(ROUNDS):
         taps, _ = taps_of(vector)
         rows = [_closing(material, calibration, taps, DELAY if neighbours else 0)] if closing else []
-        vector, trace = _settle(vector, [*rows, *terms], PRIOR_SIGMA[loss], steps, apart=not closing)
+        vector, trace = _settle(vector, [*rows, *terms], PRIOR_SIGMA[loss], steps)
         losses += trace
         progress(number + 1, ROUNDS)
     denoiser = Denoiser.from_vector(vector).normalised()

@@ -91,9 +91,9 @@ class _TurnEquations:
         return np.linalg.solve(self.normal.sum(axis=0), self.right.sum(axis=0))
 
     def left(self, solution: np.ndarray) -> np.ndarray:
-        """(S,) residual sum of squares of each turn under a solution."""
-        left = self.square - 2 * self.right @ solution + np.einsum("sij,i,j->s", self.normal, solution, solution)
-        return np.maximum(left, 0.0)
+        """(S,) residual sum of squares of each turn under a solution (4,), or each under its own (S, 4)."""
+        fitted = (self.normal @ solution[..., None])[..., 0]
+        return np.maximum(self.square + np.sum((fitted - 2 * self.right) * solution, axis=1), 0.0)
 
     def sigma_s(self) -> float:
         """Sigma of the delay: the jackknife over the turns, which err independently (Efron 1982, equation 3.13)."""
@@ -117,13 +117,8 @@ class _TurnEquations:
         """P-value of the delay's improvement of each turn, with all four numbers fitted to all others."""
         normal, right = self._others()
         three = np.einsum("sij,sj->si", inverse(normal[:, :3, :3]), right[:, :3])
-        gains = self._left_each(np.pad(three, ((0, 0), (0, 1)))) - self._left_each(self._solved_each())
+        gains = self.left(np.pad(three, ((0, 0), (0, 1)))) - self.left(self._solved_each())
         return signed_ranks_above(gains) if len(gains) > 1 and np.isfinite(gains).all() else 1.0
-
-    def _left_each(self, solutions: np.ndarray) -> np.ndarray:
-        """(S,) residual sum of squares of each turn under its own solution (S, 4)."""
-        squares = np.einsum("sij,si,sj->s", self.normal, solutions, solutions)
-        return self.square - 2 * np.einsum("si,si->s", self.right, solutions) + squares
 
     def square_at(self, offset_s: float) -> np.ndarray:
         """(S,) residual sum of squares with a given delay and the other three fitted."""

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from enum import StrEnum
 from typing import Any
 
 import numpy as np
@@ -31,20 +30,8 @@ LEAST_POWER, DRAWS = 0.5, 1000
 HEADINGS = 72
 
 
-class Outcome(StrEnum):
-    """What another recording says of an effect."""
-
-    CONFIRMED = "confirmed"
-    OTHER_SIZE = "another size"
-    NOT_CONFIRMED = "not confirmed"
-    CONTRADICTED = "contradicted"
-    NO_POWER = "no power"
-    OF_RECORDING = "of one recording"
-    OF_UNIT = "of one unit"
-    NO_NUMBERS = "no numbers"
-
-
-STANDINGS = {Outcome.CONFIRMED: Standing.FOR, Outcome.OTHER_SIZE: Standing.FOR, Outcome.CONTRADICTED: Standing.AGAINST}
+#: outcome of ``KINDS`` -> standing of the effect; of others it is undecided
+STANDINGS = {"confirmed": Standing.FOR, "another size": Standing.FOR, "contradicted": Standing.AGAINST}
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +44,7 @@ class CheckedEffect:
     """
 
     named: Claim
-    outcome: Outcome
+    outcome: str
     odds: float = 0.0
     same_p: float = 1.0
     power: float = 0.0
@@ -73,7 +60,7 @@ class CheckedEffect:
     @property
     def other_size(self) -> bool:
         """Whether the effect is there, but not at the named size."""
-        return self.outcome in (Outcome.CONFIRMED, Outcome.OTHER_SIZE) and self.same_p < LEVEL
+        return self.outcome in ("confirmed", "another size") and self.same_p < LEVEL
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,15 +113,15 @@ def check_on(first: Any, other: Any, seed: int = 0) -> Checked:
     evidence: Evidence | None = None
     for named in named_in(first):
         if _of_recording(named.effect):
-            checked.effects.append(CheckedEffect(named, Outcome.OF_RECORDING, there=_same_name(other, named.effect)))
+            checked.effects.append(CheckedEffect(named, "of one recording", there=_same_name(other, named.effect)))
         elif not named.covariance.size:
-            checked.effects.append(CheckedEffect(named, Outcome.NO_NUMBERS))
+            checked.effects.append(CheckedEffect(named, "no numbers"))
         elif checked.same_unit is False and of_unit(named.effect):
-            checked.effects.append(CheckedEffect(named, Outcome.OF_UNIT, there=_same_name(other, named.effect)))
+            checked.effects.append(CheckedEffect(named, "of one unit", there=_same_name(other, named.effect)))
         elif named.effect.id in first.measured | other.measured:
             measured = other.measured.get(named.effect.id)
             there = None if measured is None else replace(named, theta=measured[0], covariance=measured[1])
-            checked.effects.append(CheckedEffect(named, Outcome.NO_POWER) if there is None else _weighed_by(named, there, seed))
+            checked.effects.append(CheckedEffect(named, "no power") if there is None else _weighed_by(named, there, seed))
         else:
             evidence = evidence or Evidence(other.twin)
             checked.effects.append(predicted(named, other, evidence, seed))
@@ -157,13 +144,13 @@ def _weighed_by(named: Claim, there: Claim, seed: int, odds: float | None = None
     power = float(np.mean(_odds_of(drawn, named, there.covariance) >= STRONG))
     size = size_of(named, there)
     if odds >= STRONG:
-        outcome = Outcome.CONFIRMED
+        outcome = "confirmed"
     elif same_p < LEVEL and size[0] > ONE_SIDED * size[1]:
-        outcome = Outcome.OTHER_SIZE
+        outcome = "another size"
     elif odds <= -STRONG and same_p < LEVEL:
-        outcome = Outcome.CONTRADICTED
+        outcome = "contradicted"
     else:
-        outcome = Outcome.NOT_CONFIRMED if power >= LEAST_POWER else Outcome.NO_POWER
+        outcome = "not confirmed" if power >= LEAST_POWER else "no power"
     return CheckedEffect(named, outcome, odds, same_p, power, there, size)
 
 
@@ -266,13 +253,13 @@ def _closure(other: Any, beside: _Prediction, theta: np.ndarray) -> float | None
 # What several recordings say together.
 
 #: outcomes of a prediction, and where nothing was predicted
-TESTED = (Outcome.CONTRADICTED, Outcome.CONFIRMED, Outcome.OTHER_SIZE, Outcome.NOT_CONFIRMED, Outcome.NO_POWER)
-UNTESTED = (Outcome.NO_NUMBERS, Outcome.OF_UNIT, Outcome.OF_RECORDING)
+TESTED = ("contradicted", "confirmed", "another size", "not confirmed", "no power")
+UNTESTED = ("no numbers", "of one unit", "of one recording")
 #: all of them, the one that counts most first
 OUTCOMES = TESTED + UNTESTED
 
 
-def outcome_of(there: Sequence[CheckedEffect]) -> Outcome:
+def outcome_of(there: Sequence[CheckedEffect]) -> str:
     """Outcome of one effect over several recordings: a contradiction anywhere, else a confirmation, else the best that is left."""
     return min((each.outcome for each in there), key=OUTCOMES.index)
 
@@ -303,7 +290,7 @@ def _entry(there: CheckedEffect) -> dict:
     share, sigma = there.size
     return {
         "id": there.named.effect.id,
-        "outcome": there.outcome.value.replace(" ", "_"),
+        "outcome": there.outcome.replace(" ", "_"),
         "standing": there.standing.value,
         "log_odds": there.odds / 2 if tested else None,
         "same_size_p": there.same_p if tested else None,

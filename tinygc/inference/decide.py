@@ -62,6 +62,11 @@ KINDS = {
     "table": Kind("an error of the table", "green"),
     "sensor": Kind("an error of the sensor, and none of the table", "green"),
     "both": Kind("errors of table and sensor", "green"),
+    "confirmed": Kind("confirmed", "green"),
+    "another size": Kind("another size", "yellow"),
+    "not confirmed": Kind("not confirmed", "yellow"),
+    "contradicted": Kind("contradicted", "bold red"),
+    **{word: Kind(word) for word in ("no power", "of one recording", "of one unit", "no numbers")},
 }
 
 

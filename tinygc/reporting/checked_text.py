@@ -7,18 +7,18 @@ from collections.abc import Sequence
 import numpy as np
 
 from session.base.texts import measured, printable
-from tinygc.explanation.checked import OUTCOMES, Checked, CheckedEffect, Outcome, numbers_of, outcome_of
+from tinygc.explanation.checked import OUTCOMES, Checked, CheckedEffect, numbers_of, outcome_of
+from tinygc.inference.decide import KINDS
 from tinygc.reporting.facts import Table
 from tinygc.reporting.terminal import RenderableType, Text, one_line
 
 #: why a recording says nothing of an effect, or what it says
 REASONS = {
-    Outcome.OF_RECORDING: "a course of time, a motion, or readings of this recording, which no other repeats",
-    Outcome.OF_UNIT: "the sensor's own, and the other recording is of another unit",
-    Outcome.NO_NUMBERS: "found without numbers that would predict another recording",
-    Outcome.NO_POWER: "no recording here can show it at that size",
+    "of one recording": "a course of time, a motion, or readings of this recording, which no other repeats",
+    "of one unit": "the sensor's own, and the other recording is of another unit",
+    "no numbers": "found without numbers that would predict another recording",
+    "no power": "no recording here can show it at that size",
 }
-STYLES = {Outcome.CONFIRMED: "green", Outcome.OTHER_SIZE: "yellow", Outcome.CONTRADICTED: "bold red", Outcome.NOT_CONFIRMED: "yellow"}
 #: odds beyond which only their order is of interest
 MOST_ODDS = 1e6
 
@@ -38,7 +38,7 @@ def checked_page(checked: Sequence[Checked]) -> list[RenderableType]:
         parts.append(_line(there, checked))
     found = [(each.session.name, found) for each in checked for found in each.effects]
     header = ("recording", "effect", "", "of its size there", "odds", "closure there: without → with")
-    styles = {at: STYLES.get(each.outcome, "") for at, (_, each) in enumerate(found)}
+    styles = {at: KINDS[each.outcome].style for at, (_, each) in enumerate(found)}
     return [*parts, Table("", header, [(name, each.named.effect.id, *_cells(each)) for name, each in found], left=range(6), styles=styles)]
 
 
@@ -46,27 +46,27 @@ def _line(there: list[CheckedEffect], checked: Sequence[Checked]) -> Text:
     outcome = outcome_of(there)
     counted = [each.outcome for each in there]
     if outcome in REASONS:
-        return one_line(f"  {there[0].named.effect.id}: {outcome.value}: {REASONS[outcome]}")
-    counts = [f"{each.value} in {counted.count(each)}" for each in OUTCOMES if each in counted]
+        return one_line(f"  {there[0].named.effect.id}: {outcome}: {REASONS[outcome]}")
+    counts = [f"{each} in {counted.count(each)}" for each in OUTCOMES if each in counted]
     words = f"{there[0].named.effect.id}: {', '.join(counts)} of {len(counted)} recordings"
     differing = [each.session.name for each, found in zip(checked, there, strict=True) if found.other_size]
-    if outcome is Outcome.CONFIRMED and differing:
+    if outcome == "confirmed" and differing:
         words += f"; its size differs in {', '.join(map(printable, differing))}"
     if any(each.same_unit is None for each in checked):
         words += "; whether they are of one unit is not stated"
-    return one_line(f"  {words}", STYLES.get(outcome, ""))
+    return one_line(f"  {words}", KINDS[outcome].style)
 
 
 def _cells(found: CheckedEffect) -> tuple[str, str, str, str]:
     size = measured(*found.size) if np.isfinite(found.size).all() else "–"
     if found.other_size:
         size += f" (another size, p = {found.same_p:.1g})"
-    if found.outcome in (Outcome.OF_RECORDING, Outcome.OF_UNIT, Outcome.NO_NUMBERS):
-        return found.outcome.value, _numbers(found), "–", "–"
+    if found.outcome in ("of one recording", "of one unit", "no numbers"):
+        return found.outcome, _numbers(found), "–", "–"
     if found.there is None:
-        return found.outcome.value, "–", "–", "–"
+        return found.outcome, "–", "–", "–"
     closure = "–" if found.closure_rad is None else " → ".join(f"{value:.4f}°" for value in np.degrees(found.closure_rad))
-    return found.outcome.value, size, odds_words(found.odds), closure
+    return found.outcome, size, odds_words(found.odds), closure
 
 
 def _numbers(found: CheckedEffect) -> str:

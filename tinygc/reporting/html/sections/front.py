@@ -23,24 +23,12 @@ SOURCES = {"port": "", "notes": "", "file": ", by the log’s file"}
 
 def section(evidence: ReportData) -> Section:
     """Section that only paper shows; it has no title, and is not among the contents."""
-    session, sensor = evidence.fit.session, evidence.fit.session.config.sensor
-    site, notes = session.config.site, session.config.notes
-    place = [f"latitude {site.latitude_deg:g}°"] if site.latitude_deg is not None else []
-    place += [f"g = {site.gravity_mps2:g} m/s²"] if site.gravity_mps2 is not None else []
-    date, source = recorded(evidence)
-    facts = [
-        ("Recorded", "not known" if date is None else f"{date}{SOURCES[source]}"),
-        *((name, notes[name]) for name in list(notes)[:MOST_NOTES] if name != "date"),
-        *([] if "operator" in notes else [("Operator", "not stated")]),
-        ("Ranges and rate", f"±{sensor.gyro_fs_dps:g} dps, ±{sensor.accel_fs_g:g} g, {sensor.odr_hz:g} Hz"),
-        ("Temperature", temperature_words(evidence.problem)),
-        ("Site", ", ".join(place) or "not given"),
-        ("Reference", reference_words(session)),
-        ("Turns used", f"{len(evidence.problem.used)} of {len(evidence.problem.segments)}"),
-        ("Computed by", f"TinyGC {evidence.versions['TinyGC']}"),
-    ]
+    session, (date, source) = evidence.fit.session, recorded(evidence)
+    notes = [pair for pair in [*session.config.notes.items()][:MOST_NOTES] if pair[0] != "date"]
     table = errors_table("Errors of the sensor, ± U (95 %)", [q for q in evidence.quantities if q.word in TERMS], meanings={})
-    return Section("front", "", render("front.html", facts_of=facts, table=table))
+    when = "not known" if date is None else f"{date}{SOURCES[source]}"
+    around = temperature_words(evidence.problem), reference_words(session)
+    return Section("front", "", render("front.html", e=evidence, recorded=when, notes=notes, around=around, table=table))
 
 
 def recorded(evidence: ReportData) -> tuple[str | None, str]:

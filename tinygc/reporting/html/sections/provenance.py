@@ -20,37 +20,15 @@ SOURCES = {
 
 def section(evidence: ReportData) -> Section:
     """Section of all that is needed to reproduce the report."""
-    session, options, accelerometer = evidence.fit.session, evidence.fit.options, evidence.adopted.accelerometer
-    sensor, site = session.config.sensor, session.config.site
+    session = evidence.fit.session
     registers = [f"{name}={value}" for log in session.logs for name, value in sorted(log.comments.items())]
     html = render(
         "provenance.html",
         e=evidence,
-        sensor_and_site=[
-            ("Model", sensor.model),
-            ("Serial", sensor.serial or "not given"),
-            ("Full scales", f"±{sensor.gyro_fs_dps:g} dps, ±{sensor.accel_fs_g:g} g"),
-            ("Data rate, nominal", f"{sensor.nominal_hz:g} Hz"),
-            ("Temperature", temperature_words(evidence.problem)),
-            ("Latitude", "not given" if site.latitude_deg is None else f"{site.latitude_deg:g}°"),
-            ("Gravity", "not given" if site.gravity_mps2 is None else f"{site.gravity_mps2:g} m/s²"),
-            ("Heading", "not given" if site.heading_deg is None else f"{site.heading_deg:g}°"),
-            ("Board", board_text(session.config.board)),
-            ("Registers", ", ".join(dict.fromkeys(registers)) or "not stated in the logs"),
-        ],
-        source=SOURCES[accelerometer.source],
-        matrix="; ".join(", ".join(f"{value:.6f}" for value in row) for row in accelerometer.matrix).replace("-", "−"),
-        bias=", ".join(f"{value:.5f}" for value in accelerometer.bias_mps2).replace("-", "−"),
-        settings=[
-            ("Seed", options.seed),
-            ("Folds", min(options.folds, len(evidence.problem.used))),
-            ("Nets", "trained as in the paper" if options.as_in_paper else "trained by the second order"),
-            ("Rates of the stills as data", "yes" if options.still_rates else "no"),
-            ("Earth’s rotation", "taken off" if options.earth and evidence.problem.earth.source != "none" else "left in"),
-            ("Explain", "run" if evidence.verdict else "not run"),
-            *evidence.versions.items(),
-            ("Made", evidence.made),
-        ],
+        temperature=temperature_words(evidence.problem),
+        board=board_text(session.config.board),
+        registers=", ".join(dict.fromkeys(registers)),
+        source=SOURCES[evidence.adopted.accelerometer.source],
         reused=[TITLES.get(name, name) for name in evidence.reused],
     )
     return Section("provenance", "Provenance", html)

@@ -19,6 +19,7 @@ from tinygc.noise.figures import SENSORS, TERMS, AllanBand, NoiseFigures, Sensor
 from tinygc.noise.measured import SHOWN
 from tinygc.reporting.drawing import Axis, Panel, Picture
 from tinygc.reporting.facts import Part, Table, screen
+from tinygc.reporting.pictures.noise import averaging, deviations, thinned
 from tinygc.reporting.terminal import Group, one_line
 
 #: words and SI value of the unit of each term; that of N is two-sided
@@ -332,12 +333,8 @@ def sheet_lines(figures: NoiseFigures) -> list[str]:
     return [f"No data sheet of {figures.sensor} is known to compare with."]
 
 
-# Picture of a noise estimate: Allan deviation with its band, the model, each of its terms, and what the model leaves.
+# Picture of a noise estimate: the Allan deviation, and what the model leaves.
 
-#: how far terms are drawn below the lowest deviation
-BELOW = 3.0
-#: averaging times that are drawn, at most
-POINTS = 60
 #: most that the panel of ratios shows
 MOST_RATIO = 2.0
 
@@ -345,73 +342,16 @@ MOST_RATIO = 2.0
 def picture_of(figures: NoiseFigures) -> Picture:
     """The picture."""
     sensors, panels = figures.sensors(), list[Panel]()
-    for draw in (_deviations, _ratios):
-        panels += [
-            draw(kind, sensors[kind], _thinned(figures.allan[kind])) for kind in SENSORS if kind in sensors and kind in figures.allan
-        ]
+    for draw in (deviations, _ratios):
+        panels += [draw(kind, sensors[kind], thinned(figures.allan[kind])) for kind in SENSORS if kind in sensors and kind in figures.allan]
     return Picture(panels or [Panel()], headline(figures), columns=max(len(panels) // 2, 1))
-
-
-def _thinned(band: AllanBand) -> AllanBand:
-    """The points nearest to ``POINTS`` averaging times in geometric steps, so that none hides another."""
-    wanted = np.geomspace(band.tau_s[0], band.tau_s[-1], POINTS)
-    kept = np.unique(np.abs(np.log(wanted[:, None] / band.tau_s)).argmin(axis=1))
-    return AllanBand(band.tau_s[kept], band.deviation[kept], band.low[kept], band.high[kept])
-
-
-def _averaging(sensor: SensorNoise, band: AllanBand, y: Axis, title: str, height: float) -> Panel:
-    """A panel over averaging time; those that the model does not describe, where the sensor's filter shapes the noise, are shaded."""
-    panel = Panel(Axis("averaging time (s)", band.tau_s[0] / 1.2, band.tau_s[-1] * 1.2, log=True), y, title, height=height)
-    from_s = max(own.from_s for own in sensor.axes)
-    return (
-        panel.area([band.tau_s[0], from_s], -np.inf, np.inf, "quiet", name="filter or vibration" * bool(title))
-        if from_s > band.tau_s[0]
-        else panel
-    )
-
-
-def _deviations(kind: str, sensor: SensorNoise, band: AllanBand) -> Panel:
-    unit, si = SHOWN[kind]["B"]
-    tau_s = np.geomspace(band.tau_s[0], band.tau_s[-1], 300)
-    low, high = np.nanmin(band.deviation) / si / BELOW, np.nanmax([band.deviation, band.high]) / si * 1.2
-    title = SENSORS[kind].capitalize() + ", with 68 % bounds" * bool(np.isfinite(band.low).any())
-    panel = _averaging(sensor, band, Axis(f"Allan deviation ({unit})", low, high, log=True), title, 330)
-    for i, name in enumerate("xyz"):
-        own = sensor.axes[i]
-        known = np.isfinite(band.low[:, i]) & np.isfinite(band.high[:, i])
-        panel.area(band.tau_s[known], band.low[known, i] / si, band.high[known, i] / si, name)
-        panel.points(band.tau_s, band.deviation[:, i] / si, name, ring=True, radius=2.4, name=name)
-        described = tau_s[tau_s >= own.from_s]
-        panel.line(described, np.sqrt(own.allan_variance(described)) / si, name, name=name)
-    for term in TERMS:
-        lines = {
-            name: np.sqrt(own.allan_variance(tau_s, term)) / si for name, own in zip("xyz", sensor.axes, strict=True) if own.value(term)
-        }
-        for name, line in lines.items():
-            panel.line(tau_s, line, name, "dash", opacity=0.6, name="terms of the model")
-        _label(panel, term, tau_s, lines, low)
-    return panel
-
-
-def _label(panel: Panel, term: str, tau_s: np.ndarray, lines: dict[str, np.ndarray], low: float) -> None:
-    """Name a term at the end of its lines that is away from the data; lines that lie together have one name."""
-    named: list[tuple[str, float, float]] = []
-    for axis, line in sorted(lines.items(), key=lambda item: -item[1][0]):
-        inside = np.flatnonzero(line > 1.2 * low)
-        if not len(inside):
-            continue
-        at = inside[int((0.94 if line[-1] < 0.5 * line[0] else 0.06) * (len(inside) - 1))]
-        if all(abs(np.log10(tau_s[at] / there)) > 0.15 or abs(np.log10(line[at] / height)) > 0.06 for _, there, height in named):
-            named.append((axis, float(tau_s[at]), float(line[at])))
-    for axis, there, height in named:
-        panel.words(there, height, term, axis if len(named) == len(lines) else "soft", anchor="middle")
 
 
 def _ratios(kind: str, sensor: SensorNoise, band: AllanBand) -> Panel:
     """Draw the deviations over the model's, with the bounds of the data."""
     ticks = [(value, f"{value:g}") for value in (0.5, 0.7, 1, 1.4, 2)]
     y = Axis("data / model", 1 / MOST_RATIO, MOST_RATIO, log=True, ticks=ticks)
-    panel = _averaging(sensor, band, y, "", 120).across(1.0, "quiet", "hair")
+    panel = averaging(sensor, band, y, "", 120).across(1.0, "quiet", "hair")
     for i, (name, own) in enumerate(zip("xyz", sensor.axes, strict=True)):
         with np.errstate(divide="ignore", invalid="ignore"):
             low, mid, high = (values[:, i] / np.sqrt(own.allan_variance(band.tau_s)) for values in (band.low, band.deviation, band.high))

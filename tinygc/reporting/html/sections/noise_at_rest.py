@@ -10,11 +10,12 @@ from tinygc.closure.floor import AllanCurve, Reading, angle_random_walk
 from tinygc.closure.problem import MeasuredNoise, Problem
 from tinygc.closure.residual import RateMap
 from tinygc.explanation.reported import ReportData
-from tinygc.noise.figures import NAMES, TERMS, NoiseFigures, Term, read_figures
+from tinygc.noise.figures import NAMES, NoiseFigures, Term, read_figures
 from tinygc.noise.measured import SHOWN
 from tinygc.noise.stillness import density
 from tinygc.reporting.drawing import Axis, Panel
 from tinygc.reporting.html.markup import Section, render
+from tinygc.reporting.pictures.noise import deviations, thinned
 
 
 def section(evidence: ReportData) -> Section | None:
@@ -51,7 +52,6 @@ def _at_rest(measured: MeasuredNoise, problem: Problem) -> str:
         ],
         said=[finding.says for finding in measured.findings(problem.session.name)],
         allan=_model(figures, float(problem.began_s[-1])),
-        has_data="gyro" in figures.allan,
     )
 
 
@@ -67,26 +67,11 @@ def _value(term: Term, si: float) -> str:
     return measured(term.value / si, 2 * term.sigma / si)
 
 
-DEVIATION = "Allan deviation (°/h)"
-
-
-def _model(figures: NoiseFigures, session_s: float) -> Panel:
-    """Allan deviation of the gyroscope's model on each axis, over its data where they are kept, and of its terms (rms of the axes)."""
-    sensor, period_s, data = figures.gyro, 1 / figures.rate_hz, figures.allan.get("gyro")
-    shortest_s = max([period_s, *(axis.from_s for axis in sensor.axes)])
-    tau_s = np.geomspace(shortest_s, max(figures.duration_s / 2, 2 * shortest_s), 120)
-    panel = Panel(Axis("averaging time (s)", log=True), Axis(DEVIATION, log=True), about="Allan deviation of the model at rest")
-    for name in filter(sensor.measured, TERMS):
-        term = np.sqrt(np.mean([axis.allan_variance(tau_s, name) for axis in sensor.axes], axis=0)) / DEG_PER_HOUR
-        panel.line(tau_s, term, "floor", "dash", name="each term", is_measure=False)
-    for i, (name, axis) in enumerate(zip("xyz", sensor.axes, strict=True)):
-        if data is not None:
-            known = np.isfinite(data.low[:, i]) & np.isfinite(data.high[:, i])
-            panel.area(data.tau_s[known], data.low[known, i] / DEG_PER_HOUR, data.high[known, i] / DEG_PER_HOUR, name, is_measure=False)
-        panel.line(tau_s, np.sqrt(axis.allan_variance(tau_s)) / DEG_PER_HOUR, name, name=name)
-    if tau_s[0] < session_s < tau_s[-1]:
-        panel.upright(session_s, "after", name="length of this session")
-    return panel
+def _model(figures: NoiseFigures, session_s: float) -> Panel | None:
+    """Allan deviation of the gyroscope at rest, with the length of this session; None where the file has none."""
+    if (band := figures.allan.get("gyro")) is None:
+        return None
+    return deviations("gyro", figures.gyro, thinned(band)).upright(session_s, "after", name="length of this session")
 
 
 def still_pieces(problem: Problem, model: RateMap) -> list[np.ndarray]:
@@ -104,7 +89,7 @@ def still_pieces(problem: Problem, model: RateMap) -> list[np.ndarray]:
 
 def _allan(curve: AllanCurve, walks: list[Reading]) -> Panel:
     tau, deviation, spread = curve.tau_s, curve.deviation / DEG_PER_HOUR, curve.relative_sigma
-    panel = Panel(Axis("averaging time (s)", log=True), Axis(DEVIATION, log=True), about="Allan deviation of the three axes")
+    panel = Panel(Axis("averaging time (s)", log=True), Axis("Allan deviation (°/h)", log=True), about="Allan deviation of the three axes")
     mean = float(np.mean([walk.value for walk in walks])) / DEG_PER_HOUR
     panel.line(tau, mean / np.sqrt(tau), "floor", "dash", name="white noise", is_measure=False)
     for i, axis in enumerate("xyz"):

@@ -18,12 +18,14 @@ from tinygc.closure.uncertainty import BIAS_DRIFT, EARTH
 from tinygc.estimation.spread import USUAL, ZERO, Spread
 from tinygc.estimation.stated_noise import CALIBRATION, CLOCK, GRAVITY_LENGTH, MISFIT, ROUNDING, stated_response
 from tinygc.features.unit.budget import monte_carlo as draws
-from tinygc.features.unit.budget.library import budget_of_fit
+from tinygc.features.unit.budget.library import budget_of_fit, cells_of, decimals_of
 from tinygc.features.unit.budget.monte_carlo import _coverage_of, _Redrawn
-from tinygc.features.unit.budget.page import cells_of
 from tinygc.features.unit.budget.quantities import (
     _DRIFT_OF_USE,
     _NOISE_OF_USE,
+    Beside,
+    Budget,
+    Row,
     _source_sizes,
     accelerometer_budgets,
     parameter_budgets,
@@ -31,7 +33,6 @@ from tinygc.features.unit.budget.quantities import (
     sources_in_use,
     use_budgets,
 )
-from tinygc.features.unit.budget.rows import Beside, Budget, Row, decimals_of
 from tinygc.features.unit.options import BudgetOptions
 from tinygc.inference.noise import wander_covariance
 from tinygc.inference.solve import Source, total

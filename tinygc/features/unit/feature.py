@@ -29,7 +29,7 @@ FEATURE = Feature(
     },
     serves={
         "section of session.toml": "certificate.given:CertificateGiven",
-        "report section": ("budget.page", "history.shown"),
+        "report section": ("budget.library", "history.shown"),
         "options of report": "options:CertificateOptions",
         "beside a report": "certificate.command:beside_report",
     },

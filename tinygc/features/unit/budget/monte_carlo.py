@@ -29,13 +29,11 @@ from tinygc.closure.build import bias_shares
 from tinygc.closure.least_squares import fit_least_squares
 from tinygc.closure.motion import Motion
 from tinygc.estimation.stated_noise import CALIBRATION, CLOCK, GRAVITY_LENGTH, MISFIT, ROUNDING, channel_sources, joint_response
-from tinygc.features.unit.budget.rows import Budget
+from tinygc.features.unit.budget.quantities import ATTITUDE, Budget
 from tinygc.fitting.results import FitResult
 from tinygc.inference.solve import COVERAGE, Source, coverage_factor
 from tinygc.models.linear import BIAS, NAMES, PARAMETERS, WORDS, LinearModel, field_vector
 
-#: names of the attitude about single axes
-ATTITUDE = ("attitude x", "attitude y", "attitude z")
 #: draws between two looks at whether the figures are stable
 BLOCK = 200
 #: of the fit that the draws start from and the one that the session has, in sigmas

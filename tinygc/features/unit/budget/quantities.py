@@ -1,17 +1,22 @@
 """The budgets of a fit: its twelve parameters, the errors of both sensors in the field's words, the attitude after a motion; and what a
-calibration is used for.
+calibration is used for.  Of each quantity: the sources of its variance, what stands beside the sum, and the expanded uncertainty.
+
+    u^2 = sum u_i^2          c_i = u_i / size of the source          U = k u,  k = t_p(nu_eff)
+
+(GUM, JCGM 100:2008, 5.1 and annex G.4).  The variances are those of the fit's covariance, source by source, and add up to it in their order
+to the last bit.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
-from functools import partial
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from session.base.numeric import rms_of
+from session.base.records import in_unit
 from session.base.texts import printable
 from session.base.units import DEG, DEG_PER_HOUR, MG, G
 from session.detect.accelerometer import NAMES as ACCELEROMETER_NAMES
@@ -25,10 +30,9 @@ from tinygc.closure.uncertainty import BIAS_DRIFT, EARTH
 from tinygc.estimation.accelerometer import UNITS
 from tinygc.estimation.spread import USUAL_PER_K, ZERO, drift_between
 from tinygc.estimation.stated_noise import CALIBRATION, CLOCK, COMPONENTS, GRAVITY_LENGTH, MISFIT, ROUNDING, kind_of, stated_response
-from tinygc.features.unit.budget.rows import Beside, Budget, budget_of
 from tinygc.features.unit.options import BudgetOptions
 from tinygc.fitting.results import FitResult
-from tinygc.inference.solve import Source, freedom_of
+from tinygc.inference.solve import COVERAGE, Kind, Source, coverage_factor, effective_freedom, freedom_of
 from tinygc.library.logs import read_log
 from tinygc.models.linear import BIAS, NAMES, PARAMETERS, WORDS, field_jacobian
 from tinygc.noise.components import WANDER
@@ -46,14 +50,151 @@ NO_LATITUDE = "no site.latitude_deg in session.toml, or --no-earth"
 LEAST_OF_CLOCK = 0.01
 
 
+# One budget.
+
+
+@dataclass(frozen=True)
+class Row:
+    """source: its name; kind; freedom: degrees of freedom; variance in SI; size of the source in ``size_unit``, None where it has no
+    single one."""
+
+    source: str
+    kind: Kind
+    freedom: float
+    variance: float
+    size: float | None = None
+    size_unit: str = ""
+
+    @property
+    def u(self) -> float:
+        """Standard uncertainty, SI; negative where the source takes variance away, as a mixture with a prior may."""
+        return float(np.copysign(np.sqrt(abs(self.variance)), self.variance))
+
+
+@dataclass(frozen=True)
+class Beside:
+    """What is known to move the quantity and is not in the sum: what; u in SI, None where nobody knows it; why, in words."""
+
+    what: str
+    u: float | None
+    why: str
+
+    def to_json(self, si: float) -> dict:
+        """One entry of ``not_in_the_sum``, in a unit of this SI value."""
+        return {"what": self.what, **in_unit(si, u=self.u), "why": self.why}
+
+
+@dataclass(frozen=True)
+class Budget:
+    """The budget of one quantity: name; unit and its SI value; value in SI, None for an error that is expected to be zero; rows; beside."""
+
+    name: str
+    unit: str
+    si: float
+    value: float | None
+    rows: tuple[Row, ...]
+    beside: tuple[Beside, ...] = ()
+
+    @property
+    def shown_unit(self) -> str:
+        """The unit, empty of a number without one."""
+        return "" if self.unit == "1" else self.unit
+
+    @property
+    def variance(self) -> float:
+        """In SI: the sum of the rows, in their order."""
+        found = self.rows[0].variance
+        for row in self.rows[1:]:
+            found += row.variance
+        return found
+
+    @property
+    def u(self) -> float:
+        """Combined standard uncertainty, SI."""
+        return float(np.sqrt(self.variance))
+
+    @property
+    def freedom(self) -> float:
+        """Effective degrees of freedom (Welch–Satterthwaite)."""
+        return effective_freedom([row.variance for row in self.rows], [row.freedom for row in self.rows])
+
+    @property
+    def k(self) -> float:
+        """Coverage factor of 95 %."""
+        return coverage_factor(self.freedom, COVERAGE)
+
+    @property
+    def expanded(self) -> float:
+        """Expanded uncertainty U = k u, SI."""
+        return self.k * self.u
+
+    @property
+    def largest(self) -> list[Row]:
+        """The rows by their share, the largest first."""
+        return sorted(self.rows, key=lambda row: -row.variance)
+
+    def share(self, row: Row) -> float:
+        """Share of a row in the variance."""
+        return row.variance / self.variance
+
+    def to_json(self) -> dict:
+        """One entry of ``budgets`` of ``tinygc-budget/1``; variances in the square of SI."""
+        return {
+            "name": self.name,
+            "unit": self.unit,
+            "unit_si": self.si,
+            **in_unit(self.si, value=self.value, u=self.u),
+            "degrees_of_freedom": self.freedom,
+            "k": self.k,
+            "expanded_uncertainty": self.expanded / self.si,
+            "variance_si": self.variance,
+            "sources": [
+                {
+                    "source": row.source,
+                    "type": row.kind,
+                    "degrees_of_freedom": row.freedom,
+                    "size": row.size,
+                    "size_unit": row.size_unit,
+                    "sensitivity": None if not row.size else abs(row.u) / self.si / row.size,
+                    "u": row.u / self.si,
+                    "variance_si": row.variance,
+                    "share": self.share(row),
+                }
+                for row in self.rows
+            ],
+            "not_in_the_sum": [each.to_json(self.si) for each in self.beside],
+        }
+
+
+def budget_of(
+    name: str,
+    unit: str,
+    si: float,
+    value: float | None,
+    sources: Iterable[Source],
+    slopes: np.ndarray,
+    sizes: dict[str, tuple[float, str]],
+    beside: Sequence[Beside],
+) -> Budget:
+    """The budget of a quantity whose variance is the sum of those with these derivatives (K, P) by what the sources are of."""
+    rows = (
+        Row(source.name, source.kind, source.freedom, float(source.variance(slopes).sum()), *sizes.get(source.name, (None, "")))
+        for source in sources
+    )
+    return Budget(name, unit, si, value, tuple(rows), tuple(beside))
+
+
+# Those of a fit.
+
+
 def parameter_budgets(result: FitResult) -> list[Budget]:
     """Of the twelve parameters of omega = E m + B; their variances are the diagonal of the fit's covariance, bit for bit."""
     vector, sizes = result.linear.linear.vector, _source_sizes(result)
     found = []
     for i, name in enumerate(NAMES):
         unit, si = ("dps", DEG) if name in NAMES[BIAS] else ("1", 1.0)
-        beside = _beside_parameter(result, np.eye(PARAMETERS)[i])
-        found.append(budget_of(name, unit, si, float(vector[i]), result.sources, partial(_element, i), sizes, beside))
+        slope = np.eye(PARAMETERS)[i]
+        found.append(budget_of(name, unit, si, float(vector[i]), result.sources, slope[None], sizes, _beside_parameter(result, slope)))
     return found
 
 
@@ -65,8 +206,8 @@ def sensor_error_budgets(result: FitResult) -> list[Budget]:
     for quantity, slope in zip(sensor_errors(result), field_jacobian(vector), strict=True):
         if quantity.observed:
             name, si = quantity.name, units[quantity.word]
-            of, beside = partial(_along, slope), _beside_parameter(result, slope)
-            found.append(budget_of(name, quantity.unit, si, quantity.value * si, result.sources, of, sizes, beside))
+            beside = _beside_parameter(result, slope)
+            found.append(budget_of(name, quantity.unit, si, quantity.value * si, result.sources, slope[None], sizes, beside))
     return found
 
 
@@ -81,7 +222,7 @@ def accelerometer_budgets(result: FitResult) -> list[Budget]:
             other = float(np.sqrt(2) * found.between.sigma[at])
             beside = [Beside("another switch-on", other, f"{found.between.source}; counts in any other session")] if other else []
             called = f"accelerometer {word} {name.split()[-1]}"
-            budgets.append(budget_of(called, unit, si, value * si, found.sources, partial(_along, found.slope[at]), sizes, beside))
+            budgets.append(budget_of(called, unit, si, value * si, found.sources, found.slope[at][None], sizes, beside))
     return budgets
 
 
@@ -92,22 +233,9 @@ def use_budgets(result: FitResult, use: BudgetOptions) -> tuple[Motion, list[Bud
     sources, more, assumed = sources_in_use(result, use, motion)
     sizes, slope = _source_sizes(result) | more, motion.slope(result.linear.linear)
     found = []
-    for name, weight in axes_and_total():
-        beside = list(_beside_use(result, use, slope, weight, assumed))
-        found.append(budget_of(name, "°", DEG, None, sources, partial(_weighed, weight), sizes, beside))
+    for name, of in zip((*ATTITUDE, TOTAL), (*np.eye(3)[:, None], np.eye(3)), strict=True):
+        found.append(budget_of(name, "°", DEG, None, sources, of, sizes, _beside_use(result, use, of @ slope, assumed)))
     return motion, found, sources[len(result.sources) :]
-
-
-def _element(i: int, covariance: np.ndarray) -> float:
-    return float(covariance[i, i])
-
-
-def _along(slope: np.ndarray, covariance: np.ndarray) -> float:
-    return float(slope @ covariance @ slope)
-
-
-def _weighed(weight: np.ndarray, covariance: np.ndarray) -> float:
-    return float(weight @ np.diag(covariance))
 
 
 # What moves a quantity and is not in its sum.
@@ -140,10 +268,10 @@ def _clock(result: FitResult, slope: np.ndarray) -> Iterator[Beside]:
         yield Beside(CLOCK, None, f"{NOT_KNOWN} how far the clock of the stamps is off, and with it the scale: give sensor.clock_sigma_ppm")
 
 
-def _beside_use(result: FitResult, use: BudgetOptions, slope: np.ndarray, weight: np.ndarray, assumed: tuple[str, ...]) -> list[Beside]:
-    found = list(_clock(result, slope[weight > 0]))
+def _beside_use(result: FitResult, use: BudgetOptions, slope: np.ndarray, assumed: tuple[str, ...]) -> list[Beside]:
+    found = list(_clock(result, slope))
     if result.allowed is not None:
-        found.append(Beside(LACKS, float(np.sqrt(np.sum(weight * result.allowed.of(slope) ** 2))), STILL_ALLOWED))
+        found.append(Beside(LACKS, float(np.sqrt(np.sum(result.allowed.of(slope) ** 2))), STILL_ALLOWED))
     if use.warmer_k is None:
         found.append(Beside(TEMPERATURE, None, f"{NOT_KNOWN}: give --warmer"))
     if use.elapsed_s is not None and not result.problem.instability.rps:
@@ -229,7 +357,8 @@ USUAL_SWITCH_ON = "bias of another switch-on, as usual"
 DRIFT_SINCE = f"{BIAS_DRIFT} since the session"
 #: word for a sensor that lies still
 REST = "rest"
-#: the total angle of the attitude's error
+#: names of the attitude's error about single axes; the total angle of it
+ATTITUDE = ("attitude x", "attitude y", "attitude z")
 TOTAL = "attitude total"
 
 
@@ -307,9 +436,3 @@ def _drift(result: FitResult) -> tuple[float, Source]:
                 return float(s), Source(COMPONENTS[WANDER], "A" if component.prior is None else "B", freedom_of(s, sigma), nothing)
     known = result.problem.instability
     return known.rps, Source(BIAS_DRIFT, *kind_of(BIAS_DRIFT, result.problem), nothing)
-
-
-def axes_and_total() -> Iterator[tuple[str, np.ndarray]]:
-    """Names of the quantities of an attitude error, and the weights (3,) of the axes' variances in them."""
-    yield from zip(("attitude x", "attitude y", "attitude z"), np.eye(3), strict=True)
-    yield TOTAL, np.ones(3)

@@ -36,8 +36,7 @@ from tinygc.estimation.between_sessions import course
 from tinygc.estimation.spread import ACCELEROMETER, COUNT, GYROSCOPE, USUAL, ZERO, Spread
 from tinygc.features.unit.options import VerifyOptions
 from tinygc.features.unit.verification.cost import minute_of
-from tinygc.features.unit.verification.expected import expected_parts
-from tinygc.features.unit.verification.questions import PLAUSIBLE, ask, todays_noise
+from tinygc.features.unit.verification.questions import PLAUSIBLE, ask, expected_parts, todays_noise
 from tinygc.features.unit.verification.rows import LENGTH, Rows, rows_of
 from tinygc.features.unit.verification.verdict import BIAS, HOLDS, Verified, verify_session
 from tinygc.fitting.unit_state import UnitState, fitted_state, read_state, spread_of, spread_over

@@ -37,7 +37,7 @@ from tinygc.inference.choose import (
 from tinygc.inference.decide import KINDS, Answer, rms_below
 from tinygc.inference.noise import Banded, Cost, Sparse, Striped, estimate, lowest, where_risen
 from tinygc.inference.prove import folds_of, left_out, signed_ranks_above
-from tinygc.inference.solve import coverage_factor, freedom_of, left_of, orthonormal, solve
+from tinygc.inference.solve import coverage_factor, freedom_of, left_of, orthonormal, root, solve
 
 
 def density(r: np.ndarray, covariance: np.ndarray) -> float:
@@ -239,6 +239,14 @@ def test_folds_are_every_tenth_part_and_hold_each_once():
     assert_allclose(parts[3], [3, 13])
     assert sorted(np.concatenate(parts).tolist()) == list(range(23))
     assert len(folds_of(4)) == 4
+
+
+def test_a_root_is_of_the_nearest_covariance():
+    rng = np.random.default_rng(3)
+    axes, size = np.linalg.qr(rng.normal(size=(4, 4)))[0], np.array([4.0, 1.0, 0.0, -0.3])
+    found = root(axes * size @ axes.T)
+    assert_allclose(found, found.T)
+    assert_allclose(found @ found, axes * [4.0, 1.0, 0.0, 0.0] @ axes.T, atol=1e-12)
 
 
 def test_a_basis_leaves_out_what_is_not_there():

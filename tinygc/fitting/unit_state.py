@@ -34,6 +34,7 @@ from tinygc.estimation.spread import ACCELEROMETER, COUNT, GYROSCOPE, USUAL, ZER
 from tinygc.fitting.fit_file import model_tables, read_fit
 from tinygc.fitting.fit_file import to_json as fit_to_json
 from tinygc.fitting.results import FitResult
+from tinygc.inference.solve import root
 from tinygc.models.linear import BIAS, MATRIX, NAMES, PARAMETERS, LinearModel
 from tinygc.models.model import Model, accelerometer_of, certain
 from tinygc.models.physics import PhysicsModel
@@ -190,10 +191,8 @@ class UnitState:
         if self.has_covariance:
             own = self.covariance[:PARAMETERS, :PARAMETERS]
             if isinstance(self.model, LinearModel) and self.of_given is not None and self.of_given.shape == own.shape:
-                # The nearest covariance: rounding may leave a difference of two with eigenvalues below zero
-                matrix = own - self.of_given
-                size, axes = np.linalg.eigh((matrix + matrix.T) / 2)
-                own = (axes * np.maximum(size, 0.0)) @ axes.T  # that error is in today's references as well
+                # That error is in today's references as well; rounding may leave a difference of two with eigenvalues below zero
+                own = np.linalg.matrix_power(root(own - self.of_given), 2)
             if isinstance(self.model, PhysicsModel):
                 slope = _of_calibrated(self.model.linear)
                 own = slope @ own @ slope.T

@@ -104,6 +104,12 @@ def _marked(spread: np.ndarray, is_open: np.ndarray) -> np.ndarray:
     return found
 
 
+def root(covariance: np.ndarray) -> np.ndarray:
+    """(P, P) symmetric R, R R = covariance, of the nearest one without eigenvalues below zero: columns of one sigma each."""
+    size, axes = np.linalg.eigh((covariance + covariance.T) / 2)
+    return np.asarray(axes * np.sqrt(np.maximum(size, 0.0)) @ axes.T)
+
+
 def unit_columns(columns: np.ndarray) -> np.ndarray:
     """Those of the columns (n, P) that are not zero, each of length one."""
     size = np.linalg.norm(columns, axis=0)

@@ -25,7 +25,6 @@ from tinygc.features.unit.options import VerifyOptions as Options
 from tinygc.features.unit.verification import verdict
 from tinygc.features.unit.verification.causes import Cause, Evidence, beyond_linear, candidate_causes, diagnose
 from tinygc.features.unit.verification.cost import _BOUND, Bound, Cost, bound_deg, cost_of, left_open, uses
-from tinygc.features.unit.verification.expected import Part, expected_parts
 from tinygc.features.unit.verification.questions import (
     DRAWS,
     GRAVITY,
@@ -33,8 +32,10 @@ from tinygc.features.unit.verification.questions import (
     PLAUSIBLE,
     B,
     E,
+    Part,
     Question,
     ask,
+    expected_parts,
     todays_noise,
 )
 from tinygc.features.unit.verification.rows import CLOSURE, LENGTH, STILL, Rows
@@ -323,9 +324,9 @@ def test_without_data_a_turn_may_miss_what_a_plausible_change_makes():
     assert of_g.bound_deg == pytest.approx(_BOUND * np.hypot(0.01, 0.01) / DEG, rel=0.05)
 
 
-def of_name(rows, name, **more):
+def of_name(rows, name):
     old = SimpleNamespace(linear=LinearModel(np.eye(3), np.array([0.01, -0.02, 0.03])), accelerometer=object(), temperature_c=None)
-    (found,) = [cause for cause in candidate_causes(rows, old, **more) if cause.name == name][:1]
+    (found,) = [cause for cause in candidate_causes(rows, old) if cause.name == name][:1]
     return found
 
 
@@ -341,9 +342,9 @@ def test_an_accelerometer_that_reads_too_much_has_a_scale_above_zero():
 
 def test_a_drift_counts_with_its_mean_over_the_minute():
     rows = of_session(steps_s=np.array([15.0]), duration_s=100.0)
-    step = of_name(rows, "step", minute_s=60.0)
+    step = of_name(rows, "step")
     assert np.diag(step.into[ZERO]) / -step.sizes == pytest.approx(np.full(3, 0.75))
-    warm = of_name(rows, "warm-up", minute_s=60.0)
+    warm = of_name(rows, "warm-up")
     assert np.diag(warm.into[ZERO]) / -warm.sizes == pytest.approx(np.full(3, np.mean(np.exp(-np.linspace(0, 60, 100_001) / 10))), rel=1e-3)
 
 

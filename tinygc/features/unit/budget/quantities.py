@@ -32,7 +32,7 @@ from tinygc.estimation.spread import USUAL_PER_K, ZERO, drift_between
 from tinygc.estimation.stated_noise import CALIBRATION, CLOCK, COMPONENTS, GRAVITY_LENGTH, MISFIT, ROUNDING, kind_of, stated_response
 from tinygc.features.unit.options import BudgetOptions
 from tinygc.fitting.results import FitResult
-from tinygc.inference.solve import COVERAGE, Kind, Source, coverage_factor, effective_freedom, freedom_of
+from tinygc.inference.solve import COVERAGE, Kind, Source, coverage_factor, effective_freedom, freedom_of, root
 from tinygc.library.logs import read_log
 from tinygc.models.linear import BIAS, NAMES, PARAMETERS, WORDS, field_jacobian
 from tinygc.noise.components import WANDER
@@ -401,7 +401,7 @@ def sources_in_use(result: FitResult, use: BudgetOptions, motion: Motion) -> Sou
     else:
         middle_s = problem.began_s[-1] + use.elapsed_s + motion.duration_s / 2
         between = drift_between(problem.middle_s, problem.batch.duration_s, middle_s, motion.duration_s, rps)
-        shared = between.correlation * _root(found[at].covariance) @ _root(in_use)
+        shared = between.correlation * root(found[at].covariance) @ root(in_use)
         found[at] = replace(drift, name=DRIFT_SINCE, covariance=found[at].covariance + in_use - shared - shared.T)
     spread, assumed = result.spread.at(ZERO), list[str]()
     if use.elapsed_s is None:
@@ -418,12 +418,6 @@ def sources_in_use(result: FitResult, use: BudgetOptions, motion: Motion) -> Sou
         sizes[TEMPERATURE] = (rps / DEG, "dps")
         assumed.append(TEMPERATURE)
     return SourcesInUse(found, sizes, tuple(assumed))
-
-
-def _root(covariance: np.ndarray) -> np.ndarray:
-    """(3, 3): symmetric, R R = covariance."""
-    size, axes = np.linalg.eigh(covariance)
-    return axes * np.sqrt(np.maximum(size, 0.0)) @ axes.T
 
 
 def _drift(result: FitResult) -> tuple[float, Source]:

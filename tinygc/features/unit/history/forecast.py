@@ -29,6 +29,7 @@ from tinygc.estimation.session_times import YEAR_S
 from tinygc.features.unit.history.estimate import UnitHistory
 from tinygc.features.unit.history.sessions import GYROSCOPE, KEPT, NUMBERS
 from tinygc.features.unit.verification.verdict import FAILS, HOLDS, UNDECIDED
+from tinygc.inference.solve import root
 from tinygc.models.linear import LinearModel, field_jacobian
 
 #: draws of the prediction: a share of 95 % has a sigma of 0.34 %
@@ -139,8 +140,8 @@ def _draws_of(history: UnitHistory) -> Draws:
     for j, session in enumerate(history.sessions):
         known = np.isfinite(session.sigmas)
         size = session.sigmas[known]
-        root = np.linalg.cholesky(session.covariance[np.ix_(known, known)] / np.outer(size, size) + 1e-12 * np.eye(len(size)))
-        errors[:, j, known] = rng.normal(size=(count, len(size))) @ root.T * size
+        factor = np.linalg.cholesky(session.covariance[np.ix_(known, known)] / np.outer(size, size) + 1e-12 * np.eye(len(size)))
+        errors[:, j, known] = rng.normal(size=(count, len(size))) @ factor.T * size
     level, spread, growth = np.full((count, Q), np.nan), np.zeros((count, Q)), np.zeros((count, Q))
     for q, each in enumerate(history.numbers):
         if each.course is None or each.sessions[-1] != n - 1:
@@ -154,8 +155,7 @@ def _draws_of(history: UnitHistory) -> Draws:
         level[:, q], spread[:, q], growth[:, q] = drawn[:, 0] - each.values[-1], scatter, drawn @ each.course.drift_column
     shared = history.sessions[-1].shared
     if np.any(shared):
-        variance, axes = np.linalg.eigh(shared)
-        level[:, :GYROSCOPE] += rng.normal(size=(count, GYROSCOPE)) * np.sqrt(np.maximum(variance, 0)) @ axes.T
+        level[:, :GYROSCOPE] += rng.normal(size=(count, GYROSCOPE)) @ root(shared)
     return Draws(level, spread, level + spread * rng.normal(size=(count, Q)), growth, *_shocks(history, rng, count))
 
 

@@ -25,8 +25,9 @@ from session.base.texts import command_line
 from session.base.units import DEG, MG
 from session.detect.accelerometer import BIASES
 from session.detect.accelerometer import SCALES as SCALES_OF_ACCELEROMETER
+from tinygc.closure.motion import MINUTE_S
 from tinygc.estimation.spread import ACCELEROMETER, COUNT, GYROSCOPE, ZERO
-from tinygc.features.unit.verification.expected import Part
+from tinygc.features.unit.verification.questions import Part
 from tinygc.features.unit.verification.rows import Rows
 from tinygc.fitting.unit_state import UnitState
 from tinygc.inference.choose import AS_PROBABLE, PRIOR_ODDS, climb, log_evidence, rivals_of, scales_of, weights_of
@@ -140,143 +141,87 @@ class Diagnosis:
     alone: dict[str, float]
 
 
-def candidate_causes(rows: Rows, old: UnitState, minute_s: float = 60.0) -> list[Cause]:
-    """All causes that today's recording may show; minute_s: length of the motion that a drift is stated for."""
+def candidate_causes(rows: Rows, old: UnitState) -> list[Cause]:
+    """All causes that today's recording may show."""
     E, xyz = old.linear.E, ("x", "y", "z")
     found: list[Cause] = []
 
-    def constant(name: str, says: str, into: np.ndarray, sizes: np.ndarray, unit: Any, si: Any, numbers: tuple, advice: str) -> None:
-        of_correction = name in ("common scale", "scale")
-        columns = rows.parameters @ into * sizes
-        found.append(Cause(name, says, columns, into * sizes, sizes, unit, si, tuple(numbers), advice, of_correction=of_correction))
+    def add(
+        name: str,
+        says: str,
+        into: np.ndarray,
+        size: float | np.ndarray,
+        unit: Any,
+        si: Any,
+        numbers: Sequence[str],
+        advice: str,
+        columns: np.ndarray | None = None,
+        at: float | None = None,
+    ) -> None:
+        """into (21, k): of the parameters by one of each number; columns (n, k): the same of the rows, where it changes with time."""
+        sizes = np.broadcast_to(size, into.shape[1]) * 1.0
+        columns = (rows.parameters @ into if columns is None else columns) * sizes
+        correction = name in ("common scale", "scale")
+        found.append(Cause(name, says, columns, into * sizes, sizes, unit, si, tuple(numbers), advice, at, of_correction=correction))
 
     def of_matrix(change: Callable[[np.ndarray], np.ndarray], count: int) -> np.ndarray:
         into = np.zeros((COUNT, count))
-        for number in range(count):
-            into[GYROSCOPE, number][MATRIX] = change(np.eye(count)[number]).ravel()
+        into[GYROSCOPE][MATRIX] = np.stack([change(one).ravel() for one in np.eye(count)], axis=1)
         return into
 
     zero = np.zeros((COUNT, 3))
     zero[ZERO] = -np.eye(3)  # what the sensor reads, which B takes away
-    constant("zero", "the zero has moved", zero, np.full(3, ZERO_RPS), "dps", DEG, xyz, "take B anew")
+    add("zero", "the zero has moved", zero, ZERO_RPS, "dps", DEG, xyz, "take B anew")
     if warmer := rows.warmer_than(old):
         says = f"the zero follows the temperature, {warmer:+.1f} K since then"
         advice = "take B anew at this temperature, or fit over temperature (temperature)"
-        constant("temperature", says, zero * warmer, np.full(3, PER_K), "dps/K", DEG, xyz, advice)
-    if not rows.turns:  # what is read at rest is the zero, whatever else has changed
-        return found + _of_accelerometer(rows, old) + _in_time(rows, zero, minute_s)
-    scale = of_matrix(lambda theta: E * theta[0], 1)
-    constant(
-        "common scale",
-        "all rates are too large or too small by one factor, as with another range, data rate or filter",
-        -scale,
-        np.full(1, COMMON_SCALE),
-        "%",
-        0.01,
-        ("",),
-        "check the range, the data rate and the clock, then fit again",
-    )
-    constant(
-        "scale",
-        "the scale of single axes has changed, as by aging or supply",
-        -of_matrix(lambda theta: E @ np.diag(theta), 3),
-        np.full(3, SCALE),
-        "ppm",
-        1e-6,
-        xyz,
-        "fit again",
-    )
-    if rows.session.reference is not None:
-        reference = rows.session.reference.body
-    else:
-        reference = "the table's dials" if rows.session.config.protocol.reference == "table" else "the accelerometer"
-    turned = of_matrix(lambda theta: rotation.cross_matrix(theta) @ E, 3)
-    turned[ZERO] = np.stack([rotation.cross_matrix(axis) @ old.linear.B for axis in np.eye(3)], axis=1)
-    constant(
-        "rotation",
-        f"the gyroscope is turned against {reference}, as of a sensor that came loose or was mounted anew",
-        turned,
-        np.full(3, ROTATION_RAD),
-        "mrad",
-        1e-3,
-        xyz,
-        "look at the mounting, then fit again",
-    )
-    shears = [(0, 1), (1, 2), (2, 0)]
-
-    def lean(theta: np.ndarray) -> np.ndarray:
-        return np.asarray(sum(t * (_unit(i, j) + _unit(j, i)) / 2 for t, (i, j) in zip(theta, shears, strict=True)) @ E)
-
-    into = of_matrix(lean, 3)
-    both = np.concatenate([-into, zero], axis=1)
-    constant(
-        "shock",
-        "the gyroscope's axes lean otherwise, with another zero, as after a shock",
-        both,
-        np.r_[np.full(3, SHEAR_RAD), np.full(3, ZERO_RPS)],
-        ("mrad",) * 3 + ("dps",) * 3,
-        np.r_[np.full(3, 1e-3), np.full(3, DEG)],
-        ("xy", "yz", "zx", *xyz),
-        "fit again; look for loosened parts",
-    )
-    found += _of_accelerometer(rows, old)
-    found += _in_time(rows, zero, minute_s)
-    if (columns := rows.effect("gyro.bandwidth")) is not None:
-        sizes = np.full(columns.shape[1], BANDWIDTH_S2)
-        found.append(
-            Cause(
-                "filter",
-                "the gyroscope's filter is another one",
-                columns * sizes,
-                np.zeros((COUNT, columns.shape[1])),
-                sizes,
-                "ms^2",
-                1e-6,
-                xyz[: columns.shape[1]] if columns.shape[1] > 1 else ("",),
-                "check the filter's settings, then fit again",
-            )
-        )
-    return found
-
-
-def _of_accelerometer(rows: Rows, old: UnitState) -> list[Cause]:
-    """Changes of the accelerometer, where its calibration is known and stills show gravity's length."""
-    if not rows.stills or old.accelerometer is None:
-        return []
-    found, advice = [], f"calibrate the accelerometer again (`{command_line('fit', 'DIR', '--accelerometer', 'alone')}`), then fit"
-    for name, says, which, sign, size, unit, si in (
-        ("accelerometer's zero", "the accelerometer's zero has moved", BIASES, 1, ACCEL_ZERO_MPS2, "mg", MG),
-        ("accelerometer's scale", "the accelerometer's scale has changed", SCALES_OF_ACCELEROMETER, -1, ACCEL_SCALE, "ppm", 1e-6),
-    ):
-        into = np.zeros((COUNT, 3))
-        into[ACCELEROMETER][which, [0, 1, 2]] = sign * size
-        found.append(Cause(name, says, rows.parameters @ into, into, np.full(3, size), unit, si, ("x", "y", "z"), advice))
-    return found
-
-
-def _in_time(rows: Rows, zero: np.ndarray, minute_s: float) -> list[Cause]:
-    """Changes of B within today's session: a step at each of a few times, a warm-up with each of a few time constants."""
-    found, sizes = [], np.full(3, ZERO_RPS)
-    times = rows.steps_s[:: -(-len(rows.steps_s) // MOST_STEPS) or 1] if len(rows.steps_s) else rows.steps_s
-    for at in times:
-        if not 0 < at < rows.duration_s:
-            continue
-        columns = rows.in_time(partial(lambda at, t_s: np.asarray((t_s >= at).astype(float)), float(at))) * sizes
-        says, advice = "the zero jumped within the session", "look for a shock or a supply change then; record again, and take B anew"
-        share = max(0.0, 1 - float(at) / minute_s)
-        found.append(Cause("step", says, columns, zero * sizes * share, sizes, "dps", DEG, ("x", "y", "z"), advice, float(at)))
+        add("temperature", says, zero * warmer, PER_K, "dps/K", DEG, xyz, advice)
+    if rows.turns:  # else what is read at rest is the zero, whatever else has changed
+        says = "all rates are too large or too small by one factor, as with another range, data rate or filter"
+        advice = "check the range, the data rate and the clock, then fit again"
+        add("common scale", says, -of_matrix(lambda theta: E * theta[0], 1), COMMON_SCALE, "%", 0.01, ("",), advice)
+        says = "the scale of single axes has changed, as by aging or supply"
+        add("scale", says, -of_matrix(lambda theta: E @ np.diag(theta), 3), SCALE, "ppm", 1e-6, xyz, "fit again")
+        dials = rows.session.config.protocol.reference == "table"
+        reference = "the table's dials" if dials else "the accelerometer"
+        if rows.session.reference is not None:
+            reference = rows.session.reference.body
+        turned = of_matrix(lambda theta: rotation.cross_matrix(theta) @ E, 3)
+        turned[ZERO] = np.stack([rotation.cross_matrix(axis) @ old.linear.B for axis in np.eye(3)], axis=1)
+        says = f"the gyroscope is turned against {reference}, as of a sensor that came loose or was mounted anew"
+        add("rotation", says, turned, ROTATION_RAD, "mrad", 1e-3, xyz, "look at the mounting, then fit again")
+        # xy, yz, zx: half of each of the two elements
+        lean = of_matrix(lambda theta: np.array([[0, theta[0], theta[2]], [theta[0], 0, theta[1]], [theta[2], theta[1], 0]]) / 2 @ E, 3)
+        says, sizes = "the gyroscope's axes lean otherwise, with another zero, as after a shock", np.repeat([SHEAR_RAD, ZERO_RPS], 3)
+        units, names = ("mrad",) * 3 + ("dps",) * 3, ("xy", "yz", "zx", *xyz)
+        both, si = np.concatenate([-lean, zero], axis=1), np.repeat([1e-3, DEG], 3)
+        add("shock", says, both, sizes, units, si, names, "fit again; look for loosened parts")
+    if rows.stills and old.accelerometer is not None:  # whose calibration is known, and stills show gravity's length
+        advice = f"calibrate the accelerometer again (`{command_line('fit', 'DIR', '--accelerometer', 'alone')}`), then fit"
+        for which, says, places, sign, size, unit, si in (
+            ("zero", "zero has moved", BIASES, 1, ACCEL_ZERO_MPS2, "mg", MG),
+            ("scale", "scale has changed", SCALES_OF_ACCELEROMETER, -1, ACCEL_SCALE, "ppm", 1e-6),
+        ):
+            into = np.zeros((COUNT, 3))
+            into[ACCELEROMETER][places, [0, 1, 2]] = sign
+            add(f"accelerometer's {which}", f"the accelerometer's {says}", into, size, unit, si, xyz, advice)
+    # Changes of B within today's session: a step at each of a few times, a warm-up with each of a few time constants
+    for at in rows.steps_s[:: -(-len(rows.steps_s) // MOST_STEPS) or 1]:
+        if 0 < at < rows.duration_s:
+            columns = rows.in_time(partial(lambda at, t_s: np.asarray((t_s >= at).astype(float)), float(at)))
+            says, advice = "the zero jumped within the session", "look for a shock or a supply change then; record again, and take B anew"
+            share = max(0.0, 1 - float(at) / MINUTE_S)
+            add("step", says, zero * share, ZERO_RPS, "dps", DEG, xyz, advice, columns, float(at))
     for share in WARM_UP_SHARES if rows.stills > 2 or rows.turns else ():
         tau = share * rows.duration_s
-        columns = rows.in_time(partial(lambda tau, t_s: np.asarray(np.exp(-t_s / tau)), tau)) * sizes
-        mean = tau / minute_s * -np.expm1(-minute_s / tau)
+        columns = rows.in_time(partial(lambda tau, t_s: np.asarray(np.exp(-t_s / tau)), tau))
         says, advice = "the zero settles as the sensor warms up", "let it warm up, then verify again"
-        found.append(Cause("warm-up", says, columns, zero * sizes * mean, sizes, "dps", DEG, ("x", "y", "z"), advice, float(tau)))
-    return found
-
-
-def _unit(i: int, j: int) -> np.ndarray:
-    found = np.zeros((3, 3))
-    found[i, j] = 1.0
+        mean = tau / MINUTE_S * -np.expm1(-MINUTE_S / tau)
+        add("warm-up", says, zero * mean, ZERO_RPS, "dps", DEG, xyz, advice, columns, float(tau))
+    if rows.turns and (columns := rows.effect("gyro.bandwidth")) is not None:
+        names = xyz if columns.shape[1] == 3 else ("",)
+        says, advice = "the gyroscope's filter is another one", "check the filter's settings, then fit again"
+        add("filter", says, np.zeros((COUNT, columns.shape[1])), BANDWIDTH_S2, "ms^2", 1e-6, names, advice, columns)
     return found
 
 

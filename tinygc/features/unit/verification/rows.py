@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -30,7 +31,7 @@ from session.detect.signatures import CAUSES
 from session.detect.stills import SessionStills, Still, references
 from session.log.folder import Session
 from tinygc.closure.earth import no_earth, unseen_covariance, vertical_only
-from tinygc.closure.floor import UNKNOWN, BiasInstability, bias_instability_of
+from tinygc.closure.floor import UNKNOWN, bias_instability_of
 from tinygc.closure.least_squares import GaussianPrior
 from tinygc.closure.prepared import prepare
 from tinygc.closure.problem import Problem
@@ -39,7 +40,8 @@ from tinygc.effects import catalogue, per_axis
 from tinygc.estimation.spread import ACCELEROMETER, COUNT, GYROSCOPE
 from tinygc.fitting.unit_state import UnitState
 from tinygc.inference.noise import Prior, Sparse, wander_covariance
-from tinygc.models.linear import BIAS, MATRIX, PRIOR_SIGMA, LinearModel
+from tinygc.inference.solve import root
+from tinygc.models.linear import MATRIX, PRIOR_SIGMA, LinearModel
 from tinygc.noise.components import WANDER, Component, SessionNoise, Undersampling, first_noise
 from tinygc.noise.twin import Twin
 from tinygc.noise.whitening import ACCEL_INSTABILITY_MPS2, PRECALIBRATION_MPS2, Whitener
@@ -230,18 +232,17 @@ def _of_turns(problem: Problem, old: UnitState, session: Session, factor: float,
     if stills:
         parameters[:, ACCELEROMETER] = -twin.own_columns() / units(G)
         r[lengths] += start.gravity_mps2 - site.expected_gravity_mps2
-    earth = twin.earth_columns().stacked() @ columns_of(unseen_covariance(problem.earth, site.latitude_deg))
+    earth = twin.earth_columns().stacked() @ root(unseen_covariance(problem.earth, site.latitude_deg))
     gravity = np.zeros((n, 1))
     gravity[lengths] = np.hypot(site.gravity_sigma_mps2, SITE_MPS2)
     known = [earth, gravity]
     if (clock := problem.session.clock) is not None:
-        known.append(parameters[:, GYROSCOPE] @ columns_of(clock.covariance(old.linear.vector)))
+        known.append(parameters[:, GYROSCOPE] @ root(clock.covariance(old.linear.vector)))
     blank = np.zeros(n, dtype=bool)
     blank[whiten.parts[CLOSURE]] = ~twin.batch.known.ravel()
     spans_s = np.ones(n)
     spans_s[whiten.parts[CLOSURE]] = np.repeat([segment.duration_s for segment in twin.segments], twin.batch.known.shape[1])
     allowances = twin.precalibration_columns(start, rates).stacked() * PRECALIBRATION_MPS2 if stills else np.zeros((n, 0))
-    temps = np.array([still.temp_c for _, still in twin.stills])
     times = np.array([twin.movements[s.log].t_s[s.start] + s.duration_s / 2 for s in twin.segments])
 
     def in_time(profile: Profile) -> np.ndarray:
@@ -251,7 +252,10 @@ def _of_turns(problem: Problem, old: UnitState, session: Session, factor: float,
         effect = replace(catalogue()["gyro.bias_drift"], columns=per_axis(basis), basis=basis, scan=None)
         return twin.effect_columns(effect, start, twin.sensitivity(start, rates), rates).stacked()
 
-    return Rows(
+    return _rows(
+        session,
+        [still for _, still in twin.stills],
+        factor,
         r=r,
         parameters=parameters,
         known=np.concatenate(known, axis=1),
@@ -261,12 +265,7 @@ def _of_turns(problem: Problem, old: UnitState, session: Session, factor: float,
         kinds=dict(whiten.parts),
         blank=blank,
         duration_s=float(problem.began_s[-1]),
-        temp_c=float(np.mean(temps)) if stills else float("nan"),
-        stills=stills,
         turns=len(twin.segments),
-        noise_freedom=_freedom([still for _, still in twin.stills]),
-        rest_rps=np.mean([still.gyro_mean for _, still in twin.stills], axis=0) / factor if stills else np.zeros(3),
-        session=session,
         remark=said,
         steps_s=times,
         in_time=in_time,
@@ -275,94 +274,73 @@ def _of_turns(problem: Problem, old: UnitState, session: Session, factor: float,
 
 
 def _of_rests(session: Session, old: UnitState, found: SessionStills) -> Rows:
-    """Rows of a recording with rests alone: rates and lengths."""
+    """Rows of a recording with rests alone: rates and lengths.  Its noise is the bias' drift between stills, with its source's prior."""
     _stop_at_errors_of_rests(session, found)
-    parts = [(log, found.of(log)) for log in session.logs]
     logs = [
         StillSet(each.samples, each.stills, each.noise, rotation.from_gravity(force_of(each.stills)), np.zeros(len(each.stills), dtype=int))
-        for _, each in parts
+        for each in map(found.of, session.logs)
         if each.noise is not None
     ]
     by_log = [references(log.stills) for log in logs]
     stills = [still for own in by_log for still in own]
-    noises = [log.noise for log, own in zip(logs, by_log, strict=True) for _ in own]
     site, force, q = session.config.site, force_of(stills), len(stills)
     middle_s, duration_s = times_of(by_log, [log.samples for log in logs])
-    n = 4 * q
+    n, still, length = 4 * q, slice(0, 3 * q), slice(3 * q, 4 * q)
     turn = rotation.matrix(rotation.from_gravity(force))
     earth = no_earth() if site.latitude_deg is None else vertical_only(site.latitude_deg)
-    model, rate = old.linear, np.array([still.gyro_mean for still in stills])
-    still = slice(0, 3 * q)
-    r = np.concatenate(
-        [
-            (model(rate) - np.einsum("qji,j->qi", turn, earth.rate_t)).ravel(),
-            np.linalg.norm(force, axis=1) - site.expected_gravity_mps2,
-        ]
-    )
-    parameters = np.zeros((n, COUNT))
-    own = np.zeros((q, 3, 12))
-    for axis in range(3):
-        own[:, axis, MATRIX.start + 3 * axis : MATRIX.start + 3 * axis + 3] = rate
-        own[:, axis, BIAS.start + axis] = 1.0
-    parameters[still, GYROSCOPE] = own.reshape(-1, 12)
-    parameters[3 * q :, ACCELEROMETER] = length_columns(IDENTITY, force)
-    unseen = np.zeros((n, 3))
-    unseen[still] = (-turn.transpose(0, 2, 1)).reshape(-1, 3) @ columns_of(unseen_covariance(earth, site.latitude_deg))
-    gravity = np.zeros((n, 1))
-    gravity[3 * q :] = np.hypot(site.gravity_sigma_mps2, SITE_MPS2)
-    white = np.zeros(n)
-    white[still] = np.concatenate([noise.angle_random_walk**2 / s.duration_s for noise, s in zip(noises, stills, strict=True)])
-    white[3 * q :] = [
-        float(np.mean(noise.velocity_random_walk**2)) / s.duration_s + ACCEL_INSTABILITY_MPS2**2
-        for noise, s in zip(noises, stills, strict=True)
-    ]
+    rate, spans_s = np.array([s.gyro_mean for s in stills]), np.array([s.duration_s for s in stills])
+    parameters, known, white, drift = np.zeros((n, COUNT)), np.zeros((n, 4)), np.zeros(n), np.zeros((n, n))
+    parameters[still, GYROSCOPE] = np.concatenate([np.hstack([np.kron(np.eye(3), each), np.eye(3)]) for each in rate])
+    parameters[length, ACCELEROMETER] = length_columns(IDENTITY, force)
+    known[still, :3] = (-turn.transpose(0, 2, 1)).reshape(-1, 3) @ root(unseen_covariance(earth, site.latitude_deg))
+    known[length, 3] = np.hypot(site.gravity_sigma_mps2, SITE_MPS2)
+    noises = [log.noise for log, own in zip(logs, by_log, strict=True) for _ in own]
+    white[still] = np.concatenate([noise.angle_random_walk**2 / span for noise, span in zip(noises, spans_s, strict=True)])
+    lengths = np.array([np.mean(noise.velocity_random_walk**2) for noise in noises])
+    white[length] = lengths / spans_s + ACCEL_INSTABILITY_MPS2**2
+    drift[still, still] = np.kron(wander_covariance(middle_s, spans_s, instability_rps=1.0), np.eye(3))
     instability = bias_instability_of(session.config.sensor, logs, {0: earth})
-    spans = np.array([s.duration_s for s in stills])
+    usual = instability.source != UNKNOWN and instability.rps > 0
+    rps = instability.rps if usual else float(np.sqrt(np.median(white[still])))
+    wander = Component(WANDER, Sparse.of(drift), rps, "rad/s", 1.0, "bias drift", Prior(rps, 0.5))
+    none = Undersampling(np.zeros(0), 1.0, np.zeros(0), float("nan"))
 
     def in_time(profile: Profile) -> np.ndarray:
         columns = np.zeros((n, 3))
-        inside = [np.mean(profile(np.linspace(at - span / 2, at + span / 2, 21))) for at, span in zip(middle_s, spans, strict=True)]
+        inside = [np.mean(profile(np.linspace(at - span / 2, at + span / 2, 21))) for at, span in zip(middle_s, spans_s, strict=True)]
         columns[still] = -np.kron(np.array(inside)[:, None], np.eye(3))
         return columns
 
-    temps = np.array([s.temp_c for s in stills])
-    return Rows(
-        r=r,
+    return _rows(
+        session,
+        stills,
+        r=np.r_[
+            (old.linear(rate) - np.einsum("qji,j->qi", turn, earth.rate_t)).ravel(),
+            np.linalg.norm(force, axis=1) - site.expected_gravity_mps2,
+        ],
         parameters=parameters,
-        known=np.concatenate([unseen, gravity], axis=1),
+        known=known,
         spans_s=np.ones(n),
         white=np.diag(white),
-        noise=_of_stills(middle_s, spans, instability, n, float(np.sqrt(np.median(white[still])))),
-        kinds={CLOSURE: slice(0, 0), STILL: still, LENGTH: slice(3 * q, n)},
+        noise=SessionNoise((wander,), [np.arange(n)], none, np.zeros(1), np.zeros(1)),
+        kinds={CLOSURE: slice(0, 0), STILL: still, LENGTH: length},
         blank=np.zeros(n, dtype=bool),
         duration_s=duration_s,
-        temp_c=float(np.mean(temps)),
-        stills=q,
         turns=0,
-        noise_freedom=_freedom(stills),
-        rest_rps=rate.mean(axis=0),
-        session=session,
         steps_s=(middle_s[1:] + middle_s[:-1]) / 2,
         in_time=in_time,
     )
 
 
-def _of_stills(middle_s: np.ndarray, spans_s: np.ndarray, instability: BiasInstability, n: int, white: float) -> SessionNoise:
-    """The bias' drift between stills, with the prior of its source."""
-    V = np.zeros((n, n))
-    V[: 3 * len(middle_s), : 3 * len(middle_s)] = np.kron(wander_covariance(middle_s, spans_s, instability_rps=1.0), np.eye(3))
-    rps = instability.rps if instability.source != UNKNOWN and instability.rps > 0 else white
-    drift = Component(WANDER, Sparse.of(V), rps, "rad/s", 1.0, "bias drift", Prior(rps, 0.5))
-    none = Undersampling(np.zeros(0), 1.0, np.zeros(0), float("nan"))
-    return SessionNoise((drift,), [np.arange(n)], none, np.zeros(1), np.zeros(1))
-
-
-def columns_of(covariance: np.ndarray) -> np.ndarray:
-    """(P, P): columns of one sigma each, R R' = covariance."""
-    size, axes = np.linalg.eigh((covariance + covariance.T) / 2)
-    return axes * np.sqrt(np.maximum(size, 0.0))
-
-
-def _freedom(stills: list[Still]) -> float:
-    """Degrees of freedom of the white noise, from blocks of 0.1 s with a filter's correlation, as in ``noise.channels``."""
-    return max(3.0, 3 * sum(still.duration_s for still in stills) / 0.1 * 0.66)
+def _rows(session: Session, rests: list[Still], factor: float = 1.0, **own: Any) -> Rows:
+    """Rows of a session with these rests; factor: on their rates.  The degrees of freedom of the white noise are those of blocks of 0.1 s
+    with a filter's correlation, as in ``noise.channels``."""
+    temps, rates = np.array([still.temp_c for still in rests]), [still.gyro_mean for still in rests]
+    return Rows(
+        session=session,
+        stills=len(rests),
+        temp_c=float(np.mean(temps)) if rests else float("nan"),
+        rest_rps=np.mean(rates, axis=0) / factor if rests else np.zeros(3),
+        noise_freedom=max(3.0, 3 * sum(still.duration_s for still in rests) / 0.1 * 0.66),
+        **own,
+    )

@@ -35,8 +35,7 @@ from tinygc.features.unit.verification.cost import (
     turns_that_tell,
     uses,
 )
-from tinygc.features.unit.verification.expected import Part, expected_parts
-from tinygc.features.unit.verification.questions import GRAVITY, NOISE, B, E, Question, ask, todays_noise
+from tinygc.features.unit.verification.questions import GRAVITY, NOISE, B, E, Part, Question, ask, expected_parts, todays_noise
 from tinygc.features.unit.verification.rows import Rows, clocks_apart, facts, rows_of
 from tinygc.fitting.unit_state import UnitState, read_state, spread_of, spread_over
 from tinygc.inference.decide import Answer

@@ -327,15 +327,19 @@ def test_slow_motions_of_which_one_is_a_term_of_the_others_curve_are_one(share):
 
 
 def test_what_has_a_cause_is_expected_of_a_closure_and_more_has_no_name():
-    """The floor, and what is estimated of all but each turn's and each still's own error; beyond 1.4 times that something is left."""
+    """The floor, what bridged readings add, and what is estimated of all but each turn's and each still's own error."""
     noise, gone = SimpleNamespace(covariance=np.diag([1.0, 2, 3, 4, 5, 6, 99])), []
     noise.without = lambda name: gone.append(name) or noise
     naming = SimpleNamespace(noise=noise, whiten=SimpleNamespace(parts={"closure": slice(0, 6)}), beyond=[], unusual=False)
-    twin = SimpleNamespace(batch=SimpleNamespace(angles=2), errors=())
+    floor = SimpleNamespace(wider=None)
+    twin = SimpleNamespace(batch=SimpleNamespace(angles=2), errors=(), original=SimpleNamespace(floor=floor))
     proof = SimpleNamespace(floor_rms=3.0, worse=False)
     assert _expected_rms(SimpleNamespace(batch=twin.batch, errors=("own",)), naming, proof) == 3.0
     gone.clear()
     assert _expected_rms(twin, naming, proof) == pytest.approx(4.0)
+    floor.wider = np.array([1.0, 2.0, 6.0])[:, None, None] * [[1.0, 0.5], [0.5, 2.0]]
+    assert _expected_rms(twin, naming, proof) == pytest.approx(5.0)
+    floor.wider, gone = None, gone[:2]
     assert gone == [TURN, STILL_RATE]
     for share, left in ((0.99, False), (1.01, True)):
         proof.after = np.full((5, 2), 4.0 * NEAR_FLOOR * share / np.sqrt(2))

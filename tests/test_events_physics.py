@@ -30,7 +30,6 @@ from tinygc.explanation.data_repair import (
     _chance_of_each,
     _common_count,
     _with_accepted,
-    _with_gaps,
     choices,
     left_open,
     lowest,
@@ -413,7 +412,7 @@ def test_accepted_events_are_told_by_rows_and_seconds_of_all_logs_and_widen_the_
         Verdict(FALSE, false, np.array([1.0, 1, 1, 0]), 0.9, 0, 0.0, 0.0, 6.0),
         Verdict(LOST, lost, np.ones(3), 0.9, 9, 0.0, 0.0, 12.0),
     ]
-    again, gaps = _with_accepted(problem, verdicts, found := {})
+    again = _with_accepted(problem, verdicts, found := {})
     times = found[LOST].parameters.pop("at_s")
     told = {name: (claim.parameters, claim.std) for name, claim in found.items()}
     assert told == {FALSE: ({"at": [30, count + 40, count + 50], "samples": 2}, {}), LOST: ({"length": 9}, {"length": 0.5})}
@@ -421,13 +420,16 @@ def test_accepted_events_are_told_by_rows_and_seconds_of_all_logs_and_widen_the_
     chances = {name: claim.p_value for name, claim in found.items()}
     assert chances == pytest.approx({FALSE: min(1, 4 * stats.chi2.sf(12.0, 3)), LOST: 3 * stats.chi2.sf(24.0, 3)})
     assert {claim.probability for claim in found.values()} == {0.9}
-    assert [each.row for each in again.session.logs[0].bridges] == [int(at[0]), int(at[0]) + 10]
-    assert [gap[:2] for gap in gaps] == [(0, at[0] + 1), (0, at[1] + 1), (1, there[0] + 1)]
-    wider = _with_gaps(again, gaps).floor.own - again.floor.own
-    inside = [sum(missed**2 for log, row, missed in gaps if log == s.log and s.start <= row < s.stop) for s in again.used]
-    assert_allclose(wider, np.multiply.outer(inside, np.eye(2)), atol=1e-18)
-    assert max(inside) > 0
-    assert _with_accepted(problem, [replace(verdicts[0], chance=np.zeros(4))], {}) == (problem, [])
+    one, two = (log.bridges for log in again.session.logs)
+    assert [each.row for each in one] == [int(at[0]), int(at[0]) + 1, int(at[0]) + 10, int(at[1]) + 1]
+    assert [(each.what, each.row, each.count) for each in two[2:]] == [("gap", int(there[0]) + 1, 9)]
+    assert all(each.sigma_rad.max() > 0 for each in (one[1], one[3], two[2]))
+    plain = build_problem(replace(again.session, logs=tuple(replace(log, bridges=()) for log in again.session.logs)))
+    wider = [s.number for s, own, before in zip(again.used, again.floor.own, plain.floor.own, strict=True) if (own > before + 1e-15).any()]
+    inside = [s.number for s in again.used if any(s.start <= each.row < s.stop and each.count == 9 for each in (one, two)[s.log])]
+    assert wider == inside
+    assert inside
+    assert _with_accepted(problem, [replace(verdicts[0], chance=np.zeros(4))], {}) is problem
 
 
 def test_losses_of_the_second_log_are_timed_after_the_first(two):

@@ -31,7 +31,6 @@ from tinygc.explanation.faulty_readings import (
     find_losses,
     proposed,
     register_step,
-    with_lost,
     without_false_readings,
 )
 
@@ -171,20 +170,6 @@ def test_the_step_of_a_register_is_the_smallest_between_readings():
     assert register_step(np.array([0.0, 1e-10])) == register_step(np.ones(5)) == 0.0
     for count, step in ((20_000, 2.0), (19_999, 1.0)):  # of so many readings
         assert register_step(np.r_[np.arange(count) * 2.0, 2.0 * count - 1]) == step
-
-
-def test_lost_samples_are_put_in_on_the_polynomial_and_later_stamps_move():
-    """Of straight lines, exactly those that were lost, with a period between any two; each row with its own order."""
-    t, kept, rows = np.arange(40.0), np.delete(np.arange(40), [10, 11, 12, 25, 26, 27]), np.array([9, 21])
-    whole = samples_of(np.column_stack([t, -2 * t, t**3]), np.column_stack([3 * t, t, t]))
-    short = Samples(whole.t_ns[:34], whole.gyro[kept], whole.accel[kept], whole.temp_c[kept])
-    back = with_lost(short, rows, 3, np.array([1, 3]))
-    for name in ("t_ns", "accel", "temp_c"):
-        assert_allclose(getattr(back, name), getattr(whole, name), atol=1e-9)
-    missed = np.abs(back.gyro - whole.gyro).max(axis=1)  # a cube on a straight line is missed
-    assert (np.flatnonzero(missed > 1e-9).tolist(), missed.max() > 1) == ([10, 11, 12], True)
-    assert_array_equal(with_lost(short, rows[:0], 3, 1).gyro, short.gyro)
-    assert with_lost(replace(short, temp_c=None), rows, 3, 1).temp_c is None
 
 
 # False readings

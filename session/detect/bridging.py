@@ -133,7 +133,7 @@ def bridged(samples: Samples, sensor: Sensor) -> tuple[Samples, tuple[Bridge, ..
 
     Rows of the bridges are those of the filled samples.  Without any, the samples are returned as they are.
     """
-    samples, gaps = _without_gaps(samples)
+    samples, gaps = filled(samples, *short_gaps(samples))
     samples, peaks = _with_peaks(samples, sensor, gaps)
     return samples, tuple(sorted((*gaps, *peaks), key=lambda bridge: bridge.row))
 
@@ -162,8 +162,8 @@ def short_gaps(samples: Samples) -> tuple[np.ndarray, np.ndarray]:
     return rows, counts[rows].astype(int)
 
 
-def _without_gaps(samples: Samples) -> tuple[Samples, list[Bridge]]:
-    rows, counts = short_gaps(samples)
+def filled(samples: Samples, rows: np.ndarray, counts: np.ndarray) -> tuple[Samples, list[Bridge]]:
+    """The log with so many readings (G,) put in behind rows (G,), between their stamps and the next, and what was put in."""
     if not len(rows):
         return samples, []
     spoilt = np.zeros(len(samples), dtype=bool)

@@ -6,14 +6,13 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import combinations
-from typing import NamedTuple
 
 import numpy as np
 from scipy.special import chdtrc, chdtri
 
 from session.base.errors import CalibrationError
 from session.base.progress import Told, untold
-from session.base.units import DEG
+from session.base.units import DEG, NS_PER_S
 from session.detect import bridging
 from session.detect.segments import Segment
 from session.detect.stills import SessionStills
@@ -22,7 +21,6 @@ from tinygc.closure import residual
 from tinygc.closure.build import build_problem
 from tinygc.closure.problem import CLIPPED, LEFT_OUT, Problem
 from tinygc.effects import Effect, catalogue
-from tinygc.explanation import faulty_readings
 from tinygc.explanation.claims import CERTAIN, Claim, Considered
 from tinygc.explanation.clipped_turns import FEWEST_WHOLE, Clipping, about_the_vertical, chance_of_creep, closure_over_floor, find_clipping
 from tinygc.explanation.evidence import Evidence, Hypothesis
@@ -401,14 +399,6 @@ def considered_of(mended: RepairedProblem, chance: dict[str, float]) -> list[Con
     return sorted(found, key=lambda each: -each.probability)
 
 
-class Gap(NamedTuple):
-    """Where samples were inserted: log, row of the first, and the unknown rotation (rad per axis)."""
-
-    log: int
-    row: int
-    missed_rad: float
-
-
 def repair(problem: Problem, progress: Told = untold) -> RepairedProblem:
     """Repair clipping, then false readings and losses, then creeping stills: each is proposed, tested, and repaired if closure accepts
     it.  A further reference says itself what of it is wrong."""
@@ -424,9 +414,9 @@ def repair(problem: Problem, progress: Told = untold) -> RepairedProblem:
         with suppress(CalibrationError):  # too few segments are left: the clipped ones stay, marked as clipped
             problem = rebuilt(problem, problem.session, clipped=tuple(clipping.numbers))
     verdicts, reference = tried_events(problem, clipping, progress)
-    problem, gaps = _with_accepted(problem, verdicts, found)
+    problem = _with_accepted(problem, verdicts, found)
     progress("stills")
-    problem = _with_gaps(without_creeping(problem, found), gaps)
+    problem = without_creeping(problem, found)
     return RepairedProblem(problem, found, reference, verdicts, clipping)
 
 
@@ -468,7 +458,7 @@ def reference_effects(problem: Problem, quiet: Problem, false: list[RegisterFaul
     if not tried or tried[0].noise.unusual:
         session, count = quiet.session, _common_count(quiet, lost) if lost else 0
         if count:
-            session, _ = session_with_lost(session, lost, count)
+            session = session_with_lost(session, lost, count)
         tried += [_searched(problem), _searched(rebuilt(problem, session))]
     return min(tried, key=lambda h: h.score / max(len(h.fit.r), 1))
 
@@ -478,16 +468,15 @@ def _searched(problem: Problem) -> Hypothesis:
     return search(evidence, candidates(evidence.twin), evidence.nothing)
 
 
-def _with_accepted(problem: Problem, verdicts: list[Verdict], found: dict[str, Claim]) -> tuple[Problem, list[Gap]]:
-    """The problem with the accepted events repaired, and where samples were inserted."""
+def _with_accepted(problem: Problem, verdicts: list[Verdict], found: dict[str, Claim]) -> Problem:
+    """The problem with the accepted events repaired."""
     false, lost = ([e for v in verdicts if v.id == name for e in v.accepted] for name in (FALSE, LOST))
     if not false and not lost:
-        return problem, []
+        return problem
     by_id: dict[str, tuple[dict, dict]] = {}
     if false:
         at = [sum(len(log.samples) for log in problem.session.logs[: e.log]) + e.row for e in false]  # counted over all logs
         by_id[FALSE] = ({"at": at, "samples": int(np.median([e.samples for e in false]))}, {})  # a count has no std
-    gaps: list[Gap] = []
     session = without_false_readings(problem.session, false)
     if lost:
         (length,) = (v.length for v in verdicts if v.id == LOST)
@@ -497,26 +486,26 @@ def _with_accepted(problem: Problem, verdicts: list[Verdict], found: dict[str, C
             times += [began + float(log.samples.t_s[row]) + i * length * log.samples.period_s for i, row in enumerate(rows)]
             began += log.samples.duration_s + len(rows) * length * log.samples.period_s  # including inserted samples
         by_id[LOST] = ({"at_s": [round(time, 3) for time in times], "length": length}, {"length": 0.5})  # whole samples: half a sample
-        session, gaps = session_with_lost(session, lost, length)
+        session = session_with_lost(session, lost, length)
     for v in verdicts:
         if v.accepted:
             p_value = min(1.0, len(v.events) * float(chdtrc(len(v.accepted), max(2 * v.log_ratio, 0.0))))
             found[v.id] = _claim(v.id, len(v.accepted), *by_id[v.id], p_value, v.probability)
-    return rebuilt(problem, session), gaps
+    return rebuilt(problem, session)
 
 
-def session_with_lost(session: Session, lost: list[RegisterFault], length: int) -> tuple[Session, list[Gap]]:
-    """The session with ``length`` samples inserted after each of the events."""
-    logs, gaps = [], []
+def session_with_lost(session: Session, lost: list[RegisterFault], length: int) -> Session:
+    """The session with ``length`` samples, and their time, put in after each of the events."""
+    logs = []
     for number, log in enumerate(session.logs):
         rows = np.array([e.row for e in lost if e.log == number], dtype=int)
         if len(rows):
-            orders, missed_rad = zip(*(bridging.best_order(log.samples, np.array([row]), length) for row in rows), strict=True)
-            gaps += [Gap(number, int(row) + 1 + i * length, missed) for i, (row, missed) in enumerate(zip(rows, missed_rad, strict=True))]
-            moved = tuple(replace(each, row=each.row + length * int(np.sum(rows < each.row))) for each in log.bridges)
-            log = replace(log, samples=faulty_readings.with_lost(log.samples, rows, length, np.array(orders)), bridges=moved)
+            late_ns = length * round(log.samples.period_s * NS_PER_S) * np.searchsorted(rows, np.arange(len(log.samples)))
+            samples, gaps = bridging.filled(replace(log.samples, t_ns=log.samples.t_ns + late_ns), rows, np.full(len(rows), length))
+            moved = [replace(each, row=each.row + length * int(np.sum(rows < each.row))) for each in log.bridges]
+            log = replace(log, samples=samples, bridges=tuple(sorted((*moved, *gaps), key=lambda bridge: bridge.row)))
         logs.append(log)
-    return replace(session, logs=tuple(logs)), gaps
+    return replace(session, logs=tuple(logs))
 
 
 def rebuilt(
@@ -538,15 +527,6 @@ def rebuilt(
 def is_inside(old: Segment, new: Segment) -> bool:
     """Whether the middle of a segment lies in another of the same log."""
     return old.log == new.log and new.start <= (old.start + old.stop) // 2 < new.stop
-
-
-def _with_gaps(problem: Problem, gaps: list[Gap]) -> Problem:
-    """Widen the floor of each segment by the unknown rotation in its gaps."""
-    if not gaps:
-        return problem
-    added = [sum(gap.missed_rad**2 for gap in gaps if gap.log == s.log and s.start <= gap.row < s.stop) for s in problem.used]
-    own = problem.floor.own + np.array(added)[:, None, None] * np.eye(problem.batch.angles)
-    return replace(problem, floor=replace(problem.floor, own=own))
 
 
 def without_creeping(problem: Problem, found: dict[str, Claim]) -> Problem:

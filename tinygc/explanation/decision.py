@@ -471,6 +471,8 @@ def _expected_rms(twin: Twin, naming: Naming, proof: Proof) -> float:
     variance = np.diag(noise.covariance)[closure].reshape(-1, twin.batch.angles)
     if twin.errors:  # a further reference errs as is stated of it: what it errs beyond has no name
         return proof.floor_rms
+    if (wider := twin.original.floor.wider) is not None:  # by bridged readings
+        variance = variance + np.diagonal(wider, axis1=1, axis2=2)
     return math.hypot(proof.floor_rms, float(np.sqrt(np.mean(variance[:, 0] + variance[:, 1]))))
 
 

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 from session.base.numeric import runs_of, sigma_of
-from session.base.units import NS_PER_S
 from session.detect import bridging
 from session.detect.bridging import GAP
 from session.detect.events import APART_S, find_impacts
@@ -166,31 +164,6 @@ def _away_from_blows(samples: Samples, rows: np.ndarray) -> np.ndarray:
     """
     blows, ring = np.array([each.row for each in find_impacts(samples)], dtype=int), round(APART_S / samples.period_s)
     return rows[np.all(np.abs(rows[:, None] - blows) > ring, axis=1)]
-
-
-def with_lost(samples: Samples, rows: np.ndarray, count: int, orders: np.ndarray | int) -> Samples:
-    """Insert ``count`` samples after each of the rows, by a polynomial through their neighbours, and shift the later stamps.
-
-    orders: of the polynomials, one for each row or for all.
-    """
-    orders = np.broadcast_to(orders, rows.shape)
-    period_ns = round(samples.period_s * NS_PER_S)
-    names = ["gyro", "accel"] + (["temp_c"] if samples.temp_c is not None else [])
-    pieces: dict[str, list] = {name: [] for name in ["t_ns", *names]}
-    bounds = [0, *(rows + 1), len(samples)]
-    for i, (start, stop) in enumerate(pairwise(bounds)):
-        moved = i * count * period_ns
-        pieces["t_ns"].append(samples.t_ns[start:stop] + moved)
-        for name in names:
-            pieces[name].append(getattr(samples, name)[start:stop])
-        if i < len(rows):
-            pieces["t_ns"].append(samples.t_ns[stop - 1] + moved + period_ns * np.arange(1, count + 1))
-            for name in names:
-                values = getattr(samples, name)
-                bridged = bridging.across(values.reshape(len(samples), -1), stop - 1, stop, count, int(orders[i]))
-                pieces[name].append(bridged.reshape(count, *values.shape[1:]))
-    joined = {name: np.concatenate(parts) for name, parts in pieces.items()}
-    return Samples(joined["t_ns"], joined["gyro"], joined["accel"], joined.get("temp_c"))
 
 
 # False readings: consecutive samples that the sensor cannot have measured, between neighbours that agree across them.

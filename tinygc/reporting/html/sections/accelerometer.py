@@ -31,20 +31,16 @@ def section(evidence: ReportData) -> Section | None:
     before, after = misses_of(evidence)
     earlier = "as measured" if found.mode == "fit" else "as given"
     force = np.array([still.accel_mean for still in evidence.problem.stills if still.problem is None]).reshape(-1, 3)
-    numbers = [("Stills", f"{len(force)} in {attitudes_of(force)} attitudes"), ("Numbers", {"given": "given"}.get(found.mode, "estimated"))]
-    if after.size:
-        numbers += [] if before is None else [(f"Gravity’s spread, {earlier}", spread_text(before))]
-        numbers.append(("Gravity’s spread, calibrated", spread_text(after)))
-    nine = found.facts
     html = render(
         "accelerometer.html",
         found=found,
         refuted_p=REFUTED_P,
-        numbers=numbers,
+        stills=f"{len(force)} in {attitudes_of(force)} attitudes",
+        earlier=earlier,
+        before=None if before is None else spread_text(before),
+        after=spread_text(after) if after.size else None,
         rests_on=evidence.adopted.accelerometer.source,
-        table=errors_table("", nine, meanings=MEANINGS),
-        factors=[f"{q.factor:.2f}" for q in sorted(nine, key=lambda q: q.factor)],
-        has_before=before is not None,
+        table=errors_table("", found.facts, meanings=MEANINGS),
         chart=_chart(before, earlier, after) if after.size else None,
     )
     return Section("accelerometer", "Accelerometer", html)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from session.base.numeric import rms_of
-from session.base.texts import degrees, significant
 from session.base.units import DEG, MDPS
 from tinygc.closure.problem import Problem
 from tinygc.estimation.bias import tilt_rms
@@ -33,18 +32,14 @@ def section(evidence: ReportData) -> Section | None:
         return None
     settle = [slice(min(REACH, len(piece) // 2), None) for piece in before]
     quiet = [_scatter([piece[part] for piece, part in zip(pieces, settle, strict=True)]) for pieces in (before, after)]
-    calibrated = evidence.fit.methods.get("tinygc")
     still = max(range(len(before)), key=lambda i: len(before[i]))
     period_s = problem.logs[0].samples.period_s
     spectra = [found for pieces in (before, after) if (found := density(pieces, period_s))]
     html = render(
         "denoising.html",
-        numbers=[
-            ("Scatter at rest, rms", f"{significant(quiet[0] / DEG * 1e3)} → {significant(quiet[1] / DEG * 1e3)} mdps"),
-            ("Less by a factor of", significant(quiet[0] / quiet[1])),
-            ("Delay", f"{significant(1e3 * model.delay_s)} ms"),
-            ("Closure, held out", (f"{degrees(tilt_rms(calibrated.held_out))} → " if calibrated else "") + degrees(tilt_rms(fit.held_out))),
-        ],
+        quiet_mdps=[each / MDPS for each in quiet],
+        delay_ms=1e3 * model.delay_s,
+        closure=[tilt_rms(each.held_out) for each in (evidence.fit.methods.get("tinygc"), fit) if each is not None],
         at_rest=_at_rest(before[still], after[still], period_s),
         turning=_turning(problem, model),
         spectra=_spectra(spectra) if len(spectra) == 2 else None,

@@ -29,7 +29,6 @@ MEANINGS = {
 def section(evidence: ReportData) -> Section:
     """Section of picture and tables."""
     M = np.linalg.inv(evidence.adopted.linear.E)
-    shown = [q for q in evidence.quantities if q.observed]
     ordered = sorted(evidence.quantities, key=lambda q: [*MEANINGS].index(q.word))
     html = render(
         "parameters.html",
@@ -37,7 +36,6 @@ def section(evidence: ReportData) -> Section:
         temperature=temperature_words(evidence.problem),
         triad=_triad(M),
         enlarged=_enlargement(M),
-        factors=[f"{q.factor:.2f}" for q in sorted(shown, key=lambda q: q.factor)],
         hidden=[q.name for q in evidence.quantities if not q.observed and q.word != "bias instability"],
         table=errors_table("", ordered, meanings=MEANINGS),
         per_hour=DEG_PER_HOUR,

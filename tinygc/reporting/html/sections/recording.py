@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from session.base.rotation import unit_vectors
@@ -25,37 +27,29 @@ AXES_PER_TURN = 25
 def section(evidence: ReportData) -> Section:
     """Section on the recording."""
     problem = evidence.problem
-    segments = [(s.number, f"{s.start_s:.0f} s", s.problem) for s in problem.segments if s.problem]
-    segments += [(s.number, f"{s.start_s:.0f} s", f"used: {s.note}") for s in problem.used if s.note]
-    segments += [(each.segment, "", f"used: {each.words}") for each in problem.widened]
     html = render(
         "session.html",
         problem=problem,
-        numbers=_numbers(problem),
+        **_numbers(problem),
         earth=earth_words(evidence.fit).replace(" -", " −"),
         over_time=_over_time(problem),
         temperature=_temperature(problem),
-        segments=segments,
-        rests=[(f"{rest.start_s:.1f} s", f"{rest.duration_s:.1f} s", rest.why) for _, rest in problem.unused_rests],
         covered=_coverage(problem),
         warnings=evidence.fit.warnings,
     )
     return Section("session", "The session", html)
 
 
-def _numbers(problem: Problem) -> list[tuple[str, str]]:
+def _numbers(problem: Problem) -> dict[str, Any]:
+    """What the list of facts has beside the problem: number and median duration of the good stills, s; what it is compared with."""
     good = [still.duration_s for still in problem.stills if still.problem is None]
-    nominal = problem.session.nominal_rate
-    rate_hz = 1 / np.median([log.samples.period_s for log in problem.logs])
     fastest = max(float(np.abs(problem.logs[s.log].samples.gyro[_turning(s)]).max()) for s in problem.used)
-    return [
-        ("Length", f"{problem.began_s[-1] / 60:.1f} min in {len(problem.logs)} log{'s' * (len(problem.logs) != 1)}"),
-        ("Stills", f"{len(good)}, median {np.median(good):.1f} s" if good else "none"),
-        ("Segments used" if problem.session.reference else "Turns used", f"{len(problem.used)} of {len(problem.segments)}"),
-        ("True data rate", f"{rate_hz:.2f} Hz") if nominal is None else ("Data rate", nominal.words),
-        ("Fastest", f"{fastest / DEG:.0f} dps"),
-        ("Reference", reference_words(problem.session)),
-    ]
+    return {
+        "stills": (len(good), np.median(good)) if good else (),
+        "rate_hz": 1 / np.median([log.samples.period_s for log in problem.logs]),
+        "fastest_dps": fastest / DEG,
+        "reference": reference_words(problem.session),
+    }
 
 
 def _turning(segment: Segment) -> slice:

@@ -175,24 +175,24 @@ def test_what_was_injected_comes_back_and_the_others_tell_more_of_each(fitted):
     assert {"clocks and mountings", "motion beyond the data rate", "positions", "unit 1 alone"} < set(told)
     predicted = []
     for i, unit in enumerate(fit.units):  # figures are rms of tilt: a yaw has no part
-        problem = fit.prepared[i].problem
+        problem = fit.units[i].problem
         tilt = closure_angles(problem.batch, problem.first)[:, :2]
         assert unit.closure_rad == pytest.approx(np.sqrt(np.sum(tilt**2) / len(tilt)))
-        assert unit.floor_rad == pytest.approx(np.sqrt(np.mean([np.trace(own[:2, :2]) for own in problem.floor.white])))
+        assert unit.problem.floor.tilt_rms == pytest.approx(np.sqrt(np.mean([np.trace(own[:2, :2]) for own in problem.floor.white])))
         predicted.append(undersampling(Twin(problem)).predicted_rad)
-        assert fit.split.floors_rad[i] == unit.floor_rad
+        assert fit.split.floors_rad[i] == unit.problem.floor.tilt_rms
     assert_allclose(fit.joint.missed_rad, np.sqrt(np.mean(np.square(predicted), axis=0)))
 
 
 def test_a_turn_left_out_in_one_unit_counts_in_none(fitted):
     fit = fitted[1]
-    first, second = fit.prepared
+    first, second = fit.units
     problem = second.problem
     out = LeftOut(problem.session.logs[0].path.name, fit.same.time_s[[4, 5], [1, 0]].mean())
     session = replace(problem.session, config=replace(problem.session.config, exclude=(out,)))
     without = replace(second, prepared=replace(second.prepared, problem=replace(problem, session=session)))
     same = same_stills([first, without])
-    assert [len(rows) for made in (same_stills(fit.prepared), same) for rows in made.turns] == [9, 9, 8, 8]
+    assert [len(rows) for made in (same_stills(list(fit.units)), same) for rows in made.turns] == [9, 9, 8, 8]
     assert [4, 5] not in same.spans.tolist()
 
 
@@ -248,12 +248,12 @@ def test_json_has_degrees_and_seconds_of_the_arrays_clock(fitted):
         "turns.-1.common_sigma_deg": np.linalg.norm(sigma[-1]) / DEG,
         "turns.-1.own_deg": own[-1] / DEG,
         "units.1.closure.alone_rms_deg": unit.closure_rad / DEG,
-        "units.1.closure.floor_rms_deg": unit.floor_rad / DEG,
+        "units.1.closure.floor_rms_deg": unit.problem.floor.tilt_rms / DEG,
         "units.1.closure.own_rms_deg": split.own_rad[1, 0] / DEG,
         "units.1.closure.own_sigma_deg": split.own_rad[1, 1] / DEG,
-        "units.1.noise.gyro_dps_rthz": unit.noise.gyro / DEG,
-        "units.1.noise.accel_g_rthz": unit.noise.accel / G,
-        "units.1.noise.bias_instability_dph": unit.instability.rps / DEG * 3600,
+        "units.1.noise.gyro_dps_rthz": unit.problem.noise.gyro / DEG,
+        "units.1.noise.accel_g_rthz": unit.problem.noise.accel / G,
+        "units.1.noise.bias_instability_dph": unit.problem.instability.rps / DEG * 3600,
         "units.1.B_dps": unit.model.B / DEG,
         "units.1.B_sigma_dps": unit.sigma[9:] / DEG,
         "units.1.B_sigma_alone_dps": unit.sigma_alone[9:] / DEG,

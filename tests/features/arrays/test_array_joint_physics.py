@@ -56,7 +56,7 @@ def again(joint, state=None):
 def test_the_estimate_is_where_its_own_system_says_no_further_change(joint):
     assert not joint.events
     there, t = again(joint).solved(joint.solution.t), joint.solution.t
-    assert np.abs(there.x[: joint.layout.attitudes.stop]).max() < 1e-6
+    assert np.abs(there.x[: joint.layout.level[0, 0]]).max() < 1e-6
     slope, information = there.score()
     steep = slope / np.sqrt(np.diag(information))
     assert np.abs(steep[t > 0]).max() < 1e-3  # and the sizes are those of the greatest likelihood
@@ -73,7 +73,7 @@ def test_the_bias_is_from_the_stills_where_closures_are_smaller():
     made, none = small_array(2, 8, seed=3, turn_rad=2e-4, drift_rps=2e-3), np.zeros(7)
     chosen, p_value, joint = _by_bias(made.units, made.same, none, "auto", True, lambda what: None)
     joints = {name: estimate(made.units, made.same, none, bias=name) for name in ("ends", "stills")}
-    apart = {name: np.concatenate([each.solution.blocks(rows)[1] for rows in each.where.closure]) for name, each in joints.items()}
+    apart = {name: np.concatenate([each.solution.blocks(rows)[1] for rows in each.layout.closure]) for name, each in joints.items()}
     assert p_value == less_by_chance(apart["ends"], apart["stills"]) < 0.05
     assert chosen == "stills"
     assert_array_equal(joint.solution.x, joints[chosen].solution.x)
@@ -97,7 +97,7 @@ def test_bias_wander_turns_ends_and_moves_the_numbers(three, joint):
         middle_s = np.array([s.start_s + s.duration_s / 2 for s in unit.problem.used])
         wander = wander_covariance(middle_s, instability_rps=unit.problem.instability.rps)
         moved = np.empty((layout.gravity, len(middle_s), 3))
-        for s, rows in enumerate(joint.where.closure[i]):
+        for s, rows in enumerate(joint.layout.closure[i]):
             for axis in range(3):
                 values = system.values.copy()
                 values[rows] += system.design[rows][:, layout.unit(i)][:, BIAS][:, axis]
@@ -229,7 +229,7 @@ def test_a_false_turn_is_found_rejected_and_spoils_no_number():
     (event,) = found.events
     assert (event.what, event.unit, event.first, event.last) == (OWN_TURN, 2, 2, 3)
     assert event.size == pytest.approx(np.sqrt(3) * 1.5 * 0.02, rel=0.2)
-    assert_array_equal(np.flatnonzero(found.solution.system.out), np.sort(found.where.closure[2][2]))
+    assert_array_equal(np.flatnonzero(found.solution.system.out), np.sort(found.layout.closure[2][2]))
     sigma = np.sqrt(np.diag(found.covariance))
     for i in range(3):
         off = (found.state.models[i].vector - false.truth.models[i].vector) / sigma[found.layout.unit(i)][:12]
@@ -304,9 +304,9 @@ def test_turns_are_split_by_intervals_and_a_unit_minus_the_mean_is_of_turns_that
     assert np.isnan(own).tolist() == [[False, True], [True, False], [False, True], [False, False]]
     assert_allclose(common[1], common[0] + common[2])
     assert_allclose(sigma[1] ** 2, sigma[0] ** 2 + sigma[2] ** 2)
-    assert_allclose(common[3], joint.solution.x[joint.layout.common][4:6])
-    assert_allclose(sigma[3], np.sqrt(np.diag(joint.covariance)[joint.layout.common][4:6]))
-    residual = np.array([joint.solution.residual[joint.where.closure[i][row]] for i, row in ((0, 2), (1, 1))])
+    assert_allclose(common[3], joint.solution.x[joint.layout.common][2])
+    assert_allclose(sigma[3], np.sqrt(np.diag(joint.covariance)[joint.layout.common][2]))
+    residual = np.array([joint.solution.residual[joint.layout.closure[i][row]] for i, row in ((0, 2), (1, 1))])
     apart = np.linalg.norm(residual[0, :2] - residual[1, :2]) / 2  # half the difference, for either
     assert_array_equal(split.fast_rad, 0.0)  # nothing is predicted
     assert split.fast is None

@@ -20,7 +20,7 @@ from tinygc.closure.joint import GIVEN_SIGMA_MG
 from tinygc.features.arrays.system import (
     GYROSCOPE,
     HELD,
-    ParameterLayout,
+    Layout,
     System,
     accelerometer_after,
     array_system,
@@ -38,7 +38,7 @@ from tinygc.models.linear import BIAS, LinearModel
 TURNS = [[(0, 1), (1, 2), (2, 3)], [(0, 2), (2, 3)]]
 
 
-LAYOUT = ParameterLayout(2, 4)
+LAYOUT = Layout.of([3, 2], [4, 4], 4)
 
 
 MISSED_RAD = np.array([0.01, 0.02, 0.03])
@@ -83,18 +83,18 @@ def test_values_are_the_error_of_each_end_and_the_force_against_gravity(small, r
             force = matrix_of(state.accelerometers[i]) @ (unit.force[k] - state.accelerometers[i, 6:])
             expected = q[still].apply(M.apply(force)) + np.array([0, 0, state.gravity_mps2])
             assert_allclose(system.values[where.force[i]][k], expected, atol=1e-9)
-    assert not system.values[where.common].any()
-    assert not system.values[where.level].any()
+    assert not system.values[where.of_common].any()
+    assert not system.values[where.of_level].any()
 
 
 def test_each_column_is_the_derivative_of_the_values(small, rows, made):
     def values(change):
         whole = np.zeros(LAYOUT.count)
-        whole[: LAYOUT.attitudes.stop] = change
+        whole[: LAYOUT.level[0, 0]] = change
         return array_system(small.truth.moved(whole, LAYOUT), small.start, rows, small.same, MISSED_RAD, 0.02)[0].values
 
-    numeric = numeric_jacobian(values, np.zeros(LAYOUT.attitudes.stop), 1e-4)
-    found = made[0].design[:, : LAYOUT.attitudes.stop].copy()
+    numeric = numeric_jacobian(values, np.zeros(LAYOUT.level[0, 0]), 1e-4)
+    found = made[0].design[:, : LAYOUT.level[0, 0]].copy()
     for i in range(2):  # the gyroscope's are of first order in the angle from sample to sample, here up to 15°
         assert_allclose(found[:, LAYOUT.unit(i, GYROSCOPE)], numeric[:, LAYOUT.unit(i, GYROSCOPE)], atol=0.01)
         found[:, LAYOUT.unit(i, GYROSCOPE)] = numeric[:, LAYOUT.unit(i, GYROSCOPE)]
@@ -103,7 +103,7 @@ def test_each_column_is_the_derivative_of_the_values(small, rows, made):
 
 def test_rows_of_what_is_common_are_ones_in_their_places(made):
     system, where = made
-    expected = np.zeros((len(system.values), LAYOUT.count - LAYOUT.level.start))
+    expected = np.zeros((len(system.values), LAYOUT.count - LAYOUT.level[0, 0]))
     level, common = np.arange(8).reshape(4, 2), 8 + np.arange(6).reshape(3, 2)
     for i, turns in enumerate(TURNS):
         for row, (a, b) in zip(where.closure[i], turns, strict=True):
@@ -111,22 +111,22 @@ def test_rows_of_what_is_common_are_ones_in_their_places(made):
                 expected[row[0], common[k, 0]] = expected[row[1], common[k, 1]] = 1.0
         for row, own in zip(where.force[i], level, strict=True):
             expected[row[0], own[0]] = expected[row[1], own[1]] = 1.0
-    expected[where.common, common] = 1.0
-    expected[where.level, level] = 1.0
-    assert_array_equal(system.design[:, LAYOUT.level.start :], expected)
-    assert not system.design[where.common][..., : LAYOUT.level.start].any()
-    assert not system.design[where.level][..., : LAYOUT.level.start].any()
+    expected[where.of_common, common] = 1.0
+    expected[where.of_level, level] = 1.0
+    assert_array_equal(system.design[:, LAYOUT.level[0, 0] :], expected)
+    assert not system.design[where.of_common][..., : LAYOUT.level[0, 0]].any()
+    assert not system.design[where.of_level][..., : LAYOUT.level[0, 0]].any()
 
 
 def test_every_row_has_its_component_and_the_variance_of_white_noise(small, made):
     """A turn's angles share its trace: mean of the squared walks times its duration; a force's is the walk over the still's duration."""
     system, where = made
-    places = [*where.closure, *where.force, where.common, where.level]
+    places = [*where.closure, *where.force, where.of_common, where.of_level]
     assert_array_equal(np.concatenate([each.ravel() for each in places]), np.arange(53))
     expected = np.zeros((7, 53))
-    for k, rows in enumerate((*where.closure, *where.force, where.common, where.common, where.level)):
+    for k, rows in enumerate((*where.closure, *where.force, where.of_common, where.of_common, where.of_level)):
         expected[k, rows.ravel()] = 1.0
-    expected[5, where.common] = [[1e-4] * 2, [4e-4] * 2, [9e-4] * 2]
+    expected[5, where.of_common] = [[1e-4] * 2, [4e-4] * 2, [9e-4] * 2]
     assert_allclose(system.V, expected)
     for i, turns in enumerate(TURNS):
         seconds = np.array([(b - a) * TURN_S + 0.02 for a, b in turns])
@@ -134,8 +134,8 @@ def test_every_row_has_its_component_and_the_variance_of_white_noise(small, made
         assert_allclose(system.base[where.closure[i]], np.repeat(turn[:, None], 3, axis=1))
         force = np.mean(((1 + i) * FORCE_WALK) ** 2) / (STILL_S + 0.5 * np.arange(4))
         assert_allclose(system.base[where.force[i]], np.repeat(force[:, None], 3, axis=1))
-    assert 0 < system.base[where.common].max() < 1e-6 * system.base[where.closure[0]].min()
-    assert 0 < system.base[where.level].max() < 1e-4 * system.base[where.force[0]].min()
+    assert 0 < system.base[where.of_common].max() < 1e-6 * system.base[where.closure[0]].min()
+    assert 0 < system.base[where.of_level].max() < 1e-4 * system.base[where.force[0]].min()
 
 
 def test_priors_hold_the_frame_and_pull_towards_the_start(small, rows):
@@ -149,8 +149,8 @@ def test_priors_hold_the_frame_and_pull_towards_the_start(small, rows):
         assert_array_equal(rows[i].centre, small.units[i].model.vector)
     assert system.prior[LAYOUT.gravity] == 0.02
     assert system.pull[LAYOUT.gravity] == pytest.approx(G - state.gravity_mps2)
-    assert_array_equal(system.prior[LAYOUT.attitudes], [1, 1, HELD, *[1] * 9])  # the first still's yaw is the frame's
-    assert not system.pull[LAYOUT.attitudes.start :].any()
+    assert_array_equal(system.prior[LAYOUT.attitudes].ravel(), [1, 1, HELD, *[1] * 9])  # the first still's yaw is the frame's
+    assert not system.pull[LAYOUT.attitudes[0, 0] :].any()
     assert HELD < 1e-6
     # what rows of their own bound is free
     assert system.prior[LAYOUT.level].min() >= STANDARD_G

@@ -113,7 +113,7 @@ def body(yaws_deg, stills: int = 4):
         fits.append(SimpleNamespace(problem=SimpleNamespace(logs=[log])))
     state = SimpleNamespace(q_tb=q.as_quat(scalar_first=True), mountings=[M.as_matrix() for M in mountings])
     same = SimpleNamespace(stills=[fit.problem.logs[0].stills for fit in fits], group=np.zeros(stills, dtype=int))
-    return SimpleNamespace(numbers=tuple(range(len(fits))), prepared=fits, joint=SimpleNamespace(state=state), same=same)
+    return SimpleNamespace(numbers=tuple(range(len(fits))), units=fits, joint=SimpleNamespace(state=state), same=same)
 
 
 def earth(factors, sigma=0.05):

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import fdtrc
 
 from session.base.units import DEG, MG
-from tinygc.features.arrays.system import RowMap, Solution, UnitRows
+from tinygc.features.arrays.system import Layout, Solution, UnitRows
 from tinygc.features.arrays.units import SameStills
 
 #: family-wise probability of an event
@@ -103,14 +103,14 @@ class ArrayEvent:
 Blocks = tuple[str, int | None, np.ndarray, np.ndarray, np.ndarray]
 
 
-def blocks_of(numbers: Sequence[int], rows: list[UnitRows], same: SameStills, where: RowMap) -> list[Blocks]:
+def blocks_of(numbers: Sequence[int], rows: list[UnitRows], same: SameStills, layout: Layout) -> list[Blocks]:
     """Return the blocks of every unit's turns and stills, and of the common part."""
     q = np.arange(len(same))
     parts = [
-        *((OWN_TURN, n, at, (unit.first, unit.last)) for n, at, unit in zip(numbers, where.closure, rows, strict=True)),
-        *((OWN_STILL, n, at, (unit.stills, unit.stills)) for n, at, unit in zip(numbers, where.force, rows, strict=True)),
-        (COMMON_TURN, None, where.common, (q[:-1], q[1:])),
-        (COMMON_STILL, None, where.level, (q, q)),
+        *((OWN_TURN, n, at, (unit.first, unit.last)) for n, at, unit in zip(numbers, layout.closure, rows, strict=True)),
+        *((OWN_STILL, n, at, (unit.stills, unit.stills)) for n, at, unit in zip(numbers, layout.force, rows, strict=True)),
+        (COMMON_TURN, None, layout.of_common, (q[:-1], q[1:])),
+        (COMMON_STILL, None, layout.of_level, (q, q)),
     ]
     return [(what, n, at, np.column_stack(span), same.time_s[span[0], int("turn" in what)]) for what, n, at, span in parts]
 

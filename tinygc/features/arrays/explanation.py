@@ -49,7 +49,7 @@ TOGETHER_S = 0.05
 def steps_of(fit: ArrayFit) -> tuple[ArrayEvent, ...]:
     """Return the steps found by any unit's detector, and the impacts, in order of time."""
     leaps = []
-    for i, unit in enumerate(fit.prepared):
+    for i, unit in enumerate(fit.units):
         session = unit.problem.session
         events = [event for event in proposed(session) if event.id == FALSE]
         calm = without_false_readings(session, events)
@@ -72,7 +72,7 @@ def steps_of(fit: ArrayFit) -> tuple[ArrayEvent, ...]:
         else:
             kept.append(step)
     # Impacts that more than half of the accelerometers show at once, without those already found as a step
-    logs = [(unit.number, log.samples) for unit in fit.prepared for log in unit.problem.session.logs]
+    logs = [(unit.number, log.samples) for unit in fit.units for log in unit.problem.session.logs]
     found = sorted((float(samples.t_ns[each.row] * NS), number) for number, samples in logs for each in find_impacts(samples))
     for at_s, _ in found:
         who = tuple(sorted({number for other_s, number in found if abs(other_s - at_s) < TOGETHER_S}))
@@ -93,7 +93,7 @@ def _felt(fit: ArrayFit, i: int, log: int, t_s: np.ndarray, leap: np.ndarray, us
     shares = []
     for late in np.arange(-BESIDE, BESIDE + 1) * period_s / 2:
         others = []
-        for j, other in enumerate(fit.prepared):
+        for j, other in enumerate(fit.units):
             if j == i or log >= len(other.problem.session.logs):
                 continue
             samples = other.problem.session.logs[log].samples

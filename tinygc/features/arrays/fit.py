@@ -16,11 +16,9 @@ from session.base.numeric import rms_of, sigmas_in
 from session.base.progress import Told, untold
 from session.base.records import in_unit, plain, write_whole
 from session.base.units import DEG, DEG_PER_HOUR, NS, G
-from session.detect.stills import Noise
 from session.log.config import Accelerometer
-from session.log.folder import Session, hash_of_log, input_hashes
+from session.log.folder import hash_of_log, input_hashes
 from tinygc import models
-from tinygc.closure.floor import BiasInstability
 from tinygc.closure.least_squares import OBSERVED_BELOW
 from tinygc.closure.residual import closure_angles
 from tinygc.closure.runs import ClosureRun, read_closure_runs
@@ -56,29 +54,25 @@ MOST_STEPS = 12
 
 
 @dataclass(frozen=True, eq=False)
-class UnitFit:
-    """Result of one unit.
+class UnitFit(ArrayUnit):
+    """Result of one unit, of its session as recorded, with its place refined.
 
-    number; session as recorded; place: clock, mounting and position, refined; model: omega = E m + B in the unit's body frame, in seconds
-    of the array's clock; accelerometer; covariance (24, 24) of E, B, the accelerometer's nine and the mounting's three (rad about the
-    array's axes); alone: the same twelve by the unit's own gravity alone, and its covariance_alone (12, 12); closure_rad, floor_rad: rms of
-    tilt by its own calibration alone, and the part that white noise explains; noise; instability; runs: its closure runs, each with the
-    error (3,) rad at its end.
+    model: omega = E m + B in the unit's body frame, in seconds of the array's clock; accelerometer; covariance (24, 24) of E, B, the
+    accelerometer's nine and the mounting's three (rad about the array's axes); alone: the same twelve by the unit's own gravity alone, and
+    its covariance_alone (12, 12); runs: its closure runs, each with the error (3,) rad at its end.
     """
 
-    number: int
-    session: Session
-    place: UnitPlace
     model: LinearModel
     accelerometer: Accelerometer
     covariance: np.ndarray
     alone: LinearModel
     covariance_alone: np.ndarray
-    closure_rad: float
-    floor_rad: float
-    noise: Noise
-    instability: BiasInstability
     runs: tuple[tuple[ClosureRun, np.ndarray], ...] = ()
+
+    @cached_property
+    def closure_rad(self) -> float:
+        """Return the rms of tilt by its own calibration alone."""
+        return tilt_rms(closure_angles(self.problem.batch, self.problem.first))
 
     @property
     def sigma(self) -> np.ndarray:
@@ -102,9 +96,9 @@ class UnitFit:
             E=self.model.E,
             B=self.model.B,
             covariance=self.covariance[:PARAMETERS, :PARAMETERS],
-            noise_density_rps_rthz=np.asarray(self.noise.gyro, dtype=float),
-            bias_instability_rps=np.full(3, self.instability.rps) if self.instability.rps > 0 else None,
-            accel_noise_density_mps2_rthz=rms_of(self.noise.accel) or None,
+            noise_density_rps_rthz=np.asarray(self.problem.noise.gyro, dtype=float),
+            bias_instability_rps=np.full(3, self.problem.instability.rps) if self.problem.instability.rps > 0 else None,
+            accel_noise_density_mps2_rthz=rms_of(self.problem.noise.accel) or None,
             weights=np.eye(3),
             sha256=tuple(hash_of_log(log) for log in (*self.session.logs, *self.session.closures)),
             sensor=self.session.config.sensor,
@@ -129,7 +123,6 @@ class ArrayFit(Shown):
     bias_p: float | None
     joint: Joint
     split: Split
-    prepared: tuple[ArrayUnit, ...]
     ages: tuple[SampleAges, ...] = ()
 
     def __repr__(self) -> str:
@@ -236,7 +229,7 @@ def fit_array(
     found = []
     for i, unit in enumerate(units):
         progress(f"unit {unit.number} alone")
-        block, problem = unit_block(covariance, i), unit.problem
+        block = unit_block(covariance, i)
         position_m, spread = where[i] or (None, None)
         place = replace(unit.place, position_m=position_m, position_covariance=spread)
         if i:
@@ -246,19 +239,16 @@ def fit_array(
                 unit.number,
                 recorded[unit.number],
                 place,
+                unit.prepared,
                 joint.models[i],
                 accelerometer_after(unit, joint.state.accelerometers[i]),
                 block,
                 *fit_alone(unit, chosen, use_earth),
-                closure_rad=tilt_rms(closure_angles(problem.batch, problem.first)),
-                floor_rad=problem.floor.tilt_rms,
-                noise=problem.noise,
-                instability=problem.instability,
-                runs=tuple((run, run.errors(joint.models[i])) for run in read_closure_runs(problem)),
+                runs=tuple((run, run.errors(joint.models[i])) for run in read_closure_runs(unit.problem)),
             )
         )
-    split = Split(joint, tuple(unit.number for unit in units), np.array([unit.floor_rad for unit in found]))
-    return ArrayFit(array, tuple(found), left, covariance, chosen, p_value, joint, split, tuple(units), ages)
+    split = Split(joint, tuple(unit.number for unit in units), np.array([unit.problem.floor.tilt_rms for unit in found]))
+    return ArrayFit(array, tuple(found), left, covariance, chosen, p_value, joint, split, ages)
 
 
 def of_one_reader(array: ArraySession) -> bool:
@@ -286,7 +276,7 @@ def _by_bias(
     both = {name: estimate(units, same, missed, bias=name, use_earth=use_earth, progress=progress) for name in names}
     if bias != "auto":
         return bias, None, both[bias]
-    ends, stills = (np.concatenate([joint.solution.blocks(rows)[1] for rows in joint.where.closure]) for joint in both.values())
+    ends, stills = (np.concatenate([joint.solution.blocks(rows)[1] for rows in joint.layout.closure]) for joint in both.values())
     chosen = "stills" if closes_better(ends, stills) else "ends"
     return chosen, less_by_chance(ends, stills), both[chosen]
 
@@ -305,7 +295,7 @@ def fit_alone(unit: ArrayUnit, bias: str, use_earth: bool) -> tuple[LinearModel,
 def _unit(unit: UnitFit, own_rad: np.ndarray, own_p: float, minus_mean_rad: float) -> dict:
     place, clock = unit.place, unit.place.clock
     own, sigma = own_rad
-    angles = {"alone_rms_deg": unit.closure_rad, "floor_rms_deg": unit.floor_rad, "own_rms_deg": own, "own_sigma_deg": sigma}
+    angles = {"alone_rms_deg": unit.closure_rad, "floor_rms_deg": unit.problem.floor.tilt_rms, "own_rms_deg": own, "own_sigma_deg": sigma}
     return {
         "number": unit.number,
         "serial": unit.session.config.sensor.serial,
@@ -325,9 +315,9 @@ def _unit(unit: UnitFit, own_rad: np.ndarray, own_p: float, minus_mean_rad: floa
         },
         "closure": in_unit(DEG, **angles, minus_mean_rms_deg=minus_mean_rad) | {"own_p_value": own_p},
         "noise": {
-            "gyro_dps_rthz": unit.noise.gyro / DEG,
-            "accel_g_rthz": unit.noise.accel / G,
-            "bias_instability_dph": unit.instability.rps / DEG_PER_HOUR,
+            "gyro_dps_rthz": unit.problem.noise.gyro / DEG,
+            "accel_g_rthz": unit.problem.noise.accel / G,
+            "bias_instability_dph": unit.problem.instability.rps / DEG_PER_HOUR,
         },
         "E": unit.model.E,
         "E_sigma": unit.sigma[MATRIX].reshape(3, 3),
@@ -371,7 +361,7 @@ def _page(fit: ArrayFit) -> Group:
     rows = []
     for unit, own, _, minus in zip(units, *split.by_unit, strict=True):
         scales = (f"± {rms_of(s[[0, 4, 8]]) * 1e6:.0f}" for s in (unit.sigma_alone, unit.sigma))
-        closure, floor, apart = (degrees_text(size / DEG) for size in (unit.closure_rad, unit.floor_rad, minus))
+        closure, floor, apart = (degrees_text(size / DEG) for size in (unit.closure_rad, unit.problem.floor.tilt_rms, minus))
         rows.append([unit.number, closure, floor, tuple(own / DEG), apart, *scales])
     common = f"common {split.common_rad / DEG:.4f}"
     rows.append(["all", "", "", common, degrees_text(rms_of(split.minus_mean_rad) / DEG), "", ""])

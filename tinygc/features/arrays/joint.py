@@ -20,8 +20,7 @@ from tinygc.features.arrays.system import (
     GYROSCOPE,
     PER_UNIT,
     ArrayState,
-    ParameterLayout,
-    RowMap,
+    Layout,
     Solution,
     System,
     UnitRows,
@@ -44,7 +43,7 @@ SETTLED = 1e-6
 class Joint:
     """Result of the joint estimate.
 
-    state: the final one; start; rows of each unit; same: the common stills; where: rows of the system; solution: the last step's, whose
+    state: the final one; start; rows of each unit; same: the common stills; layout of the system; solution: the last step's, whose
     change is zero; events; missed_rad (Q-1,): predicted tilt error of all units from fast motion.
     """
 
@@ -52,15 +51,10 @@ class Joint:
     start: ArrayState
     rows: list[UnitRows]
     same: SameStills
-    where: RowMap
+    layout: Layout
     solution: Solution
     events: tuple[ArrayEvent, ...]
     missed_rad: np.ndarray
-
-    @property
-    def layout(self) -> ParameterLayout:
-        """Return the layout of the numbers."""
-        return ParameterLayout(len(self.rows), len(self.same))
 
     @property
     def models(self) -> tuple[LinearModel, ...]:
@@ -78,7 +72,7 @@ class Joint:
     @property
     def common_rad(self) -> np.ndarray:
         """Return (Q-1, 2) rad: the tilt error common to all units between two stills."""
-        return np.asarray(self.solution.x[self.layout.common].reshape(-1, 2))
+        return np.asarray(self.solution.x[self.layout.common])
 
     def component(self, k: int) -> tuple[float, float]:
         """Return the size of the k-th component and its sigma, as a standard deviation: rad or m/s^2; of fast motion a factor."""
@@ -125,12 +119,12 @@ def estimate(
                 with_earth(unit, model, M, state, same.group, earths)
                 for unit, model, M in zip(rows, state.models, state.mountings, strict=True)
             ]
-        system, where = array_system(state, start, rows, same, missed_rad, gravity_sigma)
-        blocks = blocks_of([unit.number for unit in units], rows, same, where)
+        system, layout = array_system(state, start, rows, same, missed_rad, gravity_sigma)
+        blocks = blocks_of([unit.number for unit in units], rows, same, layout)
         if out is not None:
             system = replace(system, out=out)
         if t is None:
-            t = _first_sizes(system, where, len(rows))
+            t = _first_sizes(system, layout, len(rows))
             t[-3:] *= not alone
             solution = system.solved(t)
         else:
@@ -143,23 +137,23 @@ def estimate(
             out = out.copy()
             for event in new:
                 out[event.rows] = True
-        state = state.moved(solution.x, ParameterLayout(len(rows), len(same)))
-        if turn > 1 and not new and np.abs(solution.x[: ParameterLayout(len(rows), len(same)).attitudes.stop]).max() < SETTLED:
+        state = state.moved(solution.x, layout)
+        if turn > 1 and not new and np.abs(solution.x[: layout.level[0, 0]]).max() < SETTLED:
             break
-    return Joint(state, start, rows, same, where, solution, tuple(events), missed_rad)
+    return Joint(state, start, rows, same, layout, solution, tuple(events), missed_rad)
 
 
-def _first_sizes(system: System, where: RowMap, units: int) -> np.ndarray:
+def _first_sizes(system: System, layout: Layout, units: int) -> np.ndarray:
     """Return initial components (G,) from medians, which are robust to outliers."""
     usual = np.array([np.median(system.base[v > 0]) for v in system.V[: 2 * units]])
     t = np.concatenate([usual, [np.mean(usual[:units]), 0.25, 1e-6]])
     for _ in range(3):
         found = system.solved(t)
-        for i, rows in enumerate((*where.closure, *where.force)):
+        for i, rows in enumerate((*layout.closure, *layout.force)):
             spare = np.maximum(1 - found.leverage[rows], 0.1)
             t[i] = max(float(sigma_of((found.residual[rows] / np.sqrt(spare)).ravel())) ** 2 - usual[i], 0.01 * usual[i])
-        spare = np.maximum(1 - found.leverage[where.common], 0.05)
-        t[-3] = max(float(sigma_of((found.residual[where.common] / np.sqrt(spare)).ravel())) ** 2, 0.01 * np.mean(usual[:units]))
+        spare = np.maximum(1 - found.leverage[layout.of_common], 0.05)
+        t[-3] = max(float(sigma_of((found.residual[layout.of_common] / np.sqrt(spare)).ravel())) ** 2, 0.01 * np.mean(usual[:units]))
     return t
 
 
@@ -167,7 +161,7 @@ def _first_sizes(system: System, where: RowMap, units: int) -> np.ndarray:
 
 
 def units_covariance(units: list[ArrayUnit], joint: Joint) -> np.ndarray:
-    """Return (24 N, 24 N) of all units' numbers in the order of ``ParameterLayout``: E, B, accelerometer, mounting; for measured rates.
+    """Return (24 N, 24 N) of all units' numbers in the order of ``Layout``: E, B, accelerometer, mounting; for measured rates.
 
     A wandering bias turns the ends of its unit's turns, which moves the numbers fitted to them; where biases are from the stills, B = -E b
     has the stills' own error, and their wander.
@@ -178,7 +172,7 @@ def units_covariance(units: list[ArrayUnit], joint: Joint) -> np.ndarray:
     carry = np.eye(layout.gravity)
     more = np.zeros((layout.gravity, layout.gravity))
     for i, (unit, rows) in enumerate(zip(units, joint.rows, strict=True)):
-        own, at = layout.unit(i, GYROSCOPE), joint.where.closure[i]
+        own, at = layout.unit(i, GYROSCOPE), joint.layout.closure[i]
         instability = unit.problem.instability.rps
         if rows.rest is None:
             turns = [unit.problem.used[row] for row in joint.same.turns[i]]

@@ -53,7 +53,7 @@ BORNE_OUT = 2.0
 FILTERED = 1 / 3
 #: factor within which motion beyond the data rate is predicted (docs/explain.md)
 PREDICTED_WITHIN = 1.5
-#: components of a common error, from the end of ``RowMap.names``: equal in all turns, as predicted for fast motion, level acceleration
+#: components of a common error, from the end: equal in all turns, as predicted for fast motion, level acceleration
 TURN, FAST, LEVEL_MPS2 = -3, -2, -1
 #: sizes of a tilt are those of both of its angles together
 BOTH = np.sqrt(2)
@@ -186,7 +186,7 @@ class Split:
         same, joint, count = self.joint.same, self.joint, len(self.joint.rows)
         left: dict[tuple[int, int], dict[int, np.ndarray]] = {}
         for i in range(count):
-            for a, b, rows in zip(same.first[i], same.last[i], joint.where.closure[i], strict=True):
+            for a, b, rows in zip(same.first[i], same.last[i], joint.layout.closure[i], strict=True):
                 left.setdefault((int(a), int(b)), {})[i] = joint.solution.residual[rows[:2]]
         whole = np.array([[each[i] for i in range(count)] for each in left.values() if len(each) == count]).reshape(-1, count, 2)
         if not len(whole):
@@ -215,11 +215,11 @@ class Split:
         """Return of each of S turns (``SameStills.spans``) the tilt error (S, 2) common to all units, the sigma of each angle, and the
         length (S, N) of each unit's own error, NaN where it has no such turn."""
         joint, same = self.joint, self.joint.same
-        variance = np.diag(joint.covariance)[joint.layout.common].reshape(-1, 2)
+        variance = np.diag(joint.covariance)[joint.layout.common]
         a, b = same.spans.T
         common, squares = (np.diff(running_sum(each)[[a, b]], axis=0)[0] for each in (joint.common_rad, variance))
         own = np.full((len(a), len(joint.rows)), np.nan)
-        for i, rows in enumerate(joint.where.closure):
+        for i, rows in enumerate(joint.layout.closure):
             at = [same.spans.tolist().index([first, last]) for first, last in zip(same.first[i], same.last[i], strict=True)]
             own[at, i] = np.linalg.norm(joint.solution.residual[rows], axis=1)
         return common, np.sqrt(squares), own

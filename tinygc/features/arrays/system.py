@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,45 +37,49 @@ MOUNTING = slice(ACCELEROMETER.stop, ACCELEROMETER.stop + 3)
 PER_UNIT = MOUNTING.stop
 
 
-@dataclass(frozen=True)
-class ParameterLayout:
-    """Positions of the parameters, for units N and stills Q.
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Positions of the parameters and of the rows, for units N and stills Q.
 
-    After the units' numbers: the magnitude of gravity; of each still its attitude (3) and the level acceleration common to all units (2);
-    of each interval between two stills the tilt error (2) common to all units.
+    Parameters, after the units' numbers: the magnitude of gravity; attitudes (Q, 3) rad of the stills about the table's axes; level (Q, 2)
+    m/s^2, the acceleration common to all units along the table's x and y; common (Q - 1, 2) rad, the tilt error common to all units of each
+    interval between two stills.  Rows: of each unit its closure (S, 3) and force (K, 3); those of the common errors, of_common (Q - 1, 2)
+    and of_level (Q, 2).
+
+    Components, the rows of ``System.V``: each unit's closure, each unit's forces, what is common to all in a turn, what is in proportion to
+    the motion beyond the data rate, and the level acceleration.
     """
 
-    units: int
-    stills: int
+    gravity: int
+    attitudes: np.ndarray
+    level: np.ndarray
+    common: np.ndarray
+    closure: tuple[np.ndarray, ...]
+    force: tuple[np.ndarray, ...]
+    of_common: np.ndarray
+    of_level: np.ndarray
+
+    @classmethod
+    def of(cls, turns: Sequence[int], forces: Sequence[int], stills: int) -> Layout:
+        """Place everything in turn; turns, forces: how many each unit has."""
+
+        def placed(begin: int, shapes: Sequence[tuple[int, int]]) -> list[np.ndarray]:
+            ends = begin + np.cumsum([rows * columns for rows, columns in shapes])
+            return [np.arange(end - rows * columns, end).reshape(rows, columns) for end, (rows, columns) in zip(ends, shapes, strict=True)]
+
+        units = len(turns)
+        rows = placed(0, [*((count, 3) for count in (*turns, *forces)), (stills - 1, 2), (stills, 2)])
+        numbers = placed(units * PER_UNIT + 1, [(stills, 3), (stills, 2), (stills - 1, 2)])
+        return cls(units * PER_UNIT, *numbers, tuple(rows[:units]), tuple(rows[units:-2]), *rows[-2:])
 
     def unit(self, number: int, part: slice = slice(0, PER_UNIT)) -> slice:
         """Slice of the number-th used unit."""
         return slice(number * PER_UNIT + part.start, number * PER_UNIT + part.stop)
 
     @property
-    def gravity(self) -> int:
-        """Index of the magnitude of gravity."""
-        return self.units * PER_UNIT
-
-    @property
-    def attitudes(self) -> slice:
-        """Slice of (3 Q) rad about the table's axes."""
-        return slice(self.gravity + 1, self.gravity + 1 + 3 * self.stills)
-
-    @property
-    def level(self) -> slice:
-        """Slice of (2 Q) m/s^2 along the table's x and y."""
-        return slice(self.attitudes.stop, self.attitudes.stop + 2 * self.stills)
-
-    @property
-    def common(self) -> slice:
-        """Slice of (2 (Q - 1)) rad about the table's x and y."""
-        return slice(self.level.stop, self.level.stop + 2 * (self.stills - 1))
-
-    @property
     def count(self) -> int:
         """Number of all parameters."""
-        return self.common.stop
+        return int(self.common[-1, -1]) + 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,10 +96,10 @@ class ArrayState:
     q_tb: np.ndarray
     gravity_mps2: float
 
-    def moved(self, change: np.ndarray, layout: ParameterLayout) -> ArrayState:
+    def moved(self, change: np.ndarray, layout: Layout) -> ArrayState:
         """Return the state after a change (count,) of all numbers."""
-        units = change[: layout.gravity].reshape(layout.units, PER_UNIT)
-        turned = rotation.exp(change[layout.attitudes].reshape(-1, 3))
+        units = change[: layout.gravity].reshape(-1, PER_UNIT)
+        turned = rotation.exp(change[layout.attitudes])
         return replace(
             self,
             models=tuple(LinearModel.from_vector(m.vector + c[GYROSCOPE]) for m, c in zip(self.models, units, strict=True)),
@@ -274,49 +278,20 @@ class UnitRows:
     centre: np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
-class RowMap:
-    """Positions of the rows: of each unit its closure (S, 3) and forces (K, 3); common (Q-1, 2) and level (Q, 2) rows.
-
-    Components, the rows of ``System.V``: each unit's closure, each unit's forces, what is common to all in a turn, what is in proportion to
-    the motion beyond the data rate, and the level acceleration.
-    """
-
-    closure: tuple[np.ndarray, ...]
-    force: tuple[np.ndarray, ...]
-    common: np.ndarray
-    level: np.ndarray
-
-
-def row_map(rows: list[UnitRows], stills: int) -> RowMap:
-    """Place the closure rows of all units, then the forces, then the common rows."""
-    at, closures, forces = 0, [], []
-    for unit in rows:
-        closures.append(at + np.arange(3 * len(unit.batch)).reshape(-1, 3))
-        at += 3 * len(unit.batch)
-    for unit in rows:
-        forces.append(at + np.arange(3 * len(unit.stills)).reshape(-1, 3))
-        at += 3 * len(unit.stills)
-    common = at + np.arange(2 * (stills - 1)).reshape(-1, 2)
-    level = common.size + at + np.arange(2 * stills).reshape(-1, 2)
-    return RowMap(tuple(closures), tuple(forces), common, level)
-
-
 def array_system(
     state: ArrayState, start: ArrayState, rows: list[UnitRows], same: SameStills, missed_rad: np.ndarray, gravity_sigma: float
-) -> tuple[System, RowMap]:
+) -> tuple[System, Layout]:
     """Linearise at a state.
 
     start: centre of the priors; missed_rad (Q-1,): predicted tilt error, by fast motion, of all units between two stills; gravity_sigma
     m/s^2.
     """
-    layout, where = ParameterLayout(len(rows), len(same)), row_map(rows, len(same))
-    count = int(where.level[-1, -1]) + 1
+    layout = Layout.of([len(unit.batch) for unit in rows], [len(unit.stills) for unit in rows], len(same))
+    count = int(layout.of_level[-1, -1]) + 1
     design, values, base = np.zeros((count, layout.count)), np.zeros(count), np.zeros(count)
     V = np.zeros((2 * len(rows) + 3, count))
     R = rotation.matrix(state.q_tb)
-    attitude, level, common = (np.arange(layout.count)[part] for part in (layout.attitudes, layout.level, layout.common))
-    attitude, level, common = attitude.reshape(-1, 3), level.reshape(-1, 2), common.reshape(-1, 2)
+    attitude, level, common = layout.attitudes, layout.level, layout.common
     for i, unit in enumerate(rows):
         M = state.mountings[i]
         q_bu = rotation.from_matrix(M)
@@ -324,7 +299,7 @@ def array_system(
             unit.batch, start=rotation.multiply(state.q_tb[unit.first], q_bu), end=rotation.multiply(state.q_tb[unit.last], q_bu)
         )
         end, sensitivity = residual.end_and_sensitivity(batch, state.models[i](batch.rate))
-        at = where.closure[i]
+        at = layout.closure[i]
         values[at] = residual.error_angles(residual.batch_residual(batch, end))
         base[at] = unit.floor
         V[i, at] = 1.0
@@ -335,7 +310,7 @@ def array_system(
             design[at[s], attitude[b]] -= 1.0
             for k in range(a, b):
                 design[at[s][:2], common[k]] += 1.0
-        at = where.force[i]
+        at = layout.force[i]
         seen = corrected(state.accelerometers[i], unit.force) @ M.T
         R_q = R[unit.stills]
         level_force = np.einsum("qij,qj->qi", R_q, seen)
@@ -349,18 +324,19 @@ def array_system(
             design[np.ix_(at[k], attitude[q])] = turned[k]
             design[at[k][:2], level[q]] = 1.0
         design[at[:, 2], layout.gravity] = 1.0
-    design[where.common, common] = 1.0
-    design[where.level, level] = 1.0
-    V[-3, where.common] = 1.0
-    V[-2, where.common] = missed_rad[:, None] ** 2
-    V[-1, where.level] = 1.0
-    base[where.common], base[where.level] = 1e-16, 1e-12  # rad^2 and (m/s^2)^2: keeps the variance positive when a component is zero
+    design[layout.of_common, common] = 1.0
+    design[layout.of_level, level] = 1.0
+    V[-3, layout.of_common] = 1.0
+    V[-2, layout.of_common] = missed_rad[:, None] ** 2
+    V[-1, layout.of_level] = 1.0
+    # rad^2 and (m/s^2)^2: keeps the variance positive when a component is zero
+    base[layout.of_common], base[layout.of_level] = 1e-16, 1e-12
     prior, pull = _priors(state, start, rows, same, layout, gravity_sigma)
-    return System(design, values, base, V, prior, pull, np.zeros(count, dtype=bool)), where
+    return System(design, values, base, V, prior, pull, np.zeros(count, dtype=bool)), layout
 
 
 def _priors(
-    state: ArrayState, start: ArrayState, rows: list[UnitRows], same: SameStills, layout: ParameterLayout, gravity_sigma: float
+    state: ArrayState, start: ArrayState, rows: list[UnitRows], same: SameStills, layout: Layout, gravity_sigma: float
 ) -> tuple[np.ndarray, np.ndarray]:
     prior, pull = np.full(layout.count, np.nan), np.zeros(layout.count)
     for i, unit in enumerate(rows):
@@ -373,7 +349,7 @@ def _priors(
     pull[layout.gravity] = start.gravity_mps2 - state.gravity_mps2
     attitude = np.full((len(same), 3), ATTITUDE_RAD)
     attitude[np.unique(same.group, return_index=True)[1], 2] = HELD  # the yaw of a group's first still defines its frame
-    prior[layout.attitudes] = attitude.ravel()
+    prior[layout.attitudes] = attitude
     prior[layout.level], prior[layout.common] = G, 1.0
     return prior, pull
 
@@ -485,7 +461,7 @@ def common_earth(units: list[ArrayUnit], state: ArrayState, same: SameStills) ->
                 continue
             q, row = (np.array(column) for column in zip(*pairs, strict=True))
             attitude = rotation.multiply(state.q_tb[q], rotation.from_matrix(state.mountings[index]))
-            one = estimate_heading(latitude, attitude, unit.model(rates.rate[row]), rates.sigma[row])
+            one = estimate_heading(latitude, attitude, unit.problem.first(rates.rate[row]), rates.sigma[row])
             if one.source == "estimated" and one.heading_rad is not None:
                 headings.append((one.heading_rad, one.heading_sigma_rad))
         if len(headings) > 1:

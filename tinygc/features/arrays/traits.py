@@ -272,7 +272,7 @@ def slow_zero(units: Mapping[int, Mapping[str, Member]], named: Mapping[int, tup
 def _yaw_to_array(fit: ArrayFit, number: int) -> np.ndarray:
     """Rotation (3, 3) from a unit's own table axes to the array's: both are level, so it is a turn about the vertical, to its noise."""
     i = fit.numbers.index(number)
-    prepared, joint = fit.prepared[i].problem, fit.joint
+    prepared, joint = fit.units[i].problem, fit.joint
     own = {id(still): q for log in prepared.logs for q, still in zip(log.q_tb, log.stills, strict=True)}
     total = np.zeros((3, 3))
     for q, still in enumerate(fit.same.stills[i]):

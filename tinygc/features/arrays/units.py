@@ -18,7 +18,6 @@ from tinygc.closure.problem import Problem
 from tinygc.features.arrays.clocks import UnitClock, UnitPlace
 from tinygc.features.arrays.extrinsics import best_overlap
 from tinygc.features.arrays.recording import ArraySession
-from tinygc.models.linear import LinearModel
 
 # Units of an array, each prepared like a session of its own, but on the array's clock.
 
@@ -39,11 +38,6 @@ class ArrayUnit:
     def problem(self) -> Problem:
         """Return this unit's own problem."""
         return self.prepared.problem
-
-    @property
-    def model(self) -> LinearModel:
-        """Return its first linear fit, without the other units."""
-        return self.problem.first
 
 
 def on_array_clock(session: Session, clock: UnitClock) -> Session:

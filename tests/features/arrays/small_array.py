@@ -127,7 +127,7 @@ def small_array(
     same = SameStills(0, times, zero, zero, tuple(map(tuple, mine)), rows, firsts, lasts)
     truth = ArrayState(tuple(models), accelerometers, np.array(mountings), wxyz(q_tb), G)
     placed = np.array([unit.place.mounting for unit in found])
-    start = ArrayState(tuple(unit.model for unit in found), np.tile(IDENTITY, (units, 1)), placed, wxyz(q_tb), G)
+    start = ArrayState(tuple(unit.problem.first for unit in found), np.tile(IDENTITY, (units, 1)), placed, wxyz(q_tb), G)
     return SmallArray(found, same, truth, earth, start)
 
 

@@ -146,7 +146,7 @@ def test_priors_hold_the_frame_and_pull_towards_the_start(small, rows):
         assert_allclose(system.prior[LAYOUT.unit(i)], np.concatenate([weak, accelerometer, [mounting] * 3]))
         pull = np.concatenate([rows[i].centre - state.models[i].vector, IDENTITY - state.accelerometers[i], np.zeros(3)])
         assert_allclose(system.pull[LAYOUT.unit(i)], pull)
-        assert_array_equal(rows[i].centre, small.units[i].model.vector)
+        assert_array_equal(rows[i].centre, small.units[i].problem.first.vector)
     assert system.prior[LAYOUT.gravity] == 0.02
     assert system.pull[LAYOUT.gravity] == pytest.approx(G - state.gravity_mps2)
     assert_array_equal(system.prior[LAYOUT.attitudes].ravel(), [1, 1, HELD, *[1] * 9])  # the first still's yaw is the frame's

@@ -11,7 +11,6 @@ from functools import cached_property
 
 import numpy as np
 
-from session.base.numeric import sigma_of
 from session.base.progress import Told, untold
 from session.base.units import NS
 from tinygc.closure.joint import GRAVITY_SIGMA_MPS2, KNOWN_MPS2
@@ -22,7 +21,6 @@ from tinygc.features.arrays.system import (
     ArrayState,
     Layout,
     Solution,
-    System,
     UnitRows,
     array_system,
     common_earth,
@@ -123,9 +121,9 @@ def estimate(
         blocks = blocks_of([unit.number for unit in units], rows, same, layout)
         if out is not None:
             system = replace(system, out=out)
-        if t is None:
-            t = _first_sizes(system, layout, len(rows))
-            t[-3:] *= not alone
+        if t is None:  # the components as large as the white noise, for a first step
+            white = [np.median(system.base[v > 0]) for v in system.V[: 2 * len(rows)]]
+            t = np.array([*white, *np.where(alone, 0.0, [np.mean(white[: len(rows)]), 0.25, 1e-6])])
             solution = system.solved(t)
         else:
             solution = system.estimated(t, np.arange(len(t)) >= len(t) - 3 if alone else None)
@@ -141,20 +139,6 @@ def estimate(
         if turn > 1 and not new and np.abs(solution.x[: layout.level[0, 0]]).max() < SETTLED:
             break
     return Joint(state, start, rows, same, layout, solution, tuple(events), missed_rad)
-
-
-def _first_sizes(system: System, layout: Layout, units: int) -> np.ndarray:
-    """Return initial components (G,) from medians, which are robust to outliers."""
-    usual = np.array([np.median(system.base[v > 0]) for v in system.V[: 2 * units]])
-    t = np.concatenate([usual, [np.mean(usual[:units]), 0.25, 1e-6]])
-    for _ in range(3):
-        found = system.solved(t)
-        for i, rows in enumerate((*layout.closure, *layout.force)):
-            spare = np.maximum(1 - found.leverage[rows], 0.1)
-            t[i] = max(float(sigma_of((found.residual[rows] / np.sqrt(spare)).ravel())) ** 2 - usual[i], 0.01 * usual[i])
-        spare = np.maximum(1 - found.leverage[layout.of_common], 0.05)
-        t[-3] = max(float(sigma_of((found.residual[layout.of_common] / np.sqrt(spare)).ravel())) ** 2, 0.01 * np.mean(usual[:units]))
-    return t
 
 
 # Covariance of the units' numbers: that of the joint solution, and the bias wander that it does not include.

@@ -40,6 +40,11 @@ HALF = 0.5
 #: whose the noise is, in words no stronger than the limits
 SENSORS = "it is mostly the sensors' own"
 BODY = "it is mostly the body's motion: a table, a floor or a hand moves it"
+#: what that means of a unit's noise that is too large
+WHOSE = {
+    SENSORS: "it is this sensor's own, not the body's; or its units are wrong",
+    BODY: "a table, a floor, a fan or a hand moves the body",
+}
 OPEN = "whether it is the sensors' or the body's is not told"
 
 
@@ -151,14 +156,10 @@ def _noise_of_fits(array: ArraySession, fits: list[ClockFit]) -> dict[str, State
 def _with_source(finding: Finding, noise: dict[str, Statement]) -> Finding:
     """Say of a unit's noise that is too large what the other units tell of it, in place of what one unit alone can tell."""
     sensor, _, what = finding.what.rpartition(" ")
-    if finding.level != "warning" or what != "noise" or (shared := noise.get(sensor)) is None:
+    shared = noise.get(sensor)
+    if finding.level != "warning" or what != "noise" or shared is None or (whose := WHOSE.get(shared.figures["source"])) is None:
         return finding
-    agrees = f"the units' noise at rest correlates by {shared.value:.2f} ± {shared.sigma:.2f}"
-    if shared.figures["source"] == SENSORS:
-        return replace(finding, do=f"{agrees}: it is this sensor's own, not the body's; or its units are wrong")
-    if shared.figures["source"] == BODY:
-        return replace(finding, do=f"{agrees}: a table, a floor, a fan or a hand moves the body")
-    return finding
+    return replace(finding, do=f"the units' noise at rest correlates by {shared.value:.2f} ± {shared.sigma:.2f}: {whose}")
 
 
 def _at_rest(array: ArraySession, shared: Statement) -> Finding:

@@ -16,6 +16,7 @@ from scipy.special import fdtrc
 from session.base.units import DEG, MG
 from tinygc.features.arrays.system import Layout, Solution, UnitRows
 from tinygc.features.arrays.units import SameStills
+from tinygc.inference.choose import chance_of_any
 
 #: family-wise probability of an event
 RARE_P = 0.01
@@ -125,10 +126,10 @@ def candidates(solution: Solution, blocks: list[Blocks]) -> list[ArrayEvent]:
         counted = ~solution.system.out[rows].any(axis=1)
         freedom = d * np.maximum(counted.sum() - counted, 1)
         left = d * counted.sum() - np.where(counted, chi, 0.0)
-        p = np.minimum(1.0, total * fdtrc(d, freedom, chi / d / np.maximum(left / freedom, QUIETEST)))
+        p = fdtrc(d, freedom, chi / d / np.maximum(left / freedom, QUIETEST))
         for b, (first, last) in enumerate(spans.tolist()):
             size = float(np.linalg.norm(error[b]))
-            found.append(ArrayEvent(what, unit, float(at_s[b]), size, float(p[b]), first, last, rows[b]))
+            found.append(ArrayEvent(what, unit, float(at_s[b]), size, chance_of_any(float(p[b]), total), first, last, rows[b]))
     return found
 
 

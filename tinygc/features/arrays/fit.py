@@ -165,7 +165,7 @@ class ArrayFit(Shown):
             {
                 "schema": SCHEMA,
                 "array": self.array.name,
-                "units": [_unit(unit, *row) for unit, *row in zip(self.units, *self.split.by_unit, strict=True)],
+                "units": [_unit(unit, self.split, i) for i, unit in enumerate(self.units)],
                 "left_out": self.said_left_out,
                 "turns_used": [len(rows) for rows in self.same.turns],
                 "bias_from": {"used": self.bias, "p_value": self.bias_p},
@@ -292,9 +292,9 @@ def fit_alone(unit: ArrayUnit, bias: str, use_earth: bool) -> tuple[LinearModel,
 # An array's fit as JSON, and each unit's model as ``tinygc-model/1``.
 
 
-def _unit(unit: UnitFit, own_rad: np.ndarray, own_p: float, minus_mean_rad: float) -> dict:
+def _unit(unit: UnitFit, split: Split, i: int) -> dict:
     place, clock = unit.place, unit.place.clock
-    own, sigma = own_rad
+    own, sigma = split.own_rad[i]
     angles = {"alone_rms_deg": unit.closure_rad, "floor_rms_deg": unit.problem.floor.tilt_rms, "own_rms_deg": own, "own_sigma_deg": sigma}
     return {
         "number": unit.number,
@@ -313,7 +313,7 @@ def _unit(unit: UnitFit, own_rad: np.ndarray, own_p: float, minus_mean_rad: floa
             "metres": place.position_m,
             "sigma_m": None if place.position_covariance is None else sigmas_in(place.position_covariance),
         },
-        "closure": in_unit(DEG, **angles, minus_mean_rms_deg=minus_mean_rad) | {"own_p_value": own_p},
+        "closure": in_unit(DEG, **angles, minus_mean_rms_deg=split.minus_mean_rad[i]) | {"own_p_value": split.own_p[i]},
         "noise": {
             "gyro_dps_rthz": unit.problem.noise.gyro / DEG,
             "accel_g_rthz": unit.problem.noise.accel / G,
@@ -359,7 +359,7 @@ def _page(fit: ArrayFit) -> Group:
     title = "What turns miss by, degrees of tilt, rms a turn, and how much better the array knows each unit than it knows itself"
     header = ("unit", "closure alone", "white floor", "own excess", "unit minus mean", "scale, ppm: alone", "array")
     rows = []
-    for unit, own, _, minus in zip(units, *split.by_unit, strict=True):
+    for unit, own, minus in zip(units, split.own_rad, split.minus_mean_rad, strict=True):
         scales = (f"± {rms_of(s[[0, 4, 8]]) * 1e6:.0f}" for s in (unit.sigma_alone, unit.sigma))
         closure, floor, apart = (degrees_text(size / DEG) for size in (unit.closure_rad, unit.problem.floor.tilt_rms, minus))
         rows.append([unit.number, closure, floor, tuple(own / DEG), apart, *scales])

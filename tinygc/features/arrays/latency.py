@@ -196,22 +196,20 @@ def _passes(middle: np.ndarray, likelihood: np.ndarray, beat_hz: float, none: fl
     count = len(middle)
     shape = (len(frequency), PHASES)
     weight = np.exp(likelihood - likelihood.max(axis=1, keepdims=True))
-    forward, backward = np.empty((count, *shape)), np.empty((count, *shape))
-    state, total = np.full(shape, 1 / (shape[0] * shape[1])), float(likelihood.max(axis=1).sum())
-    for k in range(count):
-        if k:
-            state = _moved(state, frequency, middle[k] - middle[k - 1])
-        state = state * weight[k]
-        total += float(np.log(state.sum()))
-        state = state / state.sum()
-        forward[k] = state
-    state = np.ones(shape) / (shape[0] * shape[1])
-    backward[-1] = state
-    for k in range(count - 1, 0, -1):
-        state = _moved(state * weight[k], frequency, middle[k - 1] - middle[k])
-        state = state / state.sum()
-        backward[k - 1] = state
-    both = forward * backward
+
+    def passed(order: Sequence[int]) -> dict[int, np.ndarray]:
+        """Of each window what those before it in this order say of its state."""
+        state, found = np.full(shape, 1 / (shape[0] * shape[1])), {}
+        for before, k in zip((None, *order), order, strict=False):
+            if before is not None:
+                state = _moved(state * weight[before], frequency, middle[k] - middle[before])
+                state = state / state.sum()
+            found[k] = state
+        return found
+
+    forward, backward = passed(range(count)), passed(range(count)[::-1])
+    total = float(likelihood.max(axis=1).sum()) + sum(float(np.log((forward[k] * weight[k]).sum())) for k in range(count))
+    both = np.array([forward[k] * weight[k] * backward[k] for k in range(count)])
     both /= both.sum(axis=(1, 2), keepdims=True)
     mean_hz = both.sum(axis=2) @ frequency
     sigma_hz = np.sqrt(np.maximum(both.sum(axis=2) @ frequency**2 - mean_hz**2, STEP_HZ**2 / 12))

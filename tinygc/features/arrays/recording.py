@@ -320,22 +320,19 @@ def array_log_paths(folder: Path) -> dict[str, dict[int, Path]]:
     section = array_section(read_toml(toml)) if toml.exists() else None
     names = (section or {}).get(FOLDERS)
     found: dict[str, dict[int, Path]] = {}
-    if isinstance(names, list) and names and all(isinstance(name, str) for name in names):
-        numbers = numbers_of(toml, names)
-        for number, name in sorted(zip(numbers, names, strict=True)):
-            place = place_of(folder, toml, name)
-            for stem in ("log", "closure"):
-                for i, path in enumerate(log_paths(place, stem), 1):
+    for stem in ("log", "closure"):
+        if isinstance(names, list) and names and all(isinstance(name, str) for name in names):
+            for number, name in sorted(zip(numbers_of(toml, names), names, strict=True)):
+                for i, path in enumerate(log_paths(place_of(folder, toml, name), stem), 1):
                     found.setdefault(f"{stem}{i:04d}", {})[number] = path
-        for which, paths in sorted(found.items()):
-            if missing := [str(number) for number in sorted(numbers) if number not in paths]:
-                raise FormatError(
-                    f"{folder}: {which} lacks unit {', '.join(missing)}; every unit needs as many logs, and as many closure runs"
-                )
-    else:
-        for path in [*log_paths(folder, "log"), *log_paths(folder, "closure")]:
-            if (unit := unit_of(path)) is not None:
-                found.setdefault(unit[0], {})[unit[1]] = path
+            for which, paths in found.items():
+                if len(paths) < len(names):
+                    missing = ", ".join(str(number) for number in sorted(numbers_of(toml, names)) if number not in paths)
+                    raise FormatError(f"{folder}: {which} lacks unit {missing}; every unit needs as many logs, and as many closure runs")
+        else:
+            for path in log_paths(folder, stem):
+                if (unit := unit_of(path)) is not None:
+                    found.setdefault(unit[0], {})[unit[1]] = path
     if not found:
         raise FormatError(
             f"{folder}: no array: it has neither log0001.unit0.csv and so on, nor [array] folders (docs/features/arrays/arrays.md)"

@@ -22,7 +22,7 @@ from session.base.records import in_unit
 from session.base.units import DEG, MG
 from tinygc.features.arrays.joint import Joint
 from tinygc.features.arrays.system import Solution
-from tinygc.inference.choose import ONE_SIDED, Standing, Statement
+from tinygc.inference.choose import ONE_SIDED, Standing, Statement, chance_of_any
 from tinygc.inference.noise import where_risen
 
 
@@ -151,22 +151,22 @@ class Split:
         return _tilt("motion beyond the data rate", "motion", p_zero, predicted * factor, upper, rms_of(self.floors_rad), **how)
 
     @cached_property
-    def own_p(self) -> np.ndarray:
-        """Return (N,) p-values of each unit's own excess, over all units.
+    def own_p(self) -> list[float]:
+        """Return the p-value of each unit's own excess, over all units.
 
         A component's size over its sigma is no test near zero, where half of all estimates are zero and the others small.
         """
-        solution, count = self.joint.solution, len(self.joint.rows)
-        gains = [rise(solution, {i: 0.0}) if solution.t[i] > 0 else None for i in range(count)]
-        return np.array([1.0 if gain is None else min(1.0, count * float(chdtrc(1, gain)) / 2) for gain in gains])
+        solution, count = self.joint.solution, len(self.numbers)
+        each = [float(chdtrc(1, rise(solution, {i: 0.0}))) / 2 if solution.t[i] > 0 else 1.0 for i in range(count)]
+        return [chance_of_any(p_value, count) for p_value in each]
 
     @cached_property
     def own(self) -> tuple[Statement, ...]:
         """State what each unit misses by itself."""
         solution, found = self.joint.solution, []
-        for i, (number, p, floor) in enumerate(zip(self.numbers, self.own_p, self.floors_rad, strict=True)):
+        for i, (number, p_value, floor) in enumerate(zip(self.numbers, self.own_p, self.floors_rad, strict=True)):
             size, upper = BOTH * np.sqrt(solution.t[i]), BOTH * upper_size(solution, i, self.joint.sigmas[i])
-            found.append(_tilt(f"unit {number} by itself", "own", float(p), size, upper, float(floor)))
+            found.append(_tilt(f"unit {number} by itself", "own", p_value, size, upper, float(floor)))
         return tuple(found)
 
     @cached_property
@@ -192,11 +192,6 @@ class Split:
         if not len(whole):
             return np.full(count, np.nan)
         return np.sqrt(np.mean(np.sum((whole - whole.mean(axis=1, keepdims=True)) ** 2, axis=2), axis=0))
-
-    @property
-    def by_unit(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return ``own_rad``, ``own_p`` and ``minus_mean_rad``."""
-        return self.own_rad, self.own_p, self.minus_mean_rad
 
     def table(self) -> dict:
         """Return ``split`` of the JSON."""

@@ -14,7 +14,7 @@ from scipy.special import chdtrc, gammaincinv
 from session.base.errors import DataError
 from session.base.progress import Progress, untold
 from session.detect.rest_noise import FEWEST, lines_of, spectra
-from tinygc.features.noise.choice import FILTER, UNSEEN, Chosen, Search, cost, sandwich, stacked, stacks_of, unit_covariance
+from tinygc.features.noise.choice import FILTER, UNSEEN, Chosen, Search, cost, stacked, stacks_of, unit_covariance
 from tinygc.features.noise.scales import TOP, Group, groups_of, knots_of, left_out, rest_of, temperature_part, unsteady
 from tinygc.features.noise.summary import SECTION, RestSums, contrasts, ratios_of
 from tinygc.inference.choose import ONE_SIDED
@@ -222,9 +222,6 @@ def described(search: Search, chosen: Chosen, p_value: float, excess: float, fro
     change: of ln N, beyond chance, where the finest level is left out.
     """
     wider = np.sqrt(excess) if p_value < MISFIT else 1.0
-    of_rests = any(group.top for group in search.groups)
-    covariance = sandwich(search, chosen) if of_rests else chosen.fitted.covariance
-    log_sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0)) / 2
     terms = {}
     for name in TERMS:
         probability = 1.0 if name == "N" else search.probability(name)
@@ -233,8 +230,7 @@ def described(search: Search, chosen: Chosen, p_value: float, excess: float, fro
             most = None if none else max(search.limit(chosen, name), search.average(name, wider)[2])
             terms[name] = Term(0.0, None, probability, most)
             continue
-        k = chosen.names.index(name)
-        value, sigma, most = search.average(name, wider * float(log_sigma[k]) / chosen.log_sigma(name))
+        value, sigma, most = search.average(name, wider)
         if name == "R" and sum(group.count for group in search.groups if group.top) == 1:
             value, sigma = _slope(search, chosen)
             sigma *= wider
@@ -243,8 +239,8 @@ def described(search: Search, chosen: Chosen, p_value: float, excess: float, fro
             sigma = float(np.hypot(sigma, value * change))
         terms[name] = Term(value, sigma, probability, most if DETERMINED * sigma > value else None)
         if name == "G":
-            time = chosen.fitted.correlation_s
-            terms[name] = replace(terms[name], tau_s=time, tau_sigma_s=time * 2 * float(log_sigma[-1]) * wider)
+            time, of_log = chosen.fitted.correlation_s, float(np.sqrt(chosen.fitted.covariance[-1, -1]))
+            terms[name] = replace(terms[name], tau_s=time, tau_sigma_s=time * of_log * wider)
     lines = [(f"line{k}", hz) for k, hz in enumerate(search.lines_hz)]
     seen = tuple(Line(hz, float(np.sqrt(chosen.variance(name)))) for name, hz in lines if chosen.log_sigma(name) < UNSEEN)
     return AxisNoise(terms, seen, p_value, excess, from_s)

@@ -21,7 +21,6 @@ from tinygc.features.noise.choice import (
     Search,
     autocovariance,
     cost,
-    fit,
     stacked,
     stacks_of,
     unit_covariance,
@@ -169,8 +168,7 @@ def test_slope_and_curvature_are_those_of_the_value_of_expected_data(real):
 
 
 def test_white_noise_alone_is_its_mean_square(real):
-    stacks = stacks_of(real)
-    found = fit([stacked(unit_covariance("N", real, DT), stacks)], stacks, np.array([5.0]))
+    found = Search(real, DT).of(frozenset()).fitted
     freedom = sum(g.count * len(g.S) for g in real)
     by_hand = sum(float(np.trace(g.S)) * g.size * DT for g in real) / freedom
     assert found.x[0] == pytest.approx(by_hand, rel=1e-5)

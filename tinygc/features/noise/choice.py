@@ -10,7 +10,7 @@ its sigma contains how the sets differ (Hoeting et al. 1999).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -154,52 +154,6 @@ def cost(x: np.ndarray, V: Sequence[Stacked], stacks: Sequence[Stack]) -> tuple[
         slope += np.trace(A, axis1=2, axis2=3) @ count - turned @ seen.ravel()
         curvature += (A * count[:, None, None]).reshape(terms, -1) @ turned.T
     return value, slope, curvature
-
-
-def fit(own: list[Stacked], stacks: Sequence[Stack], start: np.ndarray) -> Fitted:
-    """Maximise the likelihood over the variances (K,) of terms with covariances of size 1, by Fisher scoring in their logarithms."""
-    return _scored(np.log(start), lambda z: own, stacks)
-
-
-def fit_with_time(
-    own: list[Stacked],
-    stacks: Sequence[Stack],
-    start: np.ndarray,
-    correlation_s: float,
-    bounds_s: tuple[float, float],
-    unit: Callable[[str, float], Stacked],
-) -> Fitted:
-    """Maximise it also over the correlation time of a Gauss-Markov term, the last of the K; own: covariances of the others; unit: returns
-    its covariances for a time."""
-
-    def matrices(z: np.ndarray) -> list[Stacked]:
-        here, later = (unit("G", float(np.exp(z[-1] + step))) for step in (0.0, LOG_STEP))
-        change = [np.exp(z[-2]) * (b - a) / LOG_STEP for a, b in zip(here, later, strict=True)]
-        return [*own, here, change]
-
-    return _scored(np.append(np.log(start), np.log(correlation_s)), matrices, stacks, np.log(bounds_s))
-
-
-def _scored(
-    z: np.ndarray,
-    matrices: Callable[[np.ndarray], list[Stacked]],
-    stacks: Sequence[Stack],
-    time_bounds: np.ndarray | None = None,
-) -> Fitted:
-    """Scoring over z: ln s^2 (K,), then ln T where ``time_bounds`` are given."""
-    sizes = len(z) - (time_bounds is not None)
-    least, most = np.full(len(z), -300.0), np.full(len(z), 100.0)
-    if time_bounds is not None:
-        least[-1], most[-1] = time_bounds
-
-    def at(z: np.ndarray) -> Cost:
-        x = np.exp(z[:sizes])
-        value, slope, curvature = cost(x, matrices(z), stacks)
-        scale = np.append(x, np.ones(len(z) - sizes))
-        return Cost(value, slope * scale, curvature * np.outer(scale, scale))
-
-    z, found = lowest(at, z, least, most, STEPS, FARTHEST, ENDS)
-    return Fitted(np.exp(z[:sizes]), found.value, found.information / 2, np.nan if time_bounds is None else float(np.exp(z[-1])))
 
 
 #: terms that may be added to N; the trace of a filter is none of the sensor's noise, but N is wrong without it
@@ -356,27 +310,42 @@ class Search:
             return None
         at = [(near.variance(name) if near is not None else 0.0) or self._start(name, near) for name in names]
         if "G" not in terms:
-            return self._judged(names, fit([self.V[name] for name in names], self.stacks, np.array(at)))
+            return self._judged(names, self._lowest(names, at))
         names = (*names, "G")
         if near is not None and "G" in near.names:
-            x, time = near.variance("G"), near.fitted.correlation_s
-        else:
-            # The variance and the correlation time of a Gauss-Markov term at which the likelihood rises most, to first order
-            low, high = np.log10(self.bounds_s)
-            times = np.logspace(low, high, max(round((high - low) * TIMES_PER_DECADE), 2) + 1)
-            own = [self.V[name] for name in names[:-1]]
-            gains = []
-            for time in times:
-                V = self.unit("G", time)
-                _, slope, curvature = cost(np.array(at), [*own, V], self.stacks)
-                left = curvature[-1, -1] - curvature[-1, :-1] @ np.linalg.lstsq(curvature[:-1, :-1], curvature[:-1, -1], rcond=None)[0]
-                size = max(-slope[-1] / max(left, 1e-300), 0.0)
-                gains.append((size * max(-slope[-1], 0.0), min(size, self.most(V)), float(time)))
-            _, size, time = max(gains)
-            x = size or 1e-3 * self.most(self.unit("G", time))
-        return self._judged(
-            names, fit_with_time([self.V[name] for name in names[:-1]], self.stacks, np.array([*at, x]), time, self.bounds_s, self.unit)
-        )
+            return self._judged(names, self._lowest(names, [*at, near.variance("G")], near.fitted.correlation_s))
+        # The variance and the correlation time of a Gauss-Markov term at which the likelihood rises most, to first order
+        low, high = np.log10(self.bounds_s)
+        own, gains = [self.V[name] for name in names[:-1]], []
+        for time in np.logspace(low, high, max(round((high - low) * TIMES_PER_DECADE), 2) + 1):
+            V = self.unit("G", time)
+            _, slope, curvature = cost(np.array(at), [*own, V], self.stacks)
+            size = max(-slope[-1] / _left(curvature), 0.0)
+            gains.append((size * max(-slope[-1], 0.0), min(size, self.most(V)), float(time)))
+        _, size, time = max(gains)
+        return self._judged(names, self._lowest(names, [*at, size or 1e-3 * self.most(self.unit("G", time))], time))
+
+    def _lowest(self, names: tuple[str, ...], start: list[float], correlation_s: float = np.nan) -> Fitted:
+        """Maximise the likelihood over the variances (K,) of terms, and the correlation time of a Gauss-Markov term, the last, by scoring
+        in their logarithms."""
+        own, z = [self.V[name] for name in names if name != "G"], np.log(start)
+        least, most = np.full(len(z), -300.0), np.full(len(z), 100.0)
+        if "G" in names:
+            z, (shortest, longest) = np.append(z, np.log(correlation_s)), np.log(self.bounds_s)
+            least, most = np.append(least, shortest), np.append(most, longest)
+
+        def at(z: np.ndarray) -> Cost:
+            x, V = np.exp(z[: len(names)]), own
+            if "G" in names:
+                here, later = (self.unit("G", float(np.exp(z[-1] + step))) for step in (0.0, LOG_STEP))
+                V = [*own, here, [x[-1] * (b - a) / LOG_STEP for a, b in zip(here, later, strict=True)]]
+            value, slope, curvature = cost(x, V, self.stacks)
+            scale = np.append(x, np.ones(len(z) - len(x)))
+            return Cost(value, slope * scale, curvature * np.outer(scale, scale))
+
+        z, found = lowest(at, z, least, most, STEPS, FARTHEST, ENDS)
+        time = float(np.exp(z[-1])) if "G" in names else np.nan
+        return Fitted(np.exp(z[: len(names)]), found.value, found.information / 2, time)
 
     def most(self, V: Stacked) -> float:
         """Largest variance that a term may have: at some scale it would be all that is there."""
@@ -429,8 +398,7 @@ class Search:
             return lowest(at, np.log(chosen.fitted.x), -300.0, 100.0, LIMIT_STEPS, FARTHEST, LIMIT_ENDS)[1].value
 
         _, slope, curvature = cost(chosen.fitted.x, [*own, V], self.stacks)
-        inner = curvature[:-1, :-1]
-        left = max(float(curvature[-1, -1] - curvature[-1, :-1] @ np.linalg.lstsq(inner, curvature[:-1, -1], rcond=None)[0]), 1e-300)
+        left = _left(curvature)
         peak = max(-float(slope[-1]) / left, 0.0)
         low, high = np.sqrt(peak), np.sqrt(peak + np.sqrt(2 * bar / left))  # of the parabola in the variance
         least = value(low) if low else chosen.fitted.value
@@ -444,3 +412,9 @@ class Search:
     def matrices(self, chosen: Chosen, name: str) -> Stacked:
         """Return the covariance of all contrasts for a term of size 1."""
         return self.unit("G", chosen.fitted.correlation_s) if name == "G" else self.V[name]
+
+
+def _left(curvature: np.ndarray) -> float:
+    """Curvature by the last of several variances, with the best of the others."""
+    inner, across = curvature[:-1, :-1], curvature[:-1, -1]
+    return max(float(curvature[-1, -1] - across @ np.linalg.lstsq(inner, across, rcond=None)[0]), 1e-300)

@@ -24,7 +24,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from types import FrameType
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -126,21 +126,20 @@ def ask_person(question: str, unconfirmed: str) -> bool:
 
 @dataclass
 class _Motion:
-    """What was asked for last, and by when it ends; at rest nothing is.
+    """What was asked for last; at rest nothing is.
 
-    target: axis and angle; way: axis and rate, with its sign; origin: time and angle that it turns from at that rate; start (K,) rad: where
-    all axes rested before; turns_by_s: s by which it surely turns, of a turn at a rate without an end; furthest: rad that it was seen to
-    have turned by.
+    computed_s: how long it takes; start (K,) rad: where all axes rested before; target: axis and angle; way: axis and rate, with its sign;
+    origin: time and angle that it turns from at that rate; turns_by_s: s by which it surely turns, of a turn at a rate without an end;
+    furthest: rad that it was seen to have turned by.
     """
 
     begin_s: float = 0.0
-    computed_s: float = 0.0
-    due_s: float = np.inf
+    computed_s: float = np.inf
+    start: np.ndarray | None = None
     target: tuple[int, float] | None = None
     way: tuple[int, float] | None = None
     origin: tuple[float, float] | None = None
-    start: np.ndarray | None = None
-    turns_by_s: float | None = None
+    turns_by_s: float = 0.0
     is_homing: bool = False
     furthest: float = 0.0
 
@@ -166,15 +165,14 @@ class Guarded:
 
     def __enter__(self) -> Guarded:
         atexit.register(self._stop_what_moves)
-        if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
-            signal.signal(signal.SIGTERM, _interrupt)
-            self._handlers.callback(signal.signal, signal.SIGTERM, signal.SIG_DFL)
+        handlers: dict[str, Callable[..., None]] = {"SIGTERM": _interrupt}
         if isinstance(self._clock, Clock):
-            suspend = getattr(signal, "SIGTSTP", None)  # Ctrl-Z; Windows has none
-            if suspend and threading.current_thread() is threading.main_thread() and signal.getsignal(suspend) is signal.SIG_DFL:
-                signal.signal(suspend, lambda number, frame: self._suspended.set())
-                self._handlers.callback(signal.signal, suspend, signal.SIG_DFL)
+            handlers["SIGTSTP"] = lambda number, frame: self._suspended.set()  # Ctrl-Z; Windows has none
             threading.Thread(target=self._watch, name="table-watch", daemon=True).start()
+        for number, handler in ((getattr(signal, name, None), handler) for name, handler in handlers.items() if _is_main()):
+            if number and signal.getsignal(number) is signal.SIG_DFL:
+                signal.signal(number, handler)
+                self._handlers.callback(signal.signal, number, signal.SIG_DFL)
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -336,7 +334,7 @@ class Guarded:
             if motion.is_homing:
                 self._table.angles_lost, self._last = False, None
             self._rests()
-        if found.moving and now_s > self._motion.due_s:
+        if found.moving and now_s - self._motion.begin_s > SLOWER * self._motion.computed_s + LATER_S:
             self._stop_for(f"it still moves {now_s - motion.begin_s:.1f} s after its move began; computed were {motion.computed_s:.1f} s")
         return found
 
@@ -419,21 +417,13 @@ class Guarded:
         self._last = (self._motion.begin_s, here)
         self._guard(lambda: self._table.turn_to(axis, angle_rad, rate_rps))
 
-    def _begin(
-        self,
-        computed_s: float,
-        start: np.ndarray | None = None,
-        way: tuple[int, float] | None = None,
-        target: tuple[int, float] | None = None,
-        turns_by_s: float | None = None,
-        is_homing: bool = False,
-    ) -> None:
-        """A motion begins now, from ``start`` where it rests."""
+    def _begin(self, computed_s: float, start: np.ndarray | None = None, **more: Any) -> None:
+        """A motion begins now, from ``start`` where it rests; more: of ``_Motion``."""
         self._rest.clear()
         self._looked_s = now_s = self._clock.now_s()
-        origin = None if way is None or start is None else (now_s, float(start[way[0]]))
-        due_s = now_s + SLOWER * computed_s + LATER_S
-        self._motion = _Motion(now_s, computed_s, due_s, target, way, origin, start, turns_by_s, is_homing)
+        self._motion = motion = _Motion(now_s, computed_s, start, **more)
+        if motion.way is not None and start is not None:
+            motion.origin = now_s, float(start[motion.way[0]])
         self._last = None
 
     def _compare(self, asked_s: float, now_s: float, found: Where) -> None:
@@ -462,7 +452,7 @@ class Guarded:
                     self._stop_for(f"{axis.name} turns, and was not asked to: it is at {angle / DEG:.2f} deg")
                 continue
             if motion.origin is None:  # it turned at another rate before
-                motion.origin = (asked_s, angle) if now_s - motion.begin_s > (motion.turns_by_s or 0.0) else None
+                motion.origin = (asked_s, angle) if now_s - motion.begin_s > motion.turns_by_s else None
                 continue
             along, lasted_s = (angle - motion.origin[1]) * np.sign(motion.way[1]), now_s - motion.origin[0]
             asked = f"asked for was {motion.way[1] / DEG:+g} dps"
@@ -528,6 +518,10 @@ class Guarded:
                 self._table.stop()
 
 
+def _is_main() -> bool:
+    return threading.current_thread() is threading.main_thread()
+
+
 def _interrupt(number: int, frame: FrameType | None) -> None:
     raise KeyboardInterrupt
 
@@ -536,8 +530,8 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 def _undisturbed() -> Iterator[None]:
     """Ctrl-C, Ctrl-Z, SIGTERM and SIGHUP wait while a table is being stopped."""
     before = {}
-    if threading.current_thread() is threading.main_thread():
-        for number in filter(None, (signal.SIGINT, signal.SIGTERM, *(getattr(signal, name, None) for name in ("SIGHUP", "SIGTSTP")))):
+    for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGTSTP") if _is_main() else ():
+        if number := getattr(signal, name, None):
             before[number] = signal.signal(number, signal.SIG_IGN)
     try:
         yield

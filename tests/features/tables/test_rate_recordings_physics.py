@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from imperfect_tables import AxisTrack
+from scipy.special import gammaln
 from simulated_tables import DOWN, Swings, record, steps
 
 import tinygc
@@ -228,12 +229,12 @@ def test_a_bandwidth_shows_where_it_may_be_within_three_times_the_highest_freque
     assert found == ((pytest.approx(band), pytest.approx(2.0), None) if shows else (None, None, top_hz))
 
 
-def test_the_probability_of_a_model_is_that_of_schwarz():
-    """exp(-BIC / 2) of chi-square per row, with a logarithm of rows for each number."""
+def test_the_probability_of_a_model_is_that_of_any_noise():
+    """A number's prior is as wide as what the flat model leaves; the noise is integrated out."""
     some = response("first", [1.0, 0.0, 200.0], sigma=0.02, seed=5)
-    rows = 2 * len(some.gain)
-    bic = [rows * np.log(chi / rows) + len(x) * np.log(rows) for _, x, _, chi in (sweep._fit(some, name) for name in sweep.MODELS)]
-    assert fit_response(some).probability == pytest.approx(np.exp(-min(bic) / 2) / np.sum(np.exp(-np.array(bic) / 2)), rel=1e-9)
+    left = [(len(x), chi) for x, _, chi in (sweep._fit(some, name) for name in sweep.MODELS)]
+    scores = np.array([(16 - k) * np.log(chi / 2) - 2 * gammaln(8 - k / 2) + k * np.log(left[0][1]) for k, chi in left])
+    assert fit_response(some).probability == pytest.approx(1 / np.sum(np.exp((scores.min() - scores) / 2)), rel=1e-9)
 
 
 def test_sigmas_and_bounds_of_a_csv(tmp_path):

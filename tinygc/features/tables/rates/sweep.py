@@ -20,17 +20,23 @@ from session.base.texts import measured, printable
 from session.base.units import DEG
 from tinygc.features.tables.rates.points import number_in, read_table
 from tinygc.features.tables.rates.terms import size
-from tinygc.inference.choose import weights_of
+from tinygc.inference.choose import of_any_scale, weights_of
 from tinygc.inference.solve import solve
 
 #: least number of frequencies of a sweep
 LEAST = 4
 #: columns of a CSV
 FREQUENCY, GAIN, PHASE = ("frequency_hz", "frequency", "f_hz", "freq_hz", "freq"), ("gain", "magnitude", "ratio"), ("phase_deg", "phase")
-#: models: name, words, shape parameters, and where their fit begins (of the largest frequency; damping)
-MODELS: dict[str, tuple[str, int]] = {"flat": ("flat", 0), "first": ("first order", 1), "second": ("second order", 2)}
+#: models: name, words, and where the fit of their shape parameters begins (of the largest frequency; damping)
+MODELS: dict[str, tuple[str, tuple[tuple[float, ...], ...]]] = {
+    "flat": ("flat", ((),)),
+    "first": ("first order", ((1.0,), (0.25,))),
+    "second": ("second order", ((1.0, 0.7), (1 / 3, 0.7), (2.0, 0.3))),
+}
 #: beyond any table and any sensor
 MOST_HZ, MOST_GAIN, MOST_DELAY_S = 1e5, 1e6, 10.0
+#: chi-square of a row below which a model leaves nothing
+LEAST_LEFT = 1e-12
 #: what a model may leave of gain and phase, rms, as a share and in rad, and still be said to describe them
 POOR = 0.05
 
@@ -131,74 +137,60 @@ def fit_response(response: Response) -> Sweep:
     """The most probable model.  Raises DataError for fewer frequencies than its numbers need."""
     if len(np.unique(response.frequency_hz)) < LEAST:
         raise DataError(f"{printable(response.name)}: {len(np.unique(response.frequency_hz))} frequencies, expected at least {LEAST}")
-    fits = [fit for model in MODELS if (fit := _fit(response, model)) is not None]
-    rows = 2 * len(response.gain)
-    scores = np.array(
-        [rows * np.log(max(chi_square, 1e-12 * rows) / rows) + len(vector) * np.log(rows) for _, vector, _, chi_square in fits]
-    )
-    best = int(np.argmin(scores))
-    model, vector, covariance, _ = fits[best]
-    band, sigma, least = _bandwidth(response, model, vector, covariance)
-    return Sweep(response, model, vector, covariance, band, sigma, least, float(weights_of(scores)[best]))
+    fits = {model: fit for model in MODELS if (fit := _fit(response, model)) is not None}
+    rows, (_, _, flat) = 2 * len(response.gain), fits["flat"]
+    shares = weights_of([of_any_scale(squares, rows - len(vector), len(vector), flat) for vector, _, squares in fits.values()])
+    best = int(np.argmax(shares))
+    model, (vector, covariance, _) = [*fits.items()][best]
+    return Sweep(response, model, vector, covariance, *_bandwidth(response, model, vector, covariance), float(shares[best]))
 
 
-def _fit(response: Response, model: str) -> tuple[str, np.ndarray, np.ndarray, float] | None:
-    """Model, numbers, covariance, chi-square; None where there are too few frequencies."""
+def _fit(response: Response, model: str) -> tuple[np.ndarray, np.ndarray, float] | None:
+    """Numbers, covariance, chi-square; None where there are too few frequencies."""
     from scipy.optimize import least_squares
 
-    f, top = response.frequency_hz, float(response.frequency_hz.max())
-    if 2 * len(f) <= 3 + MODELS[model][1]:
+    f, top, starts = response.frequency_hz, float(response.frequency_hz.max()), MODELS[model][1]
+    size = 2 + len(starts[0])
+    if 2 * len(f) <= 1 + size:
         return None
 
     def residuals(vector: np.ndarray) -> np.ndarray:
         ratio = transfer(model, f, vector) / (response.gain * np.exp(1j * response.phase))
         return np.concatenate([np.log(np.abs(ratio)) / (response.gain_sigma / response.gain), np.angle(ratio) / response.phase_sigma])
 
-    gain = float(response.gain[np.argmin(f)])
-    found = None
-    starts_of: dict[str, list[tuple[float, ...]]] = {
-        "flat": [()],
-        "first": [(top,), (top / 4,)],
-        "second": [(top, 0.7), (top / 3, 0.7), (2 * top, 0.3)],
-    }
-    starts = starts_of[model]
-    slope_s = -float(np.polyfit(2 * np.pi * f, np.unwrap(response.phase[np.argsort(f)])[np.argsort(np.argsort(f))], 1)[0])
-    size = 2 + MODELS[model][1]
+    gain, order = float(response.gain[np.argmin(f)]), np.argsort(f)
+    slope_s = -float(np.polyfit(2 * np.pi * f[order], np.unwrap(response.phase[order]), 1)[0])
     bounds = [0.0, -MOST_DELAY_S, 1e-6, 0.01][:size], [np.inf, MOST_DELAY_S, 10 * MOST_HZ, 10.0][:size]
-    for start in starts:
-        for delay_s in (0.0, float(np.clip(slope_s, -MOST_DELAY_S / 2, MOST_DELAY_S / 2))):
-            scale = np.array([gain, 1 / (2 * np.pi * top), top, 1.0][:size])
-            solved = least_squares(residuals, np.array([gain, delay_s, *start]), bounds=bounds, x_scale=scale, max_nfev=300)
-            if found is None or solved.cost < found.cost:
-                found = solved
-    assert found is not None  # every model has starts
-    chi_square = float(2 * found.cost)
-    widened = max(chi_square / max(2 * len(f) - len(found.x), 1), 1.0)  # what the model lacks widens its sigmas
-    return model, found.x, solve(found.jac).covariance * widened, chi_square
+    unit = np.array([gain, 1 / (2 * np.pi * top), top, 1.0][:size])
+    found = min(
+        (
+            least_squares(residuals, [gain, delay_s, *(start * unit[2:])], bounds=bounds, x_scale=unit, max_nfev=300)
+            for start in starts
+            for delay_s in (0.0, float(np.clip(slope_s, -MOST_DELAY_S / 2, MOST_DELAY_S / 2)))
+        ),
+        key=lambda solved: float(solved.cost),
+    )
+    chi_square = max(float(2 * found.cost), LEAST_LEFT * 2 * len(f))
+    widened = max(chi_square / max(2 * len(f) - size, 1), 1.0)  # what the model lacks widens its sigmas
+    return found.x, solve(found.jac).covariance * widened, chi_square
 
 
 def _bandwidth(
     response: Response, model: str, vector: np.ndarray, covariance: np.ndarray
 ) -> tuple[float | None, float | None, float | None]:
     """Where the gain falls to 0.707 of K: Hz, sigma, or a lower limit where no frequency comes near."""
-    top = float(response.frequency_hz.max())
-    if model == "flat":
-        return None, None, top
 
     def at(shape: np.ndarray) -> float:
-        if model == "first":
-            return float(shape[0])
-        a = 1 - 2 * shape[1] ** 2
+        a = 1 - 2 * shape[1] ** 2 if model == "second" else 0.0
         return float(shape[0] * np.sqrt(a + np.sqrt(a**2 + 1)))
 
-    shape, part = vector[2:], covariance[2:, 2:]
-    if not np.isfinite(part).all():  # these frequencies do not determine where the gain falls
-        return None, None, top
-    slopes = np.array([(at(shape + step) - at(shape - step)) / (2 * step.sum()) for step in np.diag(1e-5 * shape)])
-    band, sigma = at(shape), float(np.sqrt(max(slopes @ part @ slopes, 0.0)))
-    if band - 2 * sigma > 3 * top:
-        return None, None, top
-    return band, sigma, None
+    top, shape, part = float(response.frequency_hz.max()), vector[2:], covariance[2:, 2:]
+    if model != "flat" and np.isfinite(part).all():  # else these frequencies do not determine where the gain falls
+        slopes = np.array([(at(shape + step) - at(shape - step)) / (2 * step.sum()) for step in np.diag(1e-5 * shape)])
+        band, sigma = at(shape), float(np.sqrt(max(slopes @ part @ slopes, 0.0)))
+        if band - 2 * sigma <= 3 * top:
+            return band, sigma, None
+    return None, None, top
 
 
 def is_response(header: list[str]) -> bool:

@@ -21,7 +21,7 @@ FEATURE = Feature(
     public={
         "certificate": "certificate.content",
         "verify": "verification.verdict",
-        "watch": "watch.library",
+        "watch": "watch.watch",
         "history": "history.library",
         "compare": "history.comparison",
         "Compared": "history.comparison",

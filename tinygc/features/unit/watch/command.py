@@ -33,8 +33,7 @@ def run(args: Options) -> int:
     """Watch a source until it ends; print events, write JSON lines, run a command at an alarm."""
     from session.base.records import json_line
     from tinygc.features.unit.watch.alarms import AlarmCommand, JsonLines, words_of
-    from tinygc.features.unit.watch.library import events_of
-    from tinygc.features.unit.watch.watch import HELD
+    from tinygc.features.unit.watch.watch import HELD, events_of
     from tinygc.inference.decide import KINDS
 
     source = str(args.source)

@@ -8,21 +8,27 @@ After an alarm the present reading is the new state, and the watch goes on.
 
 from __future__ import annotations
 
+import contextlib
+import os
+import time
 from collections import Counter, deque
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from session.base.errors import DataError
+from session.base.errors import CalibrationError, DataError
 from session.base.numeric import rms_of
 from session.base.texts import significant
 from session.base.units import DEG, MG, NS, NS_PER_S
+from session.log.config import read_config
 from session.log.stamps import pace_of
 from tinygc.closure.motion import LIMIT_DEG, MINUTE_S, at_rest
-from tinygc.deploy.apply import Applicable, taken
-from tinygc.deploy.calibration import Calibration, Stream
+from tinygc.deploy.apply import Applicable, model_of, taken
+from tinygc.deploy.calibration import Calibration, Stream, surroundings
+from tinygc.features.unit.options import SourceOptions, WatchOptions
 from tinygc.features.unit.watch.detector import ATTITUDE, COEFFICIENT, Change, Detector, Judged, Reading, change_of
 from tinygc.features.unit.watch.expectation import (
     BLOCKS,
@@ -35,10 +41,11 @@ from tinygc.features.unit.watch.expectation import (
     expect,
     settings,
 )
-from tinygc.features.unit.watch.source import RESTART, Item, Remark
+from tinygc.features.unit.watch.source import RESTART, SILENT_S, Item, Remark, items_of, require_source
 from tinygc.features.unit.watch.turns import LEAST_RAD, LONGEST_S, Turn, TurnTest
-from tinygc.fitting.unit_state import UnitState
+from tinygc.fitting.unit_state import UnitState, read_state
 from tinygc.inference.decide import Answer
+from tinygc.library.arguments import public
 from tinygc.models.linear import LinearModel
 
 DAY_S = 86400.0
@@ -55,8 +62,6 @@ RESTLESS_S = 600.0
 SCHEMA = "tinygc-watch/1"
 #: whether a calibration held, by the kind of the answer; None where that is not decided
 HELD = {"holds": True, "does not hold": False, "undecided": None}
-#: of a block: calibrated and measured rate (N, 3) rad/s, and s of each sample (N,)
-Arrays = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +184,7 @@ class Watch:
             self._detector.gap(0)
         self._stream: Stream = self._calibration.stream()
         self._waiting: deque[Applicable] = deque()
-        self._left: Arrays = (np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+        self._left = np.zeros((0, 7))  # samples of no whole block: calibrated and measured rate (3), rad/s, and t_s
         self._forget_turn()
         self._restless_s, self._restless_said_s = 0.0, RESTLESS_S
         self._windows_here = 0
@@ -197,7 +202,7 @@ class Watch:
             self._detector.gap(samples)
             self._stream = self._calibration.stream()
             self._waiting.clear()
-            self._left = (self._left[0][:0], self._left[1][:0], self._left[2][:0])
+            self._left = self._left[:0]
             self._forget_turn()
         self._first_ns = int(item.t_ns[0]) if self._first_ns is None else self._first_ns
         self._last_ns = int(item.t_ns[-1]) - self._first_ns
@@ -212,24 +217,23 @@ class Watch:
         assert item.accel is not None
         self._force_sum += float(np.linalg.norm(item.accel, axis=1).sum())
         self._force_count += len(item.accel)
-        rate, measured, times = (np.concatenate(pair) for pair in zip(self._left, (omega, item.gyro, t_s), strict=True))
-        k, steps = 0, np.full(n, self._period_s)
+        rows, k = np.concatenate([self._left, np.column_stack([omega, item.gyro, t_s])]), 0
         for quiet, judged in self._detector.feed(omega, item.accel, item.temp):
-            block = (rate[k : k + n], measured[k : k + n], steps)
+            block = rows[k : k + n]
             k += n
-            self.t_s = float(times[k - 1])
+            self.t_s = float(block[-1, 6])
             yield from self._block(block, quiet, judged)
-        self._left = (rate[k:], measured[k:], times[k:])
+        self._left = rows[k:]
 
     # Blocks: rests, and the turns between them.
 
     def _forget_turn(self) -> None:
         self._turn: Turn | None = None
         self._direction: np.ndarray | None = None  # force of the last judged rest, in g
-        self._pending: deque[Arrays] = deque()  # blocks since then that may be those of the next judged window
+        self._pending: deque[np.ndarray] = deque()  # blocks since then that may be those of the next judged window
 
-    def _block(self, block: Arrays, quiet: bool, judged: Judged | None) -> Iterator[Event]:
-        seconds = float(block[2].sum())
+    def _block(self, block: np.ndarray, quiet: bool, judged: Judged | None) -> Iterator[Event]:
+        seconds = len(block) * self._period_s
         if quiet:
             self.rested_s += seconds
             self._quiet_blocks += 1
@@ -251,7 +255,7 @@ class Watch:
         if self._direction is None:
             self._pending.append(block)
         self._direction = judged.window.direction[:, 0]
-        self._resting_rps = block[1].mean(axis=0)
+        self._resting_rps = block[:, 3:6].mean(axis=0)
         self._last = *self._detector.filter.rate.total(COEFFICIENT), judged.window.gravity[0]
         self._windows_here += 1
         yield from self._judged(judged)
@@ -269,7 +273,7 @@ class Watch:
             return ""
         return f"; the accelerometer reads {mean:.3g} m/s^2 on average, expected about {gravity:.3g}: check its unit and full scale"
 
-    def _follow(self, block: Arrays, judged: Judged | None) -> Iterator[Event]:
+    def _follow(self, block: np.ndarray, judged: Judged | None) -> Iterator[Event]:
         """A turn goes from the end of one judged window to the beginning of the next: a hand begins and ends softly."""
         kept = BLOCKS if judged is not None else BLOCKS + 1
         while len(self._pending) > kept:
@@ -277,8 +281,8 @@ class Watch:
                 self._turn = Turn(self._turn_test.x[:9])
                 self._measured_rps = self._resting_rps
                 self._zero_rps = self._detector.filter.rate.total(ATTITUDE)[0][:, 0] * self._detector.chosen.rate_sigma_rps
-            omega, measured, dt = self._pending.popleft()
-            self._turn.add(omega - self._zero_rps, measured - self._measured_rps, dt)
+            gone = self._pending.popleft()
+            self._turn.add(gone[:, :3] - self._zero_rps, gone[:, 3:6] - self._measured_rps, np.full(len(gone), self._period_s))
         turn = self._turn
         if judged is not None:
             self._turn = None
@@ -401,12 +405,6 @@ class Watch:
             table |= {"zero_dps": zero, "zero_sigma_dps": sigma, "zero_cost_deg": _cost_deg(self._zero[0])}
         yield Event("end", self.t_s, answer.headline, table)
 
-    def _zero_matters(self) -> bool:
-        """Whether a minute at rest misses more than the limit by the last zero, as ``verify`` asks it: beyond two sigmas."""
-        assert self._zero is not None
-        zero, sigma = (float(np.linalg.norm(each)) for each in self._zero)
-        return _cost_deg(self._zero[0]) > LIMIT_DEG and zero > 2 * sigma
-
     def _answer(self) -> Answer:
         if self._zero is None or self.settings is None:
             short = f" ({self.short} were too short)" if self.short else ""
@@ -418,15 +416,15 @@ class Watch:
         zero, allowed = self._zero[0] / DEG, rms_of(expected.gyro.offset)
         usual = ", as usual" if SPREAD in expected.assumed else ""
         costs = (
-            f"a zero of {', '.join(f'{each:+.4f}' for each in zero)} dps turns the attitude by {significant(_cost_deg(self._zero[0]), 2)}°"
-        )
-        costs = (
-            f"{costs} in a minute at rest; a switch-on may move each axis by {significant(allowed / DEG, 2)} dps "
+            f"a zero of {', '.join(f'{each:+.4f}' for each in zero)} dps turns the attitude by {significant(_cost_deg(self._zero[0]), 2)}° "
+            f"in a minute at rest; a switch-on may move each axis by {significant(allowed / DEG, 2)} dps "
             f"({significant(allowed * MINUTE_S / DEG, 2)}°, one sigma{usual})"
         )
         if self.alarms:
             return Answer("does not hold", f"{self.alarms} alarm{'s' * (self.alarms > 1)} in {what}; {costs}")
-        if self._zero_matters():
+        # Whether a minute at rest misses more than the limit by the last zero, as ``verify`` asks it: beyond two sigmas
+        size, sigma = (float(np.linalg.norm(each)) for each in self._zero)
+        if _cost_deg(self._zero[0]) > LIMIT_DEG and size > 2 * sigma:
             return Answer("undecided", f"no alarm, but {costs}: take B anew (`calibrate verify` says how); {what}")
         return Answer("holds", f"{what}, no alarm; {costs}")
 
@@ -453,3 +451,108 @@ def _parts(item: Applicable, gap_ns: int) -> Iterator[tuple[int, Applicable]]:
     cuts = np.flatnonzero((steps > gap_ns) | (steps < 0)) + 1
     for number, (begin, stop) in enumerate(zip([0, *cuts.tolist()], [*cuts.tolist(), len(item.t_ns)], strict=True)):
         yield 0 if number == 0 else int(steps[begin - 1]), item.rows(slice(begin, stop))
+
+
+# For Python and for the command.
+
+
+@dataclass(frozen=True)
+class Watched:
+    """Result of ``tinygc.watch``: events in their order; held: True, False after an alarm, None where nothing could be judged."""
+
+    events: tuple[Event, ...]
+
+    @property
+    def held(self) -> bool | None:
+        """Whether the calibration held."""
+        return self.events[-1].table["held"] if self.events else None
+
+    @property
+    def alarms(self) -> tuple[Event, ...]:
+        """The alarms alone."""
+        return tuple(event for event in self.events if event.kind == "alarm")
+
+    def summary(self) -> str:
+        """One line."""
+        return self.events[-1].words if self.events else ""
+
+    def to_json(self) -> list[dict]:
+        """A table of ``tinygc-watch/1`` for each event."""
+        return [event.to_json() for event in self.events]
+
+
+def events_of(
+    model: Path,
+    source: str,
+    how: SourceOptions,
+    options: WatchOptions,
+    ended: Callable[[], bool] = lambda: False,
+) -> Iterator[Event]:
+    """Events of a source until it ends, or ``ended`` says so.
+
+    Raises CalibrationError for what cannot be read.
+    """
+    require_source(source)
+    path = model_of(model)
+    known = read_state(path, options.noise)
+    if known.model.session_s is not None:
+        raise CalibrationError(f"{path}: follows the time of its own session; give {path.stem}_at_end.json beside it")
+    if options.session is not None:
+        known = replace(known, config=read_config(options.session / "session.toml"))
+    log = Path(source)
+    around = surroundings(known.table, path, log if log.is_file() else Path("-"), options.session)  # as ``apply`` takes them
+    if around.accelerometer is None:
+        raise CalibrationError(
+            f"{path}: no calibration of the accelerometer, without which gravity's length says nothing; fit again, or give --session DIR"
+        )
+    live = Watch(known, options.false_alarm_every_s)
+    items = items_of(source, how, around)
+    heard_s, silent = time.monotonic(), False
+    with contextlib.suppress(KeyboardInterrupt):  # where a read cannot be waited for otherwise; a second one ends the program
+        for item in items:
+            if item is not None:
+                for event in live.take(item):
+                    yield event
+                    if ended():
+                        break
+            if item is not None and not isinstance(item, Remark):
+                heard_s, silent = time.monotonic(), False
+            elif not silent and time.monotonic() - heard_s > SILENT_S:
+                silent = True
+                yield Event("remark", live.t_s, f"no sample has come for {SILENT_S:.0f} s", {"what": "silent", "count": 1})
+            if ended():
+                break
+    yield from live.end()
+
+
+@public(WatchOptions)
+def watch(model: Path | str, source: Path | str, **choices: Any) -> Any:
+    """Hold a log's rests, its gravity and its turns against a calibration, one after the other, as the command ``watch`` does.
+
+    Parameters
+    ----------
+    model : str or Path
+        A model file, or the folder of a session: the model that its fit recommends.
+    source : str or Path
+        A standard log, a port, ``udp:HOST:PORT``, or ``-`` for standard input; it is watched to its end.
+
+    Returns
+    -------
+    Watched
+        ``held`` (None where nothing could be judged), ``alarms``, ``events`` with ``t_s``, ``words`` and ``table``, ``summary()``.
+
+    Raises
+    ------
+    CalibrationError
+        For what cannot be read; its message is one line.
+
+    Examples
+    --------
+    >>> import tempfile, tinygc
+    >>> folder = tinygc.simulate(segments=12, closure_s=0.0, odr_hz=104.0, seed=1).save(tempfile.mkdtemp() + "/a")
+    >>> _ = tinygc.fit(folder, methods=("least_squares",)).save()
+    >>> tinygc.watch(folder, folder / "log0001.csv.gz").held
+    True
+
+    """
+    return Watched(tuple(events_of(Path(model), os.fspath(source), SourceOptions(), WatchOptions(**choices))))

@@ -38,8 +38,9 @@ from tinygc.features.unit.options import VerifyOptions
 from tinygc.features.unit.verification.cost import minute_of
 from tinygc.features.unit.verification.questions import PLAUSIBLE, ask, expected_parts, todays_noise
 from tinygc.features.unit.verification.rows import LENGTH, Rows, rows_of
-from tinygc.features.unit.verification.verdict import BIAS, HOLDS, Verified, verify_session
+from tinygc.features.unit.verification.verdict import Verified, verify_session
 from tinygc.fitting.unit_state import UnitState, fitted_state, read_state, spread_of, spread_over
+from tinygc.inference.decide import BIAS, HOLDS
 from tinygc.library.simulations import Simulated
 from tinygc.models.linear import LinearModel
 from tinygc.simulation.options import SimulatedUnit, SimulationOptions

@@ -36,6 +36,8 @@ class Kind(NamedTuple):
     exit_code: int = 0
 
 
+#: whether a calibration, or a requirement of it, is met
+HOLDS, BIAS, FAILS, UNDECIDED = "holds", "holds for E, take B anew", "does not hold", "undecided"
 #: every answer that a result of this program has
 KINDS = {
     "pass": Kind("PASS", "bold green"),
@@ -43,10 +45,10 @@ KINDS = {
     "no limit": Kind("no limit", "bold cyan"),
     "not decided": Kind("NOT DECIDED", "bold yellow"),
     "fail": Kind("FAIL", "bold red", 1),
-    "holds": Kind("holds", "bold green"),
-    "holds for E, take B anew": Kind("holds for E, take B anew", "bold yellow", 1),
-    "does not hold": Kind("does not hold", "bold red", 1),
-    "undecided": Kind("undecided", "bold", 5),
+    HOLDS: Kind(HOLDS, "bold green"),
+    BIAS: Kind(BIAS, "bold yellow", 1),
+    FAILS: Kind(FAILS, "bold red", 1),
+    UNDECIDED: Kind(UNDECIDED, "bold", 5),
     "agrees": Kind("agrees"),
     "differs": Kind("differs", exit_code=1),
     "common": Kind("common", "bold"),

@@ -19,9 +19,6 @@ from tinygc.estimation.session_times import YEAR_S, Moment
 from tinygc.features.unit.history import forecast
 from tinygc.features.unit.history.estimate import NumberHistory, history_of
 from tinygc.features.unit.history.forecast import (
-    FAILS,
-    HOLDS,
-    UNDECIDED,
     _draws_of,
     attitude_slope,
     outlooks_of,
@@ -30,6 +27,7 @@ from tinygc.features.unit.history.forecast import (
 )
 from tinygc.features.unit.history.sessions import GYROSCOPE, NUMBERS, ZERO, UnitSession
 from tinygc.features.unit.history.shown import lines, panels_of, rows, significant
+from tinygc.inference.decide import FAILS, HOLDS, UNDECIDED
 from tinygc.models.linear import BIAS
 
 FIRST = datetime(2024, 1, 1, tzinfo=UTC)
@@ -124,7 +122,7 @@ def test_few_sessions_decide_neither_drift_nor_shock_nor_until_when(count, reaso
     assert all(each.drift and each.step_limit > 0 for each in history_of(drawn(np.arange(4) / 2, 0, SCATTER)).numbers)
     assert f"there are {count}" in " ".join(lines(history))
     (outlook,) = outlooks_of(history, [parse_limit("bias 50 dps")], today=FIRST)
-    assert (outlook.answer, outlook.beyond, outlook.until, reason in outlook.reason) == (UNDECIDED, False, None, True)
+    assert (outlook.kind, outlook.beyond, outlook.until, reason in outlook.line) == (UNDECIDED, False, None, True)
 
 
 def test_sessions_without_dates_count_as_they_come_and_days_say_nothing_of_a_year():
@@ -132,7 +130,7 @@ def test_sessions_without_dates_count_as_they_come_and_days_say_nothing_of_a_yea
     assert (history.dated, history.drift_time, history.at.tolist()) == (False, "session", list(range(10)))
     assert "s1 has no date" in history.remarks[0]
     (outlook,) = outlooks_of(history, [parse_limit("bias 1 dps")])
-    assert (outlook.answer, outlook.until, "needs dates" in outlook.reason) == (UNDECIDED, None, True)
+    assert (outlook.kind, outlook.until, "needs dates" in outlook.line) == (UNDECIDED, None, True)
     days = history_of(drawn(np.arange(6) / 365, 1, SCATTER))
     assert "a drift a year is not known: the history is 5 days long" in " ".join(lines(days))
     assert (days.drift_time, {row[3] for row in rows(days, days.numbers)}) == ("year", {"–"})
@@ -221,7 +219,7 @@ def test_the_day_is_where_the_known_unit_meets_it_with_95_percent():
     """Of 24 sessions the truth is all but known: the day is that of the normal law."""
     history = long_history(0.05)
     (outlook,) = outlooks_of(history, [parse_limit("bias 150 mdps")], today=history.sessions[-1].moment.when)
-    assert outlook.answer == HOLDS
+    assert outlook.kind == HOLDS
     last = (history.sessions[-1].values[ZERO] / DEG) - np.array([0.05 * 20, 0, 0])
 
     def share(years):
@@ -243,9 +241,9 @@ def test_nothing_is_said_further_ahead_than_the_history_is_long():
     limits = [parse_limit("bias 500 mdps"), parse_limit("bias 20 mdps")]
     for years, answer in ((19, HOLDS), (21, UNDECIDED)):
         found, never = outlooks_of(history, limits, today=last + timedelta(days=365.25 * years))
-        assert (found.answer, found.beyond) == (answer, True)
+        assert (found.kind, found.beyond) == (answer, True)
         assert (found.until - last).total_seconds() / YEAR_S == pytest.approx(20)
-        assert (never.answer, never.until, "at the next switch-on" in never.reason) == (FAILS, None, True)  # it is not met even now
+        assert (never.kind, never.until, "at the next switch-on" in never.line) == (FAILS, None, True)  # it is not met even now
 
 
 @pytest.mark.usefixtures("few_draws")
@@ -253,13 +251,13 @@ def test_a_day_that_has_passed_fails_only_where_the_chance_is_surely_less():
     """After fifteen years the drift alone is more than the limit; a week after the day, the chance is 95 % but for what nobody knows."""
     history = long_history(0.05)
     (outlook,) = outlooks_of(history, [parse_limit("bias 150 mdps")], today=FIRST + timedelta(days=365 * 35))
-    assert (outlook.answer, outlook.reason.startswith("it was met with 95 % until")) == (FAILS, True)
+    assert (outlook.kind, outlook.line.startswith("it was met with 95 % until")) == (FAILS, True)
     (soon,) = outlooks_of(history, [parse_limit("bias 150 mdps")], today=outlook.until + timedelta(days=8))
-    assert (soon.answer, soon.until, "may be met still" in soon.reason) == (UNDECIDED, outlook.until, True)
+    assert (soon.kind, soon.until, "may be met still" in soon.line) == (UNDECIDED, outlook.until, True)
     # Of eight sessions with two scatters of 10 mdps: whatever s is within reason, 1 mdps is missed, and 25 mdps is open.
     few = history_of(drawn(np.arange(8) / 2, 1, of("bias", 0.01)))
     for limit, answer in (("bias 1 mdps", FAILS), ("bias 25 mdps", UNDECIDED)):
-        assert outlooks_of(few, [parse_limit(limit)], today=FIRST)[0].answer == answer
+        assert outlooks_of(few, [parse_limit(limit)], today=FIRST)[0].kind == answer
 
 
 @pytest.mark.usefixtures("few_draws")

@@ -39,9 +39,9 @@ from tinygc.features.unit.verification.questions import (
     todays_noise,
 )
 from tinygc.features.unit.verification.rows import CLOSURE, LENGTH, STILL, Rows
-from tinygc.features.unit.verification.verdict import FAILS, HOLDS, UNDECIDED
 from tinygc.fitting.unit_state import UnitState, read_state, spread_between, spread_of, variance_and_freedom
 from tinygc.inference.choose import PRIOR_ODDS, STEPS, factors_by_freedom, level_of_each, tail
+from tinygc.inference.decide import FAILS, HOLDS, UNDECIDED
 from tinygc.inference.noise import wander_covariance
 from tinygc.models.linear import MATRIX, LinearModel
 from tinygc.models.model import accelerometer_table

@@ -28,7 +28,7 @@ from tinygc.estimation.between_sessions import COVERAGE, FEWEST_WITH_DRIFT
 from tinygc.estimation.session_times import YEAR_S
 from tinygc.features.unit.history.estimate import UnitHistory
 from tinygc.features.unit.history.sessions import GYROSCOPE, KEPT, NUMBERS
-from tinygc.features.unit.verification.verdict import FAILS, HOLDS, UNDECIDED
+from tinygc.inference.decide import FAILS, HOLDS, UNDECIDED, Answer
 from tinygc.inference.solve import root
 from tinygc.models.linear import LinearModel, field_jacobian
 
@@ -83,22 +83,19 @@ def parse_limit(text: str) -> Requirement:
     return Requirement(" ".join(text.split()), float(found[2]) * unit, places)
 
 
-@dataclass(frozen=True, eq=False)
-class Outlook:
-    """Whether and until when the last calibration meets a requirement.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Outlook(Answer):
+    """Whether the last calibration meets a requirement, today (``HOLDS``, ``FAILS`` or ``UNDECIDED``), and until when.
 
-    answer: ``HOLDS``, ``FAILS`` or ``UNDECIDED``, today; until: the last day on which it holds with 95 %, None where that is not known or
-    it does not hold at all; beyond: whether it holds to the end of what the history can tell; shares (M,) at years (M,) after the last
-    session: probability that it is met; reason: in words.
+    until: the last day on which it holds with 95 %, None where that is not known or it does not hold at all; beyond: whether it holds to
+    the end of what the history can tell; shares (M,) at years (M,) after the last session: probability that it is met.
     """
 
     requirement: Requirement
-    answer: str
-    until: datetime | None
-    beyond: bool
+    until: datetime | None = None
+    beyond: bool = False
     years: np.ndarray
     shares: np.ndarray
-    reason: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,12 +178,10 @@ def outlooks_of(history: UnitHistory, requirements: Sequence[Requirement], today
 
 
 def _outlook(history: UnitHistory, requirement: Requirement, draws: Draws | None, today: datetime) -> Outlook:
-    none = np.zeros(0)
     last = history.sessions[-1].moment
-    today_years = None if last is None or not history.dated else (today - last.when).total_seconds() / YEAR_S
 
-    def without(answer: str, reason: str, shares: np.ndarray = none) -> Outlook:
-        return Outlook(requirement, answer, None, False, np.zeros(len(shares)), shares, reason)
+    def without(kind: str, why: str, shares: Sequence[float] = ()) -> Outlook:
+        return Outlook(kind, why, requirement=requirement, years=np.zeros(len(shares)), shares=np.array(shares))
 
     if draws is None:
         return without(UNDECIDED, "one session does not show how far the next one may be from it; record and fit another one at least")
@@ -204,33 +199,30 @@ def _outlook(history: UnitHistory, requirement: Requirement, draws: Draws | None
     if at_once < COVERAGE:
         answer = FAILS if fails(0.0) else UNDECIDED
         few = "" if answer == FAILS else ", but so few sessions leave it open: record and fit more"
-        return without(answer, f"at the next switch-on it is met with {100 * at_once:.0f} %, not 95 %{few}", np.array([at_once]))
+        return without(answer, f"at the next switch-on it is met with {100 * at_once:.0f} %, not 95 %{few}", [at_once])
     if not history.dated or last is None:
-        return without(UNDECIDED, f"it is met at the next switch-on ({100 * at_once:.0f} %); until when needs dates", np.array([at_once]))
+        return without(UNDECIDED, f"it is met at the next switch-on ({100 * at_once:.0f} %); until when needs dates", [at_once])
     if len(history.sessions) < FEWEST_WITH_DRIFT:
         few = f"it is met at the next switch-on ({100 * at_once:.0f} %); until when needs {FEWEST_WITH_DRIFT} sessions, which show a drift"
-        return without(UNDECIDED, few, np.array([at_once]))
+        return without(UNDECIDED, few, [at_once])
     span = float(history.at[-1])
     years = np.linspace(0.0, span, MOMENTS)
     shares = np.array([share(each) for each in years])
     over = np.flatnonzero(shares < COVERAGE)
-    beyond = not len(over)
-    if beyond:
-        until = span
-    else:
+    until, beyond = span, not len(over)
+    if not beyond:
         k = int(over[0])
         until = float(np.interp(COVERAGE, [shares[k], shares[k - 1]], [years[k], years[k - 1]]))
-    day = last.when + timedelta(seconds=until * YEAR_S)
-    assert today_years is not None
-    if today_years <= until:
+    day, now = last.when + timedelta(seconds=until * YEAR_S), (today - last.when).total_seconds() / YEAR_S
+    if now <= until:
         answer, reason = HOLDS, "the end of what the history tells: it says nothing further ahead than it is long" if beyond else ""
     elif beyond:
         answer = UNDECIDED
         reason = f"it is met until {day.date()}; the history is {span:.2g} years long, and says nothing further ahead than that"
     else:
-        answer = FAILS if fails(min(today_years, span)) else UNDECIDED
+        answer = FAILS if fails(min(now, span)) else UNDECIDED
         reason = f"it was met with 95 % until {day.date()}{'' if answer == FAILS else ', and may be met still: calibrate anew'}"
-    return Outlook(requirement, answer, day, beyond, years, shares, reason)
+    return Outlook(answer, reason, requirement=requirement, until=day, beyond=beyond, years=years, shares=shares)
 
 
 def meets(history: UnitHistory, requirement: Requirement, draws: Draws) -> Callable[[np.ndarray], np.ndarray] | None:

@@ -20,7 +20,6 @@ from tinygc.features.unit.history.forecast import Outlook, outlooks_of, parse_ac
 from tinygc.features.unit.history.sessions import NUMBERS, read_dates, sessions_of
 from tinygc.features.unit.history.shown import outlook_line, page, picture_of, unit_facts
 from tinygc.features.unit.options import HistoryOptions
-from tinygc.inference.decide import KINDS
 from tinygc.library.arguments import is_path, public
 from tinygc.library.records import Kept
 from tinygc.models.linear import BIAS
@@ -58,7 +57,7 @@ class History(Kept):
     @property
     def exit_code(self) -> int:
         """0; 1 where a requirement does not hold today, 5 where one is undecided and none fails."""
-        codes = {KINDS[each.answer].exit_code for outlooks in self.outlooks for each in outlooks}
+        codes = {each.of.exit_code for outlooks in self.outlooks for each in outlooks}
         return 1 if 1 in codes else max(codes, default=0)
 
     @property
@@ -171,10 +170,10 @@ def _of_outlook(each: Outlook) -> dict[str, Any]:
         "requirement": required.text,
         "limit_deg": required.limit / DEG if attitude else None,
         "seconds": required.seconds if attitude else None,
-        "answer": each.answer,
+        "answer": each.kind,
         "until": None if each.until is None else each.until.date().isoformat(),
         "beyond": each.beyond,
-        "reason": each.reason,
+        "reason": each.line,
         "years": each.years,
         "shares": each.shares,
     }

@@ -20,10 +20,10 @@ from tinygc.estimation.session_times import SOURCES, YEAR_S
 from tinygc.estimation.spread import ZERO
 from tinygc.explanation.reported import ReportData
 from tinygc.features.unit.history.estimate import LONGEST_YEAR, NumberHistory, UnitHistory, history_of
-from tinygc.features.unit.history.forecast import HOLDS, Outlook
+from tinygc.features.unit.history.forecast import Outlook
 from tinygc.features.unit.history.sessions import GYROSCOPE, Number, unit_sessions
 from tinygc.fitting.unit_state import fitted_state, state_of
-from tinygc.inference.decide import KINDS
+from tinygc.inference.decide import HOLDS
 from tinygc.models.linear import BIAS
 from tinygc.reporting import facts
 from tinygc.reporting.drawing import Axis, Panel, Picture
@@ -47,7 +47,7 @@ def significant(value: float, digits: int = 2) -> str:
 def unit_facts(history: UnitHistory, outlooks: Sequence[Outlook], everything: bool = True) -> list[Part]:
     """What stands of one unit: what matters first, then the gyroscope's numbers; everything: all numbers, and those of each session."""
     parts: list[Part] = [one_line(headline(history), "bold")]
-    parts += [one_line(outlook_line(each), KINDS[each.answer].style) for each in outlooks]
+    parts += [one_line(outlook_line(each), each.of.style) for each in outlooks]
     parts += lines(history)
     shown = history.numbers if everything else history.numbers[:GYROSCOPE]
     if len(history.sessions) > 1:
@@ -214,10 +214,10 @@ def _warmth_lines(history: UnitHistory) -> list[str]:
 
 def outlook_line(each: Outlook) -> str:
     """``bias 50 mdps: holds until 2027-03-04 (95 %)``."""
-    said = f"{each.requirement.text}: {each.answer}"
-    if each.answer == HOLDS and each.until is not None:
+    said = f"{each.requirement.text}: {each.kind}"
+    if each.kind == HOLDS and each.until is not None:
         said += f" until {each.until.date()}{' at least' * each.beyond} (95 %){'' if each.beyond else ': calibrate before that day'}"
-    return f"{said}; {each.reason}" if each.reason else said
+    return f"{said}; {each.line}" if each.line else said
 
 
 # The pictures.

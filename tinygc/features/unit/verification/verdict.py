@@ -38,7 +38,7 @@ from tinygc.features.unit.verification.cost import (
 from tinygc.features.unit.verification.questions import GRAVITY, NOISE, B, E, Part, Question, ask, expected_parts, todays_noise
 from tinygc.features.unit.verification.rows import Rows, clocks_apart, facts, rows_of
 from tinygc.fitting.unit_state import UnitState, read_state, spread_of, spread_over
-from tinygc.inference.decide import Answer
+from tinygc.inference.decide import BIAS, FAILS, HOLDS, UNDECIDED, Answer
 from tinygc.library.arguments import is_path, public
 from tinygc.library.records import Shown
 from tinygc.models.linear import BIAS as BIAS_OF_12
@@ -48,8 +48,6 @@ from tinygc.reporting.facts import Table, screen
 from tinygc.reporting.terminal import Group, Text, one_line
 
 SCHEMA = "tinygc-verify/1"
-#: its kinds of answer (``inference.decide.KINDS``)
-HOLDS, BIAS, FAILS, UNDECIDED = "holds", "holds for E, take B anew", "does not hold", "undecided"
 #: in whose way it fails, in words
 OF = {E: "E", B: "the zero", GRAVITY: "the accelerometer", NOISE: "what is left beyond noise"}
 

@@ -67,7 +67,7 @@ def one_case(job: tuple[str, int]) -> dict:
     said = [f"check: {each.what}" for each in findings if each.level == "warning"]
     said = list(dict.fromkeys(said + [each for each in doubts_of(result) if each.replace("fit:", "check:") not in said]))
     error = result.linear.model.vector - np.concatenate([r.E.ravel(), r.B])
-    systematic = np.zeros(12) if result.systematic is None else result.systematic
+    systematic = np.zeros(12) if result.allowed is None else result.allowed.sigma
     stated, combined = np.sqrt(np.diag(result.covariance)), np.sqrt(np.diag(result.covariance) + systematic**2)
     case |= {"z": error / stated, "z_combined": error / combined, "widening": float(np.median(combined / stated))}
     return case | {"end": "warned" if said else "silent", "said": said}

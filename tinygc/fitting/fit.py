@@ -5,22 +5,25 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from session.base import features
-from session.base.errors import DataError, FitError, SegmentError
+from session.base.errors import CalibrationError, DataError, FitError, SegmentError
 from session.base.progress import Progress, untold
+from session.detect.check_references import with_own_accelerometer
+from session.detect.check_samples import with_bridges
 from session.log.folder import Session, read_session
 from session.log.requirements import read_requirements
+from tinygc.closure.build import build_problem
 from tinygc.closure.least_squares import GaussianPrior, PriorOf, PriorUse
 from tinygc.closure.prepared import Prepared, prepare
 from tinygc.closure.problem import Problem
 from tinygc.closure.residual import closure_angles
 from tinygc.closure.runs import read_closure_runs
 from tinygc.estimation.bias import BiasChoice, choose, with_level_bias
-from tinygc.estimation.choice import RAW, against_raw
+from tinygc.estimation.choice import RAW, against_raw, closure_figures, run_figures
 from tinygc.estimation.held_out import run_method
 from tinygc.estimation.options import CHOSEN, NETS, FitOptions, MethodFit, device
 from tinygc.estimation.spread import ZERO, Spread
@@ -51,41 +54,6 @@ class GivenPrior(Protocol):
 if TYPE_CHECKING:
     from tinygc.estimation.physics import FitPhysics
 
-# A fit reads and refuses all its inputs first, then computes.
-
-
-class FitInputs(NamedTuple):
-    """What a fit reads: options, with the methods of a given prior; prepared: the session, ready to be fitted; given: what is known of the
-    unit beforehand, or None; spread: how far its numbers move between sessions (``unit_state.spread_of``)."""
-
-    options: FitOptions
-    prepared: Prepared
-    given: GivenPrior | None
-    spread: Spread
-
-
-def read_inputs(session: Session | Path, options: FitOptions, progress: Progress, prepared: Prepared | None = None) -> FitInputs:
-    """Read what a fit needs; prepared: the session, if it is prepared already.
-
-    Raises FormatError for requirements or other sessions of the unit that cannot be read, the errors of ``prepare``, and SegmentError where
-    still rates are requested and there are none.
-    """
-    if options.requirements is not None:
-        read_requirements(options.requirements)
-    if prepared is not None:
-        session = prepared.session
-    elif not isinstance(session, Session):
-        session = read_session(session, lambda name: progress(f"reading {name}", 0, 1))
-    given: GivenPrior | None = features.first("prior of a fit", options, session.config.sensor.model)
-    if given is not None and options.methods == CHOSEN:
-        options = replace(options, methods=given.methods)
-    between = spread_over(options.history, session) if options.history else None
-    spread = spread_of(session.config, between=between, lot=None if given is None else given.spread)
-    prepared = prepared or prepared_for(session, options, progress, None if given is None else given.prior)
-    if options.still_rates and not len(prepared.problem.still_rates.rate):
-        raise SegmentError(f"{prepared.session.folder}: no still to take a rate from; fit without still_rates")
-    return FitInputs(options, prepared, given, spread)
-
 
 def prepared_for(session: Session | Path, options: FitOptions, progress: Progress, prior: PriorOf | None = None) -> Prepared:
     """Prepare a session, or a session folder, as the options of a fit have it; prior: of the unit.  Raises the errors of ``prepare``."""
@@ -115,11 +83,25 @@ def fit_session(
     progress: callback with the current task and its progress; saved: a folder of ``save_models`` whose methods are reused where they were
     made from the same files with the same options; prepared: the session, if it is prepared already; physics: fits the effects that
     ``options.physics`` names, and is required for that.
-    Raises the errors of ``read_inputs``, of ``read_closure_runs`` and of the methods.
+    Raises FormatError for requirements or other sessions of the unit that cannot be read, SegmentError where still rates are requested and
+    there are none, and the errors of ``prepare``, of ``read_closure_runs`` and of the methods.
     """
-    read = read_inputs(session, options, progress, prepared)
-    options, prepared, given, spread = read
+    # All inputs are read and refused first.
+    if options.requirements is not None:
+        read_requirements(options.requirements)
+    if prepared is not None:
+        session = prepared.session
+    elif not isinstance(session, Session):
+        session = read_session(session, lambda name: progress(f"reading {name}", 0, 1))
+    given: GivenPrior | None = features.first("prior of a fit", options, session.config.sensor.model)
+    if given is not None and options.methods == CHOSEN:
+        options = replace(options, methods=given.methods)
+    between = spread_over(options.history, session) if options.history else None
+    spread = spread_of(session.config, between=between, lot=None if given is None else given.spread)
+    prepared = prepared or prepared_for(session, options, progress, None if given is None else given.prior)
     problem = prepared.problem
+    if options.still_rates and not len(problem.still_rates.rate):
+        raise SegmentError(f"{prepared.session.folder}: no still to take a rate from; fit without still_rates")
     runs, floor = read_closure_runs(problem), problem.floor
     if options.bias_per_log:
         problem, of_logs = with_level_bias(problem)
@@ -201,3 +183,36 @@ def _run_methods(
             if len(not_run) == len(options.methods):
                 raise
     return fits, tuple(name for name in options.methods if name in known and known[name] is not linear), not_run
+
+
+# What a recording closes to, whatever ``check`` says of it: before and after its repair.
+
+#: measured rates less the first still's mean show the recording as it is; least squares shows what a calibration leaves
+SHOWN_BY = ("raw_bias_removed", "least_squares")
+
+
+def closure_of(folder: Path) -> dict[str, Any]:
+    """Fit a session folder by least squares, and compare with the raw rates: ``closure.before`` and ``closure.after`` of
+    ``tinygc-repair/1``.
+
+    turns used; scale (3): what least squares multiplies the rates by; tilt held out, by method; runs: RMSE of each closure run by method;
+    why: the reason why there is none of it, or nothing.
+    """
+    found: dict[str, Any] = {"turns": 0, "scale": None, "holdout_tilt_rms_deg": None, "runs": [], "why": ""}
+    try:
+        session, _ = with_own_accelerometer(read_session(folder))
+        problem = build_problem(with_bridges(session))
+        options = FitOptions(methods=SHOWN_BY)
+        fits = {name: run_method(name, problem, options) for name in SHOWN_BY}
+        runs = read_closure_runs(problem)
+    except CalibrationError as error:
+        return found | {"why": str(error).removeprefix(f"{folder}: ")}
+    return found | {
+        "turns": len(problem.used),
+        "scale": np.linalg.norm(fits["least_squares"].linear.E, axis=0).tolist(),
+        "holdout_tilt_rms_deg": {name: closure_figures(fit.held_out)["tilt_rms_deg"] for name, fit in fits.items()},
+        "runs": [
+            {"file": run.file, "rmse_deg": {name: run_figures(run.errors(fit.model))["rmse_deg"] for name, fit in fits.items()}}
+            for run in runs
+        ],
+    }

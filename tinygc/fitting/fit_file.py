@@ -289,15 +289,13 @@ def model_tables(result: FitResult) -> dict[str, dict]:
             if not (spread := result.spread.at(which)).is_usual:
                 more[key] = spread.sigma
         if fit.model.session_s is not None and result.physics is not None:
-            more["began_s"] = _began_s(result.physics.problem)
+            problem = result.physics.problem  # s of the session at which each log begins
+            more["began_s"] = {
+                file_key(log.path): float(moment) for log, moment in zip(problem.session.logs, problem.began_s[:-1], strict=True)
+            }
             tables[name + AT_END] = models.to_dict(fit.model.at_end(), **ended)
         tables[name] = models.to_dict(fit.model, **more)
     return tables
-
-
-def _began_s(problem: Problem) -> dict[str, float]:
-    """Return the time, s of the session, at which each log begins."""
-    return {file_key(log.path): float(moment) for log, moment in zip(problem.session.logs, problem.began_s[:-1], strict=True)}
 
 
 # ``fitted.json``: saved methods, reused where they were made from the same files, with the same options, by the same version.

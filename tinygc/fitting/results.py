@@ -109,11 +109,6 @@ class FitResult:
         return self.problem.session
 
     @property
-    def systematic(self) -> np.ndarray | None:
-        """(12,) how far any one effect of the catalogue, of a size that the recording still allows, moves each parameter; else None."""
-        return None if self.allowed is None else self.allowed.sigma
-
-    @property
     def nominal_rate(self) -> NominalRate | None:
         """The data rate that stands for a clock: the scale common to all axes is no better known.  None where stamps are measured."""
         return self.session.nominal_rate

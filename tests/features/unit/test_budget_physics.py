@@ -155,7 +155,7 @@ def test_what_is_known_besides_stands_beside_the_sum(fitted):
     assert of_bias["bias of another switch-on"] == pytest.approx(np.sqrt(2) * 0.02 * DEG)
     assert bias.variance == again.covariance[9, 9]
     assert "bias of another switch-on" not in of_scale
-    assert of_scale["one effect that the model lacks"] == pytest.approx(fitted.systematic[0])
+    assert of_scale["one effect that the model lacks"] == pytest.approx(fitted.allowed.sigma[0])
 
 
 # Use.

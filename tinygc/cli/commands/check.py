@@ -61,7 +61,7 @@ def _repair(args: Options, out: Path) -> int:
     """Write the corrected copy of a session, and show what it closes to before and after."""
     args.refuse_beside("--repair", "repair", "cause")
     from session.detect.repair import repair
-    from tinygc.fitting.before_after import closure_of
+    from tinygc.fitting.fit import closure_of
     from tinygc.reporting.tables import repair_report, verdict_line
 
     done = repair(args.folder, out, args.cause)

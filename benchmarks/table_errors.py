@@ -166,7 +166,7 @@ def outcome(injected: str, selected: Selected) -> str:
     if len(own) < len(selected.named):
         return "wrong"
     if not own:
-        hidden = any(candidate.id == injected and parts for candidate, parts in selected.unseen)
+        hidden = any(id == injected and parts for (id, _), parts in selected.hidden.items())
         return "inseparable" if hidden else "nothing"
     return "named" if any(each.candidate.id == injected and not each.equivalent for each in own) else "one of several"
 

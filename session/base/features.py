@@ -42,7 +42,7 @@ POINTS = {
     "table under a virtual board": "function(args, options) -> table | None: what turns a virtual board",
     "search beyond the catalogue": "function(explanation, further, seed, progress) -> what was found, or None",
     "report beyond the catalogue": "function(explanation, what was found) -> Why",
-    "explanation of what turned": "function(explanation, seed) -> explanation | None: of the machine that turned a recording",
+    "explanation of what turned": "function(explanation, seed) -> what a machine that turned it shows | None: rows, to_json(), panels",
     "proof of an effect": "function(effect, ...) -> report",
     "beside a report": "function(args of report) -> function(report) -> keys of its JSON, or None: what is written beside it",
     "earlier results of a report": "function(folder, logs) -> what an earlier command left in the folder for the report, or None",

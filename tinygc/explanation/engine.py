@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from session.base import features
 from session.base.errors import CalibrationError
 from session.base.progress import Progress, untold
 from session.base.units import DEG
@@ -45,8 +46,8 @@ class Explanation:
 
     gravity: during the turns, where stills bound them. findings: shapes without a name. own_p: p-values of each channel by itself, before
     and after. detection_limits: effect id -> detection limit in its parameter's unit. decision: the verdict of ``fit`` on this session,
-    which is explained here; None where no fit was possible, and beside a further reference. shown: what such a reference shows besides
-    (``REFERENCE`` of session/base/features.py).
+    which is explained here; None where no fit was possible, and beside a further reference. shown: what such a reference, or a machine
+    that turned the sensor, shows besides (``REFERENCE`` of session/base/features.py).
     """
 
     session: Session
@@ -164,6 +165,8 @@ def explain_session(
     explanation.detection_limits = detection_limits(twin, whiten, naming.fit, explanation.replay)
     explanation.warnings = prepared.warnings + weighed_down(session.name, problem.widened) + _heading_not_used(problem)
     explanation.verdict = _verdict(explanation)
+    if reference is None:
+        explanation.shown = features.first("explanation of what turned", explanation, seed)
     return explanation
 
 

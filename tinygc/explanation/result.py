@@ -340,7 +340,7 @@ def to_json(e: Explanation) -> dict:
             "version": VERSION,
         }
         | (
-            {}
+            {"refused": [claim.to_json() for claim in e.naming.refused]}
             if gravity is None
             else {
                 "turn_gravity": {
@@ -352,5 +352,5 @@ def to_json(e: Explanation) -> dict:
                 "within_stills": {f"{name}_rms_sigmas": rms_of(sigmas) for name, sigmas in e.within.items()},
             }
         )
-        | ({} if e.shown is None else {"refused": [claim.to_json() for claim in e.naming.refused], **e.shown.to_json()})
+        | ({} if e.shown is None else e.shown.to_json())
     )

@@ -63,13 +63,12 @@ class Why(Shown):
     """Result of ``tinygc.explain``; a subclass serves the search beyond the catalogue.
 
     explanation: the complete result, in SI; beyond: what was found beyond the catalogue, None if not requested; checked: outcome
-    of each effect in each of the recordings that it was checked on; turned_by: what is said of the machine that turned the table (feature
-    machines), None without one; notes: on the effect files that ``save`` has written: which user-edited file was kept, which was removed.
+    of each effect in each of the recordings that it was checked on; notes: on the effect files that ``save`` has written: which user-edited
+    file was kept, which was removed.
     """
 
     beyond: Any = None
     checked: Sequence[Checked] = ()
-    turned_by: Any = None
     notes: tuple[str, ...] = ()
 
     def __init__(self, explanation: Any):
@@ -82,8 +81,7 @@ class Why(Shown):
     @cached_property
     def table(self) -> dict:
         """``tinygc-explain/2`` (docs/formats.md)."""
-        by = {} if self.turned_by is None else {"table": self.turned_by.to_json()}
-        return self._table() | by | {"checked": checked_to_json(self.checked)}
+        return self._table() | {"checked": checked_to_json(self.checked)}
 
     def _table(self) -> dict:
         return to_json(self.explanation)
@@ -134,8 +132,7 @@ class Why(Shown):
     @property
     def page(self) -> Group:
         """The command's output as a rich renderable: verdict, effects, residuals, evidence and what to do next."""
-        by = [] if self.turned_by is None else [self.turned_by.page()]
-        return screen([*self._facts(), *by, *checked_page(self.checked)])
+        return screen([*self._facts(), *checked_page(self.checked)])
 
     def _facts(self) -> list[Part]:
         return explanation_facts(self.explanation)
@@ -245,10 +242,8 @@ def _explained(where: Session | Path, further: Sequence[Any], how: dict[str, Any
         refuse_beside(f"a {reference.title} as the reference", {}, further)
         return Why(explain_session(where, **how))
     explanation = explain_session(where, **how)
-    turned_by = features.first("explanation of what turned", explanation, how["seed"])
     beyond = features.first("search beyond the catalogue", explanation, tuple(further), seed=how["seed"], progress=how["progress"])
     why: Why = Why(explanation) if beyond is None else features.first("report beyond the catalogue", explanation, beyond)
-    why.turned_by = turned_by
     return why
 
 

@@ -14,7 +14,7 @@ from simulated_tables import Summary, draw, fixed_moves
 
 from session.base.errors import DataError
 from session.base.units import DEG, EARTH_RATE_RPS
-from tinygc.features.tables.explanation import TableExplanation
+from tinygc.features.tables.explanation import TableShown
 from tinygc.features.tables.machines.description import LATENCY_SIGMA_S, Axis, Description
 from tinygc.features.tables.observed import held_up_from, stamps_beside
 from tinygc.features.tables.rows import (
@@ -51,7 +51,6 @@ from tinygc.features.tables.selection import (
 )
 from tinygc.inference.choose import PRIOR_ODDS, STEPS
 from tinygc.inference.noise import Prior, wander_covariance
-from tinygc.reporting.terminal import as_text
 
 X, Y, Z = np.eye(3)
 
@@ -119,13 +118,13 @@ def test_the_states_columns_are_the_slopes_of_its_residuals():
     for _ in range(4):  # to where the residuals are small, since they bend
         comparison = Comparison(seen, state)
         design = np.concatenate([comparison.of_state() * sigma, 1e-3 * np.eye(len(sigma))])
-        r = np.append(comparison.residuals().stacked(), np.zeros(len(sigma)))
+        r = np.append(comparison.residuals(), np.zeros(len(sigma)))
         state = moved(state, sigma * np.linalg.lstsq(design, r, rcond=None)[0])
     columns = Comparison(seen, state).of_state()
     names = [name for name, size in parts_of(seen).items() for _ in size]
     for number in range(len(state)):
         step = 1e-6 * np.eye(len(state))[number]
-        difference = [Comparison(seen, moved(state, sign * step)).residuals().stacked() for sign in (1, -1)]
+        difference = [Comparison(seen, moved(state, sign * step)).residuals() for sign in (1, -1)]
         true = (difference[0] - difference[1]) / 2e-6
         # The word's rate is a central difference, as that of the gyroscope in its lag; between two answers it is interpolated otherwise.
         bar = 0.3 if "lag" in names[number] or "latency" in names[number] else 1e-3
@@ -373,10 +372,11 @@ def test_a_limit_is_what_nine_of_ten_would_show(clean, base):
     (_, selected), (base, _) = clean, base
     bar = norm.isf(0.025 / len(base.judged)) + norm.isf(0.1)
     skew = next(each for each in base.judged if each.candidate.id == "table.nonorthogonal")
-    (limit,) = [limit for candidate, limit in selected.limits if candidate.id == "table.nonorthogonal"]
+    limit, unit = selected.limits["table.nonorthogonal", "axes a, b"]
+    assert unit == "deg"
     column = base.columns[:, skew.place.start]
     sigma = skew.candidate.plausible[0] / np.sqrt(column @ column - np.sum((base.basis[: len(base.columns)].T @ column) ** 2))
-    assert limit == pytest.approx(bar * sigma, rel=1e-3)
+    assert limit * DEG == pytest.approx(bar * sigma, rel=1e-3)
 
 
 def test_a_p_value_has_as_many_degrees_of_freedom_as_directions_are_seen(base):
@@ -471,9 +471,9 @@ def test_a_late_word_is_the_machines_and_an_early_one_a_late_sensors(latency_s, 
 
 def test_a_verdict_is_never_clean_beyond_what_is_declared(clean):
     of, selected = clean
-    assert TableExplanation(of, selected).verdict == "clean"
+    assert TableShown(of, selected).verdict == "clean"
     for name in (REPEATABILITY, AT_REST, IN_TURN):
-        found = TableExplanation(of, replace(selected, excess={name: 4.0}))
+        found = TableShown(of, replace(selected, excess={name: 4.0}))
         assert found.verdict == "unexplained"
         assert "4.0 times" in found.doubts[0]
 
@@ -481,9 +481,9 @@ def test_a_verdict_is_never_clean_beyond_what_is_declared(clean):
 @pytest.mark.parametrize(("p", "verdict"), [(0.0009, "unexplained"), (0.002, "suspected"), (0.06, "clean")])
 def test_a_mismatch_without_a_name_is_claimed_as_far_as_its_p_value_goes(clean, p, verdict):
     of, selected = clean
-    found = TableExplanation(of, replace(selected, first_p=p))
-    assert found.verdict == found.to_json()["verdict"] == verdict
-    assert ("no effect in the catalogue fits it" in as_text(found.page())) == (verdict == "unexplained")
+    found = TableShown(of, replace(selected, first_p=p))
+    assert found.verdict == found.to_json()["table"]["verdict"] == verdict
+    assert ("no effect in the catalogue fits it" in found.rows[0][1]) == (verdict == "unexplained")
 
 
 def test_sizes_beyond_what_is_declared_are_known(clean):
@@ -515,7 +515,7 @@ def test_verdicts_follow_from_whose_errors_are_named(clean):
         ("unexplained", loss),
     ):
         for some in cases:
-            assert TableExplanation(of, replace(selected, named=some)).verdict == verdict
+            assert TableShown(of, replace(selected, named=some)).verdict == verdict
 
 
 def test_an_axis_that_turns_the_other_way_and_gravity_far_off_are_one_line(clean):

@@ -29,7 +29,6 @@ from tinygc.features.tables.machines.angles import read_angles
 from tinygc.features.tables.machines.description import attitudes, read_description
 from tinygc.features.tables.machines.virtual import TableLine, VirtualTable
 from tinygc.features.tables.recording import TurnedRecording, require_table_of
-from tinygc.reporting.terminal import as_text
 
 
 @pytest.fixture(autouse=True)
@@ -204,10 +203,9 @@ def test_explain_names_what_a_session_shows_of_its_table(tilted):
     (tilt,) = found.selected.named
     assert tilt.candidate.id == "table.tilt"
     assert tilt.theta / DEG == pytest.approx([0.2, 0], abs=0.03)
-    page = as_text(found.page())
-    assert "table bench: " in page
-    assert "not seen, and would be from" in page
-    shown = found.to_json()
+    assert (found.rows[0][0], found.rows[0][1].partition(" (p")[0]) == ("table", "bench: an error of the table")
+    assert any("not seen, and would be from" in words for _, words in found.rows)
+    shown = found.to_json()["table"]
     json.dumps(shown, allow_nan=False)
     assert [each["id"] for each in shown["effects"]] == ["table.tilt"]
     assert all(each["detection_limit"] > 0 for each in shown["undecided"])
@@ -220,7 +218,7 @@ def test_too_few_angles_are_undecided_and_a_broken_file_is_one_line(tilted, tmp_
     lines = path.read_text().splitlines()
     path.write_text("\n".join(lines[:40]) + "\n")
     found = explain_table(problem)
-    assert found.verdict == found.to_json()["verdict"] == "undecided"
+    assert found.verdict == found.to_json()["table"]["verdict"] == "undecided"
     assert "table.csv has angles for" in found.why_not
     path.write_text("\n".join([lines[0], "log0001.csv,what,,0,0,0"]) + "\n")
     with pytest.raises(FormatError, match=r"table\.csv line 2"):

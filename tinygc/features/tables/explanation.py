@@ -8,7 +8,7 @@ own columns; all compete in one search (``selection.py``).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -27,8 +27,8 @@ from tinygc.features.tables.rows_noise import AT_REST, IN_TURN, REPEATABILITY, R
 from tinygc.features.tables.selection import Named, Selected, select
 from tinygc.inference.choose import LEVEL
 from tinygc.inference.decide import KINDS
+from tinygc.reporting.drawing import Panel
 from tinygc.reporting.explanation_text import parameter_lines
-from tinygc.reporting.terminal import Group, Text, one_line
 
 #: what each error says to a person, and the movement that tells it from what reads the same
 SAYS = {
@@ -78,9 +78,10 @@ CLAIMED_P = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class TableExplanation:
-    """What ``explain`` says of a table: its description and what was selected; why nothing could be, else empty."""
+class TableShown:
+    """What a table shows besides in ``explain``: its description and what was selected; why nothing could be, else empty."""
 
+    panels: ClassVar[tuple[Panel, ...]] = ()
     table: Description
     selected: Selected | None
     why_not: str = ""
@@ -127,6 +128,9 @@ class TableExplanation:
 
     def to_json(self) -> dict[str, Any]:
         """``table`` of ``tinygc-explain/2``."""
+        return {"table": self._to_json()}
+
+    def _to_json(self) -> dict[str, Any]:
         found: dict[str, Any] = {"name": self.table.name, "verdict": self.verdict, "why_not": self.why_not or None}
         selected = self.selected
         if selected is None:
@@ -151,13 +155,16 @@ class TableExplanation:
             },
             "effects": [self._effect(each) for each in selected.named],
             "undecided": [
-                {"id": id, "where": where, "detection_limit": limit, "unit": unit} for id, where, limit, unit in limits_of(selected)
+                {"id": id, "where": where, "detection_limit": limit, "unit": unit}
+                for (id, where), (limit, unit) in selected.limits.items()
+                if of.whose(id) == of.TABLE
             ],
             "doubts": self.doubts,
             "suspected": list(selected.suspected),
             "inseparable": [
                 {"id": id, "where": where, "hidden_in": list(hidden), "movement": SAYS.get(id, OTHERWISE)[1]}
-                for id, where, hidden in inseparable_of(selected)
+                for (id, where), hidden in selected.hidden.items()
+                if of.whose(id) == of.TABLE and hidden and id != of.RIPPLE
             ],
         }
 
@@ -178,77 +185,48 @@ class TableExplanation:
             "movement": movement if named.equivalent else None,
         }
 
-    def page(self) -> Group:
-        """The section of the terminal's page, which says what ``to_json`` does."""
-        shown = self.to_json()
-        line = Text.assemble(("table ", ""), (self.table.name, "bold"), ": ", KINDS[self.verdict].word)
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """Subject of each line of the page (empty: the same as above), and its statement: what the JSON has."""
+        shown, verdict = self._to_json(), f"{self.table.name}: {KINDS[self.verdict].word}"
         if self.selected is None:
-            return Group(Text(""), line.append(f": {self.why_not}"))
-        parts: list[Any] = [Text(""), line.append(f"   (p {p_words(shown['p_value'])}; {shown['rests']} rests, {shown['turns']} turns)")]
+            return [("table", f"{verdict}: {self.why_not}")]
+        rows = [("table", f"{verdict} (p {p_words(shown['p_value'])}; {shown['rests']} rests, {shown['turns']} turns)")]
         for each in shown["effects"]:
-            shape = ", ".join(f"{key} {value}" for key, value in each["shape"].items() if key not in ("axis", "turn"))
-            place = ", ".join(filter(None, (each["where"], shape)))
-            parts.append(Text.assemble((f"  {each['id']}", "bold cyan"), f"   {place}   p {p_words(each['p_value'])}"))
-            parts.append(one_line(f"    {each['description']}"))
-            parts += [Text(f"    {words}") for words in parameter_lines(each["parameters"], each["std"])]
+            shape = (f"{key} {value}" for key, value in each["shape"].items() if key not in ("axis", "turn"))
+            rows.append(
+                (each["id"], ", ".join(filter(None, (each["where"], *shape, f"p {p_words(each['p_value'])}: {each['description']}"))))
+            )
+            rows += [("", words) for words in parameter_lines(each["parameters"], each["std"])]
             if each["equivalent"]:
-                parts.append(Text(f"    could as well be: {', '.join(each['equivalent'])}", "yellow"))
-                parts.append(one_line(f"    to tell: {each['movement']}"))
-        parts += [one_line(f"  {each}") for each in shown["doubts"]]
+                rows.append(("", f"could as well be {', '.join(each['equivalent'])}; to tell: {each['movement']}"))
+        rows += [("", words) for words in shown["doubts"]]
         if not shown["effects"] and shown["suspected"]:
-            parts.append(one_line(f"  suspected, and not shown: {', '.join(shown['suspected'])}"))
-        seen = [f"{id.removeprefix('table.')} {where} {limit:.2g} {unit}" for id, where, limit, unit in limits_of(self.selected)]
-        if seen:
-            parts.append(one_line(f"  not seen, and would be from: {'; '.join(seen)}"))
-        late = measured(shown["latency_ms"], shown["latency_std_ms"])
-        parts.append(Text(f"  the machine's word is {late} ms late against the sensor, its filter and stamps included"))
-        noise = shown["noise"]
-        stamps = f"stamps of the word scatter by {noise['word_jitter_ms']:.2g} ms and wander by {noise['word_wander_ms']:.2g} ms"
-        parts.append(Text(f"  repeatability {noise['repeatability_of_declared']:.2g} of what the axes declare; {stamps}"))
+            rows.append(("", f"suspected, and not shown: {', '.join(shown['suspected'])}"))
+        seen = (
+            f"{each['id'].removeprefix('table.')} {each['where']} {each['detection_limit']:.2g} {each['unit']}"
+            for each in shown["undecided"]
+        )
+        rows.append(("limits", f"not seen, and would be from: {'; '.join(seen)}"))
         for each in shown["inseparable"]:
-            hidden = f"a part of {each['id']} ({each['where']}) from {', '.join(each['hidden_in'])}"
-            parts.append(one_line(f"  inseparable here: {hidden}; {each['movement']}"))
-        return Group(*parts)
+            rows.append(
+                ("", f"inseparable here: a part of {each['id']} ({each['where']}) from {', '.join(each['hidden_in'])}; {each['movement']}")
+            )
+        late, noise = measured(shown["latency_ms"], shown["latency_std_ms"]), shown["noise"]
+        rows.append(("word", f"{late} ms late against the sensor, its filter and stamps included"))
+        rows.append(("", f"its stamps scatter by {noise['word_jitter_ms']:.2g} ms and wander by {noise['word_wander_ms']:.2g} ms"))
+        return [*rows, ("", f"repeatability {noise['repeatability_of_declared']:.2g} of what the axes declare")]
 
 
-def limits_of(selected: Selected) -> list[tuple[str, str, float, str]]:
-    """Of each error of a table that is not named: id, where, the size that would have been seen with 90 % probability, unit of its size.
-
-    Of many forms of one error, the one that is seen the least.
-    """
-    found: dict[tuple[str, str], tuple[float, str]] = {}
-    named = {(each.candidate.id, each.candidate.where) for each in selected.named}
-    for candidate, limit in selected.limits:
-        if of.whose(candidate.id) == of.TABLE and (candidate.id, candidate.where) not in named and limit > 0:
-            name, si, _ = candidate.parts[0]
-            this = limit / si, name.rsplit("_", 1)[1]
-            found[_place(candidate)] = max(this, found.get(_place(candidate), this))
-    return [(*place, *limit) for place, limit in found.items()]
-
-
-def inseparable_of(selected: Selected) -> list[tuple[str, str, tuple[str, ...]]]:
-    """Errors of a table of which a part is hidden in what is always free: id, where, and the parts of the calibration that take it up."""
-    found: dict[tuple[str, str], dict[str, None]] = {}
-    for candidate, parts in selected.unseen:
-        if of.whose(candidate.id) == of.TABLE and parts and candidate.id != of.RIPPLE:
-            found.setdefault(_place(candidate), {}).update(dict.fromkeys(parts))
-    return [(*place, tuple(hidden)) for place, hidden in found.items()]
-
-
-def _place(candidate: of.Candidate) -> tuple[str, str]:
-    """Id and where, without the number of a turn."""
-    return candidate.id, "any turn" if candidate.id == of.LOST else candidate.where
-
-
-def explain_table(problem: Problem, seed: int = 0) -> TableExplanation:
+def explain_table(problem: Problem, seed: int = 0) -> TableShown:
     """The errors of the table that turned a session, by its table.toml and table.csv.  FormatError for what is wrong with either file."""
     folder = problem.session.folder
     table = read_description(folder / TABLE)
     angles = read_angles(folder / ANGLES, table)
     try:
-        return TableExplanation(table, select(observe(problem, table, angles), seed))
+        return TableShown(table, select(observe(problem, table, angles), seed))
     except DataError as error:
-        return TableExplanation(table, None, str(error))
+        return TableShown(table, None, str(error))
     except np.linalg.LinAlgError:
         why = f"{ANGLES} and the sensor are too far apart for any small error; are axes, senses and mounting of {TABLE} right?"
-        return TableExplanation(table, None, why)
+        return TableShown(table, None, why)

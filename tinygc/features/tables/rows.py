@@ -25,7 +25,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from session.base.numeric import UPPER, running_sum
-from session.base.rotation import accumulate, cross_matrix, exp, identities, matrix
+from session.base.rotation import accumulate, cross_matrix, exp, identities, matrix, unit_vectors
 from session.base.units import DEG, EARTH_RATE_RPS, G
 from tinygc.effects import Effect, Movement
 from tinygc.effects.catalogue import catalogue
@@ -89,21 +89,6 @@ def prior_of(observed: Observed) -> tuple[np.ndarray, np.ndarray]:
     if observed.latitude_rad is not None:
         mean[sum(SIZES) - 1] = -EARTH_RATE_RPS * np.sin(observed.latitude_rad)
     return mean, sigma
-
-
-@dataclass(frozen=True, eq=False)
-class Rows:
-    """Residuals or columns, stacked: force, rotation, rate, within (n, ...)."""
-
-    force: np.ndarray
-    rotation: np.ndarray
-    rate: np.ndarray
-    within: np.ndarray
-
-    def stacked(self) -> np.ndarray:
-        """(3 Q + 3 S + 3 Q + W, …)."""
-        tail = self.force.shape[2:]
-        return np.concatenate([part.reshape(-1, *tail) for part in (self.force, self.rotation, self.rate)] + [self.within])
 
 
 class Comparison:
@@ -238,40 +223,47 @@ class Comparison:
         end = self.said_way[:, -1:]
         return np.where(np.abs(end) > 0, self.said_way / np.where(np.abs(end) > 0, end, 1.0), 0.0)
 
-    def residuals(self) -> Rows:
-        """Recording less prediction."""
+    def residuals(self) -> np.ndarray:
+        """(n,): recording less prediction."""
         seen = self.observed
-        force = seen.force @ self._accel.T + self._accel_zero + self.down
-        rotation = Rotation.from_matrix(self.turned.transpose(0, 2, 1) @ self.by_gyro).as_rotvec()
-        rate = seen.rate @ self.matrix.T + self._zero - np.einsum("qji,j->qi", self.at_rest, self._earth)
         along = np.einsum("sbi,si->sb", self.rates, self.axis) * seen.block_s[:, None]
-        way = running_sum(along, axis=1)
-        within = self.pinned(way) - self.pinned(self.said_way)
-        for size, late in zip(self._lag, (self.of_lag(), self.of_lag_squared()), strict=True):
-            rotation, within = rotation - size * late.rotation[..., 0], within - size * late.within[:, 0]
-        return Rows(force, rotation, rate, within)
+        rows = self._rows(
+            1,
+            force=seen.force @ self._accel.T + self._accel_zero + self.down,
+            rotation=Rotation.from_matrix(self.turned.transpose(0, 2, 1) @ self.by_gyro).as_rotvec(),
+            rate=seen.rate @ self.matrix.T + self._zero - np.einsum("qji,j->qi", self.at_rest, self._earth),
+            within=self.pinned(running_sum(along, axis=1)) - self.pinned(self.said_way),
+        )
+        return rows[:, 0] - self.of_lag() @ self._lag
 
-    # Operators: small errors to rows.
+    def _rows(self, size: int, **parts: np.ndarray) -> np.ndarray:
+        """(n, P) of force, rotation, rate and within, zero where a part is not given."""
+        rest, turns = 3 * len(self.observed.said), 3 * len(self.observed.first)
+        counts = {"force": rest, "rotation": turns, "rate": rest, "within": int(self.inner.sum())}
+        return np.concatenate([parts.get(name, np.zeros((count, size))).reshape(count, size) for name, count in counts.items()])
 
-    def of_attitudes(self, phi: np.ndarray) -> Rows:
+    # Operators: small errors to rows (n, P).
+
+    def of_attitudes(self, phi: np.ndarray) -> np.ndarray:
         """Rows of rotations phi (Q, 3, P) rad of the body at rest beside the prediction; nothing within turns."""
         seen = self.observed
-        force = np.cross(phi, self.down[:, :, None], axis=1)
         rotation = phi[seen.last] - np.einsum("sji,sjp->sip", self.turned, phi[seen.first])
-        return Rows(force, rotation, np.zeros_like(force), np.zeros((int(self.inner.sum()), phi.shape[2])))
+        return self._rows(phi.shape[2], force=np.cross(phi, self.down[:, :, None], axis=1), rotation=rotation)
 
-    def of_rates(self, turns: np.ndarray, rests: np.ndarray) -> Rows:
+    def of_rates(self, turns: np.ndarray, rests: np.ndarray) -> np.ndarray:
         """Rows of a rate that the gyroscope reads beside the true one: (S, B, 3, P) in blocks, (Q, 3, P) at rest, rad/s."""
         seen = self.observed
         rotation = np.einsum("sbij,sbjp->sip", self.to_end, turns)
         along = np.einsum("sbip,si->sbp", turns, self.axis) * (seen.inside * seen.block_s[:, None])[..., None]
-        way = np.concatenate([np.zeros_like(along[:, :1]), np.cumsum(along, axis=1)], axis=1)
-        return Rows(np.zeros_like(rests), rotation, rests, self.pinned(way))
+        return self._rows(rests.shape[2], rotation=rotation, rate=rests, within=self.pinned(running_sum(along, axis=1)))
 
-    def of_angles(self, at_rest: np.ndarray, at_edges: np.ndarray | None = None) -> Rows:
-        """Rows of angles beside the said ones: (Q, K, P) rad at rest, and of the turning axis (S, B + 1, P) at the edges."""
-        rows = self.of_attitudes(np.einsum("qki,qkp->qip", self.about, at_rest))
-        return rows if at_edges is None else Rows(rows.force, rows.rotation, rows.rate, self.pinned(at_edges))
+    def of_forces(self, force: np.ndarray) -> np.ndarray:
+        """Rows of (Q, 3, P) g that the accelerometer reads beside the truth."""
+        return self._rows(force.shape[2], force=force)
+
+    def of_angles(self, at_rest: np.ndarray) -> np.ndarray:
+        """Rows of angles at rest beside the said ones, (Q, K, P) rad."""
+        return self.of_attitudes(np.einsum("qki,qkp->qip", self.about, at_rest))
 
     @cached_property
     def about(self) -> np.ndarray:
@@ -290,58 +282,49 @@ class Comparison:
         )
         zero = identities(*seen.rates.shape[:2]), identities(rest)
         earth = -self.earth_in_blocks, -self.at_rest.transpose(0, 2, 1)
-        columns = [-self.of_rates(*pair).stacked() for pair in (gyro, zero)]
         upper = np.zeros((rest, 3, 6))
         for number, (i, j) in enumerate(zip(*UPPER, strict=True)):
             upper[:, i, number] = -seen.force[:, j]
-        for force in (upper, np.broadcast_to(-np.eye(3), (rest, 3, 3))):
-            columns.append(self.of_forces(force))
-        columns.append(self.of_attitudes(identities(rest)).stacked())
-        columns.append(-self.of_rates(*earth).stacked())
-        each = np.broadcast_to(np.eye(axes), (rest, axes, axes))
         about = self.about.transpose(0, 2, 1).copy()
         about[:, :, 0] = self.at_rest.transpose(0, 2, 1) @ self.observed.table.axes[0].direction
-        columns += [self.of_attitudes(about).stacked(), self.of_angles(each * self.unmoved[:, None]).stacked()]
-        columns += [self.of_latency(), self.of_lag().stacked(), self.of_lag_squared().stacked()]
+        columns = [
+            *(-self.of_rates(*pair) for pair in (gyro, zero)),
+            *(self.of_forces(force) for force in (upper, -identities(rest))),
+            self.of_attitudes(identities(rest)),
+            -self.of_rates(*earth),
+            self.of_attitudes(about),
+            self.of_angles(np.eye(axes) * self.unmoved[:, None]),
+            self.of_latency(),
+            self.of_lag(),
+        ]
         return np.concatenate(columns, axis=1)
-
-    def of_lag(self) -> Rows:
-        """Rows of a gyroscope whose axes all read the rate of 1 s before, to first order, and of a word that is as late."""
-        late = np.stack([-np.gradient(each, block, axis=0) for each, block in zip(self.turning, self.observed.block_s, strict=True)])
-        rows = self.of_rates(np.where(self.observed.inside[..., None], late, 0.0)[..., None], np.zeros((len(self.observed.said), 3, 1)))
-        return replace(rows, within=rows.within + self.of_latency()[-len(rows.within) :] if len(rows.within) else rows.within)
-
-    def of_lag_squared(self) -> Rows:
-        """Rows of the second order of a filter's lag, of 1 s^2, its axes alike: it rounds off the begin and the end of a turn."""
-        seen = self.observed
-        turns = zip(self.turning, seen.block_s, strict=True)
-        bent = [np.gradient(np.gradient(each, block, axis=0), block, axis=0) for each, block in turns]
-        return self.of_rates(np.where(seen.inside[..., None], np.stack(bent), 0.0)[..., None], np.zeros((len(seen.said), 3, 1)))
-
-    def of_forces(self, force: np.ndarray) -> np.ndarray:
-        """(n, P) of (Q, 3, P) g that the accelerometer reads beside the truth."""
-        nothing = np.zeros((len(self.observed.first), 3, force.shape[2]))
-        return Rows(force, nothing, np.zeros_like(force), np.zeros((int(self.inner.sum()), force.shape[2]))).stacked()
 
     def of_latency(self) -> np.ndarray:
         """(n, 1) of a word that is 1 s late: rad within turns."""
-        seen = self.observed
-        rate = np.gradient(self.said_way, axis=1) / seen.block_s[:, None]
-        rest = len(seen.said), seen.said.shape[1], 1
-        return self.of_angles(np.zeros(rest), rate[..., None]).stacked()
+        rate = np.gradient(self.said_way, axis=1) / self.observed.block_s[:, None]
+        return self._rows(1, within=self.pinned(rate[..., None]))
+
+    def of_lag(self) -> np.ndarray:
+        """(n, 2) of a gyroscope whose axes all read the rate of 1 s before, to first order, and of a word that is as late; and of the
+        second order of a filter's lag, of 1 s^2: it rounds off the begin and the end of a turn."""
+        seen, block_s = self.observed, self.observed.block_s[:, None, None]
+        slope = np.gradient(self.turning, axis=1) / block_s
+        late = np.where(seen.inside[..., None, None], np.stack([-slope, np.gradient(slope, axis=1) / block_s], axis=-1), 0.0)
+        return self.of_rates(late, np.zeros((len(seen.said), 3, 2))) + self.of_latency() * [1.0, 0.0]
 
     def of_errors(self, added: Added, size: int) -> np.ndarray:
         """(n, P) of errors that move the body at rest, each of ``size`` numbers: slopes at what is known already."""
         moved = np.array([Comparison(self.observed, self.state, added(self._errors, SMALL * each)).at_rest for each in np.eye(size)])
         turn = Rotation.from_matrix((self.at_rest.transpose(0, 2, 1) @ moved).reshape(-1, 3, 3)).as_rotvec() / SMALL
-        return self.of_attitudes(np.moveaxis(turn.reshape(size, -1, 3), 0, -1)).stacked()
+        return self.of_attitudes(np.moveaxis(turn.reshape(size, -1, 3), 0, -1))
 
     def of_angle_function(self, axis: int, function: np.ndarray, edges: Callable[[], np.ndarray]) -> np.ndarray:
         """(n, P) of an axis' angle beside the said one: (Q, P) rad at rest, (S, B + 1, P) at the edges of its own turns."""
         at_rest = np.zeros((*self.observed.said.shape, function.shape[1]))
         at_rest[:, axis] = function
         own = (self.observed.alone == axis)[:, None, None]
-        return self.of_angles(at_rest, np.where(own, edges(), 0.0)).stacked()
+        within = self.pinned(np.where(own, edges(), 0.0))
+        return self.of_angles(at_rest) + self._rows(function.shape[1], within=within)
 
     def play_at_edges(self, axis: int) -> np.ndarray:
         """(S, B + 1, 1) rad of an axis' angle, of a play of 1 rad: its stage hangs half of it behind, on the side of its last motion."""
@@ -353,9 +336,9 @@ class Comparison:
 
     def of_dropped(self, turn: int) -> np.ndarray:
         """(n, 1) of an angle about the axis of a turn that the gyroscope alone has lost, rad."""
-        rows = self.of_rates(np.zeros((*self.observed.rates.shape, 1)), np.zeros((len(self.observed.said), 3, 1)))
-        rows.rotation[turn, :, 0] = -self.axis[turn] * np.sign(self.said_way[turn, -1])
-        return rows.stacked()
+        rotation = np.zeros((len(self.axis), 3, 1))
+        rotation[turn, :, 0] = -self.axis[turn] * np.sign(self.said_way[turn, -1])
+        return self._rows(1, rotation=rotation)
 
 
 def cubic_weights(at: np.ndarray, count: int) -> np.ndarray:
@@ -407,16 +390,16 @@ TABLE, SENSOR = "table", "sensor"
 
 INDEX, WOBBLE, RIPPLE, SKEW = "table.index", "table.wobble", "table.rate_ripple", "table.nonorthogonal"
 TILT, BACKLASH, LOST, LATENCY, DROPPED = "table.tilt", "table.backlash", "table.lost_steps", "table.latency", "timing.dropped_samples"
-#: sizes that a table's errors may have, one sigma, SI
-PLAUSIBLE = {
-    INDEX: 0.2 * DEG,
-    WOBBLE: 0.1 * DEG,
-    RIPPLE: 0.1 * DEG,
-    SKEW: 0.3 * DEG,
-    TILT: 0.5 * DEG,
-    BACKLASH: 0.3 * DEG,
-    LOST: 2 * DEG,
-    DROPPED: 2 * DEG,
+#: sizes that a table's errors may have, one sigma, SI, and the JSON names of their quantities, all in degrees
+FORMS = {
+    INDEX: (0.2 * DEG, "once_deg", "twice_deg"),
+    WOBBLE: (0.1 * DEG, "wobble_deg"),
+    RIPPLE: (0.1 * DEG, "ripple_deg"),
+    SKEW: (0.3 * DEG, "skew_deg"),
+    TILT: (0.5 * DEG, "tilt_deg"),
+    BACKLASH: (0.3 * DEG, "backlash_deg"),
+    LOST: (2 * DEG, "lost_deg"),
+    DROPPED: (2 * DEG, "lost_deg"),
 }
 #: a play that is negative cannot be
 ONE_SIDED = (BACKLASH,)
@@ -479,43 +462,39 @@ def candidates_of(comparison: Comparison) -> list[Candidate]:
 
 def _of_table(comparison: Comparison) -> Iterator[Candidate]:
     axes, seen = comparison.observed.table.axes, comparison.observed
-
-    def at_rest(id: str, where: str, added: Added, size: int, name: str, **shape: float | str) -> Candidate:
-        make = partial(comparison.of_errors, added, size)
-        return Candidate(id, where, make, np.full(size, PLAUSIBLE[id]), ((name, DEG, tuple(range(size))),), dict(shape), added=added)
-
-    yield at_rest(TILT, "base", _tilted, 2, "tilt_deg")
+    yield _at_rest(comparison, TILT, "base", _tilted, 2)
     for number, axis in enumerate(axes):
         at, of_angle = f"axis {axis.name}", partial(_of_angle, comparison, number)
         angles = seen.said[:, number], seen.said_edges[:, :, number]
-        parts = ("once_deg", DEG, (0, 1)), ("twice_deg", DEG, (2, 3))
-        yield of_angle(INDEX, at, harmonic(angles[0], 1, 2), partial(harmonic, angles[1], 1, 2), parts)
-        yield at_rest(WOBBLE, at, partial(_wobbling, number), 4, "wobble_deg", axis=axis.name)
-        play = -seen.senses[:, number, None] / 2
-        yield of_angle(BACKLASH, at, play, partial(comparison.play_at_edges, number), (("backlash_deg", DEG, (0,)),))
-        if number and np.linalg.norm(np.cross(axes[number - 1].direction, axis.direction)) > 0.1:
-            between = f"axes {axes[number - 1].name}, {axis.name}"
-            away = np.cross(np.cross(axes[number - 1].direction, axis.direction), axis.direction)
-            yield at_rest(SKEW, between, partial(_skewed, number, away / np.linalg.norm(away)), 1, "skew_deg", axis=axis.name)
+        yield of_angle(INDEX, at, harmonic(angles[0], 1, 2), partial(harmonic, angles[1], 1, 2))
+        yield _at_rest(comparison, WOBBLE, at, partial(_wobbling, number), 4, axis=axis.name)
+        yield of_angle(BACKLASH, at, -seen.senses[:, number, None] / 2, partial(comparison.play_at_edges, number))
+        away = np.cross(axes[number - 1].direction, axis.direction)
+        if number and np.linalg.norm(away) > 0.1:
+            skewed = partial(_skewed, number, unit_vectors(np.cross(away, axis.direction)))
+            yield _at_rest(comparison, SKEW, f"axes {axes[number - 1].name}, {axis.name}", skewed, 1, axis=axis.name)
         for cycles in range(FIRST_RIPPLE, _most_cycles(seen, number) + 1):
-            ripple = harmonic(angles[0], cycles), partial(harmonic, angles[1], cycles)
-            yield of_angle(RIPPLE, at, *ripple, (("ripple_deg", DEG, (0, 1)),), cycles=cycles)
+            yield of_angle(RIPPLE, at, harmonic(angles[0], cycles), partial(harmonic, angles[1], cycles), cycles=cycles)
+
+
+def _candidate(id: str, where: str, make: Callable[[], np.ndarray], size: int, added: Added | None, shape: dict) -> Candidate:
+    plausible, *names = FORMS[id]
+    each = size // len(names)
+    parts = tuple((str(name), DEG, tuple(range(number * each, number * each + each))) for number, name in enumerate(names))
+    return Candidate(id, where, make, np.full(size, plausible), parts, shape, added=added, one_sided=id in ONE_SIDED)
+
+
+def _at_rest(comparison: Comparison, id: str, where: str, added: Added, size: int, **shape: float | str) -> Candidate:
+    return _candidate(id, where, partial(comparison.of_errors, added, size), size, added, shape)
 
 
 def _of_angle(
-    comparison: Comparison,
-    axis: int,
-    id: str,
-    where: str,
-    function: np.ndarray,
-    edges: Callable[[], np.ndarray],
-    parts: tuple[Part, ...],
-    **shape: float,
+    comparison: Comparison, axis: int, id: str, where: str, function: np.ndarray, edges: Callable[[], np.ndarray], **shape: float
 ) -> Candidate:
     """An error of an axis' angle, by ``of_angle_function``: rad per rad at rest, and at the edges."""
-    make, plausible = partial(comparison.of_angle_function, axis, function, edges), np.full(function.shape[1], PLAUSIBLE[id])
-    shape = {"axis": comparison.observed.table.axes[axis].name, **shape}  # type: ignore[dict-item]
-    return Candidate(id, where, make, plausible, parts, dict(shape), added=partial(_beside, axis, function), one_sided=id in ONE_SIDED)
+    make = partial(comparison.of_angle_function, axis, function, edges)
+    name = comparison.observed.table.axes[axis].name
+    return _candidate(id, where, make, function.shape[1], partial(_beside, axis, function), {"axis": name, **shape})
 
 
 def _tilted(errors: TableErrors, theta: np.ndarray) -> TableErrors:
@@ -551,17 +530,15 @@ def _most_cycles(observed: Observed, axis: int) -> int:
 def _lost_in_turns(comparison: Comparison) -> Iterator[Candidate]:
     """A motor that falls behind in a turn, for good, where in the turn is not asked; a gyroscope that misses a part of one."""
     seen = comparison.observed
-    parts, no_edges = (("lost_deg", DEG, (0,)),), partial(np.zeros, (*seen.said_edges.shape[:2], 1))
+    no_edges = partial(np.zeros, (*seen.said_edges.shape[:2], 1))
     for turn, alone in enumerate(seen.alone.tolist()):
         moved = np.flatnonzero(np.abs(seen.turned[turn]) > 0.5 * DEG) if alone < 0 else [alone]
         for axis in map(int, moved):
-            later = np.arange(len(seen.said)) >= seen.last[turn]
-            lost = np.where(later, -np.sign(seen.turned[turn, axis]), 0.0)[:, None]
-            found = _of_angle(comparison, axis, LOST, f"turn {turn}", lost, no_edges, parts, turn=turn)
+            lost = np.where(np.arange(len(seen.said)) >= seen.last[turn], -np.sign(seen.turned[turn, axis]), 0.0)[:, None]
+            found = _of_angle(comparison, axis, LOST, f"turn {turn}", lost, no_edges, turn=turn)
             yield found
             if alone >= 0:
-                make = partial(comparison.of_dropped, turn)
-                yield replace(found, id=DROPPED, make=make, plausible=np.array([PLAUSIBLE[DROPPED]]), added=None)
+                yield _candidate(DROPPED, found.where, partial(comparison.of_dropped, turn), 1, None, found.shape)
 
 
 def _of_sensor(comparison: Comparison) -> Iterator[Candidate]:
@@ -587,7 +564,7 @@ def _columns(comparison: Comparison, effect: Effect, rests: Movement, turns: lis
         in_turns[number, : len(turn.t_s)] = effect.columns(effect.shown(turn))
     # A rest has no neighbours to look at.
     at_rest = np.zeros((len(seen.said), 3, effect.parameter.size)) if effect.reach else effect.columns(effect.shown(rests))
-    return comparison.of_rates(in_turns, at_rest).stacked()
+    return comparison.of_rates(in_turns, at_rest)
 
 
 def _movements(comparison: Comparison) -> tuple[Movement, list[Movement]]:

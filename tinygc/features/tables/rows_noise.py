@@ -88,7 +88,7 @@ class NoiseModel:
             white[here, here] = each
         declared = np.array([axis.sigma_rad for axis in seen.table.axes])
         scattered = np.einsum("qr,kl,k->qkrl", np.eye(len(seen.said)), np.eye(len(declared)), declared)
-        scattered = comparison.of_angles(scattered.reshape(*seen.said.shape, -1)).stacked()[: self.outer]
+        scattered = comparison.of_angles(scattered.reshape(*seen.said.shape, -1))[: self.outer]
         kind = np.repeat([0, 1, 2], [rest, turn, rest])
         wander = max(seen.instability_rps, 1e-9)
         self.usual: dict[str | float, tuple[float, Prior | None]] = {

@@ -30,7 +30,7 @@ from session.base.numeric import rms_of
 from session.base.units import DEG
 from tinygc.features.tables.machines.description import TableErrors
 from tinygc.features.tables.observed import Observed
-from tinygc.features.tables.rows import LATENCY, Candidate, Comparison, candidates_of, moved, parts_of, prior_of
+from tinygc.features.tables.rows import LATENCY, LOST, Candidate, Comparison, candidates_of, moved, parts_of, prior_of
 from tinygc.features.tables.rows_noise import NoiseModel, RowsNoise
 from tinygc.inference.choose import AS_PROBABLE, LEVEL, PRIOR_ODDS, Selection, chi_square_above, climb, over_scales, price
 from tinygc.inference.solve import solve
@@ -78,15 +78,16 @@ class Named:
 
 @dataclass(frozen=True, eq=False)
 class Selected:
-    """named, strongest first; limits: by candidate, SI: the size seen with 90 % probability in its weakest visible direction, NaN where
-    none is visible; unseen: candidate of each direction that these attitudes do not show, and the parts of the state that take it up;
+    """named, strongest first.  By id and where, for a loss in any turn: limits of what is not named: the size that is seen with 90 %
+    probability in the weakest visible direction of the form that is seen the least, and its unit; hidden: the parts of the state that take
+    up what these attitudes do not show of it.
     first_p, smallest_p: family-wise, of anything at all and of what is left; noise, latency_s and its sigma, of the last fit; excess: sizes
     of the noise beyond what is declared (``NoiseModel.excess``); suspected: ids of what is left that is significant."""
 
     observed: Observed
     named: list[Named]
-    limits: list[tuple[Candidate, float]]
-    unseen: list[tuple[Candidate, tuple[str, ...]]]
+    limits: dict[tuple[str, str], tuple[float, str]]
+    hidden: dict[tuple[str, str], tuple[str, ...]]
     first_p: float
     smallest_p: float
     noise: RowsNoise
@@ -274,18 +275,23 @@ def select(observed: Observed, seed: int = 0, make: Make = candidates_of) -> Sel
         first_p = min(first_p, p_latency)
     left = sorted((p, each.candidate.id) for each, p in zip(judged, chances, strict=True) if p <= LEVEL)
     suspected = tuple(dict.fromkeys(id for _, id in left))[:MOST_SUSPECTED]
-    limits, unseen = [], []
+    limits: dict[tuple[str, str], tuple[float, str]] = {}
+    hidden: dict[tuple[str, str], tuple[str, ...]] = {}
     state = np.array([name for name, sigma in parts_of(observed).items() for _ in sigma])
     for each in judged:
-        freedom = max(int(each.seen.sum()), 1)
-        least_seen = np.sqrt(chdtri(freedom, LEVEL / max(len(judged), 1))) + POWER
-        faintest = float(each.candidate.plausible.max() / each.s[each.seen].min()) if each.seen.any() else float("nan")
-        limits.append((each.candidate, float(least_seen * faintest)))
-        for direction in each.right[:, ~each.seen].T:
-            unseen.append((each.candidate, best.look.hidden_in(each, direction, state)))
+        candidate, seen = each.candidate, each.seen
+        place = candidate.id, "any turn" if candidate.id == LOST else candidate.where
+        if seen.any() and not any((candidate.id, candidate.where) == (other.id, other.where) for other in best.named):
+            least_seen = np.sqrt(chdtri(seen.sum(), LEVEL / len(judged))) + POWER
+            name, si, _ = candidate.parts[0]
+            limit = float(least_seen * candidate.plausible.max() / each.s[seen].min()) / si, name.rsplit("_", 1)[-1]
+            limits[place] = max(limit, limits.get(place, limit))
+        for direction in each.right[:, ~seen].T:
+            parts = best.look.hidden_in(each, direction, state)
+            hidden[place] = tuple(dict.fromkeys((*hidden.get(place, ()), *parts)))
     found = sorted(found, key=lambda each: -each.log_evidence)
     least = min(chances, default=1.0)
-    return Selected(observed, found, limits, unseen, first_p, least, best.noise, latency, sigma, best.model.excess(best.noise), suspected)
+    return Selected(observed, found, limits, hidden, first_p, least, best.noise, latency, sigma, best.model.excess(best.noise), suspected)
 
 
 def _late(comparison: Comparison, latency_s: float, sigma_s: float, p_value: float, evidence: float) -> Named:
@@ -342,7 +348,7 @@ def _fitted(observed: Observed, named: list[Candidate], before: _Fit | None, mak
         named = [next(each for each in candidates if each.key == other.key) for other in named]
         size = np.concatenate([sigma, *(each.plausible for each in named)])
         N = np.concatenate([comparison.of_state(), *(each.columns for each in named)], axis=1) * size
-        r = comparison.residuals().stacked()
+        r = comparison.residuals()
         for each, theta in zip(named, thetas, strict=True):
             rows = each.columns @ theta
             rows[: exact if each.added is not None else 0] = 0.0  # the comparison has them already

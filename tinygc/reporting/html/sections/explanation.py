@@ -27,5 +27,5 @@ def section(evidence: ReportData) -> Section | None:
     panels = [*(pair_of(e, told) if told is not None else (in_time(e),) if e.twin.stills else ())]
     panels += [*(() if e.shown is None else e.shown.panels), *([proof_panel(e)] if e.proof.changed else [])]
     tried = sorted({effect.id for effect in candidates(e.twin)} - {claim.effect.id for claim in e.claimed})
-    said = f"tried, and not found: {', '.join(tried)}" + ("" if e.shown else f"; looked for in the registers as well: {IN_REGISTERS}")
+    said = f"tried, and not found: {', '.join(tried)}" + ("" if not e.gravity else f"; looked for in the registers as well: {IN_REGISTERS}")
     return Section("explain", "Why recording and simulation differ", html([*explanation_facts(e, panels), Text(said, "dim")]))

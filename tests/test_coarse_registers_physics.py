@@ -23,10 +23,10 @@ def test_the_bias_has_what_rounding_leaves_in_the_stills():
     """E diag(v) E', v the mean over the stills that serve, and nothing elsewhere; readings that were not rounded add nothing."""
     rng, E = np.random.default_rng(1), np.eye(3) + np.array([[0.02, 0.1, 0], [0, -0.03, 0.05], [0.1, 0, 0.01]])
     gyro = rng.normal(size=(900, 3)) * [0.25, 0.1, 2.0] + [0.3, 0.1, 0.2]
-    stills = [SimpleNamespace(start=at, stop=at + 300, problem=None if at else "creeps") for at in (0, 300, 600)]
+    rests = [(0, SimpleNamespace(start=at, stop=at + 300)) for at in (300, 600)]
     for step in (1.0, 0.0):
-        log = SimpleNamespace(samples=SimpleNamespace(gyro=np.rint(gyro) if step else gyro), stills=stills)
-        covariance = rounding_covariance(SimpleNamespace(logs=[log]), LinearModel(E, np.zeros(3)))
+        log = SimpleNamespace(samples=SimpleNamespace(gyro=np.rint(gyro) if step else gyro))
+        covariance = rounding_covariance(SimpleNamespace(logs=[log], references=rests), LinearModel(E, np.zeros(3)))
         each = np.mean([rounding_of_mean(log.samples.gyro[at : at + 300], step) for at in (300, 600)], axis=0)
         expected = np.zeros((12, 12))
         expected[9:, 9:] = E @ np.diag(each) @ E.T

@@ -84,7 +84,10 @@ def small(turns=24, stated=False, noise=1.0, bad=0.0, one_axis=False, site_mps2=
     parts = [[stills[0], creeping, *stills[1 : turns // 2 + 1]], [*stills[turns // 2 + 1 :], creeping]]
     rows = [density[0], density[-1]]
     samples = [SimpleNamespace(duration_s=turns + 5.0) for _ in rows]
-    logs = [StillSet(*of, Noise(none, row), np.zeros((len(of[1]), 4)), none) for *of, row in zip(samples, parts, rows, strict=True)]
+    logs = [
+        StillSet(*of, Noise(none, row), np.zeros((len(of[1]), 4)), np.zeros(len(of[1]), int))
+        for *of, row in zip(samples, parts, rows, strict=True)
+    ]
     own_floor = np.tile(np.diag(np.append(SIGMA_RAD**2, [1e-8] * stated)), (turns, 1, 1))
     floor = Floor(own_floor, np.zeros((turns - 1, *[2 + stated] * 2)), 7.0)  # the excess is estimated anew
     made = config()

@@ -15,13 +15,13 @@ from session.base.progress import Told, untold
 from session.base.rotation import angle_between
 from session.base.texts import command_line
 from session.base.units import DEG, EARTH_RATE_RPS, NS
+from session.detect.accelerometer import times_of
 from session.detect.dials import without_wrong_dials
 from session.detect.events import Impact, find_impacts
 from session.detect.segments import FEWEST_SEGMENTS, FoundTurn, Segment, known_turns, session_segments, why_too_few
 from session.detect.stamp_errors import stamp_errors
 from session.detect.stills import SessionStills, Still, references
 from session.log.folder import Session
-from session.log.samples import start_times
 from tinygc.closure import residual
 from tinygc.closure.earth import EarthRate, contradicts, earths_in_body, estimate_heading, no_earth, vertical_only, with_heading
 from tinygc.closure.floor import Floor, closure_floor
@@ -92,10 +92,8 @@ def rates_at_rest(logs: Sequence[StillSet]) -> StillRates:
 
     A single turn about one axis does not separate scale error from bias.
     """
-    rows = [(still, log.noise) for log in logs for still in log.stills if still.problem is None]
-    rate = np.array([still.gyro_mean for still, _ in rows])
-    sigma = np.array([np.hypot(noise.angle_random_walk / np.sqrt(still.duration_s), EARTH_RATE_RPS) for still, noise in rows])
-    return StillRates(rate, np.zeros_like(rate), sigma)
+    _, rate, sigma, _ = reference_stills(logs)
+    return StillRates(rate, np.zeros_like(rate), np.hypot(sigma, EARTH_RATE_RPS))
 
 
 # Turns with an impact: their extra uncertainty, estimated from their own closure residuals.
@@ -277,7 +275,7 @@ def build_problem(
     chain = replace(_batch(session, logs, segments), turns=as_reference(turns, len(segments), segments))
     used = np.array([segment.accepted for segment in segments])
     sigma = np.hypot(FIRST_SIGMA_RAD, bridged_sigma([s for s in segments if s.accepted], [log.bridges for log in logs]))
-    start = bias_only(next(still for log in logs for still in log.stills if still.problem is None).gyro_mean)
+    start = bias_only(reference_stills(logs).rate[0])
     few = np.count_nonzero(used) < FEWEST_SEGMENTS
     beforehand = None if prior is None or not few else prior(start.vector).scaled(FIRST_WIDER)
     at_rest = rates_at_rest(logs) if chain.turns is not None else None
@@ -336,9 +334,7 @@ def _stills_and_segments(
 ) -> tuple[Session, list[StillSet], list[Segment]]:
     session, parts, _ = without_wrong_dials(session, session_segments(session, found, moving, progress))
     logs = [
-        StillSet(part.found.samples, part.stills, part.found.noise, np.zeros((0, 4)), np.zeros(0, dtype=int), part.log.bridges)
-        for part in parts
-        if part.found.noise is not None
+        StillSet.of(part.found.samples, part.stills, part.found.noise, part.log.bridges) for part in parts if part.found.noise is not None
     ]
     segments = [segment for part in parts for segment in part.segments]
     segments = [replace(s, problem=CLIPPED, breaks_yaw=True) if s.number in clipped else s for s in segments]
@@ -446,10 +442,10 @@ def batch_between(logs: list[StillSet], segments: list[Segment], start: np.ndarr
 def _earths(session: Session, logs: list[StillSet], model: LinearModel) -> dict[int, EarthRate]:
     """The Earth's rate in the frame of each yaw group."""
     site = session.config.site
-    groups = sorted({int(g) for log in logs for g, still in zip(log.group, log.stills, strict=True) if still.problem is None})
+    q_tb, rate, sigma, group = reference_stills(logs)
+    groups = np.unique(group).tolist()
     if site.latitude_deg is None:
         return {g: no_earth() for g in groups}
-    q_tb, rate, sigma, group = reference_stills(logs)
     found = {}
     for g in groups:
         mine = group == g
@@ -473,30 +469,19 @@ class ReferenceStills(NamedTuple):
     group: np.ndarray
 
 
-def reference_stills(logs: list[StillSet]) -> ReferenceStills:
+def reference_stills(logs: Sequence[StillSet]) -> ReferenceStills:
     """Collect the stills that are references."""
-    rows = [
-        (q, still.gyro_mean, log.noise.angle_random_walk / np.sqrt(still.duration_s), group)
-        for log in logs
-        for q, still, group in zip(log.q_tb, log.stills, log.group, strict=True)
-        if still.problem is None
-    ]
-    return ReferenceStills(*(np.array(column) for column in zip(*rows, strict=True)))
+    kept = [log.references for log in logs]
+    q_tb, group = np.concatenate([log.q_tb for log in kept]), np.concatenate([log.group for log in kept])
+    rows = [(still.gyro_mean, log.noise.angle_random_walk / np.sqrt(still.duration_s)) for log in kept for still in log.stills]
+    rate, sigma = np.array(rows).reshape(-1, 2, 3).transpose(1, 0, 2)
+    return ReferenceStills(q_tb, rate, sigma, group)
 
 
 def still_rates(logs: list[StillSet], earths: dict[int, EarthRate]) -> StillRates:
     """Mean rates of the stills that are references, and the Earth's there.  Raises DataError for a gyro that shows no noise."""
-    if not any(still.problem is None for log in logs for still in log.stills):
-        none = np.zeros((0, 3))
-        return StillRates(none, none, none, np.zeros((0, 4)), np.zeros(0))
     q_tb, rate, sigma, group = reference_stills(logs)
     if not (sigma > 0).all():
         raise DataError("the gyro shows no noise at all in the stills; is the log made of registers, not of smoothed values?")
-    began = start_times(log.samples for log in logs)
-    middle_s = [
-        began[number] + still.start_s + still.duration_s / 2
-        for number, log in enumerate(logs)
-        for still in log.stills
-        if still.problem is None
-    ]
-    return StillRates(rate, earths_in_body(earths, group, q_tb), sigma, q_tb, np.array(middle_s))
+    middle_s, _ = times_of([references(log.stills) for log in logs], [log.samples for log in logs])
+    return StillRates(rate, earths_in_body(earths, group, q_tb), sigma, q_tb, middle_s)

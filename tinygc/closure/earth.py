@@ -66,22 +66,14 @@ def with_heading(latitude_deg: float, heading_deg: float) -> EarthRate:
 def estimate_heading(latitude_deg: float, q_tb: np.ndarray, rate: np.ndarray, sigma: np.ndarray) -> EarthRate:
     """Estimate the heading from Q stills: attitudes q_tb (Q, 4), rates (Q, 3) calibrated up to a common bias, sigma (Q, 3) rad/s.
 
-    Solves rate = b + R_bt w for the bias and the horizontal part of w; the vertical part is known.  The noise is scaled up to the
-    observed scatter of the stills, so that bias drift widens the heading's sigma.
+    Solves rate = b + R_bt w for the bias and the horizontal part of w; the vertical part is known.  Bias drift widens the heading's sigma.
     """
     turn = rotation.matrix(q_tb)
-    known = turn[:, 2, :] * _down(latitude_deg)
-    count = len(rate)
-    design = np.concatenate([identities(count), turn[:, 0, :, None], turn[:, 1, :, None]], axis=-1)
-    jacobian = (design / sigma[..., None]).reshape(-1, 5)
-    value = ((rate - known) / sigma).ravel()
-    freedom = len(value) - 5
-    found = solve(jacobian, value)
-    if freedom < 1 or found.rank < 5:
+    found = _beside_bias(turn[:, :2], rate - turn[:, 2] * _down(latitude_deg), sigma)
+    if found is None:
         return vertical_only(latitude_deg)
-    excess = max(1.0, np.sum((value - jacobian @ found.value) ** 2) / freedom)
-    covariance = found.covariance[3:, 3:] * excess
-    misfit = _north(latitude_deg) * _direction(_HEADINGS)[:, :2] - found.value[3:]
+    horizontal, covariance = found
+    misfit = _north(latitude_deg) * _direction(_HEADINGS)[:, :2] - horizontal
     log_p = -0.5 * np.einsum("hi,ij,hj->h", misfit, np.linalg.inv(covariance), misfit)
     p = np.exp(log_p - log_p.max())
     mean = (p / p.sum()) @ _direction(_HEADINGS)
@@ -95,20 +87,21 @@ def estimate_heading(latitude_deg: float, q_tb: np.ndarray, rate: np.ndarray, si
 def vertical_rate(q_tb: np.ndarray, rate: np.ndarray, sigma: np.ndarray) -> tuple[float, float] | None:
     """Estimate the rate about down, rad/s, and its sigma from Q stills: attitudes q_tb (Q, 4), rates (Q, 3) calibrated up to a common bias,
     sigma (Q, 3) rad/s.  None if their attitudes do not separate it from the bias.
-
-    All three components are free; the noise is scaled up to the observed scatter, as for the heading.
     """
-    turn = rotation.matrix(q_tb)
-    count = len(rate)
-    design = np.concatenate([identities(count), turn.transpose(0, 2, 1)], axis=-1)
-    jacobian = (design / sigma[..., None]).reshape(-1, 6)
-    value = (rate / sigma).ravel()
-    freedom = len(value) - 6
-    found = solve(jacobian, value)
-    if freedom < 1 or found.rank < 6:
+    found = _beside_bias(rotation.matrix(q_tb), rate, sigma)
+    return None if found is None else (float(found[0][2]), float(np.sqrt(found[1][2, 2])))
+
+
+def _beside_bias(axes: np.ndarray, rate: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """The parts (n,) of rates (Q, 3) along axes (Q, n, 3), beside a bias that all have in common, and their covariance (n, n), scaled up to
+    the observed scatter.  None where the stills do not tell all of them."""
+    design = np.concatenate([identities(len(rate)), axes.transpose(0, 2, 1)], axis=-1)
+    jacobian, value = (design / sigma[..., None]).reshape(-1, design.shape[-1]), (rate / sigma).ravel()
+    found, freedom = solve(jacobian, value), len(value) - design.shape[-1]
+    if freedom < 1 or found.rank < design.shape[-1]:
         return None
     excess = max(1.0, float(np.sum((value - jacobian @ found.value) ** 2)) / freedom)
-    return float(found.value[5]), float(np.sqrt(found.covariance[5, 5] * excess))
+    return found.value[3:], found.covariance[3:, 3:] * excess
 
 
 def unseen_covariance(earth: EarthRate, latitude_deg: float | None) -> np.ndarray:

@@ -73,7 +73,7 @@ def fit_joint(problem: Problem, mode: str, sigma_mg: float = GIVEN_SIGMA_MG, jud
     first, last = (np.array([number[id(getattr(s, end))] for s in problem.used]) for end in ("first", "last"))
     force = np.array([still.accel_mean for still in stills])
     gravity = problem.session.config.site.expected_gravity_mps2
-    noise = np.array([float(np.mean(log.noise.velocity_random_walk**2)) for log in problem.logs for s in log.stills if s.problem is None])
+    noise = np.array([float(np.mean(problem.logs[log].noise.velocity_random_walk ** 2)) for log, _ in problem.references])
     white = np.sqrt(noise / np.array([still.duration_s for still in stills]))
     middle_s, duration_s = times_of([references(log.stills) for log in problem.logs], [log.samples for log in problem.logs])
     share = shares(middle_s, duration_s)
@@ -234,7 +234,7 @@ def recalibrated(problem: Problem, joint: JointFit) -> Problem:
         q_tb = rotation.nearest_yaw(log.q_tb, rotation.from_gravity(np.array([still.accel_mean for still in stills])))
         logs.append(replace(log, samples=samples[id(log.samples)], stills=stills, q_tb=q_tb))
     segments = [replace(s, first=now[id(s.first)], last=now[id(s.last)]) for s in problem.segments]
-    references = np.concatenate([log.q_tb[[still.problem is None for still in log.stills]] for log in logs])
+    references = np.concatenate([log.references.q_tb for log in logs])
     batch, floor = bent(problem.batch, joint.first, joint.last, joint.force), problem.floor
     if batch.turns is not None:
         floor = replace(floor, tilt_excess=1.0)

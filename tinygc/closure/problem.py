@@ -20,7 +20,7 @@ from session.detect.accelerometer import DRIFTS, IDENTITY, NAMES, PARAMETERS, SC
 from session.detect.bridging import GAP
 from session.detect.findings import Finding
 from session.detect.segments import FoundTurn, Segment
-from session.detect.stills import Noise, SessionStills, Still, UnusedRest
+from session.detect.stills import Noise, SessionStills, Still, UnusedRest, references
 from session.log.config import Accelerometer
 from session.log.folder import Session
 from session.log.logfile import Bridge
@@ -383,8 +383,13 @@ class Problem:
     @property
     def earth(self) -> EarthRate:
         """The Earth's rate of the yaw group with the most stills."""
-        groups = np.concatenate([log.group[[still.problem is None for still in log.stills]] for log in self.logs])
+        groups = np.concatenate([log.references.group for log in self.logs])
         return self.earths[int(np.bincount(groups, minlength=1).argmax())]
+
+    @property
+    def references(self) -> list[tuple[int, Still]]:
+        """The stills that are references, each with the number of its log."""
+        return [(number, still) for number, log in enumerate(self.logs) for still in references(log.stills)]
 
     @cached_property
     def used(self) -> list[Segment]:
@@ -433,9 +438,7 @@ class Problem:
             batch=self.batch.pick(~held),
             floor=self.floor.pick(~held),
             logs=[replace(log, stills=marked(log.stills)) for log in self.logs],
-            still_rates=self.still_rates.pick(
-                np.array([id(still) not in gone for still in self.stills if still.problem is None], dtype=bool)
-            ),
+            still_rates=self.still_rates.pick(np.array([id(still) not in gone for _, still in self.references], dtype=bool)),
         )
 
     @property

@@ -10,7 +10,8 @@ import numpy as np
 from session.base import rotation
 from session.base.rotation import angle_between
 from session.base.units import DEG, NS
-from session.detect.stills import Noise, Still
+from session.detect.accelerometer import force_of
+from session.detect.stills import Noise, Still, references
 from session.log.logfile import Bridge
 from session.log.samples import Samples
 from tinygc.closure.residual import Batch, end_attitude
@@ -34,6 +35,17 @@ class StillSet:
     q_tb: np.ndarray
     group: np.ndarray
     bridges: tuple[Bridge, ...] = ()
+
+    @classmethod
+    def of(cls, samples: Samples, stills: list[Still], noise: Noise, bridges: tuple[Bridge, ...] = ()) -> StillSet:
+        """With attitudes by gravity alone, in one group."""
+        return cls(samples, stills, noise, rotation.from_gravity(force_of(stills)), np.zeros(len(stills), dtype=int), bridges)
+
+    @property
+    def references(self) -> StillSet:
+        """With the stills alone that are references."""
+        known = np.array([still.problem is None for still in self.stills], dtype=bool)
+        return replace(self, stills=references(self.stills), q_tb=self.q_tb[known], group=self.group[known])
 
 
 # The attitude through the whole recording: gravity gives the tilt in each still, the gyro carries the yaw from still to still.
@@ -62,8 +74,8 @@ def carry_yaw(logs: list[StillSet], segments: list[Segment], chain: Batch, model
     ``chain`` holds all segments in order, with the tilt at their ends (or all three angles if the table's dials are the reference).
     """
     start, end = chain.start.copy(), chain.end.copy()
-    q_tb = [rotation.from_gravity(np.array([still.accel_mean for still in log.stills]).reshape(-1, 3)) for log in logs]
-    group = [np.zeros(len(log.stills), dtype=int) for log in logs]
+    logs = [StillSet.of(log.samples, log.stills, log.noise, log.bridges) for log in logs]
+    q_tb, group = [log.q_tb for log in logs], [log.group for log in logs]
     step = rotation.multiply(rotation.conjugate(chain.start), end_attitude(chain, model(chain.rate)))
     if chain.turns is not None:
         # A known turn angle carries the yaw instead of the gyro's angle.
@@ -74,7 +86,7 @@ def carry_yaw(logs: list[StillSet], segments: list[Segment], chain: Batch, model
         stills = logs[segment.log].stills
         first, last = place[id(segment.first)], place[id(segment.last)]
         if segment.log != begun or first != reached:  # a log begins, or turns before this one are not looked at
-            previous = _end_of(logs, q_tb, group, segment.log - 1) if segment.log != begun else None
+            previous = _end_of(logs, segment.log - 1) if segment.log != begun else None
             begins = stills[first]
             if previous is not None and goes_on(logs[segment.log - 1].samples, previous[0], logs[segment.log].samples, begins):
                 _, q_before, group[segment.log][first] = previous
@@ -91,16 +103,12 @@ def carry_yaw(logs: list[StillSet], segments: list[Segment], chain: Batch, model
         group[segment.log][last] = group[segment.log][first]
         if segment.breaks_yaw:
             group[segment.log][last], groups = groups, groups + 1
-    carried = [replace(log, q_tb=q, group=g) for log, q, g in zip(logs, q_tb, group, strict=True)]
-    return carried, replace(chain, start=start, end=end)
+    return logs, replace(chain, start=start, end=end)
 
 
-def _end_of(logs: list[StillSet], q_tb: list[np.ndarray], group: list[np.ndarray], number: int) -> tuple[Still, np.ndarray, int] | None:
+def _end_of(logs: list[StillSet], number: int) -> tuple[Still, np.ndarray, int] | None:
     """The last reference still of a log, with its attitude and group."""
     if number < 0:
         return None
-    references = [i for i, still in enumerate(logs[number].stills) if still.problem is None]
-    if not references:
-        return None
-    last = references[-1]
-    return logs[number].stills[last], q_tb[number][last], int(group[number][last])
+    kept = logs[number].references
+    return (kept.stills[-1], kept.q_tb[-1], int(kept.group[-1])) if kept.stills else None

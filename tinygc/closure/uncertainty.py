@@ -90,10 +90,8 @@ def covariance_parts(
     rate = model(batch.rate)
     sensitivity = residual.sensitivity(batch, rate)
     design = linear.columns(sensitivity, batch.rate)[:, : batch.angles]
-    weight = 1 / floor.sigma[..., None] ** 2
-    hessian = np.einsum("sdp,sdq->pq", design * weight, design)
+    weighed, hessian, meat, drift = _seen(design, floor)
     hessian += np.diag(1 / PRIOR_SIGMA**2) if prior is None else prior.information
-    meat = {cause: np.einsum("sdp,sdq->pq", design * weight, part.times(design * weight)) for cause, part in floor.parts.items()}
     if still_rates is not None:
         rows = still_rates.columns()
         hessian += rows.T @ rows
@@ -103,18 +101,16 @@ def covariance_parts(
         # The horizontal Earth rate that an uncertain heading leaves out: one more column for each direction, one sigma long.
         body = np.einsum("stji,j->sti", _turn(sensitivity, batch), sideways)
         column = np.einsum("stij,stj->si", sensitivity, body)[:, : batch.angles]
-        pull = np.einsum("sdp,sd->p", design * weight, column)
+        pull = np.einsum("sdp,sd->p", weighed, column)
         if still_rates is not None and still_rates.q_tb is not None:
             turned = np.einsum("qji,j->qi", rotation.matrix(still_rates.q_tb), sideways)
             pull = pull + np.einsum("qpi,qi->p", still_pull, turned)
         meat[EARTH] = meat.get(EARTH, 0.0) + np.outer(pull, pull)
     if wander is not None:
-        # A bias error rotates a segment's end along the three bias columns.
-        pull = np.einsum("sdp,sdi->spi", design * weight, design[..., linear.BIAS])
         more_s: tuple[np.ndarray, ...] = ()
         if still_rates is not None and still_rates.middle_s is not None:
-            pull, more_s = np.concatenate([pull, still_pull]), (still_rates.middle_s,)
-        meat[BIAS_DRIFT] = np.einsum("spi,st,tqi->pq", pull, wander.covariance(*more_s), pull, optimize=True)
+            drift, more_s = np.concatenate([drift, still_pull]), (still_rates.middle_s,)
+        meat[BIAS_DRIFT] = _drifting(drift, wander.covariance(*more_s))
     inverse = np.linalg.inv(hessian)
     return {cause: inverse @ part @ inverse for cause, part in meat.items()}
 
@@ -142,16 +138,24 @@ def covariance_from_columns(
     Further parameters may follow the 12, with prior sigmas ``more_prior`` (P - 12,); information (P, P): of other data.
     """
     prior = np.diag(1 / np.concatenate([PRIOR_SIGMA, [] if more_prior is None else more_prior]) ** 2)
-    weight = 1 / floor.sigma[..., None] ** 2
-    hessian = np.einsum("sdp,sdq->pq", design * weight, design) + prior
-    meat = np.einsum("sdp,sdq->pq", design * weight, floor.times(design * weight))
-    pull = np.einsum("sdp,sdi->spi", design * weight, design[..., linear.BIAS])
-    meat += np.einsum("spi,st,tqi->pq", pull, wander.covariance(), pull, optimize=True)
-    if information is not None:
-        hessian, meat = hessian + information, meat + information
-    inverse = np.linalg.inv(hessian)
+    _, hessian, parts, drift = _seen(design, floor)
+    known = prior if information is None else prior + information
+    inverse = np.linalg.inv(hessian + known)
     # The prior's term in the middle keeps its uncertainty for parameters that no segment observes.
-    return inverse @ (meat + prior) @ inverse
+    return inverse @ (sum(parts.values()) + _drifting(drift, wander.covariance()) + known) @ inverse
+
+
+def _seen(design: np.ndarray, floor: Floor) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray], np.ndarray]:
+    """Columns (S, d, P) by their weights; J' W J; J' W C W J of each of the floor's causes; (S, P, 3) J' W of the bias of each segment, an
+    error of which rotates its end along the three bias columns."""
+    weighed = design * (1 / floor.sigma[..., None] ** 2)
+    hessian = np.einsum("sdp,sdq->pq", weighed, design)
+    meat = {cause: np.einsum("sdp,sdq->pq", weighed, part.times(weighed)) for cause, part in floor.parts.items()}
+    return weighed, hessian, meat, np.einsum("sdp,sdi->spi", weighed, design[..., linear.BIAS])
+
+
+def _drifting(pull: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    return np.einsum("spi,st,tqi->pq", pull, covariance, pull, optimize=True)
 
 
 def _turn(sensitivity: np.ndarray, batch: residual.Batch) -> np.ndarray:

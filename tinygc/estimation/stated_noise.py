@@ -427,7 +427,7 @@ def rounding_covariance(problem: Problem, model: LinearModel) -> np.ndarray:
     where B is from the ends of the turns, whose rests are part of every segment.
     """
     covariance = np.zeros((PARAMETERS, PARAMETERS))
-    rests = [(log.samples.gyro, still.start, still.stop) for log in problem.logs for still in log.stills if still.problem is None]
+    rests = [(problem.logs[log].samples.gyro, still.start, still.stop) for log, still in problem.references]
     # One still after the other: together they may be a day.
     shown = [np.unique(gyro[start:stop]) for gyro, start, stop in rests[:SHOW_STEPS]]
     if rests and (lsb := lsb_of(np.concatenate(shown))) > 0:

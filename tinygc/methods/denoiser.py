@@ -74,7 +74,7 @@ def of_problem(problem: Problem) -> Material:
         gyro = problem.logs[segment.log].samples.gyro
         row[:] = gyro[np.clip(np.arange(segment.start - REACH, segment.start + longest + REACH), 0, len(gyro) - 1)]
     counts = np.array([segment.stop - segment.start for segment in problem.used])
-    stills = [(log.samples.gyro, still) for log in problem.logs for still in log.stills if still.problem is None]
+    stills = [(problem.logs[log].samples.gyro, still) for log, still in problem.references]
     each = max(MOST_AT_REST // max(len(stills), 1), FEWEST_OF_EACH)
     long = sum(still.stop - still.start for _, still in stills) > MOST_AT_REST
     at_rest = [gyro[still.start : min(still.stop, still.start + each) if long else still.stop] for gyro, still in stills]

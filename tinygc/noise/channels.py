@@ -74,8 +74,7 @@ def within_stills(twin: Twin) -> dict[str, np.ndarray]:
         return {}
     slopes, scatters = [], []
     logs = twin.problem.logs
-    as_recorded = [(log, still) for log in range(len(logs)) for still in logs[log].stills if still.problem is None]
-    for log, still in as_recorded:
+    for log, still in twin.problem.references:
         samples, walk = logs[log].samples, logs[log].noise.angle_random_walk
         rate = samples.gyro[still.start : still.stop]
         t_s = (samples.t_ns[still.start : still.stop] - samples.t_ns[0]) * NS

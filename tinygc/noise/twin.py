@@ -14,7 +14,6 @@ from session.base.numeric import median_length
 from session.base.rotation import unit_vectors
 from session.base.units import DEG, G
 from session.detect.accelerometer import IDENTITY, force_columns, units
-from session.detect.stills import Still
 from tinygc.closure import residual
 from tinygc.closure.problem import ACCELEROMETER, Problem
 from tinygc.closure.residual import Batch
@@ -136,12 +135,9 @@ class Twin:
         problem = self.seen  # in the rows passed to effects
         self.segments = problem.used
         at_rest = all(segment.first is not None for segment in self.segments)  # beside a further reference no still is a reference
-        self.stills: list[tuple[int, Still]] = [
-            (number, still) for number, log in enumerate(problem.logs) for still in log.stills if still.problem is None and at_rest
-        ]
+        self.stills = problem.references if at_rest else []
         self.force = np.array([still.accel_mean for _, still in self.stills]).reshape(-1, 3)
-        q = [q for log in problem.logs for q, still in zip(log.q_tb, log.stills, strict=True) if still.problem is None and at_rest]
-        self.q_tb = np.array(q).reshape(-1, 4)
+        self.q_tb = np.concatenate([log.references.q_tb for log in problem.logs]) if at_rest else np.zeros((0, 4))
         index = {id(still): number for number, (_, still) in enumerate(self.stills)}
         self.first, self.last = np.array([[index.get(id(s.first), -1), index.get(id(s.last), -1)] for s in self.segments]).T
 

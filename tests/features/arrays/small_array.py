@@ -16,6 +16,7 @@ from session.log.config import Accelerometer
 from tinygc.closure.earth import EarthRate
 from tinygc.closure.least_squares import StillRates
 from tinygc.closure.residual import Batch
+from tinygc.closure.stills import StillSet
 from tinygc.features.arrays.clocks import UnitPlace
 from tinygc.features.arrays.system import ArrayState
 from tinygc.features.arrays.units import ArrayUnit, SameStills
@@ -111,9 +112,9 @@ def small_array(
         near = LinearModel(E + 0.002 * rng.normal(size=(3, 3)), B + 0.02 * DEG * rng.normal(size=3))
         site = SimpleNamespace(expected_gravity_mps2=G, gravity_sigma_mps2=1e-4, latitude_deg=48.0)
         session = SimpleNamespace(config=SimpleNamespace(site=site, accelerometer=Accelerometer(np.eye(3), np.zeros(3), "stills")), logs=())
-        log = SimpleNamespace(noise=noise, stills=own, q_tb=wxyz(q_bu), samples=samples, group=np.zeros(stills, dtype=int))
+        log = StillSet(samples, own, noise, wxyz(q_bu), np.zeros(stills, dtype=int))
         problem = SimpleNamespace(
-            batch=batch, first=near, logs=[log], stills=own, used=segments,
+            batch=batch, first=near, logs=[log], stills=own, used=segments, references=[(0, still) for still in own],
             session=session, earths={0: earth}, began_s=np.array([0.0, 99.0]),
             still_rates=StillRates(still_rate, q_bu.inv().apply(earth.rate_t), sigma, wxyz(q_bu), middle_s),
             joint=None if joint is None else SimpleNamespace(mode=joint), instability=SimpleNamespace(rps=(1 + i) * 1e-5),

@@ -365,7 +365,7 @@ def put(design: np.ndarray, rows: np.ndarray, columns: slice, blocks: np.ndarray
 def start_state(units: list[ArrayUnit], rows: list[UnitRows], same: SameStills) -> ArrayState:
     """Return the start: each unit's own first fit, its prior mounting, and the attitudes integrated by the anchor."""
     anchor = units[same.anchor]
-    carried = np.array([q for log in anchor.problem.logs for q, s in zip(log.q_tb, log.stills, strict=True) if s.problem is None])
+    carried = np.concatenate([log.references.q_tb for log in anchor.problem.logs])
     gravity = units[0].problem.session.config.site.expected_gravity_mps2
     return ArrayState(
         tuple(LinearModel.from_vector(unit.centre) for unit in rows),

@@ -149,15 +149,10 @@ def same_stills(units: list[ArrayUnit]) -> SameStills:
 
 def _references(problem: Problem) -> tuple[np.ndarray, np.ndarray, list[Still], np.ndarray]:
     """Return for each reference still: its log, its span in s of the array's clock, itself, and its yaw group."""
-    rows = [
-        (number, log.samples.t_ns[0] * NS + still.start_s, still, group)
-        for number, log in enumerate(problem.logs)
-        for still, group in zip(log.stills, log.group, strict=True)
-        if still.problem is None
-    ]
-    logs, starts, stills, groups = (list(column) for column in zip(*rows, strict=True))
+    logs, stills = zip(*problem.references, strict=True)
+    starts = [problem.logs[log].samples.t_ns[0] * NS + still.start_s for log, still in problem.references]
     spans = [(start, start + still.duration_s) for start, still in zip(starts, stills, strict=True)]
-    return np.array(logs), np.array(spans), stills, np.array(groups)
+    return np.array(logs), np.array(spans), list(stills), np.concatenate([log.references.group for log in problem.logs])
 
 
 def _left_out(problem: Problem) -> list[tuple[int, float]]:

@@ -390,7 +390,7 @@ class Certificate:
     def method(self) -> list[str]:
         """How it was calibrated."""
         data, problem = self.data, self.data.problem
-        rests = sum(still.problem is None for still in problem.stills)
+        rests = len(problem.references)
         counts = f"{len(problem.used)} turns of {len(problem.segments)}"
         turned = f"The item was turned from rest to rest: {counts} are used, between {rests} rests."
         if data.fit.session.reference is not None:

@@ -276,11 +276,7 @@ def _of_turns(problem: Problem, old: UnitState, session: Session, factor: float,
 def _of_rests(session: Session, old: UnitState, found: SessionStills) -> Rows:
     """Rows of a recording with rests alone: rates and lengths.  Its noise is the bias' drift between stills, with its source's prior."""
     _stop_at_errors_of_rests(session, found)
-    logs = [
-        StillSet(each.samples, each.stills, each.noise, rotation.from_gravity(force_of(each.stills)), np.zeros(len(each.stills), dtype=int))
-        for each in map(found.of, session.logs)
-        if each.noise is not None
-    ]
+    logs = [StillSet.of(each.samples, each.stills, each.noise) for each in map(found.of, session.logs) if each.noise is not None]
     by_log = [references(log.stills) for log in logs]
     stills = [still for own in by_log for still in own]
     site, force, q = session.config.site, force_of(stills), len(stills)

@@ -6,7 +6,7 @@ import numpy as np
 
 from session.base.texts import significant
 from session.base.units import MG
-from session.detect.accelerometer import attitudes_of
+from session.detect.accelerometer import attitudes_of, force_of
 from tinygc.closure.joint import REFUTED_P
 from tinygc.explanation.reported import ReportData
 from tinygc.reporting.drawing import Axis, Panel
@@ -30,7 +30,7 @@ def section(evidence: ReportData) -> Section | None:
     found = evidence.fit.accelerometer
     before, after = misses_of(evidence)
     earlier = "as measured" if found.mode == "fit" else "as given"
-    force = np.array([still.accel_mean for still in evidence.problem.stills if still.problem is None]).reshape(-1, 3)
+    force = force_of([still for _, still in evidence.problem.references])
     html = render(
         "accelerometer.html",
         found=found,
@@ -68,4 +68,4 @@ def misses_of(evidence: ReportData) -> tuple[np.ndarray | None, np.ndarray]:
     if found.misses_mps2 is not None:
         return found.misses_mps2
     gravity = evidence.problem.session.config.site.expected_gravity_mps2
-    return None, np.array([np.linalg.norm(s.accel_mean) - gravity for s in evidence.problem.stills if s.problem is None])
+    return None, np.array([np.linalg.norm(still.accel_mean) - gravity for _, still in evidence.problem.references])

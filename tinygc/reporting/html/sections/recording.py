@@ -42,7 +42,7 @@ def section(evidence: ReportData) -> Section:
 
 def _numbers(problem: Problem) -> dict[str, Any]:
     """What the list of facts has beside the problem: number and median duration of the good stills, s; what it is compared with."""
-    good = [still.duration_s for still in problem.stills if still.problem is None]
+    good = [still.duration_s for _, still in problem.references]
     fastest = max(float(np.abs(problem.logs[s.log].samples.gyro[_turning(s)]).max()) for s in problem.used)
     return {
         "stills": (len(good), np.median(good)) if good else (),

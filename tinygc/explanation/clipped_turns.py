@@ -52,7 +52,7 @@ def find_reached_ceiling(samples: Samples, full_scale_rps: float) -> ReachedCeil
                 longest = int(np.argmax(stops - starts))
                 start, stop = int(starts[longest]), int(stops[longest])
                 if stop - start >= bar:
-                    found.append((top, at, has_corners(values, start, stop, step)))
+                    found.append((top, at, has_corners(values, start, stop, top, CORNER_CHI2 * step)))
     if not any(corners for _, _, corners in found):
         return None
     level = float(np.median([top for top, _, _ in found]))
@@ -62,10 +62,10 @@ def find_reached_ceiling(samples: Samples, full_scale_rps: float) -> ReachedCeil
     return ReachedCeiling(level, np.any([short, *(at for _, at, _ in found)], axis=0))
 
 
-def has_corners(values: np.ndarray, start: int, stop: int, lsb: float) -> bool:
-    """Whether values (N,) fall from a plateau start:stop on both sides, as far beyond its ends as it is long."""
+def has_corners(values: np.ndarray, start: int, stop: int, top: float, least: float) -> bool:
+    """Whether values (N,) fall by more than ``least`` from a plateau start:stop on both sides, as far beyond its ends as it is long."""
     beyond = values[[max(start - (stop - start), 0), min(stop + (stop - start), len(values)) - 1]]
-    return bool(values[start] - beyond.max() > CORNER_CHI2 * lsb)
+    return bool(top - beyond.max() > least)
 
 
 # A rate clipped before the registers: noise, misalignment and a filter act on its plateaus, so that no register value repeats.
@@ -124,8 +124,7 @@ def _plateaus_of(values: np.ndarray, noise: float, least: float, shortest: float
         length = stop - start
         if length < shortest or len(flat) < WHOLE * length:
             continue
-        beyond = values[[max(start - length, 0), min(stop + length, len(values)) - 1]]
-        if top - beyond.max() > CORNER * within:
+        if has_corners(values, start, stop, top, CORNER * within):
             found.append((top, start, stop))
     return found
 

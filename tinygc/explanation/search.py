@@ -16,7 +16,7 @@ from tinygc.effects import Effect, Movement, Parameter, Reach, Scan, catalogue, 
 from tinygc.effects.effect import WORLD
 from tinygc.effects.movement import HAND_S, NOWHERE
 from tinygc.explanation.evidence import Evidence, Guess, Hypothesis, sharpened, without_claim
-from tinygc.inference.choose import climb, least_gain
+from tinygc.inference.choose import climb, least_gain, promised
 from tinygc.inference.solve import left_of, orthonormal
 from tinygc.noise.refit import Refit, Replay, candidates
 from tinygc.noise.twin import Twin
@@ -112,9 +112,8 @@ def promises(evidence: Evidence, looks: list[tuple[Whitener, Refit]], rest: list
         for look, ((whiten, _), (q, r)) in enumerate(zip(looks, beside, strict=True)):
             for number, (effect, columns) in enumerate(zip(some, whiten.each(stacked), strict=True), first):
                 basis = left_of(q, columns)
-                gain, size = float(np.sum((basis.T @ r) ** 2)), max(basis.shape[1], 1)
-                # With the best scale, each parameter costs the logarithm of its signal-to-noise ratio.
-                found[look, number] = gain - size * np.log(max(gain / size, 1.0)) - evidence.price(effect)
+                gain = float(np.sum((basis.T @ r) ** 2))
+                found[look, number] = promised(gain, max(basis.shape[1], 1)) - evidence.price(effect)
     return found
 
 
@@ -209,9 +208,7 @@ def detection_limits(twin: Twin, whiten: Whitener, fit: Refit, replay: Replay | 
     An effect is detected if it is more probable than no effect (``evidence.least_gain``).  An effect with a scanned shape (a step) is taken
     at the value that shows it best.  Linear, in addition to everything in ``fit``; replay: of it, if available.
     """
-    length = np.linalg.norm(fit.J, axis=0)
-    q, _ = np.linalg.qr(fit.J[:, length > 0] / length[length > 0])
-    sizes: dict[str, float] = {}
+    q, sizes = orthonormal(fit.J), dict[str, float]()
     tried, replay = [effect for effect in candidates(twin) if effect not in twin.errors], replay or Replay(twin, fit)
     shapes = Counter(effect.id for effect in tried)
     for effect, columns in zip(tried, whiten.each(map(replay.stacked, tried)), strict=True):

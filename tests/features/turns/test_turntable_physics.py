@@ -26,7 +26,7 @@ from tinygc.features.turns.angles import (
     measured_turns,
 )
 from tinygc.features.turns.clock import sample_times
-from tinygc.features.turns.estimate import _component, _data, _fits, _Grid, _posterior, _Size, estimate
+from tinygc.features.turns.estimate import _component, _data, _fits, _Grid, _posterior, estimate
 from tinygc.features.turns.folder import GyroLog, write_turn_session
 
 #: x both ways, z one way only
@@ -357,18 +357,23 @@ def test_a_point_of_the_grid_has_the_dense_density_of_the_good_turns():
 
 
 def test_a_size_is_none_or_alike_on_a_logarithmic_scale_up_to_ten_and_a_finer_grid_is_about_what_weighs():
-    size = _Size(2.0, 0.8, 0.1, 200.0, np.geomspace(0.1, 200.0, 4001))
-    prior = np.exp(size.prior)
-    assert_allclose(size.values[[0, 1, -1]], [0.0, 0.2, 400.0])
-    assert (prior[0], np.trapezoid(prior[1:], dx=1)) == pytest.approx((0.2, 0.8), rel=1e-6)
-    assert prior[2:-1] / prior[2] == pytest.approx((1 + (size.sizes[1] / 10) ** 2) / (1 + (size.sizes[1:-1] / 10) ** 2))
-    coarse = dataclasses.replace(size, sizes=10.0 ** np.arange(6))
+    fine = _Grid((2.0, 3.0, 1.0), (np.geomspace(0.1, 200.0, 4001), np.array([1.0, 2.0]), np.array([0.5, 1.0])))
+    prior = np.exp(fine.prior).reshape(4002, 3, 3)
+    assert_allclose(fine.points.reshape(4002, 3, 3, 3)[[0, 1, -1], 0, 0, 0], [0.0, 0.2, 400.0])
+    play = prior[:, 0, 0] / (0.8 * 0.2)  # neither a repeat nor a share
+    assert (play[0], np.trapezoid(play[1:], dx=1)) == pytest.approx((0.2, 0.8), rel=1e-6)
+    assert play[2:-1] / play[2] == pytest.approx((1 + (fine.sizes[0][1] / 10) ** 2) / (1 + (fine.sizes[0][1:-1] / 10) ** 2))
+    coarse = _Grid((1.0, 1.0, 1.0), (10.0 ** np.arange(6), np.array([1.0, 2.0]), np.array([0.5, 1.0])))
     for weights, low, high in (((9, 0, 0, 1, 2e-4, 0.9e-4, 0), 1, 4), ((0, 1, 0, 0, 0, 0, 1), 0, 5)):
-        assert_allclose(coarse.finer(np.array(weights)).sizes, np.geomspace(10.0**low, 10.0**high, 6))
-    axes = _Grid.whole(_data([turn(90.0, 90.0), turn(360.0), turn(360.0)], ((2, 1),))).axes
-    known = [(KNOWN, 0.8, 0.1, 200.0), (KNOWN / (360 * DEG), 0.2, 0.1, 200.0), (1.0, 0.8, 0.03, 1.0)]  # of play, repeat and share
-    assert_allclose([dataclasses.astuple(axis)[:4] for axis in axes], known)
-    assert_allclose([axis.sizes[[0, -1]] for axis in axes], [axis[2:] for axis in known])
+        cube = np.array(weights)[:, None, None] * np.ones((3, 3)) / 9
+        found = coarse.finer(cube.ravel())
+        assert_allclose(found.sizes[0], np.geomspace(10.0**low, 10.0**high, 6))
+        assert_allclose(found.sizes[1], [1.0, 2.0])
+    whole = _Grid.whole(_data([turn(90.0, 90.0), turn(360.0), turn(360.0)], ((2, 1),)))
+    assert_allclose(whole.units, (KNOWN, KNOWN / (360 * DEG), 1.0))
+    assert [(*own[[0, -1]], len(own)) for own in whole.sizes] == [
+        pytest.approx(each) for each in ((0.1, 200, 12), (0.1, 200, 12), (0.03, 1, 6))
+    ]
 
 
 def test_chi_square_is_that_of_a_weighted_fit_of_a_scale():
@@ -599,10 +604,10 @@ def test_rounding_of_rests_is_no_wander_and_what_shakes_hides_less():
 
 def test_an_interval_of_a_size_is_of_the_values_that_are_nearest_to_each():
     """Of weights at 0, 1 and 10, each for a decade about it."""
-    found = _component(np.array([0.1, 0.5, 0.4]), np.array([0.0, 1.0, 10.0]), SimpleNamespace(sizes=np.array([1.0, 10.0])), True)
+    found = _component(np.array([0.1, 0.5, 0.4]), np.array([0.0, 1.0, 10.0]), np.array([1.0, 10.0]), True)
     edges, below = np.sqrt(10.0) * np.array([0.1, 1, 10]), [0.1, 0.6, 1.0]
     assert (found.low, found.median, found.high, found.upper) == pytest.approx(np.interp([0.1587, 0.5, 0.8413, 0.95], below, edges))
     assert found.estimated
-    none = _component(np.ones(1), np.zeros(1), SimpleNamespace(sizes=np.array([1.0, 10.0])), True)
+    none = _component(np.ones(1), np.zeros(1), np.array([1.0, 10.0]), True)
     assert dataclasses.astuple(none) == (0, 0, 0, 0, True)
     assert not _component(np.ones(1), np.zeros(1), None, False).estimated

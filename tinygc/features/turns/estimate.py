@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.special import chdtrc, logsumexp, ndtr
@@ -34,14 +35,11 @@ LOST = 0.01
 SURE = 10.0
 #: one sigma of a scale factor error before the data: 20 %, as for every linear model here
 SCALE_SIGMA = 0.2
-#: points of the grid of each of play and repeat, beside none; from and to, in units of the known error
-POINTS, LEAST, MOST = 12, 0.1, 200.0
 #: times the known error: a play that is larger is less probable, and a turn that misses by more than the others is rather lost
 KNEE = 10.0
-#: probabilities before the data that there is a play, and a repeat: a table has play more often than a scale changes between two turns
-HAS_PLAY, HAS_REPEAT = 0.8, 0.2
-#: the same of a share of the vibration, its points, and from which share on
-HAS_SHARE, SHARES, LEAST_SHARE = 0.8, 6, 0.03
+#: of play, repeat and share of vibration: the probability before the data that there is any, as a table has play more often than a scale
+#: changes between two turns; sizes from and to, in units of the known error or of all the vibration; points of the grid, beside none
+PRIORS = ((0.8, (0.1, 200.0), 12), (0.2, (0.1, 200.0), 12), (0.8, (0.03, 1.0), 6))
 #: of the heaviest size: what weighs less is left out of the next, finer grid; how many grids there are
 NEGLIGIBLE, GRIDS = 1e-4, 3
 #: turns of one log whose common rests are taken into account together
@@ -135,8 +133,8 @@ def estimate(angles: Sequence[TurnAngle]) -> TurnsEstimate:
         of_all(np.where(with_scale, predicted, np.nan)),
         of_all(1 / (1 + np.exp(np.clip(odds, -700, 700)))),
         used,
-        _component(weights, points[:, 0], grid.axes[0], dof > 0),
-        _component(weights, points[:, 1], grid.axes[1], dof > 0),
+        _component(weights, points[:, 0], grid.sizes[0], dof > 0),
+        _component(weights, points[:, 1], grid.sizes[1], dof > 0),
         chi2,
         dof,
         float(chdtrc(dof, chi2)) if dof else float("nan"),
@@ -177,64 +175,45 @@ def _shared_rests(rows: np.ndarray, angles: Sequence[TurnAngle]) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class _Size:
-    """The values that play, repeat or share may have: none, with the probability that is left of ``there``, or one of sizes (S,), in
-    units of ``unit``: alike before the data on a logarithmic scale from least, and beyond KNEE falling as the square, up to most."""
-
-    unit: float
-    there: float
-    least: float
-    most: float
-    sizes: np.ndarray
-
-    @property
-    def values(self) -> np.ndarray:
-        """(S + 1,) in SI, 0 first."""
-        return np.concatenate([[0.0], self.sizes * self.unit])
-
-    @property
-    def prior(self) -> np.ndarray:
-        """(S + 1,) logarithm of the probability of each, as far as it is not beyond the sizes."""
-        whole = np.log(self.most / self.least) - np.log((1 + (self.most / KNEE) ** 2) / (1 + (self.least / KNEE) ** 2)) / 2  # the integral
-        widths = np.gradient(np.log(self.sizes)) / (1 + (self.sizes / KNEE) ** 2)
-        return np.log(np.concatenate([[1 - self.there], self.there * widths / whole]))
-
-    def finer(self, weights: np.ndarray) -> _Size:
-        """As many sizes where weights (S + 1,) are not negligible, and a size on either side."""
-        heavy = np.flatnonzero(weights[1:] > NEGLIGIBLE * weights[1:].max())
-        low, high = self.sizes[max(heavy[0] - 1, 0)], self.sizes[min(heavy[-1] + 1, len(self.sizes) - 1)]
-        return replace(self, sizes=np.geomspace(low, high, len(self.sizes)))
-
-
-@dataclass(frozen=True, eq=False)
 class _Grid:
-    """Play, repeat and share of vibration: points (K, 3), SI, and the logarithm of their prior (K,)."""
+    """Play, repeat and share of vibration: none, or one of sizes (S,) of each, in units of its own, alike before the data on a logarithmic
+    scale from the least, and beyond KNEE falling as the square."""
 
-    axes: tuple[_Size, _Size, _Size]
-    points: np.ndarray
-    prior: np.ndarray
-
-    @classmethod
-    def of(cls, axes: tuple[_Size, _Size, _Size]) -> _Grid:
-        """All combinations."""
-        points = np.stack([axis.ravel() for axis in np.meshgrid(*(axis.values for axis in axes), indexing="ij")], axis=1)
-        play, repeat, share = (axis.prior for axis in axes)
-        return cls(axes, points, (play[:, None, None] + repeat[:, None] + share).ravel())
+    units: tuple[float, ...]
+    sizes: tuple[np.ndarray, ...]
 
     @classmethod
     def whole(cls, data: _Data) -> _Grid:
         """From a tenth of the known errors to 200 times these."""
-        sigma, sizes = np.sqrt(data.known), np.geomspace(LEAST, MOST, POINTS)
-        play, repeat = (
-            _Size(float(np.median(unit)), there, LEAST, MOST, sizes) for unit, there in ((sigma, HAS_PLAY), (sigma / data.A, HAS_REPEAT))
+        sigma = np.sqrt(data.known)
+        return cls(
+            (float(np.median(sigma)), float(np.median(sigma / data.A)), 1.0), tuple(np.geomspace(*ends, count) for _, ends, count in PRIORS)
         )
-        return cls.of((play, repeat, _Size(1.0, HAS_SHARE, LEAST_SHARE, 1.0, np.geomspace(LEAST_SHARE, 1.0, SHARES))))
+
+    @cached_property
+    def points(self) -> np.ndarray:
+        """(K, 3), SI: all combinations."""
+        axes = [np.append(0.0, own * unit) for own, unit in zip(self.sizes, self.units, strict=True)]
+        return np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=1)
+
+    @cached_property
+    def prior(self) -> np.ndarray:
+        """(K,) logarithm of the probability of each, as far as it is not beyond the sizes."""
+        parts = []
+        for own, (there, (least, most), _) in zip(self.sizes, PRIORS, strict=True):
+            whole = np.log(most / least) - np.log((1 + (most / KNEE) ** 2) / (1 + (least / KNEE) ** 2)) / 2  # the integral
+            parts.append(np.log(np.append(1 - there, there * np.gradient(np.log(own)) / (1 + (own / KNEE) ** 2) / whole)))
+        play, repeat, share = parts
+        return (play[:, None, None] + repeat[:, None] + share).ravel()
 
     def finer(self, weights: np.ndarray) -> _Grid:
-        """A grid about the points that weights (K,) show."""
-        cube = weights.reshape([len(axis.sizes) + 1 for axis in self.axes])
-        play, repeat, share = (axis.finer(cube.sum(axis=tuple({0, 1, 2} - {k}))) for k, axis in enumerate(self.axes))
-        return _Grid.of((play, repeat, share))
+        """As many sizes where weights (K,) are not negligible, and a size on either side."""
+        cube, sizes = weights.reshape([len(own) + 1 for own in self.sizes]), []
+        for k, own in enumerate(self.sizes):
+            mass = cube.sum(axis=tuple({0, 1, 2} - {k}))[1:]
+            heavy = np.flatnonzero(mass > NEGLIGIBLE * mass.max())
+            sizes.append(np.geomspace(own[max(heavy[0] - 1, 0)], own[min(heavy[-1] + 1, len(own) - 1)], len(own)))
+        return replace(self, sizes=tuple(sizes))
 
 
 def _variance(data: _Data, grid: np.ndarray) -> np.ndarray:
@@ -351,12 +330,12 @@ def _half_width(weights: np.ndarray, means: np.ndarray, sigmas: np.ndarray) -> f
     return (low + high) / 2
 
 
-def _component(weights: np.ndarray, values: np.ndarray, axis: _Size, repeats: bool) -> Component:
-    """Of the weights of points (K,) of the grid, with their values (K,) on an axis; each stands for all values that are nearest to it."""
+def _component(weights: np.ndarray, values: np.ndarray, sizes: np.ndarray, repeats: bool) -> Component:
+    """Of the weights of points (K,) of the grid, with their values (K,) of sizes (S,); each stands for all that are nearest to it."""
     if not repeats:
         return Component(np.nan, np.nan, np.nan, np.nan, False)
     at, which = np.unique(values, return_inverse=True)
-    mass, half = np.bincount(which, weights), np.sqrt(axis.sizes[1] / axis.sizes[0])
+    mass, half = np.bincount(which, weights), np.sqrt(sizes[1] / sizes[0])
     none = float(mass[at == 0].sum())
     if (at == 0).all():
         return Component(0.0, 0.0, 0.0, 0.0, True)

@@ -10,7 +10,6 @@ import numpy as np
 
 from session import VERSION
 from session.base.files import result_folder
-from session.base.numeric import sigmas_in
 from session.base.records import plain, write_whole
 from session.base.texts import degrees, printable, probability, significant
 from session.base.units import DEG
@@ -79,16 +78,14 @@ class TurnFit(Shown):
     @cached_property
     def scales(self) -> tuple[AxisScale, ...]:
         """One of each axis and sense that was turned, in the order of axes, + before -."""
-        return tuple(
-            AxisScale(axis, sense, float(value), float(sigma), turns, self.axis_bound)
-            for (axis, sense), value, sigma, turns in zip(
-                self.estimate.groups,
-                self.estimate.scale,
-                sigmas_in(self.covariance),
-                self.estimate.turns,
-                strict=True,
-            )
-        )
+        return tuple(self._scale([g]) for g in range(len(self.estimate.groups)))
+
+    def _scale(self, mine: list[int]) -> AxisScale:
+        """Of some groups of one axis, their mean."""
+        found, (axis, sense) = self.estimate, self.estimate.groups[mine[0]]
+        sigma = float(np.sqrt(self.covariance[np.ix_(mine, mine)].mean()))
+        turns = sum(found.turns[g] for g in mine)
+        return AxisScale(axis, sense if len(mine) == 1 else 0, float(np.mean(found.scale[mine])), sigma, turns, self.axis_bound)
 
     @cached_property
     def covariance(self) -> np.ndarray:
@@ -99,13 +96,8 @@ class TurnFit(Shown):
     @cached_property
     def axis_scales(self) -> tuple[AxisScale, ...]:
         """One of each axis that was turned, of both senses the mean."""
-        found = []
-        for axis in sorted({axis for axis, _ in self.estimate.groups}):
-            mine = [g for g, group in enumerate(self.estimate.groups) if group[0] == axis]
-            value, variance = np.mean(self.estimate.scale[mine]), self.covariance[np.ix_(mine, mine)].mean()
-            turns, sense = sum(self.estimate.turns[g] for g in mine), self.estimate.groups[mine[0]][1] if len(mine) == 1 else 0
-            found.append(AxisScale(axis, sense, float(value), float(np.sqrt(variance)), turns, self.axis_bound))
-        return tuple(found)
+        axes = [axis for axis, _ in self.estimate.groups]
+        return tuple(self._scale([g for g, own in enumerate(axes) if own == axis]) for axis in sorted(set(axes)))
 
     @cached_property
     def asymmetry(self) -> dict[int, tuple[float, float]]:

@@ -195,8 +195,8 @@ def claim_of(applied: AppliedEffect, covariance: np.ndarray | None, p_value: flo
             effect, {parameter.name: values, **effect.shape}, {parameter.name: None}, p_value, effect.describe(applied.theta), **more
         )
     theta, parameters, std = readable(applied, covariance)
-    known = {"theta": theta, "covariance": covariance + np.diag((effect.known_to * theta) ** 2)}
-    return Claim(effect, parameters, std, p_value, described(effect, theta, covariance), **known, **more)
+    says, wide = described(effect, theta, covariance), covariance + np.diag((effect.known_to * theta) ** 2)
+    return Claim(effect, parameters, std, p_value, says, theta=theta, covariance=wide, **more)
 
 
 def common_delays() -> tuple[str, ...]:

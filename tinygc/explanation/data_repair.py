@@ -26,7 +26,7 @@ from tinygc.explanation.clipped_turns import FEWEST_WHOLE, Clipping, about_the_v
 from tinygc.explanation.evidence import Evidence, Hypothesis
 from tinygc.explanation.faulty_readings import FALSE, LOST, Crossing, RegisterFault, crossing, proposed, without_false_readings
 from tinygc.explanation.search import search
-from tinygc.inference.choose import PRIOR_ODDS, SCALES
+from tinygc.inference.choose import PRIOR_ODDS, SCALES, weights_of
 from tinygc.noise.components import first_noise, undersampling
 from tinygc.noise.refit import candidates, design
 from tinygc.noise.twin import Twin
@@ -76,10 +76,8 @@ def _climb(begin: Choice, count: int, known: Callable[[Choice], tuple[float, flo
 
 def _chance_of_each(count: int, likelihood: dict[Choice, float], share: float) -> np.ndarray:
     """(count,) posterior probability of each event, given the prior share of true events."""
-    weight = np.array([L + len(c) * np.log(share) + (count - len(c)) * np.log1p(-share) for c, L in likelihood.items()])
-    weight = np.exp(weight - weight.max())
-    held = np.array([[one in choice for one in range(count)] for choice in likelihood], dtype=float)
-    return weight @ held / weight.sum()
+    scores = [-2 * (L + len(c) * np.log(share) + (count - len(c)) * np.log1p(-share)) for c, L in likelihood.items()]
+    return np.asarray(weights_of(scores) @ np.array([[one in choice for one in range(count)] for choice in likelihood], dtype=float))
 
 
 # Each proposed event is tested by the closure of the segment in which it lies.

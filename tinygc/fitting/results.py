@@ -145,20 +145,15 @@ class FitResult:
     ) -> JudgedFit:
         """The figures of the linear model, or of a fit with effects under their conditions.  angles (S, d) rad, held out, of the segments
         with these numbers, those of the problem if None; left: errors of the closure runs, by the model itself if None."""
+        errors: Callable[[np.ndarray, ClosureRun], np.ndarray]
+        chance: tuple[float, int | None]
         if terms is None:
             vector, covariance, chance = self.linear.linear.vector, self.covariance, (self.goodness.p_value, self.goodness.freedom)
-
-            def errors(trial: np.ndarray, run: ClosureRun) -> np.ndarray:
-                return run.errors(LinearModel.from_vector(trial), self.options.integrator)
-
+            errors = lambda trial, run: run.errors(LinearModel.from_vector(trial), self.options.integrator)  # noqa: E731
         else:
             fit, claims, known = terms
-            vector, covariance, chance = (
-                fit.state.vector[rows_of_rates(fit.state)],
-                rate_covariance(fit, self.session.clock),
-                (fit.p_value, None),
-            )
-            errors = errors_with_physics(claims, known, fit.state.earth_t)
+            vector, covariance = fit.state.vector[rows_of_rates(fit.state)], rate_covariance(fit, self.session.clock)
+            errors, chance = errors_with_physics(claims, known, fit.state.earth_t), (fit.p_value, None)
         return JudgedFit(
             angles,
             [segment.number for segment in problem.used] if numbers is None else numbers,

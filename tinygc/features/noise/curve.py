@@ -19,9 +19,9 @@ from session.base.errors import DataError, FormatError
 from session.base.files import MB, read_text
 from session.base.units import DEG_PER_HOUR, MG, known, parse_unit
 from tinygc.features.noise.choice import FILTER, Search, Stacked
-from tinygc.features.noise.estimate import described, goodness
+from tinygc.features.noise.estimate import fitted
 from tinygc.features.noise.scales import Group
-from tinygc.noise.figures import SENSORS, AllanBand, AxisNoise, NoiseFigures, SensorNoise, fits_data, unit_allan_variance
+from tinygc.noise.figures import SENSORS, AllanBand, AxisNoise, NoiseFigures, SensorNoise, unit_allan_variance
 
 #: of a file, bytes; and rows, far beyond any curve
 MOST_BYTES, MOST_ROWS = 16 * MB, 100_000
@@ -158,14 +158,9 @@ def fit_curve(tau_s: np.ndarray, deviation: np.ndarray, duration_s: float) -> li
 
 
 def _axis(tau_s: np.ndarray, variance: np.ndarray, freedom: np.ndarray) -> AxisNoise:
-    """Fit one axis; the finest averaging times, which the sensor's filter shapes, are left out while the model does not describe them."""
-    for start in range(max(len(tau_s) - KEPT_OCTAVES, 0) + 1):
-        search = CurveSearch(tau_s[start:], variance[start:], freedom[start:], start > 0)
-        chosen = search.best()
-        p_value, excess = goodness(search, chosen)
-        if fits_data(p_value, excess):
-            break
-    return described(search, chosen, p_value, excess, float(tau_s[start]) if start else 0.0, 0.0)
+    """Fit one axis."""
+    from_s = [0.0, *tau_s[1 : max(len(tau_s) - KEPT_OCTAVES, 0) + 1].tolist()]
+    return fitted(lambda start: CurveSearch(tau_s[start:], variance[start:], freedom[start:], start > 0), from_s)
 
 
 def estimate_of_curve(path: Path, units: str | None, duration_s: float | None, rate_hz: float | None) -> tuple[NoiseFigures, list[str]]:

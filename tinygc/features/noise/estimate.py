@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from itertools import pairwise, zip_longest
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -145,31 +145,37 @@ def _shown(size: float, kind: str) -> str:
 # One axis.
 
 
-def _axis(groups: list[Group], period_s: float, lines_hz: tuple[float, ...]) -> AxisNoise:
-    """Estimate the terms from all scales that the model describes.
+def fitted(search_from: Callable[[int], Search], from_s: Sequence[float]) -> AxisNoise:
+    """Estimate the terms from all scales that the model describes; search_from: makes a search from a scale on, of those that begin at
+    averaging times from_s (K,) s, the first at 0.
 
-    The finest level is left out, and the next is tried, where the model misfits, or where N changes without it by more than chance (Hausman
-    1978): a misfit too small for chi-square may still shift N.  Where N changes at each, the finest level without a misfit counts, and the
+    The finest scale is left out, and the next is tried, where the model misfits, or where N changes without it by more than chance (Hausman
+    1978): a misfit too small for chi-square may still shift N.  Where N changes at each, the finest scale without a misfit counts, and the
     sigma of N contains the change.
     """
-    sizes = sorted({group.size for group in groups})
-
-    def search_from(start: int) -> Search:
-        return Search([group for group in groups if group.size >= start], period_s, lines_hz, is_behind_filter=start > sizes[0])
-
     fits: list[tuple[Search, Chosen, float, float, float, float]] = []
-    for start, following in zip_longest(sizes, sizes[1:]):
+    for start, begins_s in enumerate(from_s):
         search = search_from(start)
         chosen = search.best()
         if fits and chosen.log_sigma("N") > SEEN_WITHOUT:
             continue
         p_value, excess = goodness(search, chosen)
-        change, sigma = (0.0, 0.0) if following is None else _change(chosen, search_from(following))
+        change, sigma = (0.0, 0.0) if start + 1 == len(from_s) else _change(chosen, search_from(start + 1))
         steady = abs(change) <= SHIFTED * sigma
-        fits.append((search, chosen, p_value, excess, start * period_s if start > sizes[0] else 0.0, 0.0 if steady else change))
+        fits.append((search, chosen, p_value, excess, begins_s, 0.0 if steady else change))
         if fits_data(p_value, excess) and steady:
             return described(*fits[-1])
     return described(*next((each for each in fits if fits_data(*each[2:4])), min(fits, key=lambda each: each[3])))
+
+
+def _axis(groups: list[Group], period_s: float, lines_hz: tuple[float, ...]) -> AxisNoise:
+    """Estimate the terms of one axis of rests."""
+    sizes = sorted({group.size for group in groups})
+
+    def search_from(start: int) -> Search:
+        return Search([group for group in groups if group.size >= sizes[start]], period_s, lines_hz, is_behind_filter=start > 0)
+
+    return fitted(search_from, [0.0, *(size * period_s for size in sizes[1:])])
 
 
 def _change(chosen: Chosen, without: Search) -> tuple[float, float]:

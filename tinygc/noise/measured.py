@@ -174,8 +174,8 @@ def _allan_variance_of(axis: AxisNoise, tau_s: float) -> tuple[float, float]:
 
 # The bias drift of a session's stills, against the figures at rest.
 
-#: ratios of drift that are tried, and steps of ln B: small against any sigma of a drift
-RATIOS, STEPS = np.geomspace(0.02, 50.0, 800), 4000
+#: ratios of drift that are tried, 1 in their middle, and steps of ln B: small against any sigma of a drift
+RATIOS, STEPS = np.geomspace(0.02, 50.0, 801), 4000
 #: the least relative sigma of a drift at rest; below it, it is exact for a session
 LEAST_SPREAD = 0.01
 #: chi-square of one parameter at 95 %
@@ -193,24 +193,22 @@ def _drift_comparison(known: BiasInstability, likelihood: np.ndarray | None, lim
 
     if likelihood is None or known.sigma_rps is None or not known.rps > 0:
         return None
+    rps, spread = known.rps, max(known.sigma_rps / known.rps, LEAST_SPREAD)
+    if limit:
+        assert known.most_rps is not None  # an estimate has a limit
+        rps, spread = known.most_rps, LEAST_SPREAD
     of_ln = np.log(GRID_RPS[1:])
     ln = np.linspace(of_ln[0], of_ln[-1], STEPS)
     away = 2 * (likelihood.max() - CubicSpline(of_ln, likelihood[1:])(ln))
     away -= away.min()
-    if limit:
-        assert known.most_rps is not None  # an estimate has a limit
-        high = float(np.exp(ln[away < CHI_95][-1])) / known.most_rps
-        beyond = float(away[ln <= max(np.log(known.most_rps), ln[0])].min())
-        return NoiseComparison(float(np.exp(ln[int(np.argmin(away))])) / known.most_rps, 0.0, high, chi_square_above(beyond, 1) / 2)
-    spread = max(known.sigma_rps / known.rps, LEAST_SPREAD)
-    off = np.array([np.min(away + ((ln - np.log(known.rps * ratio)) / spread) ** 2) for ratio in RATIOS])
+    off = np.array([np.min(away + ((ln - np.log(rps * ratio)) / spread) ** 2) for ratio in RATIOS])
     inside = RATIOS[off < CHI_95]
     if not len(inside):
         return None
-    best = float(np.exp(ln[int(np.argmin(away))])) / known.rps
-    low = 0.0 if off[0] < CHI_95 else float(inside[0])
-    same = float(np.min(away + ((ln - np.log(known.rps)) / spread) ** 2))
-    return NoiseComparison(best, low, float(inside[-1]), chi_square_above(same, 1))
+    best, same = float(np.exp(ln[int(np.argmin(away))])) / rps, float(off[len(RATIOS) // 2])
+    if limit:
+        return NoiseComparison(best, 0.0, float(inside[-1]), chi_square_above(same if best > 1 else 0.0, 1) / 2)
+    return NoiseComparison(best, 0.0 if off[0] < CHI_95 else float(inside[0]), float(inside[-1]), chi_square_above(same, 1))
 
 
 # What a command makes of a file.

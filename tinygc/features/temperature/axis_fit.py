@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
 
 from session.base.numeric import rms_of, sigma_of, sigmas_in
 from session.log.rests import RestLog
@@ -16,6 +15,7 @@ from tinygc.features.temperature.sweeps import Sweep, between_steps
 from tinygc.inference.choose import AS_PROBABLE, PRIOR_ODDS, price, probabilities
 from tinygc.inference.noise import estimate, wander_covariance
 from tinygc.inference.prove import left_out
+from tinygc.inference.solve import inverse_lower, solve_lower
 from tinygc.inference.solve import solve as determined
 
 # Blocks of a rest log merged into knots, few enough for a full covariance of their noise.
@@ -167,7 +167,7 @@ class _Coloured:
     @property
     def factor(self) -> np.ndarray:
         """Lower Cholesky factor of the covariance."""
-        return cholesky(self.C, lower=True, check_finite=False)
+        return np.linalg.cholesky(self.C)
 
 
 def estimate_noise(
@@ -200,11 +200,6 @@ def priced(knots: Knots, y: np.ndarray, tau_s: float, order: int) -> np.ndarray:
 def about(knots: Knots, y: np.ndarray, V: list[np.ndarray], white: float, order: int, tau_s: float = 0.0) -> _Coloured:
     """The noise of knots y (K,), whose scatter is 1, about a polynomial of this order."""
     return estimate_noise(y, priced(knots, y, tau_s, order), V, white, knots.of_steps(y, tau_s, order))
-
-
-def whiten(L: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """L^-1 values, (K, …)."""
-    return solve_triangular(L, values, lower=True, check_finite=False)
 
 
 # Hysteresis: the difference of the zero at one temperature between the rising and the falling branch.
@@ -313,10 +308,10 @@ def columns(knots: Knots, tau_s: float, order: int) -> np.ndarray:
 
 def _best_lag(knots: Knots, y: np.ndarray, L: np.ndarray, lags: np.ndarray, order: int) -> float:
     """Return the lag of least misfit, from a grid, then refined between neighbours; y (K,), L: the noise's factor."""
-    white = whiten(L, y)
+    white = solve_lower(L, y)
 
     def left(tau: float) -> float:
-        A = whiten(L, columns(knots, float(tau), order))
+        A = solve_lower(L, columns(knots, float(tau), order))
         return float(np.sum((white - A @ np.linalg.lstsq(A, white, rcond=None)[0]) ** 2))
 
     k = int(np.argmin([left(tau) for tau in lags.tolist()]))
@@ -472,8 +467,8 @@ def solve_axis(knots: Knots, y: np.ndarray, noise: _Coloured, tau: float, order:
     coefficients = G @ y
     if tau:
         slope, L = lag_slope(knots, tau, order, coefficients), noise.factor
-        W = whiten(L, np.column_stack([A, slope]))
-        of_lag = (np.linalg.pinv(W)[-1:] @ whiten(L, np.eye(len(y)))).ravel()
+        W = solve_lower(L, np.column_stack([A, slope]))
+        of_lag = (np.linalg.pinv(W)[-1:] @ inverse_lower(L)).ravel()
         G = np.vstack([G - np.outer(G @ slope, of_lag), of_lag])
     return coefficients, G @ noise.C @ G.T
 

@@ -126,7 +126,7 @@ def estimate(
             t = np.array([*white, *np.where(alone, 0.0, [np.mean(white[: len(rows)]), 0.25, 1e-6])])
             solution = system.solved(t)
         else:
-            solution = system.estimated(t, np.arange(len(t)) >= len(t) - 3 if alone else None)
+            solution = system.estimated(t, dict.fromkeys((-3, -2, -1), 0.0) if alone else None)
             t = solution.t
         out = system.out
         new = worst_of_each_turn(candidates(solution, blocks), out) if turn else []

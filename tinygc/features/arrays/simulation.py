@@ -82,19 +82,11 @@ class Jerks:
         return along + across * np.cos(angle)[:, None] - np.cross(self.axis, vectors) * np.sin(angle)[:, None]
 
 
-def jerks_in_turns(plan: MovementPlan, size_rad: float, odr_hz: float, rng: np.random.Generator) -> Jerks:
-    """Draw jerks for each turn."""
-    turns = np.repeat(np.array(plan.turns), JERKS_A_TURN, axis=0)
-    at_s = turns[:, 0] + (turns[:, 1] - turns[:, 0]) * rng.uniform(MARGIN, 1 - MARGIN, len(turns))
+def jerks_of(at_s: np.ndarray, odr_hz: float, rng: np.random.Generator, size_rad: float, spread: bool) -> Jerks:
+    """Draw jerks at these times; spread: whether size_rad is their sigma."""
     axis = rng.normal(size=3)
-    return Jerks(at_s, size_rad * rng.normal(size=len(at_s)), axis / np.linalg.norm(axis), WIDTH_PERIODS / odr_hz)
-
-
-def knock_in(plan: MovementPlan, turn: int, size_rad: float, odr_hz: float, rng: np.random.Generator) -> Jerks:
-    """Draw one knock in one turn."""
-    start, stop = plan.turns[turn]
-    axis = rng.normal(size=3)
-    return Jerks(np.array([(start + stop) / 2]), np.array([size_rad]), axis / np.linalg.norm(axis), WIDTH_PERIODS / odr_hz)
+    size = rng.normal(size=len(at_s)) if spread else np.ones(len(at_s))
+    return Jerks(at_s, size_rad * size, axis / np.linalg.norm(axis), WIDTH_PERIODS / odr_hz)
 
 
 # Units of an array, each simulated like a session of its own, under one motion of the body.
@@ -123,9 +115,12 @@ def simulate_array(options: SimulationOptions, array: ArrayOptions, distort: Map
     truths = tuple(_placed(array, number, place_rng) for number in range(array.units))
     jerks = []
     if array.jerk_deg:
-        jerks.append(jerks_in_turns(plan, array.jerk_deg * DEG, options.odr_hz, jerk_rng))
+        start, stop = np.repeat(np.array(plan.turns), JERKS_A_TURN, axis=0).T
+        at_s = start + (stop - start) * jerk_rng.uniform(MARGIN, 1 - MARGIN, len(start))
+        jerks.append(jerks_of(at_s, options.odr_hz, jerk_rng, array.jerk_deg * DEG, True))
     if array.knock_deg:
-        jerks.append(knock_in(plan, len(plan.turns) // 2, array.knock_deg * DEG, options.odr_hz, jerk_rng))
+        middle_s = np.mean(plan.turns[len(plan.turns) // 2], keepdims=True)
+        jerks.append(jerks_of(middle_s, options.odr_hz, jerk_rng, array.knock_deg * DEG, False))
     level = table_rng.normal(size=(len(plan.turns) + 1, 2)) * array.reference_error_mg * MG
     heading_deg = unit_of(options).heading_deg
     units = []

@@ -155,19 +155,21 @@ class System:
         )
         return Solution(self, t, self.prior * x, residual, variance, leverage, taken, factor, value)
 
-    def estimated(self, t: np.ndarray, held: np.ndarray | None = None) -> Solution:
-        """Estimate the components by restricted maximum likelihood, by the engine's search from t (G,); held (G,) bool.
+    def estimated(self, t: np.ndarray, held: Mapping[int, float] | None = None) -> Solution:
+        """Estimate the components by restricted maximum likelihood, by the engine's search from t (G,); held: those with given values.
 
         All components are variances of single rows, which makes value, slope and information cheap: they are given to the search.
         """
-        bound = np.zeros(len(t), dtype=bool) if held is None else held
+        least, most = np.zeros(len(t)), np.full(len(t), np.inf)
+        for k, value in (held or {}).items():
+            least[k] = most[k] = value
 
         def cost(t: np.ndarray) -> Cost:
             found = self.solved(t)
             slope, information = found.score()
             return Cost(found.value, -2 * slope, 2 * information)
 
-        return self.solved(lowest(cost, t, np.where(bound, t, 0.0), np.where(bound, t, np.inf), settled=SETTLED)[0])
+        return self.solved(lowest(cost, np.clip(t, least, most), least, most, settled=SETTLED)[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,10 +198,7 @@ class Solution:
 
     def held(self, values: Mapping[int, float]) -> Solution:
         """Return the solution where components have these values, all others estimated anew."""
-        begin, keep = self.t.copy(), np.zeros(len(self.t), dtype=bool)
-        for k, value in values.items():
-            begin[k], keep[k] = value, True
-        return self.system.estimated(begin, keep)
+        return self.system.estimated(self.t, values)
 
     def score(self) -> tuple[np.ndarray, np.ndarray]:
         """Return (G,) slope of the log likelihood by each component, and (G, G) its information, for independent rows."""

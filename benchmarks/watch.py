@@ -18,7 +18,7 @@ import tinygc
 from session.base.files import read_npz
 from session.base.units import DEG, DEG_PER_HOUR, NS_PER_S, G
 from tinygc.deploy.apply import Applicable
-from tinygc.features.unit.watch.bars import squares_bar_of
+from tinygc.features.unit.watch.bars import bar_of, squares_run_length
 from tinygc.features.unit.watch.detector import Window, ZeroFilter
 from tinygc.features.unit.watch.expectation import BLOCKS, WATCHED_S, AtRest, Expectation, Settings, settings
 from tinygc.features.unit.watch.turns import MOST_SQUARE, RATIO
@@ -159,7 +159,7 @@ def turns() -> None:
     progress("")
     rows, every = [], np.concatenate(squares)
     for stated in (30, 100, 300, 1000):
-        bar, alarms = squares_bar_of(RATIO, 2, stated), 0
+        bar, alarms = bar_of(squares_run_length, stated, RATIO, 2), 0
         for stream in squares:
             total = 0.0
             for square in stream:

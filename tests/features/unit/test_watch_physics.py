@@ -26,7 +26,7 @@ from tinygc.deploy.apply import Applicable
 from tinygc.deploy.calibration import Surroundings
 from tinygc.features.unit.watch import source
 from tinygc.features.unit.watch.alarms import AlarmCommand, JsonLines
-from tinygc.features.unit.watch.bars import _run_length, _squares_run_length, bar_of, squares_bar_of
+from tinygc.features.unit.watch.bars import bar_of, run_length, squares_run_length
 from tinygc.features.unit.watch.detector import PROCESSES, Detector, Judged, Reading, Window, ZeroFilter, _response, change_of
 from tinygc.features.unit.watch.expectation import (
     BLOCKS,
@@ -96,16 +96,16 @@ def siegmund(shift: float, bar: float) -> float:
 @pytest.mark.parametrize("shift", SHIFTS)
 def test_run_lengths_have_their_limits(shift):
     """Without a bar the first z beyond half the shift alarms; else it is exp(bar) at least (Lorden), and for small shifts Siegmund's."""
-    assert _run_length(shift, 1e-9) == pytest.approx(1 / ndtr(-shift / 2), rel=1e-6)
+    assert run_length(shift, 1e-9) == pytest.approx(1 / ndtr(-shift / 2), rel=1e-6)
     for length in (1e2, 1e8):
-        assert 0 < bar_of(shift, length) <= np.log(length)
-        assert _run_length(shift, bar_of(shift, length)) == pytest.approx(length, rel=1e-4)
-        assert shift > 1 or siegmund(shift, bar_of(shift, length**10)) == pytest.approx(length**10, rel=0.03)
+        assert 0 < bar_of(run_length, length, shift) <= np.log(length)
+        assert run_length(shift, bar_of(run_length, length, shift)) == pytest.approx(length, rel=1e-4)
+        assert shift > 1 or siegmund(shift, bar_of(run_length, length**10, shift)) == pytest.approx(length**10, rel=0.03)
 
 
 def test_run_lengths_of_squares_have_their_limits():
-    assert _squares_run_length(2.0, 2, 1e-9) == pytest.approx(1 / chi2.sf(2 * np.log(2.0) / 0.375, 2), rel=1e-6, abs=0)
-    low, high, far = (squares_bar_of(2.0, 2, length) for length in (1e8, 1e10, 1e100))
+    assert squares_run_length(2.0, 2, 1e-9) == pytest.approx(1 / chi2.sf(2 * np.log(2.0) / 0.375, 2), rel=1e-6, abs=0)
+    low, high, far = (bar_of(squares_run_length, length, 2.0, 2) for length in (1e8, 1e10, 1e100))
     assert (high - low, far - low) == pytest.approx((np.log(1e2), np.log(1e92)), abs=0.01)
 
 

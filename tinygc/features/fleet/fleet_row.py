@@ -82,14 +82,8 @@ class FleetOptions(Run):
     @property
     def text(self) -> str:
         """Return all options that affect numbers, in one line, as used in the key; the location of the effect folders is not included."""
-        table = {
-            "steps": self.steps,
-            "seed": self.seed,
-            "earth": self.earth,
-            "accelerometer": self.accelerometer,
-            "effects": self.effects_sha256,
-        }
-        return json.dumps(table, sort_keys=True)
+        table = {name: getattr(self, name) for name in ("steps", "seed", "earth", "accelerometer")}
+        return json.dumps(table | {"effects": self.effects_sha256}, sort_keys=True)
 
 
 def effects_hash(folders: tuple[str, ...]) -> str:

@@ -94,6 +94,7 @@ class History(Kept):
 
 
 def _of_unit(unit: UnitHistory, outlooks: Sequence[Outlook]) -> dict[str, Any]:
+    triad = unit.accelerometer_any_session  # one sigma of each of the accelerometer's numbers
     return {
         "model": unit.model,
         "serial": unit.serial,
@@ -121,18 +122,25 @@ def _of_unit(unit: UnitHistory, outlooks: Sequence[Outlook]) -> dict[str, Any]:
             for step in unit.steps
         ],
         "bias_any_session": None if unit.any_session is None else unit.any_session.to_json(np.diag(unit.sessions[-1].stated)[BIAS]),
-        "accelerometer_any_session": _accelerometer_json(unit),
-        "requirements": [_of_outlook(each) for each in outlooks],
+        "accelerometer_any_session": None
+        if triad is None
+        else [table_of(n) | {"sigma": s / n.si} for n, s in zip(NUMBERS[-len(triad) :], triad, strict=True)],
+        "requirements": [
+            {
+                "requirement": each.requirement.text,
+                "limit_deg": None if each.requirement.numbers else each.requirement.limit / DEG,
+                "seconds": None if each.requirement.numbers else each.requirement.seconds,
+                "answer": each.kind,
+                "until": None if each.until is None else each.until.date().isoformat(),
+                "beyond": each.beyond,
+                "reason": each.line,
+                "years": each.years,
+                "shares": each.shares,
+            }
+            for each in outlooks
+        ],
         "remarks": unit.remarks,
     }
-
-
-def _accelerometer_json(unit: UnitHistory) -> list[dict[str, Any]] | None:
-    """One sigma of each of the accelerometer's numbers in any other session."""
-    sigma = unit.accelerometer_any_session
-    if sigma is None:
-        return None
-    return [table_of(n) | {"sigma": s / n.si} for n, s in zip(NUMBERS[-len(sigma) :], sigma, strict=True)]
 
 
 def _of_number(each: NumberHistory) -> dict[str, Any]:
@@ -160,22 +168,6 @@ def _of_number(each: NumberHistory) -> dict[str, Any]:
         "drift_or_step_after": None if each.drift_or_step is None else each.sessions[each.drift_or_step],
         **in_unit(si, step_at_most=each.step_limit, per_kelvin=warmth, per_kelvin_sigma=warmth_sigma, per_kelvin_at_most=warmth_limit),
         "follows_temperature": None if warmth is None or course is None else course.warms,
-    }
-
-
-def _of_outlook(each: Outlook) -> dict[str, Any]:
-    required = each.requirement
-    attitude = not required.numbers
-    return {
-        "requirement": required.text,
-        "limit_deg": required.limit / DEG if attitude else None,
-        "seconds": required.seconds if attitude else None,
-        "answer": each.kind,
-        "until": None if each.until is None else each.until.date().isoformat(),
-        "beyond": each.beyond,
-        "reason": each.line,
-        "years": each.years,
-        "shares": each.shares,
     }
 
 

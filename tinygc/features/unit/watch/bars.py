@@ -18,6 +18,7 @@ above the logarithm of its run length, since that is at least exp(bar) (Lorden 1
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 
 import numpy as np
@@ -30,7 +31,7 @@ MOST = 1e9
 NODES = 160
 
 
-def _run_length(shift: float, bar: float) -> float:
+def run_length(shift: float, bar: float) -> float:
     """Mean number of z until a false alarm of one one-sided test."""
     k, h = shift / 2, bar / shift
     node, weight = np.polynomial.legendre.leggauss(NODES)
@@ -44,15 +45,7 @@ def _run_length(shift: float, bar: float) -> float:
     return float(np.linalg.solve(np.eye(len(at)) - row(at), np.ones(len(at)))[0])
 
 
-@cache
-def bar_of(shift: float, length: float) -> float:
-    """The bar of one one-sided test whose mean run length is ``length``."""
-    if length > MOST:
-        return bar_of(shift, MOST) + float(np.log(length / MOST))
-    return float(brentq(lambda bar: np.log(_run_length(shift, bar) / length), 1e-3, np.log(length), xtol=1e-6))
-
-
-def _squares_run_length(ratio: float, freedom: int, bar: float) -> float:
+def squares_run_length(ratio: float, freedom: int, bar: float) -> float:
     """Mean run length of a CUSUM that looks for a chi-square of ``freedom`` degrees of freedom whose sigma is ``ratio`` times as large.
 
     Its increments are log likelihood ratios, x (1 - ratio^-2) / 2 - freedom log(ratio), x the chi-square.
@@ -71,8 +64,8 @@ def _squares_run_length(ratio: float, freedom: int, bar: float) -> float:
 
 
 @cache
-def squares_bar_of(ratio: float, freedom: int, length: float) -> float:
-    """The bar of that test whose mean run length is ``length``."""
+def bar_of(run_length: Callable[..., float], length: float, *of: float) -> float:
+    """The bar of one one-sided test, whose mean run length, a function of these numbers and the bar, is ``length``."""
     if length > MOST:
-        return squares_bar_of(ratio, freedom, MOST) + float(np.log(length / MOST))
-    return float(brentq(lambda bar: np.log(_squares_run_length(ratio, freedom, bar) / length), 1e-3, np.log(length), xtol=1e-4))
+        return bar_of(run_length, MOST, *of) + float(np.log(length / MOST))
+    return float(brentq(lambda bar: np.log(run_length(*of, bar) / length), 1e-3, np.log(length), xtol=1e-6))

@@ -22,7 +22,7 @@ from session.detect.stills import QUIET_ACCEL_RATIO, QUIET_VARIANCE_RATIO
 from session.log.config import Config
 from tinygc.closure.floor import BiasInstability
 from tinygc.estimation.spread import END_S, USUAL_ACCEL_PER_K, USUAL_PER_K, ZERO, wander_variance
-from tinygc.features.unit.watch.bars import bar_of
+from tinygc.features.unit.watch.bars import bar_of, run_length
 from tinygc.fitting.unit_state import UnitState, spread_of
 from tinygc.inference.noise import wander_covariance
 from tinygc.models.linear import BIAS, PARAMETERS
@@ -270,7 +270,7 @@ def settings(expected: Expectation, false_alarm_every_s: float, reference_c: flo
         np.exp(-window_s / np.array(TIMES_S)),
         _sizes(expected.gyro, white, window_s, warms),
         _sizes(expected.accel, np.full(3, (expected.gravity_mps2 * gravity_sigma) ** 2), window_s, warms),
-        np.array([bar_of(each, TESTS * false_alarm_every_s / window_s) for each in SHIFTS]),
+        np.array([bar_of(run_length, TESTS * false_alarm_every_s / window_s, float(each)) for each in SHIFTS]),
     )
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from session.base import rotation
 from session.base.units import DEG
-from tinygc.features.unit.watch.bars import squares_bar_of
+from tinygc.features.unit.watch.bars import bar_of, squares_run_length
 from tinygc.features.unit.watch.expectation import TESTS, Expectation
 from tinygc.models.linear import MATRIX
 
@@ -83,7 +83,7 @@ class TurnTest:
         self._prior[:9, :9] = own
         self._prior[9:, 9:] = np.diag(expected.accel.offset**2)
         self._expected, self.P, self.x = expected, self._prior.copy(), np.zeros(12)
-        self.bar, self.sum = squares_bar_of(RATIO, 2, TESTS * windows_to_alarm), 0.0
+        self.bar, self.sum = bar_of(squares_run_length, TESTS * windows_to_alarm, RATIO, 2), 0.0
         self._share = 0.0
 
     def judge(self, turn: Turn, start: np.ndarray, end: np.ndarray, zero_variance: float, window_s: float) -> Closure:

@@ -23,7 +23,7 @@ from session.log.folder import Session, hash_of_log, read_session
 from tinygc.closure.motion import MINUTE_S
 from tinygc.estimation.spread import ZERO
 from tinygc.features.unit.options import VerifyOptions
-from tinygc.features.unit.verification.causes import Cause, Diagnosis, Evidence, beyond_linear, candidate_causes, diagnose
+from tinygc.features.unit.verification.causes import Diagnosis, Evidence, beyond_linear, candidate_causes, diagnose
 from tinygc.features.unit.verification.cost import (
     Bound,
     Cost,
@@ -42,7 +42,6 @@ from tinygc.inference.decide import BIAS, FAILS, HOLDS, UNDECIDED, Answer
 from tinygc.library.arguments import is_path, public
 from tinygc.library.records import Shown
 from tinygc.models.linear import BIAS as BIAS_OF_12
-from tinygc.noise.components import SessionNoise
 from tinygc.planning.proposals import Proposal
 from tinygc.reporting.facts import Table, screen
 from tinygc.reporting.terminal import Group, Text, one_line
@@ -141,7 +140,8 @@ class Verified(Shown):
             if each.beyond_draws:
                 chi_square, p = f"> {chi_square}", p.replace("=", "<")
             numbers = (chi_square, each.rank, p, significant(each.level, 2))
-            rows.append([ASKED[each.name], _answer(each), *(numbers if each.asked else ("", "", "", ""))])
+            answer = "not asked by this recording" if not each.asked else "nothing against it" if each.holds else "no"
+            rows.append([ASKED[each.name], answer, *(numbers if each.asked else ("", "", "", ""))])
         table = Table(title, ("does it hold?", "answer", "χ²", "degrees of freedom", "p", "bar"), rows, left=(0, 1))
         said = [*cause_lines(self), *cost_lines(self), *open_lines(self), *(f"Note: {note}." for note in self.notes)]
         settings = (f"Settings: {fact}." for fact in self.facts)
@@ -335,8 +335,12 @@ def verify_session(
     if old.logs & {hash_of_log(log) for log in session.logs}:
         itself = "the model was fitted to this very recording, and agrees with itself"
         decision, bias_serves = Answer(UNDECIDED, itself, "give another recording"), False
-    line = "; ".join(filter(None, (power_words(bounds), apart, decision.line)))
+    power = ", ".join(f"{OF[bound.name]} to {significant(bound.bound_deg, 2)}°" for bound in bounds)  # what would have been seen
+    line = "; ".join(filter(None, (f"this recording tells {power} (95 %)", apart, decision.line)))
     open_names = {bound.name for bound in bounds if not bound.is_seen}
+    into = {cause.name: cause.into for cause in causes}
+    pairs = [] if diagnosis is None else [(name, others[0]) for name, others in diagnosis.rivals.items() if others]
+    spans = next(([into[name], into[other]] for name, other in pairs if into[name].any() and into[other].any()), None)
     return Verified(
         old=old,
         today=session.name,
@@ -351,7 +355,7 @@ def verify_session(
         bias_covariance=anew.covariance[ZERO, ZERO],
         diagnosis=diagnosis,
         tell=tuple(turns_that_tell(rows, noise, W, options.limit_deg)) if open_names - {B} else (),
-        separate=_separate(rows, noise, diagnosis, causes),
+        separate=tuple(turns_that_separate(rows, noise, spans)) if spans else (),
         facts=tuple(told),
         notes=tuple(notes),
         bias_serves=bias_serves,
@@ -420,35 +424,13 @@ def _decide(
     return Answer(HOLDS, said, "use it as it is"), True
 
 
-def power_words(found: Sequence[Bound]) -> str:
-    """What this recording would have seen: ``this recording tells E to 1.3°, the zero to 0.2° (95 %)``."""
-    return f"this recording tells {', '.join(f'{OF[b.name]} to {significant(b.bound_deg, 2)}°' for b in found)} (95 %)"
-
-
 def bias_words(bias: np.ndarray, covariance: np.ndarray) -> str:
     """B with its sigmas, dps."""
     sigma = sigmas_in(covariance) / DEG
     return ", ".join(f"{value / DEG:+.4f} ± {s:.4f}" for value, s in zip(bias, sigma, strict=True)) + " dps"
 
 
-def _separate(rows: Rows, noise: SessionNoise, diagnosis: Diagnosis | None, causes: Sequence[Cause]) -> tuple[Proposal, ...]:
-    if diagnosis is None:
-        return ()
-    by_name = {cause.name: cause for cause in causes}
-    for name, others in diagnosis.rivals.items():
-        spans = [by_name[each].into for each in (name, *others[:1]) if by_name[each].into.any()]
-        if len(spans) > 1:
-            return tuple(turns_that_separate(rows, noise, spans))
-    return ()
-
-
 # The screen: what was asked, why, what it costs, and what this recording cannot tell.
-
-
-def _answer(question: Question) -> str:
-    if not question.asked:
-        return "not asked by this recording"
-    return "nothing against it" if question.holds else "no"
 
 
 def cause_lines(found: Verified) -> list[str]:

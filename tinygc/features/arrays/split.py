@@ -181,16 +181,21 @@ class Split:
         return replace(_tilt("what units miss by one by one", "own", p_value, size, upper, rms_of(self.floors_rad)), size=said)
 
     @cached_property
+    def left_rad(self) -> np.ndarray:
+        """Return (S, N, 3): each unit's own error of each turn (``SameStills.spans``), NaN where it has no such turn."""
+        joint, same = self.joint, self.joint.same
+        spans = same.spans.tolist()
+        left = np.full((len(spans), len(joint.rows), 3), np.nan)
+        for i, rows in enumerate(joint.layout.closure):
+            left[[spans.index([a, b]) for a, b in zip(same.first[i], same.last[i], strict=True)], i] = joint.solution.residual[rows]
+        return left
+
+    @cached_property
     def minus_mean_rad(self) -> np.ndarray:
         """Return (N,) of each unit's closure less the mean of all units', over the turns that all have; NaN where there is none."""
-        same, joint, count = self.joint.same, self.joint, len(self.joint.rows)
-        left: dict[tuple[int, int], dict[int, np.ndarray]] = {}
-        for i in range(count):
-            for a, b, rows in zip(same.first[i], same.last[i], joint.layout.closure[i], strict=True):
-                left.setdefault((int(a), int(b)), {})[i] = joint.solution.residual[rows[:2]]
-        whole = np.array([[each[i] for i in range(count)] for each in left.values() if len(each) == count]).reshape(-1, count, 2)
+        whole = self.left_rad[np.isfinite(self.left_rad).all(axis=(1, 2)), :, :2]
         if not len(whole):
-            return np.full(count, np.nan)
+            return np.full(whole.shape[1], np.nan)
         return np.sqrt(np.mean(np.sum((whole - whole.mean(axis=1, keepdims=True)) ** 2, axis=2), axis=0))
 
     def table(self) -> dict:
@@ -213,11 +218,7 @@ class Split:
         variance = np.diag(joint.covariance)[joint.layout.common]
         a, b = same.spans.T
         common, squares = (np.diff(running_sum(each)[[a, b]], axis=0)[0] for each in (joint.common_rad, variance))
-        own = np.full((len(a), len(joint.rows)), np.nan)
-        for i, rows in enumerate(joint.layout.closure):
-            at = [same.spans.tolist().index([first, last]) for first, last in zip(same.first[i], same.last[i], strict=True)]
-            own[at, i] = np.linalg.norm(joint.solution.residual[rows], axis=1)
-        return common, np.sqrt(squares), own
+        return common, np.sqrt(squares), np.linalg.norm(self.left_rad, axis=2)
 
 
 def _tilt(what: str, scope: str, p_value: float, size_rad: float, upper_rad: float, matters_rad: float, **how: Any) -> Statement:

@@ -376,7 +376,7 @@ def _aged(before: SampleAges, difference: _Difference, reader_s: float) -> Sampl
     none = SampleAges(before.number, before.clock, p_value)
     if p_value > FALSE_ALARM:
         return none
-    period, beats = np.pi * amplitude_s, (beat_hz, -beat_hz)
+    period, beats = np.pi * amplitude_s, [beat_hz, -beat_hz]
     offset = float(np.average(readings.age_s, weights=1 / readings.variance)) - period / 2
     for _ in range(2):
         phases = max((track(readings, hz, period, offset) for hz in beats), key=lambda way: way.log_probability)
@@ -386,7 +386,7 @@ def _aged(before: SampleAges, difference: _Difference, reader_s: float) -> Sampl
             return none
         # with known ages, the remaining scatter is smaller than first assumed
         least = np.maximum(readings.variance - readings.spread_s**2, 0.0)
-        readings, beats = replace(readings, variance=least + scatter**2, spread_s=scatter), phases.beat[:1]
+        readings, beats = replace(readings, variance=least + scatter**2, spread_s=scatter), [phases.beat[0]]
     return SampleAges(before.number, before.clock, p_value, phases, period, sigma, scatter)
 
 

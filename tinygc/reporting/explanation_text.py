@@ -52,7 +52,7 @@ def explanation_facts(e: Explanation, panels: Sequence[Part] = (), with_next: bo
         parts += [*([f"  weighed in its place: {', '.join(rivals)}"] if (rivals := rival_words(claim)) else []), ""]
     parts += [Text(HEADING, "italic"), channels_table(e), *panels]
     parts += [] if e.gravity is None else [_gravity(e.gravity), _stamps(e)]
-    parts += ["" if e.shown is None else Table("", ("", ""), e.shown.rows, left=(0, 1)), ""]
+    parts += [*([] if e.shown is None else [Table("", ("", ""), e.shown.rows, left=(0, 1))]), ""]
     # Candidates that were detected or weighed, and rejected.
     lines = considered_lines(e)
     parts += ["considered, and not borne out:", *(f"  {line}" for line in lines)] if lines else []

@@ -229,9 +229,9 @@ class Panel:
         """Draw a vertical line."""
         return self.add(style, kind, x, [-np.inf, np.inf], **more)
 
-    def words(self, x: float, y: float, words: str, kind: str = "soft", style: str = "word", **more: Any) -> Panel:
+    def words(self, x: float, y: float, words: str, kind: str = "soft", **more: Any) -> Panel:
         """Write words beside a place; anchor: start, middle or end."""
-        return self.add(style, kind, x, y, says=(words,), **more)
+        return self.add("word", kind, x, y, says=(words,), **more)
 
     def ends(self) -> list[tuple[float, float]]:
         """Both ends of x and of y."""
@@ -281,8 +281,8 @@ def _path(style: str, kind: str, *points: tuple[float, float]) -> Shape:
     return Shape(style, kind, [np.array(points)])
 
 
-def _wide(text: str, style: str = "tick") -> float:
-    return LETTER * TEXTS[style][0] * len(text)
+def _wide(text: str) -> float:
+    return LETTER * TEXTS["tick"][0] * len(text)
 
 
 #: px: height of a line of words, of a row of the legend; between an entry's sample and its words, and between entries

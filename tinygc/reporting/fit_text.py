@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from session.base.numeric import rms_of, sigmas_in
-from session.base.texts import command_line, listed, printable, significant
+from session.base.texts import command_line, fixed, listed, printable, significant
 from session.base.units import DEG, MG
 from session.detect.accelerometer import LengthFit
 from tinygc.estimation.accelerometer import AccelerometerFit, drift_json
@@ -20,7 +20,7 @@ from tinygc.estimation.spread import ZERO
 from tinygc.fitting.fit_file import known_turns_words
 from tinygc.fitting.results import FitResult
 from tinygc.inference.decide import Fact
-from tinygc.models.linear import BIAS, NAMES, PARAMETERS, field_facts
+from tinygc.models.linear import BIAS, PARAMETERS, field_facts, field_jacobian
 from tinygc.reporting.facts import Part, Table, errors_table, screen
 from tinygc.reporting.tables import degrees_text
 from tinygc.reporting.terminal import Group, Text, one_line
@@ -208,13 +208,8 @@ def remarks(result: FitResult) -> list[Text]:
         if result.problem.batch.turns is not None:
             seen += " Whole circles show scale factors alone; rests half way round, or turns to other sides, show misalignments."
         said.append(Text(seen, "yellow"))
-    covariance = result.covariance
-    sigma = sigmas_in(covariance)
-    correlation = covariance / np.outer(sigma, sigma)
-    pairs = [(abs(correlation[i, j]), i, j) for i in range(PARAMETERS) for j in range(i) if abs(correlation[i, j]) > 0.5]
-    if pairs:
-        shown = (f"{NAMES[j]}–{NAMES[i]} {correlation[i, j]:+.2f}" for _, i, j in sorted(pairs, reverse=True)[:6])
-        said.append(Text("Correlated above 0.5: " + ", ".join(shown)))
+    _, strong = correlations(result.linear.linear.vector, result.covariance)
+    said += [Text(f"Correlated above {STRONG:g}: {'; '.join(strong)}")] if strong else []
     now, other = (closure_figures(fit.held_out)["tilt_rms_deg"] for fit in (result.linear, result.other_choice))
     words = ("without", "with") if result.options.still_rates else ("with", "without")
     moved = np.abs(result.other_choice.linear.B - result.linear.linear.B) / np.sqrt(np.diag(result.covariance)[BIAS])
@@ -226,6 +221,22 @@ def remarks(result: FitResult) -> list[Text]:
     )
     said.append(Text(f"The paper's first-order integrator would err by up to {result.first_order_rad / DEG:.4f}° on a segment here."))
     return said
+
+
+#: the independent ones of the field's 18 quantities: scale factors, misalignments, biases
+INDEPENDENT = (0, 1, 2, 3, 4, 5, 6, 7, 8, 15, 16, 17)
+ERRORS = ("scale x", "scale y", "scale z", "x to y", "x to z", "y to x", "y to z", "z to x", "z to y", "bias x", "bias y", "bias z")
+STRONG = 0.5  #: correlation from which on a pair is named
+
+
+def correlations(vector: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, list[str]]:
+    """Correlations (12, 12) of the errors of a linear model with this covariance (12, 12), and the strongest of them in words."""
+    slope = field_jacobian(vector)[list(INDEPENDENT)]
+    covariance = slope @ covariance @ slope.T
+    sigma = sigmas_in(covariance)
+    found = covariance / np.outer(sigma, sigma)
+    pairs = sorted(((abs(found[i, j]), i, j) for i in range(PARAMETERS) for j in range(i)), reverse=True)
+    return found, [f"{ERRORS[j]} and {ERRORS[i]} {fixed(found[i, j], 2)}" for size, i, j in pairs if size > STRONG][:6]
 
 
 def _noise_words(result: FitResult) -> list[Text]:

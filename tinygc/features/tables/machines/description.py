@@ -23,7 +23,7 @@ import numpy as np
 from session.base.errors import FormatError
 from session.base.records import ROTATION, Key, record_from, record_of
 from session.base.results import Array, Mismatch, Number, Shape, shown
-from session.base.rotation import cross_matrix, exp, identities, matrix
+from session.base.rotation import exp, identities, matrix
 from session.base.toml import read_toml
 from session.base.units import DEG
 
@@ -164,10 +164,10 @@ class Description:
 
     def axis(self, name: str) -> int:
         """Number of the axis of that name.  FormatError where there is none."""
-        for number, axis in enumerate(self.axes):
-            if axis.name == name:
-                return number
-        raise FormatError(f"{self.name}: no axis {name!r}; it has {', '.join(axis.name for axis in self.axes)}")
+        names = [axis.name for axis in self.axes]
+        if name not in names:
+            raise FormatError(f"{self.name}: no axis {name!r}; it has {', '.join(names)}")
+        return names.index(name)
 
 
 def read_description(path: Path) -> Description:
@@ -178,9 +178,7 @@ def read_description(path: Path) -> Description:
 
 def rotations(direction: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """(N, 3, 3) right-handed rotations by angles (N,) rad about a unit direction (3,)."""
-    cross = cross_matrix(direction)
-    angle = np.asarray(angle, dtype=float)[..., None, None]
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
+    return matrix(exp(np.asarray(angle, dtype=float)[..., None] * direction))
 
 
 def attitudes(table: Description, angles: np.ndarray) -> np.ndarray:

@@ -458,11 +458,10 @@ class Dialogue(Table):
                     place = make.states.order.index(of.word) if make.states.order else axis
                     if place >= len(values):
                         raise TableFault(f"{self.description.name}: it says {len(values)} angles, and no {of.word}; {AGAIN}")
-                    angles[axis] = float(values[place]) / settings["per_deg"] * DEG
-                elif "angle" in once:
-                    angles[axis] = float(once["angle"]) / settings["per_deg"] * DEG
-                elif "count" in once:
-                    angles[axis] = float(once["count"]) / settings["count_per_deg"] * DEG
+                    once = once | {"angle": values[place]}
+                for name, unit in (("count", "count_per_deg"), ("angle", "per_deg")):
+                    if name in once:
+                        angles[axis] = float(once[name]) / settings[unit] * DEG
                 if "rate" in once:
                     moving = bool(moving) or abs(float(once["rate"]) / settings["rate_per_dps"]) > settings["rest_dps"]
                 if "state" in once and not self._only_looks:

@@ -209,13 +209,13 @@ class Mechanics:
             begin_s = track.busy_until_s
         if self.once("stall"):
             return
+        here = track.state(begin_s)[0]
+        way = said_rad - self.unknown[axis] - here
         if self.once("endless"):
-            way = said_rad - self.unknown[axis] - track.state(begin_s)[0]
-            track.turn_at(begin_s, rate_rps if way >= 0 else -rate_rps, self._acceleration(axis))
+            track.turn_at(begin_s, math.copysign(rate_rps, way), self._acceleration(axis))
             return
         self._losing = None
         if self.once("lost_steps"):
-            here, way = track.state(begin_s)[0], said_rad - self.unknown[axis] - track.state(begin_s)[0]
             self.unknown[axis] += math.copysign(LOST_RAD, way)  # it lags, whatever its sense
             self._losing = axis, here, said_rad - self.unknown[axis]
         track.turn_to(begin_s, said_rad - self.unknown[axis], rate_rps, self._acceleration(axis))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -129,32 +128,10 @@ def curve_words(curve: str) -> str:
     return printable(curve.rpartition(", ")[2])
 
 
-# The screen.
-
-
-def rates_facts(choices: Sequence[Choice], sweeps: Sequence[Sweep]) -> list[Chapter]:
-    """What stands of each sensor and of each sweep, with its charts."""
-    found: list[Chapter] = [(f"sensor-{n}", choice.points.sensor, _sensor(choice)) for n, choice in enumerate(choices)]
-    return found + [(f"sweep-{n}", f"Sweep {sweep.response.name}", _sweep(sweep)) for n, sweep in enumerate(sweeps)]
-
-
-def rates_page(choices: Sequence[Choice], sweeps: Sequence[Sweep], remarks: Sequence[str]) -> Group:
-    """The screen."""
-    parts = [part for _, _, said in rates_facts(choices, sweeps) for part in (*said, "")]
-    return screen([*parts[:-1], *remarks])
-
-
-# The page.
+# Screen and page: what stands of each sensor and of each sweep, with its charts.
 
 #: rates at which a law is drawn
 DRAWN = 401
-
-
-def page(choices: Sequence[Choice], sweeps: Sequence[Sweep], remarks: Sequence[str], name: str) -> str:
-    """The page as one HTML document; name: of what was measured."""
-    more: list[Chapter] = [("remarks", "Remarks", remarks)] if remarks else []
-    foot = "Terms of IEEE 1431, 12.9 to 12.11 and 12.15. ± is one standard deviation; “less than” is an upper limit (95 %)."
-    return facts.page("Rate table", name, [*rates_facts(choices, sweeps), *more], foot)
 
 
 def _sensor(choice: Choice) -> list[Part]:
@@ -225,13 +202,6 @@ def _titles(choice: Choice) -> list[str]:
 MOST_ROWS = 8
 
 
-def picture_of(choices: Sequence[Choice], sweeps: Sequence[Sweep]) -> Picture:
-    """Outputs with their laws, and what these leave; gain and phase of sweeps."""
-    panels = [panel for choice in choices[:MOST_ROWS] for panel in (_output(choice), _residuals(choice))]
-    panels += [panel for sweep in sweeps[: max(MOST_ROWS - len(choices), 1)] for panel in _response(sweep)]
-    return Picture(panels, "Rate steps" if choices else "Sine sweep")
-
-
 def _response(sweep: Sweep) -> tuple[Panel, Panel]:
     response, hz = sweep.response, Axis("frequency (Hz)", log=True)
     f = np.geomspace(response.frequency_hz.min(), response.frequency_hz.max(), 200)
@@ -262,9 +232,15 @@ class Rates(Kept):
         return f"<Rates of {self.name}: {', '.join(choice.fit.hypothesis.name for choice in self.choices) or 'a sweep'}>"
 
     @property
+    def _chapters(self) -> list[Chapter]:
+        found: list[Chapter] = [(f"sensor-{n}", choice.points.sensor, _sensor(choice)) for n, choice in enumerate(self.choices)]
+        return found + [(f"sweep-{n}", f"Sweep {sweep.response.name}", _sweep(sweep)) for n, sweep in enumerate(self.sweeps)]
+
+    @property
     def page(self) -> Group:
         """The command's output, as a rich renderable."""
-        return rates_page(self.choices, self.sweeps, self.remarks)
+        parts = [part for _, _, said in self._chapters for part in (*said, "")]
+        return screen([*parts[:-1], *self.remarks])
 
     def to_json(self) -> dict:
         """``tinygc-rates/1`` (docs/features/tables/rates-format.md)."""
@@ -279,37 +255,39 @@ class Rates(Kept):
 
     def html(self) -> str:
         """The report of the rate table as one HTML document."""
-        return page(self.choices, self.sweeps, self.remarks, self.name)
+        more: list[Chapter] = [("remarks", "Remarks", self.remarks)] if self.remarks else []
+        foot = "Terms of IEEE 1431, 12.9 to 12.11 and 12.15. ± is one standard deviation; “less than” is an upper limit (95 %)."
+        return facts.page("Rate table", self.name, [*self._chapters, *more], foot)
 
     def figure(self) -> Picture:
-        """Outputs, laws and residuals."""
-        return picture_of(self.choices, self.sweeps)
+        """Outputs with their laws, and what these leave; gain and phase of sweeps."""
+        panels = [panel for choice in self.choices[:MOST_ROWS] for panel in (_output(choice), _residuals(choice))]
+        panels += [panel for sweep in self.sweeps[: max(MOST_ROWS - len(self.choices), 1)] for panel in _response(sweep)]
+        return Picture(panels, "Rate steps" if self.choices else "Sine sweep")
+
+
+def _values(of: Any, *names: str) -> dict[str, Any]:
+    return {name: getattr(of, name) for name in names}
 
 
 def _of_sensor(choice: Choice) -> dict[str, Any]:
     found, points = choice.fit, choice.points
     lack = found.lack_of_fit
-    rows = zip(points.curve.tolist(), points.rate_dps, points.output, found.predicted, found.is_limited, strict=True)
+    columns = _values(points, "curve", "rate_dps", "output") | {"predicted": found.predicted, "limited": found.is_limited}
+    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
     return {
         "sensor": points.sensor,
         "unit": points.unit,
         "curves": list(points.curves),
-        "law": found.hypothesis.law,
-        "name": found.hypothesis.name,
-        "equation": found.hypothesis.equation,
+        **_values(found.hypothesis, "law", "name", "equation"),
         "parameters": [vars(each) for each in found.numbers],
-        "probability": choice.probability,
-        "p_value": choice.p_value,
-        "rms": found.rms,
-        "noise": found.noise,
+        **_values(choice, "probability", "p_value"),
+        **_values(found, "rms", "noise"),
         "line_rms": choice.line.rms,
         "lack_of_fit": None if lack is None else vars(lack),
         "rivals": [{"name": rival.hypothesis.name, "probability": share, "rms": rival.rms} for rival, share in choice.rivals],
         "terms": [vars(row) for row in terms(choice)],
-        "points": [
-            {"curve": curve, "rate_dps": float(rate), "output": float(output), "predicted": float(predicted), "limited": bool(limited)}
-            for curve, rate, output, predicted, limited in rows
-        ],
+        "points": [dict(zip(columns, row, strict=True)) for row in rows],
         "held_out": [vars(one) for one in choice.held_out],
     }
 
@@ -319,52 +297,15 @@ def _of_sweep(sweep: Sweep) -> dict[str, Any]:
     names = ("frequency_hz", "gain", "gain_sigma", "phase_deg", "phase_sigma_deg")
     return {
         "name": sweep.response.name,
-        "model": sweep.model,
-        "probability": sweep.probability,
+        **_values(sweep, "model", "probability"),
         "gain": gain,
         "gain_sigma": gain_sigma,
         "delay_s": delay_s,
         "delay_sigma_s": delay_sigma_s,
         "latency_s": sweep.response.latency_s,
-        "bandwidth_hz": sweep.bandwidth_hz,
-        "bandwidth_sigma_hz": sweep.bandwidth_sigma_hz,
-        "bandwidth_at_least_hz": sweep.bandwidth_at_least_hz,
+        **_values(sweep, "bandwidth_hz", "bandwidth_sigma_hz", "bandwidth_at_least_hz"),
         "points": [dict(zip(names, row, strict=True)) for row in sweep.rows_deg],
     }
-
-
-def rates_of(path: Path, columns: Columns, progress: Progress) -> Rates:
-    """Rate steps and sweeps of a CSV or of a recording's folder.  Raises CalibrationError, in one line, for what cannot be read."""
-    points, responses = list[Points](), list[Response]()
-    if path.is_dir():
-        points, responses, remarks = read_recording(path, progress)
-    elif is_response(read_table(path)[0]):
-        responses = [read_response(path)]
-        remarks = ["The CSV does not say how late the table's angle is; a latency of it counts with its sign against the sensor's delay."]
-    else:
-        points, remarks = read_points(path, columns)
-    return _chosen(path.name, points, [*map(fit_response, responses)], remarks, progress)
-
-
-def rates_of_arrays(
-    rate_dps: Sequence[float], output: Sequence[float], sigma: Sequence[float] | None, unit: str, progress: Progress
-) -> Rates:
-    """Rate steps of arrays (N,), in the order in which they were taken."""
-    rate, out = np.asarray(rate_dps, dtype=float), np.asarray(output, dtype=float)
-    known = None if sigma is None else np.asarray(sigma, dtype=float)
-    if rate.ndim != 1 or rate.shape != out.shape or (known is not None and known.shape != rate.shape):
-        raise FormatError(f"rates: shapes {rate.shape} and {out.shape}, expected (N,) rates and as many outputs")
-    return _chosen("arrays", [points_of("arrays", unit, rate, out, [""] * len(rate), known)], [], [], progress)
-
-
-def _chosen(name: str, points: Sequence[Points], sweeps: Sequence[Sweep], remarks: Sequence[str], progress: Progress) -> Rates:
-    choices, said = [], list(remarks)
-    for number, own in enumerate(points):
-        progress(f"laws of {own.sensor}", number, len(points))
-        settled, why = settings_of(own)
-        choices.append(choose(settled))
-        said += why
-    return Rates(name, tuple(choices), tuple(sweeps), tuple(said))
 
 
 @public(Columns)
@@ -400,11 +341,31 @@ def estimate_rates(source: Any, *, sigma: Any = None, progress: Progress | None 
     'line'
 
     """
-    columns = Columns(**choices)
-    if is_path(source):
-        if sigma is not None:
-            raise CalibrationError("estimate_rates: sigma is of arrays; a CSV has a column std and --readings")
-        return rates_of(Path(source), columns, progress or untold)
-    if not (isinstance(source, tuple) and len(source) == 2):
-        raise CalibrationError(f"source is of type {type(source).__name__}, expected a path or a tuple of two arrays (rate_dps, output)")
-    return rates_of_arrays(*source, sigma, columns.unit or "units", progress or untold)
+    columns, told = Columns(**choices), progress or untold
+    points, responses, remarks = list[Points](), list[Response](), list[str]()
+    if not is_path(source):
+        if not (isinstance(source, tuple) and len(source) == 2):
+            raise CalibrationError(
+                f"source is of type {type(source).__name__}, expected a path or a tuple of two arrays (rate_dps, output)"
+            )
+        rate, out = (np.asarray(each, dtype=float) for each in source)
+        known = None if sigma is None else np.asarray(sigma, dtype=float)
+        if rate.ndim != 1 or rate.shape != out.shape or (known is not None and known.shape != rate.shape):
+            raise FormatError(f"rates: shapes {rate.shape} and {out.shape}, expected (N,) rates and as many outputs")
+        name, points = "arrays", [points_of("arrays", columns.unit or "units", rate, out, [""] * len(rate), known)]
+    elif sigma is not None:
+        raise CalibrationError("estimate_rates: sigma is of arrays; a CSV has a column std and --readings")
+    elif (path := Path(source)).is_dir():
+        name, (points, responses, remarks) = path.name, read_recording(path, told)
+    elif is_response(read_table(path)[0]):
+        name, responses = path.name, [read_response(path)]
+        remarks = ["The CSV does not say how late the table's angle is; a latency of it counts with its sign against the sensor's delay."]
+    else:
+        name, (points, remarks) = path.name, read_points(path, columns)
+    laws = []
+    for number, own in enumerate(points):
+        told(f"laws of {own.sensor}", number, len(points))
+        settled, why = settings_of(own)
+        laws.append(choose(settled))
+        remarks += why
+    return Rates(name, tuple(laws), tuple(map(fit_response, responses)), tuple(remarks))

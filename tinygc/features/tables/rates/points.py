@@ -37,6 +37,8 @@ LEAST_SIGMA = 1e-9
 STATED_FREEDOM = 20.0
 #: least share of the output's span that a residual may count
 ROUNDING = 1e-7
+#: beyond any rate, output or response
+MOST = 1e12
 #: digits behind the point with which an output is still taken as rounded
 MOST_DECIMALS = 8
 #: names of columns, before their units
@@ -230,42 +232,40 @@ def read_points(path: Path, columns: Columns | None = None) -> tuple[list[Points
     """Points of each sensor of a CSV, and remarks.  Raises FormatError, which names the line and what was expected."""
     columns = columns or Columns()
     header, rows = read_table(path)
-    rate = _column(path, header, columns.rate_column, (RATES, RATE_UNITS), "rate", "--rate-column")
-    output = _column(path, header, columns.output_column, (OUTPUTS, OUTPUT_UNITS), "output", "--output-column", rate)
-    std, readings = (_found(header, names) for names in (STDS, READINGS))
-    factor = _rate_factor(path, header[rate])
-    more = [n for n, name in enumerate(header) if n not in (rate, output, std, readings)]
-    names = [n for n in more if header[n].strip().lower() in SENSORS]
+    rate = _column(path, header, columns.rate_column, RATES, RATE_UNITS, "rate")
+    output = _column(path, header, columns.output_column, OUTPUTS, OUTPUT_UNITS, "output", rate)
+    std, readings = (column_of(header, names) for names in (STDS, READINGS))
+    more = [n for n in range(len(header)) if n not in (rate, output, std, readings)]
+    names = [n for n in more if header[n].lower() in SENSORS]
     others = [
         n
         for n in more
-        if n not in names and not header[n].strip().lower().startswith(MEASURED) and 1 < len({row[n] for _, row in rows}) <= len(rows) / 2
+        if n not in names and not header[n].lower().startswith(MEASURED) and 1 < len({row[n] for _, row in rows}) <= len(rows) / 2
     ]
     remarks = []
     unit = columns.unit or OUTPUT_UNITS.get(_suffix(header[output]), "")
     if not unit:
         unit = "units"
         remarks.append(f"The column {printable(header[output])!r} states no unit; --output-unit V gives one.")
-    sensors: dict[str, list[tuple[str, float, float, float, float]]] = {}
-    for line, row in rows:
-        n = columns.readings or (None if readings is None else number_in(path, line, header[readings], row[readings]))
-        spread = None if std is None else number_in(path, line, header[std], row[std])
-        if (spread is not None and spread < 0) or (n is not None and n < 1):
-            raise FormatError(f"{path} line {line}: a std below 0, or less than one reading; correct it, or leave the row out")
-        sigma = np.nan if n is None or spread is None or n < 2 else spread / np.sqrt(n)
-        where = [number_in(path, line, header[n], row[n]) for n in (rate, output)]
-        curve = ", ".join(f"{header[n]} {row[n]}" for n in others)
-        numbers = (where[0] * factor, where[1], sigma, np.nan if spread is None else spread)
-        sensors.setdefault(" ".join(row[n] for n in names) or path.stem, []).append((curve, *numbers))
+    rate_dps, outputs, spread, count = (
+        np.full(len(rows), np.nan) if column is None else numbers_in(path, header, rows, column) for column in (rate, output, std, readings)
+    )
+    rate_dps *= _rate_factor(path, header[rate])
+    count = np.full(len(rows), float(columns.readings)) if columns.readings else count
+    if (wrong := (spread < 0) | (count < 1)).any():
+        line = rows[int(np.argmax(wrong))][0]
+        raise FormatError(f"{path} line {line}: a std below 0, or less than one reading; correct it, or leave the row out")
+    sigma = np.where(count >= 2, spread / np.sqrt(count), np.nan)
+    owners = np.array([" ".join(row[n] for n in names) or path.stem for _, row in rows])
+    curves = np.array([", ".join(f"{header[n]} {row[n]}" for n in others) for _, row in rows])
     if std is not None and readings is None and columns.readings is None:
         remarks.append("How many readings are behind each std is not stated, so the noise comes from repeats and residuals (--readings N).")
     found: list[Points] = []
     refused: list[str] = []
-    for sensor, own_rows in sensors.items():
-        curve_names = [each[0] for each in own_rows]
-        table = np.array([each[1:] for each in own_rows])
+    for sensor in dict.fromkeys(owners.tolist()):
+        at = owners == sensor
         try:
-            own = points_of(sensor, unit, table[:, 0], table[:, 1], curve_names, table[:, 2], table[:, 3])
+            own = points_of(sensor, unit, rate_dps[at], outputs[at], curves[at].tolist(), sigma[at], spread[at])
         except FormatError as error:
             refused.append(str(error))
             continue
@@ -302,9 +302,9 @@ def read_table(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
     return header, rows
 
 
-def _found(header: Sequence[str], names: Sequence[str]) -> int | None:
+def column_of(header: Sequence[str], names: Sequence[str]) -> int | None:
     """The column with the first of these names, by itself or before a unit."""
-    plain = [re.sub(r"[\s(\[].*", "", name.strip().lower()) for name in header]
+    plain = [re.sub(r"[\s(\[].*", "", name.lower()) for name in header]
     for wanted in names:
         for number, name in enumerate(plain):
             tail = name.removeprefix(wanted)
@@ -313,36 +313,31 @@ def _found(header: Sequence[str], names: Sequence[str]) -> int | None:
     return None
 
 
-def _by_unit(header: Sequence[str], units: Iterable[str], taken: int | None) -> int | None:
-    """The only other column that is called as a unit is, or the only one that ends in one."""
-    left = [n for n in range(len(header)) if n != taken]
-    called = [n for n in left if header[n].strip().lower() in units]
-    found = called or [n for n in left if _suffix(header[n]) in units]
-    return found[0] if len(found) == 1 else None
-
-
 def _column(
     path: Path,
     header: Sequence[str],
     wanted: str,
-    known: tuple[Sequence[str], Iterable[str]],
+    names: Sequence[str],
+    units: Iterable[str],
     what: str,
-    option: str,
     taken: int | None = None,
 ) -> int:
-    """known: names of such a column, and its units; taken: a column that is another one."""
-    names, units = known
+    """names: of such a column; units: that it may have; what: of its option too; taken: a column that is another one."""
+    option = f"--{what}-column"
     if wanted:
         if wanted not in header:
             raise FormatError(f"{path}: no column {printable(wanted)!r} ({option}); it has {', '.join(map(printable, header))[:200]}")
         return header.index(wanted)
-    found = _found(header, names)
-    found = _by_unit(header, units, taken) if found is None else found
-    if found is None:
+    if (found := column_of(header, names)) is not None:
+        return found
+    # The only other column that is called as a unit is, or the only one that ends in one
+    left = [n for n in range(len(header)) if n != taken]
+    by_unit = [n for n in left if header[n].lower() in units] or [n for n in left if _suffix(header[n]) in units]
+    if len(by_unit) != 1:
         raise FormatError(
             f"{path}: no column of {what}, such as {names[0]}_dps, among {', '.join(map(printable, header))[:200]}; name it with {option}"
         )
-    return found
+    return by_unit[0]
 
 
 def _suffix(name: str) -> str:
@@ -353,20 +348,20 @@ def _suffix(name: str) -> str:
 
 def _rate_factor(path: Path, name: str) -> float:
     for unit, factor in RATE_UNITS.items():
-        if unit in (name.strip().lower(), _suffix(name)) or name.strip().lower().endswith(f"_{unit}"):
+        if unit in (name.lower(), _suffix(name)) or name.lower().endswith(f"_{unit}"):
             return factor
     raise FormatError(f"{path}: the column {printable(name)!r} states no unit; call it rate_dps, rate_rad_s or rate_rpm")
 
 
-def number_in(path: Path, line: int, name: str, text: str) -> float:
-    """The number of a cell; FormatError names its line and its column."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
-    if not np.isfinite(value) or abs(value) > 1e12:
-        point = " with a decimal point" if "," in text else ""
-        raise FormatError(
-            f"{path} line {line}: {printable(name)} is {printable(text)[:40]!r}, expected a number{point}; correct it, or leave the row out"
-        )
-    return value
+def numbers_in(path: Path, header: Sequence[str], rows: Sequence[tuple[int, list[str]]], column: int) -> np.ndarray:
+    """(N,) numbers of a column; FormatError names the line and the column."""
+    found = []
+    for line, row in rows:
+        try:
+            found.append(float(row[column]))
+        except ValueError:
+            found.append(float("nan"))
+        if not abs(found[-1]) <= MOST:
+            what, point = f"{printable(header[column])} is {printable(row[column])[:40]!r}", " with a decimal point" * ("," in row[column])
+            raise FormatError(f"{path} line {line}: {what}, expected a number{point}; correct it, or leave the row out")
+    return np.array(found)

@@ -18,7 +18,7 @@ from session.base.errors import DataError, FormatError
 from session.base.numeric import rms_of
 from session.base.texts import measured, printable
 from session.base.units import DEG
-from tinygc.features.tables.rates.points import number_in, read_table
+from tinygc.features.tables.rates.points import column_of, numbers_in, read_table
 from tinygc.features.tables.rates.terms import size
 from tinygc.inference.choose import of_any_scale, weights_of
 from tinygc.inference.solve import solve
@@ -195,31 +195,26 @@ def _bandwidth(
 
 def is_response(header: list[str]) -> bool:
     """Whether a CSV's header is that of gains and phases at frequencies."""
-    names = [name.strip().lower() for name in header]
-    return any(name in FREQUENCY for name in names) and any(name in GAIN for name in names)
+    return column_of(header, FREQUENCY) is not None and column_of(header, GAIN) is not None
 
 
 def read_response(path: Path) -> Response:
     """Gain and phase of a CSV with columns of frequency, gain, phase, and perhaps their sigmas.  Raises FormatError."""
     header, rows = read_table(path)
-    names = [name.strip().lower() for name in header]
 
-    def column(wanted: tuple[str, ...]) -> int:
-        for name in wanted:
-            if name in names:
-                return names.index(name)
+    def values(wanted: tuple[str, ...], absent: np.ndarray | None = None) -> np.ndarray:
+        if (number := column_of(header, wanted)) is not None:
+            return numbers_in(path, header, rows, number)
+        if absent is not None:
+            return absent
         raise FormatError(
             f"{path}: no column {wanted[0]} among {', '.join(map(printable, header))[:200]}; expected frequency_hz,gain,phase_deg"
         )
 
-    def values(number: int) -> np.ndarray:
-        return np.array([number_in(path, line, header[number], row[number]) for line, row in rows])
-
-    f, gain, phase = (values(column(wanted)) for wanted in (FREQUENCY, GAIN, PHASE))
+    f, gain, phase = map(values, (FREQUENCY, GAIN, PHASE))
     for what, numbers, most in (("frequency", f, MOST_HZ), ("gain", gain, MOST_GAIN)):
         if ((numbers < 1 / most) | (numbers > most)).any():
             raise FormatError(f"{path}: a {what} is not between {1 / most:g} and {most:g}; correct the row, or leave it out")
-    sigmas = [values(names.index(name)) if name in names else np.zeros(len(f)) for name in ("gain_sigma", "phase_sigma_deg")]
-    gain_sigma = np.where(sigmas[0] > 0, sigmas[0], 1e-3 * gain)
-    phase_sigma = np.where(sigmas[1] > 0, sigmas[1] * DEG, 1e-3)
-    return Response(path.stem, f, gain, phase * DEG, gain_sigma, phase_sigma)
+    gain_sigma, phase_sigma = (values((name,), np.zeros(len(f))) for name in ("gain_sigma", "phase_sigma_deg"))
+    gain_sigma = np.where(gain_sigma > 0, gain_sigma, 1e-3 * gain)
+    return Response(path.stem, f, gain, phase * DEG, gain_sigma, np.where(phase_sigma > 0, phase_sigma * DEG, 1e-3))

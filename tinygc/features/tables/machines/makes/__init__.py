@@ -94,8 +94,8 @@ mounting = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]  # <--
 """
 AXIS = """\
 [[axis]]
-name = "{name}"{gap}# yours: small letters
-word = "{word}"{word_gap}# what the machine calls it  <--
+name = {name:<16}  # yours: small letters
+word = {word:<16}  # what the machine calls it  <--
 direction = {direction}    # of a positive turn, at angles of zero, right-handed{about}  <--
 {limits}
 fastest_dps = 30         # no move is faster  <--
@@ -142,9 +142,8 @@ def template(make: str, axes: int = 1) -> str:
         settings=f"\n[settings]\n{settings}\n" if settings else "",
     )
     for (name, direction), word in zip(AXES[axes - 1].items(), words or AXES[axes - 1], strict=False):
-        gap, word_gap = (" " * max(2, 16 - len(each)) for each in (name, word))
         about = DOWN if direction == [0, 0, 1] else ""
         text += "\n" * (name != "outer") + AXIS.format(
-            name=name, gap=gap, word=word, word_gap=word_gap, direction=direction, about=about, limits=BELOW if make == "grbl" else LIMITS
+            name=f'"{name}"', word=f'"{word}"', direction=direction, about=about, limits=BELOW if make == "grbl" else LIMITS
         )
     return text

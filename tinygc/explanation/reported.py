@@ -62,40 +62,31 @@ def beyond_linear(twin: Twin, whiten: Whitener, start: State | None = None) -> l
     known = {effect.id for effect in named}
     # Fitted together, so that neither effect widens or biases the other through its residuals.
     tried = [catalogue()[name] for name in (G_SENSITIVITY, ASYMMETRY) if name not in known]
-    fit = refit(twin, whiten, [*named, *tried], start) if tried else refit(twin, whiten, named, start)
-    latitude_known = twin.problem.earth.source != "none"
+    fit = refit(twin, whiten, [*named, *tried], start)
     quantities = []
     for number, claim in enumerate(fit.state.claims):
         covariance = fit.theta_covariance(number) * fit.widened
         if claim.effect.id == G_SENSITIVITY:
-            quantities += _g_sensitivity(claim.theta, covariance, claim.effect.parameter.plausible, latitude_known)
+            note = ""
+            if twin.problem.earth.source == "none":
+                # Equal g-sensitivities on the diagonal are a rate about the vertical: the Earth's rotation, if its latitude is unknown.
+                alike = np.eye(3).ravel()
+                covariance = covariance + np.outer(alike, alike) * EARTH_RATE_RPS**2 / 3
+                note = "the diagonal's mean may be the Earth's vertical rate: no latitude is given"
+            notes = {f"{axis} per g on {along}": note if axis == along else "" for axis in "xyz" for along in "xyz"}
+            quantities += _facts("g-sensitivity", "dps/g", DEG, claim, covariance, notes)
         if claim.effect.id == ASYMMETRY:
-            quantities += _asymmetry(claim.theta, covariance, claim.effect.parameter.plausible)
+            quantities += _facts("scale factor asymmetry", "ppm", PPM / 2, claim, covariance, dict.fromkeys("xyz", ""))
     return sorted(quantities, key=lambda quantity: quantity.word != "g-sensitivity")
 
 
-def _g_sensitivity(theta: np.ndarray, covariance: np.ndarray, plausible: float, latitude_known: bool) -> list[Fact]:
-    note = ""
-    if not latitude_known:
-        # Equal g-sensitivities on the diagonal are a rate about the vertical: the Earth's rotation, if its latitude is unknown.
-        alike = np.eye(3).ravel()
-        covariance = covariance + np.outer(alike, alike) * EARTH_RATE_RPS**2 / 3
-        note = "the diagonal's mean may be the Earth's vertical rate: no latitude is given"
+def _facts(word: str, unit: str, si: float, claim: AppliedEffect, covariance: np.ndarray, notes: dict[str, str]) -> list[Fact]:
+    """A fact of each number of a claim with covariance (P, P), by its component, with its note."""
     sigma = sigmas_in(covariance)
-    components = [(f"{axis} per g on {along}", note if axis == along else "") for axis in "xyz" for along in "xyz"]
-    value, spread, observed = theta / DEG, sigma / DEG, sigma < OBSERVED_SHARE * plausible
+    observed = sigma < OBSERVED_SHARE * claim.effect.parameter.plausible
     return [
-        Fact("g-sensitivity", "dps/g", float(value[i]), float(spread[i]), np.inf, bool(observed[i]), name, note=remark)
-        for i, (name, remark) in enumerate(components)
-    ]
-
-
-def _asymmetry(half: np.ndarray, covariance: np.ndarray, plausible: float) -> list[Fact]:
-    sigma = sigmas_in(covariance)
-    value, spread, observed = 2 * half / PPM, 2 * sigma / PPM, sigma < OBSERVED_SHARE * plausible
-    return [
-        Fact("scale factor asymmetry", "ppm", float(value[i]), float(spread[i]), np.inf, bool(observed[i]), axis)
-        for i, axis in enumerate("xyz")
+        Fact(word, unit, float(claim.theta[i] / si), float(sigma[i] / si), np.inf, bool(observed[i]), name, note=note)
+        for i, (name, note) in enumerate(notes.items())
     ]
 
 

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from types import SimpleNamespace
-from unittest.mock import MagicMock
+from unittest.mock import MagicMock, patch
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from session.base.texts import measured
 from session.base.units import DEG, EARTH_RATE_RPS
 from tinygc.effects import AppliedEffect, Movement, catalogue
 from tinygc.effects.effect import StatedNumbers
-from tinygc.explanation import engine
+from tinygc.explanation import data_repair, engine
 from tinygc.explanation.checked import (
     OUTCOMES,
     STRONG,
@@ -39,7 +39,7 @@ from tinygc.explanation.claims import (
     p_words,
     readable,
 )
-from tinygc.explanation.data_repair import _claim, considered_of
+from tinygc.explanation.data_repair import _claim
 from tinygc.explanation.families import SLOW_ZERO, alternatives, slow_zero
 from tinygc.explanation.result import MOST_SAID, considered_lines
 from tinygc.explanation.search import NamedEffect
@@ -136,31 +136,35 @@ def test_numbers_are_held_against_those_that_the_file_states():
 # What was considered, what repairs claim, and what is named.
 
 
-def verdict(name, events, accepted, probability):
+def tried(name, events, accepted, probability):
     events, accepted = list(range(events)), list(range(accepted))
     return SimpleNamespace(id=name, events=events, accepted=accepted, probability=probability, before_rad=0.1, tried_rad=0.2)
 
 
-def repaired(verdicts=(), clipping=None):
-    return SimpleNamespace(verdicts=list(verdicts), clipping=clipping)
+def considered(verdicts=(), clipping=None):
+    """What a repair with these trials rejects."""
+    problem = SimpleNamespace(session=SimpleNamespace(reference=None))
+    with (
+        patch.object(data_repair, "find_clipping", lambda problem: clipping),
+        patch.object(data_repair, "tried_events", lambda problem, clipping, progress: (verdicts, ())),
+        patch.object(data_repair, "_with_accepted", lambda problem, verdicts, found: problem),
+        patch.object(data_repair, "without_creeping", lambda problem, found: problem),
+    ):
+        return data_repair.repair(problem).considered
 
 
-def test_what_was_considered_is_listed_the_most_probable_first():
+def test_what_repairs_reject_is_considered():
     clipping = SimpleNamespace(borne_out=False, excess=2.0, numbers=[3, 4, 5])
-    verdicts = [verdict("a", 5, 0, 0.4), verdict("b", 5, 2, 0.9), verdict("c", 4, 4, 0.99)]
-    found = considered_of(repaired(verdicts, clipping), {"d": 0.2, "e": 0.6})
+    found = considered([tried("a", 5, 0, 0.4), tried("b", 5, 2, 0.9), tried("c", 4, 4, 0.99)], clipping)
     assert found == [
-        Considered("e", 0.6),
         Considered("a", 0.4, 5, (0.1, 0.2)),
-        Considered("d", 0.2),
         Considered("b", 0.0, 3, (0.1, 0.2)),
         Considered("gyro.saturation", 0.0, 3),
     ]
-    for other in ({"borne_out": True, "excess": 2.0}, {"borne_out": False, "excess": np.nan}):
-        assert considered_of(repaired([], SimpleNamespace(numbers=[3], **other)), {}) == []
+    assert considered([], SimpleNamespace(numbers=[3], borne_out=False, excess=np.nan)) == []
     closure = {"before": pytest.approx(0.1 / DEG), "after": pytest.approx(0.2 / DEG)}
-    assert found[1].to_json() == {"id": "a", "probability": 0.4, "moments": 5, "closure_rms_deg": closure}
-    assert found[0].to_json() == {"id": "e", "probability": 0.6, "moments": 0, "closure_rms_deg": None}
+    assert found[0].to_json() == {"id": "a", "probability": 0.4, "moments": 5, "closure_rms_deg": closure}
+    assert Considered("e", 0.6).to_json() == {"id": "e", "probability": 0.6, "moments": 0, "closure_rms_deg": None}
 
 
 def test_repairs_claim_what_they_found():

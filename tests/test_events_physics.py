@@ -13,6 +13,7 @@ from numpy.testing import assert_allclose
 from scipy import special, stats
 from small_turns import PERFECT, TRUE, angles_by_scipy, small_turns, turned_ends
 
+from session.base.progress import untold
 from session.log.logfile import Bridge, Log
 from session.log.samples import Samples
 from tinygc import Session
@@ -34,6 +35,7 @@ from tinygc.explanation.data_repair import (
     left_open,
     lowest,
     repair,
+    tried_events,
 )
 from tinygc.explanation.faulty_readings import (
     FALSE,
@@ -437,12 +439,13 @@ def test_losses_of_the_second_log_are_timed_after_the_first(two):
     (first, _), (second, table) = two
     rows = rows_in_turns(table, second, 1, 6)[::2]  # twelve turns without a loss: enough for a linear model of their own
     lossy = with_losses(second, rows, 25)
-    mended = repair(build_problem(session_with(first, lossy)))
+    problem = build_problem(session_with(first, lossy))
+    mended, ((verdict,), _) = repair(problem), tried_events(problem, None, untold)
     assert list(mended.found) == [LOST]
     parameters = mended.found[LOST].parameters
     assert parameters["length"] == 25
     assert_allclose(parameters["at_s"], first.duration_s + second.t_s[rows], atol=0.02)
-    assert mended.verdicts[0].tried_rad < 0.1 * mended.verdicts[0].before_rad
+    assert verdict.tried_rad < 0.1 * verdict.before_rad
     for samples, at in ((lossy, lossy.t_s[closed_up(rows, 25)]), (second, [])):
         assert_allclose(lost_in(SimpleNamespace(samples=samples, rows=range(len(samples)))), at, atol=0.01)
 
@@ -487,8 +490,7 @@ def test_a_real_knock_is_not_mended_and_the_same_readings_without_one_are(really
     """To the readings of the gyro, both are the same; gravity at the turn's end was turned by the one alone."""
     problem, rows = knocked(really)
     assert {(e.id, e.row) for e in proposed(problem.session)} == {(FALSE, row) for row in rows}  # the registers alone propose them
-    mended = repair(problem)
-    (verdict,) = mended.verdicts
+    mended, ((verdict,), _) = repair(problem), tried_events(problem, None, untold)
     assert (verdict.tried_rad > 1.4 * verdict.before_rad) == really
     assert (verdict.before_rad > 1.4 * verdict.tried_rad) == (not really)
     if really:

@@ -372,29 +372,15 @@ class RepairedProblem:
     """The result of data repair.
 
     problem: the repaired problem, to be explained. found: effect id -> its claim. reference: effects found in the segments without any
-    event. verdicts: on all proposed events, accepted or not; clipping likewise. recorded: the problem with the reference as recorded, where
-    ``fit`` has mended it already.
+    event. considered: moments that were proposed and rejected. recorded: the problem with the reference as recorded, where ``fit`` has
+    mended it already.
     """
 
     problem: Problem
     found: dict[str, Claim]
     reference: tuple[Effect, ...] = ()
-    verdicts: list[Verdict] = field(default_factory=list)
-    clipping: Clipping | None = None
+    considered: list[Considered] = field(default_factory=list)
     recorded: Problem | None = None
-
-
-def considered_of(mended: RepairedProblem, chance: dict[str, float]) -> list[Considered]:
-    """The rejected effects and moments, the most probable first."""
-    found = [Considered(name, p) for name, p in chance.items()]
-    for verdict in mended.verdicts:
-        left = len(verdict.events) - len(verdict.accepted)
-        if left:
-            probability = verdict.probability if not verdict.accepted else 0.0
-            found.append(Considered(verdict.id, probability, left, (verdict.before_rad, verdict.tried_rad)))
-    if mended.clipping is not None and not mended.clipping.borne_out and np.isfinite(mended.clipping.excess):
-        found.append(Considered(CLIPPED_RATE, 0.0, len(mended.clipping.numbers)))
-    return sorted(found, key=lambda each: -each.probability)
 
 
 def repair(problem: Problem, progress: Told = untold) -> RepairedProblem:
@@ -415,7 +401,11 @@ def repair(problem: Problem, progress: Told = untold) -> RepairedProblem:
     problem = _with_accepted(problem, verdicts, found)
     progress("stills")
     problem = without_creeping(problem, found)
-    return RepairedProblem(problem, found, reference, verdicts, clipping)
+    left = [(v, len(v.events) - len(v.accepted)) for v in verdicts]
+    considered = [Considered(v.id, 0.0 if v.accepted else v.probability, count, (v.before_rad, v.tried_rad)) for v, count in left if count]
+    if clipping is not None and not clipping.borne_out and np.isfinite(clipping.excess):
+        considered.append(Considered(CLIPPED_RATE, 0.0, len(clipping.numbers)))
+    return RepairedProblem(problem, found, reference, considered)
 
 
 def _claim(name: str, theta: float, parameters: dict, std: dict, p_value: float, chance: float = CERTAIN, is_bound: bool = False) -> Claim:

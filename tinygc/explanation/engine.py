@@ -19,7 +19,7 @@ from tinygc.closure.prepared import Prepared, prepare
 from tinygc.closure.problem import Problem, weighed_down
 from tinygc.estimation.options import FitOptions
 from tinygc.explanation.claims import DIFFERS, Claim, Considered, common_delays, named_claims, offset_claim
-from tinygc.explanation.data_repair import CREEPING, RepairedProblem, considered_of, repair
+from tinygc.explanation.data_repair import CREEPING, RepairedProblem, repair
 from tinygc.explanation.decision import FitClosure, Naming, Proof, Prover, cleared, decide, leaves_more, tilt_rms
 from tinygc.explanation.search import detection_limits
 from tinygc.fitting.fit import fit_session
@@ -158,7 +158,8 @@ def explain_session(
     p_value = min([*p_values, *([] if decision is None else least_p(decision.tests))])
     explanation = Explanation(session, problem, mended, twin, naming, gravity, proof, "", p_value, claimed, beyond)
     explanation.decision, explanation.shown = decision, shown
-    explanation.considered = considered_of(mended, naming.considered)
+    rejected = [*(Considered(name, p) for name, p in naming.considered.items()), *mended.considered]
+    explanation.considered = sorted(rejected, key=lambda each: -each.probability)
     before, after = (own_p_values(twin, whiten, fit) for fit in (naming.first, naming.fit))
     explanation.own_p = {name: (before[name], after[name]) for name in before}
     explanation.within = within_stills(twin)

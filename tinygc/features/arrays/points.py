@@ -73,15 +73,6 @@ def check(recording: Any, clock: str, further: Callable[..., list[Finding]]) -> 
     return check_array(recording, further)
 
 
-def is_array_model(path: Path) -> bool:
-    """Whether a file is an array's model, by its schema; False if it cannot be read."""
-    try:
-        table = read_json(path) if path.is_file() else None
-    except (FormatError, OSError):
-        return False
-    return isinstance(table, dict) and table.get("schema") == SCHEMA
-
-
 def apply(
     model: Path,
     folder: Path,
@@ -93,7 +84,11 @@ def apply(
     progress: Progress,
 ) -> ArrayApplied | None:
     """Fuse an array's folder into one log; CalibrationError for what is no folder, and as ``apply_array``."""
-    if not is_array_model(model):
+    try:
+        table = read_json(model) if model.is_file() else None
+    except (FormatError, OSError):
+        return None
+    if not isinstance(table, dict) or table.get("schema") != SCHEMA:
         return None
     if session is not None:
         raise CalibrationError("--session is for one sensor's model; an array's model says what each unit is")

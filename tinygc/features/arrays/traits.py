@@ -147,29 +147,28 @@ def trait_of(
 
     plausible = effect.parameter.plausible
     divisions = divided(values / plausible, covariances / plausible**2, share)
-    weights = weights_of([each.score for each in divisions])
-    differ = float(sum(weight for weight, each in zip(weights, divisions, strict=True) if each.ids - {ONE_VALUE}))
+    chances = {ids: float(p) for (ids, _), p in zip(divisions, weights_of([each.score for each in divisions]), strict=True)}
+    p_same, p_other = 1 - sum(p for ids, p in chances.items() if ids - {ONE_VALUE}), 1 - chances.get(frozenset({ONE_VALUE}), 0.0)
     odd = [k for k in range(len(numbers)) if str(k) in divisions[0].ids]
-    if odd and len(numbers) > 1 and (differ > 1 - LEVEL or effect.id == EARTH):
+    if odd and len(numbers) > 1 and (p_same < LEVEL or effect.id == EARTH):
         rest = [k for k in range(len(numbers)) if k not in odd]
         size = ", ".join(f"{pooled([k])[0]} in unit {numbers[k]}" for k in odd)
         size += f", {pooled(rest)[0]} in the others" if rest else ""
         figures |= {"apart": tuple(numbers[k] for k in odd), "scope": COMMON if effect.id == EARTH else DIFFERS}
         standing = Standing.UNDECIDED if effect.id == EARTH else Standing.FOR
         limit = max((pooled([k]) for k in odd), key=lambda each: each[2]["upper"])[1]
-        return Statement(f"{effect.id} differs between units", standing, EVIDENCE, 1 - differ, size, limit, more=more, figures=figures)
-    together = float(sum(weight for weight, each in zip(weights, divisions, strict=True) if each.ids == {ONE_VALUE}))
+        return Statement(f"{effect.id} differs between units", standing, EVIDENCE, p_same, size, limit, more=more, figures=figures)
     size, limit, found = pooled(range(len(numbers)))
     how: dict[str, Any] = {"matters": max((float(np.abs(estimates[n][0]).max()) for n in units if n in estimates), default=np.inf)}
     if effect.id == EARTH:
         p_earth = float(chdtrc(1, ((found["value"] - EARTH_RATE_RPS) / found["sigma"]) ** 2))
         how = {"matters": EARTH_RATE_RPS, "claimed": f"the Earth's {EARTH_RATE_RPS / DEG_PER_HOUR:.1f} °/h"}
-        how["p_claimed"] = p_earth if 1 - together < LEVEL else 1.0
+        how["p_claimed"] = p_earth if p_other < LEVEL else 1.0
     everywhere = f"{effect.id} in all units" if not unknown else f"{effect.id} in {_of_units(numbers)}"
-    what = f"{everywhere}, of one size" if 1 - together < LEVEL else f"{named}, of one size in {len(numbers)} units"
+    what = f"{everywhere}, of one size" if p_other < LEVEL else f"{named}, of one size in {len(numbers)} units"
     if odd:  # a limit of one size is none of theirs
         found["upper"] = np.inf
-    statement = Statement.of(what, EVIDENCE, 1 - together, size, limit, **found, **how, more=more, figures=figures)
+    statement = Statement.of(what, EVIDENCE, p_other, size, limit, **found, **how, more=more, figures=figures)
     if effect.id == EARTH or statement.standing is Standing.FOR:
         figures["scope"] = COMMON if effect.id == EARTH else ALIKE
     return statement

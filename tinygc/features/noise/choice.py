@@ -14,7 +14,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.special import ndtr
 
 from tinygc.features.noise.scales import Group
 from tinygc.inference.choose import ONE_SIDED, averaged, climb, probabilities, weights_of
@@ -162,7 +161,7 @@ CANDIDATES = (FILTER, "Q", "G", "B", "K", "R")
 ODDS = 0.2
 #: prior odds of B and of K in the mean of a size over sets.  The odds of a name keep false names rare; a floor that rises has both as a
 #: rule, and which one is named is chance (benchmarks/noise_terms.py --sizes)
-EVEN = dict.fromkeys("BK", 1.0)
+EVEN = frozenset("BK")
 #: prior odds of a filter's trace where a finer scale was left out, which the filter has shaped; at the finest scale there is none: means of
 #: one sample are not longer than the filter's memory
 ODDS_OF_FILTER = 100.0
@@ -274,29 +273,16 @@ class Search:
         """Probability of a term among all sets that were tried."""
         return probabilities(self.seen).get(name, 0.0)
 
-    def average(self, name: str, wider: float = 1.0) -> tuple[float, float, float]:
-        """Return the mean of s of a term over all sets, its sigma and its upper limit (95 %); wider: factor on each set's own sigma.
+    def average(self, name: str, wider: float = 1.0) -> tuple[float, float]:
+        """Return the mean of s of a term over all sets, and its sigma; wider: factor on each set's own sigma.
 
         A set has the term lognormal, or lacks it: s = 0.  B and K are present with odds ``EVEN``.
         """
-        sets = self.seen
-        even = [replace(each, log_evidence=each.log_evidence + len(each.ids & EVEN.keys()) * np.log(1 / ODDS)) for each in sets]
-        weights, own = weights_of([each.score for each in even]), np.array([name in each.names for each in sets])
-        if not own.any():
-            return 0.0, 0.0, 0.0
-        present = weights[own]
-        log_s, sigma = np.array([(np.log(each.variance(name)) / 2, wider * each.log_sigma(name)) for each in sets if name in each.names]).T
-        means, sigmas = np.zeros((2, len(sets)))
-        means[own] = np.exp(log_s + sigma**2 / 2)
-        sigmas[own] = means[own] * np.sqrt(np.expm1(sigma**2))
-        mean, spread = averaged(weights, means, sigmas)
-        if 1 - present.sum() >= 0.95:
-            return mean, spread, 0.0
-        low, high = float((log_s - 4 * sigma).min()), float((log_s + 4 * sigma).max())
-        while high - low > 1e-6:
-            at = (low + high) / 2
-            low, high = (low, at) if present @ ndtr((log_s - at) / sigma) < 0.05 else (at, high)
-        return mean, spread, float(np.exp(high))
+        scores = [each.score + 2 * len(each.ids & EVEN) * np.log(ODDS) for each in self.seen]
+        each = [(np.log(s) / 2, wider * chosen.log_sigma(name)) if (s := chosen.variance(name)) else (-np.inf, 0.0) for chosen in self.seen]
+        log_s, sigma = np.array(each).T
+        means = np.exp(log_s + sigma**2 / 2)
+        return averaged(weights_of(scores), means, means * np.sqrt(np.expm1(sigma**2)))
 
     def of(self, terms: frozenset[str], near: Chosen | None = None) -> Chosen | None:
         """Return a set with its evidence; near: another set, where its search starts; None where a term is not seen."""

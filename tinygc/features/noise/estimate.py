@@ -231,19 +231,17 @@ def described(search: Search, chosen: Chosen, p_value: float, excess: float, fro
     terms = {}
     for name in TERMS:
         probability = 1.0 if name == "N" else search.probability(name)
+        value, sigma = search.average(name, wider)
         if name not in chosen.names:
             none = name == "G" or (name == "Q" and FILTER in chosen.names)  # a filter hides any quantisation
-            most = None if none else max(search.limit(chosen, name), search.average(name, wider)[2])
-            terms[name] = Term(0.0, None, probability, most)
+            terms[name] = Term(0.0, None, probability, None if none else max(search.limit(chosen, name), value + ONE_SIDED * sigma))
             continue
-        value, sigma, most = search.average(name, wider)
         if name == "R" and sum(group.count for group in search.groups if group.top) == 1:
             value, sigma = _slope(search, chosen)
             sigma *= wider
-            most = value + ONE_SIDED * sigma
         if name == "N":
             sigma = float(np.hypot(sigma, value * change))
-        terms[name] = Term(value, sigma, probability, most if DETERMINED * sigma > value else None)
+        terms[name] = Term(value, sigma, probability, value + ONE_SIDED * sigma if DETERMINED * sigma > value else None)
         if name == "G":
             time, of_log = chosen.fitted.correlation_s, float(np.sqrt(chosen.fitted.covariance[-1, -1]))
             terms[name] = replace(terms[name], tau_s=time, tau_sigma_s=time * of_log * wider)

@@ -298,7 +298,7 @@ def each_alone(r: np.ndarray, J: np.ndarray, columns: np.ndarray) -> tuple[np.nd
     return left.T @ r, np.where(information > NOTHING_LEFT * np.sum(columns**2, axis=0), information, np.nan)
 
 
-def of_any_scale(squares: float | np.ndarray, freedom: float, parameters: int, width: float) -> float | np.ndarray:
+def of_any_scale(squares: float | np.ndarray, freedom: float, parameters: int, width: float) -> np.ndarray:
     """-2 log evidence of rows whose noise has an unknown size, which is integrated out, its logarithm flat.
 
         nu ln(squares / 2) - 2 ln Gamma(nu / 2) + k ln(width)
@@ -308,7 +308,7 @@ def of_any_scale(squares: float | np.ndarray, freedom: float, parameters: int, w
     """
     from scipy.special import gammaln
 
-    return freedom * np.log(squares / 2) - 2 * float(gammaln(freedom / 2)) + parameters * float(np.log(width))
+    return np.asarray(freedom * np.log(squares / 2) - 2 * gammaln(freedom / 2) + parameters * np.log(width))
 
 
 #: sigma, in units of an effect's plausible size, of the prior that keeps unobservable components finite.  At ten it biases a value that is

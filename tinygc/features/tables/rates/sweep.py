@@ -139,7 +139,7 @@ def fit_response(response: Response) -> Sweep:
         raise DataError(f"{printable(response.name)}: {len(np.unique(response.frequency_hz))} frequencies, expected at least {LEAST}")
     fits = {model: fit for model in MODELS if (fit := _fit(response, model)) is not None}
     rows, (_, _, flat) = 2 * len(response.gain), fits["flat"]
-    shares = weights_of([of_any_scale(squares, rows - len(vector), len(vector), flat) for vector, _, squares in fits.values()])
+    shares = weights_of([float(of_any_scale(squares, rows - len(vector), len(vector), flat)) for vector, _, squares in fits.values()])
     best = int(np.argmax(shares))
     model, (vector, covariance, _) = [*fits.items()][best]
     return Sweep(response, model, vector, covariance, *_bandwidth(response, model, vector, covariance), float(shares[best]))

@@ -348,7 +348,7 @@ def test_an_error_of_the_table_is_named_with_its_size():
 def base(clean):
     """All that is judged beside the state alone, and those of it of which every direction is seen, either sense alike."""
     _, selected = clean
-    look = _Search(selected.observed, candidates_of).of([]).look
+    look = _Search(selected.observed).of([]).look
     one_sided = {"table.lost_steps", DROPPED}
     whole = [e for e in look.judged if e.seen.all() and not e.candidate.one_sided and e.candidate.id not in one_sided]
     return look, whole
@@ -401,15 +401,15 @@ def test_the_smallest_p_of_independent_directions_is_that_of_sidak():
     chance = _Look.chance(SimpleNamespace(gram=np.diag([49.0] * 7 + [1.9**2]), judged=judged), 1)
     for p in (0.01, 0.05, 0.2):
         expected = 1 - (1 - p) ** 5
-        assert chance.family_wise(np.log(p)) == pytest.approx(expected, abs=4 * np.sqrt(expected * (1 - expected) / 1000))
+        assert chance(p) == pytest.approx(expected, abs=4 * np.sqrt(expected * (1 - expected) / 1000))
     alone = [replace(judged[-1], place=slice(0, 1))]
-    assert _Look.chance(SimpleNamespace(gram=np.eye(1), judged=alone), 1).family_wise(0.0) == 1.0
+    assert _Look.chance(SimpleNamespace(gram=np.eye(1), judged=alone), 1)(1.0) == 1.0
 
 
 def test_a_set_has_the_evidence_of_its_rows_with_the_price_of_its_errors():
     """-2 log N(r; 0, N D N' + C) but for a constant, D of an error by the rms of its parameters, about the state's prior mean."""
     of = table(Z)
-    search = _Search(session(of, 2, moves=6, wrong=errors(of, backlash=0.3 * DEG)), candidates_of)
+    search = _Search(session(of, 2, moves=6, wrong=errors(of, backlash=0.3 * DEG)))
     tilt, play = (next(e for e in candidates_of(Comparison(search._observed)) if e.id == id) for id in ("table.tilt", "table.backlash"))
     scores = []
     for named in ([], [play], [play, tilt]):

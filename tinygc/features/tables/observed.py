@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from scipy.interpolate import Akima1DInterpolator
@@ -140,16 +141,17 @@ def observe(problem: Problem, table: Description, angles: Mapping[str, AngleLog]
 
 
 def _record(problem: Problem, table: Description, rests: list, turns: list, gravity: float) -> Observed:
-    config = problem.session.config
-    most = max(len(rates) for *_, rates, _, _ in turns)
-    rates = np.stack([np.pad(each, ((0, most - len(each)), (0, 0))) for *_, each, _, _ in turns])
-    edges = np.stack([np.pad(each, ((0, most + 1 - len(each)), (0, 0)), mode="edge") for *_, each, _ in turns])
-    answer_at = np.stack([np.pad(each, (0, most + 1 - len(each)), mode="edge") for *_, each in turns])
+    config, accelerometer = problem.session.config, problem.session.config.accelerometer
     middle, span, force, rate, temp_c, said = (np.array(column, dtype=float) for column in zip(*rests, strict=True))
-    first, last, log, begin_s, block_s = (np.array(column) for column in list(zip(*turns, strict=True))[:5])
-    blocks = np.array([len(each) for *_, each, _, _ in turns])
+    *columns, rates, edges, answer_at = zip(*turns, strict=True)
+    first, last, log, begin_s, block_s = map(np.array, columns)
+    blocks = np.array(list(map(len, rates)))
+
+    def padded(each: Sequence[np.ndarray], mode: Literal["constant", "edge"]) -> np.ndarray:
+        most = max(map(len, each))
+        return np.stack([np.pad(own, ((0, most - len(own)), *[(0, 0)] * (own.ndim - 1)), mode=mode) for own in each])
+
     walks = [log.noise for log in problem.logs if log.noise is not None]
-    accelerometer = config.accelerometer
     sigma_mg = 10.0 if accelerometer.source == "none" else accelerometer.sigma_mg or 2.0
     return Observed(
         table,
@@ -164,8 +166,8 @@ def _record(problem: Problem, table: Description, rests: list, turns: list, grav
         np.asarray(problem.began_s)[log] + begin_s + blocks * block_s / 2,
         block_s,
         blocks,
-        rates,
-        edges,
+        padded(rates, "constant"),
+        padded(edges, "edge"),
         np.mean([noise.angle_random_walk for noise in walks], axis=0),
         np.mean([noise.accel for noise in walks], axis=0) / np.sqrt(2) / gravity,
         problem.instability.rps,
@@ -173,7 +175,7 @@ def _record(problem: Problem, table: Description, rests: list, turns: list, grav
         None if config.site.latitude_deg is None else config.site.latitude_deg * DEG,
         1e-3 * sigma_mg,
         np.zeros(len(turns), dtype=bool),
-        answer_at,
+        padded(answer_at, "edge"),
     )
 
 

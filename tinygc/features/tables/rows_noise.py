@@ -21,6 +21,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from session.base.rotation import identities
 from tinygc.features.tables.rows import Comparison, cubic_weights
 from tinygc.inference.noise import Prior, estimate_parts, wander_covariance
 
@@ -83,9 +84,8 @@ class NoiseModel:
         np.fill_diagonal(white[rest + turn :, rest + turn :], (seen.gyro_walk[None] ** 2 / seen.rest_span_s[:, None]).ravel())
         per_block = np.where(seen.inside, 1 / seen.block_s[:, None], 0.0)
         walked = np.einsum("sbij,j,sb,sbkj->sik", comparison.to_end, seen.gyro_walk**2, per_block, comparison.to_end)
-        for number, each in enumerate(walked):
-            here = slice(rest + 3 * number, rest + 3 * number + 3)
-            white[here, here] = each
+        turns = np.arange(len(walked))
+        white[rest : rest + turn, rest : rest + turn].reshape(len(turns), 3, len(turns), 3)[turns, :, turns] = walked
         declared = np.array([axis.sigma_rad for axis in seen.table.axes])
         scattered = np.einsum("qr,kl,k->qkrl", np.eye(len(seen.said)), np.eye(len(declared)), declared)
         scattered = comparison.of_angles(scattered.reshape(*seen.said.shape, -1))[: self.outer]
@@ -100,26 +100,23 @@ class NoiseModel:
             **dict.fromkeys(STAMPS_S, (USUAL_STAMPS_S, None)),
         }
         outer: dict[str | float, np.ndarray] = {
-            WANDER: self._wander(rest, turn),
+            WANDER: self._wander(rest),
             REPEATABILITY: scattered @ scattered.T,
             AT_REST: np.diag((kind == 0).astype(float)),
             IN_TURN: np.diag((kind == 1).astype(float)),
         }
         self.blocks = [(white, outer), *self._within()]
 
-    def _wander(self, rest: int, turn: int) -> np.ndarray:
+    def _wander(self, rest: int) -> np.ndarray:
         comparison, seen = self._comparison, self._comparison.observed
         at = np.concatenate([seen.turn_s, seen.rest_s])
         span = np.concatenate([seen.blocks * seen.block_s, seen.rest_span_s])
         wander = wander_covariance(at, span, instability_rps=1.0)
-        response = np.zeros((self.outer, 3, len(at)))
-        whole = comparison.to_end.sum(axis=1)
-        for number, each in enumerate(whole):
-            response[rest + 3 * number : rest + 3 * number + 3, :, number] = each
-        for number in range(len(seen.rest_s)):
-            here = slice(rest + turn + 3 * number, rest + turn + 3 * number + 3)
-            response[here, :, len(seen.turn_s) + number] = np.eye(3)
-        return np.einsum("nit,tu,miu->nm", response, wander, response, optimize=True)
+        response = np.zeros((self.outer // 3, 3, 3, len(at)))
+        numbers = np.arange(len(at))
+        response[rest // 3 + numbers, :, :, numbers] = np.concatenate([comparison.to_end.sum(axis=1), identities(len(seen.rest_s))])
+        flat = response.reshape(self.outer, 3, -1)
+        return np.einsum("nit,tu,miu->nm", flat, wander, flat, optimize=True)
 
     def _within(self) -> list[tuple[np.ndarray, dict[str | float, np.ndarray]]]:
         """Of each turn that has rows within: covariance (W, W) rad^2 of the pinned walk and the least noise of the word, and by name those

@@ -20,7 +20,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import count
 
 import numpy as np
 from scipy.special import chdtri
@@ -59,8 +58,6 @@ DELAY_SIGMA_S = 0.005
 LATE_STAMPS_S = 0.01 / np.sqrt(3)
 #: sensor's effects that read as a latency, where all axes have them alike
 AS_LATENCY = ("gyro.bandwidth", "timing.axis_skew")
-
-Make = Callable[[Comparison], list[Candidate]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,13 +141,15 @@ class _Look:
             evidence = over_scales(np.diag(s[seen] ** 2), (s * z)[seen], [int(seen.sum())])
             self.judged.append(_Judged(each, place, s, right, p_value, evidence + float(np.log(PRIOR_ODDS / each.tried))))
 
-    def chance(self, seed: int) -> Selection[int]:
-        """The chance of the best of the candidates, whose columns have these products beside all that is fitted."""
+    def chance(self, seed: int) -> Callable[[float], float]:
+        """p-value -> the chance of as small a one, of the best of the candidates, whose columns have these products beside all that is
+        fitted."""
         values, axes = np.linalg.eigh(self.gram)
         kept = values > 1e-9 * values[-1]
         columns = (axes[:, kept] * np.sqrt(values[kept])).T
         groups = {number: columns[:, each.place] for number, each in enumerate(self.judged)}
-        return Selection(np.zeros((len(columns), 0)), groups, seed, is_known=True, seen=1 / SEEN)
+        drawn = Selection(np.zeros((len(columns), 0)), groups, seed, is_known=True, seen=1 / SEEN)
+        return lambda p_value: drawn.family_wise(float(np.log(max(p_value, 1e-300))))
 
     def hidden_in(self, judged: _Judged, direction: np.ndarray, state: np.ndarray) -> tuple[str, ...]:
         """Parts of the state, by the name of each of its numbers (P,), that take up a direction of an error; empty where it has no rows."""
@@ -204,15 +203,15 @@ class _Fit:
 class _Search:
     """Sets of errors of one comparison, each fitted once."""
 
-    def __init__(self, observed: Observed, make: Make):
-        self._observed, self._make = observed, make
+    def __init__(self, observed: Observed):
+        self._observed = observed
         self._known: dict[frozenset, _Fit] = {}
 
     def of(self, named: list[Candidate], before: _Fit | None = None) -> _Fit:
         """The fit of a set, from another fit or from what is declared."""
         keys = frozenset(each.key for each in named)
         if keys not in self._known:
-            self._known[keys] = _fitted(self._observed, named, before, self._make)
+            self._known[keys] = _fitted(self._observed, named, before)
         return self._known[keys]
 
     def near(self, fit: _Fit) -> Iterator[_Fit]:
@@ -226,7 +225,7 @@ class _Search:
         for candidate in promising.values():
             yield self.of([*fit.named, candidate], fit)
 
-    def named(self, best: _Fit, candidate: Candidate, chance: Selection[int]) -> Named:
+    def named(self, best: _Fit, candidate: Candidate, chance: Callable[[float], float]) -> Named:
         """The parameters of one error of the best set, and what could stand in its place beside the others."""
         others = [each for each in best.named if each is not candidate]
         without = self.of(others, best)
@@ -242,30 +241,29 @@ class _Search:
         theta = right.T @ (best.theta[here] / size)
         p_value = chi_square_above(float(np.sum(theta**2 / (shares * (1 - shares)))), len(shares)) if len(shares) else 1.0
         sigma = size * np.sqrt(np.sum(right**2 * shares, axis=1))
-        p_value = chance.family_wise(float(np.log(max(p_value, 1e-300))))
-        return Named(candidate, size * (right @ theta), sigma, p_value, (without.score - best.score) / 2, tuple(sorted(equal)))
+        return Named(candidate, size * (right @ theta), sigma, chance(p_value), (without.score - best.score) / 2, tuple(sorted(equal)))
 
 
-def select(observed: Observed, seed: int = 0, make: Make = candidates_of) -> Selected:
-    """Name the errors; seed: of the draws behind the critical values; make: what is weighed.
+def select(observed: Observed, seed: int = 0) -> Selected:
+    """Name the errors; seed: of the draws behind the critical values.
 
     Raises DataError where sensor and table are too far apart for any error of a table that is as described.
     """
     _agree(observed)
-    search = _Search(observed, make)
+    search = _Search(observed)
     nothing = search.of([])
     if (blind := _odd_inside(nothing)).any():
         observed = replace(observed, blind=blind)
-        search = _Search(observed, make)
+        search = _Search(observed)
         nothing = search.of([])
     best = climb(nothing, search.near)
     judged, chance = best.look.judged, nothing.look.chance(seed)
     found = [search.named(best, each, chance) for each in best.named]
-    chances = [chance.family_wise(float(np.log(max(each.p_value, 1e-300)))) for each in nothing.look.judged]
+    chances = [chance(each.p_value) for each in nothing.look.judged]
     first_p = min([*chances, *(each.p_value for each in found)], default=1.0)
     if found:
         chance = best.look.chance(seed)
-        chances = [chance.family_wise(float(np.log(max(each.p_value, 1e-300)))) for each in judged]
+        chances = [chance(each.p_value) for each in judged]
     at = len(best.comparison.state) - 3
     latency, sigma = float(best.theta[at]), float(np.sqrt(best.covariance[at, at]))
     evidence = latency**2 / (sigma**2 + DELAY_SIGMA_S**2 + (LATE_STAMPS_S**2 if latency > 0 else 0.0)) / 2
@@ -327,7 +325,7 @@ def _agree(observed: Observed) -> None:
         )
 
 
-def _fitted(observed: Observed, named: list[Candidate], before: _Fit | None, make: Make) -> _Fit:
+def _fitted(observed: Observed, named: list[Candidate], before: _Fit | None) -> _Fit:
     """Fit the state and what is named, from an earlier fit or from what is declared, each step with the noise that is estimated there.
 
     The best of all steps: one that is nearly a lag of the word may be followed too far, which bends it."""
@@ -339,12 +337,13 @@ def _fitted(observed: Observed, named: list[Candidate], before: _Fit | None, mak
     states = len(state)
     best: _Fit | None = None
     exact = 3 * (len(observed.said) + len(observed.first))  # rows of force and rotation
-    for step in count():
+    step = 0
+    while True:
         errors = TableErrors.none(observed.table)
         for each, theta in zip(named, thetas, strict=True):
             errors = errors if each.added is None else each.added(errors, theta)
         comparison = Comparison(observed, state, errors)
-        candidates = make(comparison)
+        candidates = candidates_of(comparison)
         named = [next(each for each in candidates if each.key == other.key) for other in named]
         size = np.concatenate([sigma, *(each.plausible for each in named)])
         N = np.concatenate([comparison.of_state(), *(each.columns for each in named)], axis=1) * size
@@ -374,6 +373,7 @@ def _fitted(observed: Observed, named: list[Candidate], before: _Fit | None, mak
         state = moved(state, x[:states] * sigma / farthest)
         moves = np.split(x[states:], np.cumsum([len(theta) for theta in thetas])[:-1]) if named else []
         thetas = [theta + move * each.plausible / farthest for each, theta, move in zip(named, thetas, moves, strict=True)]
+        step += 1
 
 
 def _odd_inside(fit: _Fit) -> np.ndarray:

@@ -38,6 +38,11 @@ def printable(text: str) -> str:
     return text if text.isprintable() else "".join(c if c.isprintable() else _escaped(c) for c in text)
 
 
+def one_line(text: str) -> str:
+    """The printable words of a text, one space apart."""
+    return " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())
+
+
 def comment(text: str, ascii_only: bool = False) -> str:
     """One line of a comment, after any mark and in any language: it can neither end the comment nor take the next line into it.
 

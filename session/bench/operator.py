@@ -12,6 +12,7 @@ import threading
 from http import HTTPStatus
 from typing import Any
 
+from session.base.texts import one_line
 from session.bench.guide import REST, Guide
 from session.bench.port import UNPLUGGED, TerminalError
 
@@ -189,7 +190,7 @@ class BrowserCommands:
         except UnicodeDecodeError:
             return HTTPStatus.BAD_REQUEST
         if word == "note":
-            text = " ".join("".join(sign if sign.isprintable() else " " for sign in text).split())[:LONGEST_NOTE]
+            text = one_line(text)[:LONGEST_NOTE]
         if bool(text) != (word == "note") or word not in ("note", *WORDS):
             return HTTPStatus.BAD_REQUEST
         if word == REPORT_WISH:

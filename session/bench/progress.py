@@ -9,10 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from session.base.numeric import median_length
-from session.base.units import MG, NS
+from session.base.units import NS
 from session.bench.live import CHECK_S, FEWEST, MotionBlock, Stillness, TurnInProgress, stream_problem
 from session.bench.messages import AcceptedTurn, Progress
-from session.detect.accelerometer import attitudes_of, fit_lengths
+from session.detect.accelerometer import attitudes_of, fit_lengths, force_of
+from session.detect.check_references import UNITS_RIGHT, spread_mg
 from session.detect.segments import Segment, cut_segments
 from session.detect.stills import MIN_STILL_FRACTION, Noise, Still, block_size, find_stills
 from session.log.config import Accelerometer, Protocol, Sensor
@@ -175,10 +176,6 @@ class PresentLog:
         self.turn.accepted_still()
 
 
-#: relative to the nominal sensitivity: an accelerometer that is further off has another full scale
-SCALE_RIGHT = 0.2
-
-
 class LiveAccelerometerFit:
     """Calibrates an uncalibrated accelerometer from the stills as they arrive.
 
@@ -195,10 +192,10 @@ class LiveAccelerometerFit:
     def add(self, still: Still) -> None:
         """Add a still, its specific force as measured."""
         self.stills.append(still)
-        force = self._force
+        force = force_of(self.stills)
         self.attitudes = attitudes_of(force)
         scale = median_length(force) / self._gravity_mps2
-        scale = scale if abs(scale - 1) > SCALE_RIGHT else 1.0  # another full scale: the robust fit does not converge from so far
+        scale = scale if abs(scale - 1) > UNITS_RIGHT else 1.0  # another full scale: the robust fit does not converge from so far
         fit = fit_lengths(force / scale, self._gravity_mps2)
         if fit.rung is None:
             self.accelerometer, self.known = None, False
@@ -206,10 +203,6 @@ class LiveAccelerometerFit:
             given = fit.accelerometer
             self.accelerometer = replace(given, matrix=given.matrix / scale, bias_mps2=given.bias_mps2 * scale)
             self.known = fit.fixes_all
-
-    @property
-    def _force(self) -> np.ndarray:
-        return np.array([still.accel_mean for still in self.stills]).reshape(-1, 3)
 
     def correct(self, measured: np.ndarray) -> np.ndarray:
         """Specific force (..., 3) m/s^2 by the calibration so far; as measured without one."""
@@ -220,7 +213,8 @@ class LiveAccelerometerFit:
         """Standard deviation of gravity's length over the stills: as measured, and calibrated (None without a calibration)."""
         if not self.stills:
             return 0.0, None
-        before, after = (float(np.std(np.linalg.norm(force, axis=1) / MG)) for force in (self._force, self.correct(self._force)))
+        measured = force_of(self.stills)
+        before, after = (spread_mg(np.linalg.norm(force, axis=1)) for force in (measured, self.correct(measured)))
         return before, None if self.accelerometer is None else after
 
     @property
@@ -240,7 +234,7 @@ class LiveAccelerometerFit:
         if self.accelerometer is None:
             return ""
         scale = float(np.mean(np.diag(self.accelerometer.matrix)))
-        if abs(scale - 1) <= SCALE_RIGHT:
+        if abs(scale - 1) <= UNITS_RIGHT:
             return ""
         return f"gravity reads {1 / scale:.2f} g in all attitudes: is the accelerometer's full scale right?"
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from session.base.errors import CalibrationError, FormatError, OtherSensor, StorageError
 from session.base.files import MOST_TOML, read_bytes, replaced, write_new
-from session.base.texts import SENSOR_NAME
+from session.base.texts import SENSOR_NAME, one_line
 from session.base.toml import Note, parse_toml, setting
 from session.bench.clocks import ClockRatio
 from session.bench.events import CHIPS, SENSOR, STANDIN, BoardStatus, Info
@@ -250,8 +250,7 @@ class SessionFile:
 
 def plain(text: str) -> str:
     """A board's text for a file: one printable line of limited length."""
-    text = text.encode("utf-8", errors="replace").decode("utf-8")
-    return " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())[:LONGEST_WORDS]
+    return one_line(text.encode("utf-8", errors="replace").decode("utf-8"))[:LONGEST_WORDS]
 
 
 def _same_model(one: str, other: str) -> bool:

@@ -206,7 +206,7 @@ def accel_unit_factor(stills: list[Still], config: Config) -> tuple[float, float
     Returns (factor, gravity's mean length with it, m/s^2).  The pre-calibration holds for right units only, so it is undone and
     applied again for each candidate: 1, g for m/s^2 and the reverse, and the ratios of full scales.
     """
-    found = np.array([still.accel_mean for still in stills])
+    found = force_of(stills)
     measured = np.linalg.solve(config.accelerometer.matrix, found.T).T + config.accelerometer.bias_mps2
     g, one = config.site.expected_gravity_mps2, STANDARD_GRAVITY_MPS2
     candidates = [1.0, one, 1 / one, 1e3, 1e-3, 0.125, 0.25, 0.5, 2.0, 4.0, 8.0]

@@ -71,7 +71,7 @@ def fit_joint(problem: Problem, mode: str, sigma_mg: float = GIVEN_SIGMA_MG, jud
     if problem.session.reference is not None or not stills or not problem.used:
         return None
     first, last = (np.array([number[id(getattr(s, end))] for s in problem.used]) for end in ("first", "last"))
-    force = np.array([still.accel_mean for still in stills])
+    force = force_of(stills)
     gravity = problem.session.config.site.expected_gravity_mps2
     noise = np.array([float(np.mean(problem.logs[log].noise.velocity_random_walk ** 2)) for log, _ in problem.references])
     white = np.sqrt(noise / np.array([still.duration_s for still in stills]))
@@ -231,7 +231,7 @@ def recalibrated(problem: Problem, joint: JointFit) -> Problem:
     for log in problem.logs:
         stills = [replace(still, accel_mean=force) for still, force in zip(log.stills, moved[id(log)], strict=True)]
         now |= {id(old): new for old, new in zip(log.stills, stills, strict=True)}
-        q_tb = rotation.nearest_yaw(log.q_tb, rotation.from_gravity(np.array([still.accel_mean for still in stills])))
+        q_tb = rotation.nearest_yaw(log.q_tb, rotation.from_gravity(force_of(stills)))
         logs.append(replace(log, samples=samples[id(log.samples)], stills=stills, q_tb=q_tb))
     segments = [replace(s, first=now[id(s.first)], last=now[id(s.last)]) for s in problem.segments]
     references = np.concatenate([log.references.q_tb for log in logs])

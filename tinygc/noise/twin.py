@@ -13,7 +13,7 @@ from session.base import rotation
 from session.base.numeric import median_length
 from session.base.rotation import unit_vectors
 from session.base.units import DEG, G
-from session.detect.accelerometer import IDENTITY, force_columns, units
+from session.detect.accelerometer import IDENTITY, force_columns, force_of, units
 from tinygc.closure import residual
 from tinygc.closure.problem import ACCELEROMETER, Problem
 from tinygc.closure.residual import Batch
@@ -136,7 +136,7 @@ class Twin:
         self.segments = problem.used
         at_rest = all(segment.first is not None for segment in self.segments)  # beside a further reference no still is a reference
         self.stills = problem.references if at_rest else []
-        self.force = np.array([still.accel_mean for _, still in self.stills]).reshape(-1, 3)
+        self.force = force_of([still for _, still in self.stills])
         self.q_tb = np.concatenate([log.references.q_tb for log in problem.logs]) if at_rest else np.zeros((0, 4))
         index = {id(still): number for number, (_, still) in enumerate(self.stills)}
         self.first, self.last = np.array([[index.get(id(s.first), -1), index.get(id(s.last), -1)] for s in self.segments]).T

@@ -18,6 +18,7 @@ from session.base.numeric import sigmas_in
 from session.base.rotation import unit_vectors
 from session.base.units import DEG, DEG_PER_HOUR, MG, G
 from session.bench.messages import AcceptedTurn, Advice, Progress, RequestedTurn
+from session.detect.accelerometer import force_of
 from tinygc.closure import residual
 from tinygc.closure.floor import BiasWander, Floor, gyro_variance, still_tilt_variance
 from tinygc.closure.residual import Batch
@@ -251,7 +252,7 @@ class Coach:
 
     def _directions(self, turn: AcceptedTurn) -> np.ndarray:
         """Return the directions (2, 3) of gravity at both ends, by the estimated accelerometer."""
-        force = np.array([still.accel_mean for still in turn.segment.stills])
+        force = force_of(turn.segment.stills)
         force = force if self._own is None else self._own.accelerometer.correct(force)
         return unit_vectors(force)
 

@@ -12,7 +12,7 @@ from session.base import rotation
 from session.base.numeric import sigma_of
 from session.base.units import DEG, G
 from session.bench.messages import AxisMove
-from session.detect.accelerometer import PARAMETERS, UPPER, WANDERS_MPS2, length_columns
+from session.detect.accelerometer import PARAMETERS, UPPER, WANDERS_MPS2, force_of, length_columns
 from session.detect.stills import Noise, Still
 from session.log.config import Accelerometer
 from tinygc.closure import residual
@@ -94,14 +94,14 @@ def as_known(accelerometer: Accelerometer | None, stills: tuple[Still, ...]) -> 
     """Return the accelerometer estimated from the stills (None: not yet), with its sigma from their residuals of gravity's length."""
     if accelerometer is None or len(stills) < PARAMETERS + SPARE:
         return OwnAccelerometer(accelerometer or UNCALIBRATED, WANDERS_MPS2)
-    length = np.linalg.norm(accelerometer.correct(np.array([still.accel_mean for still in stills])), axis=1)
+    length = np.linalg.norm(accelerometer.correct(force_of(stills)), axis=1)
     miss = float(sigma_of(length - np.median(length))) * np.sqrt(len(length) / (len(length) - PARAMETERS))
     return OwnAccelerometer(accelerometer, miss)
 
 
 def length_information(own: OwnAccelerometer, stills: tuple[Still, ...], noise: Noise) -> np.ndarray:
     """Return the information (9, 9) of gravity's length in the stills."""
-    force = own.accelerometer.correct(np.array([still.accel_mean for still in stills]))
+    force = own.accelerometer.correct(force_of(stills))
     white = float(np.mean(noise.velocity_random_walk**2)) / np.array([still.duration_s for still in stills])
     rows = own.length_rows(force) / np.sqrt(white + own.sigma_mps2**2)[:, None]
     return rows.T @ rows

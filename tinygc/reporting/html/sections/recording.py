@@ -9,6 +9,7 @@ import numpy as np
 from session.base.rotation import unit_vectors
 from session.base.texts import fixed, significant
 from session.base.units import DEG
+from session.detect.accelerometer import force_of
 from session.detect.segments import Segment
 from session.log.folder import Session
 from session.log.samples import Samples
@@ -133,7 +134,7 @@ _EVEN = 4000
 
 def _coverage(problem: Problem) -> dict:
     good = [(number, still) for number, still in enumerate(problem.stills) if still.problem is None]
-    down = np.array([-still.accel_mean for _, still in good]).reshape(-1, 3)
+    down = -force_of([still for _, still in good])
     axes, instants, share = _turn_axes(problem)
     of_stills = [f"still {number}: down is {_direction(d)}" for (number, _), d in zip(good, down, strict=True)]
     of_turns = [f"segment {s.number}: about {_direction(a)}, {s.turn_deg:.0f}°" for s, a in zip(problem.used, axes, strict=True)]

@@ -213,8 +213,8 @@ def _of_row(found: Any) -> UnitSession | None:
     if np.isfinite(row[len(NAMES) :]).all():
         triad = triad_numbers(row[len(NAMES) :], covariance[len(NAMES) :, len(NAMES) :])
     moment = moment_of(folder, None) if when is None else Moment(when, "notes")
-    names = (printable(each) for each in (folder.name, found.model, found.serial))
-    return UnitSession(*names, moment, np.concatenate([values, triad[0]]), _blocks(gyro, triad[1]), vector, own)
+    name, model, serial = (printable(each) for each in (folder.name, found.model, found.serial))
+    return UnitSession(name, model, serial, moment, np.concatenate([values, triad[0]]), _blocks(gyro, triad[1]), vector, own)
 
 
 # Dates that a person gives.

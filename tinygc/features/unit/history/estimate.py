@@ -191,11 +191,13 @@ class UnitHistory:
         """All that were found, the most significant first."""
         found = []
         for each in self.numbers:
-            for place, (before, p_value) in enumerate({} if each.course is None else each.course.steps.items()):
+            if each.course is None:
+                continue
+            for place, (at, p_value) in enumerate(each.course.steps.items()):
                 model, column = each.course.model, each.course.step_column(place)
-                names = [printable(self.sessions[each.sessions[i]].name) for i in (before, before + 1)]
+                before, after = (printable(self.sessions[each.sessions[i]].name) for i in (at, at + 1))
                 size = float(model.coefficients @ column)
-                found.append(FoundStep(each.number, *names, int(each.sessions[before]), size, model.sigma(column), p_value))
+                found.append(FoundStep(each.number, before, after, int(each.sessions[at]), size, model.sigma(column), p_value))
         return tuple(sorted(found, key=lambda step: step.p_value))
 
 

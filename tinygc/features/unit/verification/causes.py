@@ -192,10 +192,9 @@ def candidate_causes(rows: Rows, old: UnitState) -> list[Cause]:
         add("rotation", says, turned, ROTATION_RAD, "mrad", 1e-3, xyz, "look at the mounting, then fit again")
         # xy, yz, zx: half of each of the two elements
         lean = of_matrix(lambda theta: np.array([[0, theta[0], theta[2]], [theta[0], 0, theta[1]], [theta[2], theta[1], 0]]) / 2 @ E, 3)
-        says, sizes = "the gyroscope's axes lean otherwise, with another zero, as after a shock", np.repeat([SHEAR_RAD, ZERO_RPS], 3)
-        units, names = ("mrad",) * 3 + ("dps",) * 3, ("xy", "yz", "zx", *xyz)
-        both, si = np.concatenate([-lean, zero], axis=1), np.repeat([1e-3, DEG], 3)
-        add("shock", says, both, sizes, units, si, names, "fit again; look for loosened parts")
+        says, units = "the gyroscope's axes lean otherwise, with another zero, as after a shock", ("mrad",) * 3 + ("dps",) * 3
+        shock, sizes, of_one = np.concatenate([-lean, zero], axis=1), np.repeat([SHEAR_RAD, ZERO_RPS], 3), np.repeat([1e-3, DEG], 3)
+        add("shock", says, shock, sizes, units, of_one, ("xy", "yz", "zx", *xyz), "fit again; look for loosened parts")
     if rows.stills and old.accelerometer is not None:  # whose calibration is known, and stills show gravity's length
         advice = f"calibrate the accelerometer again (`{command_line('fit', 'DIR', '--accelerometer', 'alone')}`), then fit"
         for which, says, places, sign, size, unit, si in (
@@ -218,10 +217,10 @@ def candidate_causes(rows: Rows, old: UnitState) -> list[Cause]:
         says, advice = "the zero settles as the sensor warms up", "let it warm up, then verify again"
         mean = tau / MINUTE_S * -np.expm1(-MINUTE_S / tau)
         add("warm-up", says, zero * mean, ZERO_RPS, "dps", DEG, xyz, advice, columns, float(tau))
-    if rows.turns and (columns := rows.effect("gyro.bandwidth")) is not None:
-        names = xyz if columns.shape[1] == 3 else ("",)
+    if rows.turns and (bent := rows.effect("gyro.bandwidth")) is not None:
+        numbers = xyz if bent.shape[1] == 3 else ("",)
         says, advice = "the gyroscope's filter is another one", "check the filter's settings, then fit again"
-        add("filter", says, np.zeros((COUNT, columns.shape[1])), BANDWIDTH_S2, "ms^2", 1e-6, names, advice, columns)
+        add("filter", says, np.zeros((COUNT, bent.shape[1])), BANDWIDTH_S2, "ms^2", 1e-6, numbers, advice, bent)
     return found
 
 

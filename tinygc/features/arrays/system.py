@@ -69,8 +69,9 @@ class Layout:
 
         units = len(turns)
         rows = placed(0, [*((count, 3) for count in (*turns, *forces)), (stills - 1, 2), (stills, 2)])
-        numbers = placed(units * PER_UNIT + 1, [(stills, 3), (stills, 2), (stills - 1, 2)])
-        return cls(units * PER_UNIT, *numbers, tuple(rows[:units]), tuple(rows[units:-2]), *rows[-2:])
+        attitudes, level, common = placed(units * PER_UNIT + 1, [(stills, 3), (stills, 2), (stills - 1, 2)])
+        closure, force = tuple(rows[:units]), tuple(rows[units:-2])
+        return cls(units * PER_UNIT, attitudes, level, common, closure, force, rows[-2], rows[-1])
 
     def unit(self, number: int, part: slice = slice(0, PER_UNIT)) -> slice:
         """Slice of the number-th used unit."""

@@ -9,8 +9,8 @@ import numpy as np
 from session.base.texts import measured, printable
 from tinygc.explanation.checked import OUTCOMES, Checked, CheckedEffect, numbers_of, outcome_of
 from tinygc.inference.decide import KINDS
-from tinygc.reporting.facts import Table
-from tinygc.reporting.terminal import RenderableType, Text, one_line
+from tinygc.reporting.facts import Part, Table
+from tinygc.reporting.terminal import Text, one_line
 
 #: why a recording says nothing of an effect, or what it says
 REASONS = {
@@ -23,7 +23,7 @@ REASONS = {
 MOST_ODDS = 1e6
 
 
-def checked_page(checked: Sequence[Checked]) -> list[RenderableType]:
+def checked_page(checked: Sequence[Checked]) -> list[Part]:
     """Return a line for each effect over all recordings, and the table of each effect in each recording."""
     failed = [one_line(f"Not checked on {each.session.name}: {printable(each.error)}", "yellow") for each in checked if each.error]
     checked = [each for each in checked if not each.error]
@@ -32,7 +32,7 @@ def checked_page(checked: Sequence[Checked]) -> list[RenderableType]:
     effects = len(checked[0].effects)
     if not effects:
         return [*failed, Text("Checked on other recordings: nothing is named here that could be checked.")]
-    parts: list[RenderableType] = [*failed, Text("Checked on other recordings, with the numbers of this one:", "bold")]
+    parts: list[Part] = [*failed, Text("Checked on other recordings, with the numbers of this one:", "bold")]
     for number in range(effects):
         there = [each.effects[number] for each in checked]
         parts.append(_line(there, checked))

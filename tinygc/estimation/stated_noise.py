@@ -350,7 +350,7 @@ def _normal(problem: Problem, model: LinearModel, still_rates: bool) -> tuple[np
         own = MATRIX
         design = _about(design, rest)[:, own]
     weighed = design * (1 / problem.floor.sigma.ravel() ** 2)[:, None]
-    prior = np.diag(1 / PRIOR_SIGMA[own] ** 2)
+    prior: np.ndarray = np.diag(1 / PRIOR_SIGMA[own] ** 2)
     if problem.prior is not None:
         prior = np.linalg.inv((problem.prior.covariance / problem.prior.weight)[own, own])
     hessian = design.T @ weighed + prior

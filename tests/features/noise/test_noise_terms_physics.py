@@ -506,6 +506,11 @@ def test_a_swing_without_its_temperature_is_not_called_white():
     assert axis.value("N") == pytest.approx(1, abs=0.05)
 
 
+def test_of_stills_that_are_too_short_for_halves_nothing_is_said():
+    stills = [sums_of(six(2**8, seed, N=1.0)) for seed in range(12)]
+    assert not any("half" in line for line in estimate_noise(stills).said)
+
+
 def test_what_is_wrong_with_a_rest_is_said():
     values, other = (six(2**13, seed, N=1.0) for seed in (13, 14))
     values[5000:, 0] *= 1.5

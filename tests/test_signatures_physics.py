@@ -157,6 +157,9 @@ def test_what_drifts_or_vibrates_is_none_of_them(sound):
     t_s = sound.logs[0].samples.t_s[:, None]
     rate = rates(sound) + ZERO
     assert not found(sound, gyro=(rate + np.exp(-t_s / 40)) * DEG)  # warms up
+    moves = np.linalg.norm(rates(sound), axis=1) > 1
+    since_s = t_s[:, 0] - np.maximum.accumulate(np.where(moves, t_s[:, 0], 0.0))
+    assert not found(sound, gyro=(rates(sound) + 0.5 * np.exp(-since_s / 0.15)[:, None] * [0, 1, 0]) * DEG)  # the end of a turn
     assert not found(sound, gyro=from_row(rate, 4000, lambda w: w + 0.1 * np.sin(2 * np.pi * 17 * t_s)) * DEG)
     held = np.arange(len(rate)) // 4 * 4
     assert not found(sound, gyro=rate[held] * DEG)

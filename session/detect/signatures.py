@@ -443,8 +443,8 @@ def _check_high_pass(where: str, rests: _Rests) -> list[Finding]:
 
 # A zero that is tracked: at rest the rates are drawn to 0, exponentially, whatever they began with.
 
-#: s that are tried, longer ones being a sensor that warms up; share of what rests differ from a constant by, that the law explains; what it
-#: gains at least, in chi-square: of one parameter, white noise gains that with a chance below 1e-11
+#: s that are tried: at the first it is the end of a turn, at the last a sensor that warms up; share of what rests differ from a constant
+#: by, that the law explains; what it gains at least, in chi-square: of one parameter, white noise gains that with a chance below 1e-11
 DRAWN_S, EXPLAINED, GAINED = np.geomspace(0.2, 12.0, 30), 0.7, 50.0
 
 
@@ -459,7 +459,7 @@ def _check_tracked(where: str, rests: _Rests) -> list[Finding]:
     best, free = left.argmin(axis=0), sum(map(len, runs)) - len(runs)
     least, square = left.min(axis=0), rests.noise**2
     gained = constant - least
-    settles = best < len(DRAWN_S) - 1
+    settles = (best > 0) & (best < len(DRAWN_S) - 1)
     found = settles & (gained > EXPLAINED * (constant - free * square)) & (gained > GAINED * np.maximum(square, least / free))
     if not found.any():
         return []
